@@ -1,0 +1,104 @@
+"""The table of docs/faults.md: every fault on the 600 kg machine in heave, what the motion computer saw and did.
+
+    python benchmarks/fault_table.py            writes docs/results/faults.json and docs/results/faults.md
+
+Heave of 0.05 m at 0.5 Hz; the fault comes at t = 3.3 s, in the middle of a downward stroke. Full legs, RK4 at
+100 us (--fast: tendon model and fast scheme). Sensor noise of seed 0.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+from hexsim.machine import load_machine
+from hexsim.motion_computer.outcome import Outcome, outcome
+from hexsim.scenarios import load_scenario
+from hexsim.simulation import simulate
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results"
+TIME_s = 3.3
+BEGIN, END = "<!-- written by benchmarks/fault_table.py -->", "<!-- end -->"
+CASES: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("valve stuck fully open, up", {"kind": "valve_stuck", "leg": 1, "at": "open"}),
+    ("valve stuck fully open, down", {"kind": "valve_stuck", "leg": 1, "at": -10.0}),
+    ("valve stuck at +2 V", {"kind": "valve_stuck", "leg": 1, "at": 2.0}),
+    ("valve stuck where it was", {"kind": "valve_stuck", "leg": 1, "at": "present"}),
+    ("valve stuck shut", {"kind": "valve_stuck", "leg": 1, "at": "shut"}),
+    ("spool lag, 1 Hz", {"kind": "spool_lag", "leg": 1, "frequency_Hz": 1.0}),
+    ("position sensor lost", {"kind": "position_sensor", "leg": 1, "how": "nan"}),
+    ("position sensor frozen", {"kind": "position_sensor", "leg": 1, "how": "frozen"}),
+    ("position sensor jumps by 20 mm", {"kind": "position_sensor", "leg": 1, "how": "jump"}),
+    ("one leg blind", {"kind": "leg_blind", "leg": 1}),
+    ("pressure loss to 20 bar", {"kind": "pressure_loss"}),
+    ("pump trip", {"kind": "pump_trip"}),
+    ("hose burst, 12 l/min at 40 bar", {"kind": "hose_burst", "leg": 1}),
+    ("power loss, cabinet on battery", {"kind": "power_loss", "buffered": True}),
+    ("power loss, cabinet too", {"kind": "power_loss", "buffered": False}),
+    ("payload shift, 150 kg by 0.4 m", {"kind": "payload_shift"}),
+    ("host silent", {"kind": "host_silence"}),
+)
+
+
+def run_case(fault: dict[str, Any], fast: bool, machine: Any) -> Outcome:
+    scenario = dataclasses.replace(load_scenario("heave", duration_s=12.0), faults=({**fault, "time_s": TIME_s},))
+    return outcome(simulate(machine, scenario, fast=fast), TIME_s)
+
+
+def line(name: str, found: Outcome, stroke_m: float, cushion_m: float) -> str:
+    """One line of the table."""
+    detected = "not detected" if found.detected_s is None else f"{1e3 * found.detected_s:.0f} ms"
+    down = [y < cushion_m for y in found.final_m]
+    standing = [str(i + 1) for i, is_down in enumerate(down) if not is_down]
+    where = (
+        "all legs down"
+        if all(down)
+        else ("held where it was" if not any(down) else f"down but for leg {', '.join(standing)}")
+    )
+    rest = "moving" if found.rest_s is None else f"{found.rest_s:.1f} s"
+    depth = max(cushion_m - found.lowest_m, found.highest_m - (stroke_m - cushion_m), 0.0)
+    return (
+        f"| {name} | {detected} | {found.says} | {where} | {rest} | {found.peak_acceleration_m_s2:.3g} | "
+        f"{1e3 * depth:.1f} |"
+    )
+
+
+def into_document(table: str) -> None:
+    """Put the table between the marks of docs/faults.md."""
+    document = RESULTS.parent / "faults.md"
+    before, _, rest = document.read_text().partition(BEGIN)
+    _, _, after = rest.partition(END)
+    document.write_text(f"{before}{BEGIN}\n{table}{END}{after}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--fast", action="store_true", help="tendon model, fast scheme")
+    parser.add_argument("--machine", default="micro_motion_system")
+    parser.add_argument("--name", default="faults", help="of the files in docs/results")
+    arguments = parser.parse_args()
+    machine = load_machine(arguments.machine)
+    cylinder = machine.cylinder
+    rows, data = [], {}
+    for name, fault in CASES:
+        found = run_case(fault, arguments.fast, machine)
+        data[name] = {"fault": fault, **dataclasses.asdict(found)}
+        rows.append(line(name, found, cylinder.stroke_m, cylinder.cushion_length_m))
+        print(rows[-1], flush=True)
+    head = (
+        "| fault | detected after | what the motion computer says | platform | at rest after | peak [m/s²] | "
+        f"into the cushion of {1e3 * cylinder.cushion_length_m:g} mm [mm] |\n|---|---|---|---|---|---|---|\n"
+    )
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    (RESULTS / f"{arguments.name}.json").write_text(json.dumps(data, indent=1) + "\n")
+    table = head + "\n".join(rows) + "\n"
+    (RESULTS / f"{arguments.name}.md").write_text(table)
+    if arguments.name == "faults":
+        into_document(table)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,318 @@
+"""Feed-forward through a learned valve, with learned friction, lead for the spool and damping from pressure.
+
+At each tick, for the tick boundary LOOK ticks ahead:
+
+    y_m                                   motion asked for (reference.py): the setpoint r, once all is taken over
+    P_m = p(y_m', y_m'') + step + rise    pressure that motion needs, its step at a reversal spread over some ms
+    z_m = y_m + V P_m / (E A1)            oil displacement that gives both, Eq. 3.7
+    x_m = g^-1(z_m' ; dp)                 spool position that lets this oil through: the learned valve
+    u   = lead(x_m) - Kp (r - y_m) - D (P1 - P_m) + play
+
+lead undoes the spool's lag (spool.py); the position loop's own volts are taken off while y_m lags the setpoint; D
+lets oil out while the pressure swings above what is wanted and so damps the oil's spring; play is added on the side
+the volts move to. Everything learned is bounded, acts only once its standard error is small, and comes in slowly.
+docs/compensation.md derives it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from operator import mul
+
+import numpy as np
+
+from .base import Compensator, Context, Parameters, Sample, clip
+from .flow_learning import FlowLearner
+from .friction_learning import FrictionLearner, stribeck_part
+from .knee import REACH_TICKS, Knee
+from .reference import Reference
+from .spool import AHEAD, LEAD_TAPS, damping_taps, lead, round_lag
+
+LOOK = AHEAD + 3  # ticks from now to the tick boundary whose oil is asked for
+SOFT_MAX, SOFT_SCALE_V = 0.13, 0.24  # the wider the overlap, the more ticks its crossing is spread over
+PLAY_RATE_V_S = 0.5  # rate of the volts from which the volts stand wholly on one side of the play
+LOW_DROP = 0.02  # share of the reference drop below which no pressure drop is believed
+
+
+# what is wanted at a tick boundary: load pressure [Pa], signed part of Stribeck's rise, acceleration [m/s2],
+# r - y_m [m], oil displacement [m], velocity [m/s]
+Wanted = tuple[float, float, float, float, float, float]
+
+
+@dataclass(slots=True)
+class AdaptiveState:
+    """What is learned, what is wanted of the ticks to come, and how far it has taken over."""
+
+    context: Context
+    flow: FlowLearner
+    friction: FrictionLearner
+    reference: Reference
+    lag_s: float = 0.0  # the lag that the taps were made for
+    lead_taps: tuple[float, ...] = ()
+    damping_taps: tuple[float, ...] = ()
+    ahead: list[Wanted] = field(default_factory=list)  # of the boundaries to come, the nearest first
+    oil_m: float = math.nan  # wanted oil displacement at the last boundary looked at
+    flows_m_s: tuple[float, float] = (0.0, 0.0)  # wanted oil velocity of the last two ticks
+    flow_V: float = 0.0  # volts for the flow alone, of the tick before
+    jumps: tuple[float, float] = (0.0, 0.0)  # volts across the overlap, of the two ticks before
+    spool_V: list[float] = field(
+        default_factory=lambda: [0.0] * LEAD_TAPS
+    )  # wanted spool, newest (AHEAD ticks on) first
+    surplus_Pa: list[float] = field(default_factory=list)  # measured less wanted pressure, newest first
+    slow_Pa: float = 0.0  # slow mean of it
+    knee: Knee = field(default_factory=Knee)
+    excess_m: list[float] = field(default_factory=lambda: [0.0] * (REACH_TICKS + 1))  # oil less wanted oil, newest last
+    total_V: float = 0.0  # wanted at the last tick, play aside
+    gain: float = 0.0  # how far it has taken over, 0 .. 1
+    friction_gain: float = 0.0
+    turn_sign: float = 0.0  # wanted velocity, last seen
+    turn_ticks: int = 0  # since it last changed sign
+    half_ticks: int = 0  # between the last two changes
+    turn_now: bool = False
+    pace: float = 0.01  # of the blend, a tick
+    damping_gain: float = 1.0
+    acceleration_m_s2: float = 0.0  # low-pass of the setpoint's
+    liveliness_m_s2: float = 0.0  # its recent largest
+    lively: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adaptive(Compensator):
+    """The algorithm to use when nothing is known of the motion. Needs 18 ms of preview.
+
+    ease: softness of the lead; more is slower and kinder to the valve. width_low_s, width_high_s, jerk_m_s3: the
+    pressure's step at a reversal is spread over a time that gives the load no more than this jerk, within these
+    bounds: a light load gets a slower step, so that its high resonance is not rung. presliding_m_s: velocity within
+    which friction turns over. damping_1_s: how much of a swing of pressure is let out a second, between
+    damping_low_Hz and damping_high_Hz; its volts are bounded by damping_max_V and give way when they come near
+    that. window_s, slowest_m_s, memory_windows: learning, see flow_learning.py. takeover_s, feed_forward_s: how
+    slowly it comes in. quiet_m_s2, lively_m_s2: it lets go of motions whose wanted acceleration stays below, and
+    takes hold above: the bump of a slow reversal is no larger than about twice the acceleration it turns with, and
+    cannot be felt. learn: off to use restored parameters as they are.
+    """
+
+    name: str = "adaptive"
+    preview_s: float = 0.018
+    reference_drop_Pa: float = 3.5e6
+    ease: float = 1e-4
+    width_low_s: float = 3e-3
+    width_high_s: float = 8e-3
+    jerk_m_s3: float = 700.0
+    presliding_m_s: float = 2e-4
+    damping_1_s: float = 60.0
+    damping_count: int = 7
+    damping_low_Hz: float = 15.0
+    damping_high_Hz: float = 65.0
+    damping_max_V: float = 0.2
+    window_s: float = 0.032
+    slowest_m_s: float = 3e-3
+    memory_windows: float = 200.0
+    takeover_s: float = 1.0
+    feed_forward_s: float = 4.0
+    quiet_m_s2: float = 0.02
+    lively_m_s2: float = 0.04
+    learn: bool = True
+
+    def start(self, context: Context) -> AdaptiveState:
+        window = max(4, round(self.window_s * context.rate_Hz))
+        flow = FlowLearner(context, window, self.slowest_m_s, round(0.02 * context.rate_Hz), self.memory_windows)
+        friction = FrictionLearner(context, window, self.slowest_m_s, self.memory_windows)
+        state = AdaptiveState(context, flow, friction, Reference(context.tick_s))
+        state.ahead = [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * LOOK
+        state.surplus_Pa = [0.0] * self.damping_count
+        self._design(state, 0.0)
+        return state
+
+    def _design(self, state: AdaptiveState, lag_s: float) -> None:
+        tick = state.context.tick_s
+        state.lag_s = lag_s
+        state.lead_taps = lead(lag_s, tick, self.ease)
+        state.damping_taps = damping_taps(lag_s, tick, self.damping_low_Hz, self.damping_high_Hz, self.damping_count)
+
+    def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
+        context, reference = state.context, state.reference
+        preview = sample.preview_m
+        reference.advance(preview.item(LOOK - 1), preview.item(LOOK), preview.item(LOOK + 1))
+        load = sample.pressure_bottom_Pa - sample.pressure_supply_Pa * context.area_top_m2 / context.area_bottom_m2
+        compliance = (
+            reference.position_m + context.pipeline_volume_m3 / context.area_bottom_m2
+        ) / context.bulk_modulus_Pa
+
+        wanted, part = self._wanted_pressure(state)
+        oil = reference.position_m + compliance * wanted
+        state.ahead.append((wanted, part, reference.acceleration_m_s2, reference.lag_m, oil, reference.velocity_m_s))
+        wanted_now, part_now, a_now, lag_now, oil_now, v_now = state.ahead.pop(0)
+        surplus = load - wanted_now
+        state.slow_Pa += 0.06 * (surplus - state.slow_Pa)
+
+        roots = self._roots(state, sample, wanted + state.slow_Pa + sample.pressure_bottom_Pa - load)
+        spool = self._wanted_spool(state, oil, roots)
+        state.spool_V.insert(0, spool)
+        state.spool_V.pop()
+        u = sum(map(mul, state.lead_taps, state.spool_V)) - context.position_gain_V_per_m * lag_now
+        u += self.extra(state, sample)
+        u += self._play(state, u)
+        u -= self._damping(state, surplus, compliance, roots)
+        if self.learn:
+            self._learn(state, sample, load, a_now, oil_now, v_now)
+            if part_now and state.friction_gain == 1.0:
+                state.friction.lacking(part_now, surplus - state.slow_Pa)
+        self._engage(state, preview)
+        limit = context.voltage_max_V
+        return state.gain * clip(u, -limit, limit), state
+
+    def extra(self, state: AdaptiveState, sample: Sample) -> float:
+        """Volts that a derived algorithm adds."""
+        return 0.0
+
+    def _wanted_pressure(self, state: AdaptiveState) -> tuple[float, float]:
+        """P1 - Ps A2/A1 [Pa] that the reference needs, and the signed part of it that is Stribeck's rise."""
+        reference, friction = state.reference, state.friction
+        if state.friction_gain == 0.0:
+            return 0.0, 0.0
+        v, a = reference.velocity_m_s, reference.acceleration_m_s2
+        width = clip(friction.jolt_m_s2() / self.jerk_m_s3, self.width_low_s, self.width_high_s)
+        half = abs(a) * width + self.presliding_m_s
+        x = v / half
+        sign = x * (2.0 - abs(x)) if -1.0 < x < 1.0 else (1.0 if x > 0 else -1.0)
+        part = sign * stribeck_part(v)
+        step = sign * friction.half_step_Pa + part * friction.rise_Pa[v > 0]
+        return state.friction_gain * (friction.smooth_Pa(reference.position_m, v, a) + step), part
+
+    def _roots(self, state: AdaptiveState, sample: Sample, pressure_Pa: float) -> tuple[float, float]:
+        """sqrt(dp / dp_ref) of the edge to tank and of the edge from the supply."""
+        reference = self.reference_drop_Pa
+        low = LOW_DROP * reference
+        down = max(pressure_Pa - state.context.tank_pressure_Pa, low)
+        up = max(sample.pressure_supply_Pa - pressure_Pa, low)
+        return math.sqrt(down / reference), math.sqrt(up / reference)
+
+    def _wanted_spool(self, state: AdaptiveState, oil_m: float, roots: tuple[float, float]) -> float:
+        """Volts that a spool without lag would need, mean over the tick AHEAD of now."""
+        if state.oil_m != state.oil_m:
+            state.oil_m = oil_m
+        newest = (oil_m - state.oil_m) / state.context.tick_s
+        state.oil_m = oil_m
+        old, mean = state.flows_m_s
+        state.flows_m_s = (mean, newest)
+        first, last = 0.5 * (old + mean), 0.5 * (mean + newest)
+        if first * last < 0.0:
+            side = (first + last) / abs(last - first)
+        else:
+            side = 1.0 if mean > 0 else (-1.0 if mean < 0 else 0.0)
+        down, up = state.flow.edges
+        edge, root = (up, roots[1]) if mean > 0 else (down, roots[0])
+        jump = 0.5 * (up.dead_band_V * (1.0 + side) - down.dead_band_V * (1.0 - side))
+        less = state.knee.value(abs(mean), edge.gain_m_s_V, edge.dead_band_V)
+        if less:
+            jump *= 1.0 + less / max(edge.dead_band_V, -less)
+        dead = (up.dead_band_V + down.dead_band_V) ** 2
+        w = SOFT_MAX * dead / (dead + SOFT_SCALE_V**2)
+        volts, (older, newer) = state.flow_V, state.jumps
+        state.flow_V, state.jumps = mean / (edge.gain_m_s_V * root), (newer, jump)
+        return volts + (1.0 - 2.0 * w) * newer + w * (older + jump)
+
+    def _damping(self, state: AdaptiveState, surplus_Pa: float, compliance: float, roots: tuple[float, float]) -> float:
+        """Volts that let oil out while the pressure swings above what is wanted."""
+        history = state.surplus_Pa
+        history.insert(0, surplus_Pa)
+        history.pop()
+        up = state.spool_V[AHEAD] > 0
+        gain = state.flow.edges[up].gain_m_s_V * roots[up]
+        u = state.damping_gain * self.damping_1_s * compliance * sum(map(mul, state.damping_taps, history)) / gain
+        limit = self.damping_max_V
+        if -0.5 * limit < u < 0.5 * limit:
+            state.damping_gain += (1.0 - state.damping_gain) * state.context.tick_s / 5.0
+        else:
+            state.damping_gain *= 0.98
+        return clip(u, -limit, limit)
+
+    def _play(self, state: AdaptiveState, total_V: float) -> float:
+        """Volts that take up the valve's play, on the side to which its volts move."""
+        moved = total_V - state.total_V
+        state.total_V = total_V
+        down, up = state.flow.edges
+        play = up.play_V if total_V > 0 else down.play_V
+        return play * clip(moved / (state.context.tick_s * PLAY_RATE_V_S), -1.0, 1.0) if play else 0.0
+
+    def _learn(
+        self,
+        state: AdaptiveState,
+        sample: Sample,
+        load_Pa: float,
+        acceleration_m_s2: float,
+        oil_m: float,
+        flow_m_s: float,
+    ) -> None:
+        context, valve, p = state.context, sample.valve_V, sample.pressure_bottom_Pa
+        compliance = (sample.position_m + context.pipeline_volume_m3 / context.area_bottom_m2) / context.bulk_modulus_Pa
+        root = self._roots(state, sample, p)[valve > 0]
+        z = sample.position_m + compliance * p
+        state.flow.add(z, valve, root)
+        excess = state.excess_m
+        excess.append(z - oil_m)
+        excess.pop(0)
+        if state.gain == 1.0:
+            state.knee.watch(excess, flow_m_s, 0.5 * state.flow.edges[0].dead_band_V)
+        state.friction.add(sample.position_m, load_Pa, acceleration_m_s2)
+        if abs(state.flow.lag_s - state.lag_s) > 1e-4 and state.flow.ready:
+            self._design(state, round_lag(state.flow.lag_s))
+
+    def _engage(self, state: AdaptiveState, preview: np.ndarray) -> None:
+        """Take over when enough is known and the motion is lively, then bring the feed-forward in."""
+        context, reference = state.context, state.reference
+        tick = context.tick_s
+        a = (preview.item(LOOK + 1) - 2 * preview.item(LOOK) + preview.item(LOOK - 1)) / (tick * tick)
+        state.acceleration_m_s2 += 0.1 * (a - state.acceleration_m_s2)
+        state.liveliness_m_s2 = max(state.liveliness_m_s2 * (1 - tick / 10.0), abs(state.acceleration_m_s2))
+        if state.liveliness_m_s2 > self.lively_m_s2:
+            state.lively = True
+        elif state.liveliness_m_s2 < self.quiet_m_s2:
+            state.lively = False
+        target = 1.0 if state.lively and state.flow.ready else 0.0
+        slow = tick / self.takeover_s
+        known = state.friction.ready and state.flow.ready
+        state.friction_gain += clip((1.0 if known else 0.0) - state.friction_gain, -slow, slow)
+        self._pace(state, reference.velocity_m_s)
+        if not state.flow.ready:
+            state.gain = max(0.0, state.gain - 4.0 * slow)
+        elif 0.0 < state.gain < 1.0 or (target != state.gain and state.friction_gain == 1.0 and state.turn_now):
+            state.gain = clip(state.gain + (state.pace if target else -state.pace), 0.0, 1.0)
+        if state.gain == 0.0:
+            reference.share = 0.0
+            down, up = state.flow.edges
+            reference.loop_1_s = 0.5 * (down.gain_m_s_V + up.gain_m_s_V) * context.position_gain_V_per_m
+        elif state.gain > 0.9:
+            reference.share = min(1.0, reference.share + tick / self.feed_forward_s)
+
+    def _pace(self, state: AdaptiveState, velocity_m_s: float) -> None:
+        """The blend between plain and compensated falls wholly between two reversals: it begins a fifth into a half
+        stroke."""
+        state.turn_ticks += 1
+        if velocity_m_s * state.turn_sign < 0.0:
+            state.half_ticks, state.turn_ticks = state.turn_ticks, 0
+        if velocity_m_s:
+            state.turn_sign = velocity_m_s
+        state.turn_now = state.half_ticks > 0 and state.turn_ticks == state.half_ticks // 5 + AHEAD
+        if state.turn_now:
+            state.pace = 1.0 / clip(0.5 * state.half_ticks, 10.0, self.takeover_s * state.context.rate_Hz)
+
+    def status(self, state: AdaptiveState) -> str:
+        """A sentence while the valve does not behave as learned."""
+        doubted = any(edge.doubts and not edge.ready for edge in state.flow.edges)
+        return "the valve no longer follows what was learned: plain control while it is learned anew" if doubted else ""
+
+    def parameters(self, state: AdaptiveState) -> Parameters:
+        return {
+            "flow": state.flow.parameters(),
+            "rounding_V": state.knee.rounding_V,
+            "friction": state.friction.parameters(),
+        }
+
+    def restore(self, context: Context, parameters: Parameters) -> AdaptiveState:
+        state = self.start(context)
+        state.flow.restore(parameters["flow"])
+        state.friction.restore(parameters["friction"])
+        state.knee.rounding_V = float(parameters["rounding_V"])
+        return state

@@ -1,0 +1,123 @@
+"""What a compensator is: what it is given at each tick, what it may know, what it hands back.
+
+The motion computer of the report closes a position loop per actuator, ``u = Kp (setpoint - position)``. A
+compensator adds volts to that, ``u_valve = saturate(u + u_c)``, so that the valve's non-linearity and the friction
+are not felt on the platform. It runs at the rate of the motion computer (500 Hz) and knows only what a motion
+computer knows: setpoints and their preview, transducers, its own output and a data sheet.
+
+A compensator's instance holds its configuration and nothing else; what it learns lives in the state that `start`
+makes and `step` hands on, so that one instance may serve six actuators. A state may be updated in place, but its
+caller owns it.
+"""
+
+from __future__ import annotations
+
+import abc
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Parameters = dict[str, Any]  # numbers, lists of numbers, strings: what JSON and TOML can hold
+
+
+@dataclass(slots=True)
+class Sample:
+    """What the motion computer has at one tick, for one actuator. Plain floats, but for the preview."""
+
+    time_s: float
+    setpoint_m: float  # wanted piston position, 0 at full retraction
+    preview_m: np.ndarray  # (n,) setpoints of this tick and the next n - 1 ticks, n = 1 + round(preview_s * rate)
+    position_m: float  # measured, with noise and quantisation
+    control_V: float  # what the position loop asks now, Kp (setpoint - position)
+    valve_V: float  # total sent to the valve at the previous tick, after saturation
+    pressure_bottom_Pa: float  # measured, P1 of the report
+    pressure_supply_Pa: float  # measured, Ps
+
+
+@dataclass(frozen=True, kw_only=True)
+class Context:
+    """Data-sheet knowledge an engineer enters. Overlap, friction and discharge coefficient are not among it.
+
+    `period_s` is known when the built-in signal generator drives the machine and None when a host does.
+    """
+
+    rate_Hz: float = 500.0
+    position_gain_V_per_m: float = 50.0
+    voltage_max_V: float = 10.0
+    stroke_m: float = 0.2
+    area_bottom_m2: float = math.pi / 4 * 0.04**2
+    area_top_m2: float = math.pi / 4 * (0.04**2 - 0.03**2)
+    supply_pressure_Pa: float = 7.0e6
+    tank_pressure_Pa: float = 0.0
+    bulk_modulus_Pa: float = 1.5e9
+    pipeline_volume_m3: float = 5.0e-7
+    position_noise_m: float = 3.0e-6
+    position_resolution_m: float = 3.0e-6
+    pressure_noise_Pa: float = 4.0e3
+    period_s: float | None = None
+
+    def __post_init__(self) -> None:
+        positive = (
+            "rate_Hz", "position_gain_V_per_m", "voltage_max_V", "stroke_m", "area_bottom_m2",
+            "area_top_m2", "supply_pressure_Pa", "bulk_modulus_Pa",
+        )  # fmt: skip
+        for name in positive:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(
+                    f"context {name} is {value}; it must be a finite number above zero: mend the machine file"
+                )
+        if self.period_s is not None and not (math.isfinite(self.period_s) and self.period_s > 0):
+            raise ValueError(
+                f"context period_s is {self.period_s}; give the period [s] of the motion, or None where it is not known"
+            )
+
+    @property
+    def tick_s(self) -> float:
+        """Control period [s]."""
+        return 1.0 / self.rate_Hz
+
+
+class Compensator(abc.ABC):
+    """Interface of every compensation algorithm; subclasses are frozen dataclasses of their configuration.
+
+    The contract, which tests/compensation/test_contract.py holds every registered algorithm to: the volts are finite
+    whatever the sample holds, bounded by the voltage range, zero at first and faded in; parameters survive JSON.
+    """
+
+    name: str = ""
+    preview_s: float = 0.0
+
+    @abc.abstractmethod
+    def start(self, context: Context) -> Any:
+        """A fresh state, with nothing learned."""
+
+    @abc.abstractmethod
+    def step(self, state: Any, sample: Sample) -> tuple[float, Any]:
+        """Volts to add to `sample.control_V` at this tick, and the state for the next."""
+
+    @abc.abstractmethod
+    def parameters(self, state: Any) -> Parameters:
+        """What was learned, as numbers and lists that JSON and TOML can hold."""
+
+    @abc.abstractmethod
+    def restore(self, context: Context, parameters: Parameters) -> Any:
+        """A state that starts with what was learned before."""
+
+    def status(self, state: Any) -> str:
+        """Empty, or a sentence for the log, such as why it fell back to plain control."""
+        return ""
+
+
+def clip(value: float, low: float, high: float) -> float:
+    """`value` held between `low` and `high`; a NaN becomes `low`."""
+    if value > high:
+        return high
+    return value if value > low else low
+
+
+def preview_count(compensator: Compensator, context: Context) -> int:
+    """How many setpoints `Sample.preview_m` holds for this compensator."""
+    return 1 + round(compensator.preview_s * context.rate_Hz)

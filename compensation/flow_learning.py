@@ -1,0 +1,200 @@
+"""The flow curve learned on line, per direction, scheduled on the pressure drop, from displacements instead of
+velocities.
+
+Oil volume over piston area is z = y + V P1 / (E A1), and z' is the flow through the valve, whatever the load does
+(Eq. 3.7). With the spool x lagging the volts u by tau and trailing them by a play of half width h, the law of one
+edge (Eq. 3.3, 3.4) integrated over a window is linear in what is not known:
+
+    z(t2) - z(t1) = k int u R dt - k delta int R dt - k tau [u R]_t1^t2 - k h int w R dt,     R = sqrt(dp / dp_ref)
+
+k velocity gain [m/s/V], delta half dead band [V], tau lag [s], h w = u less the play's output, w = -1 .. 1. Two
+fits run side by side, without and with play; the simpler one holds as long as it explains what is measured.
+Position noise enters only at the two ends of a window and not at all on the right, so that least squares is unbiased;
+nothing is differentiated. What the fit leaves is the noise of two positions if the valve is of that kind, and much
+more if it is not: then it is not believed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from .base import Context, Parameters, clip
+from .least_squares import RecursiveLeastSquares
+
+GAIN_START = 0.1  # [m/s/V], a start value only
+GAIN_LOW, GAIN_HIGH = 0.005, 5.0  # [m/s/V], bounds of what is believed
+DEAD_BAND_HIGH_V = 1.5
+LAG_HIGH_S = 0.012
+PLAY_HIGH_V = 0.3
+PLAY_LOW_V = 2e-3  # the play that is looked for is at least this wide
+WINDOW_NOISE_M = 5e-6  # displacement noise of a window: two positions with 3 um noise and 3 um resolution
+GAIN_NEEDED, DEAD_BAND_NEEDED_V, LAG_NEEDED_S = 0.10, 1e-3, 2.5e-4  # standard errors below which an edge is believed
+MISFIT_HIGH, MISFIT_LOW = 3.0, 1.7  # residual over noise above which an edge is doubted, and below which it is believed
+PLAY_ALLOWANCE = 4.0  # times the squared misfit that a valve with play may show: its turning points are rougher
+PLAY_TAKE, PLAY_LEAVE = 0.5, 0.8  # share of squared misfit that is left with play, to take the valve as one with play
+WINDOWS_NEEDED, PATIENCE = 15, 3.0  # windows before it is first believed; each doubt makes that so many times longer
+# spreads of k, k delta, k tau, k h that are thinkable, in units of the window's noise: 0.3 m/s/V, 0.05 m/s, 2 mm/V,
+# 5 mm/s
+SPREAD = (0.3 / WINDOW_NOISE_M, 0.05 / WINDOW_NOISE_M, 2e-3 / WINDOW_NOISE_M, 5e-3 / WINDOW_NOISE_M)
+
+
+@dataclass(slots=True)
+class Edge:
+    """One direction of the valve: what is known of it."""
+
+    plain: RecursiveLeastSquares  # k, k delta, k tau
+    play: RecursiveLeastSquares  # the same and k h
+    windows: float = 0.0
+    gain_m_s_V: float = GAIN_START
+    dead_band_V: float = 0.0
+    lag_s: float = 0.0
+    play_V: float = 0.0
+    play_found_V: float = 0.0
+    ready: bool = False
+    doubts: int = 0  # how often it was ready and then did not fit
+    needed: float = float(WINDOWS_NEEDED)
+
+    def learn(self, phi: list[float], moved_m: float, with_play: bool) -> None:
+        """One window in; reads the fit out within its bounds."""
+        self.plain.update(phi[:3], moved_m)
+        self.play.update(phi, moved_m)
+        self.windows += 1.0
+        self.play_found_V = clip(self.play.theta[3] / max(self.play.theta[0], GAIN_LOW), 0.0, PLAY_HIGH_V)
+        fit = self.play if with_play else self.plain
+        k, k_delta, k_tau = fit.theta[:3]
+        k = self.gain_m_s_V = clip(k, GAIN_LOW, GAIN_HIGH)
+        self.dead_band_V = clip(k_delta / k, 0.0, DEAD_BAND_HIGH_V)
+        self.lag_s = clip(k_tau / k, 0.0, LAG_HIGH_S)
+        self.play_V = self.play_found_V if with_play else 0.0
+        misfit = fit.residual / WINDOW_NOISE_M**2 / (PLAY_ALLOWANCE if with_play else 1.0)
+        if self.ready:
+            if misfit > MISFIT_HIGH**2:
+                self.ready = False
+                self.doubts += 1
+                self.needed = self.windows + WINDOWS_NEEDED * PATIENCE**self.doubts
+                self.plain.doubt()
+                self.play.doubt()
+            return
+        c, unit = fit.covariance, (WINDOW_NOISE_M / k) ** 2
+        self.ready = (
+            self.windows >= self.needed
+            and misfit < MISFIT_LOW**2
+            and c[0][0] * unit < GAIN_NEEDED**2
+            and c[1][1] * unit < DEAD_BAND_NEEDED_V**2
+            and c[2][2] * unit < LAG_NEEDED_S**2
+        )
+
+
+def new_edge(memory: float) -> Edge:
+    """An edge of which nothing is known."""
+    start = [GAIN_START, 0.0, 0.0]
+    return Edge(
+        RecursiveLeastSquares(list(start), list(SPREAD[:3]), memory),
+        RecursiveLeastSquares([*start, 0.0], list(SPREAD), memory),
+    )
+
+
+@dataclass(slots=True)
+class FlowLearner:
+    """Both directions, and the window being gathered."""
+
+    context: Context
+    window: int  # ticks
+    slowest_m_s: float  # a window in which the piston moved slower tells nothing
+    settle: int  # ticks after the volts change sign in which the spool's path is not simple
+    memory: float  # windows
+    edges: list[Edge] = field(default_factory=list)  # [retracting, extending]
+    direction: int = 0
+    wait: int = 0
+    count: int = 0
+    start: tuple[float, float] = (0.0, 0.0)  # z [m] and u R [V] at the window's start
+    sums: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # of u R, R, w R
+    follower_V: float = 0.0  # output of the play that is looked for
+    moving: bool = False
+    with_play: bool = False
+    pending: tuple[list[float], float] | None = None
+    lag_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.edges:
+            self.edges = [new_edge(self.memory), new_edge(self.memory)]
+
+    @property
+    def ready(self) -> bool:
+        """Whether both directions are known well enough to act on."""
+        return self.edges[0].ready and self.edges[1].ready
+
+    def add(self, z_m: float, valve_V: float, root: float) -> None:
+        """One tick: oil displacement now, volts of the tick past and sqrt(dp/dp_ref) of the edge they opened."""
+        direction = 1 if valve_V > 0.0 else -1
+        size = valve_V if direction > 0 else -valve_V
+        if direction != self.direction:
+            self.direction, self.wait = direction, self.settle
+            self._restart()
+            return
+        half = max(PLAY_LOW_V, self.edges[direction > 0].play_found_V)
+        self.follower_V = clip(self.follower_V, valve_V - half, valve_V + half)
+        if self.wait > 0:
+            self.wait -= 1
+            return
+        flow = size * root
+        if self.count:
+            s = self.sums
+            s[0] += flow
+            s[1] += root
+            s[2] += direction * (valve_V - self.follower_V) / half * root
+            if self.count == self.window:
+                self._finish(z_m, flow)
+                self.count = 0
+        if self.count == 0:
+            self.start, self.sums = (z_m, flow), [0.0, 0.0, 0.0]
+        self.count += 1
+
+    def _restart(self) -> None:
+        self.count, self.moving, self.pending = 0, False, None
+
+    def _finish(self, z_m: float, flow: float) -> None:
+        """Use the window before this one, if the piston moved in it, before it and after it: none reaches into the
+        overlap."""
+        tick = self.context.tick_s
+        moved = self.direction * (z_m - self.start[0])
+        if moved < self.slowest_m_s * self.window * tick:
+            self._restart()
+            return
+        if self.pending is not None:
+            down, up = self.edges
+            (up if self.direction > 0 else down).learn(*self.pending, self.with_play)
+            self._judge(down, up)
+            self.lag_s = (down.lag_s * down.windows + up.lag_s * up.windows) / (down.windows + up.windows)
+        s = self.sums
+        phi = [s[0] * tick, -s[1] * tick, self.start[1] - flow, -s[2] * tick]
+        self.pending = (phi, moved) if self.moving else None
+        self.moving = True
+
+    def _judge(self, down: Edge, up: Edge) -> None:
+        """Whether both edges are taken with play: only where that leaves far less than without."""
+        if min(down.windows, up.windows) >= WINDOWS_NEEDED:
+            share = (down.play.residual + up.play.residual) / (down.plain.residual + up.plain.residual)
+            self.with_play = share < (PLAY_LEAVE if self.with_play else PLAY_TAKE)
+
+    def parameters(self) -> Parameters:
+        """What is known of both edges, in numbers."""
+        return {
+            name: {"theta": list(e.plain.theta), "theta_play": list(e.play.theta), "windows": e.windows,
+                   "ready": e.ready, "gain_m_s_V": e.gain_m_s_V, "dead_band_V": e.dead_band_V,
+                   "lag_s": e.lag_s, "play_V": e.play_V}
+            for name, e in zip(("retract", "extend"), self.edges, strict=True)
+        }  # fmt: skip
+
+    def restore(self, parameters: Parameters) -> None:
+        """Start with what was known before."""
+        for edge, name in zip(self.edges, ("retract", "extend"), strict=True):
+            known = parameters[name]
+            for fit, theta in ((edge.plain, known["theta"]), (edge.play, known["theta_play"])):
+                fit.theta[:] = [float(x) for x in theta]
+                fit.covariance = [[1e-4 * x for x in row] for row in fit.covariance]
+            edge.windows, edge.ready = float(known["windows"]), bool(known["ready"])
+            edge.gain_m_s_V, edge.dead_band_V = float(known["gain_m_s_V"]), float(known["dead_band_V"])
+            edge.lag_s, edge.play_V = float(known["lag_s"]), float(known["play_V"])
+        self.lag_s = (self.edges[0].lag_s + self.edges[1].lag_s) / 2
+        self.with_play = any(edge.play_V > 0.0 for edge in self.edges)

@@ -1,0 +1,26 @@
+"""No compensation: the machine as it is, to compare with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .base import Compensator, Context, Parameters, Sample
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoCompensation(Compensator):
+    """Adds nothing."""
+
+    name: str = "none"
+
+    def start(self, context: Context) -> None:
+        return None
+
+    def step(self, state: None, sample: Sample) -> tuple[float, None]:
+        return 0.0, None
+
+    def parameters(self, state: None) -> Parameters:
+        return {}
+
+    def restore(self, context: Context, parameters: Parameters) -> None:
+        return None

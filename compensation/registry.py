@@ -1,0 +1,127 @@
+"""Algorithms by name: those of this package, those other packages announce, and any class by its module path."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from typing import Any
+
+from .base import Compensator
+from .guard import Guarded
+from .none import NoCompensation
+
+ENTRY_POINT_GROUP = "hexsim.compensators"
+Factory = Callable[..., Compensator]
+
+
+def _built_in() -> dict[str, Factory]:
+    from .adaptive import Adaptive
+    from .buffered import Buffered
+    from .exact import Exact
+    from .iterative import Iterative
+    from .repetitive import Repetitive
+
+    return {
+        "none": NoCompensation,
+        "exact": Exact,
+        "iterative": Iterative,
+        "iterative_report_1": lambda **k: Iterative(
+            **{"name": "iterative_report_1", "function": 1, "form": "report", **k}
+        ),
+        "iterative_report_2": lambda **k: Iterative(
+            **{"name": "iterative_report_2", "function": 2, "form": "report", **k}
+        ),
+        "buffered": Buffered,
+        "buffered_report": lambda **k: Buffered(**{"name": "buffered_report", "form": "report", **k}),
+        "buffered_two_sided": lambda **k: Buffered(**{"name": "buffered_two_sided", "two_sided": True, **k}),
+        "adaptive": Adaptive,
+        "repetitive": Repetitive,
+    }
+
+
+def _announced() -> dict[str, Any]:
+    return {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
+
+
+def available() -> list[str]:
+    """Names that `create` understands, the built-in ones first."""
+    built_in = _built_in()
+    return [*built_in, *(name for name in sorted(_announced()) if name not in built_in)]
+
+
+def create(name: str, **configuration: Any) -> Compensator:
+    """The algorithm called `name`, or the class at `package.module:Class`, with its configuration.
+
+    Raises ValueError for an unknown name or one that cannot be imported (naming what there is), and TypeError for a
+    class that is no compensator (naming what it lacks).
+    """
+    if ":" in name:
+        return Guarded(check(_import(name), name, **configuration))
+    built_in = _built_in()
+    if name in built_in:
+        made = _configured(built_in[name], name, configuration)
+        return made if name == "none" else Guarded(made)
+    announced = _announced()
+    if name in announced:
+        try:
+            found = announced[name].load()
+        except Exception as problem:
+            raise ValueError(
+                f"compensator '{name}' is announced by an installed package but does not load: {problem}"
+            ) from problem
+        return Guarded(check(found, name, **configuration))
+    raise ValueError(
+        f"no compensator is called '{name}'; there are {', '.join(available())}, "
+        "or give your own as package.module:Class"
+    )
+
+
+def check(found: Any, where: str, **configuration: Any) -> Compensator:
+    """`found` made into a compensator, or a TypeError that says what it lacks."""
+    if not inspect.isclass(found):
+        raise TypeError(
+            f"'{where}' is a {type(found).__name__}; a compensator is given as a class derived from "
+            "compensation.Compensator"
+        )
+    if not issubclass(found, Compensator):
+        missing = [m for m in ("start", "step", "parameters", "restore") if not callable(getattr(found, m, None))]
+        lacks = f" and lacks {', '.join(missing)}" if missing else ""
+        raise TypeError(
+            f"'{where}' is not derived from compensation.Compensator{lacks}; derive it and write these methods"
+        )
+    missing = sorted(getattr(found, "__abstractmethods__", ()))
+    if missing:
+        raise TypeError(f"'{where}' lacks {', '.join(missing)}; compensation.Compensator says what each must do")
+    made = _configured(found, where, configuration)
+    if not made.name:
+        raise TypeError(f"'{where}' has no name; set the class attribute `name`, by which logs and tables call it")
+    return made
+
+
+def _configured(factory: Factory, where: str, configuration: dict[str, Any]) -> Compensator:
+    try:
+        return factory(**configuration)
+    except TypeError as problem:
+        given = ", ".join(configuration) or "no configuration"
+        raise TypeError(f"compensator '{where}' cannot be made with {given}: {problem}") from problem
+
+
+def _import(path: str) -> Any:
+    module_name, _, attribute = path.partition(":")
+    try:
+        module = importlib.import_module(module_name)
+    except ImportError as problem:
+        raise ValueError(
+            f"compensator '{path}': module '{module_name}' cannot be imported ({problem}); is it on PYTHONPATH?"
+        ) from problem
+    if not hasattr(module, attribute):
+        classes = [
+            n
+            for n, c in vars(module).items()
+            if inspect.isclass(c) and issubclass(c, Compensator) and c is not Compensator
+        ]
+        has = f"it has {', '.join(classes)}" if classes else "it has no compensator"
+        raise ValueError(f"compensator '{path}': module '{module_name}' has no '{attribute}'; {has}")
+    return getattr(module, attribute)

@@ -1,0 +1,100 @@
+"""Learning from period to period, on top of the adaptive algorithm.
+
+Where the motion repeats, what feed-forward leaves repeats too. Over each period the position error e(t) is kept;
+its harmonics, divided by what volts do to the position,
+
+    G(s) = k S(s) / s,   S the spool with its lag and the hold,   W += gamma (1 + Kp G) / G  E      up to some 20 Hz,
+
+are added to a table of volts over the period. The table is used with the phase it was made with, so that no filter
+delays it. Noise does not repeat and averages out; above 20 Hz the position is too noisy, and the oil's spring too
+near.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .adaptive import Adaptive, AdaptiveState
+from .base import Context, Parameters, Sample
+from .spool import SPOOL_DAMPING
+
+LONGEST_S = 20.0  # periods longer than this are not learned
+
+
+@dataclass(slots=True)
+class RepetitiveState(AdaptiveState):
+    ticks: int = 0  # in a period; 0 = there is none
+    phase: int = 0
+    quiet_ticks: int = 0  # since the adaptive part has wholly taken over
+    error_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    table_V: list[float] = field(default_factory=list)
+    wanted_V: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    periods: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repetitive(Adaptive):
+    """Adaptive, and a correction learned over the period of the built-in signal generator (`Context.period_s`).
+
+    learning: share of the error's inverse taken up after a period, halved over the first periods down to
+    `learning_low`: quick first, then averaging. band_Hz: harmonics up to here are learned, tapering off over the
+    last third. table_max_V bounds the table.
+    """
+
+    name: str = "repetitive"
+    learning: float = 0.5
+    learning_low: float = 0.1
+    band_Hz: float = 20.0
+    table_max_V: float = 0.3
+
+    def start(self, context: Context) -> RepetitiveState:
+        base = super().start(context)
+        state = RepetitiveState(**{name: getattr(base, name) for name in AdaptiveState.__slots__})
+        period = context.period_s
+        if period is not None and period <= LONGEST_S:
+            ticks = round(period * context.rate_Hz)
+            if ticks >= 20 and abs(ticks / context.rate_Hz - period) < 1e-3 * context.tick_s:
+                state.ticks = ticks
+                state.error_m, state.wanted_V, state.table_V = np.zeros(ticks), np.zeros(ticks), [0.0] * ticks
+        return state
+
+    def extra(self, state: AdaptiveState, sample: Sample) -> float:
+        if not isinstance(state, RepetitiveState) or state.ticks == 0:
+            return 0.0
+        phase = state.phase
+        state.error_m[phase] = sample.setpoint_m - sample.position_m
+        settled = state.gain == 1.0 and state.reference.share == 1.0
+        state.quiet_ticks = state.quiet_ticks + 1 if settled else 0
+        state.phase = phase + 1 if phase + 1 < state.ticks else 0
+        if state.phase == 0 and state.quiet_ticks >= 1.5 * state.ticks:
+            self._learn_period(state)
+        return state.table_V[phase]
+
+    def _learn_period(self, state: RepetitiveState) -> None:
+        context = state.context
+        down, up = state.flow.edges
+        gain = 0.5 * (down.gain_m_s_V + up.gain_m_s_V)
+        count = state.ticks
+        f = np.arange(count // 2 + 1) / (count * context.tick_s)
+        s = 2j * math.pi * f
+        lag = state.flow.lag_s
+        spool = np.exp(-0.5 * context.tick_s * s) / (1 + lag * s + (lag * s / (2 * SPOOL_DAMPING)) ** 2)
+        inverse = s / (gain * spool) + context.position_gain_V_per_m
+        taper = np.clip((self.band_Hz - f) / (self.band_Hz / 3), 0.0, 1.0)
+        share = max(self.learning_low, self.learning * 0.8**state.periods)
+        state.wanted_V += share * np.fft.irfft(taper * inverse * np.fft.rfft(state.error_m), count)
+        np.clip(state.wanted_V, -self.table_max_V, self.table_max_V, out=state.wanted_V)
+        state.table_V = state.wanted_V.tolist()
+        state.periods += 1
+
+    def parameters(self, state: AdaptiveState) -> Parameters:
+        table = list(state.table_V) if isinstance(state, RepetitiveState) else []
+        return {**super().parameters(state), "table_V": table}
+
+    def restore(self, context: Context, parameters: Parameters) -> RepetitiveState:
+        state = super().restore(context, parameters)
+        assert isinstance(state, RepetitiveState)  # super().restore begins with our own start
+        return state  # the table belongs to a phase of the motion that a new run need not share

@@ -1,0 +1,107 @@
+"""Lead for the spool's lag, and taps for damping through it: small filters, designed once for each lag.
+
+The spool is taken as second order with damping 0.7, so that one number, its lag tau = 2 zeta / omega [s], says all.
+What a tick's volts (held over the tick) do to the spool is its response averaged over each following tick,
+
+    g_j = (1/T) int_{jT}^{(j+1)T} [s(t) - s(t - T)] dt,      s(t) the spool's unit step response.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+SPOOL_DAMPING = 0.7  # commonly used value for proportional valves; the lag is what is learned
+LAG_STEP_S = 1e-4  # lags are rounded to this before a design is made
+LAG_MAX_S = 1.2e-2
+LEAD_TAPS = 10
+AHEAD = 5  # ticks that the lead looks ahead
+
+
+def step_response(t_s: np.ndarray, lag_s: float) -> np.ndarray:
+    """Unit step response (n,) of the spool at times `t_s` (n,), zero before 0."""
+    t = np.maximum(t_s, 0.0)
+    if lag_s <= 0.0:
+        return np.where(t_s >= 0, 1.0, 0.0)
+    z = SPOOL_DAMPING
+    w = 2 * z / lag_s
+    wd = w * math.sqrt(1 - z * z)
+    s = 1 - np.exp(-z * w * t) * (np.cos(wd * t) + z * w / wd * np.sin(wd * t))
+    return np.where(t_s >= 0, s, 0.0)
+
+
+def tick_response(lag_s: float, tick_s: float, count: int) -> np.ndarray:
+    """g_j (count,): mean spool position in tick j after one tick of unit volts."""
+    fine = 40
+    t = (np.arange(count * fine) + 0.5) * tick_s / fine
+    pulse = step_response(t, lag_s) - step_response(t - tick_s, lag_s)
+    return pulse.reshape(count, fine).mean(axis=1)
+
+
+def round_lag(lag_s: float) -> float:
+    """Lag [s] on the grid that designs are made for."""
+    return min(max(round(lag_s / LAG_STEP_S) * LAG_STEP_S, 0.0), LAG_MAX_S)
+
+
+@lru_cache(maxsize=128)
+def spool_model(lag_s: float, tick_s: float) -> tuple[float, float, float, float]:
+    """a, b, c, d of one tick of the spool: x += a (u - x) + b w, w = c (u - x) + d w, with w its rate [V/tick]."""
+    if lag_s < 0.25 * tick_s:
+        return 1.0, 0.0, 0.0, 0.0
+    z = SPOOL_DAMPING
+    w = 2 * z / lag_s
+    wd, t = w * math.sqrt(1 - z * z), tick_s
+    decay = math.exp(-z * w * t)
+    cos, sin = math.cos(wd * t), math.sin(wd * t)
+    return (
+        1 - decay * (cos + z * w / wd * sin),
+        decay * sin / wd / tick_s,
+        decay * w * w / wd * sin * tick_s,
+        decay * (cos - z * w / wd * sin),
+    )
+
+
+@lru_cache(maxsize=128)
+def lead(lag_s: float, tick_s: float, ease: float) -> tuple[float, ...]:
+    """Taps h (LEAD_TAPS,) so that u_k = sum_i h_i x_{k + AHEAD - i} makes the spool follow x, tick mean by tick mean.
+
+    Least squares of g * h against a pulse at AHEAD, with `ease` times the taps' roughness: more is softer and
+    slower. The taps sum to one, so that nothing changes at rest.
+    """
+    g = tick_response(lag_s, tick_s, 40)
+    rows = len(g) + LEAD_TAPS - 1
+    matrix = np.zeros((rows, LEAD_TAPS))
+    for i in range(LEAD_TAPS):
+        matrix[i : i + len(g), i] = g
+    target = np.zeros(rows)
+    target[AHEAD] = 1.0
+    rough = math.sqrt(ease) * (np.eye(LEAD_TAPS) - np.eye(LEAD_TAPS, k=1))
+    one = 1e3 * np.ones((1, LEAD_TAPS))
+    taps = np.linalg.lstsq(np.vstack([matrix, rough, one]), np.r_[target, np.zeros(LEAD_TAPS), 1e3], rcond=None)[0]
+    return tuple(float(x) for x in taps / taps.sum())
+
+
+@lru_cache(maxsize=128)
+def damping_taps(lag_s: float, tick_s: float, low_Hz: float, high_Hz: float, count: int) -> tuple[float, ...]:
+    """Taps (count,) on the newest pressures so that the flow through the lagging valve opposes the pressure in its
+    swing.
+
+    Least squares in frequency: taps times the valve's response is to be 1 between `low_Hz` and `high_Hz`, small
+    above and 0 at rest (the taps sum to zero).
+    """
+    nyquist = 0.5 / tick_s
+    f = np.concatenate([np.linspace(low_Hz, high_Hz, 40), np.linspace(1.6 * high_Hz, nyquist, 30)])
+    wanted = np.where(f <= high_Hz, 1.0, 0.0)
+    weight = np.where(f <= high_Hz, 1.0, 0.15)
+    w = 2 * math.pi * f
+    spool = 1.0 / (1 + 1j * w * lag_s - (w * lag_s / (2 * SPOOL_DAMPING)) ** 2) if lag_s > 0 else np.ones_like(w) + 0j
+    valve = spool * np.exp(-0.5j * w * tick_s) * np.sinc(f * tick_s)
+    delays = np.exp(-1j * np.outer(w, np.arange(count)) * tick_s)
+    matrix = (weight * valve)[:, None] * delays
+    target = weight * wanted
+    rows = [matrix.real, matrix.imag, 1e2 * np.ones((1, count)), 0.03 * np.eye(count)]
+    right = [target, np.zeros_like(target), np.zeros(1), np.zeros(count)]
+    taps = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
+    return tuple(float(x) for x in taps - taps.mean())

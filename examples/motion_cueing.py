@@ -1,0 +1,189 @@
+"""Motion cueing end to end: a car's manoeuvre, a classical washout, the machine, and what a person on it feels.
+
+    python examples/motion_cueing.py --out cueing             writes setpoints.csv, felt.csv, cueing.png, cueing.json
+
+The manoeuvre is generated: pull away, brake, a double lane change, and a bump. A classical washout
+splits it: what is quick goes through high-pass filters to position, what is slow leans the platform so that gravity
+stands in for it (tilt coordination, limited to 3 deg/s so that the leaning itself is not felt).
+
+    x'' = HP3(s a),  HP3 = s^3 / ((s^2 + 2 w s + w^2)(s + w_b))     quick part, returns to the middle
+    angle = rate limit(LP2(s a) / g)                                slow part, nose up to speed up
+    specific force f = R^T (a + g e_z)                              what is felt, in the platform's frame
+
+setpoints.csv is an ordinary setpoint file: `hexsim run cueing/setpoints.csv` plays it too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from scipy.signal import bilinear, lfilter
+
+from hexsim.machine import load_machine
+from hexsim.machine.geometry import machine_kinematics
+from hexsim.recording import palette
+from hexsim.recording.figure_style import legend, new_figure, png, styled
+from hexsim.scenarios import load_scenario
+from hexsim.simulation import simulate
+from hexsim.smoothness import band_limit
+
+RATE_Hz, g = 500.0, 9.81
+SCALE = 0.3  # of the vehicle's accelerations
+TILT_RATE = np.radians(3.0)
+HIGH_PASS = {"x": 2.5, "y": 1.2, "z": 4.0}  # w [rad/s]
+BACK = 0.3  # w_b [rad/s]
+LOW_PASS = 2.5  # [rad/s]
+
+
+def bell(time, start, length):
+    """A smooth pulse of height 1, sin^2, from start on."""
+    phase = np.clip((time - start) / length, 0.0, 1.0)
+    return np.sin(np.pi * phase) ** 2
+
+
+def plateau(time, start, length, rise=0.6):
+    """Smoothly up in `rise`, held, smoothly down."""
+    smooth = lambda r: r**3 * (10 - 15 * r + 6 * r**2)  # noqa: E731
+    return smooth(np.clip((time - start) / rise, 0, 1)) - smooth(np.clip((time - start - length) / rise, 0, 1))
+
+
+def manoeuvre(time):
+    """Accelerations of the vehicle (n, 3) [m/s2], forward, left, up."""
+    forward = 2.0 * plateau(time, 2.0, 4.0) - 3.5 * plateau(time, 9.0, 2.5)
+    lane = np.where((time > 14.0) & (time < 18.0), 2.5 * np.sin(np.pi * (time - 14.0)), 0.0) * bell(time, 13.5, 5.0)
+    bump = 2.0 * (bell(time, 21.0, 0.3) - bell(time, 21.3, 0.6) * 0.5)
+    return np.column_stack([forward, lane, bump])
+
+
+def filtered(numerator, denominator, values):
+    """A continuous filter, by the bilinear rule, from rest."""
+    return lfilter(*bilinear(numerator, denominator, RATE_Hz), values)
+
+
+def high_pass_position(w, acceleration):
+    """Position (n,) [m] of the third-order high-passed acceleration: the two integrations cancel two of its zeros."""
+    return filtered([1.0, 0.0], np.polymul([1.0, 2.0 * w, w * w], [1.0, BACK]), acceleration)
+
+
+def rate_limited(values, rate):
+    """`values` (n,) followed no faster than `rate`."""
+    out = np.zeros_like(values)
+    for k in range(1, len(values)):
+        out[k] = out[k - 1] + np.clip(values[k] - out[k - 1], -rate / RATE_Hz, rate / RATE_Hz)
+    return out
+
+
+def washout(acceleration):
+    """Pose (n, 6) [m, rad] for the vehicle's accelerations (n, 3)."""
+    scaled = SCALE * acceleration
+    pose = np.zeros((len(acceleration), 6))
+    for k, axis in enumerate("xyz"):
+        pose[:, k] = high_pass_position(HIGH_PASS[axis], scaled[:, k])
+    lean = [filtered([LOW_PASS**2], [1.0, 2 * LOW_PASS, LOW_PASS**2], scaled[:, k]) / g for k in (0, 1)]
+    smooth = lambda angle: filtered([1.0], [0.05, 1.0], rate_limited(angle, TILT_RATE))  # noqa: E731
+    pose[:, 3] = smooth(lean[1])  # left side up: gravity pulls to the right, felt as acceleration to the left
+    pose[:, 4] = smooth(-lean[0])  # nose up is negative pitch
+    return pose
+
+
+def specific_force(kinematics, pose, acceleration):
+    """f = a + R^T g e_z (n, 3), with the acceleration (n, 3) in the platform's frame."""
+    return acceleration + g * kinematics.rotation(pose)[:, 2, :]
+
+
+def compare(log, kinematics, vehicle):
+    """What the vehicle's driver, the commanded and the real platform feel: name -> (n, 3), gravity at rest taken off.
+
+    In the 50 Hz band, as every acceleration of this project unless said otherwise.
+    """
+    column = lambda name: log[name].to_numpy()  # noqa: E731
+    rest = np.array([0.0, 0.0, g])
+    felt = {"vehicle": SCALE * vehicle}
+    for name, pose, accelerations in (
+        ("commanded", "commanded", "commanded_acceleration_{}_m_s2"),
+        ("felt", "platform", "true_acceleration_{}_m_s2"),
+    ):
+        units = ("m", "m", "m", "rad", "rad", "rad")
+        poses = np.column_stack(
+            [column(f"{pose}_{k}_{u}") for k, u in zip(("x", "y", "z", "roll", "pitch", "yaw"), units, strict=True)]
+        )
+        acceleration = np.column_stack([column(accelerations.format(axis)) for axis in "xyz"])
+        force = specific_force(kinematics, poses, acceleration) - rest
+        felt[name] = np.column_stack([band_limit(column("time_s"), values) for values in force.T])
+    return felt
+
+
+def figures(time, felt):
+    """Per axis: felt against commanded: rms of both, of their difference, delay [ms], correlation."""
+    step, table = time[1] - time[0], {}
+    for k, axis in enumerate("xyz"):
+        asked, got = felt["commanded"][:, k], felt["felt"][:, k]
+        lags = np.arange(0, int(0.5 / step))
+        scores = [np.mean(asked[: len(asked) - lag] * got[lag:]) for lag in lags]
+        table[axis] = {
+            "commanded_rms_m_s2": float(np.sqrt(np.mean(asked**2))),
+            "felt_rms_m_s2": float(np.sqrt(np.mean(got**2))),
+            "difference_rms_m_s2": float(np.sqrt(np.mean((got - asked) ** 2))),
+            "peak_difference_m_s2": float(np.max(np.abs(got - asked))),
+            "delay_ms": 1e3 * float(lags[int(np.argmax(scores))] * step),
+            "correlation": float(np.corrcoef(asked, got)[0, 1]),
+        }
+    return table
+
+
+@styled
+def picture(time, felt, table, what):
+    figure, plots = new_figure(3, f"Motion cueing: specific force on the platform, {what}", heights=[1.7, 1.7, 1.7])
+    for plot, (k, says) in zip(plots, enumerate(("forward", "left", "up")), strict=True):
+        plot.plot(time, felt["felt"][:, k], color=palette.RESPONSE, lw=0.8, label="felt on the machine, 50 Hz band")
+        plot.plot(time, felt["commanded"][:, k], color=palette.DEVIATION, lw=1.1, label="commanded by the washout")
+        plot.plot(
+            time, felt["vehicle"][:, k], color=palette.WANTED, lw=1.1, ls="--", label=f"vehicle, scaled by {SCALE:g}"
+        )
+        row = table["xyz"[k]]
+        late, off = row["delay_ms"], row["difference_rms_m_s2"]
+        plot.set_title(f"{says}: felt {late:.0f} ms after the command, rms of the difference {off:.2f} m/s²")
+        plot.set_ylabel("[m/s²]")
+    plots[0].set_title(plots[0].get_title(), pad=22)
+    legend(plots[0], columns=3)
+    plots[-1].set_xlabel("time [s]")
+    return png(figure)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("cueing"))
+    parser.add_argument("--machine", default="micro_motion_system")
+    parser.add_argument("--compensator", default="none")
+    parser.add_argument("--fast", action="store_true", help="fast scheme instead of RK4")
+    arguments = parser.parse_args()
+    machine = load_machine(arguments.machine)
+    kinematics = machine_kinematics(machine)
+    time = np.arange(0.0, 25.0, 1.0 / RATE_Hz)
+    vehicle = manoeuvre(time)
+    pose = washout(vehicle)
+    kinematics.check_trajectory(time, pose, margin_m=machine.cylinder.cushion_length_m)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    names = ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")
+    setpoints = arguments.out / "setpoints.csv"
+    pl.DataFrame({"time_s": time, **{name: pose[:, k] for k, name in enumerate(names)}}).write_csv(setpoints)
+    run = simulate(machine, load_scenario(setpoints), fast=arguments.fast, compensator=arguments.compensator)
+    log = run.log.head(run.log.height - 100)  # the setpoints end there
+    moments = log["time_s"].to_numpy()
+    felt = compare(log, kinematics, manoeuvre(moments))
+    table = figures(moments, felt)
+    (arguments.out / "cueing.json").write_text(json.dumps(table, indent=1))
+    what = "proportional control" if run.compensator == "none" else f"compensator {run.compensator}"
+    (arguments.out / "cueing.png").write_bytes(picture(moments, felt, table, what))
+    columns = {f"{name}_{axis}_m_s2": values[:, k] for name, values in felt.items() for k, axis in enumerate("xyz")}
+    pl.DataFrame({"time_s": moments, **columns}).write_csv(arguments.out / "felt.csv")
+    for axis, row in table.items():
+        print(f"{axis}: " + ", ".join(f"{key} {value:.3g}" for key, value in row.items()))
+
+
+if __name__ == "__main__":
+    main()

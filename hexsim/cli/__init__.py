@@ -1,0 +1,25 @@
+"""The command line. Each command is one file; heavy libraries are loaded by the command that needs them."""
+
+from __future__ import annotations
+
+import typer
+
+from hexsim.cli import compare, lists, live, qualify, run, serve, sweep, trace, view
+from hexsim.cli.errors import SentenceGroup
+
+app = typer.Typer(
+    name="hexsim",
+    cls=SentenceGroup,
+    help="Hydraulic six-DOF motion systems: run, compare compensators, trace measured data to missing effects.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for command in (run, compare, view, live, trace, qualify, sweep, serve, lists):
+    command.register(app)
+
+
+def main() -> None:
+    """Entry point of the `hexsim` command."""
+    app()

@@ -1,0 +1,5 @@
+"""python -m hexsim.cli"""
+
+from hexsim.cli import main
+
+main()

@@ -1,0 +1,99 @@
+"""`hexsim compare`: compensators side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hexsim.cli import options
+from hexsim.cli.console import output, progress, step_of, terminated_like_interrupted
+from hexsim.errors import HexsimError
+from hexsim.recording.formats import LogFormat
+
+if TYPE_CHECKING:
+    from hexsim.simulation import Run
+
+
+def register(app: typer.Typer) -> None:
+    app.command("compare")(compare)
+
+
+def compare(
+    scenario: options.ScenarioName,
+    compensators: Annotated[
+        str | None, typer.Option("--compensators", "-c", help="Names separated by commas; default all there are.")
+    ] = None,
+    machine: options.MachineName = None,
+    amplitude: options.Amplitude = None,
+    frequency: options.Frequency = None,
+    duration: options.Duration = None,
+    seed: options.Seed = 0,
+    fast: options.Fast = False,
+    out: options.Out = None,
+    json: options.Json = False,
+    settings: options.Set = None,
+    recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write run.rrd for Rerun.")] = True,
+    log_format: Annotated[LogFormat, typer.Option(help="Format of the log files.")] = "parquet",
+) -> None:
+    """Run a scenario with several compensators: table, figure, report, compare.json, one recording."""
+    from hexsim.compare import compare as run_all
+    from hexsim.compare import comparison_tables, interrupted, names_of, write_comparison
+    from hexsim.recording.run_files import dumps
+    from hexsim.recording.run_folder import default_folder, run_folder
+
+    with_machine, what = options.prepare(
+        scenario, machine, amplitude=amplitude, frequency=frequency, duration=duration, settings=settings
+    )
+    names = names_of(compensators)
+    with run_folder(out or default_folder(f"compare-{what.name}")) as folder, progress() as bar:
+        tasks = {name: bar.add_task(name, total=1.0) for name in names}
+        with terminated_like_interrupted():
+            runs = run_all(
+                with_machine, what, names, fast=fast, seed=seed,
+                progress=lambda name, fraction: bar.update(tasks[name], completed=fraction),
+            )  # fmt: skip
+            write_comparison(runs, folder.path, log_format=log_format, recording=recording, step=step_of(bar))
+        ended = next((run for run in runs.values() if interrupted(run)), None)
+        place = folder.finish(complete=ended is None)
+    if json:
+        typer.echo(dumps(comparison_tables(runs)))
+    else:
+        print_comparison(runs, str(place))
+    if ended is not None:
+        raise HexsimError(f"{ended.reason} with {ended.compensator}; what was done is in {place}")
+
+
+def print_comparison(runs: Mapping[str, Run], place: str) -> None:
+    """One table a driven axis; the lowest peak in green."""
+    from rich.table import Table
+
+    from hexsim.compare import comparison_rows
+    from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit
+    from hexsim.recording.summary_table import number
+
+    console, first = output(), next(iter(runs.values()))
+    for axis in [name for name in Signals.of_run(first).driven_axes if name in first.summary["axes"]]:
+        unit = axis_unit(axis).replace("_s2", "/s²")
+        title = f"{first.scenario.name} on {first.machine.name}: {AXIS_NAMES[axis]} [{unit}]"
+        table = Table(
+            title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim"
+        )
+        table.add_column("compensator", no_wrap=True)
+        for head in ("peak 50 Hz", "of first", "peak raw", "bump p-p", "noise rms", "basic harmonic", "tracking mm"):
+            table.add_column(head, justify="right", no_wrap=True)
+        rows = comparison_rows(runs, axis)
+        best = min((row["peak_band"] for row in rows if row["peak_band"] is not None and not row["note"]), default=None)
+        for row in rows:
+            keys = ("peak_band", "ratio", "peak_raw", "bump_pp", "noise_rms", "fundamental", "tracking_mm")
+            style = "green" if best is not None and row["peak_band"] == best else None
+            table.add_row(row["name"], *(number(row[key]) for key in keys), style=style)
+        console.print(table)
+        console.print()
+    for name, run in runs.items():
+        if not run.complete:
+            console.print(f"[yellow]{name}: {run.reason}[/yellow]")
+    for warning in sorted({text for run in runs.values() for text in run.warnings if text != run.reason}):
+        console.print(f"note    {warning}")
+    console.print(f"files   {place}")

@@ -1,0 +1,117 @@
+"""`hexsim live`: MuJoCo's own viewer with the hydraulics running."""
+
+from __future__ import annotations
+
+import threading
+import time
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hexsim.cli import options
+from hexsim.errors import HexsimError
+
+if TYPE_CHECKING:
+    from hexsim.live import LiveMachine
+
+FRAME_S = 1.0 / 60.0
+LONGEST_CATCH_UP_S = 0.1  # a computer that is slower than real time shows slow motion instead of standing still
+CLOSING_S = 5.0
+KEYS = "space pause   Enter 100 kg for 1 s   Backspace start again   ctrl + right mouse push   sliders: panel Control"
+SPACE, ENTER, BACKSPACE = 32, 257, 259  # GLFW's numbers
+
+
+def register(app: typer.Typer) -> None:
+    app.command("live")(live)
+
+
+def live(
+    scenario: Annotated[
+        str | None, typer.Argument(help="Motion to run; without it the sliders alone move the machine.")
+    ] = None,
+    machine: options.MachineName = None,
+    compensator: Annotated[str, typer.Option("--compensator", "-c", help="Name or package.module:Class.")] = "none",
+    amplitude: options.Amplitude = None,
+    frequency: options.Frequency = None,
+    settings: options.Set = None,
+    seconds: Annotated[float | None, typer.Option(help="Close the window after this time [s].")] = None,
+) -> None:
+    """The machine in MuJoCo's viewer: a slider for each degree of freedom, pause, and pushes by mouse or key."""
+    with_machine, what = options.prepare(
+        scenario or "heave", machine, amplitude=amplitude, frequency=frequency, settings=settings
+    )
+    from hexsim.live import LiveMachine
+
+    show(LiveMachine(with_machine, what if scenario else None, compensator), seconds)
+
+
+def show(machine: LiveMachine, seconds: float | None = None) -> None:
+    """Run the viewer until its window is closed, or for `seconds`."""
+    from mujoco.viewer import launch_passive
+
+    from hexsim.live import TOP_LEFT
+
+    check_screen()
+    typer.echo(KEYS, err=True)
+    pressed: SimpleQueue[int] = SimpleQueue()  # the window has its own thread; the machine is touched in this one only
+    before = set(threading.enumerate())
+    viewer = launch_passive(machine.model, machine.data, key_callback=pressed.put, show_left_ui=False)
+    started = last = time.perf_counter()
+    with viewer, machine.plant.running():
+        frame_camera(viewer.cam, machine)
+        while viewer.is_running() and (seconds is None or time.perf_counter() - started < seconds):
+            now = time.perf_counter()
+            due, last = min(now - last, LONGEST_CATCH_UP_S), now
+            with viewer.lock():
+                while not pressed.empty():
+                    press(machine, pressed.get())
+                machine.pull(viewer.perturb)
+                machine.advance(due)
+            took = time.perf_counter() - now
+            viewer.set_texts((None, TOP_LEFT, *overlay(machine, due, took)))
+            viewer.sync()
+            time.sleep(max(0.0, FRAME_S - (time.perf_counter() - now)))
+    for thread in set(threading.enumerate()) - before:  # the window's own: it must be gone before Python ends
+        thread.join(timeout=CLOSING_S)
+
+
+def check_screen() -> None:
+    """HexsimError where there is no screen; MuJoCo's viewer would end the process."""
+    import warnings
+
+    import glfw
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if not glfw.init():
+            raise HexsimError(
+                "there is no screen for MuJoCo's viewer here: run it on a computer with a display, or use `run`"
+            )
+
+
+def press(machine: LiveMachine, key: int) -> None:
+    """Space pauses, Enter puts 100 kg on for a second, Backspace starts again (the viewer has taken the letters)."""
+    if key == SPACE:
+        machine.paused = not machine.paused
+    elif key == ENTER:
+        machine.push()
+    elif key == BACKSPACE:
+        machine.reset()
+
+
+def frame_camera(camera, machine: LiveMachine) -> None:
+    """Look at the whole machine from the front left."""
+    size = float(machine.model.stat.extent)
+    camera.lookat[:] = machine.model.stat.center
+    camera.distance, camera.azimuth, camera.elevation = 2.4 * size, 140.0, -18.0
+
+
+def overlay(machine: LiveMachine, due: float, took: float) -> tuple[str, str]:
+    """Two columns of text: names and values."""
+    state = "paused" if machine.paused else "out of reach" if machine.out_of_reach else "running"
+    load = 100.0 * took / due if due > 0 else 0.0
+    pressures = " ".join(f"{1e-5 * pressure:.0f}" for pressure in machine.plant.bottom_pressures())
+    names = ("state", "time", "computing", "bottom pressures", "compensator")
+    values = (state, f"{machine.time_s:.1f} s", f"{load:.0f} % of real time", f"{pressures} bar", machine.name)
+    return "\n".join(names), "\n".join(values)

@@ -1,0 +1,70 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hexsim.errors import HexsimError
+
+if TYPE_CHECKING:
+    from hexsim.machine import Machine
+    from hexsim.scenarios import Scenario
+
+ScenarioName = Annotated[str, typer.Argument(help="Name (see `hexsim scenarios`), TOML file, or a file of setpoints.")]
+MachineName = Annotated[
+    str | None, typer.Option("--machine", "-m", help="Name, folder or TOML file; default: the scenario's.")
+]
+Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the driven axes [m, or degrees for rotations].")]
+Frequency = Annotated[float | None, typer.Option(help="Frequency of the driven axes [Hz].")]
+Duration = Annotated[float | None, typer.Option(help="Simulated time [s].")]
+Seed = Annotated[int, typer.Option(help="Seed of the sensor noise; same seed, same log to the bit.")]
+Fast = Annotated[bool, typer.Option("--fast", help="Tendon equal and fast scheme, with its known error.")]
+Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder to write; default runs/<time>-<scenario>.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else there.")]
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Change a value: valve.overlap_m=20e-6, or scenario.fade_s=1. Repeat for more."),
+]
+
+
+def parse_value(text: str) -> Any:
+    """A number, true/false, quoted text or list as TOML reads it; else the text itself."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def parse_changes(settings: list[str] | None) -> dict[str, str]:
+    """`key=value` pairs as key -> text."""
+    changes = {}
+    for setting in settings or []:
+        key, equals, value = setting.partition("=")
+        if not equals or not key.strip() or not value.strip():
+            raise HexsimError(f"--set {setting!r} is not key=value: give for example --set valve.overlap_m=20e-6")
+        changes[key.strip()] = value.strip()
+    return changes
+
+
+def prepare(
+    scenario_name: str,
+    machine_name: str | None,
+    *,
+    amplitude: float | None = None,
+    frequency: float | None = None,
+    duration: float | None = None,
+    settings: list[str] | None = None,
+) -> tuple[Machine, Scenario]:
+    """Machine and scenario with everything the options change."""
+    from hexsim.settings import apply_settings, scenario_and_machine
+
+    scenario, machine = scenario_and_machine(
+        scenario_name, machine_name, amplitude=amplitude, frequency_Hz=frequency, duration_s=duration
+    )
+    changes = {key: parse_value(text) for key, text in parse_changes(settings).items()}
+    scenario, machine = apply_settings(scenario, machine, changes, source="--set")
+    return machine, scenario

@@ -1,0 +1,110 @@
+"""`hexsim run`: one scenario on one machine, with its table, files and recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hexsim.cli import options
+from hexsim.cli.console import fraction_of, output, progress, step_of, terminated_like_interrupted
+from hexsim.errors import HexsimError
+from hexsim.recording.formats import LogFormat
+
+if TYPE_CHECKING:
+    from hexsim.recording.run_folder import RunFolder
+    from hexsim.simulation import Run
+
+
+def register(app: typer.Typer) -> None:
+    app.command("run")(run)
+
+
+def run(
+    scenario: options.ScenarioName,
+    machine: options.MachineName = None,
+    amplitude: options.Amplitude = None,
+    frequency: options.Frequency = None,
+    duration: options.Duration = None,
+    seed: options.Seed = 0,
+    compensator: Annotated[
+        str, typer.Option("--compensator", "-c", help="Name (see `hexsim compensators`) or package.module:Class.")
+    ] = "none",
+    fast: options.Fast = False,
+    out: options.Out = None,
+    json: options.Json = False,
+    settings: options.Set = None,
+    recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write run.rrd for Rerun.")] = True,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write figures and report.html.")] = True,
+    log_format: Annotated[LogFormat, typer.Option(help="Format of the log file.")] = "parquet",
+) -> None:
+    """Run a scenario headless: table of acceleration peaks, log, figures, report and Rerun recording."""
+    from hexsim.recording.run_files import dumps, summary_of
+    from hexsim.recording.run_folder import default_folder, run_folder
+
+    with_machine, what = options.prepare(
+        scenario, machine, amplitude=amplitude, frequency=frequency, duration=duration, settings=settings
+    )
+    with run_folder(out or default_folder(what.name)) as folder, progress() as bar, terminated_like_interrupted():
+        from hexsim.simulation import simulate
+
+        done = simulate(
+            with_machine, what, compensator=compensator, fast=fast, seed=seed,
+            progress=fraction_of(bar, f"{what.name} on {with_machine.name}"),
+        )  # fmt: skip
+        place = keep(done, folder, step_of(bar), log_format=log_format, recording=recording, report=report)
+    if json:
+        typer.echo(dumps(summary_of(done)))
+    else:
+        print_run(done, place)
+    if not done.complete:
+        raise HexsimError(f"{done.reason.rstrip('.')}; the log so far is in {place}")
+
+
+def keep(run: Run, folder: RunFolder, step, *, log_format: LogFormat, recording: bool, report: bool) -> Path:
+    """Write and place the files of a run; whatever happens while plotting, what was simulated is kept."""
+    from hexsim.recording.run_files import write_run
+
+    try:
+        write_run(run, folder.path, log_format=log_format, recording=recording, report=report, step=step)
+    except KeyboardInterrupt:
+        run.complete, run.reason = False, "interrupted by the user while figures and recording were written"
+        write_run(run, folder.path, log_format=log_format, recording=False, report=False)
+    except Exception:  # a plot that fails is a bug, and must not cost the run
+        write_run(run, folder.path, log_format=log_format, recording=False, report=False)
+        folder.finish(run.complete)
+        raise
+    return folder.finish(run.complete)
+
+
+def print_run(run: Run, place: Path) -> None:
+    """The table of figures, how it was run, and where its files are."""
+    from rich.table import Table
+    from rich.text import Text
+
+    from hexsim.recording.signals import Signals
+    from hexsim.recording.summary_table import axis_header, axis_rows, facts
+
+    console, summary = output(), run.summary
+    title = f"{summary['scenario']} on {summary['machine']}, compensator {summary['compensator']}"
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
+    header = axis_header(summary)
+    for name in header:
+        table.add_column(name, justify="left" if name in (header[0], header[-1]) else "right", no_wrap=True)
+    driven = Signals.of_run(run).driven_axes if run.log.height > 1 else ()
+    for is_driven, cells in axis_rows(summary, driven):
+        table.add_row(*cells, style="bold" if is_driven else None)
+    console.print(table)
+    console.print()
+    for name, value in facts(summary, run)[3:]:
+        console.print(Text.assemble((f"{name:<17}", "dim"), value))
+    for time_s, leg, message in run.messages[:5]:
+        console.print(Text.assemble((f"{'message':<17}", "dim"), f"{time_s:.3f} s, leg {leg}: {message}"))
+    if len(run.messages) > 5:
+        console.print(Text.assemble((" " * 17, "dim"), f"and {len(run.messages) - 5} more, in the report"))
+    for warning in (text for text in run.warnings if text != run.reason):
+        console.print(Text.assemble((f"{'note':<17}", "yellow"), warning))
+    console.print(Text.assemble((f"{'files':<17}", "dim"), str(place)))
+    if (place / "run.rrd").exists():
+        console.print(Text.assemble((f"{'look at it':<17}", "dim"), f"hexsim view {place}"))

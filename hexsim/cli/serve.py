@@ -1,0 +1,58 @@
+"""`hexsim serve`: the machine in real time, driven over UDP by a host."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hexsim.cli import options
+from hexsim.cli.console import output, terminated_like_interrupted
+
+if TYPE_CHECKING:
+    from hexsim.serve import Status
+
+PORT = 47110  # of hexsim.serve; a test holds them together, because importing it loads the simulator
+
+
+def register(app: typer.Typer) -> None:
+    app.command("serve")(serve)
+
+
+def serve(
+    machine: options.MachineName = None,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; only this computer unless you say otherwise.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="UDP port; 0 takes a free one.")] = PORT,
+    compensator: Annotated[str, typer.Option("--compensator", "-c", help="Name or package.module:Class.")] = "none",
+    scenario: Annotated[str | None, typer.Option(help="What manual mode plays; default heave.")] = None,
+    start: Annotated[str, typer.Option(help="neutral (mid stroke, pressure up) or off (on its stops).")] = "neutral",
+    duration: Annotated[float | None, typer.Option(help="Stop after this time [s]; default: Ctrl-C.")] = None,
+    json: options.Json = False,
+) -> None:
+    """Run the machine in real time with its host interface over UDP; says how far it falls behind."""
+    with_machine, what = options.prepare(scenario or "heave", machine)
+    from hexsim.serve import Server
+
+    server = Server(with_machine, host, port, compensator=compensator, scenario=what, start=start)
+    address = f"{server.address[0]}:{server.address[1]}"
+    typer.echo(f"{with_machine.name} listens on udp://{address}, state {start}; Ctrl-C stops it", err=True)
+    with server, terminated_like_interrupted():
+        status = server.run(duration, report=lambda now: typer.echo(line(now), err=True))
+    if json:
+        from dataclasses import asdict
+
+        from hexsim.recording.run_files import dumps
+
+        typer.echo(dumps({"address": address, **asdict(status)}))
+    else:
+        output().print(f"{line(status)}, at most {1e3 * status.worst_behind_s:.1f} ms behind")
+
+
+def line(status: Status) -> str:
+    """One line of a running server."""
+    errors = f", errors: {', '.join(status.errors)}" if status.errors else ""
+    packets = status.packets.get("received", 0)
+    behind = f"{1e3 * status.behind_s:.1f} ms behind" if status.behind_s > 0 else "on time"
+    return f"{status.time_s:8.1f} s  {status.state:<9} {behind}, margin {status.margin:.1f}, packets {packets}{errors}"

@@ -1,0 +1,189 @@
+"""`hexsim trace` and `hexsim friction`: measured logs against the model."""
+
+from __future__ import annotations
+
+import json as json_module
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hexsim.cli import options
+from hexsim.cli.console import output, progress, terminated_like_interrupted
+
+VERDICT_STYLE = {"explained": "green", "nothing missing": "green", "partly": "yellow", "unexplained": "yellow"}
+
+
+def register(app: typer.Typer) -> None:
+    app.command("trace")(trace)
+    app.command("friction")(friction)
+
+
+def trace(
+    machine: Annotated[Path, typer.Argument(help="Folder with machine.toml and the machine's logs.")],
+    fit: Annotated[
+        list[str] | None, typer.Option(help="Log to fit on, name or path; repeat for more. Default fit.")
+    ] = None,
+    validate: Annotated[
+        list[str] | None, typer.Option(help="Held-out log, name or path; repeat for more. Default validate.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder to write; default runs/<time>-trace-<machine>.")
+    ] = None,
+    recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write recordings for Rerun.")] = True,
+    json: options.Json = False,
+) -> None:
+    """Hold measured logs against the declared machine and name the physical effect that it lacks, if it lacks one."""
+    from hexsim.machine.files import find_machine_file
+    from hexsim.recording.run_folder import default_folder, run_folder
+
+    place = find_machine_file(machine)
+    held_out = validate or ["validate"]
+    with run_folder(out or default_folder(f"trace-{place.resolve().parent.name}")) as folder, progress() as bar:
+        task = bar.add_task("starting", total=1.0)
+
+        def show(step: str, fraction: float) -> None:
+            bar.update(task, description=step, completed=fraction)
+
+        with terminated_like_interrupted():
+            from hexsim.tracing.trace import trace as run
+
+            result = run(machine, fit or ["fit"], held_out, folder.path, show)
+        report = json_module.loads((folder.path / "report.json").read_text())
+        final = folder.finish()  # what was found is safe; recordings come to it
+        if recording:
+            from hexsim.recording.trace_recording import write_trace_recordings
+
+            show("recording", 0.97)
+            write_trace_recordings(place.parent, held_out, result.machine, result.fitted, final, markdown(report))
+    if json:
+        typer.echo(json_module.dumps(report, indent=2, ensure_ascii=False))
+    else:
+        print_trace(report, final)
+
+
+def print_trace(report: Mapping[str, Any], place: Path) -> None:
+    """Verdict, effects with numbers and errors, what is unexplained, and the error before and after."""
+    from rich.text import Text
+
+    console = output()
+    verdict = report["verdict"]
+    console.print(Text.assemble("verdict  ", (verdict, f"bold {VERDICT_STYLE.get(verdict, '')}".strip())))
+    console.print()
+    for title, header, rows in (_effects(report), _unexplained(report), _errors(report)):
+        if rows:
+            console.print(_table(title, header, rows))
+            console.print()
+    console.print(f"files    {place}")
+
+
+def markdown(report: Mapping[str, Any]) -> str:
+    """Verdict and effects for the text panel of the recording."""
+    lines = [f"verdict: **{report.get('verdict', '')}**", ""]
+    for effect in report.get("effects", []):
+        values = ", ".join(f"{key} = {value:.3g}" for key, value in effect.get("parameters", {}).items())
+        lines.append(f"- {effect['name'] or 'learned term'}, {effect['where']}: {values}")
+    return "\n".join(lines)
+
+
+def _table(title: str, header: tuple[str, ...], rows: list[tuple[str, ...]]):
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
+    for index, name in enumerate(header):
+        table.add_column(name, justify="left" if index < 2 else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _effects(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    from hexsim.recording.summary_table import number
+
+    rows = []
+    for effect in report.get("effects", []):
+        values = [
+            f"{key} = {value:.3g} ± {effect.get('standard_error', {}).get(key, float('nan')):.1g}"
+            for key, value in effect.get("parameters", {}).items()
+        ]
+        name = effect["name"] or "learned term"
+        tied = ", ".join(effect.get("tied_with", [])) or "–"
+        gain = number(effect.get("evidence", {}).get("block_cv_gain"))
+        rows.append((name, effect["where"], "\n".join(values), tied, gain))
+    return "What the model lacks", ("effect", "where", "parameters", "tied with", "gain"), rows
+
+
+def _unexplained(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    from hexsim.recording.summary_table import number
+
+    rows = [
+        (
+            item["balance"], item["where"], f"{number(item['rms'])} {item['unit']}", str(item.get("depends_on") or "–"),
+            number(item.get("r2_cv")),
+        )
+        for item in report.get("unexplained", [])
+    ]  # fmt: skip
+    return "What is left", ("balance", "where", "rms", "depends on", "R²"), rows
+
+
+def _errors(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    rows = []
+    for log, channels in report.get("error", {}).items():
+        for channel, errors in channels.items():
+            cells = [f"{errors[key]:.3g}" if errors.get(key) is not None else "–" for key in ERROR_COLUMNS]
+            rows.append((log, channel, *cells))
+    return "Error on held-out motion, rms", ("log", "signal", *(name.replace("_", " ") for name in ERROR_COLUMNS)), rows
+
+
+ERROR_COLUMNS = ("declared", "refit", "with_effect", "noise")
+
+
+def friction(
+    log: Annotated[Path, typer.Argument(help="Log of the machine, best of the scenario `friction`.")],
+    machine: Annotated[
+        str | None, typer.Option("--machine", "-m", help="Machine; default: machine.toml beside the log.")
+    ] = None,
+    leg: Annotated[int, typer.Option(min=1, max=6, help="Leg of a hexapod.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for friction.json, friction.png and machine.toml.")
+    ] = None,
+    json: options.Json = False,
+) -> None:
+    """Stribeck parameters with errors and the friction-velocity map from a log (report 2.3.3)."""
+    from hexsim.machine import load_machine
+    from hexsim.recording.run_files import dumps
+    from hexsim.recording.run_folder import run_folder
+    from hexsim.tracing.friction import identify_friction
+    from hexsim.tracing.friction_figure import friction_figure, friction_table
+    from hexsim.tracing.readers import read_log
+
+    measured = read_log(log)
+    result = identify_friction(measured, load_machine(machine or beside(log)), leg)
+    if out is not None:
+        from hexsim.machine import save_machine
+        from hexsim.recording.figure_style import png
+        from hexsim.recording.run_files import write_json
+
+        with run_folder(out) as folder:
+            write_json(folder.path / "friction.json", result.to_json())
+            (folder.path / "friction.png").write_bytes(png(friction_figure(result)))
+            save_machine(result.fitted_machine(), folder.path / "machine.toml")
+            folder.finish()
+    if json:
+        typer.echo(dumps(result.to_json()))
+    else:
+        console = output()
+        console.print(friction_table(result))
+        if out is not None:
+            console.print(f"files    {out}")
+
+
+def beside(log: Path) -> Path | str:
+    """The declaration in the folder of a log; of a run's own log, the machine in its config.toml is not a file yet."""
+    from hexsim.errors import HexsimError
+
+    declared = log.parent / "machine.toml"
+    if not declared.is_file():
+        raise HexsimError(f"there is no machine.toml beside {log}: give --machine with a name, folder or TOML file")
+    return declared

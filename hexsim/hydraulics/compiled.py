@@ -1,0 +1,36 @@
+"""How every equation is compiled: strict IEEE arithmetic, cached between sessions, callable from C and from numpy.
+
+Numba's cache looks at the file of the function alone, and compiled callers hold copies of what they call; a change in
+`valve` would leave an old valve in the callbacks. So the cache's stamp is widened to all files that take part.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba import njit
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """`function` as a native one."""
+    dispatcher = njit(cache=True, error_model="numpy", fastmath=False, nogil=True)(function)  # threads run side by side
+    stored = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    if stored is not None and hasattr(stored, "_source_stamp"):  # absent when numba runs without a cache
+        stored._source_stamp = (stored._source_stamp, sources_digest())
+    return dispatcher
+
+
+@cache
+def sources_digest() -> str:
+    """Digest of the files that hold compiled functions or the places of their parameters."""
+    here = Path(__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(here.parent.rglob("*.py")):
+        source = path.read_bytes()
+        if path.parent == here or b"hydraulics.compiled" in source:
+            digest.update(source)
+    return digest.hexdigest()

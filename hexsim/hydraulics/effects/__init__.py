@@ -1,0 +1,89 @@
+"""The library of effects: one file each, found by name. See `effect` for what an effect is."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import pkgutil
+import re
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from hexsim.errors import HexsimError
+from hexsim.hydraulics.effects.effect import Effect, EffectParameter
+
+if TYPE_CHECKING:
+    from hexsim.machine.declaration import Machine
+
+__all__ = ["Effect", "EffectParameter", "check_effects", "effect_named", "effect_settings", "library"]
+
+
+@cache
+def library() -> dict[str, Effect]:
+    """All effects by name, in the order of their names."""
+    names = sorted(info.name for info in pkgutil.iter_modules(__path__) if info.name != "effect")
+    effects = [importlib.import_module(f"{__name__}.{name}").EFFECT for name in names]
+    return {effect.name: effect for effect in effects}
+
+
+def effect_named(name: str, source: str = "effects") -> Effect:
+    """The effect, or a HexsimError that lists what there is."""
+    if name not in library():
+        raise HexsimError(f"{source}: unknown effect {name!r}; known are {', '.join(library())}")
+    return library()[name]
+
+
+def effect_settings(machine: Machine, source: str = "machine") -> list[tuple[Effect, tuple[int, ...], dict[str, Any]]]:
+    """The machine's [effects] as (effect, 0-based legs, values), checked against bounds and places."""
+    settings = []
+    for name, tables in machine.effects.items():
+        effect = effect_named(name, source)
+        if machine.machine.kind not in effect.kinds:
+            raise HexsimError(
+                f"{source}: [effects.{name}] is for a {' or '.join(effect.kinds)}, not a {machine.machine.kind}"
+            )
+        for table in tables if isinstance(tables, list) else [tables]:
+            place = f"{source}: [effects.{name}]"
+            legs = _legs(table.get("where", "all legs"), machine.n_legs, place)
+            settings.append((effect, legs, _values(effect, table, place)))
+    return settings
+
+
+def check_effects(machine: Machine, source: str) -> None:
+    """Raise HexsimError when an effect of the file is unknown, out of bounds or in no such place."""
+    effect_settings(machine, source)
+
+
+def _values(effect: Effect, table: dict[str, Any], place: str) -> dict[str, Any]:
+    """Every parameter of the effect with its value; unknown, missing and out-of-bounds ones are refused."""
+    known = {parameter.name: parameter for parameter in effect.parameters}
+    free = {"where", "curve", "says"}  # a learned term carries its curve
+    unknown = [key for key in table if key not in known and key not in free]
+    if unknown:
+        raise HexsimError(f"{place} {unknown[0]} is not a known key: allowed are {', '.join([*known, 'where'])}")
+    values: dict[str, Any] = {key: table[key] for key in ("curve",) if key in table}
+    for name, parameter in known.items():
+        value = table.get(name, parameter.default)
+        if value is None:
+            raise HexsimError(f"{place} {name} is missing: add it in {parameter.unit}")
+        low, high = parameter.bounds
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            raise HexsimError(f"{place} {name} = {value!r} must be a finite number in {parameter.unit}")
+        if not low <= value <= high:
+            raise HexsimError(f"{place} {name} = {value:g} must lie in [{low:g}, {high:g}] {parameter.unit}")
+        values[name] = float(value)
+    return values
+
+
+def _legs(where: Any, n_legs: int, place: str) -> tuple[int, ...]:
+    """0-based legs of "all legs", "leg 2", ["leg 1", "leg 4"]; "platform" and "machine" stand for all."""
+    legs: list[int] = []
+    for item in where if isinstance(where, list) else [where]:
+        if item in ("all legs", "platform", "machine"):
+            legs += range(n_legs)
+            continue
+        match = re.fullmatch(r"leg (\d+)", item) if isinstance(item, str) else None
+        if match is None or not 1 <= int(match[1]) <= n_legs:
+            raise HexsimError(f'{place} where = {item!r} must be "all legs", "platform" or "leg 1".."leg {n_legs}"')
+        legs.append(int(match[1]) - 1)
+    return tuple(dict.fromkeys(legs))

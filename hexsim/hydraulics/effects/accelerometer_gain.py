@@ -1,0 +1,29 @@
+"""Accelerometer gain: it shows (1 + r) a."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hexsim.hydraulics.effects.effect import Effect, EffectParameter
+
+if TYPE_CHECKING:
+    from hexsim.machine.resolved import Resolved
+
+
+def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
+    """All accelerometers."""
+    sensors = resolved.sensors
+    resolved.sensors = sensors.model_copy(
+        update={"acceleration_gain": sensors.acceleration_gain * (1.0 + values["relative_change"])}
+    )
+
+
+EFFECT = Effect(
+    name="accelerometer_gain",
+    balance="sensor",
+    says="the accelerometer shows too much or too little",
+    source="report 2.3.1: dividing and multiplying by a sensitivity confused",
+    parameters=(EffectParameter(name="relative_change", unit="1", bounds=(-0.95, 9.0), believable=0.04),),
+    apply=apply,
+    places="machine",
+)

@@ -1,0 +1,28 @@
+"""Coulomb friction larger or smaller than declared, both directions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hexsim.hydraulics.effects.effect import Effect, EffectParameter
+from hexsim.hydraulics.parameters import P
+
+if TYPE_CHECKING:
+    from hexsim.machine.resolved import Resolved
+
+
+def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
+    """Both directions alike, never below zero."""
+    for place in (P.COULOMB_EXTEND, P.COULOMB_RETRACT):
+        row = resolved.rows[list(legs), place]
+        resolved.rows[list(legs), place] = (row + values["force_N"]).clip(min=0.0)
+
+
+EFFECT = Effect(
+    name="coulomb_friction_change",
+    balance="force",
+    says="Coulomb friction differs from the declared one",
+    source="seal wear and preload; a 63/35 mm cylinder has 1741 N",
+    parameters=(EffectParameter(name="force_N", unit="N", bounds=(-1e6, 1e6), believable=40.0),),
+    apply=apply,
+)

@@ -1,0 +1,73 @@
+"""An effect: a named extension of one balance, with parameters that have a unit, bounds, a source and a neutral value.
+
+The plant can switch it on, a fault scenario can use it, tracing can screen it, and a machine file can carry it:
+
+    [effects.leakage_supply_to_chamber]
+    conductance_m3_s_Pa = 2.4e-12
+    where = "leg 2"                      # or "all legs" (default), ["leg 1", "leg 4"], "platform"
+
+An effect is one file of this folder that defines EFFECT. Most add to places of the leg's row (`slot`); an effect on
+the load, the sensors or the supply gives its own `apply`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from hexsim.hydraulics.parameters import P
+
+if TYPE_CHECKING:
+    from hexsim.machine.resolved import Resolved
+
+Balance = Literal["valve", "supply", "continuity", "force", "sensor", "platform"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectParameter:
+    """One number of an effect. `neutral` is where the effect vanishes, `believable` a typical strength in SI.
+
+    neutral = math.inf: the effect vanishes as the number grows (a frequency, a stiffness); tracing works on 1/value.
+    grid: values to screen when the number shapes the effect and does not scale it (a wavelength, a phase).
+    """
+
+    name: str  # with its unit
+    unit: str
+    bounds: tuple[float, float]
+    believable: float
+    neutral: float = 0.0
+    slot: P | None = None  # place of the leg's row that the value is added to
+    default: float | None = None  # when the file may leave it out
+    grid: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect:
+    """A named extension of one balance.
+
+    places: where it can act ("leg": one leg or all; "platform"; "machine": shared by all, such as the supply).
+    kinds: machine kinds that can have it.
+    shown_by: the input that would show an effect that slow motion does not show.
+    lumped: stands for any cause of its form; of a tie, the other is named.
+    """
+
+    name: str
+    balance: Balance
+    says: str
+    source: str
+    parameters: tuple[EffectParameter, ...]
+    apply: Callable[[Resolved, tuple[int, ...], dict[str, float]], None] | None = None
+    places: Literal["leg", "platform", "machine"] = "leg"
+    kinds: tuple[str, ...] = ("bench", "hexapod")
+    shown_by: str = ""
+    lumped: bool = False
+
+    def add_to(self, resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
+        """Switch the effect on in `legs` (0-based): by its own `apply`, or value by value into the slots."""
+        if self.apply is not None:
+            self.apply(resolved, legs, values)
+            return
+        for parameter in self.parameters:
+            if parameter.slot is not None:
+                resolved.rows[list(legs), parameter.slot] += values[parameter.name] - parameter.neutral

@@ -1,0 +1,31 @@
+"""Inclined base: the axis stands at an angle to the vertical."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hexsim.hydraulics.effects.effect import Effect, EffectParameter
+
+if TYPE_CHECKING:
+    from hexsim.machine.resolved import Resolved
+
+
+def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
+    """Turn gravity by the angle about the y axis."""
+    g = float(np.linalg.norm(resolved.gravity_m_s2))
+    angle = values["angle_rad"]
+    resolved.gravity_m_s2 = g * np.array([math.sin(angle), 0.0, -math.cos(angle)])
+
+
+EFFECT = Effect(
+    name="incline",
+    balance="force",
+    says="the machine's axis is inclined to the vertical",
+    source="installation; a cylinder mounted at a slant",
+    parameters=(EffectParameter(name="angle_rad", unit="rad", bounds=(0.0, 1.5707963), believable=0.3),),
+    apply=apply,
+    places="platform",
+)

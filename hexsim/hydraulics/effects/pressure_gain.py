@@ -1,0 +1,25 @@
+"""Chamber pressure transducer: it shows (1 + r) P1."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hexsim.hydraulics.effects.effect import Effect, EffectParameter
+
+if TYPE_CHECKING:
+    from hexsim.machine.resolved import Resolved
+
+
+def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
+    """The sensors of the legs."""
+    resolved.leg_sensors["pressure_gain"][list(legs)] *= 1.0 + values["relative_change"]
+
+
+EFFECT = Effect(
+    name="pressure_gain",
+    balance="sensor",
+    says="the chamber pressure transducer shows too much or too little",
+    source="transducers: 0.5-2 % of span",
+    parameters=(EffectParameter(name="relative_change", unit="1", bounds=(-0.9, 9.0), believable=0.02),),
+    apply=apply,
+)

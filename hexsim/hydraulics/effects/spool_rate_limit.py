@@ -1,0 +1,35 @@
+"""Rate limit: the spool moves no faster than a largest speed."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from hexsim.hydraulics.effects.effect import Effect, EffectParameter
+from hexsim.hydraulics.parameters import P
+
+if TYPE_CHECKING:
+    from hexsim.machine.resolved import Resolved
+
+
+def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
+    """A spool state with limited speed; a spool without declared dynamics gets fast ones."""
+    for leg in legs:
+        row = resolved.rows[leg]
+        row[P.SPOOL_RATE] = values["rate_m_s"]
+        if row[P.SPOOL_OMEGA] == 0.0:
+            row[P.SPOOL_OMEGA] = 2.0 * math.pi * values["frequency_Hz"]
+            row[P.SPOOL_DAMPING] = 1.0
+
+
+EFFECT = Effect(
+    name="spool_rate_limit",
+    balance="valve",
+    says="the spool's speed is limited",
+    source="rate of a proportional valve: full stroke in 10-50 ms",
+    parameters=(
+        EffectParameter(name="rate_m_s", unit="m/s", bounds=(1e-5, 10.0), believable=5e-4, neutral=math.inf),
+        EffectParameter(name="frequency_Hz", unit="Hz", bounds=(2.0, 2000.0), believable=250.0, default=250.0),
+    ),
+    apply=apply,
+)

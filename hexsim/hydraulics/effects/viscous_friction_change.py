@@ -1,0 +1,28 @@
+"""Viscous friction larger or smaller than declared, both directions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hexsim.hydraulics.effects.effect import Effect, EffectParameter
+from hexsim.hydraulics.parameters import P
+
+if TYPE_CHECKING:
+    from hexsim.machine.resolved import Resolved
+
+
+def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
+    """Both directions alike, never below zero."""
+    for place in (P.VISCOUS_EXTEND, P.VISCOUS_RETRACT):
+        row = resolved.rows[list(legs), place]
+        resolved.rows[list(legs), place] = (row + values["viscous_N_s_m"]).clip(min=0.0)
+
+
+EFFECT = Effect(
+    name="viscous_friction_change",
+    balance="force",
+    says="viscous friction differs from the declared one",
+    source="oil temperature: viscosity halves in 15 K",
+    parameters=(EffectParameter(name="viscous_N_s_m", unit="N s/m", bounds=(-1e7, 1e7), believable=800.0),),
+    apply=apply,
+)

@@ -1,0 +1,265 @@
+"""The balances of one leg, summed from the terms of `valve`, `chamber` and `friction`.
+
+A leg's instant is (y, v, volts, x, P1, P2, Ps, t): piston position [m] from full retraction, velocity [m/s], valve
+volts, spool position [m], pressures of bottom chamber, rod side and supply [Pa], time [s]. `p` is its row of parameters.
+An effect joins by one line in the balance that it extends.
+"""
+
+import math
+
+import numpy as np
+
+from hexsim.hydraulics import chamber, friction, valve
+from hexsim.hydraulics.compiled import compiled
+from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P
+
+LEARNED_NONE, LEARNED_CONTINUITY, LEARNED_FORCE = 0, 1, 2  # balance that a learned term joins: [m3/s] or [N]
+LEAST_BRISTLE_LEVEL = 1.0e-3  # [N] a bristle divides by the level; far below any seal
+SIGNALS = ("position_m", "velocity_m_s", "valve_V", "pressure_bottom_Pa", "pressure_supply_Pa", "time_s")
+
+
+@compiled
+def learned_curve(p, signal):
+    """Value of the learned term: linear between equidistant knots, constant beyond the first and last."""
+    place = min(max((signal - p[P.LEARNED_START]) / p[P.LEARNED_STEP], 0.0), LEARNED_KNOTS - 1.000001)
+    if not place >= 0.0:  # NaN of a diverging run may not become a place in memory
+        return place
+    knot = int(place)
+    share = place - knot
+    return (1.0 - share) * p[LEARNED_TABLE + knot] + share * p[LEARNED_TABLE + knot + 1]
+
+
+@compiled
+def learned_term(p, y, v, volts, P1, Ps, t):
+    """The learned curve over its signal, numbered as in SIGNALS."""
+    which = int(p[P.LEARNED_SIGNAL])
+    signal = y
+    if which == 1:
+        signal = v
+    elif which == 2:
+        signal = volts
+    elif which == 3:
+        signal = P1
+    elif which == 4:
+        signal = Ps
+    elif which == 5:
+        signal = t
+    return learned_curve(p, signal)
+
+
+@compiled
+def commanded_spool(p, volts, t):
+    """Spool position that the volts ask for [m], with null offset and drift."""
+    return valve.spool_command(volts, p[P.NULL_OFFSET] + p[P.NULL_DRIFT] * t, p[P.SPOOL_GAIN], p[P.SPOOL_TRAVEL])
+
+
+@compiled
+def supply_clearance(p, x):
+    """Laminar conductance across the supply edge's land [m3/s/Pa]."""
+    return valve.clearance_conductance(x, p[P.OVERLAP_SUPPLY], p[P.CLEARANCE_CONDUCTANCE], p[P.CLEARANCE_LENGTH])
+
+
+@compiled
+def tank_clearance(p, x):
+    """Laminar conductance across the tank edge's land [m3/s/Pa]."""
+    return valve.clearance_conductance(-x, p[P.OVERLAP_TANK], p[P.CLEARANCE_CONDUCTANCE], p[P.CLEARANCE_LENGTH])
+
+
+@compiled
+def supply_edge_flow(p, x, P1, Ps):
+    """Flow from the supply into the bottom chamber across the valve's supply edge [m3/s], first term of Eq. 3.4."""
+    area = valve.edge_area(x, p[P.OVERLAP_SUPPLY], p[P.EDGE_ROUNDING], p[P.AREA_GRADIENT_SUPPLY], p[P.QUADRATIC_GAIN])
+    flow = valve.orifice_flow(area, Ps - P1, p[P.DISCHARGE], p[P.DENSITY], p[P.PRESSURE_WIDTH])
+    if p[P.CLEARANCE_CONDUCTANCE] != 0.0:
+        flow += supply_clearance(p, x) * (Ps - P1)
+    return flow
+
+
+@compiled
+def tank_edge_flow(p, x, P1):
+    """Flow from the bottom chamber to the tank across the valve's tank edge [m3/s], second term of Eq. 3.4.
+
+    A return line of resistance R [Pa s/m3] raises the pressure behind the edge by R q: q solves q = K sqrt(dp - R q).
+    """
+    area = valve.edge_area(-x, p[P.OVERLAP_TANK], p[P.EDGE_ROUNDING], p[P.AREA_GRADIENT_TANK], p[P.QUADRATIC_GAIN])
+    dp = P1 - p[P.TANK_PRESSURE]
+    if p[P.RETURN_RESISTANCE] > 0.0:
+        gain = p[P.DISCHARGE] * area * math.sqrt(2.0 / p[P.DENSITY])
+        line = gain * p[P.RETURN_RESISTANCE]
+        flow = math.copysign(0.5 * gain * (math.sqrt(line * line + 4.0 * abs(dp)) - line), dp)
+    else:
+        flow = valve.orifice_flow(area, dp, p[P.DISCHARGE], p[P.DENSITY], p[P.PRESSURE_WIDTH])
+    if p[P.CLEARANCE_CONDUCTANCE] != 0.0:
+        flow += tank_clearance(p, x) * dp
+    return flow
+
+
+@compiled
+def flow_slope(p, x, P1, Ps):
+    """d(net flow into the bottom chamber)/dP1 [m3/s/Pa], <= 0; the stiff part that the fast scheme takes implicitly."""
+    factor = p[P.DISCHARGE] * math.sqrt(2.0 / p[P.DENSITY])
+    supply = valve.edge_area(x, p[P.OVERLAP_SUPPLY], p[P.EDGE_ROUNDING], p[P.AREA_GRADIENT_SUPPLY], p[P.QUADRATIC_GAIN])
+    tank = valve.edge_area(-x, p[P.OVERLAP_TANK], p[P.EDGE_ROUNDING], p[P.AREA_GRADIENT_TANK], p[P.QUADRATIC_GAIN])
+    dp = P1 - p[P.TANK_PRESSURE]
+    slope = 0.0
+    if supply > 0.0:
+        slope -= factor * supply * valve.smooth_root_slope(Ps - P1, p[P.PRESSURE_WIDTH])
+    if tank > 0.0 and p[P.RETURN_RESISTANCE] <= 0.0:
+        slope -= factor * tank * valve.smooth_root_slope(dp, p[P.PRESSURE_WIDTH])
+    elif tank > 0.0:
+        slope -= factor * tank / math.sqrt((factor * tank * p[P.RETURN_RESISTANCE]) ** 2 + 4.0 * abs(dp))
+    if p[P.CLEARANCE_CONDUCTANCE] != 0.0:
+        slope -= supply_clearance(p, x) + tank_clearance(p, x)
+    return slope - p[P.LEAK_SUPPLY_CHAMBER] - p[P.LEAK_CHAMBER_TANK]
+
+
+@compiled
+def inflow(p, y, v, volts, x, P1, Ps, t):
+    """Net flow into the bottom chamber through valve and leaks [m3/s]: phi_1 of Eq. 3.4 and what extends it."""
+    flow = supply_edge_flow(p, x, P1, Ps) - tank_edge_flow(p, x, P1)
+    flow += p[P.LEAK_SUPPLY_CHAMBER] * (Ps - P1) - p[P.LEAK_CHAMBER_TANK] * (P1 - p[P.TANK_PRESSURE])
+    if p[P.LEARNED_BALANCE] == LEARNED_CONTINUITY:
+        flow += learned_term(p, y, v, volts, P1, Ps, t)
+    return flow
+
+
+@compiled
+def chamber_capacity(p, y, P1):
+    """Hydraulic capacity of the bottom chamber [m3/Pa]."""
+    oil = chamber.volume(y, p[P.AREA_BOTTOM], p[P.PIPELINE_VOLUME])
+    return chamber.capacity(oil, P1, p[P.BULK_MODULUS], p[P.AIR_FRACTION], p[P.HOSE_COMPLIANCE])
+
+
+@compiled
+def pressure_rate(p, y, v, volts, x, P1, Ps, t):
+    """dP1/dt [Pa/s], Eq. 3.7."""
+    return pressure_rate_of(p, y, v, P1, inflow(p, y, v, volts, x, P1, Ps, t))
+
+
+@compiled
+def pressure_rate_of(p, y, v, P1, flow):
+    """dP1/dt [Pa/s], Eq. 3.7, for a net flow into the bottom chamber that is already known."""
+    return chamber.pressure_rate(flow - p[P.AREA_BOTTOM] * v, chamber_capacity(p, y, P1), P1)
+
+
+@compiled
+def rod_side_flow(p, P2, Ps):
+    """Flow from the supply line into a rod side that is a chamber of its own [m3/s]."""
+    return p[P.ROD_SIDE_CONDUCTANCE] * valve.smooth_root(Ps - P2, p[P.PRESSURE_WIDTH])
+
+
+@compiled
+def rod_side_room(p, y, P2):
+    """Hydraulic capacity of the rod side [m3/Pa]; it shrinks as the piston extends."""
+    oil = chamber.volume(p[P.STROKE] - y, p[P.AREA_TOP], p[P.ROD_SIDE_VOLUME])
+    return chamber.capacity(oil, P2, p[P.BULK_MODULUS], p[P.AIR_FRACTION], 0.0)
+
+
+@compiled
+def rod_side_intake(p, y, v, P2, Ps):
+    """What a rod side of its own takes from the supply line within a time step [m3/s].
+
+    A wide port fills the annulus in microseconds, faster than the step h (BRISTLE_STEP; 0 = exact). There the net flow
+    is divided by 1 + max(h slope/C - 1, 0): P2 follows Ps within the step, towards the same balance, oil conserved.
+    """
+    port, moved = rod_side_flow(p, P2, Ps), p[P.AREA_TOP] * v
+    slope = p[P.ROD_SIDE_CONDUCTANCE] * valve.smooth_root_slope(Ps - P2, p[P.PRESSURE_WIDTH])
+    excess = p[P.BRISTLE_STEP] * slope / rod_side_room(p, y, P2) - 1.0
+    if excess <= 0.0:
+        return port
+    return (port + moved) / (1.0 + excess) - moved
+
+
+@compiled
+def rod_side_rate(p, y, v, P2, Ps):
+    """dP2/dt [Pa/s] of a rod side that is a chamber of its own."""
+    return chamber.pressure_rate(rod_side_intake(p, y, v, P2, Ps) + p[P.AREA_TOP] * v, rod_side_room(p, y, P2), P2)
+
+
+@compiled
+def supply_demand(p, v, x, P1, P2, Ps):
+    """Flow that the leg takes from the supply [m3/s]: valve, leak, and rod side (given back on extension)."""
+    flow = supply_edge_flow(p, x, P1, Ps) + p[P.LEAK_SUPPLY_CHAMBER] * (Ps - P1)
+    if p[P.ACT_ROD_SIDE] >= 0.0:
+        return flow + rod_side_flow(p, P2, Ps)
+    return flow - p[P.AREA_TOP] * v
+
+
+@compiled
+def supply_demand_in_step(p, y, v, x, P1, P2, Ps):
+    """`supply_demand` with what a rod side of its own takes within a time step."""
+    demand = supply_demand(p, v, x, P1, P2, Ps)
+    if p[P.ACT_ROD_SIDE] >= 0.0:
+        demand += rod_side_intake(p, y, v, P2, Ps) - rod_side_flow(p, P2, Ps)
+    return demand
+
+
+@compiled
+def friction_level(p, y, v, P1):
+    """g(v) = F_c + F_s exp(-|v|/c_s) [N] of the direction of motion, with seal and position-dependent parts."""
+    coulomb, static = p[P.COULOMB_EXTEND], p[P.STATIC_EXTEND]
+    if v < 0.0:
+        coulomb, static = p[P.COULOMB_RETRACT], p[P.STATIC_RETRACT]
+    if p[P.SEAL_FRICTION] != 0.0:
+        coulomb += p[P.SEAL_FRICTION] * max(P1, 0.0)
+    if p[P.RIPPLE_FORCE] != 0.0:
+        coulomb += p[P.RIPPLE_FORCE] * math.sin(2.0 * math.pi * y / p[P.RIPPLE_LENGTH] + p[P.RIPPLE_PHASE])
+    level = friction.stribeck_level(v, max(coulomb, 0.0), static, p[P.STRIBECK_VELOCITY])
+    return max(level, LEAST_BRISTLE_LEVEL) if p[P.ACT_BRISTLE] >= 0.0 else level
+
+
+@compiled
+def bristle_rate(p, y, v, P1, z):
+    """dz/dt of the presliding bristle [m/s]."""
+    return friction.bristle_rate(v, z, friction_level(p, y, v, P1), p[P.BRISTLE_STIFFNESS])
+
+
+@compiled
+def friction_force(p, y, v, P1, z):
+    """Friction [N] against the motion, Eq. 2.4 / 3.9, or LuGre when the leg has a bristle z [m]."""
+    viscous = p[P.VISCOUS_RETRACT] if v < 0.0 else p[P.VISCOUS_EXTEND]
+    if p[P.ACT_BRISTLE] >= 0.0:
+        rate = bristle_rate(p, y, v, P1, z)
+        return viscous * v + p[P.BRISTLE_STIFFNESS] * z + p[P.BRISTLE_DAMPING] * rate
+    return viscous * v + friction.direction(v, p[P.SHARPNESS], p[P.ARCTAN_SLOPE]) * friction_level(p, y, v, P1)
+
+
+@compiled
+def heat(p, y, v, P1, P2, Ps, z, flow, demand):
+    """Heat [W] that the leg puts into the oil: throttling in valve, leaks and rod side port, and friction.
+
+    What the supply gives (Ps q) less what the chambers take (P1 phi_1 of `flow`, and P2 q_2 or -Ps A2 v).
+    """
+    throttled = Ps * demand - P1 * flow
+    if p[P.ACT_ROD_SIDE] >= 0.0:
+        throttled -= P2 * rod_side_intake(p, y, v, P2, Ps)
+    else:
+        throttled += Ps * p[P.AREA_TOP] * v
+    return throttled + friction_force(p, y, v, P1, z) * v
+
+
+@compiled
+def force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t):
+    """What acts along the leg besides P1 A1 [N]: rod side, friction, end stops and the effects of the force balance."""
+    force = -P2 * p[P.AREA_TOP] - friction_force(p, y, v, P1, z)
+    force += friction.end_stop_force(
+        y, v, p[P.STROKE], p[P.CUSHION_LENGTH], p[P.CUSHION_STIFFNESS], p[P.CUSHION_DAMPING]
+    )
+    force += p[P.EXTRA_FORCE] - p[P.EXTRA_SPRING] * (y - 0.5 * p[P.STROKE]) - p[P.EXTRA_DAMPING] * v
+    if p[P.TONE_FORCE] != 0.0:
+        force += p[P.TONE_FORCE] * math.sin(2.0 * math.pi * p[P.TONE_FREQUENCY] * t + p[P.TONE_PHASE])
+    if p[P.LEARNED_BALANCE] == LEARNED_FORCE:
+        force += learned_term(p, y, v, volts, P1, Ps, t)
+    return force
+
+
+@compiled
+def valve_volts(volts, hysteresis, delay_samples):
+    """What reaches the spool after delay and backlash, sample by sample: (n,) -> (n,). Starts at rest at volts[0]."""
+    n = volts.shape[0]
+    out = np.empty(n)
+    held = volts[0]
+    for i in range(n):
+        held = valve.play(volts[max(i - delay_samples, 0)], held, hysteresis)
+        out[i] = held
+    return out

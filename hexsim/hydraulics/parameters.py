@@ -1,0 +1,158 @@
+"""One leg's numbers as one row, so that compiled functions, MuJoCo's `actuator_user` and tracing share them.
+
+A row is a float array (N_PARAMETERS,), SI units. Every library effect is a term that vanishes at the row's neutral
+value, so the declared machine is the row with all effects neutral.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from hexsim.machine.declaration import Machine
+
+LEARNED_KNOTS = 33  # a learned term is a curve through this many equidistant knots
+
+
+class P(IntEnum):
+    """Places in a leg's row. Compiled code reads them as constants."""
+
+    # supply and oil
+    SUPPLY_PRESSURE = 0
+    TANK_PRESSURE = 1
+    RETURN_RESISTANCE = 2
+    DENSITY = 3
+    BULK_MODULUS = 4
+    AIR_FRACTION = 5
+    # cylinder
+    AREA_BOTTOM = 6
+    AREA_TOP = 7
+    STROKE = 8
+    PIPELINE_VOLUME = 9
+    HOSE_COMPLIANCE = 10
+    LENGTH_OFFSET = 11
+    ROD_SIDE_VOLUME = 12
+    ROD_SIDE_CONDUCTANCE = 13
+    CUSHION_LENGTH = 14
+    CUSHION_STIFFNESS = 15
+    CUSHION_DAMPING = 16
+    # leakage
+    LEAK_SUPPLY_CHAMBER = 17
+    LEAK_CHAMBER_TANK = 18
+    CLEARANCE_CONDUCTANCE = 19
+    CLEARANCE_LENGTH = 20
+    # valve
+    SPOOL_GAIN = 21
+    SPOOL_TRAVEL = 22
+    NULL_OFFSET = 23
+    NULL_DRIFT = 24
+    OVERLAP_SUPPLY = 25
+    OVERLAP_TANK = 26
+    EDGE_ROUNDING = 27
+    AREA_GRADIENT_SUPPLY = 28
+    AREA_GRADIENT_TANK = 29
+    QUADRATIC_GAIN = 30
+    DISCHARGE = 31
+    PRESSURE_WIDTH = 32
+    SPOOL_OMEGA = 33
+    SPOOL_DAMPING = 34
+    SPOOL_RATE = 35
+    HYSTERESIS = 36
+    VALVE_DELAY = 37
+    # friction
+    VISCOUS_EXTEND = 38
+    VISCOUS_RETRACT = 39
+    COULOMB_EXTEND = 40
+    COULOMB_RETRACT = 41
+    STATIC_EXTEND = 42
+    STATIC_RETRACT = 43
+    STRIBECK_VELOCITY = 44
+    SHARPNESS = 45
+    ARCTAN_SLOPE = 46
+    SEAL_FRICTION = 47
+    RIPPLE_FORCE = 48
+    RIPPLE_LENGTH = 49
+    RIPPLE_PHASE = 50
+    BRISTLE_STIFFNESS = 51
+    BRISTLE_DAMPING = 52
+    # forces on the leg's axis that the mechanical model does not carry
+    EXTRA_FORCE = 53
+    EXTRA_SPRING = 54
+    EXTRA_DAMPING = 55
+    TONE_FORCE = 56
+    TONE_FREQUENCY = 57
+    TONE_PHASE = 58
+    # learned term
+    LEARNED_BALANCE = 59
+    LEARNED_SIGNAL = 60
+    LEARNED_START = 61
+    LEARNED_STEP = 62
+    # where the leg's states stand in MuJoCo's `act`; -1 = the leg has no such state
+    ACT_SPOOL = 63
+    ACT_BRISTLE = 64
+    ACT_ROD_SIDE = 65
+    ACT_PRESSURE = 66
+    ACT_SUPPLY = 67
+    IMPLICIT_STEP = 68
+    BASE_MASS = 69
+    BRISTLE_STEP = 70
+
+
+LEARNED_TABLE = len(P)  # the curve stands behind the named places
+N_PARAMETERS = LEARNED_TABLE + LEARNED_KNOTS
+
+
+def declared_rows(machine: Machine) -> np.ndarray:
+    """Rows (n_legs, N_PARAMETERS) of the machine as declared, without its [effects].
+
+    Spool Eq. 3.2: gain = x_max/u_max. Area gradient Eq. 3.3: pi d, with the sharp or rounded overlap law, or
+    Eq. 3.11 when QUADRATIC_GAIN > 0. State places are -1 until a plant lays them out.
+    """
+    row = np.zeros(N_PARAMETERS)
+    cylinder, valve, friction = machine.cylinder, machine.valve, machine.friction
+    values = {
+        P.SUPPLY_PRESSURE: machine.supply.pressure_Pa,
+        P.TANK_PRESSURE: machine.supply.tank_pressure_Pa,
+        P.DENSITY: machine.oil.density_kg_m3,
+        P.BULK_MODULUS: machine.oil.bulk_modulus_Pa,
+        P.AREA_BOTTOM: cylinder.area_bottom_m2,
+        P.AREA_TOP: cylinder.area_top_m2,
+        P.STROKE: cylinder.stroke_m,
+        P.PIPELINE_VOLUME: cylinder.pipeline_volume_m3,
+        P.ROD_SIDE_VOLUME: cylinder.rod_side_volume_m3,
+        P.ROD_SIDE_CONDUCTANCE: cylinder.rod_side_conductance_m3_s_sqrtPa,
+        P.CUSHION_LENGTH: cylinder.cushion_length_m,
+        P.CUSHION_STIFFNESS: cylinder.cushion_stiffness_N_m,
+        P.CUSHION_DAMPING: cylinder.cushion_damping_N_s_m,
+        P.CLEARANCE_LENGTH: 3.0e-6,  # [m] assumed radial clearance scale of the land
+        P.SPOOL_GAIN: valve.spool_travel_max_m / valve.voltage_max_V,
+        P.SPOOL_TRAVEL: valve.spool_travel_max_m,
+        P.OVERLAP_SUPPLY: valve.overlap_m,
+        P.OVERLAP_TANK: valve.overlap_m,
+        P.EDGE_ROUNDING: valve.edge_rounding_m,
+        P.AREA_GRADIENT_SUPPLY: np.pi * valve.spool_diameter_m,
+        P.AREA_GRADIENT_TANK: np.pi * valve.spool_diameter_m,
+        P.QUADRATIC_GAIN: valve.quadratic_gain if valve.flow_area == "quadratic" else 0.0,
+        P.DISCHARGE: valve.discharge_coefficient,
+        P.PRESSURE_WIDTH: valve.pressure_width_Pa,
+        P.SPOOL_OMEGA: 2 * np.pi * valve.spool_frequency_Hz,
+        P.SPOOL_DAMPING: valve.spool_damping,
+        P.VISCOUS_EXTEND: friction.viscous_extend_N_s_m,
+        P.VISCOUS_RETRACT: friction.viscous_retract_N_s_m,
+        P.COULOMB_EXTEND: friction.coulomb_extend_N,
+        P.COULOMB_RETRACT: friction.coulomb_retract_N,
+        P.STATIC_EXTEND: friction.static_extend_N,
+        P.STATIC_RETRACT: friction.static_retract_N,
+        P.STRIBECK_VELOCITY: friction.stribeck_velocity_m_s,
+        P.SHARPNESS: friction.sharpness_m_s,
+        P.ARCTAN_SLOPE: friction.arctan_slope_s_m if friction.form == "report" else 0.0,
+        P.RIPPLE_LENGTH: 1.0,
+        P.BASE_MASS: machine.load.moving_mass_kg or 0.0,
+        P.ACT_SPOOL: -1, P.ACT_BRISTLE: -1, P.ACT_ROD_SIDE: -1, P.ACT_PRESSURE: -1, P.ACT_SUPPLY: -1,
+    }  # fmt: skip
+    for name, value in values.items():
+        row[name] = value
+    return np.tile(row, (machine.n_legs, 1))

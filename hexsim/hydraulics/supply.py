@@ -1,0 +1,265 @@
+"""Supply: what stands between the motor and the valves.
+
+    constant    Ps = P0                                                             (report)
+    line        C dPs/dt = min((P0 - Ps)/R, Q_max) - q                              line, accumulator, pump limit
+    power unit  variable vane pump, accumulator, line, relief valve, reservoir      (report 2.2.2)
+
+q is the flow that all legs take together. The supply's row and states belong to one more actuator of the MuJoCo model,
+whose ctrl is 1 while the motor is switched on and whose last state is Ps.
+
+Power unit (gauge pressures; `_abs` = from vacuum), s the motor's speed as a fraction of its nominal one:
+    ds/dt    = (on - s)/T_m                                                         motor
+    dQ_p/dt  = (s min(Q_max clip((P0 - P_p)/droop, 0, 1), Q_motor) - Q_p)/T_p       pressure compensator, vane pump
+               Q_motor = (power rating - friction)/P_p - leak                       no more than the motor can drive
+    C_p dP_p/dt = Q_p - Q_relief - Q_l,  C_p = V_gas/(n P_abs) + V_p/E              accumulator and pump side
+               V_gas = V_0 (P_pre/P_abs)^(1/n) above the precharge; below it the gas is shut off
+    I dQ_l/dt = P_p - P_s - R_lam Q_l - R_turb Q_l |Q_l|                            line with filter and fittings
+    C_s dP_s/dt = Q_l - q,  C_s = (V_manifold + V_annuli)/E + V_hose/E_hose         manifold
+    C_T dT/dt = heat - k (T - T_ambient)                                            reservoir
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hexsim.hydraulics import chamber
+from hexsim.hydraulics.chamber import ATMOSPHERE
+from hexsim.hydraulics.compiled import compiled
+
+if TYPE_CHECKING:
+    from hexsim.machine.declaration import Machine
+
+
+class S(IntEnum):
+    """Places in the supply's row."""
+
+    MODEL = 0  # 0 constant, 1 line, 2 power unit
+    PRESSURE = 1  # [Pa] constant supply, or where the pump's flow is zero
+    RESISTANCE = 2
+    CAPACITY = 3
+    ACT = 4  # first of the supply's states in MuJoCo's `act`
+    STATES = 5  # how many; the last one is Ps
+    FLOW_MAX = 6  # 0 = no limit
+    # power unit
+    MOTOR_POWER = 7
+    MOTOR_TIME = 8
+    PUMP_FLOW_MAX = 9
+    PUMP_DROOP = 10
+    PUMP_TIME = 11
+    PUMP_LEAK = 12
+    PUMP_FRICTION = 13
+    GAS_VOLUME = 14
+    PRECHARGE = 15  # [Pa] absolute
+    EXPONENT = 16
+    PUMP_SIDE_VOLUME = 17
+    LINE_INERTANCE = 18
+    LINE_LAMINAR = 19
+    LINE_TURBULENT = 20
+    MANIFOLD_VOLUME = 21
+    HOSE_COMPLIANCE = 22
+    RELIEF_PRESSURE = 23
+    RELIEF_CONDUCTANCE = 24
+    BULK_MODULUS = 25
+    AIR_FRACTION = 26
+    HEAT_CAPACITY = 27
+    COOLING = 28
+    AMBIENT = 29
+    START_TEMPERATURE = 30
+    IMPLICIT_STEP = 31  # [s] fast scheme: the manifold answers to the line flow at the step's end
+    BURST = 32  # [m3/s/sqrt(Pa)] hole in the manifold's hose, for faults; 0 = whole
+
+
+class U(IntEnum):
+    """States of a power unit, in their order in `act` (pressures in MPa there, in Pa everywhere else)."""
+
+    SPEED = 0  # [1]
+    PUMP_FLOW = 1  # [m3/s]
+    LINE_FLOW = 2  # [m3/s]
+    PUMP_PRESSURE = 3  # at pump and accumulator
+    TEMPERATURE = 4  # [degC]
+    PRESSURE = 5  # Ps, at the manifold
+
+
+N_SUPPLY = len(S)
+N_POWER_UNIT_STATES = len(U)
+CONSTANT, LINE, POWER_UNIT = 0, 1, 2
+
+
+@compiled
+def line_rate(pressure, demand, nominal, resistance, capacity, flow_max):
+    """dPs/dt [Pa/s] of a manifold behind a laminar line with a linear accumulator; flow_max 0 = no limit."""
+    delivered = (nominal - pressure) / resistance
+    if flow_max > 0.0:
+        delivered = min(delivered, flow_max)
+    return (delivered - demand) / capacity
+
+
+@compiled
+def motor_flow_limit(s, pressure):
+    """Flow [m3/s] at which the motor is at its rating."""
+    driven = (s[S.MOTOR_POWER] - s[S.PUMP_FRICTION]) / max(pressure, 1.0e5)
+    return max(driven - s[S.PUMP_LEAK] * max(pressure, 0.0), 0.0)
+
+
+@compiled
+def pump_flow_command(s, speed, pressure):
+    """Flow [m3/s] that the pressure compensator sets: full below P0 - droop, none above P0, never beyond the motor."""
+    share = min(max((s[S.PRESSURE] - pressure) / s[S.PUMP_DROOP], 0.0), 1.0)
+    return speed * min(s[S.PUMP_FLOW_MAX] * share, motor_flow_limit(s, pressure))
+
+
+@compiled
+def gas_volume(s, pressure):
+    """Gas volume of the accumulator [m3]; all of it below the precharge."""
+    absolute = max(pressure + ATMOSPHERE, s[S.PRECHARGE])
+    return s[S.GAS_VOLUME] * (s[S.PRECHARGE] / absolute) ** (1.0 / s[S.EXPONENT])
+
+
+@compiled
+def accumulator_oil(s, pressure):
+    """Oil in the accumulator [m3]."""
+    return s[S.GAS_VOLUME] - gas_volume(s, pressure)
+
+
+@compiled
+def accumulator_energy(s, pressure):
+    """Work [J] that the oil has done on the gas since precharge, atmosphere's share taken off."""
+    absolute = max(pressure + ATMOSPHERE, s[S.PRECHARGE])
+    gas, n = gas_volume(s, pressure), s[S.EXPONENT]
+    if n - 1.0 < 1.0e-9:
+        work = s[S.PRECHARGE] * s[S.GAS_VOLUME] * math.log(s[S.GAS_VOLUME] / gas)
+    else:
+        work = (absolute * gas - s[S.PRECHARGE] * s[S.GAS_VOLUME]) / (n - 1.0)
+    return work - ATMOSPHERE * (s[S.GAS_VOLUME] - gas)
+
+
+@compiled
+def pump_side_capacity(s, pressure):
+    """C_p [m3/Pa] of accumulator and oil at the pump."""
+    oil = s[S.PUMP_SIDE_VOLUME] / s[S.BULK_MODULUS]
+    absolute = pressure + ATMOSPHERE
+    if absolute <= s[S.PRECHARGE]:
+        return oil
+    return oil + gas_volume(s, pressure) / (s[S.EXPONENT] * absolute)
+
+
+@compiled
+def manifold_capacity(s, pressure):
+    """C_s [m3/Pa] of manifold, annuli and hose."""
+    return chamber.capacity(s[S.MANIFOLD_VOLUME], pressure, s[S.BULK_MODULUS], s[S.AIR_FRACTION], s[S.HOSE_COMPLIANCE])
+
+
+@compiled
+def relief_flow(s, pressure):
+    """Flow back to the reservoir [m3/s]."""
+    return s[S.RELIEF_CONDUCTANCE] * max(pressure - s[S.RELIEF_PRESSURE], 0.0)
+
+
+@compiled
+def pump_leakage(s, speed, pressure):
+    """Case drain of the running pump [m3/s]; a check valve holds the pressure when it stands."""
+    return s[S.PUMP_LEAK] * max(pressure, 0.0) * speed
+
+
+@compiled
+def line_drop(s, flow):
+    """Pressure lost in line, filter and fittings [Pa]."""
+    return (s[S.LINE_LAMINAR] + s[S.LINE_TURBULENT] * abs(flow)) * flow
+
+
+@compiled
+def burst_flow(s, pressure):
+    """Flow [m3/s] out of a burst hose."""
+    return s[S.BURST] * math.sqrt(max(pressure, 0.0))
+
+
+@compiled
+def motor_power(s, speed, flow, pressure):
+    """Shaft power [W]: delivered flow, case drain and friction."""
+    return pressure * (flow + pump_leakage(s, speed, pressure)) + speed * s[S.PUMP_FRICTION]
+
+
+@compiled
+def power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure):
+    """Heat [W] that pump, relief valve, line and a burst hose put into the oil."""
+    lost = pump_leakage(s, speed, pump_pressure) + relief_flow(s, pump_pressure)
+    heat = pump_pressure * lost + speed * s[S.PUMP_FRICTION] + line_drop(s, line_flow) * line_flow
+    return heat + pressure * burst_flow(s, pressure)
+
+
+@compiled
+def power_unit_rates(s, state, switched_on, demand, leg_heat):
+    """d state/dt (6 numbers, places U, SI). demand [m3/s] and leg_heat [W]: of all legs together."""
+    speed, flow, line_flow, pump_pressure, temperature, pressure = state
+    step = s[S.IMPLICIT_STEP]
+    net = flow - relief_flow(s, pump_pressure) - line_flow
+    resisting = s[S.LINE_LAMINAR] + 2.0 * s[S.LINE_TURBULENT] * abs(line_flow)
+    surge = (pump_pressure - pressure - line_drop(s, line_flow)) / (s[S.LINE_INERTANCE] + step * resisting)
+    heat = leg_heat + power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure)
+    gain = line_flow + step * surge - demand - burst_flow(s, pressure)
+    return (
+        (switched_on - speed) / s[S.MOTOR_TIME],
+        (pump_flow_command(s, speed, pump_pressure) - flow) / s[S.PUMP_TIME],
+        surge,
+        net / pump_side_capacity(s, pump_pressure),
+        (heat - s[S.COOLING] * (temperature - s[S.AMBIENT])) / s[S.HEAT_CAPACITY],
+        chamber.pressure_rate(gain, manifold_capacity(s, pressure), pressure),
+    )
+
+
+def power_unit_start(s: np.ndarray) -> np.ndarray:
+    """States (places U, SI) at rest: motor at speed, all at P0, no flow, oil at its starting temperature."""
+    state = np.zeros(N_POWER_UNIT_STATES)
+    state[U.SPEED] = 1.0
+    state[U.PUMP_PRESSURE] = state[U.PRESSURE] = s[S.PRESSURE]
+    state[U.TEMPERATURE] = s[S.START_TEMPERATURE]
+    return state
+
+
+def declared_supply(machine: Machine) -> np.ndarray:
+    """The supply's row (N_SUPPLY,) as declared: constant, or the power unit with oil at its reference temperature."""
+    row = np.zeros(N_SUPPLY)
+    row[S.PRESSURE] = machine.supply.pressure_Pa
+    if machine.power_unit is None:
+        return row
+    from hexsim.hydraulics.oil import TELLUS_T46, dynamic_viscosity  # oil reads the places of this row
+
+    unit, oil, cylinder = machine.power_unit, machine.oil, machine.cylinder
+    bore = math.pi / 4 * unit.line_diameter_m**2
+    viscosity = dynamic_viscosity(oil.temperature_degC, machine.supply.pressure_Pa, oil.density_kg_m3)
+    hose = 128 * viscosity * unit.line_length_m / (math.pi * unit.line_diameter_m**4)  # Hagen-Poiseuille
+    annuli = machine.n_legs * cylinder.area_top_m2 * cylinder.stroke_m / 2 if cylinder.rod_side == "supply" else 0.0
+    values = {
+        S.MODEL: POWER_UNIT,
+        S.STATES: N_POWER_UNIT_STATES,
+        S.MOTOR_POWER: unit.motor_power_W,
+        S.MOTOR_TIME: unit.motor_time_constant_s,
+        S.PUMP_FLOW_MAX: unit.pump_flow_max_m3_s,
+        S.PUMP_DROOP: unit.pump_droop_Pa,
+        S.PUMP_TIME: unit.pump_time_constant_s,
+        S.PUMP_LEAK: unit.pump_leakage_m3_s_Pa,
+        S.PUMP_FRICTION: unit.pump_friction_W,
+        S.GAS_VOLUME: unit.accumulator_volume_m3,
+        S.PRECHARGE: unit.accumulator_precharge_fraction * machine.supply.pressure_Pa + ATMOSPHERE,
+        S.EXPONENT: unit.polytropic_exponent,
+        S.PUMP_SIDE_VOLUME: unit.pump_side_volume_m3,
+        S.LINE_INERTANCE: oil.density_kg_m3 * unit.line_length_m / bore,
+        S.LINE_LAMINAR: hose + unit.filter_resistance_Pa_s_m3,
+        S.LINE_TURBULENT: unit.line_resistance_Pa_s2_m6,
+        S.MANIFOLD_VOLUME: unit.manifold_volume_m3 + annuli,
+        S.HOSE_COMPLIANCE: bore * unit.line_length_m / unit.hose_modulus_Pa,
+        S.RELIEF_PRESSURE: unit.relief_pressure_Pa,
+        S.RELIEF_CONDUCTANCE: unit.relief_conductance_m3_s_Pa,
+        S.BULK_MODULUS: oil.bulk_modulus_Pa,
+        S.HEAT_CAPACITY: oil.density_kg_m3 * TELLUS_T46.specific_heat_J_kg_K * unit.reservoir_volume_m3,
+        S.COOLING: unit.cooling_W_K,
+        S.AMBIENT: unit.ambient_temperature_degC,
+        S.START_TEMPERATURE: unit.oil_temperature_degC,
+    }
+    for place, value in values.items():
+        row[place] = value
+    return row

@@ -1,0 +1,1 @@
+"""The motion computer: setpoint signals, modes and states, position control."""

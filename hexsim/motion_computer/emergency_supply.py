@@ -1,0 +1,84 @@
+"""The supply once its pump stops: the unit's own state, or a stand-in for the accumulator of a constant supply.
+
+Stand-in, for machines whose supply is a constant: P = P0 (V_g/(V_g + dV))^n while the accumulator holds oil, with dV
+what the legs have taken (retraction takes A2 v, extension (A1 - A2) v), and once it is empty the line pressure
+decays in `LINE_DECAY_S`; when the pump runs again it comes back as fast. Assumed sizes: 4 l, precharge 0.8 P0, n = 1.3.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.supply import POWER_UNIT, S, U
+from hexsim.plant import Plant
+
+VOLUME_m3 = 4.0e-3
+PRECHARGE = 0.8
+EXPONENT = 1.3
+IDLE_LEAKAGE_m3_s = 5.0e-6  # valves, pump and drain, 0.3 l/min
+LINE_DECAY_S = 0.3
+
+
+class EmergencySupply:
+    """Drives the supply of a plant: `tick(pump_on, dt)` once a tick.
+
+    tripped: the pump has stopped by itself. ceiling_Pa: the line cannot hold more (a burst): with a power unit a hole
+    in the manifold's hose, as large as makes the full pump flow leave at about that pressure.
+    """
+
+    def __init__(self, plant: Plant) -> None:
+        self.plant = plant
+        self.nominal = float(plant.machine.supply.pressure_Pa)
+        self.tank = float(plant.machine.supply.tank_pressure_Pa)
+        self.tripped = False
+        self.ceiling_Pa = math.inf
+        self.running = True
+        self.power_unit = plant.has_supply_states and int(plant.resolved.supply[S.MODEL]) == POWER_UNIT
+        self._gas = VOLUME_m3 * PRECHARGE ** (1.0 / EXPONENT)
+        self._taken = 0.0
+        self._pressure = self.nominal
+        self._positions = np.zeros(plant.n_legs)
+        self._moved = False
+
+    def tick(self, pump_on: bool, dt: float) -> None:
+        running = self.running = pump_on and not self.tripped
+        plant = self.plant
+        if plant.has_supply_states:
+            plant.data.ctrl[plant.n_legs] = 1.0 if running else 0.0
+            if math.isfinite(self.ceiling_Pa) and self.power_unit:
+                full_flow = plant.resolved.supply[S.PUMP_FLOW_MAX]
+                share = (self.nominal - self.ceiling_Pa) / self.nominal
+                hole = share * full_flow / math.sqrt(max(self.ceiling_Pa, 1.0e4))
+                plant.model.actuator_user[plant.n_legs, S.BURST] = plant.resolved.supply[S.BURST] = hole
+            return
+        if running and not math.isfinite(self.ceiling_Pa) and not self._moved:
+            return
+        positions = plant.piston_positions().copy()
+        step = positions - self._positions if self._moved else np.zeros_like(positions)
+        self._positions, self._moved = positions, True
+        pressure = min(self._stand_in(running, step, dt), self.ceiling_Pa)
+        self._pressure = max(pressure, self.tank)
+        plant.rows[:, P.SUPPLY_PRESSURE] = self._pressure
+        plant.model.actuator_user[: plant.n_legs, P.SUPPLY_PRESSURE] = self._pressure
+
+    def oil_temperature_degC(self) -> float | None:
+        """Of the reservoir, where the machine has a power unit."""
+        if not self.power_unit:
+            return None
+        return float(self.plant.data.act[int(self.plant.resolved.supply[S.ACT]) + U.TEMPERATURE])
+
+    def _stand_in(self, running: bool, step: np.ndarray, dt: float) -> float:
+        """Supply pressure after this tick [Pa]."""
+        if running:
+            self._taken = 0.0
+            return self.nominal + (self._pressure - self.nominal) * math.exp(-dt / LINE_DECAY_S)
+        row = self.plant.rows[0]
+        self._taken += float(np.sum(row[P.AREA_BOTTOM] * np.maximum(step, 0.0) - row[P.AREA_TOP] * step))
+        self._taken += IDLE_LEAKAGE_m3_s * dt
+        gas = self.nominal * (self._gas / (self._gas + max(self._taken, 0.0))) ** EXPONENT
+        if gas > PRECHARGE * self.nominal:
+            return gas
+        return self._pressure * math.exp(-dt / LINE_DECAY_S)

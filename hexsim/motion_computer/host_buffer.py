@@ -1,0 +1,132 @@
+"""From packets that are late, lost, doubled or out of order to a smooth target at each control tick.
+
+Setpoints are played `delay` after the host's clock, so that as a rule a later one is already there; in between a cubic
+through the neighbouring setpoints (Catmull-Rom on their own times) gives position, velocity and acceleration. Where
+nothing later has come, the target goes on with its velocity for `COAST_S` and then stands still.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right, insort
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexsim.motion_computer.host_packet import HostCommand
+
+Array = NDArray[np.float64]
+KEEP = 64  # setpoints
+COAST_S = 0.03
+DRIFT = 1.0e-3  # how fast the clock offset may grow when packets come later and later
+SHORTEST_GAP_S = 1.0e-4  # between two setpoints
+SHORTEST_DELAY_S, LONGEST_DELAY_S = 0.004, 0.06
+NEW_SESSION_S = 1.0  # silence or a jump of the host's clock after which all begins anew
+HALF = 2**31
+
+
+class HostBuffer:
+    """Setpoints of one host. counts: accepted, doubled, late (too late to be played), wrong (clock runs backwards)."""
+
+    def __init__(self) -> None:
+        self.counts = {"accepted": 0, "doubled": 0, "late": 0, "wrong": 0, "sessions": 0}
+        self._clear()
+
+    def _clear(self) -> None:
+        self._samples: list[tuple[float, int, tuple[float, ...]]] = []  # (host time, sequence, setpoints)
+        self._offset = 0.0
+        self._period = 0.0
+        self.newest: HostCommand | None = None
+        self.heard_s = -np.inf
+        self._played = -np.inf
+
+    def add(self, command: HostCommand, now_s: float) -> bool:
+        """Take a command that arrived at machine time now_s; False when it is not used. Any input is survived."""
+        newest = self.newest
+        if newest is not None and now_s - self.heard_s > NEW_SESSION_S:
+            self._clear()
+            newest = None
+        if newest is None:
+            self.counts["sessions"] += 1
+            self._offset = now_s - command.time_s
+        else:
+            ahead = (command.sequence - newest.sequence + HALF) % 2**32 - HALF
+            if ahead == 0 or any(sequence == command.sequence for _, sequence, _ in self._samples):
+                self.counts["doubled"] += 1
+                return False
+            if abs(command.time_s + self._offset - now_s) > NEW_SESSION_S or (ahead > 0) != (
+                command.time_s > newest.time_s
+            ):
+                self.counts["wrong"] += 1
+                return False
+            if any(abs(time - command.time_s) < SHORTEST_GAP_S for time, _, _ in self._samples):
+                self.counts["wrong"] += 1
+                return False
+            if ahead < 0 and command.time_s <= self._played:
+                self.counts["late"] += 1
+                return False
+            if ahead > 0:
+                gap = (command.time_s - newest.time_s) / ahead
+                self._period += 0.1 * (gap - self._period) if self._period else gap
+            self._offset = min(self._offset + DRIFT * max(now_s - self.heard_s, 0.0), now_s - command.time_s)
+        if newest is None or command.time_s > newest.time_s:
+            self.newest = command
+        self.heard_s = now_s
+        insort(self._samples, (command.time_s, command.sequence, command.setpoints))
+        del self._samples[:-KEEP]
+        self.counts["accepted"] += 1
+        return True
+
+    @property
+    def delay_s(self) -> float:
+        """How long after the host's clock a setpoint is played: two packet periods."""
+        return min(max(2.0 * self._period, SHORTEST_DELAY_S), LONGEST_DELAY_S)
+
+    def target(self, now_s: float) -> tuple[Array, Array, Array]:
+        """Position, velocity, acceleration (6,) to be followed at machine time now_s."""
+        zero = np.zeros(6)
+        if not self._samples:
+            return zero, zero, zero
+        time = max(now_s - self._offset - self.delay_s, self._played)
+        self._played = time
+        place = bisect_right(self._samples, time, key=lambda sample: sample[0])
+        if place == 0:
+            return np.array(self._samples[0][2]), zero, zero
+        if place == len(self._samples):
+            return self._coast(time)
+        return self._cubic(place, time)
+
+    def _slope(self, place: int) -> Array:
+        """Velocity at a setpoint: the parabola through it and its neighbours; one-sided at the ends."""
+        samples = self._samples
+        here = np.array(samples[place][2])
+        before = place - 1 if place > 0 else place
+        after = place + 1 if place + 1 < len(samples) else place
+        t0, t1, t2 = samples[before][0], samples[place][0], samples[after][0]
+        left = (here - np.array(samples[before][2])) / (t1 - t0) if before != place else None
+        right = (np.array(samples[after][2]) - here) / (t2 - t1) if after != place else None
+        if left is None:
+            return np.zeros(6) if right is None else right
+        if right is None:
+            return left
+        return (left * (t2 - t1) + right * (t1 - t0)) / (t2 - t0)
+
+    def _cubic(self, place: int, time: float) -> tuple[Array, Array, Array]:
+        t0, _, p0 = self._samples[place - 1]
+        t1, _, p1 = self._samples[place]
+        h, r = t1 - t0, (time - t0) / (t1 - t0)
+        start, change = np.array(p0), np.array(p1) - np.array(p0)
+        m0, m1 = h * self._slope(place - 1), h * self._slope(place)
+        c2, c3 = 3.0 * change - 2.0 * m0 - m1, m0 + m1 - 2.0 * change
+        return (
+            start + r * (m0 + r * (c2 + r * c3)),
+            (m0 + r * (2.0 * c2 + 3.0 * r * c3)) / h,
+            (2.0 * c2 + 6.0 * r * c3) / h**2,
+        )
+
+    def _coast(self, time: float) -> tuple[Array, Array, Array]:
+        last, zero = len(self._samples) - 1, np.zeros(6)
+        beyond = time - self._samples[last][0]
+        slope = self._slope(last) if last > 0 else zero
+        if beyond > COAST_S:
+            return np.array(self._samples[last][2]) + COAST_S * slope, zero, zero
+        return np.array(self._samples[last][2]) + beyond * slope, slope, zero

@@ -1,0 +1,103 @@
+"""The packets between host and motion computer: fixed size, little endian, no padding.
+
+Command, host to machine, 72 bytes
+    offset  type      field
+    0       4 bytes   b"HXC1"
+    4       uint16    command: 0 none, 1 start, 2 run_manual, 3 run_normal, 4 return_neutral, 5 settle, 6 reset
+    6       uint16    mode: 0 degrees of freedom, 1 single actuators (counts when run_normal is taken)
+    8       uint32    sequence, one more at each packet, wraps
+    12      uint32    reserved, 0
+    16      float64   time [s] of the setpoint, host's own clock, rising
+    24      6 float64 setpoints: x y z [m] roll pitch yaw [rad] from neutral; mode 1: legs 1..6 [m] from mid stroke
+
+Reply, machine to host, 136 bytes, after each tick in which a valid command came
+    0       4 bytes   b"HXS1"
+    4       uint16    state: 0 off, 1 starting, 2 neutral, 3 manual, 4 normal, 5 settling, 6 fault
+    6       uint16    errors, bits of `errors.Error`
+    8       uint32    sequence of the newest command heard
+    12      uint32    bit 0: arrived (neutral reached, or at rest); bit 1: the last command was refused
+    16      float64   machine time [s]
+    24      float64   how far the machine is behind real time [s]
+    32      float64   age of the newest setpoint [s]
+    40      6 float64 actual pose by the inverse axis transformation, x y z [m] roll pitch yaw [rad]
+    88      6 float64 pose asked for after limits
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+
+from hexsim.errors import HexsimError
+from hexsim.motion_computer.computer import COMMANDS
+from hexsim.motion_computer.errors import Error
+from hexsim.motion_computer.states import State
+
+COMMAND = struct.Struct("<4sHHIId6d")
+REPLY = struct.Struct("<4sHHIIddd6d6d")
+COMMAND_MAGIC, REPLY_MAGIC = b"HXC1", b"HXS1"
+NUMBERS = ("none", *COMMANDS)
+LARGEST = 1.0e3  # no setpoint in m or rad is larger
+Six = tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class HostCommand:
+    sequence: int
+    time_s: float
+    setpoints: Six
+    command: str = "none"
+    mode: int = 0
+
+    def pack(self) -> bytes:
+        if self.command not in NUMBERS:
+            raise HexsimError(f"unknown command {self.command!r}: give one of {', '.join(NUMBERS)}")
+        number = NUMBERS.index(self.command)
+        return COMMAND.pack(COMMAND_MAGIC, number, self.mode, self.sequence % 2**32, 0, self.time_s, *self.setpoints)
+
+
+def unpack_command(data: bytes) -> HostCommand | None:
+    """The command, or None for anything that is not one: wrong size, magic, number, or values that are not finite."""
+    if len(data) != COMMAND.size or data[:4] != COMMAND_MAGIC:
+        return None
+    _, number, mode, sequence, reserved, time_s, *setpoints = COMMAND.unpack(data)
+    if number >= len(NUMBERS) or mode > 1 or reserved != 0 or not math.isfinite(time_s):
+        return None
+    if not all(abs(value) <= LARGEST for value in setpoints):  # False for NaN too
+        return None
+    return HostCommand(sequence=sequence, time_s=time_s, setpoints=tuple(setpoints), command=NUMBERS[number], mode=mode)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reply:
+    state: State
+    errors: Error
+    sequence: int
+    arrived: bool
+    refused: bool
+    time_s: float
+    behind_s: float
+    age_s: float
+    pose: Six
+    asked: Six
+
+    def pack(self) -> bytes:
+        flags = int(self.arrived) | int(self.refused) << 1
+        return REPLY.pack(
+            REPLY_MAGIC, int(self.state), int(self.errors), self.sequence, flags,
+            self.time_s, self.behind_s, self.age_s, *self.pose, *self.asked,
+        )  # fmt: skip
+
+
+def unpack_reply(data: bytes) -> Reply:
+    """Raises HexsimError for anything that is not a reply."""
+    if len(data) != REPLY.size or data[:4] != REPLY_MAGIC:
+        raise HexsimError(
+            f"this is no reply of a motion computer: {len(data)} bytes, expected {REPLY.size} from {REPLY_MAGIC!r}"
+        )
+    _, state, errors, sequence, flags, time_s, behind_s, age_s, *poses = REPLY.unpack(data)
+    return Reply(
+        state=State(state), errors=Error(errors), sequence=sequence, arrived=bool(flags & 1), refused=bool(flags & 2),
+        time_s=time_s, behind_s=behind_s, age_s=age_s, pose=tuple(poses[:6]), asked=tuple(poses[6:]),
+    )  # fmt: skip

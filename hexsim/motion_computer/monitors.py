@@ -1,0 +1,242 @@
+"""Monitors: what the motion computer watches at each tick, and when it calls it an error.
+
+Each leg is held against a model of the position loop that a data sheet suffices for,
+
+    y_m' = K_v sat(Kp (s - y_m)),   K_v velocity gain [m/s/V],
+
+so that the ordinary lag of the loop is no error: a piston must stay between model and setpoint, within a tolerance.
+The same model stands in for a transducer that is lost, moved by what the other legs show the model to be off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from hexsim.kinematics import HexapodKinematics
+from hexsim.machine.declaration import Machine
+from hexsim.motion_computer.errors import Error, Finding
+
+Array = NDArray[np.float64]
+OK, LOST, OUT_OF_RANGE, JUMP, FROZEN, LEG_ERROR, LEG_PRESSURE = range(7)
+SAYS = {
+    LOST: (Error.SENSOR, "leg {leg}: position signal lost"),
+    OUT_OF_RANGE: (Error.SENSOR, "leg {leg}: position outside the stroke"),
+    JUMP: (Error.SENSOR, "leg {leg}: position jumps"),
+    FROZEN: (Error.SENSOR, "leg {leg}: position stands still while the leg is driven"),
+    LEG_ERROR: (Error.LEG_ERROR, "leg {leg} does not follow its setpoint"),
+    LEG_PRESSURE: (Error.PRESSURE_LOW, "leg {leg}: bottom pressure lost"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tolerances:
+    """When a monitor speaks. Each value is assumed; docs/faults.md shows what it means for detection."""
+
+    leg_error_m: float = 0.012  # beyond the band between model and setpoint
+    leg_error_share: float = 0.35  # of the band's width, for a velocity gain that depends on load and direction
+    leg_error_s: float = 0.010
+    range_m: float = 0.004  # readings this far outside the stroke are no positions
+    jump_m_s: float = 2.0  # no leg is faster
+    bad_readings: int = 3  # one after the other; a single glitch is bridged by the model
+    frozen_s: float = 0.1  # equal readings while the model moves faster than:
+    frozen_velocity_m_s: float = 0.005
+    supply_low: float = 0.8  # of nominal; the precharge of a usual accumulator
+    supply_low_s: float = 0.02
+    leg_pressure_low: float = 0.07  # of the nominal supply
+    leg_pressure_s: float = 0.01
+    oil_hot_degC: float = 65.0
+    host_timeout_s: float = 0.25
+    load_shift_m: float = 0.04  # of the centre of mass
+    load_change: float = 0.10  # of the weight
+    load_filter_s: float = 0.8
+    load_learn_s: float = 2.0
+
+
+def velocity_gain(machine: Machine) -> float:
+    """K_v [m/s/V] of the loop model: the valve at half the supply pressure over the bottom area, both ways alike.
+
+    C_d pi d (x_max/u_max) sqrt(P_s / rho) / A1; measured machines are within a third of it, which the tolerance allows.
+    """
+    valve, oil = machine.valve, machine.oil
+    gradient = np.pi * valve.spool_diameter_m * valve.spool_travel_max_m / valve.voltage_max_V
+    head = machine.supply.pressure_Pa - machine.supply.tank_pressure_Pa
+    flow = valve.discharge_coefficient * gradient * np.sqrt(head / oil.density_kg_m3)
+    return float(flow / machine.cylinder.area_bottom_m2)
+
+
+@njit(cache=True)
+def _watch(setpoint, measured, pressures, model, last, counts, usable, p):
+    """Update model, last good readings and counters; return a code for each leg.
+
+    p: tick, K_v, Kp, V_max, stroke, leg error, share, ticks, range, jump, bad readings, frozen ticks, frozen velocity,
+    leg pressure, ticks, clear of the stops. counts: (4, n) leg error, bad readings, equal readings, low pressure.
+    """
+    n = setpoint.shape[0]
+    codes = np.zeros(n, np.int64)
+    for i in range(n):
+        speed = p[1] * min(max(p[2] * (setpoint[i] - model[i]), -p[3]), p[3])
+        model[i] += p[0] * speed
+        counts[3, i] = counts[3, i] + 1 if pressures[i] < p[13] and measured[i] > p[15] else 0
+        if counts[3, i] >= p[14]:
+            codes[i] = LEG_PRESSURE
+        if not usable[i]:
+            continue
+        reading = measured[i]
+        bad = OK
+        if not np.isfinite(reading):
+            bad = LOST
+        elif reading < -p[8] or reading > p[4] + p[8]:
+            bad = OUT_OF_RANGE
+        elif abs(reading - last[i]) > p[0] * (p[9] + counts[1, i] * abs(speed)):
+            bad = JUMP
+        if bad != OK:
+            counts[1, i] += 1
+            if counts[1, i] >= p[10]:
+                codes[i] = bad
+            continue
+        counts[1, i] = 0
+        driven = abs(speed) > p[12] and p[15] < reading < p[4] - p[15]
+        counts[2, i] = counts[2, i] + 1 if reading == last[i] and driven else 0
+        last[i] = reading
+        if counts[2, i] >= p[11]:
+            codes[i] = FROZEN
+        beyond = max(min(model[i], setpoint[i]) - reading, reading - max(model[i], setpoint[i]))
+        counts[0, i] = counts[0, i] + 1 if beyond > p[5] + p[6] * abs(setpoint[i] - model[i]) else 0
+        if counts[0, i] >= p[7]:
+            codes[i] = LEG_ERROR
+    return codes
+
+
+class LegMonitor:
+    """Position transducers, leg errors and bottom pressures of all legs.
+
+    model: (n,) positions of the loop model; usable: (n,) which transducers are still believed.
+    """
+
+    def __init__(self, machine: Machine, tolerances: Tolerances) -> None:
+        n, tick = machine.n_legs, 1.0 / machine.controller.rate_Hz
+        t = tolerances
+        ticks = lambda seconds: max(1.0, np.ceil(seconds / tick))  # noqa: E731
+        self._p = np.array([
+            tick, velocity_gain(machine), machine.controller.gain_V_per_m, machine.valve.voltage_max_V,
+            machine.cylinder.stroke_m, t.leg_error_m, t.leg_error_share, ticks(t.leg_error_s), t.range_m, t.jump_m_s,
+            t.bad_readings, ticks(t.frozen_s), t.frozen_velocity_m_s,
+            t.leg_pressure_low * machine.supply.pressure_Pa, ticks(t.leg_pressure_s),
+            2.0 * machine.cylinder.cushion_length_m,  # a leg on its stop needs no pressure
+        ])  # fmt: skip
+        self.model = np.zeros(n)
+        self.usable = np.ones(n, dtype=bool)
+        self._last = np.zeros(n)
+        self._counts = np.zeros((4, n), dtype=np.int64)
+        self._started = False
+
+    def start(self, positions: Array) -> None:
+        """Take the machine as it stands: model and last readings at `positions`."""
+        stroke = self._p[4]
+        self.model[:] = np.where(np.isfinite(positions), positions, 0.5 * stroke)
+        self._last[:] = self.model
+        self._counts[:] = 0
+        self.usable[:] = True
+        self._started = True
+
+    def tick(self, setpoint: Array, measured: Array, pressures: Array | None) -> tuple[Array, list[Finding]]:
+        """(positions to control with, what was found). Call at each control tick."""
+        if not self._started:
+            self.start(measured)
+        known = np.full(len(setpoint), np.nan) if pressures is None else pressures
+        codes = _watch(setpoint, measured, known, self.model, self._last, self._counts, self.usable, self._p)
+        findings = []
+        for i in np.flatnonzero(codes):
+            error, text = SAYS[int(codes[i])]
+            findings.append(Finding(error=error, leg=int(i) + 1, detail=text.format(leg=i + 1)))
+            if error == Error.SENSOR:
+                self.usable[i] = False
+        believed = self.usable & (self._counts[1] == 0)
+        if believed.all():
+            return measured, findings
+        off = float(np.mean((measured - self.model)[believed])) if believed.any() else 0.0
+        return np.where(believed, measured, self.model + off), findings
+
+
+class SupplyMonitor:
+    """Supply pressure below a share of nominal for a while; a lost transducer."""
+
+    def __init__(self, machine: Machine, tolerances: Tolerances) -> None:
+        self.nominal = machine.supply.pressure_Pa
+        self.low = tolerances.supply_low * self.nominal
+        self._needed = max(1, round(tolerances.supply_low_s * machine.controller.rate_Hz))
+        self._count = 0
+
+    def tick(self, supply_Pa: float) -> list[Finding]:
+        if not np.isfinite(supply_Pa):
+            return [Finding(error=Error.SENSOR, leg=0, detail="supply pressure signal lost")]
+        self._count = self._count + 1 if supply_Pa < self.low else 0
+        if self._count < self._needed:
+            return []
+        return [
+            Finding(
+                error=Error.PRESSURE_LOW,
+                leg=0,
+                detail=f"supply at {supply_Pa / 1e5:.1f} bar, needed {self.low / 1e5:.1f}",
+            )
+        ]
+
+
+class LoadMonitor:
+    """Weight and centre of mass of what the legs carry, from their bottom pressures; a change is an error.
+
+    Thrusts f = P1 A1 - Ps A2, wrench = J^T f at the measured pose; centre = (-M_y, M_x)/F_z, each twice low-passed with
+    `load_filter_s`. What the first `load_learn_s` show is the reference. Friction passes as a false moment
+    of some mm. Not on a bench, whose friction is as large as its load.
+    """
+
+    EVERY = 10  # control ticks
+
+    def __init__(self, machine: Machine, kinematics: HexapodKinematics | None, tolerances: Tolerances) -> None:
+        self.kinematics, self.tolerances = kinematics, tolerances
+        self.area_bottom, self.area_top = machine.cylinder.area_bottom_m2, machine.cylinder.area_top_m2
+        step = self.EVERY / machine.controller.rate_Hz
+        self._share = step / (step + tolerances.load_filter_s)
+        self._learn = max(1, round(tolerances.load_learn_s / step))
+        self._count = self._seen = 0
+        self._stages: list[Array] = []
+        self._sum = np.zeros(3)
+        self._pose = np.zeros(6)
+
+    def restart(self) -> None:
+        """Learn the reference anew."""
+        self._count = self._seen = 0
+        self._stages, self._sum = [], np.zeros(3)
+
+    def tick(self, positions: Array, pressures: Array | None, supply_Pa: float) -> list[Finding]:
+        self._count += 1
+        if self.kinematics is None or pressures is None or self._count % self.EVERY or not np.isfinite(pressures).all():
+            return []
+        thrust = pressures * self.area_bottom - supply_Pa * self.area_top
+        self._pose = self.kinematics.forward(positions, guess=self._pose)
+        load = (self.kinematics.jacobian(self._pose).T @ thrust)[2:5]  # F_z, M_x, M_y
+        if not self._stages:
+            self._stages = [load.copy(), load.copy()]
+        first, second = self._stages
+        first += self._share * (load - first)
+        second += self._share * (first - second)
+        self._seen += 1
+        if self._seen <= self._learn:
+            self._sum += load
+            second[:] = first[:] = self._sum / self._seen
+            return []
+        return self._compare(second, self._sum / self._learn)
+
+    def _compare(self, now: Array, before: Array) -> list[Finding]:
+        weight = max(abs(before[0]), 1.0)
+        change = (now[0] - before[0]) / weight
+        shift = float(np.hypot(*(now[1:] - before[1:]))) / weight
+        if abs(change) > self.tolerances.load_change:
+            return [Finding(error=Error.LOAD_SHIFTED, leg=0, detail=f"the load changed by {100 * change:.0f} %")]
+        if shift > self.tolerances.load_shift_m:
+            return [Finding(error=Error.LOAD_SHIFTED, leg=0, detail=f"its centre moved by {1000 * shift:.0f} mm")]
+        return []

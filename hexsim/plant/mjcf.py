@@ -1,0 +1,300 @@
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's bindings carry no types)
+"""The machine as a MuJoCo model, made from its geometry: full legs, and the fast tendon equal of the same geometry.
+
+full    universal joint, cylinder, rod on a slide joint, ball end closed by `connect`: the machine that people see.
+tendon  one spatial tendon a leg between two sites; the legs' masses are lumped at the platform joints.
+
+Frames and numbering as in `hexsim.kinematics`. Actuators `leg_1`..`leg_6` (bench: `leg_1`): ctrl = valve volts, act =
+[spool position, spool velocity, bristle, rod side pressure [MPa], pressure [MPa]] as far as the leg has them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from hexsim.hydraulics.parameters import N_PARAMETERS, P
+from hexsim.hydraulics.supply import CONSTANT, S
+from hexsim.kinematics import HexapodKinematics
+from hexsim.machine.resolved import Resolved
+from hexsim.plant import looks
+from hexsim.plant.callbacks import SUPPLY_MARK
+
+ModelKind = Literal["full", "tendon"]
+
+# Measured in shared mujoco.md: 0.05 um violation and 0.04 % of the reversal peak; the default softness loses 43 %.
+STIFF_SOLREF = [0.002, 1.0]
+STIFF_SOLIMP = [0.9999, 0.9999, 0.001, 0.5, 2.0]
+GRAVCOMP_SWITCH = 1e-15  # MuJoCo 4.0 looks at gravcomp only when some body has a positive one
+LEAST_LEG_FRACTION = 1e-3  # a machine without leg mass gets full legs of this share of the platform's mass each
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegBodies:
+    """Masses [kg], centres [m] from their joint and moments [kg m2] of a leg's cylinder and rod."""
+
+    cylinder_mass: float
+    cylinder_centre: float
+    cylinder_inertia: tuple[float, float]  # (transverse, axial)
+    rod_mass: float
+    rod_centre: float  # from the platform joint, towards the base
+    rod_inertia: tuple[float, float]
+
+
+def leg_bodies(resolved: Resolved, neutral_length: float) -> LegBodies:
+    """Cylinder and rod as slender rods: the cylinder spans 60 % of the neutral leg, the rod 55 % (they overlap)."""
+    load, cylinder = resolved.load, resolved.machine.cylinder
+    mass = load.leg_mass_kg or LEAST_LEG_FRACTION * (load.platform_mass_kg or 0.0)
+    rod_mass = load.rod_mass_fraction * mass
+    cylinder_mass = mass - rod_mass
+    cylinder_length, rod_length = 0.6 * neutral_length, 0.55 * neutral_length
+    return LegBodies(
+        cylinder_mass=cylinder_mass,
+        cylinder_centre=cylinder_length / 2,
+        cylinder_inertia=(
+            cylinder_mass * cylinder_length**2 / 12,
+            cylinder_mass * cylinder.piston_diameter_m**2 / 4,
+        ),
+        rod_mass=rod_mass,
+        rod_centre=rod_length / 2,
+        rod_inertia=(rod_mass * rod_length**2 / 12, rod_mass * cylinder.rod_diameter_m**2 / 8),
+    )
+
+
+def build_spec(
+    resolved: Resolved, kinematics: HexapodKinematics | None, kind: ModelKind, timestep: float, fast: bool
+) -> tuple[mujoco.MjSpec, np.ndarray]:
+    """The editable model of a bench (kinematics None) or a hexapod, and its actuators' rows for `actuator_user`.
+
+    The rows are kept out of the model's XML: they are the hydraulics' numbers, which stand in the machine file.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = resolved.machine.name
+    spec.compiler.degree = False
+    spec.option.timestep = timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER if fast else mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.gravity = resolved.gravity_m_s2
+    off = mujoco.mjtDisableBit
+    # no silent reset: a bad state stays, so that `Plant.check` and the log can say when and where it began
+    spec.option.disableflags = off.mjDSBL_CONTACT | off.mjDSBL_EULERDAMP | off.mjDSBL_AUTORESET
+    spec.option.tolerance = 1e-12
+    looks.add_materials(spec)
+    rows = _add_bench(spec, resolved) if kinematics is None else _add_hexapod(spec, resolved, kinematics, kind)
+    return spec, rows
+
+
+def _add_bench(spec: mujoco.MjSpec, resolved: Resolved) -> np.ndarray:
+    """One vertical cylinder with the moving mass on its rod."""
+    stroke = resolved.machine.cylinder.stroke_m
+    mass = resolved.load.moving_mass_kg or 0.0
+    looks.add_bench_frame(spec, spec.worldbody, resolved.machine)
+    load = spec.worldbody.add_body(name="load", pos=[0, 0, looks.bench_load_height(stroke)])
+    load.add_joint(name="slide_1", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
+    load.mass, load.ipos, load.inertia, load.explicitinertial = mass, [0, 0, 0], [mass * 0.01] * 3, True
+    looks.add_bench_load(spec, load, resolved.machine)
+    load.add_site(name="accelerometer", pos=[0, 0, 0])
+    return _add_actuators(spec, resolved, "slide_1", mujoco.mjtTrn.mjTRN_JOINT, length_offset=-stroke / 2)
+
+
+def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKinematics, kind: ModelKind) -> np.ndarray:
+    """Platform with a free joint on six legs."""
+    load = resolved.load
+    neutral_length = float(kinematics.leg_lengths(np.zeros(6))[0])
+    bodies = leg_bodies(resolved, neutral_length)
+    full = kind == "full"
+    if full:  # the tendon model is for counting, not for looking: its geoms would cost 7 % of a step
+        looks.add_base(spec, spec.worldbody, kinematics)
+    platform = spec.worldbody.add_body(name="platform", pos=[0, 0, kinematics.neutral_height_m])
+    platform.add_freejoint(name="platform_free")
+    mass = (load.platform_mass_kg or 0.0) - (6 * bodies.rod_mass if full and load.leg_mass_kg == 0.0 else 0.0)
+    platform.mass, platform.ipos, platform.inertia = mass, load.centre_of_mass_m, load.platform_inertia_kg_m2
+    platform.explicitinertial = True
+    if full:
+        looks.add_platform(spec, platform, kinematics)
+    platform.add_site(name="accelerometer", pos=[0, 0, 0])
+    for mode_number, mode in enumerate(resolved.payload_modes, start=1):
+        _add_payload_mode(platform, mode, mode_number)
+    for i in range(6):
+        platform.add_site(name=f"platform_joint_{i + 1}", pos=kinematics.platform_joints[i], size=[0.012] * 3)
+        spec.worldbody.add_site(name=f"base_joint_{i + 1}", pos=kinematics.base_joints[i], size=[0.012] * 3)
+        if full:
+            _add_full_leg(spec, kinematics, bodies, i, resolved)
+        else:
+            tendon = spec.add_tendon(name=f"tendon_{i + 1}", width=0.015)
+            tendon.wrap_site(f"base_joint_{i + 1}")
+            tendon.wrap_site(f"platform_joint_{i + 1}")
+    if not full and load.leg_mass_kg > 0:
+        _add_lumped_legs(platform, kinematics, bodies)
+    if full:
+        half = resolved.machine.cylinder.stroke_m / 2
+        return _add_actuators(spec, resolved, "slide_", mujoco.mjtTrn.mjTRN_JOINT, length_offset=-half)
+    offset = float(np.broadcast_to(kinematics.retracted_length_m, 6)[0])
+    return _add_actuators(spec, resolved, "tendon_", mujoco.mjtTrn.mjTRN_TENDON, length_offset=offset)
+
+
+def _add_full_leg(
+    spec: mujoco.MjSpec, kinematics: HexapodKinematics, bodies: LegBodies, i: int, resolved: Resolved
+) -> None:
+    """Universal joint at the base, cylinder, rod on a slide joint, ball end on the platform."""
+    number = i + 1
+    base = kinematics.base_joints[i]
+    top = kinematics.platform_joints[i] + np.array([0, 0, kinematics.neutral_height_m])
+    length = float(np.linalg.norm(top - base))
+    cylinder = spec.worldbody.add_body(name=f"cylinder_{number}", pos=base, quat=_turn_z_to((top - base) / length))
+    cylinder.add_joint(name=f"universal_{number}_a", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[1, 0, 0])
+    cylinder.add_joint(name=f"universal_{number}_b", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 1, 0])
+    across, along = bodies.cylinder_inertia
+    cylinder.mass, cylinder.ipos = bodies.cylinder_mass, [0, 0, bodies.cylinder_centre]
+    cylinder.inertia, cylinder.explicitinertial = [across, across, along], True
+    looks.add_cylinder(spec, cylinder, length, resolved.machine.cylinder, number)
+    rod = cylinder.add_body(name=f"rod_{number}", pos=[0, 0, length])
+    rod.add_joint(name=f"slide_{number}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
+    across, along = bodies.rod_inertia
+    rod.mass, rod.ipos = bodies.rod_mass, [0, 0, -bodies.rod_centre]
+    rod.inertia, rod.explicitinertial = [across, across, along], True
+    looks.add_rod(spec, rod, length, resolved.machine.cylinder, number)
+    ball = spec.add_equality(
+        name=f"ball_{number}",
+        type=mujoco.mjtEq.mjEQ_CONNECT,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=f"rod_{number}",
+        name2="platform",
+        solref=STIFF_SOLREF,
+        solimp=STIFF_SOLIMP,
+    )
+    ball.data[:3] = 0.0  # the anchor is the rod's end
+
+
+def legs_at_platform(kinematics: HexapodKinematics, bodies: LegBodies) -> tuple[np.ndarray, float]:
+    """What six legs add to the platform at neutral: mass matrix (6, 6) about its origin, and the mass it carries [kg].
+
+    Along a leg only the rod moves, across it both parts swing about the base joint, so its platform joint feels
+        m_along = m_rod,   m_across = (I_cylinder + m_cylinder c^2 + I_rod + m_rod (L - c_rod)^2) / L^2
+    and M = sum J_i' (m_along u u' + m_across (1 - u u')) J_i with J_i the velocity of joint i from the twist. The weight
+    of rod and cylinder is shared between the joints as a beam's.
+    """
+    matrix, carried = np.zeros((6, 6)), 0.0
+    jacobian = kinematics.jacobian(np.zeros(6))
+    lengths = kinematics.leg_lengths(np.zeros(6))
+    for joint, row, length in zip(kinematics.platform_joints, jacobian, lengths, strict=True):
+        swing = bodies.cylinder_inertia[0] + bodies.cylinder_mass * bodies.cylinder_centre**2
+        swing += bodies.rod_inertia[0] + bodies.rod_mass * (length - bodies.rod_centre) ** 2
+        along = np.outer(row[:3], row[:3])
+        mass = bodies.rod_mass * along + swing / length**2 * (np.eye(3) - along)
+        x, y, z = joint
+        arm = np.hstack([np.eye(3), np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])])
+        matrix += arm.T @ mass @ arm
+        level = 1 - row[2] ** 2
+        carried += bodies.rod_mass * (1 - level * bodies.rod_centre / length)
+        carried += bodies.cylinder_mass * level * bodies.cylinder_centre / length
+    return matrix, carried
+
+
+def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: HexapodKinematics, bodies: LegBodies) -> None:
+    """One rigid lump that stands for the legs of the tendon model: exact in heave and in the three rotations at neutral.
+
+    A rigid body has one mass for all directions: heave's is taken, so surge and sway are off by the legs' difference
+    (a few kg of 600); the centre's height takes up the coupling of surge and pitch. The difference from full legs is
+    measured in tests/plant/test_integration.py.
+    """
+    matrix, carried = legs_at_platform(kinematics, bodies)
+    mass = matrix[2, 2]
+    height = matrix[0, 4] / mass
+    inertia = np.diag(matrix)[3:] - mass * height**2 * np.array([1.0, 1.0, 0.0])
+    lump = platform.add_body(name="legs_lump", pos=[0, 0, height])
+    lump.mass, lump.ipos, lump.inertia, lump.explicitinertial = mass, [0, 0, 0], inertia, True
+    lump.gravcomp = 1.0 - carried / mass  # negative: the platform carries more than moves with it in heave
+    platform.gravcomp = GRAVCOMP_SWITCH
+
+
+def _add_payload_mode(platform: mujoco.MjsBody, mode, number: int) -> None:
+    """A mass on a spring and damper along one axis of the platform."""
+    body = platform.add_body(name=f"payload_mode_{number}", pos=mode.position_m)
+    omega = 2 * np.pi * mode.frequency_Hz
+    body.add_joint(
+        name=f"payload_mode_{number}",
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=mode.axis,
+        stiffness=mode.mass_kg * omega**2,
+        damping=2 * mode.damping_ratio * omega * mode.mass_kg,
+    )
+    body.mass, body.ipos, body.explicitinertial = mode.mass_kg, [0, 0, 0], True
+    body.inertia = [1e-3 * mode.mass_kg] * 3
+
+
+def _turn_z_to(direction: np.ndarray) -> np.ndarray:
+    """Quaternion that turns the z axis to `direction` (3,) by the shortest way."""
+    quat = np.array([1.0 + direction[2], -direction[1], direction[0], 0.0])
+    return quat / np.linalg.norm(quat)
+
+
+def state_count(row: np.ndarray) -> int:
+    """How many states a leg with this row has; the pressure is the last one."""
+    return 1 + 2 * (row[P.SPOOL_OMEGA] > 0) + (row[P.BRISTLE_STIFFNESS] > 0) + (row[P.ACT_ROD_SIDE] > -1)
+
+
+def lay_out_states(resolved: Resolved, length_offset: float) -> np.ndarray:
+    """Write the places of all states into the rows; return the rows of all actuators (n_actuators, N_PARAMETERS)."""
+    rows = resolved.rows
+    own_rod_side = resolved.machine.cylinder.rod_side == "chamber"
+    place = 0
+    for row in rows:
+        row[P.LENGTH_OFFSET] = length_offset
+        row[P.ACT_SPOOL] = row[P.ACT_BRISTLE] = row[P.ACT_ROD_SIDE] = row[P.ACT_SUPPLY] = -1
+        if row[P.SPOOL_OMEGA] > 0:
+            row[P.ACT_SPOOL] = place
+            place += 2
+        if row[P.BRISTLE_STIFFNESS] > 0:
+            row[P.ACT_BRISTLE] = place
+            place += 1
+        if own_rod_side:
+            row[P.ACT_ROD_SIDE] = place
+            place += 1
+        row[P.ACT_PRESSURE] = place
+        place += 1
+    if resolved.supply[S.MODEL] == CONSTANT:
+        return rows
+    supply = np.zeros(N_PARAMETERS)
+    resolved.supply[S.ACT] = place
+    supply[: len(resolved.supply)] = resolved.supply
+    supply[P.ACT_PRESSURE] = SUPPLY_MARK
+    rows[:, P.ACT_SUPPLY] = place + resolved.supply[S.STATES] - 1
+    return np.vstack([rows, supply])
+
+
+def _add_actuators(
+    spec: mujoco.MjSpec, resolved: Resolved, target: str, transmission: mujoco.mjtTrn, length_offset: float
+) -> np.ndarray:
+    """One prismatic actuator a leg, and one for the supply when it has states; returns their rows."""
+    rows = lay_out_states(resolved, length_offset)
+    fast = spec.option.integrator == mujoco.mjtIntegrator.mjINT_EULER
+    volts = resolved.machine.valve.voltage_max_V
+    for i, row in enumerate(rows):
+        is_leg = i < resolved.machine.n_legs
+        row[P.IMPLICIT_STEP] = spec.option.timestep if fast and is_leg else row[P.IMPLICIT_STEP]
+        row[P.BRISTLE_STEP] = spec.option.timestep if is_leg else row[P.BRISTLE_STEP]
+        row[S.IMPLICIT_STEP] = row[S.IMPLICIT_STEP] if is_leg else fast * spec.option.timestep
+        actuator = spec.add_actuator(
+            name=f"leg_{i + 1}" if is_leg else "supply",
+            trntype=transmission,
+            target=(target if target[-1].isdigit() else f"{target}{i + 1 if is_leg else 1}"),
+            dyntype=mujoco.mjtDyn.mjDYN_USER,
+            gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+            biastype=mujoco.mjtBias.mjBIAS_USER,
+            ctrllimited=True,
+            ctrlrange=[-volts, volts] if is_leg else [0, 1],
+        )
+        places = rows[:, P.ACT_PRESSURE]
+        actuator.actdim = int(places[i] - (places[i - 1] if i else -1)) if is_leg else int(resolved.supply[S.STATES])
+        actuator.actearly = fast
+        gain = np.zeros(10)
+        gain[0] = row[P.AREA_BOTTOM] * 1e6 if is_leg else 0.0  # act is in MPa
+        actuator.gainprm = gain
+    resolved.rows[:] = rows[: resolved.machine.n_legs]
+    spec.nuser_actuator = N_PARAMETERS
+    spec.nuserdata = 2 * len(rows)  # demand and heat of each leg
+    return rows

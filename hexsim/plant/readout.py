@@ -1,0 +1,175 @@
+"""From the states of a run to physical signals: legs, oil, platform. Vectorised over the rows of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexsim.hydraulics import leg, supply
+from hexsim.hydraulics.compiled import compiled
+from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.supply import POWER_UNIT, S
+from hexsim.plant.callbacks import leg_instant, supply_state
+from hexsim.plant.plant import Plant
+
+Array = NDArray[np.float64]
+
+
+@dataclass(kw_only=True)
+class LegSignals:
+    """Each (m, n_legs), SI; supply_Pa (m,)."""
+
+    position: Array
+    velocity: Array
+    pressure_bottom: Array
+    pressure_top: Array
+    spool: Array
+    flow: Array
+    friction: Array
+    force: Array
+    supply_Pa: Array
+
+
+@dataclass(kw_only=True)
+class PlatformSignals:
+    """pose (m, 6) relative to neutral, twist (m, 6) in the world frame, accelerations (m, 3) in the platform frame."""
+
+    pose: Array
+    twist: Array
+    acceleration: Array
+    angular_acceleration: Array
+
+
+@compiled
+def _leg_rows(rows, which, act, y, v, volts, time, out):
+    """Fill out (7, m, n): P1, P2, spool, flow, friction, force, supply. rows: (versions, n, ...), which: (m,)."""
+    for k in range(y.shape[0]):
+        for i in range(y.shape[1]):
+            p = rows[which[k], i]
+            x, P1, P2, Ps, z = leg_instant(p, act[k], volts[k, i], time[k])
+            out[0, k, i], out[1, k, i], out[2, k, i], out[6, k, i] = P1, P2, x, Ps
+            out[3, k, i] = leg.inflow(p, y[k, i], v[k, i], volts[k, i], x, P1, Ps, time[k])
+            out[4, k, i] = leg.friction_force(p, y[k, i], v[k, i], P1, z)
+            out[5, k, i] = P1 * p[P.AREA_BOTTOM] + leg.force_beyond_pressure(
+                p, y[k, i], v[k, i], volts[k, i], P1, P2, Ps, z, time[k]
+            )
+
+
+def leg_signals(plant: Plant, time: Array, qpos: Array, qvel: Array, act: Array, volts: Array) -> LegSignals:
+    """Signals of all legs from the states of a run, rows (m, ...)."""
+    y, v = leg_motion(plant, qpos, qvel)
+    out = np.empty((7, *y.shape))
+    rows, _, which = versions(plant, time)
+    _leg_rows(rows, which, act, y, v, volts, time, out)
+    return LegSignals(
+        position=y, velocity=v, pressure_bottom=out[0], pressure_top=out[1], spool=out[2], flow=out[3],
+        friction=out[4], force=out[5], supply_Pa=out[6, :, 0],
+    )  # fmt: skip
+
+
+def versions(plant: Plant, time: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Rows that held during the run (versions, n_legs, ...), the supply's (versions, ...), and which one at each time.
+
+    Faults and the oil's temperature change them; `Plant.history` has when.
+    """
+    since, rows, supplies = zip(*plant.history, strict=True)
+    which = np.searchsorted(since, time + 0.5 * plant.timestep, side="right") - 1
+    return np.array(rows), np.array(supplies), np.maximum(which, 0)
+
+
+def leg_motion(plant: Plant, qpos: Array, qvel: Array) -> tuple[Array, Array]:
+    """Piston positions and velocities (m, n_legs)."""
+    if plant.kinematics is None or plant.model_kind == "full":
+        return qpos[:, plant.slides] - plant.rows[:, P.LENGTH_OFFSET], qvel[:, plant.slide_speeds]
+    pose, twist = platform_motion(plant, qpos, qvel)
+    return plant.kinematics.piston_positions(pose), plant.kinematics.leg_velocities(pose, twist)
+
+
+def platform_motion(plant: Plant, qpos: Array, qvel: Array) -> tuple[Array, Array]:
+    """Pose relative to neutral and twist in the world frame, (m, 6) each."""
+    assert plant.kinematics is not None
+    w, x, y, z = qpos[:, 3:7].T
+    pose = np.empty((len(qpos), 6))
+    pose[:, :3] = qpos[:, :3] - [0.0, 0.0, plant.kinematics.neutral_height_m]
+    pose[:, 3] = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pose[:, 4] = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
+    pose[:, 5] = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    rotation = plant.kinematics.rotation(pose)
+    twist = np.concatenate([qvel[:, :3], np.einsum("kij,kj->ki", rotation, qvel[:, 3:6])], axis=1)
+    return pose, twist
+
+
+def platform_signals(plant: Plant, qpos: Array, qvel: Array, qacc: Array) -> PlatformSignals:
+    """Of a hexapod. MuJoCo's free joint: linear part in the world, angular part in the body's frame."""
+    assert plant.kinematics is not None
+    pose, twist = platform_motion(plant, qpos, qvel)
+    rotation = plant.kinematics.rotation(pose)
+    return PlatformSignals(
+        pose=pose,
+        twist=twist,
+        acceleration=np.einsum("kji,kj->ki", rotation, qacc[:, :3]),
+        angular_acceleration=qacc[:, 3:6],
+    )
+
+
+# Columns of a power unit. Flows and powers of all legs together.
+POWER_UNIT_COLUMNS = (
+    "motor_speed",
+    "pump_flow_m3_s",
+    "line_flow_m3_s",
+    "pump_pressure_Pa",
+    "oil_temperature_degC",
+    "relief_flow_m3_s",
+    "accumulator_oil_m3",
+    "accumulator_energy_J",
+    "supply_demand_m3_s",
+    "motor_power_W",
+    "heat_W",
+    "platform_power_W",
+)
+
+
+@compiled
+def _power_unit_rows(supplies, rows, which, act, y, v, volts, time, out):
+    """Fill out (12, m), in the order of POWER_UNIT_COLUMNS."""
+    for k in range(y.shape[0]):
+        s = supplies[which[k]]
+        speed, flow, line_flow, pump_pressure, temperature, pressure = supply_state(s, act[k])
+        demand, heat, work = supply.burst_flow(s, pressure), 0.0, 0.0
+        heat += supply.power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure)
+        for i in range(y.shape[1]):
+            p = rows[which[k], i]
+            x, P1, P2, Ps, z = leg_instant(p, act[k], volts[k, i], time[k])
+            inflow = leg.inflow(p, y[k, i], v[k, i], volts[k, i], x, P1, Ps, time[k])
+            asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, P2, Ps)
+            demand += asked
+            heat += leg.heat(p, y[k, i], v[k, i], P1, P2, Ps, z, inflow, asked)
+            force = P1 * p[P.AREA_BOTTOM] - P2 * p[P.AREA_TOP] - leg.friction_force(p, y[k, i], v[k, i], P1, z)
+            work += force * v[k, i]
+        out[0, k], out[1, k], out[2, k], out[3, k], out[4, k] = speed, flow, line_flow, pump_pressure, temperature
+        out[5, k] = supply.relief_flow(s, pump_pressure)
+        out[6, k] = supply.accumulator_oil(s, pump_pressure)
+        out[7, k] = supply.accumulator_energy(s, pump_pressure)
+        out[8, k] = demand
+        out[9, k] = supply.motor_power(s, speed, flow, pump_pressure)
+        out[10, k] = heat
+        out[11, k] = work
+
+
+def power_unit_signals(
+    plant: Plant, time: Array, qpos: Array, qvel: Array, act: Array, volts: Array
+) -> dict[str, Array]:
+    """Signals (m,) of the power unit by POWER_UNIT_COLUMNS; empty without one.
+
+    heat_W: all that goes into the oil, friction of the cylinders too. platform_power_W: hydraulic forces less friction
+    times piston velocities.
+    """
+    if plant.resolved.supply[S.MODEL] != POWER_UNIT:
+        return {}
+    y, v = leg_motion(plant, qpos, qvel)
+    out = np.empty((len(POWER_UNIT_COLUMNS), len(y)))
+    rows, supplies, which = versions(plant, time)
+    _power_unit_rows(supplies, rows, which, act, y, v, volts, time, out)
+    return dict(zip(POWER_UNIT_COLUMNS, out, strict=True))

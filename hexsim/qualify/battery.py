@@ -1,0 +1,274 @@
+"""The battery of motion tests: plays them on a rig, measures, and judges by limits whose source is named.
+
+Sources: [S] read in a source, [K] commonly used and not confirmed from a source, none: reported without a limit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from hexsim.errors import HexsimError
+from hexsim.motion_computer.signals import Signal, Sine, Triangle
+from hexsim.qualify import measures
+from hexsim.qualify.rig import Motion, Rig
+from hexsim.scenarios import Scenario
+from hexsim.smoothness import (
+    band_limit,
+    describing_function,
+    half_hertz_noise,
+    harmonic_deviation,
+    parasitic,
+    turn_around_check,
+)
+
+ROTATIONS = ("roll", "pitch", "yaw")
+NAMES = {"x": "surge x", "y": "sway y", "z": "heave z"}
+g0 = 9.81
+LEAST_GAIN = 3e-3  # below -50 dB the command stays in the dead band and has no phase
+
+# where each limit comes from
+PART_60 = "[S] 14 CFR Part 60, app. A: within +-0.05 g"
+APPLICANT = "[S] 14 CFR Part 60: tolerance is the applicant's; reported"
+BENSON = "[S] threshold of perception, Benson 1986 (3 s bell)"
+COMMON_TURN = "[K] commonly used: +-0.05 g, 150 mm p-p at 0.5 Hz"
+COMMON_BALANCE = "[K] commonly used: 1.5 deg"
+AGARD = "figure after AGARD-AR-144 (formulas [K]); reported"
+NO_LIMIT = "no limit known; reported"
+PERCEPTION_m_s2 = {"x": 0.063, "y": 0.057, "z": 0.154}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One line of the table. limit None: reported only, and passed is None."""
+
+    test: str
+    axis: str
+    figure: str
+    value: float | None
+    unit: str
+    limit: float | None = None
+    source: str = NO_LIMIT
+
+    @property
+    def passed(self) -> bool | None:
+        if self.limit is None or self.value is None:
+            return None
+        return abs(self.value) <= self.limit
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """Amplitudes and lengths. The half-hertz amplitude counts for all 0.5 Hz tests but the turn-around check."""
+
+    frequencies_Hz: tuple[float, ...] = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+    half_hertz_m: float = 0.05
+    half_hertz_rad: float = math.radians(5.0)
+    largest_m: float = 0.03  # of the describing function,
+    largest_m_s: float = 0.25  # with no more than this speed: high frequencies must leave the valves' dead band
+    largest_rad: float = math.radians(3.0)
+    largest_rad_s: float = math.radians(25.0)
+    linearity_m: tuple[float, ...] = (0.005, 0.01, 0.02, 0.05)
+    hysteresis_m: float = 0.02  # long enough for the lag to settle between the corner and the middle
+    hysteresis_m_s: float = 0.005  # and twice that
+    threshold_m_s2: float = 0.2
+    turn_around_m: float = 0.075
+    periods: int = 6
+
+
+QUICK = Plan(frequencies_Hz=(0.5, 1.0, 2.0, 5.0, 10.0), linearity_m=(0.01, 0.05), hysteresis_m_s=0.01, periods=3)
+
+
+@dataclass(kw_only=True)
+class Findings:
+    """rows of the table; curves for the plots, by test."""
+
+    rows: list[Row] = field(default_factory=list)
+    curves: dict[str, Any] = field(default_factory=dict)
+
+
+class Battery:
+    """All motion tests on one rig. progress(fraction, what) hears how far it is."""
+
+    def __init__(
+        self, rig: Rig, plan: Plan, progress: Callable[[float, str], None] = lambda fraction, what: None
+    ) -> None:
+        self.rig, self.plan, self.progress = rig, plan, progress
+        self.found = Findings()
+        self._heave: Motion | None = None
+        others = [f for f in plan.frequencies_Hz if f != 0.5]
+        self._total = len(rig.axes) * (1 + len(others)) + len(plan.linearity_m) - 1 + 5
+        self._played = 0
+
+    def run(self) -> Findings:
+        """Raises HexsimError for a motion that the machine cannot do."""
+        for axis in self.rig.axes:
+            self._axis(axis)
+        self._linearity()
+        self._hysteresis()
+        self._dynamic_threshold()
+        self._turn_around()
+        self._repeatability()
+        return self.found
+
+    # playing
+    def _play(self, name: str, axis: str, signal: Signal, fade_s: float, duration_s: float, seed: int = 0) -> Motion:
+        self.progress(self._played / self._total, name)
+        self._played += 1
+        scenario = Scenario(
+            name=name, mode="dof", signals={axis: signal}, duration_s=duration_s, fade_s=fade_s, fade="smooth"
+        )
+        return self.rig.play(scenario, seed)
+
+    def _sine(self, name: str, axis: str, amplitude: float, frequency: float, seed: int = 0) -> tuple[Motion, float]:
+        """Faded in over two periods or half a second, one more to settle; returns where that ends [s] too."""
+        period = 1.0 / frequency
+        fade = max(period, 0.5) if frequency < 0.5 else max(2 * period, 0.5)
+        start = math.ceil((fade + max(period, 0.4)) * frequency - 1e-9) * period
+        periods = self.plan.periods if frequency >= 0.5 else 2
+        duration = start + periods * period + 0.02
+        return self._play(name, axis, Sine(amplitude=amplitude, frequency_Hz=frequency), fade, duration, seed), start
+
+    def _add(self, test: str, axis: str, figure: str, value: float | None, unit: str, limit: float | None = None,
+             source: str = NO_LIMIT) -> None:  # fmt: skip
+        self.found.rows.append(
+            Row(
+                test=test, axis=NAMES.get(axis, axis), figure=figure, value=value, unit=unit, limit=limit, source=source
+            )
+        )
+
+    # the tests
+    def _axis(self, axis: str) -> None:
+        """Half-hertz noise, parasitic motion and describing function of one axis."""
+        plan, turns = self.plan, axis in ROTATIONS
+        amplitude = plan.half_hertz_rad if turns else plan.half_hertz_m
+        motion, start = self._sine(f"half-hertz {axis}", axis, amplitude, 0.5)
+        if axis == "z":
+            self._heave, self._heave_start = motion, start
+        self._half_hertz(axis, motion, start)
+        response = {0.5: describing_function(motion.time_s, motion.response[axis], motion.commanded[axis], 0.5, start)}
+        largest, speed = (plan.largest_rad, plan.largest_rad_s) if turns else (plan.largest_m, plan.largest_m_s)
+        for f in plan.frequencies_Hz:
+            if f != 0.5:
+                size = min(largest, speed / (2 * math.pi * f))
+                motion, start = self._sine(f"{axis} at {f:g} Hz", axis, size, f)
+                response[f] = describing_function(
+                    motion.time_s, motion.response[axis], motion.commanded[axis], f, start
+                )
+        frequencies = sorted(response)
+        gains_dB = [20 * math.log10(max(abs(response[f]), 1e-6)) for f in frequencies]
+        phases = [measures.phase_deg(response[f]) if abs(response[f]) > LEAST_GAIN else math.nan for f in frequencies]
+        self.found.curves.setdefault("describing_function", {})[axis] = {
+            "frequency_Hz": frequencies, "gain_dB": gains_dB,
+            "phase_deg": [None if math.isnan(phase) else phase for phase in phases],
+        }  # fmt: skip
+        half_power, quarter = (
+            measures.crossing(frequencies, gains_dB, -3.0),
+            measures.crossing(frequencies, phases, -90.0),
+        )
+        self._add("describing function", axis, "gain falls below -3 dB at", half_power, "Hz", source=APPLICANT)
+        self._add("describing function", axis, "phase passes -90 deg at", quarter, "Hz", source=APPLICANT)
+
+    def _half_hertz(self, axis: str, motion: Motion, start: float) -> None:
+        unit = "rad/s²" if axis in ROTATIONS else "m/s²"
+        noise = half_hertz_noise(motion.time_s, motion.acceleration[axis], 0.5, start_s=start)
+        limit = PERCEPTION_m_s2.get(axis)
+        self._add("half-hertz noise", axis, "noise ratio r_n", noise.ratio_n, "1", source=AGARD)
+        self._add("half-hertz noise", axis, "low harmonics r_lf", noise.ratio_lf, "1", source=AGARD)
+        self._add("half-hertz noise", axis, "high harmonics r_hf", noise.ratio_hf, "1", source=AGARD)
+        self._add(
+            "half-hertz noise", axis, "peak, 50 Hz band", noise.peak_band, unit, limit, BENSON if limit else AGARD
+        )
+        like = [other for other in self.rig.axes if other != axis and (other in ROTATIONS) == (axis in ROTATIONS)]
+        side = {other: parasitic(motion.time_s, motion.acceleration[other], start_s=start).peak_band for other in like}
+        if side:
+            worst = max(side, key=side.__getitem__)
+            where = f"parasitic peak, in {NAMES.get(worst, worst)}"
+            self._add("half-hertz noise", axis, where, side[worst], unit, source=AGARD)
+        part = harmonic_deviation(motion.time_s, motion.acceleration[axis], 0.5, start_s=start)
+        self.found.curves.setdefault("half_hertz", {})[axis] = {
+            "time_s": part.time_s, "acceleration": part.harmonic + part.band, "deviation": part.band,
+        }  # fmt: skip
+
+    def _linearity(self) -> None:
+        gains = []
+        for size in self.plan.linearity_m[:-1]:
+            motion, start = self._sine(f"linearity {1000 * size:g} mm", "z", size, 0.5)
+            gains.append(
+                abs(describing_function(motion.time_s, motion.response["z"], motion.commanded["z"], 0.5, start))
+            )
+        heave, start = self._half_hertz_heave()
+        gains.append(abs(describing_function(heave.time_s, heave.response["z"], heave.commanded["z"], 0.5, start)))
+        self.found.curves["linearity"] = {"amplitude_m": list(self.plan.linearity_m), "gain": gains}
+        low, high = 1000 * self.plan.linearity_m[0], 1000 * self.plan.linearity_m[-1]
+        self._add("linearity", "z", f"gain changes, {low:g} to {high:g} mm", 100 * measures.linearity(gains), "%")
+
+    def _half_hertz_heave(self) -> tuple[Motion, float]:
+        if self._heave is None:
+            raise HexsimError("the battery needs an axis z")
+        return self._heave, self._heave_start
+
+    def _hysteresis(self) -> None:
+        plan, widths, curves = self.plan, [], []
+        for speed in (plan.hysteresis_m_s, 2 * plan.hysteresis_m_s):
+            period = 4 * plan.hysteresis_m / speed
+            signal = Triangle(amplitude=plan.hysteresis_m, frequency_Hz=1 / period)
+            motion = self._play(f"hysteresis {1000 * speed:g} mm/s", "z", signal, 0.5 * period, 2.6 * period)
+            widths.append(measures.loop_width(motion.time_s, motion.commanded["z"], motion.response["z"], 0.6 * period))
+            late = motion.time_s >= 1.5 * period
+            curves.append(
+                {
+                    "speed_m_s": speed,
+                    "commanded_m": motion.commanded["z"][late],
+                    "response_m": motion.response["z"][late],
+                }
+            )
+        self.found.curves["hysteresis"] = curves
+        self._add("hysteresis", "z", "width of the loop at rest", 1e3 * measures.hysteresis(*widths), "mm")
+
+    def _dynamic_threshold(self) -> None:
+        signal = measures.AccelerationSteps(acceleration_m_s2=self.plan.threshold_m_s2, period=2.0)
+        motion = self._play("dynamic threshold", "z", signal, 2.0, 8.02)
+        start = 3.0
+        delay = measures.dynamic_threshold(
+            motion.time_s, motion.commanded_acceleration["z"], motion.acceleration["z"], start
+        )
+        self._add(
+            "dynamic threshold",
+            "z",
+            f"63 % of a step of {2 * self.plan.threshold_m_s2:g} m/s² after",
+            1e3 * delay,
+            "ms",
+        )
+        late = motion.time_s >= start
+        self.found.curves["dynamic_threshold"] = {
+            "time_s": motion.time_s[late], "commanded_m_s2": motion.commanded_acceleration["z"][late],
+            "acceleration_m_s2": band_limit(motion.time_s, motion.acceleration["z"])[late],
+        }  # fmt: skip
+
+    def _turn_around(self) -> None:
+        motion, start = self._sine("turn-around", "z", self.plan.turn_around_m, 0.5)
+        check = turn_around_check(motion.time_s, motion.acceleration["z"], 0.5, start_s=start)
+        self._add(
+            "turn-around", "z", "largest deviation, 50 Hz band", check.peak_m_s2, "m/s²", check.limit_m_s2, COMMON_TURN
+        )
+        part = harmonic_deviation(motion.time_s, motion.acceleration["z"], 0.5, start_s=start)
+        self.found.curves["turn_around"] = {
+            "time_s": part.time_s, "harmonic": part.harmonic, "acceleration": part.harmonic + part.band,
+            "limit": check.limit_m_s2,
+        }  # fmt: skip
+
+    def _repeatability(self) -> None:
+        """The half-hertz heave once more, with other sensor noise; and the legs' phases in the first one."""
+        first, start = self._half_hertz_heave()
+        second, _ = self._sine("repeatability", "z", self.plan.half_hertz_m, 0.5, seed=1)
+        largest = measures.repeatability(first.time_s, first.acceleration["z"], second.acceleration["z"], start)
+        self._add(
+            "repeatability", "z", "largest difference of two runs, 50 Hz band", largest, "m/s²", 0.05 * g0, PART_60
+        )
+        if first.leg_positions.shape[1] > 1:
+            spread, phases = measures.leg_balance(first.time_s, first.leg_setpoints, first.leg_positions, 0.5, start)
+            self._add("leg balance", "z", "largest difference of phase", spread, "deg", 1.5, COMMON_BALANCE)
+            self.found.curves["leg_balance"] = {"phase_deg": list(phases)}

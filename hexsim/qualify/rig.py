@@ -1,0 +1,87 @@
+"""What is tested: anything that plays a scenario and gives back the motion of its coordinates. The machine is one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compensation import Compensator
+from hexsim.errors import HexsimError
+from hexsim.machine.declaration import Machine
+from hexsim.run_log import UNITS, leg_column
+from hexsim.scenarios import Scenario
+from hexsim.scenarios.scenario import DOF_NAMES
+from hexsim.simulation import simulate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """A played scenario: time_s (m,); for each axis command and response, position and acceleration (m,);
+    setpoints and positions of the legs (m, n_legs)."""
+
+    time_s: Array
+    commanded: dict[str, Array]
+    response: dict[str, Array]
+    commanded_acceleration: dict[str, Array]
+    acceleration: dict[str, Array]
+    leg_setpoints: Array
+    leg_positions: Array
+
+
+class Rig(Protocol):
+    """axes: names of the coordinates, "x" .. "yaw" or "z" alone."""
+
+    name: str
+    axes: tuple[str, ...]
+
+    def play(self, scenario: Scenario, seed: int = 0) -> Motion: ...
+
+
+class MachineRig:
+    """A machine, simulated: fast scheme when quick, else RK4; the tendon model either way (equal to full legs).
+
+    What is measured is the true motion, without sensor noise; the position loop sees noise drawn from `seed`.
+    """
+
+    def __init__(self, machine: Machine, compensator: str | Compensator = "none", quick: bool = False) -> None:
+        self.machine, self.compensator, self.quick = machine, compensator, quick
+        self.name = machine.name
+        self.axes: tuple[str, ...] = DOF_NAMES if machine.is_hexapod else ("z",)
+
+    def play(self, scenario: Scenario, seed: int = 0) -> Motion:
+        machine = self.machine
+        run = simulate(
+            machine, scenario, compensator=self.compensator, fast=self.quick, seed=seed,
+            model="tendon" if machine.is_hexapod else None,
+        )  # fmt: skip
+        if not run.complete:
+            raise HexsimError(f"the machine does not survive the motion test {scenario.name}: {run.reason}")
+        log, n = run.log, machine.n_legs
+        time = log["time_s"].to_numpy()
+        setpoints, positions = (
+            np.column_stack([log[leg_column(name, i + 1, n)].to_numpy() for i in range(n)])
+            for name in ("setpoint_m", "true_position_m")
+        )
+        commanded, _, accelerations = scenario.evaluate(time)
+        command = {axis: commanded[:, DOF_NAMES.index(axis)] for axis in self.axes}
+        wanted = {axis: accelerations[:, DOF_NAMES.index(axis)] for axis in self.axes}
+        if not machine.is_hexapod:
+            response = {"z": positions[:, 0] - 0.5 * machine.cylinder.stroke_m}
+            acceleration = {"z": log["true_acceleration_m_s2"].to_numpy()}
+        else:
+            response = {
+                axis: log[f"platform_{axis}_{unit}"].to_numpy() for axis, unit in zip(DOF_NAMES, UNITS, strict=True)
+            }
+            acceleration = {}
+            for k, axis in enumerate(DOF_NAMES):
+                kind, unit = ("angular_", "rad_s2") if k > 2 else ("", "m_s2")
+                acceleration[axis] = log[f"true_{kind}acceleration_{'xyz'[k % 3]}_{unit}"].to_numpy()
+        return Motion(
+            time_s=time, commanded=command, response=response, commanded_acceleration=wanted,
+            acceleration=acceleration, leg_setpoints=setpoints, leg_positions=positions,
+        )  # fmt: skip

@@ -1,0 +1,115 @@
+"""One look for all figures: light, thin grid, no frame, readable at the width of a page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import wraps
+from io import BytesIO
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from hexsim.recording import palette
+
+Parameters = ParamSpec("Parameters")
+Drawn = TypeVar("Drawn")
+
+WIDTH_IN = 9.6
+DPI = 150
+STYLE: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.labelcolor": palette.INK,
+    "text.color": palette.INK,
+    "axes.edgecolor": "#9AA5B1",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.prop_cycle": cycler(color=list(palette.RUNS)),
+    "grid.color": palette.GRID,
+    "grid.linewidth": 0.7,
+    "xtick.color": "#52606D",
+    "ytick.color": "#52606D",
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "figure.facecolor": "white",
+    "axes.xmargin": 0.0,
+}
+
+
+def styled(draw: Callable[Parameters, Drawn]) -> Callable[Parameters, Drawn]:
+    """Draw in the project's style, and leave matplotlib's settings as they were."""
+
+    @wraps(draw)
+    def drawn(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Drawn:
+        with matplotlib.rc_context(STYLE):
+            return draw(*args, **kwargs)
+
+    return drawn
+
+
+def _figure(width: float, height: float, title: str) -> Figure:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold")
+    return figure
+
+
+def new_figure(
+    rows: int, title: str, heights: Sequence[float] | None = None, height: float | None = None
+) -> tuple[Figure, list[Axes]]:
+    """Plots under each other. `heights`: share of each."""
+    shares = list(heights or [1.5] * rows)
+    figure = _figure(WIDTH_IN, height or 1.0 + 1.25 * sum(shares), title)
+    plots = figure.subplots(rows, 1, squeeze=False, gridspec_kw={"height_ratios": shares})
+    return figure, list(plots[:, 0])
+
+
+def small_multiples(
+    count: int, title: str, columns: int, height: float = 2.5, share_columns: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """A grid of like plots; places left over stay empty. share_columns: one time axis a column."""
+    rows = -(-count // columns)
+    figure = _figure(WIDTH_IN, 0.7 + height * rows, title)
+    plots = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_columns else False)
+    every = list(plots.flat)
+    for plot in every[count:]:
+        plot.set_visible(False)
+    return figure, every[:count]
+
+
+def legend(plot: Axes, columns: int = 4) -> None:
+    """Above the plot, at the right, out of the way of the curves."""
+    plot.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=columns, borderaxespad=0.0, handlelength=1.4,
+        frameon=False, fontsize=8.0, columnspacing=1.2,
+    )  # fmt: skip
+
+
+def symmetric(plot: Axes) -> None:
+    """The same room above and below zero."""
+    limit = max(abs(value) for value in plot.get_ylim())
+    plot.set_ylim(-limit, limit)
+
+
+def direction_colors() -> tuple[str, str]:
+    """|u| growing, |u| falling."""
+    return palette.RESPONSE, palette.MARK
+
+
+def png(figure: Figure, dpi: int = DPI) -> bytes:
+    """The figure as the bytes of a PNG file."""
+    buffer = BytesIO()
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(buffer, format="png", dpi=dpi)
+    return buffer.getvalue()

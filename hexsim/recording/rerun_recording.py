@@ -1,0 +1,194 @@
+"""A Rerun recording of one run, or of several on a common time line: the machine in 3-D, platform and leg signals.
+
+    /<label>/machine/...                       3-D, see `rerun_scene`
+    /<label>/acceleration/<axis>/raw|wanted|within_band [m/s2], [rad/s2]
+    /<label>/deviation/<axis>/raw|reversal_peaks|within_band   (later names are drawn on top)
+    /<label>/pose/<axis>/commanded|actual      [mm], [deg]
+    /<label>/legs/<i>/setpoint|position|error [mm], valve|compensation [V], bottom|top [bar], flow [l/min]
+    /<label>/supply                            [bar]
+    /<label>/messages, /<label>/summary
+
+All series are sent in bulk (`send_columns`), accelerations at the log's own rate, pose and legs at `SLOW_RATE_Hz`;
+styling is static. Where several runs are shown, curves that no view of the blueprint has are left out.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from hexsim.recording import palette
+from hexsim.recording.atomic import written_whole
+from hexsim.recording.deviation import Deviation
+from hexsim.recording.rerun_blueprint import blueprint
+from hexsim.recording.rerun_scene import log_machine, time_column
+from hexsim.recording.signals import AXIS_NAMES, ROTATIONS, Signals
+
+Array = NDArray[np.float64]
+
+MM, BAR, L_MIN, DEG = 1e3, 1e-5, 6e4, 180.0 / np.pi  # what engineers read, per SI unit
+SLOW_RATE_Hz = 500.0  # of pose and leg signals: the rate of the motion computer
+GAP = 2.6  # distance of machines side by side, in base radii
+MESSAGE_LEVEL = "INFO"
+LEG_NAMES = {"bottom": "bottom pressure", "top": "rod side pressure"}
+
+
+def write_recording(
+    path: Path,
+    runs: Mapping[str, Signals],
+    summaries: Mapping[str, str] | None = None,
+    messages: Mapping[str, Iterable[tuple[float, int | None, str]]] | None = None,
+) -> None:
+    """Write a recording (.rrd) of label -> signals, whole or not at all, with the blueprint it opens with.
+
+    summaries: label -> Markdown for the text panel. messages: label -> (time_s, leg, text).
+    """
+    labels = {label: entity_name(label) for label in runs}
+    with written_whole(Path(path)) as temporary:
+        recording = rr.RecordingStream("hexsim", send_properties=True)
+        with_text = [labels[label] for label in runs if (summaries or {}).get(label)]
+        shown = blueprint({labels[label]: signals for label, signals in runs.items()}, with_text)
+        recording.save(os.fspath(temporary), default_blueprint=shown)
+        for index, (label, signals) in enumerate(runs.items()):
+            root = labels[label]
+            color = None if len(runs) == 1 else palette.RUNS[index % len(palette.RUNS)]
+            log_machine(recording, f"{root}/machine", signals, _place(index, len(runs), signals))
+            series = _Series(recording=recording, root=root, signals=signals, label=label, color=color)
+            series.platform()
+            series.legs()
+            text = (summaries or {}).get(label)
+            if text:
+                document = rr.TextDocument(f"## {label}\n\n{text}", media_type=rr.MediaType.MARKDOWN)
+                recording.log(f"{root}/summary", document, static=True)
+            for time_s, leg, message in (messages or {}).get(label, ()):
+                recording.set_time("time", duration=time_s)
+                place = f"leg {leg}: " if leg else ""
+                recording.log(f"{root}/messages", rr.TextLog(f"{place}{message}", level=MESSAGE_LEVEL))
+            recording.reset_time()
+        recording.flush()
+        recording.disconnect()
+
+
+def entity_name(label: str) -> str:
+    """A label as one part of an entity path: letters, digits, - and _ stay."""
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in label) or "run"
+
+
+def _place(index: int, count: int, signals: Signals) -> Array:
+    """Machines stand side by side along y, the first at the left of the picture."""
+    geometry = signals.machine.geometry
+    radius = geometry.base_radius_m if geometry is not None else 2.0 * signals.machine.cylinder.stroke_m
+    return np.array([0.0, (0.5 * (count - 1) - index) * GAP * radius, 0.0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Series:
+    """Sends the curves of one run. color: of all its curves where several runs are shown, None where it is alone."""
+
+    recording: rr.RecordingStream
+    root: str
+    signals: Signals
+    label: str
+    color: str | None
+
+    def curve(self, path: str, time_s: Array, values: Array | None, name: str, color: str, width: float = 1.5) -> None:
+        """A static style and one bulk message; nothing where the log has no such signal."""
+        if values is None:
+            return
+        named = f"{self.label} {name}" if self.color else name
+        style = rr.SeriesLines(
+            colors=[palette.rgb(color)],
+            names=[named],
+            widths=[width],
+            aggregation_policy="MinMax",  # bumps are short
+        )
+        self.recording.log(f"{self.root}/{path}", style, static=True)
+        columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values))
+        self.recording.send_columns(f"{self.root}/{path}", [time_column(time_s)], columns)
+
+    @property
+    def alone(self) -> bool:
+        return self.color is None
+
+    def slow_curve(self, path: str, values: Array | None, name: str, color: str) -> None:
+        """A curve at `SLOW_RATE_Hz` or the log's own rate, whichever is lower."""
+        t = self.signals.time_s
+        every = max(1, round((len(t) - 1) / (np.ptp(t) * SLOW_RATE_Hz)))
+        self.curve(path, t[::every], None if values is None else values[::every], name, color)
+
+    def platform(self) -> None:
+        """Pose, acceleration and deviation of every axis."""
+        signals = self.signals
+        for axis in signals.axes:
+            scale, name = DEG if axis in ROTATIONS else MM, AXIS_NAMES[axis]
+            commanded, position = _times(signals.commanded(axis), scale), _times(signals.position(axis), scale)
+            self.slow_curve(f"pose/{axis}/commanded", commanded, f"{name} commanded", palette.WANTED)
+            self.slow_curve(f"pose/{axis}/actual", position, name, self.color or palette.RESPONSE)
+            found = signals.deviation(axis)
+            if found is not None:
+                self.acceleration(axis, found)
+                self.deviation(axis, found)
+
+    def acceleration(self, axis: str, found: Deviation) -> None:
+        signals, path, name = self.signals, f"acceleration/{axis}", AXIS_NAMES[axis]
+        band = f"{name} {found.bandwidth_Hz:g} Hz"
+        t, color = signals.time_s, self.color or palette.RESPONSE
+        if self.alone:
+            self.curve(f"{path}/raw", t, signals.acceleration(axis), f"{name} raw", palette.RAW, 1.0)
+        self.curve(f"{path}/within_band", t, signals.acceleration_in_band(axis), band, color)
+        if self.alone and axis in signals.driven_axes:
+            self.curve(f"{path}/wanted", found.time_s, found.wanted, f"{name} {found.wanted_is}", palette.WANTED)
+
+    def deviation(self, axis: str, found: Deviation) -> None:
+        path, name, t = f"deviation/{axis}", AXIS_NAMES[axis], found.time_s
+        band, color = f"{name} {found.bandwidth_Hz:g} Hz", self.color or palette.DEVIATION
+        self.curve(f"{path}/within_band", t, found.band, band, color)
+        if axis not in self.signals.driven_axes or not self.alone:
+            return
+        self.curve(f"{path}/raw", t, found.raw, f"{name} raw", palette.RAW, 1.0)
+        if found.peaks:
+            style = rr.SeriesPoints(
+                colors=[palette.rgb(palette.MARK)], names=[f"{name} peaks"], markers=["Circle"], marker_sizes=[5.0]
+            )
+            self.recording.log(f"{self.root}/{path}/reversal_peaks", style, static=True)
+            times = time_column(np.array([peak.time_s for peak in found.peaks]))
+            columns = rr.Scalars.columns(scalars=[peak.value for peak in found.peaks])
+            self.recording.send_columns(f"{self.root}/{path}/reversal_peaks", [times], columns)
+
+    def legs(self) -> None:
+        """Every leg's signals, and the supply they share."""
+        signals = self.signals
+        supply = signals.column("true_pressure_supply_Pa", "pressure_supply_Pa")
+        self.slow_curve("supply", _times(supply, BAR), "supply", palette.SUPPLY)
+        for leg in signals.legs:
+            own = self.color or (palette.LEGS[leg - 1] if signals.machine.is_hexapod else palette.RESPONSE)
+            setpoint, position = signals.leg("setpoint", "m", leg), signals.leg("position", "m", leg)
+            error = setpoint - position if setpoint is not None and position is not None else None
+            bottom = signals.leg("true_pressure_bottom", "Pa", leg, "pressure_bottom")
+            compensation = signals.leg("compensation", "V", leg)
+            curves = {
+                "setpoint": (_times(setpoint, MM), palette.WANTED),
+                "position": (_times(position, MM), own),
+                "error": (_times(error, MM), own),
+                "valve": (signals.leg("valve", "V", leg), own),
+                "compensation": (
+                    compensation if compensation is not None and compensation.any() else None,
+                    palette.WANTED,
+                ),
+                "bottom": (_times(bottom, BAR), own),
+                "top": (_times(signals.leg("pressure_top", "Pa", leg), BAR), palette.WANTED),
+                "flow": (_times(signals.leg("flow", "m3_s", leg), L_MIN), own),
+            }
+            for key, (values, color) in curves.items():
+                name = f"leg {leg} {LEG_NAMES.get(key, key)}"
+                self.slow_curve(f"legs/{leg}/{key}", values, name, color)
+
+
+def _times(values: Array | None, factor: float) -> Array | None:
+    return None if values is None else factor * values

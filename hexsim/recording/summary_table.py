@@ -1,0 +1,82 @@
+"""The figures of a run's summary as rows of text: the terminal, the report and the recording show the same ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from hexsim.recording.signals import AXIS_NAMES, axis_unit
+
+NOTHING = "–"
+COLUMNS = {
+    "fundamental": "basic harmonic",
+    "peak_raw": "peak raw",
+    "peak_band": "peak {band:g} Hz",
+    "bump_pp": "bump p-p",
+    "noise_rms": "noise rms",
+}
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A figure to `digits` significant places; 0.000123 stays readable, a missing one is a dash."""
+    if value is None or not math.isfinite(value):
+        return NOTHING
+    if value == 0.0:
+        return "0"
+    rounded = abs(float(f"{value:.{digits - 1}e}"))  # 0.99996 is 1.00
+    decimals = max(0, digits - 1 - math.floor(math.log10(rounded)))
+    return f"{value:.{decimals}f}" if decimals <= 6 and rounded < 1e6 else f"{value:.{digits - 1}e}"
+
+
+def axis_label(axis: str) -> str:
+    """heave z, roll, leg."""
+    name = AXIS_NAMES.get(axis, axis)
+    return name if name == axis else f"{name} {axis}"
+
+
+def axis_header(summary: Mapping[str, Any]) -> list[str]:
+    """Column heads of `axis_rows`."""
+    return ["axis", *(head.format(band=summary.get("bandwidth_Hz", 50.0)) for head in COLUMNS.values()), "unit"]
+
+
+def axis_rows(summary: Mapping[str, Any], driven: tuple[str, ...] = ()) -> list[tuple[bool, list[str]]]:
+    """(driven?, cells) for each axis, the driven ones first."""
+    rows = []
+    for axis, figures in summary["axes"].items():
+        unit = axis_unit(axis)
+        cells = [number(figures.get(f"{key}_{unit}")) for key in COLUMNS]
+        is_driven = axis in driven or axis == "leg"
+        rows.append((is_driven, [axis_label(axis), *cells, unit.replace("_s2", "/s²")]))
+    return sorted(rows, key=lambda row: not row[0])
+
+
+def facts(summary: Mapping[str, Any], run: Any = None) -> list[tuple[str, str]]:
+    """What was run and how, as (name, value)."""
+    tracking = summary.get("tracking_rms_m") or []
+    lines = [
+        ("scenario", str(summary["scenario"])),
+        ("machine", str(summary["machine"])),
+        ("compensator", str(summary["compensator"])),
+        ("duration", f"{number(summary['duration_s'], 4)} s"),
+        ("tracking rms", " ".join(number(1e3 * value) for value in tracking) + " mm" if tracking else NOTHING),
+    ]
+    if run is not None:
+        lines.append(("model", f"{MODELS.get(run.model, run.model)}, {SCHEMES.get(run.scheme, run.scheme)}"))
+        lines.append(("seed", str(run.seed)))
+    lines.append(("real-time factor", number(summary.get("realtime_factor"))))
+    return lines
+
+
+MODELS = {"full": "full legs", "tendon": "tendon equal"}
+SCHEMES = {"rk4": "RK4 at 100 µs", "fast": "fast scheme"}
+
+
+def markdown(summary: Mapping[str, Any], driven: tuple[str, ...] = (), run: Any = None) -> str:
+    """The same as Markdown, for the text panel of a recording."""
+    head = axis_header(summary)
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    lines += [f"| {' | '.join(cells)} |" for _, cells in axis_rows(summary, driven)]
+    lines += ["", *(f"- {name}: {value}" for name, value in facts(summary, run))]
+    lines += [f"- **warning**: {text}" for text in summary.get("warnings", [])]
+    return "\n".join(lines)

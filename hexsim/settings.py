@@ -1,0 +1,59 @@
+"""Settings by dotted key: `valve.overlap_m` changes the machine, `scenario.fade_s` the scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from hexsim.errors import HexsimError
+from hexsim.machine import Machine, load_machine
+from hexsim.machine.files import changed
+from hexsim.scenarios import Scenario, load_scenario, scenario_from_dict
+
+SCENARIO = "scenario."
+
+
+def scenario_and_machine(
+    scenario_name: str,
+    machine_name: str | None = None,
+    *,
+    amplitude: float | None = None,
+    frequency_Hz: float | None = None,
+    duration_s: float | None = None,
+) -> tuple[Scenario, Machine]:
+    """A scenario with its changes, and the machine named, else the scenario's own."""
+    scenario = load_scenario(scenario_name, amplitude=amplitude, frequency_Hz=frequency_Hz, duration_s=duration_s)
+    return scenario, load_machine(machine_name or scenario.machine_name)
+
+
+def apply_settings(
+    scenario: Scenario, machine: Machine, settings: Mapping[str, Any], source: str = "settings"
+) -> tuple[Scenario, Machine]:
+    """Both with the settings applied and checked; a setting goes before what the scenario changes in the machine."""
+    asked = {key.removeprefix(SCENARIO): value for key, value in settings.items() if key.startswith(SCENARIO)}
+    if asked:
+        tables = scenario.to_dict()
+        for key, value in asked.items():
+            set_dotted(tables, key, value, source)
+        scenario = scenario_from_dict(tables, source)
+    changes = {key: value for key, value in settings.items() if not key.startswith(SCENARIO)}
+    for key in changes:
+        if "." not in key:
+            raise HexsimError(f"{source}: {key} names no table: give table.key, for example valve.overlap_m")
+    if changes:
+        machine = changed(machine, changes, source)
+        kept = {key: value for key, value in scenario.machine_changes.items() if key not in changes}
+        if len(kept) < len(scenario.machine_changes):
+            tables = {**scenario.to_dict(), "machine": kept}
+            scenario = scenario_from_dict(tables, source)
+    return scenario, machine
+
+
+def set_dotted(tables: dict[str, Any], dotted: str, value: Any, source: str) -> None:
+    """Set one key of nested tables; the tables on the way must exist or be new."""
+    *path, key = dotted.split(".")
+    for part in path:
+        tables = tables.setdefault(part, {})
+        if not isinstance(tables, dict):
+            raise HexsimError(f"{source}: {dotted} leads through {part}, which is no table")
+    tables[key] = value

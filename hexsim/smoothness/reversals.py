@@ -1,0 +1,247 @@
+"""What happens where the motion turns round: the bump of acceleration at each zero crossing of the velocity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hexsim.smoothness.band import Array, BANDWIDTH_Hz, band_limit, inner_span_s, sample_rate_Hz
+
+REVERSAL_WINDOW_S = 0.2  # either side of a reversal (TU Delft, "high-efficiency-bump-test", 2024)
+LONGEST_DELAY_S = 0.5  # a response later than this is not looked for
+DELAY_STEP_S = 0.002  # of the grid on which a delay is looked for
+DELAY_GRID_SAMPLES = 4000  # samples of the record that are enough for the grid
+LONGEST_STANDSTILL_S = 0.02  # a commanded velocity at 0 for longer is a rest, not a reversal
+
+End = Literal["top", "bottom"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reversal:
+    """Where a motion turns round: at the top the velocity goes from + to -, at the bottom from - to +."""
+
+    time_s: float
+    end: End
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReversalPeak:
+    """Largest |deviation| near one reversal, its sign kept in `signed`."""
+
+    time_s: float
+    end: End
+    peak: float
+    signed: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReversalBump:
+    """Bump at one reversal: d = a - a_commanded, bump_pp = max d - min d, peak = max |d|, in the window about it.
+
+    time_s: of the reversal in the response, delay_s after the command's.
+    """
+
+    time_s: float
+    delay_s: float
+    end: End
+    bump_pp: float
+    peak: float
+    commanded_acceleration: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CommandDeviation:
+    """Acceleration less the commanded one (moved by `delay_s`), less the mean: arrays (n,), raw and in the band.
+
+    inner: the samples that are not at an end of the record.
+    """
+
+    delay_s: float
+    time_s: Array
+    raw: Array
+    band: Array
+    inner: slice
+
+
+@dataclass(frozen=True, kw_only=True)
+class BumpFit:
+    """bump_pp = intercept + slope |a_commanded|; r2 is None where all bumps are equal."""
+
+    intercept: float
+    slope: float
+    r2: float | None
+    count: int
+
+
+def reversals_of_velocity(time_s: ArrayLike, velocity: ArrayLike) -> tuple[Reversal, ...]:
+    """Zero crossings of a (commanded) velocity, interpolated between samples.
+
+    A velocity that stays 0 for more than 0.02 s between the signs is a rest and not counted. Meant for commanded
+    velocity: a measured one crosses zero many times at each reversal.
+    """
+    time, v = np.asarray(time_s, dtype=float), np.asarray(velocity, dtype=float)
+    moving = np.flatnonzero(np.abs(v) > 1e-12 * np.max(np.abs(v), initial=0.0))
+    found = []
+    for before, after in pairwise(moving):
+        if v[before] * v[after] > 0.0 or time[after] - time[before] > LONGEST_STANDSTILL_S + time[1] - time[0]:
+            continue
+        share = v[before] / (v[before] - v[after])
+        at = time[before] + share * (time[after] - time[before])
+        found.append(Reversal(time_s=float(at), end="top" if v[before] > 0.0 else "bottom"))
+    return tuple(found)
+
+
+def peaks_at_reversals(
+    time_s: ArrayLike, deviation: ArrayLike, reversals: Sequence[Reversal], window_s: float = REVERSAL_WINDOW_S
+) -> tuple[ReversalPeak, ...]:
+    """Largest |deviation| within `window_s` of each reversal whose window lies in the record.
+
+    `deviation`: from the basic harmonic or from the command, already in the band it is judged in.
+    """
+    time, d = np.asarray(time_s, dtype=float), np.asarray(deviation, dtype=float)
+    peaks = []
+    for reversal in reversals:
+        near = _window(time, reversal.time_s, window_s)
+        if near is not None:
+            largest = float(d[near][np.argmax(np.abs(d[near]))])
+            peaks.append(ReversalPeak(time_s=reversal.time_s, end=reversal.end, peak=abs(largest), signed=largest))
+    return tuple(peaks)
+
+
+def response_delay_s(time_s: ArrayLike, response: ArrayLike, command: ArrayLike) -> float:
+    """How much later the response comes than the command [s], looked for within +-0.5 s.
+
+    The delay whose shifted and scaled command leaves the least squares: first on a grid of 2 ms, then to 1e-5 s. A
+    periodic command has several alike (likeness within 0.01 of the best): of these the one nearest to 0, so it is known
+    but for whole periods. 0 if either is constant. One delay for the whole record: a lag that depends on frequency is
+    met only on average.
+    """
+    from scipy.optimize import minimize_scalar  # here and not above: start-up, as in `band_limit`
+
+    time = np.asarray(time_s, dtype=float)
+    rate = sample_rate_Hz(time)
+    a, c = np.asarray(response, dtype=float), np.asarray(command, dtype=float)
+    if not np.ptp(a) or not np.ptp(c):
+        return 0.0
+    reach = min(LONGEST_DELAY_S, 0.25 * (time[-1] - time[0]))
+    inner = np.arange(int(np.ceil(reach * rate)), len(c) - int(np.ceil(reach * rate)))  # the shifted command is known
+
+    def likeness(delay: float, samples: NDArray[np.int_]) -> float:
+        """Correlation coefficient with the shifted command; 1 where scale and offset are all that differs."""
+        shifted, answer = np.interp(time[samples] - delay, time, c), a[samples]
+        shifted, answer = shifted - shifted.mean(), answer - answer.mean()
+        power = float(np.sum(shifted**2) * np.sum(answer**2))
+        return float(np.sum(answer * shifted)) / np.sqrt(power) if power > 0.0 else 0.0
+
+    some = inner[:: max(1, len(inner) // DELAY_GRID_SAMPLES)]
+    grid = DELAY_STEP_S * np.arange(-int(reach / DELAY_STEP_S), int(reach / DELAY_STEP_S) + 1)
+    likes = np.array([likeness(delay, some) for delay in grid])
+    beside = np.concatenate([[-np.inf], likes, [-np.inf]])
+    peaks = (likes >= beside[:-2]) & (likes >= beside[2:]) & (likes >= likes.max() - 0.01)
+    coarse = grid[peaks][np.argmin(np.abs(grid[peaks]))]
+    near = (coarse - DELAY_STEP_S, coarse + DELAY_STEP_S)
+    found = minimize_scalar(lambda d: -likeness(d, inner), bounds=near, method="bounded", options={"xatol": 1e-5})
+    return float(found.x)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def deviation_from_command(
+    time_s: ArrayLike,
+    acceleration: ArrayLike,
+    commanded_acceleration: ArrayLike,
+    *,
+    bandwidth_Hz: float | None = BANDWIDTH_Hz,
+    delay_s: float | None = None,
+    start_s: float | None = None,
+) -> CommandDeviation:
+    """d(t) = a(t) - a_commanded(t - delay) less its mean, from `start_s` on; the delay is estimated if not given.
+
+    Both accelerations are limited to the band; before the record the command is taken as its first value. The ends of
+    the record lean on padding in the band (see `band_limit`): `CommandDeviation.inner` is the
+    rest, and the one to take figures from.
+    """
+    time, command = np.asarray(time_s, dtype=float), np.asarray(commanded_acceleration, dtype=float)
+    late = slice(0 if start_s is None else int(np.searchsorted(time, start_s - 1e-9)), None)
+    inner = slice(*np.searchsorted(time[late], inner_span_s(time, bandwidth_Hz)))
+    raw, band = np.asarray(acceleration, dtype=float), band_limit(time, acceleration, bandwidth_Hz)
+    if delay_s is None:
+        delay_s = response_delay_s(time[late], band[late], command[late])
+    asked = np.interp(time - delay_s, time, command)
+    raw, band = (raw - asked)[late], (band - band_limit(time, asked, bandwidth_Hz))[late]
+    raw, band = raw - raw.mean(), band - band.mean()
+    return CommandDeviation(delay_s=delay_s, time_s=time[late], raw=raw, band=band, inner=inner)
+
+
+def reversal_bumps(
+    time_s: ArrayLike,
+    acceleration: ArrayLike,
+    commanded_velocity: ArrayLike,
+    commanded_acceleration: ArrayLike,
+    *,
+    bandwidth_Hz: float | None = BANDWIDTH_Hz,
+    window_s: float = REVERSAL_WINDOW_S,
+    delay_s: float | None = None,
+    start_s: float | None = None,
+) -> tuple[ReversalBump, ...]:
+    """The bump at every zero crossing of the commanded velocity whose window lies inside the record after `start_s`.
+
+    Arrays (n,), in the units of the axis; bandwidth_Hz None: raw. Reversal and command are moved by the delay of the
+    response (estimated if not given). Limits: a response smaller than the command leaves a rest of the command in d,
+    for a sine (1 - gain) |a_cmd| (1 - cos(2 pi f window)) of bump; noise of the sensor counts as bump, some 4 to 5
+    standard deviations in the band.
+    """
+    time = np.asarray(time_s, dtype=float)
+    command = np.asarray(commanded_acceleration, dtype=float)
+    deviation = deviation_from_command(
+        time, acceleration, command, bandwidth_Hz=bandwidth_Hz, delay_s=delay_s, start_s=start_s
+    )
+    bumps = []
+    for reversal in reversals_of_velocity(time, commanded_velocity):
+        near = _window(deviation.time_s[deviation.inner], reversal.time_s + deviation.delay_s, window_s)
+        if near is None:
+            continue
+        d = deviation.band[deviation.inner][near]
+        bumps.append(
+            ReversalBump(
+                time_s=reversal.time_s + deviation.delay_s,
+                delay_s=deviation.delay_s,
+                end=reversal.end,
+                bump_pp=float(d.max() - d.min()),
+                peak=float(np.abs(d).max()),
+                commanded_acceleration=float(np.interp(reversal.time_s, time, command)),
+            )
+        )
+    return tuple(bumps)
+
+
+def bump_fit(bumps: Sequence[ReversalBump], end: End | None = None) -> BumpFit | None:
+    """Least-squares line of bump against |commanded acceleration|, all reversals or those of one end.
+
+    None where fewer than two different accelerations are there: a line through one level says nothing.
+    """
+    chosen = [bump for bump in bumps if end is None or bump.end == end]
+    x = np.array([abs(bump.commanded_acceleration) for bump in chosen])
+    y = np.array([bump.bump_pp for bump in chosen])
+    if len(chosen) < 2 or np.ptp(x) <= 1e-6 * np.max(x):
+        return None
+    slope = float(np.sum((x - x.mean()) * (y - y.mean())) / np.sum((x - x.mean()) ** 2))
+    intercept = float(y.mean() - slope * x.mean())
+    spread = float(np.sum((y - y.mean()) ** 2))
+    left = float(np.sum((y - intercept - slope * x) ** 2))
+    r2 = 1.0 - left / spread if spread > 0.0 else None
+    return BumpFit(intercept=intercept, slope=slope, r2=r2, count=len(chosen))
+
+
+def _window(time: Array, centre_s: float, window_s: float) -> slice | None:
+    """Samples within `window_s` of `centre_s`; None if the window reaches out of the record."""
+    if len(time) < 2:
+        return None
+    tolerance = 0.5 * (time[1] - time[0])
+    if centre_s - window_s < time[0] - tolerance or centre_s + window_s > time[-1] + tolerance:
+        return None
+    first, last = np.searchsorted(time, [centre_s - window_s - 1e-9, centre_s + window_s + 1e-9])
+    return slice(int(first), int(last))

@@ -1,0 +1,113 @@
+"""The model's answer to the logs: simulated channels, stacked and divided by their noise, ready for least squares."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+
+from hexsim.machine.declaration import Machine
+from hexsim.tracing import rules
+from hexsim.tracing.bench_simulator import simulate_bench
+from hexsim.tracing.channels import SETTLE_S, channel_arrays, kind_of
+from hexsim.tracing.hexapod_simulator import simulate_hexapod
+from hexsim.tracing.log import MeasuredLog
+
+Array = np.ndarray
+
+
+@cache
+def _places(n_legs: int) -> dict[str, int]:
+    """Rows of the simulations' outputs by channel."""
+    if n_legs == 1:
+        return {"position_m": 0, "pressure_bottom_Pa": 2, "pressure_supply_Pa": 3, "acceleration_m_s2": 4}
+    places = {f"position_{i + 1}_m": i for i in range(6)} | {f"pressure_bottom_{i + 1}_Pa": 12 + i for i in range(6)}
+    places |= {f"acceleration_{axis}_m_s2": 19 + i for i, axis in enumerate("xyz")}
+    places |= {f"angular_acceleration_{axis}_rad_s2": 22 + i for i, axis in enumerate("xyz")}
+    return places | {"pressure_supply_Pa": 18}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Question:
+    """Logs that a model must answer, with the noise of their channels.
+
+    `misfit` is what every fit and test is made of. feedback: 0 the declared position loop, 1 the logged volts held to
+    the logged position (see `leg_simulation.run_leg`).
+    """
+
+    logs: tuple[MeasuredLog, ...]
+    noise: dict[str, float]
+    feedback: int = 0
+    measured: tuple[dict[str, Array], ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "measured", tuple(channel_arrays(log) for log in self.logs))
+
+    def head(self, duration_s: float) -> Question:
+        """The same question about the first seconds of each log."""
+        logs = tuple(log.head(duration_s) for log in self.logs)
+        return Question(logs=logs, noise=self.noise, feedback=self.feedback)
+
+    def channels(self, i: int) -> list[str]:
+        return list(self.measured[i])
+
+    def settle(self, i: int) -> int:
+        """First sample that counts."""
+        return min(int(SETTLE_S * self.logs[i].rate), self.logs[i].n // 4)
+
+    def blocks(self, i: int) -> int:
+        """How many blocks of about a second log i has."""
+        return max(int((self.logs[i].time[-1] - self.logs[i].time[0]) / rules.BLOCK_S), 2)
+
+    def answer(self, machine: Machine, i: int) -> Array:
+        """Simulated channels of log i in physical units (n_channels, n)."""
+        out = self._outputs(machine, i)
+        return out[[_places(self.logs[i].n_legs)[name] for name in self.channels(i)]]
+
+    def _outputs(self, machine: Machine, i: int) -> Array:
+        simulate = simulate_bench if self.logs[i].n_legs == 1 else simulate_hexapod
+        return simulate(machine, self.logs[i], self.feedback)
+
+    def simulated(self, machine: Machine, i: int) -> MeasuredLog:
+        """Log i as the machine would have written it, without noise."""
+        out, log = self._outputs(machine, i), self.logs[i]
+        k = log.n_legs
+        starts = (0, 1, 2, 3, 4) if k == 1 else (0, 6, 12, 18, 19)
+
+        def like(rows: Array | None, first: int) -> Array | None:
+            return None if rows is None else out[first : first + rows.shape[0]].copy()
+
+        return replace(
+            log,
+            position=out[:k].copy(),
+            volts=out[starts[1] : starts[1] + k].copy(),
+            pressure=like(log.pressure, starts[2]),
+            supply=None if log.supply is None else out[starts[3]].copy(),
+            acceleration=like(log.acceleration, starts[4]),
+            angular=like(log.angular, 22),
+        )
+
+    def sigma(self, i: int) -> Array:
+        return np.array([self.noise[kind_of(name)] for name in self.channels(i)])
+
+    def _misfit(self, machine: Machine, i: int) -> Array:
+        settle = self.settle(i)
+        measured = np.stack(list(self.measured[i].values()))
+        return (measured - self.answer(machine, i))[:, settle:] / self.sigma(i)[:, None]
+
+    def misfit(self, machines: Sequence[Machine]) -> list[Array]:
+        """(measured - simulated)/noise of each log, (n_variants, n_channels, n_used); two threads."""
+        jobs = [(machine, i) for machine in machines for i in range(len(self.logs))]
+        results = list(_threads().map(lambda job: self._misfit(*job), jobs))
+        k = len(self.logs)
+        return [np.stack(results[i::k]) for i in range(k)]
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    """The compiled simulations release the interpreter: as many at once as there are cores."""
+    return ThreadPoolExecutor(max_workers=max(os.cpu_count() or 1, 1))

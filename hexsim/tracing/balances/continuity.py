@@ -1,0 +1,66 @@
+"""Continuity of the bottom chamber: r_Q = phi(u, P1, Ps) - A1 v - C(y, P1) dP1/dt  [m3/s], Eq. 3.7 rearranged."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hexsim.hydraulics import leg as leg_equations
+from hexsim.hydraulics.compiled import compiled
+from hexsim.hydraulics.parameters import P
+from hexsim.machine.declaration import Machine
+from hexsim.tracing.balances.balance import MeasuredPoint, measured_point, resolved_machine
+from hexsim.tracing.log import MeasuredLog
+from hexsim.tracing.weak_form import Window
+
+Array = np.ndarray
+
+
+@compiled
+def inflows(p, y, v, volts, x, P1, Ps, t):
+    """phi of every sample [m3/s]."""
+    flow = np.empty(y.shape[0])
+    for i in range(y.shape[0]):
+        flow[i] = leg_equations.inflow(p, y[i], v[i], volts[i], x[i], P1[i], Ps[i], t[i])
+    return flow
+
+
+@compiled
+def capacities(p, y, P1):
+    """Hydraulic capacity of every sample [m3/Pa]."""
+    capacity = np.empty(y.shape[0])
+    for i in range(y.shape[0]):
+        capacity[i] = leg_equations.chamber_capacity(p, y[i], P1[i])
+    return capacity
+
+
+def residual_of(p: Array, point: MeasuredPoint, window: Window) -> Array:
+    """Net inflow, less what the piston sweeps, less what compresses, under the window (n,) [m3/s]."""
+    assert point.P1 is not None
+    flow = inflows(p, point.y, point.v, point.volts, point.x, point.P1, point.Ps, point.t)
+    y, P1 = window.mean(point.y), window.mean(point.P1)
+    capacity = capacities(p, y, P1)
+    about = point.P1 - P1.mean()
+    compression = window.rate(capacity * about) - window.mean(np.gradient(capacity, window.dt) * about)
+    return window.mean(flow) - p[P.AREA_BOTTOM] * window.rate(point.y) - compression
+
+
+class Continuity:
+    """Continuity of each leg's bottom chamber."""
+
+    name = "continuity"
+    unit = "m3/s"
+
+    def wants(self, log: MeasuredLog) -> bool:
+        return log.volts is not None and log.pressure is not None
+
+    def places(self, log: MeasuredLog) -> list[str]:
+        return [f"leg {i + 1}" for i in range(log.n_legs)]
+
+    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+        resolved, window = resolved_machine(machine), Window(log.rate)
+        return np.stack(
+            [
+                residual_of(resolved.rows[i], measured_point(log, machine, resolved, i), window)
+                for i in range(log.n_legs)
+            ]
+        )

@@ -1,0 +1,86 @@
+"""Force on the moving mass of a bench: r_F = P1 A1 - Ps A2 - m g - m a - F_f(v) + ...  [N]."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hexsim.hydraulics import leg as leg_equations
+from hexsim.hydraulics.compiled import compiled
+from hexsim.hydraulics.parameters import P
+from hexsim.machine.declaration import Machine
+from hexsim.machine.resolved import PayloadMode
+from hexsim.tracing.balances.balance import advanced, measured_point, resolved_machine
+from hexsim.tracing.log import MeasuredLog
+from hexsim.tracing.weak_form import Window
+
+Array = np.ndarray
+
+
+@compiled
+def forces_beyond_pressure(p, y, v, volts, P1, Ps, t):
+    """What acts along the leg besides P1 A1, every sample [N]; the bristle runs along where the leg has one."""
+    n = y.shape[0]
+    force = np.empty(n)
+    z = 0.0
+    for i in range(n):
+        force[i] = leg_equations.force_beyond_pressure(p, y[i], v[i], volts[i], P1[i], Ps[i], Ps[i], z, t[i])
+        if p[P.BRISTLE_STIFFNESS] > 0.0 and i + 1 < n:
+            h = (t[i + 1] - t[i]) / 10.0
+            stiff = p[P.BRISTLE_STIFFNESS] * abs(v[i]) / leg_equations.friction_level(p, y[i], v[i], P1[i])
+            for _ in range(10):
+                z += h * leg_equations.bristle_rate(p, y[i], v[i], P1[i], z) / (1.0 + h * stiff)
+    return force
+
+
+@compiled
+def oscillator(y, omega, damping, rate):
+    """q of q'' = w^2 (y - q) + 2 zeta w (y' - q') for a foot linear between samples, at rest at first; 8 steps a sample."""
+    n, steps = y.shape[0], 8
+    out = np.zeros(n)
+    q = speed = 0.0
+    h = 1.0 / (rate * steps)
+    for i in range(n - 1):
+        foot_speed = (y[i + 1] - y[i]) * rate
+        for k in range(steps):
+            middle = y[i] + foot_speed * h * (k + 0.5)
+            half = q + 0.5 * h * speed
+            pull = omega * omega * (middle - half) + 2.0 * damping * omega * (foot_speed - speed)
+            speed += h * pull / (1.0 + damping * omega * h)
+            q = half + 0.5 * h * speed
+        out[i + 1] = q
+    return out
+
+
+def payload_acceleration(mode: PayloadMode, y: Array, rate: float) -> Array:
+    """q'' of a mass on a spring and damper whose foot moves as y (n,) [m/s2]."""
+    omega = 2 * np.pi * mode.frequency_Hz
+    q = oscillator(np.ascontiguousarray(y - y[0]), omega, mode.damping_ratio, rate)
+    velocity = np.gradient(q - (y - y[0]), 1 / rate)
+    return -(omega**2) * (q - (y - y[0])) - 2 * mode.damping_ratio * omega * velocity
+
+
+class Force:
+    """Force balance of a bench. A hexapod has the platform balance instead."""
+
+    name = "force"
+    unit = "N"
+
+    def wants(self, log: MeasuredLog) -> bool:
+        return log.n_legs == 1 and log.pressure is not None and log.acceleration is not None
+
+    def places(self, log: MeasuredLog) -> list[str]:
+        return ["leg 1"]
+
+    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+        resolved, window = resolved_machine(machine), Window(log.rate)
+        point, p = measured_point(log, machine, resolved, 0), resolved.rows[0]
+        assert point.P1 is not None and log.acceleration is not None
+        beyond = forces_beyond_pressure(p, point.y, point.v, point.volts, point.P1, point.Ps, point.t)
+        sensors = resolved.sensors
+        acceleration = (log.acceleration[0] - sensors.acceleration_offset_m_s2) / sensors.acceleration_gain
+        acceleration = advanced(acceleration, sensors.acceleration_delay_s * log.rate)
+        mass, gravity = resolved.load.moving_mass_kg, -resolved.gravity_m_s2[2]
+        net = point.P1 * p[P.AREA_BOTTOM] + beyond - mass * (acceleration + gravity)
+        for mode in resolved.payload_modes:
+            net = net - mode.mass_kg * (payload_acceleration(mode, point.y, log.rate) + gravity)
+        return window.mean(net)[None]

@@ -1,0 +1,91 @@
+"""Platform of a hexapod: r_J = sum f_i (u_i, r_i x u_i) - (M (a - g), I w' + ...), six numbers  [N], [N m].
+
+f_i = P1 A1 - Ps A2 - friction of each leg at the measured point, u_i and r_i in the platform frame, a and w' as the
+accelerometers show them. Legs whole (continuity quiet) but r_J violated: payload, inertia, joints, friction.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hexsim.hydraulics.parameters import P
+from hexsim.machine.declaration import Machine
+from hexsim.tracing.balances.balance import advanced, measured_point, resolved_machine
+from hexsim.tracing.balances.force import forces_beyond_pressure
+from hexsim.tracing.hexapod_simulator import kinematics_of, platform_load
+from hexsim.tracing.log import MeasuredLog
+from hexsim.tracing.weak_form import Window
+
+Array = np.ndarray
+ROWS = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+class Platform:
+    """Newton and Euler about the centre of the platform joints, in the platform frame."""
+
+    name = "platform"
+    unit = "N, N m"
+
+    def wants(self, log: MeasuredLog) -> bool:
+        return log.n_legs == 6 and log.pressure is not None and log.acceleration is not None and log.angular is not None
+
+    def places(self, log: MeasuredLog) -> list[str]:
+        return [f"platform {row}" for row in ROWS]
+
+    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+        return wrench_residual(log, machine)[0]
+
+
+class LegForce:
+    """The platform's residual shared out to the legs: thrusts that would make up for it, J^-T r_J  [N]."""
+
+    name = "force"
+    unit = "N"
+
+    def wants(self, log: MeasuredLog) -> bool:
+        return Platform().wants(log)
+
+    def places(self, log: MeasuredLog) -> list[str]:
+        return [f"leg {i + 1}" for i in range(6)]
+
+    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+        residual, lines = wrench_residual(log, machine)
+        return np.linalg.solve(np.swapaxes(lines, -1, -2), residual.T[..., None])[..., 0].T
+
+
+def wrench_residual(log: MeasuredLog, machine: Machine) -> tuple[Array, Array]:
+    """r_J (6, n) under the window, and the legs' lines (n, 6, 6) in the platform frame: wrench = lines' thrusts."""
+    resolved, window = resolved_machine(machine), Window(log.rate)
+    kinematics, load, sensors = kinematics_of(machine), platform_load(resolved), resolved.sensors
+    points = [measured_point(log, machine, resolved, i) for i in range(6)]
+    poses = kinematics.forward(window.mean(np.stack([point.y for point in points])).T)
+    jacobian, rotation = kinematics.jacobian(poses), kinematics.rotation(poses)
+    directions = np.einsum("nba,nib->nia", rotation, jacobian[:, :, :3])
+    wrench = np.zeros((6, log.n))
+    for i, point in enumerate(points):
+        row = resolved.rows[i]
+        assert point.P1 is not None
+        force = point.P1 * row[P.AREA_BOTTOM]
+        force = force + forces_beyond_pressure(row, point.y, point.v, point.volts, point.P1, point.Ps, point.t)
+        pull = force * directions[:, i].T
+        wrench[:3] += pull
+        wrench[3:] += np.cross(kinematics.platform_joints[i], pull.T).T
+    assert log.acceleration is not None and log.angular is not None
+    shown = log.acceleration - np.array([0.0, 0.0, sensors.acceleration_offset_m_s2])[:, None]
+    late = sensors.acceleration_delay_s * log.rate
+    acceleration = np.stack([advanced(row, late) for row in shown / sensors.acceleration_gain])
+    angular = np.stack([advanced(row, late) for row in log.angular])
+    twist = np.linalg.solve(jacobian, np.stack([window.rate(point.y) for point in points]).T[..., None])[..., 0]
+    omega = np.einsum("nba,nb->an", rotation, twist[:, 3:])
+    weight = np.einsum("nba,b->an", rotation, load.carried * resolved.gravity_m_s2)
+    c = load.centre[:, None]
+    of_centre = acceleration + _cross(angular, c) + _cross(omega, _cross(omega, c))
+    push = load.mass * of_centre - weight
+    spin = load.inertia @ angular + _cross(omega, load.inertia @ omega) + _cross(c, push)
+    arms = np.cross(np.broadcast_to(kinematics.platform_joints, directions.shape), directions)
+    return window.mean(wrench - np.concatenate([push, spin])), np.concatenate([directions, arms], axis=-1)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross product of rows (3, n) or (3, 1)."""
+    return np.cross(np.broadcast_to(a, np.broadcast_shapes(a.shape, b.shape)), b, axis=0)

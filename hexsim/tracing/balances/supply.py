@@ -1,0 +1,56 @@
+"""Supply: r_S = P0 - Ps for a constant supply, R (min((P0 - Ps)/R, Q_max) - q - C dPs/dt) behind a line  [Pa]."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hexsim.hydraulics import leg as leg_equations
+from hexsim.hydraulics.compiled import compiled
+from hexsim.hydraulics.supply import LINE, S
+from hexsim.machine.declaration import Machine
+from hexsim.tracing.balances.balance import measured_point, resolved_machine
+from hexsim.tracing.log import MeasuredLog
+from hexsim.tracing.weak_form import Window
+
+Array = np.ndarray
+
+
+@compiled
+def demands(p, v, x, P1, Ps):
+    """Flow that a leg takes from the supply, every sample [m3/s]."""
+    flow = np.empty(v.shape[0])
+    for i in range(v.shape[0]):
+        flow[i] = leg_equations.supply_demand(p, v[i], x[i], P1[i], Ps[i], Ps[i])
+    return flow
+
+
+class Supply:
+    """The supply's own balance, with the demand of all legs from measured signals."""
+
+    name = "supply"
+    unit = "Pa"
+
+    def wants(self, log: MeasuredLog) -> bool:
+        return log.supply is not None
+
+    def places(self, log: MeasuredLog) -> list[str]:
+        return ["all legs"]
+
+    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+        resolved, window = resolved_machine(machine), Window(log.rate)
+        supply = resolved.supply
+        assert log.supply is not None
+        Ps = log.supply / resolved.sensors.supply_pressure_gain
+        lacking = supply[S.PRESSURE] - Ps
+        if supply[S.MODEL] != LINE:
+            return window.mean(lacking)[None]
+        demand = np.zeros(log.n)
+        for i in range(log.n_legs):
+            point = measured_point(log, machine, resolved, i)
+            if point.P1 is not None:
+                demand += demands(resolved.rows[i], point.v, point.x, point.P1, point.Ps)
+        delivered = lacking / supply[S.RESISTANCE]
+        if supply[S.FLOW_MAX] > 0:
+            delivered = np.minimum(delivered, supply[S.FLOW_MAX])
+        net = window.mean(delivered - demand) - supply[S.CAPACITY] * window.rate(Ps)
+        return supply[S.RESISTANCE] * net[None]

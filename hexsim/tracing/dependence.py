@@ -1,0 +1,174 @@
+"""On what does a residual depend: additive curves over one signal, judged by cross-validation in blocks.
+
+Three forms for every signal s, because a missing gain looks like a curve only after the flow is taken out:
+    plain r = g(s)      direction r = g(s) for each sign of v      product r = v g(s)
+g is piecewise linear between quantiles. R^2 is that of blocks that the fit has not seen. A line in the spectrum that
+stands at one frequency in every run, whatever the motion, is an outside source.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+Array = np.ndarray
+KNOTS = 14
+FOLDS = 10
+BLOCK_S = 0.5  # [s]
+FORMS = ("plain", "direction", "product")
+SIMPLER = 0.03  # a plainer form is kept when it is at most this much worse in R^2
+FOLLOWS = 0.1  # signals that follow one another (volts, speed, pressure) differ by less than this in R^2
+TONE_R2 = 0.5  # least share of the residual in one line, in every run
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Dependence:
+    """The strongest dependence of a residual. knots and curve: g at its knots, in the residual's unit (plain form)."""
+
+    signal: str
+    form: str
+    r2_cv: float
+    frequency_Hz: float | None
+    knots: Array
+    curve: Array
+    curve_sd: Array
+    table: dict[str, float]  # signal -> best R^2 over forms
+
+
+def hats(x: Array, knots: Array) -> Array:
+    """Piecewise-linear basis (n, n_knots), constant beyond the ends."""
+    x = np.clip(x, knots[0], knots[-1])
+    j = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+    share = (x - knots[j]) / (knots[j + 1] - knots[j])
+    basis = np.zeros((len(x), len(knots)))
+    basis[np.arange(len(x)), j] = 1 - share
+    basis[np.arange(len(x)), j + 1] = share
+    return basis
+
+
+def knots_of(x: Array) -> Array:
+    """Knots half at quantiles, half evenly spaced, so that neither a rare range nor a busy one is coarse."""
+    quantiles = np.quantile(x, np.linspace(0, 1, KNOTS // 2 + 1))
+    even = np.linspace(quantiles[0], quantiles[-1], KNOTS // 2 + 1)
+    return np.unique(np.concatenate([quantiles, even]))
+
+
+def design(form: str, x: Array, v: Array, knots: Array) -> Array:
+    """Regressors of one form."""
+    basis = hats(x, knots)
+    if form == "direction":
+        return np.concatenate([basis * (v > 0)[:, None], basis * (v <= 0)[:, None]], axis=1)
+    if form == "product":
+        return basis * v[:, None] / max(float(np.std(v)), 1e-12)
+    return basis
+
+
+def ridge(X: Array, r: Array) -> tuple[Array, Array]:
+    """Coefficients and the inverse of the normal matrix, weakly regularised."""
+    A = X.T @ X
+    A[np.diag_indices_from(A)] += 1e-6 * np.trace(A) / len(A) + 1e-12
+    inverse = np.linalg.inv(A)
+    return inverse @ (X.T @ r), inverse
+
+
+def r2_of(X: Array, r: Array, blocks: Array) -> float:
+    """Cross-validated R^2: blocks go to folds in turn."""
+    rest = 0.0
+    for fold in range(FOLDS):
+        out = blocks % FOLDS == fold
+        if not out.any() or out.all():
+            continue
+        theta, _ = ridge(X[~out], r[~out])
+        rest += float(np.sum((r[out] - X[out] @ theta) ** 2))
+    total = float(np.sum((r - r.mean()) ** 2))
+    return 1.0 - rest / max(total, 1e-300)
+
+
+def block_numbers(lengths: Sequence[int], per_block: int) -> Array:
+    """Number of the block of every sample over all runs."""
+    numbers, first = [], 0
+    for n in lengths:
+        own = np.arange(n) // max(per_block, 1)
+        numbers.append(first + own)
+        first += int(own[-1]) + 1 if n else 0
+    return np.concatenate(numbers)
+
+
+def tone_of(residuals: Sequence[Array], rate: float) -> tuple[float, float]:
+    """(frequency [Hz], least share of the residual over the runs) of the strongest line of the first run."""
+    longest = max(residuals, key=len)
+    window = np.hanning(len(longest))
+    spectrum = np.abs(np.fft.rfft((longest - longest.mean()) * window, 4 * len(longest)))
+    frequencies = np.fft.rfftfreq(4 * len(longest), 1 / rate)
+    spectrum[frequencies < 0.5] = 0.0
+    best = frequencies[int(np.argmax(spectrum))]
+    width = rate / len(longest)
+
+    def shares(f: float) -> list[float]:
+        found = []
+        for r in residuals:
+            t = np.arange(len(r)) / rate
+            X = np.stack([np.cos(2 * np.pi * f * t), np.sin(2 * np.pi * f * t), np.ones(len(r))], axis=1)
+            theta = np.linalg.lstsq(X, r, rcond=None)[0]
+            found.append(1 - float(np.sum((r - X @ theta) ** 2)) / max(float(np.sum((r - r.mean()) ** 2)), 1e-300))
+        return found
+
+    fine = best + np.linspace(-width, width, 41)
+    frequency = float(max(fine, key=lambda f: sum(shares(float(f)))))
+    return frequency, min(shares(frequency))
+
+
+def dependence_of(
+    residuals: Sequence[Array],
+    signals: Sequence[dict[str, Array]],
+    velocities: Sequence[Array],
+    rate: float,
+    order: Sequence[str],
+) -> Dependence:
+    """The strongest dependence of the residual of all runs together.
+
+    residuals: a run (n,); signals: name -> (n,), the same names in every run; velocities (n,) split the directions.
+    order: which signal speaks for itself when another follows it closely; one that is not in it is not considered.
+    """
+    r, v = np.concatenate(residuals), np.concatenate(velocities)
+    blocks = block_numbers([len(x) for x in residuals], int(BLOCK_S * rate))
+    table: dict[str, float] = {}
+    found: dict[str, tuple[str, float]] = {}
+    for name in signals[0]:
+        x = np.concatenate([s[name] for s in signals])
+        if np.ptp(x) <= 0:
+            continue
+        scores: dict[str, float] = {}
+        for form in FORMS if not name.startswith("velocity") else ("plain",):
+            scores[form] = r2_of(design(form, x, v, knots_of(x)), r, blocks)
+        best = max(scores.values())
+        form = next(f for f in FORMS if f in scores and scores[f] > best - SIMPLER)
+        found[name], table[name] = (form, scores[form]), best
+    frequency, share = tone_of(residuals, rate)
+    plain_best = max((score for form, score in found.values()), default=0.0)
+    if share > TONE_R2 and share > plain_best:
+        empty = np.zeros(0)
+        return Dependence(
+            signal="time", form="tone", r2_cv=share, frequency_Hz=frequency, knots=empty, curve=empty, curve_sd=empty,
+            table=table | {"tone": share},
+        )  # fmt: skip
+    best = max(found[name][1] for name in found if name in order)
+    signal = next(name for name in order if name in found and found[name][1] > best - FOLLOWS)
+    form, score = found[signal]
+    x = np.concatenate([s[signal] for s in signals])
+    knots = knots_of(x)
+    X = design(form, x, v, knots)
+    theta, inverse = ridge(X, r)
+    spread = float(np.sqrt(np.mean((r - X @ theta) ** 2)))
+    return Dependence(
+        signal=signal,
+        form=form,
+        r2_cv=score,
+        frequency_Hz=None,
+        knots=knots,
+        curve=theta[: len(knots)],
+        curve_sd=spread * np.sqrt(np.diag(inverse))[: len(knots)],
+        table=table,
+    )

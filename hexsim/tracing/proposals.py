@@ -1,0 +1,85 @@
+"""Shapes worth screening, read off the force balance: a wavelength, a payload's frequency, an outside line.
+
+Each is the maximum of a scan of single regressors over the balance's residual; the scan costs microseconds where a
+simulated column costs a tenth of a second. What the residual does not show gets the library's default shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hexsim.machine.declaration import Machine
+from hexsim.machine.resolved import PayloadMode
+from hexsim.tracing.balances import Force
+from hexsim.tracing.balances.balance import measured_point, resolved_machine
+from hexsim.tracing.balances.force import payload_acceleration
+from hexsim.tracing.channels import SETTLE_S
+from hexsim.tracing.dependence import tone_of
+from hexsim.tracing.log import MeasuredLog
+from hexsim.tracing.null import END_S
+from hexsim.tracing.weak_form import Window
+
+Array = np.ndarray
+
+
+def proposed_shapes(machine: Machine, logs: Sequence[MeasuredLog]) -> dict[str, dict[str, float]]:
+    """Effect name -> numbers of its shape. machine: with the parameters at which the residual is looked at."""
+    force = Force()
+    if not all(force.wants(log) for log in logs):
+        return {}
+    keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), 5) for log in logs]
+    residuals = [force.residual(log, machine)[0, k] for log, k in zip(logs, keep, strict=True)]
+    return {
+        "position_dependent_friction": {"wavelength_m": _wavelength(machine, logs, keep, residuals)},
+        "flexible_payload": {"frequency_Hz": _payload_frequency(machine, logs, keep, residuals)},
+        "outside_force_tone": {"frequency_Hz": tone_of(residuals, logs[0].rate / 5)[0]},
+    }
+
+
+def _gain(X: Array, r: Array) -> float:
+    """Sum of squares that the regressors take from r."""
+    theta = np.linalg.lstsq(X, r, rcond=None)[0]
+    return float(np.sum((X @ theta) ** 2))
+
+
+def _wavelength(machine: Machine, logs: Sequence[MeasuredLog], keep: list[slice], residuals: list[Array]) -> float:
+    resolved = resolved_machine(machine)
+    points = [measured_point(log, machine, resolved, 0) for log in logs]
+    windows = [Window(log.rate) for log in logs]
+    side = [np.tanh(point.v / machine.friction.sharpness_m_s) for point in points]
+    reach = max(float(np.ptp(point.y)) for point in points)
+    r = np.concatenate(residuals)
+    lengths = np.geomspace(0.004, max(2.0 * reach, 0.01), 80)
+
+    def gain(length: float) -> float:
+        waves = []
+        for point, window, s, k in zip(points, windows, side, keep, strict=True):
+            phase = 2 * np.pi * point.y / length
+            wave = np.stack([s * np.sin(phase), s * np.cos(phase), s])
+            waves.append(window.mean(wave)[:, k])
+        return _gain(np.concatenate(waves, axis=1).T, r)
+
+    return float(max(lengths, key=gain))
+
+
+def _payload_frequency(
+    machine: Machine, logs: Sequence[MeasuredLog], keep: list[slice], residuals: list[Array]
+) -> float:
+    resolved = resolved_machine(machine)
+    r = np.concatenate(residuals)
+    frequencies = np.geomspace(1.0, 60.0, 30)
+    smooth = [Window(log.rate) for log in logs]
+    positions = [w.mean(measured_point(log, machine, resolved, 0).y) for w, log in zip(smooth, logs, strict=True)]
+
+    def gain(frequency: float) -> float:
+        mode = PayloadMode(mass_kg=1.0, frequency_Hz=frequency, damping_ratio=0.05)
+        columns = []
+        for log, y, window, k in zip(logs, positions, smooth, keep, strict=True):
+            assert log.acceleration is not None
+            swing = payload_acceleration(mode, y, log.rate) - window.mean(log.acceleration[0])
+            columns.append(np.stack([swing, window.mean(log.acceleration[0])])[:, k])
+        return _gain(np.concatenate(columns, axis=1).T, r)
+
+    return float(max(frequencies, key=gain))

@@ -1,0 +1,37 @@
+"""The rules of the verdict in one place. Frozen before they are scored; docs/tracing.md says what was tuned on what."""
+
+ALARM_CHI2 = 40.0  # least fall of chi2 by one effect, in units of the reduced chi2
+ALARM_SHARE = (
+    2.0e-3  # and at least this share of the samples: less is the small difference between two writers of one model
+)
+LEAST_GAIN = 0.03  # least share of the excess chi2 that an effect must take away
+LEAST_GAIN_SIMULATED = 0.3  # the same in the last search, by simulation: what helps less explains nothing there
+FLOOR_REDUCED = 1.05  # chi2 a sample at which nothing is left to explain
+MOST_EFFECTS = 3
+TRIED = 8  # candidates of a screening that are refitted on the opening seconds
+WORTH = 0.1  # only candidates with this share of the best linear gain are refitted
+TRIAGE_S = 6.0  # [s] these opening seconds
+TRIAGE_STEPS = 6
+FINALISTS = 4  # candidates of the first refit that are refitted further
+QUICK_RATIO = 3.0  # a candidate whose first refit leaves more than so many times the best one's is out
+FINALIST_RATIO = 2.0  # a finalist's triage chi2 is at most so many times the best one's
+START_SIZE = 3.0  # largest believable size at which a refit starts
+TIE_CHI2 = 25.0  # rivals whose chi2 is within this are a tie, in units of the reduced chi2
+BLOCK_S = 1.0  # [s] blocks of the normal equations and of cross-validation
+VIOLATED = 1.25  # a balance is violated above so many times its largest null
+NULL_SEEDS = 30
+FLOOR_WINDOWS = ((1, 1.08), (25, 1.6), (400, 3.0))  # (samples averaged, largest rms over the noise of their mean);
+#   beyond 1 because the controller's own reading noise moves the machine and no simulation knows it
+BASE_TOLERANCE = 0.02  # the declared machine's refit stops when a step takes less than this share of the excess chi2
+INERT = 0.01  # an effect that vanishes at infinity does nothing below this share of its believable strength
+NULL_S_HEXAPOD = 8.0  # [s] of each run that a hexapod's null simulations cover
+NEAR_CHI2, NEAR_SHARE = 60.0, 0.05  # rivals in the balances that go on to the simulation: within this of the best
+CONTENDERS = 2  # at most so many
+SENSOR_FIRST = 1.5  # a sensor balance this far above its null is looked at first: it spoils the others
+RESTORED = 1.4  # rows of the balances hold again when their rms is below so many times its null size
+LEARNED_R2 = 0.5  # a rest with at least this R^2 on unseen blocks may become a learned term
+
+
+def alarm(n: int) -> float:
+    """Least fall of chi2 by an effect for n samples."""
+    return max(ALARM_CHI2, ALARM_SHARE * n)

@@ -1,0 +1,92 @@
+"""Where the search reaches no floor: each violated balance on its own, and what is left of it.
+
+A balance looks at measured signals, so that one balance's trouble does not reach another. Effects are selected in
+a balance as in the simulation; they are named only if they bring it back to its null. What stays violated is
+reported with its size and its strongest dependence, never under a name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexsim.machine.declaration import Machine
+from hexsim.tracing.balances import Balance
+from hexsim.tracing.balances.balance import measured_point, resolved_machine
+from hexsim.tracing.channels import SETTLE_S
+from hexsim.tracing.dependence import Dependence, dependence_of
+from hexsim.tracing.localise import Violation
+from hexsim.tracing.log import MeasuredLog
+from hexsim.tracing.null import END_S
+from hexsim.tracing.weak_form import Window
+
+Array = np.ndarray
+ORDER = {  # of signals that do alike: what the balance itself contains first
+    "force": ("velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa"),
+    "platform": ("velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa"),
+    "continuity": (
+        "valve_V", "position_m", "pressure_bottom_Pa", "time_s", "velocity_m_s", "pressure_supply_Pa", "acceleration_m_s2",
+    ),
+    "supply": ("velocity_m_s", "time_s", "valve_V", "position_m", "pressure_bottom_Pa", "acceleration_m_s2"),
+    "sensor": ("position_m", "velocity_m_s", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "valve_V"),
+}  # fmt: skip
+THIN = 5  # every fifth sample: the window is 40 samples wide
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rest:
+    """A balance that stays violated: its residual and what it depends on."""
+
+    violation: Violation
+    balance: str
+    dependence: Dependence
+    residual: tuple[Array, ...]
+    signal: tuple[Array, ...]
+
+
+def signals_of(log: MeasuredLog, machine: Machine, place: str) -> tuple[dict[str, Array], Array]:
+    """Signals that a residual may depend on, under the window, and the velocity. Legs: their own; platform: none of a leg."""
+    window, resolved = Window(log.rate), resolved_machine(machine)
+    leg = int(place.split()[1]) - 1 if place.startswith("leg") else 0
+    point = measured_point(log, machine, resolved, leg)
+    found = {
+        "position_m": point.y,
+        "velocity_m_s": point.v,
+        "valve_V": point.volts,
+        "pressure_supply_Pa": point.Ps,
+        "time_s": point.t,
+    }
+    if point.P1 is not None:
+        found["pressure_bottom_Pa"] = point.P1
+    if log.acceleration is not None:
+        found["acceleration_m_s2"] = log.acceleration[-1]
+    keep = slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
+    smooth = {name: (window.mean(x) if name != "time_s" else x)[keep] for name, x in found.items()}
+    return smooth, smooth["velocity_m_s"]
+
+
+def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog]) -> Rest:
+    """Dependence of what a balance leaves after its own fit."""
+    machine, place = violation.machine, violation.place
+    residuals, signals, velocities = [], [], []
+    for log in logs:
+        keep = slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
+        residuals.append(balance.residual(log, machine)[place, keep])
+        own, v = signals_of(log, machine, violation.where)
+        signals.append(own)
+        velocities.append(v)
+    found = dependence_of(
+        residuals, signals, velocities, logs[0].rate / THIN, ORDER.get(violation.name, ORDER["force"])
+    )
+    name = violation.name
+    if name == "continuity" and found.signal == "valve_V":
+        name = "valve"
+    return Rest(
+        violation=violation,
+        balance=name,
+        dependence=found,
+        residual=tuple(residuals),
+        signal=tuple(s.get(found.signal, s["time_s"]) for s in signals),
+    )

@@ -1,0 +1,99 @@
+"""From the search to a verdict: is the rest noise, which names hold, which are ties."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from hexsim.tracing import rules
+from hexsim.tracing.answer import Question
+from hexsim.tracing.hypothesis import Candidate
+from hexsim.tracing.refit import Fit, parameter_columns, refine
+from hexsim.tracing.search import Search, scale_of
+
+Array = np.ndarray
+Verdict = Literal["explained", "partly", "unexplained", "nothing missing"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedEffect:
+    """An effect of the final hypothesis with what speaks for it."""
+
+    candidate: Candidate
+    values: dict[str, float]
+    standard_errors: dict[str, float]
+    tied_with: tuple[str, ...]
+    gain_chi2: float
+    gain_cv: float
+    blocks: int
+    d_bic: float
+    held_out: tuple[float, ...] = ()  # fall of chi2 in each held-out run
+    single_leg: bool = False
+
+
+def at_floor(misfit: Sequence[Array]) -> bool:
+    """Nothing but noise is left: every channel and its means over 25 and 400 samples (the latter loosely)."""
+    for m in misfit:
+        for width, limit in rules.FLOOR_WINDOWS:
+            n = m.shape[1] // width * width
+            means = m[:, :n].reshape(m.shape[0], -1, width).mean(axis=2) * np.sqrt(width)
+            if not np.all(np.sqrt(np.mean(means**2, axis=1)) < limit):
+                return False
+    return True
+
+
+def pruned(fit: Fit, question: Question) -> Fit:
+    """Without the effects that the others make superfluous."""
+    for k in range(len(fit.candidates) - 1, -1, -1):
+        if len(fit.candidates) < 2 or not at_floor(fit.misfit):
+            break
+        less = replace(
+            fit,
+            candidates=fit.candidates[:k] + fit.candidates[k + 1 :],
+            values=fit.values[:k] + fit.values[k + 1 :],
+            columns=None,
+        )
+        misfit = [m[0] for m in question.misfit([less.fitted_machine()])]
+        less = replace(less, misfit=misfit, chi2=float(sum(np.sum(m**2) for m in misfit)))
+        less = refine(parameter_columns(less, question), question, fresh=True)
+        if less.chi2 - fit.chi2 < rules.alarm(fit.n) * scale_of(fit):
+            fit = less
+    return fit
+
+
+def base_beside(fit: Fit, base: Fit, question: Question) -> Fit:
+    """The declared machine refitted again from the parameters of a hypothesis: is its effect needed at all?
+
+    A refit may stand still on its way; then an effect that does nothing looks as if it had helped.
+    """
+    if not fit.candidates:
+        return base
+    bare = replace(fit, candidates=(), values=(), columns=None)
+    misfit = [m[0] for m in question.misfit([bare.fitted_machine()])]
+    bare = replace(bare, misfit=misfit, chi2=float(sum(np.sum(m**2) for m in misfit)))
+    again = refine(bare, question, fresh=True, relative=rules.BASE_TOLERANCE)
+    return again if again.chi2 < base.chi2 else base
+
+
+def held_out_gains(fit: Fit, base: Fit, question: Question) -> list[float]:
+    """Fall of chi2 by the effects in each held-out run."""
+    before = question.misfit([base.fitted_machine()])
+    after = question.misfit([fit.fitted_machine()])
+    return [float(np.sum(b[0] ** 2) - np.sum(a[0] ** 2)) for a, b in zip(after, before, strict=True)]
+
+
+def tied_rivals(search: Search, fit: Fit, k: int) -> dict[str, Fit]:
+    """Rivals of effect k that do as well as it does, with the same other effects: label -> refitted hypothesis."""
+    own = fit.candidates[k].label
+    others = {c.label for i, c in enumerate(fit.candidates) if i != k}
+    tied: dict[str, Fit] = {}
+    for stage in search.stages:
+        for rival in stage.rivals:
+            labels = [c.label for c in rival.candidates]
+            same = set(labels[:-1]) == others and labels[-1] != own
+            if same and rival.chi2 - fit.chi2 < rules.TIE_CHI2 * scale_of(fit):
+                tied[labels[-1]] = rival
+    return dict(sorted(tied.items()))

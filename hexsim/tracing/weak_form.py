@@ -1,0 +1,69 @@
+"""Weak form: balances under a window, so that no noisy signal is differentiated.
+
+w(s) = (1 - s^2)^3 of unit sum on |s| < 1;   <w, dP/dt> = -<w', P>,   <w, C dP/dt> = -<w', C P> - <w, C' P>
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from scipy.ndimage import convolve1d
+
+Array = np.ndarray
+HALF_WIDTH_S = 0.02  # [s] half width of the window: 4 periods of noise at 109 Hz fall out, reversals stay
+
+
+@cache
+def _kernels(half: int, dt: float) -> tuple[Array, Array, Array]:
+    """w and its first two time derivatives, (2 half + 1,) each."""
+    s = np.arange(-half, half + 1) / (half + 1.0)
+    scale = dt * (half + 1.0)
+    w = (1 - s**2) ** 3
+    total = w.sum()
+    first = -6 * s * (1 - s**2) ** 2 / scale / total
+    second = (-6 * (1 - s**2) ** 2 + 24 * s**2 * (1 - s**2)) / scale**2 / total
+    # discrete moments made exact: a ramp has slope 1, a constant none, a parabola 2
+    t = dt * np.arange(-half, half + 1)
+    first /= -np.sum(first * t)
+    second -= second.mean()
+    second *= 2.0 / np.sum(second * t**2)
+    return w / total, first, second
+
+
+class Window:
+    """The window at a sample rate. Arrays (..., n) in, (..., n) out; `half` samples at either end are not valid."""
+
+    def __init__(self, rate: float, half_width_s: float = HALF_WIDTH_S):
+        self.half = max(round(half_width_s * rate), 2)
+        self.dt = 1.0 / rate
+
+    def _apply(self, x: Array, kernel: Array) -> Array:
+        return convolve1d(np.asarray(x, dtype=float), kernel, axis=-1, mode="nearest")
+
+    def mean(self, x: Array) -> Array:
+        """<w, x>."""
+        return self._apply(x, _kernels(self.half, self.dt)[0])
+
+    def rate(self, x: Array) -> Array:
+        """<w, dx/dt> = -<w', x>."""
+        reference = x[..., :1]
+        return self._apply(x - reference, -_kernels(self.half, self.dt)[1][::-1])
+
+    def second_rate(self, x: Array) -> Array:
+        """<w, d2x/dt2> = <w'', x>."""
+        reference = x[..., :1]
+        return self._apply(x - reference, _kernels(self.half, self.dt)[2])
+
+
+def velocity(position: Array, acceleration: Array | None, rate: float, half_width_s: float = 0.04) -> Array:
+    """Velocity [m/s]: slow part from the position, fast part from the integrated acceleration where there is one."""
+    window = Window(rate, half_width_s)
+    slow = window.rate(position)
+    if acceleration is None:
+        return slow
+    integral = np.concatenate(
+        [np.zeros((*acceleration.shape[:-1], 1)), np.cumsum(0.5 * (acceleration[..., 1:] + acceleration[..., :-1]), axis=-1)],
+        axis=-1,
+    ) / rate  # fmt: skip
+    return slow + integral - window.mean(integral)

@@ -1,0 +1,304 @@
+"""The algorithms beyond the report: what they learn, how well they do, and that they let well alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from leg_plant import AREA_BOTTOM, Leg, Record, run, sine
+
+import compensation
+from compensation import Context
+from compensation.adaptive import Adaptive
+from compensation.friction_learning import FrictionLearner
+from compensation.knee import Knee
+from compensation.least_squares import RecursiveLeastSquares
+from compensation.reference import Reference
+from compensation.spool import AHEAD, damping_taps, lead, step_response, tick_response
+
+DEAD_BAND_V = 5e-6 / 1.1e-4  # 5 um of 1.1 mm at 10 V
+
+
+@pytest.fixture(scope="module")
+def plain() -> Record:
+    """The 40 kg leg, uncompensated."""
+    return run(compensation.create("none"), duration_s=10.0)
+
+
+@pytest.fixture(scope="module")
+def adapted() -> Record:
+    """The same leg, the adaptive algorithm starting from nothing."""
+    return run(compensation.create("adaptive"), duration_s=24.0)
+
+
+def valve_gain_m_s_V(leg: Leg) -> float:
+    """Velocity gain of one edge at half the supply pressure, Eq. 3.4 over A1."""
+    speed = math.pi / (math.pi + 2) * math.sqrt(2 * 3.5e6 / leg.density_kg_m3)
+    return math.pi * 0.01 * 1.1e-4 * speed / AREA_BOTTOM
+
+
+# ---- identities
+
+
+def test_least_squares_is_the_batch_solution() -> None:
+    """Without forgetting the recursion gives the regularised batch solution, to 1e-9."""
+    rng = np.random.default_rng(0)
+    phi = rng.normal(0, 1, (200, 3))
+    y = phi @ [0.5, -2.0, 3.0] + rng.normal(0, 0.1, 200)
+    fit = RecursiveLeastSquares([0.0, 0.0, 0.0], [10.0, 10.0, 10.0], math.inf)
+    for row, value in zip(phi, y, strict=True):
+        fit.update(row.tolist(), float(value))
+    batch = np.linalg.solve(phi.T @ phi + np.eye(3) / 100, phi.T @ y)
+    assert np.array(fit.theta) == pytest.approx(batch, abs=1e-9)
+    assert fit.residual == pytest.approx(0.01, rel=0.5)  # the noise's variance, from 50 samples
+
+
+def test_least_squares_keeps_within_its_first_belief() -> None:
+    """10^5 samples that excite one direction only leave the other's spread where it was: no wind-up."""
+    fit = RecursiveLeastSquares([0.0, 0.0], [10.0, 10.0], 50.0)
+    for _ in range(100_000):
+        fit.update([1.0, 0.0], 1.0)
+    assert fit.covariance[1][1] <= 100.0 * (1 + 1e-9)
+    assert fit.theta[1] == 0.0
+
+
+def test_reference_without_feed_forward_is_the_loop_with_a_straight_valve() -> None:
+    """g = 0: the lag at 0.5 Hz is that of s Kp / (p + s Kp), within 0.1 %; g = 1: it vanishes."""
+    tick, loop, w = 0.002, 7.6, math.pi
+    t = np.arange(6000) * tick
+    r = np.sin(w * t)
+    for share, wanted in ((0.0, abs(1j * w / (1j * w + loop))), (1.0, 0.0)):
+        reference = Reference(tick, loop_1_s=loop, share=share)
+        lags = []
+        for i in range(1, 5999):
+            reference.advance(r[i - 1], r[i], r[i + 1])
+            lags.append(reference.lag_m)
+        assert max(lags[3000:]) == pytest.approx(wanted, rel=1e-3, abs=1e-9)
+
+
+@pytest.mark.parametrize(("lag_s", "most"), [(0.0, 0.12), (2e-3, 0.12), (3.7e-3, 0.12), (8e-3, 0.3)])
+def test_lead_undoes_the_spool(lag_s, most) -> None:
+    """Lead, then spool: a tick's pulse comes back AHEAD ticks later with less than 12 % elsewhere (30 % for
+    a spool as slow as 28 Hz: ten taps are too few), and nothing at rest."""
+    taps = np.array(lead(lag_s, 0.002, 1e-4))
+    through = np.convolve(taps, tick_response(lag_s, 0.002, 40))
+    through[AHEAD] -= 1.0
+    assert taps.sum() == pytest.approx(1.0, abs=1e-9)
+    assert np.abs(through).max() < most
+
+
+def test_step_response_reaches_one_with_the_lag_as_its_area() -> None:
+    """int (1 - s) dt is the lag: what 'lag' means here."""
+    t = np.linspace(0, 0.2, 200_001)
+    assert np.trapezoid(1 - step_response(t, 3.7e-3), t) == pytest.approx(3.7e-3, rel=1e-3)
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 2e-3, 3.7e-3])
+def test_damping_opposes_the_pressure_between_20_and_60_hz(lag_s) -> None:
+    """Taps, hold and spool together have a phase within 50 degrees of the pressure there, and pass nothing at
+    rest.
+    """
+    taps = np.array(damping_taps(lag_s, 0.002, 15.0, 65.0, 7))
+    assert taps.sum() == pytest.approx(0.0, abs=1e-12)
+    for f in np.linspace(20, 60, 9):
+        w = 2 * math.pi * f
+        spool = 1 / (1 + 1j * w * lag_s - (w * lag_s / 1.4) ** 2) * np.exp(-1e-3j * w)
+        through = spool * np.sum(taps * np.exp(-2e-3j * w * np.arange(7)))
+        assert abs(np.angle(through, deg=True)) < 50
+        assert abs(through) > 0.5
+
+
+def test_knee_is_the_inverse_of_a_rounded_edge() -> None:
+    """s log(1 + exp(x/s)) at x = v/k + c(v) is v/k again, to 1e-9, for v from 1e-4 m/s on."""
+    s, k = 0.018, 0.15
+    knee = Knee(rounding_V=s)
+    for v in (1e-4, 1e-3, 3e-3, 1e-2):
+        x = v / k + knee.value(v, k, 10.0)
+        assert s * math.log1p(math.exp(x / s)) == pytest.approx(v / k, abs=1e-9)
+
+
+def test_friction_step_is_found_whatever_mass_and_viscosity() -> None:
+    """Windows from P = p0 + 0.03 a + 1.5 v + 0.05 sign(v) [MPa] with 2 kPa noise give the step within 3 kPa."""
+    context = Context()
+    learner = FrictionLearner(context, 16, 3e-3, 200.0)
+    rng = np.random.default_rng(0)
+    t = np.arange(10_000) / 500
+    y = 0.1 + 0.05 * np.sin(math.pi * t)
+    v, a = 0.05 * math.pi * np.cos(math.pi * t), -0.05 * math.pi**2 * np.sin(math.pi * t)
+    load = 1e6 * (0.3 + 0.03 * a + 1.5 * v + 0.05 * np.sign(v)) + rng.normal(0, 4e3, len(t))
+    for row in zip(y, load, a, strict=True):
+        learner.add(*map(float, row))
+    assert learner.half_step_Pa == pytest.approx(5e4, abs=3e3)
+
+
+# ---- recovery and figures on the leg
+
+
+def test_it_finds_the_valve(adapted) -> None:
+    """Dead band within 0.5 mV of 45.45, gain within 1 %, lag within 0.1 ms of 2 zeta/omega = 3.71 ms, both
+    directions.
+    """
+    for edge in adapted.state.inner.flow.edges:
+        assert edge.dead_band_V == pytest.approx(DEAD_BAND_V, abs=5e-4)
+        assert edge.gain_m_s_V == pytest.approx(valve_gain_m_s_V(Leg()), rel=0.01)
+        assert edge.lag_s == pytest.approx(1.4 / (2 * math.pi * 60), abs=1e-4)
+
+
+def test_it_finds_friction_and_mass(adapted) -> None:
+    """Coulomb step (65 + 60 N)/A1 within 5 %, mass within 25 % (position and acceleration are alike in a sine)."""
+    friction = adapted.state.inner.friction
+    assert 2 * friction.half_step_Pa == pytest.approx(125 / AREA_BOTTOM, rel=0.05)
+    assert friction.fit.theta[1] * 1e6 * AREA_BOTTOM == pytest.approx(40.0, rel=0.25)
+
+
+def test_bench_40_kg_reaches_its_target(plain, adapted) -> None:
+    """0.05 m at 0.5 Hz: <= 0.05 m/s2 in 50 Hz where plain control has about 0.5, and the raw peak no higher than
+    plain.
+    """
+    assert plain.peak(6.0, 10.0) == pytest.approx(0.53, abs=0.03)
+    assert adapted.peak(16.0, 24.0) <= 0.05
+    assert adapted.peak(16.0, 24.0, band_Hz=None) <= plain.peak(6.0, 10.0, band_Hz=None)
+
+
+def test_bench_100_kg_reaches_its_target() -> None:
+    """0.05 m at 0.5 Hz, 100 kg: <= 0.08 m/s2, where a perfect valve inverse leaves 0.41."""
+    assert run(compensation.create("adaptive"), Leg(mass_kg=100.0), duration_s=20.0).peak(14.0, 20.0) <= 0.08
+
+
+def test_ninety_per_cent_within_ten_seconds(plain, adapted) -> None:
+    """From nothing, the peak of 8 .. 10 s has already lost 90 % of what it will lose."""
+    before, last = plain.peak(8.0, 10.0), adapted.peak(20.0, 24.0)
+    assert adapted.peak(8.0, 10.0) <= before - 0.9 * (before - last)
+
+
+@pytest.mark.parametrize(("overlap_m", "part"), [(2e-5, 6), (5e-5, 4)])
+def test_wide_overlaps(overlap_m, part) -> None:
+    """20 and 50 um on 100 kg: a sixth and a quarter at most of plain control (the aim of an eighth is not always
+    met).
+    """
+    leg = Leg(mass_kg=100.0, overlap_m=overlap_m)
+    peaks = [
+        run(compensation.create(name), dataclasses.replace(leg), duration_s=22.0).peak(18.0, 22.0)
+        for name in ("none", "adaptive")
+    ]
+    assert peaks[1] < peaks[0] / part
+
+
+def test_rounded_edges_are_learned() -> None:
+    """Edges rounded over 2 um (18 mV): the rounding is found within 5 mV and the peak is a quarter at most."""
+    leg = Leg(rounding_m=2e-6)
+    record = run(compensation.create("adaptive"), dataclasses.replace(leg), duration_s=24.0)
+    assert record.state.inner.knee.rounding_V == pytest.approx(2e-6 / 1.1e-4, abs=5e-3)
+    assert record.peak(18.0, 24.0) < run(compensation.create("none"), leg, duration_s=10.0).peak(6.0, 10.0) / 4
+
+
+def test_play_is_told_from_lag() -> None:
+    """Hysteresis of 0.5 % (play of +-25 mV): found within 4 mV, and the peak is below half of plain control's."""
+    leg = Leg(play_V=0.025)
+    record = run(compensation.create("adaptive"), dataclasses.replace(leg), duration_s=24.0)
+    for edge in record.state.inner.flow.edges:
+        assert edge.play_V == pytest.approx(0.025, abs=4e-3)
+    assert record.peak(18.0, 24.0) < 0.5 * run(compensation.create("none"), leg, duration_s=10.0).peak(6.0, 10.0)
+
+
+def test_a_valve_of_another_kind_is_left_alone() -> None:
+    """The quadratic law of Eq. 3.11 does not fit an overlap: nothing is ever added."""
+    record = run(compensation.create("adaptive"), Leg(quadratic=True), duration_s=12.0)
+    assert np.all(record.added_V == 0.0)
+
+
+@pytest.mark.parametrize("what", ["overlap", "oil"])
+def test_it_adapts_again_within_twenty_seconds(what) -> None:
+    """Overlap 5 to 20 um, or oil 15 degC warmer, at 12 s: at 32 s the peak is below a sixth of plain control's."""
+
+    def change(time_s: float, leg: Leg) -> None:
+        if time_s >= 12.0 and what == "overlap":
+            leg.overlap_m = 2e-5
+        elif time_s >= 12.0:
+            leg.density_kg_m3, leg.friction = 850.0, 0.67
+
+    assert run(compensation.create("adaptive"), duration_s=34.0, change=change).peak(32.0, 34.0) < 0.53 / 6
+
+
+def test_a_new_valve_is_said() -> None:
+    """When the overlap changes under it the algorithm says that it no longer believes what it learned, and later
+    no more.
+    """
+
+    def change(time_s: float, leg: Leg) -> None:
+        leg.overlap_m = 5e-6 if time_s < 10.0 else 2e-5
+
+    said = [text for _, text in run(compensation.create("adaptive"), duration_s=24.0, change=change).statuses]
+    assert said[0].startswith("the valve no longer follows what was learned")
+    assert said[-1] == ""
+
+
+@pytest.mark.parametrize("amplitude_m", [0.0, 2e-5])
+def test_standing_still_it_neither_drifts_nor_learns(amplitude_m, adapted) -> None:
+    """A minute at rest, or moving by 20 um, after learning: nothing added once quiet, no parameter moves, no
+    drift.
+    """
+    made = compensation.create("adaptive")
+    state = made.restore(Context(), made.parameters(adapted.state))
+    known = made.parameters(state)["flow"]
+    record = run(made, setpoint=sine(amplitude_m), duration_s=60.0, state=state)
+    assert np.all(record.added_V == 0.0)
+    assert made.parameters(record.state)["flow"] == known
+    assert abs(record.position_m[-1] - record.position_m[0]) < 0.045 / 50 + 2e-5  # within the dead band of the loop
+
+
+@pytest.mark.slow
+def test_an_hour_at_rest(adapted) -> None:
+    """One hour simulated: as above."""
+    made = compensation.create("adaptive")
+    state = made.restore(Context(), made.parameters(adapted.state))
+    record = run(made, setpoint=sine(0.0), duration_s=3600.0, state=state)
+    assert np.all(record.added_V == 0.0)
+    assert np.ptp(record.position_m) < 1e-6
+
+
+@pytest.mark.parametrize(("amplitude_m", "frequency_Hz"), [(0.002, 2.0), (0.01, 0.5), (0.01, 2.0), (0.05, 0.1)])
+def test_no_period_is_worse_than_plain_control(amplitude_m, frequency_Hz) -> None:
+    """From 2 s on, learning and taking over included, the peak of each period is at most 10 % above plain control's.
+
+    5 % is meant for single reversals (docs/compensation.md); a period during which the amplitude changes is no pure
+    harmonic, which adds to the figure here.
+    """
+    period = 1 / frequency_Hz
+    motion = sine(amplitude_m, frequency_Hz)
+    duration = max(10.0, 2 + 2 * period)
+    peaks = [
+        run(compensation.create(name), setpoint=motion, duration_s=duration, period_s=period).peaks(period)
+        for name in ("none", "adaptive")
+    ]
+    assert np.all(peaks[1] <= 1.10 * peaks[0] + 1e-9)
+
+
+def test_repetitive_learns_what_is_left(adapted) -> None:
+    """After 24 s the position error of the adaptive algorithm has fallen to a third, and the peak has not grown
+    by 20 %.
+    """
+    record = run(compensation.create("repetitive"), duration_s=24.0)
+    wanted = sine()(record.time_s)
+    late = record.time_s > 20.0
+
+    def error(r: Record) -> float:
+        return float(np.std((r.position_m - wanted)[late]))
+
+    assert error(record) < error(adapted) / 3
+    assert record.peak(18.0, 24.0) < 1.2 * adapted.peak(18.0, 24.0)
+
+
+def test_repetitive_without_a_period_is_adaptive() -> None:
+    """A host that commands freely gives no period: the same volts, to the bit, as the adaptive algorithm's."""
+    free = [run(compensation.create(n), duration_s=5.0, period_s=None).added_V for n in ("adaptive", "repetitive")]
+    assert np.array_equal(*free)
+
+
+def test_configuration_is_kept_apart_from_state() -> None:
+    """An instance is frozen: learning goes into the state alone."""
+    made = Adaptive()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        made.ease = 1.0  # type: ignore[misc]

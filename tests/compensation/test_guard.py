@@ -1,0 +1,79 @@
+"""Faults: back to plain control within 50 ms, without a jump, with a sentence; and back again."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from leg_plant import run
+
+import compensation
+
+FAULT_S = 10.3
+
+
+def frozen(field: str):
+    """The signal stands still from FAULT_S on."""
+    held: dict[str, float] = {}
+
+    def spoil(time_s: float, sample) -> None:
+        if time_s >= FAULT_S:
+            setattr(sample, field, held.setdefault(field, getattr(sample, field)))
+            if field == "position_m":
+                sample.control_V = 50.0 * (sample.setpoint_m - sample.position_m)
+
+    return spoil
+
+
+def lost(field: str):
+    """The signal is NaN from FAULT_S on."""
+
+    def spoil(time_s: float, sample) -> None:
+        if time_s >= FAULT_S:
+            setattr(sample, field, math.nan)
+
+    return spoil
+
+
+def clipped(time_s: float, sample) -> None:
+    """The valve is at its end from FAULT_S on."""
+    if time_s >= FAULT_S:
+        sample.valve_V = 10.0
+
+
+CASES = [
+    (frozen("position_m"), "position signal is frozen"),
+    (frozen("pressure_bottom_Pa"), "pressure signal is frozen"),
+    (lost("pressure_bottom_Pa"), "signal is lost"),
+    (lost("position_m"), "signal is lost"),
+    (clipped, "valve is at its end"),
+]
+
+
+@pytest.mark.parametrize(("spoil", "sentence"), CASES, ids=["frozen y", "frozen P1", "nan P1", "nan y", "clipped"])
+def test_a_fault_leads_to_plain_control_within_50_ms(spoil, sentence) -> None:
+    """From 50 ms after the fault nothing is added; on the way no tick changes by more than 30 % of what was added;
+    it is said."""
+    made = compensation.create("adaptive")
+    record = run(made, duration_s=11.0, spoil=spoil)
+    k = round(FAULT_S * 500)
+    assert abs(record.added_V[k - 1]) > 0.1  # it was at work
+    assert np.all(record.added_V[k + 25 :] == 0.0)
+    assert np.abs(np.diff(record.added_V[k : k + 30])).max() < 0.3 * abs(record.added_V[k - 1])
+    assert len(record.statuses) == 1 and sentence in record.statuses[0][1]
+    assert FAULT_S <= record.statuses[0][0] <= FAULT_S + 0.05
+
+
+def test_it_comes_back_when_the_signal_does() -> None:
+    """A pressure lost for 0.2 s: half a second later it starts again with what it knew, and 5 s later it is as good
+    as before."""
+
+    def spoil(time_s: float, sample) -> None:
+        if 10.3 <= time_s < 10.5:
+            sample.pressure_bottom_Pa = math.nan
+
+    record = run(compensation.create("adaptive"), duration_s=22.0, spoil=spoil)
+    assert [text for _, text in record.statuses][-1] == ""
+    assert record.statuses[-1][0] == pytest.approx(11.0, abs=0.02)
+    assert record.peak(18.0, 22.0) < 1.5 * record.peak(8.0, 10.0) + 0.02

@@ -1,0 +1,24 @@
+"""Machines that many tests share. Machines are frozen, so one of each serves the session."""
+
+import pytest
+
+from hexsim.hydraulics.parameters import declared_rows
+from hexsim.machine import Machine, load_machine
+
+
+@pytest.fixture(scope="session")
+def bench() -> Machine:
+    """One vertical leg with 40 kg."""
+    return load_machine("bench")
+
+
+@pytest.fixture(scope="session")
+def hexapod() -> Machine:
+    """The 600 kg machine."""
+    return load_machine("micro_motion_system")
+
+
+@pytest.fixture
+def row(bench):
+    """A fresh row (N_PARAMETERS,) of the bench's leg, to be changed at will."""
+    return declared_rows(bench)[0]

@@ -1,0 +1,104 @@
+"""The library of effects: each vanishes at its neutral value, acts at its believable one, and has bounds that hold."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hexsim.errors import HexsimError
+from hexsim.hydraulics.effects import library
+from hexsim.machine import load_machine, machine_from_dict
+from hexsim.machine.resolved import resolve
+
+BENCH, HEXAPOD = load_machine("bench"), load_machine("micro_motion_system")
+NAMED = [name for name, effect in library().items() if effect.parameters]
+
+
+def machine_for(effect):
+    return BENCH if "bench" in effect.kinds else HEXAPOD
+
+
+def with_effect(machine, name, values):
+    """The machine as if its file carried the effect; the power unit goes where the effect brings its own supply."""
+    tables = machine.model_dump(exclude_none=True)
+    tables.pop("power_unit", None)
+    return machine_from_dict(tables | {"effects": {name: values} if name else {}})
+
+
+def numbers(machine):
+    """Everything that an effect may change, as one list of numbers."""
+    resolved = resolve(machine)
+    modes = [v for m in resolved.payload_modes for v in (m.mass_kg, m.frequency_Hz, m.damping_ratio)]
+    load, sensors = resolved.load.model_dump(), resolved.sensors.model_dump()
+    plain = [v for v in (*load.values(), *sensors.values()) if isinstance(v, float)]
+    tuples = [x for v in load.values() if isinstance(v, tuple) for x in v]
+    legs = np.concatenate(list(resolved.leg_sensors.values()))
+    return np.concatenate([resolved.rows.ravel(), resolved.supply, legs, resolved.gravity_m_s2, plain, tuples, modes])
+
+
+def values_of(effect, size):
+    """Size as the first number, the others believable."""
+    values = {p.name: p.default if p.default is not None else p.believable for p in effect.parameters}
+    return values | {effect.parameters[0].name: size}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_an_effect_changes_the_machine(name):
+    """At its believable size an effect changes at least one number that plant and tracing read."""
+    effect = library()[name]
+    before = numbers(with_effect(machine_for(effect), None, {}))
+    after = numbers(with_effect(machine_for(effect), name, values_of(effect, effect.parameters[0].believable)))
+    assert len(before) != len(after) or np.any(before != after)
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in NAMED if library()[n].parameters[0].neutral == 0.0 and n != "supply_droop"]
+)
+def test_an_effect_vanishes_at_its_neutral_size(name):
+    """A size of zero leaves every number as declared, exactly. (A pump line has no zero: it is left out instead.)"""
+    effect = library()[name]
+    shape_only = {"position_dependent_friction": 49, "outside_force_tone": 57}  # a wave of no height may have a length
+    before = numbers(with_effect(machine_for(effect), None, {}))
+    after = numbers(with_effect(machine_for(effect), name, values_of(effect, 0.0)))
+    changed = np.flatnonzero(before != after)
+    allowed = {shape_only[name], shape_only[name] + 1} if name in shape_only else set()
+    assert set(changed.tolist()) <= allowed
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_bounds_hold(name):
+    """A number beyond its bounds is refused with a sentence that names effect, number and bounds."""
+    effect = library()[name]
+    parameter = effect.parameters[0]
+    with pytest.raises(HexsimError, match=rf"{name}.*{parameter.name}.*must lie in"):
+        with_effect(machine_for(effect), name, values_of(effect, parameter.bounds[1] * 1.01))
+
+
+def test_an_effect_in_one_leg_leaves_the_others():
+    """`where = "leg 2"` reaches leg 2 alone."""
+    machine = with_effect(HEXAPOD, "leakage_supply_to_chamber", {"conductance_m3_s_Pa": 1e-12, "where": "leg 2"})
+    before = resolve(with_effect(HEXAPOD, None, {})).rows
+    changed = np.flatnonzero(np.any(resolve(machine).rows != before, axis=1))
+    assert changed.tolist() == [1]
+
+
+def test_inverse_effects_fade_as_their_number_grows():
+    """An effect whose neutral value is infinity does less the larger its number is: a spool at 2 kHz is nearly none."""
+    from hexsim.hydraulics.parameters import P
+
+    def lag(values):
+        row = resolve(with_effect(BENCH, "spool_lag" if values else None, values)).rows[0]
+        return 2 * row[P.SPOOL_DAMPING] / row[P.SPOOL_OMEGA] if row[P.SPOOL_OMEGA] > 0 else 0.0
+
+    added = [lag({"frequency_Hz": frequency}) - lag({}) for frequency in (20.0, 200.0, 2000.0)]
+    assert added == pytest.approx([2 * 0.7 / (2 * math.pi * frequency) for frequency in (20.0, 200.0, 2000.0)])
+
+
+def test_learned_term_wants_a_whole_curve():
+    """A curve with a missing key or another number of values is refused with what is wanted."""
+    curve = {"balance": "force", "signal": "position_m", "start": 0.0, "step": 0.01, "values": [0.0] * 33}
+    resolve(with_effect(BENCH, "learned_term", {"curve": curve}))
+    with pytest.raises(HexsimError, match="give 33"):
+        resolve(with_effect(BENCH, "learned_term", {"curve": curve | {"values": [0.0] * 5}}))
+    with pytest.raises(HexsimError, match="needs balance, signal"):
+        resolve(with_effect(BENCH, "learned_term", {"curve": {"balance": "force"}}))

@@ -1,0 +1,265 @@
+"""The balances of one leg, each against its terms written out by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hexsim.hydraulics import leg
+from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P
+
+A1, A2 = math.pi / 4 * 0.04**2, math.pi / 4 * (0.04**2 - 0.03**2)
+PS, P1 = 7.0e6, 3.2e6
+FACTOR = 0.611 * math.pi * 0.01 * math.sqrt(2 / 860)  # C_d pi d sqrt(2/rho): flow a metre of opening and root pascal
+
+
+def flow_at(row, volts, pressure=P1):
+    return leg.inflow(row, 0.1, 0.0, volts, leg.commanded_spool(row, volts, 0.0), pressure, PS, 0.0)
+
+
+@pytest.mark.parametrize("volts", [1.0, 9.0, -1.0, -9.0])
+def test_flow_of_the_three_way_valve(row, volts):
+    """Eq. 3.4: from the supply with sqrt(Ps - P1), to the tank with sqrt(P1 - Pt); never both."""
+    opening = abs(volts) * 1.1e-4 - 5e-6
+    by_hand = FACTOR * opening * (math.sqrt(PS - P1) if volts > 0 else -math.sqrt(P1))
+    assert flow_at(row, volts) == pytest.approx(by_hand, rel=1e-5)  # (w/dp)^2/4 of the regularised root: 2.5e-6
+
+
+def test_dead_band_is_45_mV_either_way(row):
+    """No flow up to 5 um / (0.11 mm/V) = 45.45 mV either way, flow just beyond (Fig. 3.5)."""
+    edge = 5e-6 / 1.1e-4
+    assert edge == pytest.approx(0.045, abs=5e-4)
+    for share in np.linspace(-0.9999, 0.9999, 41):
+        assert flow_at(row, share * edge) == 0.0
+    assert flow_at(row, 1.0001 * edge) > 0 > flow_at(row, -1.0001 * edge)
+
+
+def test_flow_runs_back_when_the_chamber_is_above_the_supply(row):
+    """Above Ps an open supply edge lets oil back to the supply; below Pt an open tank edge draws oil in."""
+    by_hand = FACTOR * (1.1e-4 - 5e-6) * math.sqrt(1e6)
+    assert flow_at(row, 1.0, PS + 1e6) == pytest.approx(-by_hand, rel=3e-5)  # (w/dp)^2/4 = 2.5e-5
+    row[P.TANK_PRESSURE] = 2e6
+    assert flow_at(row, -1.0, 1e6) == pytest.approx(by_hand, rel=3e-5)
+
+
+def test_edges_may_differ(row):
+    """Overlap and area gradient of the two edges act each on its own side."""
+    row[P.OVERLAP_SUPPLY], row[P.AREA_GRADIENT_TANK] = 2e-5, math.pi * 0.005
+    assert flow_at(row, 1.0) == pytest.approx(FACTOR * (1.1e-4 - 2e-5) * math.sqrt(PS - P1), rel=1e-5)
+    assert flow_at(row, -1.0) == pytest.approx(-0.5 * FACTOR * (1.1e-4 - 5e-6) * math.sqrt(P1), rel=1e-5)
+
+
+def test_leaks_are_laminar_and_go_the_right_way(row):
+    """Valve shut: G_s (Ps - P1) in, G_t (P1 - Pt) out, and both lands' clearance G/(1 + O/l)."""
+    row[P.LEAK_SUPPLY_CHAMBER], row[P.LEAK_CHAMBER_TANK], row[P.TANK_PRESSURE] = 2e-12, 3e-12, 1e5
+    assert flow_at(row, 0.0) == pytest.approx(2e-12 * (PS - P1) - 3e-12 * (P1 - 1e5), rel=1e-12)
+    row[P.LEAK_SUPPLY_CHAMBER] = row[P.LEAK_CHAMBER_TANK] = 0.0
+    row[P.CLEARANCE_CONDUCTANCE], row[P.CLEARANCE_LENGTH] = 2.7e-13, 3e-6
+    land = 2.7e-13 / (1 + 5 / 3)
+    assert flow_at(row, 0.0) == pytest.approx(land * (PS - P1) - land * (P1 - 1e5), rel=1e-12)
+
+
+def test_null_offset_and_drift_shift_the_curve(row):
+    """u_0 + r t: after 10 s at 1 mV/s and 20 mV the spool stands at 0 for 30 mV."""
+    row[P.NULL_OFFSET], row[P.NULL_DRIFT] = 0.02, 1e-3
+    assert leg.commanded_spool(row, 0.03, 10.0) == pytest.approx(0.0, abs=1e-18)
+    assert leg.commanded_spool(row, 1.03, 10.0) == pytest.approx(1.1e-4)
+
+
+VARIANTS = {
+    "report": {},
+    "rounded": {P.EDGE_ROUNDING: 2e-6},
+    "quadratic": {P.QUADRATIC_GAIN: 300.0},
+    "leaks": {P.LEAK_SUPPLY_CHAMBER: 2e-10, P.LEAK_CHAMBER_TANK: 3e-10},
+    "clearance": {P.CLEARANCE_CONDUCTANCE: 1e-10, P.CLEARANCE_LENGTH: 3e-6},
+    "return line": {P.RETURN_RESISTANCE: 5e9},
+}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("volts", [2.0, 0.02, 0.0, -0.02, -2.0])
+@pytest.mark.parametrize("pressure", [2e5, 3.2e6, 6.9e6, 7.5e6])
+def test_flow_slope_is_the_derivative_of_the_flow(row, variant, volts, pressure):
+    """d inflow/d P1 by a central difference, of every term that depends on P1; never positive (it stabilises)."""
+    for place, value in VARIANTS[variant].items():
+        row[place] = value
+    x, h = leg.commanded_spool(row, volts, 0.0), 50.0
+    numeric = (flow_at(row, volts, pressure + h) - flow_at(row, volts, pressure - h)) / (2 * h)
+    slope = leg.flow_slope(row, x, pressure, PS)
+    # h = 50 Pa against the width of 1e4 Pa: 1e-5; rounding of the flow 1e-16 * 1e-3 m3/s / 100 Pa = 1e-21
+    assert slope == pytest.approx(numeric, rel=1e-4, abs=1e-20)
+    assert slope <= 0
+
+
+@pytest.mark.parametrize("drop", [1e4, 1e6, 3.2e6, -1e6])
+@pytest.mark.parametrize("resistance", [1e8, 2e9, 1e11])
+def test_return_line_solves_its_implicit_equation(row, drop, resistance):
+    """The closed form is the q of q = K sqrt(dp - R q), mirrored for dp < 0, found here by bisection."""
+    row[P.RETURN_RESISTANCE], x = resistance, -3e-4
+    gain = FACTOR * (3e-4 - 5e-6)
+    low, high = 0.0, min(gain * math.sqrt(abs(drop)), abs(drop) / resistance)
+    for _ in range(200):
+        middle = (low + high) / 2
+        if gain * math.sqrt(max(abs(drop) - resistance * middle, 0.0)) > middle:
+            low = middle
+        else:
+            high = middle
+    assert leg.tank_edge_flow(row, x, drop) == pytest.approx(math.copysign(low, drop), rel=1e-9)
+
+
+def test_return_line_of_no_resistance_is_the_plain_orifice(row):
+    """R -> 0 is the orifice, R -> infinity a laminar line dp/R, a shut edge passes nothing."""
+    plain = leg.tank_edge_flow(row, -3e-4, P1)
+    row[P.RETURN_RESISTANCE] = 1e3
+    assert leg.tank_edge_flow(row, -3e-4, P1) == pytest.approx(plain, rel=1e-5)
+    row[P.RETURN_RESISTANCE] = 1e15
+    assert leg.tank_edge_flow(row, -3e-4, P1) == pytest.approx(P1 / 1e15, rel=1e-3)
+    assert leg.tank_edge_flow(row, 0.0, P1) == 0.0
+    assert leg.flow_slope(row, 0.0, 0.0, PS) == 0.0
+
+
+@pytest.mark.parametrize("v", [0.1, -0.1])
+def test_pressure_rate_is_the_volume_balance(row, v):
+    """Eq. 3.7: E/(y A1 + V_pl) (phi_1 - A1 v); a steady speed phi_1/A1 leaves the pressure alone."""
+    capacity = (0.1 * A1 + 5e-7) / 1.5e9
+    rate = leg.pressure_rate(row, 0.1, v, 1.0, 1.1e-4, P1, PS, 0.0)
+    assert rate == pytest.approx((flow_at(row, 1.0) - A1 * v) / capacity, rel=1e-12)
+    speed = flow_at(row, 1.0) / A1
+    assert leg.pressure_rate(row, 0.1, speed, 1.0, 1.1e-4, P1, PS, 0.0) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_velocity_gain_is_the_fields(row):
+    """0.154 up and 0.149 m/s down a volt beyond the overlap at 40 kg (shared field.md), at static pressure."""
+    static = (PS * A2 + 40 * 9.8) / A1
+    assert flow_at(row, 1.0, static) / A1 / (1 - 0.0454) == pytest.approx(0.154, rel=0.01)
+    assert -flow_at(row, -1.0, static) / A1 / (1 - 0.0454) == pytest.approx(0.149, rel=0.01)
+
+
+@pytest.mark.parametrize("v", [0.2, -0.2])
+def test_rod_side_as_a_chamber(row, v):
+    """It shrinks as the piston extends: dP2/dt = E/((s - y) A2 + V_2) (port + A2 v); the port flows from Ps to P2."""
+    row[P.ROD_SIDE_VOLUME], row[P.ROD_SIDE_CONDUCTANCE] = 5e-7, 2e-6
+    for P2 in (6.5e6, 7.5e6):
+        port = math.copysign(2e-6 * math.sqrt(abs(PS - P2)), PS - P2)
+        assert leg.rod_side_flow(row, P2, PS) == pytest.approx(port, rel=2e-4)  # (w/dp)^2/4 = 1e-4
+        volume = (0.2 - 0.05) * A2 + 5e-7
+        by_hand = 1.5e9 / volume * (leg.rod_side_flow(row, P2, PS) + A2 * v)
+        assert leg.rod_side_rate(row, 0.05, v, P2, PS) == pytest.approx(by_hand, rel=1e-12)
+
+
+def test_supply_demand_counts_valve_leak_and_annulus(row):
+    """Extension gives A2 v back, retraction draws A2 |v|; supply edge and leak add; the tank edge does not.
+
+    In steady motion that is (A1 - A2) v on extension and A2 |v| on retraction (shared field.md).
+    """
+    up, down = flow_at(row, 1.0) / A1, flow_at(row, -1.0) / A1
+    assert leg.supply_demand(row, up, 1.1e-4, P1, PS, PS) == pytest.approx((A1 - A2) * up, rel=1e-12)
+    assert leg.supply_demand(row, down, -1.1e-4, P1, PS, PS) == pytest.approx(-A2 * down, rel=1e-12)
+    assert leg.supply_demand(row, 0.0, 0.0, P1, PS, PS) == 0.0
+    row[P.LEAK_SUPPLY_CHAMBER] = 1e-12
+    assert leg.supply_demand(row, 0.0, 0.0, P1, PS, PS) == pytest.approx(1e-12 * (PS - P1))
+
+
+def test_supply_demand_with_a_rod_side_chamber_is_its_port(row):
+    """With its own chamber the annulus takes what its port passes, whatever the speed."""
+    row[P.ACT_ROD_SIDE] = 0
+    for v in (0.0, 0.3):
+        by_hand = leg.rod_side_flow(row, 6.8e6, PS)
+        assert leg.supply_demand(row, v, 0.0, P1, 6.8e6, PS) == pytest.approx(by_hand, rel=1e-12)
+    assert by_hand > 0
+
+
+@pytest.mark.parametrize(("volts", "v"), [(1.0, 0.15), (-1.0, -0.15), (0.0, 0.0), (0.5, -0.1)])
+def test_heat_is_pressure_drop_times_flow_and_friction(row, volts, v):
+    """(Ps - P1) Q_1 + (P1 - Pt) Q_2 + F_f v: what throttling and rubbing turn into heat, never negative."""
+    x = leg.commanded_spool(row, volts, 0.0)
+    supplied, drained = leg.supply_edge_flow(row, x, P1, PS), leg.tank_edge_flow(row, x, P1)
+    by_hand = (PS - P1) * supplied + P1 * drained + leg.friction_force(row, 0.1, v, P1, 0.0) * v
+    demand = leg.supply_demand(row, v, x, P1, PS, PS)
+    heat = leg.heat(row, 0.1, v, P1, PS, PS, 0.0, supplied - drained, demand)
+    assert heat == pytest.approx(by_hand, rel=1e-9, abs=1e-9)
+    assert heat >= 0
+
+
+@pytest.mark.parametrize("v", [0.05, -0.05])
+def test_force_beyond_pressure_sums_its_terms(row, v):
+    """-Ps A2 - F_f + end stop + F_0 - k (y - s/2) - c v + tone, Eq. 3.8 and the effects of the force balance."""
+    arguments = (0.1 + 0.03, v, 0.0, P1, PS, PS, 0.0, 0.7)
+    plain = leg.force_beyond_pressure(row, *arguments)
+    assert plain == pytest.approx(-PS * A2 - leg.friction_force(row, 0.13, v, P1, 0.0), rel=1e-12)
+    row[P.EXTRA_FORCE], row[P.EXTRA_SPRING], row[P.EXTRA_DAMPING] = 100.0, 2000.0, 300.0
+    row[P.CUSHION_LENGTH] = 0.005
+    row[P.TONE_FORCE], row[P.TONE_FREQUENCY], row[P.TONE_PHASE] = 12.0, 3.0, 0.4
+    added = 100 - 2000 * 0.03 - 300 * v + 12 * math.sin(2 * math.pi * 3 * 0.7 + 0.4)
+    assert leg.force_beyond_pressure(row, *arguments) - plain == pytest.approx(added, rel=1e-9)
+    inside, outside = (leg.force_beyond_pressure(row, y, *arguments[1:]) for y in (0.002, 0.006))
+    # 3 mm of the 5 mm cushion, damped on the way in; the spring is 4 mm further out
+    stop = row[P.CUSHION_STIFFNESS] * 0.003**2 / 0.005 + (row[P.CUSHION_DAMPING] * 0.05 * 0.6 if v < 0 else 0.0)
+    assert inside - outside == pytest.approx(stop + 2000 * 0.004, rel=1e-9)
+
+
+def learned(row, balance, signal):
+    """A learned curve k^2 over knots -1.6, -1.5 .. 1.6 of its signal."""
+    row[P.LEARNED_BALANCE], row[P.LEARNED_SIGNAL] = balance, signal
+    row[P.LEARNED_START], row[P.LEARNED_STEP] = -1.6, 0.1
+    row[LEARNED_TABLE:] = (np.arange(LEARNED_KNOTS) - 16.0) ** 2
+    return row
+
+
+def test_learned_curve_is_linear_between_knots_and_constant_beyond(row):
+    """numpy.interp of the knots, which clamps too; the last knot is met to 1e-6 of the last segment."""
+    learned(row, leg.LEARNED_FORCE, 0)
+    knots = -1.6 + 0.1 * np.arange(LEARNED_KNOTS)
+    signals = np.concatenate([np.linspace(-1.6, 1.6, 501), [-1e9, -1.7, 1.7, 1e9]])
+    found = [leg.learned_curve(row, s) for s in signals]
+    np.testing.assert_allclose(found, np.interp(signals, knots, row[LEARNED_TABLE:]), atol=1e-6 * 31)
+
+
+def test_learned_curve_of_nan_is_nan(row):
+    """A diverging run asks for the curve at NaN: the answer is NaN, not a place in memory far outside the row."""
+    assert math.isnan(leg.learned_curve(learned(row, leg.LEARNED_FORCE, 0), math.nan))
+
+
+def test_learned_term_reads_the_signal_it_names(row):
+    """Each of SIGNALS in turn moves the term, and the others do not."""
+    values = dict(zip(leg.SIGNALS, (0.11, 0.23, 0.37, 0.53, 0.71, 0.97), strict=True))
+    for number, name in enumerate(leg.SIGNALS):
+        learned(row, leg.LEARNED_CONTINUITY, number)
+        assert leg.learned_term(row, *values.values()) == leg.learned_curve(row, values[name])
+
+
+def test_learned_term_joins_the_balance_it_names(row):
+    """In continuity it adds to the flow, in force to the force, and to nothing else."""
+    force = (0.1, 0.0, 0.0, P1, PS, PS, 0.0, 0.0)
+    plain_flow, plain_force = flow_at(row, 1.0), leg.force_beyond_pressure(row, *force)
+    learned(row, leg.LEARNED_CONTINUITY, 0)
+    term = leg.learned_curve(row, 0.1)
+    assert flow_at(row, 1.0) - plain_flow == pytest.approx(term, rel=1e-12)
+    assert leg.force_beyond_pressure(row, *force) == plain_force
+    learned(row, leg.LEARNED_FORCE, 0)
+    assert flow_at(row, 1.0) == plain_flow
+    assert leg.force_beyond_pressure(row, *force) - plain_force == pytest.approx(term, rel=1e-6)
+
+
+def naive_valve_volts(volts, half_width, delay):
+    """Delay, then backlash, as a reader would write it down."""
+    delayed = [volts[0]] * delay + list(volts[: len(volts) - delay])
+    held, out = delayed[0], []
+    for value in delayed:
+        if value > held + half_width:
+            held = value - half_width
+        elif value < held - half_width:
+            held = value + half_width
+        out.append(held)
+    return out
+
+
+@pytest.mark.parametrize("half_width", [0.0, 0.05, 0.4])
+@pytest.mark.parametrize("delay", [0, 1, 7])
+def test_valve_volts_are_delayed_and_lag_by_the_backlash(half_width, delay):
+    """Equal to a plain loop on 400 random samples; nothing changes without backlash and delay."""
+    volts = np.random.default_rng(5).uniform(-1, 1, 400)
+    found = leg.valve_volts(volts, half_width, delay)
+    np.testing.assert_allclose(found, naive_valve_volts(volts, half_width, delay), rtol=0, atol=1e-15)
+    if half_width == 0.0 and delay == 0:
+        np.testing.assert_array_equal(found, volts)

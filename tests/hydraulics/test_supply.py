@@ -1,0 +1,176 @@
+"""The equations of the power unit: characteristic points, derivatives, and the energy identity of its rates."""
+
+import numpy as np
+import pytest
+
+from hexsim.errors import HexsimError
+from hexsim.hydraulics import supply
+from hexsim.hydraulics.chamber import ATMOSPHERE
+from hexsim.hydraulics.supply import POWER_UNIT, S, U, declared_supply, power_unit_start
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.machine.resolved import resolve
+
+BAR = 1e5
+
+
+def unit(**changes):
+    """The supply's row of the bench with a power unit."""
+    tables = {f"power_unit.{key}": value for key, value in changes.items()} or {"power_unit": {}}
+    return declared_supply(changed(load_machine("bench"), tables))
+
+
+def test_without_a_power_unit_the_supply_is_constant():
+    """No table: model 0 and no states, the report's supply."""
+    row = declared_supply(load_machine("bench"))
+    assert row[S.MODEL] == supply.CONSTANT and row[S.STATES] == 0 and row[S.PRESSURE] == 7e6
+
+
+@pytest.mark.parametrize(
+    ("bar", "litres_min"),
+    [(71.0, 0.0), (70.0, 0.0), (69.0, 4.5), (68.0, 9.0), (66.0, 18.0), (50.0, 18.0), (0.0, 18.0)],
+)
+def test_compensator_characteristic(bar, litres_min):
+    """No flow from 70 bar on, 18 l/min 4 bar below, linear between, and no more further down."""
+    flow = supply.pump_flow_command(unit(), 1.0, bar * BAR)
+    assert flow * 6e4 == pytest.approx(litres_min, abs=1e-9)
+
+
+def test_motor_never_beyond_its_rating():
+    """A pump too large for its motor is held at 2.5 kW: 2500 W at every pressure at which it would take more."""
+    row = unit(pump_flow_max_m3_s=1e-3)
+    for bar in (30.0, 50.0, 65.0):
+        flow = supply.pump_flow_command(row, 1.0, bar * BAR)
+        assert supply.motor_power(row, 1.0, flow, bar * BAR) == pytest.approx(2500.0, rel=1e-9)
+
+
+def test_motor_power_of_the_report_at_full_flow():
+    """18 l/min at 66 bar with case drain and friction takes 2.0 to 2.5 kW: motor and flow limit fit each other."""
+    row = unit()
+    assert 2000.0 < supply.motor_power(row, 1.0, supply.pump_flow_command(row, 1.0, 66 * BAR), 66 * BAR) < 2500.0
+
+
+@pytest.mark.parametrize(("litres_out", "bar"), [(0.05, 68.7), (0.2, 64.9), (0.5, 58.5)])
+def test_accumulator_gives_oil_by_the_gas_law(litres_out, bar):
+    """4 l, 0.8 P0, n = 1.3: three points of a table that took gauge for absolute pressure (2 %), rounded (2 ml)."""
+    row = unit()
+    full = supply.accumulator_oil(row, 70 * BAR)
+    assert (full - supply.accumulator_oil(row, bar * BAR)) * 1e3 == pytest.approx(litres_out, rel=0.02, abs=0.002)
+
+
+def test_accumulator_shut_below_its_precharge():
+    """No oil, no energy and only the oil's own capacity below 56 bar."""
+    row = unit()
+    assert supply.accumulator_oil(row, 55 * BAR) == 0.0
+    assert supply.accumulator_energy(row, 55 * BAR) == 0.0
+    assert supply.pump_side_capacity(row, 55 * BAR) == row[S.PUMP_SIDE_VOLUME] / row[S.BULK_MODULUS]
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.3, 1.4])
+@pytest.mark.parametrize("bar", [57.0, 65.0, 75.0])
+def test_capacity_and_energy_are_the_derivatives_of_the_gas_law(exponent, bar):
+    """C_p = dV_oil/dP + V/E and d(energy)/dP = P dV_oil/dP, by central differences (error of order h^2: 1e-6)."""
+    row, pressure, h = unit(polytropic_exponent=exponent), bar * BAR, 1e3
+    slope = (supply.accumulator_oil(row, pressure + h) - supply.accumulator_oil(row, pressure - h)) / (2 * h)
+    oil = row[S.PUMP_SIDE_VOLUME] / row[S.BULK_MODULUS]
+    assert supply.pump_side_capacity(row, pressure) - oil == pytest.approx(slope, rel=1e-6, abs=0.0)
+    work = (supply.accumulator_energy(row, pressure + h) - supply.accumulator_energy(row, pressure - h)) / (2 * h)
+    assert work == pytest.approx(pressure * slope, rel=1e-6)
+
+
+def test_relief_valve_opens_at_its_setting():
+    """Shut at 80 bar, 18 l/min at 3 bar beyond."""
+    row = unit()
+    assert supply.relief_flow(row, 80 * BAR) == 0.0
+    assert supply.relief_flow(row, 83 * BAR) * 6e4 == pytest.approx(18.0, rel=1e-9)
+
+
+def test_line_loses_what_its_parts_lose():
+    """At 18 l/min: hose 0.3, filter 0.5 and fittings 0.9 bar (laminar ones by Hagen-Poiseuille), odd in the flow."""
+    row = unit()
+    total = supply.line_drop(row, 3e-4) / BAR
+    viscosity = 860.0 * 57.3e-6 * 1.15  # [Pa s] at 35 degC and 70 bar: 57.3 mm2/s, exp(2e-8 7e6) = 1.15
+    hose = 128 * viscosity * 3.0 / (np.pi * 0.016**4) * 3e-4 / BAR
+    assert total == pytest.approx(hose + 0.51 + 0.9, rel=0.01)
+    assert supply.line_drop(row, -3e-4) == -supply.line_drop(row, 3e-4)
+
+
+def random_states(count=50, seed=3):
+    random = np.random.default_rng(seed)
+    low = np.array([0.0, 0.0, -1e-4, 40 * BAR, 10.0, 30 * BAR])
+    high = np.array([1.0, 4e-4, 5e-4, 85 * BAR, 70.0, 85 * BAR])
+    return random.uniform(low, high, (count, len(U)))
+
+
+def test_energy_identity_of_the_rates():
+    """At any state: motor power = power to the legs + heat + what accumulator, oil and line take up, to rounding."""
+    row = unit()
+    row[S.BURST] = 1e-8
+    for state in random_states():
+        speed, flow, line_flow, pump_pressure, _, pressure = state
+        demand = 2e-4
+        rate = supply.power_unit_rates(row, tuple(state), 1.0, demand, 0.0)
+        given = supply.motor_power(row, speed, flow, pump_pressure)
+        heat = supply.power_unit_heat(row, speed, flow, line_flow, pump_pressure, pressure)
+        stored = pump_pressure * supply.pump_side_capacity(row, pump_pressure) * rate[U.PUMP_PRESSURE]
+        stored += row[S.LINE_INERTANCE] * line_flow * rate[U.LINE_FLOW]
+        stored += pressure * supply.manifold_capacity(row, pressure) * rate[U.PRESSURE]
+        assert given == pytest.approx(pressure * demand + heat + stored, abs=1e-8 * max(given, abs(stored), 1.0))
+
+
+def test_reservoir_temperature_settles_where_cooling_takes_the_heat():
+    """dT/dt turns its sign at ambient + heat/k; without cooling 1 kW warms 50 l by 0.71 K a minute."""
+    row = unit(cooling_W_K=0.0)
+    state = tuple(np.where(np.arange(6) == U.TEMPERATURE, 35.0, 0.0))
+    rate = supply.power_unit_rates(row, state, 0.0, 0.0, 1000.0)[U.TEMPERATURE]
+    assert rate * 60 == pytest.approx(60e3 / (860 * 1966 * 0.05), rel=1e-9)
+    cooled = unit(cooling_W_K=40.0)
+    for temperature, sign in ((44.0, 1), (46.0, -1)):
+        state = tuple(np.where(np.arange(6) == U.TEMPERATURE, temperature, 0.0))
+        assert np.sign(supply.power_unit_rates(cooled, state, 0.0, 0.0, 1000.0)[U.TEMPERATURE]) == sign
+
+
+def test_start_is_at_rest():
+    """At the starting state nothing moves but the temperature (case drain and friction warm the oil)."""
+    row = unit()
+    rate = np.array(supply.power_unit_rates(row, tuple(power_unit_start(row)), 1.0, 0.0, 0.0))
+    assert rate[U.TEMPERATURE] * row[S.HEAT_CAPACITY] == pytest.approx(
+        150 + 2.4e-12 * 7e6**2 - 40 * (35 - 20), rel=1e-9
+    )
+    rate[U.TEMPERATURE] = 0.0
+    assert np.array_equal(rate, np.zeros(len(U)))
+
+
+def test_check_valve_holds_the_pressure_of_a_stopped_pump():
+    """Motor off and at rest, no demand: neither pressure changes."""
+    row = unit()
+    state = power_unit_start(row)
+    state[U.SPEED] = 0.0
+    rate = supply.power_unit_rates(row, tuple(state), 0.0, 0.0, 0.0)
+    assert rate[U.PUMP_PRESSURE] == 0.0 and rate[U.PRESSURE] == 0.0
+
+
+def test_precharge_is_absolute():
+    """0.8 of 70 bar gauge is 57.01 bar from vacuum."""
+    assert unit()[S.PRECHARGE] == 0.8 * 70 * BAR + ATMOSPHERE
+
+
+def test_an_effect_that_replaces_the_power_unit_is_refused():
+    """supply_droop beside [power_unit] ends in a sentence that says what to do."""
+    machine = changed(
+        load_machine("bench"), {"power_unit": {}, "effects.supply_droop": {"line_resistance_Pa_s_m3": 2.4e9}}
+    )
+    with pytest.raises(HexsimError, match=r"has a \[power_unit\] and an effect that replaces it .* keep one of them"):
+        resolve(machine)
+
+
+def test_a_power_unit_refuses_a_motor_that_cannot_turn_it():
+    """Friction above the motor's rating is refused with both numbers."""
+    with pytest.raises(HexsimError, match=r"pump_friction_W = 3000 must be below motor_power_W = 2500"):
+        unit(pump_friction_W=3000.0)
+
+
+def test_model_number_of_a_power_unit():
+    """The row carries six states, Ps last."""
+    row = unit()
+    assert row[S.MODEL] == POWER_UNIT and row[S.STATES] == 6 and max(U) == U.PRESSURE

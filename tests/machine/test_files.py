@@ -1,0 +1,127 @@
+"""Finding, reading, changing and writing machine files."""
+
+import tomllib
+
+import pytest
+
+from hexsim.errors import HexsimError
+from hexsim.machine import available_machines, load_machine, machine_from_dict, models_folder, save_machine
+from hexsim.machine.files import FILE_NAME, changed, machine_tables
+
+
+@pytest.mark.parametrize("name", ["bench", "micro_motion_system"])
+def test_saved_machine_reads_back_equal(name, tmp_path):
+    """Round trip through the file, every number to the bit, effects and their places included."""
+    machine = changed(
+        load_machine(name),
+        {
+            "valve.overlap_m": 1.0 / 3.0 * 1e-5,
+            "effects.null_offset": [{"offset_V": 0.1, "where": "leg 1"}, {"offset_V": 0.2}],
+            "effects.leakage_supply_to_chamber": {"conductance_m3_s_Pa": 2.4e-12},
+        },
+    )
+    save_machine(machine, tmp_path / FILE_NAME)
+    assert load_machine(tmp_path) == machine
+    assert load_machine(tmp_path / FILE_NAME) == machine
+
+
+def test_saved_machine_has_the_tables_of_the_format(bench, tmp_path):
+    """The file has the tables and keys of measured/README.md, and none for what the machine has not."""
+    save_machine(bench, tmp_path / FILE_NAME)
+    tables = tomllib.loads((tmp_path / FILE_NAME).read_text())
+    assert tables["machine"]["name"] == "bench"
+    assert tables["cylinder"]["piston_diameter_m"] == 0.04
+    assert "geometry" not in tables and "power_unit" not in tables and "effects" not in tables
+
+
+def test_packaged_machines_are_found_by_name_and_path():
+    """By name, by "models/<name>", by folder and by file: the same machine."""
+    assert {"bench", "micro_motion_system"} <= set(available_machines())
+    for name in available_machines():
+        folder = models_folder() / name
+        same = load_machine(name)
+        assert same.name == name
+        assert load_machine(f"models/{name}") == load_machine(folder) == load_machine(folder / FILE_NAME) == same
+
+
+def test_packaged_names_work_away_from_the_repository(tmp_path, monkeypatch):
+    """In another working directory "bench" and "models/bench" are still found."""
+    monkeypatch.chdir(tmp_path)
+    assert load_machine("bench") == load_machine("models/bench")
+
+
+def test_unknown_machine_lists_what_there_is():
+    """The sentence names what was given and the machines that exist."""
+    with pytest.raises(HexsimError) as caught:
+        load_machine("micro_motion")
+    assert "unknown machine 'micro_motion'" in str(caught.value)
+    assert ", ".join(available_machines()) in str(caught.value)
+
+
+def test_folder_without_a_machine_file_says_so(tmp_path):
+    """An empty folder is named, with the file that is missing."""
+    with pytest.raises(HexsimError, match=r"has no machine.toml: put the machine's declaration there"):
+        load_machine(tmp_path)
+
+
+def test_file_that_is_no_toml_names_file_and_line(tmp_path):
+    """A broken line is told with its number."""
+    path = tmp_path / FILE_NAME
+    path.write_text('[machine]\nname = "x\n')
+    with pytest.raises(HexsimError, match=r"machine.toml is not valid TOML: .*line 2"):
+        load_machine(path)
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(HexsimError, match=r"machine.toml is not valid TOML"):
+        load_machine(path)
+
+
+def test_error_of_a_file_names_the_file(tmp_path, bench):
+    """The path stands before table and key."""
+    path = tmp_path / FILE_NAME
+    save_machine(bench, path)
+    path.write_text(path.read_text().replace("pressure_Pa = 7000000.0", "pressure_Pa = 70.0", 1))
+    with pytest.raises(HexsimError) as caught:
+        load_machine(tmp_path)
+    assert str(caught.value).startswith(f"{path}: [supply] pressure_Pa = 70.0: ")
+
+
+def test_changed_leaves_the_original_alone(bench):
+    """A change gives a new machine that differs in that key only."""
+    before = machine_tables(bench)
+    after = machine_tables(changed(bench, {"valve.overlap_m": 20e-6}))
+    assert machine_tables(bench) == before
+    assert after["valve"].pop("overlap_m") == 20e-6
+    del before["valve"]["overlap_m"]
+    assert after == before
+
+
+def test_changed_makes_new_tables(hexapod):
+    """A table that the file leaves out, and an effect, may be set key by key."""
+    machine = changed(hexapod, {"power_unit.motor_power_W": 3000.0, "effects.null_offset.offset_V": 0.1})
+    assert machine.power_unit.motor_power_W == 3000.0
+    assert machine.effects["null_offset"] == {"offset_V": 0.1}
+
+
+def test_changed_keeps_the_effects_of_the_file(hexapod):
+    """A second change leaves the first one's effect and table in place."""
+    once = changed(hexapod, {"power_unit.motor_power_W": 3000.0, "effects.null_offset.offset_V": 0.1})
+    twice = changed(once, {"effects.mass_change.mass_kg": 4.0})
+    assert set(twice.effects) == {"null_offset", "mass_change"}
+    assert twice.power_unit == once.power_unit
+
+
+def test_changed_through_a_number_is_refused(bench):
+    """A dotted key that leads through a number names the part that is no table."""
+    with pytest.raises(HexsimError, match=r"fault 1: valve.overlap_m.x leads through overlap_m, which is no table"):
+        changed(bench, {"valve.overlap_m.x": 1.0}, "fault 1")
+
+
+def test_changed_checks_again(bench):
+    """What a file may not say a change may not either."""
+    with pytest.raises(HexsimError, match=r"changes: \[valve\]: overlap_m = 0.002 must be smaller than"):
+        changed(bench, {"valve.overlap_m": 2e-3})
+
+
+def test_tables_make_the_machine_again(hexapod):
+    """machine_tables and machine_from_dict are each other's inverse."""
+    assert machine_from_dict(machine_tables(hexapod)) == hexapod

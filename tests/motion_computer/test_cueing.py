@@ -1,0 +1,66 @@
+"""Motion cueing: the washout of the example has the properties of a washout, and the machine plays it."""
+
+import json
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexsim.machine import load_machine
+from hexsim.machine.geometry import machine_kinematics
+
+PATH = Path(__file__).parents[2] / "examples" / "motion_cueing.py"
+EXAMPLE = runpy.run_path(str(PATH))
+TIME = np.arange(0.0, 40.0, 1.0 / EXAMPLE["RATE_Hz"])
+
+
+def test_position_returns_to_the_middle() -> None:
+    """A lasting acceleration moves the platform and then lets it come back: the high-pass has no steady part."""
+    position = EXAMPLE["high_pass_position"](2.5, np.ones_like(TIME))
+    assert np.abs(position).max() > 0.05
+    assert abs(position[-1]) < 1e-4
+
+
+def test_a_quick_acceleration_passes_at_once() -> None:
+    """Right after a step of 1 m/s2 the platform's acceleration is 1 m/s2: to 2 % a tenth of a tick over w."""
+    position = EXAMPLE["high_pass_position"](2.5, np.ones_like(TIME))
+    step = TIME[1]
+    begin = (position[3] - 2 * position[2] + position[1]) / step**2
+    assert begin == pytest.approx(1.0, abs=0.03)  # 3 ticks of 2 ms times 2 w + w_b = 5.3 rad/s
+
+
+def test_a_lasting_acceleration_is_felt_as_tilt() -> None:
+    """0.6 m/s2 forward for long: the platform stands nose up so that gravity gives 0.6 m/s2, and got there no faster
+    than 3 deg/s."""
+    acceleration = np.zeros((len(TIME), 3))
+    acceleration[:, 0] = 2.0
+    pose = EXAMPLE["washout"](acceleration)
+    kinematics = machine_kinematics(load_machine("micro_motion_system"))
+    felt = EXAMPLE["specific_force"](kinematics, pose[-1:], np.zeros((1, 3)))[0]
+    assert felt[0] == pytest.approx(0.6, rel=0.01)
+    assert pose[-1, 4] < 0.0
+    assert np.abs(np.diff(pose[:, 3:5], axis=0)).max() * EXAMPLE["RATE_Hz"] <= np.radians(3.0) * 1.001
+
+
+def test_acceleration_to_the_left_is_felt_to_the_left() -> None:
+    """The same for a lasting acceleration to the left: roll gives it its sign."""
+    acceleration = np.zeros((len(TIME), 3))
+    acceleration[:, 1] = 2.0
+    pose = EXAMPLE["washout"](acceleration)
+    kinematics = machine_kinematics(load_machine("micro_motion_system"))
+    felt = EXAMPLE["specific_force"](kinematics, pose[-1:], np.zeros((1, 3)))[0]
+    assert felt[1] == pytest.approx(0.6, rel=0.01)
+
+
+def test_the_example_runs_end_to_end(tmp_path, monkeypatch, capsys) -> None:
+    """Manoeuvre, washout, machine, comparison: what is felt forward follows what was commanded, later by the loop's lag
+    1/(Kp Kv) = 0.13 s and some more for the dead band."""
+    monkeypatch.setattr(sys, "argv", ["motion_cueing.py", "--fast", "--out", str(tmp_path)])
+    runpy.run_path(str(PATH), run_name="__main__")
+    table = json.loads((tmp_path / "cueing.json").read_text())
+    assert table["x"]["correlation"] > 0.9
+    assert 80 < table["x"]["delay_ms"] < 300
+    assert (tmp_path / "cueing.png").stat().st_size > 20_000
+    assert (tmp_path / "felt.csv").exists() and "correlation" in capsys.readouterr().out

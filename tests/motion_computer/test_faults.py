@@ -1,0 +1,155 @@
+"""Faults of a scenario: each is detected, the platform comes down, and no piston runs through an end stop."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hexsim.errors import HexsimError
+from hexsim.machine import load_machine
+from hexsim.motion_computer.outcome import Outcome, outcome
+from hexsim.scenarios import load_scenario
+from hexsim.simulation import Run, simulate
+
+MACHINE = load_machine("micro_motion_system")
+TIME_s = 3.3  # heave at half its velocity, downwards
+HEAVE = load_scenario("heave", duration_s=9.0)
+
+# kind and keys; seconds to detection, m/s2 at most, legs that come down. The bounds are safety claims of docs/faults.md
+# with about a third to spare, not copies of a run.
+CASES = [
+    (dict(kind="valve_stuck", leg=1, at="open"), 0.15, 150.0, (2, 3, 4, 5, 6)),
+    (dict(kind="valve_stuck", leg=1, at=-10.0), 0.15, 200.0, (1, 2, 3, 4, 5, 6)),
+    (dict(kind="valve_stuck", leg=1, at="shut"), 0.4, 15.0, (2, 3, 4, 5, 6)),
+    (dict(kind="spool_lag", leg=2, frequency_Hz=1.0), 1.5, 5.0, (1, 2, 3, 4, 5, 6)),
+    (dict(kind="position_sensor", leg=1, how="nan"), 0.01, 1.5, (1, 2, 3, 4, 5, 6)),
+    (dict(kind="position_sensor", leg=3, how="frozen"), 0.15, 8.0, (1, 2, 3, 4, 5, 6)),
+    (dict(kind="position_sensor", leg=6, how="jump"), 0.01, 1.5, (1, 2, 3, 4, 5, 6)),
+    (dict(kind="leg_blind", leg=4), 0.01, 1.5, (1, 2, 3, 4, 5, 6)),
+    (dict(kind="pressure_loss"), 0.2, 1.5, (1, 2, 3, 4, 5, 6)),
+    (dict(kind="pump_trip"), 0.01, 1.5, (1, 2, 3, 4, 5, 6)),
+    (dict(kind="hose_burst", leg=1), 0.5, 8.0, (1, 2, 3, 4, 5, 6)),
+    (dict(kind="power_loss"), 0.01, 1.5, (1, 2, 3, 4, 5, 6)),
+    (dict(kind="power_loss", buffered=False), 0.01, 60.0, ()),
+    (dict(kind="host_silence"), 0.27, 1.5, (1, 2, 3, 4, 5, 6)),
+]
+
+
+def faulty(*faults: dict, scenario=HEAVE, **options) -> Run:
+    return simulate(MACHINE, dataclasses.replace(scenario, faults=faults), fast=True, **options)
+
+
+def result(fault: dict, **options) -> Outcome:
+    return outcome(faulty(fault | {"time_s": TIME_s}, **options), TIME_s)
+
+
+@pytest.mark.parametrize(
+    ("fault", "detection_s", "peak", "down"), CASES, ids=lambda value: str(value) if isinstance(value, dict) else ""
+)
+def test_a_fault_is_detected_and_the_platform_comes_down(fault, detection_s, peak, down) -> None:
+    """Detected in time, state fault, acceleration bounded, at rest within 5 s, the legs that can be moved down on their
+    stops, and no piston deeper in an end stop than the cushion is long."""
+    found = result(fault)
+    assert found.detected_s is not None and found.detected_s <= detection_s
+    assert found.state == "fault"
+    assert found.peak_acceleration_m_s2 < peak
+    assert found.rest_s is not None and found.rest_s < 5.0
+    assert all(found.final_m[leg - 1] < MACHINE.cylinder.cushion_length_m for leg in down)
+    assert found.lowest_m > 0.0 and found.highest_m < MACHINE.cylinder.stroke_m
+
+
+def test_a_shifted_payload_is_found_from_the_pressures() -> None:
+    """150 kg that slide by 0.4 m move the centre by 100 mm: found within 3 s; 15 kg move it by 10 mm: not found."""
+    heavy = result(dict(kind="payload_shift", mass_kg=150.0, x_m=0.4))
+    light = result(dict(kind="payload_shift", mass_kg=15.0, x_m=0.4))
+    assert heavy.detected_s is not None and 0.1 < heavy.detected_s < 3.0
+    assert "load shifted" in heavy.says
+    assert light.detected_s is None and light.state == "manual"
+
+
+@pytest.mark.parametrize("name", ["heave", "roll", "yaw", "combined", "sweep", "multisine"])
+def test_a_sound_machine_raises_no_error(name: str) -> None:
+    """With the monitors on and nothing broken (a lag of 1000 Hz), no scenario ends in fault."""
+    scenario = load_scenario(name, duration_s=8.0)
+    run = faulty(dict(kind="spool_lag", leg=1, frequency_Hz=100.0, time_s=7.9), scenario=scenario)
+    assert run.summary["motion_computer"]["found"] == []
+    assert run.summary["motion_computer"]["state"] == "manual"
+
+
+def test_a_fault_yet_to_come_changes_nothing() -> None:
+    """Until the fault the run is the run without faults, to the bit: monitors look on, sensors draw the same noise."""
+    scenario = load_scenario("heave", duration_s=2.0)
+    plain = simulate(MACHINE, scenario, fast=True, seed=3).log
+    guarded = faulty(dict(kind="leg_blind", leg=1, time_s=1.5), scenario=scenario, seed=3).log
+    early = plain["time_s"].to_numpy() < 1.5
+    for column in (
+        "true_position_1_m",
+        "position_1_m",
+        "valve_4_V",
+        "true_acceleration_z_m_s2",
+        "pressure_bottom_2_Pa",
+    ):
+        assert np.array_equal(plain[column].to_numpy()[early], guarded[column].to_numpy()[early]), column
+
+
+def test_the_log_shows_what_the_motion_computer_saw() -> None:
+    """A lost transducer is NaN in the log from then on; the true position is not; the setpoint is the one held."""
+    log = faulty(dict(kind="position_sensor", leg=1, time_s=TIME_s)).log
+    late = log["time_s"].to_numpy() >= TIME_s
+    assert np.isnan(log["position_1_m"].to_numpy()[late]).all()
+    assert np.isfinite(log["position_1_m"].to_numpy()[~late]).all()
+    assert np.isfinite(log["true_position_1_m"].to_numpy()).all()
+    assert log["setpoint_1_m"].to_numpy()[-1] == 0.0
+
+
+def test_supply_pressure_in_the_log_is_that_of_its_time() -> None:
+    """After a pressure loss the log holds 70 bar before and 20 bar after, not one value for the whole run."""
+    log = faulty(dict(kind="pressure_loss", pressure_Pa=2.0e6, within_s=0.3, time_s=TIME_s)).log
+    time, supply = log["time_s"].to_numpy(), log["true_pressure_supply_Pa"].to_numpy()
+    assert np.all(supply[time < TIME_s] == 7.0e6)
+    assert np.allclose(supply[time > TIME_s + 0.31], 2.0e6)
+    assert supply[np.searchsorted(time, TIME_s + 0.15)] == pytest.approx(4.5e6, rel=0.02)
+
+
+def test_faults_on_a_bench() -> None:
+    """One leg on a bench: a lost transducer is found and the load comes down without a look at its position."""
+    bench = load_machine("bench")
+    scenario = dataclasses.replace(HEAVE, faults=(dict(kind="position_sensor", leg=1, time_s=TIME_s),), duration_s=10.0)
+    found = outcome(simulate(bench, scenario, fast=True), TIME_s)
+    assert found.detected_s == pytest.approx(0.004, abs=0.003)
+    assert found.final_m[0] < bench.cylinder.cushion_length_m
+    assert found.lowest_m > 0.0
+
+
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [
+        (dict(kind="meteor", time_s=1.0), "unknown kind 'meteor'; give one of valve_stuck"),
+        (dict(kind="valve_stuck", time_s=1.0), "the key 'leg' is missing"),
+        (dict(kind="valve_stuck", time_s=1.0, leg=7), "leg is 7; machine micro_motion_system has legs 1 to 6"),
+        (
+            dict(kind="valve_stuck", time_s=1.0, leg=1, at="ajar"),
+            "at is 'ajar'; give 'open', 'shut', 'present' or volts",
+        ),
+        (dict(kind="pump_trip", time_s=-1.0), "time_s is -1; give a time in s from 0 on"),
+        (dict(kind="pump_trip", time_s="soon"), "time_s is 'soon'; give a number"),
+        (dict(kind="hose_burst", leg=1, time_s=1.0, diameter=2), "unknown key 'diameter'; allowed are time_s, leg"),
+    ],
+)
+def test_a_wrong_fault_is_refused_before_the_run(fault, sentence) -> None:
+    """The sentence names fault, key, what was given and what is allowed."""
+    with pytest.raises(HexsimError, match=sentence):
+        faulty(fault)
+
+
+def test_a_wide_open_valve_does_not_upset_rk4() -> None:
+    """At little pressure drop a fully open valve is far faster than the time step: RK4 and the fast, implicit scheme
+    still agree on where the piston stops, and no pressure leaves the range that the load can explain."""
+    bench = load_machine("bench")
+    fault = dict(kind="valve_stuck", leg=1, at=-10.0, time_s=1.0)
+    scenario = dataclasses.replace(load_scenario("heave", duration_s=1.6), faults=(fault,))
+    logs = [simulate(bench, scenario, fast=fast).log for fast in (False, True)]
+    lowest = [log["true_position_m"].min() for log in logs]
+    assert lowest[0] == pytest.approx(lowest[1], abs=2e-4)  # m, of a stop at more than 1 m/s
+    assert 0.0 < lowest[0] < bench.cylinder.cushion_length_m
+    assert logs[0]["true_pressure_bottom_Pa"].max() < 2e7

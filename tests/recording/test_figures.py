@@ -1,0 +1,122 @@
+"""Figures and reports: that they show the numbers of the log."""
+
+import re
+
+import numpy as np
+import pytest
+from made_up_run import BUMP_M_S2, bump, made_up_log, made_up_machine, made_up_run
+
+from hexsim.recording.figure_style import png
+from hexsim.recording.figures import acceleration, comparison, flow_curve, motion, run_figures
+from hexsim.recording.report import run_report
+from hexsim.recording.signals import Signals
+from hexsim.recording.summary_table import axis_rows, number
+
+NAMES = ["motion", "acceleration", "parasitic", "flow_curve", "pressures", "spectrum"]
+
+
+def line(plot, label):
+    """Data of the curve with this label."""
+    return next(curve.get_xydata() for curve in plot.get_lines() if curve.get_label() == label)
+
+
+@pytest.mark.parametrize(("hexapod", "names"), [(True, NAMES), (False, [n for n in NAMES if n != "parasitic"])])
+def test_every_axis_of_every_figure_has_a_unit(hexapod, names):
+    """All figures are made, in the report's order, and each y axis says its unit (its label, or the title above it)."""
+    figures = run_figures(Signals.of_run(made_up_run(hexapod)))
+    assert list(figures) == names
+    for figure in figures.values():
+        for plot in figure.axes:
+            if plot.get_visible() and plot in figure.get_axes():
+                assert "[" in plot.get_ylabel() + plot.get_title(loc="left"), figure.get_suptitle()
+        assert png(figure, dpi=40).startswith(b"\x89PNG")
+
+
+def test_the_deviation_is_the_bump_that_was_drawn():
+    """Acceleration = sine + bump: the raw deviation is the bump, but for what of it is in the basic harmonic itself.
+
+    The packet has 1 % of its energy in the harmonic: 0.01 m/s2 covers it; a wrong phase or mean would give 0.1.
+    """
+    signals = Signals.of_run(made_up_run())
+    _, middle, _ = acceleration(signals).axes
+    data = line(middle, "raw")
+    assert np.allclose(data[:, 1], bump(signals.time_s)[-len(data) :], rtol=0, atol=0.01 * BUMP_M_S2)
+    peaks = line(middle, "peak at reversal")
+    assert np.allclose(peaks[:, 0], [2.5, 3.5, 4.5, 5.5], rtol=0, atol=2e-3)
+
+
+def test_motion_shows_setpoint_and_response_in_mm():
+    """0.05 m asked reads 50 mm; the leg's error is setpoint less position."""
+    run = made_up_run(False)
+    heave, error = motion(Signals.of_run(run)).axes
+    assert line(heave, "setpoint")[:, 1].max() == pytest.approx(150.0, abs=0.01)  # half stroke 100 mm + 50 mm
+    assert np.allclose(line(error, "leg")[:, 1], 1e3 * (run.log["setpoint_m"] - run.log["position_m"]).to_numpy())
+
+
+def test_what_the_log_lacks_is_not_drawn():
+    """Without flow there is no flow curve; without any acceleration neither acceleration nor spectrum."""
+    machine = made_up_machine(False)
+    log = made_up_log(machine, 4.0).drop("flow_m3_s", "acceleration_m_s2", "true_acceleration_m_s2")
+    signals = Signals(log=log, machine=machine, frequency_Hz=0.5)
+    assert flow_curve(signals) is None
+    assert list(run_figures(signals)) == ["motion", "pressures"]
+
+
+def test_comparison_has_one_row_a_run_to_one_scale():
+    """Half the bump reads as half the height on the same axis, and each row names its run and its peak."""
+    machine = made_up_machine(False)
+    runs = {
+        name: Signals(
+            log=made_up_log(machine, 6.0, scale), machine=machine, frequency_Hz=0.5, fade_s=1.0, figures_from_s=2.0
+        )
+        for name, scale in (("none", 1.0), ("half", 0.5))
+    }
+    figure = comparison(runs)
+    left, middle = figure.axes[0::3], figure.axes[1::3]
+    assert [plot.get_ylabel() for plot in left] == ["none", "half"]
+    assert middle[0].get_ylim() == middle[1].get_ylim()
+    sizes = [np.abs(plot.get_lines()[0].get_ydata()).max() for plot in middle]
+    assert sizes[1] / sizes[0] == pytest.approx(0.5, rel=0.02)  # the harmonic takes up to 1 % of each bump
+    assert middle[0].texts[0].get_text() == f"peak {number(sizes[0])}"
+
+
+def test_the_report_needs_nothing_but_itself():
+    """All pictures are inside; no script, style sheet, image or font comes from elsewhere."""
+    page = run_report(made_up_run(), {"motion": b"\x89PNG", "acceleration": b"\x89PNG"})
+    assert page.count('src="data:image/png;base64,') == 2
+    assert not re.search(r"""(src|href)\s*=\s*["'](?!data:)|url\(|@import|<script|<link""", page)
+
+
+def test_the_report_shows_the_summary_and_escapes_names():
+    """Every cell of the table stands in the page; a name with markup in it stays text; a partial run is marked."""
+    run = made_up_run(complete=False, compensator="<b>bold</b>", messages=[(1.5, 2, "fell back & <i>said so</i>")])
+    run.summary = {**run.summary, "compensator": "<b>bold</b>"}
+    page = run_report(run, {})
+    for _, cells in axis_rows(run.summary, ("z",)):
+        assert all(f"<td>{cell}</td>" in page for cell in cells)
+    assert "&lt;b&gt;bold&lt;/b&gt;" in page and "<b>bold</b>" not in page
+    assert "fell back &amp; &lt;i&gt;said so" in page
+    assert "Partial run." in page and "interrupted at 3.0 s" in page
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.87965, "0.880"), (11.742, "11.7"), (1234.5, "1234"), (0.000123, "0.000123"), (1.2e-7, "1.20e-07"), (0.0, "0"),
+     (None, "–"), (float("nan"), "–"), (-0.5, "-0.500"), (0.99996, "1.00")],
+)  # fmt: skip
+def test_numbers_keep_three_significant_places(value, text):
+    """Figures are rounded to what is meant, small ones stay readable, missing ones are a dash."""
+    assert number(value) == text
+
+
+def test_the_harmonic_is_that_of_the_last_periods():
+    """A run that begins with half the motion is judged against the harmonic of its end, where only the bump is left."""
+    machine = made_up_machine(False)
+    log = made_up_log(machine, 8.0)
+    share = np.where(log["time_s"] < 4.0, 0.5, 1.0)
+    log = log.with_columns(true_acceleration_m_s2=log["true_acceleration_m_s2"] * share)
+    found = Signals(log=log, machine=machine, frequency_Hz=0.5, fade_s=1.0, figures_from_s=4.0).deviation("leg")
+    late = found.time_s >= 4.0
+    assert np.allclose(found.raw[late], bump(found.time_s)[late], rtol=0, atol=0.01 * BUMP_M_S2)
+    early = (found.time_s > 1.6) & (found.time_s < 1.8)  # half of 0.49 m/s2 sin(..) is missing there
+    assert np.abs(found.raw[early]).min() > 0.1

@@ -1,0 +1,155 @@
+"""Commands on measured logs and on the running machine: trace, friction, qualify, serve."""
+
+import json
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from typer.testing import CliRunner
+
+from hexsim.cli import app, serve
+from hexsim.machine import load_machine
+
+BENCH = Path(__file__).parent / "data" / "bench_none"
+REPORT = {
+    "verdict": "explained",
+    "balances": [],
+    "effects": [
+        {
+            "name": "leakage_supply_to_chamber", "balance": "continuity", "where": "leg 2",
+            "tied_with": ["clearance_leakage"],
+            "parameters": {"conductance_m3_s_Pa": 2.4e-12}, "standard_error": {"conductance_m3_s_Pa": 1e-13},
+            "evidence": {"block_cv_gain": 0.41, "blocks": 8, "dBIC": -310},
+        }
+    ],
+    "unexplained": [
+        {"balance": "force", "where": "leg 1", "rms": 12.0, "unit": "N", "depends_on": "position_m", "r2_cv": 0.82,
+         "frequency_Hz": None}
+    ],
+    "error": {"validate": {"position_m": {"declared": 1e-4, "refit": 9e-5, "with_effect": 6e-6, "noise": 3e-6}}},
+}  # fmt: skip
+
+
+@pytest.fixture
+def traced(monkeypatch):
+    """`hexsim.tracing.trace.trace` that finds what REPORT says, at once; the search itself has its own tests."""
+    import hexsim.tracing.trace as module
+
+    asked = {}
+
+    def trace(machine, fit, validate, out, progress):
+        asked.update(machine=machine, fit=fit, validate=validate)
+        progress("screening", 0.5)
+        (Path(out) / "report.json").write_text(json.dumps(REPORT))
+        declared = load_machine(BENCH)
+        return SimpleNamespace(machine=declared, fitted=declared, report=REPORT)
+
+    monkeypatch.setattr(module, "trace", trace)
+    return asked
+
+
+def test_trace_prints_verdict_effects_and_errors(traced, tmp_path):
+    """The table at the end names verdict, effect with place, number and error, ties, what is left, before and after."""
+    arguments = [
+        "trace",
+        str(BENCH),
+        "--fit",
+        "fit",
+        "--fit",
+        "sweep",
+        "--validate",
+        "validate",
+        "--out",
+        str(tmp_path / "t"),
+    ]
+    result = CliRunner().invoke(app, [*arguments, "--no-recording"])
+    assert result.exit_code == 0, result.stderr
+    assert traced["fit"] == ["fit", "sweep"] and traced["validate"] == ["validate"]
+    shown = " ".join(result.stdout.split())
+    assert re.search(r"verdict explained", shown)
+    for text in (
+        "leakage_supply_to_chamber",
+        "leg 2",
+        "2.4e-12 ± 1e-13",
+        "clearance_leakage",
+        "0.410",
+        "position_m",
+        "12.0 N",
+    ):
+        assert text in shown
+    assert re.search(r"validate position_m 0\.0001 9e-05 6e-06 3e-06", shown)
+    assert json.loads((tmp_path / "t" / "report.json").read_text()) == REPORT
+
+
+def test_trace_writes_a_recording_of_the_held_out_log(traced, tmp_path):
+    """--json prints the report alone; the recording of each held-out log lies beside it."""
+    result = CliRunner().invoke(app, ["trace", str(BENCH), "--out", str(tmp_path / "t"), "--json"])
+    assert json.loads(result.stdout) == REPORT
+    assert (tmp_path / "t" / "validate.rrd").stat().st_size > 100_000
+
+
+def test_friction_needs_the_machine_of_the_log(tmp_path):
+    """A log without machine.toml beside it asks for --machine; with it the declared friction comes back within 5 %."""
+    arguments = [
+        "run",
+        "friction",
+        "--fast",
+        "--no-report",
+        "--no-recording",
+        "--duration",
+        "60",
+        "--out",
+        str(tmp_path / "run"),
+    ]
+    assert CliRunner().invoke(app, arguments).exit_code == 0
+    log = str(tmp_path / "run" / "log.parquet")
+    refused = CliRunner().invoke(app, ["friction", log])
+    assert refused.exit_code == 2 and "give --machine" in refused.stderr and refused.stdout == ""
+    result = CliRunner().invoke(app, ["friction", log, "-m", "bench", "--json", "--out", str(tmp_path / "f")])
+    assert result.exit_code == 0, result.stderr
+    found, declared = json.loads(result.stdout)["parameters"], load_machine("bench").friction
+    for key in ("viscous_extend_N_s_m", "viscous_retract_N_s_m", "coulomb_extend_N", "coulomb_retract_N"):
+        assert found[key] == pytest.approx(getattr(declared, key), rel=0.05)
+    assert {path.name for path in (tmp_path / "f").iterdir()} == {"friction.json", "friction.png", "machine.toml"}
+
+
+def test_serve_runs_for_its_time_and_says_how_far_behind():
+    """A second of the bench on a free port of this computer: state, margin and packets, as a line and as JSON."""
+    import hexsim.serve
+
+    assert serve.PORT == hexsim.serve.PORT
+    result = CliRunner().invoke(app, ["serve", "-m", "bench", "--port", "0", "--duration", "1", "--json"])
+    assert result.exit_code == 0, result.stderr
+    status = json.loads(result.stdout)
+    assert status["address"].startswith("127.0.0.1:") and status["state"] == "neutral"
+    assert status["time_s"] == pytest.approx(1.0, abs=0.01) and status["margin"] > 0
+    assert re.search(r"bench listens on udp://127\.0\.0\.1:\d+", result.stderr)
+
+
+def test_qualify_prints_what_was_judged(monkeypatch, tmp_path):
+    """Rows with a limit are in the table with pass or fail, the others are counted."""
+    judged = {
+        "test": "turn-around",
+        "figure": "deviation",
+        "value": 0.836,
+        "unit": "m/s²",
+        "limit": 0.49,
+        "passed": False,
+    }
+    reported = {"test": "half-hertz noise", "figure": "ratio", "value": 0.2, "unit": "1", "limit": None, "passed": None}
+    rows = [{"axis": "heave z", **row} for row in (judged, reported)]
+    found = {"machine": "bench", "compensator": "none", "passed": False, "rows": rows}
+
+    def qualify(machine, out, quick, progress, compensator):
+        progress(0.5)
+        (out / "qualify.json").write_text("{}")
+        return {**found, "quick": quick}
+
+    monkeypatch.setattr("hexsim.qualify.qualify", qualify)
+    result = CliRunner().invoke(app, ["qualify", "-m", "bench", "--quick", "--out", str(tmp_path / "q")])
+    assert result.exit_code == 0, result.stderr
+    shown = " ".join(result.stdout.split())
+    assert "NOT passed" in shown and "turn-around heave z deviation 0.836 0.490 m/s² fail" in shown
+    assert "1 more figures without a limit" in shown
+    assert (tmp_path / "q" / "qualify.json").exists()

@@ -1,0 +1,103 @@
+"""Compensators side by side: same motion, same noise, one folder."""
+
+import json
+
+import polars as pl
+import pytest
+
+from hexsim.compare import compare, comparison_rows, comparison_tables, names_of, write_comparison
+from hexsim.errors import HexsimError
+from hexsim.machine import load_machine
+from hexsim.recording.signals import Signals
+from hexsim.scenarios import load_scenario
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """Plain control and the known inverse on the bench, long enough for one whole period after the fade-in."""
+    return compare(load_machine("bench"), load_scenario("heave", duration_s=4.5), ["none", "exact"], fast=True, seed=3)
+
+
+def test_unknown_names_are_refused_before_the_first_run():
+    """One unknown name of several is refused with the list of those there are; an empty list too."""
+    with pytest.raises(HexsimError, match=r"'nothing'.*none.*buffered"):
+        names_of("none,nothing")
+    with pytest.raises(HexsimError, match="--compensators is empty"):
+        names_of(" , ")
+    assert names_of("buffered, none,buffered") == ["buffered", "none"]
+    assert {"none", "exact", "iterative", "buffered"} <= set(names_of(None))
+
+
+def test_runs_differ_in_the_compensator_alone(runs):
+    """Setpoints and the sensor noise of the resting start are the same to the bit; the valve volts are not."""
+    plain, inverse = runs["none"].log, runs["exact"].log
+    assert plain["setpoint_m"].equals(inverse["setpoint_m"])
+    assert plain["position_m"][0] == inverse["position_m"][0]
+    assert not plain["valve_V"].equals(inverse["valve_V"])
+    assert plain["compensation_V"].abs().max() == 0.0 < inverse["compensation_V"].abs().max()
+
+
+def test_the_ratio_is_to_the_first_run(runs):
+    """The table's column `of first` is the peak over the first run's peak, as the summaries hold them."""
+    first, second = comparison_rows(runs, "leg")
+    peaks = [runs[name].summary["axes"]["leg"]["peak_band_m_s2"] for name in ("none", "exact")]
+    assert first["ratio"] == 1.0
+    assert second["ratio"] == pytest.approx(peaks[1] / peaks[0], rel=1e-12)
+    assert second["peak_band"] == peaks[1]
+
+
+def test_the_folder_holds_all_runs(runs, tmp_path):
+    """compare.json has the form that others read, each run its log, and there is one figure, report and recording."""
+    write_comparison(runs, tmp_path)
+    tables = json.loads((tmp_path / "compare.json").read_text())
+    assert set(tables) == {"scenario", "compensators"} and list(tables["compensators"]) == ["none", "exact"]
+    assert tables["compensators"]["exact"]["axes"] == runs["exact"].summary["axes"]
+    assert pl.read_parquet(tmp_path / "logs" / "exact.parquet").equals(runs["exact"].log)
+    for name in ("report.html", "run.rrd", "config.toml", "figures/comparison_leg.png"):
+        assert (tmp_path / name).stat().st_size > 0
+    page = (tmp_path / "report.html").read_text()
+    assert "exact" in page and 'src="data:image/png;base64,' in page
+
+
+def test_a_diverged_run_stays_in_the_comparison(runs):
+    """A run that ended early is marked with its reason and is not taken for the best."""
+    cut = runs["exact"]
+    cut.complete, cut.reason = False, "the simulation diverged at t = 3.0 s in leg 1"
+    try:
+        table = comparison_tables(runs)["compensators"]
+        assert table["exact"]["partial"] is True and "diverged" in table["exact"]["reason"]
+        assert comparison_rows(runs, "leg")[1]["note"].startswith("the simulation diverged")
+    finally:
+        cut.complete, cut.reason = True, ""
+
+
+def test_an_interruption_ends_the_comparison(monkeypatch):
+    """After Ctrl-C in the first run the second is not begun."""
+    begun = []
+
+    class Interrupted:
+        complete, reason = False, "interrupted by the user at t = 0.1 s"
+
+    def simulate(*args, compensator, **kwargs):
+        begun.append(compensator)
+        return Interrupted()
+
+    monkeypatch.setattr("hexsim.simulation.simulate", simulate)
+    assert list(compare(load_machine("bench"), load_scenario("heave"), ["none", "exact"])) == begun == ["none"]
+
+
+def test_signals_carry_the_compensators_name(runs):
+    """Plots and recordings call a run by its compensator."""
+    assert Signals.of_run(runs["exact"], "exact").label == "exact"
+
+
+def test_plots_show_the_peak_of_the_table(runs):
+    """The largest deviation drawn after the start of the figures is the table's peak in the band, to 2 %.
+
+    The table continues the motion by its own period where the plot reflects it at the end of the record.
+    """
+    for run in runs.values():
+        found = Signals.of_run(run).deviation("leg")
+        late = found.time_s >= run.scenario.figures_start_s
+        peak = abs(found.band[late]).max()
+        assert peak == pytest.approx(run.summary["axes"]["leg"]["peak_band_m_s2"], rel=0.02)

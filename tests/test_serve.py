@@ -1,0 +1,213 @@
+"""The machine in real time with its host interface, over loopback; clocked by hand so that nothing depends on load."""
+
+import contextlib
+import random
+import runpy
+import socket
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexsim.errors import HexsimError
+from hexsim.machine import load_machine
+from hexsim.motion_computer.errors import Error
+from hexsim.motion_computer.host_packet import REPLY, HostCommand, Reply, unpack_reply
+from hexsim.motion_computer.states import State
+from hexsim.serve import Server, serve
+
+MACHINE = load_machine("micro_motion_system")
+
+
+class Host:
+    """A host that sends when it is told to, with its own socket."""
+
+    def __init__(self, server: Server) -> None:
+        self.server = server
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.settimeout(2.0)
+        self.sequence = 0
+        self.reply: Reply | None = None
+
+    def run(
+        self, seconds: float, setpoint=lambda t: (0.0,) * 6, command: str = "none", every: int = 8, mode: int = 0
+    ) -> None:
+        """Tick the server, sending each `every` ticks (8: 62.5 Hz) with the command in the first packet."""
+        for k in range(round(seconds / self.server.tick_s)):
+            if k % every == 0:
+                now = self.server.time_s
+                packet = HostCommand(
+                    sequence=self.sequence, time_s=now, setpoints=tuple(setpoint(now)), command=command, mode=mode
+                )
+                self.socket.sendto(packet.pack(), self.server.address)
+                self.sequence, command = self.sequence + 1, "none"
+            self.server.tick()
+            if k % every == 0:
+                self.reply = unpack_reply(self.socket.recv(REPLY.size))
+
+
+@pytest.fixture
+def server():
+    with Server(MACHINE, port=0, timestep=2e-4) as made:
+        yield made
+
+
+@pytest.fixture
+def host(server):
+    made = Host(server)
+    yield made
+    made.socket.close()
+
+
+def smooth(t: float) -> float:
+    g = min(max(t, 0.0), 1.0)
+    return g * g * g * (10 - 15 * g + 6 * g * g)
+
+
+def test_a_host_moves_the_platform_and_reads_its_pose(server, host) -> None:
+    """20 mm of heave asked at 60 Hz arrive; the pose in the reply is the plant's to 50 um (transducers of 3 um)."""
+    host.run(0.1, command="run_normal")
+    start = server.time_s
+    host.run(3.0, lambda t: (0, 0, 0.02 * smooth(t - start), 0, 0, 0))
+    assert host.reply.state == State.NORMAL and host.reply.errors == Error.NONE
+    true = server.plant.data.qpos[2] - server.plant.kinematics.neutral_height_m
+    assert host.reply.pose[2] == pytest.approx(true, abs=5e-5)
+    assert true == pytest.approx(0.02, abs=1.5e-3)  # position error of the loop: dead band over gain, 45 mV / 50 V/m
+    assert host.reply.asked[2] == pytest.approx(0.02, abs=1e-6)
+
+
+def test_the_whole_cycle_of_states() -> None:
+    """From its stops: start, neutral, normal, back to neutral, settle, off; legs at rest on the stops at both ends."""
+    with Server(MACHINE, port=0, timestep=2e-4, start="off") as server:
+        host = Host(server)
+        with contextlib.closing(host.socket):
+            assert server.plant.piston_positions().max() < 0.006
+            host.run(6.0, command="start")
+            assert host.reply.state == State.NEUTRAL and host.reply.arrived
+            assert server.plant.piston_positions() == pytest.approx(np.full(6, 0.1), abs=1.5e-3)
+            host.run(0.5, command="run_normal")
+            host.run(2.0, command="return_neutral")
+            assert host.reply.state == State.NEUTRAL
+            host.run(7.0, command="settle")
+            assert host.reply.state == State.OFF and host.reply.arrived
+            assert server.plant.piston_positions().max() < 0.006
+
+
+def test_a_forbidden_command_is_refused_and_said(server, host) -> None:
+    """start while in neutral: the state stays, the reply says refused, the message says what is possible."""
+    host.run(0.1, command="start")
+    assert host.reply.state == State.NEUTRAL and host.reply.refused
+    assert any("'start' is not possible in state neutral; possible: " in text for _, _, text in server.messages)
+    host.run(0.1, command="run_normal")
+    assert host.reply.state == State.NORMAL and not host.reply.refused
+
+
+def test_a_silent_host_ends_in_fault_and_the_platform_settles(server, host) -> None:
+    """Silence for more than 0.25 s in normal state: host timeout, fault, and after some seconds down at rest."""
+    host.run(0.5, command="run_normal")
+    for _ in range(round(8.0 / server.tick_s)):
+        server.tick()
+    host.run(0.1)
+    assert host.reply.state == State.FAULT and host.reply.errors == Error.HOST_TIMEOUT and host.reply.arrived
+    assert server.plant.piston_positions().max() < 0.006
+    host.run(0.1, command="reset")
+    assert host.reply.state == State.OFF and host.reply.errors == Error.NONE
+
+
+def test_actuator_mode_moves_one_leg(server, host) -> None:
+    """Mode 1: 5 mm for leg 2 alone moves leg 2 by 5 mm and the others not at all (within the dead band)."""
+    host.run(0.1, command="run_normal", mode=1)
+    start = server.time_s
+    host.run(2.0, lambda t: (0, 0.005 * smooth(t - start), 0, 0, 0, 0), mode=1)
+    moved = server.plant.piston_positions() - 0.1
+    assert moved[1] == pytest.approx(0.005, abs=1.5e-3)
+    assert np.abs(np.delete(moved, 1)).max() < 1.5e-3
+
+
+def test_an_absurd_wish_is_held_within_the_limits(server, host) -> None:
+    """A jump to 900 m in all axes: workspace shown, state normal, legs clear of cushions, acceleration of the pose
+    within a few m/s2."""
+    host.run(0.2, command="run_normal")
+    peak = 0.0
+    for _ in range(20):
+        host.run(0.1, lambda t: (900.0,) * 6)
+        peak = max(peak, float(np.abs(server.plant.data.qacc[:3]).max()))
+    assert host.reply.state == State.NORMAL and host.reply.errors == Error.WORKSPACE
+    positions = server.plant.piston_positions()
+    assert positions.min() > MACHINE.cylinder.cushion_length_m
+    assert positions.max() < MACHINE.cylinder.stroke_m - MACHINE.cylinder.cushion_length_m
+    assert peak < 12.0  # three axes at 3 m/s2, three rotations, and the oil's resonance
+
+
+def test_a_flood_of_noise_does_not_stop_the_machine(server, host) -> None:
+    """Seeded noise, damaged packets and a second host that shouts: the host in charge is still followed."""
+    source = random.Random(5)
+    flooder = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    host.run(0.1, command="run_normal")
+    start, good = server.time_s, HostCommand(sequence=9, time_s=1.0, setpoints=(0.1,) * 6, command="settle").pack()
+
+    def wish(t: float):
+        for k in range(20):
+            data = bytearray(good) if k % 2 else bytearray(source.randbytes(source.randrange(0, 200)))
+            if k % 4 == 1:
+                data[source.randrange(len(data))] ^= 1 << source.randrange(8)
+            flooder.sendto(bytes(data), server.address)
+        return (0, 0, 0.02 * smooth(t - start), 0, 0, 0)
+
+    with contextlib.closing(flooder):
+        host.run(2.5, wish)
+    assert host.reply.state == State.NORMAL
+    assert host.reply.pose[2] == pytest.approx(0.02, abs=1.5e-3)
+    assert server.counts["malformed"] > 500 and server.counts["stranger"] > 500
+
+
+def test_more_packets_than_a_tick_can_take(server) -> None:
+    """Ten thousand packets at once: a tick takes 64 of them and goes on."""
+    flooder = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    with contextlib.closing(flooder):
+        for _ in range(10_000):
+            flooder.sendto(b"\x00" * 72, server.address)
+        server.tick()
+        assert server.counts["received"] == 64
+        for _ in range(20):
+            server.tick()
+    assert server.computer.state == State.NEUTRAL
+
+
+def test_a_host_that_is_gone_is_survived(server) -> None:
+    """Answers to a closed socket come back as errors of the operating system: the machine goes on."""
+    gone = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    gone.sendto(HostCommand(sequence=1, time_s=0.0, setpoints=(0.0,) * 6).pack(), server.address)
+    gone.close()
+    for _ in range(20):
+        server.tick()
+    assert server.ticks == 20
+
+
+def test_it_binds_to_loopback_unless_told_otherwise(server) -> None:
+    """The default address is 127.0.0.1; a port in use is a sentence."""
+    assert server.address[0] == "127.0.0.1"
+    with pytest.raises(HexsimError, match=r"cannot listen on 127.0.0.1:\d+: .*; give a free port"):
+        Server(MACHINE, port=server.address[1])
+
+
+def test_real_time_is_kept_and_said() -> None:
+    """Half a second of machine time takes at least half a second; the status tells margin and lag."""
+    begin = time.perf_counter()
+    status = serve(MACHINE, port=0, duration_s=0.5, timestep=2e-4)
+    assert time.perf_counter() - begin >= 0.5 - 0.002
+    assert status.time_s == pytest.approx(0.5)
+    assert status.margin > 1.0
+    assert status.worst_behind_s >= 0.0 and status.state == "neutral"
+
+
+def test_the_example_host_drives_the_machine(monkeypatch, capsys) -> None:
+    """examples/host.py starts a machine, moves it and settles it."""
+    example = Path(__file__).parents[1] / "examples" / "host.py"
+    monkeypatch.setattr(sys, "argv", ["host.py", "--seconds", "2"])
+    runpy.run_path(str(example), run_name="__main__")
+    said = capsys.readouterr().out
+    assert "highest heave" in said and "settled at machine time" in said

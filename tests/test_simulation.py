@@ -1,0 +1,195 @@
+"""One run: what is refused before it, how it starts, what interrupts it, what its log holds."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from hexsim.errors import HexsimError
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.motion_computer.bench_motion import bench_motion
+from hexsim.scenarios import available_scenarios, load_scenario, replay_scenario, scenario_from_dict
+from hexsim.simulation import simulate
+
+BENCH_COLUMNS = [
+    "time_s",
+    "setpoint_m",
+    "position_m",
+    "valve_V",
+    "pressure_bottom_Pa",
+    "pressure_supply_Pa",
+    "acceleration_m_s2",
+]
+
+
+@pytest.fixture(scope="module")
+def machine():
+    return load_machine("micro_motion_system")
+
+
+@pytest.mark.parametrize("name", available_scenarios())
+def test_every_scenario_starts(name):
+    """Each scenario that travels with hexsim runs for half a second and gives figures for all axes."""
+    scenario = load_scenario(name, duration_s=0.5)
+    run = simulate(load_machine(scenario.machine_name), scenario, fast=True)
+    assert run.complete and len(run.summary["axes"]) in (1, 6)
+
+
+def test_log_has_the_columns_of_a_measured_log(machine):
+    """The log begins with the columns of the shared log format, in its order, for bench and hexapod."""
+    bench = simulate(load_machine("bench"), load_scenario("heave", duration_s=0.2), fast=True).log
+    assert bench.columns[:7] == BENCH_COLUMNS
+    log = simulate(machine, load_scenario("heave", duration_s=0.2), fast=True).log
+    groups = ["setpoint_{}_m", "position_{}_m", "valve_{}_V", "pressure_bottom_{}_Pa"]
+    expected = ["time_s", *(group.format(i) for group in groups for i in range(1, 7)), "pressure_supply_Pa"]
+    expected += [f"acceleration_{a}_m_s2" for a in "xyz"] + [f"angular_acceleration_{a}_rad_s2" for a in "xyz"]
+    assert log.columns[: len(expected)] == expected
+    assert np.isfinite(log.to_numpy()).all()
+
+
+def test_motion_starts_from_neutral(machine):
+    """At the start all actuators stand at half stroke and the first setpoint is there."""
+    log = simulate(machine, load_scenario("combined", duration_s=0.1), fast=True).log
+    for leg in range(1, 7):
+        assert log[f"true_position_{leg}_m"][0] == pytest.approx(0.1, abs=1e-9)
+        assert log[f"setpoint_{leg}_m"][0] == pytest.approx(0.1, abs=1e-9)
+
+
+def test_platform_follows_its_degrees_of_freedom(machine):
+    """A slow motion in each axis moves the platform in that axis by that much, and in no other.
+
+    Within 10 %: the dead band alone leaves 45 mV / 50 V/m = 0.9 mm of each leg, the loop's lag 0.5 mm more.
+    """
+    for axis, amplitude in (("x", 0.02), ("y", 0.02), ("z", 0.02), ("roll", 0.03), ("pitch", 0.03), ("yaw", 0.03)):
+        signal = {"kind": "sine", "amplitude": amplitude, "frequency_Hz": 0.1}
+        scenario = scenario_from_dict({"name": axis, "duration_s": 3.0, "fade_s": 0.0, "axes": {axis: signal}})
+        log = simulate(machine, scenario, fast=True).log
+        for other, unit in zip(
+            ("x", "y", "z", "roll", "pitch", "yaw"), ("m", "m", "m", "rad", "rad", "rad"), strict=True
+        ):
+            final = log[f"platform_{other}_{unit}"][-1]
+            wanted = amplitude * np.sin(2 * np.pi * 0.1 * 3.0) if other == axis else 0.0
+            assert final == pytest.approx(wanted, abs=0.1 * amplitude), (axis, other)
+
+
+def test_workspace_is_checked_before_the_run(machine):
+    """A setpoint out of reach is refused before the run, naming time, leg and length."""
+    with pytest.raises(HexsimError, match=r"(?i)leg \d.*\d\.\d+.* m"):
+        simulate(machine, load_scenario("heave", amplitude=0.15))
+
+
+def test_bench_rolls_as_leg_1_of_the_hexapod_does(machine):
+    """A motion other than heave asks of a bench what it asks of leg 1 of the report's machine, derivatives too."""
+    scenario = load_scenario("roll", duration_s=1.0)
+    bench = simulate(load_machine("bench"), scenario, fast=True).log
+    hexapod = simulate(machine, scenario, fast=True).log
+    np.testing.assert_allclose(bench["setpoint_m"].to_numpy(), hexapod["setpoint_1_m"].to_numpy(), atol=1e-12)
+    time = bench["time_s"].to_numpy()
+    position, velocity, acceleration = bench_motion(scenario, time)
+    np.testing.assert_allclose(np.gradient(position, time)[1:-1], velocity[1:-1], atol=1e-5)
+    np.testing.assert_allclose(np.gradient(velocity, time)[1:-1], acceleration[1:-1], atol=1e-4)
+
+
+def test_bench_refuses_legs_it_has_not():
+    """Leg 2 on a bench is refused with what it takes."""
+    signal = {"kind": "sine", "amplitude": 0.01, "frequency_Hz": 0.5}
+    scenario = scenario_from_dict({"name": "two", "mode": "actuator", "axes": {"leg_2": signal}})
+    with pytest.raises(HexsimError, match=r"drives leg_2, which bench bench has not"):
+        simulate(load_machine("bench"), scenario)
+
+
+def test_actuator_mode_moves_one_leg(machine):
+    """In actuator mode only the selected actuator gets a setpoint."""
+    scenario = scenario_from_dict(
+        {"name": "one", "mode": "actuator", "duration_s": 1.0, "fade_s": 0.0,
+         "axes": {"leg_3": {"kind": "sine", "amplitude": 0.01, "frequency_Hz": 0.5}}}
+    )  # fmt: skip
+    log = simulate(machine, scenario, fast=True).log
+    spans = [log[f"setpoint_{i}_m"].max() - log[f"setpoint_{i}_m"].min() for i in range(1, 7)]
+    assert spans[2] == pytest.approx(0.01, rel=0.01)
+    assert max(spans[:2] + spans[3:]) == 0.0
+
+
+def test_replay_gives_the_measured_setpoints_back():
+    """A log's setpoints played back reach the actuators sample by sample."""
+    bench = load_machine("bench")
+    first = simulate(bench, load_scenario("multisine", duration_s=1.0), fast=True).log
+    again = simulate(
+        bench, replay_scenario("again", first["time_s"].to_numpy(), first["setpoint_m"].to_numpy(), 0.2), fast=True
+    )
+    np.testing.assert_array_equal(again.log["setpoint_m"].to_numpy(), first["setpoint_m"].to_numpy())
+    np.testing.assert_allclose(again.log["position_m"].to_numpy(), first["position_m"].to_numpy(), atol=1e-12)
+
+
+def test_python_and_compiled_ticks_are_the_same(machine):
+    """The loop with the motion computer in Python and the compiled one give the same log in every bit."""
+
+    class Nothing:
+        def before_step(self, time_s, plant, volts):
+            return volts
+
+    scenario = load_scenario("heave", duration_s=1.0)
+    compiled = simulate(machine, scenario, fast=True).log
+    assert compiled.equals(simulate(machine, scenario, fast=True, interventions=[Nothing()]).log)
+
+
+def test_divergence_says_when_and_which_leg():
+    """A run that leaves the real numbers ends with time and leg, keeps its partial log and is marked incomplete."""
+
+    class Bomb:
+        def before_step(self, time_s, plant, volts):
+            if time_s > 0.05:
+                plant.data.act[-1] = np.nan
+            return volts
+
+    run = simulate(load_machine("bench"), load_scenario("heave", duration_s=1.0), fast=True, interventions=[Bomb()])
+    assert not run.complete
+    assert "diverged at t = 0." in run.reason and "leg 1" in run.reason
+    assert 10 < run.log.height < 1000
+
+
+def test_interrupted_run_keeps_its_log():
+    """Ctrl-C ends the run with what was recorded until then."""
+
+    class Finger:
+        def before_step(self, time_s, plant, volts):
+            if time_s > 0.3:
+                raise KeyboardInterrupt
+            return volts
+
+    run = simulate(load_machine("bench"), load_scenario("heave", duration_s=1.0), fast=True, interventions=[Finger()])
+    assert not run.complete and "interrupted" in run.reason
+    assert run.log["time_s"][-1] == pytest.approx(0.3, abs=0.002)
+
+
+def test_sensors_do_what_they_declare():
+    """Noise, quantisation, gain, offset and delay of the log's channels are those declared."""
+    changes = {"sensors.position_delay_s": 0.003, "sensors.pressure_gain": 1.02, "sensors.pressure_offset_Pa": 1e4,
+               "sensors.acceleration_resolution_m_s2": 0.01}  # fmt: skip
+    log = simulate(changed(load_machine("bench"), changes), load_scenario("heave", duration_s=4.0), fast=True).log
+    position, true = log["position_m"].to_numpy(), log["true_position_m"].to_numpy()
+    steps = position / 3e-6
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
+    error = position[3:] - true[:-3]
+    assert np.std(error) == pytest.approx(np.hypot(3e-6, 3e-6 / np.sqrt(12)), rel=0.05)
+    pressure, true_pressure = log["pressure_bottom_Pa"].to_numpy(), log["true_pressure_bottom_Pa"].to_numpy()
+    noise = pressure - (1.02 * true_pressure + 1e4)
+    assert np.std(noise) == pytest.approx(4e3, rel=0.05) and abs(noise.mean()) < 5 * 4e3 / np.sqrt(4000)
+    ticks = log["acceleration_m_s2"].to_numpy() / 0.01
+    np.testing.assert_allclose(ticks, np.rint(ticks), atol=1e-6)
+
+
+def test_rates_that_do_not_fit_are_refused():
+    """A log rate that is no multiple of the control rate is refused."""
+    with pytest.raises(HexsimError, match="not a whole multiple"):
+        simulate(changed(load_machine("bench"), {"sensors.log_rate_Hz": 700.0}), load_scenario("heave", duration_s=0.1))
+
+
+def test_user_file_drives_the_platform(tmp_path, machine):
+    """Setpoints from a user's CSV move the platform; its scenario is known by the file's name."""
+    time = np.linspace(0, 1, 101)
+    path = tmp_path / "push.csv"
+    pl.DataFrame({"time_s": time, "x_m": 0.01 * np.sin(np.pi * time) ** 2}).write_csv(path)
+    run = simulate(machine, load_scenario(path), fast=True)
+    assert run.summary["scenario"] == "push"
+    assert run.log["commanded_x_m"].max() == pytest.approx(0.01, rel=1e-3)

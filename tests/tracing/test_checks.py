@@ -1,0 +1,186 @@
+"""Checks before tracing: a clean log of the right machine passes in silence, a wrong one is named with its channel."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import other_plant
+import pytest
+
+from hexsim.errors import HexsimError
+from hexsim.machine import load_machine
+from hexsim.tracing.checks import check_log, check_same_machine, refuse_misleading
+from hexsim.tracing.readers import LogFile, read_log
+from hexsim.tracing.sensor_agreement import acceleration_agreement, staircase_bias
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+MACHINE = load_machine(DATA / "bench_none")
+
+
+@pytest.fixture(scope="module")
+def bench() -> LogFile:
+    return read_log(DATA / "bench_none" / "fit.csv.gz")
+
+
+@pytest.fixture(scope="module")
+def hexapod(tmp_path_factory) -> tuple[LogFile, object]:
+    folder = tmp_path_factory.mktemp("hexapod")
+    other_plant.write_machine(folder, 4, {}, "hexapod", runs=["fit"], duration_s=10.0)
+    return read_log(folder / "fit.csv.gz"), load_machine(folder)
+
+
+def with_column(log: LogFile, **columns) -> LogFile:
+    return replace(log, columns={**log.columns, **columns})
+
+
+def severities(log, machine) -> dict[str, str]:
+    return {finding.channel: finding.severity for finding in check_log(log, machine)}
+
+
+# ---- clean logs ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("run", ["fit", "sweep", "validate"])
+@pytest.mark.parametrize("folder", ["bench_none", "bench_leakage", "bench_hysteresis"])
+def test_clean_bench_logs_pass_in_silence(folder, run):
+    assert check_log(read_log(DATA / folder / f"{run}.csv.gz"), MACHINE) == []
+
+
+def test_a_clean_hexapod_log_passes_in_silence(hexapod):
+    assert check_log(*hexapod) == []
+
+
+def test_staircase_bias_is_what_a_logged_acceleration_shows(bench):
+    """Logged on the controller's updates, acceleration reads w0^2 T^2/48 less than d2y/dt2: 4 % here."""
+    found = acceleration_agreement(bench, MACHINE)["acceleration_m_s2"]
+    # a quarter: the sensors' own noise and the load that is not quite the declared one
+    bias = staircase_bias(MACHINE, bench.rate_Hz)
+    assert 0.03 < bias < 0.05
+    assert 1 / found.gain == pytest.approx(1 - bias, abs=0.25 * bias)
+    assert abs(found.delay_s) < 5e-4
+
+
+# ---- wrong logs ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "column, factor, offset, sentence",
+    [
+        ("position_m", 1e3, 0.0, "it looks like mm"),
+        ("position_m", 1.0, -0.1, "name unit and offset"),
+        ("setpoint_m", 1e3, 0.0, "it looks like mm"),
+        ("pressure_bottom_Pa", 1e-5, 0.0, "it looks like bar"),
+        ("pressure_supply_Pa", 1e-5, 0.0, "it looks like bar"),
+        ("pressure_supply_Pa", 1 / 6894.757, 0.0, "it looks like"),
+        ("valve_V", 1e3, 0.0, "it looks like mV"),
+        ("acceleration_m_s2", 1 / 9.80665, 0.0, "it looks like g"),
+        ("acceleration_m_s2", -1.0, 0.0, "opposite sign"),
+    ],
+)
+def test_wrong_units_are_refused_and_guessed(bench, column, factor, offset, sentence):
+    log = with_column(bench, **{column: bench.columns[column] * factor + offset})
+    with pytest.raises(HexsimError, match=sentence) as caught:
+        refuse_misleading(log, MACHINE)
+    assert column in str(caught.value)
+
+
+def test_degrees_are_refused(hexapod):
+    log, machine = hexapod
+    name = "angular_acceleration_x_rad_s2"
+    assert any(
+        finding.channel == name and "deg/s2" in finding.says and finding.severity == "refuse"
+        for finding in check_log(with_column(log, **{name: np.rad2deg(log.columns[name])}), machine)
+    )
+
+
+def test_swapped_legs_are_refused_by_number(hexapod):
+    log, machine = hexapod
+    swapped = with_column(log, position_2_m=log.columns["position_5_m"], position_5_m=log.columns["position_2_m"])
+    found = [finding.says for finding in check_log(swapped, machine) if finding.severity == "refuse"]
+    assert any("legs 2 and 5 look swapped" in says for says in found)
+
+
+def test_legs_that_are_swapped_in_all_their_columns_are_refused(hexapod):
+    """All columns of legs 1 and 4 exchanged: consistent with each other, but not with the platform."""
+    log, machine = hexapod
+    names = ("setpoint_{}_m", "position_{}_m", "valve_{}_V", "pressure_bottom_{}_Pa")
+    swapped = {name.format(a): log.columns[name.format(b)] for name in names for a, b in ((1, 4), (4, 1))}
+    found = [
+        finding.says for finding in check_log(with_column(log, **swapped), machine) if finding.severity == "refuse"
+    ]
+    assert any("legs 1 and 4 look swapped" in says for says in found)
+
+
+def test_swapped_pressures_are_refused(hexapod):
+    log, machine = hexapod
+    columns = {
+        "pressure_bottom_3_Pa": log.columns["pressure_bottom_6_Pa"],
+        "pressure_bottom_6_Pa": log.columns["pressure_bottom_3_Pa"],
+    }
+    found = [
+        finding.says for finding in check_log(with_column(log, **columns), machine) if finding.severity == "refuse"
+    ]
+    assert any("pressures of legs 3 and 6 look swapped" in says for says in found)
+
+
+def test_a_machine_at_rest_is_refused(tmp_path):
+    other_plant.write_machine(tmp_path, 2, {}, runs=["rest"], duration_s=3.0)
+    with pytest.raises(HexsimError, match="the machine stands still"):
+        refuse_misleading(read_log(tmp_path / "rest.csv.gz"), MACHINE)
+
+
+def test_slow_and_short_logs_say_what_cannot_be_said(bench):
+    slow = replace(
+        bench, time_s=bench.time_s[::20], rate_Hz=50.0, columns={k: v[::20] for k, v in bench.columns.items()}
+    )
+    short = replace(bench, time_s=bench.time_s[:3000], columns={k: v[:3000] for k, v in bench.columns.items()})
+    assert any(f.severity == "loss" and "nothing above 25 Hz" in f.says for f in check_log(slow, MACHINE))
+    assert any(f.severity == "loss" and "lasts 3.0 s" in f.says for f in check_log(short, MACHINE))
+
+
+def test_logs_of_two_machines_are_refused(bench, hexapod, tmp_path):
+    """Another kind, another supply, another load."""
+    assert check_same_machine([bench, read_log(DATA / "bench_none" / "sweep.csv.gz")], MACHINE) == []
+    assert "hexapod" in check_same_machine([bench, hexapod[0]], MACHINE)[0].says
+    assert severities(hexapod[0], MACHINE)["position"] == "refuse"
+    supply = with_column(bench, pressure_supply_Pa=bench.columns["pressure_supply_Pa"] * 1.4)
+    assert "70.12 bar" in check_same_machine([bench, supply], MACHINE)[0].says
+    other_plant.write_machine(tmp_path, 9, {"mass": 0.6}, runs=["fit"], duration_s=10.0)
+    heavier = read_log(tmp_path / "fit.csv.gz")
+    assert any("another load" in finding.says for finding in check_same_machine([bench, heavier], MACHINE))
+
+
+@pytest.mark.parametrize(
+    "effect, strength",
+    [("seal_friction", 9e-5), ("rod_line_loss_one_way", 1.5e14), ("leakage_supply_to_chamber", 5.4e-12)],
+)
+def test_strong_effects_are_not_taken_for_damage(tmp_path, effect, strength):
+    """Three times the believable strength: the reader repairs nothing, and the logs stay logs of one machine."""
+    other_plant.write_machine(tmp_path, 3, {effect: strength}, runs=["fit", "validate"], duration_s=9.0)
+    logs = [read_log(tmp_path / f"{run}.csv.gz") for run in ("fit", "validate")]
+    assert [log.losses for log in logs] == [(), ()]
+    assert not any(f.severity == "refuse" for f in check_same_machine(logs, MACHINE))
+    assert not any(f.severity == "refuse" for log in logs for f in check_log(log, MACHINE))
+
+
+def test_a_damaged_setpoint_is_found_through_the_controller(bench):
+    """A setpoint frozen for 0.2 s contradicts the valve: the loss names time and channels."""
+    setpoint = bench.columns["setpoint_m"].copy()
+    setpoint[9000:9200] = setpoint[9000]
+    found = check_log(with_column(bench, setpoint_m=setpoint), MACHINE)
+    assert any(f.severity == "loss" and "do not belong together" in f.says and "at 9.0" in f.says for f in found)
+
+
+@pytest.mark.parametrize(
+    "effect, word, value", [("accelerometer_gain", "reads", 1.08), ("accelerometer_delay", "late", 6e-3)]
+)
+def test_a_sensor_that_reads_wrong_is_noticed_with_its_number(tmp_path, effect, word, value):
+    """Gain (the staircase bias taken off) within 1 %, delay within 0.3 ms."""
+    other_plant.write_machine(tmp_path, 6, {effect: None}, runs=["fit"], duration_s=20.0)
+    found = [
+        f
+        for f in check_log(read_log(tmp_path / "fit.csv.gz"), MACHINE)
+        if f.channel == "acceleration_m_s2" and word in f.says
+    ]
+    assert found and found[0].severity == "notice"
+    assert found[0].value == pytest.approx(value, rel=0.01, abs=3e-4)

@@ -1,0 +1,50 @@
+"""A gap that no library knows: flagged in its balance with its signal, and answered by a learned term that holds up.
+
+The data come from the second plant, whose discharge coefficient grows with the pressure drop.
+"""
+
+from pathlib import Path
+
+import pytest
+from other_plant import write_machine
+
+from hexsim.machine import load_machine
+from hexsim.tracing import rules
+from hexsim.tracing.answer import Question
+from hexsim.tracing.channels import noise_of
+from hexsim.tracing.errors_before_after import error_table
+from hexsim.tracing.hypothesis import priors
+from hexsim.tracing.learned import learned_fit
+from hexsim.tracing.localise import violations
+from hexsim.tracing.refit import refine, start_fit
+from hexsim.tracing.trace import read_runs, what_is_left
+
+
+@pytest.fixture
+def questions(tmp_path, monkeypatch):
+    """Fit runs and a held-out run of 8 s; few null seeds, which only say how far above the null a violation is."""
+    monkeypatch.setattr(rules, "NULL_SEEDS", 3)
+    write_machine(tmp_path, 1, {"discharge_of_pressure": None}, "bench", duration_s=8.0)
+    machine = load_machine(tmp_path)
+    logs, _, _ = read_runs(Path(tmp_path), ["fit", "sweep", "validate"], machine)
+    noise = noise_of(machine, logs)
+    return machine, Question(logs=tuple(logs[:2]), noise=noise), Question(logs=tuple(logs[2:]), noise=noise)
+
+
+def test_a_gap_without_a_name(questions):
+    """Only the flow balance is violated; its rest depends on the volts; the learned term halves the held-out error at
+    least, brings the chamber pressure to 1.3 times the noise, and its machine file holds the curve."""
+    machine, question, held_out = questions
+    lines = violations(machine, machine, question)
+    assert [line.name for line in lines if line.violated] == ["continuity"]
+    rest = what_is_left(lines, question)[0]
+    assert (rest.balance, rest.dependence.signal) == ("valve", "valve_V")
+    base = refine(start_fit(machine, priors(machine), question), question, fresh=True, relative=rules.BASE_TOLERANCE)
+    found = learned_fit(rest, machine, priors(machine), base, question, held_out)
+    assert found is not None
+    fit, entry = found
+    assert entry["learned"] and entry["name"] == "" and all(gain > 0 for gain in entry["evidence"]["held_out_gain"])
+    errors = error_table(held_out, machine, base.fitted_machine(), fit.fitted_machine())["validate"]
+    assert errors["position_m"]["with_effect"] < 0.5 * errors["position_m"]["refit"]
+    assert errors["pressure_bottom_Pa"]["with_effect"] < 1.3 * errors["pressure_bottom_Pa"]["noise"]
+    assert len(fit.fitted_machine().effects["learned_term"]["curve"]["values"]) == 33

@@ -1,0 +1,80 @@
+"""Tracing of measured benches: the verdict, the numbers within 10 % of the truth, files that run; slow ones marked."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from hexsim.machine import load_machine
+from hexsim.tracing.trace import trace
+
+DATA = Path(__file__).parents[1] / "data"
+SHARED = Path(__file__).parents[3] / "shared" / "measured"
+
+
+def test_hysteresis_is_found(tmp_path):
+    """bench_hysteresis: explained, by the spool's backlash alone, half width within 10 % of 0.04 V, and nothing worse
+    than 1.3 times the noise (position 2 times) on the held-out sine. report.json and machine.toml are there and valid."""
+    steps = []
+    trace(DATA / "bench_hysteresis", ["fit", "sweep"], ["validate"], tmp_path, lambda step, share: steps.append(share))
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["verdict"] == "explained"
+    (effect,) = report["effects"]
+    assert (effect["name"], effect["balance"], effect["where"]) == ("valve_hysteresis", "valve", "leg 1")
+    assert effect["parameters"]["half_width_V"] == pytest.approx(0.04, rel=0.1)
+    assert effect["evidence"]["dBIC"] < -10
+    for name, row in report["error"]["validate"].items():
+        assert row["with_effect"] < (2.0 if name == "position_m" else 1.3) * row["noise"]
+        assert row["with_effect"] < row["declared"]
+    assert [b["name"] for b in report["balances"] if b["violated"]] == ["valve"]
+    assert load_machine(tmp_path).effects["valve_hysteresis"]["half_width_V"] == effect["parameters"]["half_width_V"]
+    assert (
+        "<img" in (tmp_path / "report.html").read_text() and "http" not in (tmp_path / "report.html").read_text()[:2000]
+    )
+    assert steps[0] == 0.0 and steps[-1] == 1.0 and steps == sorted(steps)
+
+
+def test_nothing_missing():
+    """bench_none: the declared machine with its parameters refitted is enough, and detectable sizes stand for the rest."""
+    result = trace(DATA / "bench_none", ["fit", "sweep"], ["validate"])
+    assert result.report["verdict"] == "nothing missing"
+    assert result.report["effects"] == [] and result.report["unexplained"] == []
+    assert not any(balance["violated"] for balance in result.report["balances"])
+    assert (
+        result.report["detectable"]["leakage_supply_to_chamber"]["theta_min"] < 1.8e-13
+    )  # a tenth of a believable leak
+
+
+TRUTH = {
+    "bench_supply": ("supply_droop", "line_resistance_Pa_s_m3", 2.4e9),
+    "bench_leakage": ("leakage_supply_to_chamber", "conductance_m3_s_Pa", 1.8e-12),
+    "bench_overlap": ("overlap_change", "overlap_m", 8e-6),
+    "bench_incline": ("incline", "angle_rad", 0.5),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", TRUTH)
+def test_measured_benches(folder):
+    """The other measured benches: the right name first, its number within 10 %; an incline is tied with a constant force."""
+    if not SHARED.is_dir():
+        pytest.skip(f"the measured logs are not at {SHARED}")
+    result = trace(SHARED / folder, ["fit", "sweep"], ["validate"])
+    name, parameter, value = TRUTH[folder]
+    assert [e["name"] for e in result.report["effects"]] == [name]
+    assert result.report["effects"][0]["parameters"][parameter] == pytest.approx(value, rel=0.1)
+    assert ("constant_force" in result.report["effects"][0]["tied_with"]) == (name == "incline")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("folder", "verdict"), [("hexapod_none", "nothing missing"), ("hexapod_leakage", "explained")])
+def test_measured_hexapods(folder, verdict):
+    """The hexapods: nothing, and the leak of leg 2 within 10 %."""
+    if not SHARED.is_dir():
+        pytest.skip(f"the measured logs are not at {SHARED}")
+    report = trace(SHARED / folder, ["fit"], ["validate_heave", "validate_roll"]).report
+    assert report["verdict"] == verdict
+    if verdict == "explained":
+        (effect,) = report["effects"]
+        assert (effect["name"], effect["where"]) == ("leakage_supply_to_chamber", "leg 2")
+        assert effect["parameters"]["conductance_m3_s_Pa"] == pytest.approx(3e-12, rel=0.1)
