@@ -26,7 +26,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing")]
 RIGHT = {
     "supply_droop": {"supply_droop"},
     "pump_limit": {"pump_flow_limit"},
-    "supply_accumulator": {"supply_droop"},
+    "supply_accumulator": {"gas_accumulator"},
     "return_line": {"return_line_back_pressure"},
     "leakage_supply_to_chamber": {"leakage_supply_to_chamber"},
     "leakage_chamber_to_tank": {"leakage_chamber_to_tank"},
@@ -138,7 +138,8 @@ def run_one(name: str | None, seed: int, options: argparse.Namespace) -> dict:
     line = {
         "effect": name, "seed": seed, "strength": options.strength, "size": size, "leg": leg,
         "verdict": report["verdict"],
-        "named": [[e["name"], e["where"], e["parameters"], e["tied_with"]] for e in report["effects"]],
+        "named": [[e["name"], e["where"], e["parameters"], e["tied_with"]] for e in report["effects"] if e["name"]],
+        "learned": [[e["balance"], e["where"], e["curve"]["signal"]] for e in report["effects"] if not e["name"]],
         "unexplained": [[u["balance"], u["where"], u["depends_on"], u["r2_cv"], u["frequency_Hz"]] for u in report["unexplained"]],
         "detectable": {k: v["theta_min"] for k, v in report.get("detectable", {}).items()},
         "seconds": round(time.process_time() - started, 1), "duration": options.duration,

@@ -90,15 +90,6 @@ CONSTANT, LINE, POWER_UNIT = 0, 1, 2
 
 
 @compiled
-def line_rate(pressure, demand, nominal, resistance, capacity, flow_max):
-    """dPs/dt [Pa/s] of a manifold behind a laminar line with a linear accumulator; flow_max 0 = no limit."""
-    delivered = (nominal - pressure) / resistance
-    if flow_max > 0.0:
-        delivered = min(delivered, flow_max)
-    return (delivered - demand) / capacity
-
-
-@compiled
 def motor_flow_limit(s, pressure):
     """Flow [m3/s] at which the motor is at its rating."""
     driven = (s[S.MOTOR_POWER] - s[S.PUMP_FRICTION]) / max(pressure, 1.0e5)
@@ -135,6 +126,23 @@ def accumulator_energy(s, pressure):
     else:
         work = (absolute * gas - s[S.PRECHARGE] * s[S.GAS_VOLUME]) / (n - 1.0)
     return work - ATMOSPHERE * (s[S.GAS_VOLUME] - gas)
+
+
+@compiled
+def line_capacity(s, pressure):
+    """C [m3/Pa] of the accumulator behind a line: linear, and gas above it where there is any."""
+    if s[S.GAS_VOLUME] <= 0.0:
+        return s[S.CAPACITY]
+    return s[S.CAPACITY] + gas_volume(s, pressure) / (s[S.EXPONENT] * max(pressure + ATMOSPHERE, s[S.PRECHARGE]))
+
+
+@compiled
+def line_rate(s, pressure, demand, nominal, capacity):
+    """dPs/dt [Pa/s] of a manifold behind a laminar line whose pump gives no more than FLOW_MAX (0 = no limit)."""
+    delivered = (nominal - pressure) / s[S.RESISTANCE]
+    if s[S.FLOW_MAX] > 0.0:
+        delivered = min(delivered, s[S.FLOW_MAX])
+    return (delivered - demand) / capacity
 
 
 @compiled

@@ -129,7 +129,8 @@ def supply_rates(p, act, act_dot, switched_on, demand, heat):
         act_dot[k + 3], act_dot[k + 4], act_dot[k + 5] = pump_pressure / MPa, temperature, pressure / MPa
         return pressure / MPa
     nominal = switched_on * p[S.PRESSURE]
-    rate = supply.line_rate(act[k] * MPa, demand, nominal, p[S.RESISTANCE], p[S.CAPACITY], p[S.FLOW_MAX]) / MPa
+    pressure = act[k] * MPa
+    rate = supply.line_rate(p, pressure, demand, nominal, supply.line_capacity(p, pressure)) / MPa
     act_dot[k] = rate
     return rate
 

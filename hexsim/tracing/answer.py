@@ -48,9 +48,16 @@ class Question:
         object.__setattr__(self, "measured", tuple(channel_arrays(log) for log in self.logs))
 
     def head(self, duration_s: float) -> Question:
-        """The same question about the first seconds of each log."""
+        """The same question about the first seconds of each log; itself when no log is longer."""
+        if self.duration_s <= duration_s + 1e-6:
+            return self
         logs = tuple(log.head(duration_s) for log in self.logs)
         return Question(logs=logs, noise=self.noise, feedback=self.feedback)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the longest log."""
+        return max(log.n / log.rate for log in self.logs)
 
     def channels(self, i: int) -> list[str]:
         return list(self.measured[i])

@@ -24,7 +24,8 @@ from hexsim.tracing.localise import Violation, balance_named
 from hexsim.tracing.log import MeasuredLog
 from hexsim.tracing.null import used
 from hexsim.tracing.refit import Fit, chi2_of, parameter_columns, refine, start_fit
-from hexsim.tracing.search import Search, information, search
+from hexsim.tracing.search import Search, Tick, information, named_first, search
+from hexsim.tracing.verdict import at_floor
 
 Array = np.ndarray
 
@@ -109,9 +110,32 @@ def contenders(found: Search) -> list[Fit]:
     return fewer + sorted(rivals, key=information)[: rules.CONTENDERS]
 
 
+def simulated_rivals(found: Search, question: Question, tick: Tick = lambda step: None) -> list[Fit]:
+    """The contenders of a search refitted by simulation, the best first; more effects only while fewer do not suffice."""
+    rivals: list[Fit] = []
+    for rival in contenders(found):
+        if any(at_floor(r.misfit) for r in rivals if len(r.candidates) < len(rival.candidates)):
+            break
+        tick(f"simulating {' and '.join(c.label for c in rival.candidates)}")
+        fitted = simulated_fit(rival, question)
+        rivals += [] if fitted is None else [fitted]
+    return named_first(sorted(rivals, key=information))
+
+
 def simulated_fit(rival: Fit, question: Question) -> Fit | None:
-    """A hypothesis of the balances refitted by simulation; None when it does not simulate."""
-    start = start_fit_at(rival, question)
+    """A hypothesis of the balances refitted by simulation; None when it does not simulate or cannot reach the noise.
+
+    What leaves too much of the opening seconds, fitted to them alone, leaves too much of the whole.
+    """
+    head = question.head(rules.TRIAGE_S)
+    share = head.duration_s / question.duration_s
+    start = start_fit_at(rival, head)
+    if not np.isfinite(start.chi2):
+        return None
+    opening = refine(start, head, fresh=True)
+    if not at_floor(opening.misfit, share):
+        return None
+    start = start_fit_at(opening, question)
     return refine(start, question, fresh=True) if np.isfinite(start.chi2) else None
 
 

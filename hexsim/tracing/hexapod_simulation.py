@@ -37,6 +37,7 @@ from hexsim.tracing.leg_simulation import (
     Y_OFFSET,
     delayed,
     leg_terms,
+    steps_here,
     supply_rate,
 )
 
@@ -189,7 +190,7 @@ def run_hexapod(
     """
     n = setpoint.shape[1]
     dt = 1.0 / rate_log
-    h = dt / substeps
+    fine = dt / substeps
     state = start.copy()
     k1, k2, k3, k4 = np.zeros(N_STATES), np.zeros(N_STATES), np.zeros(N_STATES), np.zeros(N_STATES)
     work = np.empty(N_STATES)
@@ -204,7 +205,24 @@ def run_hexapod(
         if driven:
             state[SUPPLY] = ps_known[i]
         rates(
-            p, s, m, inverse, base, joints, retracted, held, t, h, state, k1, y, v, acceleration, R, direction, wrench
+            p,
+            s,
+            m,
+            inverse,
+            base,
+            joints,
+            retracted,
+            held,
+            t,
+            fine,
+            state,
+            k1,
+            y,
+            v,
+            acceleration,
+            R,
+            direction,
+            wrench,
         )
         for j in range(6):
             y_true[j, i] = y[j]
@@ -220,10 +238,28 @@ def run_hexapod(
             u_hist[j, i] = volts[j]
             held[j] = valve.play(delayed(u_hist[j], i, p[j, P.VALVE_DELAY] * rate_log), held[j], p[j, P.HYSTERESIS])
         rates(
-            p, s, m, inverse, base, joints, retracted, held, t, h, state, k1, y, v, acceleration, R, direction, wrench
+            p,
+            s,
+            m,
+            inverse,
+            base,
+            joints,
+            retracted,
+            held,
+            t,
+            fine,
+            state,
+            k1,
+            y,
+            v,
+            acceleration,
+            R,
+            direction,
+            wrench,
         )
         for a in range(6):
             a_true[a, i] = acceleration[a]
+            spare[a] = acceleration[a]
         for j in range(6):
             late = sensors[j, Y_DELAY] * rate_log
             out[j, i] = sensors[j, Y_GAIN] * delayed(y_true[j], i, late) + sensors[j, Y_OFFSET]
@@ -235,78 +271,32 @@ def run_hexapod(
             out[19 + j, i] = gain * delayed(a_true[j], i, shared[A_DELAY] * rate_log) + offset
             out[25 + j, i] = v[j]
         out[18, i] = shared[PS_GAIN] * state[SUPPLY] + shared[PS_OFFSET]
-        for step in range(substeps):
+        steps = 1
+        for j in range(6):
+            along = direction[j, 0] * spare[0] + direction[j, 1] * spare[1] + direction[j, 2] * spare[2]
+            steps = max(steps, steps_here(p[j], v[j], along, dt, substeps))
+        h = dt / steps
+        for step in range(steps):
             tau = t + step * h
             if step > 0:
                 rates(
-                    p,
-                    s,
-                    m,
-                    inverse,
-                    base,
-                    joints,
-                    retracted,
-                    held,
-                    tau,
-                    h,
-                    state,
-                    k1,
-                    y,
-                    v,
-                    spare,
-                    R,
-                    direction,
-                    wrench,
-                )
+                    p, s, m, inverse, base, joints, retracted, held, tau, h, state, k1, y, v, spare, R, direction, wrench
+                )  # fmt: skip
             for q in range(N_STATES):
                 work[q] = state[q] + 0.5 * h * k1[q]
             rates(
-                p,
-                s,
-                m,
-                inverse,
-                base,
-                joints,
-                retracted,
-                held,
-                tau + 0.5 * h,
-                h,
-                work,
-                k2,
-                y,
-                v,
-                spare,
-                R,
-                direction,
-                wrench,
-            )
+                p, s, m, inverse, base, joints, retracted, held, tau + 0.5 * h, h, work, k2, y, v, spare, R, direction, wrench
+            )  # fmt: skip
             for q in range(N_STATES):
                 work[q] = state[q] + 0.5 * h * k2[q]
             rates(
-                p,
-                s,
-                m,
-                inverse,
-                base,
-                joints,
-                retracted,
-                held,
-                tau + 0.5 * h,
-                h,
-                work,
-                k3,
-                y,
-                v,
-                spare,
-                R,
-                direction,
-                wrench,
-            )
+                p, s, m, inverse, base, joints, retracted, held, tau + 0.5 * h, h, work, k3, y, v, spare, R, direction, wrench
+            )  # fmt: skip
             for q in range(N_STATES):
                 work[q] = state[q] + h * k3[q]
             rates(
                 p, s, m, inverse, base, joints, retracted, held, tau + h, h, work, k4, y, v, spare, R, direction, wrench
-            )
+            )  # fmt: skip
             for q in range(N_STATES):
                 state[q] += h / 6.0 * (k1[q] + 2.0 * k2[q] + 2.0 * k3[q] + k4[q])
         if not (abs(state[PLACE + 2]) < 1e3 and abs(state[PLACE]) < 1e3):

@@ -100,6 +100,8 @@ def advance(fit: Fit, candidates: list[Candidate], question: Question, tick: Tic
         tick("refitting rivals")
         tried.append(refine(parameter_columns(rival, head), head, fresh=True))
     tried.sort(key=lambda rival: rival.chi2)
+    if head is question:
+        return Stage(lines=lines, rivals=ranked(tried))
     rivals = []
     for rival in tried:
         if rivals and rival.chi2 > rules.FINALIST_RATIO * tried[0].chi2:
@@ -108,8 +110,12 @@ def advance(fit: Fit, candidates: list[Candidate], question: Question, tick: Tic
         misfit = [m[0] for m in question.misfit([rival.fitted_machine()])]
         whole = replace(rival, misfit=misfit, chi2=_chi2(misfit), n=fit.n, columns=None)
         rivals.append(refine(whole, question, fresh=True))
-    rivals = sorted((rival for rival in rivals if not inert(rival)), key=information)
-    return Stage(lines=lines, rivals=named_first(rivals))
+    return Stage(lines=lines, rivals=ranked(rivals))
+
+
+def ranked(rivals: list[Fit]) -> list[Fit]:
+    """Refitted rivals, the best first, those left out whose effect does nothing."""
+    return named_first(sorted((rival for rival in rivals if not inert(rival)), key=information))
 
 
 def named_first(rivals: list[Fit]) -> list[Fit]:

@@ -14,7 +14,7 @@ from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import find_machine_file
 from hexsim.tracing import rules
 from hexsim.tracing.answer import Question
-from hexsim.tracing.balance_search import balance_search, contenders, joint_question, simulated_fit, start_fit_at
+from hexsim.tracing.balance_search import balance_search, joint_question, simulated_rivals, start_fit_at
 from hexsim.tracing.channels import noise_of
 from hexsim.tracing.checks import Finding, check_same_machine, refuse_misleading
 from hexsim.tracing.errors_before_after import error_table
@@ -28,7 +28,7 @@ from hexsim.tracing.readers import log_files, read_log
 from hexsim.tracing.refit import Fit, refine
 from hexsim.tracing.report import report_of
 from hexsim.tracing.screening import Screened
-from hexsim.tracing.search import Search, Stage, information, named_first, scale_of, search
+from hexsim.tracing.search import Search, Stage, cut, information, scale_of, search
 from hexsim.tracing.unexplained import Rest, rest_of
 from hexsim.tracing.verdict import NamedEffect, Verdict, at_floor, base_beside, held_out_gains, pruned, tied_rivals
 
@@ -139,21 +139,13 @@ def trace_logs(
     tell("refitting declared parameters", 0.35)
     base = refine(start_fit_at(in_balances.base, question), question, fresh=True, relative=rules.BASE_TOLERANCE)
     found = Search(base=base, best=base, stages=[Stage(lines=in_balances.stages[0].lines, rivals=[])])
-    rivals: list[Fit] = []
-    for rival in [] if at_floor(base.misfit) else contenders(in_balances):
-        if any(at_floor(r.misfit) for r in rivals if len(r.candidates) < len(rival.candidates)):
-            break
-        tell(f"simulating {' and '.join(c.label for c in rival.candidates)}", 0.5)
-        fitted = simulated_fit(rival, question)
-        rivals += [] if fitted is None else [fitted]
-    found.stages[0].rivals = named_first(sorted(rivals, key=information))
-    final = pruned(found.stages[0].rivals[0], question) if rivals else base
+    if not at_floor(base.misfit):
+        found.stages[0].rivals = simulated_rivals(in_balances, question, lambda step: tell(step, 0.5))
+    final = pruned(found.stages[0].rivals[0], question) if found.stages[0].rivals else base
     detect = found.stages[0].lines, joint.samples
     if not at_floor(final.misfit) or (not final.candidates and not machine.is_hexapod):
         tell("screening effects by simulation", 0.6)
-        by_simulation = search(
-            base, possible, question, lambda step: tell(step, 0.7), least_gain=rules.LEAST_GAIN_SIMULATED
-        )
+        by_simulation = simulated_search(base, possible, question, tell)
         if by_simulation.stages:
             detect = by_simulation.stages[0].lines, base.n
         if not final.candidates or information(by_simulation.best) < information(final):
@@ -194,6 +186,24 @@ def trace_logs(
     add_experiments(result)
     result.report = report_of(result)
     return result
+
+
+def simulated_search(base: Fit, possible: list[Candidate], question: Question, tell: Progress) -> Search:
+    """The search with simulated columns: on the opening seconds where they lack something, on the whole runs otherwise."""
+
+    def tick(step: str) -> None:
+        tell(step, 0.7)
+
+    head = question.head(rules.TRIAGE_S)
+    if head is question or at_floor(cut(base, question, head).misfit):
+        return search(base, possible, question, tick, least_gain=rules.LEAST_GAIN_SIMULATED)
+    opening = refine(start_fit_at(base, head), head, fresh=True, relative=rules.BASE_TOLERANCE)
+    found = search(opening, possible, head, tick, least_gain=rules.LEAST_GAIN_SIMULATED)
+    rivals = simulated_rivals(found, question, tick)
+    stages = [replace(stage, rivals=[]) for stage in found.stages]
+    if rivals:
+        stages[-1].rivals = rivals
+    return replace(found, base=base, best=rivals[0] if rivals else base, stages=stages)
 
 
 def add_experiments(result: TraceResult) -> None:

@@ -34,13 +34,17 @@ class NamedEffect:
     single_leg: bool = False
 
 
-def at_floor(misfit: Sequence[Array]) -> bool:
-    """Nothing but noise is left: every channel and its means over 25 and 400 samples (the latter loosely)."""
+def at_floor(misfit: Sequence[Array], share: float = 1.0) -> bool:
+    """Nothing but noise is left: every channel and its means over 25 and 400 samples (the latter loosely).
+
+    share: of the run that the misfit is of; then the question is whether the whole run can still be at the noise, the
+    rest of it being no better than noise.
+    """
     for m in misfit:
         for width, limit in rules.FLOOR_WINDOWS:
             n = m.shape[1] // width * width
             means = m[:, :n].reshape(m.shape[0], -1, width).mean(axis=2) * np.sqrt(width)
-            if not np.all(np.sqrt(np.mean(means**2, axis=1)) < limit):
+            if not np.all(np.mean(means**2, axis=1) * share < limit**2 - (1.0 - share)):
                 return False
     return True
 

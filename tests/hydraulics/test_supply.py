@@ -155,6 +155,18 @@ def test_precharge_is_absolute():
     assert unit()[S.PRECHARGE] == 0.8 * 70 * BAR + ATMOSPHERE
 
 
+@pytest.mark.parametrize("bar", [70.0, 45.0])
+def test_gas_accumulator_behind_a_line_is_a_polytropic_gas(bar):
+    """The effect's gas: the volume asked for at 70 bar, V P^(1/n) constant (absolute), and C = -dV/dP by difference."""
+    numbers = {"gas_volume_m3": 4e-4, "line_resistance_Pa_s_m3": 5e9, "polytropic_exponent": 1.2}
+    row = resolve(changed(load_machine("bench"), {"effects.gas_accumulator": numbers})).supply
+    pressure, step = bar * BAR, 10.0
+    expected = 4e-4 * ((70 * BAR + ATMOSPHERE) / (pressure + ATMOSPHERE)) ** (1 / 1.2)
+    assert supply.gas_volume(row, pressure) == pytest.approx(expected, rel=1e-12)
+    slope = (supply.gas_volume(row, pressure - step) - supply.gas_volume(row, pressure + step)) / (2 * step)
+    assert supply.line_capacity(row, pressure) == pytest.approx(slope, rel=1e-6)
+
+
 def test_an_effect_that_replaces_the_power_unit_is_refused():
     """supply_droop beside [power_unit] ends in a sentence that says what to do."""
     machine = changed(

@@ -372,10 +372,10 @@ EFFECTS: dict[str, Injected] = {
     ),
 }
 
-# what the project's library calls the effects that it has under another name; supply_accumulator has no file of its own
+# what the project's library calls the effects that it has under another name
 LIBRARY_NAMES = {
     "pump_limit": "pump_flow_limit",
-    "supply_accumulator": "supply_droop",
+    "supply_accumulator": "gas_accumulator",
     "return_line": "return_line_back_pressure",
     "leakage_clearance": "clearance_leakage",
     "overlap": "overlap_change",

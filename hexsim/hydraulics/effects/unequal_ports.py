@@ -1,7 +1,11 @@
-"""Unequal ports: the tank edge's area gradient is (1 + r) times the declared one."""
+"""Unequal ports: the tank edge's area gradient is (1 + r) times the supply edge's, their geometric mean as declared.
+
+About the mean because a change of both edges alike is the valve's gain (the discharge coefficient, `valve_gain_change`).
+"""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
@@ -12,8 +16,10 @@ if TYPE_CHECKING:
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
-    """Scale the tank edge."""
-    resolved.rows[list(legs), P.AREA_GRADIENT_TANK] *= 1.0 + values["tank_edge_ratio_change"]
+    """Tank edge up, supply edge down by the root of the ratio."""
+    root = math.sqrt(1.0 + values["tank_edge_ratio_change"])
+    resolved.rows[list(legs), P.AREA_GRADIENT_TANK] *= root
+    resolved.rows[list(legs), P.AREA_GRADIENT_SUPPLY] /= root
 
 
 EFFECT = Effect(

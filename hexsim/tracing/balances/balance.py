@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -14,9 +16,11 @@ from hexsim.hydraulics.parameters import P
 from hexsim.machine.declaration import Machine
 from hexsim.machine.resolved import Resolved, resolve
 from hexsim.tracing.log import MeasuredLog
-from hexsim.tracing.weak_form import velocity
+from hexsim.tracing.weak_form import Window, velocity
 
 Array = np.ndarray
+Settings = tuple[float, ...]  # offset, gain, delay [s] of a sensor
+KEPT_SETTINGS = 8  # of sensors, for each log
 
 
 @runtime_checkable
@@ -37,42 +41,106 @@ class Balance(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MeasuredPoint:
-    """Signals of one leg with the sensors' known gains taken out: (n,) each. Volts as they reach the spool."""
+class SensedLeg:
+    """What the sensors of one leg say, known gains, offsets and delays taken out: (n,) each; under the window on demand."""
 
     y: Array
     v: Array
+    P1: Array | None
+    acceleration: Array | None  # of a bench
+    window: Window
+
+    @cached_property
+    def mean_y(self) -> Array:
+        return self.window.mean(self.y)
+
+    @cached_property
+    def mean_v(self) -> Array:
+        """<w, dy/dt>, from the position alone."""
+        return self.window.rate(self.y)
+
+    @cached_property
+    def mean_P1(self) -> Array:
+        assert self.P1 is not None
+        return self.window.mean(self.P1)
+
+    @cached_property
+    def disagreement(self) -> Array:
+        """d2y/dt2 less what the accelerometer shows, under a wider window [m/s2]."""
+        assert self.acceleration is not None
+        wide = Window(1.0 / self.window.dt, 0.03)
+        return wide.second_rate(self.y) - wide.mean(self.acceleration)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeasuredPoint:
+    """Signals of one leg with the sensors' known gains taken out: (n,) each. Volts as they reach the spool."""
+
+    sensed: SensedLeg
     volts: Array
     x: Array
-    P1: Array | None
     Ps: Array
     t: Array
+
+    @property
+    def y(self) -> Array:
+        return self.sensed.y
+
+    @property
+    def v(self) -> Array:
+        return self.sensed.v
+
+    @property
+    def P1(self) -> Array | None:
+        return self.sensed.P1
+
+
+_sensed: WeakKeyDictionary[MeasuredLog, dict[tuple, SensedLeg]] = (
+    WeakKeyDictionary()
+)  # fits ask for the same ones again
+
+
+def sensed_leg(log: MeasuredLog, resolved: Resolved, leg: int) -> SensedLeg:
+    """What the sensors of a leg say, computed once for a log and its sensors' settings."""
+    gains, shared = resolved.leg_sensors, resolved.sensors
+    position = tuple(float(gains[f"position_{key}"][leg]) for key in ("offset_m", "gain", "delay_s"))
+    pressure = tuple(float(gains[f"pressure_{key}"][leg]) for key in ("offset_Pa", "gain", "delay_s"))
+    motion = (shared.acceleration_offset_m_s2, shared.acceleration_gain, shared.acceleration_delay_s)
+    known = _sensed.setdefault(log, {})
+    key = (leg, position, pressure, motion)
+    if key not in known:
+        if len(known) > KEPT_SETTINGS:
+            known.clear()
+        known[key] = _sense(log, leg, position, pressure, motion)
+    return known[key]
+
+
+def _sense(log: MeasuredLog, leg: int, position: Settings, pressure: Settings, motion: Settings) -> SensedLeg:
+    def true_of(shown: Array, settings: Settings) -> Array:
+        offset, gain, delay = settings
+        return advanced((shown - offset) / gain, delay * log.rate)
+
+    y = true_of(log.position[leg], position)
+    acceleration = None
+    if log.n_legs == 1 and log.acceleration is not None:
+        acceleration = true_of(log.acceleration[0], motion)
+    P1 = None if log.pressure is None else true_of(log.pressure[leg], pressure)
+    v = velocity(y, acceleration, log.rate)
+    return SensedLeg(y=y, v=v, P1=P1, acceleration=acceleration, window=Window(log.rate))
 
 
 def measured_point(log: MeasuredLog, machine: Machine, resolved: Resolved, leg: int) -> MeasuredPoint:
     """The point at which the balances of a leg are evaluated."""
-    gains, shared, row = resolved.leg_sensors, resolved.sensors, resolved.rows[leg]
-    y = advanced(
-        (log.position[leg] - gains["position_offset_m"][leg]) / gains["position_gain"][leg],
-        gains["position_delay_s"][leg] * log.rate,
-    )
-    acceleration = None
-    if log.n_legs == 1 and log.acceleration is not None:
-        acceleration = (log.acceleration[0] - shared.acceleration_offset_m_s2) / shared.acceleration_gain
-        acceleration = advanced(acceleration, shared.acceleration_delay_s * log.rate)
+    row = resolved.rows[leg]
     t = log.time - log.time[0]
     volts = log.volts[leg] if log.volts is not None else np.zeros(log.n)
     held, x = spool_state(row, np.ascontiguousarray(volts), t, log.rate)
     if row[P.SPOOL_OMEGA] == 0.0:  # volts are held from sample to sample: at a sample stands the mean of both sides
         x = 0.5 * (x + np.concatenate([x[:1], x[:-1]]))
-    pressure = None
-    if log.pressure is not None:
-        pressure = (log.pressure[leg] - gains["pressure_offset_Pa"][leg]) / gains["pressure_gain"][leg]
-        pressure = advanced(pressure, gains["pressure_delay_s"][leg] * log.rate)
     supply = np.full(log.n, row[P.SUPPLY_PRESSURE])
     if log.supply is not None:
-        supply = log.supply / shared.supply_pressure_gain
-    return MeasuredPoint(y=y, v=velocity(y, acceleration, log.rate), volts=held, x=x, P1=pressure, Ps=supply, t=t)
+        supply = log.supply / resolved.sensors.supply_pressure_gain
+    return MeasuredPoint(sensed=sensed_leg(log, resolved, leg), volts=held, x=x, Ps=supply, t=t)
 
 
 def advanced(signal: Array, samples: float) -> Array:

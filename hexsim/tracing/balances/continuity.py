@@ -37,11 +37,12 @@ def residual_of(p: Array, point: MeasuredPoint, window: Window) -> Array:
     """Net inflow, less what the piston sweeps, less what compresses, under the window (n,) [m3/s]."""
     assert point.P1 is not None
     flow = inflows(p, point.y, point.v, point.volts, point.x, point.P1, point.Ps, point.t)
-    y, P1 = window.mean(point.y), window.mean(point.P1)
+    sensed = point.sensed
+    y, P1 = sensed.mean_y, sensed.mean_P1
     capacity = capacities(p, y, P1)
     about = point.P1 - P1.mean()
     compression = window.rate(capacity * about) - window.mean(np.gradient(capacity, window.dt) * about)
-    return window.mean(flow) - p[P.AREA_BOTTOM] * window.rate(point.y) - compression
+    return window.mean(flow) - p[P.AREA_BOTTOM] * sensed.mean_v - compression
 
 
 class Continuity:

@@ -9,7 +9,7 @@ from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.parameters import P
 from hexsim.machine.declaration import Machine
 from hexsim.machine.resolved import PayloadMode
-from hexsim.tracing.balances.balance import advanced, measured_point, resolved_machine
+from hexsim.tracing.balances.balance import measured_point, resolved_machine
 from hexsim.tracing.log import MeasuredLog
 from hexsim.tracing.weak_form import Window
 
@@ -74,13 +74,10 @@ class Force:
     def residual(self, log: MeasuredLog, machine: Machine) -> Array:
         resolved, window = resolved_machine(machine), Window(log.rate)
         point, p = measured_point(log, machine, resolved, 0), resolved.rows[0]
-        assert point.P1 is not None and log.acceleration is not None
+        assert point.P1 is not None and point.sensed.acceleration is not None
         beyond = forces_beyond_pressure(p, point.y, point.v, point.volts, point.P1, point.Ps, point.t)
-        sensors = resolved.sensors
-        acceleration = (log.acceleration[0] - sensors.acceleration_offset_m_s2) / sensors.acceleration_gain
-        acceleration = advanced(acceleration, sensors.acceleration_delay_s * log.rate)
         mass, gravity = resolved.load.moving_mass_kg, -resolved.gravity_m_s2[2]
-        net = point.P1 * p[P.AREA_BOTTOM] + beyond - mass * (acceleration + gravity)
+        net = point.P1 * p[P.AREA_BOTTOM] + beyond - mass * (point.sensed.acceleration + gravity)
         for mode in resolved.payload_modes:
             net = net - mode.mass_kg * (payload_acceleration(mode, point.y, log.rate) + gravity)
         return window.mean(net)[None]

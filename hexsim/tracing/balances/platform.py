@@ -58,7 +58,7 @@ def wrench_residual(log: MeasuredLog, machine: Machine) -> tuple[Array, Array]:
     resolved, window = resolved_machine(machine), Window(log.rate)
     kinematics, load, sensors = kinematics_of(machine), platform_load(resolved), resolved.sensors
     points = [measured_point(log, machine, resolved, i) for i in range(6)]
-    poses = kinematics.forward(window.mean(np.stack([point.y for point in points])).T)
+    poses = kinematics.forward(np.stack([point.sensed.mean_y for point in points]).T)
     jacobian, rotation = kinematics.jacobian(poses), kinematics.rotation(poses)
     directions = np.einsum("nba,nib->nia", rotation, jacobian[:, :, :3])
     wrench = np.zeros((6, log.n))
@@ -75,7 +75,7 @@ def wrench_residual(log: MeasuredLog, machine: Machine) -> tuple[Array, Array]:
     late = sensors.acceleration_delay_s * log.rate
     acceleration = np.stack([advanced(row, late) for row in shown / sensors.acceleration_gain])
     angular = np.stack([advanced(row, late) for row in log.angular])
-    twist = np.linalg.solve(jacobian, np.stack([window.rate(point.y) for point in points]).T[..., None])[..., 0]
+    twist = np.linalg.solve(jacobian, np.stack([point.sensed.mean_v for point in points]).T[..., None])[..., 0]
     omega = np.einsum("nba,nb->an", rotation, twist[:, 3:])
     weight = np.einsum("nba,b->an", rotation, load.carried * resolved.gravity_m_s2)
     c = load.centre[:, None]

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hexsim.machine.declaration import Machine
-from hexsim.tracing.balances.balance import advanced, measured_point, resolved_machine
+from hexsim.tracing.balances.balance import resolved_machine, sensed_leg
 from hexsim.tracing.log import MeasuredLog
-from hexsim.tracing.weak_form import Window
 
 Array = np.ndarray
 
@@ -25,9 +24,4 @@ class Sensor:
         return ["leg 1"]
 
     def residual(self, log: MeasuredLog, machine: Machine) -> Array:
-        resolved, window = resolved_machine(machine), Window(log.rate, 0.03)
-        point, sensors = measured_point(log, machine, resolved, 0), resolved.sensors
-        assert log.acceleration is not None
-        shown = (log.acceleration[0] - sensors.acceleration_offset_m_s2) / sensors.acceleration_gain
-        shown = advanced(shown, sensors.acceleration_delay_s * log.rate)
-        return (window.second_rate(point.y) - window.mean(shown))[None]
+        return sensed_leg(log, resolved_machine(machine), 0).disagreement[None]

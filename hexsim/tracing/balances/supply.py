@@ -6,7 +6,7 @@ import numpy as np
 
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics.compiled import compiled
-from hexsim.hydraulics.supply import LINE, S
+from hexsim.hydraulics.supply import LINE, S, line_capacity
 from hexsim.machine.declaration import Machine
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
 from hexsim.tracing.log import MeasuredLog
@@ -22,6 +22,15 @@ def demands(p, v, x, P1, Ps):
     for i in range(v.shape[0]):
         flow[i] = leg_equations.supply_demand(p, v[i], x[i], P1[i], Ps[i], Ps[i])
     return flow
+
+
+@compiled
+def capacities(s, Ps):
+    """Capacity of the accumulator, every sample [m3/Pa]."""
+    capacity = np.empty(Ps.shape[0])
+    for i in range(Ps.shape[0]):
+        capacity[i] = line_capacity(s, Ps[i])
+    return capacity
 
 
 class Supply:
@@ -52,5 +61,5 @@ class Supply:
         delivered = lacking / supply[S.RESISTANCE]
         if supply[S.FLOW_MAX] > 0:
             delivered = np.minimum(delivered, supply[S.FLOW_MAX])
-        net = window.mean(delivered - demand) - supply[S.CAPACITY] * window.rate(Ps)
+        net = window.mean(delivered - demand) - capacities(supply, window.mean(Ps)) * window.rate(Ps)
         return supply[S.RESISTANCE] * net[None]

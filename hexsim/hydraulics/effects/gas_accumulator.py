@@ -1,0 +1,44 @@
+"""Gas accumulator behind the pump line: C(Ps) dPs/dt = (P0 - Ps)/R - q,  C = V_gas/(n P_abs),  V_gas P_abs^(1/n) constant."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from hexsim.hydraulics.chamber import ATMOSPHERE
+from hexsim.hydraulics.effects.effect import Effect, EffectParameter
+from hexsim.hydraulics.supply import LINE, S
+
+if TYPE_CHECKING:
+    from hexsim.machine.resolved import Resolved
+
+LEAST_SHARE = 0.2  # of the nominal pressure (absolute): precharge, below which the gas is shut off
+
+
+def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
+    """The supply becomes a state behind the line, with the gas volume given at the nominal pressure."""
+    row, exponent = resolved.supply, values["polytropic_exponent"]
+    row[S.MODEL], row[S.STATES] = LINE, 1
+    row[S.RESISTANCE] = values["line_resistance_Pa_s_m3"]
+    row[S.EXPONENT] = exponent
+    row[S.PRECHARGE] = LEAST_SHARE * (row[S.PRESSURE] + ATMOSPHERE)
+    row[S.GAS_VOLUME] = values["gas_volume_m3"] * LEAST_SHARE ** (-1.0 / exponent)
+
+
+EFFECT = Effect(
+    name="gas_accumulator",
+    balance="supply",
+    says="the supply lives on a gas accumulator behind the pump line; the gas grows softer as it empties",
+    source="report 2.2.2; polytropic gas, n = 1 (slow) to 1.4 (fast)",
+    parameters=(
+        EffectParameter(
+            name="gas_volume_m3", unit="m3", bounds=(1e-7, 1.0), believable=4e-4, neutral=math.inf, default=4e-4
+        ),
+        EffectParameter(
+            name="line_resistance_Pa_s_m3", unit="Pa s/m3", bounds=(1e6, 1e12), believable=5e9, default=5e9
+        ),
+        EffectParameter(name="polytropic_exponent", unit="1", bounds=(1.0, 1.4), believable=1.2, default=1.2),
+    ),
+    apply=apply,
+    places="machine",
+)
