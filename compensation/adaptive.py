@@ -32,6 +32,9 @@ from .spool import AHEAD, LEAD_TAPS, damping_taps, lead, round_lag
 LOOK = AHEAD + 3  # ticks from now to the tick boundary whose oil is asked for
 SOFT_MAX, SOFT_SCALE_V = 0.13, 0.24  # the wider the overlap, the more ticks its crossing is spread over
 PLAY_RATE_V_S = 0.5  # rate of the volts from which the volts stand wholly on one side of the play
+SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
+PRESSURE_S = 0.2  # mean of the bottom pressure over this time tells the gain of plain control
+LAG_MOVED_S = 2e-5  # change of the lag from which taps are made anew
 LOW_DROP = 0.02  # share of the reference drop below which no pressure drop is believed
 
 
@@ -61,6 +64,10 @@ class AdaptiveState:
     )  # wanted spool, newest (AHEAD ticks on) first
     surplus_Pa: list[float] = field(default_factory=list)  # measured less wanted pressure, newest first
     slow_Pa: float = 0.0  # slow mean of it
+    before_Pa: float = 0.0  # bottom pressure at the tick before
+    bottom_Pa: float = 0.0  # slow mean of the bottom pressure
+    supply_Pa: float = 0.0  # mean of the supply pressure
+    loop_supply_Pa: float = 0.0  # slow mean of it
     knee: Knee = field(default_factory=Knee)
     excess_m: list[float] = field(default_factory=lambda: [0.0] * (REACH_TICKS + 1))  # oil less wanted oil, newest last
     total_V: float = 0.0  # wanted at the last tick, play aside
@@ -98,7 +105,7 @@ class Adaptive(Compensator):
     ease: float = 1e-4
     width_low_s: float = 3e-3
     width_high_s: float = 8e-3
-    jerk_m_s3: float = 700.0
+    jerk_m_s3: float = 800.0
     presliding_m_s: float = 2e-4
     damping_1_s: float = 60.0
     damping_count: int = 7
@@ -133,7 +140,9 @@ class Adaptive(Compensator):
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
         context, reference = state.context, state.reference
         preview = sample.preview_m
+        self._follow_loop(state, sample)
         reference.advance(preview.item(LOOK - 1), preview.item(LOOK), preview.item(LOOK + 1))
+        carried = state.supply_Pa * context.area_top_m2 / context.area_bottom_m2
         load = sample.pressure_bottom_Pa - sample.pressure_supply_Pa * context.area_top_m2 / context.area_bottom_m2
         compliance = (
             reference.position_m + context.pipeline_volume_m3 / context.area_bottom_m2
@@ -146,7 +155,7 @@ class Adaptive(Compensator):
         surplus = load - wanted_now
         state.slow_Pa += 0.06 * (surplus - state.slow_Pa)
 
-        roots = self._roots(state, sample, wanted + state.slow_Pa + sample.pressure_bottom_Pa - load)
+        roots = self._roots(state, state.supply_Pa, wanted + state.slow_Pa + carried)
         spool = self._wanted_spool(state, oil, roots)
         state.spool_V.insert(0, spool)
         state.spool_V.pop()
@@ -156,11 +165,32 @@ class Adaptive(Compensator):
         u -= self._damping(state, surplus, compliance, roots)
         if self.learn:
             self._learn(state, sample, load, a_now, oil_now, v_now)
-            if part_now and state.friction_gain == 1.0:
-                state.friction.lacking(part_now, surplus - state.slow_Pa)
+            rise = state.friction.rise
+            if (
+                rise.watch(v_now, surplus, sample.position_m - sample.setpoint_m + lag_now, part_now)
+                and state.gain == 1.0
+            ):
+                rise.learn(1e6 * state.friction.fit.theta[1], 2.0 * state.friction.half_step_Pa)
         self._engage(state, preview)
         limit = context.voltage_max_V
         return state.gain * clip(u, -limit, limit), state
+
+    def _follow_loop(self, state: AdaptiveState, sample: Sample) -> None:
+        """Tell the reference what plain control does; pressures are taken slowly, lest noise be differentiated."""
+        context, reference = state.context, state.reference
+        bottom, supply = sample.pressure_bottom_Pa, sample.pressure_supply_Pa
+        if state.bottom_Pa == 0.0:
+            state.bottom_Pa, state.supply_Pa, state.loop_supply_Pa = bottom, supply, supply
+        state.supply_Pa += SUPPLY_SHARE * (supply - state.supply_Pa)
+        if reference.share == 1.0:
+            return
+        slow = context.tick_s / PRESSURE_S
+        state.bottom_Pa += slow * (bottom - state.bottom_Pa)
+        state.loop_supply_Pa += slow * (supply - state.loop_supply_Pa)
+        (down, up), roots = state.flow.edges, self._roots(state, state.loop_supply_Pa, state.bottom_Pa)
+        kp = context.position_gain_V_per_m
+        reference.loop_1_s = (kp * down.gain_m_s_V * roots[0], kp * up.gain_m_s_V * roots[1])
+        reference.dead_m = (down.dead_band_V / kp, up.dead_band_V / kp)
 
     def extra(self, state: AdaptiveState, sample: Sample) -> float:
         """Volts that a derived algorithm adds."""
@@ -177,15 +207,15 @@ class Adaptive(Compensator):
         x = v / half
         sign = x * (2.0 - abs(x)) if -1.0 < x < 1.0 else (1.0 if x > 0 else -1.0)
         part = sign * stribeck_part(v)
-        step = sign * friction.half_step_Pa + part * friction.rise_Pa[v > 0]
+        step = sign * friction.half_step_Pa + part * friction.rise.rise_Pa
         return state.friction_gain * (friction.smooth_Pa(reference.position_m, v, a) + step), part
 
-    def _roots(self, state: AdaptiveState, sample: Sample, pressure_Pa: float) -> tuple[float, float]:
+    def _roots(self, state: AdaptiveState, supply_Pa: float, pressure_Pa: float) -> tuple[float, float]:
         """sqrt(dp / dp_ref) of the edge to tank and of the edge from the supply."""
         reference = self.reference_drop_Pa
         low = LOW_DROP * reference
         down = max(pressure_Pa - state.context.tank_pressure_Pa, low)
-        up = max(sample.pressure_supply_Pa - pressure_Pa, low)
+        up = max(supply_Pa - pressure_Pa, low)
         return math.sqrt(down / reference), math.sqrt(up / reference)
 
     def _wanted_spool(self, state: AdaptiveState, oil_m: float, roots: tuple[float, float]) -> float:
@@ -247,7 +277,8 @@ class Adaptive(Compensator):
     ) -> None:
         context, valve, p = state.context, sample.valve_V, sample.pressure_bottom_Pa
         compliance = (sample.position_m + context.pipeline_volume_m3 / context.area_bottom_m2) / context.bulk_modulus_Pa
-        root = self._roots(state, sample, p)[valve > 0]
+        root = self._roots(state, sample.pressure_supply_Pa, 0.5 * (p + state.before_Pa))[valve > 0]
+        state.before_Pa = p
         z = sample.position_m + compliance * p
         state.flow.add(z, valve, root)
         excess = state.excess_m
@@ -255,8 +286,9 @@ class Adaptive(Compensator):
         excess.pop(0)
         if state.gain == 1.0:
             state.knee.watch(excess, flow_m_s, 0.5 * state.flow.edges[0].dead_band_V)
-        state.friction.add(sample.position_m, load_Pa, acceleration_m_s2)
-        if abs(state.flow.lag_s - state.lag_s) > 1e-4 and state.flow.ready:
+        if state.flow.known:
+            state.friction.add(sample.position_m, load_Pa, acceleration_m_s2)
+        if abs(state.flow.lag_s - state.lag_s) > LAG_MOVED_S and state.flow.ready:
             self._design(state, round_lag(state.flow.lag_s))
 
     def _engage(self, state: AdaptiveState, preview: np.ndarray) -> None:
@@ -277,14 +309,18 @@ class Adaptive(Compensator):
         self._pace(state, reference.velocity_m_s)
         if not state.flow.ready:
             state.gain = max(0.0, state.gain - 4.0 * slow)
-        elif 0.0 < state.gain < 1.0 or (target != state.gain and state.friction_gain == 1.0 and state.turn_now):
+        elif 0.0 < state.gain < 1.0 or (
+            target != state.gain
+            and state.friction_gain == 1.0
+            and state.turn_now
+            and (target or reference.share == 0.0)
+        ):
             state.gain = clip(state.gain + (state.pace if target else -state.pace), 0.0, 1.0)
         if state.gain == 0.0:
             reference.share = 0.0
-            down, up = state.flow.edges
-            reference.loop_1_s = 0.5 * (down.gain_m_s_V + up.gain_m_s_V) * context.position_gain_V_per_m
-        elif state.gain > 0.9:
-            reference.share = min(1.0, reference.share + tick / self.feed_forward_s)
+        elif state.gain == 1.0:
+            come = tick / self.feed_forward_s
+            reference.share = clip(reference.share + (come if target else -come), 0.0, 1.0)
 
     def _pace(self, state: AdaptiveState, velocity_m_s: float) -> None:
         """The blend between plain and compensated falls wholly between two reversals: it begins a fifth into a half

@@ -5,9 +5,9 @@ Oil volume over piston area is z = y + V P1 / (E A1), and z' is the flow through
 (Eq. 3.7). With the spool x lagging the volts u by tau and trailing them by a play of half width h, the law of one
 edge (Eq. 3.3, 3.4) integrated over a window is linear in what is not known:
 
-    z(t2) - z(t1) = k int u R dt - k delta int R dt - k tau [u R]_t1^t2 - k h int w R dt,     R = sqrt(dp / dp_ref)
+    z(t2) - z(t1) = k int u R dt - k delta int R dt - k tau R^ [u]_t1^t2 - k h int w R dt,     R = sqrt(dp / dp_ref)
 
-k velocity gain [m/s/V], delta half dead band [V], tau lag [s], h w = u less the play's output, w = -1 .. 1. Two
+R^ the mean of R, k velocity gain [m/s/V], delta half dead band [V], tau lag [s], h w = u less the play's output, w = -1 .. 1. Two
 fits run side by side, without and with play; the simpler one holds as long as it explains what is measured.
 Position noise enters only at the two ends of a window and not at all on the right, so that least squares is unbiased;
 nothing is differentiated. What the fit leaves is the noise of two positions if the valve is of that kind, and much
@@ -33,6 +33,7 @@ MISFIT_HIGH, MISFIT_LOW = 3.0, 1.7  # residual over noise above which an edge is
 PLAY_ALLOWANCE = 4.0  # times the squared misfit that a valve with play may show: its turning points are rougher
 PLAY_TAKE, PLAY_LEAVE = 0.5, 0.8  # share of squared misfit that is left with play, to take the valve as one with play
 WINDOWS_NEEDED, PATIENCE = 15, 3.0  # windows before it is first believed; each doubt makes that so many times longer
+WINDOWS_KNOWN = 8  # windows from which the gain is right within some per cent
 # spreads of k, k delta, k tau, k h that are thinkable, in units of the window's noise: 0.3 m/s/V, 0.05 m/s, 2 mm/V,
 # 5 mm/s
 SPREAD = (0.3 / WINDOW_NOISE_M, 0.05 / WINDOW_NOISE_M, 2e-3 / WINDOW_NOISE_M, 5e-3 / WINDOW_NOISE_M)
@@ -84,6 +85,11 @@ class Edge:
             and c[2][2] * unit < LAG_NEEDED_S**2
         )
 
+    def seek_play(self) -> None:
+        """Look for the play found anew: what was gathered while another width was looked for is biased."""
+        self.play.doubt()
+        self.needed = max(self.needed, self.windows + 2 * WINDOWS_NEEDED)
+
 
 def new_edge(memory: float) -> Edge:
     """An edge of which nothing is known."""
@@ -107,7 +113,7 @@ class FlowLearner:
     direction: int = 0
     wait: int = 0
     count: int = 0
-    start: tuple[float, float] = (0.0, 0.0)  # z [m] and u R [V] at the window's start
+    start: tuple[float, float] = (0.0, 0.0)  # z [m] and |u| [V] at the window's start
     sums: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # of u R, R, w R
     follower_V: float = 0.0  # output of the play that is looked for
     moving: bool = False
@@ -124,8 +130,13 @@ class FlowLearner:
         """Whether both directions are known well enough to act on."""
         return self.edges[0].ready and self.edges[1].ready
 
+    @property
+    def known(self) -> bool:
+        """Whether both directions are known well enough to tell how the piston moves."""
+        return self.edges[0].windows >= WINDOWS_KNOWN and self.edges[1].windows >= WINDOWS_KNOWN
+
     def add(self, z_m: float, valve_V: float, root: float) -> None:
-        """One tick: oil displacement now, volts of the tick past and sqrt(dp/dp_ref) of the edge they opened."""
+        """One tick: oil displacement now, volts of the tick past, mean sqrt(dp/dp_ref) in it of the edge they opened."""
         direction = 1 if valve_V > 0.0 else -1
         size = valve_V if direction > 0 else -valve_V
         if direction != self.direction:
@@ -137,23 +148,22 @@ class FlowLearner:
         if self.wait > 0:
             self.wait -= 1
             return
-        flow = size * root
         if self.count:
             s = self.sums
-            s[0] += flow
+            s[0] += size * root
             s[1] += root
             s[2] += direction * (valve_V - self.follower_V) / half * root
             if self.count == self.window:
-                self._finish(z_m, flow)
+                self._finish(z_m, size)
                 self.count = 0
         if self.count == 0:
-            self.start, self.sums = (z_m, flow), [0.0, 0.0, 0.0]
+            self.start, self.sums = (z_m, size), [0.0, 0.0, 0.0]
         self.count += 1
 
     def _restart(self) -> None:
         self.count, self.moving, self.pending = 0, False, None
 
-    def _finish(self, z_m: float, flow: float) -> None:
+    def _finish(self, z_m: float, size: float) -> None:
         """Use the window before this one, if the piston moved in it, before it and after it: none reaches into the
         overlap."""
         tick = self.context.tick_s
@@ -167,7 +177,7 @@ class FlowLearner:
             self._judge(down, up)
             self.lag_s = (down.lag_s * down.windows + up.lag_s * up.windows) / (down.windows + up.windows)
         s = self.sums
-        phi = [s[0] * tick, -s[1] * tick, self.start[1] - flow, -s[2] * tick]
+        phi = [s[0] * tick, -s[1] * tick, (self.start[1] - size) * s[1] / self.window, -s[2] * tick]
         self.pending = (phi, moved) if self.moving else None
         self.moving = True
 
@@ -175,7 +185,11 @@ class FlowLearner:
         """Whether both edges are taken with play: only where that leaves far less than without."""
         if min(down.windows, up.windows) >= WINDOWS_NEEDED:
             share = (down.play.residual + up.play.residual) / (down.plain.residual + up.plain.residual)
-            self.with_play = share < (PLAY_LEAVE if self.with_play else PLAY_TAKE)
+            found = share < (PLAY_LEAVE if self.with_play else PLAY_TAKE)
+            if found and not self.with_play:
+                for edge in (down, up):
+                    edge.seek_play()
+            self.with_play = found
 
     def parameters(self) -> Parameters:
         """What is known of both edges, in numbers."""
@@ -192,7 +206,8 @@ class FlowLearner:
             known = parameters[name]
             for fit, theta in ((edge.plain, known["theta"]), (edge.play, known["theta_play"])):
                 fit.theta[:] = [float(x) for x in theta]
-                fit.covariance = [[1e-4 * x for x in row] for row in fit.covariance]
+                if known["ready"]:
+                    fit.covariance = [[1e-4 * x for x in row] for row in fit.covariance]
             edge.windows, edge.ready = float(known["windows"]), bool(known["ready"])
             edge.gain_m_s_V, edge.dead_band_V = float(known["gain_m_s_V"]), float(known["dead_band_V"])
             edge.lag_s, edge.play_V = float(known["lag_s"]), float(known["play_V"])

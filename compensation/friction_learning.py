@@ -7,8 +7,7 @@ While the piston moves, the bottom pressure carries load, inertia and friction (
 
 y and a the mean position and wanted acceleration, v+ and v- the velocity of each direction, from displacements. At a
 reversal all terms but the sign are continuous: the pressure must step by 2 p4, whatever mass, geometry and viscous
-friction. Close to rest friction rises (Stribeck). That rise, one a direction, is learned from what the pressure
-still lacks there.
+friction. Close to rest friction rises (Stribeck): rise.py.
 """
 
 from __future__ import annotations
@@ -18,10 +17,11 @@ from dataclasses import dataclass, field
 
 from .base import Context, Parameters, clip
 from .least_squares import RecursiveLeastSquares
+from .rise import Rise
 
 STEP_HIGH_MPA = 1.0  # bound of what is believed of half the step
 STRIBECK_M_S = 5e-3  # velocity over which friction falls after breakaway; a common size, and the report's
-RISE_RATE = 0.02  # share of the missing pressure that the rise takes up at a sample
+POSITION_SPREAD = 10.0  # of the position's coefficient p5 [2 kPa/dm]: load hardly depends on position
 WINDOWS_NEEDED = 20  # in each direction, before the fit is used
 
 
@@ -40,12 +40,14 @@ class FrictionLearner:
     sum_a: float = 0.0
     windows: list[int] = field(default_factory=lambda: [0, 0])
     half_step_Pa: float = 0.0
-    rise_Pa: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    rise: Rise = field(init=False)
+    position_weight: float = field(init=False)
 
     def __post_init__(self) -> None:
-        # spreads in units of the noise of a window's mean (2 kPa): 1 MPa or 1 MPa per (m/s2, dm/s); position hardly
-        # matters
-        self.fit = RecursiveLeastSquares([0.0] * 6, [500.0, 500.0, 500.0, 500.0, 250.0, 20.0], self.memory)
+        # spreads in units of the noise of a window's mean (2 kPa): 1 MPa or 1 MPa per (m/s2, dm/s)
+        self.fit = RecursiveLeastSquares([0.0] * 6, [500.0, 500.0, 500.0, 500.0, 250.0, POSITION_SPREAD], self.memory)
+        self.rise = Rise(self.context.tick_s)
+        self.position_weight = 1.0 / (POSITION_SPREAD * math.sqrt(self.memory))
 
     @property
     def ready(self) -> bool:
@@ -72,14 +74,9 @@ class FrictionLearner:
         v *= 10
         phi = [1.0, self.sum_a / n, v if up else 0.0, 0.0 if up else v, 1.0 if up else -1.0, y]
         self.fit.update(phi, self.sum_load / n * 1e-6)
+        self.fit.update([0.0, 0.0, 0.0, 0.0, 0.0, self.position_weight], 0.0)
         self.windows[up] += 1
         self.half_step_Pa = 1e6 * clip(self.fit.theta[4], 0.0, STEP_HIGH_MPA)
-
-    def lacking(self, part: float, missing_Pa: float) -> None:
-        """One tick near rest: what the pressure surpassed the wanted one by, where `part` of the rise was wanted."""
-        side = part > 0
-        rise = self.rise_Pa[side] + RISE_RATE * part * missing_Pa
-        self.rise_Pa[side] = clip(rise, 0.0, 2 * self.half_step_Pa)
 
     def smooth_Pa(self, position_m: float, velocity_m_s: float, acceleration_m_s2: float) -> float:
         """The fit without its step."""
@@ -90,20 +87,21 @@ class FrictionLearner:
 
     def jolt_m_s2(self) -> float:
         """Acceleration that friction's step would give the load, were the pressure to stand still."""
-        return 2 * self.half_step_Pa * 1e-6 / max(self.fit.theta[1], 5e-3)
+        return 2 * (self.half_step_Pa + self.rise.rise_Pa) * 1e-6 / max(self.fit.theta[1], 5e-3)
 
     def parameters(self) -> Parameters:
         """What is known, in numbers."""
         return {"theta_MPa": list(self.fit.theta), "windows": list(self.windows), "half_step_Pa": self.half_step_Pa,
-                "rise_Pa": list(self.rise_Pa)}  # fmt: skip
+                "rise_Pa": self.rise.rise_Pa}  # fmt: skip
 
     def restore(self, known: Parameters) -> None:
         """Start with what was known before."""
         self.fit.theta[:] = [float(x) for x in known["theta_MPa"]]
-        self.fit.covariance = [[0.01 * x for x in row] for row in self.fit.covariance]
         self.windows = [int(x) for x in known["windows"]]
+        if self.ready:
+            self.fit.covariance = [[0.01 * x for x in row] for row in self.fit.covariance]
         self.half_step_Pa = float(known["half_step_Pa"])
-        self.rise_Pa = [float(x) for x in known["rise_Pa"]]
+        self.rise.rise_Pa = float(known["rise_Pa"])
 
 
 def stribeck_part(velocity_m_s: float) -> float:

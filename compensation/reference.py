@@ -1,15 +1,19 @@
 """The motion that the feed-forward asks for, looked at some ticks ahead, so that it may come in without a jerk.
 
-    y_m' = g r' + s Kp (r - y_m),     r the setpoint;  by the trapezium rule
+    y_m' = g r' + s D(Kp (r - y_m)),   D(w) = w - (1 - g) delta w / sqrt(w^2 + (SOFT delta)^2);   by the midpoint rule
 
-With g = 0 this is what the position loop makes of the setpoint with a straight valve of gain s: taking over from
-plain control changes the phase of the motion hardly at all. g then rises slowly to 1, where y_m = r: full velocity
-feed-forward.
+r the setpoint, delta the valve's half dead band, s its gain. With g = 0 this is the motion that the position loop
+makes of the setpoint through the valve as it is, but for the pause at a reversal, which it glides through: taking
+over from plain control in the midst of a stroke changes the motion hardly at all. g then rises slowly to 1, where
+y_m = r: full velocity feed-forward, no dead band.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+SOFT = 2.0  # half dead bands about zero within which D is softened
 
 
 @dataclass(slots=True)
@@ -17,7 +21,8 @@ class Reference:
     """y_m at the tick boundary looked at last, with its velocity and acceleration."""
 
     tick_s: float
-    loop_1_s: float = 0.0  # s Kp
+    loop_1_s: tuple[float, float] = (0.0, 0.0)  # s Kp of either direction, retracting first
+    dead_m: tuple[float, float] = (0.0, 0.0)  # delta / Kp
     share: float = 0.0  # g
     position_m: float = 0.0
     velocity_m_s: float = 0.0
@@ -27,10 +32,18 @@ class Reference:
     def advance(self, behind_m: float, here_m: float, ahead_m: float) -> None:
         """One tick on; setpoints at the boundary before, at the one asked for, and after."""
         tick = self.tick_s
-        pull = 0.5 * tick * self.loop_1_s
-        moved = here_m - behind_m
-        self.lag_m = ((1.0 - pull) * self.lag_m + (1.0 - self.share) * moved) / (1.0 + pull)
+        moved = (1.0 - self.share) * (here_m - behind_m)
+        half = self.lag_m + 0.5 * (moved - tick * self._pull(self.lag_m))
+        self.lag_m += moved - tick * self._pull(half)
         self.position_m = here_m - self.lag_m
-        velocity = self.share * (ahead_m - behind_m) / (2 * tick) + self.loop_1_s * self.lag_m
+        velocity = self.share * (ahead_m - behind_m) / (2 * tick) + self._pull(self.lag_m)
         self.acceleration_m_s2 = (velocity - self.velocity_m_s) / tick
         self.velocity_m_s = velocity
+
+    def _pull(self, lag_m: float) -> float:
+        """Velocity that the loop gives at a lag."""
+        up = int(lag_m > 0.0)
+        dead = self.dead_m[up]
+        if dead:
+            lag_m *= 1.0 - (1.0 - self.share) * dead / math.sqrt(lag_m * lag_m + (SOFT * dead) ** 2)
+        return self.loop_1_s[up] * lag_m

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 SPOOL_DAMPING = 0.7  # commonly used value for proportional valves; the lag is what is learned
-LAG_STEP_S = 1e-4  # lags are rounded to this before a design is made
+LAG_STEP_S = 1e-5  # lags are rounded to this before a design is made
 LAG_MAX_S = 1.2e-2
 LEAD_TAPS = 10
 AHEAD = 5  # ticks that the lead looks ahead
@@ -68,7 +68,7 @@ def lead(lag_s: float, tick_s: float, ease: float) -> tuple[float, ...]:
     """Taps h (LEAD_TAPS,) so that u_k = sum_i h_i x_{k + AHEAD - i} makes the spool follow x, tick mean by tick mean.
 
     Least squares of g * h against a pulse at AHEAD, with `ease` times the taps' roughness: more is softer and
-    slower. The taps sum to one, so that nothing changes at rest.
+    slower. The taps sum to one, so that nothing changes at rest, and their centre undoes the spool's: no time is left.
     """
     g = tick_response(lag_s, tick_s, 40)
     rows = len(g) + LEAD_TAPS - 1
@@ -78,8 +78,10 @@ def lead(lag_s: float, tick_s: float, ease: float) -> tuple[float, ...]:
     target = np.zeros(rows)
     target[AHEAD] = 1.0
     rough = math.sqrt(ease) * (np.eye(LEAD_TAPS) - np.eye(LEAD_TAPS, k=1))
-    one = 1e3 * np.ones((1, LEAD_TAPS))
-    taps = np.linalg.lstsq(np.vstack([matrix, rough, one]), np.r_[target, np.zeros(LEAD_TAPS), 1e3], rcond=None)[0]
+    exact = 1e3 * np.vstack([np.ones(LEAD_TAPS), np.arange(LEAD_TAPS)])
+    centre = AHEAD - float(np.arange(len(g)) @ g / g.sum())
+    right = np.r_[target, np.zeros(LEAD_TAPS), 1e3, 1e3 * centre]
+    taps = np.linalg.lstsq(np.vstack([matrix, rough, exact]), right, rcond=None)[0]
     return tuple(float(x) for x in taps / taps.sum())
 
 

@@ -70,7 +70,7 @@ def test_reference_without_feed_forward_is_the_loop_with_a_straight_valve() -> N
     t = np.arange(6000) * tick
     r = np.sin(w * t)
     for share, wanted in ((0.0, abs(1j * w / (1j * w + loop))), (1.0, 0.0)):
-        reference = Reference(tick, loop_1_s=loop, share=share)
+        reference = Reference(tick, loop_1_s=(loop, loop), share=share)
         lags = []
         for i in range(1, 5999):
             reference.advance(r[i - 1], r[i], r[i + 1])
@@ -277,8 +277,8 @@ def test_no_period_is_worse_than_plain_control(amplitude_m, frequency_Hz) -> Non
 
 
 def test_repetitive_learns_what_is_left(adapted) -> None:
-    """After 24 s the position error of the adaptive algorithm has fallen to a third, and the peak has not grown
-    by 20 %.
+    """After 24 s the position error of the adaptive algorithm has fallen to a third, and the peak stays below
+    0.05 m/s2.
     """
     record = run(compensation.create("repetitive"), duration_s=24.0)
     wanted = sine()(record.time_s)
@@ -288,7 +288,7 @@ def test_repetitive_learns_what_is_left(adapted) -> None:
         return float(np.std((r.position_m - wanted)[late]))
 
     assert error(record) < error(adapted) / 3
-    assert record.peak(18.0, 24.0) < 1.2 * adapted.peak(18.0, 24.0)
+    assert record.peak(18.0, 24.0) < 0.05
 
 
 def test_repetitive_without_a_period_is_adaptive() -> None:
