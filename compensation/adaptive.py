@@ -25,7 +25,7 @@ import numpy as np
 from .base import Compensator, Context, Parameters, Sample, clip
 from .flow_learning import FlowLearner
 from .friction_learning import FrictionLearner, stribeck_part
-from .knee import REACH_TICKS, Knee
+from .knee import CAUTIOUS_V, REACH_TICKS, Knee
 from .reference import Reference
 from .spool import AHEAD, LEAD_TAPS, damping_taps, lead, round_lag
 
@@ -33,6 +33,8 @@ LOOK = AHEAD + 3  # ticks from now to the tick boundary whose oil is asked for
 SOFT_MAX, SOFT_SCALE_V = 0.13, 0.24  # the wider the overlap, the more ticks its crossing is spread over
 PLAY_RATE_V_S = 0.5  # rate of the volts from which the volts stand wholly on one side of the play
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
+STILL_S, STILL_M_S2 = 10.0, 1e-3  # time in which an acceleration is forgotten; below this nothing moves
+SLOW_M_S = 7.5e-4  # acceleration that a reversal needs, over the rate at which the oil's spring swings up [m/s]
 PRESSURE_S = 0.2  # mean of the bottom pressure over this time tells the gain of plain control
 LAG_MOVED_S = 2e-5  # change of the lag from which taps are made anew
 LOW_DROP = 0.02  # share of the reference drop below which no pressure drop is believed
@@ -81,6 +83,7 @@ class AdaptiveState:
     damping_gain: float = 1.0
     acceleration_m_s2: float = 0.0  # low-pass of the setpoint's
     liveliness_m_s2: float = 0.0  # its recent largest
+    turn_peak_m_s2: float = 0.0  # largest since the last turn was seen
     lively: bool = False
 
 
@@ -93,10 +96,10 @@ class Adaptive(Compensator):
     bounds: a light load gets a slower step, so that its high resonance is not rung. presliding_m_s: velocity within
     which friction turns over. damping_1_s: how much of a swing of pressure is let out a second, between
     damping_low_Hz and damping_high_Hz; its volts are bounded by damping_max_V and give way when they come near
-    that. window_s, slowest_m_s, memory_windows: learning, see flow_learning.py. takeover_s, feed_forward_s: how
-    slowly it comes in. quiet_m_s2, lively_m_s2: it lets go of motions whose wanted acceleration stays below, and
-    takes hold above: the bump of a slow reversal is no larger than about twice the acceleration it turns with, and
-    cannot be felt. learn: off to use restored parameters as they are.
+    that. window_s, slowest_m_s, memory_windows: learning, see flow_learning.py. takeover_s, feed_forward_s,
+    let_go_s: how slowly it comes in and goes. lively_m_s2: it takes hold of motions that turn with more acceleration
+    than this. quiet_m_s2: it lets go of those that turn with less, but where the oil's spring is well damped: then
+    later (`_slowest_m_s2`). learn: off to use restored parameters as they are.
     """
 
     name: str = "adaptive"
@@ -106,8 +109,8 @@ class Adaptive(Compensator):
     width_low_s: float = 3e-3
     width_high_s: float = 8e-3
     jerk_m_s3: float = 800.0
-    presliding_m_s: float = 2e-4
-    damping_1_s: float = 60.0
+    presliding_m_s: float = 4e-4
+    damping_1_s: float = 80.0
     damping_count: int = 7
     damping_low_Hz: float = 15.0
     damping_high_Hz: float = 65.0
@@ -117,7 +120,8 @@ class Adaptive(Compensator):
     memory_windows: float = 200.0
     takeover_s: float = 1.0
     feed_forward_s: float = 4.0
-    quiet_m_s2: float = 0.02
+    let_go_s: float = 1.5
+    quiet_m_s2: float = 0.03
     lively_m_s2: float = 0.04
     learn: bool = True
 
@@ -297,30 +301,50 @@ class Adaptive(Compensator):
         tick = context.tick_s
         a = (preview.item(LOOK + 1) - 2 * preview.item(LOOK) + preview.item(LOOK - 1)) / (tick * tick)
         state.acceleration_m_s2 += 0.1 * (a - state.acceleration_m_s2)
-        state.liveliness_m_s2 = max(state.liveliness_m_s2 * (1 - tick / 10.0), abs(state.acceleration_m_s2))
+        size = abs(state.acceleration_m_s2)
+        state.turn_peak_m_s2 = max(state.turn_peak_m_s2, size)
+        state.liveliness_m_s2 = max(state.liveliness_m_s2 * (1 - tick / STILL_S), size)
+        self._pace(state, reference.velocity_m_s)
+        if state.turn_now:
+            state.liveliness_m_s2, state.turn_peak_m_s2 = state.turn_peak_m_s2, 0.0
         if state.liveliness_m_s2 > self.lively_m_s2:
             state.lively = True
-        elif state.liveliness_m_s2 < self.quiet_m_s2:
-            state.lively = False
+        elif state.liveliness_m_s2 < self.quiet_m_s2 and state.lively:
+            state.lively = state.liveliness_m_s2 > self._slowest_m_s2(state)
         target = 1.0 if state.lively and state.flow.ready else 0.0
         slow = tick / self.takeover_s
         known = state.friction.ready and state.flow.ready
         state.friction_gain += clip((1.0 if known else 0.0) - state.friction_gain, -slow, slow)
-        self._pace(state, reference.velocity_m_s)
         if not state.flow.ready:
             state.gain = max(0.0, state.gain - 4.0 * slow)
-        elif 0.0 < state.gain < 1.0 or (
-            target != state.gain
-            and state.friction_gain == 1.0
-            and state.turn_now
-            and (target or reference.share == 0.0)
-        ):
+        elif 0.0 < state.gain < 1.0:
             state.gain = clip(state.gain + (state.pace if target else -state.pace), 0.0, 1.0)
+        elif target > state.gain and state.friction_gain == 1.0 and state.turn_now:
+            state.gain = min(state.pace, 1.0)
+        elif target < state.gain and reference.share == 0.0 and (state.turn_now or size < STILL_M_S2):
+            state.gain = 1.0 - state.pace
         if state.gain == 0.0:
             reference.share = 0.0
+            state.friction.guess_rise()
         elif state.gain == 1.0:
-            come = tick / self.feed_forward_s
-            reference.share = clip(reference.share + (come if target else -come), 0.0, 1.0)
+            come = tick / self.feed_forward_s if target else -tick / self.let_go_s
+            reference.share = clip(reference.share + come, 0.0, 1.0)
+        state.knee.least_V = CAUTIOUS_V * (1.0 - reference.share)
+
+    def _slowest_m_s2(self, state: AdaptiveState) -> float:
+        """Acceleration of a reversal below which it is left alone.
+
+        Where friction falls with speed faster than viscosity makes it rise, the oil's spring swings up at a rate that
+        a light load makes high; the damping takes its own rate off, as far as the spring's frequency is in its band.
+        """
+        context, friction = state.context, state.friction
+        inertia = friction.inertia_Pa()
+        compliance = (0.5 * context.stroke_m + context.pipeline_volume_m3 / context.area_bottom_m2) / (
+            context.bulk_modulus_Pa
+        )
+        high = 2 * math.pi * self.damping_high_Hz * math.sqrt(compliance * inertia)
+        growth = friction.growth_1_s() - 0.5 * self.damping_1_s * min(1.0, high**4)
+        return clip(SLOW_M_S * growth, STILL_M_S2, self.quiet_m_s2)
 
     def _pace(self, state: AdaptiveState, velocity_m_s: float) -> None:
         """The blend between plain and compensated falls wholly between two reversals: it begins a fifth into a half

@@ -16,6 +16,7 @@ more if it is not: then it is not believed.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from .base import Context, Parameters, clip
@@ -28,10 +29,10 @@ LAG_HIGH_S = 0.012
 PLAY_HIGH_V = 0.3
 PLAY_LOW_V = 2e-3  # the play that is looked for is at least this wide
 WINDOW_NOISE_M = 5e-6  # displacement noise of a window: two positions with 3 um noise and 3 um resolution
-GAIN_NEEDED, DEAD_BAND_NEEDED_V, LAG_NEEDED_S = 0.10, 1e-3, 2.5e-4  # standard errors below which an edge is believed
+GAIN_NEEDED, DEAD_BAND_NEEDED_V, LAG_NEEDED_S = 0.10, 1e-3, 8e-4  # standard errors below which an edge is believed
 MISFIT_HIGH, MISFIT_LOW = 3.0, 1.7  # residual over noise above which an edge is doubted, and below which it is believed
 PLAY_ALLOWANCE = 4.0  # times the squared misfit that a valve with play may show: its turning points are rougher
-PLAY_TAKE, PLAY_LEAVE = 0.5, 0.8  # share of squared misfit that is left with play, to take the valve as one with play
+PLAY_TAKE, PLAY_LEAVE = 4.0, 2.0  # play over its standard error, both edges together, to take the valve as one with it
 WINDOWS_NEEDED, PATIENCE = 15, 3.0  # windows before it is first believed; each doubt makes that so many times longer
 WINDOWS_KNOWN = 8  # windows from which the gain is right within some per cent
 # spreads of k, k delta, k tau, k h that are thinkable, in units of the window's noise: 0.3 m/s/V, 0.05 m/s, 2 mm/V,
@@ -85,8 +86,14 @@ class Edge:
             and c[2][2] * unit < LAG_NEEDED_S**2
         )
 
+    def play_sureness(self) -> float:
+        """The play found over its standard error."""
+        return self.play.theta[3] / (WINDOW_NOISE_M * math.sqrt(self.play.covariance[3][3]))
+
     def seek_play(self) -> None:
         """Look for the play found anew: what was gathered while another width was looked for is biased."""
+        if self.ready:
+            return
         self.play.doubt()
         self.needed = max(self.needed, self.windows + 2 * WINDOWS_NEEDED)
 
@@ -182,10 +189,10 @@ class FlowLearner:
         self.moving = True
 
     def _judge(self, down: Edge, up: Edge) -> None:
-        """Whether both edges are taken with play: only where that leaves far less than without."""
-        if min(down.windows, up.windows) >= WINDOWS_NEEDED:
-            share = (down.play.residual + up.play.residual) / (down.plain.residual + up.plain.residual)
-            found = share < (PLAY_LEAVE if self.with_play else PLAY_TAKE)
+        """Whether both edges are taken with play: where it is well beyond its standard error."""
+        if down.windows >= down.needed and up.windows >= up.needed:
+            sure = (down.play_sureness() + up.play_sureness()) / math.sqrt(2.0)
+            found = sure > (PLAY_LEAVE if self.with_play else PLAY_TAKE)
             if found and not self.with_play:
                 for edge in (down, up):
                     edge.seek_play()

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from .base import clip
 
 REACH_TICKS = 8  # on either side of the reversal
+CAUTIOUS_V = 10e-3  # rounding that is thought of while taking over: too small a jump is safer than too large a one
 RATE_V_M = 200.0  # volts of rounding per metre of surplus oil displacement at one reversal: 1 mV for 5 um
 LEAK_M = 1e-6  # taken off each surplus, so that noise does not add up to a rounding
 SMALLEST_V = 4e-3  # rounding below which edges are taken as sharp
@@ -27,6 +28,7 @@ class Knee:
     """Rounding s of both edges [V], and the reversal being watched."""
 
     rounding_V: float = 0.0
+    least_V: float = 0.0  # no less is thought of now
     sign: float = 0.0
     ticks: int = 0
     at_m: float = 0.0  # oil displacement less the wanted one, at the reversal
@@ -34,7 +36,7 @@ class Knee:
 
     def value(self, speed_m_s: float, gain_m_s_V: float, dead_band_V: float) -> float:
         """c [V] at a speed."""
-        s = self.rounding_V
+        s = max(self.rounding_V, self.least_V)
         if s < SMALLEST_V or speed_m_s > 6.0 * s * gain_m_s_V:
             return 0.0
         share = 1.0 - math.exp(-speed_m_s / (s * gain_m_s_V))
