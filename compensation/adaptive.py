@@ -31,7 +31,8 @@ from .spool import AHEAD, LEAD_TAPS, damping_taps, lead, round_lag
 
 LOOK = AHEAD + 3  # ticks from now to the tick boundary whose oil is asked for
 SOFT_MAX, SOFT_SCALE_V = 0.13, 0.24  # the wider the overlap, the more ticks its crossing is spread over
-PLAY_RATE_V_S = 0.5  # rate of the volts from which the volts stand wholly on one side of the play
+PLAY_SOFT_V = 1e-3  # half of the way back after which the volts stand wholly on the other side of the play
+PLAY_CAUTIOUS_V = 0.02  # so much more while taking over: ringing of the lead is then not taken for a turn
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
 STILL_S, STILL_M_S2 = 10.0, 1e-3  # time in which an acceleration is forgotten; below this nothing moves
 SLOW_M_S = 7.5e-4  # acceleration that a reversal needs, over the rate at which the oil's spring swings up [m/s]
@@ -72,7 +73,7 @@ class AdaptiveState:
     loop_supply_Pa: float = 0.0  # slow mean of it
     knee: Knee = field(default_factory=Knee)
     excess_m: list[float] = field(default_factory=lambda: [0.0] * (REACH_TICKS + 1))  # oil less wanted oil, newest last
-    total_V: float = 0.0  # wanted at the last tick, play aside
+    total_V: float = 0.0  # wanted, play aside, following within PLAY_SOFT_V
     gain: float = 0.0  # how far it has taken over, 0 .. 1
     friction_gain: float = 0.0
     turn_sign: float = 0.0  # wanted velocity, last seen
@@ -177,7 +178,8 @@ class Adaptive(Compensator):
                 rise.learn(1e6 * state.friction.fit.theta[1], 2.0 * state.friction.half_step_Pa)
         self._engage(state, preview)
         limit = context.voltage_max_V
-        return state.gain * clip(u, -limit, limit), state
+        blend = state.gain * state.gain * (3.0 - 2.0 * state.gain)
+        return blend * clip(u, -limit, limit), state
 
     def _follow_loop(self, state: AdaptiveState, sample: Sample) -> None:
         """Tell the reference what plain control does; pressures are taken slowly, lest noise be differentiated."""
@@ -263,12 +265,12 @@ class Adaptive(Compensator):
         return clip(u, -limit, limit)
 
     def _play(self, state: AdaptiveState, total_V: float) -> float:
-        """Volts that take up the valve's play, on the side to which its volts move."""
-        moved = total_V - state.total_V
-        state.total_V = total_V
+        """Volts that take up the valve's play, on the side to which its volts have moved by some millivolts."""
+        soft = PLAY_SOFT_V + PLAY_CAUTIOUS_V * (1.0 - state.reference.share)
+        state.total_V = clip(state.total_V, total_V - soft, total_V + soft)
         down, up = state.flow.edges
         play = up.play_V if total_V > 0 else down.play_V
-        return play * clip(moved / (state.context.tick_s * PLAY_RATE_V_S), -1.0, 1.0) if play else 0.0
+        return play * (total_V - state.total_V) / soft
 
     def _learn(
         self,
