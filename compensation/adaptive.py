@@ -20,22 +20,18 @@ import math
 from dataclasses import dataclass, field
 from operator import mul
 
-import numpy as np
-
 from .base import Compensator, Context, Parameters, Sample, clip
 from .flow_learning import FlowLearner
 from .friction_learning import FrictionLearner, stribeck_part
-from .knee import CAUTIOUS_V, REACH_TICKS, Knee
+from .knee import REACH_TICKS, Knee
 from .reference import Reference
-from .spool import AHEAD, LEAD_TAPS, damping_taps, lead, round_lag
+from .spool import AHEAD, LEAD_TAPS, LOOK, damping_taps, lead, round_lag
+from .takeover import STILL_M_S2, engage
 
-LOOK = AHEAD + 3  # ticks from now to the tick boundary whose oil is asked for
 SOFT_MAX, SOFT_SCALE_V = 0.13, 0.24  # the wider the overlap, the more ticks its crossing is spread over
 PLAY_SOFT_V = 1e-3  # half of the way back after which the volts stand wholly on the other side of the play
 PLAY_CAUTIOUS_V = 0.02  # so much more while taking over: ringing of the lead is then not taken for a turn
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
-STILL_S, STILL_M_S2 = 10.0, 1e-3  # time in which an acceleration is forgotten; below this nothing moves
-SLOW_M_S = 7.5e-4  # acceleration that a reversal needs, over the rate at which the oil's spring swings up [m/s]
 PRESSURE_S = 0.2  # mean of the bottom pressure over this time tells the gain of plain control
 LAG_MOVED_S = 2e-5  # change of the lag from which taps are made anew
 LOW_DROP = 0.02  # share of the reference drop below which no pressure drop is believed
@@ -86,6 +82,7 @@ class AdaptiveState:
     liveliness_m_s2: float = 0.0  # its recent largest
     turn_peak_m_s2: float = 0.0  # largest since the last turn was seen
     lively: bool = False
+    slowest_m_s2: float = STILL_M_S2  # acceleration of a turn below which it lets go
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +97,7 @@ class Adaptive(Compensator):
     that. window_s, slowest_m_s, memory_windows: learning, see flow_learning.py. takeover_s, feed_forward_s,
     let_go_s: how slowly it comes in and goes. lively_m_s2: it takes hold of motions that turn with more acceleration
     than this. quiet_m_s2: it lets go of those that turn with less, but where the oil's spring is well damped: then
-    later (`_slowest_m_s2`). learn: off to use restored parameters as they are.
+    later (takeover.py). learn: off to use restored parameters as they are.
     """
 
     name: str = "adaptive"
@@ -176,7 +173,7 @@ class Adaptive(Compensator):
                 and state.gain == 1.0
             ):
                 rise.learn(1e6 * state.friction.fit.theta[1], 2.0 * state.friction.half_step_Pa)
-        self._engage(state, preview)
+        engage(self, state, preview)
         limit = context.voltage_max_V
         blend = state.gain * state.gain * (3.0 - 2.0 * state.gain)
         return blend * clip(u, -limit, limit), state
@@ -296,69 +293,6 @@ class Adaptive(Compensator):
             state.friction.add(sample.position_m, load_Pa, acceleration_m_s2)
         if abs(state.flow.lag_s - state.lag_s) > LAG_MOVED_S and state.flow.ready:
             self._design(state, round_lag(state.flow.lag_s))
-
-    def _engage(self, state: AdaptiveState, preview: np.ndarray) -> None:
-        """Take over when enough is known and the motion is lively, then bring the feed-forward in."""
-        context, reference = state.context, state.reference
-        tick = context.tick_s
-        a = (preview.item(LOOK + 1) - 2 * preview.item(LOOK) + preview.item(LOOK - 1)) / (tick * tick)
-        state.acceleration_m_s2 += 0.1 * (a - state.acceleration_m_s2)
-        size = abs(state.acceleration_m_s2)
-        state.turn_peak_m_s2 = max(state.turn_peak_m_s2, size)
-        state.liveliness_m_s2 = max(state.liveliness_m_s2 * (1 - tick / STILL_S), size)
-        self._pace(state, reference.velocity_m_s)
-        if state.turn_now:
-            state.liveliness_m_s2, state.turn_peak_m_s2 = state.turn_peak_m_s2, 0.0
-        if state.liveliness_m_s2 > self.lively_m_s2:
-            state.lively = True
-        elif state.liveliness_m_s2 < self.quiet_m_s2 and state.lively:
-            state.lively = state.liveliness_m_s2 > self._slowest_m_s2(state)
-        target = 1.0 if state.lively and state.flow.ready else 0.0
-        slow = tick / self.takeover_s
-        known = state.friction.ready and state.flow.ready
-        state.friction_gain += clip((1.0 if known else 0.0) - state.friction_gain, -slow, slow)
-        if not state.flow.ready:
-            state.gain = max(0.0, state.gain - 4.0 * slow)
-        elif 0.0 < state.gain < 1.0:
-            state.gain = clip(state.gain + (state.pace if target else -state.pace), 0.0, 1.0)
-        elif target > state.gain and state.friction_gain == 1.0 and state.turn_now:
-            state.gain = min(state.pace, 1.0)
-        elif target < state.gain and reference.share == 0.0 and (state.turn_now or size < STILL_M_S2):
-            state.gain = 1.0 - state.pace
-        if state.gain == 0.0:
-            reference.share = 0.0
-            state.friction.guess_rise()
-        elif state.gain == 1.0:
-            come = tick / self.feed_forward_s if target else -tick / self.let_go_s
-            reference.share = clip(reference.share + come, 0.0, 1.0)
-        state.knee.least_V = CAUTIOUS_V * (1.0 - reference.share)
-
-    def _slowest_m_s2(self, state: AdaptiveState) -> float:
-        """Acceleration of a reversal below which it is left alone.
-
-        Where friction falls with speed faster than viscosity makes it rise, the oil's spring swings up at a rate that
-        a light load makes high; the damping takes its own rate off, as far as the spring's frequency is in its band.
-        """
-        context, friction = state.context, state.friction
-        inertia = friction.inertia_Pa()
-        compliance = (0.5 * context.stroke_m + context.pipeline_volume_m3 / context.area_bottom_m2) / (
-            context.bulk_modulus_Pa
-        )
-        high = 2 * math.pi * self.damping_high_Hz * math.sqrt(compliance * inertia)
-        growth = friction.growth_1_s() - 0.5 * self.damping_1_s * min(1.0, high**4)
-        return clip(SLOW_M_S * growth, STILL_M_S2, self.quiet_m_s2)
-
-    def _pace(self, state: AdaptiveState, velocity_m_s: float) -> None:
-        """The blend between plain and compensated falls wholly between two reversals: it begins a fifth into a half
-        stroke."""
-        state.turn_ticks += 1
-        if velocity_m_s * state.turn_sign < 0.0:
-            state.half_ticks, state.turn_ticks = state.turn_ticks, 0
-        if velocity_m_s:
-            state.turn_sign = velocity_m_s
-        state.turn_now = state.half_ticks > 0 and state.turn_ticks == state.half_ticks // 5 + AHEAD
-        if state.turn_now:
-            state.pace = 1.0 / clip(0.5 * state.half_ticks, 10.0, self.takeover_s * state.context.rate_Hz)
 
     def status(self, state: AdaptiveState) -> str:
         """A sentence while the valve does not behave as learned."""

@@ -7,7 +7,7 @@ edge (Eq. 3.3, 3.4) integrated over a window is linear in what is not known:
 
     z(t2) - z(t1) = k int u R dt - k delta int R dt - k tau R^ [u]_t1^t2 - k h int w R dt,     R = sqrt(dp / dp_ref)
 
-R^ the mean of R, k velocity gain [m/s/V], delta half dead band [V], tau lag [s], h w = u less the play's output, w = -1 .. 1. Two
+R^ the mean of R, k velocity gain [m/s/V], delta half dead band [V], tau lag [s], h w = u less the output of the play, w = -1 .. 1. Two
 fits run side by side, without and with play; the simpler one holds as long as it explains what is measured.
 Position noise enters only at the two ends of a window and not at all on the right, so that least squares is unbiased;
 nothing is differentiated. What the fit leaves is the noise of two positions if the valve is of that kind, and much
@@ -102,7 +102,7 @@ def new_edge(memory: float) -> Edge:
     """An edge of which nothing is known."""
     start = [GAIN_START, 0.0, 0.0]
     return Edge(
-        RecursiveLeastSquares(list(start), list(SPREAD[:3]), memory),
+        RecursiveLeastSquares(list(start), list(SPREAD[:3]), memory, directional=True),
         RecursiveLeastSquares([*start, 0.0], list(SPREAD), memory),
     )
 

@@ -9,20 +9,28 @@ from dataclasses import dataclass, field
 class RecursiveLeastSquares:
     """theta of y = phi . theta + noise, newest data weighing most.
 
-        K = C phi / (lambda + phi C phi),  theta += K (y - phi theta),  C = (C - K phi C) / lambda
+        r = phi C phi,   theta += C phi (y - phi theta) / (lambda + r),   C = (C - C phi phi C / (lambda + r)) / lambda
 
-    theta: start values (n,); scale: their believed spread (n,), in units of the noise: C starts as diag(scale^2)
-    and no diagonal of it may grow beyond that, so that old knowledge is kept in directions that no new data excite.
+    or, `directional` (Bittanti, Bolzern, Campi 1990), old data forgotten only in the direction that new data tell of,
+    so that what a large motion taught is not lost in a small one:
+
+        theta += C phi (y - phi theta) / (1 + r),   C -= C phi phi C / (1 / e + r),   e = lambda - (1 - lambda) / r
+
+    theta: start values (n,); scale: their believed spread (n,), in units of the noise: C starts as diag(scale^2) and
+    no diagonal of it may grow beyond that, so that old knowledge is kept in directions that no new data excite.
     """
 
     theta: list[float]
     scale: list[float]
     memory: float  # samples after which old data weigh 1/e
+    directional: bool = False
+    keep: float = field(init=False)  # lambda
     covariance: list[list[float]] = field(default_factory=list)
     residual: float = 0.0  # mean of the last 50 or so squared residuals, each over what the spread of theta makes of it
     count: int = 0
 
     def __post_init__(self) -> None:
+        self.keep = 1.0 - 1.0 / self.memory
         if not self.covariance:
             self.doubt()
 
@@ -34,19 +42,25 @@ class RecursiveLeastSquares:
     def update(self, phi: list[float], y: float) -> float:
         """Take one sample in; returns its residual before the update."""
         c, theta = self.covariance, self.theta
-        keep = 1.0 - 1.0 / self.memory
         cphi = [sum([a * b for a, b in zip(row, phi, strict=True)]) for row in c]
-        gain = 1.0 / (keep + sum([a * b for a, b in zip(phi, cphi, strict=True)]))
+        seen = sum([a * b for a, b in zip(phi, cphi, strict=True)])
         error = y - sum([a * b for a, b in zip(phi, theta, strict=True)])
+        gain = 1.0 / ((1.0 if self.directional else self.keep) + seen)
         step = error * gain
         for i, ci in enumerate(cphi):
             theta[i] += ci * step
+        grow = 1.0
+        if self.directional:
+            gain = self.keep - (1.0 - self.keep) / seen if seen > 0.0 else 0.0
+            gain /= 1.0 + gain * seen
+        else:
+            grow = 1.0 / self.keep
+        spreads = zip(c, cphi, self.scale, strict=True)
+        if any([(row[i] - gain * ci * ci) * grow >= s * s for i, (row, ci, s) in enumerate(spreads)]):
+            grow, gain = 1.0, max(gain, 0.0)
+        for i, ci in enumerate(cphi):
             gi, row = ci * gain, c[i]
-            c[i] = [(a - gi * b) for a, b in zip(row, cphi, strict=True)]
-        if all([c[i][i] < keep * s * s for i, s in enumerate(self.scale)]):
-            grow = 1.0 / keep
-            for i, row in enumerate(c):
-                c[i] = [a * grow for a in row]
+            c[i] = [(a - gi * b) * grow for a, b in zip(row, cphi, strict=True)]
         self.count += 1
         self.residual += (error * step - self.residual) / min(self.count, 50)
         return error

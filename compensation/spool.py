@@ -18,6 +18,7 @@ LAG_STEP_S = 1e-5  # lags are rounded to this before a design is made
 LAG_MAX_S = 1.2e-2
 LEAD_TAPS = 10
 AHEAD = 5  # ticks that the lead looks ahead
+LOOK = AHEAD + 3  # ticks from now to the tick boundary whose oil is asked for
 
 
 def step_response(t_s: np.ndarray, lag_s: float) -> np.ndarray:

@@ -1,0 +1,91 @@
+"""When the adaptive algorithm takes over from plain control and lets go of it, and how smoothly.
+
+It takes over in the midst of a stroke, with the motion that plain control makes (reference.py), once the valve and
+friction are known and the motion turns with enough acceleration; then the feed-forward comes in over seconds. It goes
+the same way back. When the valve is doubted it goes at once.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .base import clip
+from .knee import CAUTIOUS_V
+from .spool import AHEAD, LOOK
+
+if TYPE_CHECKING:
+    from .adaptive import Adaptive, AdaptiveState
+
+STILL_S, STILL_M_S2 = 10.0, 1e-3  # time in which an acceleration is forgotten; below this nothing moves
+SLOW_M_S = 7.5e-4  # acceleration that a reversal needs, over the rate at which the oil's spring swings up [m/s]
+
+
+def engage(config: Adaptive, state: AdaptiveState, preview: np.ndarray) -> None:
+    """Take over when enough is known and the motion is lively, then bring the feed-forward in."""
+    context, reference = state.context, state.reference
+    tick = context.tick_s
+    a = (preview.item(LOOK + 1) - 2 * preview.item(LOOK) + preview.item(LOOK - 1)) / (tick * tick)
+    state.acceleration_m_s2 += 0.1 * (a - state.acceleration_m_s2)
+    size = abs(state.acceleration_m_s2)
+    state.turn_peak_m_s2 = max(state.turn_peak_m_s2, size)
+    state.liveliness_m_s2 = max(state.liveliness_m_s2 * (1 - tick / STILL_S), size)
+    _pace(config, state, reference.velocity_m_s)
+    if state.turn_now:
+        state.liveliness_m_s2, state.turn_peak_m_s2 = state.turn_peak_m_s2, 0.0
+    if state.liveliness_m_s2 > config.lively_m_s2:
+        state.lively = True
+        if state.turn_now:
+            state.slowest_m_s2 = _slowest_m_s2(config, state)
+    elif state.liveliness_m_s2 < state.slowest_m_s2:
+        state.lively = False
+    target = 1.0 if state.lively and state.flow.ready else 0.0
+    slow = tick / config.takeover_s
+    known = state.friction.ready and state.flow.ready
+    state.friction_gain += clip((1.0 if known else 0.0) - state.friction_gain, -slow, slow)
+    if not state.flow.ready:
+        state.gain = max(0.0, state.gain - 4.0 * slow)
+    elif 0.0 < state.gain < 1.0:
+        state.gain = clip(state.gain + (state.pace if target else -state.pace), 0.0, 1.0)
+    elif target > state.gain and state.friction_gain == 1.0 and state.turn_now:
+        state.gain = min(state.pace, 1.0)
+    elif target < state.gain and reference.share == 0.0 and (state.turn_now or size < STILL_M_S2):
+        state.gain = 1.0 - state.pace
+    if state.gain == 0.0:
+        reference.share = 0.0
+        state.friction.guess_rise()
+    elif state.gain == 1.0:
+        come = tick / config.feed_forward_s if target else -tick / config.let_go_s
+        reference.share = clip(reference.share + come, 0.0, 1.0)
+    state.knee.least_V = CAUTIOUS_V * (1.0 - reference.share)
+
+
+def _slowest_m_s2(config: Adaptive, state: AdaptiveState) -> float:
+    """Acceleration of a reversal below which it is left alone.
+
+    Where friction falls with speed faster than viscosity makes it rise, the oil's spring swings up at a rate that
+    a light load makes high; the damping takes its own rate off, as far as the spring's frequency is in its band.
+    """
+    context, friction = state.context, state.friction
+    inertia = friction.inertia_Pa()
+    compliance = (0.5 * context.stroke_m + context.pipeline_volume_m3 / context.area_bottom_m2) / (
+        context.bulk_modulus_Pa
+    )
+    high = 2 * math.pi * config.damping_high_Hz * math.sqrt(compliance * inertia)
+    growth = friction.growth_1_s() - 0.5 * config.damping_1_s * min(1.0, high**4)
+    return clip(SLOW_M_S * growth, STILL_M_S2, config.quiet_m_s2)
+
+
+def _pace(config: Adaptive, state: AdaptiveState, velocity_m_s: float) -> None:
+    """The blend between plain and compensated falls wholly between two reversals: it begins a fifth into a half
+    stroke."""
+    state.turn_ticks += 1
+    if velocity_m_s * state.turn_sign < 0.0:
+        state.half_ticks, state.turn_ticks = state.turn_ticks, 0
+    if velocity_m_s:
+        state.turn_sign = velocity_m_s
+    state.turn_now = state.half_ticks > 0 and state.turn_ticks == state.half_ticks // 5 + AHEAD
+    if state.turn_now:
+        state.pace = 1.0 / clip(0.5 * state.half_ticks, 10.0, config.takeover_s * state.context.rate_Hz)
