@@ -36,12 +36,14 @@ class Question:
     """Logs that a model must answer, with the noise of their channels.
 
     `misfit` is what every fit and test is made of. feedback: 0 the declared position loop, 1 the logged volts held to
-    the logged position (see `leg_simulation.run_leg`).
+    the logged position (see `leg_simulation.run_leg`). driven: what noise and resolution of the logs that drive the
+    model then do to its answer, by kind of channel, a log.
     """
 
     logs: tuple[MeasuredLog, ...]
     noise: dict[str, float]
     feedback: int = 0
+    driven: tuple[dict[str, float], ...] = ()
     measured: tuple[dict[str, Array], ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -52,7 +54,7 @@ class Question:
         if self.duration_s <= duration_s + 1e-6:
             return self
         logs = tuple(log.head(duration_s) for log in self.logs)
-        return Question(logs=logs, noise=self.noise, feedback=self.feedback)
+        return replace(self, logs=logs)
 
     @property
     def duration_s(self) -> float:
@@ -99,7 +101,9 @@ class Question:
         )
 
     def sigma(self, i: int) -> Array:
-        return np.array([self.noise[kind_of(name)] for name in self.channels(i)])
+        driven = self.driven[i] if self.driven else {}
+        kinds = [kind_of(name) for name in self.channels(i)]
+        return np.array([np.hypot(self.noise[kind], driven.get(kind, 0.0)) for kind in kinds])
 
     def _misfit(self, machine: Machine, i: int) -> Array:
         settle = self.settle(i)
@@ -112,6 +116,33 @@ class Question:
         results = list(_threads().map(lambda job: self._misfit(*job), jobs))
         k = len(self.logs)
         return [np.stack(results[i::k]) for i in range(k)]
+
+
+def driven_by_logs(question: Question, machine: Machine) -> Question:
+    """The question of logs whose own volts drive the model, with what their noise and resolution do to its answer.
+
+    The volts are known to their resolution and the position to its noise; both ring the oil. Each log is simulated twice.
+    """
+    if question.feedback == 0 or any(log.volts is None for log in question.logs):
+        return question
+    return replace(question, driven=tuple(_driven(question, machine, i) for i in range(len(question.logs))))
+
+
+def _driven(question: Question, machine: Machine, i: int) -> dict[str, float]:
+    log, rng = question.logs[i], np.random.default_rng(0)
+    assert log.volts is not None
+    ticks = max(round(log.rate / machine.controller.rate_Hz), 1)
+    steps = np.diff(np.unique(log.volts))
+    half = 0.5 * float(np.quantile(steps, 0.1)) if len(steps) else 0.0
+    off = np.repeat(rng.uniform(-half, half, (log.n_legs, log.n // ticks + 1)), ticks, axis=1)[:, : log.n]
+    noise = question.noise["position_m"] * rng.standard_normal(log.position.shape)
+    noisy = replace(question, logs=(replace(log, volts=log.volts + off, position=log.position + noise),), driven=())
+    change = (noisy.answer(machine, 0) - question.answer(machine, i))[:, question.settle(i) :]
+    found: dict[str, float] = {}
+    for name, row in zip(question.channels(i), change, strict=True):
+        if np.all(np.isfinite(row)):
+            found[kind_of(name)] = max(found.get(kind_of(name), 0.0), rules.DRIVEN_MARGIN * float(np.std(row)))
+    return found
 
 
 @cache

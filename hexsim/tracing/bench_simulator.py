@@ -71,14 +71,17 @@ def substeps(rows: Sequence[Rows], rate: float) -> int:
     return int(np.ceil(1.0 / (rate * step) - 1e-9))
 
 
-def start_of(log: MeasuredLog) -> tuple[float, float]:
-    """Position [m] and speed [m/s] at the beginning of a log: at rest at the setpoint if the first sample is there."""
+def start_of(log: MeasuredLog, gain: float = 1.0, offset: float = 0.0) -> tuple[float, float]:
+    """Position [m] and speed [m/s] at the beginning of a log: at rest at the setpoint if the first sample is there.
+
+    gain, offset: of the position sensor, y_m = gain y + offset.
+    """
     y = log.position[0]
     if log.setpoint is not None and abs(log.setpoint[0, 0] - np.mean(y[:2])) < REST_M:
-        return float(log.setpoint[0, 0]), 0.0
+        return (float(log.setpoint[0, 0]) - offset) / gain, 0.0
     head = max(int(START_S * log.rate), 4)
     slope, start = np.polyfit(log.time[:head] - log.time[0], y[:head], 1)
-    return float(start), float(slope)
+    return (float(start) - offset) / gain, float(slope) / gain
 
 
 def simulate_bench(machine: Machine, log: MeasuredLog, feedback: int, supply: Array | None = None) -> Array:
@@ -87,7 +90,7 @@ def simulate_bench(machine: Machine, log: MeasuredLog, feedback: int, supply: Ar
     supply: (n,) pressure that drives the leg instead of the simulated supply [Pa].
     """
     rows = rows_of(machine, feedback)
-    start, speed = start_of(log)
+    start, speed = start_of(log, rows.sensors[ls.Y_GAIN], rows.sensors[ls.Y_OFFSET])
     out = np.empty((ls.N_OUTPUTS, log.n))
     nothing = np.zeros(log.n)
     ls.run_leg(
@@ -104,6 +107,7 @@ def simulate_bench(machine: Machine, log: MeasuredLog, feedback: int, supply: Ar
         speed,
         log.rate,
         substeps([rows], log.rate),
+        log.near_rest,
         out,
     )
     return out

@@ -24,6 +24,7 @@ from hexsim.tracing.leg_simulation import (
     A_GAIN,
     A_OFFSET,
     FEEDBACK,
+    FOLLOW,
     GAIN,
     P_DELAY,
     P_GAIN,
@@ -181,7 +182,7 @@ def rates(
 @compiled
 def run_hexapod(
     p, s, m, inverse, base, joints, retracted, c, sensors, shared, setpoint, u_known, y_known, ps_known, start,
-    rate_log, substeps, out,
+    rate_log, substeps, near_rest, out,
 ):  # fmt: skip
     """Simulate and write the measured outputs, without noise, into out (N_OUTPUTS, n).
 
@@ -233,7 +234,7 @@ def run_hexapod(
                 if c[FEEDBACK] == 0.0:
                     volts[j] = c[GAIN] * (setpoint[j, i] - y_m)
                 else:
-                    volts[j] = u_known[j, i] + c[GAIN] * (y_known[j, i] - y_m)
+                    volts[j] = u_known[j, i] + FOLLOW * c[GAIN] * (y_known[j, i] - y_m)
                 volts[j] = min(max(volts[j], -c[VOLTS_MAX]), c[VOLTS_MAX])
             u_hist[j, i] = volts[j]
             held[j] = valve.play(delayed(u_hist[j], i, p[j, P.VALVE_DELAY] * rate_log), held[j], p[j, P.HYSTERESIS])
@@ -259,7 +260,6 @@ def run_hexapod(
         )
         for a in range(6):
             a_true[a, i] = acceleration[a]
-            spare[a] = acceleration[a]
         for j in range(6):
             late = sensors[j, Y_DELAY] * rate_log
             out[j, i] = sensors[j, Y_GAIN] * delayed(y_true[j], i, late) + sensors[j, Y_OFFSET]
@@ -273,8 +273,7 @@ def run_hexapod(
         out[18, i] = shared[PS_GAIN] * state[SUPPLY] + shared[PS_OFFSET]
         steps = 1
         for j in range(6):
-            along = direction[j, 0] * spare[0] + direction[j, 1] * spare[1] + direction[j, 2] * spare[2]
-            steps = max(steps, steps_here(p[j], v[j], along, dt, substeps))
+            steps = max(steps, steps_here(p[j], v[j], dt, substeps, near_rest[i]))
         h = dt / steps
         for step in range(steps):
             tau = t + step * h

@@ -97,11 +97,13 @@ def start_state(resolved: Resolved, log: MeasuredLog, row: Array) -> Array:
     """Platform at the first positions, at rest if the log begins at the setpoints; pressures that carry it."""
     kinematics, n = kinematics_of(resolved.machine), resolved.rows
     head = max(int(START_S * log.rate), 4)
+    gain, offset = resolved.leg_sensors["position_gain"], resolved.leg_sensors["position_offset_m"]
     first = log.position[:, :2].mean(axis=1)
     if log.setpoint is not None and np.all(np.abs(log.setpoint[:, 0] - first) < REST_M):
         first, speed = log.setpoint[:, 0], np.zeros(6)
     else:
         speed, first = np.polyfit(log.time[:head] - log.time[0], log.position[:, :head].T, 1)
+    first, speed = (first - offset) / gain, speed / gain
     pose = kinematics.forward(first)
     jacobian, rotation = kinematics.jacobian(pose), kinematics.rotation(pose)
     twist = np.linalg.solve(jacobian, speed)
@@ -165,6 +167,7 @@ def simulate_hexapod(machine: Machine, log: MeasuredLog, feedback: int, supply: 
         start_state(resolved, log, row),
         log.rate,
         substeps(rows, row, log.rate),
+        log.near_rest,
         out,
     )
     return out

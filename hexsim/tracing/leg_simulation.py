@@ -34,7 +34,8 @@ GAIN, RATE, VOLTS_MAX, FEEDBACK, N_CONTROL = range(5)
 OUTPUTS = ("position_m", "valve_V", "pressure_bottom_Pa", "pressure_supply_Pa", "acceleration_m_s2", "velocity_m_s")
 N_OUTPUTS = len(OUTPUTS)
 COARSE_S = 5.0e-4  # [s] longest step away from reversals; error with it: 0.02 of the noise of accelerations, 0.003 of pressures
-STIFF_SPEEDS = 10.0  # friction is stiff below so many times its sharpness (tanh: 1 - 4e-9)
+FOLLOW = 0.3  # of the gain: with all of it the noise of the logged position rings the oil, with less rounded volts let it drift
+STIFF_SPEEDS = 5.0  # friction is stiff below so many times its sharpness (tanh: 1 - 1e-4)
 
 
 @compiled
@@ -120,21 +121,24 @@ def delayed(history, i, delay):
 
 
 @compiled
-def steps_here(p, speed, acceleration, dt, substeps):
-    """Steps of the sample that begins at this speed: all of them if the piston may come near standstill within it."""
-    coarse = math.ceil(dt / COARSE_S - 1e-9)
-    reach = STIFF_SPEEDS * p[P.SHARPNESS] + 2.0 * abs(acceleration) * dt
-    slow = abs(speed) < reach or p[P.BRISTLE_STIFFNESS] > 0.0 or p[P.SPOOL_OMEGA] * COARSE_S > 0.7
-    return substeps if slow else min(coarse, substeps)
+def steps_here(p, speed, dt, substeps, near_rest):
+    """Steps of the sample that begins at this speed: all of them near standstill.
+
+    near_rest is measured, so that variants of a model step alike and their differences are smooth; a model that stands
+    still where the machine moved is seen by its own speed.
+    """
+    slow = abs(speed) < STIFF_SPEEDS * p[P.SHARPNESS]
+    stiff = p[P.BRISTLE_STIFFNESS] > 0.0 or p[P.SPOOL_OMEGA] * COARSE_S > 0.7
+    return substeps if near_rest or slow or stiff else min(math.ceil(dt / COARSE_S - 1e-9), substeps)
 
 
 @compiled
-def run_leg(p, s, m, c, sensors, setpoint, u_known, y_known, ps_known, y0, v0, rate_log, substeps, out):
+def run_leg(p, s, m, c, sensors, setpoint, u_known, y_known, ps_known, y0, v0, rate_log, substeps, near_rest, out):
     """Simulate and write the measured outputs, without noise, into out (N_OUTPUTS, n).
 
     feedback 0: the position loop u = K (setpoint - y_m).  feedback 1: the logged volts, held to the logged position,
-    u = u_known + K (y_known - y_m), for logs whose controller is not known.
-    ps_known: (0,) the supply is simulated; (n,) the supply as measured drives the leg.
+    u = u_known + FOLLOW K (y_known - y_m), for logs whose controller is not known.
+    ps_known: (0,) the supply is simulated; (n,) the supply as measured drives the leg. near_rest (n,): see `steps_here`.
     """
     n = setpoint.shape[0]
     dt = 1.0 / rate_log
@@ -159,7 +163,7 @@ def run_leg(p, s, m, c, sensors, setpoint, u_known, y_known, ps_known, y0, v0, r
             if c[FEEDBACK] == 0.0:
                 volts = c[GAIN] * (setpoint[i] - y_m)
             else:
-                volts = u_known[i] + c[GAIN] * (y_known[i] - y_m)
+                volts = u_known[i] + FOLLOW * c[GAIN] * (y_known[i] - y_m)
             volts = min(max(volts, -c[VOLTS_MAX]), c[VOLTS_MAX])
         u_hist[i] = volts
         held = valve.play(delayed(u_hist, i, valve_delay), held, p[P.HYSTERESIS])
@@ -170,7 +174,7 @@ def run_leg(p, s, m, c, sensors, setpoint, u_known, y_known, ps_known, y0, v0, r
         out[3, i] = sensors[PS_GAIN] * state[PS] + sensors[PS_OFFSET]
         out[4, i] = sensors[A_GAIN] * delayed(a_true, i, sensors[A_DELAY] * rate_log) + sensors[A_OFFSET]
         out[5, i] = state[V]
-        steps = steps_here(p, state[V], a_true[i], dt, substeps)
+        steps = steps_here(p, state[V], dt, substeps, near_rest[i])
         h = dt / steps
         for j in range(steps):
             tau = t + j * h

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import polars as pl
 
 from hexsim.errors import HexsimError
 from hexsim.machine.declaration import Machine
+from hexsim.tracing.weak_form import Window
 
 Array = np.ndarray
+REST_m_s = 0.01  # a leg slower than this is near a reversal, where friction is stiff
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,6 +41,11 @@ class MeasuredLog:
     @property
     def n_legs(self) -> int:
         return self.position.shape[0]
+
+    @cached_property
+    def near_rest(self) -> Array:
+        """Is any leg near a standstill, by its measured position? (n,) bool. Where fits need short steps."""
+        return np.any(np.abs(Window(self.rate).rate(self.position)) < REST_m_s, axis=0)
 
     def head(self, duration_s: float) -> MeasuredLog:
         """The first seconds."""

@@ -17,11 +17,14 @@ QUICK_RATIO = 3.0  # a candidate whose first refit leaves more than so many time
 FINALIST_RATIO = 2.0  # a finalist's triage chi2 is at most so many times the best one's
 START_SIZE = 3.0  # largest believable size at which a refit starts
 TIE_CHI2 = 25.0  # rivals whose chi2 is within this are a tie, in units of the reduced chi2
+TIE_NEAR = 0.1  # candidates that leave less than this share of what the named effect does, by their columns
+TIES_TRIED = 4  # of them are refitted at most
 BLOCK_S = 1.0  # [s] blocks of the normal equations and of cross-validation
 VIOLATED = 1.25  # a balance is violated above so many times its largest null
 NULL_SEEDS = 30
 FLOOR_WINDOWS = ((1, 1.08), (25, 1.6), (400, 3.0))  # (samples averaged, largest rms over the noise of their mean);
 #   beyond 1 because the controller's own reading noise moves the machine and no simulation knows it
+DRIVEN_MARGIN = 1.25  # on the noise that logged volts bring in: one realisation, and rounding is not random
 BASE_TOLERANCE = 0.02  # the declared machine's refit stops when a step takes less than this share of the excess chi2
 INERT = 0.01  # an effect that vanishes at infinity does nothing below this share of its believable strength
 NULL_S_HEXAPOD = 8.0  # [s] of each run that a hexapod's null simulations cover

@@ -51,15 +51,22 @@ def trial_size(candidate: Candidate) -> float:
 
 
 def columns_of(
-    fit: Fit, candidates: list[Candidate], question: Question, tick: Callable[[int], None]
+    fit: Fit,
+    candidates: list[Candidate],
+    question: Question,
+    tick: Callable[[int], None] = lambda n: None,
+    share: float = 1.0,
 ) -> list[list[Array]]:
-    """d answer / d size of each candidate about the fit: a list over candidates of a list over logs."""
+    """d answer / d size of each candidate about the fit: a list over candidates of a list over logs.
+
+    share: of the trial size, for a column at the point and not across it.
+    """
     found: list[list[Array]] = []
     for first in range(0, len(candidates), BATCH):
         batch = candidates[first : first + BATCH]
         machines, sizes = [], []
         for candidate in batch:
-            size = trial_size(candidate)
+            size = share * trial_size(candidate)
             parameter = candidate.effect.parameters[0]
             values = candidate.start() | {parameter.name: to_value(parameter, size)}
             machines.append(

@@ -64,11 +64,11 @@ def cut(fit: Fit, whole: Question, part: Question) -> Fit:
     return replace(fit, misfit=misfit, columns=columns, chi2=chi2, n=sum(m.size for m in misfit))
 
 
-def try_candidate(fit: Fit, line: Screened, question: Question, steps: int) -> Fit | None:
-    """The fit with the candidate added and refined; None when no size of it simulates."""
-    size = float(np.clip(line.size, -rules.START_SIZE, rules.START_SIZE)) or 0.1
+def try_candidate(fit: Fit, candidate: Candidate, size: float, question: Question, steps: int) -> Fit | None:
+    """The fit with the candidate added at about this size and refined; None when no size of it simulates."""
+    size = float(np.clip(size, -rules.START_SIZE, rules.START_SIZE)) or 0.1
     for shrink in (1.0, 0.3, 0.1, 0.03):
-        grown = with_candidate(fit, line.candidate, size * shrink, question)
+        grown = with_candidate(fit, candidate, size * shrink, question)
         if np.isfinite(grown.chi2):
             return refine(grown, question, steps=steps)
     return None
@@ -89,7 +89,7 @@ def advance(fit: Fit, candidates: list[Candidate], question: Question, tick: Tic
     quick = []
     for line in listed:
         tick("refitting rivals")
-        rival = try_candidate(short, line, head, rules.TRIAGE_STEPS)
+        rival = try_candidate(short, line.candidate, line.size, head, rules.TRIAGE_STEPS)
         if rival is not None:
             quick.append(rival)
     quick.sort(key=lambda rival: rival.chi2)

@@ -13,7 +13,7 @@ from hexsim.errors import HexsimError
 from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import find_machine_file
 from hexsim.tracing import rules
-from hexsim.tracing.answer import Question
+from hexsim.tracing.answer import Question, driven_by_logs
 from hexsim.tracing.balance_search import balance_search, joint_question, simulated_rivals, start_fit_at
 from hexsim.tracing.channels import noise_of
 from hexsim.tracing.checks import Finding, check_same_machine, refuse_misleading
@@ -29,8 +29,9 @@ from hexsim.tracing.refit import Fit, refine
 from hexsim.tracing.report import report_of
 from hexsim.tracing.screening import Screened
 from hexsim.tracing.search import Search, Stage, cut, information, scale_of, search
+from hexsim.tracing.ties import with_ties
 from hexsim.tracing.unexplained import Rest, rest_of
-from hexsim.tracing.verdict import NamedEffect, Verdict, at_floor, base_beside, held_out_gains, pruned, tied_rivals
+from hexsim.tracing.verdict import NamedEffect, Verdict, at_floor, base_beside, held_out_gains, pruned
 
 Progress = Callable[[str, float], None]
 
@@ -54,6 +55,7 @@ class TraceResult:
     detect_lines: list[Screened]
     detect_n: int
     unexplained: list[Rest] = field(default_factory=list)
+    ties: list[dict[str, Fit]] = field(default_factory=list)  # an effect: label -> the hypothesis that does as well
     learned: list[dict[str, Any]] = field(default_factory=list)
     experiments: list[dict[str, Any]] = field(default_factory=list)
     scenarios: dict[str, str] = field(default_factory=dict)
@@ -114,7 +116,8 @@ def trace(
     noise = noise_of(machine, fit_logs)
     feedback = feedback_of(machine, [*fit_logs, *validate_logs], noise)
     question = Question(logs=tuple(fit_logs), noise=noise, feedback=feedback)
-    held_out = Question(logs=tuple(validate_logs), noise=noise, feedback=feedback)
+    question = driven_by_logs(question, machine)
+    held_out = driven_by_logs(replace(question, logs=tuple(validate_logs), driven=()), machine)
     result = trace_logs(machine, question, held_out, findings, tell)
     if out is not None:
         from hexsim.tracing.report import write_report
@@ -154,7 +157,11 @@ def trace_logs(
     base = base_beside(final, base, question)
     tell("held-out runs", 0.85)
     verdict, final = judged(base, final, question, held_out)
-    named = name_effects(found, base, final, held_out) if verdict == "explained" else []
+    ties: list[dict[str, Fit]] = []
+    if verdict == "explained":
+        tell("looking for ties", 0.87)
+        final, ties = with_ties(final, possible, question)
+    named = name_effects(found, base, final, ties, held_out)
     tell("what is left", 0.9)
     kept = final if verdict in ("explained", "nothing missing") else base
     rests = [] if verdict in ("explained", "nothing missing") else what_is_left(lines, question)
@@ -179,6 +186,7 @@ def trace_logs(
         validate_question=held_out,
         findings=findings,
         unexplained=rests,
+        ties=ties,
         learned=learned,
         detect_lines=detect[0],
         detect_n=detect[1],
@@ -209,7 +217,7 @@ def simulated_search(base: Fit, possible: list[Candidate], question: Question, t
 def add_experiments(result: TraceResult) -> None:
     """For every tie the motion that would separate it, as a scenario file."""
     for k, effect in enumerate(result.effects):
-        for label, rival in tied_rivals(result.search, result.final, k).items():
+        for label, rival in result.ties[k].items():
             names = (effect.candidate.label, label)
             found = experiment_for(result.final, rival, names, result.fit_question.noise)
             result.scenarios[found.file_name] = found.text()
@@ -290,13 +298,17 @@ def attributed(lines: list[Violation], named: Sequence[NamedEffect], rests: Sequ
     return out
 
 
-def name_effects(found: Search, base: Fit, final: Fit, held_out: Question) -> list[NamedEffect]:
-    """Every effect of the final hypothesis with its evidence."""
+def name_effects(
+    found: Search, base: Fit, final: Fit, ties: Sequence[dict[str, Fit]], held_out: Question
+) -> list[NamedEffect]:
+    """Every effect of an explained hypothesis with its evidence."""
+    if not ties:
+        return []
     gains = tuple(held_out_gains(final, base, held_out))
-    return [_named(found, final, k, gains) for k in range(len(final.candidates))]
+    return [_named(found, final, k, tuple(tied), gains) for k, tied in enumerate(ties)]
 
 
-def _named(found: Search, final: Fit, k: int, gains: tuple[float, ...]) -> NamedEffect:
+def _named(found: Search, final: Fit, k: int, tied: tuple[str, ...], gains: tuple[float, ...]) -> NamedEffect:
     candidate = final.candidates[k]
     lines = [line for stage in found.stages for line in stage.lines if line.candidate.label == candidate.label]
     gain = found.base.chi2 - final.chi2
@@ -305,7 +317,7 @@ def _named(found: Search, final: Fit, k: int, gains: tuple[float, ...]) -> Named
         candidate=candidate,
         values=final.values[k],
         standard_errors=final.standard_errors()[k],
-        tied_with=tuple(tied_rivals(found, final, k)),
+        tied_with=tied,
         gain_chi2=gain,
         gain_cv=lines[0].gain_cv if lines else float("nan"),
         blocks=lines[0].blocks if lines else 0,

@@ -12,7 +12,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.answer import Question
 from hexsim.tracing.hypothesis import Candidate
 from hexsim.tracing.refit import Fit, parameter_columns, refine
-from hexsim.tracing.search import Search, scale_of
+from hexsim.tracing.search import scale_of
 
 Array = np.ndarray
 Verdict = Literal["explained", "partly", "unexplained", "nothing missing"]
@@ -87,17 +87,3 @@ def held_out_gains(fit: Fit, base: Fit, question: Question) -> list[float]:
     before = question.misfit([base.fitted_machine()])
     after = question.misfit([fit.fitted_machine()])
     return [float(np.sum(b[0] ** 2) - np.sum(a[0] ** 2)) for a, b in zip(after, before, strict=True)]
-
-
-def tied_rivals(search: Search, fit: Fit, k: int) -> dict[str, Fit]:
-    """Rivals of effect k that do as well as it does, with the same other effects: label -> refitted hypothesis."""
-    own = fit.candidates[k].label
-    others = {c.label for i, c in enumerate(fit.candidates) if i != k}
-    tied: dict[str, Fit] = {}
-    for stage in search.stages:
-        for rival in stage.rivals:
-            labels = [c.label for c in rival.candidates]
-            same = set(labels[:-1]) == others and labels[-1] != own
-            if same and rival.chi2 - fit.chi2 < rules.TIE_CHI2 * scale_of(fit):
-                tied[labels[-1]] = rival
-    return dict(sorted(tied.items()))
