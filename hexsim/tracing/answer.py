@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from hexsim.machine.declaration import Machine
 from hexsim.tracing import rules
@@ -36,14 +37,14 @@ class Question:
     """Logs that a model must answer, with the noise of their channels.
 
     `misfit` is what every fit and test is made of. feedback: 0 the declared position loop, 1 the logged volts held to
-    the logged position (see `leg_simulation.run_leg`). driven: what noise and resolution of the logs that drive the
-    model then do to its answer, by kind of channel, a log.
+    the logged position (see `leg_simulation.run_leg`). driven: how far no simulation can know the answer, a log (n_channels, n)
+    in physical units, see `unknowable`.
     """
 
     logs: tuple[MeasuredLog, ...]
     noise: dict[str, float]
     feedback: int = 0
-    driven: tuple[dict[str, float], ...] = ()
+    driven: tuple[Array, ...] = ()
     measured: tuple[dict[str, Array], ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -54,7 +55,10 @@ class Question:
         if self.duration_s <= duration_s + 1e-6:
             return self
         logs = tuple(log.head(duration_s) for log in self.logs)
-        return replace(self, logs=logs)
+        driven = tuple(
+            np.ascontiguousarray(d[:, : log.n]) for d, log in zip(self.driven, logs, strict=bool(self.driven))
+        )
+        return replace(self, logs=logs, driven=driven)
 
     @property
     def duration_s(self) -> float:
@@ -101,14 +105,14 @@ class Question:
         )
 
     def sigma(self, i: int) -> Array:
-        driven = self.driven[i] if self.driven else {}
-        kinds = [kind_of(name) for name in self.channels(i)]
-        return np.array([np.hypot(self.noise[kind], driven.get(kind, 0.0)) for kind in kinds])
+        """What a channel may be off by: sensors' noise, and what no simulation can know. (n_channels, 1) or (n_channels, n)."""
+        noise = np.array([self.noise[kind_of(name)] for name in self.channels(i)])[:, None]
+        return np.hypot(noise, self.driven[i]) if self.driven else noise
 
     def _misfit(self, machine: Machine, i: int) -> Array:
         settle = self.settle(i)
         measured = np.stack(list(self.measured[i].values()))
-        return (measured - self.answer(machine, i))[:, settle:] / self.sigma(i)[:, None]
+        return ((measured - self.answer(machine, i)) / self.sigma(i))[:, settle:]
 
     def misfit(self, machines: Sequence[Machine]) -> list[Array]:
         """(measured - simulated)/noise of each log, (n_variants, n_channels, n_used); two threads."""
@@ -118,31 +122,43 @@ class Question:
         return [np.stack(results[i::k]) for i in range(k)]
 
 
-def driven_by_logs(question: Question, machine: Machine) -> Question:
-    """The question of logs whose own volts drive the model, with what their noise and resolution do to its answer.
+def unknowable(question: Question, machine: Machine) -> Question:
+    """The question with what no simulation can know: the answer's spread when what drives the model is off a little.
 
-    The volts are known to their resolution and the position to its noise; both ring the oil. Each log is simulated twice.
+    A slow passage with falling friction makes any difference grow, a hundredfold at some machines: there a log says nothing
+    about a model. The declared loop's setpoints are off by UNKNOWN_SHARE of the position's noise. Where logged volts drive
+    the model, they are off by their resolution and the position by its noise.
     """
-    if question.feedback == 0 or any(log.volts is None for log in question.logs):
+    if question.feedback == 1 and any(log.volts is None for log in question.logs):
         return question
-    return replace(question, driven=tuple(_driven(question, machine, i) for i in range(len(question.logs))))
+    bare = replace(question, driven=())
+    jobs = [(i, seed) for i in range(len(question.logs)) for seed in range(rules.UNKNOWN_SEEDS)]
+    spreads = list(_threads().map(lambda job: _change(bare, machine, *job) ** 2, jobs))
+    margin = rules.DRIVEN_MARGIN if question.feedback == 1 else 1.0
+    driven = []
+    for i, log in enumerate(question.logs):
+        own = [spread for (k, _), spread in zip(jobs, spreads, strict=True) if k == i]
+        width = max(int(rules.UNKNOWN_WINDOW_S * log.rate), 1)
+        mean = uniform_filter1d(np.nan_to_num(np.mean(own, axis=0)), width, axis=1, mode="nearest")
+        driven.append(margin * np.sqrt(np.maximum(mean, 0.0)))
+    return replace(question, driven=tuple(driven))
 
 
-def _driven(question: Question, machine: Machine, i: int) -> dict[str, float]:
-    log, rng = question.logs[i], np.random.default_rng(0)
-    assert log.volts is not None
-    ticks = max(round(log.rate / machine.controller.rate_Hz), 1)
-    steps = np.diff(np.unique(log.volts))
-    half = 0.5 * float(np.quantile(steps, 0.1)) if len(steps) else 0.0
-    off = np.repeat(rng.uniform(-half, half, (log.n_legs, log.n // ticks + 1)), ticks, axis=1)[:, : log.n]
+def _change(question: Question, machine: Machine, i: int, seed: int) -> Array:
+    """Change of the answer (n_channels, n) when what drives the model is off at random."""
+    log, rng = question.logs[i], np.random.default_rng(seed)
     noise = question.noise["position_m"] * rng.standard_normal(log.position.shape)
-    noisy = replace(question, logs=(replace(log, volts=log.volts + off, position=log.position + noise),), driven=())
-    change = (noisy.answer(machine, 0) - question.answer(machine, i))[:, question.settle(i) :]
-    found: dict[str, float] = {}
-    for name, row in zip(question.channels(i), change, strict=True):
-        if np.all(np.isfinite(row)):
-            found[kind_of(name)] = max(found.get(kind_of(name), 0.0), rules.DRIVEN_MARGIN * float(np.std(row)))
-    return found
+    if question.feedback == 0:
+        assert log.setpoint is not None
+        off = replace(log, setpoint=log.setpoint + rules.UNKNOWN_SHARE * noise)
+    else:
+        assert log.volts is not None
+        ticks = max(round(log.rate / machine.controller.rate_Hz), 1)
+        steps = np.diff(np.unique(log.volts))
+        half = 0.5 * float(np.quantile(steps, 0.1)) if len(steps) else 0.0
+        rounding = np.repeat(rng.uniform(-half, half, (log.n_legs, log.n // ticks + 1)), ticks, axis=1)[:, : log.n]
+        off = replace(log, volts=log.volts + rounding, position=log.position + noise)
+    return replace(question, logs=(off,)).answer(machine, 0) - question.answer(machine, i)
 
 
 @cache

@@ -25,6 +25,9 @@ NULL_SEEDS = 30
 FLOOR_WINDOWS = ((1, 1.08), (25, 1.6), (400, 3.0))  # (samples averaged, largest rms over the noise of their mean);
 #   beyond 1 because the controller's own reading noise moves the machine and no simulation knows it
 DRIVEN_MARGIN = 1.25  # on the noise that logged volts bring in: one realisation, and rounding is not random
+UNKNOWN_SHARE = 0.1  # of the position's noise: how far off the setpoints of the declared loop are taken to be
+UNKNOWN_SEEDS = 3  # simulations of it
+UNKNOWN_WINDOW_S = 0.1  # [s] over which its spread is averaged
 BASE_TOLERANCE = 0.02  # the declared machine's refit stops when a step takes less than this share of the excess chi2
 INERT = 0.01  # an effect that vanishes at infinity does nothing below this share of its believable strength
 NULL_S_HEXAPOD = 8.0  # [s] of each run that a hexapod's null simulations cover

@@ -13,7 +13,7 @@ from hexsim.errors import HexsimError
 from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import find_machine_file
 from hexsim.tracing import rules
-from hexsim.tracing.answer import Question, driven_by_logs
+from hexsim.tracing.answer import Question, unknowable
 from hexsim.tracing.balance_search import balance_search, joint_question, simulated_rivals, start_fit_at
 from hexsim.tracing.channels import noise_of
 from hexsim.tracing.checks import Finding, check_same_machine, refuse_misleading
@@ -116,8 +116,7 @@ def trace(
     noise = noise_of(machine, fit_logs)
     feedback = feedback_of(machine, [*fit_logs, *validate_logs], noise)
     question = Question(logs=tuple(fit_logs), noise=noise, feedback=feedback)
-    question = driven_by_logs(question, machine)
-    held_out = driven_by_logs(replace(question, logs=tuple(validate_logs), driven=()), machine)
+    held_out = replace(question, logs=tuple(validate_logs))
     result = trace_logs(machine, question, held_out, findings, tell)
     if out is not None:
         from hexsim.tracing.report import write_report
@@ -140,7 +139,7 @@ def trace_logs(
     joint = joint_question(question, lines, own_machine(machine, lines))
     in_balances = balance_search(machine, known, possible, joint)
     tell("refitting declared parameters", 0.35)
-    base = refine(start_fit_at(in_balances.base, question), question, fresh=True, relative=rules.BASE_TOLERANCE)
+    base, question, held_out = refitted_base(in_balances.base, question, held_out)
     found = Search(base=base, best=base, stages=[Stage(lines=in_balances.stages[0].lines, rivals=[])])
     if not at_floor(base.misfit):
         found.stages[0].rivals = simulated_rivals(in_balances, question, lambda step: tell(step, 0.5))
@@ -212,6 +211,14 @@ def simulated_search(base: Fit, possible: list[Candidate], question: Question, t
     if rivals:
         stages[-1].rivals = rivals
     return replace(found, base=base, best=rivals[0] if rivals else base, stages=stages)
+
+
+def refitted_base(start: Fit, question: Question, held_out: Question) -> tuple[Fit, Question, Question]:
+    """The declared machine refitted, and the questions with what no simulation can know about it."""
+    first = unknowable(question, start.fitted_machine())
+    base = refine(start_fit_at(start, first), first, fresh=True, relative=rules.BASE_TOLERANCE)
+    question, held_out = (unknowable(q, base.fitted_machine()) for q in (question, held_out))
+    return refine(start_fit_at(base, question), question, fresh=True, relative=rules.BASE_TOLERANCE), question, held_out
 
 
 def add_experiments(result: TraceResult) -> None:
