@@ -1,0 +1,75 @@
+"""Ties are found among all effects, and what no simulation can know is not held against a model."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.tracing.answer import Question, unknowable
+from hexsim.tracing.bench_simulator import start_of
+from hexsim.tracing.channels import noise_of
+from hexsim.tracing.hypothesis import candidates, named, priors
+from hexsim.tracing.log import measured_log
+from hexsim.tracing.readers import read_log
+from hexsim.tracing.refit import start_fit, with_candidate
+from hexsim.tracing.ties import stand_ins
+
+DATA = Path(__file__).parents[1] / "data"
+
+
+@pytest.fixture(scope="module")
+def bench():
+    """The declared bench and the opening seconds of its held-out log."""
+    machine = load_machine(DATA / "bench_none")
+    return machine, measured_log("validate", read_log(DATA / "bench_none" / "validate.csv.gz").table, machine).head(5.0)
+
+
+def test_more_oil_can_stand_for_a_softer_hose(bench):
+    """V/E + C_hose: a dead volume E C_hose is the same capacity, so it stands for a hose, with that size; a mass does not."""
+    machine, log = bench
+    question = Question(logs=(log,), noise=noise_of(machine, [log]))
+    soft = changed(machine, {"effects.hose_compliance.compliance_m3_Pa": 3e-14})
+    question = Question(logs=(question.simulated(soft, 0),), noise=question.noise)
+    fit = with_candidate(start_fit(machine, priors(machine), question), named("hose_compliance"), 0.6, question)
+    fit = dataclasses.replace(fit, values=({"compliance_m3_Pa": 3e-14},))
+    found = {candidate.effect.name: size for candidate, size in stand_ins(fit, 0, candidates(machine), question)}
+    assert "mass_change" not in found
+    volume = found["dead_volume"] * named("dead_volume").effect.parameters[0].believable
+    assert volume == pytest.approx(
+        3e-14 * machine.oil.bulk_modulus_Pa, rel=0.15
+    )  # tangents; E itself is free beside it
+
+
+def test_what_no_simulation_can_know(bench):
+    """On the declared loop a tenth of the position's noise moves no channel by more than a third of its noise in the median,
+    and what is counted never falls below the sensors' noise."""
+    machine, log = bench
+    question = Question(logs=(log,), noise=noise_of(machine, [log]))
+    plain, wide = question.sigma(0), unknowable(question, machine).sigma(0)
+    assert np.all(wide >= plain)
+    assert np.all(np.median(wide, axis=1) < np.hypot(1.0, 1 / 3) * plain[:, 0])
+
+
+def test_coarser_volts_are_known_less(bench):
+    """Where logged volts drive the model, ten times their resolution spreads the acceleration at least three times as much."""
+    machine, log = bench
+    spreads = []
+    for resolution in (3e-4, 3e-3):
+        rounded = dataclasses.replace(log, volts=resolution * np.round(log.volts / resolution))
+        question = Question(logs=(rounded,), noise=noise_of(machine, [log]), feedback=1)
+        k = question.channels(0).index("acceleration_m_s2")
+        driven = unknowable(question, machine).driven[0][k]
+        spreads.append(np.sqrt(np.mean(driven[question.settle(0) :] ** 2)))
+    assert spreads[1] > 3 * spreads[0]
+
+
+def test_a_log_of_a_wrong_gain_starts_where_the_piston_is(bench):
+    """A sensor that shows 3 % and 1 mm too much began at (y_m - 1 mm)/1.03, moving y_m'/1.03."""
+    _, log = bench
+    ramp = dataclasses.replace(log, position=(0.08 + 0.01 * (log.time - log.time[0]))[None])
+    start, speed = start_of(ramp, gain=1.03, offset=1e-3)
+    assert start == pytest.approx(0.079 / 1.03, abs=1e-9)
+    assert speed == pytest.approx(0.01 / 1.03, rel=1e-6)
