@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.supply import S
 from hexsim.machine.declaration import Machine
 from hexsim.machine.resolved import Resolved, resolve
 from hexsim.tracing import leg_simulation as ls
@@ -60,12 +61,17 @@ def sensor_row(resolved: Resolved) -> Array:
     return row
 
 
+def friction_step(legs: Array, pressure_Pa: float) -> Array:
+    """Largest step of the friction [N] at a reversal, a row of legs: what makes it stiff."""
+    level = np.maximum(legs[..., P.COULOMB_EXTEND], legs[..., P.COULOMB_RETRACT])
+    level = level + np.maximum(legs[..., P.STATIC_EXTEND], legs[..., P.STATIC_RETRACT])
+    return level + legs[..., P.SEAL_FRICTION] * pressure_Pa + np.abs(legs[..., P.RIPPLE_FORCE])
+
+
 def substeps(rows: Sequence[Rows], rate: float) -> int:
     """Steps a log sample, small enough for the stiffest friction among the variants."""
     stiffest = max(
-        (max(r.leg[P.COULOMB_EXTEND], r.leg[P.COULOMB_RETRACT]) + max(r.leg[P.STATIC_EXTEND], r.leg[P.STATIC_RETRACT]))
-        / (r.leg[P.SHARPNESS] * r.load[ls.MASS])
-        for r in rows
+        float(friction_step(r.leg, r.supply[S.PRESSURE])) / (r.leg[P.SHARPNESS] * r.load[ls.MASS]) for r in rows
     )
     step = min(STEP_S, 2.2 / stiffest if stiffest > 0 else STEP_S)
     return int(np.ceil(1.0 / (rate * step) - 1e-9))

@@ -8,13 +8,14 @@ from functools import lru_cache
 import numpy as np
 
 from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.supply import S
 from hexsim.kinematics import HexapodKinematics
 from hexsim.machine.declaration import Machine
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.machine.resolved import Resolved, resolve
 from hexsim.tracing import hexapod_simulation as hs
 from hexsim.tracing import leg_simulation as ls
-from hexsim.tracing.bench_simulator import REST_M, START_S, STEP_S
+from hexsim.tracing.bench_simulator import REST_M, START_S, STEP_S, friction_step
 from hexsim.tracing.log import MeasuredLog
 
 Array = np.ndarray
@@ -166,15 +167,15 @@ def simulate_hexapod(machine: Machine, log: MeasuredLog, feedback: int, supply: 
         np.zeros(0) if supply is None else supply,
         start_state(resolved, log, row),
         log.rate,
-        substeps(rows, row, log.rate),
+        substeps(rows, row, resolved.supply, log.rate),
         log.near_rest,
         out,
     )
     return out
 
 
-def substeps(rows: Array, load: Array, rate: float) -> int:
+def substeps(rows: Array, load: Array, supply: Array, rate: float) -> int:
     """Steps a log sample: the friction's corner on a sixth of the mass must stay stable."""
-    level = rows[:, [P.COULOMB_EXTEND, P.COULOMB_RETRACT]].max() + rows[:, [P.STATIC_EXTEND, P.STATIC_RETRACT]].max()
+    level = float(friction_step(rows, supply[S.PRESSURE]).max())
     stiffest = level / (rows[:, P.SHARPNESS].min() * load[hs.MASS] / 12)
     return int(np.ceil(1.0 / (rate * min(1.5 * STEP_S, 2.2 / max(stiffest, 1e-9))) - 1e-9))
