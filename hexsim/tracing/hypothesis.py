@@ -8,7 +8,7 @@ effect that vanishes at infinity). At coordinate 0 everything is as declared.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -68,12 +68,11 @@ class Candidate:
 
     def start(self) -> dict[str, float]:
         """Values at a coordinate size of 0: neutral size, shape as screened."""
-        return {
-            parameter.name: self.shape.get(
-                parameter.name, parameter.neutral if i == 0 else parameter.default or parameter.believable
-            )
-            for i, parameter in enumerate(self.effect.parameters)
-        }
+        values = {}
+        for i, parameter in enumerate(self.effect.parameters):
+            rest = parameter.believable if parameter.default is None else parameter.default
+            values[parameter.name] = self.shape.get(parameter.name, parameter.neutral if i == 0 else rest)
+        return values
 
 
 def to_value(parameter: EffectParameter, coordinate: float) -> float:
@@ -114,9 +113,18 @@ def candidates(machine: Machine, proposed: dict[str, dict[str, float]] | None = 
         if machine.machine.kind not in effect.kinds or not effect.parameters:
             continue
         own = (proposed or {}).get(effect.name, {})
-        for where in places(effect, machine):
-            found += [Candidate(effect=effect, where=where, shape=own | shape) for shape in shapes(effect)]
+        for variant in components(effect):
+            for where in places(effect, machine):
+                found += [Candidate(effect=variant, where=where, shape=own | shape) for shape in shapes(effect)]
     return found
+
+
+def components(effect: Effect) -> list[Effect]:
+    """An effect once for each number that may be its size: the first one, or each component in turn."""
+    numbers = effect.parameters
+    if not effect.vector:
+        return [effect]
+    return [replace(effect, parameters=numbers[k:] + numbers[:k]) for k in range(len(numbers))]
 
 
 def places(effect: Effect, machine: Machine) -> list[str]:

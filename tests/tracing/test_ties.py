@@ -73,3 +73,12 @@ def test_a_log_of_a_wrong_gain_starts_where_the_piston_is(bench):
     start, speed = start_of(ramp, gain=1.03, offset=1e-3)
     assert start == pytest.approx(0.079 / 1.03, abs=1e-9)
     assert speed == pytest.approx(0.01 / 1.03, rel=1e-6)
+
+
+@pytest.mark.parametrize("effect", ["centre_of_mass", "inertia_change"])
+def test_any_component_can_be_the_size(effect):
+    """A vector effect is screened along each axis, and at size 0 all its numbers are neutral: nothing but the size is added."""
+    machine = load_machine("micro_motion_system")
+    own = [candidate for candidate in candidates(machine) if candidate.effect.name == effect]
+    assert len({candidate.effect.parameters[0].name for candidate in own}) == 3
+    assert all(value == 0.0 for candidate in own for value in candidate.start().values())

@@ -30,4 +30,5 @@ EFFECT = Effect(
     apply=apply,
     places="platform",
     kinds=("hexapod",),
+    vector=True,
 )

@@ -31,4 +31,5 @@ EFFECT = Effect(
     apply=apply,
     places="platform",
     kinds=("hexapod",),
+    vector=True,
 )
