@@ -129,11 +129,17 @@ def accumulator_energy(s, pressure):
 
 
 @compiled
+def gas_capacity(s, pressure):
+    """-dV_gas/dP [m3/Pa] of the accumulator's gas, at its precharge below that."""
+    return gas_volume(s, pressure) / (s[S.EXPONENT] * max(pressure + ATMOSPHERE, s[S.PRECHARGE]))
+
+
+@compiled
 def line_capacity(s, pressure):
     """C [m3/Pa] of the accumulator behind a line: linear, and gas above it where there is any."""
     if s[S.GAS_VOLUME] <= 0.0:
         return s[S.CAPACITY]
-    return s[S.CAPACITY] + gas_volume(s, pressure) / (s[S.EXPONENT] * max(pressure + ATMOSPHERE, s[S.PRECHARGE]))
+    return s[S.CAPACITY] + gas_capacity(s, pressure)
 
 
 @compiled
@@ -149,10 +155,9 @@ def line_rate(s, pressure, demand, nominal, capacity):
 def pump_side_capacity(s, pressure):
     """C_p [m3/Pa] of accumulator and oil at the pump."""
     oil = s[S.PUMP_SIDE_VOLUME] / s[S.BULK_MODULUS]
-    absolute = pressure + ATMOSPHERE
-    if absolute <= s[S.PRECHARGE]:
+    if pressure + ATMOSPHERE <= s[S.PRECHARGE]:
         return oil
-    return oil + gas_volume(s, pressure) / (s[S.EXPONENT] * absolute)
+    return oil + gas_capacity(s, pressure)
 
 
 @compiled

@@ -133,7 +133,8 @@ def unknowable(question: Question, machine: Machine) -> Question:
         return question
     bare = replace(question, driven=())
     jobs = [(i, seed) for i in range(len(question.logs)) for seed in range(rules.UNKNOWN_SEEDS)]
-    spreads = list(_threads().map(lambda job: _change(bare, machine, *job) ** 2, jobs))
+    plain = list(_threads().map(lambda i: bare.answer(machine, i), range(len(question.logs))))
+    spreads = list(_threads().map(lambda job: (_disturbed(bare, machine, *job) - plain[job[0]]) ** 2, jobs))
     margin = rules.DRIVEN_MARGIN if question.feedback == 1 else 1.0
     driven = []
     for i, log in enumerate(question.logs):
@@ -144,8 +145,8 @@ def unknowable(question: Question, machine: Machine) -> Question:
     return replace(question, driven=tuple(driven))
 
 
-def _change(question: Question, machine: Machine, i: int, seed: int) -> Array:
-    """Change of the answer (n_channels, n) when what drives the model is off at random."""
+def _disturbed(question: Question, machine: Machine, i: int, seed: int) -> Array:
+    """The answer (n_channels, n) when what drives the model is off at random."""
     log, rng = question.logs[i], np.random.default_rng(seed)
     noise = question.noise["position_m"] * rng.standard_normal(log.position.shape)
     if question.feedback == 0:
@@ -158,7 +159,7 @@ def _change(question: Question, machine: Machine, i: int, seed: int) -> Array:
         half = 0.5 * float(np.quantile(steps, 0.1)) if len(steps) else 0.0
         rounding = np.repeat(rng.uniform(-half, half, (log.n_legs, log.n // ticks + 1)), ticks, axis=1)[:, : log.n]
         off = replace(log, volts=log.volts + rounding, position=log.position + noise)
-    return replace(question, logs=(off,)).answer(machine, 0) - question.answer(machine, i)
+    return replace(question, logs=(off,)).answer(machine, 0)
 
 
 @cache

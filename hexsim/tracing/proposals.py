@@ -71,7 +71,7 @@ def _payload_frequency(
     r = np.concatenate(residuals)
     frequencies = np.geomspace(1.0, 60.0, 30)
     smooth = [Window(log.rate) for log in logs]
-    positions = [w.mean(measured_point(log, machine, resolved, 0).y) for w, log in zip(smooth, logs, strict=True)]
+    positions = [measured_point(log, machine, resolved, 0).sensed.mean_y for log in logs]
 
     def gain(frequency: float) -> float:
         mode = PayloadMode(mass_kg=1.0, frequency_Hz=frequency, damping_ratio=0.05)

@@ -14,12 +14,11 @@ import numpy as np
 
 from hexsim.tracing import rules
 from hexsim.tracing.answer import Question
-from hexsim.tracing.balance_search import start_fit_at
+from hexsim.tracing.balance_search import simulated_fit, start_fit_at
 from hexsim.tracing.hypothesis import Candidate, to_coordinate
-from hexsim.tracing.refit import Fit, effect_columns, parameter_columns, refine
+from hexsim.tracing.refit import Fit, effect_columns, parameter_columns
 from hexsim.tracing.screening import columns_of
 from hexsim.tracing.search import information, scale_of, try_candidate
-from hexsim.tracing.verdict import at_floor
 
 Array = np.ndarray
 TANGENT = 0.05  # share of the trial size at which tangents are taken: near a resonance the answer bends soon
@@ -75,19 +74,13 @@ def stand_ins(fit: Fit, k: int, possible: Sequence[Candidate], question: Questio
 def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], question: Question) -> dict[str, Fit]:
     """Effects that can stand for effect k: label -> the hypothesis with it, refitted on the whole runs."""
     head = question.head(rules.TRIAGE_S)
-    share = head.duration_s / question.duration_s
     near = stand_ins(fit, k, possible, head)
     bare = without(fit, k, head) if near else fit
     tied = {}
     for candidate, size in near:
         opening = try_candidate(bare, candidate, size, head, rules.TRIAGE_STEPS)
-        if opening is None:
-            continue
-        opening = refine(opening, head, fresh=True)
-        if not at_floor(opening.misfit, share):
-            continue
-        rival = refine(start_fit_at(opening, question), question, fresh=True)
-        if rival.chi2 - fit.chi2 < rules.TIE_CHI2 * scale_of(fit):
+        rival = None if opening is None else simulated_fit(opening, question)
+        if rival is not None and rival.chi2 - fit.chi2 < rules.TIE_CHI2 * scale_of(fit):
             tied[candidate.label] = rival
     return dict(sorted(tied.items()))
 

@@ -50,6 +50,7 @@ def test_what_no_simulation_can_know(bench):
     question = Question(logs=(log,), noise=noise_of(machine, [log]))
     plain, wide = question.sigma(0), unknowable(question, machine).sigma(0)
     assert np.all(wide >= plain)
+    assert np.all(wide[question.channels(0).index("acceleration_m_s2")] > plain[-1])  # every difference moves the load
     assert np.all(np.median(wide, axis=1) < np.hypot(1.0, 1 / 3) * plain[:, 0])
 
 
