@@ -1,40 +1,63 @@
 """On what does a residual depend: additive curves over one signal, judged by cross-validation in blocks.
 
-Three forms for every signal s, because a missing gain looks like a curve only after the flow is taken out:
+Forms for a signal s, because a missing gain looks like a curve only after the flow is taken out:
     plain r = g(s)      direction r = g(s) for each sign of v      product r = v g(s)
+    memory r = sign(v) g(|v| through a low-pass): what the speed was lately, for the velocity only
+    late, play: the residual follows what a delay or a play of the channel itself would do (columns of the caller)
+    size |r| = g(s): where the residual is large, asked only when its sign follows nothing
 g is piecewise linear between quantiles. R^2 is that of blocks that the fit has not seen. A line in the spectrum that
 stands at one frequency in every run, whatever the motion, is an outside source.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 Array = np.ndarray
 KNOTS = 14
 FOLDS = 10
 BLOCK_S = 0.5  # [s]
-FORMS = ("plain", "direction", "product")
+CURVES = ("plain", "direction", "product")
+FORMS = (*CURVES, "memory", "late", "play")  # the plainest first
+MEMORIES_S = (0.1, 0.4, 1.6)  # [s] time constants of the low-pass
 SIMPLER = 0.03  # a plainer form is kept when it is at most this much worse in R^2
+UNCLEAR = 0.2  # below this R^2 the residual's size is asked
+LARGEST = 0.98  # quantile of |r| above which its size counts no more
 FOLLOWS = 0.1  # signals that follow one another (volts, speed, pressure) differ by less than this in R^2
 TONE_R2 = 0.5  # least share of the residual in one line, in every run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Dependence:
-    """The strongest dependence of a residual. knots and curve: g at its knots, in the residual's unit (plain form)."""
+    """The strongest dependence of a residual, and R^2 of every signal.
+
+    knots and curve: g at its knots, in the residual's unit; for "direction" the one of v > 0; empty for "late", "play" and "tone".
+    r2_cv of "size" is that of |r|. memory_s: time constant of the low-pass.
+    """
 
     signal: str
     form: str
     r2_cv: float
-    frequency_Hz: float | None
+    frequency_Hz: float | None = None
+    memory_s: float | None = None
     knots: Array
     curve: Array
     curve_sd: Array
     table: dict[str, float]  # signal -> best R^2 over forms
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Regressors:
+    """One form of one signal over all runs: X (n, k); its knots (empty without a curve); time constant of a memory."""
+
+    form: str
+    X: Array
+    knots: Array
+    memory_s: float | None = None
 
 
 def hats(x: Array, knots: Array) -> Array:
@@ -120,55 +143,84 @@ def tone_of(residuals: Sequence[Array], rate: float) -> tuple[float, float]:
     return frequency, min(shares(frequency))
 
 
+def low_passed(x: Array, time_constant_s: float, rate: float) -> Array:
+    """First-order low-pass, in its steady state at the first sample."""
+    pole = np.exp(-1.0 / (time_constant_s * rate))
+    return lfilter([1 - pole], [1, -pole], x, zi=[pole * x[0]])[0]
+
+
+def memories(velocities: Sequence[Array], rate: float) -> list[Regressors]:
+    """sign(v) g(low-passed |v|) for every time constant."""
+    found, v = [], np.concatenate(velocities)
+    for memory_s in MEMORIES_S:
+        lately = np.concatenate([low_passed(np.abs(own), memory_s, rate) for own in velocities])
+        knots = knots_of(lately)
+        found.append(
+            Regressors(form="memory", X=hats(lately, knots) * np.sign(v)[:, None], knots=knots, memory_s=memory_s)
+        )
+    return found
+
+
 def dependence_of(
     residuals: Sequence[Array],
     signals: Sequence[dict[str, Array]],
     velocities: Sequence[Array],
     rate: float,
     order: Sequence[str],
+    columns: Mapping[tuple[str, str], Sequence[Array]] | None = None,
 ) -> Dependence:
     """The strongest dependence of the residual of all runs together.
 
     residuals: a run (n,); signals: name -> (n,), the same names in every run; velocities (n,) split the directions.
     order: which signal speaks for itself when another follows it closely; one that is not in it is not considered.
+    columns: (signal, "late" or "play") -> a run (n, k), what the residual would be if that channel were so.
     """
     r, v = np.concatenate(residuals), np.concatenate(velocities)
     blocks = block_numbers([len(x) for x in residuals], int(BLOCK_S * rate))
+    moving = {name: np.concatenate([s[name] for s in signals]) for name in signals[0]}
+    moving = {name: x for name, x in moving.items() if np.ptp(x) > 0}
     table: dict[str, float] = {}
-    found: dict[str, tuple[str, float]] = {}
-    for name in signals[0]:
-        x = np.concatenate([s[name] for s in signals])
-        if np.ptp(x) <= 0:
-            continue
-        scores: dict[str, float] = {}
-        for form in FORMS if not name.startswith("velocity") else ("plain",):
-            scores[form] = r2_of(design(form, x, v, knots_of(x)), r, blocks)
-        best = max(scores.values())
-        form = next(f for f in FORMS if f in scores and scores[f] > best - SIMPLER)
-        found[name], table[name] = (form, scores[form]), best
+    found: dict[str, tuple[Regressors, float]] = {}
+    for name, x in moving.items():
+        is_speed, knots = name.startswith("velocity"), knots_of(x)
+        tried = [
+            Regressors(form=f, X=design(f, x, v, knots), knots=knots) for f in (CURVES[:1] if is_speed else CURVES)
+        ]
+        tried += memories(velocities, rate) if is_speed else []
+        for (channel, form), runs in (columns or {}).items():
+            if channel == name:
+                X = np.concatenate(runs)
+                tried.append(Regressors(form=form, X=X / max(float(np.std(X)), 1e-300), knots=np.zeros(0)))
+        scored = [(one, r2_of(one.X, r, blocks)) for one in tried]
+        table[name] = max(score for _, score in scored)
+        good = [(one, score) for one, score in scored if score > table[name] - SIMPLER]
+        found[name] = min(good, key=lambda pair: (FORMS.index(pair[0].form), -pair[1]))
     frequency, share = tone_of(residuals, rate)
-    plain_best = max((score for form, score in found.values()), default=0.0)
-    if share > TONE_R2 and share > plain_best:
+    if share > TONE_R2 and share > max((score for _, score in found.values()), default=0.0):
         empty = np.zeros(0)
         return Dependence(
             signal="time", form="tone", r2_cv=share, frequency_Hz=frequency, knots=empty, curve=empty, curve_sd=empty,
             table=table | {"tone": share},
         )  # fmt: skip
+    target = r
+    if max(table[name] for name in table if name in order) < UNCLEAR:
+        size = np.minimum(np.abs(r), np.quantile(np.abs(r), LARGEST))
+        sized = {name: Regressors(form="size", X=hats(x, knots_of(x)), knots=knots_of(x)) for name, x in moving.items()}
+        scores = {name: r2_of(one.X, size, blocks) for name, one in sized.items()}
+        if max(scores[name] for name in scores if name in order) > UNCLEAR:
+            target, found = size, {name: (sized[name], scores[name]) for name in sized}
     best = max(found[name][1] for name in found if name in order)
     signal = next(name for name in order if name in found and found[name][1] > best - FOLLOWS)
-    form, score = found[signal]
-    x = np.concatenate([s[signal] for s in signals])
-    knots = knots_of(x)
-    X = design(form, x, v, knots)
-    theta, inverse = ridge(X, r)
-    spread = float(np.sqrt(np.mean((r - X @ theta) ** 2)))
+    chosen, score = found[signal]
+    theta, inverse = ridge(chosen.X, target)
+    spread = float(np.sqrt(np.mean((target - chosen.X @ theta) ** 2)))
     return Dependence(
         signal=signal,
-        form=form,
+        form=chosen.form,
         r2_cv=score,
-        frequency_Hz=None,
-        knots=knots,
-        curve=theta[: len(knots)],
-        curve_sd=spread * np.sqrt(np.diag(inverse))[: len(knots)],
+        memory_s=chosen.memory_s,
+        knots=chosen.knots,
+        curve=theta[: len(chosen.knots)],
+        curve_sd=spread * np.sqrt(np.diag(inverse))[: len(chosen.knots)],
         table=table,
     )

@@ -98,6 +98,7 @@ def rest_entry(rest: Rest) -> dict[str, Any]:
         "form": found.form,
         "r2_cv": finite(found.r2_cv),
         "frequency_Hz": finite(found.frequency_Hz),
+        "memory_s": finite(found.memory_s),
         "r2_of_signals": {name: finite(value) for name, value in found.table.items()},
         "curve": {
             "signal": [float(x) for x in found.knots],

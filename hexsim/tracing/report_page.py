@@ -5,127 +5,257 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from hexsim.hydraulics.effects import effect_named
+from hexsim.recording.quantity import plain, quantity, split_key, with_error
 from hexsim.recording.report import data_url, render
 from hexsim.tracing import report_figures as figures
+from hexsim.tracing import rules
+from hexsim.tracing.report_figures import SIGNALS, channel_words
 
 if TYPE_CHECKING:
     from hexsim.tracing.trace import TraceResult
+    from hexsim.tracing.verdict import NamedEffect
 
-SENTENCES = {
-    "explained": "One model answers all runs: what is left is the sensors' noise, in the fit runs and in the held-out runs.",
-    "nothing missing": "The declared machine, with parameters inside their uncertainty, answers all runs down to the sensors' noise.",
-    "partly": "The effects named here account for part of the misfit; what is left is described below under no name.",
-    "unexplained": "No effect of the library brings the model to the sensors' noise, so none is named.",
+CAPTIONS = {
+    "comparison": "Held-out run {run}: of each kind of signal the one that the refitted model gets most wrong. Left: measured "
+    "and simulated. Right: what each model leaves; one that lacks nothing stays in the blue band.",
+    "balances": "What is left of each balance in the fit runs, at its worst place, over the signal that it depends on. A curve "
+    "that leaves the pale band is physics that the model lacks; shapes inside it are in the model's own runs too. Every panel "
+    "has its own scale; the bands are of one size before and after.",
+    "portraits": "{leg}, the seconds of the first figure as loops. Friction is a step of pressure where the velocity "
+    "changes sign, the valve's dead band a flat piece of velocity over volts. A good model covers the grey line.",
+    "spectra": "What each model leaves on run {run}, its mean taken off. Low frequencies are slow effects, humps are resonances "
+    "that the model has elsewhere; a model that lacks nothing lies on the dotted line.",
+    "parameters": "Where each declared parameter ended inside its declared uncertainty (the grey bar; its half width at the "
+    "right). Orange: held back by its limit.",
 }
-
-
-def number(x: float | None, digits: int = 3) -> str:
-    """A number for people."""
-    if x is None or not math.isfinite(x):
-        return "–"
-    return f"{x:.{digits}g}"
+BALANCES = {
+    "sensor": "position differentiated twice = acceleration",
+    "supply": "supply pressure = what the declared supply gives for the flow taken",
+    "continuity": "valve flow = piston flow + compression of the oil",
+    "valve": "the same, put down to the valve where the valve explains it",
+    "force": "mass times acceleration = pressures − weight − friction",
+    "leg force": "the same for one leg, from the platform's motion",
+    "platform": "forces of the legs = inertia of the platform",
+}
+FORMS = {
+    "plain": "a curve over the {}",
+    "direction": "a curve over the {} for each direction of motion",
+    "product": "the velocity times a curve over the {}",
+}
 
 
 def report_page(result: TraceResult) -> str:
     """The whole page."""
-    report = result.report
-    drawings = [
-        (
-            "comparison",
-            figures.comparison(result),
-            "Held-out run: measured and simulated left, their difference right.",
-        ),
-        (
-            "balances",
-            figures.balances(result),
-            "Residual of each balance at the measured point, with its mean curve; band: sensor noise.",
-        ),
-        (
-            "spectra",
-            figures.spectra(result),
-            "Spectrum of what is left; a model without a gap lies on the dotted line.",
-        ),
-        ("portraits", figures.portraits(result), "Phase portraits of the held-out run."),
-        ("parameters", figures.parameters(result), "Declared parameters after the refit."),
-    ]
-    pictures = [(name, data_url(picture), caption) for name, picture, caption in drawings]
+    report, run = result.report, result.validate_question.logs[0].name
+    leg = figures.portrait_leg(result).capitalize() if result.machine.is_hexapod else "The leg"
+    makers = {
+        "comparison": figures.comparison,
+        "balances": figures.balances,
+        "portraits": figures.portraits,
+        "spectra": figures.spectra,
+        "parameters": figures.parameters,
+    }
     return render(
         "trace.html.j2",
         title=f"Trace of {result.machine.name}",
         report=report,
-        sentence=SENTENCES[result.verdict],
+        verdict=verdict_line(result),
+        sentence=sentence(result),
+        cards=cards(result),
         effects=effect_rows(report),
         rests=rest_rows(report),
+        added=figures.added(result) if result.effects or result.learned else "",
         errors=error_rows(report),
-        balances=report["balances"],
+        balances=balance_rows(report),
         screening=screening_rows(result),
-        detectable=report["detectable"],
-        parameters=report["parameters"],
+        detectable=detectable_rows(report),
+        parameters=parameter_rows(report),
         findings=[(name, f) for name, found in report["findings"].items() for f in found],
         experiments=report["separating_experiments"],
-        runs=(
-            ", ".join(log.name for log in result.fit_question.logs),
-            ", ".join(log.name for log in result.validate_question.logs),
-        ),
-        pictures=pictures,
-        show=number,
+        runs=tuple(", ".join(log.name for log in q.logs) for q in (result.fit_question, result.validate_question)),
+        pictures={
+            name: (data_url(make(result)), CAPTIONS[name].format(run=run, leg=leg)) for name, make in makers.items()
+        },
     )
+
+
+# ---- the top of the page ---------------------------------------------------------------------------------------------
+
+
+def worst_error(report: dict[str, Any], model: str) -> tuple[float, str]:
+    """Error on held-out motion in times the sensor's noise, and the signal that has it."""
+    rows = [
+        (row[model] / row["noise"], channel)
+        for channels in report["error"].values()
+        for channel, row in channels.items()
+        if row[model] is not None and row["noise"]
+    ]
+    return max(rows, default=(math.nan, ""))
+
+
+def verdict_line(result: TraceResult) -> str:
+    """The answer in one line."""
+    if result.effects:
+        return "The model lacks: " + "; ".join(effect_words(effect) for effect in result.effects)
+    if result.verdict == "nothing missing":
+        return "Nothing is missing from the model"
+    return "Something is missing, and no effect of the library explains it"
+
+
+def effect_words(effect: NamedEffect) -> str:
+    """supply droop, 2.40 ×10⁹ Pa·s/m³."""
+    size = effect.candidate.effect.parameters[0]
+    return f"{effect.candidate.label.replace('_', ' ')}, {quantity(effect.values[size.name], size.unit)}"
+
+
+def sentence(result: TraceResult) -> str:
+    """What the verdict rests on, with numbers."""
+    report = result.report
+    before, channel = worst_error(report, "refit")
+    after = worst_error(report, "with_effect")[0]
+    signal = channel_words(channel) if channel else "signal"
+    if result.verdict == "nothing missing":
+        return (
+            "With its parameters inside their declared uncertainty the declared machine answers all runs down to the "
+            f"sensors' noise: at most {plain(before)} times the noise on held-out motion."
+        )
+    if result.effects:
+        ties = sorted({tied.replace("_", " ") for e in result.effects for tied in e.tied_with})
+        tied = f" These runs cannot tell it from {' or '.join(ties)}." if ties else ""
+        return (
+            f"Without it the {signal} stays {plain(before)} times its sensor's noise off on held-out motion, however the "
+            f"declared parameters are fitted; with it every signal comes to {plain(after)} times the noise or less.{tied}"
+        )
+    rests = rest_rows(report)
+    where = (
+        f" The misfit is in the {rests[0]['balance']} balance of {rests[0]['place']}: {rests[0]['says']}."
+        if rests
+        else ""
+    )
+    learned = f" A curve learned from the logs brings it to {plain(after)}, under no name." if result.learned else ""
+    return (
+        f"However the declared parameters are fitted, the {signal} stays {plain(before)} times its sensor's noise off on "
+        f"held-out motion.{where}{learned}"
+    )
+
+
+def cards(result: TraceResult) -> list[tuple[str, str, str]]:
+    """The figures to see first: (value, unit, what it is)."""
+    report = result.report
+    declared, before, after = (worst_error(report, model)[0] for model in ("declared", "refit", "with_effect"))
+    found = [(plain(declared), "× noise", "largest held-out error, as declared")]
+    found.append((plain(before), "× noise", "largest held-out error, parameters refitted"))
+    if result.effects or result.learned:
+        found.append((plain(after), "× noise", f"largest held-out error, with {figures.added(result)}"))
+    violated = sum(b["violated"] for b in report["balances"])
+    found.append((f"{violated} of {len(report['balances'])}", "", "balances violated"))
+    return found
+
+
+# ---- tables ----------------------------------------------------------------------------------------------------------
+
+
+def place_words(where: str) -> str:
+    return where if where.startswith("leg ") or where == "all legs" else f"the {where}"
 
 
 def effect_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for effect in report["effects"]:
         errors = effect.get("standard_error", {})
+        units = {p.name: p.unit for p in effect_named(effect["name"]).parameters} if effect["name"] else {}
         values = [
-            f"{key} = {number(value, 4)} ± {number(errors.get(key), 2)}" for key, value in effect["parameters"].items()
+            (split_key(key)[0], with_error(value, errors.get(key), units[key]))
+            for key, value in effect["parameters"].items()
         ]
-        rows.append(effect | {"values": values, "title": effect["name"].replace("_", " ") or "learned term"})
+        title = effect["name"].replace("_", " ") or "learned curve, no name"
+        tied = [name.replace("_", " ") for name in effect["tied_with"]]
+        rows.append(effect | {"values": values, "title": title, "ties": tied})
     return rows
 
 
 def rest_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
-    forms = {
-        "plain": "a curve over {}", "direction": "a curve over {} for each direction of motion",
-        "product": "velocity times a curve over {}", "tone": "an outside line",
-    }  # fmt: skip
     rows = []
     for rest in report["unexplained"]:
-        says = forms[rest["form"]].format(rest["depends_on"])
+        signal = SIGNALS.get(rest["depends_on"], (rest["depends_on"],))[0]
+        says = FORMS.get(rest["form"], "").format(signal)
         if rest["frequency_Hz"]:
             says = f"a line at {rest['frequency_Hz']:.2f} Hz that no input has"
-        rows.append(rest | {"says": says})
+        others = sorted(
+            (
+                (SIGNALS[name][0], r2)
+                for name, r2 in rest["r2_of_signals"].items()
+                if name in SIGNALS and r2 is not None
+            ),
+            key=lambda entry: -entry[1],
+        )
+        rows.append(rest | {"says": says, "place": place_words(rest["where"]), "others": others[:4]})
     return rows
 
 
 def error_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
+    """Held-out errors, each with its multiple of the noise."""
     rows = []
     for log, channels in report["error"].items():
         for name, row in channels.items():
-            after = row["with_effect"]
-            over = after / row["noise"] if after is not None and row["noise"] else None
-            rows.append({"log": log, "signal": name, **row, "over": over})
+            unit = split_key(name)[1]
+            cells = {
+                model: (quantity(row[model], unit), row[model] / row["noise"] if row[model] and row["noise"] else None)
+                for model in ("declared", "refit", "with_effect")
+            }
+            rows.append({"log": log, "signal": channel_words(name), "noise": quantity(row["noise"], unit), **cells})
+    return rows
+
+
+def balance_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
+    return [
+        b | {"says": BALANCES.get(b["name"], ""), "limit": rules.VIOLATED * max(b["null"] or 1.0, 1.0)}
+        | {"size": quantity(b["rms"], b["unit"].split(",")[-1].strip() if "roll" in b["where"] else b["unit"].split(",")[0])}
+        for b in report["balances"]
+    ]  # fmt: skip
+
+
+def detectable_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
+    return [
+        d | {"name": name.replace("_", " "), "size": quantity(d["theta_min"], d["unit"]),
+             "note": d.get("says") or d.get("shown_by") or ""}
+        for name, d in report["detectable"].items()
+    ]  # fmt: skip
+
+
+def parameter_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
+    rows = []
+    for key, p in report["parameters"].items():
+        name, unit = split_key(key)
+        shift = p["fitted"] / p["declared"] - 1 if p["declared"] else math.nan
+        fitted = with_error(p["fitted"], p["standard_error"], unit)
+        rows.append(p | {"name": name, "from": quantity(p["declared"], unit, 4), "to": fitted, "percent": 100 * shift})
     return rows
 
 
 def screening_rows(result: TraceResult, most: int = 14) -> list[dict[str, Any]]:
-    """The first round: each effect's best shape, with the outcome of its refit by simulation where there was one."""
+    """The first round: each effect's best shape, and what became of it."""
     if not result.search.stages:
         return []
     stage = result.search.stages[0]
     refitted = {rival.candidates[-1].label: rival.reduced for rival in stage.rivals if len(rival.candidates) == 1}
-    seen, rows = set(), []
+    named = {effect.candidate.label: result.final.reduced for effect in result.effects}
+    tied = {label: rival.reduced for rivals in result.ties for label, rival in rivals.items()}
+    refitted |= tied | named
+    rows: dict[str, dict[str, Any]] = {}
     for line in stage.lines:
-        if line.candidate.label in seen:
+        label = line.candidate.label
+        if label in rows:
             continue
-        seen.add(line.candidate.label)
-        rows.append(
-            {
-                "name": line.candidate.label,
-                "balance": line.candidate.effect.balance,
-                "gain": line.gain_chi2 / max(result.base.chi2, 1e-300),
-                "cv": line.gain_cv,
-                "se": line.gain_se,
-                "reduced": refitted.get(line.candidate.label),
-            }
-        )
-    return rows[:most]
+        became = "named" if label in named else "tie" if label in tied else "refitted" if label in refitted else ""
+        rows[label] = {
+            "name": label.replace("_", " "),
+            "balance": line.candidate.effect.balance,
+            "cv": line.gain_cv,
+            "se": line.gain_se,
+            "reduced": refitted.get(label),
+            "became": became,
+        }
+    shown = list(rows.values())
+    return shown[:most] + [row for row in shown[most:] if row["became"]]

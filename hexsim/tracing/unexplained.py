@@ -8,14 +8,15 @@ reported with its size and its strongest dependence, never under a name.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hexsim.hydraulics import leg as leg_equations
 from hexsim.machine.declaration import Machine
 from hexsim.tracing.balances import Balance
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
-from hexsim.tracing.channels import SETTLE_S
+from hexsim.tracing.channels import SETTLE_S, noise_of
 from hexsim.tracing.dependence import Dependence, dependence_of
 from hexsim.tracing.localise import Violation
 from hexsim.tracing.log import MeasuredLog
@@ -33,6 +34,15 @@ ORDER = {  # of signals that do alike: what the balance itself contains first
     "sensor": ("position_m", "velocity_m_s", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "valve_V"),
 }  # fmt: skip
 THIN = 5  # every fifth sample: the window is 40 samples wide
+CHANNELS = {  # signal -> channel of the log
+    "position_m": "position",
+    "valve_V": "volts",
+    "pressure_bottom_Pa": "pressure",
+    "pressure_supply_Pa": "supply",
+    "acceleration_m_s2": "acceleration",
+}
+LATE_SAMPLES = 2
+PLAY_NOISE = (7.0, 28.0)  # half widths of play in the position, in units of its noise
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,24 +72,61 @@ def signals_of(log: MeasuredLog, machine: Machine, place: str) -> tuple[dict[str
         found["pressure_bottom_Pa"] = point.P1
     if log.acceleration is not None:
         found["acceleration_m_s2"] = log.acceleration[-1]
-    keep = slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
-    smooth = {name: (window.mean(x) if name != "time_s" else x)[keep] for name, x in found.items()}
+    smooth = {name: (window.mean(x) if name != "time_s" else x)[kept(log)] for name, x in found.items()}
     return smooth, smooth["velocity_m_s"]
+
+
+def kept(log: MeasuredLog) -> slice:
+    """Samples of a log that count, thinned."""
+    return slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
+
+
+def late(channel: Array) -> Array:
+    """A channel (..., n) that comes LATE_SAMPLES later."""
+    return np.concatenate([np.repeat(channel[..., :1], LATE_SAMPLES, axis=-1), channel[..., :-LATE_SAMPLES]], axis=-1)
+
+
+def with_play(position: Array, half_width: float, window: Window) -> Array:
+    """A position (n_legs, n) that is measured through play of +- half_width [m]."""
+    smooth = window.mean(position)
+    return position + np.stack([leg_equations.valve_volts(row, half_width, 0) for row in smooth]) - smooth
+
+
+def distortions(
+    balance: Balance, log: MeasuredLog, violation: Violation, residual: Array
+) -> dict[tuple[str, str], Array]:
+    """(signal, form) -> how the residual would change if that channel were late or had play, (n_kept, k)."""
+    window, machine = Window(log.rate), violation.machine
+    noise = noise_of(machine, [log])["position_m"]
+    found: dict[tuple[str, str], list[MeasuredLog]] = {}
+    for signal, channel in CHANNELS.items():
+        values = getattr(log, channel)
+        if values is not None:
+            found[signal, "late"] = [replace(log, **{channel: late(values)})]
+    found["position_m", "play"] = [
+        replace(log, position=with_play(log.position, k * noise, window)) for k in PLAY_NOISE
+    ]
+    return {
+        key: np.stack([(balance.residual(one, machine)[violation.place] - residual)[kept(log)] for one in logs], axis=1)
+        for key, logs in found.items()
+    }
 
 
 def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog]) -> Rest:
     """Dependence of what a balance leaves after its own fit."""
     machine, place = violation.machine, violation.place
     residuals, signals, velocities = [], [], []
+    columns: dict[tuple[str, str], list[Array]] = {}
     for log in logs:
-        keep = slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
-        residuals.append(balance.residual(log, machine)[place, keep])
+        full = balance.residual(log, machine)[place]
+        residuals.append(full[kept(log)])
         own, v = signals_of(log, machine, violation.where)
         signals.append(own)
         velocities.append(v)
-    found = dependence_of(
-        residuals, signals, velocities, logs[0].rate / THIN, ORDER.get(violation.name, ORDER["force"])
-    )
+        for key, column in distortions(balance, log, violation, full).items():
+            columns.setdefault(key, []).append(column)
+    order = ORDER.get(violation.name, ORDER["force"])
+    found = dependence_of(residuals, signals, velocities, logs[0].rate / THIN, order, columns)
     name = violation.name
     if name == "continuity" and found.signal == "valve_V":
         name = "valve"

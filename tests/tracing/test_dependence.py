@@ -20,9 +20,10 @@ def motion(n=4000, seed=0):
     return {"position_m": y, "velocity_m_s": v, "time_s": t}, v, rng.standard_normal(n)
 
 
-def found_in(residual):
+def found_in(residual, columns=None):
     signals, v, noise = motion()
-    return dependence_of([residual(signals, v) + 0.1 * noise], [signals], [v], RATE, ORDER)
+    own = None if columns is None else {key: [column(signals, v)[:, None]] for key, column in columns.items()}
+    return dependence_of([residual(signals, v) + 0.1 * noise], [signals], [v], RATE, ORDER, own)
 
 
 @pytest.mark.parametrize(
@@ -40,6 +41,36 @@ def test_the_signal_that_made_it(signal, form, residual):
     dependence = found_in(residual)
     assert (dependence.signal, dependence.form) == (signal, form)
     assert dependence.r2_cv > 0.8
+
+
+def test_a_memory_is_told_from_the_speed_of_the_moment():
+    """Friction that grows with the mean speed of the last 0.4 s is a memory of the velocity, with that time constant."""
+
+    def residual(s, v):
+        lately, past = np.zeros(len(v)), abs(v[0])
+        for i, now in enumerate(np.abs(v)):
+            past += (now - past) / (0.4 * RATE)
+            lately[i] = past
+        return np.sign(v) * lately / np.std(lately)
+
+    dependence = found_in(residual)
+    assert (dependence.signal, dependence.form, dependence.memory_s) == ("velocity_m_s", "memory", 0.4)
+
+
+def test_a_channel_that_comes_late_is_named_only_when_its_own_column_fits():
+    """A residual in proportion to what lateness of the position would do is "late" in the position; a plain curve stays plain."""
+    columns = {("position_m", "late"): lambda s, v: np.sign(v) * np.sqrt(np.abs(v)) * np.cos(3 * s["time_s"])}
+    late = found_in(lambda s, v: 3.0 * columns["position_m", "late"](s, v) / np.std(v), columns)
+    assert (late.signal, late.form) == ("position_m", "late") and late.r2_cv > 0.8 and len(late.curve) == 0
+    plain = found_in(lambda s, v: (v / np.std(v)) ** 3, columns)
+    assert (plain.signal, plain.form) == ("velocity_m_s", "plain")
+
+
+def test_a_rest_of_either_sign_is_traced_by_its_size():
+    """A random rest whose spread grows with |v| follows no signal; its size does, and says so."""
+    dependence = found_in(lambda s, v: np.random.default_rng(5).standard_normal(len(v)) * (v / np.std(v)) ** 2)
+    assert (dependence.signal, dependence.form) == ("velocity_m_s", "size")
+    assert max(dependence.table.values()) < 0.1 < dependence.r2_cv
 
 
 def test_noise_depends_on_nothing():
