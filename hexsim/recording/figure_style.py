@@ -9,9 +9,11 @@ from typing import Any, ParamSpec, TypeVar
 
 import matplotlib
 from cycler import cycler
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter, NullLocator
 
 from hexsim.recording import palette
 
@@ -96,9 +98,30 @@ def legend(plot: Axes, columns: int = 4) -> None:
     )  # fmt: skip
 
 
+def legend_above(figure: Figure, *handles: Artist) -> None:
+    """One legend for all plots of a figure, above them."""
+    figure.legend(
+        handles=handles, loc="outside upper left", ncols=len(handles), borderaxespad=0.2, handlelength=1.6,
+        columnspacing=1.3,
+    )  # fmt: skip
+
+
+def plain_frequencies(plot: Axes) -> None:
+    """Ticks of a logarithmic frequency axis as 1, 2, 5, 10 Hz in place of powers."""
+    low, high = plot.get_xlim()
+    ticks = [digit * 10.0**power for power in range(-2, 4) for digit in (1, 2, 5) if low <= digit * 10.0**power <= high]
+    plot.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    plot.xaxis.set_minor_locator(NullLocator())
+
+
+def plain_powers(plot: Axes) -> None:
+    """Labels at whole powers only on a logarithmic y axis that spans little."""
+    plot.yaxis.set_minor_formatter(NullFormatter())
+
+
 def symmetric(plot: Axes) -> None:
     """The same room above and below zero."""
-    limit = max(abs(value) for value in plot.get_ylim())
+    limit = 1.05 * max(abs(value) for value in plot.get_ylim())
     plot.set_ylim(-limit, limit)
 
 

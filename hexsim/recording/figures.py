@@ -7,7 +7,6 @@ deg, m/s2, bar, V, l/min.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,6 +20,7 @@ from hexsim.recording.figure_style import (
     direction_colors,
     legend,
     new_figure,
+    plain_frequencies,
     small_multiples,
     styled,
     symmetric,
@@ -34,6 +34,7 @@ MM, BAR, L_MIN, DEG = 1e3, 1e-5, 6e4, 180.0 / np.pi
 SHOWN_PERIODS = 2  # of the motion, in the plots that look closely
 SHOWN_S = 6.0  # where the motion has no period
 DEAD_BAND_SHOWN_V = 0.15  # half width of the close-up of a flow curve
+ALIKE = 0.03  # rms spread of the legs, over their range, below which they are drawn as one
 SPECTRUM_MAX_Hz = 400.0
 SEGMENT_S = 4.0  # of the spectrum: resolution 0.25 Hz
 
@@ -69,9 +70,7 @@ def motion(signals: Signals) -> Figure | None:
             plot.plot(signals.time_s, scale * position, color=palette.RESPONSE, lw=1.2, label="response")
         plot.set_ylabel(f"{AXIS_NAMES[axis]} [{unit}]")
         legend(plot)
-    for leg, error in errors.items():
-        if error is not None:
-            plots[-1].plot(signals.time_s, MM * error, **_leg_line(signals, leg))
+    _draw_legs([plots[-1]], signals, {leg: MM * error for leg, error in errors.items() if error is not None})
     plots[-1].set_ylabel("tracking error [mm]")
     plots[-1].set_xlabel("time [s]")
     legend(plots[-1], columns=6)
@@ -158,9 +157,9 @@ def flow_curve(signals: Signals) -> Figure | None:
     for plot in plots:
         plot.set_xlabel("valve [V]")
         plot.set_ylabel("flow [l/min]")
-    rising, falling = direction_colors()
-    figure.text(0.99, 0.965, "valve opening", color=rising, ha="right", fontsize=9)
-    figure.text(0.87, 0.965, "valve closing", color=falling, ha="right", fontsize=9)
+    for color, label in zip(direction_colors(), ("valve opening", "valve closing"), strict=True):
+        plots[-1].plot([], [], ls="", marker="o", ms=4, color=color, label=label)
+    figure.legend(*plots[-1].get_legend_handles_labels(), loc="upper right", ncols=2, borderaxespad=0.3)
     return figure
 
 
@@ -177,13 +176,8 @@ def pressures(signals: Signals) -> Figure | None:
     t = signals.time_s
     if supply is not None:
         whole.plot(t, BAR * supply, color=palette.SUPPLY, lw=1.2, label="supply")
-    for leg, pressure in bottom.items():
-        if pressure is None:
-            continue
-        style = _leg_line(signals, leg)
-        for plot in (whole, close):
-            plot.plot(t, BAR * pressure, **style)
-        top = tops[leg]
+    _draw_legs([whole, close], signals, {leg: BAR * values for leg, values in bottom.items() if values is not None})
+    for top in tops.values():
         if top is not None and not signals.machine.is_hexapod:
             whole.plot(t, BAR * top, color=palette.WANTED, lw=0.9, ls="--", label="rod side")
     present = np.concatenate([pressure for pressure in bottom.values() if pressure is not None])
@@ -215,6 +209,7 @@ def spectrum(signals: Signals) -> Figure | None:
         inside = (frequency > 0) & (frequency <= SPECTRUM_MAX_Hz)
         plot.loglog(frequency[inside], np.sqrt(density[inside]), color=color, lw=1.2, label=label)
     plot.axvline(found.bandwidth_Hz, color=palette.WANTED, lw=1.0, ls=":", label=f"band {found.bandwidth_Hz:g} Hz")
+    plain_frequencies(plot)
     plot.set_xlabel("frequency [Hz]")
     plot.set_ylabel(f"amplitude density [({unit})/√Hz]")
     legend(plot)
@@ -235,6 +230,7 @@ def comparison(runs: Mapping[str, Signals], axis: str | None = None) -> Figure |
     close = min((_close_up(runs[label]) for label in found), key=lambda limits: limits[1])  # the run that ended first
     limit = 1.1 * max(_largest(d, close) for d in found.values())
     everywhere = 1.1 * max(np.max(np.abs(d.band)) for d in found.values())
+    wanted = next(iter(found.values())).wanted_is
     for row, (label, deviation) in enumerate(found.items()):
         color = palette.RUNS[row % len(palette.RUNS)]
         left, middle, right = plots[3 * row : 3 * row + 3]
@@ -248,11 +244,14 @@ def comparison(runs: Mapping[str, Signals], axis: str | None = None) -> Figure |
         right.set_ylim(-everywhere, everywhere)
         left.set_ylabel(label, color=color, fontweight="bold")
         middle.text(
-            0.99, 0.93, f"peak {number(_largest(deviation, close))}", transform=middle.transAxes, ha="right", va="top"
+            0.99,
+            0.93,
+            f"peak {number(_largest(deviation, close), 2)}",
+            transform=middle.transAxes,
+            ha="right",
+            va="top",
         )
-    for plot, name in zip(
-        plots, ("acceleration and basic harmonic", "deviation", "deviation, whole run"), strict=False
-    ):
+    for plot, name in zip(plots, (f"acceleration and {wanted}", "deviation", "deviation, whole run"), strict=False):
         plot.set_title(name, loc="left")
     for plot in plots[-3:]:
         plot.set_xlabel("time [s]")
@@ -262,11 +261,19 @@ def comparison(runs: Mapping[str, Signals], axis: str | None = None) -> Figure |
 # ---- parts -----------------------------------------------------------------------------------------------------------
 
 
-def _leg_line(signals: Signals, leg: int) -> dict[str, Any]:
-    """Style of a leg's curve; later legs are thinner, so that legs that move alike are all seen."""
-    if not signals.machine.is_hexapod:
-        return {"color": palette.RESPONSE, "lw": 1.0, "label": "leg"}
-    return {"color": palette.LEGS[leg - 1], "lw": 3.1 - 0.4 * leg, "label": f"leg {leg}"}
+def _draw_legs(plots: list[Axes], signals: Signals, curves: dict[int, Array]) -> None:
+    """A curve a leg; legs that move alike as one curve and the range that they cover."""
+    t, values = signals.time_s, np.array(list(curves.values()))
+    low, high = values.min(axis=0), values.max(axis=0)
+    alike = len(values) > 1 and np.sqrt(np.mean((high - low) ** 2)) < ALIKE * np.ptp(values)
+    for plot in plots:
+        if alike:
+            plot.fill_between(t, low, high, color=palette.MARK, lw=0.8, label="range of the legs")
+            plot.plot(t, values.mean(axis=0), color=palette.RESPONSE, lw=1.2, label=f"mean of {len(values)} legs")
+            continue
+        for leg, own in curves.items():
+            color, label = (palette.LEGS[leg - 1], f"leg {leg}") if len(curves) > 1 else (palette.RESPONSE, "leg")
+            plot.plot(t, own, color=color, lw=1.2, label=label)
 
 
 def _error(signals: Signals, leg: int) -> Array | None:

@@ -12,8 +12,9 @@ import jinja2
 import tomli_w
 
 from hexsim import __version__
+from hexsim.recording.quantity import plain, quantity, share, spelled
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit
-from hexsim.recording.summary_table import axis_header, axis_rows, facts, number
+from hexsim.recording.summary_table import axis_header, axis_label, axis_rows, facts, number
 
 if TYPE_CHECKING:
     from hexsim.simulation import Run
@@ -21,12 +22,16 @@ if TYPE_CHECKING:
 CAPTIONS = {
     "motion": "What was asked and what the machine did; below, how far each leg lags its setpoint.",
     "acceleration": "Top: the last periods as recorded, in the 50 Hz band, and what was wanted. Middle: what is left, "
-    "with the largest deviation at each reversal. Bottom: the whole run; the shaded part is the close-up.",
-    "parasitic": "Axes that were not asked to move. Translations share one scale, rotations another.",
-    "flow_curve": "Flow of each valve over its voltage, from the end of the fade-in. The close-up shows the dead band.",
-    "pressures": "Bottom pressures. A step at each reversal is friction changing sign; ringing is the oil's resonance.",
-    "spectrum": "Even spacing is harmonics of the motion; a hump is a resonance. What lies right of the dotted line is "
-    "outside the band of the figures.",
+    "with the largest deviation at each reversal (top or bottom of the stroke). Bottom: the whole run; the shaded part is "
+    "the close-up.",
+    "parasitic": "Axes that were not asked to move: the nearer to zero the better. Translations share one scale, "
+    "rotations another.",
+    "flow_curve": "Flow of each valve over its voltage, from the end of the fade-in. The close-up shows the dead band: "
+    "no flow about zero. The gap between opening and closing is the valve's lag.",
+    "pressures": "Above with the supply, below the last periods of the bottom pressures. A step at each reversal is "
+    "friction changing sign; ringing is the oil's resonance.",
+    "spectrum": "Even spacing is harmonics of the motion; a hump is a resonance. Acceleration and deviation differ by the "
+    "basic harmonic alone. What lies right of the dotted line is outside the band of the figures.",
 }
 
 
@@ -35,7 +40,7 @@ def environment() -> jinja2.Environment:
     """Templates of this package; everything that is put in is escaped."""
     loader = jinja2.PackageLoader("hexsim.recording", "templates")
     made = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    made.filters["number"] = number
+    made.filters |= {"number": number, "plain": plain, "quantity": quantity, "share": share, "spelled": spelled}
     return made
 
 
@@ -60,12 +65,49 @@ def run_report(run: Run, pictures: Mapping[str, bytes]) -> str:
         title=f"{run.scenario.name} on {run.machine.name}",
         summary=run.summary,
         run=run,
+        sentence=run_sentence(run.summary, driven),
         cards=cards(run.summary, driven),
         header=axis_header(run.summary),
         rows=axis_rows(run.summary, driven),
         facts=facts(run.summary, run),
         pictures=[(name, data_url(data), CAPTIONS.get(name, "")) for name, data in pictures.items()],
         config=tomli_w.dumps(config_tables(run)),
+    )
+
+
+def run_sentence(summary: Mapping[str, Any], driven: tuple[str, ...]) -> str:
+    """The result in one sentence: the worst deviation, beside the motion itself and the axes at rest."""
+    axis = next((name for name in driven if name in summary["axes"]), None)
+    peak = summary["axes"][axis].get(f"peak_band_{axis_unit(axis)}") if axis else None
+    if axis is None or peak is None:
+        return ""
+    unit, harmonic = axis_unit(axis), summary["axes"][axis].get(f"fundamental_{axis_unit(axis)}")
+    name = AXIS_NAMES[axis].capitalize()
+    says = f"{name} deviates by up to {number(peak)} {unit.replace('_s2', '/s²')}"
+    if harmonic:
+        says += f" from its basic harmonic, {share(peak / harmonic)} of that harmonic's amplitude"
+    rest: dict[str, float] = {}
+    for other, figures in summary["axes"].items():
+        own = axis_unit(other)
+        if other not in driven and figures.get(f"peak_band_{own}") is not None:
+            rest[own] = max(rest.get(own, 0.0), figures[f"peak_band_{own}"])
+    moved = " and ".join(f"{number(value)} {own.replace('_s2', '/s²')}" for own, value in rest.items())
+    return f"{says}. Axes that should rest stay within {moved}." if moved else f"{says}."
+
+
+def comparison_sentence(tables: list[dict[str, Any]]) -> str:
+    """Which compensator is smoothest in the first driven axis, and by how much."""
+    rows = [row for row in tables[0]["rows"] if row["peak_band"] is not None and not row["note"]] if tables else []
+    if len(rows) < 2:
+        return ""
+    best, first = min(rows, key=lambda row: row["peak_band"]), tables[0]["rows"][0]
+    axis, unit = tables[0]["axis"], tables[0]["unit"]
+    size = f"{number(best['peak_band'])} {unit}"
+    if best is first or not best["ratio"]:
+        return f"{best['name']} is the smoothest in {axis}: its largest deviation is {size}."
+    return (
+        f"{best['name']} is the smoothest in {axis}: its largest deviation is {size}, {share(best['ratio'])} of "
+        f"{first['name']}'s {number(first['peak_band'])}."
     )
 
 
@@ -109,11 +151,12 @@ def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes]) ->
         "comparison.html.j2",
         title=f"{first.scenario.name} on {first.machine.name}: compensators side by side",
         scenario=first.scenario,
+        sentence=comparison_sentence(tables),
         tables=tables,
         band=f"{first.summary['bandwidth_Hz']:g}",
         facts=[fact for fact in facts(first.summary, first) if fact[0] in ("duration", "model", "seed")],
         warnings=sorted({text for run in runs.values() for text in run.warnings if text != run.reason}),
         messages=[(name, *message) for name, run in runs.items() for message in run.messages],
-        pictures=[(name, data_url(data)) for name, data in pictures.items()],
+        pictures=[(axis_label(name.removeprefix("comparison_")), data_url(data)) for name, data in pictures.items()],
         config=tomli_w.dumps(config_tables(first)),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hexsim.recording.signals import AXIS_NAMES, axis_unit
@@ -59,13 +59,23 @@ def facts(summary: Mapping[str, Any], run: Any = None) -> list[tuple[str, str]]:
         ("machine", str(summary["machine"])),
         ("compensator", str(summary["compensator"])),
         ("duration", f"{number(summary['duration_s'], 4)} s"),
-        ("tracking rms", " ".join(number(1e3 * value) for value in tracking) + " mm" if tracking else NOTHING),
+        ("tracking rms", tracking_text(tracking)),
     ]
     if run is not None:
         lines.append(("model", f"{MODELS.get(run.model, run.model)}, {SCHEMES.get(run.scheme, run.scheme)}"))
         lines.append(("seed", str(run.seed)))
     lines.append(("real-time factor", number(summary.get("realtime_factor"))))
     return lines
+
+
+def tracking_text(tracking: Sequence[float]) -> str:
+    """12.1 mm, or each leg's where they differ."""
+    shown = [number(1e3 * value) for value in tracking]
+    if not shown:
+        return NOTHING
+    if len(set(shown)) == 1:
+        return f"{shown[0]} mm" + (" in every leg" if len(shown) > 1 else "")
+    return f"{', '.join(shown)} mm (legs 1 to {len(shown)})"
 
 
 MODELS = {"full": "full legs", "tendon": "tendon equal"}

@@ -10,9 +10,11 @@ from hexsim.recording.quantity import plain, quantity, split_key, with_error
 from hexsim.recording.report import data_url, render
 from hexsim.tracing import report_figures as figures
 from hexsim.tracing import rules
+from hexsim.tracing.channels import kind_of
 from hexsim.tracing.report_figures import SIGNALS, channel_words
 
 if TYPE_CHECKING:
+    from hexsim.tracing.localise import Violation
     from hexsim.tracing.trace import TraceResult
     from hexsim.tracing.verdict import NamedEffect
 
@@ -34,10 +36,10 @@ BALANCES = {
     "supply": "supply pressure = what the declared supply gives for the flow taken",
     "continuity": "valve flow = piston flow + compression of the oil",
     "valve": "the same, put down to the valve where the valve explains it",
-    "force": "mass times acceleration = pressures − weight − friction",
-    "leg force": "the same for one leg, from the platform's motion",
+    "force": "pressures − weight − friction = mass times acceleration",
     "platform": "forces of the legs = inertia of the platform",
 }
+MOST_ROWS = 12  # of a table; what is beyond folds away
 FORMS = {
     "plain": "a curve over the {}",
     "direction": "a curve over the {} for each direction of motion",
@@ -67,7 +69,7 @@ def report_page(result: TraceResult) -> str:
         rests=rest_rows(report),
         added=figures.added(result) if result.effects or result.learned else "",
         errors=error_rows(report),
-        balances=balance_rows(report),
+        balances=balance_rows(result),
         screening=screening_rows(result),
         detectable=detectable_rows(report),
         parameters=parameter_rows(report),
@@ -169,9 +171,11 @@ def effect_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
             (split_key(key)[0], with_error(value, errors.get(key), units[key]))
             for key, value in effect["parameters"].items()
         ]
-        title = effect["name"].replace("_", " ") or "learned curve, no name"
+        title, says = effect["name"].replace("_", " "), effect["says"]
+        if not title:
+            title, says = "learned curve", f"over the {SIGNALS[effect['curve']['signal']][0]}, of unknown cause"
         tied = [name.replace("_", " ") for name in effect["tied_with"]]
-        rows.append(effect | {"values": values, "title": title, "ties": tied})
+        rows.append(effect | {"values": values, "title": title, "says": says, "ties": tied})
     return rows
 
 
@@ -195,25 +199,42 @@ def rest_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def error_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
-    """Held-out errors, each with its multiple of the noise."""
-    rows = []
+    """Held-out errors, each with its multiple of the noise. shown: the worst of its kind, where there are many."""
+    rows, worst = [], {}
     for log, channels in report["error"].items():
         for name, row in channels.items():
-            unit = split_key(name)[1]
+            unit, noise = split_key(name)[1], row["noise"]
             cells = {
-                model: (quantity(row[model], unit), row[model] / row["noise"] if row[model] and row["noise"] else None)
+                model: (quantity(row[model], unit), row[model] / noise if row[model] and noise else None)
                 for model in ("declared", "refit", "with_effect")
             }
-            rows.append({"log": log, "signal": channel_words(name), "noise": quantity(row["noise"], unit), **cells})
-    return rows
+            rows.append({"log": log, "signal": channel_words(name), "noise": quantity(noise, unit), **cells})
+            kind = (log, kind_of(name))
+            if kind not in worst or (cells["refit"][1] or 0) > (worst[kind]["refit"][1] or 0):
+                worst[kind] = rows[-1]
+    chosen = {id(row) for row in worst.values()}
+    return [row | {"shown": len(rows) <= MOST_ROWS or id(row) in chosen} for row in rows]
 
 
-def balance_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
+def balance_rows(result: TraceResult) -> list[dict[str, Any]]:
+    """Every balance at every place. shown: violated, or the worst of its name, where there are many."""
+    worst: dict[str, Violation] = {}
+    for line in sorted(result.violations, key=lambda v: -v.violation / max(v.null, 1.0)):
+        worst.setdefault(line.name, line)
+    few = len(result.violations) <= MOST_ROWS
     return [
-        b | {"says": BALANCES.get(b["name"], ""), "limit": rules.VIOLATED * max(b["null"] or 1.0, 1.0)}
-        | {"size": quantity(b["rms"], b["unit"].split(",")[-1].strip() if "roll" in b["where"] else b["unit"].split(",")[0])}
-        for b in report["balances"]
-    ]  # fmt: skip
+        {
+            "name": line.name,
+            "says": BALANCES.get(line.name, ""),
+            "where": figures.place_words(line),
+            "size": quantity(line.rms, figures.unit_of(line)),
+            "times": line.violation,
+            "limit": rules.VIOLATED * max(line.null, 1.0),
+            "violated": line.violated,
+            "shown": few or line.violated or line is worst[line.name],
+        }
+        for line in result.violations
+    ]
 
 
 def detectable_rows(report: dict[str, Any]) -> list[dict[str, Any]]:

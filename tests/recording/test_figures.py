@@ -77,7 +77,7 @@ def test_comparison_has_one_row_a_run_to_one_scale():
     assert middle[0].get_ylim() == middle[1].get_ylim()
     sizes = [np.abs(plot.get_lines()[0].get_ydata()).max() for plot in middle]
     assert sizes[1] / sizes[0] == pytest.approx(0.5, rel=0.02)  # the harmonic takes up to 1 % of each bump
-    assert middle[0].texts[0].get_text() == f"peak {number(sizes[0])}"
+    assert middle[0].texts[0].get_text() == f"peak {number(sizes[0], 2)}"
 
 
 def test_the_report_needs_nothing_but_itself():
