@@ -110,7 +110,10 @@ def write_comparison(
     if signals:
         step("figures")
         for axis in next(iter(signals.values())).driven_axes:
-            figure = comparison(signals, axis)
+            peaks = {
+                row["name"]: row["peak_band"] for row in comparison_rows(runs, axis) if row["peak_band"] is not None
+            }
+            figure = comparison(signals, axis, peaks)
             if figure is not None:
                 pictures[f"comparison_{axis}"] = png(figure)
         (folder / "figures").mkdir(exist_ok=True)

@@ -74,6 +74,7 @@ def _page(machine: Machine, found: Findings, result: dict[str, Any]) -> str:
     return environment().overlay(loader=loader).get_template("qualification.html.j2").render(
         title=f"Qualification of {machine.name}",
         how=_how(result),
+        sentence=_sentence(judged),
         passed=sum(row.passed is True for row in judged),
         judged=judged,
         cards=_cards(found.rows),
@@ -87,8 +88,17 @@ def _page(machine: Machine, found: Findings, result: dict[str, Any]) -> str:
 
 def _how(result: dict[str, Any]) -> str:
     control = "proportional control" if result["compensator"] == "none" else f"compensator {result['compensator']}"
-    scheme = "fast scheme, few frequencies" if result["quick"] else "RK4 at 100 us"
+    scheme = "fast scheme, few frequencies" if result["quick"] else "RK4 at 100 µs"
     return f"{control} · {scheme} · accelerations in the {result['bandwidth_Hz']:g} Hz band"
+
+
+def _sentence(judged: list[Row]) -> str:
+    """How many limits are kept, and which are not, the furthest off first."""
+    outside = sorted((r for r in judged if not r.passed), key=lambda r: -(r.value or 0.0) / (r.limit or 1.0))
+    if not outside:
+        return f"All {len(judged)} limits are kept."
+    names = "; ".join(f"{r.test} in {r.axis} ({(r.value or 0.0) / (r.limit or 1.0):.1f} times)" for r in outside)
+    return f"{len(judged) - len(outside)} of {len(judged)} limits are kept. Beyond its limit: {names}."
 
 
 def _cards(rows: list[Row]) -> list[tuple[str, str, str]]:
@@ -98,7 +108,7 @@ def _cards(rows: list[Row]) -> list[tuple[str, str, str]]:
     wanted = (
         ("turn-around", "largest deviation", "turn-around deviation, heave"),
         ("half-hertz noise", "peak, 50", "half-hertz peak, heave"),
-        ("describing function", "phase passes", "phase passes -90°, heave"),
+        ("describing function", "phase passes", "phase passes −90°, heave"),
     )
     cards = []
     for test, figure, says in wanted:
@@ -110,8 +120,8 @@ def _cards(rows: list[Row]) -> list[tuple[str, str, str]]:
 
 SAYS = {
     "half-hertz noise": """\
-Sine of 0.05 m or 5 deg at 0.5 Hz. Ratios are rms over the basic harmonic's: all that is not the
-basic harmonic, its 2nd and 3rd harmonics, those above. Parasitic: the largest peak in the other axes of the same
+Sine of 0.05 m or 5 deg at 0.5 Hz. Ratios are rms over the basic harmonic's: r_n of all that is not the
+basic harmonic, r_lf of its 2nd and 3rd harmonics, r_hf of those above. Parasitic: the largest peak in the other axes of the same
 kind. Figures after AGARD-AR-144, formulas as commonly used [K]; reported, no limit of acceptance known.""",
     "describing function": """\
 Where the response to a sine has fallen by 3 dB, and where it lags by a quarter period.

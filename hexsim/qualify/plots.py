@@ -8,20 +8,23 @@ from typing import Any
 import numpy as np
 
 from hexsim.qualify.battery import NAMES, ROTATIONS
+from hexsim.qualify.measures import STEP_SHARE
 from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, new_figure, png, small_multiples, styled
 
 CAPTIONS = {
-    "half-hertz": "Acceleration in the 50 Hz band over the last periods (blue) and what is left without its "
-    "basic harmonic (orange). Spikes at the reversals are the dead band and friction.",
-    "frequency response": "Response over command, basic harmonics, at one amplitude a frequency. A proportional loop "
-    "without feed-forward gives the first-order lag that shows here.",
-    "turn-around": "Heave of 150 mm peak to peak at 0.5 Hz: the acceleration must stay within the band about its basic "
-    "harmonic.",
-    "dynamic threshold": "Steps of commanded acceleration and the answer in the 50 Hz band.",
+    "half-hertz": "Acceleration over the last periods, and what is left of it without its basic harmonic; all in the "
+    "50 Hz band. Spikes at the reversals are the dead band and friction.",
+    "frequency response": "Response over command, basic harmonics, at one amplitude a frequency. Six curves on each other "
+    "are six axes that answer alike. A proportional loop without feed-forward gives the first-order lag that shows here.",
+    "turn-around": "Heave of 150 mm peak to peak at 0.5 Hz. Above, the acceleration must stay in the grey band about its "
+    "basic harmonic; below, the same as deviation, between the dashed lines.",
+    "dynamic threshold": "Steps of commanded acceleration and the answer. What counts is the time from a step to 63 % of it "
+    "(dotted); the bumps between the steps are the reversals of the legs.",
     "linearity and hysteresis": "Left: gain at 0.5 Hz over amplitude, 1 is ideal. Right: response over command at two "
     "slow, constant speeds; the lag makes the loops wide, what is left at speed zero is hysteresis.",
-    "leg balance": "Phase of each leg behind its setpoint at 0.5 Hz; legs that differ tilt the platform.",
+    "leg balance": "Phase of each leg behind its setpoint at 0.5 Hz; legs that differ tilt the platform. All must lie "
+    "within a band of the grey height.",
 }
 
 
@@ -43,10 +46,11 @@ def pictures(curves: Mapping[str, Any]) -> dict[str, bytes]:
 def half_hertz(curves: Mapping[str, Any]) -> bytes:
     figure, plots = small_multiples(len(curves), "Half-hertz noise", min(3, len(curves)), height=2.1)
     for plot, (axis, curve) in zip(plots, curves.items(), strict=True):
-        plot.plot(curve["time_s"], curve["acceleration"], color=palette.RESPONSE, lw=0.9)
-        plot.plot(curve["time_s"], curve["deviation"], color=palette.DEVIATION, lw=0.8)
-        plot.set_title(f"{NAMES.get(axis, axis)} [{'rad/s²' if axis in ROTATIONS else 'm/s²'}]")
+        plot.plot(curve["time_s"], curve["acceleration"], color=palette.RESPONSE, lw=0.9, label="acceleration")
+        plot.plot(curve["time_s"], curve["deviation"], color=palette.DEVIATION, lw=0.8, label="deviation")
+        plot.set_title(f"{NAMES.get(axis, axis)} [{'rad/s²' if axis in ROTATIONS else 'm/s²'}]", loc="left")
         plot.set_xlabel("time [s]")
+    figure.legend(*plots[0].get_legend_handles_labels(), loc="upper right", ncols=2, borderaxespad=0.3)
     return png(figure)
 
 
@@ -63,7 +67,7 @@ def frequency_response(curves: Mapping[str, Any]) -> bytes:
         }
         gain.semilogx(curve["frequency_Hz"], np.maximum(curve["gain_dB"], -60.0), **style)
         phase.semilogx(curve["frequency_Hz"], np.array(curve["phase_deg"], dtype=float), **style)
-    for plot, level, says in ((gain, -3.0, "-3 dB"), (phase, -90.0, "-90°")):
+    for plot, level, says in ((gain, -3.0, "−3 dB"), (phase, -90.0, "−90°")):
         plot.axhline(level, color=palette.WANTED, lw=0.9, ls="--")
         plot.annotate(says, (1.0, level), xycoords=("axes fraction", "data"), xytext=(3, 0), textcoords="offset points",
                       va="center", fontsize=8, color=palette.WANTED)  # fmt: skip
@@ -100,6 +104,9 @@ def dynamic_threshold(curve: Mapping[str, Any]) -> bytes:
     figure, (plot,) = new_figure(1, "Dynamic threshold", heights=[2.0])
     plot.plot(curve["time_s"], curve["commanded_m_s2"], color=palette.WANTED, lw=1.0, label="commanded")
     plot.plot(curve["time_s"], curve["acceleration_m_s2"], color=palette.RESPONSE, lw=1.0, label="response, 50 Hz band")
+    step = float(np.max(curve["commanded_m_s2"]))
+    for sign in (-1.0, 1.0):
+        plot.axhline(sign * (2 * STEP_SHARE - 1) * step, color=palette.WANTED, lw=0.9, ls=":")
     plot.set_ylabel("acceleration [m/s²]")
     plot.set_xlabel("time [s]")
     legend(plot)
@@ -115,6 +122,8 @@ def linearity_and_hysteresis(linearity: Mapping[str, Any], loops: list[Mapping[s
     left.margins(x=0.05)
     left.set_xlabel("amplitude [mm]")
     left.set_ylabel("gain at 0.5 Hz")
+    left.set_title("linearity", loc="left")
+    right.set_title("hysteresis", loc="left")
     for curve, color in zip(loops, (palette.RESPONSE, palette.DEVIATION), strict=True):
         right.plot(1e3 * curve["commanded_m"], 1e3 * curve["response_m"], color=color, lw=1.0,
                    label=f"{1e3 * curve['speed_m_s']:g} mm/s")  # fmt: skip
@@ -130,10 +139,11 @@ def leg_balance(curve: Mapping[str, Any]) -> bytes:
     phases = np.array(curve["phase_deg"])
     numbers = np.arange(1, len(phases) + 1)
     mean = phases.mean()
-    plot.axhspan(mean - 0.75, mean + 0.75, color=palette.GRID)
-    plot.plot(numbers, phases, "o", color=palette.RESPONSE, ms=6)
+    plot.axhspan(mean - 0.75, mean + 0.75, color=palette.GRID, label="allowed spread, 1.5 deg")
+    plot.plot(numbers, phases, "o", color=palette.RESPONSE, ms=6, label="leg")
     plot.set_ylim(mean - 1.5, mean + 1.5)
     plot.set_xticks(numbers, [f"leg {i}" for i in numbers])
     plot.margins(x=0.08)
     plot.set_ylabel("phase [deg]")
+    legend(plot)
     return png(figure)

@@ -87,6 +87,8 @@ def small_multiples(
     every = list(plots.flat)
     for plot in every[count:]:
         plot.set_visible(False)
+    for plot in every:
+        plot.locator_params(nbins=6)
     return figure, every[:count]
 
 

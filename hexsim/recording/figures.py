@@ -217,8 +217,13 @@ def spectrum(signals: Signals) -> Figure | None:
 
 
 @styled
-def comparison(runs: Mapping[str, Signals], axis: str | None = None) -> Figure | None:
-    """Accelerations and deviations of the driven axis, a row a run and to one scale, close up and whole."""
+def comparison(
+    runs: Mapping[str, Signals], axis: str | None = None, peaks: Mapping[str, float] | None = None
+) -> Figure | None:
+    """Accelerations and deviations of the driven axis, a row a run and to one scale, close up and whole.
+
+    peaks: label -> largest deviation as the table has it; without it, that of the close-up.
+    """
     first = next(iter(runs.values()))
     axis = axis or first.driven_axes[0]
     found = {label: d for label, signals in runs.items() if (d := signals.deviation(axis)) is not None}
@@ -243,14 +248,11 @@ def comparison(runs: Mapping[str, Signals], axis: str | None = None) -> Figure |
         middle.set_ylim(-limit, limit)
         right.set_ylim(-everywhere, everywhere)
         left.set_ylabel(label, color=color, fontweight="bold")
-        middle.text(
-            0.99,
-            0.93,
-            f"peak {number(_largest(deviation, close), 2)}",
-            transform=middle.transAxes,
-            ha="right",
-            va="top",
-        )
+        peak = (peaks or {}).get(label, _largest(deviation, close))
+        middle.text(1.0, 1.03, f"peak {number(peak)}", transform=middle.transAxes, ha="right", va="bottom")
+    for left in plots[3::3]:
+        left.sharey(plots[0])
+    plots[0].autoscale(axis="y")
     for plot, name in zip(plots, (f"acceleration and {wanted}", "deviation", "deviation, whole run"), strict=False):
         plot.set_title(name, loc="left")
     for plot in plots[-3:]:

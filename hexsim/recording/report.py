@@ -82,10 +82,10 @@ def run_sentence(summary: Mapping[str, Any], driven: tuple[str, ...]) -> str:
     if axis is None or peak is None:
         return ""
     unit, harmonic = axis_unit(axis), summary["axes"][axis].get(f"fundamental_{axis_unit(axis)}")
-    name = AXIS_NAMES[axis].capitalize()
-    says = f"{name} deviates by up to {number(peak)} {unit.replace('_s2', '/s²')}"
+    where = "of the leg" if axis == "leg" else f"in {AXIS_NAMES[axis]}"
+    says = f"The acceleration {where} deviates by up to {number(peak)} {unit.replace('_s2', '/s²')}"
     if harmonic:
-        says += f" from its basic harmonic, {share(peak / harmonic)} of that harmonic's amplitude"
+        says += f" from its basic harmonic, {number(peak / harmonic, 2)} times that harmonic's amplitude"
     rest: dict[str, float] = {}
     for other, figures in summary["axes"].items():
         own = axis_unit(other)
@@ -96,19 +96,21 @@ def run_sentence(summary: Mapping[str, Any], driven: tuple[str, ...]) -> str:
 
 
 def comparison_sentence(tables: list[dict[str, Any]]) -> str:
-    """Which compensator is smoothest in the first driven axis, and by how much."""
-    rows = [row for row in tables[0]["rows"] if row["peak_band"] is not None and not row["note"]] if tables else []
-    if len(rows) < 2:
-        return ""
-    best, first = min(rows, key=lambda row: row["peak_band"]), tables[0]["rows"][0]
-    axis, unit = tables[0]["axis"], tables[0]["unit"]
-    size = f"{number(best['peak_band'])} {unit}"
-    if best is first or not best["ratio"]:
-        return f"{best['name']} is the smoothest in {axis}: its largest deviation is {size}."
-    return (
-        f"{best['name']} is the smoothest in {axis}: its largest deviation is {size}, {share(best['ratio'])} of "
-        f"{first['name']}'s {number(first['peak_band'])}."
-    )
+    """Which compensator is smoothest, and by how much; the axes of each where there are several."""
+    best: dict[str, list[str]] = {}
+    says = ""
+    for table in tables:
+        rows = [row for row in table["rows"] if row["peak_band"] is not None and not row["note"]]
+        if len(rows) < 2:
+            return ""
+        first, smoothest = table["rows"][0], min(rows, key=lambda row: row["peak_band"])
+        best.setdefault(smoothest["name"], []).append(table["axis"])
+        says = f"its largest deviation is {number(smoothest['peak_band'])} {table['unit']}"
+        if smoothest is not first and smoothest["ratio"]:
+            says += f", {share(smoothest['ratio'])} of the {number(first['peak_band'])} with {first['name']}"
+    if len(tables) == 1:
+        return f"Smoothest is {next(iter(best))}: {says}."
+    return "Smoothest: " + "; ".join(f"{name} in {', '.join(axes)}" for name, axes in best.items()) + "."
 
 
 def cards(summary: Mapping[str, Any], driven: tuple[str, ...]) -> list[tuple[str, str, str]]:

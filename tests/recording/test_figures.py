@@ -74,10 +74,11 @@ def test_comparison_has_one_row_a_run_to_one_scale():
     figure = comparison(runs)
     left, middle = figure.axes[0::3], figure.axes[1::3]
     assert [plot.get_ylabel() for plot in left] == ["none", "half"]
-    assert middle[0].get_ylim() == middle[1].get_ylim()
+    assert middle[0].get_ylim() == middle[1].get_ylim() and left[0].get_ylim() == left[1].get_ylim()
     sizes = [np.abs(plot.get_lines()[0].get_ydata()).max() for plot in middle]
     assert sizes[1] / sizes[0] == pytest.approx(0.5, rel=0.02)  # the harmonic takes up to 1 % of each bump
-    assert middle[0].texts[0].get_text() == f"peak {number(sizes[0], 2)}"
+    assert middle[0].texts[0].get_text() == f"peak {number(sizes[0])}"
+    assert comparison(runs, peaks={"none": 2.0}).axes[1].texts[0].get_text() == "peak 2.00"
 
 
 def test_the_report_needs_nothing_but_itself():
