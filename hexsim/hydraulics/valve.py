@@ -28,6 +28,24 @@ def spool_acceleration(position, velocity, command, omega, damping):
 
 
 @compiled
+def spool_rates(position, velocity, command, omega, damping, limit):
+    """(dx/dt [m/s], d2x/dt2 [m/s2]) of a spool no faster than `limit` [m/s] (0: none).
+
+    damping 0: first order, dx/dt = omega (command - x), a spool that a pilot of limited flow moves. At the limit the
+    speed of a second-order spool winds up no further.
+    """
+    if damping <= 0.0:
+        velocity, acceleration = omega * (command - position), 0.0
+    else:
+        acceleration = spool_acceleration(position, velocity, command, omega, damping)
+    if limit <= 0.0:
+        return velocity, acceleration
+    if abs(velocity) >= limit and velocity * acceleration > 0.0:
+        acceleration = 0.0
+    return min(max(velocity, -limit), limit), acceleration
+
+
+@compiled
 def opening(x, overlap, rounding):
     """Length of the open edge [m] for travel x towards it, Eq. 3.3; rounding s > 0 smooths the corner."""
     beyond = x - overlap

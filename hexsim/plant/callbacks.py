@@ -80,12 +80,8 @@ def leg_rates(p, act, act_dot, y, v, volts, t):
     if p[P.ACT_SPOOL] >= 0.0:
         place = int(p[P.ACT_SPOOL])
         command = leg.commanded_spool(p, volts, t)
-        speed = act[place + 1]
-        if p[P.SPOOL_RATE] > 0.0:
-            speed = min(max(speed, -p[P.SPOOL_RATE]), p[P.SPOOL_RATE])
-        act_dot[place] = speed
-        act_dot[place + 1] = valve.spool_acceleration(
-            act[place], act[place + 1], command, p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING]
+        act_dot[place], act_dot[place + 1] = valve.spool_rates(
+            act[place], act[place + 1], command, p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING], p[P.SPOOL_RATE]
         )
     if p[P.ACT_BRISTLE] >= 0.0:
         rate = leg.bristle_rate(p, y, v, P1, z)

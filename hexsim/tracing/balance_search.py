@@ -125,7 +125,8 @@ def simulated_rivals(found: Search, question: Question, tick: Tick = lambda step
 def simulated_fit(rival: Fit, question: Question) -> Fit | None:
     """A hypothesis of the balances refitted by simulation; None when it does not simulate or cannot reach the noise.
 
-    What leaves too much of the opening seconds, fitted to them alone, leaves too much of the whole.
+    What leaves too much of the opening seconds, fitted to them alone, leaves too much of the whole. The whole is then
+    fitted from there, or from the balances where that is nearer: opening seconds may hardly show an effect.
     """
     head = question.head(rules.TRIAGE_S)
     share = head.duration_s / question.duration_s
@@ -135,7 +136,7 @@ def simulated_fit(rival: Fit, question: Question) -> Fit | None:
     opening = refine(start, head, fresh=True)
     if not at_floor(opening.misfit, share):
         return None
-    start = start_fit_at(opening, question)
+    start = min((start_fit_at(fit, question) for fit in (opening, rival)), key=lambda fit: fit.chi2)
     return refine(start, question, fresh=True) if np.isfinite(start.chi2) else None
 
 

@@ -44,7 +44,7 @@ def leg_terms(p, y, v, volts, t, h, p1, ps, x, xd, z):
     used = leg.commanded_spool(p, volts, t)
     dx = dxd = dz = 0.0
     if p[P.SPOOL_OMEGA] > 0.0:
-        dx, dxd = spool_rates(p, x, xd, used)
+        dx, dxd = valve.spool_rates(x, xd, used, p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING], p[P.SPOOL_RATE])
         used = min(max(x, -p[P.SPOOL_TRAVEL]), p[P.SPOOL_TRAVEL])
     dp = leg.pressure_rate(p, y, v, volts, used, p1, ps, t)
     if p[P.BRISTLE_STIFFNESS] > 0.0:
@@ -82,15 +82,6 @@ def rates(p, s, m, volts, t, h, state, rate):
     rate[V] = acceleration
     rate[PS] = supply_rate(s, ps, leg.supply_demand(p, v, x, p1, ps, ps), h) if s[S.MODEL] == supply.LINE else 0.0
     return acceleration
-
-
-@compiled
-def spool_rates(p, x, xd, command):
-    """Second-order spool with a rate limit."""
-    speed = xd
-    if p[P.SPOOL_RATE] > 0.0:
-        speed = min(max(speed, -p[P.SPOOL_RATE]), p[P.SPOOL_RATE])
-    return speed, valve.spool_acceleration(x, xd, command, p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING])
 
 
 @compiled

@@ -111,7 +111,10 @@ def parameter_columns(fit: Fit, question: Question) -> Fit:
 
 
 def effect_columns(fit: Fit, question: Question) -> list[Array]:
-    """Columns of every effect number about where the fit stands (per coordinate), a log: (n_numbers, channels, n)."""
+    """Columns of every effect number about where the fit stands (per coordinate), a log: (n_numbers, channels, n).
+
+    A number whose neighbour's simulation diverges gets no column: it stays where it is.
+    """
     machines, steps = [], []
     for k, candidate in enumerate(fit.candidates):
         for parameter in candidate.free():
@@ -124,8 +127,12 @@ def effect_columns(fit: Fit, question: Question) -> list[Array]:
             changed = (*fit.values[:k], values, *fit.values[k + 1 :])
             machines.append(replace(fit, values=changed).fitted_machine())
             steps.append(step)
-    varied = question.misfit(machines)
-    return [(base - v) / np.array(steps)[:, None, None] for base, v in zip(fit.misfit, varied, strict=True)]
+    columns = [
+        (base - v) / np.array(steps)[:, None, None]
+        for base, v in zip(fit.misfit, question.misfit(machines), strict=True)
+    ]
+    alive = np.all([np.isfinite(c).all(axis=(1, 2)) for c in columns], axis=0)
+    return [np.where(alive[:, None, None], c, 0.0) for c in columns]
 
 
 def normal_equations(columns: list[Array], misfit: list[Array]) -> tuple[Array, Array]:

@@ -174,3 +174,28 @@ def test_play_follows_within_its_width():
         held = valve.play(volts, held, 0.1)
         path.append(held)
     np.testing.assert_allclose(path, [0.0, 0.0, 0.2, 0.2, 0.2, 0.1, -0.4, -0.4], atol=1e-15)
+
+
+@pytest.mark.parametrize("omega", [2 * math.pi * 60.0, 2 * math.pi * 1300.0])
+def test_a_limited_spool_slews_at_its_limit_and_stops(omega):
+    """A step of 100 um at 10 mm/s takes 10 ms and the braking, never runs faster, and passes its goal by less than 3 %.
+
+    Braking starts within 2 zeta/omega of travel time: 2.7 ms at 60 Hz, so that after 20 ms both spools are there. Without
+    a limit on what is wound up the quick spool would swing past by many times the step.
+    """
+    position = speed = highest = fastest = 0.0
+    for _ in range(400_000):
+        rate, acceleration = valve.spool_rates(position, speed, 1e-4, omega, 0.7, 0.01)
+        position, speed = position + 1e-7 * rate, speed + 1e-7 * acceleration
+        highest, fastest = max(highest, position), max(fastest, abs(rate))
+    assert fastest <= 0.01 and fastest == pytest.approx(0.01)
+    assert highest < 1.03e-4
+    assert position == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_a_pilot_of_limited_flow_moves_the_spool_in_first_order():
+    """Damping 0: dx/dt = w (c - x), cut at the limit; a step larger than limit/w slews first, then closes exponentially."""
+    omega, limit = 3000.0, 0.03  # linear within 10 um
+    assert valve.spool_rates(0.0, 0.0, 5e-6, omega, 0.0, limit) == (pytest.approx(0.015), 0.0)
+    assert valve.spool_rates(0.0, 0.0, -5e-5, omega, 0.0, limit) == (-limit, 0.0)
+    assert valve.spool_rates(0.0, 7.0, 5e-5, omega, 0.0, 0.0)[0] == pytest.approx(0.15)

@@ -18,7 +18,7 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
         row = resolved.rows[leg]
         delay = 2.0 * values["damping"] / (2.0 * math.pi * values["frequency_Hz"])
         if row[P.SPOOL_OMEGA] > 0.0:
-            delay += 2.0 * row[P.SPOOL_DAMPING] / row[P.SPOOL_OMEGA]
+            delay += (2.0 * row[P.SPOOL_DAMPING] or 1.0) / row[P.SPOOL_OMEGA]
         row[P.SPOOL_DAMPING] = values["damping"]
         row[P.SPOOL_OMEGA] = 2.0 * values["damping"] / delay
 

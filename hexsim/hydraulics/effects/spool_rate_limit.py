@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
-    """A spool state with limited speed; a spool without declared dynamics gets fast ones."""
+    """A spool state with limited speed; a spool without declared dynamics follows its command in first order."""
     for leg in legs:
         row = resolved.rows[leg]
         row[P.SPOOL_RATE] = values["rate_m_s"]
         if row[P.SPOOL_OMEGA] == 0.0:
             row[P.SPOOL_OMEGA] = 2.0 * math.pi * values["frequency_Hz"]
-            row[P.SPOOL_DAMPING] = 1.0
+            row[P.SPOOL_DAMPING] = 0.0
 
 
 EFFECT = Effect(

@@ -162,22 +162,19 @@ def spool_positions(p, volts, t):
     """Spool position [m] sample by sample for volts held between samples, 10 steps a sample."""
     n = volts.shape[0]
     x = np.empty(n)
-    lag = p[P.SPOOL_OMEGA] > 0.0
+    omega, damping, limit = p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING], p[P.SPOOL_RATE]
     place = leg_equations.commanded_spool(p, volts[0], t[0])
     speed = 0.0
     for i in range(n):
         command = leg_equations.commanded_spool(p, volts[i], t[i])
-        if not lag:
+        if omega <= 0.0:
             x[i] = command
             continue
         x[i] = place
         h = (t[i] - t[i - 1] if i > 0 else t[1] - t[0]) / 10.0
         for _ in range(10):
-            speed += h * valve.spool_acceleration(place, speed, command, p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING])
-            moved = speed
-            if p[P.SPOOL_RATE] > 0.0:
-                moved = min(max(speed, -p[P.SPOOL_RATE]), p[P.SPOOL_RATE])
-            place += h * moved
+            speed += h * valve.spool_rates(place, speed, command, omega, damping, limit)[1]
+            place += h * valve.spool_rates(place, speed, command, omega, damping, limit)[0]
     return x
 
 
