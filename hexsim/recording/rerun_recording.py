@@ -165,7 +165,7 @@ class _Series:
         """Every leg's signals, and the supply they share."""
         signals = self.signals
         supply = signals.column("true_pressure_supply_Pa", "pressure_supply_Pa")
-        self.slow_curve("supply", _times(supply, BAR), "supply", palette.SUPPLY)
+        self.slow_curve("supply", _times(supply, BAR), "supply", self.color or palette.SUPPLY)
         for leg in signals.legs:
             own = self.color or (palette.LEGS[leg - 1] if signals.machine.is_hexapod else palette.RESPONSE)
             setpoint, position = signals.leg("setpoint", "m", leg), signals.leg("position", "m", leg)

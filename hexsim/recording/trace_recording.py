@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,16 @@ import polars as pl
 
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine
+from hexsim.machine.files import changed
 from hexsim.recording.rerun_recording import entity_name, write_recording
 from hexsim.recording.signals import Signals
 from hexsim.scenarios import replay_scenario
 from hexsim.simulation import simulate
+
+QUIET = {
+    f"sensors.{name}": 0.0
+    for name in ("position_noise_m", "pressure_noise_Pa", "acceleration_noise_m_s2", "angular_acceleration_noise_rad_s2")
+}
 
 
 def write_trace_recordings(
@@ -33,7 +40,9 @@ def write_trace_recordings(
 def replayed(measured: pl.DataFrame, machines: dict[str, Machine]) -> dict[str, Signals]:
     """The measured log, and what each machine does on its setpoints; `deviation` is from the measured acceleration.
 
-    A log without setpoints stands alone, and so does one that a machine cannot follow.
+    The machines' accelerations are what their sensors would read without noise: samples at the control's ticks, as the
+    measured ones are; a bench is stepped with RK4, whose samples there are right. A log without setpoints stands alone,
+    and so does one that a machine cannot follow.
     """
     time = measured["time_s"].to_numpy()
     measured = measured.with_columns(pl.col("time_s") - time[0])
@@ -48,10 +57,10 @@ def replayed(measured: pl.DataFrame, machines: dict[str, Machine]) -> dict[str, 
     for label, machine in machines.items():
         scenario = replay_scenario(label, time, asked, machine.cylinder.stroke_m)
         try:
-            run = simulate(machine, scenario, fast=True)
+            run = simulate(changed(machine, QUIET), scenario, fast=machine.is_hexapod)
         except HexsimError:
             continue
-        signals = Signals(log=run.log, machine=machine, label=label)
+        signals = Signals(log=run.log, machine=machine, label=label, measured=True)
         wanted = {axis: np.interp(signals.time_s, seen.time_s, values) for axis, values in itself.items()}
-        shown[label] = Signals(log=run.log, machine=machine, label=label, wanted=wanted)
+        shown[label] = replace(signals, wanted=wanted)
     return shown

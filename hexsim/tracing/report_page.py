@@ -32,7 +32,7 @@ CAPTIONS = {
     "right). Orange: held back by its limit.",
 }
 BALANCES = {
-    "sensor": "position differentiated twice = acceleration",
+    "sensor": "position differentiated twice = acceleration, but for the ripple between the controller's ticks",
     "supply": "supply pressure = what the declared supply gives for the flow taken",
     "continuity": "valve flow = piston flow + compression of the oil",
     "valve": "the same, put down to the valve where the valve explains it",

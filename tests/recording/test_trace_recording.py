@@ -28,8 +28,9 @@ def test_all_three_lie_on_one_time_line_and_the_deviation_is_from_the_measured_o
     _, deviation = recording.read("/declared/deviation/leg/within_band", "Scalars:scalars")
     inner = slice(200, -200)  # the band filter leans on padding within 0.1 s of either end
     assert np.allclose(deviation[inner], (declared - measured)[inner], rtol=0, atol=1e-6)
-    # the log's own writer and this simulator agree on a machine that lacks nothing: parameter errors of a few % remain
-    assert np.sqrt(np.mean(deviation[inner] ** 2)) < 0.25 * np.std(measured)
+    # the log's own writer and this simulator agree on a machine that lacks nothing: parameter errors of a few % remain.
+    # Noise alone is 0.006 m/s2 in the band; accelerations averaged over a tick would be 5 % off beside it, 0.017 m/s2
+    assert np.sqrt(np.mean(deviation[inner] ** 2)) < 0.012
     assert "/measured/summary" in recording.entities(moving=False)
 
 
