@@ -19,7 +19,12 @@ from hexsim.simulation import simulate
 
 QUIET = {
     f"sensors.{name}": 0.0
-    for name in ("position_noise_m", "pressure_noise_Pa", "acceleration_noise_m_s2", "angular_acceleration_noise_rad_s2")
+    for name in (
+        "position_noise_m",
+        "pressure_noise_Pa",
+        "acceleration_noise_m_s2",
+        "angular_acceleration_noise_rad_s2",
+    )
 }
 
 
