@@ -117,7 +117,11 @@ def plain_frequencies(plot: Axes) -> None:
 
 
 def plain_powers(plot: Axes) -> None:
-    """Labels at whole powers only on a logarithmic y axis that spans little."""
+    """Labels of a logarithmic y axis: 1, 2, 5 as plain numbers where it spans little, whole powers elsewhere."""
+    low, high = plot.get_ylim()
+    if high < 50.0 * low:
+        ticks = [d * 10.0**power for power in range(-12, 9) for d in (1, 2, 5) if low <= d * 10.0**power <= high]
+        plot.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     plot.yaxis.set_minor_formatter(NullFormatter())
 
 

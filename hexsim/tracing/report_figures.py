@@ -257,7 +257,10 @@ def draw_residual(plot: Axes, result: TraceResult, line: Violation, machine: Mac
 
 def fitted_curves(form: str, x: Array, r: Array, v: Array) -> list[tuple[str, Array, Array]]:
     """(colour, knots, curve) of a dependence: one curve, or one a direction of motion (a product: at its typical speed)."""
-    form = "plain" if form == "tone" else form
+    if form == "tone":  # x is the phase, 0 to 1
+        phase = np.linspace(0.0, 1.0, 73)
+        waves = [np.stack([np.sin(2 * np.pi * p), np.cos(2 * np.pi * p), np.ones(len(p))], axis=1) for p in (x, phase)]
+        return [(palette.INK, phase, waves[1] @ np.linalg.lstsq(waves[0], r, rcond=None)[0])]
     knots = knots_of(x)
     theta, _ = ridge(design(form, x, v, knots), r)
     if form == "plain":
