@@ -134,6 +134,15 @@ def platform_rates(m, inverse, state, R, wrench, rate, acceleration):
 
 
 @compiled
+def along_axis_of_centre(m, state, acceleration):
+    """Acceleration [m/s2] of the centre of mass along the platform's z axis: a + w' x c + w x (w x c)."""
+    w0, w1, w2 = state[OMEGA], state[OMEGA + 1], state[OMEGA + 2]
+    c0, c1, c2 = m[CENTRE], m[CENTRE + 1], m[CENTRE + 2]
+    turn = acceleration[3] * c1 - acceleration[4] * c0
+    return acceleration[2] + turn + w0 * (w2 * c0 - w0 * c2) - w1 * (w1 * c2 - w2 * c1)
+
+
+@compiled
 def rates(
     p, s, m, inverse, base, joints, retracted, volts, t, h, state, rate, y, v, acceleration, R, direction, wrench
 ):
@@ -174,7 +183,7 @@ def rates(
         platform_rates(m, inverse, state, R, wrench, rate, acceleration)
         weight = R[0, 2] * m[WEIGHT] + R[1, 2] * m[WEIGHT + 1] + R[2, 2] * m[WEIGHT + 2]
         rate[TRAVEL] = state[TRAVEL_RATE]
-        rate[TRAVEL_RATE] = -spring + weight / m[MASS] - acceleration[2]
+        rate[TRAVEL_RATE] = -spring + weight / m[MASS] - along_axis_of_centre(m, state, acceleration)
     else:
         platform_rates(m, inverse, state, R, wrench, rate, acceleration)
 

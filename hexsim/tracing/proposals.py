@@ -12,9 +12,10 @@ import numpy as np
 
 from hexsim.machine.declaration import Machine
 from hexsim.machine.resolved import PayloadMode
-from hexsim.tracing.balances import Force
+from hexsim.tracing.balances import Force, Platform
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
-from hexsim.tracing.balances.force import payload_acceleration
+from hexsim.tracing.balances.force import on_spring
+from hexsim.tracing.balances.platform import ROWS
 from hexsim.tracing.channels import SETTLE_S
 from hexsim.tracing.dependence import tone_of
 from hexsim.tracing.log import MeasuredLog
@@ -26,14 +27,17 @@ Array = np.ndarray
 
 def proposed_shapes(machine: Machine, logs: Sequence[MeasuredLog]) -> dict[str, dict[str, float]]:
     """Effect name -> numbers of its shape. machine: with the parameters at which the residual is looked at."""
-    force = Force()
+    keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), 5) for log in logs]
+    platform, force = Platform(), Force()
+    if all(platform.wants(log) for log in logs):
+        heave = [platform.residual(log, machine)[ROWS.index("z"), k] for log, k in zip(logs, keep, strict=True)]
+        return {"flexible_payload": {"frequency_Hz": _payload_frequency(logs, keep, heave)}}
     if not all(force.wants(log) for log in logs):
         return {}
-    keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), 5) for log in logs]
     residuals = [force.residual(log, machine)[0, k] for log, k in zip(logs, keep, strict=True)]
     return {
         "position_dependent_friction": {"wavelength_m": _wavelength(machine, logs, keep, residuals)},
-        "flexible_payload": {"frequency_Hz": _payload_frequency(machine, logs, keep, residuals)},
+        "flexible_payload": {"frequency_Hz": _payload_frequency(logs, keep, residuals)},
         "outside_force_tone": {"frequency_Hz": tone_of(residuals, logs[0].rate / 5)[0]},
     }
 
@@ -64,22 +68,18 @@ def _wavelength(machine: Machine, logs: Sequence[MeasuredLog], keep: list[slice]
     return float(max(lengths, key=gain))
 
 
-def _payload_frequency(
-    machine: Machine, logs: Sequence[MeasuredLog], keep: list[slice], residuals: list[Array]
-) -> float:
-    resolved = resolved_machine(machine)
+def _payload_frequency(logs: Sequence[MeasuredLog], keep: list[slice], residuals: list[Array]) -> float:
+    """Of the spring on which a part of the load would explain most of a force residual along the vertical axis."""
     r = np.concatenate(residuals)
     frequencies = np.geomspace(1.0, 60.0, 30)
-    smooth = [Window(log.rate) for log in logs]
-    positions = [measured_point(log, machine, resolved, 0).sensed.mean_y for log in logs]
 
     def gain(frequency: float) -> float:
         mode = PayloadMode(mass_kg=1.0, frequency_Hz=frequency, damping_ratio=0.05)
         columns = []
-        for log, y, window, k in zip(logs, positions, smooth, keep, strict=True):
+        for log, k in zip(logs, keep, strict=True):
             assert log.acceleration is not None
-            swing = payload_acceleration(mode, y, log.rate) - window.mean(log.acceleration[0])
-            columns.append(np.stack([swing, window.mean(log.acceleration[0])])[:, k])
+            felt = log.acceleration[-1]  # of a bench, or along the platform's z axis
+            columns.append(Window(log.rate).mean(np.stack([on_spring(mode, felt, log.rate), felt]))[:, k])
         return _gain(np.concatenate(columns, axis=1).T, r)
 
     return float(max(frequencies, key=gain))

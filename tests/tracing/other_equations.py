@@ -250,13 +250,13 @@ def hexapod_rates(rig, legs, base, joints, X, volts, t, dX, a_out, y_out, W):
         T[1] += f * (joints[i, 2] * local[0] - joints[i, 0] * local[2])
         T[2] += f * (joints[i, 0] * local[1] - joints[i, 1] * local[0])
     ride = payload_force(rig, ride_q, ride_rate) if rig.payload_mass > 0.0 else 0.0
-    F[2] += ride - rig.payload_mass * rig.gravity
     dX[M] = supply_rate(rig, Ps, demand)
     # force in the platform frame, torque about the centre of mass, Euler, and back to the joint centre
     c = (rig.com_x, rig.com_y, rig.com_z)
     f0 = R[0, 0] * F[0] + R[1, 0] * F[1] + R[2, 0] * F[2]
     f1 = R[0, 1] * F[0] + R[1, 1] * F[1] + R[2, 1] * F[2]
     f2 = R[0, 2] * F[0] + R[1, 2] * F[1] + R[2, 2] * F[2]
+    f2 += ride - rig.payload_mass * rig.gravity  # its suspension stands on the platform, along its vertical axis
     I0, I1, I2 = rig.inertia_x, rig.inertia_y, rig.inertia_z
     a0 = (T[0] - (c[1] * f2 - c[2] * f1) - (I2 - I1) * w[1] * w[2]) / I0
     a1 = (T[1] - (c[2] * f0 - c[0] * f2) - (I0 - I2) * w[2] * w[0]) / I1
@@ -273,10 +273,9 @@ def hexapod_rates(rig, legs, base, joints, X, volts, t, dX, a_out, y_out, W):
     for k in range(3):
         dX[M + 3 + k] = speed[k]
         dX[M + 10 + k] = R[k, 0] * a_out[0] + R[k, 1] * a_out[1] + R[k, 2] * a_out[2]
-    vertical = dX[M + 12]
     dX[M + 12] -= ground
     dX[M + 1] = ride_rate
-    dX[M + 2] = (-ride / rig.payload_mass - vertical) if rig.payload_mass > 0.0 else 0.0
+    dX[M + 2] = (-ride / rig.payload_mass - f2 / rig.mass + g) if rig.payload_mass > 0.0 else 0.0
     dX[M + 6] = 0.5 * (-quat[1] * w[0] - quat[2] * w[1] - quat[3] * w[2])
     dX[M + 7] = 0.5 * (quat[0] * w[0] + quat[2] * w[2] - quat[3] * w[1])
     dX[M + 8] = 0.5 * (quat[0] * w[1] - quat[1] * w[2] + quat[3] * w[0])

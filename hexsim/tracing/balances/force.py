@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.signal import bilinear, lfilter
 
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics.compiled import compiled
@@ -32,31 +33,16 @@ def forces_beyond_pressure(p, y, v, volts, P1, Ps, t):
     return force
 
 
-@compiled
-def oscillator(y, omega, damping, rate):
-    """q of q'' = w^2 (y - q) + 2 zeta w (y' - q') for a foot linear between samples, at rest at first; 8 steps a sample."""
-    n, steps = y.shape[0], 8
-    out = np.zeros(n)
-    q = speed = 0.0
-    h = 1.0 / (rate * steps)
-    for i in range(n - 1):
-        foot_speed = (y[i + 1] - y[i]) * rate
-        for k in range(steps):
-            middle = y[i] + foot_speed * h * (k + 0.5)
-            half = q + 0.5 * h * speed
-            pull = omega * omega * (middle - half) + 2.0 * damping * omega * (foot_speed - speed)
-            speed += h * pull / (1.0 + damping * omega * h)
-            q = half + 0.5 * h * speed
-        out[i + 1] = q
-    return out
+def on_spring(mode: PayloadMode, felt: Array, rate: float) -> Array:
+    """Specific force (n,) [m/s2] that a payload on a spring and damper gives back when its foot feels `felt` (n,).
 
-
-def payload_acceleration(mode: PayloadMode, y: Array, rate: float) -> Array:
-    """q'' of a mass on a spring and damper whose foot moves as y (n,) [m/s2]."""
+    (2 zeta w p + w^2)/(p^2 + 2 zeta w p + w^2) by the bilinear rule (0.1 % off in frequency at 17 Hz and 1 kHz), steady at
+    first. felt: acceleration less gravity, along the spring.
+    """
     omega = 2 * np.pi * mode.frequency_Hz
-    q = oscillator(np.ascontiguousarray(y - y[0]), omega, mode.damping_ratio, rate)
-    velocity = np.gradient(q - (y - y[0]), 1 / rate)
-    return -(omega**2) * (q - (y - y[0])) - 2 * mode.damping_ratio * omega * velocity
+    damper = 2 * mode.damping_ratio * omega
+    top, bottom = bilinear([damper, omega**2], [1.0, damper, omega**2], rate)
+    return lfilter(top, bottom, felt - felt[0]) + felt[0]
 
 
 class Force:
@@ -79,5 +65,5 @@ class Force:
         mass, gravity = resolved.load.moving_mass_kg, -resolved.gravity_m_s2[2]
         net = point.P1 * p[P.AREA_BOTTOM] + beyond - mass * (point.sensed.acceleration + gravity)
         for mode in resolved.payload_modes:
-            net = net - mode.mass_kg * (payload_acceleration(mode, point.y, log.rate) + gravity)
+            net = net - mode.mass_kg * on_spring(mode, point.sensed.acceleration + gravity, log.rate)
         return window.mean(net)[None]

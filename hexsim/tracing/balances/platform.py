@@ -11,7 +11,7 @@ import numpy as np
 from hexsim.hydraulics.parameters import P
 from hexsim.machine.declaration import Machine
 from hexsim.tracing.balances.balance import advanced, measured_point, resolved_machine
-from hexsim.tracing.balances.force import forces_beyond_pressure
+from hexsim.tracing.balances.force import forces_beyond_pressure, on_spring
 from hexsim.tracing.hexapod_simulator import kinematics_of, platform_load
 from hexsim.tracing.log import MeasuredLog
 from hexsim.tracing.weak_form import Window
@@ -81,6 +81,9 @@ def wrench_residual(log: MeasuredLog, machine: Machine) -> tuple[Array, Array]:
     c = load.centre[:, None]
     of_centre = acceleration + _cross(angular, c) + _cross(omega, _cross(omega, c))
     push = load.mass * of_centre - weight
+    felt = of_centre - weight / load.carried
+    for mode in resolved.payload_modes:  # along z on its spring, across it with the platform
+        push = push + mode.mass_kg * np.stack([felt[0], felt[1], on_spring(mode, felt[2], log.rate)])
     spin = load.inertia @ angular + _cross(omega, load.inertia @ omega) + _cross(c, push)
     arms = np.cross(np.broadcast_to(kinematics.platform_joints, directions.shape), directions)
     return window.mean(wrench - np.concatenate([push, spin])), np.concatenate([directions, arms], axis=-1)
