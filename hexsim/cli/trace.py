@@ -79,11 +79,16 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
 
 
 def markdown(report: Mapping[str, Any]) -> str:
-    """Verdict and effects for the text panel of the recording."""
-    lines = [f"verdict: **{report.get('verdict', '')}**", ""]
-    for effect in report.get("effects", []):
-        values = ", ".join(f"{key} = {value:.3g}" for key, value in effect.get("parameters", {}).items())
-        lines.append(f"- {effect['name'] or 'learned term'}, {effect['where']}: {values}")
+    """Verdict, effects and what is left for the text panel of the recording."""
+    from hexsim.tracing.report_page import effect_rows, rest_rows
+
+    lines = [f"verdict: **{report['verdict']}**", ""]
+    for effect in effect_rows(report):
+        numbers = "; ".join(f"{name} {value}" for name, value in effect["values"])
+        lines.append(f"- **{effect['title']}**, {effect['where']}: {numbers or effect['says']}")
+    lines += [
+        f"- left in the {rest['balance']} balance of {rest['place']}: {rest['says']}" for rest in rest_rows(report)
+    ]
     return "\n".join(lines)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from hexsim.hydraulics.effects import effect_named
@@ -85,7 +86,7 @@ def report_page(result: TraceResult) -> str:
 # ---- the top of the page ---------------------------------------------------------------------------------------------
 
 
-def worst_error(report: dict[str, Any], model: str) -> tuple[float, str]:
+def worst_error(report: Mapping[str, Any], model: str) -> tuple[float, str]:
     """Error on held-out motion in times the sensor's noise, and the signal that has it."""
     rows = [
         (row[model] / row["noise"], channel)
@@ -162,7 +163,7 @@ def place_words(where: str) -> str:
     return where if where.startswith("leg ") or where == "all legs" else f"the {where}"
 
 
-def effect_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
+def effect_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for effect in report["effects"]:
         errors = effect.get("standard_error", {})
@@ -179,7 +180,7 @@ def effect_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def rest_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
+def rest_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for rest in report["unexplained"]:
         signal = SIGNALS.get(rest["depends_on"], (rest["depends_on"],))[0]
@@ -198,7 +199,7 @@ def rest_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def error_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
+def error_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Held-out errors, each with its multiple of the noise. shown: the worst of its kind, where there are many."""
     rows, worst = [], {}
     for log, channels in report["error"].items():
@@ -237,15 +238,15 @@ def balance_rows(result: TraceResult) -> list[dict[str, Any]]:
     ]
 
 
-def detectable_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
+def detectable_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [
         d | {"name": name.replace("_", " "), "size": quantity(d["theta_min"], d["unit"]),
-             "note": d.get("says") or d.get("shown_by") or ""}
+             "note": d.get("says") or (f"shown by {d['shown_by']}" if d.get("shown_by") else "")}
         for name, d in report["detectable"].items()
     ]  # fmt: skip
 
 
-def parameter_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
+def parameter_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for key, p in report["parameters"].items():
         name, unit = split_key(key)
