@@ -20,7 +20,7 @@ import numpy as np
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.supply import CONSTANT, S
 from hexsim.kinematics import HexapodKinematics
-from hexsim.machine.resolved import Resolved
+from hexsim.machine.resolved import PayloadMode, Resolved
 from hexsim.plant import looks
 from hexsim.plant.callbacks import SUPPLY_MARK
 
@@ -117,7 +117,7 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKin
         looks.add_platform(spec, platform, kinematics)
     platform.add_site(name="accelerometer", pos=[0, 0, 0])
     for mode_number, mode in enumerate(resolved.payload_modes, start=1):
-        _add_payload_mode(platform, mode, mode_number)
+        _add_payload_mode(platform, mode, mode_number, resolved.gravity_m_s2)
     for i in range(6):
         platform.add_site(name=f"platform_joint_{i + 1}", pos=kinematics.platform_joints[i], size=[0.012] * 3)
         spec.worldbody.add_site(name=f"base_joint_{i + 1}", pos=kinematics.base_joints[i], size=[0.012] * 3)
@@ -211,8 +211,8 @@ def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: HexapodKinematics, bo
     platform.gravcomp = GRAVCOMP_SWITCH
 
 
-def _add_payload_mode(platform: mujoco.MjsBody, mode, number: int) -> None:
-    """A mass on a spring and damper along one axis of the platform."""
+def _add_payload_mode(platform: mujoco.MjsBody, mode: PayloadMode, number: int, gravity: np.ndarray) -> None:
+    """A mass on a spring and damper along one axis of the platform, in its place when the platform stands level at rest."""
     body = platform.add_body(name=f"payload_mode_{number}", pos=mode.position_m)
     omega = 2 * np.pi * mode.frequency_Hz
     body.add_joint(
@@ -220,6 +220,7 @@ def _add_payload_mode(platform: mujoco.MjsBody, mode, number: int) -> None:
         type=mujoco.mjtJoint.mjJNT_SLIDE,
         axis=mode.axis,
         stiffness=mode.mass_kg * omega**2,
+        springref=-float(gravity @ mode.axis) / omega**2,
         damping=2 * mode.damping_ratio * omega * mode.mass_kg,
     )
     body.mass, body.ipos, body.explicitinertial = mode.mass_kg, [0, 0, 0], True
