@@ -144,18 +144,18 @@ def _line(
         X = np.concatenate([base[i][:, :, samples], own[i][None, :, samples]]).reshape(k, -1)
         A[j] = X @ X.T
         b[j] = X @ fit.misfit[i][:, samples].ravel()
-    use = np.concatenate([free, [True]])
-    A, b = A[:, use][:, :, use], b[:, use]
     prior = np.zeros(k)
     prior[: len(fit.priors)] = 3.0
-    prior = prior[use]
+    whole = A.sum(0) + np.diag(prior)  # what can be known of a size: also beside parameters that stand at a bound here
+    rest = whole[-1, -1] - whole[-1, :-1] @ _least(whole[:-1, :-1], whole[:-1, -1])
+    rest = max(rest, 1e-12 * max(whole[-1, -1], 1e-300))
+    use = np.concatenate([free, [True]])
+    A, b, prior = A[:, use][:, :, use], b[:, use], prior[use]
     total_A, total_b = A.sum(0) + np.diag(prior), b.sum(0)
     low, high = coordinate_bounds(candidate.effect.parameters[0])
     with_own, size = _solve(total_A, total_b, low, high)
     without = np.append(_least(total_A[:-1, :-1], total_b[:-1]), 0.0)
     gain = _gain(total_A, total_b, with_own) - _gain(total_A, total_b, without)
-    rest = total_A[-1, -1] - total_A[-1, :-1] @ _least(total_A[:-1, :-1], total_A[:-1, -1])
-    rest = max(rest, 1e-12 * max(total_A[-1, -1], 1e-300))
     gains = []
     for fold in range(FOLDS):
         out = np.arange(len(blocks)) % FOLDS == fold
@@ -174,7 +174,7 @@ def _line(
         gain_se=float(np.std(shares, ddof=1) / np.sqrt(len(shares))) if len(shares) > 1 else np.inf,
         blocks=len(gains),
         sd=float(1.0 / np.sqrt(rest)),
-        explained_by_others=float(1.0 - rest / max(total_A[-1, -1], 1e-300)),
+        explained_by_others=float(1.0 - rest / max(whole[-1, -1], 1e-300)),
         column=tuple(own),
     )
 
