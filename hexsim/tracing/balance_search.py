@@ -17,7 +17,7 @@ import numpy as np
 
 from hexsim.machine.declaration import Machine
 from hexsim.tracing import rules
-from hexsim.tracing.answer import Question
+from hexsim.tracing.answer import Question, unknowable
 from hexsim.tracing.balances import Balance
 from hexsim.tracing.hypothesis import Candidate, Prior
 from hexsim.tracing.localise import Violation, balance_named
@@ -126,7 +126,9 @@ def simulated_fit(rival: Fit, question: Question) -> Fit | None:
     """A hypothesis of the balances refitted by simulation; None when it does not simulate or cannot reach the noise.
 
     What leaves too much of the opening seconds, fitted to them alone, leaves too much of the whole. The whole is then
-    fitted from there, or from the balances where that is nearer: opening seconds may hardly show an effect.
+    fitted from there, or from the balances where that is nearer: opening seconds may hardly show an effect. A hypothesis
+    that comes near is judged by what no simulation can know about itself, not about the declared machine: a delay or more
+    static friction makes the same disturbances move the machine further.
     """
     head = question.head(rules.TRIAGE_S)
     share = head.duration_s / question.duration_s
@@ -135,8 +137,20 @@ def simulated_fit(rival: Fit, question: Question) -> Fit | None:
         return None
     opening = refine(start, head, fresh=True)
     if not at_floor(opening.misfit, share):
-        return None
-    start = min((start_fit_at(fit, question) for fit in (opening, rival)), key=lambda fit: fit.chi2)
+        if opening.reduced > rules.NEAR_FLOOR:
+            return None
+        own = unknowable(head, opening.fitted_machine())
+        opening = refine(start_fit_at(opening, own), own, fresh=True)
+        if not at_floor(opening.misfit, share):
+            return None
+        whole = fitted_from((opening, rival), unknowable(question, opening.fitted_machine()))
+        return None if whole is None else start_fit_at(whole, question)
+    return fitted_from((opening, rival), question)
+
+
+def fitted_from(fits: Sequence[Fit], question: Question) -> Fit | None:
+    """The hypothesis refitted from the nearest of several fits of it; None when it does not simulate."""
+    start = min((start_fit_at(fit, question) for fit in fits), key=lambda fit: fit.chi2)
     return refine(start, question, fresh=True) if np.isfinite(start.chi2) else None
 
 

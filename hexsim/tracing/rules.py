@@ -7,6 +7,7 @@ ALARM_SHARE = (
 LEAST_GAIN = 0.03  # least share of the excess chi2 that an effect must take away
 LEAST_GAIN_SIMULATED = 0.3  # the same in the last search, by simulation: what helps less explains nothing there
 FLOOR_REDUCED = 1.05  # chi2 a sample at which nothing is left to explain
+NEAR_FLOOR = 4.0  # chi2 a sample below which a hypothesis is asked what no simulation can know about itself
 MOST_EFFECTS = 3
 TRIED = 8  # candidates of a screening that are refitted on the opening seconds
 WORTH = 0.1  # only candidates with this share of the best linear gain are refitted
