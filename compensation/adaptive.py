@@ -25,6 +25,7 @@ from .flow_learning import FlowLearner
 from .friction_learning import FrictionLearner, stribeck_part
 from .knee import REACH_TICKS, Knee
 from .reference import Reference
+from .rounding import Rounding
 from .spool import AHEAD, LEAD_TAPS, LOOK, damping_taps, lead, round_lag
 from .takeover import STILL_M_S2, engage
 
@@ -67,6 +68,7 @@ class AdaptiveState:
     bottom_Pa: float = 0.0  # slow mean of the bottom pressure
     supply_Pa: float = 0.0  # mean of the supply pressure
     loop_supply_Pa: float = 0.0  # slow mean of it
+    rounding: Rounding = field(default_factory=Rounding)
     knee: Knee = field(default_factory=Knee)
     excess_m: list[float] = field(default_factory=lambda: [0.0] * (REACH_TICKS + 1))  # oil less wanted oil, newest last
     total_V: float = 0.0  # wanted, play aside, following within PLAY_SOFT_V
@@ -75,7 +77,8 @@ class AdaptiveState:
     turn_sign: float = 0.0  # wanted velocity, last seen
     turn_ticks: int = 0  # since it last changed sign
     half_ticks: int = 0  # between the last two changes
-    turn_now: bool = False
+    turn_now: bool = False  # a fifth into a half stroke
+    start_now: bool = False  # two fifths into it
     pace: float = 0.01  # of the blend, a tick
     damping_gain: float = 1.0
     acceleration_m_s2: float = 0.0  # low-pass of the setpoint's
@@ -173,7 +176,7 @@ class Adaptive(Compensator):
                 and state.gain == 1.0
             ):
                 rise.learn(1e6 * state.friction.fit.theta[1], 2.0 * state.friction.half_step_Pa)
-        engage(self, state, preview)
+        engage(self, state, preview, sample.setpoint_m - sample.position_m - lag_now)
         limit = context.voltage_max_V
         blend = state.gain * state.gain * (3.0 - 2.0 * state.gain)
         return blend * clip(u, -limit, limit), state
@@ -290,6 +293,10 @@ class Adaptive(Compensator):
         if state.gain == 1.0:
             state.knee.watch(excess, flow_m_s, 0.5 * state.flow.edges[0].dead_band_V)
         if state.flow.known:
+            if state.gain > 0.0:
+                state.rounding.ticks = 0
+            elif state.rounding.watch(z, valve, root, state.flow):
+                state.knee.rounding_V = state.rounding.surely_V
             state.friction.add(sample.position_m, load_Pa, acceleration_m_s2)
         if abs(state.flow.lag_s - state.lag_s) > LAG_MOVED_S and state.flow.ready:
             self._design(state, round_lag(state.flow.lag_s))
@@ -311,4 +318,5 @@ class Adaptive(Compensator):
         state.flow.restore(parameters["flow"])
         state.friction.restore(parameters["friction"])
         state.knee.rounding_V = float(parameters["rounding_V"])
+        state.rounding.restore(state.knee.rounding_V)
         return state

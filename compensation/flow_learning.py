@@ -30,8 +30,12 @@ PLAY_HIGH_V = 0.3
 PLAY_LOW_V = 2e-3  # the play that is looked for is at least this wide
 WINDOW_NOISE_M = 5e-6  # displacement noise of a window: two positions with 3 um noise and 3 um resolution
 GAIN_NEEDED, DEAD_BAND_NEEDED_V, LAG_NEEDED_S = 0.10, 1e-3, 8e-4  # standard errors below which an edge is believed
+APART_M = 20e-6  # oil at a crossing of the overlap by which both edges' lags may differ: one spool has one lag
 MISFIT_HIGH, MISFIT_LOW = 3.0, 1.7  # residual over noise above which an edge is doubted, and below which it is believed
 PLAY_ALLOWANCE = 4.0  # times the squared misfit that a valve with play may show: its turning points are rougher
+EARLY_WINDOWS = (
+    30.0  # least memory of the fit with play; until it is believed it remembers twice as many as it has seen
+)
 PLAY_TAKE, PLAY_LEAVE = 4.0, 2.0  # play over its standard error, both edges together, to take the valve as one with it
 WINDOWS_NEEDED, PATIENCE = 15, 3.0  # windows before it is first believed; each doubt makes that so many times longer
 WINDOWS_KNOWN = 8  # windows from which the gain is right within some per cent
@@ -58,6 +62,10 @@ class Edge:
 
     def learn(self, phi: list[float], moved_m: float, with_play: bool) -> None:
         """One window in; reads the fit out within its bounds."""
+        memory = self.play.memory
+        if not self.ready:  # what was gathered while another width was looked for is biased
+            memory = clip(2.0 * self.windows, EARLY_WINDOWS, memory)
+        self.play.keep = 1.0 - 1.0 / memory
         self.plain.update(phi[:3], moved_m)
         self.play.update(phi, moved_m)
         self.windows += 1.0
@@ -81,6 +89,7 @@ class Edge:
         self.ready = (
             self.windows >= self.needed
             and misfit < MISFIT_LOW**2
+            and k_tau / k < LAG_HIGH_S  # at its bound it is something else
             and c[0][0] * unit < GAIN_NEEDED**2
             and c[1][1] * unit < DEAD_BAND_NEEDED_V**2
             and c[2][2] * unit < LAG_NEEDED_S**2
@@ -136,6 +145,13 @@ class FlowLearner:
     def ready(self) -> bool:
         """Whether both directions are known well enough to act on."""
         return self.edges[0].ready and self.edges[1].ready
+
+    @property
+    def agreed(self) -> bool:
+        """Whether both directions tell of one spool: their lags agree, in oil at a crossing of the overlap."""
+        down, up = self.edges
+        crossing_m_s = max(down.gain_m_s_V, up.gain_m_s_V) * (down.dead_band_V + up.dead_band_V)
+        return crossing_m_s * abs(down.lag_s - up.lag_s) < APART_M
 
     @property
     def known(self) -> bool:

@@ -22,7 +22,6 @@ from .rise import Rise
 STEP_HIGH_MPA = 1.0  # bound of what is believed of half the step
 STRIBECK_M_S = 5e-3  # velocity over which friction falls after breakaway; a common size, and the report's
 POSITION_SPREAD = 10.0  # of the position's coefficient p5 [2 kPa/dm]: load hardly depends on position
-RISE_GUESS = 0.25  # of half the step
 WINDOWS_NEEDED = 20  # in each direction, before the fit is used
 
 
@@ -85,11 +84,6 @@ class FrictionLearner:
         v = 10 * velocity_m_s
         y = 10 * position_m - 5 * self.context.stroke_m
         return 1e6 * (t[0] + t[1] * acceleration_m_s2 + v * (t[2] if v > 0 else t[3]) + t[5] * y)
-
-    def guess_rise(self) -> None:
-        """Before a reversal told: a part of the step that is commonly passed."""
-        if self.rise.reversals == 0:
-            self.rise.rise_Pa = RISE_GUESS * self.half_step_Pa
 
     def inertia_Pa(self) -> float:
         """p1: pressure for an acceleration of 1 m/s2."""

@@ -4,8 +4,8 @@ A rounded edge opens as s log(1 + exp((x - delta)/s)); its inverse at a speed v 
 
     c(v) = s log(1 - exp(-v / (k s))),     never below -delta
 
-s, the rounding in volts, is learned from what reversals do: too large a jump across the overlap moves too much oil
-on both sides of the reversal, too small a one too little.
+s, the rounding in volts, is first what plain control's reversals told (rounding.py), and then trimmed: too large a jump
+across the overlap moves too much oil on both sides of the reversal, too small a one too little.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from .base import clip
 
 REACH_TICKS = 8  # on either side of the reversal
-CAUTIOUS_V = 10e-3  # rounding that is thought of while taking over: too small a jump is safer than too large a one
 RATE_V_M = 200.0  # volts of rounding per metre of surplus oil displacement at one reversal: 1 mV for 5 um
 LEAK_M = 1e-6  # taken off each surplus, so that noise does not add up to a rounding
 SMALLEST_V = 4e-3  # rounding below which edges are taken as sharp

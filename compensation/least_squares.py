@@ -61,6 +61,8 @@ class RecursiveLeastSquares:
         for i, ci in enumerate(cphi):
             gi, row = ci * gain, c[i]
             c[i] = [(a - gi * b) * grow for a, b in zip(row, cphi, strict=True)]
+        if any([row[i] <= 0.0 for i, row in enumerate(c)]):  # lost to rounding
+            self.doubt()
         self.count += 1
         self.residual += (error * step - self.residual) / min(self.count, 50)
         return error

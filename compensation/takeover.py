@@ -1,7 +1,8 @@
 """When the adaptive algorithm takes over from plain control and lets go of it, and how smoothly.
 
 It takes over in the midst of a stroke, with the motion that plain control makes (reference.py), once the valve and
-friction are known and the motion turns with enough acceleration; then the feed-forward comes in over seconds. It goes
+friction are known, what is known explains plain control's own reversals (rounding.py), and the motion turns with enough
+acceleration; then the feed-forward comes in over seconds. It goes
 the same way back. When the valve is doubted it goes at once.
 """
 
@@ -13,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .base import clip
-from .knee import CAUTIOUS_V
 from .spool import AHEAD, LOOK
 
 if TYPE_CHECKING:
@@ -23,8 +23,11 @@ STILL_S, STILL_M_S2 = 10.0, 1e-3  # time in which an acceleration is forgotten; 
 SLOW_M_S = 7.5e-4  # acceleration that a reversal needs, over the rate at which the oil's spring swings up [m/s]
 
 
-def engage(config: Adaptive, state: AdaptiveState, preview: np.ndarray) -> None:
-    """Take over when enough is known and the motion is lively, then bring the feed-forward in."""
+def engage(config: Adaptive, state: AdaptiveState, preview: np.ndarray, behind_m: float) -> None:
+    """Take over when enough is known and the motion is lively, then bring the feed-forward in.
+
+    behind_m: how much further the piston is behind the setpoint than the reference, now.
+    """
     context, reference = state.context, state.reference
     tick = context.tick_s
     a = (preview.item(LOOK + 1) - 2 * preview.item(LOOK) + preview.item(LOOK - 1)) / (tick * tick)
@@ -49,17 +52,30 @@ def engage(config: Adaptive, state: AdaptiveState, preview: np.ndarray) -> None:
         state.gain = max(0.0, state.gain - 4.0 * slow)
     elif 0.0 < state.gain < 1.0:
         state.gain = clip(state.gain + (state.pace if target else -state.pace), 0.0, 1.0)
-    elif target > state.gain and state.friction_gain == 1.0 and state.turn_now:
+    elif target > state.gain and state.friction_gain == 1.0 and state.start_now and _proven(config, state):
         state.gain = min(state.pace, 1.0)
+        _join(state, behind_m)
     elif target < state.gain and reference.share == 0.0 and (state.turn_now or size < STILL_M_S2):
         state.gain = 1.0 - state.pace
     if state.gain == 0.0:
         reference.share = 0.0
-        state.friction.guess_rise()
     elif state.gain == 1.0:
         come = tick / config.feed_forward_s if target else -tick / config.let_go_s
         reference.share = clip(reference.share + come, 0.0, 1.0)
-    state.knee.least_V = CAUTIOUS_V * (1.0 - reference.share)
+    # too small a jump is safer than too large a one
+    state.knee.least_V = (1.0 - reference.share) * state.rounding.likely_V if reference.share < 1.0 else 0.0
+
+
+def _join(state: AdaptiveState, behind_m: float) -> None:
+    """Shift the reference, and what was asked for of the ticks ahead, to where the piston is."""
+    state.reference.lag_m += behind_m
+    state.oil_m -= behind_m
+    state.ahead = [(load, part, a, lag + behind_m, oil - behind_m, v) for load, part, a, lag, oil, v in state.ahead]
+
+
+def _proven(config: Adaptive, state: AdaptiveState) -> bool:
+    """Whether this motion is lively enough and what was learned explains the reversals seen under plain control."""
+    return state.liveliness_m_s2 > config.lively_m_s2 and state.flow.agreed and state.rounding.sound
 
 
 def _slowest_m_s2(config: Adaptive, state: AdaptiveState) -> float:
@@ -79,13 +95,14 @@ def _slowest_m_s2(config: Adaptive, state: AdaptiveState) -> float:
 
 
 def _pace(config: Adaptive, state: AdaptiveState, velocity_m_s: float) -> None:
-    """The blend between plain and compensated falls wholly between two reversals: it begins a fifth into a half
-    stroke."""
+    """The blend between plain and compensated falls wholly between two reversals: letting go begins a fifth into a half
+    stroke, taking over two fifths, when what plain control's reversal set ringing has died away."""
     state.turn_ticks += 1
     if velocity_m_s * state.turn_sign < 0.0:
         state.half_ticks, state.turn_ticks = state.turn_ticks, 0
     if velocity_m_s:
         state.turn_sign = velocity_m_s
     state.turn_now = state.half_ticks > 0 and state.turn_ticks == state.half_ticks // 5 + AHEAD
+    state.start_now = state.half_ticks > 0 and state.turn_ticks == 2 * state.half_ticks // 5 + AHEAD
     if state.turn_now:
-        state.pace = 1.0 / clip(0.5 * state.half_ticks, 10.0, config.takeover_s * state.context.rate_Hz)
+        state.pace = 1.0 / clip(0.4 * state.half_ticks, 10.0, config.takeover_s * state.context.rate_Hz)

@@ -12,11 +12,13 @@ from leg_plant import AREA_BOTTOM, Leg, Record, run, sine
 import compensation
 from compensation import Context
 from compensation.adaptive import Adaptive
+from compensation.flow_learning import FlowLearner
 from compensation.friction_learning import FrictionLearner, stribeck_part
 from compensation.knee import Knee
 from compensation.least_squares import RecursiveLeastSquares
 from compensation.reference import Reference
 from compensation.rise import Rise
+from compensation.rounding import Rounding, opening
 from compensation.spool import AHEAD, damping_taps, lead, step_response, tick_response
 
 DEAD_BAND_V = 5e-6 / 1.1e-4  # 5 um of 1.1 mm at 10 V
@@ -171,6 +173,53 @@ def test_knee_is_the_inverse_of_a_rounded_edge() -> None:
         assert s * math.log1p(math.exp(x / s)) == pytest.approx(v / k, abs=1e-9)
 
 
+def valve_learned(lag_s: float, play_V: float = 0.0) -> FlowLearner:
+    """A valve of 0.15 m/s/V and 0.09 V of half dead band, known but for what a test gets wrong."""
+    flow = FlowLearner(Context(), 16, 3e-3, 10, 200.0)
+    for edge in flow.edges:
+        edge.gain_m_s_V, edge.dead_band_V, edge.lag_s, edge.play_V, edge.ready = 0.15, 0.09, lag_s, play_V, True
+    flow.lag_s = lag_s
+    return flow
+
+
+def passed(rounding: Rounding, flow: FlowLearner, rounding_V: float, play_V: float = 0.0, periods: int = 10) -> None:
+    """0.3 V at 0.5 Hz through a valve with such edges and such play, its oil measured with 4 um of noise."""
+    rng, z, follower = np.random.default_rng(0), 0.0, 0.0
+    for i in range(1000 * periods):
+        volts = 0.3 * math.sin(math.pi * i * 0.002)
+        follower = min(max(follower, volts - play_V), volts + play_V)
+        z += 0.15 * opening(follower, 0.09, rounding_V) * 0.002
+        rounding.watch(z + rng.normal(0, 4e-6), volts, 1.0, flow)
+
+
+@pytest.mark.parametrize("rounding_V", [0.0, 8e-3, 12e-3, 18e-3])
+def test_rounding_is_found_from_slow_passages(rounding_V) -> None:
+    """Ten periods of plain control's volts: the rounding within 1 mV, 0 for sharp edges; the valve is explained."""
+    rounding = Rounding()
+    passed(rounding, valve_learned(0.0), rounding_V)
+    assert rounding.surely_V == pytest.approx(rounding_V, abs=1e-3)
+    assert rounding.surely_V <= rounding.likely_V < rounding_V + 5e-3
+    assert rounding.sound
+
+
+def test_a_wrong_play_is_seen_at_reversals() -> None:
+    """Play of 20 mV taken as 13 mV and 4 ms of lag: windows beyond the overlap hardly tell them apart, reversals do."""
+    right, wrong = Rounding(), Rounding()
+    passed(right, valve_learned(0.0, 0.02), 0.0, 0.02)
+    passed(wrong, valve_learned(4e-3, 0.013), 0.0, 0.02)
+    assert right.sound
+    assert not wrong.sound
+
+
+def test_edges_of_one_spool_agree_on_its_lag() -> None:
+    """0.18 V of overlap: lags 0.5 ms apart are agreed, 1 ms (27 um of oil at a crossing) are not."""
+    flow = valve_learned(3e-3)
+    flow.edges[1].lag_s = 3.5e-3
+    assert flow.agreed
+    flow.edges[1].lag_s = 4e-3
+    assert not flow.agreed
+
+
 def test_friction_step_is_found_whatever_mass_and_viscosity() -> None:
     """Windows from P = p0 + 0.03 a + 1.5 v + 0.05 sign(v) [MPa] with 2 kPa noise give the step within 3 kPa."""
     context = Context()
@@ -245,6 +294,21 @@ def test_rounded_edges_are_learned() -> None:
     record = run(compensation.create("adaptive"), dataclasses.replace(leg), duration_s=32.0)
     assert record.state.inner.knee.rounding_V == pytest.approx(2e-6 / 1.1e-4, abs=5e-3)
     assert record.peak(26.0, 32.0) < run(compensation.create("none"), leg, duration_s=10.0).peak(6.0, 10.0) / 4
+
+
+def test_rounding_is_known_before_it_takes_over() -> None:
+    """Edges rounded over 2 um (18 mV), nothing added yet: found within 3 mV, and no edge is taken as rounded that is
+    sharp."""
+    for rounding_m in (2e-6, 0.0):
+        record = run(Adaptive(lively_m_s2=10.0), Leg(rounding_m=rounding_m), sine(0.02), duration_s=12.0)
+        assert np.all(record.added_V == 0.0)
+        assert record.state.rounding.surely_V == pytest.approx(rounding_m / 1.1e-4, abs=3e-3)
+
+
+def test_slow_turns_are_not_taken_hold_of() -> None:
+    """0.05 m at 0.1 Hz turns with 0.02 m/s2: however fast it was faded in, nothing is added in 30 s."""
+    record = run(compensation.create("adaptive"), Leg(mass_kg=100.0), sine(0.05, 0.1), duration_s=30.0, period_s=10.0)
+    assert np.all(record.added_V == 0.0)
 
 
 def test_play_is_told_from_lag() -> None:
