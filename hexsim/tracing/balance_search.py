@@ -23,7 +23,7 @@ from hexsim.tracing.hypothesis import Candidate, Prior
 from hexsim.tracing.localise import Violation, balance_named
 from hexsim.tracing.log import MeasuredLog
 from hexsim.tracing.null import used
-from hexsim.tracing.refit import Fit, chi2_of, parameter_columns, refine, start_fit
+from hexsim.tracing.refit import Fit, parameter_columns, refine, start_fit, start_fit_at
 from hexsim.tracing.search import Search, Tick, information, named_first, search
 from hexsim.tracing.verdict import at_floor
 
@@ -152,18 +152,3 @@ def fitted_from(fits: Sequence[Fit], question: Question) -> Fit | None:
     """The hypothesis refitted from the nearest of several fits of it; None when it does not simulate."""
     start = min((start_fit_at(fit, question) for fit in fits), key=lambda fit: fit.chi2)
     return refine(start, question, fresh=True) if np.isfinite(start.chi2) else None
-
-
-def start_fit_at(rival: Fit, question: Question) -> Fit:
-    """The hypothesis where the balances left it, as seen by the simulation."""
-    misfit = [m[0] for m in question.misfit([rival.fitted_machine()])]
-    return Fit(
-        machine=rival.machine,
-        priors=rival.priors,
-        deviations=rival.deviations,
-        candidates=rival.candidates,
-        values=rival.values,
-        chi2=chi2_of(misfit),
-        n=sum(m.size for m in misfit),
-        misfit=misfit,
-    )

@@ -13,7 +13,9 @@ from hexsim.machine.declaration import Machine
 from hexsim.tracing.weak_form import Window
 
 Array = np.ndarray
-REST_m_s = 0.015  # a leg slower than this is near a reversal: friction is stiff, or falls with speed (3 Stribeck velocities)
+REST_m_s = (
+    0.015  # a leg slower than this is near a reversal: friction is stiff, or falls with speed (3 Stribeck velocities)
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -94,6 +94,21 @@ def start_fit(machine: Machine, priors: tuple[Prior, ...], question: Question) -
     )
 
 
+def start_fit_at(rival: Fit, question: Question) -> Fit:
+    """A fit where it stands, as another question sees it."""
+    misfit = [m[0] for m in question.misfit([rival.fitted_machine()])]
+    return Fit(
+        machine=rival.machine,
+        priors=rival.priors,
+        deviations=rival.deviations,
+        candidates=rival.candidates,
+        values=rival.values,
+        chi2=chi2_of(misfit),
+        n=sum(m.size for m in misfit),
+        misfit=misfit,
+    )
+
+
 def parameter_columns(fit: Fit, question: Question) -> Fit:
     """The fit with columns of its declared parameters about where it stands (per half width)."""
     if not fit.priors:

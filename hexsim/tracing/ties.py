@@ -14,9 +14,9 @@ import numpy as np
 
 from hexsim.tracing import rules
 from hexsim.tracing.answer import Question
-from hexsim.tracing.balance_search import simulated_fit, start_fit_at
+from hexsim.tracing.balance_search import simulated_fit
 from hexsim.tracing.hypothesis import Candidate, to_coordinate
-from hexsim.tracing.refit import Fit, effect_columns, parameter_columns
+from hexsim.tracing.refit import Fit, effect_columns, parameter_columns, start_fit_at
 from hexsim.tracing.screening import columns_of
 from hexsim.tracing.search import information, scale_of, try_candidate
 

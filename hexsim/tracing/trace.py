@@ -14,24 +14,33 @@ from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import find_machine_file
 from hexsim.tracing import rules
 from hexsim.tracing.answer import Question, unknowable
-from hexsim.tracing.balance_search import balance_search, joint_question, simulated_rivals, start_fit_at
+from hexsim.tracing.balance_search import balance_search, joint_question, simulated_rivals
 from hexsim.tracing.channels import noise_of
 from hexsim.tracing.checks import Finding, check_same_machine, refuse_misleading
 from hexsim.tracing.errors_before_after import error_table
 from hexsim.tracing.experiments import experiment_for
 from hexsim.tracing.hypothesis import Candidate, candidates, priors
 from hexsim.tracing.learned import learned_fit
-from hexsim.tracing.localise import Violation, balance_named, violations
+from hexsim.tracing.localise import Violation, violations
 from hexsim.tracing.log import MeasuredLog, measured_log
 from hexsim.tracing.proposals import proposed_shapes
 from hexsim.tracing.readers import log_files, read_log
-from hexsim.tracing.refit import Fit, refine
+from hexsim.tracing.refit import Fit, refine, start_fit_at
 from hexsim.tracing.report import report_of
 from hexsim.tracing.screening import Screened
-from hexsim.tracing.search import Search, Stage, cut, information, scale_of, search
+from hexsim.tracing.search import Search, Stage, cut, information, search
 from hexsim.tracing.ties import with_ties
-from hexsim.tracing.unexplained import Rest, rest_of
-from hexsim.tracing.verdict import NamedEffect, Verdict, at_floor, base_beside, held_out_gains, pruned
+from hexsim.tracing.unexplained import Rest, attributed, what_is_left
+from hexsim.tracing.verdict import (
+    NamedEffect,
+    Verdict,
+    at_floor,
+    base_beside,
+    judged,
+    name_effects,
+    pruned,
+    seen_from_itself,
+)
 
 Progress = Callable[[str, float], None]
 
@@ -223,22 +232,6 @@ def refitted_base(start: Fit, question: Question, held_out: Question) -> tuple[F
     return refine(start_fit_at(base, question), question, fresh=True, relative=rules.BASE_TOLERANCE), question, held_out
 
 
-def seen_from_itself(
-    final: Fit, base: Fit, question: Question, held_out: Question
-) -> tuple[Fit, Fit, Question, Question]:
-    """A hypothesis near the noise judged by what no simulation can know about itself, if that brings it there.
-
-    A delay or more static friction makes the same disturbances move the machine further than they move the declared one.
-    """
-    if not final.candidates or at_floor(final.misfit) or final.reduced > rules.NEAR_FLOOR:
-        return final, base, question, held_out
-    own, own_held_out = (unknowable(q, final.fitted_machine()) for q in (question, held_out))
-    fit = pruned(refine(start_fit_at(final, own), own, fresh=True), own)
-    if not at_floor(fit.misfit):
-        return final, base, question, held_out
-    return fit, refine(start_fit_at(base, own), own, fresh=True, relative=rules.BASE_TOLERANCE), own, own_held_out
-
-
 def add_experiments(result: TraceResult) -> None:
     """For every tie the motion that would separate it, as a scenario file."""
     for k, effect in enumerate(result.effects):
@@ -273,82 +266,3 @@ def worth_screening(
     worst = max(legs, key=lambda line: line.violation / line.null)
     there = {line.where for line in legs if line.violated} | {worst.where}
     return [c for c in everything if not c.where.startswith("leg ") or c.where in there]
-
-
-def judged(base: Fit, final: Fit, question: Question, held_out: Question) -> tuple[Verdict, Fit]:
-    """Verdict on the last hypothesis: its rest is noise in the fit runs, and it helps in every held-out run."""
-    if not final.candidates:
-        return ("nothing missing", base) if at_floor(base.misfit) else ("unexplained", base)
-    if at_floor(base.misfit) and base.chi2 - final.chi2 < rules.alarm(final.n) * scale_of(final):
-        return "nothing missing", base
-    helps = base.chi2 - final.chi2 > rules.alarm(final.n) * scale_of(final)
-    if helps and at_floor(final.misfit) and all(gain > 0 for gain in held_out_gains(final, base, held_out)):
-        return "explained", final
-    return ("nothing missing" if at_floor(base.misfit) else "unexplained"), base
-
-
-def what_is_left(lines: Sequence[Violation], question: Question) -> list[Rest]:
-    """The violated balances with their dependence, the worst first; the worst of all when none is above its null."""
-
-    def rank(line: Violation) -> float:
-        above = line.violation / max(line.null, 1.0)
-        return above + 1e6 * (line.name == "sensor" and above > rules.SENSOR_FIRST)
-
-    worst = sorted(lines, key=rank, reverse=True)
-    chosen = [line for line in worst if line.violated] or worst[:1]
-    rests, seen = [], set()
-    for line in chosen:
-        balance = balance_named(line.name, question.logs[0])
-        if (line.name, line.where.split()[0]) in seen and line.name == "platform":
-            continue
-        seen.add((line.name, line.where.split()[0]))
-        rests.append(rest_of(balance, line, question.logs))
-    return rests
-
-
-def attributed(lines: list[Violation], named: Sequence[NamedEffect], rests: Sequence[Rest]) -> list[Violation]:
-    """The continuity of a leg also as its valve balance: r_Q is the valve's when what explains it is the valve's."""
-    out = []
-    for line in lines:
-        if line.name != "continuity":
-            out.append(line)
-            continue
-        here = [e for e in named if e.candidate.where in (line.where, "all legs")]
-        valve = any(e.candidate.effect.balance == "valve" for e in here)
-        valve |= any(rest.balance == "valve" and rest.violation.where == line.where for rest in rests)
-        own = not valve or any(e.candidate.effect.balance == "continuity" for e in here)
-        quiet = replace(line, rms=min(line.rms, line.sigma * line.null))
-        out.append(line if own else quiet)
-        out.append(replace(line if valve else quiet, name="valve"))
-    return out
-
-
-def name_effects(
-    found: Search, base: Fit, final: Fit, ties: Sequence[dict[str, Fit]], held_out: Question
-) -> list[NamedEffect]:
-    """Every effect of an explained hypothesis with its evidence."""
-    if not ties:
-        return []
-    gains = tuple(held_out_gains(final, base, held_out))
-    return [_named(found, base, final, k, tuple(tied), gains) for k, tied in enumerate(ties)]
-
-
-def _named(
-    found: Search, base: Fit, final: Fit, k: int, tied: tuple[str, ...], gains: tuple[float, ...]
-) -> NamedEffect:
-    candidate = final.candidates[k]
-    lines = [line for stage in found.stages for line in stage.lines if line.candidate.label == candidate.label]
-    gain = base.chi2 - final.chi2
-    count = sum(len(c.free()) for c in final.candidates)
-    return NamedEffect(
-        candidate=candidate,
-        values=final.values[k],
-        standard_errors=final.standard_errors()[k],
-        tied_with=tied,
-        gain_chi2=gain,
-        gain_cv=lines[0].gain_cv if lines else float("nan"),
-        blocks=lines[0].blocks if lines else 0,
-        d_bic=float(-gain + count * np.log(final.n)),
-        held_out=gains,
-        single_leg=final.machine.n_legs == 1,
-    )

@@ -14,13 +14,16 @@ import numpy as np
 
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.machine.declaration import Machine
+from hexsim.tracing import rules
+from hexsim.tracing.answer import Question
 from hexsim.tracing.balances import Balance
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
 from hexsim.tracing.channels import SETTLE_S, noise_of
 from hexsim.tracing.dependence import Dependence, dependence_of
-from hexsim.tracing.localise import Violation
+from hexsim.tracing.localise import Violation, balance_named
 from hexsim.tracing.log import MeasuredLog
 from hexsim.tracing.null import END_S
+from hexsim.tracing.verdict import NamedEffect
 from hexsim.tracing.weak_form import Window
 
 Array = np.ndarray
@@ -137,3 +140,39 @@ def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog])
         residual=tuple(residuals),
         signal=tuple(s.get(found.signal, s["time_s"]) for s in signals),
     )
+
+
+def what_is_left(lines: Sequence[Violation], question: Question) -> list[Rest]:
+    """The violated balances with their dependence, the worst first; the worst of all when none is above its null."""
+
+    def rank(line: Violation) -> float:
+        above = line.violation / max(line.null, 1.0)
+        return above + 1e6 * (line.name == "sensor" and above > rules.SENSOR_FIRST)
+
+    worst = sorted(lines, key=rank, reverse=True)
+    chosen = [line for line in worst if line.violated] or worst[:1]
+    rests, seen = [], set()
+    for line in chosen:
+        balance = balance_named(line.name, question.logs[0])
+        if (line.name, line.where.split()[0]) in seen and line.name == "platform":
+            continue
+        seen.add((line.name, line.where.split()[0]))
+        rests.append(rest_of(balance, line, question.logs))
+    return rests
+
+
+def attributed(lines: list[Violation], named: Sequence[NamedEffect], rests: Sequence[Rest]) -> list[Violation]:
+    """The continuity of a leg also as its valve balance: r_Q is the valve's when what explains it is the valve's."""
+    out = []
+    for line in lines:
+        if line.name != "continuity":
+            out.append(line)
+            continue
+        here = [e for e in named if e.candidate.where in (line.where, "all legs")]
+        valve = any(e.candidate.effect.balance == "valve" for e in here)
+        valve |= any(rest.balance == "valve" and rest.violation.where == line.where for rest in rests)
+        own = not valve or any(e.candidate.effect.balance == "continuity" for e in here)
+        quiet = replace(line, rms=min(line.rms, line.sigma * line.null))
+        out.append(line if own else quiet)
+        out.append(replace(line if valve else quiet, name="valve"))
+    return out

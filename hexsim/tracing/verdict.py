@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 
 from hexsim.tracing import rules
-from hexsim.tracing.answer import Question
+from hexsim.tracing.answer import Question, unknowable
 from hexsim.tracing.hypothesis import Candidate
-from hexsim.tracing.refit import Fit, parameter_columns, refine
-from hexsim.tracing.search import scale_of
+from hexsim.tracing.refit import Fit, parameter_columns, refine, start_fit_at
+from hexsim.tracing.search import Search, scale_of
 
 Array = np.ndarray
 Verdict = Literal["explained", "partly", "unexplained", "nothing missing"]
@@ -87,3 +87,62 @@ def held_out_gains(fit: Fit, base: Fit, question: Question) -> list[float]:
     before = question.misfit([base.fitted_machine()])
     after = question.misfit([fit.fitted_machine()])
     return [float(np.sum(b[0] ** 2) - np.sum(a[0] ** 2)) for a, b in zip(after, before, strict=True)]
+
+
+def seen_from_itself(
+    final: Fit, base: Fit, question: Question, held_out: Question
+) -> tuple[Fit, Fit, Question, Question]:
+    """A hypothesis near the noise judged by what no simulation can know about itself, if that brings it there.
+
+    A delay or more static friction makes the same disturbances move the machine further than they move the declared one.
+    """
+    if not final.candidates or at_floor(final.misfit) or final.reduced > rules.NEAR_FLOOR:
+        return final, base, question, held_out
+    own, own_held_out = (unknowable(q, final.fitted_machine()) for q in (question, held_out))
+    fit = pruned(refine(start_fit_at(final, own), own, fresh=True), own)
+    if not at_floor(fit.misfit):
+        return final, base, question, held_out
+    return fit, refine(start_fit_at(base, own), own, fresh=True, relative=rules.BASE_TOLERANCE), own, own_held_out
+
+
+def judged(base: Fit, final: Fit, question: Question, held_out: Question) -> tuple[Verdict, Fit]:
+    """Verdict on the last hypothesis: its rest is noise in the fit runs, and it helps in every held-out run."""
+    if not final.candidates:
+        return ("nothing missing", base) if at_floor(base.misfit) else ("unexplained", base)
+    if at_floor(base.misfit) and base.chi2 - final.chi2 < rules.alarm(final.n) * scale_of(final):
+        return "nothing missing", base
+    helps = base.chi2 - final.chi2 > rules.alarm(final.n) * scale_of(final)
+    if helps and at_floor(final.misfit) and all(gain > 0 for gain in held_out_gains(final, base, held_out)):
+        return "explained", final
+    return ("nothing missing" if at_floor(base.misfit) else "unexplained"), base
+
+
+def name_effects(
+    found: Search, base: Fit, final: Fit, ties: Sequence[dict[str, Fit]], held_out: Question
+) -> list[NamedEffect]:
+    """Every effect of an explained hypothesis with its evidence."""
+    if not ties:
+        return []
+    gains = tuple(held_out_gains(final, base, held_out))
+    return [_named(found, base, final, k, tuple(tied), gains) for k, tied in enumerate(ties)]
+
+
+def _named(
+    found: Search, base: Fit, final: Fit, k: int, tied: tuple[str, ...], gains: tuple[float, ...]
+) -> NamedEffect:
+    candidate = final.candidates[k]
+    lines = [line for stage in found.stages for line in stage.lines if line.candidate.label == candidate.label]
+    gain = base.chi2 - final.chi2
+    count = sum(len(c.free()) for c in final.candidates)
+    return NamedEffect(
+        candidate=candidate,
+        values=final.values[k],
+        standard_errors=final.standard_errors()[k],
+        tied_with=tied,
+        gain_chi2=gain,
+        gain_cv=lines[0].gain_cv if lines else float("nan"),
+        blocks=lines[0].blocks if lines else 0,
+        d_bic=float(-gain + count * np.log(final.n)),
+        held_out=gains,
+        single_leg=final.machine.n_legs == 1,
+    )

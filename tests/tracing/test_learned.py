@@ -17,7 +17,8 @@ from hexsim.tracing.hypothesis import priors
 from hexsim.tracing.learned import learned_fit
 from hexsim.tracing.localise import violations
 from hexsim.tracing.refit import refine, start_fit
-from hexsim.tracing.trace import read_runs, what_is_left
+from hexsim.tracing.trace import read_runs
+from hexsim.tracing.unexplained import what_is_left
 
 
 @pytest.fixture

@@ -10,7 +10,8 @@ from hexsim.tracing import rules
 from hexsim.tracing.answer import Question
 from hexsim.tracing.channels import noise_of
 from hexsim.tracing.localise import violations
-from hexsim.tracing.trace import read_runs, what_is_left
+from hexsim.tracing.trace import read_runs
+from hexsim.tracing.unexplained import what_is_left
 
 
 @pytest.mark.parametrize(
