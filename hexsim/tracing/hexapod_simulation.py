@@ -143,13 +143,12 @@ def along_axis_of_centre(m, state, acceleration):
 
 
 @compiled
-def rates(
-    p, s, m, inverse, base, joints, retracted, volts, t, h, state, rate, y, v, acceleration, R, direction, wrench
-):
+def rates(fixed, volts, t, h, state, rate, y, v, acceleration):
     """Write d state/dt into `rate`, piston positions and velocities into y, v, accelerations into acceleration (6,).
 
-    R (3, 3), direction (6, 3) and wrench (6,) are room to work in.
+    fixed: the machine's numbers, and R (3, 3), direction (6, 3) and wrench (6,) as room to work in.
     """
+    p, s, m, inverse, base, joints, retracted, R, direction, wrench = fixed
     rotation_of(state[QUATERNION : QUATERNION + 4], R)
     leg_motion(state, R, base, joints, retracted, y, v, direction)
     wrench[:] = 0.0
@@ -205,7 +204,7 @@ def run_hexapod(
     k1, k2, k3, k4 = np.zeros(N_STATES), np.zeros(N_STATES), np.zeros(N_STATES), np.zeros(N_STATES)
     work = np.empty(N_STATES)
     y, v, acceleration, spare = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
-    R, direction, wrench = np.empty((3, 3)), np.empty((6, 3)), np.empty(6)
+    fixed = (p, s, m, inverse, base, joints, retracted, np.empty((3, 3)), np.empty((6, 3)), np.empty(6))
     y_true, p_true, a_true, u_hist = np.empty((6, n)), np.empty((6, n)), np.empty((6, n)), np.empty((6, n))
     every = max(round(rate_log / c[RATE]), 1)
     volts, held = np.zeros(6), np.zeros(6)
@@ -214,26 +213,7 @@ def run_hexapod(
         t = i * dt
         if driven:
             state[SUPPLY] = ps_known[i]
-        rates(
-            p,
-            s,
-            m,
-            inverse,
-            base,
-            joints,
-            retracted,
-            held,
-            t,
-            fine,
-            state,
-            k1,
-            y,
-            v,
-            acceleration,
-            R,
-            direction,
-            wrench,
-        )
+        rates(fixed, held, t, fine, state, k1, y, v, acceleration)
         for j in range(6):
             y_true[j, i] = y[j]
             p_true[j, i] = state[j * LEG_STATES + LEG_P1]
@@ -247,26 +227,7 @@ def run_hexapod(
                 volts[j] = min(max(volts[j], -c[VOLTS_MAX]), c[VOLTS_MAX])
             u_hist[j, i] = volts[j]
             held[j] = valve.play(delayed(u_hist[j], i, p[j, P.VALVE_DELAY] * rate_log), held[j], p[j, P.HYSTERESIS])
-        rates(
-            p,
-            s,
-            m,
-            inverse,
-            base,
-            joints,
-            retracted,
-            held,
-            t,
-            fine,
-            state,
-            k1,
-            y,
-            v,
-            acceleration,
-            R,
-            direction,
-            wrench,
-        )
+        rates(fixed, held, t, fine, state, k1, y, v, acceleration)
         for a in range(6):
             a_true[a, i] = acceleration[a]
         for j in range(6):
@@ -287,24 +248,16 @@ def run_hexapod(
         for step in range(steps):
             tau = t + step * h
             if step > 0:
-                rates(
-                    p, s, m, inverse, base, joints, retracted, held, tau, h, state, k1, y, v, spare, R, direction, wrench
-                )  # fmt: skip
+                rates(fixed, held, tau, h, state, k1, y, v, spare)
             for q in range(N_STATES):
                 work[q] = state[q] + 0.5 * h * k1[q]
-            rates(
-                p, s, m, inverse, base, joints, retracted, held, tau + 0.5 * h, h, work, k2, y, v, spare, R, direction, wrench
-            )  # fmt: skip
+            rates(fixed, held, tau + 0.5 * h, h, work, k2, y, v, spare)
             for q in range(N_STATES):
                 work[q] = state[q] + 0.5 * h * k2[q]
-            rates(
-                p, s, m, inverse, base, joints, retracted, held, tau + 0.5 * h, h, work, k3, y, v, spare, R, direction, wrench
-            )  # fmt: skip
+            rates(fixed, held, tau + 0.5 * h, h, work, k3, y, v, spare)
             for q in range(N_STATES):
                 work[q] = state[q] + h * k3[q]
-            rates(
-                p, s, m, inverse, base, joints, retracted, held, tau + h, h, work, k4, y, v, spare, R, direction, wrench
-            )  # fmt: skip
+            rates(fixed, held, tau + h, h, work, k4, y, v, spare)
             for q in range(N_STATES):
                 state[q] += h / 6.0 * (k1[q] + 2.0 * k2[q] + 2.0 * k3[q] + k4[q])
         if not (abs(state[PLACE + 2]) < 1e3 and abs(state[PLACE]) < 1e3):
