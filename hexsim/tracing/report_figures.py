@@ -17,7 +17,7 @@ from hexsim.recording.quantity import scale_of, split_key
 from hexsim.tracing import rules
 from hexsim.tracing.balances import BALANCES
 from hexsim.tracing.channels import SETTLE_S, kind_of
-from hexsim.tracing.dependence import design, knots_of, ridge
+from hexsim.tracing.dependence import CURVES, design, hats, knots_of, ridge
 from hexsim.tracing.errors_before_after import banded
 from hexsim.tracing.localise import Violation, balance_named
 from hexsim.tracing.null import END_S
@@ -262,6 +262,11 @@ def fitted_curves(form: str, x: Array, r: Array, v: Array) -> list[tuple[str, Ar
         waves = [np.stack([np.sin(2 * np.pi * p), np.cos(2 * np.pi * p), np.ones(len(p))], axis=1) for p in (x, phase)]
         return [(palette.INK, phase, waves[1] @ np.linalg.lstsq(waves[0], r, rcond=None)[0])]
     knots = knots_of(x)
+    if form == "size":
+        theta, _ = ridge(hats(x, knots), np.abs(r))
+        return [(palette.INK, knots, theta), (palette.INK, knots, -theta)]
+    if form not in CURVES:  # a memory or a distorted channel shows as a loop: one curve each way
+        form = "direction"
     theta, _ = ridge(design(form, x, v, knots), r)
     if form == "plain":
         return [(palette.INK, knots, theta)]

@@ -45,6 +45,10 @@ FORMS = {
     "plain": "a curve over the {}",
     "direction": "a curve over the {} for each direction of motion",
     "product": "the velocity times a curve over the {}",
+    "memory": "what the {} was of late: a curve over its low-passed size, against the motion",
+    "late": "what it would be if the {} came late",
+    "play": "what it would be if the {} were measured through play",
+    "size": "no signal in its sign; its size is a curve over the {}",
 }
 
 

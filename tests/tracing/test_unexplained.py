@@ -2,14 +2,17 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from other_plant import write_machine
 
 from hexsim.machine import load_machine
-from hexsim.tracing import rules
+from hexsim.tracing import report_page, rules
 from hexsim.tracing.answer import Question
 from hexsim.tracing.channels import noise_of
+from hexsim.tracing.dependence import FORMS
 from hexsim.tracing.localise import violations
+from hexsim.tracing.report_figures import fitted_curves
 from hexsim.tracing.trace import read_runs
 from hexsim.tracing.unexplained import what_is_left
 
@@ -33,3 +36,15 @@ def test_what_a_rest_depends_on(tmp_path, monkeypatch, effect, balance, signal, 
     question = Question(logs=tuple(logs), noise=noise_of(machine, logs))
     worst = what_is_left(violations(machine, machine, question), question)[0]
     assert (worst.balance, worst.dependence.signal, worst.dependence.form) == (balance, signal, form)
+
+
+@pytest.mark.parametrize("form", [*FORMS, "size", "tone"])
+def test_every_form_of_a_dependence_has_a_drawing_and_words(form):
+    """The report draws one curve or two of as many values as knots, and says the form in words that name the signal."""
+    rng = np.random.default_rng(0)
+    x, v = rng.uniform(0.0, 1.0, 500), rng.standard_normal(500)
+    curves = fitted_curves(form, x, v * x, v)
+    assert 1 <= len(curves) <= 2
+    for _, knots, curve in curves:
+        assert knots.shape == curve.shape and np.all(np.isfinite(curve))
+    assert form == "tone" or "{}" in report_page.FORMS[form]
