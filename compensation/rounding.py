@@ -27,7 +27,7 @@ from .spool import round_lag, spool_model
 SPREAD_V = 12e-3  # thinkable before anything is known
 HIGHEST_V = 25e-3  # no more is believed
 STRAIGHT_V = 0.05  # beyond the overlap, from where the curve is straight
-PROBE_V = 5e-3  # least rounding that phi is found with
+PROBE_V = 5e-3  # phi is found with the rounding known, and no less than this
 NOISE_M = 5e-6  # of a passage: two positions, and what the fit of the valve leaves
 TRUST_M = 3e-5  # a passage that is further from what is thinkable is something else
 LONGEST_S = 0.5  # so is one that takes longer
@@ -59,6 +59,9 @@ class Rounding:
     follower_V: float = 0.0  # volts behind the play
     spool_V: float = 0.0
     rate_V: float = 0.0  # of the spool, a tick
+    lag_s: float = -1.0  # for which `model` (spool.py) was made
+    model: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    probe_V: float = PROBE_V  # rounding that phi is found with
     ticks: int = 0  # of the passage; 0 = none
     from_m: float = 0.0  # oil displacement at its start
     sharp_m: float = 0.0  # oil that sharp edges would have let through since
@@ -83,11 +86,13 @@ class Rounding:
         """One tick: oil displacement now, volts of the tick past, mean sqrt(dp/dp_ref) in it of the edge they opened.
         True when a passage was taken in."""
         tick_s, before = flow.context.tick_s, self.spool_V
-        x = self._advance(valve_V, flow.edges[valve_V > 0].play_V, flow.lag_s, tick_s)
+        if flow.lag_s != self.lag_s:
+            self.lag_s, self.model = flow.lag_s, spool_model(round_lag(flow.lag_s), tick_s)
+        x = self._advance(valve_V, flow.edges[valve_V > 0].play_V)
         edge = flow.edges[x > 0]
         straight = abs(x) > edge.dead_band_V + STRAIGHT_V
         if straight and self.ticks <= 1:
-            self._begin(z_m, 1)
+            self.ticks, self.from_m, self.sharp_m, self.more_m = 1, z_m, 0.0, 0.0
             return False
         if not self.ticks:
             return False
@@ -95,10 +100,10 @@ class Rounding:
         mean, moved = 0.5 * (before + x), edge.gain_m_s_V * root * tick_s
         sharp = opening(mean, edge.dead_band_V, 0.0)
         self.sharp_m += moved * sharp
-        self.more_m += moved * (opening(mean, edge.dead_band_V, self._probe()) - sharp)
+        self.more_m += moved * (opening(mean, edge.dead_band_V, self.probe_V) - sharp)
         if straight or before * x <= 0.0:
             self._finish(z_m, MEMORY if flow.ready else MEMORY_EARLY)
-            self._begin(z_m, 1 if straight else 2)
+            self.ticks, self.from_m, self.sharp_m, self.more_m = 1 if straight else 2, z_m, 0.0, 0.0
             return True
         if self.ticks * tick_s > LONGEST_S:
             self.ticks = 0
@@ -114,24 +119,18 @@ class Rounding:
     def _error(self) -> float:
         return math.sqrt(self.variance_V4)
 
-    def _probe(self) -> float:
-        return max(math.sqrt(max(self.square_V2, 0.0)), PROBE_V)
-
-    def _advance(self, volts: float, play_V: float, lag_s: float, tick_s: float) -> float:
+    def _advance(self, volts: float, play_V: float) -> float:
         """The spool at the end of a tick of these volts."""
-        a, b, c, d = spool_model(round_lag(lag_s), tick_s)
+        a, b, c, d = self.model
         self.follower_V = clip(self.follower_V, volts - play_V, volts + play_V)
         away = self.follower_V - self.spool_V
         self.spool_V += a * away + b * self.rate_V
         self.rate_V = c * away + d * self.rate_V
         return self.spool_V
 
-    def _begin(self, z_m: float, ticks: int) -> None:
-        self.ticks, self.from_m, self.sharp_m, self.more_m = ticks, z_m, 0.0, 0.0
-
     def _finish(self, z_m: float, memory: float) -> None:
         """A passage in: one step of least squares with forgetting."""
-        phi = self.more_m / self._probe() ** 2
+        phi = self.more_m / self.probe_V**2
         excess = z_m - self.from_m - self.sharp_m - phi * self.square_V2
         if abs(excess) > TRUST_M + abs(phi) * HIGHEST_V**2:
             return
@@ -141,3 +140,4 @@ class Rounding:
         self.square_V2 += share * excess
         self.variance_V4 *= (1.0 - share * phi) * (1.0 + share * phi / memory)
         self.variance_V4 = min(self.variance_V4, SPREAD_V**4)
+        self.probe_V = max(self._root(self.square_V2), PROBE_V)
