@@ -16,6 +16,7 @@ TRIAGE_STEPS = 6
 FINALISTS = 4  # candidates of the first refit that are refitted further
 QUICK_RATIO = 3.0  # a candidate whose first refit leaves more than so many times the best one's is out
 FINALIST_RATIO = 2.0  # a finalist's triage chi2 is at most so many times the best one's
+BENDS_FROM = 0.5  # believable sizes at which a refit of a softer chamber starts
 START_SIZE = 3.0  # largest believable size at which a refit starts
 TIE_CHI2 = 25.0  # rivals whose chi2 is within this are a tie, in units of the reduced chi2
 TIE_NEAR = 0.1  # candidates that leave less than this share of what the named effect does, by their columns

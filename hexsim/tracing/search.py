@@ -55,6 +55,12 @@ def shortlist(lines: list[Screened], scale: float, alarm: float) -> list[Screene
     return worth[: rules.TRIED]
 
 
+def bending(lines: list[Screened], listed: list[Screened]) -> list[Screened]:
+    """Those whose gain no linear column tells, half a believable size to start with."""
+    others = [line for line in lines if line.candidate.effect.bends and line not in listed]
+    return [replace(line, size=rules.BENDS_FROM) for line in others]
+
+
 def cut(fit: Fit, whole: Question, part: Question) -> Fit:
     """The fit as seen by the head of the logs: its misfit and columns, cut."""
     lengths = [log.n - whole.settle(i) for i, log in enumerate(part.logs)]
@@ -89,6 +95,8 @@ def advance(fit: Fit, candidates: list[Candidate], question: Question, tick: Tic
     promised = max((line.gain_chi2 for line in listed), default=0.0)
     if not listed or (fit.candidates and promised < 0.5 * least_gain * (fit.chi2 - fit.n)):
         return Stage(lines=lines, rivals=[])
+    if not fit.candidates:
+        listed = listed + bending(lines, listed)
     head = question.head(rules.TRIAGE_S)
     short = cut(fit, question, head)
     quick = []

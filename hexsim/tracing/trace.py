@@ -25,7 +25,7 @@ from hexsim.tracing.localise import Violation, violations
 from hexsim.tracing.log import MeasuredLog, measured_log
 from hexsim.tracing.proposals import proposed_shapes
 from hexsim.tracing.readers import log_files, read_log
-from hexsim.tracing.refit import Fit, refine, start_fit_at
+from hexsim.tracing.refit import Fit, polished, refine, start_fit_at
 from hexsim.tracing.report import report_of
 from hexsim.tracing.screening import Screened
 from hexsim.tracing.search import Search, Stage, cut, information, search
@@ -164,6 +164,9 @@ def trace_logs(
             found = by_simulation
             final = pruned(by_simulation.best, question)
         final, base, question, held_out = seen_from_itself(final, base, question, held_out)
+    if final.candidates and at_floor(final.misfit):
+        tell("last refit", 0.8)
+        final = polished(final, question)
     base = base_beside(final, base, question)
     tell("held-out runs", 0.85)
     verdict, final = judged(base, final, question, held_out)

@@ -51,6 +51,7 @@ class Effect:
     shown_by: the input that would show an effect that slow motion does not show.
     lumped: stands for any cause of its form; of a tie, the other is named.
     vector: its numbers are components of one thing: any of them may be the one that is there.
+    bends: a softer chamber moves the oil's resonance, so that the answer is far from proportional to its size.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Effect:
     shown_by: str = ""
     lumped: bool = False
     vector: bool = False
+    bends: bool = False
 
     def add_to(self, resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
         """Switch the effect on in `legs` (0-based): by its own `apply`, or value by value into the slots."""

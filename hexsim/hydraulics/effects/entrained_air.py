@@ -12,4 +12,5 @@ EFFECT = Effect(
         EffectParameter(name="volume_fraction", unit="1", bounds=(0.0, 0.3), believable=0.01, slot=P.AIR_FRACTION),
     ),
     shown_by="motion with fast pressure changes: steps of the setpoint, a sweep through the oil resonance",
+    bends=True,
 )

@@ -18,4 +18,5 @@ EFFECT = Effect(
         ),
     ),
     shown_by="motion with fast pressure changes: steps of the setpoint, a sweep through the oil resonance",
+    bends=True,
 )
