@@ -173,7 +173,7 @@ def dependence_of(
 
     residuals: a run (n,); signals: name -> (n,), the same names in every run; velocities (n,) split the directions.
     order: which signal speaks for itself when another follows it closely; one that is not in it is not considered.
-    columns: (signal, "late" or "play") -> a run (n, k), what the residual would be if that channel were so.
+    columns: (signal, "late" or "play") -> a run (n, k), how the residual would change if that channel were so.
     """
     r, v = np.concatenate(residuals), np.concatenate(velocities)
     blocks = block_numbers([len(x) for x in residuals], int(BLOCK_S * rate))
@@ -205,7 +205,11 @@ def dependence_of(
     target = r
     if max(table[name] for name in table if name in order) < UNCLEAR:
         size = np.minimum(np.abs(r), np.quantile(np.abs(r), LARGEST))
-        sized = {name: Regressors(form="size", X=hats(x, knots_of(x)), knots=knots_of(x)) for name, x in moving.items()}
+        knots_by_name = {name: knots_of(x) for name, x in moving.items()}
+        sized = {
+            name: Regressors(form="size", X=hats(moving[name], knots), knots=knots)
+            for name, knots in knots_by_name.items()
+        }
         scores = {name: r2_of(one.X, size, blocks) for name, one in sized.items()}
         if max(scores[name] for name in scores if name in order) > UNCLEAR:
             target, found = size, {name: (sized[name], scores[name]) for name in sized}

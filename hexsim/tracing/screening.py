@@ -104,13 +104,11 @@ def screen(
     base = base_columns(fit, question)
     blocks = block_slices(fit, question)
     lines = []
-    R_base = [(c.reshape(c.shape[0], -1), m.ravel()) for c, m in zip(base, fit.misfit, strict=True)]
     free = free_columns(fit)
     for candidate, own in zip(candidates, columns, strict=True):
         if not all(np.all(np.isfinite(c)) for c in own):
             continue
         lines.append(_line(candidate, own, base, fit, blocks, free))
-    del R_base
     return sorted(lines, key=lambda line: -line.score)
 
 

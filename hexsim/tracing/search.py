@@ -14,7 +14,7 @@ import numpy as np
 from hexsim.tracing import rules
 from hexsim.tracing.answer import Question
 from hexsim.tracing.hypothesis import Candidate, to_coordinate
-from hexsim.tracing.refit import Fit, parameter_columns, refine, with_candidate
+from hexsim.tracing.refit import Fit, parameter_columns, refine, start_fit_at, with_candidate
 from hexsim.tracing.screening import Screened, screen
 
 Tick = Callable[[str], None]
@@ -120,9 +120,7 @@ def advance(fit: Fit, candidates: list[Candidate], question: Question, tick: Tic
         if rivals and rival.chi2 > rules.FINALIST_RATIO * tried[0].chi2:
             break
         tick("refitting rivals")
-        misfit = [m[0] for m in question.misfit([rival.fitted_machine()])]
-        whole = replace(rival, misfit=misfit, chi2=_chi2(misfit), n=fit.n, columns=None)
-        rivals.append(refine(whole, question, fresh=True))
+        rivals.append(refine(start_fit_at(rival, question), question, fresh=True))
     return Stage(lines=lines, rivals=ranked(rivals))
 
 
@@ -149,10 +147,6 @@ def inert(fit: Fit) -> bool:
     """Does the last effect stand where it does nothing? Then what helped was another part of it."""
     size = fit.candidates[-1].effect.parameters[0]
     return abs(to_coordinate(size, fit.values[-1][size.name])) < rules.INERT and bool(np.isinf(size.neutral))
-
-
-def _chi2(misfit: list[np.ndarray]) -> float:
-    return float(sum(np.sum(np.square(m)) for m in misfit))
 
 
 def noise_reached(fit: Fit) -> bool:

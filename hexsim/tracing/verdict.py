@@ -11,7 +11,7 @@ import numpy as np
 from hexsim.tracing import rules
 from hexsim.tracing.answer import Question, unknowable
 from hexsim.tracing.hypothesis import Candidate
-from hexsim.tracing.refit import Fit, parameter_columns, refine, start_fit_at
+from hexsim.tracing.refit import Fit, refine, start_fit_at
 from hexsim.tracing.search import Search, scale_of
 
 Array = np.ndarray
@@ -54,15 +54,9 @@ def pruned(fit: Fit, question: Question) -> Fit:
     for k in range(len(fit.candidates) - 1, -1, -1):
         if len(fit.candidates) < 2 or not at_floor(fit.misfit):
             break
-        less = replace(
-            fit,
-            candidates=fit.candidates[:k] + fit.candidates[k + 1 :],
-            values=fit.values[:k] + fit.values[k + 1 :],
-            columns=None,
-        )
-        misfit = [m[0] for m in question.misfit([less.fitted_machine()])]
-        less = replace(less, misfit=misfit, chi2=float(sum(np.sum(m**2) for m in misfit)))
-        less = refine(parameter_columns(less, question), question, fresh=True)
+        candidates, values = fit.candidates[:k] + fit.candidates[k + 1 :], fit.values[:k] + fit.values[k + 1 :]
+        less = start_fit_at(replace(fit, candidates=candidates, values=values), question)
+        less = refine(less, question, fresh=True)
         if less.chi2 - fit.chi2 < rules.alarm(fit.n) * scale_of(fit):
             fit = less
     return fit
@@ -75,9 +69,7 @@ def base_beside(fit: Fit, base: Fit, question: Question) -> Fit:
     """
     if not fit.candidates:
         return base
-    bare = replace(fit, candidates=(), values=(), columns=None)
-    misfit = [m[0] for m in question.misfit([bare.fitted_machine()])]
-    bare = replace(bare, misfit=misfit, chi2=float(sum(np.sum(m**2) for m in misfit)))
+    bare = start_fit_at(replace(fit, candidates=(), values=()), question)
     again = refine(bare, question, fresh=True, relative=rules.BASE_TOLERANCE)
     return again if again.chi2 < base.chi2 else base
 
