@@ -8,30 +8,31 @@ At each tick, for the tick boundary LOOK ticks ahead:
     x_m = g^-1(z_m' ; dp)                 spool position that lets this oil through: the learned valve
     u   = lead(x_m) - Kp (r - y_m) - D (P1 - P_m) + play
 
-lead undoes the spool's lag (spool.py); the position loop's own volts are taken off while y_m lags the setpoint; D
-lets oil out while the pressure swings above what is wanted and so damps the oil's spring; play is added on the side
-the volts move to. Everything learned is bounded, acts only once its standard error is small, and comes in slowly.
+lead undoes the spool's lag, the jump across the overlap apart from the flow (inverse.py, spool.py); the position loop's
+own volts are taken off while y_m lags the setpoint; D lets oil out while the pressure swings above what is wanted and so
+damps the oil's spring; play is added on the side the volts move to. Everything learned is bounded, acts only once its
+standard error is small, and comes in slowly.
 docs/compensation.md derives it.
 """
 
 from __future__ import annotations
 
-import math
+from collections import deque
 from dataclasses import dataclass, field
+from math import sqrt
 from operator import mul
 
 from .base import Compensator, Context, Parameters, Sample, clip
 from .flow_learning import FlowLearner
 from .friction_learning import FrictionLearner, stribeck_part
+from .inverse import ValveInverse
 from .knee import REACH_TICKS, Knee
 from .reference import Reference
 from .rounding import Rounding
-from .spool import AHEAD, LEAD_TAPS, LOOK, damping_taps, lead, round_lag
+from .spool import AHEAD, LEAD_TAPS, LOOK, crossing, damping_taps, lead, round_lag
 from .takeover import STILL_M_S2, engage
 
-SOFT_MAX, SOFT_SCALE_V = 0.13, 0.24  # the wider the overlap, the more ticks its crossing is spread over
 PLAY_SOFT_V = 1e-3  # half of the way back after which the volts stand wholly on the other side of the play
-PLAY_CAUTIOUS_V = 0.02  # so much more while taking over: ringing of the lead is then not taken for a turn
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
 PRESSURE_S = 0.2  # mean of the bottom pressure over this time tells the gain of plain control
 LAG_MOVED_S = 2e-5  # change of the lag from which taps are made anew
@@ -51,18 +52,17 @@ class AdaptiveState:
     flow: FlowLearner
     friction: FrictionLearner
     reference: Reference
+    inverse: ValveInverse
     lag_s: float = 0.0  # the lag that the taps were made for
     lead_taps: tuple[float, ...] = ()
+    crossing_taps: tuple[float, ...] = ()
     damping_taps: tuple[float, ...] = ()
-    ahead: list[Wanted] = field(default_factory=list)  # of the boundaries to come, the nearest first
-    oil_m: float = math.nan  # wanted oil displacement at the last boundary looked at
-    flows_m_s: tuple[float, float] = (0.0, 0.0)  # wanted oil velocity of the last two ticks
-    flow_V: float = 0.0  # volts for the flow alone, of the tick before
-    jumps: tuple[float, float] = (0.0, 0.0)  # volts across the overlap, of the two ticks before
-    spool_V: list[float] = field(
-        default_factory=lambda: [0.0] * LEAD_TAPS
-    )  # wanted spool, newest (AHEAD ticks on) first
-    surplus_Pa: list[float] = field(default_factory=list)  # measured less wanted pressure, newest first
+    ahead: deque[Wanted] = field(default_factory=deque)  # of the boundaries to come, the nearest first
+    flow_V: deque[float] = field(
+        default_factory=lambda: deque([0.0] * LEAD_TAPS, LEAD_TAPS)
+    )  # wanted spool beyond the overlap, newest (AHEAD ticks on) first
+    jump_V: deque[float] = field(default_factory=lambda: deque([0.0] * LEAD_TAPS, LEAD_TAPS))  # and across it
+    surplus_Pa: deque[float] = field(default_factory=deque)  # measured less wanted pressure, newest first
     slow_Pa: float = 0.0  # slow mean of it
     before_Pa: float = 0.0  # bottom pressure at the tick before
     bottom_Pa: float = 0.0  # slow mean of the bottom pressure
@@ -70,15 +70,19 @@ class AdaptiveState:
     loop_supply_Pa: float = 0.0  # slow mean of it
     rounding: Rounding = field(default_factory=Rounding)
     knee: Knee = field(default_factory=Knee)
-    excess_m: list[float] = field(default_factory=lambda: [0.0] * (REACH_TICKS + 1))  # oil less wanted oil, newest last
-    total_V: float = 0.0  # wanted, play aside, following within PLAY_SOFT_V
+    excess_m: deque[float] = field(
+        default_factory=lambda: deque([0.0] * (REACH_TICKS + 1), REACH_TICKS + 1)
+    )  # oil less wanted oil, newest last
+    total_V: float = 0.0  # fed forward, play aside, following within PLAY_SOFT_V
     gain: float = 0.0  # how far it has taken over, 0 .. 1
     friction_gain: float = 0.0
     turn_sign: float = 0.0  # wanted velocity, last seen
     turn_ticks: int = 0  # since it last changed sign
     half_ticks: int = 0  # between the last two changes
     turn_now: bool = False  # a fifth into a half stroke
-    start_now: bool = False  # two fifths into it
+    start_now: bool = False  # two fifths into it, the valve being open
+    flowing_ticks: int = 0  # for which plain control has opened it
+    shut_ticks: int = 0  # for which the overlap held it shut, at the reversal before
     pace: float = 0.01  # of the blend, a tick
     damping_gain: float = 1.0
     acceleration_m_s2: float = 0.0  # low-pass of the setpoint's
@@ -90,7 +94,7 @@ class AdaptiveState:
 
 @dataclass(frozen=True, kw_only=True)
 class Adaptive(Compensator):
-    """The algorithm to use when nothing is known of the motion. Needs 18 ms of preview.
+    """The algorithm to use when nothing is known of the motion. Needs 20 ms of preview.
 
     ease: softness of the lead; more is slower and kinder to the valve. width_low_s, width_high_s, jerk_m_s3: the
     pressure's step at a reversal is spread over a time that gives the load no more than this jerk, within these
@@ -99,18 +103,18 @@ class Adaptive(Compensator):
     damping_low_Hz and damping_high_Hz; its volts are bounded by damping_max_V and give way when they come near
     that. window_s, slowest_m_s, memory_windows: learning, see flow_learning.py. takeover_s, feed_forward_s,
     let_go_s: how slowly it comes in and goes. lively_m_s2: it takes hold of motions that turn with more acceleration
-    than this. quiet_m_s2: it lets go of those that turn with less, but where the oil's spring is well damped: then
-    later (takeover.py). learn: off to use restored parameters as they are.
+    than this, and lets go of those that turn too slowly for the oil's spring to stay quiet (takeover.py), but of
+    none that turn with more than quiet_m_s2. learn: off to use restored parameters as they are.
     """
 
     name: str = "adaptive"
-    preview_s: float = 0.018
+    preview_s: float = 0.020
     reference_drop_Pa: float = 3.5e6
     ease: float = 1e-4
     width_low_s: float = 3e-3
     width_high_s: float = 8e-3
-    jerk_m_s3: float = 800.0
-    presliding_m_s: float = 4e-4
+    jerk_m_s3: float = 1300.0
+    presliding_m_s: float = 3e-4
     damping_1_s: float = 80.0
     damping_count: int = 7
     damping_low_Hz: float = 15.0
@@ -122,7 +126,7 @@ class Adaptive(Compensator):
     takeover_s: float = 1.0
     feed_forward_s: float = 4.0
     let_go_s: float = 1.5
-    quiet_m_s2: float = 0.03
+    quiet_m_s2: float = 0.2
     lively_m_s2: float = 0.04
     learn: bool = True
 
@@ -130,9 +134,9 @@ class Adaptive(Compensator):
         window = max(4, round(self.window_s * context.rate_Hz))
         flow = FlowLearner(context, window, self.slowest_m_s, round(0.02 * context.rate_Hz), self.memory_windows)
         friction = FrictionLearner(context, window, self.slowest_m_s, self.memory_windows)
-        state = AdaptiveState(context, flow, friction, Reference(context.tick_s))
-        state.ahead = [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * LOOK
-        state.surplus_Pa = [0.0] * self.damping_count
+        state = AdaptiveState(context, flow, friction, Reference(context.tick_s), ValveInverse(context.tick_s))
+        state.ahead = deque([(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * LOOK, LOOK + 1)
+        state.surplus_Pa = deque([0.0] * self.damping_count, self.damping_count)
         self._design(state, 0.0)
         return state
 
@@ -140,33 +144,33 @@ class Adaptive(Compensator):
         tick = state.context.tick_s
         state.lag_s = lag_s
         state.lead_taps = lead(lag_s, tick, self.ease)
+        state.crossing_taps = crossing(lag_s, tick)
         state.damping_taps = damping_taps(lag_s, tick, self.damping_low_Hz, self.damping_high_Hz, self.damping_count)
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
         context, reference = state.context, state.reference
-        preview = sample.preview_m
+        item = sample.preview_m.item
+        behind, here, further = item(LOOK - 1), item(LOOK), item(LOOK + 1)
         self._follow_loop(state, sample)
-        reference.advance(preview.item(LOOK - 1), preview.item(LOOK), preview.item(LOOK + 1))
-        carried = state.supply_Pa * context.area_top_m2 / context.area_bottom_m2
-        load = sample.pressure_bottom_Pa - sample.pressure_supply_Pa * context.area_top_m2 / context.area_bottom_m2
-        compliance = (
-            reference.position_m + context.pipeline_volume_m3 / context.area_bottom_m2
-        ) / context.bulk_modulus_Pa
+        reference.advance(behind, here, further)
+        carried = state.supply_Pa * context.area_ratio
+        load = sample.pressure_bottom_Pa - sample.pressure_supply_Pa * context.area_ratio
+        compliance = context.compliance_m_Pa(reference.position_m)
 
         wanted, part = self._wanted_pressure(state)
         oil = reference.position_m + compliance * wanted
         state.ahead.append((wanted, part, reference.acceleration_m_s2, reference.lag_m, oil, reference.velocity_m_s))
-        wanted_now, part_now, a_now, lag_now, oil_now, v_now = state.ahead.pop(0)
+        wanted_now, part_now, a_now, lag_now, oil_now, v_now = state.ahead.popleft()
         surplus = load - wanted_now
         state.slow_Pa += 0.06 * (surplus - state.slow_Pa)
 
         roots = self._roots(state, state.supply_Pa, wanted + state.slow_Pa + carried)
-        spool = self._wanted_spool(state, oil, roots)
-        state.spool_V.insert(0, spool)
-        state.spool_V.pop()
-        u = sum(map(mul, state.lead_taps, state.spool_V)) - context.position_gain_V_per_m * lag_now
+        flow, jump = state.inverse.advance(oil, roots, state.flow.edges, state.knee, state.lag_s)
+        state.flow_V.appendleft(flow)
+        state.jump_V.appendleft(jump)
+        u = sum(map(mul, state.lead_taps, state.flow_V)) + sum(map(mul, state.crossing_taps, state.jump_V))
         u += self.extra(state, sample)
-        u += self._play(state, u)
+        u += self._play(state, u) - context.position_gain_V_per_m * lag_now
         u -= self._damping(state, surplus, compliance, roots)
         if self.learn:
             self._learn(state, sample, load, a_now, oil_now, v_now)
@@ -176,7 +180,8 @@ class Adaptive(Compensator):
                 and state.gain == 1.0
             ):
                 rise.learn(1e6 * state.friction.fit.theta[1], 2.0 * state.friction.half_step_Pa)
-        engage(self, state, preview, sample.setpoint_m - sample.position_m - lag_now)
+        asked = (further - 2 * here + behind) / (context.tick_s * context.tick_s)
+        engage(self, state, asked, sample.setpoint_m - sample.position_m - lag_now, sample.control_V)
         limit = context.voltage_max_V
         blend = state.gain * state.gain * (3.0 - 2.0 * state.gain)
         return blend * clip(u, -limit, limit), state
@@ -220,41 +225,14 @@ class Adaptive(Compensator):
         """sqrt(dp / dp_ref) of the edge to tank and of the edge from the supply."""
         reference = self.reference_drop_Pa
         low = LOW_DROP * reference
-        down = max(pressure_Pa - state.context.tank_pressure_Pa, low)
-        up = max(supply_Pa - pressure_Pa, low)
-        return math.sqrt(down / reference), math.sqrt(up / reference)
-
-    def _wanted_spool(self, state: AdaptiveState, oil_m: float, roots: tuple[float, float]) -> float:
-        """Volts that a spool without lag would need, mean over the tick AHEAD of now."""
-        if state.oil_m != state.oil_m:
-            state.oil_m = oil_m
-        newest = (oil_m - state.oil_m) / state.context.tick_s
-        state.oil_m = oil_m
-        old, mean = state.flows_m_s
-        state.flows_m_s = (mean, newest)
-        first, last = 0.5 * (old + mean), 0.5 * (mean + newest)
-        if first * last < 0.0:
-            side = (first + last) / abs(last - first)
-        else:
-            side = 1.0 if mean > 0 else (-1.0 if mean < 0 else 0.0)
-        down, up = state.flow.edges
-        edge, root = (up, roots[1]) if mean > 0 else (down, roots[0])
-        jump = 0.5 * (up.dead_band_V * (1.0 + side) - down.dead_band_V * (1.0 - side))
-        less = state.knee.value(abs(mean), edge.gain_m_s_V, edge.dead_band_V)
-        if less:
-            jump *= 1.0 + less / max(edge.dead_band_V, -less)
-        dead = (up.dead_band_V + down.dead_band_V) ** 2
-        w = SOFT_MAX * dead / (dead + SOFT_SCALE_V**2)
-        volts, (older, newer) = state.flow_V, state.jumps
-        state.flow_V, state.jumps = mean / (edge.gain_m_s_V * root), (newer, jump)
-        return volts + (1.0 - 2.0 * w) * newer + w * (older + jump)
+        down, up = pressure_Pa - state.context.tank_pressure_Pa, supply_Pa - pressure_Pa
+        return sqrt((down if down > low else low) / reference), sqrt((up if up > low else low) / reference)
 
     def _damping(self, state: AdaptiveState, surplus_Pa: float, compliance: float, roots: tuple[float, float]) -> float:
         """Volts that let oil out while the pressure swings above what is wanted."""
         history = state.surplus_Pa
-        history.insert(0, surplus_Pa)
-        history.pop()
-        up = state.spool_V[AHEAD] > 0
+        history.appendleft(surplus_Pa)
+        up = state.flow_V[AHEAD] > 0
         gain = state.flow.edges[up].gain_m_s_V * roots[up]
         u = state.damping_gain * self.damping_1_s * compliance * sum(map(mul, state.damping_taps, history)) / gain
         limit = self.damping_max_V
@@ -266,11 +244,10 @@ class Adaptive(Compensator):
 
     def _play(self, state: AdaptiveState, total_V: float) -> float:
         """Volts that take up the valve's play, on the side to which its volts have moved by some millivolts."""
-        soft = PLAY_SOFT_V + PLAY_CAUTIOUS_V * (1.0 - state.reference.share)
-        state.total_V = clip(state.total_V, total_V - soft, total_V + soft)
+        state.total_V = clip(state.total_V, total_V - PLAY_SOFT_V, total_V + PLAY_SOFT_V)
         down, up = state.flow.edges
         play = up.play_V if total_V > 0 else down.play_V
-        return play * (total_V - state.total_V) / soft
+        return play * (total_V - state.total_V) / PLAY_SOFT_V
 
     def _learn(
         self,
@@ -281,17 +258,14 @@ class Adaptive(Compensator):
         oil_m: float,
         flow_m_s: float,
     ) -> None:
-        context, valve, p = state.context, sample.valve_V, sample.pressure_bottom_Pa
-        compliance = (sample.position_m + context.pipeline_volume_m3 / context.area_bottom_m2) / context.bulk_modulus_Pa
+        valve, p = sample.valve_V, sample.pressure_bottom_Pa
         root = self._roots(state, sample.pressure_supply_Pa, 0.5 * (p + state.before_Pa))[valve > 0]
         state.before_Pa = p
-        z = sample.position_m + compliance * p
+        z = sample.position_m + state.context.compliance_m_Pa(sample.position_m) * p
         state.flow.add(z, valve, root)
-        excess = state.excess_m
-        excess.append(z - oil_m)
-        excess.pop(0)
+        state.excess_m.append(z - oil_m)
         if state.gain == 1.0:
-            state.knee.watch(excess, flow_m_s, 0.5 * state.flow.edges[0].dead_band_V)
+            state.knee.watch(state.excess_m, flow_m_s, 0.5 * state.flow.edges[0].dead_band_V)
         if state.flow.known:
             if state.gain > 0.0:
                 state.rounding.ticks = 0

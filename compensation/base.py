@@ -15,6 +15,7 @@ from __future__ import annotations
 import abc
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -74,10 +75,24 @@ class Context:
                 f"context period_s is {self.period_s}; give the period [s] of the motion, or None where it is not known"
             )
 
-    @property
+    @cached_property
     def tick_s(self) -> float:
         """Control period [s]."""
         return 1.0 / self.rate_Hz
+
+    @cached_property
+    def area_ratio(self) -> float:
+        """A2 / A1: what of the supply pressure, on the rod's side, the bottom pressure carries."""
+        return self.area_top_m2 / self.area_bottom_m2
+
+    @cached_property
+    def pipeline_length_m(self) -> float:
+        """Travel of the piston that displaces the pipeline's volume."""
+        return self.pipeline_volume_m3 / self.area_bottom_m2
+
+    def compliance_m_Pa(self, position_m: float) -> float:
+        """Travel that the oil below the piston is squeezed by, per pressure: V / (E A1) (Eq. 3.7)."""
+        return (position_m + self.pipeline_length_m) / self.bulk_modulus_Pa
 
 
 class Compensator(abc.ABC):

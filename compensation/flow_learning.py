@@ -5,10 +5,13 @@ Oil volume over piston area is z = y + V P1 / (E A1), and z' is the flow through
 (Eq. 3.7). With the spool x lagging the volts u by tau and trailing them by a play of half width h, the law of one
 edge (Eq. 3.3, 3.4) integrated over a window is linear in what is not known:
 
-    z(t2) - z(t1) = k int u R dt - k delta int R dt - k tau R^ [u]_t1^t2 - k h int w R dt,     R = sqrt(dp / dp_ref)
+    z(t2) - z(t1) = k int p R dt - k delta int R dt - k tau R^ [p]_t1^t2,     p = b + h s,     R = sqrt(dp / dp_ref)
 
-R^ the mean of R, k velocity gain [m/s/V], delta half dead band [V], tau lag [s], h w = u less the output of the play, w = -1 .. 1. Two
-fits run side by side, without and with play; the simpler one holds as long as it explains what is measured.
+R^ the mean of R, k velocity gain [m/s/V], delta half dead band [V], tau lag [s]; p the output of the play: b the volts
+where it last moved along with them, s = -1 where they were rising then, 1 where they were falling. b is found with the h
+known so far; it depends on it only where the play turns, so that little is wrong while h is wrong, and what was gathered
+before h moved counts for less. Two fits run side by side, without play (p = u) and with it; the one with play is taken
+where its h is well beyond its standard error.
 Position noise enters only at the two ends of a window and not at all on the right, so that least squares is unbiased;
 nothing is differentiated. What the fit leaves is the noise of two positions if the valve is of that kind, and much
 more if it is not: then it is not believed.
@@ -27,15 +30,15 @@ GAIN_LOW, GAIN_HIGH = 0.005, 5.0  # [m/s/V], bounds of what is believed
 DEAD_BAND_HIGH_V = 1.5
 LAG_HIGH_S = 0.012
 PLAY_HIGH_V = 0.3
-PLAY_LOW_V = 2e-3  # the play that is looked for is at least this wide
+PLAY_LOW_V = 2e-3  # narrower play is not told from noise of the volts by where they turn
 WINDOW_NOISE_M = 5e-6  # displacement noise of a window: two positions with 3 um noise and 3 um resolution
 GAIN_NEEDED, DEAD_BAND_NEEDED_V, LAG_NEEDED_S = 0.10, 1e-3, 8e-4  # standard errors below which an edge is believed
 APART_M = 20e-6  # oil at a crossing of the overlap by which both edges' lags may differ: one spool has one lag
 MISFIT_HIGH, MISFIT_LOW = 3.0, 1.7  # residual over noise above which an edge is doubted, and below which it is believed
 PLAY_ALLOWANCE = 4.0  # times the squared misfit that a valve with play may show: its turning points are rougher
-EARLY_WINDOWS = (
-    30.0  # least memory of the fit with play; until it is believed it remembers twice as many as it has seen
-)
+EARLY_WINDOWS = 30.0  # least memory of the fit with play; until it is believed it remembers as many as it has seen
+STRAYED = 2.0  # times the squared residual of the fit without play from which the one with play has lost its way
+PLAY_MOVED_V = 1e-4  # change of the play found from which the windows before count for less
 PLAY_TAKE, PLAY_LEAVE = 4.0, 2.0  # play over its standard error, both edges together, to take the valve as one with it
 WINDOWS_NEEDED, PATIENCE = 15, 3.0  # windows before it is first believed; each doubt makes that so many times longer
 WINDOWS_KNOWN = 8  # windows from which the gain is right within some per cent
@@ -56,20 +59,21 @@ class Edge:
     lag_s: float = 0.0
     play_V: float = 0.0
     play_found_V: float = 0.0
+    play_sure: bool = False  # from then on it is found from where the volts turn
     ready: bool = False
     doubts: int = 0  # how often it was ready and then did not fit
     needed: float = float(WINDOWS_NEEDED)
 
-    def learn(self, phi: list[float], moved_m: float, with_play: bool) -> None:
+    def learn(self, phi: list[float], phi_play: list[float], moved_m: float, with_play: bool) -> None:
         """One window in; reads the fit out within its bounds."""
         memory = self.play.memory
         if not self.ready:  # what was gathered while another width was looked for is biased
-            memory = clip(2.0 * self.windows, EARLY_WINDOWS, memory)
+            memory = clip(self.windows, EARLY_WINDOWS, memory)
         self.play.keep = 1.0 - 1.0 / memory
-        self.plain.update(phi[:3], moved_m)
-        self.play.update(phi, moved_m)
+        self.plain.update(phi, moved_m)
+        self.play.update(phi_play, moved_m)
         self.windows += 1.0
-        self.play_found_V = clip(self.play.theta[3] / max(self.play.theta[0], GAIN_LOW), 0.0, PLAY_HIGH_V)
+        self._find_play()
         fit = self.play if with_play else self.plain
         k, k_delta, k_tau = fit.theta[:3]
         k = self.gain_m_s_V = clip(k, GAIN_LOW, GAIN_HIGH)
@@ -94,6 +98,23 @@ class Edge:
             and c[1][1] * unit < DEAD_BAND_NEEDED_V**2
             and c[2][2] * unit < LAG_NEEDED_S**2
         )
+
+    def _find_play(self) -> None:
+        """Reads the play out. Windows before were gathered with another width: they count for less, the more it moved."""
+        if self.play.count > 4 and self.play.residual > STRAYED * max(self.plain.residual, WINDOW_NOISE_M**2):
+            self.play.theta[:] = [*self.plain.theta, 0.0]
+            self.play.doubt()
+        gain, before = max(self.play.theta[0], GAIN_LOW), self.play_found_V
+        self.play_found_V = clip(self.play.theta[3] / gain, 0.0, PLAY_HIGH_V)
+        moved = self.play_found_V - before
+        if abs(moved) > PLAY_MOVED_V:
+            self.play.loosen(3, (gain * moved / WINDOW_NOISE_M) ** 2)
+        self.play_sure = self.play_found_V > PLAY_LOW_V and self.play_sureness() > PLAY_TAKE
+
+    def apart_s(self) -> float:
+        """Lag without play less lag with it."""
+        plain, play = self.plain.theta, self.play.theta
+        return plain[2] / max(plain[0], GAIN_LOW) - play[2] / max(play[0], GAIN_LOW) if self.play_V == 0.0 else 0.0
 
     def play_sureness(self) -> float:
         """The play found over its standard error."""
@@ -129,12 +150,13 @@ class FlowLearner:
     direction: int = 0
     wait: int = 0
     count: int = 0
-    start: tuple[float, float] = (0.0, 0.0)  # z [m] and |u| [V] at the window's start
-    sums: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # of u R, R, w R
-    follower_V: float = 0.0  # output of the play that is looked for
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # z [m], |u| and |p| [V] at the window's start
+    sums: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0, 0.0])  # of u R, R, b R, s R
+    turn_V: float = 0.0  # b
+    side: float = -1.0  # s
     moving: bool = False
     with_play: bool = False
-    pending: tuple[list[float], float] | None = None
+    pending: tuple[list[float], list[float], float] | None = None
     lag_s: float = 0.0
 
     def __post_init__(self) -> None:
@@ -148,10 +170,12 @@ class FlowLearner:
 
     @property
     def agreed(self) -> bool:
-        """Whether both directions tell of one spool: their lags agree, in oil at a crossing of the overlap."""
+        """Whether both directions, and the fits without and with play, tell of one spool: their lags agree, in oil at a
+        crossing of the overlap."""
         down, up = self.edges
         crossing_m_s = max(down.gain_m_s_V, up.gain_m_s_V) * (down.dead_band_V + up.dead_band_V)
-        return crossing_m_s * abs(down.lag_s - up.lag_s) < APART_M
+        apart_s = 0.5 * abs(down.apart_s() + up.apart_s())
+        return crossing_m_s * max(abs(down.lag_s - up.lag_s), apart_s) < APART_M
 
     @property
     def known(self) -> bool:
@@ -166,8 +190,13 @@ class FlowLearner:
             self.direction, self.wait = direction, self.settle
             self._restart()
             return
-        half = max(PLAY_LOW_V, self.edges[direction > 0].play_found_V)
-        self.follower_V = clip(self.follower_V, valve_V - half, valve_V + half)
+        found = self.edges[direction > 0].play_found_V
+        half = found if found > PLAY_LOW_V else PLAY_LOW_V
+        beyond = self.side * (self.turn_V - valve_V)
+        if beyond >= 0.0:
+            self.turn_V = valve_V
+        elif beyond < -2.0 * half:
+            self.turn_V, self.side = valve_V, -self.side
         if self.wait > 0:
             self.wait -= 1
             return
@@ -175,18 +204,24 @@ class FlowLearner:
             s = self.sums
             s[0] += size * root
             s[1] += root
-            s[2] += direction * (valve_V - self.follower_V) / half * root
+            if self.edges[direction > 0].play_sure:
+                s[2] += direction * self.turn_V * root
+                s[3] += direction * self.side * root
+            else:
+                s[2] += size * root
+                s[3] += direction * (self.side + (self.turn_V - valve_V) / half) * root
             if self.count == self.window:
-                self._finish(z_m, size)
+                self._finish(z_m, size, direction * (self.turn_V + half * self.side))
                 self.count = 0
         if self.count == 0:
-            self.start, self.sums = (z_m, size), [0.0, 0.0, 0.0]
+            self.start = (z_m, size, direction * (self.turn_V + half * self.side))
+            self.sums = [0.0, 0.0, 0.0, 0.0]
         self.count += 1
 
     def _restart(self) -> None:
         self.count, self.moving, self.pending = 0, False, None
 
-    def _finish(self, z_m: float, size: float) -> None:
+    def _finish(self, z_m: float, size: float, through: float) -> None:
         """Use the window before this one, if the piston moved in it, before it and after it: none reaches into the
         overlap."""
         tick = self.context.tick_s
@@ -200,8 +235,10 @@ class FlowLearner:
             self._judge(down, up)
             self.lag_s = (down.lag_s * down.windows + up.lag_s * up.windows) / (down.windows + up.windows)
         s = self.sums
-        phi = [s[0] * tick, -s[1] * tick, (self.start[1] - size) * s[1] / self.window, -s[2] * tick]
-        self.pending = (phi, moved) if self.moving else None
+        mean = s[1] / self.window
+        phi = [s[0] * tick, -s[1] * tick, (self.start[1] - size) * mean]
+        phi_play = [s[2] * tick, -s[1] * tick, (self.start[2] - through) * mean, s[3] * tick]
+        self.pending = (phi, phi_play, moved) if self.moving else None
         self.moving = True
 
     def _judge(self, down: Edge, up: Edge) -> None:

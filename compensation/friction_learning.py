@@ -22,6 +22,7 @@ from .rise import Rise
 STEP_HIGH_MPA = 1.0  # bound of what is believed of half the step
 STRIBECK_M_S = 5e-3  # velocity over which friction falls after breakaway; a common size, and the report's
 POSITION_SPREAD = 10.0  # of the position's coefficient p5 [2 kPa/dm]: load hardly depends on position
+RISE_TYPICAL, REVERSALS_NEEDED = 0.5, 5  # rise over half the step, as long as so few reversals have told of it
 WINDOWS_NEEDED = 20  # in each direction, before the fit is used
 
 
@@ -96,7 +97,10 @@ class FrictionLearner:
     def growth_1_s(self) -> float:
         """Rate at which a swing grows close to rest, where friction falls with speed."""
         viscous = 1e7 * min(self.fit.theta[2], self.fit.theta[3])
-        return 0.5 * (self.rise.rise_Pa / STRIBECK_M_S - viscous) / self.inertia_Pa()
+        rise = self.rise.rise_Pa
+        if self.rise.reversals < REVERSALS_NEEDED and rise < RISE_TYPICAL * self.half_step_Pa:
+            rise = RISE_TYPICAL * self.half_step_Pa
+        return 0.5 * (rise / STRIBECK_M_S - viscous) / self.inertia_Pa()
 
     def parameters(self) -> Parameters:
         """What is known, in numbers."""

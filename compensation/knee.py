@@ -11,6 +11,7 @@ across the overlap moves too much oil on both sides of the reversal, too small a
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 from .base import clip
@@ -41,7 +42,7 @@ class Knee:
         share = 1.0 - math.exp(-speed_m_s / (s * gain_m_s_V))
         return max(s * math.log(share), -dead_band_V) if share > 0.0 else -dead_band_V
 
-    def watch(self, surplus_m: list[float], flow_m_s: float, highest_V: float) -> None:
+    def watch(self, surplus_m: deque[float], flow_m_s: float, highest_V: float) -> None:
         """One tick. surplus_m: oil displacement less the wanted one, of the last ticks, newest last; flow: wanted
         now."""
         sign = 1.0 if flow_m_s > 0 else -1.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from operator import mul
 
 
 @dataclass(slots=True)
@@ -39,12 +40,23 @@ class RecursiveLeastSquares:
         self.covariance = [[s * s if i == j else 0.0 for j in range(len(self.scale))] for i, s in enumerate(self.scale)]
         self.residual, self.count = 0.0, 0
 
+    def loosen(self, index: int, variance: float) -> None:
+        """Be less sure of one parameter by `variance`, and of those that were found along with it as they hang on it."""
+        c = self.covariance
+        hang = [row[index] / c[index][index] for row in c]
+        for i, hi in enumerate(hang):
+            if c[i][i] + variance * hi * hi > self.scale[i] * self.scale[i]:
+                return
+        for row, hi in zip(c, hang, strict=True):
+            for j, hj in enumerate(hang):
+                row[j] += variance * hi * hj
+
     def update(self, phi: list[float], y: float) -> float:
         """Take one sample in; returns its residual before the update."""
         c, theta = self.covariance, self.theta
-        cphi = [sum([a * b for a, b in zip(row, phi, strict=True)]) for row in c]
-        seen = sum([a * b for a, b in zip(phi, cphi, strict=True)])
-        error = y - sum([a * b for a, b in zip(phi, theta, strict=True)])
+        cphi = [sum(map(mul, row, phi)) for row in c]
+        seen = sum(map(mul, phi, cphi))
+        error = y - sum(map(mul, phi, theta))
         gain = 1.0 / ((1.0 if self.directional else self.keep) + seen)
         step = error * gain
         for i, ci in enumerate(cphi):
@@ -55,13 +67,16 @@ class RecursiveLeastSquares:
             gain /= 1.0 + gain * seen
         else:
             grow = 1.0 / self.keep
-        spreads = zip(c, cphi, self.scale, strict=True)
-        if any([(row[i] - gain * ci * ci) * grow >= s * s for i, (row, ci, s) in enumerate(spreads)]):
-            grow, gain = 1.0, max(gain, 0.0)
         for i, ci in enumerate(cphi):
-            gi, row = ci * gain, c[i]
-            c[i] = [(a - gi * b) * grow for a, b in zip(row, cphi, strict=True)]
-        if any([row[i] <= 0.0 for i, row in enumerate(c)]):  # lost to rounding
+            if (c[i][i] - gain * ci * ci) * grow >= self.scale[i] * self.scale[i]:
+                grow, gain = 1.0, max(gain, 0.0)
+                break
+        sound = True
+        for i, ci in enumerate(cphi):
+            gi = ci * gain
+            row = c[i] = [(a - gi * b) * grow for a, b in zip(c[i], cphi)]  # noqa: B905 (this is what a tick costs)
+            sound = sound and row[i] > 0.0
+        if not sound:  # lost to rounding
             self.doubt()
         self.count += 1
         self.residual += (error * step - self.residual) / min(self.count, 50)

@@ -10,8 +10,8 @@ y_m = r: full velocity feed-forward, no dead band.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from math import sqrt
 
 SOFT = 2.0  # half dead bands about zero within which D is softened
 
@@ -31,19 +31,20 @@ class Reference:
 
     def advance(self, behind_m: float, here_m: float, ahead_m: float) -> None:
         """One tick on; setpoints at the boundary before, at the one asked for, and after."""
-        tick = self.tick_s
-        moved = (1.0 - self.share) * (here_m - behind_m)
-        half = self.lag_m + 0.5 * (moved - tick * self._pull(self.lag_m))
-        self.lag_m += moved - tick * self._pull(half)
-        self.position_m = here_m - self.lag_m
-        velocity = self.share * (ahead_m - behind_m) / (2 * tick) + self._pull(self.lag_m)
+        tick, share, lag = self.tick_s, self.share, self.lag_m
+        moved = (1.0 - share) * (here_m - behind_m)
+        half = lag + 0.5 * (moved - tick * self._pull(lag))
+        self.lag_m = lag = lag + (moved - tick * self._pull(half))
+        self.position_m = here_m - lag
+        velocity = share * (ahead_m - behind_m) / (2 * tick) + self._pull(lag)
         self.acceleration_m_s2 = (velocity - self.velocity_m_s) / tick
         self.velocity_m_s = velocity
 
     def _pull(self, lag_m: float) -> float:
         """Velocity that the loop gives at a lag."""
         up = int(lag_m > 0.0)
-        dead = self.dead_m[up]
-        if dead:
-            lag_m *= 1.0 - (1.0 - self.share) * dead / math.sqrt(lag_m * lag_m + (SOFT * dead) ** 2)
+        dead, left = self.dead_m[up], 1.0 - self.share
+        if dead and left:
+            soft = SOFT * dead
+            lag_m *= 1.0 - left * dead / sqrt(lag_m * lag_m + soft * soft)
         return self.loop_1_s[up] * lag_m

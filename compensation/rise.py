@@ -15,6 +15,7 @@ goes over to phi, so that no measurement is differentiated:
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 from operator import mul
 
@@ -34,6 +35,10 @@ def _weights() -> tuple[tuple[float, ...], tuple[float, ...]]:
 PHI, PHI_SECOND = _weights()
 
 
+def _kept() -> deque[float]:
+    return deque([0.0] * (2 * REACH + 1), 2 * REACH + 1)
+
+
 @dataclass(slots=True)
 class Rise:
     """The rise [Pa], and the ticks about the reversal being watched, newest first."""
@@ -43,16 +48,16 @@ class Rise:
     reversals: int = 0
     sign: float = 0.0
     since: int = 0
-    surplus_Pa: list[float] = field(default_factory=lambda: [0.0] * (2 * REACH + 1))
-    ahead_m: list[float] = field(default_factory=lambda: [0.0] * (2 * REACH + 1))
-    part: list[float] = field(default_factory=lambda: [0.0] * (2 * REACH + 1))
+    surplus_Pa: deque[float] = field(default_factory=_kept)
+    ahead_m: deque[float] = field(default_factory=_kept)
+    part: deque[float] = field(default_factory=_kept)
 
     def watch(self, velocity_m_s: float, surplus_Pa: float, ahead_m: float, part: float) -> bool:
         """One tick: wanted velocity, pressure and position above the wanted ones, wanted share of the rise. True when
         a reversal lies in the middle of what is kept."""
-        for kept, value in ((self.surplus_Pa, surplus_Pa), (self.ahead_m, ahead_m), (self.part, part)):
-            kept.insert(0, value)
-            kept.pop()
+        self.surplus_Pa.appendleft(surplus_Pa)
+        self.ahead_m.appendleft(ahead_m)
+        self.part.appendleft(part)
         if velocity_m_s * self.sign < 0.0:
             self.since = 0
         if velocity_m_s:

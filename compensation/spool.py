@@ -18,7 +18,12 @@ LAG_STEP_S = 1e-5  # lags are rounded to this before a design is made
 LAG_MAX_S = 1.2e-2
 LEAD_TAPS = 10
 AHEAD = 5  # ticks that the lead looks ahead
-LOOK = AHEAD + 3  # ticks from now to the tick boundary whose oil is asked for
+LOOK = AHEAD + 4  # ticks from now to the tick boundary whose oil is asked for
+CROSSING_TICKS = 0.75  # on either side of the jump in which its path is nearly free, weighing CROSSING_WEIGHT
+CROSSING_WEIGHT = 0.3
+CROSSING_EASE = 1e-5  # softness of the crossing
+PATH_FINE, PATH_BEFORE, PATH_AFTER = 10, 3, 5  # samples a tick of the crossing's path, ticks before and after the jump
+MADE_UP = 0.6  # of the oil that a crossing keeps back; less than half or all leaves more of a bump
 
 
 def step_response(t_s: np.ndarray, lag_s: float) -> np.ndarray:
@@ -64,6 +69,15 @@ def spool_model(lag_s: float, tick_s: float) -> tuple[float, float, float, float
     )
 
 
+def _taps(matrix: np.ndarray, target: np.ndarray, ease: float, centre: float) -> tuple[float, ...]:
+    """Least squares of LEAD_TAPS taps, smooth by `ease`, that sum to one and have their centre where it is to be."""
+    rough = math.sqrt(ease) * (np.eye(LEAD_TAPS) - np.eye(LEAD_TAPS, k=1))
+    exact = 1e3 * np.vstack([np.ones(LEAD_TAPS), np.arange(LEAD_TAPS)])
+    right = np.r_[target, np.zeros(LEAD_TAPS), 1e3, 1e3 * centre]
+    taps = np.linalg.lstsq(np.vstack([matrix, rough, exact]), right, rcond=None)[0]
+    return tuple(float(x) for x in taps / taps.sum())
+
+
 @lru_cache(maxsize=128)
 def lead(lag_s: float, tick_s: float, ease: float) -> tuple[float, ...]:
     """Taps h (LEAD_TAPS,) so that u_k = sum_i h_i x_{k + AHEAD - i} makes the spool follow x, tick mean by tick mean.
@@ -78,12 +92,50 @@ def lead(lag_s: float, tick_s: float, ease: float) -> tuple[float, ...]:
         matrix[i : i + len(g), i] = g
     target = np.zeros(rows)
     target[AHEAD] = 1.0
-    rough = math.sqrt(ease) * (np.eye(LEAD_TAPS) - np.eye(LEAD_TAPS, k=1))
-    exact = 1e3 * np.vstack([np.ones(LEAD_TAPS), np.arange(LEAD_TAPS)])
-    centre = AHEAD - float(np.arange(len(g)) @ g / g.sum())
-    right = np.r_[target, np.zeros(LEAD_TAPS), 1e3, 1e3 * centre]
-    taps = np.linalg.lstsq(np.vstack([matrix, rough, exact]), right, rcond=None)[0]
-    return tuple(float(x) for x in taps / taps.sum())
+    return _taps(matrix, target, ease, AHEAD - float(np.arange(len(g)) @ g / g.sum()))
+
+
+@lru_cache(maxsize=128)
+def crossing(lag_s: float, tick_s: float) -> tuple[float, ...]:
+    """Taps (LEAD_TAPS,) like `lead`, for the jump across the overlap alone.
+
+    What the spool does inside the overlap lets no oil through, and every bit that it strays outside does. So here it
+    is the spool's path that is held and not its mean over ticks: where it stood until CROSSING_TICKS before the jump,
+    where it is to stand from as long after it, and nearly free in between.
+    """
+    fine = 20
+    t = (np.arange(-AHEAD * fine, 40 * fine) + 0.5) * tick_s / fine
+    matrix = np.stack([step_response(t + (AHEAD - i) * tick_s, lag_s) for i in range(LEAD_TAPS)], axis=1)
+    weight = np.where(np.abs(t) < CROSSING_TICKS * tick_s, CROSSING_WEIGHT, 1.0) / math.sqrt(fine)
+    return _taps(weight[:, None] * matrix, weight * (t > 0.0), CROSSING_EASE, AHEAD - lag_s / tick_s)
+
+
+@lru_cache(maxsize=128)
+def crossing_path(lag_s: float, tick_s: float) -> tuple[float, ...]:
+    """Path of the crossing spool, from -1 to 1, PATH_FINE samples a tick from PATH_BEFORE ticks before the jump on."""
+    t = (np.arange(-PATH_BEFORE * PATH_FINE, PATH_AFTER * PATH_FINE) + 0.5) * tick_s / PATH_FINE
+    taps = crossing(lag_s, tick_s)
+    steps = np.stack([step_response(t + (AHEAD - i) * tick_s, lag_s) for i in range(LEAD_TAPS)], axis=1)
+    return tuple(float(x) for x in 2.0 * steps @ taps - 1.0)
+
+
+def kept_back(path: tuple[float, ...], share: float, slope_V: float, half_V: float) -> tuple[float, float]:
+    """What the overlap keeps back while it is crossed, before and after the reversal, as volts of one tick.
+
+    path: of the crossing; share: of its tick that lies before the reversal (0 .. 1): so much of the jump comes a tick
+    later; slope_V: volts by which the wanted flow grows in a tick, half_V: half dead band. Signed like the slope.
+    """
+    before = after = 0.0
+    for i in range(PATH_FINE, len(path)):
+        time = (i + 0.5) / PATH_FINE - PATH_BEFORE - share
+        wanted = slope_V * time
+        spool = wanted + half_V * (path[i] + share * (path[i - PATH_FINE] - path[i]))
+        through = spool - half_V if spool > half_V else (spool + half_V if spool < -half_V else 0.0)
+        if time < 0.0:
+            before += wanted - through
+        else:
+            after += wanted - through
+    return before / PATH_FINE, after / PATH_FINE
 
 
 @lru_cache(maxsize=128)
