@@ -30,7 +30,7 @@ from .knee import REACH_TICKS, Knee
 from .reference import Reference
 from .rounding import Rounding
 from .spool import AHEAD, LEAD_TAPS, LOOK, crossing, damping_taps, lead, round_lag
-from .takeover import STILL_M_S2, engage
+from .takeover import Takeover, engage
 
 PLAY_SOFT_V = 1e-3  # half of the way back after which the volts stand wholly on the other side of the play
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
@@ -46,7 +46,7 @@ Wanted = tuple[float, float, float, float, float, float]
 
 @dataclass(slots=True)
 class AdaptiveState:
-    """What is learned, what is wanted of the ticks to come, and how far it has taken over."""
+    """What is learned, what is wanted of the ticks to come, and what is remembered of those past."""
 
     context: Context
     flow: FlowLearner
@@ -74,22 +74,8 @@ class AdaptiveState:
         default_factory=lambda: deque([0.0] * (REACH_TICKS + 1), REACH_TICKS + 1)
     )  # oil less wanted oil, newest last
     total_V: float = 0.0  # fed forward, play aside, following within PLAY_SOFT_V
-    gain: float = 0.0  # how far it has taken over, 0 .. 1
-    friction_gain: float = 0.0
-    turn_sign: float = 0.0  # wanted velocity, last seen
-    turn_ticks: int = 0  # since it last changed sign
-    half_ticks: int = 0  # between the last two changes
-    turn_now: bool = False  # a fifth into a half stroke
-    start_now: bool = False  # two fifths into it, the valve being open
-    flowing_ticks: int = 0  # for which plain control has opened it
-    shut_ticks: int = 0  # for which the overlap held it shut, at the reversal before
-    pace: float = 0.01  # of the blend, a tick
     damping_gain: float = 1.0
-    acceleration_m_s2: float = 0.0  # low-pass of the setpoint's
-    liveliness_m_s2: float = 0.0  # its recent largest
-    turn_peak_m_s2: float = 0.0  # largest since the last turn was seen
-    lively: bool = False
-    slowest_m_s2: float = STILL_M_S2  # acceleration of a turn below which it lets go
+    takeover: Takeover = field(default_factory=Takeover)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,14 +163,13 @@ class Adaptive(Compensator):
             rise = state.friction.rise
             if (
                 rise.watch(v_now, surplus, sample.position_m - sample.setpoint_m + lag_now, part_now)
-                and state.gain == 1.0
+                and state.takeover.gain == 1.0
             ):
                 rise.learn(1e6 * state.friction.fit.theta[1], 2.0 * state.friction.half_step_Pa)
         asked = (further - 2 * here + behind) / (context.tick_s * context.tick_s)
         engage(self, state, asked, sample.setpoint_m - sample.position_m - lag_now, sample.control_V)
         limit = context.voltage_max_V
-        blend = state.gain * state.gain * (3.0 - 2.0 * state.gain)
-        return blend * clip(u, -limit, limit), state
+        return state.takeover.blend * clip(u, -limit, limit), state
 
     def _follow_loop(self, state: AdaptiveState, sample: Sample) -> None:
         """Tell the reference what plain control does; pressures are taken slowly, lest noise be differentiated."""
@@ -210,7 +195,7 @@ class Adaptive(Compensator):
     def _wanted_pressure(self, state: AdaptiveState) -> tuple[float, float]:
         """P1 - Ps A2/A1 [Pa] that the reference needs, and the signed part of it that is Stribeck's rise."""
         reference, friction = state.reference, state.friction
-        if state.friction_gain == 0.0:
+        if state.takeover.friction_gain == 0.0:
             return 0.0, 0.0
         v, a = reference.velocity_m_s, reference.acceleration_m_s2
         width = clip(friction.jolt_m_s2() / self.jerk_m_s3, self.width_low_s, self.width_high_s)
@@ -219,7 +204,7 @@ class Adaptive(Compensator):
         sign = x * (2.0 - abs(x)) if -1.0 < x < 1.0 else (1.0 if x > 0 else -1.0)
         part = sign * stribeck_part(v)
         step = sign * friction.half_step_Pa + part * friction.rise.rise_Pa
-        return state.friction_gain * (friction.smooth_Pa(reference.position_m, v, a) + step), part
+        return state.takeover.friction_gain * (friction.smooth_Pa(reference.position_m, v, a) + step), part
 
     def _roots(self, state: AdaptiveState, supply_Pa: float, pressure_Pa: float) -> tuple[float, float]:
         """sqrt(dp / dp_ref) of the edge to tank and of the edge from the supply."""
@@ -264,10 +249,10 @@ class Adaptive(Compensator):
         z = sample.position_m + state.context.compliance_m_Pa(sample.position_m) * p
         state.flow.add(z, valve, root)
         state.excess_m.append(z - oil_m)
-        if state.gain == 1.0:
+        if state.takeover.gain == 1.0:
             state.knee.watch(state.excess_m, flow_m_s, 0.5 * state.flow.edges[0].dead_band_V)
         if state.flow.known:
-            if state.gain > 0.0:
+            if state.takeover.gain > 0.0:
                 state.rounding.ticks = 0
             elif state.rounding.watch(z, valve, root, state.flow):
                 state.knee.rounding_V = state.rounding.surely_V

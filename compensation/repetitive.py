@@ -66,7 +66,7 @@ class Repetitive(Adaptive):
             return 0.0
         phase = state.phase
         state.error_m[phase] = sample.setpoint_m - sample.position_m
-        settled = state.gain == 1.0 and state.reference.share == 1.0
+        settled = state.takeover.gain == 1.0 and state.reference.share == 1.0
         state.quiet_ticks = state.quiet_ticks + 1 if settled else 0
         state.phase = phase + 1 if phase + 1 < state.ticks else 0
         if state.phase == 0 and state.quiet_ticks >= 1.5 * state.ticks:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .base import clip
@@ -25,46 +26,73 @@ SHUT_SHARE = 0.25  # of a half stroke that the overlap may hold it shut: beyond,
 FLOWING_S = 0.08  # for so long the valve is to have been open, under plain control, when it takes over
 
 
+@dataclass(slots=True)
+class Takeover:
+    """How far it has taken over, and what it is judged by."""
+
+    gain: float = 0.0  # of all that is added, 0 .. 1
+    friction_gain: float = 0.0  # of the wanted pressure
+    pace: float = 0.01  # of the blend, a tick
+    turn_sign: float = 0.0  # wanted velocity, last seen
+    turn_ticks: int = 0  # since it last changed sign
+    half_ticks: int = 0  # between the last two changes
+    turn_now: bool = False  # a fifth into a half stroke
+    start_now: bool = False  # two fifths into it, the valve being open
+    flowing_ticks: int = 0  # for which plain control has held the valve open
+    shut_ticks: int = 0  # for which the overlap held it shut, at the reversal before
+    acceleration_m_s2: float = 0.0  # low-pass of the setpoint's
+    liveliness_m_s2: float = 0.0  # its recent largest
+    turn_peak_m_s2: float = 0.0  # largest since the last turn was seen
+    lively: bool = False
+    slowest_m_s2: float = STILL_M_S2  # acceleration of a turn below which it lets go
+
+    @property
+    def blend(self) -> float:
+        """Share of the volts that is added: smooth in the gain."""
+        return self.gain * self.gain * (3.0 - 2.0 * self.gain)
+
+
 def engage(config: Adaptive, state: AdaptiveState, asked_m_s2: float, behind_m: float, control_V: float) -> None:
     """Take over when enough is known and the motion is lively, then bring the feed-forward in.
 
     asked_m_s2: acceleration of the setpoint, LOOK ticks ahead; behind_m: how much further the piston is behind the
     setpoint than the reference, now; control_V: what plain control asks.
     """
-    context, reference = state.context, state.reference
+    context, reference, takeover = state.context, state.reference, state.takeover
     tick = context.tick_s
-    state.acceleration_m_s2 += 0.1 * (asked_m_s2 - state.acceleration_m_s2)
-    size = abs(state.acceleration_m_s2)
-    if size > state.turn_peak_m_s2:
-        state.turn_peak_m_s2 = size
-    faded = state.liveliness_m_s2 * (1 - tick / STILL_S)
-    state.liveliness_m_s2 = size if size > faded else faded
-    _pace(config, state, reference.velocity_m_s, control_V)
-    if state.turn_now:
-        state.liveliness_m_s2, state.turn_peak_m_s2 = state.turn_peak_m_s2, 0.0
-        state.slowest_m_s2 = _slowest_m_s2(config, state)
-    if state.liveliness_m_s2 < state.slowest_m_s2:
-        state.lively = False
-    elif _is_lively(config, state):
-        state.lively = True
+    _watch_valve(state, control_V)
+    _watch_turns(config, state, reference.velocity_m_s)
+    takeover.acceleration_m_s2 += 0.1 * (asked_m_s2 - takeover.acceleration_m_s2)
+    size = abs(takeover.acceleration_m_s2)
+    if size > takeover.turn_peak_m_s2:
+        takeover.turn_peak_m_s2 = size
+    faded = takeover.liveliness_m_s2 * (1 - tick / STILL_S)
+    takeover.liveliness_m_s2 = size if size > faded else faded
+    if takeover.turn_now:
+        takeover.liveliness_m_s2, takeover.turn_peak_m_s2 = takeover.turn_peak_m_s2, 0.0
+        takeover.slowest_m_s2 = _slowest_m_s2(config, state)
+    if takeover.liveliness_m_s2 < takeover.slowest_m_s2:
+        takeover.lively = False
+    elif _is_lively(config, takeover):
+        takeover.lively = True
     slow = tick / config.takeover_s
     ready = state.flow.ready
-    target = 1.0 if ready and state.lively else 0.0
+    target = 1.0 if ready and takeover.lively else 0.0
     known = 1.0 if ready and state.friction.ready else 0.0
-    if known != state.friction_gain:
-        state.friction_gain += clip(known - state.friction_gain, -slow, slow)
+    if known != takeover.friction_gain:
+        takeover.friction_gain += clip(known - takeover.friction_gain, -slow, slow)
     if not ready:
-        state.gain = max(0.0, state.gain - 4.0 * slow)
-    elif 0.0 < state.gain < 1.0:
-        state.gain = clip(state.gain + (state.pace if target else -state.pace), 0.0, 1.0)
-    elif target > state.gain and state.friction_gain == 1.0 and state.start_now and _proven(config, state):
-        state.gain = min(state.pace, 1.0)
+        takeover.gain = max(0.0, takeover.gain - 4.0 * slow)
+    elif 0.0 < takeover.gain < 1.0:
+        takeover.gain = clip(takeover.gain + (takeover.pace if target else -takeover.pace), 0.0, 1.0)
+    elif target > takeover.gain and takeover.friction_gain == 1.0 and takeover.start_now and _proven(config, state):
+        takeover.gain = min(takeover.pace, 1.0)
         _join(state, behind_m)
-    elif target < state.gain and reference.share == 0.0 and (state.turn_now or size < STILL_M_S2):
-        state.gain = 1.0 - state.pace
-    if state.gain == 0.0:
+    elif target < takeover.gain and reference.share == 0.0 and (takeover.turn_now or size < STILL_M_S2):
+        takeover.gain = 1.0 - takeover.pace
+    if takeover.gain == 0.0:
         reference.share = 0.0
-    elif state.gain == 1.0 and target != reference.share:
+    elif takeover.gain == 1.0 and target != reference.share:
         come = tick / config.feed_forward_s if target else -tick / config.let_go_s
         reference.share = clip(reference.share + come, 0.0, 1.0)
     # too small a jump is safer than too large a one
@@ -81,17 +109,18 @@ def _join(state: AdaptiveState, behind_m: float) -> None:
 
 def _proven(config: Adaptive, state: AdaptiveState) -> bool:
     """Whether this motion is lively enough and what was learned explains the reversals seen under plain control."""
+    takeover = state.takeover
     return (
-        _is_lively(config, state)
-        and state.shut_ticks < SHUT_SHARE * state.half_ticks
+        _is_lively(config, takeover)
+        and takeover.shut_ticks < SHUT_SHARE * takeover.half_ticks
         and state.flow.agreed
         and state.rounding.sound
     )
 
 
-def _is_lively(config: Adaptive, state: AdaptiveState) -> bool:
-    lively = LIVELIER * state.slowest_m_s2
-    return state.liveliness_m_s2 > (lively if lively > config.lively_m_s2 else config.lively_m_s2)
+def _is_lively(config: Adaptive, takeover: Takeover) -> bool:
+    lively = LIVELIER * takeover.slowest_m_s2
+    return takeover.liveliness_m_s2 > (lively if lively > config.lively_m_s2 else config.lively_m_s2)
 
 
 def _slowest_m_s2(config: Adaptive, state: AdaptiveState) -> float:
@@ -108,28 +137,31 @@ def _slowest_m_s2(config: Adaptive, state: AdaptiveState) -> float:
     return clip(SLOW_M_S * growth, STILL_M_S2, config.quiet_m_s2)
 
 
-def _pace(config: Adaptive, state: AdaptiveState, velocity_m_s: float, control_V: float) -> None:
-    """The blend between plain and compensated falls wholly between two reversals: letting go begins a fifth into a half
-    stroke, taking over two fifths, when what plain control's reversal set ringing has died away. A wide overlap holds
-    a small motion for long, so that its valve opens late."""
-    edge = state.flow.edges[control_V > 0.0]
-    is_open = abs(control_V) > edge.dead_band_V + edge.play_V
-    if is_open:
-        state.flowing_ticks += 1
-    elif state.flowing_ticks:
-        state.flowing_ticks, state.shut_ticks = 0, 1
+def _watch_valve(state: AdaptiveState, control_V: float) -> None:
+    """For how long plain control has held the valve open, and for how long the overlap held it shut before: a wide
+    overlap holds a small motion for long, so that its valve opens late."""
+    takeover, edge = state.takeover, state.flow.edges[control_V > 0.0]
+    if abs(control_V) > edge.dead_band_V + edge.play_V:
+        takeover.flowing_ticks += 1
+    elif takeover.flowing_ticks:
+        takeover.flowing_ticks, takeover.shut_ticks = 0, 1
     else:
-        state.shut_ticks += 1
-    state.turn_ticks += 1
-    if velocity_m_s * state.turn_sign < 0.0:
-        state.half_ticks, state.turn_ticks = state.turn_ticks, 0
+        takeover.shut_ticks += 1
+
+
+def _watch_turns(config: Adaptive, state: AdaptiveState, velocity_m_s: float) -> None:
+    """The blend between plain and compensated falls wholly between two reversals: letting go begins a fifth into a half
+    stroke, taking over two fifths, when what plain control's reversal set ringing has died away."""
+    takeover = state.takeover
+    takeover.turn_ticks += 1
+    if velocity_m_s * takeover.turn_sign < 0.0:
+        takeover.half_ticks, takeover.turn_ticks = takeover.turn_ticks, 0
     if velocity_m_s:
-        state.turn_sign = velocity_m_s
-    state.turn_now = state.half_ticks > 0 and state.turn_ticks == state.half_ticks // 5 + AHEAD
-    state.start_now = (
-        state.half_ticks > 0
-        and 0.4 * state.half_ticks <= state.turn_ticks - AHEAD <= 0.55 * state.half_ticks
-        and state.flowing_ticks * state.context.tick_s > FLOWING_S
+        takeover.turn_sign = velocity_m_s
+    half, ticks = takeover.half_ticks, takeover.turn_ticks - AHEAD
+    takeover.turn_now = half > 0 and ticks == half // 5
+    takeover.start_now = (
+        half > 0 and 0.4 * half <= ticks <= 0.55 * half and takeover.flowing_ticks * state.context.tick_s > FLOWING_S
     )
-    if state.turn_now:
-        state.pace = 1.0 / clip(0.4 * state.half_ticks, 10.0, config.takeover_s * state.context.rate_Hz)
+    if takeover.turn_now:
+        takeover.pace = 1.0 / clip(0.4 * half, 10.0, config.takeover_s * state.context.rate_Hz)
