@@ -17,12 +17,14 @@ docs/compensation.md derives it.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from math import sqrt
 from operator import mul
 
 from .base import Compensator, Context, Parameters, Sample, clip
+from .bump_watch import BumpWatch
 from .flow_learning import FlowLearner
 from .friction_learning import FrictionLearner, stribeck_part
 from .inverse import ValveInverse
@@ -53,6 +55,7 @@ class AdaptiveState:
     friction: FrictionLearner
     reference: Reference
     inverse: ValveInverse
+    takeover: Takeover
     lag_s: float = 0.0  # the lag that the taps were made for
     lead_taps: tuple[float, ...] = ()
     crossing_taps: tuple[float, ...] = ()
@@ -75,7 +78,6 @@ class AdaptiveState:
     )  # oil less wanted oil, newest last
     total_V: float = 0.0  # fed forward, play aside, following within PLAY_SOFT_V
     damping_gain: float = 1.0
-    takeover: Takeover = field(default_factory=Takeover)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,10 +119,13 @@ class Adaptive(Compensator):
     learn: bool = True
 
     def start(self, context: Context) -> AdaptiveState:
-        window = max(4, round(self.window_s * context.rate_Hz))
+        tick, window = context.tick_s, max(4, round(self.window_s * context.rate_Hz))
         flow = FlowLearner(context, window, self.slowest_m_s, round(0.02 * context.rate_Hz), self.memory_windows)
         friction = FrictionLearner(context, window, self.slowest_m_s, self.memory_windows)
-        state = AdaptiveState(context, flow, friction, Reference(context.tick_s), ValveInverse(context.tick_s))
+        takeover = Takeover(
+            BumpWatch(tick, math.hypot(context.position_noise_m, context.position_resolution_m / 12**0.5))
+        )
+        state = AdaptiveState(context, flow, friction, Reference(tick), ValveInverse(tick), takeover)
         state.ahead = deque([(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * LOOK, LOOK + 1)
         state.surplus_Pa = deque([0.0] * self.damping_count, self.damping_count)
         self._design(state, 0.0)
@@ -167,7 +172,7 @@ class Adaptive(Compensator):
             ):
                 rise.learn(1e6 * state.friction.fit.theta[1], 2.0 * state.friction.half_step_Pa)
         asked = (further - 2 * here + behind) / (context.tick_s * context.tick_s)
-        engage(self, state, asked, sample.setpoint_m - sample.position_m - lag_now, sample.control_V)
+        engage(self, state, asked, sample, lag_now)
         limit = context.voltage_max_V
         return state.takeover.blend * clip(u, -limit, limit), state
 
@@ -262,6 +267,8 @@ class Adaptive(Compensator):
 
     def status(self, state: AdaptiveState) -> str:
         """A sentence while the valve does not behave as learned."""
+        if state.takeover.wait_s > 0.0:
+            return "reversals became worse than plain control's: plain control for a while"
         doubted = any(edge.doubts and not edge.ready for edge in state.flow.edges)
         return "the valve no longer follows what was learned: plain control while it is learned anew" if doubted else ""
 
@@ -278,4 +285,6 @@ class Adaptive(Compensator):
         state.friction.restore(parameters["friction"])
         state.knee.rounding_V = float(parameters["rounding_V"])
         state.rounding.restore(state.knee.rounding_V)
+        if state.flow.ready:
+            self._design(state, round_lag(state.flow.lag_s))
         return state

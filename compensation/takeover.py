@@ -3,7 +3,7 @@
 It takes over in the midst of a stroke, with the motion that plain control makes (reference.py), once the valve and
 friction are known, what is known explains plain control's own reversals (rounding.py), and the motion turns with enough
 acceleration; then the feed-forward comes in over seconds. It goes
-the same way back. When the valve is doubted it goes at once.
+the same way back. When the valve is doubted, or a reversal was worse than plain control's (bump_watch.py), it goes at once.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from .base import clip
+from .base import Sample, clip
+from .bump_watch import BumpWatch
 from .spool import AHEAD
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ STILL_S, STILL_M_S2 = 10.0, 1e-3  # time in which an acceleration is forgotten; 
 SLOW_M_S = 1.2e-3  # acceleration that a reversal needs, over the rate at which the oil's spring swings up [m/s]
 LIVELIER = 1.3  # times the acceleration below which it lets go, it takes hold of
 SHUT_SHARE = 0.25  # of a half stroke that the overlap may hold it shut: beyond, plain control moves quite otherwise
+WAIT_S, WAIT_LONGER = 4.0, 4.0  # plain control after a harmful reversal, and how many times longer after each further
+FORGIVEN = 20  # reversals without harm after which one with harm is forgotten
 FLOWING_S = 0.08  # for so long the valve is to have been open, under plain control, when it takes over
 
 
@@ -30,6 +33,10 @@ FLOWING_S = 0.08  # for so long the valve is to have been open, under plain cont
 class Takeover:
     """How far it has taken over, and what it is judged by."""
 
+    watch: BumpWatch
+    harms: int = 0  # reversals made worse, not forgotten yet
+    harmless: int = 0  # reversals since
+    wait_s: float = 0.0  # for which nothing is tried
     gain: float = 0.0  # of all that is added, 0 .. 1
     friction_gain: float = 0.0  # of the wanted pressure
     pace: float = 0.01  # of the blend, a tick
@@ -43,6 +50,7 @@ class Takeover:
     acceleration_m_s2: float = 0.0  # low-pass of the setpoint's
     liveliness_m_s2: float = 0.0  # its recent largest
     turn_peak_m_s2: float = 0.0  # largest since the last turn was seen
+    turn_m_s2: float = 0.0  # and of the last turn
     lively: bool = False
     slowest_m_s2: float = STILL_M_S2  # acceleration of a turn below which it lets go
 
@@ -52,15 +60,15 @@ class Takeover:
         return self.gain * self.gain * (3.0 - 2.0 * self.gain)
 
 
-def engage(config: Adaptive, state: AdaptiveState, asked_m_s2: float, behind_m: float, control_V: float) -> None:
+def engage(config: Adaptive, state: AdaptiveState, asked_m_s2: float, sample: Sample, lag_m: float) -> None:
     """Take over when enough is known and the motion is lively, then bring the feed-forward in.
 
-    asked_m_s2: acceleration of the setpoint, LOOK ticks ahead; behind_m: how much further the piston is behind the
-    setpoint than the reference, now; control_V: what plain control asks.
+    asked_m_s2: acceleration of the setpoint, LOOK ticks ahead; lag_m: how far the reference is behind the setpoint now.
     """
     context, reference, takeover = state.context, state.reference, state.takeover
     tick = context.tick_s
-    _watch_valve(state, control_V)
+    takeover.watch.add(sample.position_m)
+    _watch_valve(state, sample.control_V)
     _watch_turns(config, state, reference.velocity_m_s)
     takeover.acceleration_m_s2 += 0.1 * (asked_m_s2 - takeover.acceleration_m_s2)
     size = abs(takeover.acceleration_m_s2)
@@ -69,7 +77,8 @@ def engage(config: Adaptive, state: AdaptiveState, asked_m_s2: float, behind_m: 
     faded = takeover.liveliness_m_s2 * (1 - tick / STILL_S)
     takeover.liveliness_m_s2 = size if size > faded else faded
     if takeover.turn_now:
-        takeover.liveliness_m_s2, takeover.turn_peak_m_s2 = takeover.turn_peak_m_s2, 0.0
+        takeover.liveliness_m_s2 = takeover.turn_m_s2 = takeover.turn_peak_m_s2
+        takeover.turn_peak_m_s2 = 0.0
         takeover.slowest_m_s2 = _slowest_m_s2(config, state)
     if takeover.liveliness_m_s2 < takeover.slowest_m_s2:
         takeover.lively = False
@@ -81,13 +90,15 @@ def engage(config: Adaptive, state: AdaptiveState, asked_m_s2: float, behind_m: 
     known = 1.0 if ready and state.friction.ready else 0.0
     if known != takeover.friction_gain:
         takeover.friction_gain += clip(known - takeover.friction_gain, -slow, slow)
-    if not ready:
+    if takeover.wait_s > 0.0:
+        takeover.wait_s -= tick
+    if not ready or takeover.wait_s > 0.0:
         takeover.gain = max(0.0, takeover.gain - 4.0 * slow)
     elif 0.0 < takeover.gain < 1.0:
         takeover.gain = clip(takeover.gain + (takeover.pace if target else -takeover.pace), 0.0, 1.0)
     elif target > takeover.gain and takeover.friction_gain == 1.0 and takeover.start_now and _proven(config, state):
         takeover.gain = min(takeover.pace, 1.0)
-        _join(state, behind_m)
+        _join(state, sample.setpoint_m - sample.position_m - lag_m)
     elif target < takeover.gain and reference.share == 0.0 and (takeover.turn_now or size < STILL_M_S2):
         takeover.gain = 1.0 - takeover.pace
     if takeover.gain == 0.0:
@@ -113,6 +124,7 @@ def _proven(config: Adaptive, state: AdaptiveState) -> bool:
     return (
         _is_lively(config, takeover)
         and takeover.shut_ticks < SHUT_SHARE * takeover.half_ticks
+        and takeover.watch.ready
         and state.flow.agreed
         and state.rounding.sound
     )
@@ -137,6 +149,17 @@ def _slowest_m_s2(config: Adaptive, state: AdaptiveState) -> float:
     return clip(SLOW_M_S * growth, STILL_M_S2, config.quiet_m_s2)
 
 
+def _judge(takeover: Takeover, extending: bool) -> None:
+    """After a reversal: one that compensation made worse ends it, for longer each time."""
+    if takeover.watch.harms(extending, takeover.turn_m_s2, takeover.gain):
+        takeover.wait_s = WAIT_S * WAIT_LONGER**takeover.harms
+        takeover.harms, takeover.harmless = takeover.harms + 1, 0
+    elif takeover.gain == 1.0:
+        takeover.harmless += 1
+        if takeover.harmless == FORGIVEN:
+            takeover.harms, takeover.harmless = max(0, takeover.harms - 1), 0
+
+
 def _watch_valve(state: AdaptiveState, control_V: float) -> None:
     """For how long plain control has held the valve open, and for how long the overlap held it shut before: a wide
     overlap holds a small motion for long, so that its valve opens late."""
@@ -159,6 +182,8 @@ def _watch_turns(config: Adaptive, state: AdaptiveState, velocity_m_s: float) ->
     if velocity_m_s:
         takeover.turn_sign = velocity_m_s
     half, ticks = takeover.half_ticks, takeover.turn_ticks - AHEAD
+    if half > 0 and ticks == 2 * half // 5:
+        _judge(takeover, velocity_m_s > 0.0)
     takeover.turn_now = half > 0 and ticks == half // 5
     takeover.start_now = (
         half > 0 and 0.4 * half <= ticks <= 0.55 * half and takeover.flowing_ticks * state.context.tick_s > FLOWING_S
