@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 
 from .base import Context, Parameters, clip
 from .least_squares import RecursiveLeastSquares
-from .rise import Rise
+from .rise import RATE_LOW, Rise
 
 STEP_HIGH_MPA = 1.0  # bound of what is believed of half the step
 STRIBECK_M_S = 5e-3  # velocity over which friction falls after breakaway; a common size, and the report's
@@ -113,6 +113,7 @@ class FrictionLearner:
         self.windows = [int(x) for x in known["windows"]]
         if self.ready:
             self.fit.covariance = [[0.01 * x for x in row] for row in self.fit.covariance]
+            self.rise.reversals = round(1.0 / RATE_LOW)
         self.half_step_Pa = float(known["half_step_Pa"])
         self.rise.rise_Pa = float(known["rise_Pa"])
 

@@ -73,5 +73,5 @@ class Rise:
         missing = sum(map(mul, PHI, self.surplus_Pa))
         missing -= inertia_Pa * sum(map(mul, PHI_SECOND, self.ahead_m)) / self.tick_s**2
         self.reversals += 1
-        self.rise_Pa += max(RATE_LOW, 1.0 / (self.reversals + 1)) * missing / seen
+        self.rise_Pa += max(RATE_LOW, 1.0 / self.reversals) * missing / seen
         self.rise_Pa = min(max(self.rise_Pa, 0.0), highest_Pa)
