@@ -159,10 +159,12 @@ class Adaptive(Compensator):
         flow, jump = state.inverse.advance(oil, roots, state.flow.edges, state.knee, state.lag_s)
         state.flow_V.appendleft(flow)
         state.jump_V.appendleft(jump)
-        u = sum(map(mul, state.lead_taps, state.flow_V)) + sum(map(mul, state.crossing_taps, state.jump_V))
-        u += self.extra(state, sample)
-        u += self._play(state, u) - context.position_gain_V_per_m * lag_now
-        u -= self._damping(state, surplus, compliance, roots)
+        state.surplus_Pa.appendleft(surplus)
+        u = self.extra(state, sample)
+        if state.takeover.gain > 0.0:
+            u += sum(map(mul, state.lead_taps, state.flow_V)) + sum(map(mul, state.crossing_taps, state.jump_V))
+            u += self._play(state, u) - context.position_gain_V_per_m * lag_now
+            u -= self._damping(state, compliance, roots)
         if self.learn:
             self._learn(state, sample, load, a_now, oil_now, v_now)
             rise = state.friction.rise
@@ -173,6 +175,8 @@ class Adaptive(Compensator):
                 rise.learn(1e6 * state.friction.fit.theta[1], 2.0 * state.friction.half_step_Pa)
         asked = (further - 2 * here + behind) / (context.tick_s * context.tick_s)
         engage(self, state, asked, sample, lag_now)
+        if state.takeover.gain == 0.0:
+            return 0.0, state
         limit = context.voltage_max_V
         return state.takeover.blend * clip(u, -limit, limit), state
 
@@ -203,10 +207,12 @@ class Adaptive(Compensator):
         if state.takeover.friction_gain == 0.0:
             return 0.0, 0.0
         v, a = reference.velocity_m_s, reference.acceleration_m_s2
-        width = clip(friction.jolt_m_s2() / self.jerk_m_s3, self.width_low_s, self.width_high_s)
-        half = abs(a) * width + self.presliding_m_s
-        x = v / half
-        sign = x * (2.0 - abs(x)) if -1.0 < x < 1.0 else (1.0 if x > 0 else -1.0)
+        sign = 1.0 if v > 0.0 else -1.0
+        if abs(v) < abs(a) * self.width_high_s + self.presliding_m_s:
+            width = clip(friction.jolt_m_s2() / self.jerk_m_s3, self.width_low_s, self.width_high_s)
+            x = v / (abs(a) * width + self.presliding_m_s)
+            if -1.0 < x < 1.0:
+                sign = x * (2.0 - abs(x))
         part = sign * stribeck_part(v)
         step = sign * friction.half_step_Pa + part * friction.rise.rise_Pa
         return state.takeover.friction_gain * (friction.smooth_Pa(reference.position_m, v, a) + step), part
@@ -218,13 +224,12 @@ class Adaptive(Compensator):
         down, up = pressure_Pa - state.context.tank_pressure_Pa, supply_Pa - pressure_Pa
         return sqrt((down if down > low else low) / reference), sqrt((up if up > low else low) / reference)
 
-    def _damping(self, state: AdaptiveState, surplus_Pa: float, compliance: float, roots: tuple[float, float]) -> float:
+    def _damping(self, state: AdaptiveState, compliance: float, roots: tuple[float, float]) -> float:
         """Volts that let oil out while the pressure swings above what is wanted."""
-        history = state.surplus_Pa
-        history.appendleft(surplus_Pa)
         up = state.flow_V[AHEAD] > 0
         gain = state.flow.edges[up].gain_m_s_V * roots[up]
-        u = state.damping_gain * self.damping_1_s * compliance * sum(map(mul, state.damping_taps, history)) / gain
+        swing = sum(map(mul, state.damping_taps, state.surplus_Pa))
+        u = state.damping_gain * self.damping_1_s * compliance * swing / gain
         limit = self.damping_max_V
         if -0.5 * limit < u < 0.5 * limit:
             state.damping_gain += (1.0 - state.damping_gain) * state.context.tick_s / 5.0

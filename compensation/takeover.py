@@ -68,7 +68,8 @@ def engage(config: Adaptive, state: AdaptiveState, asked_m_s2: float, sample: Sa
     context, reference, takeover = state.context, state.reference, state.takeover
     tick = context.tick_s
     takeover.watch.add(sample.position_m)
-    _watch_valve(state, sample.control_V)
+    if takeover.gain == 0.0:
+        _watch_valve(state, sample.control_V)
     _watch_turns(config, state, reference.velocity_m_s)
     takeover.acceleration_m_s2 += 0.1 * (asked_m_s2 - takeover.acceleration_m_s2)
     size = abs(takeover.acceleration_m_s2)
@@ -106,8 +107,9 @@ def engage(config: Adaptive, state: AdaptiveState, asked_m_s2: float, sample: Sa
     elif takeover.gain == 1.0 and target != reference.share:
         come = tick / config.feed_forward_s if target else -tick / config.let_go_s
         reference.share = clip(reference.share + come, 0.0, 1.0)
-    # too small a jump is safer than too large a one
-    state.knee.least_V = (1.0 - reference.share) * state.rounding.likely_V if reference.share < 1.0 else 0.0
+    # while taking over, too small a jump is safer than too large a one
+    cautious = takeover.gain > 0.0 and reference.share < 1.0
+    state.knee.least_V = (1.0 - reference.share) * state.rounding.likely_V if cautious else 0.0
 
 
 def _join(state: AdaptiveState, behind_m: float) -> None:
