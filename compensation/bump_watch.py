@@ -1,6 +1,6 @@
 """Whether compensation makes reversals worse than plain control did, seen from the position transducer alone.
 
-Acceleration from positions, block after block of BLOCK ticks, and what stands out of it within APART blocks:
+Acceleration from positions, over blocks of BLOCK ticks, and what stands out of it within APART ticks:
 
     a = (m_0 - 2 m_1 + m_2) / (BLOCK T)^2,     h = a_k - (a_{k - APART} + a_{k + APART}) / 2
 
@@ -16,10 +16,9 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
-BLOCK = 5  # ticks
-APART = 4  # blocks
+BLOCK, APART = 5, 20  # ticks
 WORSE, WORSE_UNLIKE = 1.05, 1.5  # times plain control's bump that is still no harm, at a turn like that one or another
-NOISES = 4.0  # standard errors of h that are allowed beyond
+NOISES = 3.0  # standard errors of h that are allowed beyond
 ALIKE = 0.05  # share by which turns of one kind differ in acceleration
 PLAIN_SHARE = 0.5  # low-pass of plain control's bump, a reversal
 
@@ -30,11 +29,10 @@ class BumpWatch:
 
     tick_s: float
     noise_m: float  # standard deviation of a position
-    ticks: int = 0  # of the block being gathered
-    sum_m: float = 0.0  # of its positions
-    sums_m: tuple[float, float] = (0.0, 0.0)  # of the two blocks before, the older first
+    positions_m: deque[float] = field(default_factory=lambda: deque([0.0] * (3 * BLOCK), 3 * BLOCK))
+    blocks_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # sums, newest first
     accelerations: deque[float] = field(default_factory=lambda: deque([0.0] * (2 * APART + 1), 2 * APART + 1))
-    blocks: int = 0  # seen, as far as it matters
+    seen: int = 0  # ticks
     low_m_s2: float = math.inf
     high_m_s2: float = -math.inf
     plain_m_s2: list[float] = field(default_factory=lambda: [0.0, 0.0])
@@ -42,18 +40,15 @@ class BumpWatch:
 
     def add(self, position_m: float) -> None:
         """One tick."""
-        self.sum_m += position_m
-        self.ticks += 1
-        if self.ticks == BLOCK:
-            self._finish()
-
-    def _finish(self) -> None:
-        kept, (oldest, older) = self.accelerations, self.sums_m
-        kept.appendleft((self.sum_m - 2.0 * older + oldest) / (BLOCK * (BLOCK * self.tick_s) ** 2))
-        self.sums_m = (older, self.sum_m)
-        self.ticks, self.sum_m = 0, 0.0
-        if self.blocks < 2 * APART + 3:
-            self.blocks += 1
+        old, sums = self.positions_m, self.blocks_m
+        sums[0] += position_m - old[BLOCK - 1]
+        sums[1] += old[BLOCK - 1] - old[2 * BLOCK - 1]
+        sums[2] += old[2 * BLOCK - 1] - old[3 * BLOCK - 1]
+        old.appendleft(position_m)
+        kept = self.accelerations
+        kept.appendleft((sums[0] - 2.0 * sums[1] + sums[2]) / (BLOCK * (BLOCK * self.tick_s) ** 2))
+        if self.seen < 3 * BLOCK + 2 * APART:
+            self.seen += 1
             return
         h = kept[APART] - 0.5 * (kept[0] + kept[-1])
         if h < self.low_m_s2:
