@@ -114,7 +114,7 @@ class Adaptive(Compensator):
     takeover_s: float = 1.0
     feed_forward_s: float = 4.0
     let_go_s: float = 1.5
-    quiet_m_s2: float = 0.2
+    quiet_m_s2: float = 0.03
     lively_m_s2: float = 0.04
     learn: bool = True
 
