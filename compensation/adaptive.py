@@ -254,7 +254,11 @@ class Adaptive(Compensator):
         flow_m_s: float,
     ) -> None:
         valve, p = sample.valve_V, sample.pressure_bottom_Pa
-        root = self._roots(state, sample.pressure_supply_Pa, 0.5 * (p + state.before_Pa))[valve > 0]
+        mean = 0.5 * (p + state.before_Pa)
+        drop = (
+            sample.pressure_supply_Pa - mean if valve > 0 else mean - state.context.tank_pressure_Pa
+        ) / self.reference_drop_Pa
+        root = sqrt(drop if drop > LOW_DROP else LOW_DROP)
         state.before_Pa = p
         z = sample.position_m + state.context.compliance_m_Pa(sample.position_m) * p
         state.flow.add(z, valve, root)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import sqrt
 
+CAUGHT_UP_M = 1e-9  # lag that counts as none once the feed-forward is all in
 SOFT = 2.0  # half dead bands about zero within which D is softened
 
 
@@ -32,6 +33,12 @@ class Reference:
     def advance(self, behind_m: float, here_m: float, ahead_m: float) -> None:
         """One tick on; setpoints at the boundary before, at the one asked for, and after."""
         tick, share, lag = self.tick_s, self.share, self.lag_m
+        if share == 1.0 and -CAUGHT_UP_M < lag < CAUGHT_UP_M:
+            self.lag_m, self.position_m = 0.0, here_m
+            velocity = (ahead_m - behind_m) / (2 * tick)
+            self.acceleration_m_s2 = (velocity - self.velocity_m_s) / tick
+            self.velocity_m_s = velocity
+            return
         moved = (1.0 - share) * (here_m - behind_m)
         half = lag + 0.5 * (moved - tick * self._pull(lag))
         self.lag_m = lag = lag + (moved - tick * self._pull(half))

@@ -1,0 +1,30 @@
+"""The adaptive algorithm on the whole platform, in a motion that never repeats."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hexsim.machine import load_machine
+from hexsim.scenarios import load_scenario
+from hexsim.simulation import Run, simulate
+from hexsim.smoothness import band_limit
+
+AXES = ("acceleration_x_m_s2", "acceleration_z_m_s2", "angular_acceleration_x_rad_s2", "angular_acceleration_z_rad_s2")
+
+
+def roughness(run: Run, axis: str) -> float:
+    """Largest deviation from the commanded acceleration from 7 s on, in 50 Hz, less its mean over 0.1 s."""
+    t = run.log["time_s"].to_numpy()
+    a = band_limit(t, run.log[f"true_{axis}"].to_numpy()) - run.log[f"commanded_{axis}"].to_numpy()
+    a -= np.convolve(a, np.ones(101) / 101, "same")
+    return float(np.abs(a[(t > 7.0) & (t < t[-1] - 0.2)]).max())
+
+
+def test_irregular_motion_is_compensated() -> None:
+    """Six sines of six frequencies, turns of some 0.05 m/s2: from 7 s on the worst bump is less than a third of plain
+    control's in surge, heave, roll and yaw (measured: a quarter to a seventh)."""
+    machine, scenario = load_machine("micro_motion_system"), load_scenario("combined", duration_s=16.0)
+    plain, adaptive = (simulate(machine, scenario, compensator=name, fast=True) for name in ("none", "adaptive"))
+    for axis in AXES:
+        assert roughness(plain, axis) > 0.1
+        assert roughness(adaptive, axis) < roughness(plain, axis) / 3.0, axis
