@@ -73,13 +73,18 @@ def figures_of(case: Case, name: str, fast: bool = True) -> tuple[float, float, 
     return found[f"peak_band_{case.unit}"], found[f"peak_raw_{case.unit}"], found[f"bump_pp_{case.unit}"]
 
 
+def limit_of(case: Case, none: float) -> float:
+    """The largest peak that meets the case's target, none's being `none`."""
+    return case.target if case.target is not None else (case.part or 1.0) * none
+
+
 def lines_of(case: Case) -> list[str]:
     """The case's lines of the table."""
     found = {name: figures_of(case, name) for name in NAMES}
     exactly = {name: figures_of(case, name, fast=False)[0] for name in ("none", "adaptive")}
     none, adaptive = found["none"], found["adaptive"]
-    limit = case.target if case.target is not None else (case.part or 1.0) * none[0]
-    share = max(adaptive[0] / limit, exactly["adaptive"] / (case.target or (case.part or 1.0) * exactly["none"]))
+    limit = limit_of(case, none[0])
+    share = max(adaptive[0] / limit, exactly["adaptive"] / limit_of(case, exactly["none"]))
     text = f"{limit:.3f}" + (f" (1/{1 / case.part:.0f})" if case.part else "")
     verdict = "yes" if share <= 1.0 else f"**no**: {share:.2f} times"
     raw = "yes" if adaptive[1] <= none[1] else f"**no**: {adaptive[1] / none[1]:.2f} times"

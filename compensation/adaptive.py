@@ -17,10 +17,9 @@ docs/compensation.md derives it.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass, field
-from math import sqrt
+from math import hypot, sqrt
 from operator import mul
 
 from .base import Compensator, Context, Parameters, Sample, clip
@@ -122,9 +121,8 @@ class Adaptive(Compensator):
         tick, window = context.tick_s, max(4, round(self.window_s * context.rate_Hz))
         flow = FlowLearner(context, window, self.slowest_m_s, round(0.02 * context.rate_Hz), self.memory_windows)
         friction = FrictionLearner(context, window, self.slowest_m_s, self.memory_windows)
-        takeover = Takeover(
-            BumpWatch(tick, math.hypot(context.position_noise_m, context.position_resolution_m / 12**0.5))
-        )
+        noise_m = hypot(context.position_noise_m, context.position_resolution_m / sqrt(12.0))
+        takeover = Takeover(BumpWatch(tick, noise_m))
         state = AdaptiveState(context, flow, friction, Reference(tick), ValveInverse(tick), takeover)
         state.ahead = deque([(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * LOOK, LOOK + 1)
         state.surplus_Pa = deque([0.0] * self.damping_count, self.damping_count)
@@ -175,8 +173,6 @@ class Adaptive(Compensator):
                 rise.learn(1e6 * state.friction.fit.theta[1], 2.0 * state.friction.half_step_Pa)
         asked = (further - 2 * here + behind) / (context.tick_s * context.tick_s)
         engage(self, state, asked, sample, lag_now)
-        if state.takeover.gain == 0.0:
-            return 0.0, state
         limit = context.voltage_max_V
         return state.takeover.blend * clip(u, -limit, limit), state
 
@@ -219,10 +215,12 @@ class Adaptive(Compensator):
 
     def _roots(self, state: AdaptiveState, supply_Pa: float, pressure_Pa: float) -> tuple[float, float]:
         """sqrt(dp / dp_ref) of the edge to tank and of the edge from the supply."""
-        reference = self.reference_drop_Pa
-        low = LOW_DROP * reference
-        down, up = pressure_Pa - state.context.tank_pressure_Pa, supply_Pa - pressure_Pa
-        return sqrt((down if down > low else low) / reference), sqrt((up if up > low else low) / reference)
+        return self._root(pressure_Pa - state.context.tank_pressure_Pa), self._root(supply_Pa - pressure_Pa)
+
+    def _root(self, drop_Pa: float) -> float:
+        """sqrt(dp / dp_ref) of an edge."""
+        share = drop_Pa / self.reference_drop_Pa
+        return sqrt(share if share > LOW_DROP else LOW_DROP)
 
     def _damping(self, state: AdaptiveState, compliance: float, roots: tuple[float, float]) -> float:
         """Volts that let oil out while the pressure swings above what is wanted."""
@@ -255,10 +253,7 @@ class Adaptive(Compensator):
     ) -> None:
         valve, p = sample.valve_V, sample.pressure_bottom_Pa
         mean = 0.5 * (p + state.before_Pa)
-        drop = (
-            sample.pressure_supply_Pa - mean if valve > 0 else mean - state.context.tank_pressure_Pa
-        ) / self.reference_drop_Pa
-        root = sqrt(drop if drop > LOW_DROP else LOW_DROP)
+        root = self._root(sample.pressure_supply_Pa - mean if valve > 0 else mean - state.context.tank_pressure_Pa)
         state.before_Pa = p
         z = sample.position_m + state.context.compliance_m_Pa(sample.position_m) * p
         state.flow.add(z, valve, root)

@@ -190,8 +190,8 @@ class FlowLearner:
             self.direction, self.wait = direction, self.settle
             self._restart()
             return
-        found = self.edges[direction > 0].play_found_V
-        half = found if found > PLAY_LOW_V else PLAY_LOW_V
+        edge = self.edges[direction > 0]
+        half = edge.play_found_V if edge.play_found_V > PLAY_LOW_V else PLAY_LOW_V
         beyond = self.side * (self.turn_V - valve_V)
         if beyond >= 0.0:
             self.turn_V = valve_V
@@ -204,7 +204,7 @@ class FlowLearner:
             s = self.sums
             s[0] += size * root
             s[1] += root
-            if self.edges[direction > 0].play_sure:
+            if edge.play_sure:
                 s[2] += direction * self.turn_V * root
                 s[3] += direction * self.side * root
             else:

@@ -34,16 +34,14 @@ class Reference:
         """One tick on; setpoints at the boundary before, at the one asked for, and after."""
         tick, share, lag = self.tick_s, self.share, self.lag_m
         if share == 1.0 and -CAUGHT_UP_M < lag < CAUGHT_UP_M:
-            self.lag_m, self.position_m = 0.0, here_m
-            velocity = (ahead_m - behind_m) / (2 * tick)
-            self.acceleration_m_s2 = (velocity - self.velocity_m_s) / tick
-            self.velocity_m_s = velocity
-            return
-        moved = (1.0 - share) * (here_m - behind_m)
-        half = lag + 0.5 * (moved - tick * self._pull(lag))
-        self.lag_m = lag = lag + (moved - tick * self._pull(half))
-        self.position_m = here_m - lag
-        velocity = share * (ahead_m - behind_m) / (2 * tick) + self._pull(lag)
+            lag = pull = 0.0
+        else:
+            moved = (1.0 - share) * (here_m - behind_m)
+            half = lag + 0.5 * (moved - tick * self._pull(lag))
+            lag += moved - tick * self._pull(half)
+            pull = self._pull(lag)
+        self.lag_m, self.position_m = lag, here_m - lag
+        velocity = share * (ahead_m - behind_m) / (2 * tick) + pull
         self.acceleration_m_s2 = (velocity - self.velocity_m_s) / tick
         self.velocity_m_s = velocity
 

@@ -78,6 +78,11 @@ def _taps(matrix: np.ndarray, target: np.ndarray, ease: float, centre: float) ->
     return tuple(float(x) for x in taps / taps.sum())
 
 
+def _steps(t_s: np.ndarray, lag_s: float, tick_s: float) -> np.ndarray:
+    """What each tap makes of a jump at 0 (n, LEAD_TAPS): the first acts AHEAD ticks before it."""
+    return np.stack([step_response(t_s + (AHEAD - i) * tick_s, lag_s) for i in range(LEAD_TAPS)], axis=1)
+
+
 @lru_cache(maxsize=128)
 def lead(lag_s: float, tick_s: float, ease: float) -> tuple[float, ...]:
     """Taps h (LEAD_TAPS,) so that u_k = sum_i h_i x_{k + AHEAD - i} makes the spool follow x, tick mean by tick mean.
@@ -105,7 +110,7 @@ def crossing(lag_s: float, tick_s: float) -> tuple[float, ...]:
     """
     fine = 20
     t = (np.arange(-AHEAD * fine, 40 * fine) + 0.5) * tick_s / fine
-    matrix = np.stack([step_response(t + (AHEAD - i) * tick_s, lag_s) for i in range(LEAD_TAPS)], axis=1)
+    matrix = _steps(t, lag_s, tick_s)
     weight = np.where(np.abs(t) < CROSSING_TICKS * tick_s, CROSSING_WEIGHT, 1.0) / math.sqrt(fine)
     return _taps(weight[:, None] * matrix, weight * (t > 0.0), CROSSING_EASE, AHEAD - lag_s / tick_s)
 
@@ -114,9 +119,7 @@ def crossing(lag_s: float, tick_s: float) -> tuple[float, ...]:
 def crossing_path(lag_s: float, tick_s: float) -> tuple[float, ...]:
     """Path of the crossing spool, from -1 to 1, PATH_FINE samples a tick from PATH_BEFORE ticks before the jump on."""
     t = (np.arange(-PATH_BEFORE * PATH_FINE, PATH_AFTER * PATH_FINE) + 0.5) * tick_s / PATH_FINE
-    taps = crossing(lag_s, tick_s)
-    steps = np.stack([step_response(t + (AHEAD - i) * tick_s, lag_s) for i in range(LEAD_TAPS)], axis=1)
-    return tuple(float(x) for x in 2.0 * steps @ taps - 1.0)
+    return tuple(float(x) for x in 2.0 * _steps(t, lag_s, tick_s) @ crossing(lag_s, tick_s) - 1.0)
 
 
 def kept_back(path: tuple[float, ...], share: float, slope_V: float, half_V: float) -> tuple[float, float]:

@@ -132,8 +132,8 @@ def test_reference_takes_over_with_the_motion_of_plain_control(plain) -> None:
 
 @pytest.mark.parametrize("frequency_Hz", [0.5, 2.0])
 def test_bump_is_seen_from_positions(frequency_Hz) -> None:
-    """A sine with 3.1 um of noise, and the same with an acceleration of +-0.6 m/s2 for 30 ms each way: its range is seen
-    within 0.3 m/s2 more than without, and is harm; without it no half stroke of fifty is."""
+    """A sine with 3.1 um of noise, and the same with an acceleration of +-0.6 m/s2 for 30 ms each way: its range of
+    1.2 m/s2 is seen within 0.5, and is harm; without it no half stroke of fifty is."""
     tick, noise, rng = 0.002, 3.1e-6, np.random.default_rng(0)
     half = round(0.5 / frequency_Hz / tick)
     pulse = 0.6 * np.repeat([1.0, -1.0], 15)
