@@ -1,17 +1,17 @@
-"""The report's second algorithm (5.5, appendix C): parameters from buffers, once in a set time; and its chapter 6
-form."""
+"""The report's second algorithm (5.5, appendix C): parameters computed from buffers; and its chapter 6 form."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 
-from .base import Compensator, Context, Parameters, Sample, clip
-from .functions import FUNCTIONS, RANGE, check_function
+from .compensator import Compensator, Context, Parameters, Sample, clip
 from .iterative import ZERO_VELOCITY_M_S
-from .velocity import VelocityEstimate
+from .report_functions import FUNCTIONS, RANGE, check_function
+from .velocity_estimate import VelocityEstimate
 
 
 @dataclass(slots=True)
@@ -33,30 +33,34 @@ class BufferedState:
     zero_V: list[list[float]] = field(default_factory=lambda: [[], []])  # UY: volts while the velocity is near 0
     filters: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0, 0.0])
     extremes: list[float] = field(default_factory=lambda: [0.0] * 4)
-    line: tuple[float, float] | None = None  # slope s and crossing q of the wanted line
+    line: tuple[float, float] | None = None  # slope s and crossing q of the linear valve wanted
     blend: float = 0.0  # 0 curve of negative, 1 of positive acceleration
     updates: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Buffered(Compensator):
-    """Eq. 5.2 or 5.3 with parameters from buffers of `buffer_s` seconds, computed when they are full, then faded in.
+    """Function of Eq. 5.2 or 5.3, its parameters computed from buffers of 3 s, then faded in.
 
-    report form: a = max of the filtered, weighted u - v/s, b = 1/max|u|, c = b mean(u at v = 0); a and b may only
-    grow; the
-        weighting of Eq. 5.4 as coded in appendix C multiplies the values; u is the control voltage before the
-        correction.
-    corrected form (default): the curve is fitted by weighted least squares against the total valve voltage, q may
-    fall, r
-        is the mean, all are bounded.
+    Report form: a = max of the filtered, weighted u - v/s, b = 1/max|u|, c = b mean(u at v = 0). a and b may only
+    grow. The weighting of Eq. 5.4 as coded in appendix C multiplies the values. u is the control voltage before the
+    correction.
+
+    Corrected form (default): the curve is fitted by weighted least squares against the total valve voltage. q may
+    fall, r is the mean, all are bounded.
 
     two_sided: a curve each for positive and negative acceleration (report chapter 6), for valves with hysteresis.
-    share: how far a new buffer moves the line (s, q) and r; the few samples near zero velocity make a rough mean.
-    filter_Hz: low-pass of the buffers. slope_m_s_V: as in Iterative. fade_s: time constant by which parameters are
-    followed.
+    buffer_s: time between two computations. share: weight of a new buffer in the line (s, q) and in r; lower values
+    average more, for few samples lie near zero velocity. filter_Hz: low-pass of the buffers. slope_m_s_V: as in
+    Iterative. fade_s: time constant by which new parameters come in.
     """
 
     name: str = "buffered"
+    place = 3
+    variants: ClassVar[dict[str, dict[str, Any]]] = {
+        "buffered_report": {"form": "report"},
+        "buffered_two_sided": {"two_sided": True},
+    }
     function: int = 2
     form: str = "corrected"
     two_sided: bool = False
@@ -104,7 +108,7 @@ class Buffered(Compensator):
         return clip(value, -limit, limit)
 
     def slope(self, state: BufferedState) -> float:
-        """Slope s [m/s/V] of the wanted line; 0 while nothing has moved."""
+        """Slope s [m/s/V] of the linear valve wanted; 0 while nothing has moved."""
         if self.slope_m_s_V is not None:
             return self.slope_m_s_V
         v_max, v_min, u_max, u_min = state.extremes
@@ -154,7 +158,7 @@ class Buffered(Compensator):
         u, v, side = np.array(state.valve_V), np.array(state.other), np.array(state.side)
         weight = 1.0 / (1.0 + np.exp(-10.0 * (np.linspace(0, 1, len(u)) - 0.5)))
         q = max(self.q_start_V, (state.extremes[2] - state.extremes[3]) / 2)
-        if state.line is not None:  # later buffers move the wanted line slowly: it must not chase its own compensation
+        if state.line is not None:  # averaged: the line must not follow its own compensation
             s = state.line[0] + self.share * (s - state.line[0])
             q = state.line[1] + self.share * (q - state.line[1])
         state.line = (s, q)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from .base import Compensator, Context, Parameters, Sample, clip
+from .compensator import Compensator, Context, Parameters, Sample, clip
 from .flow_curve import FlowCurve, overlap_curve
 
 
@@ -18,18 +18,21 @@ class ExactState:
 
 @dataclass(frozen=True, kw_only=True)
 class Exact(Compensator):
-    """Makes the valve a straight line: u_c = g^-1(s u sqrt(dp_ref / dp)) - u.
+    """Inverse of a known flow curve, scheduled on the measured pressure drop (report 5.2).
 
-    u is the control voltage, s the slope of the line, g the flow curve at the reference drop. It is exact only for
-    the machine whose curve it is given (the default is the report's valve, Eq. 3.3), and it knows neither spool lag
-    nor friction.
+        u_c = g^-1(s u sqrt(dp_ref / dp)) - u
+
+    u is the control voltage, s the slope of the linear valve wanted, g the flow curve at the reference drop. It is
+    exact only for the machine whose curve it is given (the default is the report's valve, Eq. 3.3). It knows neither
+    spool lag nor friction.
 
     slope_m_s_V: None takes the slope at the curve's far end, so that the position loop keeps its gain at large volts.
-    fade_s: time over which it comes in. schedule: use the measured pressure drop; off, the curve is taken as it
-    stands. width_V: control voltage over which the jump across the overlap is spread; wider is softer and less exact.
+    fade_s: fade-in time. schedule: False takes the curve as it stands, at any pressure drop. width_V: control voltage
+    over which the step across the overlap is spread; wider is softer and less exact.
     """
 
     name: str = "exact"
+    place = 1
     curve: FlowCurve = field(default_factory=overlap_curve)
     reference_drop_Pa: float = 3.5e6
     slope_m_s_V: float | None = None

@@ -23,8 +23,8 @@ from compensation import Compensator, create
 from compensation.buffered import Buffered
 from compensation.exact import Exact
 from compensation.flow_curve import quadratic_curve
-from compensation.functions import function_1, function_2
 from compensation.iterative import Iterative
+from compensation.report_functions import function_1, function_2
 
 REPORT_LEG = dict(quadratic=True, spool_Hz=0.0, sharpness_m_s=0.0)
 

@@ -12,8 +12,8 @@ import compensation
 from compensation.buffered import Buffered
 from compensation.exact import Exact
 from compensation.flow_curve import FlowCurve, overlap_curve, quadratic_curve
-from compensation.functions import function_1, function_2
 from compensation.iterative import Iterative
+from compensation.report_functions import function_1, function_2
 
 REPORT_LEG = dict(quadratic=True, spool_Hz=0.0, sharpness_m_s=0.0)  # chapter 3 and 5: Eq. 3.11, no spool, arctan
 REPORT = dict(rate_Hz=1e4, noise=False)  # its simulation ran at 10 kHz with clean signals
