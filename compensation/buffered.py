@@ -18,8 +18,8 @@ from .velocity_estimate import VelocityEstimate
 class Curve:
     """Parameters of one compensation curve: those last computed, and those in use, which follow them smoothly."""
 
-    wanted: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # a [V], q [V], r [V]
-    used: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    target: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # a [V], q [V], r [V]
+    active: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
 
 
 @dataclass(slots=True)
@@ -33,7 +33,7 @@ class BufferedState:
     zero_V: list[list[float]] = field(default_factory=lambda: [[], []])  # UY: volts while the velocity is near 0
     filters: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0, 0.0])
     extremes: list[float] = field(default_factory=lambda: [0.0] * 4)
-    line: tuple[float, float] | None = None  # slope s and crossing q of the linear valve wanted
+    line: tuple[float, float] | None = None  # slope s and crossing q of the desired linear valve
     blend: float = 0.0  # 0 curve of negative, 1 of positive acceleration
     updates: int = 0
 
@@ -96,10 +96,10 @@ class Buffered(Compensator):
         rate = min(1.0, state.context.tick_s / self.fade_s)
         value = 0.0
         for number, curve in enumerate(state.curves):
-            used, wanted = curve.used, curve.wanted
+            active, target = curve.active, curve.target
             for i in range(3):
-                used[i] += rate * (wanted[i] - used[i])
-            a, q, r = used
+                active[i] += rate * (target[i] - active[i])
+            a, q, r = active
             share = 1.0 if len(state.curves) == 1 else (state.blend if number else 1.0 - state.blend)
             if a > 0.0 and q > 0.0:
                 b = RANGE[self.function] / max(q, 1e-3)
@@ -108,7 +108,7 @@ class Buffered(Compensator):
         return clip(value, -limit, limit)
 
     def slope(self, state: BufferedState) -> float:
-        """Slope s [m/s/V] of the linear valve wanted; 0 while nothing has moved."""
+        """Slope s [m/s/V] of the desired linear valve; 0 while nothing has moved."""
         if self.slope_m_s_V is not None:
             return self.slope_m_s_V
         v_max, v_min, u_max, u_min = state.extremes
@@ -149,9 +149,9 @@ class Buffered(Compensator):
         b = 1.0 / float(np.max(np.abs(weight * u)))
         zero = state.zero_V[0] + state.zero_V[1]
         for curve in state.curves:
-            old_a, old_q, _ = curve.wanted
+            old_a, old_q, _ = curve.target
             b = max(b, 1.0 / old_q if old_q > 0 else 0.0)
-            curve.wanted = [max(a, old_a), 1.0 / b, float(np.mean(zero)) if zero else 0.0]
+            curve.target = [max(a, old_a), 1.0 / b, float(np.mean(zero)) if zero else 0.0]
 
     def _compute(self, state: BufferedState, s: float) -> None:
         """a [V], q [V] and r [V] of each curve by least squares over the buffer, the newest samples weighing most."""
@@ -166,19 +166,19 @@ class Buffered(Compensator):
         means = [float(np.mean(zero)) if zero else None for zero in state.zero_V]
         for number, curve in enumerate(state.curves):
             r = means[number] if self.two_sided else _middle(means)
-            old = curve.wanted[2]
+            old = curve.target[2]
             r = old if r is None else old + self.share * (clip(r, -self.a_max_V, self.a_max_V) - old)
-            used = (np.abs(v) < s * q) & ((side == number) if self.two_sided else True)
-            w = v[used] / s + r
+            inside = (np.abs(v) < s * q) & ((side == number) if self.two_sided else True)
+            w = v[inside] / s + r
             shape = np.array([FUNCTIONS[self.function](x, 1.0, b, b * r) for x in w])
-            power = float(np.sum(weight[used] * shape * shape))
+            power = float(np.sum(weight[inside] * shape * shape))
             if power < 1e-3 * len(u):
                 continue
-            a = float(np.sum(weight[used] * shape * (u[used] - w))) / power
-            curve.wanted = [clip(a, 0.0, self.a_max_V), q, r]
+            a = float(np.sum(weight[inside] * shape * (u[inside] - w))) / power
+            curve.target = [clip(a, 0.0, self.a_max_V), q, r]
 
     def parameters(self, state: BufferedState) -> Parameters:
-        return {"function": self.function, "curves": [list(c.wanted) for c in state.curves]}
+        return {"function": self.function, "curves": [list(c.target) for c in state.curves]}
 
     def restore(self, context: Context, parameters: Parameters) -> BufferedState:
         state = self.start(context)
@@ -186,7 +186,7 @@ class Buffered(Compensator):
             raise ValueError(
                 f"parameters hold {len(parameters['curves'])} curves where '{self.name}' has {len(state.curves)}"
             )
-        state.curves = [Curve(wanted=[float(x) for x in c]) for c in parameters["curves"]]
+        state.curves = [Curve(target=[float(x) for x in c]) for c in parameters["curves"]]
         return state
 
 

@@ -30,7 +30,7 @@ class Sample:
     """
 
     time_s: float
-    setpoint_m: float  # wanted piston position, 0 at full retraction
+    setpoint_m: float  # demanded piston position, 0 at full retraction
     preview_m: np.ndarray  # (n,) setpoints of this tick and the next n - 1 ticks, n = 1 + round(preview_s * rate)
     position_m: float  # measured, with noise and quantisation
     control_V: float  # output of the position loop at this tick, Kp (setpoint - position)

@@ -1,4 +1,4 @@
-"""The report's iterative algorithm (5.3, 5.4): a buffer over the valve voltage and an algebraic function fitted to it."""
+"""The report's iterative algorithm (5.3, 5.4): a function fitted to a buffer over the valve voltage."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class IterativeState:
     a_V: float = 0.0
     q_V: float = 0.0
     r_V: float = 0.0
-    used: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # a, q, r as they act, low-passed
+    active: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # a, q, r as they act, low-passed
     extremes: list[float] = field(default_factory=lambda: [0.0] * 6)  # max, min of v, u and of u at v = 0
     control_V: float = 0.0
     time_s: float = 0.0
@@ -44,7 +44,7 @@ class Iterative(Compensator):
     bounded.
 
     function: 1 (Eq. 5.2) or 2 (Eq. 5.3). offset: r from the control voltage while v is near 0, as "mean" (appendix C)
-    or "half width" (as 5.3 prints it; report form). slope_m_s_V: slope s of the linear valve wanted; None estimates it
+    or "half width" (as 5.3 prints it; report form). slope_m_s_V: slope s of the desired linear valve; None estimates it
     as (max v - min v)/(max u - min u). gain: V per m/s a visit (report) or fraction a visit (corrected); higher learns
     faster and takes up more noise. q_start_V: lower bound of q. velocity_bandwidth_Hz: low-pass of v and u alike; None
     for none.
@@ -78,7 +78,7 @@ class Iterative(Compensator):
     def start(self, context: Context) -> IterativeState:
         estimate = VelocityEstimate(context.rate_Hz, self.velocity_bandwidth_Hz)
         state = IterativeState(context, estimate, [0.0] * self.elements, [0] * self.elements, q_V=self.q_start_V)
-        state.used[1] = self.q_start_V
+        state.active[1] = self.q_start_V
         return state
 
     def step(self, state: IterativeState, sample: Sample) -> tuple[float, IterativeState]:
@@ -92,17 +92,17 @@ class Iterative(Compensator):
                 self._learn_report(state, *measured)
             else:
                 self._learn_corrected(state, *measured)
-        used, rate = state.used, min(1.0, state.context.tick_s / self.fade_s)
-        for i, wanted in enumerate((state.a_V, state.q_V, state.r_V)):
-            used[i] += rate * (wanted - used[i])
-        a, q, r = used
+        active, rate = state.active, min(1.0, state.context.tick_s / self.fade_s)
+        for i, target in enumerate((state.a_V, state.q_V, state.r_V)):
+            active[i] += rate * (target - active[i])
+        a, q, r = active
         b = RANGE[self.function] / max(q, self.q_start_V)
         value = FUNCTIONS[self.function](clip(u, -2 * q, 2 * q), a, b, b * r)
         limit = state.context.voltage_max_V
         return clip(value, -limit, limit), state
 
     def slope(self, state: IterativeState) -> float:
-        """Slope s [m/s/V] of the linear valve wanted; 0 while nothing has moved."""
+        """Slope s [m/s/V] of the desired linear valve; 0 while nothing has moved."""
         if self.slope_m_s_V is not None:
             return self.slope_m_s_V
         v_max, v_min, u_max, u_min = state.extremes[:4]
@@ -165,8 +165,10 @@ class Iterative(Compensator):
         state.a_V = clip(float(shape @ table) / max(float(shape @ shape), 1e-9), 0.0, self.a_max_V)
 
     def parameters(self, state: IterativeState) -> Parameters:
-        return {"function": self.function, "a_V": state.a_V, "q_V": state.q_V, "r_V": state.r_V,
-                "table_V": list(state.table_V), "visits": list(state.visits), "extremes": list(state.extremes)}  # fmt: skip
+        return {
+            "function": self.function, "a_V": state.a_V, "q_V": state.q_V, "r_V": state.r_V,
+            "table_V": list(state.table_V), "visits": list(state.visits), "extremes": list(state.extremes),
+        }  # fmt: skip
 
     def restore(self, context: Context, parameters: Parameters) -> IterativeState:
         state = self.start(context)

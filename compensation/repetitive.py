@@ -31,8 +31,8 @@ class RepetitiveState(AdaptiveState):
     phase: int = 0
     settled_ticks: int = 0  # for which the feed-forward has been all in
     error_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    table_V: list[float] = field(default_factory=list)
-    wanted_V: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    table_V: list[float] = field(default_factory=list)  # the correction, as it is read tick by tick
+    correction_V: np.ndarray = field(default_factory=lambda: np.zeros(0))
     periods: int = 0
 
 
@@ -61,7 +61,7 @@ class Repetitive(Adaptive):
             ticks = round(period * context.rate_Hz)
             if ticks >= MIN_TICKS and abs(ticks / context.rate_Hz - period) < 1e-3 * context.tick_s:
                 state.ticks = ticks
-                state.error_m, state.wanted_V, state.table_V = np.zeros(ticks), np.zeros(ticks), [0.0] * ticks
+                state.error_m, state.correction_V, state.table_V = np.zeros(ticks), np.zeros(ticks), [0.0] * ticks
         return state
 
     def extra(self, state: AdaptiveState, sample: Sample) -> float:
@@ -88,9 +88,9 @@ class Repetitive(Adaptive):
         inverse = s / (gain * spool) + context.position_gain_V_per_m
         taper = np.clip((self.band_Hz - f) / (self.band_Hz / 3), 0.0, 1.0)
         share = max(self.learning_low, self.learning * 0.8**state.periods)
-        state.wanted_V += share * np.fft.irfft(taper * inverse * np.fft.rfft(state.error_m), count)
-        np.clip(state.wanted_V, -self.table_max_V, self.table_max_V, out=state.wanted_V)
-        state.table_V = state.wanted_V.tolist()
+        state.correction_V += share * np.fft.irfft(taper * inverse * np.fft.rfft(state.error_m), count)
+        np.clip(state.correction_V, -self.table_max_V, self.table_max_V, out=state.correction_V)
+        state.table_V = state.correction_V.tolist()
         state.periods += 1
 
     def parameters(self, state: AdaptiveState) -> Parameters:

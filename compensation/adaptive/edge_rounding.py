@@ -9,8 +9,8 @@ straight part of the other side. What a rounded edge lets through beyond a sharp
     z(t2) - z(t1) = k int f(x, 0) R dt + q phi,     phi = k int (f(x, s) - f(x, 0)) R dt / s^2,     q = s^2,
 
 goes with the square of s: int (f(x, s) - f(x, 0)) dx = pi^2 q / 6 over both sides of an edge. f(x, s) is the opening, x
-the spool by the identified backlash and lag. Plain control passes slowly, so that 10 mV move some 10 to 30 um, and a few
-reversals tell, with 5 um of noise. Least squares of q, with its standard error. It also tests the whole valve: a
+the spool by the identified backlash and lag. Plain control passes slowly, so that 10 mV move some 10 to 30 um: a few
+reversals suffice, with 5 um of noise. Least squares of q, with its standard error. It also tests the whole valve: a
 reversal that moves much less oil than sharp edges would (q well below zero), or another amount each time, is not
 explained by the identified gain, dead band, lag and backlash.
 
@@ -165,7 +165,7 @@ class RoundingTrim:
     minimum_V: float = 0.0  # no less is used while compensation engages
     direction: float = 0.0
     ticks: int = 0
-    reversal_m: float = 0.0  # oil displacement less the wanted one, at the reversal
+    reversal_m: float = 0.0  # oil displacement less the demanded one, at the reversal
     before_m: float = 0.0  # by how much it had grown before, against the new direction
 
     def correction_V(self, speed_m_s: float, gain_m_s_V: float, dead_band_V: float) -> float:
@@ -177,7 +177,7 @@ class RoundingTrim:
         return max(s * math.log(share), -dead_band_V) if share > 0.0 else -dead_band_V
 
     def add(self, oil_error_m: deque[float], flow_m_s: float, highest_V: float) -> None:
-        """One tick: oil displacement less the wanted one of the last ticks, newest last, and the flow wanted now."""
+        """One tick: oil displacement less the demanded one, of the last ticks, newest last; the flow demanded now."""
         direction = 1.0 if flow_m_s > 0 else -1.0
         if direction != self.direction:
             self.direction, self.ticks = direction, 0

@@ -6,13 +6,14 @@ feed-forward in the reference (reference.py). Phases and transitions:
 | phase | entered when | ramp | feed-forward g |
 |---|---|---|---|
 | PLAIN | ramp = 0 | 0 | 0 |
-| ENGAGING | from PLAIN: excited, in the engage window, all checks passed; the reference joins the piston | up, within a half stroke | 0 |
+| ENGAGING | from PLAIN: excited, in the engage window, all checks passed | up, within a half stroke | 0 |
 | COMPENSATED | ramp = 1 and excited | 1 | up to 1 in `feed_forward_s` |
 | FEED_FORWARD_OUT | ramp = 1 and no longer excited | 1 | down to 0 in `disengage_s` |
 | DISENGAGING | g = 0, after a reversal or at rest | down, within a half stroke | 0 |
-| TRIPPED | valve no longer identified, or lockout of the performance monitor | down in `engage_s` / 4 | held, 0 at the end |
+| TRIPPED | valve no longer identified, or lockout by the monitor | down in `engage_s` / 4 | held, 0 at the end |
 
-ENGAGING and DISENGAGING change into each other while the ramp moves, as the excitation comes and goes.
+On entry to ENGAGING the reference joins the piston, so that the volts begin without a step. ENGAGING and DISENGAGING
+change into each other while the ramp moves, as the excitation comes and goes.
 
 Excited: the acceleration of the setpoint at reversals exceeds max(`min_excitation_m_s2`, 1.3 x stability limit), until
 it falls below the stability limit. The limit is the reversal acceleration below which the hydraulic resonance of a

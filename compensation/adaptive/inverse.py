@@ -1,4 +1,4 @@
-"""Inverse of the identified valve: volts that let a wanted oil displacement through, tick by tick.
+"""Inverse of the identified valve: volts that let a demanded oil displacement through, tick by tick.
 
 Two signals leave it apart, for the spool follows each through taps of its own (spool.py): the volts for the mean flow
 of a tick, and the dead-band compensation, which crosses the overlap where the flow reverses. While the spool crosses,
@@ -23,8 +23,8 @@ class ValveInverse:
     """The flow of the last ticks, and the volts for them that have not left yet."""
 
     tick_s: float
-    oil_m: float = math.nan  # wanted oil displacement at the last boundary
-    flows_m_s: tuple[float, float] = (0.0, 0.0)  # wanted oil velocity of the last two ticks
+    oil_m: float = math.nan  # demanded oil displacement at the last boundary
+    flows_m_s: tuple[float, float] = (0.0, 0.0)  # demanded oil velocity of the last two ticks
     flow_V: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # for the flow, the next to leave first
     crossing_V: tuple[float, float] = (0.0, 0.0)  # crossing flow compensation of the two ticks to come
     dead_band_V: tuple[float, float] = (0.0, 0.0)  # dead-band compensation of the two ticks before
@@ -33,7 +33,7 @@ class ValveInverse:
         self, oil_m: float, roots: tuple[float, float], edges: list[ValveEdge], trim: RoundingTrim, lag_s: float
     ) -> tuple[float, float]:
         """Volts for the flow and dead-band compensation that a spool without lag would need, three ticks before the
-        boundary at which `oil_m` [m] is wanted; roots: sqrt(dp/dp_ref) of the edges to tank and from the supply."""
+        boundary at which `oil_m` [m] is demanded; roots: sqrt(dp/dp_ref) of the edges to tank and from the supply."""
         if self.oil_m != self.oil_m:
             self.oil_m = oil_m
         newest = (oil_m - self.oil_m) / self.tick_s

@@ -4,10 +4,10 @@ Acceleration from positions, over blocks of BLOCK ticks, high-passed over APART 
 
     a = (m_0 - 2 m_1 + m_2) / (BLOCK T)^2,     h = a_k - (a_{k - APART} + a_{k + APART}) / 2
 
-m_i are means of successive blocks. h passes about 3 to 40 Hz, so that it hardly holds the motion itself. Its range over
-a reversal is the bump. The baseline is plain control's last bump of either direction, with the acceleration asked for at
-that reversal. A compensated bump beyond it by more than noise is worse, whatever its cause. Of two unlike reversals, the
-one with more acceleration may have the larger bump, and more is allowed.
+m_i are means of successive blocks. h passes about 3 to 40 Hz, so that it hardly holds the motion itself. Its range
+over a reversal is the bump. The baseline is plain control's last bump of either direction, with the acceleration asked
+for at that reversal. A compensated bump beyond it by more than noise is worse, whatever its cause. Of two unlike
+reversals, the one with more acceleration may have the larger bump, and more is allowed.
 """
 
 from __future__ import annotations

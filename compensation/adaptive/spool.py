@@ -84,7 +84,7 @@ def _steps(t_s: np.ndarray, lag_s: float, tick_s: float) -> np.ndarray:
 
 @lru_cache(maxsize=128)
 def lead(lag_s: float, tick_s: float, smoothing: float) -> tuple[float, ...]:
-    """Taps h (LEAD_TAPS,) so that u_k = sum_i h_i x_{k + LEAD_TICKS - i} makes the spool follow x, tick mean by tick mean.
+    """Taps h (LEAD_TAPS,) so that u_k = sum_i h_i x_{k + LEAD_TICKS - i} makes the spool follow x, as means over ticks.
 
     Least squares of g * h against a pulse at LEAD_TICKS, with `smoothing` times the taps' roughness: more is softer and
     slower. The taps sum to one, so that nothing changes at rest, and their centre undoes the spool's: no time is left.
@@ -125,18 +125,18 @@ def blocked_flow(path: tuple[float, ...], share: float, slope_V: float, half_V: 
     """Flow that the overlap blocks while the spool crosses it, before and after the reversal, as volts of one tick.
 
     path: of the crossing; share: of its tick that lies before the reversal (0 .. 1): so much of the step comes a tick
-    later; slope_V: volts by which the wanted flow grows in a tick; half_V: half dead band. Signed like the slope.
+    later; slope_V: volts by which the demanded flow grows in a tick; half_V: half dead band. Signed like the slope.
     """
     before = after = 0.0
     for i in range(PATH_FINE, len(path)):
         time = (i + 0.5) / PATH_FINE - PATH_BEFORE - share
-        wanted = slope_V * time
-        spool = wanted + half_V * (path[i] + share * (path[i - PATH_FINE] - path[i]))
+        demanded = slope_V * time
+        spool = demanded + half_V * (path[i] + share * (path[i - PATH_FINE] - path[i]))
         through = spool - half_V if spool > half_V else (spool + half_V if spool < -half_V else 0.0)
         if time < 0.0:
-            before += wanted - through
+            before += demanded - through
         else:
-            after += wanted - through
+            after += demanded - through
     return before / PATH_FINE, after / PATH_FINE
 
 
@@ -149,14 +149,14 @@ def damping_filter(lag_s: float, tick_s: float, low_Hz: float, high_Hz: float, c
     """
     nyquist = 0.5 / tick_s
     f = np.concatenate([np.linspace(low_Hz, high_Hz, 40), np.linspace(1.6 * high_Hz, nyquist, 30)])
-    wanted = np.where(f <= high_Hz, 1.0, 0.0)
+    demanded = np.where(f <= high_Hz, 1.0, 0.0)
     weight = np.where(f <= high_Hz, 1.0, 0.15)
     w = 2 * math.pi * f
     spool = 1.0 / (1 + 1j * w * lag_s - (w * lag_s / (2 * SPOOL_DAMPING)) ** 2) if lag_s > 0 else np.ones_like(w) + 0j
     valve = spool * np.exp(-0.5j * w * tick_s) * np.sinc(f * tick_s)
     delays = np.exp(-1j * np.outer(w, np.arange(count)) * tick_s)
     matrix = (weight * valve)[:, None] * delays
-    target = weight * wanted
+    target = weight * demanded
     rows = [matrix.real, matrix.imag, 1e2 * np.ones((1, count)), 0.03 * np.eye(count)]
     right = [target, np.zeros_like(target), np.zeros(1), np.zeros(count)]
     taps = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]

@@ -7,9 +7,9 @@ Oil volume over piston area is z = y + V P1 / (E A1), and z' is the flow through
     z(t2) - z(t1) = k int p R dt - k delta int R dt - k tau R^ [p]_t1^t2,     p = b + h s,     R = sqrt(dp / dp_ref)
 
 R^ is the mean of R, k the velocity gain [m/s/V], delta the half dead band [V], tau the lag [s]. p is the output of the
-backlash: b the volts where it last moved along with them, s = -1 where they were rising then, 1 where they were falling.
-b is found with the h known so far. It depends on h only where the backlash reverses, so that little is wrong while h is
-wrong, and windows gathered before h moved count for less.
+backlash: b the volts where it last moved along with them, s = -1 where they were rising then, 1 where they were
+falling. b is found with the h known so far. It depends on h only where the backlash reverses, so that little is wrong
+while h is wrong, and windows gathered before h moved count for less.
 
 Two fits run side by side, without backlash (p = u) and with it. The one with backlash is taken where its h is well
 beyond its standard error.
@@ -44,7 +44,7 @@ BACKLASH_TOLERANCE_V = 1e-4  # change of the backlash from which earlier windows
 ACCEPT_ERRORS, REJECT_ERRORS = 4.0, 2.0  # backlash over its standard error, both edges: taken into account, dropped
 MIN_WINDOWS, PATIENCE = 15, 3.0  # windows before an edge is first ready; each rejection takes so many times longer
 USABLE_WINDOWS = 8  # from which the gain is right within some per cent
-# prior standard deviations of k, k delta, k tau, k h, in units of the window's noise: 0.3 m/s/V, 0.05 m/s, 2 mm/V, 5 mm/s
+# prior standard deviations of k, k delta, k tau, k h over the window's noise: 0.3 m/s/V, 0.05 m/s, 2 mm/V, 5 mm/s
 PRIOR = (0.3 / WINDOW_NOISE_M, 0.05 / WINDOW_NOISE_M, 2e-3 / WINDOW_NOISE_M, 5e-3 / WINDOW_NOISE_M)
 
 
@@ -105,7 +105,10 @@ class ValveEdge:
         self.backlash_fit.reset_covariance()
 
     def _read_backlash(self) -> None:
-        """Reads the backlash out. Windows before were gathered with another width: the more it moved, the less they count."""
+        """Reads the backlash out.
+
+        Earlier windows were gathered with another width: the more it moved, the less they count.
+        """
         fit, plain = self.backlash_fit, self.plain_fit
         if fit.count > 4 and fit.residual > DIVERGED * max(plain.residual, WINDOW_NOISE_M**2):
             fit.theta[:] = [*plain.theta, 0.0]
@@ -195,7 +198,7 @@ class ValveEstimator:
         return crossing_m_s * max(abs(down.lag_s - up.lag_s), difference_s) < MAX_LAG_OIL_M
 
     def add(self, z_m: float, valve_V: float, root: float) -> None:
-        """One tick: oil displacement now, volts of the tick past, mean sqrt(dp/dp_ref) in it of the edge they opened."""
+        """One tick: oil displacement now, volts of the tick past, mean sqrt(dp/dp_ref) in it of their edge."""
         direction = 1 if valve_V > 0.0 else -1
         size = valve_V if direction > 0 else -valve_V
         if direction != self.direction:
