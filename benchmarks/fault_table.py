@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from hexsim.machine import load_machine
-from hexsim.motion_computer.outcome import Outcome, outcome
+from hexsim.qualify.outcome import Outcome, outcome
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 

@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 
 import hexsim
 from hexsim.cli import app
+from hexsim.files.log_files import read_log
 from hexsim.machine.files import models_folder
-from hexsim.recording.log_files import read_log
 
 ROOT = Path(hexsim.__file__).parents[1]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"}

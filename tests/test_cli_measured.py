@@ -116,9 +116,9 @@ def test_friction_needs_the_machine_of_the_log(tmp_path):
 
 def test_serve_runs_for_its_time_and_says_how_far_behind():
     """A second of the bench on a free port of this computer: state, margin and packets, as a line and as JSON."""
-    import hexsim.serve
+    import hexsim.simulation.serve
 
-    assert serve.PORT == hexsim.serve.PORT
+    assert serve.PORT == hexsim.simulation.serve.PORT
     result = CliRunner().invoke(app, ["serve", "-m", "bench", "--port", "0", "--duration", "1", "--json"])
     assert result.exit_code == 0, result.stderr
     status = json.loads(result.stdout)

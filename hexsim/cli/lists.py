@@ -17,7 +17,7 @@ def register(app: typer.Typer) -> None:
 
 def _show(header: Sequence[str], rows: Sequence[Sequence[str]], json: bool) -> None:
     if json:
-        from hexsim.recording.run_files import dumps
+        from hexsim.files.json_files import dumps
 
         typer.echo(dumps([dict(zip(header, row, strict=True)) for row in rows]))
         return

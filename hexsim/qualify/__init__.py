@@ -19,11 +19,15 @@ import jinja2
 import tomli_w
 
 from compensation import Compensator
-from hexsim.machine.declaration import Machine
+from hexsim import __version__
+from hexsim.declaration import Machine
+from hexsim.files.atomic import write_text
 from hexsim.machine.files import machine_tables
 from hexsim.qualify.battery import QUICK, Battery, Findings, Plan, Row
+from hexsim.qualify.plots import CAPTIONS, pictures
 from hexsim.qualify.rig import MachineRig, Motion, Rig
-from hexsim.recording.atomic import write_text
+from hexsim.recording.report import data_url, environment
+from hexsim.recording.summary_table import number
 
 __all__ = ["QUICK", "Battery", "Findings", "MachineRig", "Motion", "Plan", "Rig", "Row", "qualify"]
 
@@ -63,9 +67,6 @@ def qualify(
 
 
 def _page(machine: Machine, found: Findings, result: dict[str, Any]) -> str:
-    from hexsim import __version__
-    from hexsim.qualify.plots import CAPTIONS, pictures
-    from hexsim.recording.report import data_url, environment
 
     loader = jinja2.ChoiceLoader(
         [jinja2.PackageLoader("hexsim.qualify", "templates"), jinja2.PackageLoader("hexsim.recording", "templates")]
@@ -103,7 +104,6 @@ def _sentence(judged: list[Row]) -> str:
 
 def _cards(rows: list[Row]) -> list[tuple[str, str, str]]:
     """The figures to see first."""
-    from hexsim.recording.summary_table import number
 
     wanted = (
         ("turn-around", "largest deviation", "turn-around deviation, heave"),

@@ -6,18 +6,17 @@ import base64
 from collections.abc import Mapping
 from datetime import datetime
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jinja2
 import tomli_w
 
 from hexsim import __version__
+from hexsim.recording.config import config_tables
 from hexsim.recording.quantity import plain, quantity, share, spelled
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit
-from hexsim.recording.summary_table import axis_header, axis_label, axis_rows, facts, number
-
-if TYPE_CHECKING:
-    from hexsim.simulation import Run
+from hexsim.recording.summary_table import axis_header, axis_label, axis_rows, comparison_rows, facts, number
+from hexsim.simulation import Run
 
 CAPTIONS = {
     "motion": "What was asked and what the machine did; below, how far each leg lags its setpoint.",
@@ -57,7 +56,6 @@ def render(template: str, **values: Any) -> str:
 
 def run_report(run: Run, pictures: Mapping[str, bytes]) -> str:
     """The page of one run; pictures: name -> PNG."""
-    from hexsim.recording.run_files import config_tables  # writes the same tables to config.toml
 
     driven = Signals.of_run(run).driven_axes
     return render(
@@ -131,8 +129,6 @@ def cards(summary: Mapping[str, Any], driven: tuple[str, ...]) -> list[tuple[str
 
 def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes]) -> str:
     """The page of runs side by side; pictures: name -> PNG."""
-    from hexsim.compare import comparison_rows
-    from hexsim.recording.run_files import config_tables
 
     first = next(iter(runs.values()))
     driven = [axis for axis in Signals.of_run(first).driven_axes if axis in first.summary["axes"]]

@@ -3,37 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import find_machine_file
+from hexsim.readers import log_files, read_log
+from hexsim.signals.channels import noise_of
+from hexsim.signals.log import MeasuredLog, measured_log
 from hexsim.tracing import rules
-from hexsim.tracing.answer import Question, unknowable
-from hexsim.tracing.balance_search import balance_search, joint_question, simulated_rivals
-from hexsim.tracing.channels import noise_of
-from hexsim.tracing.checks import Finding, check_same_machine, refuse_misleading
-from hexsim.tracing.errors_before_after import error_table
-from hexsim.tracing.experiments import experiment_for
-from hexsim.tracing.hypothesis import Candidate, candidates, priors
-from hexsim.tracing.learned import learned_fit
-from hexsim.tracing.localise import Violation, violations
-from hexsim.tracing.log import MeasuredLog, measured_log
-from hexsim.tracing.proposals import proposed_shapes
-from hexsim.tracing.readers import log_files, read_log
-from hexsim.tracing.refit import Fit, polished, refine, start_fit_at
-from hexsim.tracing.report import report_of
-from hexsim.tracing.screening import Screened
-from hexsim.tracing.search import Search, Stage, cut, information, search
-from hexsim.tracing.ties import with_ties
-from hexsim.tracing.unexplained import Rest, attributed, what_is_left
-from hexsim.tracing.verdict import (
-    NamedEffect,
-    Verdict,
+from hexsim.tracing.checks.checks import Finding, check_same_machine, refuse_misleading
+from hexsim.tracing.fitting.fit import Fit, polished, refine, start_fit_at
+from hexsim.tracing.fitting.parameters import Candidate, candidates, priors
+from hexsim.tracing.fitting.selection import Search, Stage, cut, information, search
+from hexsim.tracing.problems.simulated import Question, unknowable
+from hexsim.tracing.report.content import report_of, write_report
+from hexsim.tracing.result import TraceResult
+from hexsim.tracing.steps.experiments import experiment_for
+from hexsim.tracing.steps.held_out_errors import error_table
+from hexsim.tracing.steps.learned import learned_fit
+from hexsim.tracing.steps.proposals import proposed_shapes
+from hexsim.tracing.steps.residuals import attributed, what_is_left
+from hexsim.tracing.steps.search import balance_search, joint_question, simulated_rivals
+from hexsim.tracing.steps.ties import with_ties
+from hexsim.tracing.steps.verdict import (
     at_floor,
     base_beside,
     judged,
@@ -41,34 +37,9 @@ from hexsim.tracing.verdict import (
     pruned,
     seen_from_itself,
 )
+from hexsim.tracing.steps.violations import Violation, violations
 
 Progress = Callable[[str, float], None]
-
-
-@dataclass(kw_only=True)
-class TraceResult:
-    """Everything a trace found; `report` is the content of report.json."""
-
-    machine: Machine
-    fitted: Machine
-    verdict: Verdict
-    effects: list[NamedEffect]
-    violations: list[Violation]
-    search: Search
-    base: Fit
-    final: Fit
-    error: dict[str, dict[str, dict[str, float]]]
-    fit_question: Question
-    validate_question: Question
-    findings: dict[str, list[Finding]]
-    detect_lines: list[Screened]
-    detect_n: int
-    unexplained: list[Rest] = field(default_factory=list)
-    ties: list[dict[str, Fit]] = field(default_factory=list)  # an effect: label -> the hypothesis that does as well
-    learned: list[dict[str, Any]] = field(default_factory=list)
-    experiments: list[dict[str, Any]] = field(default_factory=list)
-    scenarios: dict[str, str] = field(default_factory=dict)
-    report: dict[str, Any] = field(default_factory=dict)
 
 
 def read_runs(
@@ -128,8 +99,6 @@ def trace(
     held_out = replace(question, logs=tuple(validate_logs))
     result = trace_logs(machine, question, held_out, findings, tell)
     if out is not None:
-        from hexsim.tracing.report import write_report
-
         write_report(result, Path(out))
     tell("done", 1.0)
     return result

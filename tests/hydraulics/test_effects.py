@@ -7,8 +7,8 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects import library
+from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine, machine_from_dict
-from hexsim.machine.resolved import resolve
 
 BENCH, HEXAPOD = load_machine("bench"), load_machine("micro_motion_system")
 NAMED = [name for name, effect in library().items() if effect.parameters]

@@ -7,8 +7,8 @@ import pytest
 
 from hexsim.hydraulics.effects import library
 from hexsim.hydraulics.parameters import LEARNED_TABLE, N_PARAMETERS, P, declared_rows
+from hexsim.hydraulics.resolve import resolve
 from hexsim.machine.files import changed
-from hexsim.machine.resolved import resolve
 
 PLACES = [  # key, a value that no other key has, place in the row, what must stand there
     ("supply.pressure_Pa", 6.1e6, P.SUPPLY_PRESSURE, 6.1e6),

@@ -9,9 +9,9 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.tracing.checks import check_log, check_same_machine, refuse_misleading
-from hexsim.tracing.readers import LogFile, read_log
-from hexsim.tracing.sensor_agreement import acceleration_agreement, staircase_bias
+from hexsim.readers import LogFile, read_log
+from hexsim.tracing.checks.checks import check_log, check_same_machine, refuse_misleading
+from hexsim.tracing.checks.sensor_agreement import acceleration_agreement, staircase_bias
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 MACHINE = load_machine(DATA / "bench_none")

@@ -9,16 +9,16 @@ import pytest
 from other_plant import write_machine
 
 from hexsim.machine import load_machine
+from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
-from hexsim.tracing.answer import Question
-from hexsim.tracing.channels import noise_of
-from hexsim.tracing.errors_before_after import error_table
-from hexsim.tracing.hypothesis import priors
-from hexsim.tracing.learned import learned_fit
-from hexsim.tracing.localise import violations
-from hexsim.tracing.refit import refine, start_fit
+from hexsim.tracing.fitting.fit import refine, start_fit
+from hexsim.tracing.fitting.parameters import priors
+from hexsim.tracing.problems.simulated import Question
+from hexsim.tracing.steps.held_out_errors import error_table
+from hexsim.tracing.steps.learned import learned_fit
+from hexsim.tracing.steps.residuals import what_is_left
+from hexsim.tracing.steps.violations import violations
 from hexsim.tracing.trace import read_runs
-from hexsim.tracing.unexplained import what_is_left
 
 
 @pytest.fixture

@@ -7,13 +7,13 @@ import pytest
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
+from hexsim.readers import read_log
 from hexsim.scenarios import scenario_from_dict
+from hexsim.signals.channels import channel_arrays, kind_of, noise_of
+from hexsim.signals.log import measured_log
 from hexsim.simulation import simulate
-from hexsim.tracing.answer import Question
-from hexsim.tracing.channels import channel_arrays, kind_of, noise_of
-from hexsim.tracing.experiments import setpoint_log
-from hexsim.tracing.log import measured_log
-from hexsim.tracing.readers import read_log
+from hexsim.tracing.problems.simulated import Question
+from hexsim.tracing.steps.experiments import setpoint_log
 
 DATA = Path(__file__).parents[1] / "data"
 NOISE = {
@@ -94,7 +94,7 @@ def test_the_true_machine_answers_the_log(folder):
     """With the parameters and the effect of truth.json, what is left of each channel is the sensors' noise within 3 %."""
     import json
 
-    from hexsim.tracing.hypothesis import named, priors, with_settings
+    from hexsim.tracing.fitting.parameters import named, priors, with_settings
 
     machine = load_machine(DATA / folder)
     truth = json.loads((DATA / folder / "truth.json").read_text())

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
-from hexsim.tracing.held_out import OwnBalance, Point, Term, late_by, trace_own
-from hexsim.tracing.readers.log_file import LogFile
-from hexsim.tracing.weak_form import Window
+from hexsim.readers.log_file import LogFile
+from hexsim.signals.weak_form import Window
+from hexsim.tracing.term_regression import OwnBalance, Point, Term, late_by, trace_own
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 MEASURED = Path(os.environ.get("HEXSIM_MEASURED", REPOSITORY.parent / "shared" / "measured"))

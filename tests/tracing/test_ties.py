@@ -8,14 +8,14 @@ import pytest
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.tracing.answer import Question, unknowable
-from hexsim.tracing.bench_simulator import start_of
-from hexsim.tracing.channels import noise_of
-from hexsim.tracing.hypothesis import candidates, named, priors
-from hexsim.tracing.log import measured_log
-from hexsim.tracing.readers import read_log
-from hexsim.tracing.refit import start_fit, with_candidate
-from hexsim.tracing.ties import stand_ins
+from hexsim.readers import read_log
+from hexsim.signals.channels import noise_of
+from hexsim.signals.log import measured_log
+from hexsim.tracing.fitting.fit import start_fit, with_candidate
+from hexsim.tracing.fitting.parameters import candidates, named, priors
+from hexsim.tracing.problems.simulated import Question, unknowable
+from hexsim.tracing.simulation.bench_simulator import start_of
+from hexsim.tracing.steps.ties import stand_ins
 
 DATA = Path(__file__).parents[1] / "data"
 

@@ -7,14 +7,15 @@ import pytest
 from other_plant import write_machine
 
 from hexsim.machine import load_machine
-from hexsim.tracing import report_page, rules
-from hexsim.tracing.answer import Question
-from hexsim.tracing.channels import noise_of
-from hexsim.tracing.dependence import FORMS
-from hexsim.tracing.localise import violations
-from hexsim.tracing.report_figures import fitted_curves
+from hexsim.signals.channels import noise_of
+from hexsim.tracing import rules
+from hexsim.tracing.problems.simulated import Question
+from hexsim.tracing.report import page as report_page
+from hexsim.tracing.report.figures import fitted_curves
+from hexsim.tracing.steps.dependence import FORMS
+from hexsim.tracing.steps.residuals import what_is_left
+from hexsim.tracing.steps.violations import violations
 from hexsim.tracing.trace import read_runs
-from hexsim.tracing.unexplained import what_is_left
 
 
 @pytest.mark.parametrize(

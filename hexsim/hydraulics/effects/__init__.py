@@ -7,13 +7,11 @@ import math
 import pkgutil
 import re
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.declaration import Machine
 
 __all__ = ["Effect", "EffectParameter", "check_effects", "effect_named", "effect_settings", "library"]
 

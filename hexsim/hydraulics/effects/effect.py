@@ -14,12 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from hexsim.hydraulics.parameters import P
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 Balance = Literal["valve", "supply", "continuity", "force", "sensor", "platform"]
 

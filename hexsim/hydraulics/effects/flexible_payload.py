@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import PayloadMode, Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
     """Take the part out of the rigid load and hang it on a spring along the vertical axis."""
-    from hexsim.machine.resolved import PayloadMode  # resolved machines import the effects
 
     load, mass = resolved.load, values["mass_kg"]
     if mass <= 0.0:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from hexsim.hydraulics.chamber import ATMOSPHERE
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
+from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import LINE, S
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
 
 LEAST_SHARE = 0.2  # of the nominal pressure (absolute): precharge, below which the gas is shut off
 

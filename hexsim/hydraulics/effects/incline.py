@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:

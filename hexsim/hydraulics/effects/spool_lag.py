@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.parameters import P
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
