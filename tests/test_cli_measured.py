@@ -20,7 +20,7 @@ REPORT = {
             "name": "leakage_supply_to_chamber", "balance": "continuity", "where": "leg 2",
             "tied_with": ["clearance_leakage"],
             "parameters": {"conductance_m3_s_Pa": 2.4e-12}, "standard_error": {"conductance_m3_s_Pa": 1e-13},
-            "evidence": {"block_cv_gain": 0.41, "blocks": 8, "dBIC": -310}, "says": "oil leaks from the supply",
+            "evidence": {"block_cv_gain": 0.41, "blocks": 8, "dBIC": -310}, "description": "oil leaks from the supply",
         }
     ],
     "unexplained": [

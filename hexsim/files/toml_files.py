@@ -37,7 +37,7 @@ def validation_sentence(error: ValidationError, model: type) -> str:
         return f"{place} is not a known {what}: allowed are {', '.join(_keys_at(model, where[:-1]))}{more}"
     text = first["msg"].removeprefix("Value error, ")
     shown = f" = {given!r}" if isinstance(given, (int, float, str, list, tuple)) else ""
-    units = " (SI units, as the key says)" if first["type"].startswith(("greater_than", "less_than")) else ""
+    units = " (SI units, as the key description)" if first["type"].startswith(("greater_than", "less_than")) else ""
     return f"{place}{shown}: {text[0].lower() + text[1:]}{units}{more}"
 
 

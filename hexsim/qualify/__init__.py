@@ -111,10 +111,10 @@ def _cards(rows: list[Row]) -> list[tuple[str, str, str]]:
         ("describing function", "phase passes", "phase passes −90°, heave"),
     )
     cards = []
-    for test, figure, says in wanted:
+    for test, figure, description in wanted:
         row = next((r for r in rows if r.test == test and r.axis == "heave z" and r.figure.startswith(figure)), None)
         if row is not None:
-            cards.append((number(row.value), row.unit, says))
+            cards.append((number(row.value), row.unit, description))
     return cards
 
 
@@ -144,7 +144,7 @@ def _tables(rows: list[Row]) -> list[dict[str, Any]]:
         axes = list(dict.fromkeys(row.axis for row in some))
         body = [(axis, [cells.get((axis, column), (None, "")) for column in columns]) for axis in axes]
         title = ", ".join(tests).capitalize()
-        tables.append({"title": title, "columns": columns, "rows": body, "says": SAYS[key]})
+        tables.append({"title": title, "columns": columns, "rows": body, "description": SAYS[key]})
     return tables
 
 

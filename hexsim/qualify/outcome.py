@@ -24,7 +24,7 @@ class Outcome:
     """
 
     detected_s: float | None
-    says: str
+    description: str
     state: str
     peak_acceleration_m_s2: float
     before_m_s2: float
@@ -53,7 +53,7 @@ def outcome(run: Run, time_s: float, settled_s: float = 1.0) -> Outcome:
     found = [(t, text) for t, _, text in computer["found"] if t >= time_s - 1e-9]
     return Outcome(
         detected_s=found[0][0] - time_s if found else None,
-        says=found[0][1] if found else "",
+        description=found[0][1] if found else "",
         state=computer["state"],
         peak_acceleration_m_s2=float(acceleration[late].max()),
         before_m_s2=float(acceleration[(time >= settled_s) & ~late].max()),

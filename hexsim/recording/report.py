@@ -81,33 +81,33 @@ def run_sentence(summary: Mapping[str, Any], driven: tuple[str, ...]) -> str:
         return ""
     unit, harmonic = axis_unit(axis), summary["axes"][axis].get(f"fundamental_{axis_unit(axis)}")
     where = "of the leg" if axis == "leg" else f"in {AXIS_NAMES[axis]}"
-    says = f"The acceleration {where} deviates by up to {number(peak)} {unit.replace('_s2', '/s²')}"
+    description = f"The acceleration {where} deviates by up to {number(peak)} {unit.replace('_s2', '/s²')}"
     if harmonic:
-        says += f" from its basic harmonic, {number(peak / harmonic, 2)} times that harmonic's amplitude"
+        description += f" from its basic harmonic, {number(peak / harmonic, 2)} times that harmonic's amplitude"
     rest: dict[str, float] = {}
     for other, figures in summary["axes"].items():
         own = axis_unit(other)
         if other not in driven and figures.get(f"peak_band_{own}") is not None:
             rest[own] = max(rest.get(own, 0.0), figures[f"peak_band_{own}"])
     moved = " and ".join(f"{number(value)} {own.replace('_s2', '/s²')}" for own, value in rest.items())
-    return f"{says}. Axes that should rest stay within {moved}." if moved else f"{says}."
+    return f"{description}. Axes that should rest stay within {moved}." if moved else f"{description}."
 
 
 def comparison_sentence(tables: list[dict[str, Any]]) -> str:
     """Which compensator is smoothest, and by how much; the axes of each where there are several."""
     best: dict[str, list[str]] = {}
-    says = ""
+    description = ""
     for table in tables:
         rows = [row for row in table["rows"] if row["peak_band"] is not None and not row["note"]]
         if len(rows) < 2:
             return ""
         first, smoothest = table["rows"][0], min(rows, key=lambda row: row["peak_band"])
         best.setdefault(smoothest["name"], []).append(table["axis"])
-        says = f"its largest deviation is {number(smoothest['peak_band'])} {table['unit']}"
+        description = f"its largest deviation is {number(smoothest['peak_band'])} {table['unit']}"
         if smoothest is not first and smoothest["ratio"]:
-            says += f", {share(smoothest['ratio'])} of the {number(first['peak_band'])} with {first['name']}"
+            description += f", {share(smoothest['ratio'])} of the {number(first['peak_band'])} with {first['name']}"
     if len(tables) == 1:
-        return f"Smoothest is {next(iter(best))}: {says}."
+        return f"Smoothest is {next(iter(best))}: {description}."
     return "Smoothest: " + "; ".join(f"{name} in {', '.join(axes)}" for name, axes in best.items()) + "."
 
 

@@ -39,7 +39,7 @@ LEG_NAMES = tuple(f"leg_{i}" for i in range(1, 7))
 FOLDER = Path(__file__).parent
 _KEYS = (
     "name",
-    "says",
+    "description",
     "mode",
     "duration_s",
     "fade_s",
@@ -72,7 +72,7 @@ class Scenario:
     machine_name: str = "micro_motion_system"
     machine_changes: Mapping[str, Any] = field(default_factory=dict)
     faults: tuple[Mapping[str, Any], ...] = ()
-    says: str = ""
+    description: str = ""
 
     def __post_init__(self) -> None:
         allowed = DOF_NAMES if self.mode == "dof" else LEG_NAMES
@@ -138,7 +138,7 @@ class Scenario:
     def to_dict(self) -> dict[str, Any]:
         """The data that `scenario_from_dict` takes."""
         tables: dict[str, Any] = {
-            "name": self.name, "says": self.says, "mode": self.mode, "duration_s": self.duration_s,
+            "name": self.name, "description": self.description, "mode": self.mode, "duration_s": self.duration_s,
             "fade_s": self.fade_s, "fade": self.fade, "machine_name": self.machine_name,
         }  # fmt: skip
         if self.figures_from_s is not None:

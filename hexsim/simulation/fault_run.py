@@ -19,7 +19,7 @@ from hexsim.simulation.faults import Fault, HostSilence, LegBlind, PositionSenso
 Array = NDArray[np.float64]
 
 
-class LyingSensors(SensorBank):
+class FaultySensors(SensorBank):
     """A sensor bank in which some transducers break: same noise as the sound one, from the same seed."""
 
     def break_legs(self, faults: Sequence[Fault]) -> None:

@@ -24,13 +24,13 @@ from hexsim.plant.stepping import advance, machinery, new_record, sense, shape
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.sensors.bank import SensorBank
-from hexsim.simulation.fault_run import FaultRun, LyingSensors
+from hexsim.simulation.fault_run import FaultRun, FaultySensors
 from hexsim.simulation.faults import read_faults
 from hexsim.simulation.plain_loop import Control, run_plain
 from hexsim.simulation.run_log import Recorded, run_log, run_summary
 
 Array = NDArray[np.float64]
-UNREAL = 1e9  # MPa, m/s2 or m: no state of a machine
+DIVERGENCE_LIMIT = 1e9  # MPa, m/s2 or m: no state of a machine
 CHECK_EVERY_S = 0.1  # simulated time between checks of MuJoCo's warnings
 
 
@@ -137,7 +137,7 @@ def simulate(
     run = TickLoop(plant, loop, scenario, seed)
     if isinstance(loop, MotionComputer):
         run.faults = FaultRun(faults, plant, loop, run.tick_s)
-        run.sensors = LyingSensors(plant.resolved, run.ticks, run.tick_s, seed)
+        run.sensors = FaultySensors(plant.resolved, run.ticks, run.tick_s, seed)
         run.sensors.break_legs(faults)
         interventions = [*interventions, run.faults]
         run.faults.begin()
@@ -212,7 +212,7 @@ class TickLoop:
         """Cut the record where it stops being finite; says when, and in which leg it began."""
         record = self.record
         states = np.hstack([record.act[: self.done], record.qacc[: self.done], record.qpos[: self.done]])
-        real = (np.abs(states) < UNREAL).all(axis=1)  # false for NaN too
+        real = (np.abs(states) < DIVERGENCE_LIMIT).all(axis=1)  # false for NaN too
         self.done = int(np.argmin(real)) if not real.all() else self.done - 1
         bottom = record.act[self.done][self.plant.pressure_places]
         # the leg whose pressure is not real, or else the one farthest from rest

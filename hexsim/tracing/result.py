@@ -10,8 +10,8 @@ from hexsim.tracing.checks.checks import Finding
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.screening import Screened
 from hexsim.tracing.fitting.selection import Search
-from hexsim.tracing.problems.simulated import Question
-from hexsim.tracing.steps.residuals import Rest
+from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.steps.residuals import UnexplainedResidual
 from hexsim.tracing.steps.verdict import NamedEffect, Verdict
 from hexsim.tracing.steps.violations import Violation
 
@@ -29,12 +29,12 @@ class TraceResult:
     base: Fit
     final: Fit
     error: dict[str, dict[str, dict[str, float]]]
-    fit_question: Question
-    validate_question: Question
+    fit_problem: FitProblem
+    validate_problem: FitProblem
     findings: dict[str, list[Finding]]
     detect_lines: list[Screened]
     detect_n: int
-    unexplained: list[Rest] = field(default_factory=list)
+    unexplained: list[UnexplainedResidual] = field(default_factory=list)
     ties: list[dict[str, Fit]] = field(default_factory=list)  # an effect: label -> the hypothesis that does as well
     learned: list[dict[str, Any]] = field(default_factory=list)
     experiments: list[dict[str, Any]] = field(default_factory=list)

@@ -130,7 +130,7 @@ def test_servo_valve():
     """
     import servovalve
 
-    verdicts = {verdict.question: verdict.numbers for verdict in servovalve.trace(MEASURED / "servovalve_bench")}
+    verdicts = {verdict.problem: verdict.numbers for verdict in servovalve.trace(MEASURED / "servovalve_bench")}
     assert verdicts["flow against pressure"]["exponent"] == pytest.approx(0.5, abs=0.02)
     slow = verdicts["hysteresis or lag"]
     assert slow["hysteresis_half_width_mA"] > 4 * slow["error_mA"]

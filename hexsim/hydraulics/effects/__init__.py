@@ -55,7 +55,7 @@ def check_effects(machine: Machine, source: str) -> None:
 def _values(effect: Effect, table: dict[str, Any], place: str) -> dict[str, Any]:
     """Every parameter of the effect with its value; unknown, missing and out-of-bounds ones are refused."""
     known = {parameter.name: parameter for parameter in effect.parameters}
-    free = {"where", "curve", "says"}  # a learned term carries its curve
+    free = {"where", "curve", "description"}  # a learned term carries its curve
     unknown = [key for key in table if key not in known and key not in free]
     if unknown:
         raise HexsimError(f"{place} {unknown[0]} is not a known key: allowed are {', '.join([*known, 'where'])}")

@@ -17,9 +17,9 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="accelerometer_delay",
     balance="sensor",
-    says="the acceleration channel is late",
+    description="the acceleration channel is late",
     source="filters and buses: 1-400 ms",
-    parameters=(EffectParameter(name="delay_s", unit="s", bounds=(0.0, 1.0), believable=0.003),),
+    parameters=(EffectParameter(name="delay_s", unit="s", bounds=(0.0, 1.0), typical=0.003),),
     apply=apply,
     places="machine",
 )

@@ -16,12 +16,12 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="centre_of_mass",
     balance="platform",
-    says="the platform's centre of mass is off its declared place",
+    description="the platform's centre of mass is off its declared place",
     source="payload put on off centre: 10-100 mm",
     parameters=(
-        EffectParameter(name="x_m", unit="m", bounds=(-5.0, 5.0), believable=0.03, default=0.0),
-        EffectParameter(name="y_m", unit="m", bounds=(-5.0, 5.0), believable=0.03, default=0.0),
-        EffectParameter(name="z_m", unit="m", bounds=(-5.0, 5.0), believable=0.1, default=0.0),
+        EffectParameter(name="x_m", unit="m", bounds=(-5.0, 5.0), typical=0.03, default=0.0),
+        EffectParameter(name="y_m", unit="m", bounds=(-5.0, 5.0), typical=0.03, default=0.0),
+        EffectParameter(name="z_m", unit="m", bounds=(-5.0, 5.0), typical=0.1, default=0.0),
     ),
     apply=apply,
     places="platform",

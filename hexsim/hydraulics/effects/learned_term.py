@@ -38,7 +38,7 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, Any]) -> 
 EFFECT = Effect(
     name="learned_term",
     balance="force",
-    says="a measured curve in one balance over one signal, under no physical name",
+    description="a measured curve in one balance over one signal, under no physical name",
     source="Kennedy and O'Hagan 2001; Ebers, Steele and Kutz 2024",
     parameters=(),
     apply=apply,

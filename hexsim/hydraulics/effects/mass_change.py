@@ -18,9 +18,9 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="mass_change",
     balance="force",
-    says="the moving mass differs from the declared one",
+    description="the moving mass differs from the declared one",
     source="forgotten payload",
-    parameters=(EffectParameter(name="mass_kg", unit="kg", bounds=(-1e5, 1e5), believable=4.0),),
+    parameters=(EffectParameter(name="mass_kg", unit="kg", bounds=(-1e5, 1e5), typical=4.0),),
     apply=apply,
     places="platform",
 )

@@ -14,8 +14,8 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="position_delay",
     balance="sensor",
-    says="the position channel is late",
+    description="the position channel is late",
     source="filters and buses: 1-10 ms",
-    parameters=(EffectParameter(name="delay_s", unit="s", bounds=(0.0, 1.0), believable=0.003),),
+    parameters=(EffectParameter(name="delay_s", unit="s", bounds=(0.0, 1.0), typical=0.003),),
     apply=apply,
 )

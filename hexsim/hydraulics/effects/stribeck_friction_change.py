@@ -17,8 +17,8 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="stribeck_friction_change",
     balance="force",
-    says="the friction peak at small speed differs from the declared one",
+    description="the friction peak at small speed differs from the declared one",
     source="seals at rest: peak up to the Coulomb force",
-    parameters=(EffectParameter(name="static_N", unit="N", bounds=(-1e6, 1e6), believable=40.0),),
+    parameters=(EffectParameter(name="static_N", unit="N", bounds=(-1e6, 1e6), typical=40.0),),
     apply=apply,
 )

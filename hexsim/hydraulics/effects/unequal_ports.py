@@ -22,8 +22,8 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="unequal_ports",
     balance="valve",
-    says="the tank edge opens faster or slower than the supply edge",
+    description="the tank edge opens faster or slower than the supply edge",
     source="manufacture; asymmetric spools for differential cylinders reach 2:1",
-    parameters=(EffectParameter(name="tank_edge_ratio_change", unit="1", bounds=(-0.9, 9.0), believable=0.08),),
+    parameters=(EffectParameter(name="tank_edge_ratio_change", unit="1", bounds=(-0.9, 9.0), typical=0.08),),
     apply=apply,
 )

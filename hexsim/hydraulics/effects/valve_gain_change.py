@@ -15,9 +15,9 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="valve_gain_change",
     balance="valve",
-    says="the valve passes more or less flow than declared, at both edges alike",
+    description="the valve passes more or less flow than declared, at both edges alike",
     source="tolerance of valve data sheets: 10 %",
-    parameters=(EffectParameter(name="relative_change", unit="1", bounds=(-0.9, 9.0), believable=0.10),),
+    parameters=(EffectParameter(name="relative_change", unit="1", bounds=(-0.9, 9.0), typical=0.10),),
     apply=apply,
-    lumped=True,
+    generic=True,
 )

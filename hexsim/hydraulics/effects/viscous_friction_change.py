@@ -17,8 +17,8 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="viscous_friction_change",
     balance="force",
-    says="viscous friction differs from the declared one",
+    description="viscous friction differs from the declared one",
     source="oil temperature: viscosity halves in 15 K",
-    parameters=(EffectParameter(name="viscous_N_s_m", unit="N s/m", bounds=(-1e7, 1e7), believable=800.0),),
+    parameters=(EffectParameter(name="viscous_N_s_m", unit="N s/m", bounds=(-1e7, 1e7), typical=800.0),),
     apply=apply,
 )

@@ -32,7 +32,7 @@ class Finding:
 
     severity: Literal["refuse", "loss", "notice"]
     channel: str
-    says: str
+    description: str
     value: float | None = None
     unit: str = ""
 
@@ -44,7 +44,7 @@ def check_log(log: LogFile, machine: Machine) -> list[Finding]:
             Finding(
                 severity="refuse",
                 channel="position",
-                says=f"log {log.name} is of a {log.kind}, machine {machine.name} is a {machine.machine.kind}: "
+                description=f"log {log.name} is of a {log.kind}, machine {machine.name} is a {machine.machine.kind}: "
                 "give the log of this machine",
             )
         ]
@@ -63,7 +63,7 @@ def refuse_misleading(log: LogFile, machine: Machine) -> list[Finding]:
     """check_log, with its first refusal raised as HexsimError."""
     found = check_log(log, machine)
     if found and found[0].severity == "refuse":
-        raise HexsimError(f"{log.path}: {found[0].says}")
+        raise HexsimError(f"{log.path}: {found[0].description}")
     return found
 
 
@@ -77,7 +77,7 @@ def size_of_log(log: LogFile, machine: Machine) -> list[Finding]:
                 channel="time_s",
                 value=log.rate_Hz,
                 unit="Hz",
-                says=f"the log has {log.rate_Hz:g} Hz: nothing above {log.rate_Hz / 2:g} Hz can be said "
+                description=f"the log has {log.rate_Hz:g} Hz: nothing above {log.rate_Hz / 2:g} Hz can be said "
                 "(valve and oil dynamics)",
             )
         )
@@ -88,7 +88,7 @@ def size_of_log(log: LogFile, machine: Machine) -> list[Finding]:
                 channel="time_s",
                 value=log.duration_s,
                 unit="s",
-                says=f"the log lasts {log.duration_s:.1f} s: too short for blocks; effects must be large to be seen",
+                description=f"the log lasts {log.duration_s:.1f} s: too short for blocks; effects must be large to be seen",
             )
         )
     return found
@@ -144,7 +144,7 @@ def plausible_values(log: LogFile, machine: Machine) -> list[Finding]:
                 channel=name,
                 value=float(x[row]),
                 unit=unit.replace("_", "/"),
-                says=f"column {name} reads {x[row]:.6g} at {log.time_s[row]:.3f} s, this machine "
+                description=f"column {name} reads {x[row]:.6g} at {log.time_s[row]:.3f} s, this machine "
                 f"allows {low:.4g} to {high:.4g} "
                 f"(at least {least:.4g} in size): {hint}",
             )
@@ -165,15 +165,15 @@ def motion(log: LogFile, machine: Machine) -> list[Finding]:
                 channel=names[0],
                 value=travel,
                 unit="m",
-                says=f"the machine stands still: positions move by {travel * 1e6:.0f} um; give a log of motion",
+                description=f"the machine stands still: positions move by {travel * 1e6:.0f} um; give a log of motion",
             )
         )
     limit = machine.valve.voltage_max_V
     for name in leg_columns(log, "valve", "V"):
         share = float(np.mean(np.abs(log.columns[name]) >= 0.999 * limit))
         if share > 1e-3:
-            says = f"column {name} is at its stop of {limit:g} V for {share:.1%} of the time"
-            found.append(Finding(severity="notice", channel=name, says=says, value=share, unit="1"))
+            description = f"column {name} is at its stop of {limit:g} V for {share:.1%} of the time"
+            found.append(Finding(severity="notice", channel=name, description=description, value=share, unit="1"))
     return found
 
 
@@ -193,8 +193,10 @@ def controller(log: LogFile, machine: Machine) -> list[Finding]:
         scale = max(float(np.std(u)), 1e-9)
         if level > 0.1 * scale:
             gain = float(np.polyfit(log.columns[setpoint] - log.columns[position], u, 1)[0])
-            says = f"column {valve} is not the declared {K:g} V/m times (setpoint - position): slope {gain:.4g} V/m"
-            found.append(Finding(severity="notice", channel=valve, says=says, value=gain, unit="V/m"))
+            description = (
+                f"column {valve} is not the declared {K:g} V/m times (setpoint - position): slope {gain:.4g} V/m"
+            )
+            found.append(Finding(severity="notice", channel=valve, description=description, value=gain, unit="V/m"))
             continue
         typical = float(np.median(near)) + K * max(machine.sensors.position_noise_m, 1e-6)
         broken = near > max(12 * typical, 0.05 * scale)
@@ -206,7 +208,7 @@ def controller(log: LogFile, machine: Machine) -> list[Finding]:
                     channel=valve,
                     value=float(near[row]),
                     unit="V",
-                    says=f"{valve}, {setpoint} and {position} do not belong together in {broken.sum()} samples, "
+                    description=f"{valve}, {setpoint} and {position} do not belong together in {broken.sum()} samples, "
                     f"the first at {log.time_s[row]:.3f} s ({near[row]:.3g} V off): one of them is damaged there",
                 )
             )
@@ -236,7 +238,7 @@ def swapped_legs(log: LogFile) -> list[Finding]:
                 Finding(
                     severity="refuse",
                     channel=positions[leg],
-                    says=f"{positions[leg]} follows {setpoints[best]} ({apart[leg, best] * 1e3:.2f} mm rms) "
+                    description=f"{positions[leg]} follows {setpoints[best]} ({apart[leg, best] * 1e3:.2f} mm rms) "
                     f"rather than {setpoints[leg]} ({apart[leg, leg] * 1e3:.2f} mm): "
                     f"legs {leg + 1} and {best + 1} look swapped",
                 )
@@ -264,9 +266,11 @@ def swapped_pressures(log: LogFile, machine: Machine) -> list[Finding]:
     for leg in range(6):
         best = int(np.argmin(apart[leg]))
         if best != leg and apart[leg, best] < 0.6 * apart[leg, leg]:
-            says = f"{pressures[leg]} carries the load of leg {best + 1} (rest {apart[leg, best]:.0f} N) rather than "
-            says += f"its own ({apart[leg, leg]:.0f} N): pressures of legs {leg + 1} and {best + 1} look swapped"
-            found.append(Finding(severity="refuse", channel=pressures[leg], says=says))
+            description = (
+                f"{pressures[leg]} carries the load of leg {best + 1} (rest {apart[leg, best]:.0f} N) rather than "
+            )
+            description += f"its own ({apart[leg, leg]:.0f} N): pressures of legs {leg + 1} and {best + 1} look swapped"
+            found.append(Finding(severity="refuse", channel=pressures[leg], description=description))
     return found
 
 
@@ -281,41 +285,51 @@ def sensors_against_each_other(log: LogFile, machine: Machine) -> list[Finding]:
         results, together = {}, False
     if not together:
         legs = order_that_fits(log, machine)
-        says = "the legs' positions do not belong to the platform's accelerations"
-        says += (
+        description = "the legs' positions do not belong to the platform's accelerations"
+        description += (
             f": legs {legs[0]} and {legs[1]} look swapped"
             if legs
             else ": other numbers of the legs, or another geometry?"
         )
-        return [Finding(severity="refuse", channel="position", says=says)]
+        return [Finding(severity="refuse", channel="position", description=description)]
     for name, result in results.items():
         unit = "rad/s2" if name.startswith("angular") else "m/s2"
         seen = 1.0 / result.gain / (1.0 - bias) if result.gain else np.inf
         against = "the second derivative of the positions"
         if result.correlation < 0.7:
-            says = f"{name} does not follow {against} (correlation {result.correlation:.2f})"
-            found.append(Finding(severity="notice", channel=name, says=says, value=result.correlation, unit="1"))
+            description = f"{name} does not follow {against} (correlation {result.correlation:.2f})"
+            found.append(
+                Finding(severity="notice", channel=name, description=description, value=result.correlation, unit="1")
+            )
             continue
         wrong = {"deg/s2": 57.296} if unit == "rad/s2" else {"g": 1 / 9.80665, "mm/s2": 1e3}
         for other, factor in wrong.items():
             if abs(seen / factor - 1) < 0.2:
-                says = f"column {name} is {seen:.3g} times {against}: it looks like {other}; name its unit in a mapping"
-                found.append(Finding(severity="refuse", channel=name, says=says, value=seen, unit="1"))
+                description = (
+                    f"column {name} is {seen:.3g} times {against}: it looks like {other}; name its unit in a mapping"
+                )
+                found.append(Finding(severity="refuse", channel=name, description=description, value=seen, unit="1"))
         if seen < 0:
-            says = f"column {name} has the opposite sign of {against}; give factor = -1 in a mapping file"
-            found.append(Finding(severity="refuse", channel=name, says=says, value=seen, unit="1"))
+            description = f"column {name} has the opposite sign of {against}; give factor = -1 in a mapping file"
+            found.append(Finding(severity="refuse", channel=name, description=description, value=seen, unit="1"))
         if result.correlation < 0.99:
             continue
         if abs(seen - 1) > 3 * result.gain_error + bias / 2 + 0.01:
-            says = f"{name} reads {seen:.3f} times {against} (+-{result.gain_error + bias / 2:.3f})"
-            found.append(Finding(severity="notice", channel=name, says=says, value=seen, unit="1"))
+            description = f"{name} reads {seen:.3f} times {against} (+-{result.gain_error + bias / 2:.3f})"
+            found.append(Finding(severity="notice", channel=name, description=description, value=seen, unit="1"))
         if abs(result.delay_s) > 3 * result.delay_error_s + 0.5 / log.rate_Hz:
             late, error = result.delay_s * 1e3, result.delay_error_s * 1e3
-            says = f"{name} is {late:+.1f} ms late against the positions (+-{error:.1f} ms)"
-            found.append(Finding(severity="notice", channel=name, says=says, value=result.delay_s, unit="s"))
+            description = f"{name} is {late:+.1f} ms late against the positions (+-{error:.1f} ms)"
+            found.append(
+                Finding(severity="notice", channel=name, description=description, value=result.delay_s, unit="s")
+            )
         if abs(result.offset) > 0.05:
-            says = f"{name} has an offset of {-result.offset * seen:+.3f} {unit} against the positions"
-            found.append(Finding(severity="notice", channel=name, says=says, value=-result.offset * seen, unit=unit))
+            description = f"{name} has an offset of {-result.offset * seen:+.3f} {unit} against the positions"
+            found.append(
+                Finding(
+                    severity="notice", channel=name, description=description, value=-result.offset * seen, unit=unit
+                )
+            )
     return found
 
 
@@ -330,7 +344,7 @@ def check_same_machine(logs: Sequence[LogFile], machine: Machine) -> list[Findin
     for other in logs[1:]:
         if other.n_legs != first.n_legs:
             kinds = f"log {first.name} is of a {first.kind}, log {other.name} of a {other.kind}"
-            return [Finding(severity="refuse", channel="position", says=f"{kinds}: give logs of one machine")]
+            return [Finding(severity="refuse", channel="position", description=f"{kinds}: give logs of one machine")]
         supply = [median_supply(log) for log in (first, other)]
         force = [carried_force(log, machine) for log in (first, other)]
         for channel, (a, b), scale, what, factor, unit in (
@@ -339,13 +353,17 @@ def check_same_machine(logs: Sequence[LogFile], machine: Machine) -> list[Findin
         ):
             if a is None or b is None or abs(a - b) <= NOTICED * scale:
                 continue
-            says = f"{what} {a * factor:.4g} {unit} in log {first.name} and {b * factor:.4g} {unit} in {other.name}"
+            description = (
+                f"{what} {a * factor:.4g} {unit} in log {first.name} and {b * factor:.4g} {unit} in {other.name}"
+            )
             severity = "refuse" if abs(a - b) > REFUSED * scale else "notice"
-            says += ": two machines, or another load?" if severity == "refuse" else ""
-            found.append(Finding(severity=severity, channel=channel, says=says, value=b - a))
+            description += ": two machines, or another load?" if severity == "refuse" else ""
+            found.append(Finding(severity=severity, channel=channel, description=description, value=b - a))
         if abs(other.rate_Hz - first.rate_Hz) > 0.01 * first.rate_Hz:
-            says = f"log {first.name} has {first.rate_Hz:g} Hz, log {other.name} {other.rate_Hz:g} Hz"
-            found.append(Finding(severity="notice", channel="time_s", says=says, value=other.rate_Hz, unit="Hz"))
+            description = f"log {first.name} has {first.rate_Hz:g} Hz, log {other.name} {other.rate_Hz:g} Hz"
+            found.append(
+                Finding(severity="notice", channel="time_s", description=description, value=other.rate_Hz, unit="Hz")
+            )
     return found
 
 

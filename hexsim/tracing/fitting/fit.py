@@ -24,7 +24,7 @@ from hexsim.tracing.fitting.parameters import (
     to_value,
     with_settings,
 )
-from hexsim.tracing.problems.simulated import Question
+from hexsim.tracing.problems.simulated import FitProblem
 
 Array = np.ndarray
 MAX_STEPS = 14
@@ -88,9 +88,9 @@ def chi2_of(misfit: list[Array]) -> float:
     return total if np.isfinite(total) else np.inf
 
 
-def start_fit(machine: Machine, priors: tuple[Prior, ...], question: Question) -> Fit:
+def start_fit(machine: Machine, priors: tuple[Prior, ...], problem: FitProblem) -> Fit:
     """The declared machine, nothing fitted."""
-    misfit = [m[0] for m in question.misfit([machine])]
+    misfit = [m[0] for m in problem.misfit([machine])]
     return Fit(
         machine=machine,
         priors=priors,
@@ -103,9 +103,9 @@ def start_fit(machine: Machine, priors: tuple[Prior, ...], question: Question) -
     )
 
 
-def start_fit_at(rival: Fit, question: Question) -> Fit:
-    """A fit where it stands, as another question sees it."""
-    misfit = [m[0] for m in question.misfit([rival.fitted_machine()])]
+def start_fit_at(rival: Fit, problem: FitProblem) -> Fit:
+    """A fit where it stands, as another problem sees it."""
+    misfit = [m[0] for m in problem.misfit([rival.fitted_machine()])]
     return Fit(
         machine=rival.machine,
         priors=rival.priors,
@@ -118,7 +118,7 @@ def start_fit_at(rival: Fit, question: Question) -> Fit:
     )
 
 
-def parameter_columns(fit: Fit, question: Question, share: float = 1.0) -> Fit:
+def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
     """The fit with columns of its declared parameters about where it stands (per half width). share: of the usual step."""
     if not fit.priors:
         return replace(fit, columns=[np.zeros((0, *m.shape)) for m in fit.misfit])
@@ -130,11 +130,11 @@ def parameter_columns(fit: Fit, question: Question, share: float = 1.0) -> Fit:
         machines.append(replace(fit, deviations=deviations).fitted_machine())
         signs.append(sign)
     steps = np.array(signs)[:, None, None] * share * PARAMETER_STEP
-    varied = question.misfit(machines)
+    varied = problem.misfit(machines)
     return replace(fit, columns=[(base - v) / steps for base, v in zip(fit.misfit, varied, strict=True)])
 
 
-def effect_columns(fit: Fit, question: Question, share: float = 1.0) -> list[Array]:
+def effect_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> list[Array]:
     """Columns of every effect number about where the fit stands (per coordinate), a log: (n_numbers, channels, n).
 
     A number whose neighbour's simulation diverges gets no column: it stays where it is.
@@ -153,7 +153,7 @@ def effect_columns(fit: Fit, question: Question, share: float = 1.0) -> list[Arr
             steps.append(step)
     columns = [
         (base - v) / np.array(steps)[:, None, None]
-        for base, v in zip(fit.misfit, question.misfit(machines), strict=True)
+        for base, v in zip(fit.misfit, problem.misfit(machines), strict=True)
     ]
     alive = np.all([np.isfinite(c).all(axis=(1, 2)) for c in columns], axis=0)
     return [np.where(alive[:, None, None], c, 0.0) for c in columns]
@@ -179,7 +179,7 @@ def prior_terms(fit: Fit) -> tuple[Array, Array]:
 
 def refine(
     fit: Fit,
-    question: Question,
+    problem: FitProblem,
     steps: int = MAX_STEPS,
     tolerance: float = 0.5,
     relative: float = 0.0,
@@ -193,10 +193,10 @@ def refine(
     """
     if not fit.priors and not fit.candidates:
         return fit
-    fit = parameter_columns(fit, question, share) if fit.columns is None else fit
+    fit = parameter_columns(fit, problem, share) if fit.columns is None else fit
     damping, covariance, age = 0.0, None, 0
     for _ in range(steps):
-        A, b = _system(fit, question, share)
+        A, b = _system(fit, problem, share)
         covariance = _inverse(A)
         better, kept = None, 0.0
         for _ in range(6):
@@ -204,7 +204,7 @@ def refine(
             promise = _promise(A, b, step)
             if promise < 0.2 * tolerance:
                 break
-            trial = _evaluate(fit, coordinates, question)
+            trial = _evaluate(fit, coordinates, problem)
             if _cost(trial) < _cost(fit):
                 better, damping = trial, damping / 30 if damping > 1e-3 else 0.0
                 kept = (_cost(fit) - _cost(trial)) / promise
@@ -217,14 +217,14 @@ def refine(
             break
         age += 1
         if fresh and (abs(kept - 1.0) > 1.0 - KEPT_SHARE or age > MAX_AGE):
-            fit, age, damping = parameter_columns(fit, question, share), 0, 0.0
+            fit, age, damping = parameter_columns(fit, problem, share), 0, 0.0
     return replace(fit, covariance=covariance)
 
 
-def polished(fit: Fit, question: Question) -> Fit:
-    """The last refit, with differences a tenth as wide: near a resonance the answer bends within the usual ones."""
+def polished(fit: Fit, problem: FitProblem) -> Fit:
+    """The last refit, with differences a tenth as wide: near a resonance the answer nonlinear_response within the usual ones."""
     for _ in range(POLISHES):
-        finer = refine(start_fit_at(fit, question), question, fresh=True, share=0.1)
+        finer = refine(start_fit_at(fit, problem), problem, fresh=True, share=0.1)
         gain, fit = fit.chi2 - finer.chi2, finer
         if gain < rules.ALARM_CHI2:
             break
@@ -236,12 +236,12 @@ def _promise(A: Array, b: Array, step: Array) -> float:
     return float(2.0 * step @ b - step @ A @ step)
 
 
-def _system(fit: Fit, question: Question, share: float) -> tuple[Array, Array]:
+def _system(fit: Fit, problem: FitProblem, share: float) -> tuple[Array, Array]:
     """Normal equations of all coordinates, prior included."""
     assert fit.columns is not None
     columns = fit.columns
     if fit.candidates:
-        columns = [np.concatenate(pair) for pair in zip(columns, effect_columns(fit, question, share), strict=True)]
+        columns = [np.concatenate(pair) for pair in zip(columns, effect_columns(fit, problem, share), strict=True)]
     A, b = normal_equations(columns, fit.misfit)
     m = len(fit.priors)
     precision, pull = prior_terms(fit)
@@ -290,7 +290,7 @@ def _step(fit: Fit, A: Array, b: Array, damping: float) -> tuple[Array, Array]:
     return here + step, step
 
 
-def _evaluate(fit: Fit, coordinates: Array, question: Question) -> Fit:
+def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem) -> Fit:
     half_widths = np.array([prior.half_width for prior in fit.priors])
     m = len(fit.priors)
     values, place = [], m
@@ -301,14 +301,14 @@ def _evaluate(fit: Fit, coordinates: Array, question: Question) -> Fit:
             place += 1
         values.append(own)
     trial = replace(fit, deviations=coordinates[:m] * half_widths if m else fit.deviations, values=tuple(values))
-    misfit = [r[0] for r in question.misfit([trial.fitted_machine()])]
+    misfit = [r[0] for r in problem.misfit([trial.fitted_machine()])]
     return replace(trial, misfit=misfit, chi2=chi2_of(misfit))
 
 
-def with_candidate(fit: Fit, candidate: Candidate, coordinate: float, question: Question) -> Fit:
+def with_candidate(fit: Fit, candidate: Candidate, coordinate: float, problem: FitProblem) -> Fit:
     """The fit with one more effect at a size, not yet refined."""
     size = candidate.effect.parameters[0]
     values = candidate.start() | {size.name: to_value(size, coordinate)}
     grown = replace(fit, candidates=(*fit.candidates, candidate), values=(*fit.values, values))
-    misfit = [r[0] for r in question.misfit([grown.fitted_machine()])]
+    misfit = [r[0] for r in problem.misfit([grown.fitted_machine()])]
     return replace(grown, misfit=misfit, chi2=chi2_of(misfit))

@@ -1,7 +1,7 @@
 """What is fitted: the declared parameters within their uncertainty, and the effects that a hypothesis adds.
 
 A hypothesis is a tuple of candidates (an effect, where it acts, its shape). Its unknowns are coordinates: for a
-declared parameter the relative deviation, for an effect's number the value over its believable size (1/value for an
+declared parameter the relative deviation, for an effect's number the value over its typical size (1/value for an
 effect that vanishes at infinity). At coordinate 0 everything is as declared.
 """
 
@@ -70,7 +70,7 @@ class Candidate:
         """Values at a coordinate size of 0: neutral size, shape as screened."""
         values = {}
         for i, parameter in enumerate(self.effect.parameters):
-            rest = parameter.believable if parameter.default is None else parameter.default
+            rest = parameter.typical if parameter.default is None else parameter.default
             values[parameter.name] = self.shape.get(parameter.name, parameter.neutral if i == 0 else rest)
         return values
 
@@ -78,9 +78,9 @@ class Candidate:
 def to_value(parameter: EffectParameter, coordinate: float) -> float:
     """Physical value of a coordinate, inside the bounds."""
     if math.isinf(parameter.neutral):
-        value = parameter.believable / max(coordinate, 1e-12)
+        value = parameter.typical / max(coordinate, 1e-12)
     else:
-        value = coordinate * abs(parameter.believable) if parameter.believable else coordinate
+        value = coordinate * abs(parameter.typical) if parameter.typical else coordinate
     low, high = parameter.bounds
     return min(max(value, low), high)
 
@@ -88,16 +88,16 @@ def to_value(parameter: EffectParameter, coordinate: float) -> float:
 def to_coordinate(parameter: EffectParameter, value: float) -> float:
     """Inverse of `to_value`."""
     if math.isinf(parameter.neutral):
-        return 0.0 if math.isinf(value) else parameter.believable / value
-    return value / (abs(parameter.believable) or 1.0)
+        return 0.0 if math.isinf(value) else parameter.typical / value
+    return value / (abs(parameter.typical) or 1.0)
 
 
 def coordinate_bounds(parameter: EffectParameter) -> tuple[float, float]:
     """Bounds of the coordinate."""
     low, high = parameter.bounds
     if math.isinf(parameter.neutral):
-        return 0.0, parameter.believable / low
-    scale = abs(parameter.believable) or 1.0
+        return 0.0, parameter.typical / low
+    scale = abs(parameter.typical) or 1.0
     return low / scale, high / scale
 
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, with_settings
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
-from hexsim.tracing.problems.simulated import Question
+from hexsim.tracing.problems.simulated import FitProblem
 
 Array = np.ndarray
 BATCH = 8  # variants simulated at once: memory
-SCREEN_STEP = 0.1  # size of the trial effect, in believable sizes
+SCREEN_STEP = 0.1  # size of the trial effect, in typical sizes
 SCREEN_STEP_INVERSE = 0.5  # the same for effects that vanish at infinity
 FOLDS = 8
 
@@ -53,7 +53,7 @@ def trial_size(candidate: Candidate) -> float:
 def columns_of(
     fit: Fit,
     candidates: list[Candidate],
-    question: Question,
+    problem: FitProblem,
     tick: Callable[[int], None] = lambda n: None,
     share: float = 1.0,
 ) -> list[list[Array]]:
@@ -77,7 +77,7 @@ def columns_of(
                 )
             )
             sizes.append(size)
-        varied = question.misfit(machines)
+        varied = problem.misfit(machines)
         for i, size in enumerate(sizes):
             columns = [((base - v[i]) / size).astype(np.float32) for base, v in zip(fit.misfit, varied, strict=True)]
             found.append(columns)
@@ -85,24 +85,24 @@ def columns_of(
     return found
 
 
-def block_slices(fit: Fit, question: Question) -> list[tuple[int, slice]]:
+def block_slices(fit: Fit, problem: FitProblem) -> list[tuple[int, slice]]:
     """Blocks of about a second over all logs: (log, samples)."""
     blocks = []
     for i, misfit in enumerate(fit.misfit):
         n = misfit.shape[1]
-        count = question.blocks(i)
+        count = problem.blocks(i)
         edges = np.linspace(0, n, count + 1).astype(int)
         blocks += [(i, slice(a, b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
     return blocks
 
 
 def screen(
-    fit: Fit, candidates: list[Candidate], question: Question, tick: Callable[[int], None] = lambda n: None
+    fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Callable[[int], None] = lambda n: None
 ) -> list[Screened]:
     """All candidates, best first. `fit` must hold the columns of its parameters (and of its effects, if any)."""
-    columns = columns_of(fit, candidates, question, tick)
-    base = base_columns(fit, question)
-    blocks = block_slices(fit, question)
+    columns = columns_of(fit, candidates, problem, tick)
+    base = base_columns(fit, problem)
+    blocks = block_slices(fit, problem)
     lines = []
     free = free_columns(fit)
     for candidate, own in zip(candidates, columns, strict=True):
@@ -112,15 +112,15 @@ def screen(
     return sorted(lines, key=lambda line: -line.score)
 
 
-def base_columns(fit: Fit, question: Question) -> list[Array]:
+def base_columns(fit: Fit, problem: FitProblem) -> list[Array]:
     """Columns of everything that is free already: declared parameters and the numbers of effects that were added."""
 
     if fit.columns is None:
-        fit = parameter_columns(fit, question)
+        fit = parameter_columns(fit, problem)
     assert fit.columns is not None
     if not fit.candidates:
         return fit.columns
-    return [np.concatenate(pair) for pair in zip(fit.columns, effect_columns(fit, question), strict=True)]
+    return [np.concatenate(pair) for pair in zip(fit.columns, effect_columns(fit, problem), strict=True)]
 
 
 def free_columns(fit: Fit) -> Array:

@@ -15,7 +15,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, parameter_columns, refine, start_fit_at, with_candidate
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 from hexsim.tracing.fitting.screening import Screened, screen
-from hexsim.tracing.problems.simulated import Question
+from hexsim.tracing.problems.simulated import FitProblem
 
 Tick = Callable[[str], None]
 
@@ -43,25 +43,25 @@ def scale_of(fit: Fit) -> float:
 
 
 def shortlist(lines: list[Screened], scale: float, alarm: float) -> list[Screened]:
-    """The best shape of each effect and place, those with a gain that could matter, at most TRIED."""
+    """The best shape of each effect and place, those with a gain that could matter, at most REFITTED_CANDIDATES."""
     best: dict[str, Screened] = {}
     for line in lines:
         key = line.candidate.label
         if key not in best or line.score > best[key].score:
             best[key] = line
     most = max((line.gain_chi2 for line in best.values()), default=0.0)
-    least = max(alarm * scale, rules.WORTH * most)
+    least = max(alarm * scale, rules.REFIT_GAIN_SHARE * most)
     worth = sorted((line for line in best.values() if line.gain_chi2 > least), key=lambda line: -line.gain_chi2)
-    return worth[: rules.TRIED]
+    return worth[: rules.REFITTED_CANDIDATES]
 
 
 def bending(lines: list[Screened], listed: list[Screened]) -> list[Screened]:
-    """Those whose gain no linear column tells, half a believable size to start with."""
-    others = [line for line in lines if line.candidate.effect.bends and line not in listed]
-    return [replace(line, size=rules.BENDS_FROM) for line in others]
+    """Those whose gain no linear column tells, half a typical size to start with."""
+    others = [line for line in lines if line.candidate.effect.nonlinear_response and line not in listed]
+    return [replace(line, size=rules.NONLINEAR_START_SIZE) for line in others]
 
 
-def cut(fit: Fit, whole: Question, part: Question) -> Fit:
+def cut(fit: Fit, whole: FitProblem, part: FitProblem) -> Fit:
     """The fit as seen by the head of the logs: its misfit and columns, cut."""
     lengths = [log.n - whole.settle(i) for i, log in enumerate(part.logs)]
     misfit = [m[:, :n] for m, n in zip(fit.misfit, lengths, strict=True)]
@@ -70,17 +70,17 @@ def cut(fit: Fit, whole: Question, part: Question) -> Fit:
     return replace(fit, misfit=misfit, columns=columns, chi2=chi2, n=sum(m.size for m in misfit))
 
 
-def try_candidate(fit: Fit, candidate: Candidate, size: float, question: Question, steps: int) -> Fit | None:
+def try_candidate(fit: Fit, candidate: Candidate, size: float, problem: FitProblem, steps: int) -> Fit | None:
     """The fit with the candidate added at about this size and refined; None when no size of it simulates."""
     size = float(np.clip(size, -rules.START_SIZE, rules.START_SIZE)) or 0.1
     for shrink in (1.0, 0.3, 0.1, 0.03):
-        grown = with_candidate(fit, candidate, size * shrink, question)
+        grown = with_candidate(fit, candidate, size * shrink, problem)
         if np.isfinite(grown.chi2):
-            return refine(grown, question, steps=steps)
+            return refine(grown, problem, steps=steps)
     return None
 
 
-def advance(fit: Fit, candidates: list[Candidate], question: Question, tick: Tick, least_gain: float) -> Stage:
+def advance(fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Tick, least_gain: float) -> Stage:
     """Screen about the fit and refit the best rivals. An effect comes once.
 
     About a hypothesis that holds the next effect's column shows most of what it does: where no column promises half of
@@ -89,16 +89,16 @@ def advance(fit: Fit, candidates: list[Candidate], question: Question, tick: Tic
     there = {candidate.label for candidate in fit.candidates}
     candidates = [candidate for candidate in candidates if candidate.label not in there]
     if fit.columns is None:
-        fit = parameter_columns(fit, question)
-    lines = screen(fit, candidates, question, lambda n: tick("screening"))
+        fit = parameter_columns(fit, problem)
+    lines = screen(fit, candidates, problem, lambda n: tick("screening"))
     listed = shortlist(lines, scale_of(fit), rules.alarm(fit.n))
     promised = max((line.gain_chi2 for line in listed), default=0.0)
     if not listed or (fit.candidates and promised < 0.5 * least_gain * (fit.chi2 - fit.n)):
         return Stage(lines=lines, rivals=[])
     if not fit.candidates:
         listed = listed + bending(lines, listed)
-    head = question.head(rules.TRIAGE_S)
-    short = cut(fit, question, head)
+    head = problem.head(rules.TRIAGE_S)
+    short = cut(fit, problem, head)
     quick = []
     for line in listed:
         tick("refitting rivals")
@@ -113,14 +113,14 @@ def advance(fit: Fit, candidates: list[Candidate], question: Question, tick: Tic
         tick("refitting rivals")
         tried.append(refine(parameter_columns(rival, head), head, fresh=True))
     tried.sort(key=lambda rival: rival.chi2)
-    if head is question:
+    if head is problem:
         return Stage(lines=lines, rivals=ranked(tried))
     rivals = []
     for rival in tried:
         if rivals and rival.chi2 > rules.FINALIST_RATIO * tried[0].chi2:
             break
         tick("refitting rivals")
-        rivals.append(refine(start_fit_at(rival, question), question, fresh=True))
+        rivals.append(refine(start_fit_at(rival, problem), problem, fresh=True))
     return Stage(lines=lines, rivals=ranked(rivals))
 
 
@@ -133,7 +133,7 @@ def named_first(rivals: list[Fit]) -> list[Fit]:
     """Of a tie at the top, a physical cause before one that stands for any cause of its form."""
     for k, rival in enumerate(rivals):
         tie = information(rival) - information(rivals[0]) < rules.TIE_CHI2 * scale_of(rivals[0])
-        if tie and not rival.candidates[-1].effect.lumped:
+        if tie and not rival.candidates[-1].effect.generic:
             return [rival, *rivals[:k], *rivals[k + 1 :]]
     return rivals
 
@@ -146,7 +146,7 @@ def information(fit: Fit) -> float:
 def inert(fit: Fit) -> bool:
     """Does the last effect stand where it does nothing? Then what helped was another part of it."""
     size = fit.candidates[-1].effect.parameters[0]
-    return abs(to_coordinate(size, fit.values[-1][size.name])) < rules.INERT and bool(np.isinf(size.neutral))
+    return abs(to_coordinate(size, fit.values[-1][size.name])) < rules.NEGLIGIBLE_SHARE and bool(np.isinf(size.neutral))
 
 
 def noise_reached(fit: Fit) -> bool:
@@ -157,7 +157,7 @@ def noise_reached(fit: Fit) -> bool:
 def search(
     base: Fit,
     candidates: list[Candidate],
-    question: Question,
+    problem: FitProblem,
     tick: Tick = lambda step: None,
     done: Callable[[Fit], bool] = noise_reached,
     least_gain: float = rules.LEAST_GAIN,
@@ -165,7 +165,7 @@ def search(
     """From the refitted declared machine to at most rules.MOST_EFFECTS effects, or until nothing is left to explain."""
     found = Search(base=base, best=base)
     while True:
-        stage = advance(found.best, candidates, question, tick, least_gain)
+        stage = advance(found.best, candidates, problem, tick, least_gain)
         found.stages.append(stage)
         if not stage.rivals:
             return found

@@ -33,12 +33,12 @@ def _places(n_legs: int) -> dict[str, int]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Question:
+class FitProblem:
     """Logs that a model must answer, with the noise of their channels.
 
     `misfit` is what every fit and test is made of. feedback: 0 the declared position loop, 1 the logged volts held to
     the logged position (see `leg_simulation.run_leg`). driven: how far no simulation can know the answer, a log (n_channels, n)
-    in physical units, see `unknowable`.
+    in physical units, see `with_input_uncertainty`.
     """
 
     logs: tuple[MeasuredLog, ...]
@@ -50,8 +50,8 @@ class Question:
     def __post_init__(self) -> None:
         object.__setattr__(self, "measured", tuple(channel_arrays(log) for log in self.logs))
 
-    def head(self, duration_s: float) -> Question:
-        """The same question about the first seconds of each log; itself when no log is longer."""
+    def head(self, duration_s: float) -> FitProblem:
+        """The same problem about the first seconds of each log; itself when no log is longer."""
         if self.duration_s <= duration_s + 1e-6:
             return self
         logs = tuple(log.head(duration_s) for log in self.logs)
@@ -122,34 +122,34 @@ class Question:
         return [np.stack(results[i::k]) for i in range(k)]
 
 
-def unknowable(question: Question, machine: Machine) -> Question:
-    """The question with what no simulation can know: the answer's spread when what drives the model is off a little.
+def with_input_uncertainty(problem: FitProblem, machine: Machine) -> FitProblem:
+    """The problem with what no simulation can know: the answer's spread when what drives the model is off a little.
 
     A slow passage with falling friction makes any difference grow, a hundredfold at some machines: there a log says nothing
     about a model. The declared loop's setpoints are off by UNKNOWN_SHARE of the position's noise. Where logged volts drive
     the model, they are off by their resolution and the position by its noise.
     """
-    if question.feedback == 1 and any(log.volts is None for log in question.logs):
-        return question
-    bare = replace(question, driven=())
-    jobs = [(i, seed) for i in range(len(question.logs)) for seed in range(rules.UNKNOWN_SEEDS)]
-    plain = list(_threads().map(lambda i: bare.answer(machine, i), range(len(question.logs))))
+    if problem.feedback == 1 and any(log.volts is None for log in problem.logs):
+        return problem
+    bare = replace(problem, driven=())
+    jobs = [(i, seed) for i in range(len(problem.logs)) for seed in range(rules.UNKNOWN_SEEDS)]
+    plain = list(_threads().map(lambda i: bare.answer(machine, i), range(len(problem.logs))))
     spreads = list(_threads().map(lambda job: (_disturbed(bare, machine, *job) - plain[job[0]]) ** 2, jobs))
-    margin = rules.DRIVEN_MARGIN if question.feedback == 1 else 1.0
+    margin = rules.DRIVEN_MARGIN if problem.feedback == 1 else 1.0
     driven = []
-    for i, log in enumerate(question.logs):
+    for i, log in enumerate(problem.logs):
         own = [spread for (k, _), spread in zip(jobs, spreads, strict=True) if k == i]
         width = max(int(rules.UNKNOWN_WINDOW_S * log.rate), 1)
         mean = uniform_filter1d(np.nan_to_num(np.mean(own, axis=0)), width, axis=1, mode="nearest")
         driven.append(margin * np.sqrt(np.maximum(mean, 0.0)))
-    return replace(question, driven=tuple(driven))
+    return replace(problem, driven=tuple(driven))
 
 
-def _disturbed(question: Question, machine: Machine, i: int, seed: int) -> Array:
+def _disturbed(problem: FitProblem, machine: Machine, i: int, seed: int) -> Array:
     """The answer (n_channels, n) when what drives the model is off at random."""
-    log, rng = question.logs[i], np.random.default_rng(seed)
-    noise = question.noise["position_m"] * rng.standard_normal(log.position.shape)
-    if question.feedback == 0:
+    log, rng = problem.logs[i], np.random.default_rng(seed)
+    noise = problem.noise["position_m"] * rng.standard_normal(log.position.shape)
+    if problem.feedback == 0:
         assert log.setpoint is not None
         off = replace(log, setpoint=log.setpoint + rules.UNKNOWN_SHARE * noise)
     else:
@@ -159,7 +159,7 @@ def _disturbed(question: Question, machine: Machine, i: int, seed: int) -> Array
         half = 0.5 * float(np.quantile(steps, 0.1)) if len(steps) else 0.0
         rounding = np.repeat(rng.uniform(-half, half, (log.n_legs, log.n // ticks + 1)), ticks, axis=1)[:, : log.n]
         off = replace(log, volts=log.volts + rounding, position=log.position + noise)
-    return replace(question, logs=(off,)).answer(machine, 0)
+    return replace(problem, logs=(off,)).answer(machine, 0)
 
 
 @cache

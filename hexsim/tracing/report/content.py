@@ -15,7 +15,7 @@ from hexsim.tracing.fitting.parameters import to_value
 from hexsim.tracing.fitting.screening import Screened
 from hexsim.tracing.report.page import report_page
 from hexsim.tracing.result import TraceResult
-from hexsim.tracing.steps.residuals import Rest
+from hexsim.tracing.steps.residuals import UnexplainedResidual
 from hexsim.tracing.steps.verdict import NamedEffect
 from hexsim.tracing.steps.violations import Violation
 
@@ -40,7 +40,7 @@ def report_of(result: TraceResult) -> dict[str, Any]:
             for log, channels in result.error.items()
         },
         "findings": {
-            name: [{"severity": f.severity, "channel": f.channel, "says": f.says} for f in findings]
+            name: [{"severity": f.severity, "channel": f.channel, "description": f.description} for f in findings]
             for name, findings in result.findings.items()
         },
         "separating_experiments": result.experiments,
@@ -82,11 +82,11 @@ def effect_entry(effect: NamedEffect) -> dict[str, Any]:
             "dBIC": finite(effect.d_bic),
             "held_out_gain": [finite(gain) for gain in effect.held_out],
         },
-        "says": candidate.effect.says,
+        "description": candidate.effect.description,
     }
 
 
-def rest_entry(rest: Rest) -> dict[str, Any]:
+def rest_entry(rest: UnexplainedResidual) -> dict[str, Any]:
     found = rest.dependence
     return {
         "balance": rest.balance,
@@ -123,7 +123,7 @@ def detectable(lines: list[Screened], alarm: float) -> dict[str, Any]:
             "explained_by_parameters": finite(line.explained_by_others),
         }
         if math.isinf(size.neutral):
-            found[effect.name]["says"] = "seen where the value is below this"
+            found[effect.name]["description"] = "seen where the value is below this"
         if effect.shown_by:
             found[effect.name]["shown_by"] = effect.shown_by
     return dict(sorted(found.items()))

@@ -93,8 +93,8 @@ def worst_channels(result: TraceResult, log: str) -> list[str]:
 
 def shown_part(result: TraceResult) -> slice:
     """Samples of the first held-out run that are drawn over time."""
-    log = result.validate_question.logs[0]
-    start = min(result.validate_question.settle(0) + int(2.0 * log.rate), log.n // 2)
+    log = result.validate_problem.logs[0]
+    start = min(result.validate_problem.settle(0) + int(2.0 * log.rate), log.n // 2)
     return slice(start, min(start + int(SPAN_S * log.rate), log.n))
 
 
@@ -107,18 +107,18 @@ def model_lines(result: TraceResult) -> list[Line2D]:
 @styled
 def comparison(result: TraceResult) -> bytes:
     """Measured against simulated on the first held-out run: signals left, what is left of them right."""
-    question, part = result.validate_question, shown_part(result)
-    log, channels = question.logs[0], worst_channels(result, question.logs[0].name)
+    problem, part = result.validate_problem, shown_part(result)
+    log, channels = problem.logs[0], worst_channels(result, problem.logs[0].name)
     time = log.time[part]
     answers = {
-        name: dict(zip(question.channels(0), question.answer(m, 0), strict=True))
+        name: dict(zip(problem.channels(0), problem.answer(m, 0), strict=True))
         for name, m in machines_of(result).items()
     }
     figure = Figure(figsize=(WIDTH_IN, 0.5 + 1.9 * len(channels)), layout="constrained")
     axes = figure.subplots(len(channels), 2, squeeze=False, sharex=True)
     for (left, right), channel in zip(axes, channels, strict=True):
         name, scale, unit, rest_scale, rest_unit = SCALE[kind_of(channel)]
-        measured = question.measured[0][channel]
+        measured = problem.measured[0][channel]
         whole = scale * banded(channel, log.time, measured)[part]
         left.plot(time, whole, color=MEASURED, lw=MEASURED_WIDTH)
         noise = rest_scale * result.error[log.name][channel]["noise"]
@@ -159,7 +159,7 @@ def explained_by(result: TraceResult, line: Violation) -> Explained:
     known = [r for r in result.unexplained if (r.violation.name, r.violation.where) == (line.name, line.where)]
     if not line.violated and not known:
         return Explained(signal=USUAL.get(line.name, "velocity_m_s"), form="plain")
-    logs = result.fit_question.logs
+    logs = result.fit_problem.logs
     rest = known[0] if known else rest_of(balance_named(line.name, logs[0]), line, logs)
     found = rest.dependence
     if found.r2_cv < LEAST_R2:
@@ -187,8 +187,8 @@ def unit_of(line: Violation) -> str:
 
 def residual_points(result: TraceResult, line: Violation, machine: Machine, signal: str) -> tuple[Array, Array, Array]:
     """(signal, residual, velocity) of a balance over the fit runs."""
-    balance, found = balance_named(line.name, result.fit_question.logs[0]), []
-    for log in result.fit_question.logs:
+    balance, found = balance_named(line.name, result.fit_problem.logs[0]), []
+    for log in result.fit_problem.logs:
         own, v = signals_of(log, machine, line.where)
         keep = slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
         found.append((own[signal], balance.residual(log, machine)[line.place, keep], v))
@@ -240,7 +240,7 @@ def draw_residual(plot: Axes, result: TraceResult, line: Violation, machine: Mac
         plot.axhspan(-limit / one, limit / one, color=color, zorder=0)
     if by.frequency_Hz:
         x, words, scale, x_unit = (x * by.frequency_Hz) % 1.0, f"phase of {by.frequency_Hz:.2f} Hz", 360.0, "deg"
-        first = len(x) // len(result.fit_question.logs)
+        first = len(x) // len(result.fit_problem.logs)
         x, r, v = x[:first], r[:first], v[:first]  # another run has another phase
     thin = slice(None, None, max(1, len(x) // MOST_POINTS))
     for own, (pale, _) in zip((v > 0, v <= 0), DIRECTIONS.values(), strict=True):
@@ -277,21 +277,21 @@ def fitted_curves(form: str, x: Array, r: Array, v: Array) -> list[tuple[str, Ar
 @styled
 def spectra(result: TraceResult) -> bytes:
     """Spectra of what is left on the first held-out run, and the sensors' noise."""
-    question, log = result.validate_question, result.validate_question.logs[0]
+    problem, log = result.validate_problem, result.validate_problem.logs[0]
     channels = worst_channels(result, log.name)
     rows = (len(channels) + 1) // 2
     figure = Figure(figsize=(WIDTH_IN, 0.5 + 2.2 * rows), layout="constrained")
     axes = figure.subplots(rows, 2, squeeze=False).ravel()
     for name, machine in machines_of(result).items():
-        answer = dict(zip(question.channels(0), question.answer(machine, 0), strict=True))
+        answer = dict(zip(problem.channels(0), problem.answer(machine, 0), strict=True))
         for plot, channel in zip(axes, channels, strict=False):
-            rest = (question.measured[0][channel] - answer[channel])[question.settle(0) :]
+            rest = (problem.measured[0][channel] - answer[channel])[problem.settle(0) :]
             if np.all(np.isfinite(rest)):
                 f, power = density(rest, log.rate)
                 plot.loglog(f, SCALE[kind_of(channel)][3] * np.sqrt(power), color=COLOURS[name], lw=1.3)
     for plot, channel in zip(axes, channels, strict=False):
         scale, unit = SCALE[kind_of(channel)][3:]
-        noise = scale * question.noise[kind_of(channel)] / np.sqrt(log.rate / 2)
+        noise = scale * problem.noise[kind_of(channel)] / np.sqrt(log.rate / 2)
         plot.axhline(noise, color=palette.INK, lw=1.0, ls=":")
         low, high = plot.get_ylim()
         plot.set_ylim(min(low, noise / 4), max(high, noise * 4))  # a decade at least
@@ -322,14 +322,14 @@ def density(x: Array, rate: float) -> tuple[Array, Array]:
 @styled
 def portraits(result: TraceResult) -> bytes:
     """Phase portraits of the first held-out run: velocity over position, pressure over velocity, velocity over volts."""
-    question, log, models = result.validate_question, result.validate_question.logs[0], machines_of(result)
+    problem, log, models = result.validate_problem, result.validate_problem.logs[0], machines_of(result)
     leg = portrait_leg(result)
     part = shown_part(result)
     shown = slice(part.start // THIN, part.stop // THIN)
     pairs = [("position_m", "velocity_m_s"), ("velocity_m_s", "pressure_bottom_Pa"), ("valve_V", "velocity_m_s")]
     measured, _ = signals_of(log, result.machine, leg)
     pairs = [pair for pair in pairs if all(name in measured for name in pair)]
-    drawn = {name: signals_of(question.simulated(m, 0), result.machine, leg)[0] for name, m in models.items()}
+    drawn = {name: signals_of(problem.simulated(m, 0), result.machine, leg)[0] for name, m in models.items()}
     figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
     for plot, pair in zip(figure.subplots(1, len(pairs), squeeze=False)[0], pairs, strict=True):
         (x_name, x_scale, x_unit), (y_name, y_scale, y_unit) = (SIGNALS[name] for name in pair)

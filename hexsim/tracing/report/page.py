@@ -52,7 +52,7 @@ FORMS = {
 
 def report_page(result: TraceResult) -> str:
     """The whole page."""
-    report, run = result.report, result.validate_question.logs[0].name
+    report, run = result.report, result.validate_problem.logs[0].name
     leg = figures.portrait_leg(result).capitalize() if result.machine.is_hexapod else "The leg"
     makers = {
         "comparison": figures.comparison,
@@ -78,7 +78,7 @@ def report_page(result: TraceResult) -> str:
         parameters=parameter_rows(report),
         findings=[(name, f) for name, found in report["findings"].items() for f in found],
         experiments=report["separating_experiments"],
-        runs=tuple(", ".join(log.name for log in q.logs) for q in (result.fit_question, result.validate_question)),
+        runs=tuple(", ".join(log.name for log in q.logs) for q in (result.fit_problem, result.validate_problem)),
         pictures={
             name: (data_url(make(result)), CAPTIONS[name].format(run=run, leg=leg)) for name, make in makers.items()
         },
@@ -174,11 +174,11 @@ def effect_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
             (split_key(key)[0], with_error(value, errors.get(key), units[key]))
             for key, value in effect["parameters"].items()
         ]
-        title, says = effect["name"].replace("_", " "), effect["says"]
+        title, description = effect["name"].replace("_", " "), effect["description"]
         if not title:
-            title, says = "learned curve", f"over the {SIGNALS[effect['curve']['signal']][0]}, of unknown cause"
+            title, description = "learned curve", f"over the {SIGNALS[effect['curve']['signal']][0]}, of unknown cause"
         tied = [name.replace("_", " ") for name in effect["tied_with"]]
-        rows.append(effect | {"values": values, "title": title, "says": says, "ties": tied})
+        rows.append(effect | {"values": values, "title": title, "description": description, "ties": tied})
     return rows
 
 
@@ -186,9 +186,9 @@ def rest_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for rest in report["unexplained"]:
         signal = SIGNALS.get(rest["depends_on"], (rest["depends_on"],))[0]
-        says = FORMS.get(rest["form"], "").format(signal)
+        description = FORMS.get(rest["form"], "").format(signal)
         if rest["frequency_Hz"]:
-            says = f"a line at {rest['frequency_Hz']:.2f} Hz that no input has"
+            description = f"a line at {rest['frequency_Hz']:.2f} Hz that no input has"
         others = sorted(
             (
                 (SIGNALS[name][0], r2)
@@ -197,7 +197,7 @@ def rest_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
             ),
             key=lambda entry: -entry[1],
         )
-        rows.append(rest | {"says": says, "place": place_words(rest["where"]), "others": others[:4]})
+        rows.append(rest | {"description": description, "place": place_words(rest["where"]), "others": others[:4]})
     return rows
 
 
@@ -228,7 +228,7 @@ def balance_rows(result: TraceResult) -> list[dict[str, Any]]:
     return [
         {
             "name": line.name,
-            "says": BALANCES.get(line.name, ""),
+            "description": BALANCES.get(line.name, ""),
             "where": figures.place_words(line),
             "size": quantity(line.rms, figures.unit_of(line)),
             "times": line.violation,
@@ -243,7 +243,7 @@ def balance_rows(result: TraceResult) -> list[dict[str, Any]]:
 def detectable_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [
         d | {"name": name.replace("_", " "), "size": quantity(d["theta_min"], d["unit"]),
-             "note": d.get("says") or (f"shown by {d['shown_by']}" if d.get("shown_by") else "")}
+             "note": d.get("description") or (f"shown by {d['shown_by']}" if d.get("shown_by") else "")}
         for name, d in report["detectable"].items()
     ]  # fmt: skip
 

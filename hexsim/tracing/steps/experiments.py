@@ -22,7 +22,7 @@ from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.signals.log import MeasuredLog
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit
-from hexsim.tracing.problems.simulated import Question
+from hexsim.tracing.problems.simulated import FitProblem
 from hexsim.tracing.simulation.hexapod_simulator import kinematics_of
 
 Array = np.ndarray
@@ -79,7 +79,7 @@ def scenario_tables(machine: Machine, signal: dict[str, Any]) -> dict[str, Any]:
 
 
 def setpoint_log(machine: Machine, tables: dict[str, Any]) -> MeasuredLog:
-    """An empty log with the scenario's setpoints, as a question for the simulation."""
+    """An empty log with the scenario's setpoints, as a problem for the simulation."""
     scenario = scenario_from_dict(tables)
     time = np.arange(int(scenario.duration_s * RATE_Hz)) / RATE_Hz
     every = max(round(RATE_Hz / machine.controller.rate_Hz), 1)
@@ -107,9 +107,9 @@ def setpoint_log(machine: Machine, tables: dict[str, Any]) -> MeasuredLog:
 
 def separation(first: Machine, second: Machine, noise: dict[str, float], tables: dict[str, Any]) -> float:
     """chi2 between the answers of two machines to a scenario."""
-    question = Question(logs=(setpoint_log(first, tables),), noise=noise)
+    problem = FitProblem(logs=(setpoint_log(first, tables),), noise=noise)
     changes = tables.get("machine", {})
-    misfit = question.misfit([changed(machine, changes) if changes else machine for machine in (first, second)])[0]
+    misfit = problem.misfit([changed(machine, changes) if changes else machine for machine in (first, second)])[0]
     chi2 = float(np.sum((misfit[0] - misfit[1]) ** 2))
     return chi2 if np.isfinite(chi2) else 0.0
 
@@ -128,5 +128,5 @@ def experiment_for(first: Fit, second: Fit, names: tuple[str, str], noise: dict[
     tables = dict(best[1])
     tables["name"] = f"separate-{names[0]}-from-{names[1]}".replace("_", "-").replace(" ", "-")
     load = " with a heavier load" if "machine" in tables else ""
-    tables["says"] = f"motion{load} in which {names[0]} and {names[1]} differ most (chi2 {best[0]:.0f})"
+    tables["description"] = f"motion{load} in which {names[0]} and {names[1]} differ most (chi2 {best[0]:.0f})"
     return Experiment(effects=names, separation=best[0], tables=tables)

@@ -7,7 +7,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.signals.channels import kind_of
 from hexsim.smoothness import band_limit
-from hexsim.tracing.problems.simulated import Question
+from hexsim.tracing.problems.simulated import FitProblem
 
 Array = np.ndarray
 
@@ -17,12 +17,12 @@ def banded(channel: str, time: Array, signal: Array) -> Array:
     return band_limit(time, signal) if "acceleration" in channel else signal
 
 
-def channel_errors(question: Question, i: int, machine: Machine) -> dict[str, float]:
+def channel_errors(problem: FitProblem, i: int, machine: Machine) -> dict[str, float]:
     """rms of measured - simulated of log i after the settling time, by channel; inf after a divergence."""
-    answer, start = question.answer(machine, i), question.settle(i)
-    time = question.logs[i].time
+    answer, start = problem.answer(machine, i), problem.settle(i)
+    time = problem.logs[i].time
     errors = {}
-    for row, (name, measured) in zip(answer, question.measured[i].items(), strict=True):
+    for row, (name, measured) in zip(answer, problem.measured[i].items(), strict=True):
         difference = measured - row
         if not np.all(np.isfinite(difference)):
             errors[name] = float("inf")
@@ -31,29 +31,29 @@ def channel_errors(question: Question, i: int, machine: Machine) -> dict[str, fl
     return errors
 
 
-def noise_floor(question: Question, i: int) -> dict[str, float]:
+def noise_floor(problem: FitProblem, i: int) -> dict[str, float]:
     """rms of the sensors' noise alone, through the same band."""
-    rng, log = np.random.default_rng(0), question.logs[i]
+    rng, log = np.random.default_rng(0), problem.logs[i]
     floor = {}
-    for name in question.channels(i):
-        noise = question.noise[kind_of(name)] * rng.standard_normal(log.n)
-        floor[name] = float(np.sqrt(np.mean(banded(name, log.time, noise)[question.settle(i) :] ** 2)))
+    for name in problem.channels(i):
+        noise = problem.noise[kind_of(name)] * rng.standard_normal(log.n)
+        floor[name] = float(np.sqrt(np.mean(banded(name, log.time, noise)[problem.settle(i) :] ** 2)))
     return floor
 
 
 def error_table(
-    question: Question, declared: Machine, refit: Machine, fitted: Machine
+    problem: FitProblem, declared: Machine, refit: Machine, fitted: Machine
 ) -> dict[str, dict[str, dict[str, float]]]:
     """The report's `error`: log -> channel -> declared, refit, with_effect, noise."""
     table = {}
-    for i, log in enumerate(question.logs):
+    for i, log in enumerate(problem.logs):
         columns = {
-            "declared": channel_errors(question, i, declared),
-            "refit": channel_errors(question, i, refit),
-            "with_effect": channel_errors(question, i, fitted),
-            "noise": noise_floor(question, i),
+            "declared": channel_errors(problem, i, declared),
+            "refit": channel_errors(problem, i, refit),
+            "with_effect": channel_errors(problem, i, fitted),
+            "noise": noise_floor(problem, i),
         }
         table[log.name] = {
-            name: {kind: column[name] for kind, column in columns.items()} for name in question.channels(i)
+            name: {kind: column[name] for kind, column in columns.items()} for name in problem.channels(i)
         }
     return table

@@ -18,14 +18,14 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.parameters import Prior
 from hexsim.tracing.fitting.selection import scale_of
-from hexsim.tracing.problems.simulated import Question
-from hexsim.tracing.steps.residuals import Rest
+from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.steps.residuals import UnexplainedResidual
 
 Array = np.ndarray
 JOINED = {"continuity": "continuity", "valve": "continuity", "force": "force"}  # balance of the rest -> of the term
 
 
-def curve_table(rest: Rest) -> dict[str, Any] | None:
+def curve_table(rest: UnexplainedResidual) -> dict[str, Any] | None:
     """The [effects.learned_term] table of a rest, or None when it is no plain curve over a signal that a leg knows."""
     found = rest.dependence
     able = found.form == "plain" and found.signal in SIGNALS and rest.balance in JOINED
@@ -49,14 +49,19 @@ def curve_table(rest: Rest) -> dict[str, Any] | None:
 
 
 def learned_fit(
-    rest: Rest, machine: Machine, known: tuple[Prior, ...], base: Fit, question: Question, held_out: Question
+    rest: UnexplainedResidual,
+    machine: Machine,
+    known: tuple[Prior, ...],
+    base: Fit,
+    problem: FitProblem,
+    held_out: FitProblem,
 ) -> tuple[Fit, dict[str, Any]] | None:
     """The machine with the term, refitted, and its entry in the report; None when it does not hold up."""
     table = curve_table(rest)
     if table is None or "learned_term" in machine.effects:
         return None
     grown = changed(machine, {"effects": {**machine.effects, "learned_term": table}})
-    fit = refine(start_fit(grown, known, question), question, fresh=True, relative=rules.BASE_TOLERANCE)
+    fit = refine(start_fit(grown, known, problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)
     before, after = (q.misfit([f.fitted_machine()]) for q, f in ((held_out, base), (held_out, fit)))
     gains = [float(np.sum(b[0] ** 2) - np.sum(a[0] ** 2)) for b, a in zip(before, after, strict=True)]
     helps = base.chi2 - fit.chi2 > rules.alarm(fit.n) * scale_of(fit)
@@ -73,9 +78,9 @@ def learned_fit(
         "curve": table["curve"] | {"standard_error": [float(x) for x in rest.dependence.curve_sd]},
         "evidence": {
             "block_cv_gain": rest.dependence.r2_cv,
-            "blocks": len(question.logs) * question.blocks(0),
+            "blocks": len(problem.logs) * problem.blocks(0),
             "dBIC": float(fit.chi2 - base.chi2 + LEARNED_KNOTS * np.log(fit.n)),
             "held_out_gain": gains,
         },
-        "says": f"a measured curve over {rest.dependence.signal}, of unknown cause",
+        "description": f"a measured curve over {rest.dependence.signal}, of unknown cause",
     }

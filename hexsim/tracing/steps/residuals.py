@@ -21,7 +21,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
 from hexsim.tracing.balances.null import END_S
-from hexsim.tracing.problems.simulated import Question
+from hexsim.tracing.problems.simulated import FitProblem
 from hexsim.tracing.steps.dependence import Dependence, dependence_of
 from hexsim.tracing.steps.verdict import NamedEffect
 from hexsim.tracing.steps.violations import Violation, balance_named
@@ -49,7 +49,7 @@ PLAY_NOISE = (7.0, 28.0)  # half widths of play in the position, in units of its
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rest:
+class UnexplainedResidual:
     """A balance that stays violated: its residual and what it depends on."""
 
     violation: Violation
@@ -115,7 +115,7 @@ def distortions(
     }
 
 
-def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog]) -> Rest:
+def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog]) -> UnexplainedResidual:
     """Dependence of what a balance leaves after its own fit."""
     machine, place = violation.machine, violation.place
     residuals, signals, velocities = [], [], []
@@ -133,7 +133,7 @@ def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog])
     name = violation.name
     if name == "continuity" and found.signal == "valve_V":
         name = "valve"
-    return Rest(
+    return UnexplainedResidual(
         violation=violation,
         balance=name,
         dependence=found,
@@ -142,7 +142,7 @@ def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog])
     )
 
 
-def what_is_left(lines: Sequence[Violation], question: Question) -> list[Rest]:
+def unexplained_residuals(lines: Sequence[Violation], problem: FitProblem) -> list[UnexplainedResidual]:
     """The violated balances with their dependence, the worst first; the worst of all when none is above its null."""
 
     def rank(line: Violation) -> float:
@@ -153,15 +153,17 @@ def what_is_left(lines: Sequence[Violation], question: Question) -> list[Rest]:
     chosen = [line for line in worst if line.violated] or worst[:1]
     rests, seen = [], set()
     for line in chosen:
-        balance = balance_named(line.name, question.logs[0])
+        balance = balance_named(line.name, problem.logs[0])
         if (line.name, line.where.split()[0]) in seen and line.name == "platform":
             continue
         seen.add((line.name, line.where.split()[0]))
-        rests.append(rest_of(balance, line, question.logs))
+        rests.append(rest_of(balance, line, problem.logs))
     return rests
 
 
-def attributed(lines: list[Violation], named: Sequence[NamedEffect], rests: Sequence[Rest]) -> list[Violation]:
+def attributed(
+    lines: list[Violation], named: Sequence[NamedEffect], rests: Sequence[UnexplainedResidual]
+) -> list[Violation]:
     """The continuity of a leg also as its valve balance: r_Q is the valve's when what explains it is the valve's."""
     out = []
     for line in lines:

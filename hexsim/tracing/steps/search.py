@@ -23,8 +23,8 @@ from hexsim.tracing.balances.null import used
 from hexsim.tracing.fitting.fit import Fit, parameter_columns, refine, start_fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, Prior
 from hexsim.tracing.fitting.selection import Search, Tick, information, named_first, search
-from hexsim.tracing.problems.simulated import Question, unknowable
-from hexsim.tracing.steps.verdict import at_floor
+from hexsim.tracing.problems.simulated import FitProblem, with_input_uncertainty
+from hexsim.tracing.steps.verdict import residual_at_noise_level
 from hexsim.tracing.steps.violations import Violation, balance_named
 
 Array = np.ndarray
@@ -32,7 +32,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointQuestion:
-    """All balances of all logs as one question for `refit`, `screening` and `search`."""
+    """All balances of all logs as one problem for `refit`, `screening` and `search`."""
 
     logs: tuple[MeasuredLog, ...]
     parts: tuple[tuple[Balance, Array], ...]  # a balance and the scale of its rows
@@ -69,27 +69,27 @@ class JointQuestion:
         return [np.stack([self._misfit(machine, i) for machine in machines]) for i in range(len(self.logs))]
 
 
-def joint_question(question: Question, lines: Sequence[Violation], machine: Machine) -> JointQuestion:
+def joint_problem(problem: FitProblem, lines: Sequence[Violation], machine: Machine) -> JointQuestion:
     """machine: what the noise-free simulation runs on."""
-    log = question.logs[0]
+    log = problem.logs[0]
     names = list(dict.fromkeys(line.name for line in lines))
     names = [name for name in names if not (name == "force" and log.n_legs > 1)]  # the platform has the same, once
     balances = [balance_named(name, log) for name in names]
     scales = [next(line.all_sigma for line in lines if line.name == name) for name in names]
     clean = []
-    for i in range(len(question.logs)):
-        quiet = question.simulated(machine, i)
+    for i in range(len(problem.logs)):
+        quiet = problem.simulated(machine, i)
         own = [np.nan_to_num(used(quiet, balance.residual(quiet, machine))) for balance in balances]
         clean.append(tuple(own))
-    return JointQuestion(logs=question.logs, parts=tuple(zip(balances, scales, strict=True)), clean=tuple(clean))
+    return JointQuestion(logs=problem.logs, parts=tuple(zip(balances, scales, strict=True)), clean=tuple(clean))
 
 
 def balance_search(
-    machine: Machine, priors: tuple[Prior, ...], candidates: list[Candidate], question: JointQuestion
+    machine: Machine, priors: tuple[Prior, ...], candidates: list[Candidate], problem: JointQuestion
 ) -> Search:
     """Forward selection on the balances."""
-    base = refine(start_fit(machine, priors, question), question, fresh=True, relative=1e-3)
-    return search(parameter_columns(base, question), candidates, question, done=restored)
+    base = refine(start_fit(machine, priors, problem), problem, fresh=True, relative=1e-3)
+    return search(parameter_columns(base, problem), candidates, problem, done=restored)
 
 
 def restored(fit: Fit) -> bool:
@@ -110,19 +110,19 @@ def contenders(found: Search) -> list[Fit]:
     return fewer + sorted(rivals, key=information)[: rules.CONTENDERS]
 
 
-def simulated_rivals(found: Search, question: Question, tick: Tick = lambda step: None) -> list[Fit]:
+def simulated_rivals(found: Search, problem: FitProblem, tick: Tick = lambda step: None) -> list[Fit]:
     """The contenders of a search refitted by simulation, the best first; more effects only while fewer do not suffice."""
     rivals: list[Fit] = []
     for rival in contenders(found):
-        if any(at_floor(r.misfit) for r in rivals if len(r.candidates) < len(rival.candidates)):
+        if any(residual_at_noise_level(r.misfit) for r in rivals if len(r.candidates) < len(rival.candidates)):
             break
         tick(f"simulating {' and '.join(c.label for c in rival.candidates)}")
-        fitted = simulated_fit(rival, question)
+        fitted = simulated_fit(rival, problem)
         rivals += [] if fitted is None else [fitted]
     return named_first(sorted(rivals, key=information))
 
 
-def simulated_fit(rival: Fit, question: Question) -> Fit | None:
+def simulated_fit(rival: Fit, problem: FitProblem) -> Fit | None:
     """A hypothesis of the balances refitted by simulation; None when it does not simulate or cannot reach the noise.
 
     What leaves too much of the opening seconds, fitted to them alone, leaves too much of the whole. The whole is then
@@ -130,25 +130,25 @@ def simulated_fit(rival: Fit, question: Question) -> Fit | None:
     that comes near is judged by what no simulation can know about itself, not about the declared machine: a delay or more
     static friction makes the same disturbances move the machine further.
     """
-    head = question.head(rules.TRIAGE_S)
-    share = head.duration_s / question.duration_s
+    head = problem.head(rules.TRIAGE_S)
+    share = head.duration_s / problem.duration_s
     start = start_fit_at(rival, head)
     if not np.isfinite(start.chi2):
         return None
     opening = refine(start, head, fresh=True)
-    if not at_floor(opening.misfit, share):
+    if not residual_at_noise_level(opening.misfit, share):
         if opening.reduced > rules.NEAR_FLOOR:
             return None
-        own = unknowable(head, opening.fitted_machine())
+        own = with_input_uncertainty(head, opening.fitted_machine())
         opening = refine(start_fit_at(opening, own), own, fresh=True)
-        if not at_floor(opening.misfit, share):
+        if not residual_at_noise_level(opening.misfit, share):
             return None
-        whole = fitted_from((opening, rival), unknowable(question, opening.fitted_machine()))
-        return None if whole is None else start_fit_at(whole, question)
-    return fitted_from((opening, rival), question)
+        whole = fitted_from((opening, rival), with_input_uncertainty(problem, opening.fitted_machine()))
+        return None if whole is None else start_fit_at(whole, problem)
+    return fitted_from((opening, rival), problem)
 
 
-def fitted_from(fits: Sequence[Fit], question: Question) -> Fit | None:
+def fitted_from(fits: Sequence[Fit], problem: FitProblem) -> Fit | None:
     """The hypothesis refitted from the nearest of several fits of it; None when it does not simulate."""
-    start = min((start_fit_at(fit, question) for fit in fits), key=lambda fit: fit.chi2)
-    return refine(start, question, fresh=True) if np.isfinite(start.chi2) else None
+    start = min((start_fit_at(fit, problem) for fit in fits), key=lambda fit: fit.chi2)
+    return refine(start, problem, fresh=True) if np.isfinite(start.chi2) else None

@@ -12,7 +12,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate
 from hexsim.tracing.fitting.selection import Search, scale_of
-from hexsim.tracing.problems.simulated import Question, unknowable
+from hexsim.tracing.problems.simulated import FitProblem, with_input_uncertainty
 
 Array = np.ndarray
 Verdict = Literal["explained", "partly", "unexplained", "nothing missing"]
@@ -34,10 +34,10 @@ class NamedEffect:
     single_leg: bool = False
 
 
-def at_floor(misfit: Sequence[Array], share: float = 1.0) -> bool:
+def residual_at_noise_level(misfit: Sequence[Array], share: float = 1.0) -> bool:
     """Nothing but noise is left: every channel and its means over 25 and 400 samples (the latter loosely).
 
-    share: of the run that the misfit is of; then the question is whether the whole run can still be at the noise, the
+    share: of the run that the misfit is of; then the problem is whether the whole run can still be at the noise, the
     rest of it being no better than noise.
     """
     for m in misfit:
@@ -49,68 +49,72 @@ def at_floor(misfit: Sequence[Array], share: float = 1.0) -> bool:
     return True
 
 
-def pruned(fit: Fit, question: Question) -> Fit:
+def pruned(fit: Fit, problem: FitProblem) -> Fit:
     """Without the effects that the others make superfluous."""
     for k in range(len(fit.candidates) - 1, -1, -1):
-        if len(fit.candidates) < 2 or not at_floor(fit.misfit):
+        if len(fit.candidates) < 2 or not residual_at_noise_level(fit.misfit):
             break
         candidates, values = fit.candidates[:k] + fit.candidates[k + 1 :], fit.values[:k] + fit.values[k + 1 :]
-        less = start_fit_at(replace(fit, candidates=candidates, values=values), question)
-        less = refine(less, question, fresh=True)
+        less = start_fit_at(replace(fit, candidates=candidates, values=values), problem)
+        less = refine(less, problem, fresh=True)
         if less.chi2 - fit.chi2 < rules.alarm(fit.n) * scale_of(fit):
             fit = less
     return fit
 
 
-def base_beside(fit: Fit, base: Fit, question: Question) -> Fit:
+def refit_without_effects(fit: Fit, base: Fit, problem: FitProblem) -> Fit:
     """The declared machine refitted again from the parameters of a hypothesis: is its effect needed at all?
 
     A refit may stand still on its way; then an effect that does nothing looks as if it had helped.
     """
     if not fit.candidates:
         return base
-    bare = start_fit_at(replace(fit, candidates=(), values=()), question)
-    again = refine(bare, question, fresh=True, relative=rules.BASE_TOLERANCE)
+    bare = start_fit_at(replace(fit, candidates=(), values=()), problem)
+    again = refine(bare, problem, fresh=True, relative=rules.BASE_TOLERANCE)
     return again if again.chi2 < base.chi2 else base
 
 
-def held_out_gains(fit: Fit, base: Fit, question: Question) -> list[float]:
+def held_out_gains(fit: Fit, base: Fit, problem: FitProblem) -> list[float]:
     """Fall of chi2 by the effects in each held-out run."""
-    before = question.misfit([base.fitted_machine()])
-    after = question.misfit([fit.fitted_machine()])
+    before = problem.misfit([base.fitted_machine()])
+    after = problem.misfit([fit.fitted_machine()])
     return [float(np.sum(b[0] ** 2) - np.sum(a[0] ** 2)) for a, b in zip(after, before, strict=True)]
 
 
-def seen_from_itself(
-    final: Fit, base: Fit, question: Question, held_out: Question
-) -> tuple[Fit, Fit, Question, Question]:
+def refit_with_own_input_uncertainty(
+    final: Fit, base: Fit, problem: FitProblem, held_out: FitProblem
+) -> tuple[Fit, Fit, FitProblem, FitProblem]:
     """A hypothesis near the noise judged by what no simulation can know about itself, if that brings it there.
 
     A delay or more static friction makes the same disturbances move the machine further than they move the declared one.
     """
-    if not final.candidates or at_floor(final.misfit) or final.reduced > rules.NEAR_FLOOR:
-        return final, base, question, held_out
-    own, own_held_out = (unknowable(q, final.fitted_machine()) for q in (question, held_out))
+    if not final.candidates or residual_at_noise_level(final.misfit) or final.reduced > rules.NEAR_FLOOR:
+        return final, base, problem, held_out
+    own, own_held_out = (with_input_uncertainty(q, final.fitted_machine()) for q in (problem, held_out))
     fit = pruned(refine(start_fit_at(final, own), own, fresh=True), own)
-    if not at_floor(fit.misfit):
-        return final, base, question, held_out
+    if not residual_at_noise_level(fit.misfit):
+        return final, base, problem, held_out
     return fit, refine(start_fit_at(base, own), own, fresh=True, relative=rules.BASE_TOLERANCE), own, own_held_out
 
 
-def judged(base: Fit, final: Fit, question: Question, held_out: Question) -> tuple[Verdict, Fit]:
+def judged(base: Fit, final: Fit, problem: FitProblem, held_out: FitProblem) -> tuple[Verdict, Fit]:
     """Verdict on the last hypothesis: its rest is noise in the fit runs, and it helps in every held-out run."""
     if not final.candidates:
-        return ("nothing missing", base) if at_floor(base.misfit) else ("unexplained", base)
-    if at_floor(base.misfit) and base.chi2 - final.chi2 < rules.alarm(final.n) * scale_of(final):
+        return ("nothing missing", base) if residual_at_noise_level(base.misfit) else ("unexplained", base)
+    if residual_at_noise_level(base.misfit) and base.chi2 - final.chi2 < rules.alarm(final.n) * scale_of(final):
         return "nothing missing", base
     helps = base.chi2 - final.chi2 > rules.alarm(final.n) * scale_of(final)
-    if helps and at_floor(final.misfit) and all(gain > 0 for gain in held_out_gains(final, base, held_out)):
+    if (
+        helps
+        and residual_at_noise_level(final.misfit)
+        and all(gain > 0 for gain in held_out_gains(final, base, held_out))
+    ):
         return "explained", final
-    return ("nothing missing" if at_floor(base.misfit) else "unexplained"), base
+    return ("nothing missing" if residual_at_noise_level(base.misfit) else "unexplained"), base
 
 
 def name_effects(
-    found: Search, base: Fit, final: Fit, ties: Sequence[dict[str, Fit]], held_out: Question
+    found: Search, base: Fit, final: Fit, ties: Sequence[dict[str, Fit]], held_out: FitProblem
 ) -> list[NamedEffect]:
     """Every effect of an explained hypothesis with its evidence."""
     if not ties:

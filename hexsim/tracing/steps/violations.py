@@ -23,14 +23,14 @@ from hexsim.tracing.balances import BALANCES, Balance
 from hexsim.tracing.balances.null import null_rms, used
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.parameters import Prior, priors, with_settings
-from hexsim.tracing.problems.simulated import Question
+from hexsim.tracing.problems.simulated import FitProblem
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BalanceQuestion:
-    """Rows of a balance as a question for `refit` and `screening`: the residual over its noise, thinned."""
+    """Rows of a balance as a problem for `refit` and `screening`: the residual over its noise, thinned."""
 
     balance: Balance
     rows: tuple[int, ...]
@@ -103,19 +103,19 @@ def balance_named(name: str, log: MeasuredLog) -> Balance:
     return next(balance for balance in BALANCES if balance.name == wanted and balance.wants(log))
 
 
-def violations(declared: Machine, simulated: Machine, question: Question) -> list[Violation]:
+def violations(declared: Machine, simulated: Machine, problem: FitProblem) -> list[Violation]:
     """Every balance at every place. simulated: the machine that the null runs come from."""
     lines = []
-    quiet = [question.simulated(simulated, i) for i in range(len(question.logs))]
+    quiet = [problem.simulated(simulated, i) for i in range(len(problem.logs))]
     if declared.is_hexapod:
         quiet = [log.head(rules.NULL_S_HEXAPOD) for log in quiet]
     for balance in BALANCES:
-        if not all(balance.wants(log) for log in question.logs):
+        if not all(balance.wants(log) for log in problem.logs):
             continue
-        sigma, seeds = null_rms(balance, quiet, simulated, question.noise, rules.NULL_SEEDS)
-        machine = own_fit(balance, declared, question.logs, sigma).fitted_machine()
-        rms = rms_of(balance, machine, question.logs)
-        for place, where in enumerate(balance.places(question.logs[0])):
+        sigma, seeds = null_rms(balance, quiet, simulated, problem.noise, rules.NULL_SEEDS)
+        machine = own_fit(balance, declared, problem.logs, sigma).fitted_machine()
+        rms = rms_of(balance, machine, problem.logs)
+        for place, where in enumerate(balance.places(problem.logs[0])):
             lines.append(
                 Violation(
                     name=balance.name,
@@ -142,12 +142,12 @@ def own_fit(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog], sig
     """The balance's own declared parameters, alike in all legs, fitted to it; rows that stand out are left out."""
     rows = tuple(range(len(balance.places(logs[0]))))
     own = own_priors(balance, priors(machine), machine, logs)
-    question = BalanceQuestion(balance=balance, rows=rows, logs=tuple(logs), sigma=sigma)
-    fit = refine(start_fit(machine, own, question), question, fresh=True, relative=1e-3)
+    problem = BalanceQuestion(balance=balance, rows=rows, logs=tuple(logs), sigma=sigma)
+    fit = refine(start_fit(machine, own, problem), problem, fresh=True, relative=1e-3)
     if len(rows) > 1:
         size = np.sqrt(sum(np.mean(m**2, axis=1) for m in fit.misfit) / len(fit.misfit))
         plain = tuple(int(k) for k in np.flatnonzero(size <= 1.3 * np.median(size)))
         if len(plain) < len(rows):
-            question = BalanceQuestion(balance=balance, rows=plain, logs=tuple(logs), sigma=sigma)
-            fit = refine(start_fit(machine, own, question), question, fresh=True, relative=1e-3)
+            problem = BalanceQuestion(balance=balance, rows=plain, logs=tuple(logs), sigma=sigma)
+            fit = refine(start_fit(machine, own, problem), problem, fresh=True, relative=1e-3)
     return fit
