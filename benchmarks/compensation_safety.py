@@ -155,7 +155,7 @@ def table(cases: list[Case], done: dict[str, Case], commit: str) -> str:
         "|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip
     every = [done[key(case)] for case in cases if key(case) in done]
-    for kind, says in (
+    for kind, description in (
         ("grid", "hexapod, six DOF"),
         ("random", "single legs at random, 12 s"),
         ("fresh", "single legs at random, seeds not seen before, 24 s"),
@@ -163,7 +163,7 @@ def table(cases: list[Case], done: dict[str, Case], commit: str) -> str:
         mine = [case for case in every if case["kind"] == kind]
         ran = [case for case in mine if "worst" in case]
         lines.append(
-            f"| {says} | {sum(c['kind'] == kind for c in cases)} | {len(ran)} | {sum('outside' in c for c in mine)} | "
+            f"| {description} | {sum(c['kind'] == kind for c in cases)} | {len(ran)} | {sum('outside' in c for c in mine)} | "
             f"{sum(c['reversals'] for c in ran)} | {sum(c['worse'] for c in ran)} | "
             f"{sum(c['worse'] > 0 for c in ran)} | {sum(c['engaged'] for c in ran)} |"
         )

@@ -20,8 +20,8 @@ from compensation.exact import Exact
 from compensation.flow_curve import overlap_curve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.motion_computer.signals import ConstantAccelerationReversals
 from hexsim.scenarios import load_scenario
+from hexsim.setpoints.signals import ConstantAccelerationReversals
 from hexsim.simulation import Run, simulate
 from hexsim.smoothness import reversal_bumps
 

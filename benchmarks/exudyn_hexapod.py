@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hexsim.machine.declaration import Machine
+from hexsim.declaration import Machine
 from hexsim.plant import Plant
 from hexsim.scenarios import Scenario
 from hexsim.simulation import setpoints

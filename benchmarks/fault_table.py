@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from hexsim.machine import load_machine
-from hexsim.motion_computer.outcome import Outcome, outcome
+from hexsim.qualify.outcome import Outcome, outcome
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
@@ -61,7 +61,7 @@ def line(name: str, found: Outcome, stroke_m: float, cushion_m: float) -> str:
     rest = "moving" if found.rest_s is None else f"{found.rest_s:.1f} s"
     depth = max(cushion_m - found.lowest_m, found.highest_m - (stroke_m - cushion_m), 0.0)
     return (
-        f"| {name} | {detected} | {found.says} | {where} | {rest} | {found.peak_acceleration_m_s2:.3g} | "
+        f"| {name} | {detected} | {found.description} | {where} | {rest} | {found.peak_acceleration_m_s2:.3g} | "
         f"{1e3 * depth:.1f} |"
     )
 

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from hexsim.declaration import Machine
 from hexsim.machine import load_machine
-from hexsim.machine.declaration import Machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import changed
-from hexsim.serve import Server
+from hexsim.simulation.serve import Server
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results" / "serve.md"
 

@@ -75,7 +75,7 @@ def main() -> None:
     parser.add_argument("files", nargs="*", type=Path)
     parser.add_argument("--seeds", default="100-109")
     parser.add_argument("--effects", default="")
-    parser.add_argument("--strength", type=float, default=1.0, help="times the believable size")
+    parser.add_argument("--strength", type=float, default=1.0, help="times the typical size")
     parser.add_argument("--kind", default="bench", choices=["bench", "hexapod"])
     parser.add_argument("--duration", type=float, default=20.0, help="length of each run [s]")
     parser.add_argument("--out", type=Path)
@@ -134,7 +134,7 @@ def run_one(name: str | None, seed: int, options: argparse.Namespace) -> dict:
             result = trace(folder, fit, validate)
             report = result.report
         except HexsimError as error:
-            report = {"verdict": "refused", "effects": [], "unexplained": [], "balances": [], "says": str(error)}
+            report = {"verdict": "refused", "effects": [], "unexplained": [], "balances": [], "description": str(error)}
     line = {
         "effect": name, "seed": seed, "strength": options.strength, "size": size, "leg": leg,
         "verdict": report["verdict"],
@@ -143,7 +143,7 @@ def run_one(name: str | None, seed: int, options: argparse.Namespace) -> dict:
         "unexplained": [[u["balance"], u["where"], u["depends_on"], u["r2_cv"], u["frequency_Hz"]] for u in report["unexplained"]],
         "detectable": {k: v["theta_min"] for k, v in report.get("detectable", {}).items()},
         "seconds": round(time.process_time() - started, 1), "duration": options.duration,
-        "commit": commit(), "says": report.get("says", ""),
+        "commit": commit(), "description": report.get("description", ""),
     }  # fmt: skip
     return line | {"score": score(line, EFFECTS)}
 

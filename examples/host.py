@@ -18,7 +18,7 @@ import time
 from hexsim.machine import load_machine
 from hexsim.motion_computer.host_packet import REPLY, HostCommand, Reply, unpack_reply
 from hexsim.motion_computer.states import State
-from hexsim.serve import PORT, Server
+from hexsim.simulation.serve import PORT, Server
 
 
 class Host:

@@ -20,9 +20,9 @@ from rich.console import Console
 from rich.table import Table
 
 from hexsim.errors import HexsimError
-from hexsim.tracing.held_out import OwnBalance, OwnVerdict, Point, Term, late_by, trace_own
-from hexsim.tracing.readers import read_log
-from hexsim.tracing.weak_form import Window
+from hexsim.readers import read_log
+from hexsim.signals.weak_form import Window
+from hexsim.tracing.term_regression import OwnBalance, OwnVerdict, Point, Term, late_by, trace_own
 
 HERE = Path(__file__).resolve().parent
 DATA = HERE.parents[1] / "shared" / "measured" / "mbari_pto"

@@ -138,7 +138,7 @@ def figures(time, felt):
 @styled
 def picture(time, felt, table, what):
     figure, plots = new_figure(3, f"Motion cueing: specific force on the platform, {what}", heights=[1.7, 1.7, 1.7])
-    for plot, (k, says) in zip(plots, enumerate(("forward", "left", "up")), strict=True):
+    for plot, (k, description) in zip(plots, enumerate(("forward", "left", "up")), strict=True):
         plot.plot(time, felt["felt"][:, k], color=palette.RESPONSE, lw=0.8, label="felt on the machine, 50 Hz band")
         plot.plot(time, felt["commanded"][:, k], color=palette.DEVIATION, lw=1.1, label="commanded by the washout")
         plot.plot(
@@ -146,7 +146,7 @@ def picture(time, felt, table, what):
         )
         row = table["xyz"[k]]
         late, off = row["delay_ms"], row["difference_rms_m_s2"]
-        plot.set_title(f"{says}: felt {late:.0f} ms after the command, rms of the difference {off:.2f} m/s²")
+        plot.set_title(f"{description}: felt {late:.0f} ms after the command, rms of the difference {off:.2f} m/s²")
         plot.set_ylabel("[m/s²]")
     plots[0].set_title(plots[0].get_title(), pad=22)
     legend(plots[0], columns=3)

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from hexsim.declaration import Machine
 from hexsim.machine import load_machine
-from hexsim.machine.declaration import Machine
 from hexsim.machine.files import changed
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.recording.figure_style import legend, new_figure, png, small_multiples, styled

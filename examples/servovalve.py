@@ -35,11 +35,11 @@ PERIODS = (20, 50, 100, 200, 500)
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """One question to the data: the numbers and the sentence."""
+    """One problem to the data: the numbers and the sentence."""
 
-    question: str
+    problem: str
     numbers: dict[str, float]
-    says: str
+    description: str
 
 
 def number(text: str) -> float:
@@ -113,11 +113,13 @@ def flow_curve(folder: Path) -> Verdict:
         scores[f"rest_with_{name.replace(' ', '_')}_gpm"] = rms
         if rms < 0.97 * left:
             kept, left, best = [*kept, name], rms, np.append(parameters, np.zeros(4 - len(parameters)))
-    says = f"{' + '.join(kept)} stay on held-out blocks; gain {best[0]:.4f} gal/min/mA, null {best[1]:+.2f} mA, "
-    says += f"hysteresis +-{best[2]:.3f} mA ({best[2] / 25:.2%} of rated half range), dead band {best[3]:.3f} mA; "
-    says += "one sweep rate: hysteresis and lag of the meter together"
+    description = f"{' + '.join(kept)} stay on held-out blocks; gain {best[0]:.4f} gal/min/mA, null {best[1]:+.2f} mA, "
+    description += (
+        f"hysteresis +-{best[2]:.3f} mA ({best[2] / 25:.2%} of rated half range), dead band {best[3]:.3f} mA; "
+    )
+    description += "one sweep rate: hysteresis and lag of the meter together"
     values = {"gain_gpm_mA": best[0], "null_mA": best[1], "hysteresis_half_width_mA": best[2], "dead_band_mA": best[3]}
-    return Verdict(question="flow curve", numbers={**values, **scores}, says=says)
+    return Verdict(problem="flow curve", numbers={**values, **scores}, description=description)
 
 
 def soft(x: np.ndarray, band: float) -> np.ndarray:
@@ -145,17 +147,17 @@ def hysteresis_or_lag(folder: Path) -> Verdict:
     found, *_ = np.linalg.lstsq(A, np.array(apart), rcond=None)
     rest = np.array(apart) - A @ found
     error = np.sqrt(np.diag(np.linalg.inv(A.T @ A)) * np.sum(rest**2) / (len(rate) - 2))
-    says = f"peaks {', '.join(f'{a:.2f}' for a in apart)} mA apart at periods {PERIODS}: "
-    says += f"hysteresis +-{found[0] / 2:.3f} mA "
-    says += f"(+-{error[0] / 2:.3f}), lag {found[1] / 2:.2f} (+-{error[1] / 2:.2f}) of the period's unit"
-    says += "" if abs(found[0]) > 2 * error[0] else "; hysteresis and lag are not separated"
+    description = f"peaks {', '.join(f'{a:.2f}' for a in apart)} mA apart at periods {PERIODS}: "
+    description += f"hysteresis +-{found[0] / 2:.3f} mA "
+    description += f"(+-{error[0] / 2:.3f}), lag {found[1] / 2:.2f} (+-{error[1] / 2:.2f}) of the period's unit"
+    description += "" if abs(found[0]) > 2 * error[0] else "; hysteresis and lag are not separated"
     numbers = {
         "hysteresis_half_width_mA": found[0] / 2,
         "error_mA": error[0] / 2,
         "lag": found[1] / 2,
         "lag_error": error[1] / 2,
     }
-    return Verdict(question="hysteresis or lag", numbers=numbers, says=says)
+    return Verdict(problem="hysteresis or lag", numbers=numbers, description=description)
 
 
 def series(x: np.ndarray, conductance: float, length: float, overlap: float, supply: float = SUPPLY_PSI) -> np.ndarray:
@@ -186,15 +188,19 @@ def null_leakage(folder: Path) -> Verdict:
     length, conductance = abs(found[2]), abs(found[1]) * 1e-4
     peak = conductance * SUPPLY_PSI
     share = 1 - (rms / constant) ** 2
-    says = (
+    description = (
         f"constant {found[0]:.3f} + peak {peak:.3f} gal/min at {found[3]:+.2f} mA, clearance length {length:.2f} mA: "
     )
-    says += f"the laminar clearance model explains {share:.0%} of the variation on held-out blocks (rest {rms:.4f} of "
-    says += f"{constant:.4f}); one supply pressure only: that the leakage is laminar is not decided by these data"
+    description += (
+        f"the laminar clearance model explains {share:.0%} of the variation on held-out blocks (rest {rms:.4f} of "
+    )
+    description += (
+        f"{constant:.4f}); one supply pressure only: that the leakage is laminar is not decided by these data"
+    )
     numbers = {"constant_gpm": found[0], "peak_gpm": peak, "clearance_length_mA": length, "null_mA": found[3],
                "explained": share, "hysteresis_half_width_mA": abs(found[5]), "lag_samples": 20 * abs(found[4]),
                "conductance_m3_s_Pa": conductance * GPM / PSI}  # fmt: skip
-    return Verdict(question="null leakage", numbers=numbers, says=says)
+    return Verdict(problem="null leakage", numbers=numbers, description=description)
 
 
 def pressure_gain(folder: Path) -> Verdict:
@@ -207,11 +213,15 @@ def pressure_gain(folder: Path) -> Verdict:
 
     found, rms = held_out(model, [1.0, 0.1, 0.6, 0.4], i, p, np.abs(i) < 5.0, (0.2, 0.45))
     slope = found[0] * SUPPLY_PSI / found[2]
-    says = f"{slope:.0f} psi/mA at null ({abs(slope) * 0.25 / SUPPLY_PSI:.0%} of the supply per 1 % of rated current), "
-    says += f"null {found[1]:+.2f} mA, hysteresis +-{abs(found[3]):.3f} mA (with the meter's lag: one sweep rate), "
-    says += f"rest {rms:.0f} psi ({use.sum()} samples near null)"
+    description = (
+        f"{slope:.0f} psi/mA at null ({abs(slope) * 0.25 / SUPPLY_PSI:.0%} of the supply per 1 % of rated current), "
+    )
+    description += (
+        f"null {found[1]:+.2f} mA, hysteresis +-{abs(found[3]):.3f} mA (with the meter's lag: one sweep rate), "
+    )
+    description += f"rest {rms:.0f} psi ({use.sum()} samples near null)"
     numbers = {"psi_per_mA": slope, "null_mA": found[1], "hysteresis_half_width_mA": abs(found[3]), "rest_psi": rms}
-    return Verdict(question="pressure gain", numbers=numbers, says=says)
+    return Verdict(problem="pressure gain", numbers=numbers, description=description)
 
 
 def exponent(folder: Path) -> Verdict:
@@ -228,12 +238,14 @@ def exponent(folder: Path) -> Verdict:
     error = float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((np.array(parts) - np.mean(parts)) ** 2)))
     counted = 0.1 / np.sqrt(12)
     decided = abs(power[1] - 0.5) > 3 * error and rms_power < 0.97 * rms_root
-    says = f"exponent {power[1]:.3f} +- {error:.3f}; held-out rest {rms_root:.4f} with 1/2, "
-    says += f"{rms_power:.4f} gal/min with the fitted one (the export's count alone: {counted:.4f}): "
-    says += "a deviation from the orifice law" if decided else "the orifice law holds as far as these data can tell"
+    description = f"exponent {power[1]:.3f} +- {error:.3f}; held-out rest {rms_root:.4f} with 1/2, "
+    description += f"{rms_power:.4f} gal/min with the fitted one (the export's count alone: {counted:.4f}): "
+    description += (
+        "a deviation from the orifice law" if decided else "the orifice law holds as far as these data can tell"
+    )
     numbers = {"exponent": float(power[1]), "error": error, "k_gpm_sqrt_psi": float(root[0]), "rest_root_gpm": rms_root,
                "rest_power_gpm": rms_power}  # fmt: skip
-    return Verdict(question="flow against pressure", numbers=numbers, says=says)
+    return Verdict(problem="flow against pressure", numbers=numbers, description=description)
 
 
 def trace(folder: Path) -> list[Verdict]:
@@ -248,7 +260,7 @@ def main() -> None:
         console.print(str(error))
         sys.exit(2)
     for verdict in verdicts:
-        console.print(f"[bold]{verdict.question}[/bold]: {verdict.says}")
+        console.print(f"[bold]{verdict.problem}[/bold]: {verdict.description}")
 
 
 if __name__ == "__main__":

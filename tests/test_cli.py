@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 
 import hexsim
 from hexsim.cli import app
+from hexsim.files.log_files import read_log
 from hexsim.machine.files import models_folder
-from hexsim.recording.log_files import read_log
 
 ROOT = Path(hexsim.__file__).parents[1]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"}
@@ -141,7 +141,7 @@ def test_help_is_quick_and_loads_no_simulator():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "description"),
     [
         (("run", "heavy"), r"unknown scenario 'heavy'.*combined.*heave.*yaw"),
         (("run", "heave", "-m", "nowhere"), r"unknown machine 'nowhere'.*bench, micro_motion_system"),
@@ -160,9 +160,9 @@ def test_help_is_quick_and_loads_no_simulator():
         (("sweep", "heave", "--seeds", "3:3", "--out", "t.parquet"), r"holds no seed"),
     ],
 )
-def test_mistakes_end_in_one_sentence(tmp_path, arguments, says):
+def test_mistakes_end_in_one_sentence(tmp_path, arguments, description):
     """Unknown names list what there is, wrong values say what is allowed; exit code 2 and nothing is left behind."""
-    assert re.search(says, sentence(hexsim_command(*arguments, cwd=tmp_path)))
+    assert re.search(description, sentence(hexsim_command(*arguments, cwd=tmp_path)))
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
@@ -173,7 +173,7 @@ def test_usage_errors_end_with_code_2(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "description"),
     [
         ("stroke_m = ", "stroke_mm = ", r"\[cylinder\].*stroke_m"),  # a missing key, and one in a wrong unit
         ("discharge_coefficient = ", "discharge_coefficient = -", r"\[valve\] discharge_coefficient"),
@@ -181,24 +181,24 @@ def test_usage_errors_end_with_code_2(tmp_path):
         ("[valve]", "[valve", r"not valid TOML"),
     ],
 )
-def test_bad_machine_files_name_table_and_key(tmp_path, old, new, says):
+def test_bad_machine_files_name_table_and_key(tmp_path, old, new, description):
     """A machine file with a missing key, impossible value or broken TOML: one sentence with file, table and key."""
     text = (models_folder() / "bench" / "machine.toml").read_text()
     assert old in text
     (tmp_path / "machine.toml").write_text(text.replace(old, new))
     said = sentence(hexsim_command("run", "heave", "-m", "machine.toml", cwd=tmp_path))
-    assert re.search(says, said) and "machine.toml" in said
+    assert re.search(description, said) and "machine.toml" in said
 
 
 @pytest.mark.parametrize(
-    ("rows", "says"),
+    ("rows", "description"),
     [("0,0\n0.1,nan\n0.2,0\n", r"(?i)nan|finite"), ("0,0\n0.2,0\n0.1,0\n", r"(?i)order|rise|increas|before|after")],
 )
-def test_bad_setpoint_files_name_the_place(tmp_path, rows, says):
+def test_bad_setpoint_files_name_the_place(tmp_path, rows, description):
     """A user's setpoints with a NaN or out of order are refused, naming the file."""
     (tmp_path / "mine.csv").write_text("time_s,z_m\n" + rows)
     said = sentence(hexsim_command("run", "mine.csv", cwd=tmp_path))
-    assert re.search(says, said) and "mine.csv" in said
+    assert re.search(description, said) and "mine.csv" in said
 
 
 def test_an_unwritable_folder_is_refused_before_the_run(tmp_path, monkeypatch):

@@ -20,7 +20,7 @@ REPORT = {
             "name": "leakage_supply_to_chamber", "balance": "continuity", "where": "leg 2",
             "tied_with": ["clearance_leakage"],
             "parameters": {"conductance_m3_s_Pa": 2.4e-12}, "standard_error": {"conductance_m3_s_Pa": 1e-13},
-            "evidence": {"block_cv_gain": 0.41, "blocks": 8, "dBIC": -310}, "says": "oil leaks from the supply",
+            "evidence": {"block_cv_gain": 0.41, "blocks": 8, "dBIC": -310}, "description": "oil leaks from the supply",
         }
     ],
     "unexplained": [
@@ -116,9 +116,9 @@ def test_friction_needs_the_machine_of_the_log(tmp_path):
 
 def test_serve_runs_for_its_time_and_says_how_far_behind():
     """A second of the bench on a free port of this computer: state, margin and packets, as a line and as JSON."""
-    import hexsim.serve
+    import hexsim.simulation.serve
 
-    assert serve.PORT == hexsim.serve.PORT
+    assert serve.PORT == hexsim.simulation.serve.PORT
     result = CliRunner().invoke(app, ["serve", "-m", "bench", "--port", "0", "--duration", "1", "--json"])
     assert result.exit_code == 0, result.stderr
     status = json.loads(result.stdout)

@@ -5,11 +5,12 @@ import json
 import polars as pl
 import pytest
 
-from hexsim.compare import compare, comparison_rows, comparison_tables, names_of, write_comparison
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.recording.signals import Signals
+from hexsim.recording.summary_table import comparison_rows
 from hexsim.scenarios import load_scenario
+from hexsim.studies.compare import compare, comparison_tables, names_of, write_comparison
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +83,7 @@ def test_an_interruption_ends_the_comparison(monkeypatch):
         begun.append(compensator)
         return Interrupted()
 
-    monkeypatch.setattr("hexsim.simulation.simulate", simulate)
+    monkeypatch.setattr("hexsim.studies.compare.simulate", simulate)
     assert list(compare(load_machine("bench"), load_scenario("heave"), ["none", "exact"])) == begun == ["none"]
 
 

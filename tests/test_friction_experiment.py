@@ -2,14 +2,14 @@
 
 import pytest
 
+from hexsim.files.log_files import write_log
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.measurement_chain import export_scope, load_chain, mapping_path
-from hexsim.recording.log_files import write_log
+from hexsim.readers import read_log
 from hexsim.scenarios import load_scenario
+from hexsim.sensors.measurement_chain import export_scope, load_chain, mapping_path
 from hexsim.simulation import simulate
-from hexsim.tracing.friction import identify_friction
-from hexsim.tracing.readers import read_log
+from hexsim.tracing.friction.identification import identify_friction
 
 MEASURED = (
     "time_s", "setpoint_m", "position_m", "valve_V", "pressure_bottom_Pa", "pressure_supply_Pa", "acceleration_m_s2",

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hexsim.errors import HexsimError
-from hexsim.kinematics import DOF_NAMES, HexapodKinematics
+from hexsim.mechanics.kinematics import DOF_NAMES, HexapodKinematics
 
 MEASURED = Path(__file__).parents[2] / "shared" / "measured" / "hexapod_none"
 GEOMETRIES = {  # base radius, half angle, platform radius, half angle, neutral leg, stroke

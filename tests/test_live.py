@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from hexsim.live import PUSH_N, SLIDERS, LiveMachine
 from hexsim.machine import load_machine
 from hexsim.scenarios import load_scenario
+from hexsim.simulation.live import PUSH_N, SLIDERS, LiveMachine
 
 
 def heave_m(live):

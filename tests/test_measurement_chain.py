@@ -6,7 +6,9 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.measurement_chain import (
+from hexsim.readers import read_log
+from hexsim.scenarios import load_scenario
+from hexsim.sensors.measurement_chain import (
     MeasurementChain,
     ScopeInput,
     export_scope,
@@ -17,9 +19,7 @@ from hexsim.measurement_chain import (
     scope_column,
     to_scope_volts,
 )
-from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
-from hexsim.tracing.readers import read_log
 
 IDEAL = {"scope": {"bits": 0}}
 

@@ -9,10 +9,10 @@ from scipy.signal import cont2discrete, lfilter
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.motion_computer.signals import Sine, Triangle
 from hexsim.qualify import QUICK, Battery, Motion, Plan, Row, measures, qualify
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.scenario import DOF_NAMES
+from hexsim.setpoints.signals import Sine, Triangle
 
 TAU = 0.03  # s, of the first-order system
 RATE = 1000.0

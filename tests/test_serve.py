@@ -16,7 +16,7 @@ from hexsim.machine import load_machine
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_packet import REPLY, HostCommand, Reply, unpack_reply
 from hexsim.motion_computer.states import State
-from hexsim.serve import Server, serve
+from hexsim.simulation.serve import Server, serve
 
 MACHINE = load_machine("micro_motion_system")
 

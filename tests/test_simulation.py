@@ -7,8 +7,8 @@ import pytest
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.motion_computer.bench_motion import bench_motion
 from hexsim.scenarios import available_scenarios, load_scenario, replay_scenario, scenario_from_dict
+from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.simulation import simulate
 
 BENCH_COLUMNS = [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
-from hexsim.motion_computer.signals import ConstantAccelerationReversals, Sine
+from hexsim.setpoints.signals import ConstantAccelerationReversals, Sine
 from hexsim.smoothness import (
     AxisMotion,
     ReversalBump,

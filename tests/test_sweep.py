@@ -17,8 +17,8 @@ import hexsim
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.scenarios import load_scenario
-from hexsim.sweep import cases, run_case, sweep
-from hexsim.sweep_journal import Journal
+from hexsim.studies.journal import Journal
+from hexsim.studies.sweep import cases, run_case, sweep
 
 ROOT = Path(hexsim.__file__).parents[1]
 

@@ -10,7 +10,7 @@ import typer
 from hexsim.cli import options
 from hexsim.cli.console import output, progress, step_of, terminated_like_interrupted
 from hexsim.errors import HexsimError
-from hexsim.recording.formats import LogFormat
+from hexsim.files.formats import LogFormat
 
 if TYPE_CHECKING:
     from hexsim.simulation import Run
@@ -38,10 +38,10 @@ def compare(
     log_format: Annotated[LogFormat, typer.Option(help="Format of the log files.")] = "parquet",
 ) -> None:
     """Run a scenario with several compensators: table, figure, report, compare.json, one recording."""
-    from hexsim.compare import compare as run_all
-    from hexsim.compare import comparison_tables, interrupted, names_of, write_comparison
-    from hexsim.recording.run_files import dumps
-    from hexsim.recording.run_folder import default_folder, run_folder
+    from hexsim.files.json_files import dumps
+    from hexsim.files.run_folder import default_folder, run_folder
+    from hexsim.studies.compare import compare as run_all
+    from hexsim.studies.compare import comparison_tables, interrupted, names_of, write_comparison
 
     with_machine, what = options.prepare(
         scenario, machine, amplitude=amplitude, frequency=frequency, duration=duration, settings=settings
@@ -69,9 +69,8 @@ def print_comparison(runs: Mapping[str, Run], place: str) -> None:
     """One table a driven axis; the lowest peak in green."""
     from rich.table import Table
 
-    from hexsim.compare import comparison_rows
     from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit
-    from hexsim.recording.summary_table import number
+    from hexsim.recording.summary_table import comparison_rows, number
 
     console, first = output(), next(iter(runs.values()))
     for axis in [name for name in Signals.of_run(first).driven_axes if name in first.summary["axes"]]:

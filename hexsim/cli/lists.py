@@ -17,7 +17,7 @@ def register(app: typer.Typer) -> None:
 
 def _show(header: Sequence[str], rows: Sequence[Sequence[str]], json: bool) -> None:
     if json:
-        from hexsim.recording.run_files import dumps
+        from hexsim.files.json_files import dumps
 
         typer.echo(dumps([dict(zip(header, row, strict=True)) for row in rows]))
         return
@@ -48,7 +48,7 @@ def scenarios(json: options.Json = False) -> None:
     from hexsim.scenarios import available_scenarios, load_scenario
 
     found = [load_scenario(name) for name in available_scenarios()]
-    rows = [(s.name, s.says, f"{s.duration_s:g} s", s.machine_name) for s in found]
+    rows = [(s.name, s.description, f"{s.duration_s:g} s", s.machine_name) for s in found]
     _show(("name", "what it asks", "duration", "machine"), rows, json)
 
 
@@ -74,7 +74,7 @@ def effects(json: options.Json = False) -> None:
     from hexsim.hydraulics.effects import library
 
     rows = [
-        (effect.name, effect.balance, effect.says, ", ".join(parameter.name for parameter in effect.parameters))
+        (effect.name, effect.balance, effect.description, ", ".join(parameter.name for parameter in effect.parameters))
         for effect in library().values()
     ]
     _show(("name", "balance", "what it is", "parameters"), rows, json)

@@ -13,7 +13,7 @@ from hexsim.cli import options
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
-    from hexsim.live import LiveMachine
+    from hexsim.simulation.live import LiveMachine
 
 FRAME_S = 1.0 / 60.0
 LONGEST_CATCH_UP_S = 0.1  # a computer that is slower than real time shows slow motion instead of standing still
@@ -41,7 +41,7 @@ def live(
     with_machine, what = options.prepare(
         scenario or "heave", machine, amplitude=amplitude, frequency=frequency, settings=settings
     )
-    from hexsim.live import LiveMachine
+    from hexsim.simulation.live import LiveMachine
 
     show(LiveMachine(with_machine, what if scenario else None, compensator), seconds)
 
@@ -50,7 +50,7 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
     """Run the viewer until its window is closed, or for `seconds`."""
     from mujoco.viewer import launch_passive
 
-    from hexsim.live import TOP_LEFT
+    from hexsim.simulation.live import TOP_LEFT
 
     check_screen()
     typer.echo(KEYS, err=True)

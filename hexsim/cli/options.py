@@ -60,7 +60,7 @@ def prepare(
     settings: list[str] | None = None,
 ) -> tuple[Machine, Scenario]:
     """Machine and scenario with everything the options change."""
-    from hexsim.settings import apply_settings, scenario_and_machine
+    from hexsim.scenarios.settings import apply_settings, scenario_and_machine
 
     scenario, machine = scenario_and_machine(
         scenario_name, machine_name, amplitude=amplitude, frequency_Hz=frequency, duration_s=duration

@@ -26,8 +26,8 @@ def qualify(
     json: options.Json = False,
 ) -> None:
     """Motion tests of flight simulators on a machine: half-hertz noise, describing function, turn-around and more."""
-    from hexsim.recording.run_files import dumps
-    from hexsim.recording.run_folder import default_folder, run_folder
+    from hexsim.files.json_files import dumps
+    from hexsim.files.run_folder import default_folder, run_folder
 
     with_machine, _ = options.prepare("heave", machine, settings=settings)
     with run_folder(out or default_folder(f"qualify-{with_machine.name}")) as folder, progress() as bar:

@@ -10,10 +10,10 @@ import typer
 from hexsim.cli import options
 from hexsim.cli.console import fraction_of, output, progress, step_of, terminated_like_interrupted
 from hexsim.errors import HexsimError
-from hexsim.recording.formats import LogFormat
+from hexsim.files.formats import LogFormat
 
 if TYPE_CHECKING:
-    from hexsim.recording.run_folder import RunFolder
+    from hexsim.files.run_folder import RunFolder
     from hexsim.simulation import Run
 
 
@@ -40,8 +40,9 @@ def run(
     log_format: Annotated[LogFormat, typer.Option(help="Format of the log file.")] = "parquet",
 ) -> None:
     """Run a scenario headless: table of acceleration peaks, log, figures, report and Rerun recording."""
-    from hexsim.recording.run_files import dumps, summary_of
-    from hexsim.recording.run_folder import default_folder, run_folder
+    from hexsim.files.json_files import dumps
+    from hexsim.files.run_folder import default_folder, run_folder
+    from hexsim.recording.config import summary_of
 
     with_machine, what = options.prepare(
         scenario, machine, amplitude=amplitude, frequency=frequency, duration=duration, settings=settings

@@ -10,9 +10,9 @@ from hexsim.cli import options
 from hexsim.cli.console import output, terminated_like_interrupted
 
 if TYPE_CHECKING:
-    from hexsim.serve import Status
+    from hexsim.simulation.serve import Status
 
-PORT = 47110  # of hexsim.serve; a test holds them together, because importing it loads the simulator
+PORT = 47110  # of hexsim.simulation.serve; a test holds them together, because importing it loads the simulator
 
 
 def register(app: typer.Typer) -> None:
@@ -33,7 +33,7 @@ def serve(
 ) -> None:
     """Run the machine in real time with its host interface over UDP; says how far it falls behind."""
     with_machine, what = options.prepare(scenario or "heave", machine)
-    from hexsim.serve import Server
+    from hexsim.simulation.serve import Server
 
     server = Server(with_machine, host, port, compensator=compensator, scenario=what, start=start)
     address = f"{server.address[0]}:{server.address[1]}"
@@ -43,7 +43,7 @@ def serve(
     if json:
         from dataclasses import asdict
 
-        from hexsim.recording.run_files import dumps
+        from hexsim.files.json_files import dumps
 
         typer.echo(dumps({"address": address, **asdict(status)}))
     else:

@@ -40,10 +40,10 @@ def sweep(
     json: options.Json = False,
 ) -> None:
     """Run a scenario many times; resumable, a failed run is a row with its error. Run the same command to go on."""
-    from hexsim.compare import names_of
-    from hexsim.recording.run_files import dumps
-    from hexsim.sweep import cases
-    from hexsim.sweep import sweep as run_all
+    from hexsim.files.json_files import dumps
+    from hexsim.studies.compare import names_of
+    from hexsim.studies.sweep import cases
+    from hexsim.studies.sweep import sweep as run_all
 
     with_machine, what = options.prepare(scenario, machine, amplitude=amplitude, frequency=frequency, duration=duration)
     grid = {key: parse_values(text) for key, text in options.parse_changes(settings).items()}

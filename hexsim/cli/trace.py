@@ -35,8 +35,8 @@ def trace(
     json: options.Json = False,
 ) -> None:
     """Hold measured logs against the declared machine and name the physical effect that it lacks, if it lacks one."""
+    from hexsim.files.run_folder import default_folder, run_folder
     from hexsim.machine.files import find_machine_file
-    from hexsim.recording.run_folder import default_folder, run_folder
 
     place = find_machine_file(machine)
     held_out = validate or ["validate"]
@@ -53,7 +53,7 @@ def trace(
         report = json_module.loads((folder.path / "report.json").read_text())
         final = folder.finish()  # what was found is safe; recordings come to it
         if recording:
-            from hexsim.recording.trace_recording import write_trace_recordings
+            from hexsim.tracing.report.recording import write_trace_recordings
 
             show("recording", 0.97)
             write_trace_recordings(place.parent, held_out, result.machine, result.fitted, final, markdown(report))
@@ -80,7 +80,7 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
 
 def markdown(report: Mapping[str, Any]) -> str:
     """Verdict, effects and what is left for the text panel of the recording."""
-    from hexsim.tracing.report_page import effect_rows, rest_rows
+    from hexsim.tracing.report.page import effect_rows, rest_rows
 
     lines = [f"verdict: **{report['verdict']}**", ""]
     for effect in effect_rows(report):
@@ -156,19 +156,19 @@ def friction(
     json: options.Json = False,
 ) -> None:
     """Stribeck parameters with errors and the friction-velocity map from a log (report 2.3.3)."""
+    from hexsim.files.json_files import dumps
+    from hexsim.files.run_folder import run_folder
     from hexsim.machine import load_machine
-    from hexsim.recording.run_files import dumps
-    from hexsim.recording.run_folder import run_folder
-    from hexsim.tracing.friction import identify_friction
-    from hexsim.tracing.friction_figure import friction_figure, friction_table
-    from hexsim.tracing.readers import read_log
+    from hexsim.readers import read_log
+    from hexsim.tracing.friction.figure import friction_figure, friction_table
+    from hexsim.tracing.friction.identification import identify_friction
 
     measured = read_log(log)
     result = identify_friction(measured, load_machine(machine or beside(log)), leg)
     if out is not None:
+        from hexsim.files.json_files import write_json
         from hexsim.machine import save_machine
         from hexsim.recording.figure_style import png
-        from hexsim.recording.run_files import write_json
 
         with run_folder(out) as folder:
             write_json(folder.path / "friction.json", result.to_json())

@@ -20,7 +20,6 @@ import numpy as np
 
 from hexsim.hydraulics import chamber
 from hexsim.hydraulics.parameters import P
-from hexsim.hydraulics.supply import S
 
 KELVIN = 273.15
 
@@ -123,13 +122,6 @@ LEG_POWERS: dict[P, tuple[float, float, float]] = {
     P.RETURN_RESISTANCE: (0, 0, 1),
     P.VISCOUS_EXTEND: (0, 0, 0.5),
     P.VISCOUS_RETRACT: (0, 0, 0.5),
-}
-SUPPLY_POWERS: dict[S, tuple[float, float, float]] = {
-    S.BULK_MODULUS: (0, 1, 0),
-    S.PUMP_LEAK: (0, 0, -1),
-    S.LINE_LAMINAR: (0, 0, 1),
-    S.LINE_TURBULENT: (1, 0, 0),
-    S.LINE_INERTANCE: (1, 0, 0),
 }
 
 

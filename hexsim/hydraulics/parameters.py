@@ -7,12 +7,10 @@ value, so the declared machine is the row with all effects neutral.
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from hexsim.machine.declaration import Machine
+from hexsim.declaration import Machine
 
 LEARNED_KNOTS = 33  # a learned term is a curve through this many equidistant knots
 

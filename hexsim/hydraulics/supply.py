@@ -22,16 +22,14 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hexsim.declaration import Machine
 from hexsim.hydraulics import chamber
 from hexsim.hydraulics.chamber import ATMOSPHERE
 from hexsim.hydraulics.compiled import compiled
-
-if TYPE_CHECKING:
-    from hexsim.machine.declaration import Machine
+from hexsim.hydraulics.oil import TELLUS_T46, dynamic_viscosity
 
 
 class S(IntEnum):
@@ -233,14 +231,22 @@ def power_unit_start(s: np.ndarray) -> np.ndarray:
     return state
 
 
+# Powers of (density, modulus, viscosity) of the oil with which a place follows, as in `oil.LEG_POWERS`.
+SUPPLY_POWERS: dict[S, tuple[float, float, float]] = {
+    S.BULK_MODULUS: (0, 1, 0),
+    S.PUMP_LEAK: (0, 0, -1),
+    S.LINE_LAMINAR: (0, 0, 1),
+    S.LINE_TURBULENT: (1, 0, 0),
+    S.LINE_INERTANCE: (1, 0, 0),
+}
+
+
 def declared_supply(machine: Machine) -> np.ndarray:
     """The supply's row (N_SUPPLY,) as declared: constant, or the power unit with oil at its reference temperature."""
     row = np.zeros(N_SUPPLY)
     row[S.PRESSURE] = machine.supply.pressure_Pa
     if machine.power_unit is None:
         return row
-    from hexsim.hydraulics.oil import TELLUS_T46, dynamic_viscosity  # oil reads the places of this row
-
     unit, oil, cylinder = machine.power_unit, machine.oil, machine.cylinder
     bore = math.pi / 4 * unit.line_diameter_m**2
     viscosity = dynamic_viscosity(oil.temperature_degC, machine.supply.pressure_Pa, oil.density_kg_m3)

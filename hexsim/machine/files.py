@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 from pydantic import ValidationError
 
+from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.declaration import Machine
+from hexsim.files.atomic import write_text
+from hexsim.files.toml_files import read_toml, validation_sentence
+from hexsim.hydraulics.effects import check_effects
 
 FILE_NAME = "machine.toml"
 
@@ -54,19 +56,8 @@ def load_machine(name_or_path: str | Path) -> Machine:
     return machine_from_dict(read_toml(path), source=str(path))
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file, or a HexsimError that names the file and line."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise HexsimError(f"cannot read {path}: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise HexsimError(f"{path} is not valid TOML: {error}") from None
-
-
 def machine_from_dict(tables: dict[str, Any], source: str = "machine") -> Machine:
     """Check tables and make a Machine."""
-    from hexsim.hydraulics.effects import check_effects  # effects read the machine's classes
 
     try:
         machine = Machine.model_validate(tables)
@@ -98,35 +89,5 @@ def machine_tables(machine: Machine) -> dict[str, Any]:
 
 def save_machine(machine: Machine, path: Path) -> None:
     """Write `machine.toml` whole or not at all; `path` is the file."""
-    from hexsim.recording.atomic import write_text  # one way of writing files in the project
 
     write_text(path, tomli_w.dumps(machine_tables(machine)))
-
-
-def validation_sentence(error: ValidationError, model: type) -> str:
-    """The first problem of a pydantic error as one sentence: table, key, what was given, what is allowed."""
-    first = error.errors()[0]
-    where = [part for part in first["loc"] if isinstance(part, str)]  # not the place within an array
-    given = first.get("input")
-    place = f"[{'.'.join(where[:-1])}] {where[-1]}" if len(where) > 1 else where[0] if where else "the file"
-    if len(where) == 1 and (isinstance(given, dict) or _keys_at(model, where) != _keys_at(model, [])):
-        place = f"[{place}]"
-    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    if first["type"] == "missing" and where == list(first["loc"]):
-        return f"{place} is missing: add it (SI units){more}"
-    if first["type"] == "extra_forbidden":
-        what = "table" if place.endswith("]") else "key"
-        return f"{place} is not a known {what}: allowed are {', '.join(_keys_at(model, where[:-1]))}{more}"
-    text = first["msg"].removeprefix("Value error, ")
-    shown = f" = {given!r}" if isinstance(given, (int, float, str, list, tuple)) else ""
-    units = " (SI units, as the key says)" if first["type"].startswith(("greater_than", "less_than")) else ""
-    return f"{place}{shown}: {text[0].lower() + text[1:]}{units}{more}"
-
-
-def _keys_at(model: type, path: list[str]) -> list[str]:
-    """Field names of the section that `path` leads to."""
-    for part in path:
-        annotation = model.model_fields[part].annotation if part in model.model_fields else None
-        candidates = [annotation, *getattr(annotation, "__args__", ())]
-        model = next((c for c in candidates if hasattr(c, "model_fields")), model)
-    return list(model.model_fields)

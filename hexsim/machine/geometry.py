@@ -1,8 +1,8 @@
 """The kinematics of a declared hexapod."""
 
+from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.kinematics import HexapodKinematics
-from hexsim.machine.declaration import Machine
+from hexsim.mechanics.kinematics import HexapodKinematics
 
 
 def machine_kinematics(machine: Machine) -> HexapodKinematics:

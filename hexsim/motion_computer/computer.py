@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensation import Compensator
+from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.declaration import Machine
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.motion_computer.errors import PUMP_STOPS, WARNINGS, Error, Finding
 from hexsim.motion_computer.monitors import LegMonitor, LoadMonitor, SupplyMonitor, Tolerances

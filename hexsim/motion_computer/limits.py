@@ -15,9 +15,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.kinematics import HexapodKinematics
-from hexsim.machine.declaration import Machine
+from hexsim.mechanics.kinematics import HexapodKinematics
 
 Array = NDArray[np.float64]
 SOFT_SHARE = 0.1  # of the excursion, in which it is compressed

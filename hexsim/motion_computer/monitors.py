@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from hexsim.kinematics import HexapodKinematics
-from hexsim.machine.declaration import Machine
+from hexsim.declaration import Machine
+from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.motion_computer.errors import Error, Finding
 
 Array = NDArray[np.float64]

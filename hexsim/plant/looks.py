@@ -7,8 +7,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from hexsim.kinematics import HexapodKinematics
-from hexsim.machine.declaration import Cylinder, Machine
+from hexsim.declaration import Cylinder, Machine
+from hexsim.mechanics.kinematics import HexapodKinematics
 
 MATERIALS = {
     "base_paint": (0.16, 0.20, 0.26, 1.0),

@@ -3,9 +3,9 @@
 """The machine as a MuJoCo model, made from its geometry: full legs, and the fast tendon equal of the same geometry.
 
 full    universal joint, cylinder, rod on a slide joint, ball end closed by `connect`: the machine that people see.
-tendon  one spatial tendon a leg between two sites; the legs' masses are lumped at the platform joints.
+tendon  one spatial tendon a leg between two sites; the legs' masses are generic at the platform joints.
 
-Frames and numbering as in `hexsim.kinematics`. Actuators `leg_1`..`leg_6` (bench: `leg_1`): ctrl = valve volts, act =
+Frames and numbering as in `hexsim.mechanics.kinematics`. Actuators `leg_1`..`leg_6` (bench: `leg_1`): ctrl = valve volts, act =
 [spool position, spool velocity, bristle, rod side pressure [MPa], pressure [MPa]] as far as the leg has them.
 """
 
@@ -18,9 +18,9 @@ import mujoco
 import numpy as np
 
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
+from hexsim.hydraulics.resolved import PayloadMode, Resolved
 from hexsim.hydraulics.supply import CONSTANT, S
-from hexsim.kinematics import HexapodKinematics
-from hexsim.machine.resolved import PayloadMode, Resolved
+from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.plant import looks
 from hexsim.plant.callbacks import SUPPLY_MARK
 

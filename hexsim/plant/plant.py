@@ -9,13 +9,14 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.resolve import resolve, warm_oil
+from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S, U, power_unit_start
-from hexsim.kinematics import HexapodKinematics
-from hexsim.machine.declaration import Machine
 from hexsim.machine.geometry import machine_kinematics
-from hexsim.machine.resolved import Resolved, resolve, warm_oil
+from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.plant.callbacks import POWER_UNIT_SCALE, MPa, native_hydraulics
 from hexsim.plant.layout import check_layout
 from hexsim.plant.mjcf import ModelKind, build_spec

@@ -19,11 +19,15 @@ import jinja2
 import tomli_w
 
 from compensation import Compensator
-from hexsim.machine.declaration import Machine
+from hexsim import __version__
+from hexsim.declaration import Machine
+from hexsim.files.atomic import write_text
 from hexsim.machine.files import machine_tables
 from hexsim.qualify.battery import QUICK, Battery, Findings, Plan, Row
+from hexsim.qualify.plots import CAPTIONS, pictures
 from hexsim.qualify.rig import MachineRig, Motion, Rig
-from hexsim.recording.atomic import write_text
+from hexsim.recording.report import data_url, environment
+from hexsim.recording.summary_table import number
 
 __all__ = ["QUICK", "Battery", "Findings", "MachineRig", "Motion", "Plan", "Rig", "Row", "qualify"]
 
@@ -63,9 +67,6 @@ def qualify(
 
 
 def _page(machine: Machine, found: Findings, result: dict[str, Any]) -> str:
-    from hexsim import __version__
-    from hexsim.qualify.plots import CAPTIONS, pictures
-    from hexsim.recording.report import data_url, environment
 
     loader = jinja2.ChoiceLoader(
         [jinja2.PackageLoader("hexsim.qualify", "templates"), jinja2.PackageLoader("hexsim.recording", "templates")]
@@ -103,7 +104,6 @@ def _sentence(judged: list[Row]) -> str:
 
 def _cards(rows: list[Row]) -> list[tuple[str, str, str]]:
     """The figures to see first."""
-    from hexsim.recording.summary_table import number
 
     wanted = (
         ("turn-around", "largest deviation", "turn-around deviation, heave"),
@@ -111,10 +111,10 @@ def _cards(rows: list[Row]) -> list[tuple[str, str, str]]:
         ("describing function", "phase passes", "phase passes −90°, heave"),
     )
     cards = []
-    for test, figure, says in wanted:
+    for test, figure, description in wanted:
         row = next((r for r in rows if r.test == test and r.axis == "heave z" and r.figure.startswith(figure)), None)
         if row is not None:
-            cards.append((number(row.value), row.unit, says))
+            cards.append((number(row.value), row.unit, description))
     return cards
 
 
@@ -144,7 +144,7 @@ def _tables(rows: list[Row]) -> list[dict[str, Any]]:
         axes = list(dict.fromkeys(row.axis for row in some))
         body = [(axis, [cells.get((axis, column), (None, "")) for column in columns]) for axis in axes]
         title = ", ".join(tests).capitalize()
-        tables.append({"title": title, "columns": columns, "rows": body, "says": SAYS[key]})
+        tables.append({"title": title, "columns": columns, "rows": body, "description": SAYS[key]})
     return tables
 
 

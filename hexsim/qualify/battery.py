@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hexsim.errors import HexsimError
-from hexsim.motion_computer.signals import Signal, Sine, Triangle
 from hexsim.qualify import measures
 from hexsim.qualify.rig import Motion, Rig
 from hexsim.scenarios import Scenario
+from hexsim.setpoints.signals import Signal, Sine, Triangle
 from hexsim.smoothness import (
     band_limit,
     describing_function,

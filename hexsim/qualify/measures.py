@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hexsim.errors import HexsimError
-from hexsim.motion_computer.signal import Signal
+from hexsim.setpoints.signal import Signal
 from hexsim.smoothness import band_limit, describing_function
 
 Array = NDArray[np.float64]

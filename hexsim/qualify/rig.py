@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensation import Compensator
+from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.declaration import Machine
-from hexsim.run_log import UNITS, leg_column
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.scenario import DOF_NAMES
 from hexsim.simulation import simulate
+from hexsim.simulation.run_log import UNITS, leg_column
 
 Array = NDArray[np.float64]
 

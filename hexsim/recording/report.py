@@ -6,18 +6,17 @@ import base64
 from collections.abc import Mapping
 from datetime import datetime
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jinja2
 import tomli_w
 
 from hexsim import __version__
+from hexsim.recording.config import config_tables
 from hexsim.recording.quantity import plain, quantity, share, spelled
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit
-from hexsim.recording.summary_table import axis_header, axis_label, axis_rows, facts, number
-
-if TYPE_CHECKING:
-    from hexsim.simulation import Run
+from hexsim.recording.summary_table import axis_header, axis_label, axis_rows, comparison_rows, facts, number
+from hexsim.simulation import Run
 
 CAPTIONS = {
     "motion": "What was asked and what the machine did; below, how far each leg lags its setpoint.",
@@ -57,7 +56,6 @@ def render(template: str, **values: Any) -> str:
 
 def run_report(run: Run, pictures: Mapping[str, bytes]) -> str:
     """The page of one run; pictures: name -> PNG."""
-    from hexsim.recording.run_files import config_tables  # writes the same tables to config.toml
 
     driven = Signals.of_run(run).driven_axes
     return render(
@@ -83,33 +81,33 @@ def run_sentence(summary: Mapping[str, Any], driven: tuple[str, ...]) -> str:
         return ""
     unit, harmonic = axis_unit(axis), summary["axes"][axis].get(f"fundamental_{axis_unit(axis)}")
     where = "of the leg" if axis == "leg" else f"in {AXIS_NAMES[axis]}"
-    says = f"The acceleration {where} deviates by up to {number(peak)} {unit.replace('_s2', '/s²')}"
+    description = f"The acceleration {where} deviates by up to {number(peak)} {unit.replace('_s2', '/s²')}"
     if harmonic:
-        says += f" from its basic harmonic, {number(peak / harmonic, 2)} times that harmonic's amplitude"
+        description += f" from its basic harmonic, {number(peak / harmonic, 2)} times that harmonic's amplitude"
     rest: dict[str, float] = {}
     for other, figures in summary["axes"].items():
         own = axis_unit(other)
         if other not in driven and figures.get(f"peak_band_{own}") is not None:
             rest[own] = max(rest.get(own, 0.0), figures[f"peak_band_{own}"])
     moved = " and ".join(f"{number(value)} {own.replace('_s2', '/s²')}" for own, value in rest.items())
-    return f"{says}. Axes that should rest stay within {moved}." if moved else f"{says}."
+    return f"{description}. Axes that should rest stay within {moved}." if moved else f"{description}."
 
 
 def comparison_sentence(tables: list[dict[str, Any]]) -> str:
     """Which compensator is smoothest, and by how much; the axes of each where there are several."""
     best: dict[str, list[str]] = {}
-    says = ""
+    description = ""
     for table in tables:
         rows = [row for row in table["rows"] if row["peak_band"] is not None and not row["note"]]
         if len(rows) < 2:
             return ""
         first, smoothest = table["rows"][0], min(rows, key=lambda row: row["peak_band"])
         best.setdefault(smoothest["name"], []).append(table["axis"])
-        says = f"its largest deviation is {number(smoothest['peak_band'])} {table['unit']}"
+        description = f"its largest deviation is {number(smoothest['peak_band'])} {table['unit']}"
         if smoothest is not first and smoothest["ratio"]:
-            says += f", {share(smoothest['ratio'])} of the {number(first['peak_band'])} with {first['name']}"
+            description += f", {share(smoothest['ratio'])} of the {number(first['peak_band'])} with {first['name']}"
     if len(tables) == 1:
-        return f"Smoothest is {next(iter(best))}: {says}."
+        return f"Smoothest is {next(iter(best))}: {description}."
     return "Smoothest: " + "; ".join(f"{name} in {', '.join(axes)}" for name, axes in best.items()) + "."
 
 
@@ -131,8 +129,6 @@ def cards(summary: Mapping[str, Any], driven: tuple[str, ...]) -> list[tuple[str
 
 def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes]) -> str:
     """The page of runs side by side; pictures: name -> PNG."""
-    from hexsim.compare import comparison_rows
-    from hexsim.recording.run_files import config_tables
 
     first = next(iter(runs.values()))
     driven = [axis for axis in Signals.of_run(first).driven_axes if axis in first.summary["axes"]]

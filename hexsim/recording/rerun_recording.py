@@ -23,8 +23,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from hexsim.files.atomic import written_whole
 from hexsim.recording import palette
-from hexsim.recording.atomic import written_whole
 from hexsim.recording.deviation import Deviation
 from hexsim.recording.rerun_blueprint import blueprint
 from hexsim.recording.rerun_scene import log_machine, time_column

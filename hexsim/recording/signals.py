@@ -9,21 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError
-from hexsim.kinematics import HexapodKinematics
 from hexsim.machine import Machine
 from hexsim.machine.geometry import machine_kinematics
+from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.recording.deviation import Deviation, axis_deviation, given_deviation
+from hexsim.simulation import Run
 from hexsim.smoothness import band_limit
-
-if TYPE_CHECKING:
-    from hexsim.simulation import Run
 
 Array = NDArray[np.float64]
 

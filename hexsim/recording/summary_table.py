@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hexsim.recording.signals import AXIS_NAMES, axis_unit
+from hexsim.simulation import Run
 
 NOTHING = "–"
 COLUMNS = {
@@ -90,3 +91,28 @@ def markdown(summary: Mapping[str, Any], driven: tuple[str, ...] = (), run: Any 
     lines += ["", *(f"- {name}: {value}" for name, value in facts(summary, run))]
     lines += [f"- **warning**: {text}" for text in summary.get("warnings", [])]
     return "\n".join(lines)
+
+
+def comparison_rows(runs: Mapping[str, Run], axis: str) -> list[dict[str, Any]]:
+    """One row a run for tables: figures of `axis`, the ratio of its peak to the first run's, and what went wrong."""
+
+    unit, rows, reference = axis_unit(axis), [], None
+    for name, run in runs.items():
+        figures = run.summary["axes"].get(axis, {})
+        peak = figures.get(f"peak_band_{unit}")
+        reference = peak if reference is None else reference
+        tracking = run.summary.get("tracking_rms_m") or [float("nan")]
+        rows.append(
+            {
+                "name": name,
+                "fundamental": figures.get(f"fundamental_{unit}"),
+                "peak_raw": figures.get(f"peak_raw_{unit}"),
+                "peak_band": peak,
+                "ratio": peak / reference if peak is not None and reference else None,
+                "bump_pp": figures.get(f"bump_pp_{unit}"),
+                "noise_rms": figures.get(f"noise_rms_{unit}"),
+                "tracking_mm": 1e3 * max(tracking),
+                "note": "" if run.complete else run.reason,
+            }
+        )
+    return rows

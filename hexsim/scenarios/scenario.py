@@ -5,12 +5,12 @@
     duration_s = 20.0
     fade_s = 2.0
     [axes.z]                     # x y z [m], roll pitch yaw [rad]; in actuator mode leg_1 .. leg_6 (bench: leg_1) [m]
-    kind = "sine"                # see hexsim.motion_computer.signals
+    kind = "sine"                # see hexsim.setpoints.signals
     amplitude = 0.05
     frequency_Hz = 0.5
     [machine]                    # optional: what this scenario changes in the machine, dotted keys
     "valve.spool_frequency_Hz" = 0.0
-    [[faults]]                   # optional, see hexsim.motion_computer.faults
+    [[faults]]                   # optional, see hexsim.simulation.faults
 
 Setpoints are relative to neutral (all actuators at half stroke).
 """
@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError
-from hexsim.machine.files import read_toml
-from hexsim.motion_computer.signal import Faded, Signal, faded
-from hexsim.motion_computer.signal_file import SampledSignal, read_setpoint_file
-from hexsim.motion_computer.signals import signal_from_dict, signal_to_dict
+from hexsim.files.toml_files import read_toml
+from hexsim.setpoints.signal import Faded, Signal, faded
+from hexsim.setpoints.signal_file import SampledSignal, read_setpoint_file
+from hexsim.setpoints.signals import signal_from_dict, signal_to_dict
 
 DOF_NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 ROTATIONS = ("roll", "pitch", "yaw")
@@ -39,7 +39,7 @@ LEG_NAMES = tuple(f"leg_{i}" for i in range(1, 7))
 FOLDER = Path(__file__).parent
 _KEYS = (
     "name",
-    "says",
+    "description",
     "mode",
     "duration_s",
     "fade_s",
@@ -72,7 +72,7 @@ class Scenario:
     machine_name: str = "micro_motion_system"
     machine_changes: Mapping[str, Any] = field(default_factory=dict)
     faults: tuple[Mapping[str, Any], ...] = ()
-    says: str = ""
+    description: str = ""
 
     def __post_init__(self) -> None:
         allowed = DOF_NAMES if self.mode == "dof" else LEG_NAMES
@@ -138,7 +138,7 @@ class Scenario:
     def to_dict(self) -> dict[str, Any]:
         """The data that `scenario_from_dict` takes."""
         tables: dict[str, Any] = {
-            "name": self.name, "says": self.says, "mode": self.mode, "duration_s": self.duration_s,
+            "name": self.name, "description": self.description, "mode": self.mode, "duration_s": self.duration_s,
             "fade_s": self.fade_s, "fade": self.fade, "machine_name": self.machine_name,
         }  # fmt: skip
         if self.figures_from_s is not None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.kinematics import HexapodKinematics
-from hexsim.machine.declaration import Machine
-from hexsim.tracing.readers import LogFile
-from hexsim.tracing.weak_form import Window
+from hexsim.mechanics.kinematics import HexapodKinematics
+from hexsim.readers import LogFile
+from hexsim.signals.weak_form import Window
 
 Array = np.ndarray
 

@@ -3,72 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import find_machine_file
+from hexsim.readers import log_files, read_log
+from hexsim.signals.channels import noise_of
+from hexsim.signals.log import MeasuredLog, measured_log
 from hexsim.tracing import rules
-from hexsim.tracing.answer import Question, unknowable
-from hexsim.tracing.balance_search import balance_search, joint_question, simulated_rivals
-from hexsim.tracing.channels import noise_of
-from hexsim.tracing.checks import Finding, check_same_machine, refuse_misleading
-from hexsim.tracing.errors_before_after import error_table
-from hexsim.tracing.experiments import experiment_for
-from hexsim.tracing.hypothesis import Candidate, candidates, priors
-from hexsim.tracing.learned import learned_fit
-from hexsim.tracing.localise import Violation, violations
-from hexsim.tracing.log import MeasuredLog, measured_log
-from hexsim.tracing.proposals import proposed_shapes
-from hexsim.tracing.readers import log_files, read_log
-from hexsim.tracing.refit import Fit, polished, refine, start_fit_at
-from hexsim.tracing.report import report_of
-from hexsim.tracing.screening import Screened
-from hexsim.tracing.search import Search, Stage, cut, information, search
-from hexsim.tracing.ties import with_ties
-from hexsim.tracing.unexplained import Rest, attributed, what_is_left
-from hexsim.tracing.verdict import (
-    NamedEffect,
-    Verdict,
-    at_floor,
-    base_beside,
+from hexsim.tracing.checks.checks import Finding, check_same_machine, refuse_misleading
+from hexsim.tracing.fitting.fit import Fit, polished, refine, start_fit_at
+from hexsim.tracing.fitting.parameters import Candidate, candidates, priors
+from hexsim.tracing.fitting.selection import Search, Stage, cut, information, search
+from hexsim.tracing.problems.simulated import FitProblem, with_input_uncertainty
+from hexsim.tracing.report.content import report_of, write_report
+from hexsim.tracing.result import TraceResult
+from hexsim.tracing.steps.experiments import experiment_for
+from hexsim.tracing.steps.held_out_errors import error_table
+from hexsim.tracing.steps.learned import learned_fit
+from hexsim.tracing.steps.proposals import proposed_shapes
+from hexsim.tracing.steps.residuals import attributed, unexplained_residuals
+from hexsim.tracing.steps.search import balance_search, joint_problem, simulated_rivals
+from hexsim.tracing.steps.ties import with_ties
+from hexsim.tracing.steps.verdict import (
     judged,
     name_effects,
     pruned,
-    seen_from_itself,
+    refit_with_own_input_uncertainty,
+    refit_without_effects,
+    residual_at_noise_level,
 )
+from hexsim.tracing.steps.violations import Violation, violations
 
 Progress = Callable[[str, float], None]
-
-
-@dataclass(kw_only=True)
-class TraceResult:
-    """Everything a trace found; `report` is the content of report.json."""
-
-    machine: Machine
-    fitted: Machine
-    verdict: Verdict
-    effects: list[NamedEffect]
-    violations: list[Violation]
-    search: Search
-    base: Fit
-    final: Fit
-    error: dict[str, dict[str, dict[str, float]]]
-    fit_question: Question
-    validate_question: Question
-    findings: dict[str, list[Finding]]
-    detect_lines: list[Screened]
-    detect_n: int
-    unexplained: list[Rest] = field(default_factory=list)
-    ties: list[dict[str, Fit]] = field(default_factory=list)  # an effect: label -> the hypothesis that does as well
-    learned: list[dict[str, Any]] = field(default_factory=list)
-    experiments: list[dict[str, Any]] = field(default_factory=list)
-    scenarios: dict[str, str] = field(default_factory=dict)
-    report: dict[str, Any] = field(default_factory=dict)
 
 
 def read_runs(
@@ -124,65 +95,63 @@ def trace(
     findings["all logs"] = check_same_machine([*files, *held_out_files], machine)
     noise = noise_of(machine, fit_logs)
     feedback = feedback_of(machine, [*fit_logs, *validate_logs], noise)
-    question = Question(logs=tuple(fit_logs), noise=noise, feedback=feedback)
-    held_out = replace(question, logs=tuple(validate_logs))
-    result = trace_logs(machine, question, held_out, findings, tell)
+    problem = FitProblem(logs=tuple(fit_logs), noise=noise, feedback=feedback)
+    held_out = replace(problem, logs=tuple(validate_logs))
+    result = trace_logs(machine, problem, held_out, findings, tell)
     if out is not None:
-        from hexsim.tracing.report import write_report
-
         write_report(result, Path(out))
     tell("done", 1.0)
     return result
 
 
 def trace_logs(
-    machine: Machine, question: Question, held_out: Question, findings: dict[str, list[Finding]], tell: Progress
+    machine: Machine, problem: FitProblem, held_out: FitProblem, findings: dict[str, list[Finding]], tell: Progress
 ) -> TraceResult:
     """Steps 1 to 10 on logs that are read and checked."""
     known = priors(machine)
     tell("balances", 0.05)
-    lines = violations(machine, machine, question)
+    lines = violations(machine, machine, problem)
     tell("searching in the balances", 0.2)
-    proposed = proposed_shapes(own_machine(machine, lines), question.logs)
+    proposed = proposed_shapes(own_machine(machine, lines), problem.logs)
     possible = worth_screening(machine, lines, proposed)
-    joint = joint_question(question, lines, own_machine(machine, lines))
+    joint = joint_problem(problem, lines, own_machine(machine, lines))
     in_balances = balance_search(machine, known, possible, joint)
     tell("refitting declared parameters", 0.35)
-    base, question, held_out = refitted_base(in_balances.base, question, held_out)
+    base, problem, held_out = refitted_base(in_balances.base, problem, held_out)
     found = Search(base=base, best=base, stages=[Stage(lines=in_balances.stages[0].lines, rivals=[])])
-    if not at_floor(base.misfit):
-        found.stages[0].rivals = simulated_rivals(in_balances, question, lambda step: tell(step, 0.5))
-    final = pruned(found.stages[0].rivals[0], question) if found.stages[0].rivals else base
-    final, base, question, held_out = seen_from_itself(final, base, question, held_out)
+    if not residual_at_noise_level(base.misfit):
+        found.stages[0].rivals = simulated_rivals(in_balances, problem, lambda step: tell(step, 0.5))
+    final = pruned(found.stages[0].rivals[0], problem) if found.stages[0].rivals else base
+    final, base, problem, held_out = refit_with_own_input_uncertainty(final, base, problem, held_out)
     detect = found.stages[0].lines, joint.samples
-    if not at_floor(final.misfit) or (not final.candidates and not machine.is_hexapod):
+    if not residual_at_noise_level(final.misfit) or (not final.candidates and not machine.is_hexapod):
         tell("screening effects by simulation", 0.6)
-        by_simulation = simulated_search(base, possible, question, tell)
+        by_simulation = simulated_search(base, possible, problem, tell)
         if by_simulation.stages:
             detect = by_simulation.stages[0].lines, base.n
         if not final.candidates or information(by_simulation.best) < information(final):
             found = by_simulation
-            final = pruned(by_simulation.best, question)
-        final, base, question, held_out = seen_from_itself(final, base, question, held_out)
-    if final.candidates and at_floor(final.misfit):
+            final = pruned(by_simulation.best, problem)
+        final, base, problem, held_out = refit_with_own_input_uncertainty(final, base, problem, held_out)
+    if final.candidates and residual_at_noise_level(final.misfit):
         tell("last refit", 0.8)
-        final = polished(final, question)
-    base = base_beside(final, base, question)
+        final = polished(final, problem)
+    base = refit_without_effects(final, base, problem)
     tell("held-out runs", 0.85)
-    verdict, final = judged(base, final, question, held_out)
+    verdict, final = judged(base, final, problem, held_out)
     ties: list[dict[str, Fit]] = []
     if verdict == "explained":
         tell("looking for ties", 0.87)
-        final, ties = with_ties(final, possible, question)
+        final, ties = with_ties(final, possible, problem)
     named = name_effects(found, base, final, ties, held_out)
     tell("what is left", 0.9)
     kept = final if verdict in ("explained", "nothing missing") else base
-    rests = [] if verdict in ("explained", "nothing missing") else what_is_left(lines, question)
+    rests = [] if verdict in ("explained", "nothing missing") else unexplained_residuals(lines, problem)
     lines = attributed(lines, named, rests)
     learned = []
     if rests:
         tell("learned term", 0.93)
-        grown = learned_fit(rests[0], machine, known, base, question, held_out)
+        grown = learned_fit(rests[0], machine, known, base, problem, held_out)
         if grown is not None:
             kept, learned = grown[0], [grown[1]]
     result = TraceResult(
@@ -195,8 +164,8 @@ def trace_logs(
         base=base,
         final=kept,
         error=error_table(held_out, machine, base.fitted_machine(), kept.fitted_machine()),
-        fit_question=question,
-        validate_question=held_out,
+        fit_problem=problem,
+        validate_problem=held_out,
         findings=findings,
         unexplained=rests,
         ties=ties,
@@ -209,30 +178,30 @@ def trace_logs(
     return result
 
 
-def simulated_search(base: Fit, possible: list[Candidate], question: Question, tell: Progress) -> Search:
+def simulated_search(base: Fit, possible: list[Candidate], problem: FitProblem, tell: Progress) -> Search:
     """The search with simulated columns: on the opening seconds where they lack something, on the whole runs otherwise."""
 
     def tick(step: str) -> None:
         tell(step, 0.7)
 
-    head = question.head(rules.TRIAGE_S)
-    if head is question or at_floor(cut(base, question, head).misfit):
-        return search(base, possible, question, tick, least_gain=rules.LEAST_GAIN_SIMULATED)
+    head = problem.head(rules.TRIAGE_S)
+    if head is problem or residual_at_noise_level(cut(base, problem, head).misfit):
+        return search(base, possible, problem, tick, least_gain=rules.LEAST_GAIN_SIMULATED)
     opening = refine(start_fit_at(base, head), head, fresh=True, relative=rules.BASE_TOLERANCE)
     found = search(opening, possible, head, tick, least_gain=rules.LEAST_GAIN_SIMULATED)
-    rivals = simulated_rivals(found, question, tick)
+    rivals = simulated_rivals(found, problem, tick)
     stages = [replace(stage, rivals=[]) for stage in found.stages]
     if rivals:
         stages[-1].rivals = rivals
     return replace(found, base=base, best=rivals[0] if rivals else base, stages=stages)
 
 
-def refitted_base(start: Fit, question: Question, held_out: Question) -> tuple[Fit, Question, Question]:
+def refitted_base(start: Fit, problem: FitProblem, held_out: FitProblem) -> tuple[Fit, FitProblem, FitProblem]:
     """The declared machine refitted, and the questions with what no simulation can know about it."""
-    first = unknowable(question, start.fitted_machine())
+    first = with_input_uncertainty(problem, start.fitted_machine())
     base = refine(start_fit_at(start, first), first, fresh=True, relative=rules.BASE_TOLERANCE)
-    question, held_out = (unknowable(q, base.fitted_machine()) for q in (question, held_out))
-    return refine(start_fit_at(base, question), question, fresh=True, relative=rules.BASE_TOLERANCE), question, held_out
+    problem, held_out = (with_input_uncertainty(q, base.fitted_machine()) for q in (problem, held_out))
+    return refine(start_fit_at(base, problem), problem, fresh=True, relative=rules.BASE_TOLERANCE), problem, held_out
 
 
 def add_experiments(result: TraceResult) -> None:
@@ -240,14 +209,14 @@ def add_experiments(result: TraceResult) -> None:
     for k, effect in enumerate(result.effects):
         for label, rival in result.ties[k].items():
             names = (effect.candidate.label, label)
-            found = experiment_for(result.final, rival, names, result.fit_question.noise)
+            found = experiment_for(result.final, rival, names, result.fit_problem.noise)
             result.scenarios[found.file_name] = found.text()
-            says = found.tables["says"]
+            description = found.tables["description"]
             result.experiments.append(
                 {
                     "effects": list(names),
                     "file": found.file_name,
-                    "says": says[0].upper() + says[1:],
+                    "description": description[0].upper() + description[1:],
                     "chi2": found.separation,
                 }
             )

@@ -1,4 +1,4 @@
-"""The library of effects: each vanishes at its neutral value, acts at its believable one, and has bounds that hold."""
+"""The library of effects: each vanishes at its neutral value, acts at its typical one, and has bounds that hold."""
 
 import math
 
@@ -7,8 +7,8 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects import library
+from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine, machine_from_dict
-from hexsim.machine.resolved import resolve
 
 BENCH, HEXAPOD = load_machine("bench"), load_machine("micro_motion_system")
 NAMED = [name for name, effect in library().items() if effect.parameters]
@@ -37,17 +37,17 @@ def numbers(machine):
 
 
 def values_of(effect, size):
-    """Size as the first number, the others believable."""
-    values = {p.name: p.default if p.default is not None else p.believable for p in effect.parameters}
+    """Size as the first number, the others typical."""
+    values = {p.name: p.default if p.default is not None else p.typical for p in effect.parameters}
     return values | {effect.parameters[0].name: size}
 
 
 @pytest.mark.parametrize("name", NAMED)
 def test_an_effect_changes_the_machine(name):
-    """At its believable size an effect changes at least one number that plant and tracing read."""
+    """At its typical size an effect changes at least one number that plant and tracing read."""
     effect = library()[name]
     before = numbers(with_effect(machine_for(effect), None, {}))
-    after = numbers(with_effect(machine_for(effect), name, values_of(effect, effect.parameters[0].believable)))
+    after = numbers(with_effect(machine_for(effect), name, values_of(effect, effect.parameters[0].typical)))
     assert len(before) != len(after) or np.any(before != after)
 
 

@@ -8,9 +8,9 @@ import pytest
 from hexsim.hydraulics import chamber, oil
 from hexsim.hydraulics.oil import LEG_POWERS, TELLUS_T46, row_factors
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
+from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.machine.resolved import resolve
 
 
 def test_viscosity_passes_through_both_points_of_the_grade():

@@ -7,8 +7,8 @@ import pytest
 
 from hexsim.hydraulics.effects import library
 from hexsim.hydraulics.parameters import LEARNED_TABLE, N_PARAMETERS, P, declared_rows
+from hexsim.hydraulics.resolve import resolve
 from hexsim.machine.files import changed
-from hexsim.machine.resolved import resolve
 
 PLACES = [  # key, a value that no other key has, place in the row, what must stand there
     ("supply.pressure_Pa", 6.1e6, P.SUPPLY_PRESSURE, 6.1e6),
@@ -127,10 +127,10 @@ def everything(machine):
 
 @pytest.mark.parametrize("name", [name for name in library() if name != "learned_term"])  # it has a curve, no strength
 def test_believable_effect_changes_something_and_only_its_legs(hexapod, bench, name):
-    """Every effect shows at its believable strength; in leg 2 it leaves the other legs' rows as declared."""
+    """Every effect shows at its typical strength; in leg 2 it leaves the other legs' rows as declared."""
     effect = library()[name]
     machine = hexapod if "hexapod" in effect.kinds else bench
-    table = {parameter.name: parameter.believable for parameter in effect.parameters}
+    table = {parameter.name: parameter.typical for parameter in effect.parameters}
     assert everything(changed(machine, {f"effects.{name}": table})) != everything(machine)
     if effect.places == "leg" and machine is hexapod:
         rows = resolve(changed(machine, {f"effects.{name}": {**table, "where": "leg 2"}})).rows

@@ -6,10 +6,10 @@ import pytest
 from hexsim.errors import HexsimError
 from hexsim.hydraulics import supply
 from hexsim.hydraulics.chamber import ATMOSPHERE
+from hexsim.hydraulics.resolve import resolve
 from hexsim.hydraulics.supply import POWER_UNIT, S, U, declared_supply, power_unit_start
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.machine.resolved import resolve
 
 BAR = 1e5
 

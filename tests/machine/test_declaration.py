@@ -59,14 +59,14 @@ IMPOSSIBLE = [  # machine, key, value, what the sentence must say besides "my.to
 ]
 
 
-@pytest.mark.parametrize(("name", "dotted", "value", "says"), IMPOSSIBLE, ids=lambda v: str(v)[:40])
-def test_impossible_value_is_refused_by_name(name, dotted, value, says):
+@pytest.mark.parametrize(("name", "dotted", "value", "description"), IMPOSSIBLE, ids=lambda v: str(v)[:40])
+def test_impossible_value_is_refused_by_name(name, dotted, value, description):
     """One sentence with file, table, key, the value given and what is allowed."""
     table, key = dotted.split(".")
     with pytest.raises(HexsimError) as caught:
         changed(load_machine(name), {dotted: value}, "my.toml")
     text = str(caught.value)
-    for part in ["my.toml: ", table, key, *says]:
+    for part in ["my.toml: ", table, key, *description]:
         assert part in text, f"{part!r} is not in {text!r}"
     assert "\n" not in text
 
@@ -167,12 +167,12 @@ EFFECT_ERRORS = [
 ]
 
 
-@pytest.mark.parametrize(("changes", "says"), EFFECT_ERRORS, ids=lambda v: str(v)[:50])
-def test_wrong_effect_is_refused_by_name(bench, changes, says):
+@pytest.mark.parametrize(("changes", "description"), EFFECT_ERRORS, ids=lambda v: str(v)[:50])
+def test_wrong_effect_is_refused_by_name(bench, changes, description):
     """An unknown effect, key, place or machine kind, and a value out of bounds, say what there is."""
     with pytest.raises(HexsimError) as caught:
         changed(bench, changes, "my.toml")
-    for part in ["my.toml: ", *says]:
+    for part in ["my.toml: ", *description]:
         assert part in str(caught.value)
 
 

@@ -5,9 +5,9 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.parameters import P, declared_rows
+from hexsim.hydraulics.resolve import resolve, warm_oil
 from hexsim.hydraulics.supply import CONSTANT, POWER_UNIT, S
 from hexsim.machine.files import changed
-from hexsim.machine.resolved import resolve, warm_oil
 
 
 @pytest.mark.parametrize("name", ["bench", "hexapod"])

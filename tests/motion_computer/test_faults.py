@@ -7,7 +7,7 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.motion_computer.outcome import Outcome, outcome
+from hexsim.qualify.outcome import Outcome, outcome
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import Run, simulate
 
@@ -63,7 +63,7 @@ def test_a_shifted_payload_is_found_from_the_pressures() -> None:
     heavy = result(dict(kind="payload_shift", mass_kg=150.0, x_m=0.4))
     light = result(dict(kind="payload_shift", mass_kg=15.0, x_m=0.4))
     assert heavy.detected_s is not None and 0.1 < heavy.detected_s < 3.0
-    assert "load shifted" in heavy.says
+    assert "load shifted" in heavy.description
     assert light.detected_s is None and light.state == "manual"
 
 

@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from hexsim.errors import HexsimError
-from hexsim.motion_computer.signals import (
+from hexsim.setpoints.signals import (
     SIGNAL_KINDS,
     Block,
     Constant,

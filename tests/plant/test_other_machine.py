@@ -68,7 +68,7 @@ def test_large_heave_runs_to_its_end(machine, runs):
 def test_full_legs_and_tendons_agree(runs):
     """Heave acceleration after the fade-in: peaks within 0.5 %, waveform within 1 % (rms), pose within 50 um.
 
-    Measured 0.1 %, 0.4 % and 15 um; the lumped legs (480 kg beside 2000 kg) are exact at neutral only.
+    Measured 0.1 %, 0.4 % and 15 um; the generic legs (480 kg beside 2000 kg) are exact at neutral only.
     """
     full, tendon = (runs[model].log["true_acceleration_z_m_s2"].to_numpy()[2000:] for model in ("full", "tendon"))
     assert np.abs(tendon).max() == pytest.approx(np.abs(full).max(), rel=0.005)

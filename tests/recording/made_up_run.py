@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import polars as pl
 
+from hexsim.declaration import Machine
 from hexsim.machine import machine_from_dict
-from hexsim.machine.declaration import Machine
 from hexsim.recording.signals import HEXAPOD_AXES, ROTATIONS, Signals
 from hexsim.scenarios import load_scenario
 

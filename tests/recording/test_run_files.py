@@ -10,9 +10,10 @@ import pytest
 from made_up_run import made_up_run
 
 from hexsim.errors import HexsimError
+from hexsim.files.json_files import dumps, plain
+from hexsim.files.log_files import find_log, read_log, write_log
 from hexsim.machine import machine_from_dict
-from hexsim.recording.log_files import find_log, read_log, write_log
-from hexsim.recording.run_files import dumps, plain, write_run
+from hexsim.recording.run_files import write_run
 from hexsim.scenarios import scenario_from_dict
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from hexsim.errors import HexsimError
-from hexsim.recording.run_folder import default_folder, run_folder
+from hexsim.files.run_folder import default_folder, run_folder
 
 
 def fill(folder, names=("log.csv", "summary.json")):

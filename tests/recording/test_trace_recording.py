@@ -7,7 +7,7 @@ import polars as pl
 from test_rerun_recording import Recording
 
 from hexsim.machine import load_machine
-from hexsim.recording.trace_recording import replayed, write_trace_recordings
+from hexsim.tracing.report.recording import replayed, write_trace_recordings
 
 BENCH = Path(__file__).parents[1] / "data" / "bench_none"
 

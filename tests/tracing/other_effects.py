@@ -1,6 +1,6 @@
 """What the second plant can have and its machine file does not declare: effects with a library's name, and others.
 
-`typical` is the believable strength x1 (in `unit`); `change(plant, legs, value)` puts it into the plant's records.
+`typical` is the typical strength x1 (in `unit`); `change(plant, legs, value)` puts it into the plant's records.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ import numpy as np
 class Injected:
     """An effect of the second plant. balance, also_balances, depends_on: what a tracer may rightly say of it."""
 
-    says: str
+    description: str
     balance: str
     typical: float
     unit: str
@@ -112,12 +112,12 @@ def inertia(plant, legs, value):
 
 
 def lib(says, balance, typical, unit, change, **more):
-    return Injected(says=says, balance=balance, typical=typical, unit=unit, change=change, **more)
+    return Injected(description=says, balance=balance, typical=typical, unit=unit, change=change, **more)
 
 
 def outside(says, balance, typical, unit, change, depends_on, **more):
     return Injected(
-        says=says,
+        description=says,
         balance=balance,
         typical=typical,
         unit=unit,

@@ -3,7 +3,7 @@
     write_machine(folder, seed=3, effects={"leakage_supply_to_chamber": None}, kind="bench")
 
 writes machine.toml (declared), logs in the format of the measured ones (noise, quantisation, parameter error drawn
-inside [uncertainty]) and truth.json. An effect's value None = its believable strength; `leg` (1-based) puts leg effects
+inside [uncertainty]) and truth.json. An effect's value None = its typical strength; `leg` (1-based) puts leg effects
 in that leg only.
 """
 
@@ -334,7 +334,7 @@ def write_machine(
         },
         "balance": {k: EFFECTS[k].balance for k in values},
         "in_library": {k: EFFECTS[k].in_library for k in values},
-        "says": [f"{EFFECTS[k].says} ({v:g} {EFFECTS[k].unit})" for k, v in values.items()]
+        "description": [f"{EFFECTS[k].description} ({v:g} {EFFECTS[k].unit})" for k, v in values.items()]
         or ["nothing beyond parameter error"],
         "legs": [{name: float(row[name]) for name in LEG_TYPE.names} for row in plant.legs],
         "rig": {name: float(plant.rig[name][0]) for name in RIG_TYPE.names},

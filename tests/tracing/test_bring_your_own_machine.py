@@ -9,8 +9,8 @@ import polars as pl
 import pytest
 
 from hexsim.machine import load_machine
-from hexsim.tracing.checks import check_log
-from hexsim.tracing.readers import load_mapping, read_log
+from hexsim.readers import load_mapping, read_log
+from hexsim.tracing.checks.checks import check_log
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "bring_your_own_machine.md"

@@ -9,9 +9,9 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.tracing.checks import check_log, check_same_machine, refuse_misleading
-from hexsim.tracing.readers import LogFile, read_log
-from hexsim.tracing.sensor_agreement import acceleration_agreement, staircase_bias
+from hexsim.readers import LogFile, read_log
+from hexsim.tracing.checks.checks import check_log, check_same_machine, refuse_misleading
+from hexsim.tracing.checks.sensor_agreement import acceleration_agreement, staircase_bias
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 MACHINE = load_machine(DATA / "bench_none")
@@ -88,7 +88,7 @@ def test_degrees_are_refused(hexapod):
     log, machine = hexapod
     name = "angular_acceleration_x_rad_s2"
     assert any(
-        finding.channel == name and "deg/s2" in finding.says and finding.severity == "refuse"
+        finding.channel == name and "deg/s2" in finding.description and finding.severity == "refuse"
         for finding in check_log(with_column(log, **{name: np.rad2deg(log.columns[name])}), machine)
     )
 
@@ -96,7 +96,7 @@ def test_degrees_are_refused(hexapod):
 def test_swapped_legs_are_refused_by_number(hexapod):
     log, machine = hexapod
     swapped = with_column(log, position_2_m=log.columns["position_5_m"], position_5_m=log.columns["position_2_m"])
-    found = [finding.says for finding in check_log(swapped, machine) if finding.severity == "refuse"]
+    found = [finding.description for finding in check_log(swapped, machine) if finding.severity == "refuse"]
     assert any("legs 2 and 5 look swapped" in says for says in found)
 
 
@@ -106,7 +106,9 @@ def test_legs_that_are_swapped_in_all_their_columns_are_refused(hexapod):
     names = ("setpoint_{}_m", "position_{}_m", "valve_{}_V", "pressure_bottom_{}_Pa")
     swapped = {name.format(a): log.columns[name.format(b)] for name in names for a, b in ((1, 4), (4, 1))}
     found = [
-        finding.says for finding in check_log(with_column(log, **swapped), machine) if finding.severity == "refuse"
+        finding.description
+        for finding in check_log(with_column(log, **swapped), machine)
+        if finding.severity == "refuse"
     ]
     assert any("legs 1 and 4 look swapped" in says for says in found)
 
@@ -118,7 +120,9 @@ def test_swapped_pressures_are_refused(hexapod):
         "pressure_bottom_6_Pa": log.columns["pressure_bottom_3_Pa"],
     }
     found = [
-        finding.says for finding in check_log(with_column(log, **columns), machine) if finding.severity == "refuse"
+        finding.description
+        for finding in check_log(with_column(log, **columns), machine)
+        if finding.severity == "refuse"
     ]
     assert any("pressures of legs 3 and 6 look swapped" in says for says in found)
 
@@ -134,20 +138,20 @@ def test_slow_and_short_logs_say_what_cannot_be_said(bench):
         bench, time_s=bench.time_s[::20], rate_Hz=50.0, columns={k: v[::20] for k, v in bench.columns.items()}
     )
     short = replace(bench, time_s=bench.time_s[:3000], columns={k: v[:3000] for k, v in bench.columns.items()})
-    assert any(f.severity == "loss" and "nothing above 25 Hz" in f.says for f in check_log(slow, MACHINE))
-    assert any(f.severity == "loss" and "lasts 3.0 s" in f.says for f in check_log(short, MACHINE))
+    assert any(f.severity == "loss" and "nothing above 25 Hz" in f.description for f in check_log(slow, MACHINE))
+    assert any(f.severity == "loss" and "lasts 3.0 s" in f.description for f in check_log(short, MACHINE))
 
 
 def test_logs_of_two_machines_are_refused(bench, hexapod, tmp_path):
     """Another kind, another supply, another load."""
     assert check_same_machine([bench, read_log(DATA / "bench_none" / "sweep.csv.gz")], MACHINE) == []
-    assert "hexapod" in check_same_machine([bench, hexapod[0]], MACHINE)[0].says
+    assert "hexapod" in check_same_machine([bench, hexapod[0]], MACHINE)[0].description
     assert severities(hexapod[0], MACHINE)["position"] == "refuse"
     supply = with_column(bench, pressure_supply_Pa=bench.columns["pressure_supply_Pa"] * 1.4)
-    assert "70.12 bar" in check_same_machine([bench, supply], MACHINE)[0].says
+    assert "70.12 bar" in check_same_machine([bench, supply], MACHINE)[0].description
     other_plant.write_machine(tmp_path, 9, {"mass": 0.6}, runs=["fit"], duration_s=10.0)
     heavier = read_log(tmp_path / "fit.csv.gz")
-    assert any("another load" in finding.says for finding in check_same_machine([bench, heavier], MACHINE))
+    assert any("another load" in finding.description for finding in check_same_machine([bench, heavier], MACHINE))
 
 
 @pytest.mark.parametrize(
@@ -155,7 +159,7 @@ def test_logs_of_two_machines_are_refused(bench, hexapod, tmp_path):
     [("seal_friction", 9e-5), ("rod_line_loss_one_way", 1.5e14), ("leakage_supply_to_chamber", 5.4e-12)],
 )
 def test_strong_effects_are_not_taken_for_damage(tmp_path, effect, strength):
-    """Three times the believable strength: the reader repairs nothing, and the logs stay logs of one machine."""
+    """Three times the typical strength: the reader repairs nothing, and the logs stay logs of one machine."""
     other_plant.write_machine(tmp_path, 3, {effect: strength}, runs=["fit", "validate"], duration_s=9.0)
     logs = [read_log(tmp_path / f"{run}.csv.gz") for run in ("fit", "validate")]
     assert [log.losses for log in logs] == [(), ()]
@@ -168,7 +172,9 @@ def test_a_damaged_setpoint_is_found_through_the_controller(bench):
     setpoint = bench.columns["setpoint_m"].copy()
     setpoint[9000:9200] = setpoint[9000]
     found = check_log(with_column(bench, setpoint_m=setpoint), MACHINE)
-    assert any(f.severity == "loss" and "do not belong together" in f.says and "at 9.0" in f.says for f in found)
+    assert any(
+        f.severity == "loss" and "do not belong together" in f.description and "at 9.0" in f.description for f in found
+    )
 
 
 @pytest.mark.parametrize(
@@ -180,7 +186,7 @@ def test_a_sensor_that_reads_wrong_is_noticed_with_its_number(tmp_path, effect, 
     found = [
         f
         for f in check_log(read_log(tmp_path / "fit.csv.gz"), MACHINE)
-        if f.channel == "acceleration_m_s2" and word in f.says
+        if f.channel == "acceleration_m_s2" and word in f.description
     ]
     assert found and found[0].severity == "notice"
     assert found[0].value == pytest.approx(value, rel=0.01, abs=3e-4)

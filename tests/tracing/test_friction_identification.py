@@ -10,9 +10,9 @@ import pytest
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.tracing.friction import KEYS, identify_friction
-from hexsim.tracing.friction_figure import friction_figure, friction_table
-from hexsim.tracing.readers import read_log
+from hexsim.readers import read_log
+from hexsim.tracing.friction.figure import friction_figure, friction_table
+from hexsim.tracing.friction.identification import KEYS, identify_friction
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 FIELDS = ("viscous_out", "coulomb_out", "static_out", "stribeck", "viscous_in", "coulomb_in", "static_in", "stribeck")

@@ -9,16 +9,16 @@ import pytest
 from other_plant import write_machine
 
 from hexsim.machine import load_machine
+from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
-from hexsim.tracing.answer import Question
-from hexsim.tracing.channels import noise_of
-from hexsim.tracing.errors_before_after import error_table
-from hexsim.tracing.hypothesis import priors
-from hexsim.tracing.learned import learned_fit
-from hexsim.tracing.localise import violations
-from hexsim.tracing.refit import refine, start_fit
+from hexsim.tracing.fitting.fit import refine, start_fit
+from hexsim.tracing.fitting.parameters import priors
+from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.steps.held_out_errors import error_table
+from hexsim.tracing.steps.learned import learned_fit
+from hexsim.tracing.steps.residuals import unexplained_residuals
+from hexsim.tracing.steps.violations import violations
 from hexsim.tracing.trace import read_runs
-from hexsim.tracing.unexplained import what_is_left
 
 
 @pytest.fixture
@@ -29,19 +29,19 @@ def questions(tmp_path, monkeypatch):
     machine = load_machine(tmp_path)
     logs, _, _ = read_runs(Path(tmp_path), ["fit", "sweep", "validate"], machine)
     noise = noise_of(machine, logs)
-    return machine, Question(logs=tuple(logs[:2]), noise=noise), Question(logs=tuple(logs[2:]), noise=noise)
+    return machine, FitProblem(logs=tuple(logs[:2]), noise=noise), FitProblem(logs=tuple(logs[2:]), noise=noise)
 
 
 def test_a_gap_without_a_name(questions):
     """Only the flow balance is violated; its rest depends on the volts; the learned term halves the held-out error at
     least, brings the chamber pressure to 1.3 times the noise, and its machine file holds the curve."""
-    machine, question, held_out = questions
-    lines = violations(machine, machine, question)
+    machine, problem, held_out = questions
+    lines = violations(machine, machine, problem)
     assert [line.name for line in lines if line.violated] == ["continuity"]
-    rest = what_is_left(lines, question)[0]
+    rest = unexplained_residuals(lines, problem)[0]
     assert (rest.balance, rest.dependence.signal) == ("valve", "valve_V")
-    base = refine(start_fit(machine, priors(machine), question), question, fresh=True, relative=rules.BASE_TOLERANCE)
-    found = learned_fit(rest, machine, priors(machine), base, question, held_out)
+    base = refine(start_fit(machine, priors(machine), problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)
+    found = learned_fit(rest, machine, priors(machine), base, problem, held_out)
     assert found is not None
     fit, entry = found
     assert entry["learned"] and entry["name"] == "" and all(gain > 0 for gain in entry["evidence"]["held_out_gain"])

@@ -7,13 +7,13 @@ import pytest
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
+from hexsim.readers import read_log
 from hexsim.scenarios import scenario_from_dict
+from hexsim.signals.channels import channel_arrays, kind_of, noise_of
+from hexsim.signals.log import measured_log
 from hexsim.simulation import simulate
-from hexsim.tracing.answer import Question
-from hexsim.tracing.channels import channel_arrays, kind_of, noise_of
-from hexsim.tracing.experiments import setpoint_log
-from hexsim.tracing.log import measured_log
-from hexsim.tracing.readers import read_log
+from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.steps.experiments import setpoint_log
 
 DATA = Path(__file__).parents[1] / "data"
 NOISE = {
@@ -57,7 +57,7 @@ def test_a_bench_moves_as_in_the_plant(effects):
     }  # fmt: skip
     run = simulate(machine, scenario_from_dict(tables))
     log = setpoint_log(machine, tables)
-    answer = channel_arrays(Question(logs=(log,), noise=NOISE).simulated(machine, 0))
+    answer = channel_arrays(FitProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
     for name, own in answer.items():
         theirs = run.log[name].to_numpy()[: len(own)]
         assert np.std(theirs - own[: len(theirs)]) < 0.33 * NOISE[kind_of(name)], name
@@ -82,7 +82,7 @@ def test_a_payload_on_a_spring_rides_as_in_the_plant():
     }  # fmt: skip
     run = simulate(machine, scenario_from_dict(tables))
     log = setpoint_log(machine, tables)
-    answer = channel_arrays(Question(logs=(log,), noise=NOISE).simulated(machine, 0))
+    answer = channel_arrays(FitProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
     assert np.std(answer["acceleration_z_m_s2"]) > 0.3
     for name, own in answer.items():
         theirs = run.log[name].to_numpy()[: len(own)]
@@ -94,7 +94,7 @@ def test_the_true_machine_answers_the_log(folder):
     """With the parameters and the effect of truth.json, what is left of each channel is the sensors' noise within 3 %."""
     import json
 
-    from hexsim.tracing.hypothesis import named, priors, with_settings
+    from hexsim.tracing.fitting.parameters import named, priors, with_settings
 
     machine = load_machine(DATA / folder)
     truth = json.loads((DATA / folder / "truth.json").read_text())
@@ -108,6 +108,6 @@ def test_the_true_machine_answers_the_log(folder):
     width = truth["undeclared"].get("valve_hysteresis")
     effects = [(named("valve_hysteresis"), {"half_width_V": width})] if width else []
     log = measured_log("validate", read_log(DATA / folder / "validate.csv.gz").table, machine)
-    question = Question(logs=(log,), noise=noise_of(machine, [log]))
-    misfit = question.misfit([with_settings(machine, off, effects)])[0][0]
+    problem = FitProblem(logs=(log,), noise=noise_of(machine, [log]))
+    misfit = problem.misfit([with_settings(machine, off, effects)])[0][0]
     assert np.sqrt(np.mean(misfit**2, axis=1)) == pytest.approx(1.0, abs=0.03)

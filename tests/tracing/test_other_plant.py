@@ -84,7 +84,7 @@ def test_steps_are_small_enough_for_the_acceleration():
 
 @pytest.mark.parametrize("name", sorted(other_plant.EFFECTS))
 def test_every_effect_changes_a_signal_beyond_its_noise(name):
-    """At believable strength each effect moves at least one signal by more than a third of its noise (rms)."""
+    """At typical strength each effect moves at least one signal by more than a third of its noise (rms)."""
     effect = other_plant.EFFECTS[name]
     kind = effect.kinds[0]
     sigma = {"position": 3e-6, "pressure": 4e3, "acceleration": 0.02, "angular": 0.03}

@@ -11,8 +11,8 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.tracing.checks import check_log
-from hexsim.tracing.readers import read_log, read_stretches
+from hexsim.readers import read_log, read_stretches
+from hexsim.tracing.checks.checks import check_log
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 CLEAN = DATA / "bench_none" / "fit.csv.gz"

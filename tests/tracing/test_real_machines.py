@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
-from hexsim.tracing.held_out import OwnBalance, Point, Term, late_by, trace_own
-from hexsim.tracing.readers.log_file import LogFile
-from hexsim.tracing.weak_form import Window
+from hexsim.readers.log_file import LogFile
+from hexsim.signals.weak_form import Window
+from hexsim.tracing.term_regression import OwnBalance, Point, Term, late_by, trace_own
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 MEASURED = Path(os.environ.get("HEXSIM_MEASURED", REPOSITORY.parent / "shared" / "measured"))
@@ -130,7 +130,7 @@ def test_servo_valve():
     """
     import servovalve
 
-    verdicts = {verdict.question: verdict.numbers for verdict in servovalve.trace(MEASURED / "servovalve_bench")}
+    verdicts = {verdict.problem: verdict.numbers for verdict in servovalve.trace(MEASURED / "servovalve_bench")}
     assert verdicts["flow against pressure"]["exponent"] == pytest.approx(0.5, abs=0.02)
     slow = verdicts["hysteresis or lag"]
     assert slow["hysteresis_half_width_mA"] > 4 * slow["error_mA"]

@@ -40,9 +40,7 @@ def test_nothing_missing():
     assert result.report["verdict"] == "nothing missing"
     assert result.report["effects"] == [] and result.report["unexplained"] == []
     assert not any(balance["violated"] for balance in result.report["balances"])
-    assert (
-        result.report["detectable"]["leakage_supply_to_chamber"]["theta_min"] < 1.8e-13
-    )  # a tenth of a believable leak
+    assert result.report["detectable"]["leakage_supply_to_chamber"]["theta_min"] < 1.8e-13  # a tenth of a typical leak
 
 
 TRUTH = {

@@ -7,14 +7,15 @@ import pytest
 from other_plant import write_machine
 
 from hexsim.machine import load_machine
-from hexsim.tracing import report_page, rules
-from hexsim.tracing.answer import Question
-from hexsim.tracing.channels import noise_of
-from hexsim.tracing.dependence import FORMS
-from hexsim.tracing.localise import violations
-from hexsim.tracing.report_figures import fitted_curves
+from hexsim.signals.channels import noise_of
+from hexsim.tracing import rules
+from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.report import page as report_page
+from hexsim.tracing.report.figures import fitted_curves
+from hexsim.tracing.steps.dependence import FORMS
+from hexsim.tracing.steps.residuals import unexplained_residuals
+from hexsim.tracing.steps.violations import violations
 from hexsim.tracing.trace import read_runs
-from hexsim.tracing.unexplained import what_is_left
 
 
 @pytest.mark.parametrize(
@@ -33,8 +34,8 @@ def test_what_a_rest_depends_on(tmp_path, monkeypatch, effect, balance, signal, 
     write_machine(tmp_path, 12, {effect: None}, "bench", duration_s=20.0)
     machine = load_machine(tmp_path)
     logs, _, _ = read_runs(Path(tmp_path), ["fit", "sweep"], machine)
-    question = Question(logs=tuple(logs), noise=noise_of(machine, logs))
-    worst = what_is_left(violations(machine, machine, question), question)[0]
+    problem = FitProblem(logs=tuple(logs), noise=noise_of(machine, logs))
+    worst = unexplained_residuals(violations(machine, machine, problem), problem)[0]
     assert (worst.balance, worst.dependence.signal, worst.dependence.form) == (balance, signal, form)
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hexsim.machine.resolved import PayloadMode
+from hexsim.hydraulics.resolved import PayloadMode
+from hexsim.signals.weak_form import Window, velocity
 from hexsim.tracing.balances.force import on_spring
-from hexsim.tracing.weak_form import Window, velocity
 
 RATE = 1000.0
 T = np.arange(2000) / RATE

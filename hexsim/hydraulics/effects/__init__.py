@@ -7,13 +7,11 @@ import math
 import pkgutil
 import re
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.declaration import Machine
 
 __all__ = ["Effect", "EffectParameter", "check_effects", "effect_named", "effect_settings", "library"]
 
@@ -57,7 +55,7 @@ def check_effects(machine: Machine, source: str) -> None:
 def _values(effect: Effect, table: dict[str, Any], place: str) -> dict[str, Any]:
     """Every parameter of the effect with its value; unknown, missing and out-of-bounds ones are refused."""
     known = {parameter.name: parameter for parameter in effect.parameters}
-    free = {"where", "curve", "says"}  # a learned term carries its curve
+    free = {"where", "curve", "description"}  # a learned term carries its curve
     unknown = [key for key in table if key not in known and key not in free]
     if unknown:
         raise HexsimError(f"{place} {unknown[0]} is not a known key: allowed are {', '.join([*known, 'where'])}")

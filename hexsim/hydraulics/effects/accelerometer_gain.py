@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -21,9 +17,9 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="accelerometer_gain",
     balance="sensor",
-    says="the accelerometer shows too much or too little",
+    description="the accelerometer shows too much or too little",
     source="report 2.3.1: dividing and multiplying by a sensitivity confused",
-    parameters=(EffectParameter(name="relative_change", unit="1", bounds=(-0.95, 9.0), believable=0.04),),
+    parameters=(EffectParameter(name="relative_change", unit="1", bounds=(-0.95, 9.0), typical=0.04),),
     apply=apply,
     places="machine",
 )

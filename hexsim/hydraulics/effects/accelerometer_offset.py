@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -21,9 +17,9 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="accelerometer_offset",
     balance="sensor",
-    says="the accelerometer shows a constant too much",
+    description="the accelerometer shows a constant too much",
     source="zero drift of accelerometers: 0.01-0.1 g",
-    parameters=(EffectParameter(name="offset_m_s2", unit="m/s2", bounds=(-100.0, 100.0), believable=0.05),),
+    parameters=(EffectParameter(name="offset_m_s2", unit="m/s2", bounds=(-100.0, 100.0), typical=0.05),),
     apply=apply,
     places="machine",
 )

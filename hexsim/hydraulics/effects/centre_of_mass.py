@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -20,12 +16,12 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="centre_of_mass",
     balance="platform",
-    says="the platform's centre of mass is off its declared place",
+    description="the platform's centre of mass is off its declared place",
     source="payload put on off centre: 10-100 mm",
     parameters=(
-        EffectParameter(name="x_m", unit="m", bounds=(-5.0, 5.0), believable=0.03, default=0.0),
-        EffectParameter(name="y_m", unit="m", bounds=(-5.0, 5.0), believable=0.03, default=0.0),
-        EffectParameter(name="z_m", unit="m", bounds=(-5.0, 5.0), believable=0.1, default=0.0),
+        EffectParameter(name="x_m", unit="m", bounds=(-5.0, 5.0), typical=0.03, default=0.0),
+        EffectParameter(name="y_m", unit="m", bounds=(-5.0, 5.0), typical=0.03, default=0.0),
+        EffectParameter(name="z_m", unit="m", bounds=(-5.0, 5.0), typical=0.1, default=0.0),
     ),
     apply=apply,
     places="platform",

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.parameters import P
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -21,8 +17,8 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="coulomb_friction_change",
     balance="force",
-    says="Coulomb friction differs from the declared one",
+    description="Coulomb friction differs from the declared one",
     source="seal wear and preload; a 63/35 mm cylinder has 1741 N",
-    parameters=(EffectParameter(name="force_N", unit="N", bounds=(-1e6, 1e6), believable=40.0),),
+    parameters=(EffectParameter(name="force_N", unit="N", bounds=(-1e6, 1e6), typical=40.0),),
     apply=apply,
 )

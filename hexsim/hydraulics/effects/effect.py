@@ -14,19 +14,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from hexsim.hydraulics.parameters import P
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 Balance = Literal["valve", "supply", "continuity", "force", "sensor", "platform"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class EffectParameter:
-    """One number of an effect. `neutral` is where the effect vanishes, `believable` a typical strength in SI.
+    """One number of an effect. `neutral` is where the effect vanishes, `typical` a typical strength in SI.
 
     neutral = math.inf: the effect vanishes as the number grows (a frequency, a stiffness); tracing works on 1/value.
     grid: values to screen when the number shapes the effect and does not scale it (a wavelength, a phase).
@@ -35,7 +33,7 @@ class EffectParameter:
     name: str  # with its unit
     unit: str
     bounds: tuple[float, float]
-    believable: float
+    typical: float
     neutral: float = 0.0
     slot: P | None = None  # place of the leg's row that the value is added to
     default: float | None = None  # when the file may leave it out
@@ -49,23 +47,23 @@ class Effect:
     places: where it can act ("leg": one leg or all; "platform"; "machine": shared by all, such as the supply).
     kinds: machine kinds that can have it.
     shown_by: the input that would show an effect that slow motion does not show.
-    lumped: stands for any cause of its form; of a tie, the other is named.
+    generic: stands for any cause of its form; of a tie, the other is named.
     vector: its numbers are components of one thing: any of them may be the one that is there.
-    bends: a softer chamber moves the oil's resonance, so that the answer is far from proportional to its size.
+    nonlinear_response: a softer chamber moves the oil's resonance, so that the answer is far from proportional to its size.
     """
 
     name: str
     balance: Balance
-    says: str
+    description: str
     source: str
     parameters: tuple[EffectParameter, ...]
     apply: Callable[[Resolved, tuple[int, ...], dict[str, float]], None] | None = None
     places: Literal["leg", "platform", "machine"] = "leg"
     kinds: tuple[str, ...] = ("bench", "hexapod")
     shown_by: str = ""
-    lumped: bool = False
+    generic: bool = False
     vector: bool = False
-    bends: bool = False
+    nonlinear_response: bool = False
 
     def add_to(self, resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
         """Switch the effect on in `legs` (0-based): by its own `apply`, or value by value into the slots."""

@@ -6,11 +6,11 @@ from hexsim.hydraulics.parameters import P
 EFFECT = Effect(
     name="entrained_air",
     balance="continuity",
-    says="undissolved air makes the oil softer at low pressure",
+    description="undissolved air makes the oil softer at low pressure",
     source="Merritt 1967; Kajaste 2005; 0.5 % is the default of commercial libraries",
     parameters=(
-        EffectParameter(name="volume_fraction", unit="1", bounds=(0.0, 0.3), believable=0.01, slot=P.AIR_FRACTION),
+        EffectParameter(name="volume_fraction", unit="1", bounds=(0.0, 0.3), typical=0.01, slot=P.AIR_FRACTION),
     ),
     shown_by="motion with fast pressure changes: steps of the setpoint, a sweep through the oil resonance",
-    bends=True,
+    nonlinear_response=True,
 )

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import PayloadMode, Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
     """Take the part out of the rigid load and hang it on a spring along the vertical axis."""
-    from hexsim.machine.resolved import PayloadMode  # resolved machines import the effects
 
     load, mass = resolved.load, values["mass_kg"]
     if mass <= 0.0:
@@ -27,18 +22,18 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="flexible_payload",
     balance="force",
-    says="a part of the payload moves on a spring (flexible mount, sloshing)",
+    description="a part of the payload moves on a spring (flexible mount, sloshing)",
     source="Ibrahim 2005; mounts 3-30 Hz",
     parameters=(
-        EffectParameter(name="mass_kg", unit="kg", bounds=(0.0, 1e5), believable=4.0),
+        EffectParameter(name="mass_kg", unit="kg", bounds=(0.0, 1e5), typical=4.0),
         EffectParameter(
             name="frequency_Hz",
             unit="Hz",
             bounds=(0.1, 200.0),
-            believable=8.0,
+            typical=8.0,
             default=8.0,
         ),
-        EffectParameter(name="damping_ratio", unit="1", bounds=(0.0, 2.0), believable=0.05, default=0.05),
+        EffectParameter(name="damping_ratio", unit="1", bounds=(0.0, 2.0), typical=0.05, default=0.05),
     ),
     apply=apply,
     places="platform",

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from hexsim.hydraulics.chamber import ATMOSPHERE
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
+from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import LINE, S
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
 
 LEAST_SHARE = 0.2  # of the nominal pressure (absolute): precharge, below which the gas is shut off
 
@@ -28,16 +25,14 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="gas_accumulator",
     balance="supply",
-    says="the supply lives on a gas accumulator behind the pump line; the gas grows softer as it empties",
+    description="the supply lives on a gas accumulator behind the pump line; the gas grows softer as it empties",
     source="report 2.2.2; polytropic gas, n = 1 (slow) to 1.4 (fast)",
     parameters=(
         EffectParameter(
-            name="gas_volume_m3", unit="m3", bounds=(1e-7, 1.0), believable=4e-4, neutral=math.inf, default=4e-4
+            name="gas_volume_m3", unit="m3", bounds=(1e-7, 1.0), typical=4e-4, neutral=math.inf, default=4e-4
         ),
-        EffectParameter(
-            name="line_resistance_Pa_s_m3", unit="Pa s/m3", bounds=(1e6, 1e12), believable=5e9, default=5e9
-        ),
-        EffectParameter(name="polytropic_exponent", unit="1", bounds=(1.0, 1.4), believable=1.2, default=1.2),
+        EffectParameter(name="line_resistance_Pa_s_m3", unit="Pa s/m3", bounds=(1e6, 1e12), typical=5e9, default=5e9),
+        EffectParameter(name="polytropic_exponent", unit="1", bounds=(1.0, 1.4), typical=1.2, default=1.2),
     ),
     apply=apply,
     places="machine",

@@ -6,17 +6,17 @@ from hexsim.hydraulics.parameters import P
 EFFECT = Effect(
     name="hose_compliance",
     balance="continuity",
-    says="hoses and pipes give way with pressure",
+    description="hoses and pipes give way with pressure",
     source="hose data: 1e-14 to 1e-12 m3/Pa a metre",
     parameters=(
         EffectParameter(
             name="compliance_m3_Pa",
             unit="m3/Pa",
             bounds=(0.0, 1e-9),
-            believable=2.0e-14,
+            typical=2.0e-14,
             slot=P.HOSE_COMPLIANCE,
         ),
     ),
     shown_by="motion with fast pressure changes: steps of the setpoint, a sweep through the oil resonance",
-    bends=True,
+    nonlinear_response=True,
 )

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -23,9 +20,9 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="incline",
     balance="force",
-    says="the machine's axis is inclined to the vertical",
+    description="the machine's axis is inclined to the vertical",
     source="installation; a cylinder mounted at a slant",
-    parameters=(EffectParameter(name="angle_rad", unit="rad", bounds=(0.0, 1.5707963), believable=0.3),),
+    parameters=(EffectParameter(name="angle_rad", unit="rad", bounds=(0.0, 1.5707963), typical=0.3),),
     apply=apply,
     places="platform",
 )

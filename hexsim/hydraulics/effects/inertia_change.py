@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -21,12 +17,12 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="inertia_change",
     balance="platform",
-    says="the platform's moments of inertia differ from the declared ones",
+    description="the platform's moments of inertia differ from the declared ones",
     source="payload spread: 10-50 %",
     parameters=(
-        EffectParameter(name="x_kg_m2", unit="kg m2", bounds=(-1e6, 1e6), believable=12.0, default=0.0),
-        EffectParameter(name="y_kg_m2", unit="kg m2", bounds=(-1e6, 1e6), believable=12.0, default=0.0),
-        EffectParameter(name="z_kg_m2", unit="kg m2", bounds=(-1e6, 1e6), believable=20.0, default=0.0),
+        EffectParameter(name="x_kg_m2", unit="kg m2", bounds=(-1e6, 1e6), typical=12.0, default=0.0),
+        EffectParameter(name="y_kg_m2", unit="kg m2", bounds=(-1e6, 1e6), typical=12.0, default=0.0),
+        EffectParameter(name="z_kg_m2", unit="kg m2", bounds=(-1e6, 1e6), typical=20.0, default=0.0),
     ),
     apply=apply,
     places="platform",

@@ -6,15 +6,13 @@ curve = {balance = "force", signal = "position_m", start = 0.0, step = 0.01, val
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects.effect import Effect
 from hexsim.hydraulics.leg import LEARNED_CONTINUITY, LEARNED_FORCE, SIGNALS
 from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 BALANCES = {"continuity": LEARNED_CONTINUITY, "force": LEARNED_FORCE}  # [m3/s], [N]
 
@@ -40,7 +38,7 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, Any]) -> 
 EFFECT = Effect(
     name="learned_term",
     balance="force",
-    says="a measured curve in one balance over one signal, under no physical name",
+    description="a measured curve in one balance over one signal, under no physical name",
     source="Kennedy and O'Hagan 2001; Ebers, Steele and Kutz 2024",
     parameters=(),
     apply=apply,

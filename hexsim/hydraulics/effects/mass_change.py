@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -22,9 +18,9 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="mass_change",
     balance="force",
-    says="the moving mass differs from the declared one",
+    description="the moving mass differs from the declared one",
     source="forgotten payload",
-    parameters=(EffectParameter(name="mass_kg", unit="kg", bounds=(-1e5, 1e5), believable=4.0),),
+    parameters=(EffectParameter(name="mass_kg", unit="kg", bounds=(-1e5, 1e5), typical=4.0),),
     apply=apply,
     places="platform",
 )

@@ -6,9 +6,7 @@ from hexsim.hydraulics.parameters import P
 EFFECT = Effect(
     name="null_drift",
     balance="valve",
-    says="the valve's null drifts with time",
+    description="the valve's null drifts with time",
     source="data sheets: 2 % of rated signal over 40 K",
-    parameters=(
-        EffectParameter(name="drift_V_s", unit="V/s", bounds=(-1.0, 1.0), believable=0.003, slot=P.NULL_DRIFT),
-    ),
+    parameters=(EffectParameter(name="drift_V_s", unit="V/s", bounds=(-1.0, 1.0), typical=0.003, slot=P.NULL_DRIFT),),
 )

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.parameters import P
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -20,10 +16,10 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="overlap_change",
     balance="valve",
-    says="the valve's overlap differs from the declared one at both edges",
+    description="the valve's overlap differs from the declared one at both edges",
     source="report 3.2; 5 um is 0.45 % of stroke, also 20 and 50 um",
     parameters=(
-        EffectParameter(name="overlap_m", unit="m", bounds=(-1e-3, 1e-3), believable=8e-6, slot=P.OVERLAP_SUPPLY),
+        EffectParameter(name="overlap_m", unit="m", bounds=(-1e-3, 1e-3), typical=8e-6, slot=P.OVERLAP_SUPPLY),
     ),
     apply=apply,
 )

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.parameters import P
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -22,22 +18,22 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="position_dependent_friction",
     balance="force",
-    says="friction varies with the piston's position",
+    description="friction varies with the piston's position",
     source="bore and rod straightness: waves of 10-100 mm",
     parameters=(
-        EffectParameter(name="amplitude_N", unit="N", bounds=(-1e6, 1e6), believable=20.0),
+        EffectParameter(name="amplitude_N", unit="N", bounds=(-1e6, 1e6), typical=20.0),
         EffectParameter(
             name="wavelength_m",
             unit="m",
             bounds=(1e-3, 10.0),
-            believable=0.05,
+            typical=0.05,
             default=0.05,
         ),
         EffectParameter(
             name="phase_rad",
             unit="rad",
             bounds=(-6.3, 6.3),
-            believable=0.0,
+            typical=0.0,
             default=0.0,
             grid=(0.0, 1.5707963),
         ),

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -18,8 +14,8 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="position_gain",
     balance="sensor",
-    says="the position transducer shows too much or too little",
+    description="the position transducer shows too much or too little",
     source="scale error of transducers: 0.1-1 %",
-    parameters=(EffectParameter(name="relative_change", unit="1", bounds=(-0.9, 9.0), believable=0.01),),
+    parameters=(EffectParameter(name="relative_change", unit="1", bounds=(-0.9, 9.0), typical=0.01),),
     apply=apply,
 )

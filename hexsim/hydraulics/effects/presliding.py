@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.parameters import P
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -21,17 +18,17 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="presliding",
     balance="force",
-    says="the seal is elastic before it slides",
+    description="the seal is elastic before it slides",
     source="Canudas de Wit 1995; sizes 1e6-1e7 N/m",
     parameters=(
         EffectParameter(
             name="bristle_stiffness_N_m",
             unit="N/m",
             bounds=(1e4, 1e9),
-            believable=1.0e6,
+            typical=1.0e6,
             neutral=math.inf,
         ),
-        EffectParameter(name="bristle_damping_N_s_m", unit="N s/m", bounds=(0.0, 1e6), believable=1.0e3, default=1.0e3),
+        EffectParameter(name="bristle_damping_N_s_m", unit="N s/m", bounds=(0.0, 1e6), typical=1.0e3, default=1.0e3),
     ),
     apply=apply,
 )

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -18,8 +14,8 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="pressure_delay",
     balance="sensor",
-    says="the chamber pressure channel is late",
+    description="the chamber pressure channel is late",
     source="filters and buses: 1-400 ms",
-    parameters=(EffectParameter(name="delay_s", unit="s", bounds=(0.0, 1.0), believable=0.003),),
+    parameters=(EffectParameter(name="delay_s", unit="s", bounds=(0.0, 1.0), typical=0.003),),
     apply=apply,
 )

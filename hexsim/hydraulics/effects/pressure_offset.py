@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -18,8 +14,8 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="pressure_offset",
     balance="sensor",
-    says="the chamber pressure transducer shows a constant too much",
+    description="the chamber pressure transducer shows a constant too much",
     source="zero drift of transducers: 0.5-2 % of span",
-    parameters=(EffectParameter(name="offset_Pa", unit="Pa", bounds=(-1e8, 1e8), believable=5.0e4),),
+    parameters=(EffectParameter(name="offset_Pa", unit="Pa", bounds=(-1e8, 1e8), typical=5.0e4),),
     apply=apply,
 )

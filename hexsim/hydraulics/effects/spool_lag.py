@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.parameters import P
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -26,11 +23,11 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="spool_lag",
     balance="valve",
-    says="the spool lags behind its command",
+    description="the spool lags behind its command",
     source="shared field sizes: 20-100 Hz, damping 0.7",
     parameters=(
-        EffectParameter(name="frequency_Hz", unit="Hz", bounds=(2.0, 2000.0), believable=60.0, neutral=math.inf),
-        EffectParameter(name="damping", unit="1", bounds=(0.2, 3.0), believable=0.7, default=0.7),
+        EffectParameter(name="frequency_Hz", unit="Hz", bounds=(2.0, 2000.0), typical=60.0, neutral=math.inf),
+        EffectParameter(name="damping", unit="1", bounds=(0.2, 3.0), typical=0.7, default=0.7),
     ),
     apply=apply,
 )

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.parameters import P
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -25,11 +22,11 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="spool_rate_limit",
     balance="valve",
-    says="the spool's speed is limited",
+    description="the spool's speed is limited",
     source="rate of a proportional valve: full stroke in 10-50 ms",
     parameters=(
-        EffectParameter(name="rate_m_s", unit="m/s", bounds=(1e-5, 10.0), believable=5e-4, neutral=math.inf),
-        EffectParameter(name="frequency_Hz", unit="Hz", bounds=(2.0, 2000.0), believable=250.0, default=250.0),
+        EffectParameter(name="rate_m_s", unit="m/s", bounds=(1e-5, 10.0), typical=5e-4, neutral=math.inf),
+        EffectParameter(name="frequency_Hz", unit="Hz", bounds=(2.0, 2000.0), typical=250.0, default=250.0),
     ),
     apply=apply,
 )

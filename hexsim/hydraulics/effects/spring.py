@@ -6,9 +6,9 @@ from hexsim.hydraulics.parameters import P
 EFFECT = Effect(
     name="spring",
     balance="force",
-    says="a spring acts between the load and the base",
+    description="a spring acts between the load and the base",
     source="umbilicals and bellows: 100-2000 N/m",
     parameters=(
-        EffectParameter(name="stiffness_N_m", unit="N/m", bounds=(-1e8, 1e8), believable=600.0, slot=P.EXTRA_SPRING),
+        EffectParameter(name="stiffness_N_m", unit="N/m", bounds=(-1e8, 1e8), typical=600.0, slot=P.EXTRA_SPRING),
     ),
 )

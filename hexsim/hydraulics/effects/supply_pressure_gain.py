@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -21,9 +17,9 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="supply_pressure_gain",
     balance="sensor",
-    says="the supply pressure transducer shows too much or too little",
+    description="the supply pressure transducer shows too much or too little",
     source="transducers: 0.5-2 % of span",
-    parameters=(EffectParameter(name="relative_change", unit="1", bounds=(-0.9, 9.0), believable=0.02),),
+    parameters=(EffectParameter(name="relative_change", unit="1", bounds=(-0.9, 9.0), typical=0.02),),
     apply=apply,
     places="machine",
 )

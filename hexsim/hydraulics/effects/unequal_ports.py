@@ -6,13 +6,10 @@ About the mean because a change of both edges alike is the valve's gain (the dis
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.parameters import P
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -25,8 +22,8 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="unequal_ports",
     balance="valve",
-    says="the tank edge opens faster or slower than the supply edge",
+    description="the tank edge opens faster or slower than the supply edge",
     source="manufacture; asymmetric spools for differential cylinders reach 2:1",
-    parameters=(EffectParameter(name="tank_edge_ratio_change", unit="1", bounds=(-0.9, 9.0), believable=0.08),),
+    parameters=(EffectParameter(name="tank_edge_ratio_change", unit="1", bounds=(-0.9, 9.0), typical=0.08),),
     apply=apply,
 )

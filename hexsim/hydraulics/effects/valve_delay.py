@@ -6,7 +6,7 @@ from hexsim.hydraulics.parameters import P
 EFFECT = Effect(
     name="valve_delay",
     balance="valve",
-    says="the command reaches the valve late",
+    description="the command reaches the valve late",
     source="communication and amplifier: 1-10 ms",
-    parameters=(EffectParameter(name="delay_s", unit="s", bounds=(0.0, 0.5), believable=0.004, slot=P.VALVE_DELAY),),
+    parameters=(EffectParameter(name="delay_s", unit="s", bounds=(0.0, 0.5), typical=0.004, slot=P.VALVE_DELAY),),
 )

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.parameters import P
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -19,9 +15,9 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="valve_gain_change",
     balance="valve",
-    says="the valve passes more or less flow than declared, at both edges alike",
+    description="the valve passes more or less flow than declared, at both edges alike",
     source="tolerance of valve data sheets: 10 %",
-    parameters=(EffectParameter(name="relative_change", unit="1", bounds=(-0.9, 9.0), believable=0.10),),
+    parameters=(EffectParameter(name="relative_change", unit="1", bounds=(-0.9, 9.0), typical=0.10),),
     apply=apply,
-    lumped=True,
+    generic=True,
 )

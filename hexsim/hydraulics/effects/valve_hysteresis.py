@@ -6,7 +6,7 @@ from hexsim.hydraulics.parameters import P
 EFFECT = Effect(
     name="valve_hysteresis",
     balance="valve",
-    says="backlash between the valve command and the spool",
+    description="backlash between the valve command and the spool",
     source="shared field sizes: 0.2-1 % of stroke",
-    parameters=(EffectParameter(name="half_width_V", unit="V", bounds=(0.0, 5.0), believable=0.04, slot=P.HYSTERESIS),),
+    parameters=(EffectParameter(name="half_width_V", unit="V", bounds=(0.0, 5.0), typical=0.04, slot=P.HYSTERESIS),),
 )

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.parameters import P
-
-if TYPE_CHECKING:
-    from hexsim.machine.resolved import Resolved
+from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
@@ -21,8 +17,8 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="viscous_friction_change",
     balance="force",
-    says="viscous friction differs from the declared one",
+    description="viscous friction differs from the declared one",
     source="oil temperature: viscosity halves in 15 K",
-    parameters=(EffectParameter(name="viscous_N_s_m", unit="N s/m", bounds=(-1e7, 1e7), believable=800.0),),
+    parameters=(EffectParameter(name="viscous_N_s_m", unit="N s/m", bounds=(-1e7, 1e7), typical=800.0),),
     apply=apply,
 )

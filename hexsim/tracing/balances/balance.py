@@ -9,14 +9,15 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics import valve
 from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.parameters import P
-from hexsim.machine.declaration import Machine
-from hexsim.machine.resolved import Resolved, resolve
-from hexsim.tracing.log import MeasuredLog
-from hexsim.tracing.weak_form import Window, velocity
+from hexsim.hydraulics.resolve import resolve
+from hexsim.hydraulics.resolved import Resolved
+from hexsim.signals.log import MeasuredLog
+from hexsim.signals.weak_form import Window, velocity
 
 Array = np.ndarray
 Settings = tuple[float, ...]  # offset, gain, delay [s] of a sensor

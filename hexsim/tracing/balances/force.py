@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import bilinear, lfilter
 
+from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.parameters import P
-from hexsim.machine.declaration import Machine
-from hexsim.machine.resolved import PayloadMode
+from hexsim.hydraulics.resolved import PayloadMode
+from hexsim.signals.log import MeasuredLog
+from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
-from hexsim.tracing.log import MeasuredLog
-from hexsim.tracing.weak_form import Window
 
 Array = np.ndarray
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from hexsim.declaration import Machine
 from hexsim.hydraulics.parameters import P
-from hexsim.machine.declaration import Machine
+from hexsim.signals.log import MeasuredLog
+from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import advanced, measured_point, resolved_machine
 from hexsim.tracing.balances.force import forces_beyond_pressure, on_spring
-from hexsim.tracing.hexapod_simulator import kinematics_of, platform_load
-from hexsim.tracing.log import MeasuredLog
-from hexsim.tracing.weak_form import Window
+from hexsim.tracing.simulation.hexapod_simulator import kinematics_of, platform_load
 
 Array = np.ndarray
 ROWS = ("x", "y", "z", "roll", "pitch", "yaw")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hexsim.machine.declaration import Machine
+from hexsim.declaration import Machine
+from hexsim.signals.log import MeasuredLog
 from hexsim.tracing.balances.balance import resolved_machine, sensed_leg
-from hexsim.tracing.log import MeasuredLog
 
 Array = np.ndarray
 

@@ -1,0 +1,1 @@
+"""Files written whole or not at all: text, JSON, TOML, logs, run folders."""

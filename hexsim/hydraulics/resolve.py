@@ -1,0 +1,58 @@
+"""The machine as the plant builds it: declared values with the effects of its file switched on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hexsim.declaration import Machine
+from hexsim.errors import HexsimError
+from hexsim.hydraulics.effects import effect_settings
+from hexsim.hydraulics.oil import LEG_POWERS, row_factors
+from hexsim.hydraulics.parameters import P, declared_rows
+from hexsim.hydraulics.resolved import Resolved
+from hexsim.hydraulics.supply import POWER_UNIT, SUPPLY_POWERS, S, declared_supply
+
+
+def resolve(machine: Machine) -> Resolved:
+    """Declared rows, then each effect of the machine's file in turn."""
+    sensors = machine.sensors
+    per_leg = {
+        "position_gain": sensors.position_gain,
+        "position_offset_m": sensors.position_offset_m,
+        "position_delay_s": sensors.position_delay_s,
+        "pressure_gain": sensors.pressure_gain,
+        "pressure_offset_Pa": sensors.pressure_offset_Pa,
+        "pressure_delay_s": sensors.pressure_delay_s,
+    }
+    resolved = Resolved(
+        machine=machine,
+        rows=declared_rows(machine),
+        supply=declared_supply(machine),
+        load=machine.load,
+        sensors=sensors,
+        gravity_m_s2=np.array([0.0, 0.0, -machine.machine.gravity_m_s2]),
+        leg_sensors={name: np.full(machine.n_legs, value) for name, value in per_leg.items()},
+    )
+    for effect, legs, values in effect_settings(machine):
+        effect.add_to(resolved, legs, values)
+    if machine.power_unit is not None:
+        if resolved.supply[S.MODEL] != POWER_UNIT:
+            raise HexsimError(
+                f"machine {machine.name} has a [power_unit] and an effect that replaces it (supply_droop or "
+                "pump_flow_limit): keep one of them"
+            )
+        resolved.supply[S.AIR_FRACTION] = resolved.rows[:, P.AIR_FRACTION].mean()
+        resolved.oil_temperature_degC = machine.oil.temperature_degC
+        warm_oil(resolved, machine.power_unit.oil_temperature_degC)
+    return resolved
+
+
+def warm_oil(resolved: Resolved, temperature_degC: float) -> tuple[np.ndarray, np.ndarray]:
+    """Take the oil of all rows to another temperature; return the factors of the legs' rows and of the supply's."""
+    before = resolved.oil_temperature_degC
+    of_legs = row_factors(LEG_POWERS, resolved.rows.shape[1], before, temperature_degC)
+    of_supply = row_factors(SUPPLY_POWERS, len(resolved.supply), before, temperature_degC)
+    resolved.rows *= of_legs
+    resolved.supply *= of_supply
+    resolved.oil_temperature_degC = temperature_degC
+    return of_legs, of_supply

@@ -1,0 +1,40 @@
+"""The numbers of a machine that effects may change, ready for the plant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hexsim.declaration import Load, Machine, Sensors
+
+
+@dataclass(kw_only=True)
+class PayloadMode:
+    """A mass on a spring and damper that rides on the platform along one axis (flexible or sloshing payload)."""
+
+    mass_kg: float
+    frequency_Hz: float
+    damping_ratio: float
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    position_m: tuple[float, float, float] = (0.0, 0.0, 0.5)
+
+
+@dataclass(kw_only=True)
+class Resolved:
+    """What effects may change, ready for the plant.
+
+    rows: (n_legs, N_PARAMETERS) hydraulics; supply: (N_SUPPLY,); load and sensors as declared or changed;
+    gravity_m_s2: (3,) in the world frame; leg_sensors: per-leg gains, offsets and delays, name -> (n_legs,).
+    oil_temperature_degC: temperature for which rows and supply hold (only a power unit changes it).
+    """
+
+    machine: Machine
+    rows: np.ndarray
+    supply: np.ndarray
+    load: Load
+    sensors: Sensors
+    gravity_m_s2: np.ndarray
+    payload_modes: list[PayloadMode] = field(default_factory=list)
+    leg_sensors: dict[str, np.ndarray] = field(default_factory=dict)
+    oil_temperature_degC: float = 35.0

@@ -1,0 +1,1 @@
+"""Rigid-body mechanics of the hexapod: kinematics and loads."""

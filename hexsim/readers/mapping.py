@@ -1,0 +1,81 @@
+"""Mapping file: which column of a foreign file is which signal, in which unit.
+
+kind = "bench"                    # or "hexapod", or "own" (a machine with balances of its own)
+[file]                            # all optional
+separator = "whitespace"          # "," ";" "tab" "whitespace"; left out = found by itself
+comment = "#"                     # lines that begin so are skipped
+columns = ["t", "pos", "p1"]      # names, when the file has no header row of its own
+rate_Hz = 1000.0                  # when there is no column of time
+[columns.position_m]              # name of the signal, SI unit at its end
+from = "pos"                      # column of the file (default: the same name)
+unit = "mm"                       # or factor = 1e-3 and offset = 0.0 (SI = factor * value + offset)
+delay_s = 0.012                   # this channel is late by so much: it is moved forward
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from hexsim.errors import HexsimError
+from hexsim.files.toml_files import read_toml, validation_sentence
+from hexsim.readers.units import unit_of_name, unit_to_si
+
+
+class Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+
+class FileLayout(Section):
+    """How a text file is laid out."""
+
+    separator: Literal[",", ";", "tab", "whitespace"] | None = None
+    comment: str | None = Field(default=None, min_length=1)
+    columns: list[str] | None = None
+    rate_Hz: float | None = Field(default=None, gt=0.0, le=1e5)
+
+
+class Channel(Section):
+    """One signal: where it stands and how it becomes SI."""
+
+    source: str | None = Field(default=None, alias="from")
+    unit: str | None = None
+    factor: float | None = Field(default=None, allow_inf_nan=False)
+    offset: float = Field(default=0.0, allow_inf_nan=False)
+    delay_s: float = Field(default=0.0, ge=-10.0, le=10.0)
+
+    def to_si(self, name: str, where: str) -> tuple[float, float]:
+        """(factor, offset) to SI of the column `name`."""
+        if self.unit is not None and self.factor is not None:
+            raise HexsimError(f"{where} [columns.{name}]: give unit or factor, not both")
+        if self.unit is None:
+            return (1.0 if self.factor is None else self.factor), self.offset
+        factor, offset = unit_to_si(self.unit, f"{where} [columns.{name}]", unit_of_name(name)[1] or None)
+        return factor, offset + self.offset
+
+
+class Mapping(Section):
+    """A mapping file."""
+
+    kind: Literal["bench", "hexapod", "own"] | None = None
+    file: FileLayout = FileLayout()
+    columns: dict[str, Channel] = {}
+
+
+def load_mapping(path: Path | str | Mapping | None) -> Mapping:
+    """Read and check a mapping file; None is the empty mapping (columns named as in the measured-log format)."""
+    if path is None:
+        return Mapping()
+    if isinstance(path, Mapping):
+        return path
+    path = Path(path)
+    try:
+        mapping = Mapping.model_validate(read_toml(path))
+    except ValidationError as error:
+        sentence = validation_sentence(error, Mapping).replace("source", "from")  # the key's name in the file
+        raise HexsimError(f"{path}: {sentence}") from None
+    for name, channel in mapping.columns.items():
+        channel.to_si(name, str(path))
+    return mapping

@@ -1,0 +1,1 @@
+"""What transducers make of a signal."""

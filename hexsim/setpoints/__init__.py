@@ -1,0 +1,1 @@
+"""Motions that are asked for: formulas, paths, sampled files."""

@@ -1,0 +1,1 @@
+"""Measured and simulated signals: the log and what is read off it."""

@@ -1,0 +1,106 @@
+"""The faults of a scenario at work in a simulation: sensors lie, the plant breaks, the host falls silent."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexsim.motion_computer.computer import MotionComputer
+from hexsim.motion_computer.errors import labels
+from hexsim.plant import Plant
+from hexsim.sensors.bank import SensorBank
+from hexsim.simulation.emergency_supply import EmergencySupply
+from hexsim.simulation.faults import Fault, HostSilence, LegBlind, PositionSensor, Workbench
+
+Array = NDArray[np.float64]
+
+
+class FaultySensors(SensorBank):
+    """A sensor bank in which some transducers break: same noise as the sound one, from the same seed."""
+
+    def break_legs(self, faults: Sequence[Fault]) -> None:
+        self._faults = [fault for fault in faults if isinstance(fault, (PositionSensor, LegBlind))]
+        self._held: dict[Fault, float] = {}
+
+    def position(self, tick: int, history: Array) -> Array:
+        measured = super().position(tick, history)
+        for fault in self._faults:
+            if tick * self.tick_s >= fault.time_s:
+                held = self._held.setdefault(fault, float(measured[fault.leg - 1]))
+                measured[fault.leg - 1] = fault.reading(float(measured[fault.leg - 1]), held)
+        return measured
+
+    def pressure(self, tick: int, history: Array) -> Array:
+        measured = super().pressure(tick, history)
+        for fault in self._faults:
+            if isinstance(fault, LegBlind) and tick * self.tick_s >= fault.time_s:
+                measured[fault.leg - 1] = np.nan
+        return measured
+
+    def positions(self, true: Array) -> Array:
+        measured = super().positions(true)
+        for fault in self._faults:
+            first = math.ceil(fault.time_s / self.tick_s - 1e-9)
+            column = measured[first:, fault.leg - 1]
+            if len(column):
+                held = float(column[0])
+                column[:] = [fault.reading(float(value), held) for value in column]
+        return measured
+
+    def pressures(self, true: Array) -> Array:
+        measured = super().pressures(true)
+        for fault in self._faults:
+            if isinstance(fault, LegBlind):
+                measured[math.ceil(fault.time_s / self.tick_s - 1e-9) :, fault.leg - 1] = np.nan
+        return measured
+
+
+class FaultRun:
+    """All faults of a scenario around one run: the intervention that `simulate` calls at each tick."""
+
+    def __init__(self, faults: Sequence[Fault], plant: Plant, computer: MotionComputer, tick_s: float) -> None:
+        self.faults = sorted(faults, key=lambda fault: fault.time_s)
+        self.computer = computer
+        self.supply = EmergencySupply(plant)
+        self.bench = Workbench(plant=plant, computer=computer, supply=self.supply, tick_s=tick_s)
+        self._silent_s = min((f.time_s for f in self.faults if isinstance(f, HostSilence)), default=math.inf)
+        self.hosted = math.isfinite(self._silent_s)
+
+    def begin(self) -> None:
+        """From neutral into manual, or into normal where a host is to fall silent."""
+        self.computer.command("run_normal" if self.hosted else "run_manual", 0.0)
+
+    def wanted(self, time_s: float, setpoints: Array) -> Array | None:
+        """Setpoints that reach the motion computer: None once the host is silent."""
+        if not self.hosted:
+            return setpoints
+        if time_s >= self._silent_s:
+            return None
+        self.computer.heard_s = time_s
+        return setpoints
+
+    def before_step(self, time_s: float, plant: Plant, volts: Array) -> Array:
+        for fault in self.faults:
+            if time_s >= fault.time_s - 1e-9:
+                volts = fault.act(self.bench, time_s, volts)
+        self.supply.tick(self.computer.pump_on, self.bench.tick_s)
+        self.computer.pump_running = self.supply.running
+        self.computer.oil_temperature_degC = self.supply.oil_temperature_degC()
+        plant.keep_rows()
+        return volts
+
+    def summary(self) -> dict[str, Any]:
+        """What the motion computer saw and did: `motion_computer` of summary.json."""
+        computer = self.computer
+        return {
+            "motion_computer": {
+                "state": computer.state.name.lower(),
+                "errors": labels(computer.errors),
+                "events": [[round(t, 6), before, event, after] for t, before, event, after in computer.events],
+                "found": [[round(t, 6), finding.leg, finding.text] for t, finding in computer.findings],
+            }
+        }

@@ -1,0 +1,257 @@
+"""Faults of a scenario: what breaks, when, and how the simulation makes it so.
+
+    [[faults]]
+    kind = "valve_stuck"       # leg, at = "open" | "shut" | "present" | volts
+    time_s = 6.0
+    leg = 1
+
+kind             keys (defaults)                                       what breaks
+valve_stuck      leg, at ("open")                                      the spool stays as it is told; open: full volts
+spool_lag        leg, frequency_Hz (1.0), damping (0.7)                the spool lags behind its command
+position_sensor  leg, how ("nan" | "frozen" | "jump"), jump_m (0.02)   what the motion computer reads of the piston
+leg_blind        leg                                                   position and pressure of one leg are lost
+pressure_loss    pressure_Pa (2e6), within_s (0.3)                     the supply falls to this pressure
+pump_trip                                                              the pump stops; the accumulator is left
+hose_burst       leg, conductance_m3_s_Pa (5e-11)                      the bottom chamber leaks to the tank
+power_loss       buffered (true)                                       mains gone: pump off, the cabinet on its battery,
+                                                                       or else the spools centre and stay there
+payload_shift    mass_kg (150), x_m (0.4), y_m, z_m, within_s (0.5)    part of the load slides over the platform
+host_silence                                                           the host sends nothing more
+
+`fault_run` makes them happen in a simulation.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexsim.declaration import Machine
+from hexsim.errors import HexsimError
+from hexsim.hydraulics.parameters import P
+from hexsim.motion_computer.computer import MotionComputer
+from hexsim.plant import Plant
+from hexsim.simulation.emergency_supply import EmergencySupply
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """One fault. Subclasses say what breaks; `time_s` when. Keys that a kind does not have are refused."""
+
+    kind: ClassVar[str]
+    time_s: float
+
+    def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
+        """Called at each tick from `time_s` on; returns the volts that reach the valves."""
+        return volts
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegFault(Fault):
+    leg: int
+
+
+@dataclass(kw_only=True)
+class Workbench:
+    """What a fault can take hold of."""
+
+    plant: Plant
+    computer: MotionComputer
+    supply: EmergencySupply
+    tick_s: float
+    memory: dict[Fault, Any] = dataclasses.field(default_factory=dict)
+
+    def set_parameter(self, leg: int, place: P, value: float) -> None:
+        """Change the leg's row in the running model, and the copy that the readout uses."""
+        set_parameter(self.plant, leg, place, value)
+
+
+def set_parameter(plant: Plant, leg: int, place: P, value: float) -> None:
+    """Change one number of a leg (from 0) in flight."""
+    plant.rows[leg, place] = value
+    plant.model.actuator_user[leg, place] = value
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValveStuck(LegFault):
+    kind: ClassVar[str] = "valve_stuck"
+    at: str | float = "open"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.at, str) and self.at not in ("open", "shut", "present"):
+            raise HexsimError(f"fault valve_stuck: at is {self.at!r}; give 'open', 'shut', 'present' or volts")
+
+    def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
+        if self not in bench.memory:
+            named = {"open": bench.computer.limit, "shut": 0.0, "present": float(volts[self.leg - 1])}
+            bench.memory[self] = named[self.at] if isinstance(self.at, str) else float(self.at)
+        volts = volts.copy()
+        volts[self.leg - 1] = bench.memory[self]
+        return volts
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpoolLag(LegFault):
+    kind: ClassVar[str] = "spool_lag"
+    frequency_Hz: float = 1.0
+    damping: float = 0.7
+
+    def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
+        command = float(volts[self.leg - 1])
+        position, velocity = bench.memory.get(self, (command, 0.0))
+        omega = 2.0 * math.pi * self.frequency_Hz
+        velocity += bench.tick_s * (omega * omega * (command - position) - 2.0 * self.damping * omega * velocity)
+        position += bench.tick_s * velocity
+        bench.memory[self] = position, velocity
+        volts = volts.copy()
+        volts[self.leg - 1] = position
+        return volts
+
+
+@dataclass(frozen=True, kw_only=True)
+class PositionSensor(LegFault):
+    kind: ClassVar[str] = "position_sensor"
+    how: str = "nan"
+    jump_m: float = 0.02
+
+    def __post_init__(self) -> None:
+        if self.how not in ("nan", "frozen", "jump"):
+            raise HexsimError(f"fault position_sensor: how is {self.how!r}; give 'nan', 'frozen' or 'jump'")
+
+    def reading(self, true: float, held: float) -> float:
+        """What is read, from the true reading and the one at the time of the fault."""
+        return {"nan": math.nan, "frozen": held, "jump": true + self.jump_m}[self.how]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegBlind(LegFault):
+    kind: ClassVar[str] = "leg_blind"
+
+    def reading(self, true: float, held: float) -> float:
+        return math.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class PressureLoss(Fault):
+    kind: ClassVar[str] = "pressure_loss"
+    pressure_Pa: float = 2.0e6
+    within_s: float = 0.3
+
+    def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
+        share = min(1.0, (time_s - self.time_s) / max(self.within_s, bench.tick_s))
+        nominal = bench.computer.supply.nominal
+        bench.supply.ceiling_Pa = nominal + share * (self.pressure_Pa - nominal)
+        return volts
+
+
+@dataclass(frozen=True, kw_only=True)
+class PumpTrip(Fault):
+    kind: ClassVar[str] = "pump_trip"
+
+    def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
+        bench.supply.tripped = True
+        return volts
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoseBurst(LegFault):
+    kind: ClassVar[str] = "hose_burst"
+    conductance_m3_s_Pa: float = 5.0e-11
+
+    def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
+        if self not in bench.memory:
+            bench.memory[self] = True
+            before = bench.plant.rows[self.leg - 1, P.LEAK_CHAMBER_TANK]
+            bench.set_parameter(self.leg - 1, P.LEAK_CHAMBER_TANK, before + self.conductance_m3_s_Pa)
+        return volts
+
+
+@dataclass(frozen=True, kw_only=True)
+class PowerLoss(Fault):
+    kind: ClassVar[str] = "power_loss"
+    buffered: bool = True
+
+    def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
+        bench.supply.tripped = True
+        bench.computer.mains = False
+        return volts if self.buffered else np.zeros_like(volts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PayloadShift(Fault):
+    """The first moment of the load changes by mass_kg (x, y, z); its moments of inertia are left as they are."""
+
+    kind: ClassVar[str] = "payload_shift"
+    mass_kg: float = 150.0
+    x_m: float = 0.4
+    y_m: float = 0.0
+    z_m: float = 0.0
+    within_s: float = 0.5
+
+    def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
+        model = bench.plant.model
+        body = model.body("platform").id
+        if self not in bench.memory:
+            bench.memory[self] = model.body_ipos[body].copy()
+            model.body_sameframe[body] = 0  # mjSAMEFRAME_NONE: centre of mass and frame part now
+        share = min(1.0, (time_s - self.time_s) / max(self.within_s, bench.tick_s))
+        smooth = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        shift = self.mass_kg / model.body_mass[body] * np.array([self.x_m, self.y_m, self.z_m])
+        model.body_ipos[body] = bench.memory[self] + smooth * shift
+        return volts
+
+
+@dataclass(frozen=True, kw_only=True)
+class HostSilence(Fault):
+    kind: ClassVar[str] = "host_silence"
+
+
+KINDS: Mapping[str, type[Fault]] = {
+    fault.kind: fault
+    for fault in (
+        ValveStuck, SpoolLag, PositionSensor, LegBlind, PressureLoss, PumpTrip, HoseBurst, PowerLoss, PayloadShift,
+        HostSilence,
+    )
+}  # fmt: skip
+
+
+def fault_from_dict(data: Mapping[str, Any], machine: Machine, where: str) -> Fault:
+    """Check one table of [[faults]]. Raises HexsimError that names kind and key."""
+    keys = dict(data)
+    kind = keys.pop("kind", None)
+    if kind not in KINDS:
+        raise HexsimError(f"{where}: unknown kind {kind!r}; give one of {', '.join(KINDS)}")
+    fields = {field.name: field for field in dataclasses.fields(KINDS[kind])}
+    for key, value in keys.items():
+        if key not in fields:
+            raise HexsimError(f"{where} ({kind}): unknown key {key!r}; allowed are {', '.join(fields)}")
+        if key not in ("at", "how", "buffered") and (
+            isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value)
+        ):
+            raise HexsimError(f"{where} ({kind}): {key} is {value!r}; give a number")
+    for name, field in fields.items():
+        if name not in keys and field.default is dataclasses.MISSING:
+            raise HexsimError(f"{where} ({kind}): the key {name!r} is missing")
+    fault = KINDS[kind](**keys)
+    if fault.time_s < 0:
+        raise HexsimError(f"{where} ({kind}): time_s is {fault.time_s:g}; give a time in s from 0 on")
+    if isinstance(fault, LegFault) and fault.leg not in range(1, machine.n_legs + 1):
+        raise HexsimError(
+            f"{where} ({kind}): leg is {fault.leg}; machine {machine.name} has legs 1 to {machine.n_legs}"
+        )
+    if isinstance(fault, PayloadShift) and not machine.is_hexapod:
+        raise HexsimError(f"{where}: payload_shift needs a platform; machine {machine.name} is a bench")
+    return fault
+
+
+def read_faults(tables: Sequence[Mapping[str, Any]], machine: Machine, source: str) -> list[Fault]:
+    """The [[faults]] of a scenario, checked."""
+    return [fault_from_dict(table, machine, f"{source}: fault {i}") for i, table in enumerate(tables, start=1)]

@@ -1,0 +1,224 @@
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's bindings carry no types)
+"""The machine live: hydraulics and position loop in steps of the control period, setpoints from sliders or a scenario.
+
+The sliders are actuators without force that are added to the model behind the valves, so MuJoCo's own viewer shows them
+in its control panel. What they ask is followed with limited velocity and acceleration, no further than the legs reach.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from hexsim.errors import HexsimError
+from hexsim.machine import Machine
+from hexsim.mechanics.kinematics import DOF_NAMES
+from hexsim.motion_computer.position_loop import PositionLoop
+from hexsim.plant import Plant
+from hexsim.scenarios import Scenario
+from hexsim.sensors.bank import SensorBank
+from hexsim.simulation.simulation import make_compensators
+
+Array = NDArray[np.float64]
+
+TOP_LEFT = mujoco.mjtGridPos.mjGRID_TOPLEFT  # of the viewer's texts
+SLIDER_SHARE = 0.9  # of the excursion a degree of freedom has alone
+SLIDER_VELOCITY = 0.15  # m/s or rad/s, how fast setpoints follow a slider
+SLIDER_STIFFNESS = 8.0  # rad/s of the critically damped filter behind it
+NOISE_S = 10.0  # sensor noise is drawn for this long and then repeats
+PUSH_N, PUSH_S = 981.0, 1.0  # a person of 100 kg steps on it for a second
+SLIDERS = {"x": ("surge_mm", 1e-3), "y": ("sway_mm", 1e-3), "z": ("heave_mm", 1e-3)} | {
+    name: (f"{name}_deg", np.pi / 180.0) for name in ("roll", "pitch", "yaw")
+}
+
+
+@dataclass(kw_only=True)
+class Follower:
+    """A setpoint that follows a slider: x'' = w^2 (s - x) - 2 w x', |x'| limited. Arrays (n,)."""
+
+    position: Array
+    velocity: Array
+
+    def towards(self, target: Array, dt: float) -> Array:
+        """The next position, `dt` later."""
+        w = SLIDER_STIFFNESS
+        self.velocity += dt * (w * w * (target - self.position) - 2.0 * w * self.velocity)
+        np.clip(self.velocity, -SLIDER_VELOCITY, SLIDER_VELOCITY, out=self.velocity)
+        return self.position + dt * self.velocity
+
+
+def add_room(plant: Plant) -> None:
+    """Floor, sky and light for a machine of any size; nothing of it touches the machine."""
+    geometry, spec = plant.machine.geometry, plant.spec
+    size = geometry.base_radius_m if geometry is not None else plant.machine.cylinder.stroke_m
+    spec.stat.extent = 1.6 * size if geometry is not None else 3.0 * size
+    spec.stat.center = [0.0, 0.0, 0.6 * (geometry.neutral_leg_length_m if geometry is not None else 2.0 * size)]
+    spec.visual.headlight.diffuse, spec.visual.headlight.ambient = [0.5] * 3, [0.35] * 3
+    sky = {"rgb1": [0.85, 0.90, 0.96], "rgb2": [0.55, 0.63, 0.72]}
+    spec.add_texture(
+        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        width=256, height=1536, **sky,
+    )  # fmt: skip
+    spec.worldbody.add_light(name="sun", pos=[2 * size, -2 * size, 6 * size], dir=[-0.25, 0.25, -1.0], castshadow=True)
+    spec.worldbody.add_geom(
+        name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[8 * size, 8 * size, 0.05], rgba=[0.74, 0.75, 0.77, 1.0],
+        pos=[0.0, 0.0, -0.16 * size if geometry is not None else 0.0], contype=0, conaffinity=0,
+    )  # fmt: skip
+
+
+class LiveMachine:
+    """A plant with its position loop, advanced tick by tick; use inside `with live.plant.running():`.
+
+    scenario: motion that the sliders add to; None for the sliders alone.
+    """
+
+    def __init__(
+        self, machine: Machine, scenario: Scenario | None = None, compensator: str = "none", seed: int = 0
+    ) -> None:
+        if scenario is not None and scenario.mode != "dof":
+            raise HexsimError(f"scenario {scenario.name} drives single actuators: live takes scenarios in mode 'dof'")
+        self.machine, self.scenario = machine, scenario
+        self.plant = Plant(machine, model="full", scheme="fast")
+        self.dofs = DOF_NAMES if machine.is_hexapod else ("z",)
+        add_room(self.plant)
+        self._add_sliders()
+        self.name, compensators = make_compensators(compensator, machine)
+        self.messages: list[tuple[float, int, str]] = []
+        self.loop = PositionLoop(
+            machine, compensators, scenario.period_s if scenario else None, lambda *said: self.messages.append(said)
+        )
+        self.tick_s = 1.0 / machine.controller.rate_Hz
+        self.steps = round(self.tick_s / self.plant.timestep)
+        self.noise_ticks = round(NOISE_S / self.tick_s)
+        self.sensors = SensorBank(self.plant.resolved, self.noise_ticks, self.tick_s, seed)
+        self.history = np.zeros((2, self.noise_ticks, machine.n_legs))
+        margin = machine.cylinder.cushion_length_m
+        self.reach = margin, machine.cylinder.stroke_m - margin
+        self.disturbance = np.zeros(6)  # force and torque on the platform, from the mouse
+        self.body = mujoco.mj_name2id(
+            self.model, mujoco.mjtObj.mjOBJ_BODY, "platform" if machine.is_hexapod else "load"
+        )
+        self.paused, self.out_of_reach = False, False
+        self.tick = 0
+        self._push_until_s = -1.0
+        self.reset()
+
+    @property
+    def model(self) -> Any:
+        return self.plant.model
+
+    @property
+    def data(self) -> Any:
+        return self.plant.data
+
+    @property
+    def time_s(self) -> float:
+        return float(self.data.time)
+
+    def _add_sliders(self) -> None:
+        """One actuator without force a degree of freedom, behind those of the plant."""
+        plant = self.plant
+        before, rows = plant.data, plant.model.actuator_user.copy()
+        first = plant.model.nu
+        for dof, limit in zip(self.dofs, self._slider_limits(), strict=True):
+            name, unit = SLIDERS[dof]
+            plant.spec.add_actuator(
+                name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target="slide_1",
+                gainprm=np.zeros(10), biasprm=np.zeros(10), ctrllimited=True, ctrlrange=[-limit / unit, limit / unit],
+            )  # fmt: skip
+        plant.model = plant.spec.compile()
+        plant.model.actuator_user[:first] = rows
+        plant.data = mujoco.MjData(plant.model)
+        plant.data.qpos[:], plant.data.act[:] = before.qpos, before.act
+        plant.data.ctrl[:first] = before.ctrl
+        self._start = (before.qpos.copy(), before.act.copy(), before.ctrl.copy())
+        self.sliders = slice(first, first + len(self.dofs))
+
+    def _slider_limits(self) -> list[float]:
+        """How far each slider goes, m or rad."""
+        if self.plant.kinematics is None:
+            return [SLIDER_SHARE * 0.5 * self.machine.cylinder.stroke_m]
+        return [SLIDER_SHARE * min(-e.minimum, e.maximum) for e in self.plant.kinematics.excursions()]
+
+    def reset(self) -> None:
+        """Neutral, at rest, sliders in the middle."""
+        mujoco.mj_resetData(self.model, self.data)
+        qpos, act, ctrl = self._start
+        self.data.qpos[:], self.data.act[:] = qpos, act
+        self.data.ctrl[: len(ctrl)] = ctrl
+        self.follower = Follower(position=np.zeros(len(self.dofs)), velocity=np.zeros(len(self.dofs)))
+        self.tick, self._push_until_s = 0, -1.0
+        with self.plant.running():
+            mujoco.mj_forward(self.model, self.data)
+
+    def push(self) -> None:
+        """Put 100 kg on the platform for a second."""
+        self._push_until_s = self.time_s + PUSH_S
+
+    def pull(self, perturb: Any) -> None:
+        """Take the mouse's pull on the platform from the viewer; none where it pulls at nothing or at another body."""
+        self.disturbance[:] = 0.0
+        if perturb.active and perturb.select == self.body:
+            before = self.data.xfrc_applied.copy()
+            mujoco.mjv_applyPerturbForce(self.model, self.data, perturb)
+            self.disturbance[:] = self.data.xfrc_applied[self.body]
+            self.data.xfrc_applied[:] = before
+
+    def asked(self) -> Array:
+        """What the sliders ask, m and rad (n_dofs,)."""
+        units = np.array([SLIDERS[dof][1] for dof in self.dofs])
+        return self.data.ctrl[self.sliders] * units
+
+    def poses(self, count: int) -> Array:
+        """Poses asked at this tick and the next ones (count, 6): the scenario's, with the sliders' added."""
+        poses = np.zeros((count, 6))
+        poses[:, [DOF_NAMES.index(dof) for dof in self.dofs]] = self.follower.position
+        if self.scenario is not None:
+            times = self.time_s + self.tick_s * np.arange(count)
+            poses += self.scenario.evaluate(times % self.scenario.duration_s)[0]
+        return poses
+
+    def setpoints(self, poses: Array) -> Array:
+        """Piston setpoints (count, n_legs) [m]; outside the strokes where a pose is out of reach."""
+        if self.plant.kinematics is None:
+            return 0.5 * self.machine.cylinder.stroke_m + poses[:, 2:3]
+        return self.plant.kinematics.piston_positions(poses)
+
+    def advance(self, duration_s: float) -> None:
+        """Whole control ticks worth `duration_s`; nothing while paused. Raises HexsimError where the plant diverges."""
+        if self.paused:
+            return
+        for _ in range(max(1, round(duration_s / self.tick_s))):
+            self._tick()
+        self.plant.check()
+        self.plant.follow_oil_temperature()
+
+    def _tick(self) -> None:
+        before = self.follower.position.copy()
+        self.follower.position = self.follower.towards(self.asked(), self.tick_s)
+        wanted = self.setpoints(self.poses(self.loop.preview))
+        low, high = self.reach
+        self.out_of_reach = bool(np.any((wanted < low) | (wanted > high)))
+        if self.out_of_reach:  # stand still at the edge
+            self.follower.position, self.follower.velocity = before, np.zeros_like(before)
+            wanted = np.clip(self.setpoints(self.poses(self.loop.preview)), low, high)
+        now = self.tick % self.noise_ticks
+        self.history[0, now], self.history[1, now] = self.plant.piston_positions(), self.plant.bottom_pressures()
+        volts = self.loop.tick(
+            self.time_s,
+            wanted,
+            self.sensors.position(now, self.history[0]),
+            self.sensors.pressure(now, self.history[1]),
+            self.sensors.supply(now, self.plant.supply_pressure()),
+        )
+        self.data.ctrl[: self.plant.n_legs] = volts
+        applied = self.data.xfrc_applied[self.body]
+        applied[:] = self.disturbance
+        applied[2] -= PUSH_N if self.time_s < self._push_until_s else 0.0
+        self.plant.step(self.steps)
+        self.tick += 1

@@ -1,0 +1,283 @@
+"""Run a scenario on a machine: motion computer, plant and sensors tick by tick, then the log and the figures."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+import compensation
+from compensation import Compensator
+from hexsim.declaration import Machine
+from hexsim.errors import HexsimError
+from hexsim.machine.files import changed
+from hexsim.motion_computer.computer import MotionComputer
+from hexsim.motion_computer.position_loop import PositionLoop
+from hexsim.plant import Plant
+from hexsim.plant.plant import KNOWN_ERROR, PlantError
+from hexsim.plant.stepping import advance, machinery, new_record, sense, shape
+from hexsim.scenarios import Scenario
+from hexsim.scenarios.bench_motion import bench_motion
+from hexsim.sensors.bank import SensorBank
+from hexsim.simulation.fault_run import FaultRun, FaultySensors
+from hexsim.simulation.faults import read_faults
+from hexsim.simulation.plain_loop import Control, run_plain
+from hexsim.simulation.run_log import Recorded, run_log, run_summary
+
+Array = NDArray[np.float64]
+DIVERGENCE_LIMIT = 1e9  # MPa, m/s2 or m: no state of a machine
+CHECK_EVERY_S = 0.1  # simulated time between checks of MuJoCo's warnings
+
+
+@dataclass(kw_only=True)
+class Run:
+    """A finished or interrupted run. `log` has the columns of a measured log and the truth behind them."""
+
+    machine: Machine
+    scenario: Scenario
+    compensator: str
+    seed: int
+    model: str
+    scheme: str
+    log: pl.DataFrame
+    summary: dict[str, Any]
+    warnings: list[str] = field(default_factory=list)
+    messages: list[tuple[float, int, str]] = field(default_factory=list)
+    complete: bool = True
+    reason: str = ""
+    realtime_factor: float = 0.0
+    compensator_parameters: list[dict[str, Any]] = field(default_factory=list)
+
+
+def make_compensators(which: str | Compensator, machine: Machine) -> tuple[str, list[Compensator]]:
+    """The compensator's name and one instance a leg; none for "none"."""
+    try:
+        made = compensation.create(which) if isinstance(which, str) else which
+    except (ValueError, TypeError) as error:
+        raise HexsimError(str(error)) from None
+    return made.name, [] if made.name == "none" else [made] * machine.n_legs
+
+
+def setpoints(machine: Machine, scenario: Scenario, plant: Plant, time: Array) -> Array:
+    """Piston setpoints (m, n_legs) [m]; refuses what leaves the workspace, naming time, leg and length."""
+    if scenario.mode == "actuator" or not machine.is_hexapod:
+        return _actuator_setpoints(machine, scenario, time)
+    assert plant.kinematics is not None
+    values, _, _ = scenario.evaluate(time)
+    plant.kinematics.check_trajectory(time, values)
+    return plant.kinematics.piston_positions(values)
+
+
+def _actuator_setpoints(machine: Machine, scenario: Scenario, time: Array) -> Array:
+    """Actuator mode, or any motion on a bench."""
+    if machine.is_hexapod:
+        legs = scenario.evaluate(time)[0]
+    else:
+        missing = [axis for axis in scenario.signals if scenario.mode == "actuator" and axis != "leg_1"]
+        if missing:
+            raise HexsimError(
+                f"scenario {scenario.name} drives {missing[0]}, which bench {machine.name} has not: give leg_1 alone"
+            )
+        legs = bench_motion(scenario, time)[0][:, None]
+    positions = machine.cylinder.stroke_m / 2 + legs
+    outside = (positions < 0) | (positions > machine.cylinder.stroke_m)
+    if outside.any():
+        row, leg = np.argwhere(outside)[0]
+        raise HexsimError(
+            f"scenario {scenario.name}: at t = {time[row]:.3f} s leg {leg + 1} is asked to {positions[row, leg]:.4f} m, "
+            f"outside 0..{machine.cylinder.stroke_m:g} m: lower the amplitude"
+        )
+    return positions
+
+
+def whole_ratio(a: float, b: float, what: str) -> int:
+    """a/b as a whole number, or a HexsimError."""
+    ratio = round(a / b)
+    if ratio < 1 or abs(a / b - ratio) > 1e-6:
+        raise HexsimError(f"{what}: {a:g} Hz is not a whole multiple of {b:g} Hz; choose rates that are")
+    return ratio
+
+
+def simulate(
+    machine: Machine,
+    scenario: Scenario,
+    *,
+    compensator: str | Compensator = "none",
+    fast: bool = False,
+    model: str | None = None,
+    seed: int = 0,
+    timestep: float = 1e-4,
+    progress: Callable[[float], None] | None = None,
+    interventions: Sequence[Any] = (),
+) -> Run:
+    """Run `scenario` on `machine`.
+
+    fast: tendon model with the fast scheme, else full legs with RK4. seed: of all sensor noise. progress(fraction).
+    interventions: objects with `before_step(time_s, plant, volts)`, which may change the plant or the volts (faults).
+    Raises HexsimError before the run for what cannot be done; an interrupted or diverged run comes back with
+    complete = False and its log so far.
+    """
+    machine = (
+        changed(machine, dict(scenario.machine_changes), f"scenario {scenario.name}")
+        if scenario.machine_changes
+        else machine
+    )
+    name, compensators = make_compensators(compensator, machine)
+    kind = model or ("tendon" if fast and machine.is_hexapod else "full")
+    plant = Plant(machine, model=kind, scheme="fast" if fast else "rk4", timestep=timestep)  # type: ignore[arg-type]
+    messages: list[tuple[float, int, str]] = []
+    faults = read_faults(scenario.faults, machine, f"scenario {scenario.name}")
+    control = MotionComputer if faults else PositionLoop
+    loop = control(machine, compensators, scenario.period_s, lambda *message: messages.append(message))
+    run = TickLoop(plant, loop, scenario, seed)
+    if isinstance(loop, MotionComputer):
+        run.faults = FaultRun(faults, plant, loop, run.tick_s)
+        run.sensors = FaultySensors(plant.resolved, run.ticks, run.tick_s, seed)
+        run.sensors.break_legs(faults)
+        interventions = [*interventions, run.faults]
+        run.faults.begin()
+    started = clock.perf_counter()
+    reason = run.go(progress or (lambda fraction: None), interventions)
+    wall = clock.perf_counter() - started
+    recorded = run.recorded()
+    log = run_log(plant, scenario, recorded, run.sensors)
+    realtime = float(recorded.time[-1] / wall) if len(recorded.time) > 1 else 0.0
+    warnings = [f"fast scheme: {KNOWN_ERROR['fast']}"] if fast else []
+    warnings += [reason] if reason else []
+    summary = run_summary(plant, scenario, name, log, recorded, realtime, warnings)
+    summary |= run.faults.summary() if run.faults else {}
+    return Run(
+        machine=machine, scenario=scenario, compensator=name, seed=seed, model=kind, scheme=plant.scheme, log=log,
+        summary=summary, warnings=warnings, messages=messages, complete=not reason, reason=reason,
+        realtime_factor=realtime, compensator_parameters=loop.learned(),
+    )  # fmt: skip
+
+
+class TickLoop:
+    """The tick-by-tick run: buffers, and one pass through time."""
+
+    def __init__(self, plant: Plant, loop: PositionLoop | MotionComputer, scenario: Scenario, seed: int) -> None:
+        machine = plant.machine
+        self.plant, self.loop = plant, loop
+        rate = max(machine.sensors.log_rate_Hz, machine.controller.rate_Hz)
+        self.tick_s = 1.0 / rate
+        steps = whole_ratio(1.0 / plant.timestep, rate, "time step and log or control rate")
+        self.control_every = whole_ratio(rate, machine.controller.rate_Hz, "log rate and control rate")
+        self.log_every = whole_ratio(rate, machine.sensors.log_rate_Hz, "control rate and log rate")
+        self.ticks = round(scenario.duration_s * rate)
+        if self.ticks < 1:
+            raise HexsimError(
+                f"duration {scenario.duration_s:g} s is shorter than one sample of {self.tick_s:g} s: make it longer"
+            )
+        ahead = (
+            np.arange(0, self.ticks + self.control_every * loop.preview, self.control_every, dtype=float) * self.tick_s
+        )
+        self.setpoints = setpoints(machine, scenario, plant, ahead)
+        self.sensors = SensorBank(plant.resolved, self.ticks, self.tick_s, seed)
+        self.machinery = machinery(plant, steps, self.tick_s)
+        self.record = new_record(plant, self.ticks)
+        self.pressures = np.zeros((self.ticks, machine.n_legs))
+        self.compensation = np.zeros((self.ticks, machine.n_legs))
+        self.faults: FaultRun | None = None
+        self.done = 0
+
+    def go(self, progress: Callable[[float], None], interventions: Sequence[Any]) -> str:
+        """Run to the end; returns "" or why it ended early."""
+        plain = not (self.loop.compensators or interventions or self.sensors.position_delay.any())
+        chunk = max(1, round(CHECK_EVERY_S / self.tick_s))
+        with self.plant.running():
+            try:
+                for first in range(0, self.ticks, chunk):
+                    last = min(first + chunk, self.ticks)
+                    if plain:
+                        run_plain(self.machinery, self.record, self._plain_control(), first, last)
+                        self.done = last
+                    else:
+                        self._ticks(first, last, interventions)
+                    self.plant.check()
+                    self.plant.follow_oil_temperature()
+                    progress(last / self.ticks)
+            except PlantError as error:
+                return self._diverged(str(error))
+            except KeyboardInterrupt:
+                return f"interrupted by the user at t = {self.done * self.tick_s:.3f} s"
+        return ""
+
+    def _diverged(self, what: str) -> str:
+        """Cut the record where it stops being finite; says when, and in which leg it began."""
+        record = self.record
+        states = np.hstack([record.act[: self.done], record.qacc[: self.done], record.qpos[: self.done]])
+        real = (np.abs(states) < DIVERGENCE_LIMIT).all(axis=1)  # false for NaN too
+        self.done = int(np.argmin(real)) if not real.all() else self.done - 1
+        bottom = record.act[self.done][self.plant.pressure_places]
+        # the leg whose pressure is not real, or else the one farthest from rest
+        leg = int(
+            np.argmax(np.where(np.isfinite(bottom), np.abs(bottom - record.act[0][self.plant.pressure_places]), np.inf))
+        )
+        return (
+            f"the simulation diverged at t = {self.done * self.tick_s:.4f} s in leg {leg + 1} (MuJoCo: {what}): use a smaller time step, "
+            "or a machine whose volumes and masses are not near zero"
+        )
+
+    def _plain_control(self) -> Control:
+        sensors = self.sensors
+        return Control(
+            setpoints=self.setpoints, every=self.control_every, gain=self.loop.gain, limit=self.loop.limit,
+            noise=sensors.position_noise, sensor_gain=sensors.position_gain, sensor_offset=sensors.position_offset,
+            resolution=sensors.position_resolution,
+        )  # fmt: skip
+
+    def _ticks(self, first: int, last: int, interventions: Sequence[Any]) -> None:
+        """Ticks with the motion computer and the interventions in Python."""
+        record, machine = self.record, self.machinery
+        for tick in range(first, last):
+            sense(machine, record, tick)
+            self.pressures[tick] = self.plant.bottom_pressures()
+            if tick % self.control_every == 0:
+                self._control(tick)
+            record.volts[tick] = self.loop.valve
+            self.compensation[tick] = self.loop.compensation
+            shape(machine, record, tick)
+            for intervention in interventions:
+                record.spool_volts[tick] = intervention.before_step(
+                    tick * self.tick_s, self.plant, record.spool_volts[tick]
+                )
+            advance(machine, record, tick)
+            self.done = tick + 1
+
+    def _control(self, tick: int) -> None:
+        sensors = self.sensors
+        step = tick // self.control_every
+        wanted = self.setpoints[step : step + self.loop.preview]
+        self.loop.tick(
+            tick * self.tick_s,
+            wanted if self.faults is None else self.faults.wanted(tick * self.tick_s, wanted),  # type: ignore[arg-type]
+            sensors.position(tick, self.record.positions),
+            sensors.pressure(tick, self.pressures),
+            sensors.supply(tick, self.plant.supply_pressure()),
+        )
+        self.setpoints[step] = self.loop.setpoint  # a motion computer that guides the machine has its own
+
+    def recorded(self) -> Recorded:
+        """What was recorded, at the log rate."""
+        every = slice(0, self.done, self.log_every)
+        record = self.record
+        return Recorded(
+            time=np.arange(self.done, dtype=float)[every] * self.tick_s,
+            ticks=np.arange(self.done)[every],
+            setpoints=np.repeat(self.setpoints, self.control_every, axis=0)[every],
+            positions=record.positions[: self.done],
+            qpos=record.qpos[every],
+            qvel=record.qvel[every],
+            qacc=record.qacc[every],
+            mean_acceleration=record.mean_acceleration[every],
+            act=record.act[: self.done],
+            volts=record.volts[every],
+            spool_volts=record.spool_volts[every],
+            compensation=self.compensation[every],
+        )

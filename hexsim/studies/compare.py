@@ -1,0 +1,128 @@
+"""The same scenario, machine and seed with several compensators, side by side."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+import compensation
+from hexsim.errors import HexsimError
+from hexsim.files.atomic import write_text
+from hexsim.files.formats import LogFormat
+from hexsim.files.json_files import write_json
+from hexsim.files.log_files import write_log
+from hexsim.machine import Machine, load_machine
+from hexsim.recording.config import config_tables, summary_of
+from hexsim.recording.figure_style import png
+from hexsim.recording.figures import comparison
+from hexsim.recording.report import comparison_report
+from hexsim.recording.rerun_recording import write_recording
+from hexsim.recording.run_files import MIN_ROWS
+from hexsim.recording.signals import Signals
+from hexsim.recording.summary_table import comparison_rows, markdown
+from hexsim.scenarios import Scenario
+from hexsim.simulation import Run, make_compensators, simulate
+
+
+def names_of(text: str | None) -> list[str]:
+    """The compensators of a comma-separated list, checked; all that work without configuration when None."""
+
+    bench = load_machine("bench")
+    if text is None:
+        return [name for name in compensation.available() if _makes(name)]
+    names = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not names:
+        raise HexsimError("--compensators is empty: give names separated by commas, for example none,buffered")
+    for name in names:
+        make_compensators(name, bench)  # an unknown one is refused before the first run
+    return names
+
+
+def _makes(name: str) -> bool:
+
+    try:
+        compensation.create(name)
+    except (ValueError, TypeError):
+        return False
+    return True
+
+
+def compare(
+    machine: Machine,
+    scenario: Scenario,
+    names: Sequence[str],
+    *,
+    fast: bool = False,
+    seed: int = 0,
+    progress: Callable[[str, float], None] = lambda name, fraction: None,
+) -> dict[str, Run]:
+    """Name -> run, in the order given. progress(name, fraction of that run).
+
+    A diverged run stays in the comparison and is marked; an interruption ends the comparison after the run it met.
+    """
+
+    runs: dict[str, Run] = {}
+    for name in names:
+        runs[name] = simulate(
+            machine, scenario, compensator=name, fast=fast, seed=seed, progress=lambda f, name=name: progress(name, f)
+        )
+        if interrupted(runs[name]):
+            break
+    return runs
+
+
+def interrupted(run: Run) -> bool:
+    """Whether the user ended this run."""
+    return not run.complete and "interrupted" in run.reason
+
+
+def comparison_tables(runs: Mapping[str, Run]) -> dict[str, Any]:
+    """compare.json."""
+
+    first = next(iter(runs.values()))
+    return {"scenario": first.scenario.name, "compensators": {name: summary_of(run) for name, run in runs.items()}}
+
+
+def write_comparison(
+    runs: Mapping[str, Run],
+    folder: Path,
+    *,
+    log_format: LogFormat = "parquet",
+    recording: bool = True,
+    step: Callable[[str], None] = lambda name: None,
+) -> None:
+    """compare.json, config.toml, logs, figures of the driven axes, report.html, one recording on a common time line."""
+
+    step("logs")
+    for name, run in runs.items():
+        write_log(run.log, folder / "logs" / f"{file_name(name)}.{log_format}")
+    write_text(folder / "config.toml", tomli_w.dumps(config_tables(next(iter(runs.values())))))
+    signals = {name: Signals.of_run(run, name) for name, run in runs.items() if run.log.height >= MIN_ROWS}
+    pictures: dict[str, bytes] = {}
+    if signals:
+        step("figures")
+        for axis in next(iter(signals.values())).driven_axes:
+            peaks = {
+                row["name"]: row["peak_band"] for row in comparison_rows(runs, axis) if row["peak_band"] is not None
+            }
+            figure = comparison(signals, axis, peaks)
+            if figure is not None:
+                pictures[f"comparison_{axis}"] = png(figure)
+        (folder / "figures").mkdir(exist_ok=True)
+        for name, data in pictures.items():
+            (folder / "figures" / f"{name}.png").write_bytes(data)
+    write_text(folder / "report.html", comparison_report(runs, pictures))
+    if recording and signals:
+        step("recording")
+        texts = {name: markdown(runs[name].summary, s.driven_axes, runs[name]) for name, s in signals.items()}
+        write_recording(folder / "run.rrd", signals, texts, {name: run.messages for name, run in runs.items()})
+    write_json(folder / "compare.json", comparison_tables(runs))
+
+
+def file_name(name: str) -> str:
+    """A compensator's name as a file name."""
+    return re.sub(r"[^\w.-]+", "_", name)

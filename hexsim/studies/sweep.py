@@ -1,0 +1,183 @@
+"""Many runs: parameters x seeds x compensators, on any `concurrent.futures.Executor`, into one Parquet table.
+
+The same code runs on a ProcessPoolExecutor here and on a Dask cluster (`Client.get_executor()`). A case is plain data,
+so it travels; its key is a hash of everything that decides its result. Each finished row goes at once to a journal
+beside the table (one line of JSON, synced), so a sweep that is killed goes on where it was: no row is lost, none is run
+twice. A run that fails is a row with its error.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hexsim import __version__
+from hexsim.errors import HexsimError
+from hexsim.files.json_files import plain
+from hexsim.machine import Machine, machine_from_dict
+from hexsim.machine.files import machine_tables
+from hexsim.scenarios import Scenario, scenario_from_dict
+from hexsim.scenarios.settings import apply_settings
+from hexsim.simulation import simulate
+from hexsim.studies.journal import Journal
+
+_ONE_A_PROCESS = threading.Lock()  # MuJoCo's callbacks are global: threads of a worker take turns
+IN_FLIGHT = 4  # cases handed out a worker: enough to keep it busy, few enough to forget on a kill
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One run as plain data. settings: dotted key -> value, as `hexsim run --set` takes them."""
+
+    scenario: dict[str, Any]
+    machine: dict[str, Any]
+    compensator: str = "none"
+    seed: int = 0
+    fast: bool = True
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def key(self) -> str:
+        """The same for the same case, on every machine."""
+        text = json.dumps({**asdict(self), "hexsim": __version__}, sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+
+def cases(
+    scenario: Scenario,
+    machine: Machine,
+    *,
+    settings: Mapping[str, Sequence[Any]] | None = None,
+    seeds: Iterable[int] = (0,),
+    compensators: Iterable[str] = ("none",),
+    fast: bool = True,
+) -> list[Case]:
+    """The product of all settings, compensators and seeds. Raises HexsimError where a setting is refused."""
+    settings = dict(settings or {})
+    grid = [dict(zip(settings, values, strict=True)) for values in itertools.product(*settings.values())]
+    for point in grid:
+        apply_settings(scenario, machine, point, "sweep")  # refuse what cannot be before the first run
+    tables = {"scenario": scenario.to_dict(), "machine": machine_tables(machine)}
+    return [
+        Case(**tables, compensator=compensator, seed=seed, fast=fast, settings=point)
+        for point, compensator, seed in itertools.product(grid, compensators, list(seeds))
+    ]
+
+
+def run_case(case: Case) -> dict[str, Any]:
+    """One row: what was run, its figures, or its error. Runs in a worker; never raises but for an interruption."""
+    row: dict[str, Any] = {
+        "key": case.key,
+        "scenario": case.scenario.get("name", ""),
+        "machine": case.machine.get("machine", {}).get("name", ""),
+        "compensator": case.compensator,
+        "seed": case.seed,
+        **{
+            name: value if isinstance(value, (int, float, str, bool)) else str(value)
+            for name, value in case.settings.items()
+        },
+    }
+    started = time.perf_counter()
+    try:
+        row |= _figures(case)
+    except Exception as error:  # whatever it is, the sweep goes on and the row says it
+        row |= {"complete": False, "error": f"{type(error).__name__}: {error}"}
+    return {**row, "wall_s": time.perf_counter() - started}
+
+
+def _figures(case: Case) -> dict[str, Any]:
+    """Simulate, and flatten the summary: z_peak_band_m_s2 and so on."""
+
+    scenario = scenario_from_dict(case.scenario, "sweep")
+    machine = machine_from_dict(case.machine, "sweep")
+    scenario, machine = apply_settings(scenario, machine, case.settings, "sweep")
+    with _ONE_A_PROCESS, _interruptible():
+        run = simulate(machine, scenario, compensator=case.compensator, fast=case.fast, seed=case.seed)
+    if "interrupted" in run.reason:
+        raise KeyboardInterrupt
+    figures = {
+        f"{axis}_{name}": value for axis, values in run.summary["axes"].items() for name, value in values.items()
+    }
+    tracking = {f"tracking_rms_{leg}_m": value for leg, value in enumerate(run.summary["tracking_rms_m"], start=1)}
+    rest = {"duration_s": run.summary["duration_s"], "realtime_factor": run.realtime_factor}
+    return plain(
+        {"complete": run.complete, "error": run.reason or None, **figures, **tracking, **rest}, none_for_nan=True
+    )
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Where a pool's worker ignores Ctrl-C, a run in it does not: the run ends, the worker lives on."""
+    if (
+        threading.current_thread() is not threading.main_thread()
+        or signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+    ):
+        yield
+        return
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def sweep(
+    wanted: Sequence[Case],
+    executor: Executor,
+    out: Path,
+    *,
+    workers: int = 1,
+    progress: Callable[[int, int, int], None] = lambda done, total, failed: None,
+) -> int:
+    """Run what is not there yet, write the table, and return how many were run. progress(done, total, failed).
+
+    Rows of an earlier sweep in the same table stay. Raises HexsimError when the workers die, with the rows kept.
+    """
+    wanted = list({case.key: case for case in wanted}.values())
+    with Journal(Path(out)) as journal:
+        missing = [case for case in wanted if case.key not in journal.rows]
+        done, failed = (
+            len(wanted) - len(missing),
+            sum(bool(journal.rows[c.key]["error"]) for c in wanted if c.key in journal.rows),
+        )
+        progress(done, len(wanted), failed)
+        waiting, running = iter(missing), set()
+        try:
+            while True:
+                running |= {
+                    executor.submit(run_case, case)
+                    for case in itertools.islice(waiting, IN_FLIGHT * workers - len(running))
+                }
+                if not running:
+                    break
+                finished, running = wait(running, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    row = _row_of(future)
+                    journal.add(row)
+                    done, failed = done + 1, failed + bool(row["error"])
+                    progress(done, len(wanted), failed)
+        except BrokenExecutor as error:
+            raise HexsimError(
+                f"the workers died ({error}); {journal.says()}; run the same command again to go on"
+            ) from None
+        finally:
+            for future in running:
+                if not future.cancel() and future.done() and future.exception() is None:
+                    journal.add(_row_of(future))
+        journal.finish([case.key for case in wanted])
+    return len(missing)
+
+
+def _row_of(future: Future[dict[str, Any]]) -> dict[str, Any]:
+    """The row of a finished run, with its error or None."""
+    return {"error": None, **future.result()}

@@ -1,0 +1,1 @@
+"""Checks of logs before anything is fitted."""

@@ -1,0 +1,1 @@
+"""Parameters, fits, screening and selection of effects."""

@@ -1,0 +1,314 @@
+"""Refit by closed-loop simulation: bounded Gauss-Newton over declared parameters and the numbers of effects.
+
+    minimise  sum ((measured - simulated)/noise)^2 + sum (deviation/prior sd)^2,   deviations within their half width
+
+Columns are finite differences of whole simulations. Columns of declared parameters are kept between hypotheses (the
+shifts are small); those of effects are made anew in every step. Covariance: inverse of the normal matrix, times the
+reduced misfit where the model does not reach the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from hexsim.declaration import Machine
+from hexsim.tracing import rules
+from hexsim.tracing.fitting.parameters import (
+    Candidate,
+    Prior,
+    coordinate_bounds,
+    to_coordinate,
+    to_value,
+    with_settings,
+)
+from hexsim.tracing.problems.simulated import FitProblem
+
+Array = np.ndarray
+MAX_STEPS = 14
+POLISHES = 3
+KEPT_SHARE = 0.8  # columns are made anew when what a step gives is off its promise by more than the rest of 1
+MAX_AGE = 4  # or when they are so many steps old
+PARAMETER_STEP = 0.01  # finite difference of a declared parameter, in half widths
+EFFECT_STEP = 0.005  # finite difference of an effect's number about a fitted value, relative
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """A fitted hypothesis. deviations per prior (relative); values per candidate; chi2 of the data, prior apart."""
+
+    machine: Machine
+    priors: tuple[Prior, ...]
+    deviations: Array
+    candidates: tuple[Candidate, ...]
+    values: tuple[dict[str, float], ...]
+    chi2: float
+    n: int
+    misfit: list[Array]
+    covariance: Array | None = None  # of coordinates: deviations in half widths, then effect numbers
+    columns: list[Array] | None = None  # of the declared parameters, a log: (n_priors, n_channels, n)
+
+    @property
+    def reduced(self) -> float:
+        """chi2 a sample."""
+        return self.chi2 / max(self.n, 1)
+
+    def fitted_machine(self) -> Machine:
+        """The machine with fitted parameters and effects."""
+        return with_settings(
+            self.machine,
+            dict(zip(self.priors, map(float, self.deviations), strict=True)),
+            list(zip(self.candidates, self.values, strict=True)),
+        )
+
+    def standard_errors(self) -> tuple[dict[str, float], ...]:
+        """Standard error of each number of each effect, in its unit."""
+        if self.covariance is None:
+            return tuple({} for _ in self.candidates)
+        place = len(self.priors)
+        errors = []
+        for candidate, values in zip(self.candidates, self.values, strict=True):
+            own = {}
+            for parameter in candidate.free():
+                sd = float(np.sqrt(max(self.covariance[place, place], 0.0)))
+                here = to_coordinate(parameter, values[parameter.name])
+                own[parameter.name] = abs(to_value(parameter, here + sd) - to_value(parameter, here)) or abs(
+                    to_value(parameter, here - sd) - to_value(parameter, here)
+                )
+                place += 1
+            errors.append(own)
+        return tuple(errors)
+
+
+def chi2_of(misfit: list[Array]) -> float:
+    """Sum of squares; inf when a simulation diverged."""
+    total = float(sum(np.sum(np.square(m)) for m in misfit))
+    return total if np.isfinite(total) else np.inf
+
+
+def start_fit(machine: Machine, priors: tuple[Prior, ...], problem: FitProblem) -> Fit:
+    """The declared machine, nothing fitted."""
+    misfit = [m[0] for m in problem.misfit([machine])]
+    return Fit(
+        machine=machine,
+        priors=priors,
+        deviations=np.zeros(len(priors)),
+        candidates=(),
+        values=(),
+        chi2=chi2_of(misfit),
+        n=sum(m.size for m in misfit),
+        misfit=misfit,
+    )
+
+
+def start_fit_at(rival: Fit, problem: FitProblem) -> Fit:
+    """A fit where it stands, as another problem sees it."""
+    misfit = [m[0] for m in problem.misfit([rival.fitted_machine()])]
+    return Fit(
+        machine=rival.machine,
+        priors=rival.priors,
+        deviations=rival.deviations,
+        candidates=rival.candidates,
+        values=rival.values,
+        chi2=chi2_of(misfit),
+        n=sum(m.size for m in misfit),
+        misfit=misfit,
+    )
+
+
+def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
+    """The fit with columns of its declared parameters about where it stands (per half width). share: of the usual step."""
+    if not fit.priors:
+        return replace(fit, columns=[np.zeros((0, *m.shape)) for m in fit.misfit])
+    machines, signs = [], []
+    for j, prior in enumerate(fit.priors):
+        sign = -1.0 if fit.deviations[j] > 0 else 1.0
+        deviations = fit.deviations.copy()
+        deviations[j] += sign * share * PARAMETER_STEP * prior.half_width
+        machines.append(replace(fit, deviations=deviations).fitted_machine())
+        signs.append(sign)
+    steps = np.array(signs)[:, None, None] * share * PARAMETER_STEP
+    varied = problem.misfit(machines)
+    return replace(fit, columns=[(base - v) / steps for base, v in zip(fit.misfit, varied, strict=True)])
+
+
+def effect_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> list[Array]:
+    """Columns of every effect number about where the fit stands (per coordinate), a log: (n_numbers, channels, n).
+
+    A number whose neighbour's simulation diverges gets no column: it stays where it is.
+    """
+    machines, steps = [], []
+    for k, candidate in enumerate(fit.candidates):
+        for parameter in candidate.free():
+            here = to_coordinate(parameter, fit.values[k][parameter.name])
+            step = share * EFFECT_STEP * max(abs(here), 0.1)
+            if here + step > coordinate_bounds(parameter)[1]:
+                step = -step
+            values = dict(fit.values[k])
+            values[parameter.name] = to_value(parameter, here + step)
+            changed = (*fit.values[:k], values, *fit.values[k + 1 :])
+            machines.append(replace(fit, values=changed).fitted_machine())
+            steps.append(step)
+    columns = [
+        (base - v) / np.array(steps)[:, None, None]
+        for base, v in zip(fit.misfit, problem.misfit(machines), strict=True)
+    ]
+    alive = np.all([np.isfinite(c).all(axis=(1, 2)) for c in columns], axis=0)
+    return [np.where(alive[:, None, None], c, 0.0) for c in columns]
+
+
+def normal_equations(columns: list[Array], misfit: list[Array]) -> tuple[Array, Array]:
+    """A = X'X and b = X'r over all logs and channels."""
+    k = columns[0].shape[0]
+    A, b = np.zeros((k, k)), np.zeros(k)
+    for X, r in zip(columns, misfit, strict=True):
+        flat = X.reshape(k, -1)
+        A += flat @ flat.T
+        b += flat @ r.ravel()
+    return A, b
+
+
+def prior_terms(fit: Fit) -> tuple[Array, Array]:
+    """Prior in units of half widths: precision and pull of each declared parameter (uniform: sd = 1/sqrt(3))."""
+    precision = np.full(len(fit.priors), 3.0)
+    half_widths = np.array([prior.half_width for prior in fit.priors])
+    return precision, -precision * (fit.deviations / half_widths if len(fit.priors) else fit.deviations)
+
+
+def refine(
+    fit: Fit,
+    problem: FitProblem,
+    steps: int = MAX_STEPS,
+    tolerance: float = 0.5,
+    relative: float = 0.0,
+    fresh: bool = False,
+    share: float = 1.0,
+) -> Fit:
+    """Damped Gauss-Newton from where the fit stands until the cost falls by less than `tolerance` (or that share of the excess).
+
+    fresh: make the columns of the declared parameters anew where they have become poor, and before the last step.
+    share: of the usual finite differences.
+    """
+    if not fit.priors and not fit.candidates:
+        return fit
+    fit = parameter_columns(fit, problem, share) if fit.columns is None else fit
+    damping, covariance, age = 0.0, None, 0
+    for _ in range(steps):
+        A, b = _system(fit, problem, share)
+        covariance = _inverse(A)
+        better, kept = None, 0.0
+        for _ in range(6):
+            coordinates, step = _step(fit, A, b, damping)
+            promise = _promise(A, b, step)
+            if promise < 0.2 * tolerance:
+                break
+            trial = _evaluate(fit, coordinates, problem)
+            if _cost(trial) < _cost(fit):
+                better, damping = trial, damping / 30 if damping > 1e-3 else 0.0
+                kept = (_cost(fit) - _cost(trial)) / promise
+                break
+            damping = max(damping * 30, 1e-3)
+        stale = fresh and age > 0
+        gain = 0.0 if better is None else _cost(fit) - _cost(better)
+        fit = better or fit
+        if gain < max(tolerance, relative * (fit.chi2 - fit.n)) and not stale:
+            break
+        age += 1
+        if fresh and (abs(kept - 1.0) > 1.0 - KEPT_SHARE or age > MAX_AGE):
+            fit, age, damping = parameter_columns(fit, problem, share), 0, 0.0
+    return replace(fit, covariance=covariance)
+
+
+def polished(fit: Fit, problem: FitProblem) -> Fit:
+    """The last refit, with differences a tenth as wide: near a resonance the answer nonlinear_response within the usual ones."""
+    for _ in range(POLISHES):
+        finer = refine(start_fit_at(fit, problem), problem, fresh=True, share=0.1)
+        gain, fit = fit.chi2 - finer.chi2, finer
+        if gain < rules.ALARM_CHI2:
+            break
+    return fit
+
+
+def _promise(A: Array, b: Array, step: Array) -> float:
+    """Fall of the cost that the linear model promises for a step."""
+    return float(2.0 * step @ b - step @ A @ step)
+
+
+def _system(fit: Fit, problem: FitProblem, share: float) -> tuple[Array, Array]:
+    """Normal equations of all coordinates, prior included."""
+    assert fit.columns is not None
+    columns = fit.columns
+    if fit.candidates:
+        columns = [np.concatenate(pair) for pair in zip(columns, effect_columns(fit, problem, share), strict=True)]
+    A, b = normal_equations(columns, fit.misfit)
+    m = len(fit.priors)
+    precision, pull = prior_terms(fit)
+    A[range(m), range(m)] += precision
+    b[:m] += pull
+    return A, b
+
+
+def _cost(fit: Fit) -> float:
+    half_widths = np.array([prior.half_width for prior in fit.priors])
+    return fit.chi2 + float(3.0 * np.sum((fit.deviations / half_widths) ** 2)) if len(fit.priors) else fit.chi2
+
+
+def _inverse(A: Array) -> Array:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
+    return np.linalg.pinv(A * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale
+
+
+def _here(fit: Fit) -> Array:
+    """Coordinates: deviations in half widths, then effect numbers."""
+    half_widths = np.array([prior.half_width for prior in fit.priors])
+    numbers = [to_coordinate(p, v[p.name]) for c, v in zip(fit.candidates, fit.values, strict=True) for p in c.free()]
+    return np.concatenate([fit.deviations / half_widths if len(fit.priors) else fit.deviations, numbers])
+
+
+def _bounds(fit: Fit) -> tuple[Array, Array]:
+    effect = [coordinate_bounds(p) for c in fit.candidates for p in c.free()]
+    pairs = [(-1.0, 1.0)] * len(fit.priors) + effect
+    return np.array([p[0] for p in pairs]), np.array([p[1] for p in pairs])
+
+
+def _step(fit: Fit, A: Array, b: Array, damping: float) -> tuple[Array, Array]:
+    """Bounded step: new coordinates and the step taken. An effect's number changes at most threefold at once."""
+    here, (low, high) = _here(fit), _bounds(fit)
+    scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    scaled = A / scale[:, None] / scale + (1e-10 + damping) * np.eye(len(b))
+    root = np.linalg.cholesky(scaled)
+    target = np.linalg.solve(root, b / scale)
+    reach = np.full(len(here), np.inf)
+    m = len(fit.priors)
+    reach[m:] = 2.0 * np.maximum(np.abs(here[m:]), 0.5)
+    lower, upper = np.maximum(low - here, -reach), np.minimum(high - here, reach)
+    upper = np.maximum(upper, lower + 1e-12)
+    solution = lsq_linear(root.T, target, bounds=(lower * scale, upper * scale), method="bvls", tol=1e-12)
+    step = solution.x / scale
+    return here + step, step
+
+
+def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem) -> Fit:
+    half_widths = np.array([prior.half_width for prior in fit.priors])
+    m = len(fit.priors)
+    values, place = [], m
+    for candidate in fit.candidates:
+        own = {}
+        for parameter in candidate.free():
+            own[parameter.name] = to_value(parameter, float(coordinates[place]))
+            place += 1
+        values.append(own)
+    trial = replace(fit, deviations=coordinates[:m] * half_widths if m else fit.deviations, values=tuple(values))
+    misfit = [r[0] for r in problem.misfit([trial.fitted_machine()])]
+    return replace(trial, misfit=misfit, chi2=chi2_of(misfit))
+
+
+def with_candidate(fit: Fit, candidate: Candidate, coordinate: float, problem: FitProblem) -> Fit:
+    """The fit with one more effect at a size, not yet refined."""
+    size = candidate.effect.parameters[0]
+    values = candidate.start() | {size.name: to_value(size, coordinate)}
+    grown = replace(fit, candidates=(*fit.candidates, candidate), values=(*fit.values, values))
+    misfit = [r[0] for r in problem.misfit([grown.fitted_machine()])]
+    return replace(grown, misfit=misfit, chi2=chi2_of(misfit))

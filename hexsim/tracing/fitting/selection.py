@@ -1,0 +1,179 @@
+"""Forward selection of effects: screen, try the best by simulation, keep one, look again; at most three.
+
+The screening column is linear and the machine is not, so every candidate near the top is refitted by simulation: first
+on the opening seconds of each run, then the survivors on all of it. What decides is the misfit after the refit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hexsim.tracing import rules
+from hexsim.tracing.fitting.fit import Fit, parameter_columns, refine, start_fit_at, with_candidate
+from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
+from hexsim.tracing.fitting.screening import Screened, screen
+from hexsim.tracing.problems.simulated import FitProblem
+
+Tick = Callable[[str], None]
+
+
+@dataclass(kw_only=True)
+class Stage:
+    """One round of the selection: the screening table and the refitted rivals, best first."""
+
+    lines: list[Screened]
+    rivals: list[Fit]
+
+
+@dataclass(kw_only=True)
+class Search:
+    """The way from the refitted declared machine to the last hypothesis."""
+
+    base: Fit
+    best: Fit
+    stages: list[Stage] = field(default_factory=list)
+
+
+def scale_of(fit: Fit) -> float:
+    """What a unit of chi2 is worth: 1 where the model reaches the noise, more where it does not."""
+    return max(fit.reduced, 1.0)
+
+
+def shortlist(lines: list[Screened], scale: float, alarm: float) -> list[Screened]:
+    """The best shape of each effect and place, those with a gain that could matter, at most REFITTED_CANDIDATES."""
+    best: dict[str, Screened] = {}
+    for line in lines:
+        key = line.candidate.label
+        if key not in best or line.score > best[key].score:
+            best[key] = line
+    most = max((line.gain_chi2 for line in best.values()), default=0.0)
+    least = max(alarm * scale, rules.REFIT_GAIN_SHARE * most)
+    worth = sorted((line for line in best.values() if line.gain_chi2 > least), key=lambda line: -line.gain_chi2)
+    return worth[: rules.REFITTED_CANDIDATES]
+
+
+def bending(lines: list[Screened], listed: list[Screened]) -> list[Screened]:
+    """Those whose gain no linear column tells, half a typical size to start with."""
+    others = [line for line in lines if line.candidate.effect.nonlinear_response and line not in listed]
+    return [replace(line, size=rules.NONLINEAR_START_SIZE) for line in others]
+
+
+def cut(fit: Fit, whole: FitProblem, part: FitProblem) -> Fit:
+    """The fit as seen by the head of the logs: its misfit and columns, cut."""
+    lengths = [log.n - whole.settle(i) for i, log in enumerate(part.logs)]
+    misfit = [m[:, :n] for m, n in zip(fit.misfit, lengths, strict=True)]
+    columns = None if fit.columns is None else [c[:, :, :n] for c, n in zip(fit.columns, lengths, strict=True)]
+    chi2 = float(sum(np.sum(np.square(m)) for m in misfit))
+    return replace(fit, misfit=misfit, columns=columns, chi2=chi2, n=sum(m.size for m in misfit))
+
+
+def try_candidate(fit: Fit, candidate: Candidate, size: float, problem: FitProblem, steps: int) -> Fit | None:
+    """The fit with the candidate added at about this size and refined; None when no size of it simulates."""
+    size = float(np.clip(size, -rules.START_SIZE, rules.START_SIZE)) or 0.1
+    for shrink in (1.0, 0.3, 0.1, 0.03):
+        grown = with_candidate(fit, candidate, size * shrink, problem)
+        if np.isfinite(grown.chi2):
+            return refine(grown, problem, steps=steps)
+    return None
+
+
+def advance(fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Tick, least_gain: float) -> Stage:
+    """Screen about the fit and refit the best rivals. An effect comes once.
+
+    About a hypothesis that holds the next effect's column shows most of what it does: where no column promises half of
+    the least gain (a share of the excess chi2) nothing is refitted.
+    """
+    there = {candidate.label for candidate in fit.candidates}
+    candidates = [candidate for candidate in candidates if candidate.label not in there]
+    if fit.columns is None:
+        fit = parameter_columns(fit, problem)
+    lines = screen(fit, candidates, problem, lambda n: tick("screening"))
+    listed = shortlist(lines, scale_of(fit), rules.alarm(fit.n))
+    promised = max((line.gain_chi2 for line in listed), default=0.0)
+    if not listed or (fit.candidates and promised < 0.5 * least_gain * (fit.chi2 - fit.n)):
+        return Stage(lines=lines, rivals=[])
+    if not fit.candidates:
+        listed = listed + bending(lines, listed)
+    head = problem.head(rules.TRIAGE_S)
+    short = cut(fit, problem, head)
+    quick = []
+    for line in listed:
+        tick("refitting rivals")
+        rival = try_candidate(short, line.candidate, line.size, head, rules.TRIAGE_STEPS)
+        if rival is not None:
+            quick.append(rival)
+    quick.sort(key=lambda rival: rival.chi2)
+    tried = []
+    for rival in quick[: rules.FINALISTS]:
+        if rival.chi2 > rules.QUICK_RATIO * quick[0].chi2:
+            break
+        tick("refitting rivals")
+        tried.append(refine(parameter_columns(rival, head), head, fresh=True))
+    tried.sort(key=lambda rival: rival.chi2)
+    if head is problem:
+        return Stage(lines=lines, rivals=ranked(tried))
+    rivals = []
+    for rival in tried:
+        if rivals and rival.chi2 > rules.FINALIST_RATIO * tried[0].chi2:
+            break
+        tick("refitting rivals")
+        rivals.append(refine(start_fit_at(rival, problem), problem, fresh=True))
+    return Stage(lines=lines, rivals=ranked(rivals))
+
+
+def ranked(rivals: list[Fit]) -> list[Fit]:
+    """Refitted rivals, the best first, those left out whose effect does nothing."""
+    return named_first(sorted((rival for rival in rivals if not inert(rival)), key=information))
+
+
+def named_first(rivals: list[Fit]) -> list[Fit]:
+    """Of a tie at the top, a physical cause before one that stands for any cause of its form."""
+    for k, rival in enumerate(rivals):
+        tie = information(rival) - information(rivals[0]) < rules.TIE_CHI2 * scale_of(rivals[0])
+        if tie and not rival.candidates[-1].effect.generic:
+            return [rival, *rivals[:k], *rivals[k + 1 :]]
+    return rivals
+
+
+def information(fit: Fit) -> float:
+    """Bayes' information criterion: of two that do alike, the one with fewer numbers."""
+    return fit.chi2 + float(np.log(fit.n)) * scale_of(fit) * sum(len(c.free()) for c in fit.candidates)
+
+
+def inert(fit: Fit) -> bool:
+    """Does the last effect stand where it does nothing? Then what helped was another part of it."""
+    size = fit.candidates[-1].effect.parameters[0]
+    return abs(to_coordinate(size, fit.values[-1][size.name])) < rules.NEGLIGIBLE_SHARE and bool(np.isinf(size.neutral))
+
+
+def noise_reached(fit: Fit) -> bool:
+    """Is chi2 a sample at the noise?"""
+    return fit.reduced < rules.FLOOR_REDUCED
+
+
+def search(
+    base: Fit,
+    candidates: list[Candidate],
+    problem: FitProblem,
+    tick: Tick = lambda step: None,
+    done: Callable[[Fit], bool] = noise_reached,
+    least_gain: float = rules.LEAST_GAIN,
+) -> Search:
+    """From the refitted declared machine to at most rules.MOST_EFFECTS effects, or until nothing is left to explain."""
+    found = Search(base=base, best=base)
+    while True:
+        stage = advance(found.best, candidates, problem, tick, least_gain)
+        found.stages.append(stage)
+        if not stage.rivals:
+            return found
+        best = stage.rivals[0]
+        excess = max(found.best.chi2 - found.best.n, rules.ALARM_CHI2)
+        gain = found.best.chi2 - best.chi2
+        if gain < rules.alarm(best.n) * scale_of(best) or gain < least_gain * excess:
+            return found
+        found.best = best
+        if done(best) or len(best.candidates) >= rules.MOST_EFFECTS:
+            return found

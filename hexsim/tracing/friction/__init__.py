@@ -1,0 +1,1 @@
+"""Friction identified from a log."""

@@ -1,0 +1,1 @@
+"""What a trace leaves: JSON, page, figures, recording."""

@@ -1,0 +1,155 @@
+"""What a trace writes: report.json, machine.toml with the fitted parameters and effects, report.html, scenarios."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hexsim.files.json_files import write_json
+from hexsim.machine import save_machine
+from hexsim.tracing import rules
+from hexsim.tracing.fitting.parameters import to_value
+from hexsim.tracing.fitting.screening import Screened
+from hexsim.tracing.report.page import report_page
+from hexsim.tracing.result import TraceResult
+from hexsim.tracing.steps.residuals import UnexplainedResidual
+from hexsim.tracing.steps.verdict import NamedEffect
+from hexsim.tracing.steps.violations import Violation
+
+
+def finite(x: float | None) -> float | None:
+    """A number that JSON knows."""
+    return None if x is None or not math.isfinite(x) else float(x)
+
+
+def report_of(result: TraceResult) -> dict[str, Any]:
+    """The content of report.json."""
+    return {
+        "verdict": result.verdict,
+        "machine": result.machine.name,
+        "balances": [balance_entry(line) for line in result.violations],
+        "effects": [effect_entry(effect) for effect in result.effects] + [rest for rest in result.learned],
+        "unexplained": [rest_entry(rest) for rest in result.unexplained],
+        "detectable": detectable(result.detect_lines, rules.alarm(result.detect_n)),
+        "parameters": parameter_entries(result),
+        "error": {
+            log: {name: {kind: finite(value) for kind, value in row.items()} for name, row in channels.items()}
+            for log, channels in result.error.items()
+        },
+        "findings": {
+            name: [{"severity": f.severity, "channel": f.channel, "description": f.description} for f in findings]
+            for name, findings in result.findings.items()
+        },
+        "separating_experiments": result.experiments,
+    }
+
+
+def place_name(where: str) -> str:
+    """leg i, all legs or platform."""
+    return "platform" if where.startswith("platform") else where
+
+
+def balance_entry(line: Violation) -> dict[str, Any]:
+    return {
+        "name": line.name,
+        "where": place_name(line.where),
+        "violation": finite(line.violation),
+        "null": finite(line.null),
+        "violated": line.violated,
+        "rms": finite(line.rms),
+        "unit": line.unit,
+    }
+
+
+def effect_entry(effect: NamedEffect) -> dict[str, Any]:
+    candidate = effect.candidate
+    where = candidate.where if candidate.effect.places != "platform" else "platform"
+    if candidate.effect.places == "leg" and where == "all legs" and effect.single_leg:
+        where = "leg 1"
+    return {
+        "name": candidate.effect.name,
+        "balance": candidate.effect.balance,
+        "where": where,
+        "parameters": {name: finite(value) for name, value in effect.values.items()},
+        "standard_error": {name: finite(value) for name, value in effect.standard_errors.items()},
+        "tied_with": list(effect.tied_with),
+        "evidence": {
+            "block_cv_gain": finite(effect.gain_cv),
+            "blocks": effect.blocks,
+            "dBIC": finite(effect.d_bic),
+            "held_out_gain": [finite(gain) for gain in effect.held_out],
+        },
+        "description": candidate.effect.description,
+    }
+
+
+def rest_entry(rest: UnexplainedResidual) -> dict[str, Any]:
+    found = rest.dependence
+    return {
+        "balance": rest.balance,
+        "where": place_name(rest.violation.where),
+        "rms": finite(rest.violation.rms),
+        "unit": rest.violation.unit,
+        "depends_on": found.signal,
+        "form": found.form,
+        "r2_cv": finite(found.r2_cv),
+        "frequency_Hz": finite(found.frequency_Hz),
+        "memory_s": finite(found.memory_s),
+        "r2_of_signals": {name: finite(value) for name, value in found.table.items()},
+        "curve": {
+            "signal": [float(x) for x in found.knots],
+            "residual": [float(x) for x in found.curve],
+            "standard_error": [float(x) for x in found.curve_sd],
+        },
+    }
+
+
+def detectable(lines: list[Screened], alarm: float) -> dict[str, Any]:
+    """Smallest size of each effect that the fit runs would show: sqrt(alarm) standard deviations."""
+    found: dict[str, Any] = {}
+    for line in sorted(lines, key=lambda line: line.sd):
+        effect = line.candidate.effect
+        if effect.name in found or not math.isfinite(line.sd):
+            continue
+        size = effect.parameters[0]
+        least = math.sqrt(alarm) * line.sd
+        found[effect.name] = {
+            "theta_min": finite(abs(to_value(size, least))),
+            "unit": size.unit,
+            "parameter": size.name,
+            "explained_by_parameters": finite(line.explained_by_others),
+        }
+        if math.isinf(size.neutral):
+            found[effect.name]["description"] = "seen where the value is below this"
+        if effect.shown_by:
+            found[effect.name]["shown_by"] = effect.shown_by
+    return dict(sorted(found.items()))
+
+
+def parameter_entries(result: TraceResult) -> dict[str, Any]:
+    fit = result.final
+    errors = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)) if fit.covariance is not None else None
+    entries = {}
+    for j, (prior, deviation) in enumerate(zip(fit.priors, fit.deviations, strict=True)):
+        entries[prior.key] = {
+            "declared": prior.declared,
+            "fitted": float(prior.declared * (1 + deviation)),
+            "shift_sigma": float(deviation / (prior.half_width / math.sqrt(3.0))),
+            "standard_error": None if errors is None else float(errors[j] * prior.half_width * prior.declared),
+            "at_bound": bool(abs(deviation) > 0.999 * prior.half_width),
+        }
+    return entries
+
+
+def write_report(result: TraceResult, folder: Path) -> None:
+    """Write everything into the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(folder / "report.json", result.report)
+    save_machine(result.fitted, folder / "machine.toml")
+    for name, text in result.scenarios.items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+    (folder / "report.html").write_text(report_page(result), encoding="utf-8")

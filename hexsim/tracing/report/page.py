@@ -1,0 +1,285 @@
+"""report.html of a trace: self-contained, readable without the tool."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from hexsim.hydraulics.effects import effect_named
+from hexsim.recording.quantity import plain, quantity, split_key, with_error
+from hexsim.recording.report import data_url, render
+from hexsim.signals.channels import kind_of
+from hexsim.tracing import rules
+from hexsim.tracing.report import figures
+from hexsim.tracing.report.figures import SIGNALS, channel_words
+from hexsim.tracing.result import TraceResult
+from hexsim.tracing.steps.verdict import NamedEffect
+from hexsim.tracing.steps.violations import Violation
+
+CAPTIONS = {
+    "comparison": "Held-out run {run}: of each kind of signal the one that the refitted model gets most wrong. Left: measured "
+    "and simulated. Right: what each model leaves; one that lacks nothing stays in the blue band.",
+    "balances": "What is left of each balance in the fit runs, at its worst place, over the signal that it depends on. A curve "
+    "that leaves the pale band is physics that the model lacks; shapes inside it are in the model's own runs too. Every panel "
+    "has its own scale; the bands are of one size before and after.",
+    "portraits": "{leg}, the seconds of the first figure as loops. Friction is a step of pressure where the velocity "
+    "changes sign, the valve's dead band a flat piece of velocity over volts. A good model covers the grey line.",
+    "spectra": "What each model leaves on run {run}, its mean taken off. Low frequencies are slow effects, humps are resonances "
+    "that the model has elsewhere; a model that lacks nothing lies on the dotted line.",
+    "parameters": "Where each declared parameter ended inside its declared uncertainty (the grey bar; its half width at the "
+    "right). Orange: held back by its limit.",
+}
+BALANCES = {
+    "sensor": "position differentiated twice = acceleration, but for the ripple between the controller's ticks",
+    "supply": "supply pressure = what the declared supply gives for the flow taken",
+    "continuity": "valve flow = piston flow + compression of the oil",
+    "valve": "the same, put down to the valve where the valve explains it",
+    "force": "pressures − weight − friction = mass times acceleration",
+    "platform": "forces of the legs = inertia of the platform",
+}
+MOST_ROWS = 12  # of a table; what is beyond folds away
+FORMS = {
+    "plain": "a curve over the {}",
+    "direction": "a curve over the {} for each direction of motion",
+    "product": "the velocity times a curve over the {}",
+    "memory": "what the {} was of late: a curve over its low-passed size, against the motion",
+    "late": "what it would be if the {} came late",
+    "play": "what it would be if the {} were measured through play",
+    "size": "no signal in its sign; its size is a curve over the {}",
+}
+
+
+def report_page(result: TraceResult) -> str:
+    """The whole page."""
+    report, run = result.report, result.validate_problem.logs[0].name
+    leg = figures.portrait_leg(result).capitalize() if result.machine.is_hexapod else "The leg"
+    makers = {
+        "comparison": figures.comparison,
+        "balances": figures.balances,
+        "portraits": figures.portraits,
+        "spectra": figures.spectra,
+        "parameters": figures.parameters,
+    }
+    return render(
+        "trace.html.j2",
+        title=f"Trace of {result.machine.name}",
+        report=report,
+        verdict=verdict_line(result),
+        sentence=sentence(result),
+        cards=cards(result),
+        effects=effect_rows(report),
+        rests=rest_rows(report),
+        added=figures.added(result) if result.effects or result.learned else "",
+        errors=error_rows(report),
+        balances=balance_rows(result),
+        screening=screening_rows(result),
+        detectable=detectable_rows(report),
+        parameters=parameter_rows(report),
+        findings=[(name, f) for name, found in report["findings"].items() for f in found],
+        experiments=report["separating_experiments"],
+        runs=tuple(", ".join(log.name for log in q.logs) for q in (result.fit_problem, result.validate_problem)),
+        pictures={
+            name: (data_url(make(result)), CAPTIONS[name].format(run=run, leg=leg)) for name, make in makers.items()
+        },
+    )
+
+
+# ---- the top of the page ---------------------------------------------------------------------------------------------
+
+
+def worst_error(report: Mapping[str, Any], model: str) -> tuple[float, str]:
+    """Error on held-out motion in times the sensor's noise, and the signal that has it."""
+    rows = [
+        (row[model] / row["noise"], channel)
+        for channels in report["error"].values()
+        for channel, row in channels.items()
+        if row[model] is not None and row["noise"]
+    ]
+    return max(rows, default=(math.nan, ""))
+
+
+def verdict_line(result: TraceResult) -> str:
+    """The answer in one line."""
+    if result.effects:
+        return "The model lacks: " + "; ".join(effect_words(effect) for effect in result.effects)
+    if result.verdict == "nothing missing":
+        return "Nothing is missing from the model"
+    return "Something is missing, and no effect of the library explains it"
+
+
+def effect_words(effect: NamedEffect) -> str:
+    """supply droop, 2.40 ×10⁹ Pa·s/m³."""
+    size = effect.candidate.effect.parameters[0]
+    return f"{effect.candidate.label.replace('_', ' ')}, {quantity(effect.values[size.name], size.unit)}"
+
+
+def sentence(result: TraceResult) -> str:
+    """What the verdict rests on, with numbers."""
+    report = result.report
+    before, channel = worst_error(report, "refit")
+    after = worst_error(report, "with_effect")[0]
+    signal = channel_words(channel) if channel else "signal"
+    if result.verdict == "nothing missing":
+        return (
+            "With its parameters inside their declared uncertainty the declared machine answers all runs down to the "
+            f"sensors' noise: at most {plain(before)} times the noise on held-out motion."
+        )
+    if result.effects:
+        ties = sorted({tied.replace("_", " ") for e in result.effects for tied in e.tied_with})
+        tied = f" These runs cannot tell it from {' or '.join(ties)}." if ties else ""
+        return (
+            f"Without it the {signal} stays {plain(before)} times its sensor's noise off on held-out motion, however the "
+            f"declared parameters are fitted; with it every signal comes to {plain(after)} times the noise or less.{tied}"
+        )
+    rests = rest_rows(report)
+    where = (
+        f" The misfit is in the {rests[0]['balance']} balance of {rests[0]['place']}: {rests[0]['says']}."
+        if rests
+        else ""
+    )
+    learned = f" A curve learned from the logs brings it to {plain(after)}, under no name." if result.learned else ""
+    return (
+        f"However the declared parameters are fitted, the {signal} stays {plain(before)} times its sensor's noise off on "
+        f"held-out motion.{where}{learned}"
+    )
+
+
+def cards(result: TraceResult) -> list[tuple[str, str, str]]:
+    """The figures to see first: (value, unit, what it is)."""
+    report = result.report
+    declared, before, after = (worst_error(report, model)[0] for model in ("declared", "refit", "with_effect"))
+    found = [(plain(declared), "× noise", "largest held-out error, as declared")]
+    found.append((plain(before), "× noise", "largest held-out error, parameters refitted"))
+    if result.effects or result.learned:
+        found.append((plain(after), "× noise", f"largest held-out error, with {figures.added(result)}"))
+    violated = sum(b["violated"] for b in report["balances"])
+    found.append((f"{violated} of {len(report['balances'])}", "", "balances violated"))
+    return found
+
+
+# ---- tables ----------------------------------------------------------------------------------------------------------
+
+
+def place_words(where: str) -> str:
+    return where if where.startswith("leg ") or where == "all legs" else f"the {where}"
+
+
+def effect_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+    rows = []
+    for effect in report["effects"]:
+        errors = effect.get("standard_error", {})
+        units = {p.name: p.unit for p in effect_named(effect["name"]).parameters} if effect["name"] else {}
+        values = [
+            (split_key(key)[0], with_error(value, errors.get(key), units[key]))
+            for key, value in effect["parameters"].items()
+        ]
+        title, description = effect["name"].replace("_", " "), effect["description"]
+        if not title:
+            title, description = "learned curve", f"over the {SIGNALS[effect['curve']['signal']][0]}, of unknown cause"
+        tied = [name.replace("_", " ") for name in effect["tied_with"]]
+        rows.append(effect | {"values": values, "title": title, "description": description, "ties": tied})
+    return rows
+
+
+def rest_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+    rows = []
+    for rest in report["unexplained"]:
+        signal = SIGNALS.get(rest["depends_on"], (rest["depends_on"],))[0]
+        description = FORMS.get(rest["form"], "").format(signal)
+        if rest["frequency_Hz"]:
+            description = f"a line at {rest['frequency_Hz']:.2f} Hz that no input has"
+        others = sorted(
+            (
+                (SIGNALS[name][0], r2)
+                for name, r2 in rest["r2_of_signals"].items()
+                if name in SIGNALS and r2 is not None
+            ),
+            key=lambda entry: -entry[1],
+        )
+        rows.append(rest | {"description": description, "place": place_words(rest["where"]), "others": others[:4]})
+    return rows
+
+
+def error_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Held-out errors, each with its multiple of the noise. shown: the worst of its kind, where there are many."""
+    rows, worst = [], {}
+    for log, channels in report["error"].items():
+        for name, row in channels.items():
+            unit, noise = split_key(name)[1], row["noise"]
+            cells = {
+                model: (quantity(row[model], unit), row[model] / noise if row[model] and noise else None)
+                for model in ("declared", "refit", "with_effect")
+            }
+            rows.append({"log": log, "signal": channel_words(name), "noise": quantity(noise, unit), **cells})
+            kind = (log, kind_of(name))
+            if kind not in worst or (cells["refit"][1] or 0) > (worst[kind]["refit"][1] or 0):
+                worst[kind] = rows[-1]
+    chosen = {id(row) for row in worst.values()}
+    return [row | {"shown": len(rows) <= MOST_ROWS or id(row) in chosen} for row in rows]
+
+
+def balance_rows(result: TraceResult) -> list[dict[str, Any]]:
+    """Every balance at every place. shown: violated, or the worst of its name, where there are many."""
+    worst: dict[str, Violation] = {}
+    for line in sorted(result.violations, key=lambda v: -v.violation / max(v.null, 1.0)):
+        worst.setdefault(line.name, line)
+    few = len(result.violations) <= MOST_ROWS
+    return [
+        {
+            "name": line.name,
+            "description": BALANCES.get(line.name, ""),
+            "where": figures.place_words(line),
+            "size": quantity(line.rms, figures.unit_of(line)),
+            "times": line.violation,
+            "limit": rules.VIOLATED * max(line.null, 1.0),
+            "violated": line.violated,
+            "shown": few or line.violated or line is worst[line.name],
+        }
+        for line in result.violations
+    ]
+
+
+def detectable_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return [
+        d | {"name": name.replace("_", " "), "size": quantity(d["theta_min"], d["unit"]),
+             "note": d.get("description") or (f"shown by {d['shown_by']}" if d.get("shown_by") else "")}
+        for name, d in report["detectable"].items()
+    ]  # fmt: skip
+
+
+def parameter_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+    rows = []
+    for key, p in report["parameters"].items():
+        name, unit = split_key(key)
+        shift = p["fitted"] / p["declared"] - 1 if p["declared"] else math.nan
+        fitted = with_error(p["fitted"], p["standard_error"], unit)
+        rows.append(p | {"name": name, "from": quantity(p["declared"], unit, 4), "to": fitted, "percent": 100 * shift})
+    return rows
+
+
+def screening_rows(result: TraceResult, most: int = 14) -> list[dict[str, Any]]:
+    """The first round: each effect's best shape, and what became of it."""
+    if not result.search.stages:
+        return []
+    stage = result.search.stages[0]
+    refitted = {rival.candidates[-1].label: rival.reduced for rival in stage.rivals if len(rival.candidates) == 1}
+    named = {effect.candidate.label: result.final.reduced for effect in result.effects}
+    tied = {label: rival.reduced for rivals in result.ties for label, rival in rivals.items()}
+    refitted |= tied | named
+    rows: dict[str, dict[str, Any]] = {}
+    for line in stage.lines:
+        label = line.candidate.label
+        if label in rows:
+            continue
+        became = "named" if label in named else "tie" if label in tied else "refitted" if label in refitted else ""
+        rows[label] = {
+            "name": label.replace("_", " "),
+            "balance": line.candidate.effect.balance,
+            "cv": line.gain_cv,
+            "se": line.gain_se,
+            "reduced": refitted.get(label),
+            "became": became,
+        }
+    shown = list(rows.values())
+    return shown[:most] + [row for row in shown[most:] if row["became"]]

@@ -1,0 +1,1 @@
+"""The closed loop simulated for fits, one leg or six."""

@@ -1,0 +1,132 @@
+"""The experiment that would separate a tie: of a few motions, the one in which the tied models differ most.
+
+Every member of a tie is a fitted machine. Both are simulated in each candidate motion; what counts is
+
+    separation = sum ((answer_A - answer_B)/noise)^2
+
+over all channels. Where no motion separates them, the same motion with another load may: an incline grows with the
+mass, a constant force does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from hexsim.declaration import Machine
+from hexsim.machine.files import changed
+from hexsim.scenarios.scenario import scenario_from_dict
+from hexsim.signals.log import MeasuredLog
+from hexsim.tracing import rules
+from hexsim.tracing.fitting.fit import Fit
+from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.simulation.hexapod_simulator import kinematics_of
+
+Array = np.ndarray
+RATE_Hz = 1000.0
+HEAVIER = 1.5  # load of the heavier variant
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """A motion that separates two effects: scenario tables, chi2 it would give, and what is changed on the machine."""
+
+    effects: tuple[str, str]
+    separation: float
+    tables: dict[str, Any]
+
+    @property
+    def file_name(self) -> str:
+        return f"separate_{self.effects[0]}_from_{self.effects[1]}.toml".replace(" ", "_")
+
+    def text(self) -> str:
+        return tomli_w.dumps(self.tables)
+
+
+def motions(machine: Machine) -> list[dict[str, Any]]:
+    """Candidate motions as scenario tables, for the stroke of this machine."""
+    half = machine.cylinder.stroke_m / 2
+    sines = [
+        {"kind": "sine", "amplitude": 0.5 * half, "frequency_Hz": 0.5},
+        {"kind": "sine", "amplitude": 0.8 * half, "frequency_Hz": 0.1},
+        {"kind": "sine", "amplitude": 0.1 * half, "frequency_Hz": 3.0},
+        {"kind": "sweep", "amplitude": 0.2 * half, "start_Hz": 0.2, "end_Hz": 8.0, "duration_s": 20.0, "law": "log"},
+        {
+            "kind": "multisine",
+            "amplitudes": [0.3 * half, 0.15 * half, 0.08 * half, 0.03 * half],
+            "frequencies_Hz": [0.17, 0.53, 1.3, 3.7],
+            "seed": 1,
+        },
+    ]
+    return [scenario_tables(machine, signal) for signal in sines]
+
+
+def scenario_tables(machine: Machine, signal: dict[str, Any]) -> dict[str, Any]:
+    """One signal as a scenario of 20 s: along z of a platform, on the leg of a bench."""
+    axis = "z" if machine.is_hexapod else "leg_1"
+    return {
+        "name": "separate",
+        "mode": "dof" if machine.is_hexapod else "actuator",
+        "machine_name": machine.name,
+        "duration_s": 20.0,
+        "fade_s": 2.0,
+        "fade": "smooth",
+        "axes": {axis: signal},
+    }
+
+
+def setpoint_log(machine: Machine, tables: dict[str, Any]) -> MeasuredLog:
+    """An empty log with the scenario's setpoints, as a problem for the simulation."""
+    scenario = scenario_from_dict(tables)
+    time = np.arange(int(scenario.duration_s * RATE_Hz)) / RATE_Hz
+    every = max(round(RATE_Hz / machine.controller.rate_Hz), 1)
+    held = time[(np.arange(len(time)) // every) * every]
+    value = scenario.evaluate(held)[0]
+    if machine.is_hexapod:
+        setpoint = kinematics_of(machine).piston_positions(value).T.copy()
+    else:
+        setpoint = value[:, 0][None] + machine.cylinder.stroke_m / 2
+    zeros = np.zeros_like(setpoint)
+    axes = np.zeros((3 if machine.is_hexapod else 1, len(time)))
+    return MeasuredLog(
+        name="experiment",
+        time=time,
+        rate=RATE_Hz,
+        setpoint=setpoint,
+        position=setpoint.copy(),
+        volts=zeros,
+        pressure=zeros,
+        supply=np.zeros(len(time)),
+        acceleration=axes,
+        angular=axes if machine.is_hexapod else None,
+    )
+
+
+def separation(first: Machine, second: Machine, noise: dict[str, float], tables: dict[str, Any]) -> float:
+    """chi2 between the answers of two machines to a scenario."""
+    problem = FitProblem(logs=(setpoint_log(first, tables),), noise=noise)
+    changes = tables.get("machine", {})
+    misfit = problem.misfit([changed(machine, changes) if changes else machine for machine in (first, second)])[0]
+    chi2 = float(np.sum((misfit[0] - misfit[1]) ** 2))
+    return chi2 if np.isfinite(chi2) else 0.0
+
+
+def experiment_for(first: Fit, second: Fit, names: tuple[str, str], noise: dict[str, float]) -> Experiment:
+    """The best of the motions, with the load as it is, or heavier where that is needed."""
+    a, b, machine = first.fitted_machine(), second.fitted_machine(), first.machine
+    tried = [(separation(a, b, noise, tables), tables) for tables in motions(machine)]
+    best = max(tried, key=lambda item: item[0])
+    if best[0] < 4 * rules.TIE_CHI2:
+        key = "platform_mass_kg" if machine.is_hexapod else "moving_mass_kg"
+        mass = HEAVIER * float(getattr(machine.load, key))
+        heavier = [tables | {"machine": {"load": {key: mass}}} for tables in motions(machine)]
+        flat = [(separation(a, b, noise, t | {"machine": {f"load.{key}": mass}}), t) for t in heavier]
+        best = max([best, *flat], key=lambda item: item[0])
+    tables = dict(best[1])
+    tables["name"] = f"separate-{names[0]}-from-{names[1]}".replace("_", "-").replace(" ", "-")
+    load = " with a heavier load" if "machine" in tables else ""
+    tables["description"] = f"motion{load} in which {names[0]} and {names[1]} differ most (chi2 {best[0]:.0f})"
+    return Experiment(effects=names, separation=best[0], tables=tables)

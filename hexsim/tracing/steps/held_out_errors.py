@@ -1,0 +1,59 @@
+"""Error of the model on a log, per signal: declared, refitted, with the effect; and the sensors' own noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hexsim.declaration import Machine
+from hexsim.signals.channels import kind_of
+from hexsim.smoothness import band_limit
+from hexsim.tracing.problems.simulated import FitProblem
+
+Array = np.ndarray
+
+
+def banded(channel: str, time: Array, signal: Array) -> Array:
+    """Accelerations in the 50 Hz band, other signals as they are."""
+    return band_limit(time, signal) if "acceleration" in channel else signal
+
+
+def channel_errors(problem: FitProblem, i: int, machine: Machine) -> dict[str, float]:
+    """rms of measured - simulated of log i after the settling time, by channel; inf after a divergence."""
+    answer, start = problem.answer(machine, i), problem.settle(i)
+    time = problem.logs[i].time
+    errors = {}
+    for row, (name, measured) in zip(answer, problem.measured[i].items(), strict=True):
+        difference = measured - row
+        if not np.all(np.isfinite(difference)):
+            errors[name] = float("inf")
+            continue
+        errors[name] = float(np.sqrt(np.mean(banded(name, time, difference)[start:] ** 2)))
+    return errors
+
+
+def noise_floor(problem: FitProblem, i: int) -> dict[str, float]:
+    """rms of the sensors' noise alone, through the same band."""
+    rng, log = np.random.default_rng(0), problem.logs[i]
+    floor = {}
+    for name in problem.channels(i):
+        noise = problem.noise[kind_of(name)] * rng.standard_normal(log.n)
+        floor[name] = float(np.sqrt(np.mean(banded(name, log.time, noise)[problem.settle(i) :] ** 2)))
+    return floor
+
+
+def error_table(
+    problem: FitProblem, declared: Machine, refit: Machine, fitted: Machine
+) -> dict[str, dict[str, dict[str, float]]]:
+    """The report's `error`: log -> channel -> declared, refit, with_effect, noise."""
+    table = {}
+    for i, log in enumerate(problem.logs):
+        columns = {
+            "declared": channel_errors(problem, i, declared),
+            "refit": channel_errors(problem, i, refit),
+            "with_effect": channel_errors(problem, i, fitted),
+            "noise": noise_floor(problem, i),
+        }
+        table[log.name] = {
+            name: {kind: column[name] for kind, column in columns.items()} for name in problem.channels(i)
+        }
+    return table

@@ -1,0 +1,86 @@
+"""A learned term for a rest with a clear dependence: its curve put into the simulator, under no physical name.
+
+The residual of a balance is what the model has too much of, so the term is minus the curve. It is kept only if, with
+the declared parameters refitted beside it, every held-out run gets better.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hexsim.declaration import Machine
+from hexsim.hydraulics.leg import SIGNALS
+from hexsim.hydraulics.parameters import LEARNED_KNOTS
+from hexsim.machine.files import changed
+from hexsim.tracing import rules
+from hexsim.tracing.fitting.fit import Fit, refine, start_fit
+from hexsim.tracing.fitting.parameters import Prior
+from hexsim.tracing.fitting.selection import scale_of
+from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.steps.residuals import UnexplainedResidual
+
+Array = np.ndarray
+JOINED = {"continuity": "continuity", "valve": "continuity", "force": "force"}  # balance of the rest -> of the term
+
+
+def curve_table(rest: UnexplainedResidual) -> dict[str, Any] | None:
+    """The [effects.learned_term] table of a rest, or None when it is no plain curve over a signal that a leg knows."""
+    found = rest.dependence
+    able = found.form == "plain" and found.signal in SIGNALS and rest.balance in JOINED
+    if not able or found.r2_cv < rules.LEARNED_R2 or rest.violation.where.startswith("platform"):
+        return None
+    knots = np.linspace(found.knots[0], found.knots[-1], LEARNED_KNOTS)
+    values = -np.interp(knots, found.knots, found.curve)
+    curve = {
+        "balance": JOINED[rest.balance],
+        "signal": found.signal,
+        "start": float(knots[0]),
+        "step": float(knots[1] - knots[0]),
+        "values": [float(value) for value in values],
+    }
+    where = (
+        {}
+        if rest.violation.where == "leg 1" and rest.violation.machine.n_legs == 1
+        else {"where": rest.violation.where}
+    )
+    return {"curve": curve} | where
+
+
+def learned_fit(
+    rest: UnexplainedResidual,
+    machine: Machine,
+    known: tuple[Prior, ...],
+    base: Fit,
+    problem: FitProblem,
+    held_out: FitProblem,
+) -> tuple[Fit, dict[str, Any]] | None:
+    """The machine with the term, refitted, and its entry in the report; None when it does not hold up."""
+    table = curve_table(rest)
+    if table is None or "learned_term" in machine.effects:
+        return None
+    grown = changed(machine, {"effects": {**machine.effects, "learned_term": table}})
+    fit = refine(start_fit(grown, known, problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)
+    before, after = (q.misfit([f.fitted_machine()]) for q, f in ((held_out, base), (held_out, fit)))
+    gains = [float(np.sum(b[0] ** 2) - np.sum(a[0] ** 2)) for b, a in zip(before, after, strict=True)]
+    helps = base.chi2 - fit.chi2 > rules.alarm(fit.n) * scale_of(fit)
+    if not helps or not all(gain > 0 for gain in gains):
+        return None
+    return fit, {
+        "name": "",
+        "learned": True,
+        "balance": rest.balance,
+        "where": rest.violation.where,
+        "parameters": {},
+        "standard_error": {},
+        "tied_with": [],
+        "curve": table["curve"] | {"standard_error": [float(x) for x in rest.dependence.curve_sd]},
+        "evidence": {
+            "block_cv_gain": rest.dependence.r2_cv,
+            "blocks": len(problem.logs) * problem.blocks(0),
+            "dBIC": float(fit.chi2 - base.chi2 + LEARNED_KNOTS * np.log(fit.n)),
+            "held_out_gain": gains,
+        },
+        "description": f"a measured curve over {rest.dependence.signal}, of unknown cause",
+    }

@@ -1,0 +1,180 @@
+"""Where the search reaches no floor: each violated balance on its own, and what is left of it.
+
+A balance looks at measured signals, so that one balance's trouble does not reach another. Effects are selected in
+a balance as in the simulation; they are named only if they bring it back to its null. What stays violated is
+reported with its size and its strongest dependence, never under a name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hexsim.declaration import Machine
+from hexsim.hydraulics import leg as leg_equations
+from hexsim.signals.channels import SETTLE_S, noise_of
+from hexsim.signals.log import MeasuredLog
+from hexsim.signals.weak_form import Window
+from hexsim.tracing import rules
+from hexsim.tracing.balances import Balance
+from hexsim.tracing.balances.balance import measured_point, resolved_machine
+from hexsim.tracing.balances.null import END_S
+from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.steps.dependence import Dependence, dependence_of
+from hexsim.tracing.steps.verdict import NamedEffect
+from hexsim.tracing.steps.violations import Violation, balance_named
+
+Array = np.ndarray
+ORDER = {  # of signals that do alike: what the balance itself contains first
+    "force": ("velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa"),
+    "platform": ("velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa"),
+    "continuity": (
+        "valve_V", "position_m", "pressure_bottom_Pa", "time_s", "velocity_m_s", "pressure_supply_Pa", "acceleration_m_s2",
+    ),
+    "supply": ("velocity_m_s", "time_s", "valve_V", "position_m", "pressure_bottom_Pa", "acceleration_m_s2"),
+    "sensor": ("position_m", "velocity_m_s", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "valve_V"),
+}  # fmt: skip
+THIN = 5  # every fifth sample: the window is 40 samples wide
+CHANNELS = {  # signal -> channel of the log
+    "position_m": "position",
+    "valve_V": "volts",
+    "pressure_bottom_Pa": "pressure",
+    "pressure_supply_Pa": "supply",
+    "acceleration_m_s2": "acceleration",
+}
+LATE_SAMPLES = 2
+PLAY_NOISE = (7.0, 28.0)  # half widths of play in the position, in units of its noise
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UnexplainedResidual:
+    """A balance that stays violated: its residual and what it depends on."""
+
+    violation: Violation
+    balance: str
+    dependence: Dependence
+    residual: tuple[Array, ...]
+    signal: tuple[Array, ...]
+
+
+def signals_of(log: MeasuredLog, machine: Machine, place: str) -> tuple[dict[str, Array], Array]:
+    """Signals that a residual may depend on, under the window, and the velocity. Legs: their own; platform: none of a leg."""
+    window, resolved = Window(log.rate), resolved_machine(machine)
+    leg = int(place.split()[1]) - 1 if place.startswith("leg") else 0
+    point = measured_point(log, machine, resolved, leg)
+    found = {
+        "position_m": point.y,
+        "velocity_m_s": point.v,
+        "valve_V": point.volts,
+        "pressure_supply_Pa": point.Ps,
+        "time_s": point.t,
+    }
+    if point.P1 is not None:
+        found["pressure_bottom_Pa"] = point.P1
+    if log.acceleration is not None:
+        found["acceleration_m_s2"] = log.acceleration[-1]
+    smooth = {name: (window.mean(x) if name != "time_s" else x)[kept(log)] for name, x in found.items()}
+    return smooth, smooth["velocity_m_s"]
+
+
+def kept(log: MeasuredLog) -> slice:
+    """Samples of a log that count, thinned."""
+    return slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
+
+
+def late(channel: Array) -> Array:
+    """A channel (..., n) that comes LATE_SAMPLES later."""
+    return np.concatenate([np.repeat(channel[..., :1], LATE_SAMPLES, axis=-1), channel[..., :-LATE_SAMPLES]], axis=-1)
+
+
+def with_play(position: Array, half_width: float, window: Window) -> Array:
+    """A position (n_legs, n) that is measured through play of +- half_width [m]."""
+    smooth = window.mean(position)
+    return position + np.stack([leg_equations.valve_volts(row, half_width, 0) for row in smooth]) - smooth
+
+
+def distortions(
+    balance: Balance, log: MeasuredLog, violation: Violation, residual: Array
+) -> dict[tuple[str, str], Array]:
+    """(signal, form) -> how the residual would change if that channel were late or had play, (n_kept, k)."""
+    window, machine = Window(log.rate), violation.machine
+    noise = noise_of(machine, [log])["position_m"]
+    found: dict[tuple[str, str], list[MeasuredLog]] = {}
+    for signal, channel in CHANNELS.items():
+        values = getattr(log, channel)
+        if values is not None:
+            found[signal, "late"] = [replace(log, **{channel: late(values)})]
+    found["position_m", "play"] = [
+        replace(log, position=with_play(log.position, k * noise, window)) for k in PLAY_NOISE
+    ]
+    return {
+        key: np.stack([(balance.residual(one, machine)[violation.place] - residual)[kept(log)] for one in logs], axis=1)
+        for key, logs in found.items()
+    }
+
+
+def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog]) -> UnexplainedResidual:
+    """Dependence of what a balance leaves after its own fit."""
+    machine, place = violation.machine, violation.place
+    residuals, signals, velocities = [], [], []
+    columns: dict[tuple[str, str], list[Array]] = {}
+    for log in logs:
+        full = balance.residual(log, machine)[place]
+        residuals.append(full[kept(log)])
+        own, v = signals_of(log, machine, violation.where)
+        signals.append(own)
+        velocities.append(v)
+        for key, column in distortions(balance, log, violation, full).items():
+            columns.setdefault(key, []).append(column)
+    order = ORDER.get(violation.name, ORDER["force"])
+    found = dependence_of(residuals, signals, velocities, logs[0].rate / THIN, order, columns)
+    name = violation.name
+    if name == "continuity" and found.signal == "valve_V":
+        name = "valve"
+    return UnexplainedResidual(
+        violation=violation,
+        balance=name,
+        dependence=found,
+        residual=tuple(residuals),
+        signal=tuple(s.get(found.signal, s["time_s"]) for s in signals),
+    )
+
+
+def unexplained_residuals(lines: Sequence[Violation], problem: FitProblem) -> list[UnexplainedResidual]:
+    """The violated balances with their dependence, the worst first; the worst of all when none is above its null."""
+
+    def rank(line: Violation) -> float:
+        above = line.violation / max(line.null, 1.0)
+        return above + 1e6 * (line.name == "sensor" and above > rules.SENSOR_FIRST)
+
+    worst = sorted(lines, key=rank, reverse=True)
+    chosen = [line for line in worst if line.violated] or worst[:1]
+    rests, seen = [], set()
+    for line in chosen:
+        balance = balance_named(line.name, problem.logs[0])
+        if (line.name, line.where.split()[0]) in seen and line.name == "platform":
+            continue
+        seen.add((line.name, line.where.split()[0]))
+        rests.append(rest_of(balance, line, problem.logs))
+    return rests
+
+
+def attributed(
+    lines: list[Violation], named: Sequence[NamedEffect], rests: Sequence[UnexplainedResidual]
+) -> list[Violation]:
+    """The continuity of a leg also as its valve balance: r_Q is the valve's when what explains it is the valve's."""
+    out = []
+    for line in lines:
+        if line.name != "continuity":
+            out.append(line)
+            continue
+        here = [e for e in named if e.candidate.where in (line.where, "all legs")]
+        valve = any(e.candidate.effect.balance == "valve" for e in here)
+        valve |= any(rest.balance == "valve" and rest.violation.where == line.where for rest in rests)
+        own = not valve or any(e.candidate.effect.balance == "continuity" for e in here)
+        quiet = replace(line, rms=min(line.rms, line.sigma * line.null))
+        out.append(line if own else quiet)
+        out.append(replace(line if valve else quiet, name="valve"))
+    return out

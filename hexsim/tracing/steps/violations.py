@@ -1,0 +1,153 @@
+# pyright: reportArgumentType=false
+# (questions to `refit` and `screening` are alike by their methods, not by a common class)
+"""Where the model is violated: each balance against the noise of its sensors, its own parameters refitted first.
+
+    violation q = rms(r)/sigma,  sigma = rms of the residual that sensor noise alone makes through the same operators.
+
+A balance's own declared parameters are fitted to it inside their uncertainty, so that a parameter error is no violation
+and one balance's trouble does not reach another through a shared fit. The null is the same figure of simulations of the
+refitted machine with the same setpoint and noise: its largest value over the seeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexsim.declaration import Machine
+from hexsim.signals.log import MeasuredLog
+from hexsim.tracing import rules
+from hexsim.tracing.balances import BALANCES, Balance
+from hexsim.tracing.balances.null import null_rms, used
+from hexsim.tracing.fitting.fit import Fit, refine, start_fit
+from hexsim.tracing.fitting.parameters import Prior, priors, with_settings
+from hexsim.tracing.problems.simulated import FitProblem
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BalanceQuestion:
+    """Rows of a balance as a problem for `refit` and `screening`: the residual over its noise, thinned."""
+
+    balance: Balance
+    rows: tuple[int, ...]
+    logs: tuple[MeasuredLog, ...]
+    sigma: Array  # of every row of the balance
+    thin_s: float = 0.01
+
+    def settle(self, i: int) -> int:
+        return 0
+
+    def blocks(self, i: int) -> int:
+        """How many blocks of about a second log i has."""
+        return max(int((self.logs[i].time[-1] - self.logs[i].time[0]) / rules.BLOCK_S), 2)
+
+    def head(self, duration_s: float) -> BalanceQuestion:
+        return self
+
+    def misfit(self, machines: Sequence[Machine]) -> list[Array]:
+        """0 - residual, over its noise (n_variants, n_rows, n)."""
+        result = []
+        for log in self.logs:
+            every, rows = max(int(self.thin_s * log.rate), 1), list(self.rows)
+            scale = self.sigma[rows, None]
+            residuals = [used(log, self.balance.residual(log, machine))[rows, ::every] / scale for machine in machines]
+            result.append(-np.stack(residuals))
+        return result
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Violation:
+    """One line of the localisation table."""
+
+    name: str
+    where: str
+    place: int  # row of the balance's residual
+    unit: str
+    rms: float
+    sigma: float
+    null: float  # largest rms of the null runs over sigma
+    machine: Machine  # with the balance's own fit
+    all_sigma: Array  # of every row of the balance
+
+    @property
+    def violation(self) -> float:
+        return self.rms / self.sigma
+
+    @property
+    def violated(self) -> bool:
+        return self.violation > rules.VIOLATED * max(self.null, 1.0)
+
+
+def own_priors(
+    balance: Balance, priors: tuple[Prior, ...], machine: Machine, logs: Sequence[MeasuredLog]
+) -> tuple[Prior, ...]:
+    """The declared parameters that a balance depends on at all."""
+    log = logs[0]
+    base = balance.residual(log, machine)
+    scale = np.sqrt(np.mean(base**2)) + 1e-300
+    found = []
+    for prior in priors:
+        moved = balance.residual(log, with_settings(machine, {prior: prior.half_width}, []))
+        if np.sqrt(np.mean((moved - base) ** 2)) > 0.01 * scale:
+            found.append(prior)
+    return tuple(found)
+
+
+def balance_named(name: str, log: MeasuredLog) -> Balance:
+    """The balance of a violation; a valve's is continuity."""
+    wanted = "continuity" if name == "valve" else name
+    return next(balance for balance in BALANCES if balance.name == wanted and balance.wants(log))
+
+
+def violations(declared: Machine, simulated: Machine, problem: FitProblem) -> list[Violation]:
+    """Every balance at every place. simulated: the machine that the null runs come from."""
+    lines = []
+    quiet = [problem.simulated(simulated, i) for i in range(len(problem.logs))]
+    if declared.is_hexapod:
+        quiet = [log.head(rules.NULL_S_HEXAPOD) for log in quiet]
+    for balance in BALANCES:
+        if not all(balance.wants(log) for log in problem.logs):
+            continue
+        sigma, seeds = null_rms(balance, quiet, simulated, problem.noise, rules.NULL_SEEDS)
+        machine = own_fit(balance, declared, problem.logs, sigma).fitted_machine()
+        rms = rms_of(balance, machine, problem.logs)
+        for place, where in enumerate(balance.places(problem.logs[0])):
+            lines.append(
+                Violation(
+                    name=balance.name,
+                    where=where,
+                    place=place,
+                    unit=balance.unit,
+                    rms=float(rms[place]),
+                    sigma=float(sigma[place]),
+                    null=float(seeds[:, place].max() / sigma[place]),
+                    machine=machine,
+                    all_sigma=sigma,
+                )
+            )
+    return lines
+
+
+def rms_of(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog]) -> Array:
+    """rms of the residual over all logs, a row (n_places,)."""
+    rest = [used(log, balance.residual(log, machine)) for log in logs]
+    return np.sqrt(sum(np.sum(r**2, axis=-1) for r in rest) / sum(r.shape[-1] for r in rest))
+
+
+def own_fit(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog], sigma: Array) -> Fit:
+    """The balance's own declared parameters, alike in all legs, fitted to it; rows that stand out are left out."""
+    rows = tuple(range(len(balance.places(logs[0]))))
+    own = own_priors(balance, priors(machine), machine, logs)
+    problem = BalanceQuestion(balance=balance, rows=rows, logs=tuple(logs), sigma=sigma)
+    fit = refine(start_fit(machine, own, problem), problem, fresh=True, relative=1e-3)
+    if len(rows) > 1:
+        size = np.sqrt(sum(np.mean(m**2, axis=1) for m in fit.misfit) / len(fit.misfit))
+        plain = tuple(int(k) for k in np.flatnonzero(size <= 1.3 * np.median(size)))
+        if len(plain) < len(rows):
+            problem = BalanceQuestion(balance=balance, rows=plain, logs=tuple(logs), sigma=sigma)
+            fit = refine(start_fit(machine, own, problem), problem, fresh=True, relative=1e-3)
+    return fit
