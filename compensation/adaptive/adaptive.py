@@ -24,19 +24,23 @@ from math import hypot, sqrt
 from operator import mul
 
 from ..compensator import Compensator, Context, Parameters, Sample, clip
+from .delay import SPOOL_LAGS_S, DelayEstimator
 from .engagement import update_engagement
 from .friction import FrictionEstimator, stribeck_share
 from .inverse import ValveInverse
 from .monitor import PerformanceMonitor
 from .reference import Reference
-from .spool import LEAD_TICKS, PREVIEW_TICKS, crossing_lead, damping_filter, lead, round_lag
+from .spool import LEAD_TICKS, MAX_SHIFT, PREVIEW_TICKS, crossing_lead, crossing_path, damping_filter, lead, look_ahead_shift, round_lag
 from .state import AdaptiveState, Demand, Engagement, EngagementSettings
 from .valve import ValveEstimator
 
 BACKLASH_WIDTH_V = 1e-3  # smoothing width of the backlash inverse: half of the travel from one side to the other
+DBG=[]
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
 DEVIATION_SHARE = 0.06  # low-pass of the pressure's deviation from the demand, a tick
 PRESSURE_MEAN_S = 0.2  # time constant of the pressures that the gain of plain control is computed with
+LATENESS_SHARE = 0.3  # of the correction of the position's lateness taken up at a reversal
+DELAY_TOLERANCE_S = 1e-4  # change of the delay from which the taps are designed anew
 LAG_TOLERANCE_S = 2e-5  # change of the lag from which the taps are designed anew
 MIN_DROP_SHARE = 0.02  # of the reference drop: lower bound of a pressure drop
 DAMPING_RECOVERY_S, DAMPING_DECAY = 5.0, 0.98  # of the damping gain; the decay a tick, above half of its bound
@@ -66,7 +70,7 @@ class Adaptive(Compensator):
 
     name: str = "adaptive"
     place = 4
-    preview_s: float = 0.020
+    preview_s: float = 0.028
     reference_drop_Pa: float = 3.5e6
     lead_smoothing: float = 1e-4
     step_min_s: float = 3e-3
@@ -103,8 +107,8 @@ class Adaptive(Compensator):
             damping_high_Hz=self.damping_high_Hz,
         )
         engagement = Engagement(settings, PerformanceMonitor(tick, noise_m))
-        state = AdaptiveState(context, valve, friction, Reference(tick), ValveInverse(tick), engagement)
-        state.demands = deque([Demand(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * PREVIEW_TICKS, PREVIEW_TICKS + 1)
+        state = AdaptiveState(context, valve, friction, Reference(tick), ValveInverse(tick), engagement, DelayEstimator(tick))
+        state.demands = deque([Demand(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * PREVIEW_TICKS, PREVIEW_TICKS + MAX_SHIFT + 1)
         state.deviation_Pa = deque([0.0] * self.damping_count, self.damping_count)
         self._design(state, 0.0)
         return state
@@ -112,14 +116,29 @@ class Adaptive(Compensator):
     def _design(self, state: AdaptiveState, lag_s: float) -> None:
         tick = state.context.tick_s
         state.lag_s = lag_s
-        state.lead_taps = lead(lag_s, tick, self.lead_smoothing)
-        state.crossing_taps = crossing_lead(lag_s, tick)
-        state.damping_taps = damping_filter(lag_s, tick, self.damping_low_Hz, self.damping_high_Hz, self.damping_count)
+        delay_s = state.delay_s = round_lag(state.delay.delay_s(lag_s))
+        shift = state.shift
+        state.lead_taps = lead(lag_s, tick, self.lead_smoothing, delay_s, shift)
+        state.crossing_taps = crossing_lead(lag_s, tick, delay_s, shift)
+        state.crossing_path = crossing_path(lag_s, tick, delay_s, shift)
+        state.damping_taps = damping_filter(
+            lag_s, tick, self.damping_low_Hz, self.damping_high_Hz, self.damping_count, delay_s
+        )
+
+    def _shift(self, state: AdaptiveState, shift: int) -> None:
+        """Demands further ahead, or less far, while nothing is added."""
+        while state.shift < shift:
+            state.demands.append(state.demands[-1])
+            state.shift += 1
+        while state.shift > shift:
+            state.demands.pop()
+            state.shift -= 1
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
         context, reference = state.context, state.reference
         item = sample.preview_m.item
-        behind, here, ahead = item(PREVIEW_TICKS - 1), item(PREVIEW_TICKS), item(PREVIEW_TICKS + 1)
+        look = PREVIEW_TICKS + state.shift
+        behind, here, ahead = item(look - 1), item(look), item(look + 1)
         self._track_plain_control(state, sample)
         reference.advance(behind, here, ahead)
 
@@ -128,13 +147,13 @@ class Adaptive(Compensator):
         state.demands.append(demand)
         now = state.demands.popleft()
         load = sample.pressure_bottom_Pa - sample.pressure_supply_Pa * context.area_ratio
-        deviation = load - now.pressure_Pa
+        deviation = load - self._pressure_due(state, now)
         state.deviation_Pa.appendleft(deviation)
         state.mean_deviation_Pa += DEVIATION_SHARE * (deviation - state.mean_deviation_Pa)
 
         bottom = demand.pressure_Pa + state.mean_deviation_Pa + state.supply_Pa * context.area_ratio
         roots = self._roots(state, state.supply_Pa, bottom)
-        flow, dead_band = state.inverse.advance(demand.oil_m, roots, state.valve.edges, state.trim, state.lag_s)
+        flow, dead_band = state.inverse.advance(demand.oil_m, roots, state.valve.edges, state.trim, state.crossing_path)
         state.flow_V.appendleft(flow)
         state.dead_band_V.appendleft(dead_band)
 
@@ -146,6 +165,7 @@ class Adaptive(Compensator):
         if self.learn:
             self._identify(state, sample, load, now)
             self._identify_stribeck(state, sample, deviation, now)
+            self._track_lateness(state, deviation, now)
         setpoint_m_s2 = (ahead - 2 * here + behind) / (context.tick_s * context.tick_s)
         update_engagement(state, setpoint_m_s2, sample, now.lag_m)
         limit = context.voltage_max_V
@@ -198,6 +218,25 @@ class Adaptive(Compensator):
         step = sign * friction.half_step_Pa + share * friction.stribeck.pressure_Pa
         return weight * (friction.smooth_Pa(reference.position_m, v, a) + step), share
 
+    def _pressure_due(self, state: AdaptiveState, now: Demand) -> float:
+        """Pressure demanded for now: where the position is late by `late_s`, oil and pressure lead it by as much."""
+        late = state.late_s / state.context.tick_s
+        whole = int(late)
+        near, far = (state.demands[whole - 1] if whole else now).pressure_Pa, state.demands[whole].pressure_Pa
+        state.pressure_rate_Pa = far - near
+        return near + (late - whole) * (far - near)
+
+    def _track_lateness(self, state: AdaptiveState, deviation_Pa: float, now: Demand) -> None:
+        """The position's lateness, from when the pressure steps at compensated reversals."""
+        rate, late = state.pressure_rate_Pa, state.lateness
+        late[0] += (deviation_Pa - state.mean_deviation_Pa) * rate
+        late[1] += rate * rate
+        if state.engagement.after_reversal:
+            if state.engagement.ramp == 1.0 and late[1] > 0.0:
+                change = LATENESS_SHARE * late[0] / late[1] * state.context.tick_s
+                state.late_s = clip(state.late_s + change, 0.0, max(state.lag_s - SPOOL_LAGS_S[0], 0.0))
+            state.lateness = [0.0, 0.0]
+
     def _roots(self, state: AdaptiveState, supply_Pa: float, bottom_Pa: float) -> tuple[float, float]:
         """sqrt(dp / dp_ref) of the edge to tank and of the edge from the supply."""
         return self._root(bottom_Pa - state.context.tank_pressure_Pa), self._root(supply_Pa - bottom_Pa)
@@ -209,7 +248,7 @@ class Adaptive(Compensator):
 
     def _damping(self, state: AdaptiveState, compliance_m_Pa: float, roots: tuple[float, float]) -> float:
         """Volts that let oil out while the pressure oscillates above the demand."""
-        up = 1 if state.flow_V[LEAD_TICKS] > 0 else 0
+        up = 1 if state.flow_V[LEAD_TICKS + state.shift] > 0 else 0
         gain = state.valve.edges[up].gain_m_s_V * roots[up]
         oscillation = sum(map(mul, state.damping_taps, state.deviation_Pa))
         u = state.damping_gain * self.damping_1_s * compliance_m_Pa * oscillation / gain
@@ -232,9 +271,19 @@ class Adaptive(Compensator):
         mean = 0.5 * (p + state.last_bottom_Pa)
         root = self._root(sample.pressure_supply_Pa - mean if valve > 0 else mean - state.context.tank_pressure_Pa)
         state.last_bottom_Pa = p
-        z = sample.position_m + state.context.compliance_m_Pa(sample.position_m) * p
+        state.pressures_Pa.appendleft(p)
+        late = state.late_s / state.context.tick_s
+        whole = int(late)
+        p_late = state.pressures_Pa[whole] + (late - whole) * (state.pressures_Pa[whole + 1] - state.pressures_Pa[whole])
+        z = sample.position_m + state.context.compliance_m_Pa(sample.position_m) * p_late
         state.valve.add(z, valve, root)
         state.oil_error_m.append(z - now.oil_m)
+        middle = state.engagement.ramp == 1.0
+        if state.delay.add(z, valve, now.velocity_m_s, self._roots(state, sample.pressure_supply_Pa, p), state.valve, middle):
+            DBG.append((sample.time_s,state.delay.delay_s(state.lag_s)*1e3,state.late_s*1e3))
+            delay_s = state.delay.delay_s(state.lag_s)
+            if abs(delay_s - state.delay_s) > DELAY_TOLERANCE_S:
+                self._design(state, state.lag_s)
         if compensated:
             state.trim.add(state.oil_error_m, now.velocity_m_s, 0.5 * state.valve.edges[0].dead_band_V)
         if state.valve.usable:
@@ -244,6 +293,8 @@ class Adaptive(Compensator):
                 state.trim.rounding_V = state.rounding.lower_bound_V
             state.friction.add(sample.position_m, load_Pa, now.acceleration_m_s2)
         if abs(state.valve.lag_s - state.lag_s) > LAG_TOLERANCE_S and state.valve.ready:
+            if state.engagement.ramp == 0.0:
+                self._shift(state, look_ahead_shift(state.valve.lag_s, state.context.tick_s))
             self._design(state, round_lag(state.valve.lag_s))
 
     def _identify_stribeck(self, state: AdaptiveState, sample: Sample, deviation_Pa: float, now: Demand) -> None:

@@ -196,7 +196,7 @@ def _track_reversals(state: AdaptiveState, velocity_m_s: float) -> None:
         engagement.half_ticks, engagement.reversal_ticks = engagement.reversal_ticks, 0
     if velocity_m_s:
         engagement.direction = velocity_m_s
-    half, ticks = engagement.half_ticks, engagement.reversal_ticks - LEAD_TICKS
+    half, ticks = engagement.half_ticks, engagement.reversal_ticks - LEAD_TICKS - state.shift
     if half > 0 and ticks == 2 * half // 5:
         _judge_reversal(engagement, velocity_m_s > 0.0)
     engagement.after_reversal = half > 0 and ticks == half // 5

@@ -8,6 +8,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from ..compensator import Context
+from .delay import DelayEstimator
 from .edge_rounding import TRIM_TICKS, RoundingEstimator, RoundingTrim
 from .friction import FrictionEstimator
 from .inverse import ValveInverse
@@ -16,6 +17,7 @@ from .reference import Reference
 from .spool import LEAD_TAPS
 from .valve import ValveEstimator
 
+PRESSURE_TICKS = 9  # by which a position may be late, and two
 AT_REST_M_S2 = 1e-3  # acceleration below which nothing moves
 
 
@@ -104,9 +106,17 @@ class AdaptiveState:
     reference: Reference
     inverse: ValveInverse
     engagement: Engagement
+    delay: DelayEstimator
     lag_s: float = 0.0  # spool lag that the taps were designed for
     lead_taps: tuple[float, ...] = ()
     crossing_taps: tuple[float, ...] = ()
+    crossing_path: tuple[float, ...] = ()
+    delay_s: float = 0.0  # of the lag, that is delay and no spool
+    late_s: float = 0.0  # of the delay, that is the position's
+    lateness: list[float] = field(default_factory=lambda: [0.0, 0.0])  # sums of the half stroke
+    pressures_Pa: deque[float] = field(default_factory=lambda: _zeros(PRESSURE_TICKS))  # measured, newest first
+    pressure_rate_Pa: float = 0.0  # of the demand, a tick
+    shift: int = 0  # ticks that the taps lie earlier
     damping_taps: tuple[float, ...] = ()
     demands: deque[Demand] = field(default_factory=deque)  # of the boundaries to come, the nearest first
     flow_V: deque[float] = field(default_factory=lambda: _zeros(LEAD_TAPS))  # spool demand for the flow, newest first

@@ -30,7 +30,7 @@ from .recursive_least_squares import RecursiveLeastSquares
 START_GAIN = 0.1  # [m/s/V], a start value only
 MIN_GAIN, MAX_GAIN = 0.005, 5.0  # [m/s/V]
 MAX_DEAD_BAND_V = 1.5
-MAX_LAG_S = 0.012
+MAX_LAG_S = 0.014
 MAX_BACKLASH_V = 0.3
 MIN_BACKLASH_V = 2e-3  # a narrower one is not told from noise of the volts by where they reverse
 WINDOW_NOISE_M = 5e-6  # displacement noise of a window: two positions with 3 um noise and 3 um resolution

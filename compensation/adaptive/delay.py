@@ -1,0 +1,123 @@
+"""How much of the valve's lag is spool and how much is delay, from compensated reversals.
+
+Plain control's volts are slow, and of a spool they show the lag alone: a second-order spool of damping 0.7 has the
+phase of a delay as long as its lag, up to the third order in frequency. Only where the volts jump, at a compensated
+reversal, do the two part. So a bank of spools, all with the identified total lag, is run over each of them:
+
+    d = tau - tau_s,     x_s = spool(tau_s) u(t - d),     z_s' = k f(x_s) R,     S_s += |(1 - Q Q') (z - z_s)|^2 / noise^2
+
+Q holds what other errors leave: a constant, a slope (leak, null) and a kink at the reversal (gain, dead band). S / 2 is
+a negative log-likelihood. Too long a delay is benign: the lead then trusts the spool too much, and is a little slow.
+Too short a one makes the volts overshoot into the flow. So the delay taken is an upper quantile.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..compensator import clip
+from .spool import step_response
+from .valve import ValveEstimator
+
+SPOOL_LAGS_S = tuple(1e-3 * x for x in (1.2, 1.6, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.7, 6.5, 7.5))
+QUANTILE = 0.9  # of the delay
+BEFORE, AFTER, PAST = 14, 16, 12  # ticks about the reversal that are compared, and of volts before them
+FINE = 5  # samples a tick
+NOISE_M = 3.3e-6  # of an oil displacement
+MEMORY = 0.985  # of the sums, a reversal
+MAX_SUM = 20.0  # that one reversal may add
+
+
+def _nuisance() -> np.ndarray:
+    t = np.arange(-BEFORE, AFTER + 1.0)
+    return np.linalg.qr(np.stack([np.ones_like(t), t, np.abs(t)], axis=1))[0]
+
+
+NUISANCE = _nuisance()  # Q (BEFORE + AFTER + 1, 3)
+
+
+@dataclass(slots=True)
+class DelayEstimator:
+    """Sums S of the bank, the last ticks, and the reversal that is being compared, one spool a tick."""
+
+    tick_s: float
+    sums: list[float] = field(default_factory=lambda: [0.0] * len(SPOOL_LAGS_S))
+    reversals: int = 0
+    volts_V: deque[float] = field(default_factory=lambda: deque([0.0] * (BEFORE + AFTER + PAST), BEFORE + AFTER + PAST))
+    oil_m: deque[float] = field(default_factory=lambda: deque([0.0] * (BEFORE + AFTER + 1), BEFORE + AFTER + 1))
+    direction: float = 0.0
+    ticks: int = 0  # since the demanded flow reversed
+    task: tuple[np.ndarray, np.ndarray, tuple[float, ...], float] | None = None
+    found: list[float] = field(default_factory=list)
+
+    def add(self, z_m: float, volts_V: float, flow_m_s: float, roots: tuple[float, float], valve: ValveEstimator,
+            compensated: bool) -> bool:  # fmt: skip
+        """One tick: oil displacement now, volts of the tick past, demanded flow now. True when a reversal was judged.
+
+        compensated: whether the reversal that lies AFTER ticks back, if one does, was.
+        """
+        self.volts_V.append(volts_V)
+        self.oil_m.append(z_m)
+        if flow_m_s * self.direction < 0.0:
+            self.ticks = 0
+        if flow_m_s:
+            self.direction = flow_m_s
+        self.ticks += 1
+        if self.ticks == AFTER + 1 and compensated:
+            self.task, self.found = self._prepare(roots, valve), []
+        return self.task is not None and self._compare()
+
+    def delay_s(self, lag_s: float) -> float:
+        """The delay taken, of a total lag."""
+        delays = [max(lag_s - lag, 0.0) for lag in SPOOL_LAGS_S]  # falling
+        least = min(self.sums)
+        weights = [np.exp(-0.5 * (x - least)) for x in self.sums]
+        allowed = [i for i, delay in enumerate(delays) if delay > 0.0]
+        if not allowed:
+            return 0.0
+        last = min(allowed[-1] + 1, len(delays) - 1)  # the first spool that is the whole lag
+        left = (1.0 - QUANTILE) * sum(weights[: last + 1])
+        for i in range(last + 1):
+            if weights[i] >= left:
+                after = delays[i + 1] if i < last else delays[i]
+                return delays[i] + (after - delays[i]) * left / weights[i]
+            left -= weights[i]
+        return delays[last]
+
+    def _prepare(self, roots: tuple[float, float], valve: ValveEstimator) -> tuple:
+        volts = np.array(self.volts_V)
+        if valve.with_backlash:
+            half, follower = valve.edge(volts[-1]).backlash_V, volts[0]
+            for i, u in enumerate(volts):
+                follower = volts[i] = clip(follower, u - half, u + half)
+        down, up = valve.edges
+        edges = (
+            down.gain_m_s_V * roots[0], down.dead_band_V, up.gain_m_s_V * roots[1], up.dead_band_V,
+        )  # fmt: skip
+        return volts, np.array(self.oil_m), edges, valve.lag_s
+
+    def _compare(self) -> bool:
+        """The next spool of the bank against the reversal; True after the last."""
+        assert self.task is not None
+        volts, oil, (k_down, delta_down, k_up, delta_up), lag_s = self.task
+        spool_s = min(SPOOL_LAGS_S[len(self.found)], lag_s)
+        t = (np.arange((PAST + 2) * FINE) + 0.5) * self.tick_s / FINE
+        delay_s = lag_s - spool_s
+        pulse = step_response(t, lag_s, delay_s) - step_response(t - self.tick_s, lag_s, delay_s)
+        steps = np.zeros(len(volts) * FINE)
+        steps[::FINE] = volts - volts[0]
+        path = volts[0] + np.convolve(steps, pulse)[PAST * FINE : len(steps)]
+        flow = k_up * np.maximum(path - delta_up, 0.0) - k_down * np.maximum(-path - delta_down, 0.0)
+        error = oil - np.concatenate([[0.0], np.cumsum(flow.reshape(-1, FINE).mean(axis=1))]) * self.tick_s
+        error -= NUISANCE @ (NUISANCE.T @ error)
+        self.found.append(float(error @ error) / NOISE_M**2)
+        if len(self.found) < len(SPOOL_LAGS_S):
+            return False
+        self.task, least = None, min(self.found)
+        scale = max(1.0, least / (len(error) - 3))
+        self.sums = [MEMORY * s + min((x - least) / scale, MAX_SUM) for s, x in zip(self.sums, self.found, strict=True)]
+        self.reversals += 1
+        return True
