@@ -8,11 +8,12 @@ reversal, do the two part. So a bank of spools, all with the identified total la
 
 Q holds what other errors leave: a constant, a slope (leak, null) and a kink at the reversal (gain, dead band). S / 2 is
 a negative log-likelihood. Too long a delay is benign: the lead then trusts the spool too much, and is a little slow.
-Too short a one makes the volts overshoot into the flow. So the delay taken is an upper quantile.
+Too short a one makes the volts overshoot into the flow. So a standard deviation is added.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -22,13 +23,13 @@ from ..compensator import clip
 from .spool import step_response
 from .valve import ValveEstimator
 
-SPOOL_LAGS_S = tuple(1e-3 * x for x in (1.2, 1.6, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.7, 6.5, 7.5))
-QUANTILE = 0.9  # of the delay
+SPOOL_LAGS_S = tuple(1e-3 * x for x in (1.2, 1.5, 1.8, 2.1, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.2, 4.6, 5.0, 5.5, 6.0, 6.7, 7.5))
 BEFORE, AFTER, PAST = 14, 16, 12  # ticks about the reversal that are compared, and of volts before them
 FINE = 5  # samples a tick
 NOISE_M = 3.3e-6  # of an oil displacement
 MEMORY = 0.985  # of the sums, a reversal
-MAX_SUM = 20.0  # that one reversal may add
+MODEL_SUM = 1.5  # of a reversal, which errors of the rest of the model may make
+MAX_SUM = 40.0  # that one reversal may add
 
 
 def _nuisance() -> np.ndarray:
@@ -71,21 +72,15 @@ class DelayEstimator:
         return self.task is not None and self._compare()
 
     def delay_s(self, lag_s: float) -> float:
-        """The delay taken, of a total lag."""
-        delays = [max(lag_s - lag, 0.0) for lag in SPOOL_LAGS_S]  # falling
-        least = min(self.sums)
-        weights = [np.exp(-0.5 * (x - least)) for x in self.sums]
-        allowed = [i for i, delay in enumerate(delays) if delay > 0.0]
-        if not allowed:
-            return 0.0
-        last = min(allowed[-1] + 1, len(delays) - 1)  # the first spool that is the whole lag
-        left = (1.0 - QUANTILE) * sum(weights[: last + 1])
-        for i in range(last + 1):
-            if weights[i] >= left:
-                after = delays[i + 1] if i < last else delays[i]
-                return delays[i] + (after - delays[i]) * left / weights[i]
-            left -= weights[i]
-        return delays[last]
+        """The delay taken, of a total lag: mean of its likelihood, and a standard deviation more."""
+        least, total, mean, square = min(self.sums), 0.0, 0.0, 0.0
+        for spool_s, chi in zip(SPOOL_LAGS_S, self.sums, strict=True):
+            delay, weight = max(lag_s - spool_s, 0.0), math.exp(0.5 * (least - chi))
+            total, mean, square = total + weight, mean + weight * delay, square + weight * delay * delay
+            if delay == 0.0:  # longer ones are the same
+                break
+        mean /= total
+        return min(mean + math.sqrt(max(square / total - mean * mean, 0.0)), max(lag_s - SPOOL_LAGS_S[0], 0.0))
 
     def _prepare(self, roots: tuple[float, float], valve: ValveEstimator) -> tuple:
         volts = np.array(self.volts_V)
@@ -118,6 +113,6 @@ class DelayEstimator:
             return False
         self.task, least = None, min(self.found)
         scale = max(1.0, least / (len(error) - 3))
-        self.sums = [MEMORY * s + min((x - least) / scale, MAX_SUM) for s, x in zip(self.sums, self.found, strict=True)]
+        self.sums = [MEMORY * s + clip((x - least) / scale - MODEL_SUM, 0.0, MAX_SUM) for s, x in zip(self.sums, self.found, strict=True)]
         self.reversals += 1
         return True
