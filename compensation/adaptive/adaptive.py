@@ -25,6 +25,7 @@ from operator import mul
 
 from ..compensator import Compensator, Context, Parameters, Sample, clip
 from .delay import SPOOL_LAGS_S, DelayEstimator
+from .edge_rounding import LEAK_TOLERANCE_M_S
 from .engagement import update_engagement
 from .friction import FrictionEstimator, stribeck_share
 from .inverse import ValveInverse
@@ -39,6 +40,7 @@ DBG=[]
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
 DEVIATION_SHARE = 0.06  # low-pass of the pressure's deviation from the demand, a tick
 PRESSURE_MEAN_S = 0.2  # time constant of the pressures that the gain of plain control is computed with
+NULL_S, MAX_OFF_V = 3.0, 0.05  # time constant with which the null follows the loop's volts, and the most of them
 LATENESS_SHARE = 0.3  # of the correction of the position's lateness taken up at a reversal
 DELAY_TOLERANCE_S = 1e-4  # change of the delay from which the taps are designed anew
 LAG_TOLERANCE_S = 2e-5  # change of the lag from which the taps are designed anew
@@ -153,7 +155,7 @@ class Adaptive(Compensator):
 
         bottom = demand.pressure_Pa + state.mean_deviation_Pa + state.supply_Pa * context.area_ratio
         roots = self._roots(state, state.supply_Pa, bottom)
-        flow, dead_band = state.inverse.advance(demand.oil_m, roots, state.valve.edges, state.trim, state.crossing_path)
+        flow, dead_band = state.inverse.advance(demand.oil_m, roots, state.valve.edges, state.trim, state.crossing_path, state.valve.leak_m_s)
         state.flow_V.appendleft(flow)
         state.dead_band_V.appendleft(dead_band)
 
@@ -161,7 +163,10 @@ class Adaptive(Compensator):
         if state.engagement.ramp > 0.0:
             u += sum(map(mul, state.lead_taps, state.flow_V)) + sum(map(mul, state.crossing_taps, state.dead_band_V))
             u += self._backlash_inverse(state, u) - context.position_gain_V_per_m * now.lag_m
-            u -= self._damping(state, compliance, roots)
+            u += state.valve.null_V - self._damping(state, compliance, roots)
+            if state.engagement.ramp == 1.0:
+                off = sample.control_V - context.position_gain_V_per_m * now.lag_m
+                state.valve.null_V += clip(off, -MAX_OFF_V, MAX_OFF_V) * context.tick_s / NULL_S
         if self.learn:
             self._identify(state, sample, load, now)
             self._identify_stribeck(state, sample, deviation, now)
@@ -193,6 +198,7 @@ class Adaptive(Compensator):
         (down, up), roots = state.valve.edges, self._roots(state, state.mean_supply_Pa, state.mean_bottom_Pa)
         kp = context.position_gain_V_per_m
         reference.loop_1_s = (kp * down.gain_m_s_V * roots[0], kp * up.gain_m_s_V * roots[1])
+        reference.null_m, reference.leak_m_s = state.valve.null_V / kp, state.valve.leak_m_s
         reference.dead_band_m = (down.dead_band_V / kp, up.dead_band_V / kp)
 
     def _demand(self, state: AdaptiveState, compliance_m_Pa: float) -> Demand:
@@ -267,7 +273,7 @@ class Adaptive(Compensator):
 
     def _identify(self, state: AdaptiveState, sample: Sample, load_Pa: float, now: Demand) -> None:
         """One tick of valve, edge rounding and friction; the taps are designed anew when the lag has moved."""
-        valve, p, compensated = sample.valve_V, sample.pressure_bottom_Pa, state.engagement.ramp == 1.0
+        valve, p, compensated = sample.valve_V - state.valve.null_V, sample.pressure_bottom_Pa, state.engagement.ramp == 1.0
         mean = 0.5 * (p + state.last_bottom_Pa)
         root = self._root(sample.pressure_supply_Pa - mean if valve > 0 else mean - state.context.tank_pressure_Pa)
         state.last_bottom_Pa = p
@@ -276,10 +282,14 @@ class Adaptive(Compensator):
         whole = int(late)
         p_late = state.pressures_Pa[whole] + (late - whole) * (state.pressures_Pa[whole + 1] - state.pressures_Pa[whole])
         z = sample.position_m + state.context.compliance_m_Pa(sample.position_m) * p_late
-        state.valve.add(z, valve, root)
         state.oil_error_m.append(z - now.oil_m)
+        state.leaked_m += state.valve.leak_m_s * state.context.tick_s
+        z -= state.leaked_m
+        state.valve.add(z, valve, root)
+        if state.engagement.ramp == 0.0:
+            state.valve.recentre()
         middle = state.engagement.ramp == 1.0
-        if state.delay.add(z, valve, now.velocity_m_s, self._roots(state, sample.pressure_supply_Pa, p), state.valve, middle):
+        if state.delay.add(z, valve, now.velocity_m_s - state.valve.leak_m_s, self._roots(state, sample.pressure_supply_Pa, p), state.valve, middle):
             DBG.append((sample.time_s,state.delay.delay_s(state.lag_s)*1e3,state.late_s*1e3))
             delay_s = state.delay.delay_s(state.lag_s)
             if abs(delay_s - state.delay_s) > DELAY_TOLERANCE_S:
@@ -290,6 +300,10 @@ class Adaptive(Compensator):
             if state.engagement.ramp > 0.0:
                 state.rounding.ticks = 0
             elif state.rounding.add(z, valve, root, state.valve):
+                leak = state.rounding.leak
+                state.valve.leak_known = leak.known
+                if leak.known and abs(leak.used_m_s(state.valve.leak_m_s) - state.valve.leak_m_s) > LEAK_TOLERANCE_M_S:
+                    state.valve.set_leak(leak.used_m_s(state.valve.leak_m_s))
                 state.trim.rounding_V = state.rounding.lower_bound_V
             state.friction.add(sample.position_m, load_Pa, now.acceleration_m_s2)
         if abs(state.valve.lag_s - state.lag_s) > LAG_TOLERANCE_S and state.valve.ready:

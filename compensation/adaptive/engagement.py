@@ -52,7 +52,7 @@ def update_engagement(state: AdaptiveState, setpoint_m_s2: float, sample: Sample
     tick = state.context.tick_s
     engagement.monitor.add(sample.position_m)
     if engagement.ramp == 0.0:
-        _track_valve(state, sample.control_V)
+        _track_valve(state, sample.control_V - state.valve.null_V)
     _track_reversals(state, reference.velocity_m_s)
     _track_excitation(state, setpoint_m_s2)
 
@@ -109,6 +109,7 @@ def _checks_passed(state: AdaptiveState) -> bool:
         and engagement.monitor.ready
         and state.valve.lags_agree
         and state.rounding.explains_reversals
+        and state.valve.leak_known
     )
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 from .edge_rounding import RoundingTrim
 from .spool import blocked_flow
-from .valve import ValveEdge
+from .valve_edge import ValveEdge
 
 CROSSING_FLOW_SHARE = 0.6  # of the blocked oil that is compensated [1]; less than half or all leaves a larger bump
 
@@ -30,13 +30,14 @@ class ValveInverse:
     dead_band_V: tuple[float, float] = (0.0, 0.0)  # dead-band compensation of the two ticks before
 
     def advance(
-        self, oil_m: float, roots: tuple[float, float], edges: list[ValveEdge], trim: RoundingTrim, path: tuple[float, ...]
+        self, oil_m: float, roots: tuple[float, float], edges: list[ValveEdge], trim: RoundingTrim, path: tuple[float, ...],
+        leak_m_s: float = 0.0,
     ) -> tuple[float, float]:
         """Volts for the flow and dead-band compensation that a spool without lag would need, three ticks before the
         boundary at which `oil_m` [m] is demanded; roots: sqrt(dp/dp_ref) of the edges to tank and from the supply."""
         if self.oil_m != self.oil_m:
             self.oil_m = oil_m
-        newest = (oil_m - self.oil_m) / self.tick_s
+        newest = (oil_m - self.oil_m) / self.tick_s - leak_m_s
         self.oil_m = oil_m
         old, mean = self.flows_m_s
         self.flows_m_s = (mean, newest)

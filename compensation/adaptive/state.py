@@ -130,5 +130,6 @@ class AdaptiveState:
     rounding: RoundingEstimator = field(default_factory=RoundingEstimator)
     trim: RoundingTrim = field(default_factory=RoundingTrim)
     oil_error_m: deque[float] = field(default_factory=lambda: _zeros(TRIM_TICKS + 1))  # z - z_m, newest last
+    leaked_m: float = 0.0  # oil that the leak has let in, as travel
     backlash_input_V: float = 0.0  # volts fed forward, followed within the width of the backlash inverse
     damping_gain: float = 1.0
