@@ -25,7 +25,7 @@ from operator import mul
 
 from ..compensator import Compensator, Context, Parameters, Sample, clip
 from .delay import SPOOL_LAGS_S, DelayEstimator
-from .edge_rounding import LEAK_TOLERANCE_M_S
+from .edge_rounding import LEAK_TOLERANCE_M_S, LeakEstimator
 from .engagement import update_engagement
 from .friction import FrictionEstimator, stribeck_share
 from .inverse import ValveInverse
@@ -40,7 +40,6 @@ DBG=[]
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
 DEVIATION_SHARE = 0.06  # low-pass of the pressure's deviation from the demand, a tick
 PRESSURE_MEAN_S = 0.2  # time constant of the pressures that the gain of plain control is computed with
-NULL_S, MAX_OFF_V = 3.0, 0.05  # time constant with which the null follows the loop's volts, and the most of them
 LATENESS_SHARE = 0.3  # of the correction of the position's lateness taken up at a reversal
 DELAY_TOLERANCE_S = 1e-4  # change of the delay from which the taps are designed anew
 LAG_TOLERANCE_S = 2e-5  # change of the lag from which the taps are designed anew
@@ -164,9 +163,6 @@ class Adaptive(Compensator):
             u += sum(map(mul, state.lead_taps, state.flow_V)) + sum(map(mul, state.crossing_taps, state.dead_band_V))
             u += self._backlash_inverse(state, u) - context.position_gain_V_per_m * now.lag_m
             u += state.valve.null_V - self._damping(state, compliance, roots)
-            if state.engagement.ramp == 1.0:
-                off = sample.control_V - context.position_gain_V_per_m * now.lag_m
-                state.valve.null_V += clip(off, -MAX_OFF_V, MAX_OFF_V) * context.tick_s / NULL_S
         if self.learn:
             self._identify(state, sample, load, now)
             self._identify_stribeck(state, sample, deviation, now)
@@ -286,8 +282,8 @@ class Adaptive(Compensator):
         state.leaked_m += state.valve.leak_m_s * state.context.tick_s
         z -= state.leaked_m
         state.valve.add(z, valve, root)
-        if state.engagement.ramp == 0.0:
-            state.valve.recentre()
+        if state.engagement.ramp == 0.0 and state.valve.recentre():
+            state.rounding.leak = LeakEstimator()
         middle = state.engagement.ramp == 1.0
         if state.delay.add(z, valve, now.velocity_m_s - state.valve.leak_m_s, self._roots(state, sample.pressure_supply_Pa, p), state.valve, middle):
             DBG.append((sample.time_s,state.delay.delay_s(state.lag_s)*1e3,state.late_s*1e3))

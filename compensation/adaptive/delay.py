@@ -28,7 +28,7 @@ BEFORE, AFTER, PAST = 14, 16, 12  # ticks about the reversal that are compared, 
 FINE = 5  # samples a tick
 NOISE_M = 3.3e-6  # of an oil displacement
 MEMORY = 0.985  # of the sums, a reversal
-MODEL_SUM = 1.5  # of a reversal, which errors of the rest of the model may make
+MODEL_SUM = 1.0  # of a reversal, which errors of the rest of the model may make
 MAX_SUM = 40.0  # that one reversal may add
 
 
@@ -77,8 +77,6 @@ class DelayEstimator:
         for spool_s, chi in zip(SPOOL_LAGS_S, self.sums, strict=True):
             delay, weight = max(lag_s - spool_s, 0.0), math.exp(0.5 * (least - chi))
             total, mean, square = total + weight, mean + weight * delay, square + weight * delay * delay
-            if delay == 0.0:  # longer ones are the same
-                break
         mean /= total
         return min(mean + math.sqrt(max(square / total - mean * mean, 0.0)), max(lag_s - SPOOL_LAGS_S[0], 0.0))
 

@@ -24,11 +24,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from ..compensator import Context, Parameters
+from ..compensator import Context, Parameters, clip
 from .valve_edge import ACCEPT_ERRORS, MIN_BACKLASH_V, REJECT_ERRORS, ValveEdge, new_edge
 
 MAX_LAG_OIL_M = 20e-6  # oil at a crossing of the overlap by which the lags of both edges may differ: one spool, one lag
 NULL_TOLERANCE_V = 5e-3  # by which the null may be off the middle of the edges
+NULL_ALPHA, NULL_BETA = 0.08, 0.003  # with which the null and its rate follow, a window
+NULL_ERROR_V, NULL_RATE_V_S, NULL_TICKS = 5e-3, 0.03, 100  # bounds of an error, of the rate, of the time between windows
 UNKNOWN_LEAK = 3.0  # times the slowest speed of a window, while a leak may move the piston by itself
 USABLE_WINDOWS = 8  # from which the gain is right within some per cent
 
@@ -57,6 +59,8 @@ class ValveEstimator:
     null_V: float = 0.0  # volts that lie in the middle between both edges
     leak_m_s: float = 0.0  # oil that flows into the chamber while the valve is closed
     leak_known: bool = False
+    null_rate_V_s: float = 0.0
+    ticks: int = 1  # since the last window that was used
 
     def __post_init__(self) -> None:
         if not self.edges:
@@ -87,15 +91,25 @@ class ValveEstimator:
         difference_s = 0.5 * abs(down.lag_difference_s() + up.lag_difference_s())
         return crossing_m_s * max(abs(down.lag_s - up.lag_s), difference_s) < MAX_LAG_OIL_M
 
-    def recentre(self) -> None:
-        """Moves the null into the middle of the edges, where it is well off it."""
+    def recentre(self) -> bool:
+        """Moves the null into the middle of the edges, where it is well off it; whether it was."""
         down, up = self.edges
         off = 0.5 * (up.edge_V - down.edge_V)
-        if self.usable and abs(off) > NULL_TOLERANCE_V:
-            self.null_V += off
-            up.shift(off, 0.0)
-            down.shift(-off, 0.0)
-            self._restart()
+        if not self.usable or abs(off) < NULL_TOLERANCE_V:
+            return False
+        self.null_V += off
+        up.shift(off, 0.0)
+        down.shift(-off, 0.0)
+        self._restart()
+        return True
+
+    def _follow_null(self, error_m: float, edge: ValveEdge) -> None:
+        """What a window left over moves the null, and its rate (alpha-beta filter)."""
+        limit = NULL_ERROR_V
+        off = -self.direction * clip(error_m / (edge.gain_m_s_V * edge.root * self.window * self.context.tick_s), -limit, limit)
+        since, self.ticks = min(self.ticks, NULL_TICKS) * self.context.tick_s, 0
+        self.null_rate_V_s = clip(self.null_rate_V_s + NULL_BETA * off / since, -NULL_RATE_V_S, NULL_RATE_V_S)
+        self.null_V += NULL_ALPHA * off + self.null_rate_V_s * since
 
     def set_leak(self, leak_m_s: float) -> None:
         """Takes a leak off the oil displacement, from now on and from what was gathered."""
@@ -111,6 +125,7 @@ class ValveEstimator:
     def add(self, z_m: float, valve_V: float, root: float) -> None:
         """One tick: oil displacement now less what leaked, volts of the tick past less the null, mean sqrt(dp/dp_ref)
         in it of their edge."""
+        self.ticks += 1
         direction = 1 if valve_V > 0.0 else -1
         size = valve_V if direction > 0 else -valve_V
         if direction != self.direction:
@@ -161,7 +176,10 @@ class ValveEstimator:
             return
         if self.pending is not None:
             down, up = self.edges
-            (up if self.direction > 0 else down).update(*self.pending, self.with_backlash)
+            edge = up if self.direction > 0 else down
+            error = edge.update(*self.pending, self.with_backlash)
+            if self.usable:
+                self._follow_null(error, edge)
             self._decide_backlash(down, up)
             self.lag_s = (down.lag_s * down.windows + up.lag_s * up.windows) / (down.windows + up.windows)
         s = self.sums

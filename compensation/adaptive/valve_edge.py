@@ -45,14 +45,13 @@ class ValveEdge:
     rejections: int = 0  # how often it was ready and then did not fit
     windows_needed: float = float(MIN_WINDOWS)
 
-    def update(self, phi: list[float], phi_backlash: list[float], moved_m: float, with_backlash: bool) -> None:
-        """One window in; reads the fit out within its bounds."""
+    def update(self, phi: list[float], phi_backlash: list[float], moved_m: float, with_backlash: bool) -> float:
+        """One window in; reads the fit out within its bounds. What it left over [m]."""
         memory = self.backlash_fit.memory
         if not self.ready:  # windows gathered with another width are biased
             memory = clip(self.windows, MIN_MEMORY_WINDOWS, memory)
         self.backlash_fit.forgetting = 1.0 - 1.0 / memory
-        self.plain_fit.update(phi, moved_m)
-        self.backlash_fit.update(phi_backlash, moved_m)
+        errors = self.plain_fit.update(phi, moved_m), self.backlash_fit.update(phi_backlash, moved_m)
         self.windows += 1.0
         self._read_backlash()
         fit = self.backlash_fit if with_backlash else self.plain_fit
@@ -65,7 +64,7 @@ class ValveEdge:
         if self.ready:
             if misfit > REJECT_MISFIT**2:
                 self._reject()
-            return
+            return errors[with_backlash]
         c, unit = fit.covariance, (WINDOW_NOISE_M / k) ** 2
         self.ready = (
             self.windows >= self.windows_needed
@@ -75,6 +74,7 @@ class ValveEdge:
             and c[1][1] * unit < DEAD_BAND_ERROR_V**2
             and c[2][2] * unit < LAG_ERROR_S**2
         )
+        return errors[with_backlash]
 
     @property
     def edge_V(self) -> float:
