@@ -328,6 +328,7 @@ class Adaptive(Compensator):
             "flow": state.valve.parameters(),
             "rounding_V": state.trim.rounding_V,
             "friction": state.friction.parameters(),
+            "delay": {"sums": list(state.delay.sums), "late_s": state.late_s},
         }
 
     def restore(self, context: Context, parameters: Parameters) -> AdaptiveState:
@@ -336,6 +337,10 @@ class Adaptive(Compensator):
         state.friction.restore(parameters["friction"])
         state.trim.rounding_V = float(parameters["rounding_V"])
         state.rounding.restore(state.trim.rounding_V)
+        state.delay.sums[:] = [float(x) for x in parameters["delay"]["sums"]]
+        state.late_s = float(parameters["delay"]["late_s"])
         if state.valve.ready:
+            state.rounding.leak.restore(state.valve.leak_m_s)
+            self._shift(state, look_ahead_shift(state.valve.lag_s, context.tick_s))
             self._design(state, round_lag(state.valve.lag_s))
         return state

@@ -85,6 +85,10 @@ class LeakEstimator:
         """Whether it is known well enough to look at what else a passage tells."""
         return self.passages >= LEAK_PASSAGES
 
+    def restore(self, leak_m_s: float) -> None:
+        """Start with what was identified before."""
+        self.leak_m_s, self.variance, self.passages = leak_m_s, 0.01 * LEAK_PRIOR_M_S**2, LEAK_PASSAGES
+
     def start(self, positive: bool) -> None:
         """The spool is on the straight part of an edge."""
         self.positive, self.excess_m, self.closed_s = positive, 0.0, 0.0

@@ -24,7 +24,7 @@ SHIFT_TICKS = 2.2  # of lag that LEAD_TICKS are enough for
 FREE_TICKS = 0.75  # on either side of the crossing in which the spool's path is nearly free, with FREE_WEIGHT
 FREE_WEIGHT = 0.3
 CROSSING_SMOOTHING = 1e-5  # of the crossing lead
-MAX_WRONG_SHARE = 0.85  # of a pressure oscillation that the damping may feed at any frequency, over what it damps
+MAX_WRONG_SHARE = 1.2  # of a pressure oscillation that the damping may feed at any frequency, over what it damps
 PATH_FINE, PATH_BEFORE, PATH_AFTER = 10, 3, 5  # samples a tick of the crossing's path, ticks before and after it
 
 

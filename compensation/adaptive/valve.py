@@ -78,7 +78,7 @@ class ValveEstimator:
     @property
     def usable(self) -> bool:
         """Whether both directions are known well enough to tell how the piston moves."""
-        return self.edges[0].windows >= USABLE_WINDOWS and self.edges[1].windows >= USABLE_WINDOWS
+        return self.ready or min(edge.windows for edge in self.edges) >= USABLE_WINDOWS
 
     @property
     def lags_agree(self) -> bool:
@@ -222,5 +222,6 @@ class ValveEstimator:
             edge.gain_m_s_V, edge.dead_band_V = float(known["gain_m_s_V"]), float(known["dead_band_V"])
             edge.lag_s, edge.backlash_V = float(known["lag_s"]), float(known["backlash_V"])
         self.null_V, self.leak_m_s = float(parameters["null_V"]), float(parameters["leak_m_s"])
+        self.leak_known = self.ready
         self.lag_s = (self.edges[0].lag_s + self.edges[1].lag_s) / 2
         self.with_backlash = any(edge.backlash_V > 0.0 for edge in self.edges)

@@ -12,6 +12,7 @@ from leg_plant import AREA_BOTTOM, Leg, Record, run, sine
 import compensation
 from compensation import Context
 from compensation.adaptive import Adaptive
+from compensation.adaptive.delay import SPOOL_LAGS_S
 from compensation.adaptive.edge_rounding import RoundingEstimator, RoundingTrim, opening
 from compensation.adaptive.friction import FrictionEstimator, stribeck_share
 from compensation.adaptive.monitor import PerformanceMonitor
@@ -392,12 +393,13 @@ def test_restored_parameters_serve_as_they_are(adapted) -> None:
 
 
 def test_worse_reversals_are_seen_and_ended(plain, adapted) -> None:
-    """A lag that is 4 ms too long and not learned anew: the first compensated period is worse than twice plain control's,
+    """A spool taken for 4 ms slower than it is and not learned anew: the first compensated period is worse than twice plain control's,
     it is said in the log, and plain control acts again; tried again later, for one reversal at a time."""
     made = compensation.create("adaptive", learn=False)
     parameters = made.parameters(adapted.state)
     for edge in ("retract", "extend"):
         parameters["flow"][edge]["lag_s"] += 4e-3
+    parameters["delay"]["sums"] = [1e3] * (len(SPOOL_LAGS_S) - 1) + [0.0]  # all of it is the slowest spool
     state = made.restore(Context(), parameters)
     record = run(made, duration_s=26.0, state=state)
     peaks, usual = record.peaks(), plain.peak(6.0, 10.0)
