@@ -94,9 +94,9 @@ def irregular(seed: int) -> Callable[[np.ndarray], np.ndarray]:
 def bumps(record: Record, motion: Callable[[np.ndarray], np.ndarray], duration_s: float) -> list[float]:
     """The bump of each reversal."""
     t = np.arange(0.0, duration_s, 0.002)
-    v = np.gradient(motion(t), t)
+    v = np.diff(motion(t), append=motion(t[-1:] + 0.002))
     band = sosfiltfilt(BAND, record.acceleration_m_s2)
-    times = t[1:][v[1:] * v[:-1] < 0.0]
+    times = t[1:][np.signbit(v[1:]) != np.signbit(v[:-1])]
     return [
         float(np.ptp(band[round((x - 0.1) * 1e4) : round((x + 0.35) * 1e4)])) for x in times if 1.9 < x < duration_s - 0.4
     ]

@@ -137,9 +137,7 @@ class Adaptive(Compensator):
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
         context, reference = state.context, state.reference
-        item = sample.preview_m.item
-        look = PREVIEW_TICKS + state.shift
-        behind, here, ahead = item(look - 1), item(look), item(look + 1)
+        behind, here, ahead = self._setpoints(state, sample)
         self._track_plain_control(state, sample)
         reference.advance(behind, here, ahead)
 
@@ -171,6 +169,14 @@ class Adaptive(Compensator):
         update_engagement(state, setpoint_m_s2, sample, now.lag_m)
         limit = context.voltage_max_V
         return state.engagement.weight * clip(u, -limit, limit), state
+
+    def _setpoints(self, state: AdaptiveState, sample: Sample) -> tuple[float, float, float]:
+        """At the boundary before the one the demand is for, at it, and after it: the preview's, or predicted."""
+        look = PREVIEW_TICKS + state.shift
+        if state.predictor.watch(sample.preview_m, sample.setpoint_m):
+            return state.predictor.predict(look, sample.setpoint_m)
+        item = sample.preview_m.item
+        return item(look - 1), item(look), item(look + 1)
 
     def extra(self, state: AdaptiveState, sample: Sample) -> float:
         """Volts that a derived algorithm adds."""

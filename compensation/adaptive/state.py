@@ -13,6 +13,7 @@ from .edge_rounding import TRIM_TICKS, RoundingEstimator, RoundingTrim
 from .friction import FrictionEstimator
 from .inverse import ValveInverse
 from .monitor import PerformanceMonitor
+from .prediction import SetpointPredictor
 from .reference import Reference
 from .spool import LEAD_TAPS
 from .valve import ValveEstimator
@@ -131,5 +132,6 @@ class AdaptiveState:
     trim: RoundingTrim = field(default_factory=RoundingTrim)
     oil_error_m: deque[float] = field(default_factory=lambda: _zeros(TRIM_TICKS + 1))  # z - z_m, newest last
     leaked_m: float = 0.0  # oil that the leak has let in, as travel
+    predictor: SetpointPredictor = field(default_factory=SetpointPredictor)
     backlash_input_V: float = 0.0  # volts fed forward, followed within the width of the backlash inverse
     damping_gain: float = 1.0
