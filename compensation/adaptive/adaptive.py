@@ -145,6 +145,7 @@ class Adaptive(Compensator):
         demand = self._demand(state, compliance)
         state.demands.append(demand)
         now = state.demands.popleft()
+        lag = sample.setpoint_m - now.position_m
         load = sample.pressure_bottom_Pa - sample.pressure_supply_Pa * context.area_ratio
         deviation = load - self._pressure_due(state, now)
         state.deviation_Pa.appendleft(deviation)
@@ -159,14 +160,14 @@ class Adaptive(Compensator):
         u = self.extra(state, sample)
         if state.engagement.ramp > 0.0:
             u += sum(map(mul, state.lead_taps, state.flow_V)) + sum(map(mul, state.crossing_taps, state.dead_band_V))
-            u += self._backlash_inverse(state, u) - context.position_gain_V_per_m * now.lag_m
+            u += self._backlash_inverse(state, u) - context.position_gain_V_per_m * lag
             u += state.valve.null_V - self._damping(state, compliance, roots)
         if self.learn:
             self._identify(state, sample, load, now)
             self._identify_stribeck(state, sample, deviation, now)
             self._track_lateness(state, deviation, now)
         setpoint_m_s2 = (ahead - 2 * here + behind) / (context.tick_s * context.tick_s)
-        update_engagement(state, setpoint_m_s2, sample, now.lag_m)
+        update_engagement(state, setpoint_m_s2, sample, lag)
         limit = context.voltage_max_V
         return state.engagement.weight * clip(u, -limit, limit), state
 
@@ -208,7 +209,9 @@ class Adaptive(Compensator):
         reference = state.reference
         pressure, share = self._demanded_pressure(state)
         oil = reference.position_m + compliance_m_Pa * pressure
-        return Demand(pressure, share, reference.acceleration_m_s2, reference.lag_m, oil, reference.velocity_m_s)
+        return Demand(
+            pressure, share, reference.acceleration_m_s2, reference.position_m, oil, reference.velocity_m_s
+        )
 
     def _demanded_pressure(self, state: AdaptiveState) -> tuple[float, float]:
         """P1 - Ps A2/A1 [Pa] that the reference needs, and the signed share of the Stribeck pressure in it."""
@@ -315,7 +318,7 @@ class Adaptive(Compensator):
 
     def _identify_stribeck(self, state: AdaptiveState, sample: Sample, deviation_Pa: float, now: Demand) -> None:
         friction = state.friction
-        position_error = sample.position_m - sample.setpoint_m + now.lag_m
+        position_error = sample.position_m - now.position_m
         complete = friction.stribeck.add(now.velocity_m_s, deviation_Pa, position_error, now.stribeck_share)
         if complete and state.engagement.ramp == 1.0:
             friction.stribeck.update(1e6 * friction.fit.theta[1], 2.0 * friction.half_step_Pa)

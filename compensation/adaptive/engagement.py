@@ -117,7 +117,7 @@ def _join(state: AdaptiveState, behind_m: float) -> None:
     """Shift the reference, and the demands already made for the ticks ahead, to where the piston is."""
     state.reference.lag_m += behind_m
     state.inverse.oil_m -= behind_m
-    joined = [d._replace(lag_m=d.lag_m + behind_m, oil_m=d.oil_m - behind_m) for d in state.demands]
+    joined = [d._replace(position_m=d.position_m - behind_m, oil_m=d.oil_m - behind_m) for d in state.demands]
     state.demands = deque(joined, state.demands.maxlen)
 
 

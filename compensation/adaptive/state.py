@@ -28,7 +28,7 @@ class Demand(NamedTuple):
     pressure_Pa: float  # P1 - Ps A2/A1
     stribeck_share: float  # of the Stribeck pressure in it, signed
     acceleration_m_s2: float
-    lag_m: float  # setpoint less reference, r - y_m
+    position_m: float  # reference y_m
     oil_m: float  # oil displacement z_m
     velocity_m_s: float
 
