@@ -109,11 +109,13 @@ def sensed_leg(log: MeasuredLog, resolved: Resolved, leg: int) -> SensedLeg:
     motion = (shared.acceleration_offset_m_s2, shared.acceleration_gain, shared.acceleration_delay_s)
     known = _sensed.setdefault(log, {})
     key = (leg, position, pressure, motion)
-    if key not in known:
+    found = known.get(key)
+    if found is None:
+        found = _sense(log, leg, position, pressure, motion)
         if len(known) > KEPT_SETTINGS:
             known.clear()
-        known[key] = _sense(log, leg, position, pressure, motion)
-    return known[key]
+        known[key] = found
+    return found
 
 
 def _sense(log: MeasuredLog, leg: int, position: Settings, pressure: Settings, motion: Settings) -> SensedLeg:
