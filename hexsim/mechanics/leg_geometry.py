@@ -54,7 +54,7 @@ def lengths_of_rows(poses, base, platform, height):
     return lengths
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def all_of_rows(poses, base, platform, height):
     n = poses.shape[0]
     lengths, jacobian = np.empty((n, 6)), np.empty((n, 6, 6))
@@ -102,7 +102,7 @@ def solve(matrix, right):
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def forward_rows(lengths, poses, base, platform, height, max_iterations, tolerance):
     """Newton on l(pose) = lengths, row by row from the guesses in `poses`, in place; returns the rows' residuals [m].
 
