@@ -9,10 +9,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics import valve
-from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.hydraulics.resolved import Resolved
@@ -109,11 +109,13 @@ def sensed_leg(log: MeasuredLog, resolved: Resolved, leg: int) -> SensedLeg:
     motion = (shared.acceleration_offset_m_s2, shared.acceleration_gain, shared.acceleration_delay_s)
     known = _sensed.setdefault(log, {})
     key = (leg, position, pressure, motion)
-    if key not in known:
+    found = known.get(key)
+    if found is None:
+        found = _sense(log, leg, position, pressure, motion)
         if len(known) > KEPT_SETTINGS:
             known.clear()
-        known[key] = _sense(log, leg, position, pressure, motion)
-    return known[key]
+        known[key] = found
+    return found
 
 
 def _sense(log: MeasuredLog, leg: int, position: Settings, pressure: Settings, motion: Settings) -> SensedLeg:
