@@ -10,10 +10,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics import valve
-from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.hydraulics.resolved import Resolved
