@@ -25,9 +25,9 @@ from llvmlite import ir
 from numba import carray, cfunc, types
 from numba.extending import intrinsic, overload
 
+from hexsim.compiled import compiled
 from hexsim.errors import HexsimError
 from hexsim.hydraulics import leg, supply
-from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.supply import S
 from hexsim.plant import states
