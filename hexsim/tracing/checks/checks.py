@@ -15,7 +15,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.parameters import declared_rows
-from hexsim.readers import LogFile
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.checks.sensor_agreement import acceleration_agreement, leg_columns, order_that_fits, staircase_bias
 from hexsim.tracing.friction.identification import curve
@@ -37,7 +37,7 @@ class Finding:
     unit: str = ""
 
 
-def check_log(log: LogFile, machine: Machine) -> list[Finding]:
+def check_log(log: Log, machine: Machine) -> list[Finding]:
     """All findings about one log, worst first."""
     if log.n_legs != machine.n_legs:
         return [
@@ -59,7 +59,7 @@ def check_log(log: LogFile, machine: Machine) -> list[Finding]:
     return sorted(found, key=lambda finding: order.index(finding.severity))
 
 
-def refuse_misleading(log: LogFile, machine: Machine) -> list[Finding]:
+def refuse_misleading(log: Log, machine: Machine) -> list[Finding]:
     """check_log, with its first refusal raised as HexsimError."""
     found = check_log(log, machine)
     if found and found[0].severity == "refuse":
@@ -67,17 +67,17 @@ def refuse_misleading(log: LogFile, machine: Machine) -> list[Finding]:
     return found
 
 
-def size_of_log(log: LogFile, machine: Machine) -> list[Finding]:
+def size_of_log(log: Log, machine: Machine) -> list[Finding]:
     """Rate and length."""
     found = []
-    if log.rate_Hz < SLOW_Hz:
+    if log.rate < SLOW_Hz:
         found.append(
             Finding(
                 severity="loss",
                 channel="time_s",
-                value=log.rate_Hz,
+                value=log.rate,
                 unit="Hz",
-                description=f"the log has {log.rate_Hz:g} Hz: nothing above {log.rate_Hz / 2:g} Hz can be said "
+                description=f"the log has {log.rate:g} Hz: nothing above {log.rate / 2:g} Hz can be said "
                 "(valve and oil dynamics)",
             )
         )
@@ -103,7 +103,7 @@ WRONG_UNITS: dict[str, dict[str, float]] = {
 }
 
 
-def plausible_values(log: LogFile, machine: Machine) -> list[Finding]:
+def plausible_values(log: Log, machine: Machine) -> list[Finding]:
     """Each channel inside what this machine can do; else the unit that would explain it is named."""
     L, P, u = machine.cylinder.stroke_m, machine.supply.pressure_Pa, machine.valve.voltage_max_V
     ranges: list[tuple[str, str, float, float, float]] = [  # stem, unit, low, high, least size of the largest value
@@ -144,7 +144,7 @@ def plausible_values(log: LogFile, machine: Machine) -> list[Finding]:
                 channel=name,
                 value=float(x[row]),
                 unit=unit.replace("_", "/"),
-                description=f"column {name} reads {x[row]:.6g} at {log.time_s[row]:.3f} s, this machine "
+                description=f"column {name} reads {x[row]:.6g} at {log.time[row]:.3f} s, this machine "
                 f"allows {low:.4g} to {high:.4g} "
                 f"(at least {least:.4g} in size): {hint}",
             )
@@ -152,7 +152,7 @@ def plausible_values(log: LogFile, machine: Machine) -> list[Finding]:
     return found
 
 
-def motion(log: LogFile, machine: Machine) -> list[Finding]:
+def motion(log: Log, machine: Machine) -> list[Finding]:
     """Does it move? And does the valve reach its stop?"""
     found = []
     names = leg_columns(log, "position", "m")
@@ -177,11 +177,11 @@ def motion(log: LogFile, machine: Machine) -> list[Finding]:
     return found
 
 
-def controller(log: LogFile, machine: Machine) -> list[Finding]:
+def controller(log: Log, machine: Machine) -> list[Finding]:
     """u = K (setpoint - position) with one delay: where it breaks, a column is damaged or the controller another."""
     found = []
     K, limit = machine.controller.gain_V_per_m, machine.valve.voltage_max_V
-    hold = max(1, round(log.rate_Hz / machine.controller.rate_Hz))
+    hold = max(1, round(log.rate / machine.controller.rate_Hz))
     for setpoint, position, valve in leg_channels(log):
         asked = np.clip(K * (log.columns[setpoint] - log.columns[position]), -limit, limit)
         u = log.columns[valve]
@@ -209,20 +209,20 @@ def controller(log: LogFile, machine: Machine) -> list[Finding]:
                     value=float(near[row]),
                     unit="V",
                     description=f"{valve}, {setpoint} and {position} do not belong together in {broken.sum()} samples, "
-                    f"the first at {log.time_s[row]:.3f} s ({near[row]:.3g} V off): one of them is damaged there",
+                    f"the first at {log.time[row]:.3f} s ({near[row]:.3g} V off): one of them is damaged there",
                 )
             )
     return found
 
 
-def leg_channels(log: LogFile) -> list[tuple[str, str, str]]:
+def leg_channels(log: Log) -> list[tuple[str, str, str]]:
     """(setpoint, position, valve) of the legs that have all three."""
     marks = [""] if log.n_legs == 1 else [f"_{leg}" for leg in range(1, log.n_legs + 1)]
     triples = [(f"setpoint{mark}_m", f"position{mark}_m", f"valve{mark}_V") for mark in marks]
     return [triple for triple in triples if all(name in log.columns for name in triple)]
 
 
-def swapped_legs(log: LogFile) -> list[Finding]:
+def swapped_legs(log: Log) -> list[Finding]:
     """Does each leg's position follow its own setpoint? Undecided where two legs move alike."""
     positions, setpoints = leg_columns(log, "position", "m"), leg_columns(log, "setpoint", "m")
     if log.n_legs < 2 or len(positions) != len(setpoints):
@@ -246,7 +246,7 @@ def swapped_legs(log: LogFile) -> list[Finding]:
     return found
 
 
-def swapped_pressures(log: LogFile, machine: Machine) -> list[Finding]:
+def swapped_pressures(log: Log, machine: Machine) -> list[Finding]:
     """Does each leg's pressure carry its own leg's load? Undecided where two legs are loaded alike (pure heave)."""
     pressures = leg_columns(log, "pressure_bottom", "Pa")
     need = ["pressure_supply_Pa", *accelerations_of(6)]
@@ -255,7 +255,7 @@ def swapped_pressures(log: LogFile, machine: Machine) -> list[Finding]:
     A1, A2 = machine.cylinder.area_bottom_m2, machine.cylinder.area_top_m2
     supply = log.columns["pressure_supply_Pa"]
     oil = np.stack([log.columns[name] * A1 - supply * A2 for name in pressures])
-    look = Window(log.rate_Hz)
+    look = Window(log.rate)
     load, _ = leg_loads(log, machine)
     rows = declared_rows(machine)[:1].repeat(2, axis=0)
     speed = [look.rate(log.columns[name]) for name in leg_columns(log, "position", "m")]
@@ -274,10 +274,10 @@ def swapped_pressures(log: LogFile, machine: Machine) -> list[Finding]:
     return found
 
 
-def sensors_against_each_other(log: LogFile, machine: Machine) -> list[Finding]:
+def sensors_against_each_other(log: Log, machine: Machine) -> list[Finding]:
     """The accelerometer against the second derivative of the positions: gain, offset, delay where not 1, 0, 0."""
     found = []
-    bias = staircase_bias(machine, log.rate_Hz)
+    bias = staircase_bias(machine, log.rate)
     try:
         results = acceleration_agreement(log, machine)
         together = log.n_legs == 1 or np.median([result.correlation for result in results.values()] or [1.0]) > 0.9
@@ -317,7 +317,7 @@ def sensors_against_each_other(log: LogFile, machine: Machine) -> list[Finding]:
         if abs(seen - 1) > 3 * result.gain_error + bias / 2 + 0.01:
             description = f"{name} reads {seen:.3f} times {against} (+-{result.gain_error + bias / 2:.3f})"
             found.append(Finding(severity="notice", channel=name, description=description, value=seen, unit="1"))
-        if abs(result.delay_s) > 3 * result.delay_error_s + 0.5 / log.rate_Hz:
+        if abs(result.delay_s) > 3 * result.delay_error_s + 0.5 / log.rate:
             late, error = result.delay_s * 1e3, result.delay_error_s * 1e3
             description = f"{name} is {late:+.1f} ms late against the positions (+-{error:.1f} ms)"
             found.append(
@@ -333,7 +333,7 @@ def sensors_against_each_other(log: LogFile, machine: Machine) -> list[Finding]:
     return found
 
 
-def check_same_machine(logs: Sequence[LogFile], machine: Machine) -> list[Finding]:
+def check_same_machine(logs: Sequence[Log], machine: Machine) -> list[Finding]:
     """Do several logs come from one machine? Another kind, or a supply or load that differs by a quarter, is refused.
 
     Smaller differences may be effects (a supply that droops, friction that depends on the direction): noticed.
@@ -359,20 +359,20 @@ def check_same_machine(logs: Sequence[LogFile], machine: Machine) -> list[Findin
             severity = "refuse" if abs(a - b) > REFUSED * scale else "notice"
             description += ": two machines, or another load?" if severity == "refuse" else ""
             found.append(Finding(severity=severity, channel=channel, description=description, value=b - a))
-        if abs(other.rate_Hz - first.rate_Hz) > 0.01 * first.rate_Hz:
-            description = f"log {first.name} has {first.rate_Hz:g} Hz, log {other.name} {other.rate_Hz:g} Hz"
+        if abs(other.rate - first.rate) > 0.01 * first.rate:
+            description = f"log {first.name} has {first.rate:g} Hz, log {other.name} {other.rate:g} Hz"
             found.append(
-                Finding(severity="notice", channel="time_s", description=description, value=other.rate_Hz, unit="Hz")
+                Finding(severity="notice", channel="time_s", description=description, value=other.rate, unit="Hz")
             )
     return found
 
 
-def median_supply(log: LogFile) -> float | None:
+def median_supply(log: Log) -> float | None:
     """Supply pressure [Pa] of most of the run."""
     return float(np.median(log.columns["pressure_supply_Pa"])) if "pressure_supply_Pa" in log.columns else None
 
 
-def carried_force(log: LogFile, machine: Machine) -> float | None:
+def carried_force(log: Log, machine: Machine) -> float | None:
     """Mean of P1 A1 - Ps A2, summed over the legs [N]: the load, as motion up and down cancels."""
     pressures = leg_columns(log, "pressure_bottom", "Pa")
     if len(pressures) != log.n_legs or "pressure_supply_Pa" not in log.columns:

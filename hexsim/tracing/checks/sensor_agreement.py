@@ -15,7 +15,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.mechanics.kinematics import HexapodKinematics
-from hexsim.readers import LogFile
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 
 Array = np.ndarray
@@ -37,7 +37,7 @@ class Agreement:
     correlation: float
 
 
-def leg_columns(log: LogFile, stem: str, unit: str) -> list[str]:
+def leg_columns(log: Log, stem: str, unit: str) -> list[str]:
     """Names of one kind of channel, leg by leg; those that the log has."""
     marks = [""] if log.n_legs == 1 else [f"_{leg}" for leg in range(1, log.n_legs + 1)]
     return [name for mark in marks if (name := f"{stem}{mark}_{unit}") in log.columns]
@@ -54,14 +54,14 @@ def staircase_bias(machine: Machine, rate_Hz: float) -> float:
 
 
 def acceleration_agreement(
-    log: LogFile, machine: Machine, order: tuple[int, ...] | None = None
+    log: Log, machine: Machine, order: tuple[int, ...] | None = None
 ) -> dict[str, Agreement]:
     """Each accelerometer channel against the positions. Empty where there is none or the log is too short or still.
 
     order: numbers of the legs (0-based) as which the position columns are taken; default as they are named.
     """
-    look = Window(log.rate_Hz, max(HALF_WIDTH_s, 5.0 / log.rate_Hz))
-    if len(log.time_s) < 8 * look.half or log.duration_s < 2.0:
+    look = Window(log.rate, max(HALF_WIDTH_s, 5.0 / log.rate))
+    if len(log.time) < 8 * look.half or log.duration_s < 2.0:
         return {}
     names = [name for name in log.columns if "acceleration" in name]
     positions = leg_columns(log, "position", "m")
@@ -79,16 +79,16 @@ def acceleration_agreement(
     impulse[2 * look.half] = sigma
     noise = float(np.linalg.norm(look.second_rate(impulse)))
     return {
-        name: agreement(reference[name], inner(look, look.mean(log.columns[name])), log.rate_Hz, noise, look.half)
+        name: agreement(reference[name], inner(look, look.mean(log.columns[name])), log.rate, noise, look.half)
         for name in names
         if np.std(reference[name]) > 5 * noise
     }
 
 
-def order_that_fits(log: LogFile, machine: Machine) -> tuple[int, int] | None:
+def order_that_fits(log: Log, machine: Machine) -> tuple[int, int] | None:
     """Two legs (1-based) whose exchange makes the positions agree with the accelerometers, if they do not as named."""
-    few = slice(0, min(len(log.time_s), round(6.0 * log.rate_Hz)))
-    short = replace(log, time_s=log.time_s[few], columns={name: x[few] for name, x in log.columns.items()})
+    few = slice(0, min(len(log.time), round(6.0 * log.rate)))
+    short = replace(log, time_s=log.time[few], columns={name: x[few] for name, x in log.columns.items()})
     best, found = 0.9, None
     for first, second in combinations(range(6), 2):
         order = list(range(6))
