@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 import compensation
-from compensation.base import Compensator, Context, Parameters
+from compensation import Compensator, Context, Parameters
 from hexsim.machine import load_machine
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate

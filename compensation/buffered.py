@@ -1,25 +1,25 @@
-"""The report's second algorithm (5.5, appendix C): parameters from buffers, once in a set time; and its chapter 6
-form."""
+"""The report's second algorithm (5.5, appendix C): parameters computed from buffers; and its chapter 6 form."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 
-from .base import Compensator, Context, Parameters, Sample, clip
-from .functions import FUNCTIONS, RANGE, check_function
+from .compensator import Compensator, Context, Parameters, Sample, clip
 from .iterative import ZERO_VELOCITY_M_S
-from .velocity import VelocityEstimate
+from .report_functions import FUNCTIONS, RANGE, check_function
+from .velocity_estimate import VelocityEstimate
 
 
 @dataclass(slots=True)
 class Curve:
     """Parameters of one compensation curve: those last computed, and those in use, which follow them smoothly."""
 
-    wanted: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # a [V], q [V], r [V]
-    used: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    target: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # a [V], q [V], r [V]
+    active: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
 
 
 @dataclass(slots=True)
@@ -33,30 +33,34 @@ class BufferedState:
     zero_V: list[list[float]] = field(default_factory=lambda: [[], []])  # UY: volts while the velocity is near 0
     filters: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0, 0.0])
     extremes: list[float] = field(default_factory=lambda: [0.0] * 4)
-    line: tuple[float, float] | None = None  # slope s and crossing q of the wanted line
+    line: tuple[float, float] | None = None  # slope s and crossing q of the desired linear valve
     blend: float = 0.0  # 0 curve of negative, 1 of positive acceleration
     updates: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Buffered(Compensator):
-    """Eq. 5.2 or 5.3 with parameters from buffers of `buffer_s` seconds, computed when they are full, then faded in.
+    """Function of Eq. 5.2 or 5.3, its parameters computed from buffers of 3 s, then faded in.
 
-    report form: a = max of the filtered, weighted u - v/s, b = 1/max|u|, c = b mean(u at v = 0); a and b may only
-    grow; the
-        weighting of Eq. 5.4 as coded in appendix C multiplies the values; u is the control voltage before the
-        correction.
-    corrected form (default): the curve is fitted by weighted least squares against the total valve voltage, q may
-    fall, r
-        is the mean, all are bounded.
+    Report form: a = max of the filtered, weighted u - v/s, b = 1/max|u|, c = b mean(u at v = 0). a and b may only
+    grow. The weighting of Eq. 5.4 as coded in appendix C multiplies the values. u is the control voltage before the
+    correction.
+
+    Corrected form (default): the curve is fitted by weighted least squares against the total valve voltage. q may
+    fall, r is the mean, all are bounded.
 
     two_sided: a curve each for positive and negative acceleration (report chapter 6), for valves with hysteresis.
-    share: how far a new buffer moves the line (s, q) and r; the few samples near zero velocity make a rough mean.
-    filter_Hz: low-pass of the buffers. slope_m_s_V: as in Iterative. fade_s: time constant by which parameters are
-    followed.
+    buffer_s: time between two computations. share: weight of a new buffer in the line (s, q) and in r; lower values
+    average more, for few samples lie near zero velocity. filter_Hz: low-pass of the buffers. slope_m_s_V: as in
+    Iterative. fade_s: time constant by which new parameters come in.
     """
 
     name: str = "buffered"
+    place = 3
+    variants: ClassVar[dict[str, dict[str, Any]]] = {
+        "buffered_report": {"form": "report"},
+        "buffered_two_sided": {"two_sided": True},
+    }
     function: int = 2
     form: str = "corrected"
     two_sided: bool = False
@@ -92,10 +96,10 @@ class Buffered(Compensator):
         rate = min(1.0, state.context.tick_s / self.fade_s)
         value = 0.0
         for number, curve in enumerate(state.curves):
-            used, wanted = curve.used, curve.wanted
+            active, target = curve.active, curve.target
             for i in range(3):
-                used[i] += rate * (wanted[i] - used[i])
-            a, q, r = used
+                active[i] += rate * (target[i] - active[i])
+            a, q, r = active
             share = 1.0 if len(state.curves) == 1 else (state.blend if number else 1.0 - state.blend)
             if a > 0.0 and q > 0.0:
                 b = RANGE[self.function] / max(q, 1e-3)
@@ -104,7 +108,7 @@ class Buffered(Compensator):
         return clip(value, -limit, limit)
 
     def slope(self, state: BufferedState) -> float:
-        """Slope s [m/s/V] of the wanted line; 0 while nothing has moved."""
+        """Slope s [m/s/V] of the desired linear valve; 0 while nothing has moved."""
         if self.slope_m_s_V is not None:
             return self.slope_m_s_V
         v_max, v_min, u_max, u_min = state.extremes
@@ -145,16 +149,16 @@ class Buffered(Compensator):
         b = 1.0 / float(np.max(np.abs(weight * u)))
         zero = state.zero_V[0] + state.zero_V[1]
         for curve in state.curves:
-            old_a, old_q, _ = curve.wanted
+            old_a, old_q, _ = curve.target
             b = max(b, 1.0 / old_q if old_q > 0 else 0.0)
-            curve.wanted = [max(a, old_a), 1.0 / b, float(np.mean(zero)) if zero else 0.0]
+            curve.target = [max(a, old_a), 1.0 / b, float(np.mean(zero)) if zero else 0.0]
 
     def _compute(self, state: BufferedState, s: float) -> None:
         """a [V], q [V] and r [V] of each curve by least squares over the buffer, the newest samples weighing most."""
         u, v, side = np.array(state.valve_V), np.array(state.other), np.array(state.side)
         weight = 1.0 / (1.0 + np.exp(-10.0 * (np.linspace(0, 1, len(u)) - 0.5)))
         q = max(self.q_start_V, (state.extremes[2] - state.extremes[3]) / 2)
-        if state.line is not None:  # later buffers move the wanted line slowly: it must not chase its own compensation
+        if state.line is not None:  # averaged: the line must not follow its own compensation
             s = state.line[0] + self.share * (s - state.line[0])
             q = state.line[1] + self.share * (q - state.line[1])
         state.line = (s, q)
@@ -162,19 +166,19 @@ class Buffered(Compensator):
         means = [float(np.mean(zero)) if zero else None for zero in state.zero_V]
         for number, curve in enumerate(state.curves):
             r = means[number] if self.two_sided else _middle(means)
-            old = curve.wanted[2]
+            old = curve.target[2]
             r = old if r is None else old + self.share * (clip(r, -self.a_max_V, self.a_max_V) - old)
-            used = (np.abs(v) < s * q) & ((side == number) if self.two_sided else True)
-            w = v[used] / s + r
+            inside = (np.abs(v) < s * q) & ((side == number) if self.two_sided else True)
+            w = v[inside] / s + r
             shape = np.array([FUNCTIONS[self.function](x, 1.0, b, b * r) for x in w])
-            power = float(np.sum(weight[used] * shape * shape))
+            power = float(np.sum(weight[inside] * shape * shape))
             if power < 1e-3 * len(u):
                 continue
-            a = float(np.sum(weight[used] * shape * (u[used] - w))) / power
-            curve.wanted = [clip(a, 0.0, self.a_max_V), q, r]
+            a = float(np.sum(weight[inside] * shape * (u[inside] - w))) / power
+            curve.target = [clip(a, 0.0, self.a_max_V), q, r]
 
     def parameters(self, state: BufferedState) -> Parameters:
-        return {"function": self.function, "curves": [list(c.wanted) for c in state.curves]}
+        return {"function": self.function, "curves": [list(c.target) for c in state.curves]}
 
     def restore(self, context: Context, parameters: Parameters) -> BufferedState:
         state = self.start(context)
@@ -182,7 +186,7 @@ class Buffered(Compensator):
             raise ValueError(
                 f"parameters hold {len(parameters['curves'])} curves where '{self.name}' has {len(state.curves)}"
             )
-        state.curves = [Curve(wanted=[float(x) for x in c]) for c in parameters["curves"]]
+        state.curves = [Curve(target=[float(x) for x in c]) for c in parameters["curves"]]
         return state
 
 

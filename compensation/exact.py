@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from .base import Compensator, Context, Parameters, Sample, clip
+from .compensator import Compensator, Context, Parameters, Sample, clip
 from .flow_curve import FlowCurve, overlap_curve
 
 
@@ -18,18 +18,21 @@ class ExactState:
 
 @dataclass(frozen=True, kw_only=True)
 class Exact(Compensator):
-    """Makes the valve a straight line: u_c = g^-1(s u sqrt(dp_ref / dp)) - u.
+    """Inverse of a known flow curve, scheduled on the measured pressure drop (report 5.2).
 
-    u is the control voltage, s the slope of the line, g the flow curve at the reference drop. It is exact only for
-    the machine whose curve it is given (the default is the report's valve, Eq. 3.3), and it knows neither spool lag
-    nor friction.
+        u_c = g^-1(s u sqrt(dp_ref / dp)) - u
+
+    u is the control voltage, s the slope of the desired linear valve, g the flow curve at the reference drop. It is
+    exact only for the machine whose curve it is given (the default is the report's valve, Eq. 3.3). It knows neither
+    spool lag nor friction.
 
     slope_m_s_V: None takes the slope at the curve's far end, so that the position loop keeps its gain at large volts.
-    fade_s: time over which it comes in. schedule: use the measured pressure drop; off, the curve is taken as it
-    stands. width_V: control voltage over which the jump across the overlap is spread; wider is softer and less exact.
+    fade_s: fade-in time. schedule: False takes the curve as it stands, at any pressure drop. width_V: control voltage
+    over which the step across the overlap is spread; wider is softer and less exact.
     """
 
     name: str = "exact"
+    place = 1
     curve: FlowCurve = field(default_factory=overlap_curve)
     reference_drop_Pa: float = 3.5e6
     slope_m_s_V: float | None = None
@@ -46,8 +49,8 @@ class Exact(Compensator):
         if not math.isfinite(u):
             return 0.0, state
         state.gain = min(1.0, state.gain + context.tick_s / max(self.fade_s, context.tick_s))
-        wanted = self._slope() * u * self._root(state, sample)
-        return state.gain * clip(self._volts(u, wanted) - u, -context.voltage_max_V, context.voltage_max_V), state
+        velocity = self._slope() * u * self._root(state, sample)
+        return state.gain * clip(self._volts(u, velocity) - u, -context.voltage_max_V, context.voltage_max_V), state
 
     def _slope(self) -> float:
         if self.slope_m_s_V is not None:
@@ -70,11 +73,11 @@ class Exact(Compensator):
             drop = state.pressure_Pa - context.tank_pressure_Pa
         return math.sqrt(self.reference_drop_Pa / max(drop, 0.05 * self.reference_drop_Pa))
 
-    def _volts(self, u: float, wanted: float) -> float:
+    def _volts(self, u: float, velocity: float) -> float:
         if abs(u) >= self.width_V:
-            return self.curve.voltage(wanted)
+            return self.curve.voltage(velocity)
         edge = math.copysign(self.width_V, u)
-        return self.curve.voltage(wanted * edge / u) * u / edge if u else 0.0
+        return self.curve.voltage(velocity * edge / u) * u / edge if u else 0.0
 
     def parameters(self, state: ExactState) -> Parameters:
         return {"voltage_V": list(self.curve.voltage_V), "velocity_m_s": list(self.curve.velocity_m_s)}

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from .base import Parameters
-from .functions import FUNCTIONS, RANGE
+from .compensator import Parameters
+from .report_functions import FUNCTIONS, RANGE
 
 POINTS = 401
-EDGE_V = 1e-6  # half width of the jump across the overlap, in a table that must be a function
+EDGE_V = 1e-6  # half width of the step across the overlap, in a table that must be a function
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ class CompensationTable:
 def table_of(parameters: Parameters, voltage_max_V: float = 10.0) -> CompensationTable:
     """The learned curve of an algorithm's parameters.
 
-    report algorithms: Eq. 5.2 or 5.3 with the learned a, q, r (of two curves their mean). adaptive, repetitive: the
-    dead band of either direction, and the difference of the two gains against their mean. exact: the inverse of its
+    Report algorithms: Eq. 5.2 or 5.3 with the learned a, q, r (of two curves their mean). `adaptive`, `repetitive`: the
+    dead band of either direction, and the difference of the two gains from their mean. `exact`: the inverse of its
     flow curve.
     """
     if "flow" in parameters:

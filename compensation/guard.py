@@ -1,48 +1,64 @@
-"""What stands between any algorithm and the valve: faults of sensors and valve, bounds, and a way back.
+"""What stands between any algorithm and the valve: detection of sensor and valve faults, bounds, and a way back.
 
-While the signals are sound the algorithm runs. When a signal is lost or frozen, or the valve stands at its end, the
-volts that were last added fade to nothing within `FADE_TICKS` ticks and plain control goes on alone; the algorithm
-sees none of it. When the signals were sound again for `CALM_S`, the algorithm starts afresh with what it had
-learned, faded in.
+| condition | volts added |
+|---|---|
+| signals sound | those of the algorithm, within the valve's range |
+| a signal lost or frozen, the valve saturated | the last ones, faded to nothing within `FADE_TICKS` |
+| until the signals have been sound for `HOLD_OFF_S` | none: plain control; the algorithm is not stepped |
+| after that | those of the algorithm, restarted with its parameters, faded in over `RETURN_S` |
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from .base import Compensator, Context, Parameters, Sample, clip
+from .compensator import Compensator, Context, Parameters, Sample, clip
 
 FADE_TICKS = 12  # 24 ms at 500 Hz
-FROZEN_TICKS = 10  # so often the very same reading, while the setpoint moved, is a dead sensor
-FROZEN_TRAVEL_M = 1e-4  # how far the setpoint must have moved meanwhile
-CLIPPED_TICKS = 5
-CALM_S = 0.5
+FROZEN_TICKS = 10  # a reading repeated so often, while the setpoint moved, is a dead sensor
+FROZEN_TRAVEL_M = 1e-4  # by which the setpoint must have moved meanwhile
+SATURATED_TICKS = 5  # after which a saturated valve is a fault
+SATURATED_SHARE = 0.999  # of the voltage range
+HOLD_OFF_S = 0.5
 RETURN_S = 1.0
+
+
+@dataclass(slots=True)
+class Reading:
+    """The last reading of a transducer, for how many ticks it has repeated, and the setpoint when it came."""
+
+    value: float = 0.0
+    repeated: int = 0
+    setpoint_m: float = 0.0
+
+    def frozen(self, value: float, setpoint_m: float) -> bool:
+        """Takes the reading of this tick; whether it stands still although the setpoint moves."""
+        if value != self.value:
+            self.value, self.repeated, self.setpoint_m = value, 0, setpoint_m
+            return False
+        self.repeated += 1
+        return self.repeated >= FROZEN_TICKS and abs(setpoint_m - self.setpoint_m) > FROZEN_TRAVEL_M
 
 
 @dataclass(slots=True)
 class GuardState:
     context: Context
     inner: Any
-    position_m: float = 0.0
-    pressure_Pa: float = 0.0
-    position_since: int = 0  # ticks with the same reading
-    pressure_since: int = 0
-    position_from_m: float = 0.0  # setpoint when the reading last changed
-    pressure_from_m: float = 0.0
-    clipped: int = 0
+    position: Reading = field(default_factory=Reading)
+    pressure: Reading = field(default_factory=Reading)
+    saturated_ticks: int = 0
     output_V: float = 0.0
-    held_V: float = 0.0  # what fades
-    fade: int = 0  # ticks of it left
-    calm: int = 0  # ticks still to wait; 0 = the algorithm acts
-    share: float = 1.0
+    fade_from_V: float = 0.0
+    fade_ticks: int = 0  # left
+    hold_off_ticks: int = 0  # left; 0 = the algorithm acts
+    fade_in: float = 1.0
     reason: str = ""
 
 
 @dataclass(frozen=True)
 class Guarded(Compensator):
-    """An algorithm behind the guard. `registry.create` hands out every algorithm so."""
+    """An algorithm behind the guard. `registry.create` returns every algorithm so."""
 
     inner: Compensator
 
@@ -56,36 +72,41 @@ class Guarded(Compensator):
         """The algorithm's own preview [s]."""
         return self.inner.preview_s
 
+    @property
+    def description(self) -> str:
+        """The algorithm's own description."""
+        return self.inner.description
+
     def start(self, context: Context) -> GuardState:
         return GuardState(context, self.inner.start(context))
 
     def step(self, state: GuardState, sample: Sample) -> tuple[float, GuardState]:
         reason = _fault(state, sample)
         if reason:
-            if state.calm == 0:
-                state.held_V, state.fade = state.output_V, FADE_TICKS
+            if state.hold_off_ticks == 0:
+                state.fade_from_V, state.fade_ticks = state.output_V, FADE_TICKS
             state.reason = reason
-            state.calm = max(1, round(CALM_S * state.context.rate_Hz))
-        if state.calm:
+            state.hold_off_ticks = max(1, round(HOLD_OFF_S * state.context.rate_Hz))
+        if state.hold_off_ticks:
             return self._fall_back(state), state
         added, state.inner = self.inner.step(state.inner, sample)
-        if added - added != 0.0:
+        if added - added != 0.0:  # not finite
             added = 0.0
-        if state.share < 1.0:
-            state.share = min(1.0, state.share + state.context.tick_s / RETURN_S)
-            added *= state.share
+        if state.fade_in < 1.0:
+            state.fade_in = min(1.0, state.fade_in + state.context.tick_s / RETURN_S)
+            added *= state.fade_in
         limit = state.context.voltage_max_V
         state.output_V = clip(added, -limit, limit)
         return state.output_V, state
 
     def _fall_back(self, state: GuardState) -> float:
-        state.fade = max(0, state.fade - 1)
-        x = state.fade / FADE_TICKS
-        state.output_V = state.held_V * x * x * (3.0 - 2.0 * x)
-        state.calm -= 1
-        if state.calm == 0:
+        state.fade_ticks = max(0, state.fade_ticks - 1)
+        x = state.fade_ticks / FADE_TICKS
+        state.output_V = state.fade_from_V * x * x * (3.0 - 2.0 * x)
+        state.hold_off_ticks -= 1
+        if state.hold_off_ticks == 0:
             state.inner = self.inner.restore(state.context, self.inner.parameters(state.inner))
-            state.share, state.reason = 0.0, ""
+            state.fade_in, state.reason = 0.0, ""
         return state.output_V
 
     def parameters(self, state: GuardState) -> Parameters:
@@ -104,22 +125,14 @@ def _fault(state: GuardState, sample: Sample) -> str:
     total = position + pressure + sample.pressure_supply_Pa + sample.control_V + sample.valve_V + sample.setpoint_m
     if total - total != 0.0:
         return "a signal is lost (not a number): plain control until it is sound again"
-    if position == state.position_m:
-        state.position_since += 1
-        if state.position_since >= FROZEN_TICKS and abs(sample.setpoint_m - state.position_from_m) > FROZEN_TRAVEL_M:
-            return "the position signal is frozen: plain control until it moves again"
-    else:
-        state.position_m, state.position_since, state.position_from_m = position, 0, sample.setpoint_m
-    if pressure == state.pressure_Pa:
-        state.pressure_since += 1
-        if state.pressure_since >= FROZEN_TICKS and abs(sample.setpoint_m - state.pressure_from_m) > FROZEN_TRAVEL_M:
-            return "the pressure signal is frozen: plain control until it moves again"
-    else:
-        state.pressure_Pa, state.pressure_since, state.pressure_from_m = pressure, 0, sample.setpoint_m
-    if abs(sample.valve_V) >= 0.999 * state.context.voltage_max_V:
-        state.clipped += 1
-        if state.clipped >= CLIPPED_TICKS:
+    if state.position.frozen(position, sample.setpoint_m):
+        return "the position signal is frozen: plain control until it moves again"
+    if state.pressure.frozen(pressure, sample.setpoint_m):
+        return "the pressure signal is frozen: plain control until it moves again"
+    if abs(sample.valve_V) >= SATURATED_SHARE * state.context.voltage_max_V:
+        state.saturated_ticks += 1
+        if state.saturated_ticks >= SATURATED_TICKS:
             return "the valve is at its end: plain control until it is not"
     else:
-        state.clipped = 0
+        state.saturated_ticks = 0
     return ""

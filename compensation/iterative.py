@@ -1,16 +1,16 @@
-"""The report's iterative algorithm (5.3, 5.4): a buffer over the valve voltage, and an algebraic function through
-it."""
+"""The report's iterative algorithm (5.3, 5.4): a function fitted to a buffer over the valve voltage."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 
-from .base import Compensator, Context, Parameters, Sample, clip
-from .functions import FUNCTIONS, RANGE, check_function
-from .velocity import VelocityEstimate
+from .compensator import Compensator, Context, Parameters, Sample, clip
+from .report_functions import FUNCTIONS, RANGE, check_function
+from .velocity_estimate import VelocityEstimate
 
 ZERO_VELOCITY_M_S = 1e-3  # "k- <= v <= k+", report 5.3
 
@@ -20,12 +20,12 @@ class IterativeState:
     context: Context
     estimate: VelocityEstimate
     table_V: list[float]  # (elements,) computed compensation over -voltage_max .. voltage_max
-    seen: list[int]  # (elements,) how often an element was updated
+    visits: list[int]  # (elements,) (elements,) updates of each element
     element: int = -1
     a_V: float = 0.0
     q_V: float = 0.0
     r_V: float = 0.0
-    used: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # a, q, r as they act, following smoothly
+    active: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # a, q, r as they act, low-passed
     extremes: list[float] = field(default_factory=lambda: [0.0] * 6)  # max, min of v, u and of u at v = 0
     control_V: float = 0.0
     time_s: float = 0.0
@@ -34,24 +34,28 @@ class IterativeState:
 
 @dataclass(frozen=True, kw_only=True)
 class Iterative(Compensator):
-    """Eq. 5.2 or 5.3 with parameters read off an iteratively updated buffer of 1001 elements.
+    """Function of Eq. 5.2 or 5.3, its parameters read from an iteratively updated buffer of 1001 elements.
 
-    report form: each time the control voltage enters another element, the element grows by gain (s u - v); a is the
-    largest
-        value ever found, q the largest control voltage, and no bound holds.
-    corrected form (default): the element at w = v/s + r, the control voltage that should have given v, is drawn
-    towards
-        the compensation it needs, u_valve - w; a is fitted through the elements seen, q and r forget, all are
-        bounded.
+    Report form: each time the control voltage enters another element, the element grows by gain (s u - v). a is the
+    largest value ever found, q the largest control voltage. Nothing is bounded.
 
-    offset: r from the control voltage while v is near 0, as "mean" (appendix C) or "half width" (as 5.3 prints it;
-    report form). function: 1 or 2. slope_m_s_V: slope s of the wanted line; None estimates it as (max v - min
-    v)/(max u - min u). gain: V per m/s a visit (report) or fraction a visit (corrected); higher learns faster and
-    takes up more noise. q_start_V: the threshold below which q is not believed. velocity_bandwidth_Hz: low-pass of
-    v and u alike; None for none.
+    Corrected form (default): w = v/s + r is the control voltage that should have given v. Its element is updated
+    towards the compensation it needs, u_valve - w. a is fitted to the elements visited, q and r forget, all are
+    bounded.
+
+    function: 1 (Eq. 5.2) or 2 (Eq. 5.3). offset: r from the control voltage while v is near 0, as "mean" (appendix C)
+    or "half width" (as 5.3 prints it; report form). slope_m_s_V: slope s of the desired linear valve; None estimates it
+    as (max v - min v)/(max u - min u). gain: V per m/s a visit (report) or fraction a visit (corrected); higher learns
+    faster and takes up more noise. q_start_V: lower bound of q. velocity_bandwidth_Hz: low-pass of v and u alike; None
+    for none.
     """
 
     name: str = "iterative"
+    place = 2
+    variants: ClassVar[dict[str, dict[str, Any]]] = {
+        "iterative_report_1": {"function": 1, "form": "report"},
+        "iterative_report_2": {"function": 2, "form": "report"},
+    }
     function: int = 2
     form: str = "corrected"
     elements: int = 1001
@@ -74,7 +78,7 @@ class Iterative(Compensator):
     def start(self, context: Context) -> IterativeState:
         estimate = VelocityEstimate(context.rate_Hz, self.velocity_bandwidth_Hz)
         state = IterativeState(context, estimate, [0.0] * self.elements, [0] * self.elements, q_V=self.q_start_V)
-        state.used[1] = self.q_start_V
+        state.active[1] = self.q_start_V
         return state
 
     def step(self, state: IterativeState, sample: Sample) -> tuple[float, IterativeState]:
@@ -88,17 +92,17 @@ class Iterative(Compensator):
                 self._learn_report(state, *measured)
             else:
                 self._learn_corrected(state, *measured)
-        used, rate = state.used, min(1.0, state.context.tick_s / self.fade_s)
-        for i, wanted in enumerate((state.a_V, state.q_V, state.r_V)):
-            used[i] += rate * (wanted - used[i])
-        a, q, r = used
+        active, rate = state.active, min(1.0, state.context.tick_s / self.fade_s)
+        for i, target in enumerate((state.a_V, state.q_V, state.r_V)):
+            active[i] += rate * (target - active[i])
+        a, q, r = active
         b = RANGE[self.function] / max(q, self.q_start_V)
         value = FUNCTIONS[self.function](clip(u, -2 * q, 2 * q), a, b, b * r)
         limit = state.context.voltage_max_V
         return clip(value, -limit, limit), state
 
     def slope(self, state: IterativeState) -> float:
-        """Slope s [m/s/V] of the wanted line; 0 while nothing has moved."""
+        """Slope s [m/s/V] of the desired linear valve; 0 while nothing has moved."""
         if self.slope_m_s_V is not None:
             return self.slope_m_s_V
         v_max, v_min, u_max, u_min = state.extremes[:4]
@@ -131,7 +135,7 @@ class Iterative(Compensator):
         if s <= 0.0:
             return
         if abs(v) <= ZERO_VELOCITY_M_S and ex[0] > 10 * ZERO_VELOCITY_M_S:
-            side = 4 if u > state.control_V else 5  # opening and closing reversals apart, so that both weigh the same
+            side = 4 if u > state.control_V else 5  # either direction has its mean, so that both weigh the same
             ex[side] += tick / 0.1 * (clip(valve, -self.a_max_V, self.a_max_V) - ex[side])  # mean over 0.1 s at v = 0
             state.r_V = (ex[4] + ex[5]) / 2
         state.control_V = u
@@ -139,8 +143,8 @@ class Iterative(Compensator):
         i = self._index(state, w)
         if i != state.element and abs(v) > 2 * ZERO_VELOCITY_M_S:
             gain = 0.1 if self.gain is None else self.gain
-            state.table_V[i] += max(gain, 1 / (1 + state.seen[i])) * (valve - w - state.table_V[i])
-            state.seen[i] += 1
+            state.table_V[i] += max(gain, 1 / (1 + state.visits[i])) * (valve - w - state.table_V[i])
+            state.visits[i] += 1
             state.element = i
         state.update += 1
         if state.update >= 0.1 / tick:
@@ -148,31 +152,33 @@ class Iterative(Compensator):
             self._fit(state)
 
     def _fit(self, state: IterativeState) -> None:
-        """a by least squares of the function through the elements seen within -q .. q."""
+        """a by least squares of the function through the elements visited within -q .. q."""
         state.q_V = max(self.q_start_V, (state.extremes[2] - state.extremes[3]) / 2)
         low, high = self._index(state, -state.q_V), self._index(state, state.q_V) + 1
-        seen = np.array(state.seen[low:high]) > 0
-        if seen.sum() < 5:
+        visited = np.array(state.visits[low:high]) > 0
+        if visited.sum() < 5:
             return
-        w = (np.arange(low, high)[seen] - self.elements // 2) * state.context.voltage_max_V / (self.elements // 2)
+        w = (np.arange(low, high)[visited] - self.elements // 2) * state.context.voltage_max_V / (self.elements // 2)
         b = RANGE[self.function] / state.q_V
         shape = np.array([FUNCTIONS[self.function](x, 1.0, b, b * state.r_V) for x in w])
-        table = np.array(state.table_V[low:high])[seen]
+        table = np.array(state.table_V[low:high])[visited]
         state.a_V = clip(float(shape @ table) / max(float(shape @ shape), 1e-9), 0.0, self.a_max_V)
 
     def parameters(self, state: IterativeState) -> Parameters:
-        return {"function": self.function, "a_V": state.a_V, "q_V": state.q_V, "r_V": state.r_V,
-                "table_V": list(state.table_V), "seen": list(state.seen), "extremes": list(state.extremes)}  # fmt: skip
+        return {
+            "function": self.function, "a_V": state.a_V, "q_V": state.q_V, "r_V": state.r_V,
+            "table_V": list(state.table_V), "visits": list(state.visits), "extremes": list(state.extremes),
+        }  # fmt: skip
 
     def restore(self, context: Context, parameters: Parameters) -> IterativeState:
         state = self.start(context)
         state.a_V, state.q_V = float(parameters["a_V"]), float(parameters["q_V"])
         state.r_V = float(parameters["r_V"])
-        for name in ("table_V", "seen"):
+        for name in ("table_V", "visits"):
             if len(parameters[name]) != self.elements:
                 raise ValueError(
                     f"parameter {name} has {len(parameters[name])} elements where this compensator has {self.elements}"
                 )
-        state.table_V, state.seen = [float(x) for x in parameters["table_V"]], [int(x) for x in parameters["seen"]]
+        state.table_V, state.visits = [float(x) for x in parameters["table_V"]], [int(x) for x in parameters["visits"]]
         state.extremes = [float(x) for x in parameters["extremes"]]
         return state

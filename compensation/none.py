@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .base import Compensator, Context, Parameters, Sample
+from .compensator import Compensator, Context, Parameters, Sample
 
 
 @dataclass(frozen=True, kw_only=True)
 class NoCompensation(Compensator):
-    """Adds nothing."""
+    """Plain position control: nothing is added."""
 
     name: str = "none"
+    place = 0
 
     def start(self, context: Context) -> None:
         return None

@@ -1,44 +1,47 @@
-"""Algorithms by name: those of this package, those other packages announce, and any class by its module path."""
+"""Algorithms by name: those of this package, those other packages announce, and any class by its module path.
+
+A module of this package that holds a class derived from `Compensator` is an algorithm: adding one is adding a file.
+"""
 
 from __future__ import annotations
 
 import importlib
 import inspect
+import pkgutil
 from collections.abc import Callable
+from functools import partial
 from importlib.metadata import entry_points
 from typing import Any
 
-from .base import Compensator
+from .compensator import Compensator
 from .guard import Guarded
-from .none import NoCompensation
 
 ENTRY_POINT_GROUP = "hexsim.compensators"
+PACKAGE = __name__.rpartition(".")[0]
 Factory = Callable[..., Compensator]
 
 
 def _built_in() -> dict[str, Factory]:
-    from .adaptive import Adaptive
-    from .buffered import Buffered
-    from .exact import Exact
-    from .iterative import Iterative
-    from .repetitive import Repetitive
+    """Factories of this package's algorithms and of their variants."""
+    found = {kind.name: kind for module in _modules() for kind in vars(module).values() if _is_algorithm(kind)}
+    factories: dict[str, Factory] = {}
+    for kind in sorted(found.values(), key=lambda kind: (kind.place, kind.name)):
+        factories[kind.name] = kind
+        for name, configuration in vars(kind).get("variants", {}).items():
+            factories[name] = partial(kind, **{"name": name, **configuration})
+    return factories
 
-    return {
-        "none": NoCompensation,
-        "exact": Exact,
-        "iterative": Iterative,
-        "iterative_report_1": lambda **k: Iterative(
-            **{"name": "iterative_report_1", "function": 1, "form": "report", **k}
-        ),
-        "iterative_report_2": lambda **k: Iterative(
-            **{"name": "iterative_report_2", "function": 2, "form": "report", **k}
-        ),
-        "buffered": Buffered,
-        "buffered_report": lambda **k: Buffered(**{"name": "buffered_report", "form": "report", **k}),
-        "buffered_two_sided": lambda **k: Buffered(**{"name": "buffered_two_sided", "two_sided": True, **k}),
-        "adaptive": Adaptive,
-        "repetitive": Repetitive,
-    }
+
+def _modules() -> list[Any]:
+    path = importlib.import_module(PACKAGE).__path__
+    return [importlib.import_module(f"{PACKAGE}.{found.name}") for found in pkgutil.iter_modules(path)]
+
+
+def _is_algorithm(found: Any) -> bool:
+    """Whether it is a class that can be made by its name; the base class and the guard have none of their own."""
+    if not (inspect.isclass(found) and issubclass(found, Compensator)) or inspect.isabstract(found):
+        return False
+    return isinstance(found.name, str) and found.name != ""
 
 
 def _announced() -> dict[str, Any]:

@@ -1,13 +1,13 @@
-"""Learning from period to period, on top of the adaptive algorithm.
+"""Repetitive control: learning from period to period, on top of the adaptive algorithm.
 
-Where the motion repeats, what feed-forward leaves repeats too. Over each period the position error e(t) is kept;
-its harmonics, divided by what volts do to the position,
+Where the motion is periodic, the error that feed-forward leaves is periodic too. The position error e(t) of a period is
+kept. Its harmonics, through the inverse of the closed loop's response to volts,
 
     G(s) = k S(s) / s,   S the spool with its lag and the hold,   W += gamma (1 + Kp G) / G  E      up to some 20 Hz,
 
 are added to a table of volts over the period. The table is used with the phase it was made with, so that no filter
-delays it. Noise does not repeat and averages out; above 20 Hz the position is too noisy, and the oil's spring too
-near.
+delays it. Noise is not periodic and averages out. Above 20 Hz the position is too noisy, and the hydraulic resonance
+too near.
 """
 
 from __future__ import annotations
@@ -18,33 +18,36 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .adaptive import Adaptive, AdaptiveState
-from .base import Context, Parameters, Sample
-from .spool import SPOOL_DAMPING
+from .adaptive.spool import SPOOL_DAMPING
+from .compensator import Context, Parameters, Sample
 
-LONGEST_S = 20.0  # periods longer than this are not learned
+MAX_PERIOD_S = 20.0
+MIN_TICKS = 20  # in a period
 
 
 @dataclass(slots=True)
 class RepetitiveState(AdaptiveState):
     ticks: int = 0  # in a period; 0 = there is none
     phase: int = 0
-    quiet_ticks: int = 0  # since the adaptive part has wholly taken over
+    settled_ticks: int = 0  # for which the feed-forward has been all in
     error_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    table_V: list[float] = field(default_factory=list)
-    wanted_V: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    table_V: list[float] = field(default_factory=list)  # the correction, as it is read tick by tick
+    correction_V: np.ndarray = field(default_factory=lambda: np.zeros(0))
     periods: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Repetitive(Adaptive):
-    """Adaptive, and a correction learned over the period of the built-in signal generator (`Context.period_s`).
+    """The adaptive algorithm, and a correction learned over the period of the built-in signal generator.
 
-    learning: share of the error's inverse taken up after a period, halved over the first periods down to
-    `learning_low`: quick first, then averaging. band_Hz: harmonics up to here are learned, tapering off over the
-    last third. table_max_V bounds the table.
+    learning: share of the correction taken up after a period; it falls over the first periods to `learning_low`:
+    quick first, then averaging. Higher values learn faster and take up more noise. band_Hz: harmonics up to here are
+    learned, tapering off over the last third. table_max_V: bound of the correction. Without `Context.period_s` it is
+    the adaptive algorithm.
     """
 
     name: str = "repetitive"
+    place = 5
     learning: float = 0.5
     learning_low: float = 0.1
     band_Hz: float = 20.0
@@ -54,11 +57,11 @@ class Repetitive(Adaptive):
         base = super().start(context)
         state = RepetitiveState(**{name: getattr(base, name) for name in AdaptiveState.__slots__})
         period = context.period_s
-        if period is not None and period <= LONGEST_S:
+        if period is not None and period <= MAX_PERIOD_S:
             ticks = round(period * context.rate_Hz)
-            if ticks >= 20 and abs(ticks / context.rate_Hz - period) < 1e-3 * context.tick_s:
+            if ticks >= MIN_TICKS and abs(ticks / context.rate_Hz - period) < 1e-3 * context.tick_s:
                 state.ticks = ticks
-                state.error_m, state.wanted_V, state.table_V = np.zeros(ticks), np.zeros(ticks), [0.0] * ticks
+                state.error_m, state.correction_V, state.table_V = np.zeros(ticks), np.zeros(ticks), [0.0] * ticks
         return state
 
     def extra(self, state: AdaptiveState, sample: Sample) -> float:
@@ -66,28 +69,28 @@ class Repetitive(Adaptive):
             return 0.0
         phase = state.phase
         state.error_m[phase] = sample.setpoint_m - sample.position_m
-        settled = state.takeover.gain == 1.0 and state.reference.share == 1.0
-        state.quiet_ticks = state.quiet_ticks + 1 if settled else 0
+        settled = state.engagement.ramp == 1.0 and state.reference.feed_forward == 1.0
+        state.settled_ticks = state.settled_ticks + 1 if settled else 0
         state.phase = phase + 1 if phase + 1 < state.ticks else 0
-        if state.phase == 0 and state.quiet_ticks >= 1.5 * state.ticks:
+        if state.phase == 0 and state.settled_ticks >= 1.5 * state.ticks:
             self._learn_period(state)
         return state.table_V[phase]
 
     def _learn_period(self, state: RepetitiveState) -> None:
         context = state.context
-        down, up = state.flow.edges
+        down, up = state.valve.edges
         gain = 0.5 * (down.gain_m_s_V + up.gain_m_s_V)
         count = state.ticks
         f = np.arange(count // 2 + 1) / (count * context.tick_s)
         s = 2j * math.pi * f
-        lag = state.flow.lag_s
+        lag = state.valve.lag_s
         spool = np.exp(-0.5 * context.tick_s * s) / (1 + lag * s + (lag * s / (2 * SPOOL_DAMPING)) ** 2)
         inverse = s / (gain * spool) + context.position_gain_V_per_m
         taper = np.clip((self.band_Hz - f) / (self.band_Hz / 3), 0.0, 1.0)
         share = max(self.learning_low, self.learning * 0.8**state.periods)
-        state.wanted_V += share * np.fft.irfft(taper * inverse * np.fft.rfft(state.error_m), count)
-        np.clip(state.wanted_V, -self.table_max_V, self.table_max_V, out=state.wanted_V)
-        state.table_V = state.wanted_V.tolist()
+        state.correction_V += share * np.fft.irfft(taper * inverse * np.fft.rfft(state.error_m), count)
+        np.clip(state.correction_V, -self.table_max_V, self.table_max_V, out=state.correction_V)
+        state.table_V = state.correction_V.tolist()
         state.periods += 1
 
     def parameters(self, state: AdaptiveState) -> Parameters:

@@ -23,8 +23,8 @@ from compensation import Compensator, create
 from compensation.buffered import Buffered
 from compensation.exact import Exact
 from compensation.flow_curve import quadratic_curve
-from compensation.functions import function_1, function_2
 from compensation.iterative import Iterative
+from compensation.report_functions import function_1, function_2
 
 REPORT_LEG = dict(quadratic=True, spool_Hz=0.0, sharpness_m_s=0.0)
 
@@ -73,7 +73,7 @@ def draw_functions(records: dict[str, Record], folder: Path) -> None:
     axes.plot(u, [function_1(x, q / 4, np.pi / q, 0.0) for x in u], "--", label="function 1, Eq. 5.2")
     axes.plot(u, [function_2(x, q / 4, 1 / q, 0.0) for x in u], "--", label="function 2, Eq. 5.3")
     for name in ("buffered (5.5)", "buffered, corrected"):
-        a, learned_q, r = records[name].state.curves[0].wanted
+        a, learned_q, r = records[name].state.curves[0].target
         axes.plot(u, [function_2(x, a, 1 / learned_q, r / learned_q) for x in u], lw=1, label=f"learned: {name}")
     axes.set(xlabel="control voltage [V]", ylabel="compensation [V]", title="Compensation functions, q = 1 V")
     axes.legend(fontsize=8)

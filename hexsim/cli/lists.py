@@ -66,7 +66,7 @@ def _first_sentence(name: str) -> str:
         made = compensation.create(name)
     except (ValueError, TypeError) as error:
         return str(error)
-    return (type(made).__doc__ or "").strip().splitlines()[0]
+    return made.description
 
 
 def effects(json: options.Json = False) -> None:

@@ -7,7 +7,7 @@ With entrained air (volume fraction alpha at atmospheric pressure, polytropic n 
 No negative absolute pressure: below CAVITATION_SOFT above absolute zero, a falling rate fades out.
 """
 
-from hexsim.hydraulics.compiled import compiled
+from hexsim.compiled import compiled
 
 ATMOSPHERE = 1.01325e5  # [Pa]; pressures are gauge, absolute zero is -ATMOSPHERE
 CAVITATION_SOFT = 2.0e4  # [Pa] a falling pressure rate fades out over this above absolute zero

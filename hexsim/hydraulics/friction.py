@@ -9,7 +9,7 @@ sigma, F_c, F_s of the direction of motion. The force acts against v.
 
 import math
 
-from hexsim.hydraulics.compiled import compiled
+from hexsim.compiled import compiled
 
 
 @compiled

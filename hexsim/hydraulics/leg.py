@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
+from hexsim.compiled import compiled
 from hexsim.hydraulics import chamber, friction, valve
-from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P
 
 LEARNED_NONE, LEARNED_CONTINUITY, LEARNED_FORCE = 0, 1, 2  # balance that a learned term joins: [m3/s] or [N]

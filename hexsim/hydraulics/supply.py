@@ -25,10 +25,10 @@ from enum import IntEnum
 
 import numpy as np
 
+from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import chamber
 from hexsim.hydraulics.chamber import ATMOSPHERE
-from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.oil import TELLUS_T46, dynamic_viscosity
 
 

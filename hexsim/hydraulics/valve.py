@@ -12,7 +12,7 @@ The regularised root keeps the sign of dp (flow in both directions), differs fro
 
 import math
 
-from hexsim.hydraulics.compiled import compiled
+from hexsim.compiled import compiled
 
 
 @compiled

@@ -5,10 +5,11 @@ common to all: pose (6,) or poses (n, 6), base and platform joints (6, 3) [m], h
 """
 
 import numpy as np
-from numba import njit
+
+from hexsim.compiled import compiled
 
 
-@njit(cache=True)
+@compiled
 def write_rotation(pose, rotation):
     """R = Rz(yaw) Ry(pitch) Rx(roll), platform to world."""
     cr, sr = np.cos(pose[3]), np.sin(pose[3])
@@ -19,7 +20,7 @@ def write_rotation(pose, rotation):
     rotation[2, 0], rotation[2, 1], rotation[2, 2] = -sp, cp * sr, cp * cr
 
 
-@njit(cache=True)
+@compiled
 def write_rate_matrix(pose, rates):
     """E of omega_world = E (roll', pitch', yaw'): its columns are the three axes Rz Ry e_x, Rz e_y, e_z."""
     cp, sp = np.cos(pose[4]), np.sin(pose[4])
@@ -29,7 +30,7 @@ def write_rate_matrix(pose, rates):
     rates[2, 0], rates[2, 1], rates[2, 2] = -sp, 0.0, 1.0
 
 
-@njit(cache=True)
+@compiled
 def write_legs(pose, rotation, base, platform, height, lengths, jacobian):
     """Leg lengths, and rows (u_i, r_i x u_i) with r_i = R b_i, for a pose whose rotation is given."""
     for i in range(6):
@@ -44,7 +45,7 @@ def write_legs(pose, rotation, base, platform, height, lengths, jacobian):
         jacobian[i, 3], jacobian[i, 4], jacobian[i, 5] = ry * uz - rz * uy, rz * ux - rx * uz, rx * uy - ry * ux
 
 
-@njit(cache=True)
+@compiled
 def lengths_of_rows(poses, base, platform, height):
     n = poses.shape[0]
     lengths, rotation, jacobian = np.empty((n, 6)), np.empty((3, 3)), np.empty((6, 6))
@@ -54,7 +55,7 @@ def lengths_of_rows(poses, base, platform, height):
     return lengths
 
 
-@njit(cache=True)
+@compiled
 def all_of_rows(poses, base, platform, height):
     n = poses.shape[0]
     lengths, jacobian = np.empty((n, 6)), np.empty((n, 6, 6))
@@ -66,7 +67,7 @@ def all_of_rows(poses, base, platform, height):
     return lengths, jacobian, rotation, rates
 
 
-@njit(cache=True)
+@compiled
 def to_pose_coordinates(jacobian, rates):
     """Columns 3 to 5 from angular velocity to roll-pitch-yaw rates, in place: J_w -> J_w E."""
     for i in range(6):
@@ -75,7 +76,7 @@ def to_pose_coordinates(jacobian, rates):
             jacobian[i, 3 + c] = jx * rates[0, c] + jy * rates[1, c] + jz * rates[2, c]
 
 
-@njit(cache=True)
+@compiled
 def solve(matrix, right):
     """Gaussian elimination with row pivoting, in place; the solution stands in `right`. False if singular."""
     n = right.shape[0]
@@ -102,7 +103,7 @@ def solve(matrix, right):
     return True
 
 
-@njit(cache=True)
+@compiled
 def forward_rows(lengths, poses, base, platform, height, max_iterations, tolerance):
     """Newton on l(pose) = lengths, row by row from the guesses in `poses`, in place; returns the rows' residuals [m].
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensation import Compensator, Context, Sample, preview_count
+from hexsim.compiled import compiled
 from hexsim.declaration import Machine
-from hexsim.hydraulics.compiled import compiled
 
 Array = NDArray[np.float64]
 

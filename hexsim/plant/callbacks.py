@@ -25,8 +25,8 @@ from llvmlite import ir
 from numba import carray, cfunc, types
 from numba.extending import intrinsic, overload
 
+from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, supply, valve
-from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.supply import S
 from hexsim.plant.layout import slot

@@ -17,6 +17,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from hexsim.errors import HexsimError
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.resolved import PayloadMode, Resolved
 from hexsim.hydraulics.supply import CONSTANT, S
@@ -205,6 +206,11 @@ def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: HexapodKinematics, bo
     mass = matrix[2, 2]
     height = matrix[0, 4] / mass
     inertia = np.diag(matrix)[3:] - mass * height**2 * np.array([1.0, 1.0, 0.0])
+    if 2 * inertia.max() > inertia.sum():
+        raise HexsimError(
+            "no rigid body stands for these legs in the tendon model, its moments of inertia would be impossible: give "
+            "load.rod_mass_fraction a share of 0.3 or more, or take full legs (without --fast)"
+        )
     lump = platform.add_body(name="legs_lump", pos=[0, 0, height])
     lump.mass, lump.ipos, lump.inertia, lump.explicitinertial = mass, [0, 0, 0], inertia, True
     lump.gravcomp = 1.0 - carried / mass  # negative: the platform carries more than moves with it in heave

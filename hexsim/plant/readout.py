@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, supply
-from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant.callbacks import leg_instant, supply_state

@@ -18,8 +18,8 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from hexsim.compiled import compiled
 from hexsim.hydraulics import valve
-from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.parameters import P
 from hexsim.plant.plant import Plant
 

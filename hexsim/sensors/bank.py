@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hexsim.hydraulics.compiled import compiled
+from hexsim.compiled import compiled
 from hexsim.hydraulics.resolved import Resolved
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hexsim.hydraulics.compiled import compiled
+from hexsim.compiled import compiled
 from hexsim.motion_computer.position_loop import proportional
 from hexsim.plant.stepping import advance, sense, shape
 from hexsim.sensors.bank import measure

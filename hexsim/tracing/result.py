@@ -10,7 +10,7 @@ from hexsim.tracing.checks.checks import Finding
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.screening import Screened
 from hexsim.tracing.fitting.selection import Search
-from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.residuals import UnexplainedResidual
 from hexsim.tracing.steps.verdict import NamedEffect, Verdict
 from hexsim.tracing.steps.violations import Violation
@@ -29,8 +29,8 @@ class TraceResult:
     base: Fit
     final: Fit
     error: dict[str, dict[str, dict[str, float]]]
-    fit_problem: FitProblem
-    validate_problem: FitProblem
+    fit_problem: SimulatedProblem
+    validate_problem: SimulatedProblem
     findings: dict[str, list[Finding]]
     detect_lines: list[Screened]
     detect_n: int

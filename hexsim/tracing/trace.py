@@ -19,7 +19,7 @@ from hexsim.tracing.checks.checks import Finding, check_same_machine, refuse_mis
 from hexsim.tracing.fitting.fit import Fit, polished, refine, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, candidates, priors
 from hexsim.tracing.fitting.selection import Search, Stage, cut, information, search
-from hexsim.tracing.problems.simulated import FitProblem, with_input_uncertainty
+from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.report.content import report_of, write_report
 from hexsim.tracing.result import TraceResult
 from hexsim.tracing.steps.experiments import experiment_for
@@ -95,7 +95,7 @@ def trace(
     findings["all logs"] = check_same_machine([*files, *held_out_files], machine)
     noise = noise_of(machine, fit_logs)
     feedback = feedback_of(machine, [*fit_logs, *validate_logs], noise)
-    problem = FitProblem(logs=tuple(fit_logs), noise=noise, feedback=feedback)
+    problem = SimulatedProblem(logs=tuple(fit_logs), noise=noise, feedback=feedback)
     held_out = replace(problem, logs=tuple(validate_logs))
     result = trace_logs(machine, problem, held_out, findings, tell)
     if out is not None:
@@ -105,7 +105,11 @@ def trace(
 
 
 def trace_logs(
-    machine: Machine, problem: FitProblem, held_out: FitProblem, findings: dict[str, list[Finding]], tell: Progress
+    machine: Machine,
+    problem: SimulatedProblem,
+    held_out: SimulatedProblem,
+    findings: dict[str, list[Finding]],
+    tell: Progress,
 ) -> TraceResult:
     """Steps 1 to 10 on logs that are read and checked."""
     known = priors(machine)
@@ -178,7 +182,7 @@ def trace_logs(
     return result
 
 
-def simulated_search(base: Fit, possible: list[Candidate], problem: FitProblem, tell: Progress) -> Search:
+def simulated_search(base: Fit, possible: list[Candidate], problem: SimulatedProblem, tell: Progress) -> Search:
     """The search with simulated columns: on the opening seconds where they lack something, on the whole runs otherwise."""
 
     def tick(step: str) -> None:
@@ -196,11 +200,13 @@ def simulated_search(base: Fit, possible: list[Candidate], problem: FitProblem, 
     return replace(found, base=base, best=rivals[0] if rivals else base, stages=stages)
 
 
-def refitted_base(start: Fit, problem: FitProblem, held_out: FitProblem) -> tuple[Fit, FitProblem, FitProblem]:
+def refitted_base(
+    start: Fit, problem: SimulatedProblem, held_out: SimulatedProblem
+) -> tuple[Fit, SimulatedProblem, SimulatedProblem]:
     """The declared machine refitted, and the questions with what no simulation can know about it."""
-    first = with_input_uncertainty(problem, start.fitted_machine())
+    first = problem.with_input_uncertainty(start.fitted_machine())
     base = refine(start_fit_at(start, first), first, fresh=True, relative=rules.BASE_TOLERANCE)
-    problem, held_out = (with_input_uncertainty(q, base.fitted_machine()) for q in (problem, held_out))
+    problem, held_out = (q.with_input_uncertainty(base.fitted_machine()) for q in (problem, held_out))
     return refine(start_fit_at(base, problem), problem, fresh=True, relative=rules.BASE_TOLERANCE), problem, held_out
 
 

@@ -65,6 +65,43 @@ def test_nothing_is_added_at_first(name) -> None:
     assert abs(added) < 0.01
 
 
+SCALARS = {
+    "float64": np.float64,
+    "float32": np.float32,
+    "0-d array": np.array,
+    "float32, whole numbers": lambda x: np.float32(round(x)),
+    "bool": lambda x: np.bool_(x > 0.1),
+}
+
+
+@pytest.mark.parametrize("scalar", SCALARS)
+@pytest.mark.parametrize("name", NAMES)
+def test_numpy_scalars_give_the_volts_of_floats(name, scalar) -> None:
+    """5 s of motion with every number of the sample a numpy scalar, the preview with its type: the same volts, to the
+    bit and as Python floats, as with Python floats of the same values."""
+    made, of = compensation.create(name), SCALARS[scalar]
+    context = Context(period_s=2.0)
+    count = compensation.preview_count(made, context)
+    t = np.arange(2500 + count) / context.rate_Hz
+    wanted = 0.1 + 0.05 * np.sin(math.pi * t)
+    rng = np.random.default_rng(0)
+    states = [made.start(context), made.start(context)]
+    for k in range(2500):
+        control = 0.3 * math.cos(math.pi * t[k]) + 0.01 * rng.normal()
+        numbers = of(t[k]), of(wanted[k]), of(wanted[k] - 0.02 * control), of(control), of(0.9 * control)
+        pressures = of(3.3e6 + 1e5 * control + 4e3 * rng.normal()), of(7e6 + 4e3 * rng.normal())
+        ahead = np.array([of(x) for x in wanted[k : k + count]])
+        volts = []
+        for i, kind in enumerate((lambda x: x, float)):
+            values = [kind(x) for x in (*numbers, *pressures)]
+            numpy_or_float = ahead if i == 0 else np.array([float(x) for x in ahead])
+            asked = Sample(values[0], values[1], numpy_or_float, *values[2:])
+            added, states[i] = made.step(states[i], asked)
+            volts.append(added)
+        assert volts[0] == volts[1]
+        assert type(volts[0]) is float
+
+
 @pytest.mark.parametrize("name", [n for n in NAMES if n != "none"])
 def test_learned_parameters_survive_json(name) -> None:
     """parameters -> JSON -> restore -> parameters gives the same numbers, after 6 s of motion."""

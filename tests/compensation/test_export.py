@@ -13,7 +13,7 @@ from leg_plant import run
 
 import compensation
 from compensation.export import CompensationTable, from_csv, table_of, to_c, to_csv
-from compensation.functions import function_2
+from compensation.report_functions import function_2
 
 
 def learned(name: str) -> CompensationTable:

@@ -12,8 +12,8 @@ import compensation
 from compensation.buffered import Buffered
 from compensation.exact import Exact
 from compensation.flow_curve import FlowCurve, overlap_curve, quadratic_curve
-from compensation.functions import function_1, function_2
 from compensation.iterative import Iterative
+from compensation.report_functions import function_1, function_2
 
 REPORT_LEG = dict(quadratic=True, spool_Hz=0.0, sharpness_m_s=0.0)  # chapter 3 and 5: Eq. 3.11, no spool, arctan
 REPORT = dict(rate_Hz=1e4, noise=False)  # its simulation ran at 10 kHz with clean signals
@@ -127,7 +127,7 @@ def test_the_half_width_of_5_3_makes_it_worse(uncompensated) -> None:
 def test_buffered_is_nearly_right_after_its_first_update(form, uncompensated) -> None:
     """Report 5.5: after the first two buffers a is within 20 % of q/4, and the peak is about halved at least."""
     made = run(Buffered(form=form), Leg(**REPORT_LEG), duration_s=8.0, **REPORT)
-    a, q, _ = made.state.curves[0].wanted
+    a, q, _ = made.state.curves[0].target
     assert a == pytest.approx(q / 4, rel=0.2)
     assert made.peak(6.0, 8.0) < uncompensated / 1.8
 
@@ -137,7 +137,7 @@ def test_buffered_is_unmoved_by_velocity_noise() -> None:
     clean, noisy = (
         run(Buffered(form="report"), Leg(**REPORT_LEG), duration_s=8.0, velocity_noise_m_s=noise, **REPORT)
         .state.curves[0]
-        .wanted
+        .target
         for noise in (0.0, 2e-3)
     )
     assert noisy[:2] == pytest.approx(clean[:2], rel=0.02)
@@ -159,7 +159,7 @@ def test_two_curves_beat_one_on_a_valve_with_hysteresis() -> None:
     """Report chapter 6: on a valve with play, a curve for each sign of acceleration finds offsets of opposite
     sign."""
     made = run(Buffered(two_sided=True), Leg(**REPORT_LEG, play_V=0.05), duration_s=14.0, **REPORT)
-    falling, rising = (curve.wanted[2] for curve in made.state.curves)
+    falling, rising = (curve.target[2] for curve in made.state.curves)
     assert rising > 0.01 > -0.01 > falling
 
 

@@ -13,7 +13,7 @@ from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import refine, start_fit
 from hexsim.tracing.fitting.parameters import priors
-from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.held_out_errors import error_table
 from hexsim.tracing.steps.learned import learned_fit
 from hexsim.tracing.steps.residuals import unexplained_residuals
@@ -29,7 +29,11 @@ def questions(tmp_path, monkeypatch):
     machine = load_machine(tmp_path)
     logs, _, _ = read_runs(Path(tmp_path), ["fit", "sweep", "validate"], machine)
     noise = noise_of(machine, logs)
-    return machine, FitProblem(logs=tuple(logs[:2]), noise=noise), FitProblem(logs=tuple(logs[2:]), noise=noise)
+    return (
+        machine,
+        SimulatedProblem(logs=tuple(logs[:2]), noise=noise),
+        SimulatedProblem(logs=tuple(logs[2:]), noise=noise),
+    )
 
 
 def test_a_gap_without_a_name(questions):

@@ -12,7 +12,7 @@ from hexsim.scenarios import scenario_from_dict
 from hexsim.signals.channels import channel_arrays, kind_of, noise_of
 from hexsim.signals.log import measured_log
 from hexsim.simulation import simulate
-from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.experiments import setpoint_log
 
 DATA = Path(__file__).parents[1] / "data"
@@ -57,7 +57,7 @@ def test_a_bench_moves_as_in_the_plant(effects):
     }  # fmt: skip
     run = simulate(machine, scenario_from_dict(tables))
     log = setpoint_log(machine, tables)
-    answer = channel_arrays(FitProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
+    answer = channel_arrays(SimulatedProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
     for name, own in answer.items():
         theirs = run.log[name].to_numpy()[: len(own)]
         assert np.std(theirs - own[: len(theirs)]) < 0.33 * NOISE[kind_of(name)], name
@@ -82,7 +82,7 @@ def test_a_payload_on_a_spring_rides_as_in_the_plant():
     }  # fmt: skip
     run = simulate(machine, scenario_from_dict(tables))
     log = setpoint_log(machine, tables)
-    answer = channel_arrays(FitProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
+    answer = channel_arrays(SimulatedProblem(logs=(log,), noise=NOISE).simulated(machine, 0))
     assert np.std(answer["acceleration_z_m_s2"]) > 0.3
     for name, own in answer.items():
         theirs = run.log[name].to_numpy()[: len(own)]
@@ -108,6 +108,6 @@ def test_the_true_machine_answers_the_log(folder):
     width = truth["undeclared"].get("valve_hysteresis")
     effects = [(named("valve_hysteresis"), {"half_width_V": width})] if width else []
     log = measured_log("validate", read_log(DATA / folder / "validate.csv.gz").table, machine)
-    problem = FitProblem(logs=(log,), noise=noise_of(machine, [log]))
+    problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
     misfit = problem.misfit([with_settings(machine, off, effects)])[0][0]
     assert np.sqrt(np.mean(misfit**2, axis=1)) == pytest.approx(1.0, abs=0.03)

@@ -13,7 +13,7 @@ from hexsim.signals.channels import noise_of
 from hexsim.signals.log import measured_log
 from hexsim.tracing.fitting.fit import start_fit, with_candidate
 from hexsim.tracing.fitting.parameters import candidates, named, priors
-from hexsim.tracing.problems.simulated import FitProblem, with_input_uncertainty
+from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.simulation.bench_simulator import start_of
 from hexsim.tracing.steps.ties import stand_ins
 
@@ -30,9 +30,9 @@ def bench():
 def test_more_oil_can_stand_for_a_softer_hose(bench):
     """V/E + C_hose: a dead volume E C_hose is the same capacity, so it stands for a hose, with that size; a mass does not."""
     machine, log = bench
-    problem = FitProblem(logs=(log,), noise=noise_of(machine, [log]))
+    problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
     soft = changed(machine, {"effects.hose_compliance.compliance_m3_Pa": 3e-14})
-    problem = FitProblem(logs=(problem.simulated(soft, 0),), noise=problem.noise)
+    problem = SimulatedProblem(logs=(problem.simulated(soft, 0),), noise=problem.noise)
     fit = with_candidate(start_fit(machine, priors(machine), problem), named("hose_compliance"), 0.6, problem)
     fit = dataclasses.replace(fit, values=({"compliance_m3_Pa": 3e-14},))
     found = {candidate.effect.name: size for candidate, size in stand_ins(fit, 0, candidates(machine), problem)}
@@ -47,8 +47,8 @@ def test_what_no_simulation_can_know(bench):
     """On the declared loop a tenth of the position's noise moves no channel by more than a third of its noise in the median,
     and what is counted never falls below the sensors' noise."""
     machine, log = bench
-    problem = FitProblem(logs=(log,), noise=noise_of(machine, [log]))
-    plain, wide = problem.sigma(0), with_input_uncertainty(problem, machine).sigma(0)
+    problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
+    plain, wide = problem.sigma(0), problem.with_input_uncertainty(machine).sigma(0)
     assert np.all(wide >= plain)
     assert np.all(wide[problem.channels(0).index("acceleration_m_s2")] > plain[-1])  # every difference moves the load
     assert np.all(np.median(wide, axis=1) < np.hypot(1.0, 1 / 3) * plain[:, 0])
@@ -60,9 +60,9 @@ def test_coarser_volts_are_known_less(bench):
     spreads = []
     for resolution in (3e-4, 3e-3):
         rounded = dataclasses.replace(log, volts=resolution * np.round(log.volts / resolution))
-        problem = FitProblem(logs=(rounded,), noise=noise_of(machine, [log]), feedback=1)
+        problem = SimulatedProblem(logs=(rounded,), noise=noise_of(machine, [log]), feedback=1)
         k = problem.channels(0).index("acceleration_m_s2")
-        driven = with_input_uncertainty(problem, machine).driven[0][k]
+        driven = problem.with_input_uncertainty(machine).input_uncertainty[0][k]
         spreads.append(np.sqrt(np.mean(driven[problem.settle(0) :] ** 2)))
     assert spreads[1] > 3 * spreads[0]
 

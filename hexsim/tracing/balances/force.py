@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import bilinear, lfilter
 
+from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
-from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import PayloadMode
 from hexsim.signals.log import MeasuredLog

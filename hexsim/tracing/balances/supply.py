@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
-from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.supply import LINE, S, line_capacity
 from hexsim.signals.log import MeasuredLog
 from hexsim.signals.weak_form import Window

@@ -24,7 +24,7 @@ from hexsim.tracing.fitting.parameters import (
     to_value,
     with_settings,
 )
-from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
 MAX_STEPS = 14

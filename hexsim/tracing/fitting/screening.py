@@ -14,7 +14,7 @@ import numpy as np
 
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, with_settings
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
-from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
 BATCH = 8  # variants simulated at once: memory

@@ -15,7 +15,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, parameter_columns, refine, start_fit_at, with_candidate
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 from hexsim.tracing.fitting.screening import Screened, screen
-from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.problems.problem import FitProblem
 
 Tick = Callable[[str], None]
 

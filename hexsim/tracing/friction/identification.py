@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
+from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.leg import friction_force
 from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.machine.files import changed

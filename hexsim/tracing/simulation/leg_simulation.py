@@ -15,8 +15,8 @@ import math
 
 import numpy as np
 
+from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, supply, valve
-from hexsim.hydraulics.compiled import compiled
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.supply import S
 

@@ -22,7 +22,7 @@ from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.signals.log import MeasuredLog
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit
-from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.simulation.hexapod_simulator import kinematics_of
 
 Array = np.ndarray
@@ -107,7 +107,7 @@ def setpoint_log(machine: Machine, tables: dict[str, Any]) -> MeasuredLog:
 
 def separation(first: Machine, second: Machine, noise: dict[str, float], tables: dict[str, Any]) -> float:
     """chi2 between the answers of two machines to a scenario."""
-    problem = FitProblem(logs=(setpoint_log(first, tables),), noise=noise)
+    problem = SimulatedProblem(logs=(setpoint_log(first, tables),), noise=noise)
     changes = tables.get("machine", {})
     misfit = problem.misfit([changed(machine, changes) if changes else machine for machine in (first, second)])[0]
     chi2 = float(np.sum((misfit[0] - misfit[1]) ** 2))

@@ -7,7 +7,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.signals.channels import kind_of
 from hexsim.smoothness import band_limit
-from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
 
@@ -17,7 +17,7 @@ def banded(channel: str, time: Array, signal: Array) -> Array:
     return band_limit(time, signal) if "acceleration" in channel else signal
 
 
-def channel_errors(problem: FitProblem, i: int, machine: Machine) -> dict[str, float]:
+def channel_errors(problem: SimulatedProblem, i: int, machine: Machine) -> dict[str, float]:
     """rms of measured - simulated of log i after the settling time, by channel; inf after a divergence."""
     answer, start = problem.answer(machine, i), problem.settle(i)
     time = problem.logs[i].time
@@ -31,7 +31,7 @@ def channel_errors(problem: FitProblem, i: int, machine: Machine) -> dict[str, f
     return errors
 
 
-def noise_floor(problem: FitProblem, i: int) -> dict[str, float]:
+def noise_floor(problem: SimulatedProblem, i: int) -> dict[str, float]:
     """rms of the sensors' noise alone, through the same band."""
     rng, log = np.random.default_rng(0), problem.logs[i]
     floor = {}
@@ -42,7 +42,7 @@ def noise_floor(problem: FitProblem, i: int) -> dict[str, float]:
 
 
 def error_table(
-    problem: FitProblem, declared: Machine, refit: Machine, fitted: Machine
+    problem: SimulatedProblem, declared: Machine, refit: Machine, fitted: Machine
 ) -> dict[str, dict[str, dict[str, float]]]:
     """The report's `error`: log -> channel -> declared, refit, with_effect, noise."""
     table = {}

@@ -18,7 +18,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.parameters import Prior
 from hexsim.tracing.fitting.selection import scale_of
-from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.residuals import UnexplainedResidual
 
 Array = np.ndarray
@@ -53,8 +53,8 @@ def learned_fit(
     machine: Machine,
     known: tuple[Prior, ...],
     base: Fit,
-    problem: FitProblem,
-    held_out: FitProblem,
+    problem: SimulatedProblem,
+    held_out: SimulatedProblem,
 ) -> tuple[Fit, dict[str, Any]] | None:
     """The machine with the term, refitted, and its entry in the report; None when it does not hold up."""
     table = curve_table(rest)

@@ -21,7 +21,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
 from hexsim.tracing.balances.null import END_S
-from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.dependence import Dependence, dependence_of
 from hexsim.tracing.steps.verdict import NamedEffect
 from hexsim.tracing.steps.violations import Violation, balance_named
@@ -142,7 +142,7 @@ def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog])
     )
 
 
-def unexplained_residuals(lines: Sequence[Violation], problem: FitProblem) -> list[UnexplainedResidual]:
+def unexplained_residuals(lines: Sequence[Violation], problem: SimulatedProblem) -> list[UnexplainedResidual]:
     """The violated balances with their dependence, the worst first; the worst of all when none is above its null."""
 
     def rank(line: Violation) -> float:

@@ -1,5 +1,3 @@
-# pyright: reportArgumentType=false
-# (questions to `refit` and `screening` are alike by their methods, not by a common class)
 """The search on balances, before any simulation: all balances together, effects selected where they act.
 
 A balance costs milliseconds where a simulated run costs a tenth of a second, and it looks at measured signals, so one
@@ -11,81 +9,41 @@ residual of a noise-free simulation.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from hexsim.declaration import Machine
-from hexsim.signals.log import MeasuredLog
 from hexsim.tracing import rules
-from hexsim.tracing.balances import Balance
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.fitting.fit import Fit, parameter_columns, refine, start_fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, Prior
 from hexsim.tracing.fitting.selection import Search, Tick, information, named_first, search
-from hexsim.tracing.problems.simulated import FitProblem, with_input_uncertainty
+from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
+from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.verdict import residual_at_noise_level
 from hexsim.tracing.steps.violations import Violation, balance_named
 
-Array = np.ndarray
+INDEPENDENT_S = 0.02  # [s] half the balances' window: samples so far apart are about independent
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JointQuestion:
-    """All balances of all logs as one problem for `refit`, `screening` and `search`."""
-
-    logs: tuple[MeasuredLog, ...]
-    parts: tuple[tuple[Balance, Array], ...]  # a balance and the scale of its rows
-    clean: tuple[tuple[Array, ...], ...]  # a log: residuals of the noise-free simulation, a part
-    thin_s: float = 0.02  # half the window: samples are then about independent
-
-    @property
-    def samples(self) -> int:
-        """Residuals in all."""
-        every = [max(int(self.thin_s * log.rate), 1) for log in self.logs]
-        return sum(row.shape[0] * row.shape[1] // k for k, own in zip(every, self.clean, strict=True) for row in own)
-
-    def settle(self, i: int) -> int:
-        return 0
-
-    def blocks(self, i: int) -> int:
-        """How many blocks of about a second log i has."""
-        return max(int((self.logs[i].time[-1] - self.logs[i].time[0]) / rules.BLOCK_S), 2)
-
-    def head(self, duration_s: float) -> JointQuestion:
-        return self
-
-    def _misfit(self, machine: Machine, i: int) -> Array:
-        log = self.logs[i]
-        every = max(int(self.thin_s * log.rate), 1)
-        rows = [
-            (used(log, balance.residual(log, machine)) - clean)[:, ::every] / scale[:, None]
-            for (balance, scale), clean in zip(self.parts, self.clean[i], strict=True)
-        ]
-        return -np.concatenate(rows)
-
-    def misfit(self, machines: Sequence[Machine]) -> list[Array]:
-        """0 - residual over its null size, (n_variants, n_rows, n) a log."""
-        return [np.stack([self._misfit(machine, i) for machine in machines]) for i in range(len(self.logs))]
-
-
-def joint_problem(problem: FitProblem, lines: Sequence[Violation], machine: Machine) -> JointQuestion:
-    """machine: what the noise-free simulation runs on."""
+def joint_problem(problem: SimulatedProblem, lines: Sequence[Violation], machine: Machine) -> BalanceProblem:
+    """All balances of all logs as one problem. machine: what the noise-free simulation runs on."""
     log = problem.logs[0]
     names = list(dict.fromkeys(line.name for line in lines))
     names = [name for name in names if not (name == "force" and log.n_legs > 1)]  # the platform has the same, once
-    balances = [balance_named(name, log) for name in names]
-    scales = [next(line.all_sigma for line in lines if line.name == name) for name in names]
-    clean = []
-    for i in range(len(problem.logs)):
-        quiet = problem.simulated(machine, i)
-        own = [np.nan_to_num(used(quiet, balance.residual(quiet, machine))) for balance in balances]
-        clean.append(tuple(own))
-    return JointQuestion(logs=problem.logs, parts=tuple(zip(balances, scales, strict=True)), clean=tuple(clean))
+    quiet = [problem.simulated(machine, i) for i in range(len(problem.logs))]
+    parts = []
+    for name in names:
+        balance = balance_named(name, log)
+        sigma = next(line.all_sigma for line in lines if line.name == name)
+        clean = tuple(np.nan_to_num(used(own, balance.residual(own, machine))) for own in quiet)
+        rows = tuple(range(len(balance.places(log))))
+        parts.append(BalanceRows(balance=balance, sigma=sigma, rows=rows, clean=clean))
+    return BalanceProblem(logs=problem.logs, parts=tuple(parts), thin_s=INDEPENDENT_S)
 
 
 def balance_search(
-    machine: Machine, priors: tuple[Prior, ...], candidates: list[Candidate], problem: JointQuestion
+    machine: Machine, priors: tuple[Prior, ...], candidates: list[Candidate], problem: BalanceProblem
 ) -> Search:
     """Forward selection on the balances."""
     base = refine(start_fit(machine, priors, problem), problem, fresh=True, relative=1e-3)
@@ -110,7 +68,7 @@ def contenders(found: Search) -> list[Fit]:
     return fewer + sorted(rivals, key=information)[: rules.CONTENDERS]
 
 
-def simulated_rivals(found: Search, problem: FitProblem, tick: Tick = lambda step: None) -> list[Fit]:
+def simulated_rivals(found: Search, problem: SimulatedProblem, tick: Tick = lambda step: None) -> list[Fit]:
     """The contenders of a search refitted by simulation, the best first; more effects only while fewer do not suffice."""
     rivals: list[Fit] = []
     for rival in contenders(found):
@@ -122,7 +80,7 @@ def simulated_rivals(found: Search, problem: FitProblem, tick: Tick = lambda ste
     return named_first(sorted(rivals, key=information))
 
 
-def simulated_fit(rival: Fit, problem: FitProblem) -> Fit | None:
+def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
     """A hypothesis of the balances refitted by simulation; None when it does not simulate or cannot reach the noise.
 
     What leaves too much of the opening seconds, fitted to them alone, leaves too much of the whole. The whole is then
@@ -139,16 +97,16 @@ def simulated_fit(rival: Fit, problem: FitProblem) -> Fit | None:
     if not residual_at_noise_level(opening.misfit, share):
         if opening.reduced > rules.NEAR_FLOOR:
             return None
-        own = with_input_uncertainty(head, opening.fitted_machine())
+        own = head.with_input_uncertainty(opening.fitted_machine())
         opening = refine(start_fit_at(opening, own), own, fresh=True)
         if not residual_at_noise_level(opening.misfit, share):
             return None
-        whole = fitted_from((opening, rival), with_input_uncertainty(problem, opening.fitted_machine()))
+        whole = fitted_from((opening, rival), problem.with_input_uncertainty(opening.fitted_machine()))
         return None if whole is None else start_fit_at(whole, problem)
     return fitted_from((opening, rival), problem)
 
 
-def fitted_from(fits: Sequence[Fit], problem: FitProblem) -> Fit | None:
+def fitted_from(fits: Sequence[Fit], problem: SimulatedProblem) -> Fit | None:
     """The hypothesis refitted from the nearest of several fits of it; None when it does not simulate."""
     start = min((start_fit_at(fit, problem) for fit in fits), key=lambda fit: fit.chi2)
     return refine(start, problem, fresh=True) if np.isfinite(start.chi2) else None

@@ -17,7 +17,7 @@ from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, s
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.fitting.selection import information, scale_of, try_candidate
-from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.search import simulated_fit
 
 Array = np.ndarray
@@ -26,7 +26,7 @@ TANGENT = (
 )
 
 
-def without(fit: Fit, k: int, problem: FitProblem) -> Fit:
+def without(fit: Fit, k: int, problem: SimulatedProblem) -> Fit:
     """The fitted machine with effect k taken away, nothing refitted, as seen by a problem."""
     bare = replace(
         fit,
@@ -41,7 +41,9 @@ def flat(columns: Sequence[Array]) -> Array:
     return np.concatenate([c.reshape(c.shape[0], -1) for c in columns], axis=1)
 
 
-def stand_ins(fit: Fit, k: int, possible: Sequence[Candidate], problem: FitProblem) -> list[tuple[Candidate, float]]:
+def stand_ins(
+    fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedProblem
+) -> list[tuple[Candidate, float]]:
     """Candidates whose column does what effect k does, with the size that does it, the best first."""
     fit = parameter_columns(start_fit_at(fit, problem), problem)
     counts = [len(candidate.free()) for candidate in fit.candidates]
@@ -73,7 +75,7 @@ def stand_ins(fit: Fit, k: int, possible: Sequence[Candidate], problem: FitProbl
     return [(candidate, theta) for _, candidate, theta in best]
 
 
-def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: FitProblem) -> dict[str, Fit]:
+def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedProblem) -> dict[str, Fit]:
     """Effects that can stand for effect k: label -> the hypothesis with it, refitted on the whole runs."""
     head = problem.head(rules.TRIAGE_S)
     near = stand_ins(fit, k, possible, head)
@@ -87,7 +89,7 @@ def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: FitProblem
     return dict(sorted(tied.items()))
 
 
-def with_ties(fit: Fit, possible: Sequence[Candidate], problem: FitProblem) -> tuple[Fit, list[dict[str, Fit]]]:
+def with_ties(fit: Fit, possible: Sequence[Candidate], problem: SimulatedProblem) -> tuple[Fit, list[dict[str, Fit]]]:
     """The hypothesis and the ties of each of its effects; a physical cause goes before one that stands for any of its form."""
     ties = [ties_of(fit, k, possible, problem) for k in range(len(fit.candidates))]
     for k, tied in enumerate(ties):

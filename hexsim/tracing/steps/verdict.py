@@ -12,7 +12,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate
 from hexsim.tracing.fitting.selection import Search, scale_of
-from hexsim.tracing.problems.simulated import FitProblem, with_input_uncertainty
+from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
 Verdict = Literal["explained", "partly", "unexplained", "nothing missing"]
@@ -49,7 +49,7 @@ def residual_at_noise_level(misfit: Sequence[Array], share: float = 1.0) -> bool
     return True
 
 
-def pruned(fit: Fit, problem: FitProblem) -> Fit:
+def pruned(fit: Fit, problem: SimulatedProblem) -> Fit:
     """Without the effects that the others make superfluous."""
     for k in range(len(fit.candidates) - 1, -1, -1):
         if len(fit.candidates) < 2 or not residual_at_noise_level(fit.misfit):
@@ -62,7 +62,7 @@ def pruned(fit: Fit, problem: FitProblem) -> Fit:
     return fit
 
 
-def refit_without_effects(fit: Fit, base: Fit, problem: FitProblem) -> Fit:
+def refit_without_effects(fit: Fit, base: Fit, problem: SimulatedProblem) -> Fit:
     """The declared machine refitted again from the parameters of a hypothesis: is its effect needed at all?
 
     A refit may stand still on its way; then an effect that does nothing looks as if it had helped.
@@ -74,7 +74,7 @@ def refit_without_effects(fit: Fit, base: Fit, problem: FitProblem) -> Fit:
     return again if again.chi2 < base.chi2 else base
 
 
-def held_out_gains(fit: Fit, base: Fit, problem: FitProblem) -> list[float]:
+def held_out_gains(fit: Fit, base: Fit, problem: SimulatedProblem) -> list[float]:
     """Fall of chi2 by the effects in each held-out run."""
     before = problem.misfit([base.fitted_machine()])
     after = problem.misfit([fit.fitted_machine()])
@@ -82,22 +82,22 @@ def held_out_gains(fit: Fit, base: Fit, problem: FitProblem) -> list[float]:
 
 
 def refit_with_own_input_uncertainty(
-    final: Fit, base: Fit, problem: FitProblem, held_out: FitProblem
-) -> tuple[Fit, Fit, FitProblem, FitProblem]:
+    final: Fit, base: Fit, problem: SimulatedProblem, held_out: SimulatedProblem
+) -> tuple[Fit, Fit, SimulatedProblem, SimulatedProblem]:
     """A hypothesis near the noise judged by what no simulation can know about itself, if that brings it there.
 
     A delay or more static friction makes the same disturbances move the machine further than they move the declared one.
     """
     if not final.candidates or residual_at_noise_level(final.misfit) or final.reduced > rules.NEAR_FLOOR:
         return final, base, problem, held_out
-    own, own_held_out = (with_input_uncertainty(q, final.fitted_machine()) for q in (problem, held_out))
+    own, own_held_out = (q.with_input_uncertainty(final.fitted_machine()) for q in (problem, held_out))
     fit = pruned(refine(start_fit_at(final, own), own, fresh=True), own)
     if not residual_at_noise_level(fit.misfit):
         return final, base, problem, held_out
     return fit, refine(start_fit_at(base, own), own, fresh=True, relative=rules.BASE_TOLERANCE), own, own_held_out
 
 
-def judged(base: Fit, final: Fit, problem: FitProblem, held_out: FitProblem) -> tuple[Verdict, Fit]:
+def judged(base: Fit, final: Fit, problem: SimulatedProblem, held_out: SimulatedProblem) -> tuple[Verdict, Fit]:
     """Verdict on the last hypothesis: its rest is noise in the fit runs, and it helps in every held-out run."""
     if not final.candidates:
         return ("nothing missing", base) if residual_at_noise_level(base.misfit) else ("unexplained", base)
@@ -114,7 +114,7 @@ def judged(base: Fit, final: Fit, problem: FitProblem, held_out: FitProblem) -> 
 
 
 def name_effects(
-    found: Search, base: Fit, final: Fit, ties: Sequence[dict[str, Fit]], held_out: FitProblem
+    found: Search, base: Fit, final: Fit, ties: Sequence[dict[str, Fit]], held_out: SimulatedProblem
 ) -> list[NamedEffect]:
     """Every effect of an explained hypothesis with its evidence."""
     if not ties:

@@ -1,5 +1,3 @@
-# pyright: reportArgumentType=false
-# (questions to `refit` and `screening` are alike by their methods, not by a common class)
 """Where the model is violated: each balance against the noise of its sensors, its own parameters refitted first.
 
     violation q = rms(r)/sigma,  sigma = rms of the residual that sensor noise alone makes through the same operators.
@@ -20,43 +18,14 @@ from hexsim.declaration import Machine
 from hexsim.signals.log import MeasuredLog
 from hexsim.tracing import rules
 from hexsim.tracing.balances import BALANCES, Balance
-from hexsim.tracing.balances.null import null_rms, used
+from hexsim.tracing.balances.null import null_squares, used
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.parameters import Prior, priors, with_settings
-from hexsim.tracing.problems.simulated import FitProblem
+from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
+from hexsim.tracing.problems.problem import in_parallel
+from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BalanceQuestion:
-    """Rows of a balance as a problem for `refit` and `screening`: the residual over its noise, thinned."""
-
-    balance: Balance
-    rows: tuple[int, ...]
-    logs: tuple[MeasuredLog, ...]
-    sigma: Array  # of every row of the balance
-    thin_s: float = 0.01
-
-    def settle(self, i: int) -> int:
-        return 0
-
-    def blocks(self, i: int) -> int:
-        """How many blocks of about a second log i has."""
-        return max(int((self.logs[i].time[-1] - self.logs[i].time[0]) / rules.BLOCK_S), 2)
-
-    def head(self, duration_s: float) -> BalanceQuestion:
-        return self
-
-    def misfit(self, machines: Sequence[Machine]) -> list[Array]:
-        """0 - residual, over its noise (n_variants, n_rows, n)."""
-        result = []
-        for log in self.logs:
-            every, rows = max(int(self.thin_s * log.rate), 1), list(self.rows)
-            scale = self.sigma[rows, None]
-            residuals = [used(log, self.balance.residual(log, machine))[rows, ::every] / scale for machine in machines]
-            result.append(-np.stack(residuals))
-        return result
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,16 +72,11 @@ def balance_named(name: str, log: MeasuredLog) -> Balance:
     return next(balance for balance in BALANCES if balance.name == wanted and balance.wants(log))
 
 
-def violations(declared: Machine, simulated: Machine, problem: FitProblem) -> list[Violation]:
+def violations(declared: Machine, simulated: Machine, problem: SimulatedProblem) -> list[Violation]:
     """Every balance at every place. simulated: the machine that the null runs come from."""
     lines = []
-    quiet = [problem.simulated(simulated, i) for i in range(len(problem.logs))]
-    if declared.is_hexapod:
-        quiet = [log.head(rules.NULL_S_HEXAPOD) for log in quiet]
-    for balance in BALANCES:
-        if not all(balance.wants(log) for log in problem.logs):
-            continue
-        sigma, seeds = null_rms(balance, quiet, simulated, problem.noise, rules.NULL_SEEDS)
+    balances = [balance for balance in BALANCES if all(balance.wants(log) for log in problem.logs)]
+    for balance, (sigma, null) in zip(balances, null_sizes(balances, simulated, problem), strict=True):
         machine = own_fit(balance, declared, problem.logs, sigma).fitted_machine()
         rms = rms_of(balance, machine, problem.logs)
         for place, where in enumerate(balance.places(problem.logs[0])):
@@ -124,12 +88,28 @@ def violations(declared: Machine, simulated: Machine, problem: FitProblem) -> li
                     unit=balance.unit,
                     rms=float(rms[place]),
                     sigma=float(sigma[place]),
-                    null=float(seeds[:, place].max() / sigma[place]),
+                    null=float(null[place] / sigma[place]),
                     machine=machine,
                     all_sigma=sigma,
                 )
             )
     return lines
+
+
+def null_sizes(balances: Sequence[Balance], machine: Machine, problem: SimulatedProblem) -> list[tuple[Array, Array]]:
+    """(sigma, largest rms of the null runs) of every balance, (n_places,) each; one null run a job."""
+    quiet = [problem.simulated(machine, i) for i in range(len(problem.logs))]
+    if machine.is_hexapod:
+        quiet = [log.head(rules.NULL_S_HEXAPOD) for log in quiet]
+    clean = [[used(log, balance.residual(log, machine)) for log in quiet] for balance in balances]
+    runs = in_parallel(
+        lambda seed: null_squares(balances, quiet, clean, machine, problem.noise, seed), range(rules.NULL_SEEDS)
+    )
+    found = []
+    for k in range(len(balances)):
+        whole, apart = (np.stack([run[k][which] for run in runs]) for which in (0, 1))
+        found.append((np.sqrt(apart.mean(axis=0)), np.sqrt(whole.max(axis=0))))
+    return found
 
 
 def rms_of(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog]) -> Array:
@@ -142,12 +122,12 @@ def own_fit(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog], sig
     """The balance's own declared parameters, alike in all legs, fitted to it; rows that stand out are left out."""
     rows = tuple(range(len(balance.places(logs[0]))))
     own = own_priors(balance, priors(machine), machine, logs)
-    problem = BalanceQuestion(balance=balance, rows=rows, logs=tuple(logs), sigma=sigma)
+    problem = BalanceProblem(logs=tuple(logs), parts=(BalanceRows(balance=balance, rows=rows, sigma=sigma),))
     fit = refine(start_fit(machine, own, problem), problem, fresh=True, relative=1e-3)
     if len(rows) > 1:
         size = np.sqrt(sum(np.mean(m**2, axis=1) for m in fit.misfit) / len(fit.misfit))
         plain = tuple(int(k) for k in np.flatnonzero(size <= 1.3 * np.median(size)))
         if len(plain) < len(rows):
-            problem = BalanceQuestion(balance=balance, rows=plain, logs=tuple(logs), sigma=sigma)
+            problem = BalanceProblem(logs=tuple(logs), parts=(BalanceRows(balance=balance, rows=plain, sigma=sigma),))
             fit = refine(start_fit(machine, own, problem), problem, fresh=True, relative=1e-3)
     return fit

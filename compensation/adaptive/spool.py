@@ -1,7 +1,7 @@
-"""Lead for the spool's lag, and taps for damping through it: small filters, designed once for each lag.
+"""FIR filters for the spool's lag: leads for the flow and for the dead band, and a damping filter through the spool.
 
-The spool is taken as second order with damping 0.7, so that one number, its lag tau = 2 zeta / omega [s], says all.
-What a tick's volts (held over the tick) do to the spool is its response averaged over each following tick,
+The spool is taken as second order with damping 0.7, so that one number describes it, its lag tau = 2 zeta / omega [s].
+The response of the spool to the volts of one tick (held over the tick), averaged over each following tick, is
 
     g_j = (1/T) int_{jT}^{(j+1)T} [s(t) - s(t - T)] dt,      s(t) the spool's unit step response.
 """
@@ -13,17 +13,16 @@ from functools import lru_cache
 
 import numpy as np
 
-SPOOL_DAMPING = 0.7  # commonly used value for proportional valves; the lag is what is learned
+SPOOL_DAMPING = 0.7  # common value for proportional valves; the lag is what is identified
 LAG_STEP_S = 1e-5  # lags are rounded to this before a design is made
 LAG_MAX_S = 1.2e-2
 LEAD_TAPS = 10
-AHEAD = 5  # ticks that the lead looks ahead
-LOOK = AHEAD + 4  # ticks from now to the tick boundary whose oil is asked for
-CROSSING_TICKS = 0.75  # on either side of the jump in which its path is nearly free, weighing CROSSING_WEIGHT
-CROSSING_WEIGHT = 0.3
-CROSSING_EASE = 1e-5  # softness of the crossing
-PATH_FINE, PATH_BEFORE, PATH_AFTER = 10, 3, 5  # samples a tick of the crossing's path, ticks before and after the jump
-MADE_UP = 0.6  # of the oil that a crossing keeps back; less than half or all leaves more of a bump
+LEAD_TICKS = 5  # by which the lead looks ahead
+PREVIEW_TICKS = LEAD_TICKS + 4  # from now to the tick boundary of the demand
+FREE_TICKS = 0.75  # on either side of the crossing in which the spool's path is nearly free, with FREE_WEIGHT
+FREE_WEIGHT = 0.3
+CROSSING_SMOOTHING = 1e-5  # of the crossing lead
+PATH_FINE, PATH_BEFORE, PATH_AFTER = 10, 3, 5  # samples a tick of the crossing's path, ticks before and after it
 
 
 def step_response(t_s: np.ndarray, lag_s: float) -> np.ndarray:
@@ -47,7 +46,7 @@ def tick_response(lag_s: float, tick_s: float, count: int) -> np.ndarray:
 
 
 def round_lag(lag_s: float) -> float:
-    """Lag [s] on the grid that designs are made for."""
+    """Lag [s] on the grid that filters are designed for."""
     return min(max(round(lag_s / LAG_STEP_S) * LAG_STEP_S, 0.0), LAG_MAX_S)
 
 
@@ -69,9 +68,9 @@ def spool_model(lag_s: float, tick_s: float) -> tuple[float, float, float, float
     )
 
 
-def _taps(matrix: np.ndarray, target: np.ndarray, ease: float, centre: float) -> tuple[float, ...]:
-    """Least squares of LEAD_TAPS taps, smooth by `ease`, that sum to one and have their centre where it is to be."""
-    rough = math.sqrt(ease) * (np.eye(LEAD_TAPS) - np.eye(LEAD_TAPS, k=1))
+def _taps(matrix: np.ndarray, target: np.ndarray, smoothing: float, centre: float) -> tuple[float, ...]:
+    """Least squares of LEAD_TAPS taps, regularised by `smoothing`, with unit sum and a given centre."""
+    rough = math.sqrt(smoothing) * (np.eye(LEAD_TAPS) - np.eye(LEAD_TAPS, k=1))
     exact = 1e3 * np.vstack([np.ones(LEAD_TAPS), np.arange(LEAD_TAPS)])
     right = np.r_[target, np.zeros(LEAD_TAPS), 1e3, 1e3 * centre]
     taps = np.linalg.lstsq(np.vstack([matrix, rough, exact]), right, rcond=None)[0]
@@ -79,15 +78,15 @@ def _taps(matrix: np.ndarray, target: np.ndarray, ease: float, centre: float) ->
 
 
 def _steps(t_s: np.ndarray, lag_s: float, tick_s: float) -> np.ndarray:
-    """What each tap makes of a jump at 0 (n, LEAD_TAPS): the first acts AHEAD ticks before it."""
-    return np.stack([step_response(t_s + (AHEAD - i) * tick_s, lag_s) for i in range(LEAD_TAPS)], axis=1)
+    """Response of the spool to each tap, for a step at 0 (n, LEAD_TAPS): the first tap acts LEAD_TICKS before it."""
+    return np.stack([step_response(t_s + (LEAD_TICKS - i) * tick_s, lag_s) for i in range(LEAD_TAPS)], axis=1)
 
 
 @lru_cache(maxsize=128)
-def lead(lag_s: float, tick_s: float, ease: float) -> tuple[float, ...]:
-    """Taps h (LEAD_TAPS,) so that u_k = sum_i h_i x_{k + AHEAD - i} makes the spool follow x, tick mean by tick mean.
+def lead(lag_s: float, tick_s: float, smoothing: float) -> tuple[float, ...]:
+    """Taps h (LEAD_TAPS,) so that u_k = sum_i h_i x_{k + LEAD_TICKS - i} makes the spool follow x, as means over ticks.
 
-    Least squares of g * h against a pulse at AHEAD, with `ease` times the taps' roughness: more is softer and
+    Least squares of g * h against a pulse at LEAD_TICKS, with `smoothing` times the taps' roughness: more is softer and
     slower. The taps sum to one, so that nothing changes at rest, and their centre undoes the spool's: no time is left.
     """
     g = tick_response(lag_s, tick_s, 40)
@@ -96,69 +95,68 @@ def lead(lag_s: float, tick_s: float, ease: float) -> tuple[float, ...]:
     for i in range(LEAD_TAPS):
         matrix[i : i + len(g), i] = g
     target = np.zeros(rows)
-    target[AHEAD] = 1.0
-    return _taps(matrix, target, ease, AHEAD - float(np.arange(len(g)) @ g / g.sum()))
+    target[LEAD_TICKS] = 1.0
+    return _taps(matrix, target, smoothing, LEAD_TICKS - float(np.arange(len(g)) @ g / g.sum()))
 
 
 @lru_cache(maxsize=128)
-def crossing(lag_s: float, tick_s: float) -> tuple[float, ...]:
-    """Taps (LEAD_TAPS,) like `lead`, for the jump across the overlap alone.
+def crossing_lead(lag_s: float, tick_s: float) -> tuple[float, ...]:
+    """Taps (LEAD_TAPS,) like `lead`, for the dead-band compensation alone.
 
-    What the spool does inside the overlap lets no oil through, and every bit that it strays outside does. So here it
-    is the spool's path that is held and not its mean over ticks: where it stood until CROSSING_TICKS before the jump,
-    where it is to stand from as long after it, and nearly free in between.
+    Inside the overlap the spool lets no oil through; any overshoot beyond it does. So the spool's path is prescribed
+    here, and not its mean over ticks: where it stood until FREE_TICKS before the crossing, where it is to stand from
+    as long after it, and nearly free in between.
     """
     fine = 20
-    t = (np.arange(-AHEAD * fine, 40 * fine) + 0.5) * tick_s / fine
+    t = (np.arange(-LEAD_TICKS * fine, 40 * fine) + 0.5) * tick_s / fine
     matrix = _steps(t, lag_s, tick_s)
-    weight = np.where(np.abs(t) < CROSSING_TICKS * tick_s, CROSSING_WEIGHT, 1.0) / math.sqrt(fine)
-    return _taps(weight[:, None] * matrix, weight * (t > 0.0), CROSSING_EASE, AHEAD - lag_s / tick_s)
+    weight = np.where(np.abs(t) < FREE_TICKS * tick_s, FREE_WEIGHT, 1.0) / math.sqrt(fine)
+    return _taps(weight[:, None] * matrix, weight * (t > 0.0), CROSSING_SMOOTHING, LEAD_TICKS - lag_s / tick_s)
 
 
 @lru_cache(maxsize=128)
 def crossing_path(lag_s: float, tick_s: float) -> tuple[float, ...]:
-    """Path of the crossing spool, from -1 to 1, PATH_FINE samples a tick from PATH_BEFORE ticks before the jump on."""
+    """Path of the crossing spool, from -1 to 1, PATH_FINE samples a tick, from PATH_BEFORE ticks before the step on."""
     t = (np.arange(-PATH_BEFORE * PATH_FINE, PATH_AFTER * PATH_FINE) + 0.5) * tick_s / PATH_FINE
-    return tuple(float(x) for x in 2.0 * _steps(t, lag_s, tick_s) @ crossing(lag_s, tick_s) - 1.0)
+    return tuple(float(x) for x in 2.0 * _steps(t, lag_s, tick_s) @ crossing_lead(lag_s, tick_s) - 1.0)
 
 
-def kept_back(path: tuple[float, ...], share: float, slope_V: float, half_V: float) -> tuple[float, float]:
-    """What the overlap keeps back while it is crossed, before and after the reversal, as volts of one tick.
+def blocked_flow(path: tuple[float, ...], share: float, slope_V: float, half_V: float) -> tuple[float, float]:
+    """Flow that the overlap blocks while the spool crosses it, before and after the reversal, as volts of one tick.
 
-    path: of the crossing; share: of its tick that lies before the reversal (0 .. 1): so much of the jump comes a tick
-    later; slope_V: volts by which the wanted flow grows in a tick, half_V: half dead band. Signed like the slope.
+    path: of the crossing; share: of its tick that lies before the reversal (0 .. 1): so much of the step comes a tick
+    later; slope_V: volts by which the demanded flow grows in a tick; half_V: half dead band. Signed like the slope.
     """
     before = after = 0.0
     for i in range(PATH_FINE, len(path)):
         time = (i + 0.5) / PATH_FINE - PATH_BEFORE - share
-        wanted = slope_V * time
-        spool = wanted + half_V * (path[i] + share * (path[i - PATH_FINE] - path[i]))
+        demanded = slope_V * time
+        spool = demanded + half_V * (path[i] + share * (path[i - PATH_FINE] - path[i]))
         through = spool - half_V if spool > half_V else (spool + half_V if spool < -half_V else 0.0)
         if time < 0.0:
-            before += wanted - through
+            before += demanded - through
         else:
-            after += wanted - through
+            after += demanded - through
     return before / PATH_FINE, after / PATH_FINE
 
 
 @lru_cache(maxsize=128)
-def damping_taps(lag_s: float, tick_s: float, low_Hz: float, high_Hz: float, count: int) -> tuple[float, ...]:
-    """Taps (count,) on the newest pressures so that the flow through the lagging valve opposes the pressure in its
-    swing.
+def damping_filter(lag_s: float, tick_s: float, low_Hz: float, high_Hz: float, count: int) -> tuple[float, ...]:
+    """Taps (count,) on the newest pressures: the flow through the lagging valve opposes the pressure's oscillation.
 
-    Least squares in frequency: taps times the valve's response is to be 1 between `low_Hz` and `high_Hz`, small
-    above and 0 at rest (the taps sum to zero).
+    Least squares in frequency: taps times the valve's response is to be 1 between `low_Hz` and `high_Hz`, small above
+    and 0 at rest (the taps sum to zero).
     """
     nyquist = 0.5 / tick_s
     f = np.concatenate([np.linspace(low_Hz, high_Hz, 40), np.linspace(1.6 * high_Hz, nyquist, 30)])
-    wanted = np.where(f <= high_Hz, 1.0, 0.0)
+    demanded = np.where(f <= high_Hz, 1.0, 0.0)
     weight = np.where(f <= high_Hz, 1.0, 0.15)
     w = 2 * math.pi * f
     spool = 1.0 / (1 + 1j * w * lag_s - (w * lag_s / (2 * SPOOL_DAMPING)) ** 2) if lag_s > 0 else np.ones_like(w) + 0j
     valve = spool * np.exp(-0.5j * w * tick_s) * np.sinc(f * tick_s)
     delays = np.exp(-1j * np.outer(w, np.arange(count)) * tick_s)
     matrix = (weight * valve)[:, None] * delays
-    target = weight * wanted
+    target = weight * demanded
     rows = [matrix.real, matrix.imag, 1e2 * np.ones((1, count)), 0.03 * np.eye(count)]
     right = [target, np.zeros_like(target), np.zeros(1), np.zeros(count)]
     taps = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]

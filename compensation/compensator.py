@@ -1,13 +1,12 @@
-"""What a compensator is: what it is given at each tick, what it may know, what it hands back.
+"""What a compensator is: what it is given at each tick, what it may know, what it returns.
 
-The motion computer of the report closes a position loop per actuator, ``u = Kp (setpoint - position)``. A
-compensator adds volts to that, ``u_valve = saturate(u + u_c)``, so that the valve's non-linearity and the friction
-are not felt on the platform. It runs at the rate of the motion computer (500 Hz) and knows only what a motion
-computer knows: setpoints and their preview, transducers, its own output and a data sheet.
+The motion computer closes a position loop per actuator, ``u = Kp (setpoint - position)``. A compensator adds volts to
+that, ``u_valve = saturate(u + u_c)``, so that the valve's non-linearity and the friction are not felt on the platform.
+It runs at the rate of the motion computer (500 Hz). It knows only what a motion computer knows: setpoints and their
+preview, transducers, its own output and a data sheet.
 
-A compensator's instance holds its configuration and nothing else; what it learns lives in the state that `start`
-makes and `step` hands on, so that one instance may serve six actuators. A state may be updated in place, but its
-caller owns it.
+A compensator's instance holds its configuration and nothing else. What it learns lives in the state that `start` makes
+and `step` returns, so that one instance may serve six actuators. A state may be updated in place; its caller owns it.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import abc
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -25,16 +24,28 @@ Parameters = dict[str, Any]  # numbers, lists of numbers, strings: what JSON and
 
 @dataclass(slots=True)
 class Sample:
-    """What the motion computer has at one tick, for one actuator. Plain floats, but for the preview."""
+    """What the motion computer has at one tick, for one actuator.
+
+    Scalars of any kind, numpy's too, become floats: an algorithm computes in double precision whoever calls it.
+    """
 
     time_s: float
-    setpoint_m: float  # wanted piston position, 0 at full retraction
+    setpoint_m: float  # demanded piston position, 0 at full retraction
     preview_m: np.ndarray  # (n,) setpoints of this tick and the next n - 1 ticks, n = 1 + round(preview_s * rate)
     position_m: float  # measured, with noise and quantisation
-    control_V: float  # what the position loop asks now, Kp (setpoint - position)
+    control_V: float  # output of the position loop at this tick, Kp (setpoint - position)
     valve_V: float  # total sent to the valve at the previous tick, after saturation
     pressure_bottom_Pa: float  # measured, P1 of the report
     pressure_supply_Pa: float  # measured, Ps
+
+    def __post_init__(self) -> None:
+        self.time_s = float(self.time_s)
+        self.setpoint_m = float(self.setpoint_m)
+        self.position_m = float(self.position_m)
+        self.control_V = float(self.control_V)
+        self.valve_V = float(self.valve_V)
+        self.pressure_bottom_Pa = float(self.pressure_bottom_Pa)
+        self.pressure_supply_Pa = float(self.pressure_supply_Pa)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +93,7 @@ class Context:
 
     @cached_property
     def area_ratio(self) -> float:
-        """A2 / A1: what of the supply pressure, on the rod's side, the bottom pressure carries."""
+        """A2 / A1: the share of the supply pressure, which acts on the rod side, that the bottom pressure balances."""
         return self.area_top_m2 / self.area_bottom_m2
 
     @cached_property
@@ -91,7 +102,7 @@ class Context:
         return self.pipeline_volume_m3 / self.area_bottom_m2
 
     def compliance_m_Pa(self, position_m: float) -> float:
-        """Travel that the oil below the piston is squeezed by, per pressure: V / (E A1) (Eq. 3.7)."""
+        """Travel by which the oil below the piston is compressed, per pressure: V / (E A1) (Eq. 3.7)."""
         return (position_m + self.pipeline_length_m) / self.bulk_modulus_Pa
 
 
@@ -100,10 +111,15 @@ class Compensator(abc.ABC):
 
     The contract, which tests/compensation/test_contract.py holds every registered algorithm to: the volts are finite
     whatever the sample holds, bounded by the voltage range, zero at first and faded in; parameters survive JSON.
+
+    A subclass in a module of this package is listed by its `name` with no further entry anywhere. The first paragraph
+    of its docstring is its description in lists.
     """
 
     name: str = ""
     preview_s: float = 0.0
+    variants: ClassVar[dict[str, dict[str, Any]]] = {}  # further names, each with its configuration
+    place: ClassVar[int] = 100  # in lists, the lowest first
 
     @abc.abstractmethod
     def start(self, context: Context) -> Any:
@@ -122,8 +138,15 @@ class Compensator(abc.ABC):
         """A state that starts with what was learned before."""
 
     def status(self, state: Any) -> str:
-        """Empty, or a sentence for the log, such as why it fell back to plain control."""
+        """Empty, or a sentence for the log, such as why plain control acts alone."""
         return ""
+
+    @property
+    def description(self) -> str:
+        """One or two sentences for lists: what the algorithm is, and how a variant is configured."""
+        text = " ".join((type(self).__doc__ or "").split("\n\n")[0].split())
+        settings = ", ".join(f"{key} {value}" for key, value in self.variants.get(self.name, {}).items())
+        return f"{text} ({settings})" if settings else text
 
 
 def clip(value: float, low: float, high: float) -> float:

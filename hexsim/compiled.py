@@ -27,10 +27,10 @@ def compiled(function: Callable[..., Any]) -> Any:
 @cache
 def sources_digest() -> str:
     """Digest of the files that hold compiled functions or the places of their parameters."""
-    here = Path(__file__).parent
+    package = Path(__file__).parent
     digest = hashlib.sha256()
-    for path in sorted(here.parent.rglob("*.py")):
+    for path in sorted(package.rglob("*.py")):
         source = path.read_bytes()
-        if path.parent == here or b"hydraulics.compiled" in source:
+        if path.parent == package / "hydraulics" or b"hexsim.compiled" in source:
             digest.update(source)
     return digest.hexdigest()

@@ -1,0 +1,19 @@
+"""Adaptive compensation: identified valve and friction, feed-forward, pressure damping, bumpless transfer.
+
+| file | what it holds |
+|---|---|
+| `adaptive` | the algorithm: one control tick from sample to volts |
+| `state` | what is carried from tick to tick, and the settings of the engagement |
+| `engagement` | transfer between plain control and compensation, as a table of phases |
+| `monitor` | performance monitor: is a reversal worse than plain control's? |
+| `reference` | motion asked for while the feed-forward comes in |
+| `valve`, `edge_rounding` | identification of the valve: gain, dead band, lag, backlash; rounding of its edges |
+| `friction`, `stribeck` | identification of load and friction from pressure |
+| `spool`, `inverse` | lead for the spool's lag; inverse of the valve |
+| `recursive_least_squares` | the estimator that all identification uses |
+"""
+
+from .adaptive import Adaptive
+from .state import AdaptiveState
+
+__all__ = ["Adaptive", "AdaptiveState"]

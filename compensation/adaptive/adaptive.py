@@ -1,0 +1,280 @@
+"""The adaptive algorithm: feed-forward through the inverse of an identified valve, with identified friction.
+
+At each tick, for the tick boundary PREVIEW_TICKS ahead:
+
+    y_m                                      reference (reference.py): the setpoint r, once the feed-forward is all in
+    P_m = p(y_m', y_m'') + step + Stribeck   pressure that motion needs, its step at a reversal spread over some ms
+    z_m = y_m + V P_m / (E A1)               oil displacement that gives both, Eq. 3.7
+    x_m = g^-1(z_m' ; dp)                    spool position that lets this oil through: inverse of the valve
+    u   = lead(x_m) - Kp (r - y_m) - D (P1 - P_m) + backlash inverse
+
+The lead undoes the spool's lag; the dead-band compensation has a lead of its own (inverse.py, spool.py). The position
+loop's own volts are taken off while y_m lags the setpoint. D lets oil out while the pressure oscillates above the
+demand, which damps the hydraulic resonance. The backlash inverse acts on the side the volts move to. All that is
+identified is bounded, acts only once its standard error is small, and comes in slowly.
+
+docs/compensation_derivation.md derives it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from math import hypot, sqrt
+from operator import mul
+
+from ..compensator import Compensator, Context, Parameters, Sample, clip
+from .engagement import update_engagement
+from .friction import FrictionEstimator, stribeck_share
+from .inverse import ValveInverse
+from .monitor import PerformanceMonitor
+from .reference import Reference
+from .spool import LEAD_TICKS, PREVIEW_TICKS, crossing_lead, damping_filter, lead, round_lag
+from .state import AdaptiveState, Demand, Engagement, EngagementSettings
+from .valve import ValveEstimator
+
+BACKLASH_WIDTH_V = 1e-3  # smoothing width of the backlash inverse: half of the travel from one side to the other
+SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
+DEVIATION_SHARE = 0.06  # low-pass of the pressure's deviation from the demand, a tick
+PRESSURE_MEAN_S = 0.2  # time constant of the pressures that the gain of plain control is computed with
+LAG_TOLERANCE_S = 2e-5  # change of the lag from which the taps are designed anew
+MIN_DROP_SHARE = 0.02  # of the reference drop: lower bound of a pressure drop
+DAMPING_RECOVERY_S, DAMPING_DECAY = 5.0, 0.98  # of the damping gain; the decay a tick, above half of its bound
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adaptive(Compensator):
+    """Identifies valve, friction and spool lag while the machine moves, and feeds forward through their inverse.
+
+    The algorithm to use when nothing is known of the motion. Needs 20 ms of preview.
+
+    Feed-forward. lead_smoothing: higher values make the lead softer, slower and kinder to the valve. step_min_s,
+    step_max_s, jerk_m_s3: the pressure's step at a reversal is spread over the time that gives the load this jerk,
+    within these bounds; lower jerk protects a light load, whose resonance is high. presliding_m_s: velocity within
+    which friction reverses.
+
+    Damping. damping_1_s: share of a pressure oscillation let out a second, between damping_low_Hz and damping_high_Hz,
+    by an FIR filter of damping_count taps. damping_max_V: bound of its volts; the gain falls as they come near.
+
+    Identification. window_s: length of a window; min_speed_m_s: mean speed from which a window counts; memory_windows:
+    windows after which old data weigh 1/e. learn: False uses restored parameters as they are.
+
+    Engagement (engagement.py). min_excitation_m_s2: reversal acceleration from which it engages.
+    max_stability_limit_m_s2: it never disengages from motions with a higher one. engage_s, feed_forward_s,
+    disengage_s: longest ramp, and times of the feed-forward; higher values make the transfer slower and smoother.
+    """
+
+    name: str = "adaptive"
+    place = 4
+    preview_s: float = 0.020
+    reference_drop_Pa: float = 3.5e6
+    lead_smoothing: float = 1e-4
+    step_min_s: float = 3e-3
+    step_max_s: float = 8e-3
+    jerk_m_s3: float = 1300.0
+    presliding_m_s: float = 3e-4
+    damping_1_s: float = 80.0
+    damping_count: int = 7
+    damping_low_Hz: float = 15.0
+    damping_high_Hz: float = 65.0
+    damping_max_V: float = 0.2
+    window_s: float = 0.032
+    min_speed_m_s: float = 3e-3
+    memory_windows: float = 200.0
+    engage_s: float = 1.0
+    feed_forward_s: float = 4.0
+    disengage_s: float = 1.5
+    max_stability_limit_m_s2: float = 0.03
+    min_excitation_m_s2: float = 0.04
+    learn: bool = True
+
+    def start(self, context: Context) -> AdaptiveState:
+        tick, window = context.tick_s, max(4, round(self.window_s * context.rate_Hz))
+        valve = ValveEstimator(context, window, self.min_speed_m_s, round(0.02 * context.rate_Hz), self.memory_windows)
+        friction = FrictionEstimator(context, window, self.min_speed_m_s, self.memory_windows)
+        noise_m = hypot(context.position_noise_m, context.position_resolution_m / sqrt(12.0))
+        settings = EngagementSettings(
+            engage_s=self.engage_s,
+            feed_forward_s=self.feed_forward_s,
+            disengage_s=self.disengage_s,
+            min_excitation_m_s2=self.min_excitation_m_s2,
+            max_stability_limit_m_s2=self.max_stability_limit_m_s2,
+            damping_1_s=self.damping_1_s,
+            damping_high_Hz=self.damping_high_Hz,
+        )
+        engagement = Engagement(settings, PerformanceMonitor(tick, noise_m))
+        state = AdaptiveState(context, valve, friction, Reference(tick), ValveInverse(tick), engagement)
+        state.demands = deque([Demand(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * PREVIEW_TICKS, PREVIEW_TICKS + 1)
+        state.deviation_Pa = deque([0.0] * self.damping_count, self.damping_count)
+        self._design(state, 0.0)
+        return state
+
+    def _design(self, state: AdaptiveState, lag_s: float) -> None:
+        tick = state.context.tick_s
+        state.lag_s = lag_s
+        state.lead_taps = lead(lag_s, tick, self.lead_smoothing)
+        state.crossing_taps = crossing_lead(lag_s, tick)
+        state.damping_taps = damping_filter(lag_s, tick, self.damping_low_Hz, self.damping_high_Hz, self.damping_count)
+
+    def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
+        context, reference = state.context, state.reference
+        item = sample.preview_m.item
+        behind, here, ahead = item(PREVIEW_TICKS - 1), item(PREVIEW_TICKS), item(PREVIEW_TICKS + 1)
+        self._track_plain_control(state, sample)
+        reference.advance(behind, here, ahead)
+
+        compliance = context.compliance_m_Pa(reference.position_m)
+        demand = self._demand(state, compliance)
+        state.demands.append(demand)
+        now = state.demands.popleft()
+        load = sample.pressure_bottom_Pa - sample.pressure_supply_Pa * context.area_ratio
+        deviation = load - now.pressure_Pa
+        state.deviation_Pa.appendleft(deviation)
+        state.mean_deviation_Pa += DEVIATION_SHARE * (deviation - state.mean_deviation_Pa)
+
+        bottom = demand.pressure_Pa + state.mean_deviation_Pa + state.supply_Pa * context.area_ratio
+        roots = self._roots(state, state.supply_Pa, bottom)
+        flow, dead_band = state.inverse.advance(demand.oil_m, roots, state.valve.edges, state.trim, state.lag_s)
+        state.flow_V.appendleft(flow)
+        state.dead_band_V.appendleft(dead_band)
+
+        u = self.extra(state, sample)
+        if state.engagement.ramp > 0.0:
+            u += sum(map(mul, state.lead_taps, state.flow_V)) + sum(map(mul, state.crossing_taps, state.dead_band_V))
+            u += self._backlash_inverse(state, u) - context.position_gain_V_per_m * now.lag_m
+            u -= self._damping(state, compliance, roots)
+        if self.learn:
+            self._identify(state, sample, load, now)
+            self._identify_stribeck(state, sample, deviation, now)
+        setpoint_m_s2 = (ahead - 2 * here + behind) / (context.tick_s * context.tick_s)
+        update_engagement(state, setpoint_m_s2, sample, now.lag_m)
+        limit = context.voltage_max_V
+        return state.engagement.weight * clip(u, -limit, limit), state
+
+    def extra(self, state: AdaptiveState, sample: Sample) -> float:
+        """Volts that a derived algorithm adds."""
+        return 0.0
+
+    def _track_plain_control(self, state: AdaptiveState, sample: Sample) -> None:
+        """Loop gain and dead band of plain control, for the reference.
+
+        Pressures are low-passed: the reference is differentiated, and must not answer to noise or to itself.
+        """
+        context, reference = state.context, state.reference
+        bottom, supply = sample.pressure_bottom_Pa, sample.pressure_supply_Pa
+        if state.mean_bottom_Pa == 0.0:
+            state.mean_bottom_Pa, state.supply_Pa, state.mean_supply_Pa = bottom, supply, supply
+        state.supply_Pa += SUPPLY_SHARE * (supply - state.supply_Pa)
+        if reference.feed_forward == 1.0:
+            return
+        share = context.tick_s / PRESSURE_MEAN_S
+        state.mean_bottom_Pa += share * (bottom - state.mean_bottom_Pa)
+        state.mean_supply_Pa += share * (supply - state.mean_supply_Pa)
+        (down, up), roots = state.valve.edges, self._roots(state, state.mean_supply_Pa, state.mean_bottom_Pa)
+        kp = context.position_gain_V_per_m
+        reference.loop_1_s = (kp * down.gain_m_s_V * roots[0], kp * up.gain_m_s_V * roots[1])
+        reference.dead_band_m = (down.dead_band_V / kp, up.dead_band_V / kp)
+
+    def _demand(self, state: AdaptiveState, compliance_m_Pa: float) -> Demand:
+        """What the reference needs at the boundary it stands at: pressure, and oil displacement."""
+        reference = state.reference
+        pressure, share = self._demanded_pressure(state)
+        oil = reference.position_m + compliance_m_Pa * pressure
+        return Demand(pressure, share, reference.acceleration_m_s2, reference.lag_m, oil, reference.velocity_m_s)
+
+    def _demanded_pressure(self, state: AdaptiveState) -> tuple[float, float]:
+        """P1 - Ps A2/A1 [Pa] that the reference needs, and the signed share of the Stribeck pressure in it."""
+        reference, friction, weight = state.reference, state.friction, state.engagement.friction_share
+        if weight == 0.0:
+            return 0.0, 0.0
+        v, a = reference.velocity_m_s, reference.acceleration_m_s2
+        sign = 1.0 if v > 0.0 else -1.0
+        if abs(v) < abs(a) * self.step_max_s + self.presliding_m_s:
+            width = clip(friction.step_acceleration_m_s2() / self.jerk_m_s3, self.step_min_s, self.step_max_s)
+            x = v / (abs(a) * width + self.presliding_m_s)
+            if -1.0 < x < 1.0:
+                sign = x * (2.0 - abs(x))
+        share = sign * stribeck_share(v)
+        step = sign * friction.half_step_Pa + share * friction.stribeck.pressure_Pa
+        return weight * (friction.smooth_Pa(reference.position_m, v, a) + step), share
+
+    def _roots(self, state: AdaptiveState, supply_Pa: float, bottom_Pa: float) -> tuple[float, float]:
+        """sqrt(dp / dp_ref) of the edge to tank and of the edge from the supply."""
+        return self._root(bottom_Pa - state.context.tank_pressure_Pa), self._root(supply_Pa - bottom_Pa)
+
+    def _root(self, drop_Pa: float) -> float:
+        """sqrt(dp / dp_ref) of an edge."""
+        share = drop_Pa / self.reference_drop_Pa
+        return sqrt(share if share > MIN_DROP_SHARE else MIN_DROP_SHARE)
+
+    def _damping(self, state: AdaptiveState, compliance_m_Pa: float, roots: tuple[float, float]) -> float:
+        """Volts that let oil out while the pressure oscillates above the demand."""
+        up = 1 if state.flow_V[LEAD_TICKS] > 0 else 0
+        gain = state.valve.edges[up].gain_m_s_V * roots[up]
+        oscillation = sum(map(mul, state.damping_taps, state.deviation_Pa))
+        u = state.damping_gain * self.damping_1_s * compliance_m_Pa * oscillation / gain
+        limit = self.damping_max_V
+        if -0.5 * limit < u < 0.5 * limit:
+            state.damping_gain += (1.0 - state.damping_gain) * state.context.tick_s / DAMPING_RECOVERY_S
+        else:
+            state.damping_gain *= DAMPING_DECAY
+        return clip(u, -limit, limit)
+
+    def _backlash_inverse(self, state: AdaptiveState, volts: float) -> float:
+        """Volts that cross the valve's backlash, to the side that the volts fed forward have moved to."""
+        held = clip(state.backlash_input_V, volts - BACKLASH_WIDTH_V, volts + BACKLASH_WIDTH_V)
+        state.backlash_input_V = held
+        return state.valve.edge(volts).backlash_V * (volts - held) / BACKLASH_WIDTH_V
+
+    def _identify(self, state: AdaptiveState, sample: Sample, load_Pa: float, now: Demand) -> None:
+        """One tick of valve, edge rounding and friction; the taps are designed anew when the lag has moved."""
+        valve, p, compensated = sample.valve_V, sample.pressure_bottom_Pa, state.engagement.ramp == 1.0
+        mean = 0.5 * (p + state.last_bottom_Pa)
+        root = self._root(sample.pressure_supply_Pa - mean if valve > 0 else mean - state.context.tank_pressure_Pa)
+        state.last_bottom_Pa = p
+        z = sample.position_m + state.context.compliance_m_Pa(sample.position_m) * p
+        state.valve.add(z, valve, root)
+        state.oil_error_m.append(z - now.oil_m)
+        if compensated:
+            state.trim.add(state.oil_error_m, now.velocity_m_s, 0.5 * state.valve.edges[0].dead_band_V)
+        if state.valve.usable:
+            if state.engagement.ramp > 0.0:
+                state.rounding.ticks = 0
+            elif state.rounding.add(z, valve, root, state.valve):
+                state.trim.rounding_V = state.rounding.lower_bound_V
+            state.friction.add(sample.position_m, load_Pa, now.acceleration_m_s2)
+        if abs(state.valve.lag_s - state.lag_s) > LAG_TOLERANCE_S and state.valve.ready:
+            self._design(state, round_lag(state.valve.lag_s))
+
+    def _identify_stribeck(self, state: AdaptiveState, sample: Sample, deviation_Pa: float, now: Demand) -> None:
+        friction = state.friction
+        position_error = sample.position_m - sample.setpoint_m + now.lag_m
+        complete = friction.stribeck.add(now.velocity_m_s, deviation_Pa, position_error, now.stribeck_share)
+        if complete and state.engagement.ramp == 1.0:
+            friction.stribeck.update(1e6 * friction.fit.theta[1], 2.0 * friction.half_step_Pa)
+
+    def status(self, state: AdaptiveState) -> str:
+        """A sentence while plain control acts because of what reversals or the valve have done."""
+        if state.engagement.lockout_s > 0.0:
+            return "reversals became worse than plain control's: plain control for a while"
+        rejected = any(edge.rejections and not edge.ready for edge in state.valve.edges)
+        return (
+            "the valve no longer follows what was learned: plain control while it is learned anew" if rejected else ""
+        )
+
+    def parameters(self, state: AdaptiveState) -> Parameters:
+        return {
+            "flow": state.valve.parameters(),
+            "rounding_V": state.trim.rounding_V,
+            "friction": state.friction.parameters(),
+        }
+
+    def restore(self, context: Context, parameters: Parameters) -> AdaptiveState:
+        state = self.start(context)
+        state.valve.restore(parameters["flow"])
+        state.friction.restore(parameters["friction"])
+        state.trim.rounding_V = float(parameters["rounding_V"])
+        state.rounding.restore(state.trim.rounding_V)
+        if state.valve.ready:
+            self._design(state, round_lag(state.valve.lag_s))
+        return state

@@ -1,0 +1,208 @@
+"""Bumpless transfer between plain control and compensation: when to engage and disengage, and how.
+
+Two quantities move: the ramp (0 plain control, 1 compensated), which weighs all volts added, and the share g of the
+feed-forward in the reference (reference.py). Phases and transitions:
+
+| phase | entered when | ramp | feed-forward g |
+|---|---|---|---|
+| PLAIN | ramp = 0 | 0 | 0 |
+| ENGAGING | from PLAIN: excited, in the engage window, all checks passed | up, within a half stroke | 0 |
+| COMPENSATED | ramp = 1 and excited | 1 | up to 1 in `feed_forward_s` |
+| FEED_FORWARD_OUT | ramp = 1 and no longer excited | 1 | down to 0 in `disengage_s` |
+| DISENGAGING | g = 0, after a reversal or at rest | down, within a half stroke | 0 |
+| TRIPPED | valve no longer identified, or lockout by the monitor | down in `engage_s` / 4 | held, 0 at the end |
+
+On entry to ENGAGING the reference joins the piston, so that the volts begin without a step. ENGAGING and DISENGAGING
+change into each other while the ramp moves, as the excitation comes and goes.
+
+Excited: the acceleration of the setpoint at reversals exceeds max(`min_excitation_m_s2`, 1.3 x stability limit), until
+it falls below the stability limit. The limit is the reversal acceleration below which the hydraulic resonance of a
+light load grows too much, as friction falls with speed.
+
+Checks before engaging: valve and friction identified; excited at the last reversal; the overlap closes the valve for
+less than a quarter of the half stroke; the performance monitor has a baseline; both edges agree on the spool's lag;
+the reversals of plain control are explained by the identified valve (edge_rounding.py).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from ..compensator import Sample, clip
+from .spool import LEAD_TICKS
+from .state import AT_REST_M_S2, AdaptiveState, Engagement, Phase
+
+EXCITATION_MEMORY_S = 10.0  # time constant with which the recent peak of the excitation decays
+STABILITY_SPEED_M_S = 1.2e-3  # stability limit [m/s2] over growth rate of the hydraulic resonance [1/s]
+ENABLE_RATIO = 1.3  # enable/disable hysteresis ratio of the excitation
+MAX_CLOSED_SHARE = 0.25  # of a half stroke; with more, plain control's motion is not the reference's
+LOCKOUT_S, LOCKOUT_RATIO = 4.0, 4.0  # after the first trip, and how many times longer after each further one
+REVERSALS_TO_FORGIVE = 20  # good ones, after which one trip is forgotten
+MIN_OPEN_S = 0.08  # time the valve has been open under plain control before engaging
+TRIP_SPEED = 4.0  # of the ramp when tripped, over that of engaging
+
+
+def update_engagement(state: AdaptiveState, setpoint_m_s2: float, sample: Sample, lag_m: float) -> None:
+    """One tick of the transfer.
+
+    setpoint_m_s2: acceleration of the setpoint, PREVIEW_TICKS ahead; lag_m: setpoint less reference now.
+    """
+    engagement, reference, settings = state.engagement, state.reference, state.engagement.settings
+    tick = state.context.tick_s
+    engagement.monitor.add(sample.position_m)
+    if engagement.ramp == 0.0:
+        _track_valve(state, sample.control_V)
+    _track_reversals(state, reference.velocity_m_s)
+    _track_excitation(state, setpoint_m_s2)
+
+    identified, step = state.valve.ready, tick / settings.engage_s
+    friction_target = 1.0 if identified and state.friction.ready else 0.0
+    if friction_target != engagement.friction_share:
+        engagement.friction_share += clip(friction_target - engagement.friction_share, -step, step)
+    if engagement.lockout_s > 0.0:
+        engagement.lockout_s -= tick
+
+    phase = engagement.phase = _next_phase(state, identified)
+    if phase is Phase.TRIPPED:
+        engagement.ramp = max(0.0, engagement.ramp - TRIP_SPEED * step)
+    elif phase is Phase.ENGAGING:
+        if engagement.ramp == 0.0:
+            _join(state, sample.setpoint_m - sample.position_m - lag_m)
+        engagement.ramp = min(1.0, engagement.ramp + engagement.ramp_step)
+    elif phase is Phase.DISENGAGING:
+        engagement.ramp = max(0.0, engagement.ramp - engagement.ramp_step)
+
+    if engagement.ramp == 0.0:
+        reference.feed_forward = 0.0
+    elif engagement.ramp == 1.0:
+        change = tick / settings.feed_forward_s if identified and engagement.excited else -tick / settings.disengage_s
+        reference.feed_forward = clip(reference.feed_forward + change, 0.0, 1.0)
+    # until the feed-forward is all in, too small a dead-band compensation is safer than too large a one
+    transfer = engagement.ramp > 0.0 and reference.feed_forward < 1.0
+    state.trim.minimum_V = (1.0 - reference.feed_forward) * state.rounding.upper_bound_V if transfer else 0.0
+
+
+def _next_phase(state: AdaptiveState, identified: bool) -> Phase:
+    """The table's second column."""
+    engagement = state.engagement
+    if not identified or engagement.lockout_s > 0.0:
+        return Phase.TRIPPED if engagement.ramp > 0.0 else Phase.PLAIN
+    if engagement.ramp == 0.0:
+        allowed = engagement.excited and engagement.friction_share == 1.0 and engagement.engage_window
+        return Phase.ENGAGING if allowed and _checks_passed(state) else Phase.PLAIN
+    if engagement.ramp < 1.0:
+        return Phase.ENGAGING if engagement.excited else Phase.DISENGAGING
+    if engagement.excited:
+        return Phase.COMPENSATED
+    at_rest = abs(engagement.acceleration_m_s2) < AT_REST_M_S2
+    may_leave = state.reference.feed_forward == 0.0 and (engagement.after_reversal or at_rest)
+    return Phase.DISENGAGING if may_leave else Phase.FEED_FORWARD_OUT
+
+
+def _checks_passed(state: AdaptiveState) -> bool:
+    """Whether the motion is fit for compensation and the identified valve explains plain control's reversals."""
+    engagement = state.engagement
+    return (
+        _above_enable_threshold(engagement)
+        and engagement.closed_ticks < MAX_CLOSED_SHARE * engagement.half_ticks
+        and engagement.monitor.ready
+        and state.valve.lags_agree
+        and state.rounding.explains_reversals
+    )
+
+
+def _join(state: AdaptiveState, behind_m: float) -> None:
+    """Shift the reference, and the demands already made for the ticks ahead, to where the piston is."""
+    state.reference.lag_m += behind_m
+    state.inverse.oil_m -= behind_m
+    joined = [d._replace(lag_m=d.lag_m + behind_m, oil_m=d.oil_m - behind_m) for d in state.demands]
+    state.demands = deque(joined, state.demands.maxlen)
+
+
+def _track_excitation(state: AdaptiveState, setpoint_m_s2: float) -> None:
+    """The recent peak of the setpoint's acceleration, renewed at each reversal, with enable/disable hysteresis."""
+    engagement = state.engagement
+    engagement.acceleration_m_s2 += 0.1 * (setpoint_m_s2 - engagement.acceleration_m_s2)
+    size = abs(engagement.acceleration_m_s2)
+    if size > engagement.peak_m_s2:
+        engagement.peak_m_s2 = size
+    faded = engagement.excitation_m_s2 * (1 - state.context.tick_s / EXCITATION_MEMORY_S)
+    engagement.excitation_m_s2 = size if size > faded else faded
+    if engagement.after_reversal:
+        engagement.excitation_m_s2 = engagement.reversal_m_s2 = engagement.peak_m_s2
+        engagement.peak_m_s2 = 0.0
+        engagement.stability_limit_m_s2 = _stability_limit_m_s2(state)
+    if engagement.excitation_m_s2 < engagement.stability_limit_m_s2:
+        engagement.excited = False
+    elif _above_enable_threshold(engagement):
+        engagement.excited = True
+
+
+def _above_enable_threshold(engagement: Engagement) -> bool:
+    enable, least = ENABLE_RATIO * engagement.stability_limit_m_s2, engagement.settings.min_excitation_m_s2
+    return engagement.excitation_m_s2 > (enable if enable > least else least)
+
+
+def _stability_limit_m_s2(state: AdaptiveState) -> float:
+    """Acceleration of a reversal below which compensation leaves it alone.
+
+    Near rest friction falls with speed faster than viscous friction rises. The hydraulic resonance then grows, at a
+    rate that is high for a light load. The pressure damping takes its own rate off, as far as the resonance lies in
+    its band.
+    """
+    context, friction, settings = state.context, state.friction, state.engagement.settings
+    inertia = friction.inertia_Pa()
+    compliance = context.compliance_m_Pa(0.5 * context.stroke_m)
+    over_band = 2 * math.pi * settings.damping_high_Hz * math.sqrt(compliance * inertia)
+    growth = friction.resonance_growth_1_s() - 0.5 * settings.damping_1_s * min(1.0, over_band**4)
+    return clip(STABILITY_SPEED_M_S * growth, AT_REST_M_S2, settings.max_stability_limit_m_s2)
+
+
+def _judge_reversal(engagement: Engagement, extending: bool) -> None:
+    """A compensated reversal worse than the baseline trips, with a longer lockout each time."""
+    if engagement.monitor.worse_than_baseline(extending, engagement.reversal_m_s2, engagement.ramp):
+        engagement.lockout_s = LOCKOUT_S * LOCKOUT_RATIO**engagement.trips
+        engagement.trips, engagement.good_reversals = engagement.trips + 1, 0
+    elif engagement.ramp == 1.0:
+        engagement.good_reversals += 1
+        if engagement.good_reversals == REVERSALS_TO_FORGIVE:
+            engagement.trips, engagement.good_reversals = max(0, engagement.trips - 1), 0
+
+
+def _track_valve(state: AdaptiveState, control_V: float) -> None:
+    """For how long plain control has held the valve open, and how long the overlap closed it before.
+
+    A wide overlap keeps the valve closed for much of a small motion.
+    """
+    engagement, edge = state.engagement, state.valve.edge(control_V)
+    if abs(control_V) > edge.dead_band_V + edge.backlash_V:
+        engagement.open_ticks += 1
+    elif engagement.open_ticks:
+        engagement.open_ticks, engagement.closed_ticks = 0, 1
+    else:
+        engagement.closed_ticks += 1
+
+
+def _track_reversals(state: AdaptiveState, velocity_m_s: float) -> None:
+    """Reversals of the reference, and the windows between two of them.
+
+    The ramp falls wholly between two reversals. Disengaging begins a fifth into a half stroke. Engaging begins at two
+    fifths, when the oscillation that plain control's reversal excited has decayed.
+    """
+    engagement = state.engagement
+    engagement.reversal_ticks += 1
+    if velocity_m_s * engagement.direction < 0.0:
+        engagement.half_ticks, engagement.reversal_ticks = engagement.reversal_ticks, 0
+    if velocity_m_s:
+        engagement.direction = velocity_m_s
+    half, ticks = engagement.half_ticks, engagement.reversal_ticks - LEAD_TICKS
+    if half > 0 and ticks == 2 * half // 5:
+        _judge_reversal(engagement, velocity_m_s > 0.0)
+    engagement.after_reversal = half > 0 and ticks == half // 5
+    engagement.engage_window = (
+        half > 0 and 0.4 * half <= ticks <= 0.55 * half and engagement.open_ticks * state.context.tick_s > MIN_OPEN_S
+    )
+    if engagement.after_reversal:
+        longest = engagement.settings.engage_s * state.context.rate_Hz
+        engagement.ramp_step = 1.0 / clip(0.4 * half, 10.0, longest)

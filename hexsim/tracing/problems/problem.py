@@ -1,0 +1,78 @@
+"""What a fit asks of a problem: residuals of a machine over logs, in units of their noise."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any, Self
+
+import numpy as np
+
+from hexsim.declaration import Machine
+from hexsim.signals.log import MeasuredLog
+from hexsim.tracing import rules
+
+Array = np.ndarray
+
+
+class FitProblem(ABC):
+    """Logs, and how far a machine is from each. What refit, screening, selection and ties need, and nothing more.
+
+    A problem says its `residual`; the rest follows. Problems are frozen: `head` and `with_input_uncertainty` give others.
+    """
+
+    logs: tuple[MeasuredLog, ...]
+
+    @abstractmethod
+    def residual(self, machine: Machine, i: int) -> Array:
+        """(measured - model)/noise of log i, (n_channels, n_used); NaN after a divergence."""
+
+    @abstractmethod
+    def channels(self, i: int) -> list[str]:
+        """Names of the rows of the residual of log i."""
+
+    @property
+    @abstractmethod
+    def samples(self) -> int:
+        """Residuals in all."""
+
+    def settle(self, i: int) -> int:
+        """First sample of log i that counts."""
+        return 0
+
+    def head(self, duration_s: float) -> Self:
+        """The same problem about the first seconds of each log; itself when no log is longer."""
+        return self
+
+    def with_input_uncertainty(self, machine: Machine) -> Self:
+        """The problem with what no model can know because its inputs are measured; itself where nothing is simulated."""
+        return self
+
+    def misfit(self, machines: Sequence[Machine]) -> list[Array]:
+        """Residuals of many machines at once, on all cores: a log, (n_machines, n_channels, n_used)."""
+        jobs = [(machine, i) for machine in machines for i in range(len(self.logs))]
+        results = in_parallel(lambda job: self.residual(*job), jobs)
+        k = len(self.logs)
+        return [np.stack(results[i::k]) for i in range(k)]
+
+    def blocks(self, i: int) -> int:
+        """How many blocks of about a second log i has."""
+        return max(int((self.logs[i].time[-1] - self.logs[i].time[0]) / rules.BLOCK_S), 2)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the longest log."""
+        return max(log.n / log.rate for log in self.logs)
+
+
+def in_parallel(function: Callable[[Any], Any], jobs: Iterable[Any]) -> list[Any]:
+    """function(job) of every job, in their order, on all cores; compiled simulations release the interpreter."""
+    return list(_threads().map(function, jobs))
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max_workers=max(os.cpu_count() or 1, 1))
