@@ -18,8 +18,15 @@ from hexsim.signals.weak_form import Window
 Array = np.ndarray
 Kind = Literal["bench", "hexapod", "own"]
 N_LEGS: dict[str, int] = {"bench": 1, "hexapod": 6, "own": 0}
-REST_m_s = 0.015  # a leg slower than this is near a reversal: friction is stiff, or falls with speed (3 Stribeck velocities)
-ATTRIBUTES = {"volts": "valve", "pressure": "pressure_bottom", "supply": "pressure_supply", "angular": "angular_acceleration"}
+REST_m_s = (
+    0.015  # a leg slower than this is near a reversal: friction is stiff, or falls with speed (3 Stribeck velocities)
+)
+ATTRIBUTES = {
+    "volts": "valve",
+    "pressure": "pressure_bottom",
+    "supply": "pressure_supply",
+    "angular": "angular_acceleration",
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
@@ -166,7 +173,7 @@ class Log:
         return self.part(slice(0, min(int(duration_s * self.rate), self.n)))
 
 
-MeasuredLog = Log  # TODO
+MeasuredLog = Log
 
 
 def _rate_of(name: str, time: Array) -> float:
@@ -176,5 +183,5 @@ def _rate_of(name: str, time: Array) -> float:
 
 
 def measured_log(name: str, columns: pl.DataFrame, machine: Any) -> Log:
-    """TODO: Log.of_table."""
+    """`Log.of_table` for a machine."""
     return Log.of_table(name, columns, machine.machine.kind)

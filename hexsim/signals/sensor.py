@@ -1,6 +1,6 @@
 """A sensor: the signal it gives, what it measures, and the keys of the machine file that say how it errs.
 
-    measured = round((g s(t - T) + b + n) / q) q          g gain, b offset, T delay, n noise, q resolution (0 = none)
+measured = round((g s(t - T) + b + n) / q) q          g gain, b offset, T delay, n noise, q resolution (0 = none)
 """
 
 from __future__ import annotations

@@ -93,6 +93,11 @@ def measured_columns(n_legs: int) -> tuple[str, ...]:
     return tuple(name for stem in standard for name in table()[stem].columns(n_legs))
 
 
+def accelerations_of(n_legs: int) -> tuple[str, ...]:
+    """Columns of the accelerometers."""
+    return tuple(n for stem in ("acceleration", "angular_acceleration") for n in table()[stem].columns(n_legs))
+
+
 @cache
 def places() -> dict[str, tuple[Signal, int]]:
     """Column -> its signal and its place among the legs or axes, of benches and hexapods."""

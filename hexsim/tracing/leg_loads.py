@@ -8,16 +8,10 @@ from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.signals.log import Log
+from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window
 
 Array = np.ndarray
-
-
-def accelerations_of(n_legs: int) -> list[str]:
-    """Names of the accelerometer columns."""
-    if n_legs == 1:
-        return ["acceleration_m_s2"]
-    return [f"acceleration_{x}_m_s2" for x in "xyz"] + [f"angular_acceleration_{x}_rad_s2" for x in "xyz"]
 
 
 def leg_loads(log: Log, machine: Machine) -> tuple[Array, Array]:

@@ -105,7 +105,7 @@ def test_mapping_file_names_units_and_delays(table, tmp_path):
     text = foreign.write_csv(separator=";").replace(".", ",")
     (tmp_path / "log.txt").write_text(text)
     (tmp_path / "map.toml").write_text(
-        'kind = "bench"\n[columns.time]\nfrom = "t [ms]"\nunit = "ms"\n'
+        'kind = "bench"\n[columns.time_s]\nfrom = "t [ms]"\nunit = "ms"\n'
         '[columns.position_m]\nfrom = "Weg"\nunit = "inch"\n'
         '[columns.valve_V]\nfrom = "Ventil"\n[columns.pressure_bottom_Pa]\nfrom = "Druck"\nunit = "bar"\n'
         '[columns.acceleration_m_s2]\nfrom = "a"\nunit = "g"\ndelay_s = 0.012\n'
@@ -260,7 +260,7 @@ def test_own_machine_with_whitespace_and_comment_header(tmp_path):
     (tmp_path / "x.exp").write_text("# time rpm junk\n" + rows + "\n")
     (tmp_path / "map.toml").write_text(
         'kind = "own"\n[file]\nseparator = "whitespace"\ncomment = "#"\ncolumns = ["t", "n", "junk"]\n'
-        '[columns.time]\nfrom = "t"\n[columns.motor_speed_rad_s]\nfrom = "n"\nunit = "rpm"\n'
+        '[columns.time_s]\nfrom = "t"\n[columns.motor_speed_rad_s]\nfrom = "n"\nunit = "rpm"\n'
     )
     log = read_log(tmp_path / "x.exp", tmp_path / "map.toml")
     assert (log.kind, log.rate, list(log.columns)) == ("own", 50.0, ["motor_speed_rad_s"])

@@ -44,7 +44,9 @@ class MdfReader(Reader):
         for name, signal in signals.items():
             stamps, values = np.asarray(signal.timestamps, dtype=float), signal.samples.astype(float)
             if not np.array_equal(stamps, time):
-                raw.losses.append(f"channel {name} has {len(stamps)} samples, the fastest {len(time)}: linear between them")
+                raw.losses.append(
+                    f"channel {name} has {len(stamps)} samples, the fastest {len(time)}: linear between them"
+                )
                 ends = 1.5 * float(np.median(np.diff(stamps)))
                 outside = (time < stamps[0] - ends) | (time > stamps[-1] + ends)
                 values = np.interp(time, stamps, values)

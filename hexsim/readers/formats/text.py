@@ -34,7 +34,9 @@ class TextReader(Reader):
         lines = text[:65536].decode("utf-8", "replace").splitlines()
         comment = layout.comment
         start = 0
-        while start < len(lines) and (not lines[start].strip() or (comment and lines[start].lstrip().startswith(comment))):
+        while start < len(lines) and (
+            not lines[start].strip() or (comment and lines[start].lstrip().startswith(comment))
+        ):
             start += 1
         if start >= len(lines):
             raise HexsimError(f"{path} is empty: no row of data")

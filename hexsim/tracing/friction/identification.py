@@ -28,8 +28,9 @@ from hexsim.hydraulics.leg import friction_force
 from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.machine.files import changed
 from hexsim.signals.log import Log
+from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window, velocity
-from hexsim.tracing.leg_loads import accelerations_of, leg_loads
+from hexsim.tracing.leg_loads import leg_loads
 
 Array = np.ndarray
 KEYS = tuple(
