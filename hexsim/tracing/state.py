@@ -10,7 +10,7 @@ import numpy as np
 
 from hexsim.machine import Machine
 from hexsim.tracing import rules
-from hexsim.tracing.checks.checks import Finding
+from hexsim.tracing.checks.finding import Finding
 from hexsim.tracing.dependence import Dependence
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.parameters import Candidate

@@ -19,7 +19,7 @@ import tomli_w
 from hexsim.declaration import Machine
 from hexsim.machine.files import changed
 from hexsim.scenarios.scenario import scenario_from_dict
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -79,7 +79,7 @@ def scenario_tables(machine: Machine, signal: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def setpoint_log(machine: Machine, tables: dict[str, Any]) -> MeasuredLog:
+def setpoint_log(machine: Machine, tables: dict[str, Any]) -> Log:
     """An empty log with the scenario's setpoints, as a problem for the simulation."""
     scenario = scenario_from_dict(tables)
     time = np.arange(int(scenario.duration_s * RATE_Hz)) / RATE_Hz
@@ -92,8 +92,9 @@ def setpoint_log(machine: Machine, tables: dict[str, Any]) -> MeasuredLog:
         setpoint = value[:, 0][None] + machine.cylinder.stroke_m / 2
     zeros = np.zeros_like(setpoint)
     axes = np.zeros((3 if machine.is_hexapod else 1, len(time)))
-    return MeasuredLog(
+    return Log(
         name="experiment",
+        kind=machine.machine.kind,
         time=time,
         rate=RATE_Hz,
         setpoint=setpoint,

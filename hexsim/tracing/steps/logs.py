@@ -11,10 +11,12 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import find_machine_file
-from hexsim.readers import LogFile, log_files, read_log
+from hexsim.readers import log_files, read_log
 from hexsim.signals.channels import noise_of
-from hexsim.signals.log import MeasuredLog, measured_log
-from hexsim.tracing.checks.checks import Finding, check_same_machine, refuse_misleading
+from hexsim.signals.log import Log
+from hexsim.tracing.checks.checks import refuse_misleading
+from hexsim.tracing.checks.finding import Finding
+from hexsim.tracing.checks.same_machine import check_same_machine
 from hexsim.tracing.fitting.fit import start_fit
 from hexsim.tracing.fitting.parameters import priors
 from hexsim.tracing.fitting.selection import Search
@@ -22,20 +24,13 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Trace
 
 
-def read_runs(
-    folder: Path, names: Sequence[str], machine: Machine
-) -> tuple[list[MeasuredLog], dict[str, list[Finding]], list[LogFile]]:
+def read_runs(folder: Path, names: Sequence[str], machine: Machine) -> tuple[list[Log], dict[str, list[Finding]]]:
     """Read and check the named logs."""
-    logs, findings, files = [], {}, []
-    for name in names:
-        file = read_log(log_files(folder, name))
-        findings[file.name] = refuse_misleading(file, machine)
-        logs.append(measured_log(file.name, file.table, machine))
-        files.append(file)
-    return logs, findings, files
+    logs = [read_log(log_files(folder, name)) for name in names]
+    return logs, {log.name: refuse_misleading(log, machine) for log in logs}
 
 
-def feedback_of(machine: Machine, logs: Sequence[MeasuredLog], noise: dict[str, float]) -> int:
+def feedback_of(machine: Machine, logs: Sequence[Log], noise: dict[str, float]) -> int:
     """0 when the logged volts are those of the declared position loop, 1 when another controller was at work."""
     K, limit = machine.controller.gain_V_per_m, machine.valve.voltage_max_V
     for log in logs:
@@ -61,7 +56,7 @@ def refuse_same_logs(folder: Path, fit: Sequence[str], validate: Sequence[str]) 
             )
 
 
-def refuse_undriven(logs: Sequence[MeasuredLog], feedback: int) -> None:
+def refuse_undriven(logs: Sequence[Log], feedback: int) -> None:
     """A model needs the setpoints of its loop or the valve's volts."""
     for log in logs:
         if feedback == 1 and log.volts is None:
@@ -77,10 +72,10 @@ def begin(machine_folder: Path | str, fit: Sequence[str], validate: Sequence[str
         raise HexsimError("tracing needs at least one log to fit and one held-out log to validate: give both")
     folder, machine = find_machine_file(machine_folder).parent, load_machine(machine_folder)
     refuse_same_logs(folder, fit, validate)
-    fit_logs, findings, files = read_runs(folder, fit, machine)
-    held_out_logs, more, held_out_files = read_runs(folder, validate, machine)
+    fit_logs, findings = read_runs(folder, fit, machine)
+    held_out_logs, more = read_runs(folder, validate, machine)
     findings |= more
-    findings["all logs"] = check_same_machine([*files, *held_out_files], machine)
+    findings["all logs"] = check_same_machine([*fit_logs, *held_out_logs], machine)
     noise = noise_of(machine, fit_logs)
     feedback = feedback_of(machine, [*fit_logs, *held_out_logs], noise)
     refuse_undriven([*fit_logs, *held_out_logs], feedback)

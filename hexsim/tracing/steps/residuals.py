@@ -15,7 +15,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.signals.channels import SETTLE_S, noise_of
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance
@@ -48,7 +48,7 @@ LATE_SAMPLES = 2
 PLAY_NOISE = (7.0, 28.0)  # half widths of play in the position, in units of its noise
 
 
-def signals_of(log: MeasuredLog, machine: Machine, place: str) -> tuple[dict[str, Array], Array]:
+def signals_of(log: Log, machine: Machine, place: str) -> tuple[dict[str, Array], Array]:
     """Signals that a residual may depend on, under the window, and the velocity. Legs: their own; platform: none of a leg."""
     window, resolved = Window(log.rate), resolved_machine(machine)
     leg = int(place.split()[1]) - 1 if place.startswith("leg") else 0
@@ -68,7 +68,7 @@ def signals_of(log: MeasuredLog, machine: Machine, place: str) -> tuple[dict[str
     return smooth, smooth["velocity_m_s"]
 
 
-def kept(log: MeasuredLog) -> slice:
+def kept(log: Log) -> slice:
     """Samples of a log that count, thinned."""
     return slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
 
@@ -85,12 +85,12 @@ def with_play(position: Array, half_width: float, window: Window) -> Array:
 
 
 def distortions(
-    balance: Balance, log: MeasuredLog, violation: Violation, residual: Array
+    balance: Balance, log: Log, violation: Violation, residual: Array
 ) -> dict[tuple[str, str], Array]:
     """(signal, form) -> how the residual would change if that channel were late or had play, (n_kept, k)."""
     window, machine = Window(log.rate), violation.machine
     noise = noise_of(machine, [log])["position_m"]
-    found: dict[tuple[str, str], list[MeasuredLog]] = {}
+    found: dict[tuple[str, str], list[Log]] = {}
     for signal, channel in CHANNELS.items():
         values = getattr(log, channel)
         if values is not None:
@@ -104,7 +104,7 @@ def distortions(
     }
 
 
-def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog]) -> UnexplainedResidual:
+def rest_of(balance: Balance, violation: Violation, logs: Sequence[Log]) -> UnexplainedResidual:
     """Dependence of what a balance leaves after its own fit."""
     machine, place = violation.machine, violation.place
     residuals, signals, velocities = [], [], []

@@ -14,7 +14,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolved import PayloadMode
 from hexsim.signals.channels import SETTLE_S
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances import Force, Platform
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
@@ -29,7 +29,7 @@ from hexsim.tracing.steps.violations import own_machine
 Array = np.ndarray
 
 
-def proposed_shapes(machine: Machine, logs: Sequence[MeasuredLog]) -> dict[str, dict[str, float]]:
+def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str, float]]:
     """Effect name -> numbers of its shape. machine: with the parameters at which the residual is looked at."""
     keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), 5) for log in logs]
     platform, force = Platform(), Force()
@@ -52,7 +52,7 @@ def _gain(X: Array, r: Array) -> float:
     return float(np.sum((X @ theta) ** 2))
 
 
-def _wavelength(machine: Machine, logs: Sequence[MeasuredLog], keep: list[slice], residuals: list[Array]) -> float:
+def _wavelength(machine: Machine, logs: Sequence[Log], keep: list[slice], residuals: list[Array]) -> float:
     resolved = resolved_machine(machine)
     points = [measured_point(log, machine, resolved, 0) for log in logs]
     windows = [Window(log.rate) for log in logs]
@@ -72,7 +72,7 @@ def _wavelength(machine: Machine, logs: Sequence[MeasuredLog], keep: list[slice]
     return float(max(lengths, key=gain))
 
 
-def _payload_frequency(logs: Sequence[MeasuredLog], keep: list[slice], residuals: list[Array]) -> float:
+def _payload_frequency(logs: Sequence[Log], keep: list[slice], residuals: list[Array]) -> float:
     """Of the spring on which a part of the load would explain most of a force residual along the vertical axis."""
     r = np.concatenate(residuals)
     frequencies = np.geomspace(1.0, 60.0, 30)

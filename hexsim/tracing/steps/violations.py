@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from hexsim.declaration import Machine
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances import BALANCES, Balance
 from hexsim.tracing.balances.null import null_squares, used
@@ -30,7 +30,7 @@ Array = np.ndarray
 
 
 def own_priors(
-    balance: Balance, priors: tuple[Prior, ...], machine: Machine, logs: Sequence[MeasuredLog]
+    balance: Balance, priors: tuple[Prior, ...], machine: Machine, logs: Sequence[Log]
 ) -> tuple[Prior, ...]:
     """The declared parameters that a balance depends on at all."""
     log = logs[0]
@@ -44,7 +44,7 @@ def own_priors(
     return tuple(found)
 
 
-def balance_named(name: str, log: MeasuredLog) -> Balance:
+def balance_named(name: str, log: Log) -> Balance:
     """The balance of a violation; a valve's is continuity."""
     wanted = "continuity" if name == "valve" else name
     return next(balance for balance in BALANCES if balance.name == wanted and balance.wants(log))
@@ -90,13 +90,13 @@ def null_sizes(balances: Sequence[Balance], machine: Machine, problem: Simulated
     return found
 
 
-def rms_of(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog]) -> Array:
+def rms_of(balance: Balance, machine: Machine, logs: Sequence[Log]) -> Array:
     """rms of the residual over all logs, a row (n_places,)."""
     rest = [used(log, balance.residual(log, machine)) for log in logs]
     return np.sqrt(sum(np.sum(r**2, axis=-1) for r in rest) / sum(r.shape[-1] for r in rest))
 
 
-def own_fit(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog], sigma: Array) -> Fit:
+def own_fit(balance: Balance, machine: Machine, logs: Sequence[Log], sigma: Array) -> Fit:
     """The balance's own declared parameters, alike in all legs, fitted to it; rows that stand out are left out."""
     rows = tuple(range(len(balance.places(logs[0]))))
     own = own_priors(balance, priors(machine), machine, logs)
