@@ -84,9 +84,7 @@ def with_play(position: Array, half_width: float, window: Window) -> Array:
     return position + np.stack([leg_equations.valve_volts(row, half_width, 0) for row in smooth]) - smooth
 
 
-def distortions(
-    balance: Balance, log: Log, violation: Violation, residual: Array
-) -> dict[tuple[str, str], Array]:
+def distortions(balance: Balance, log: Log, violation: Violation, residual: Array) -> dict[tuple[str, str], Array]:
     """(signal, form) -> how the residual would change if that channel were late or had play, (n_kept, k)."""
     window, machine = Window(log.rate), violation.machine
     noise = noise_of(machine, [log])["position_m"]

@@ -29,9 +29,7 @@ from hexsim.tracing.state import Step, Tell, Trace, Violation
 Array = np.ndarray
 
 
-def own_priors(
-    balance: Balance, priors: tuple[Prior, ...], machine: Machine, logs: Sequence[Log]
-) -> tuple[Prior, ...]:
+def own_priors(balance: Balance, priors: tuple[Prior, ...], machine: Machine, logs: Sequence[Log]) -> tuple[Prior, ...]:
     """The declared parameters that a balance depends on at all."""
     log = logs[0]
     base = balance.residual(log, machine)
