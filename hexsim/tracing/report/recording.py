@@ -13,6 +13,7 @@ from hexsim.recording.rerun_recording import entity_name, write_recording
 from hexsim.recording.signals import Signals
 from hexsim.signals.channels import noise_of
 from hexsim.signals.log import Log
+from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.logs import feedback_of
 
@@ -53,8 +54,8 @@ def replayed(log: Log, machines: Mapping[str, Machine]) -> dict[str, Signals]:
         return shown
     noise = noise_of(first, [log])
     problem = SimulatedProblem(logs=(log,), noise=noise, feedback=feedback_of(first, [log], noise))
-    for label, machine in machines.items():
-        answer = problem.simulated(machine, 0)
+    answers = in_parallel(lambda machine: problem.simulated(machine, 0), machines.values())
+    for (label, machine), answer in zip(machines.items(), answers, strict=True):
         if np.all(np.isfinite(answer.position)):
             columns = [name for stem in SIMULATED for name in answer.names(stem)]
             own = answer.table.select("time_s", *columns).with_columns(time_s=table["time_s"])
