@@ -205,6 +205,21 @@ def test_a_delay_longer_than_the_log_is_refused(table, tmp_path):
         read_log(tmp_path / "log.csv")
 
 
+def test_missing_setpoints_of_a_held_signal_are_those_of_their_tick(tmp_path):
+    """1 % of the cells of a setpoint that is held for two samples: all but whole ticks come back to the bit."""
+    whole = pl.read_csv(CLEAN)
+    missing = np.random.default_rng(1).random(len(whole)) < 0.01
+    holes = whole.with_columns(
+        pl.when(pl.Series(missing)).then(None).otherwise(pl.col("setpoint_m")).alias("setpoint_m")
+    )
+    holes.write_csv(tmp_path / "log.csv")
+    log = read_log(tmp_path / "log.csv")
+    true, same_tick = whole["setpoint_m"].to_numpy(), missing.reshape(-1, 2).all(axis=1).repeat(2)
+    assert np.array_equal(log.columns["setpoint_m"][~same_tick], true[~same_tick])
+    assert np.allclose(log.columns["setpoint_m"], true, rtol=0, atol=2e-5)  # a straight line over 4 ms
+    assert np.array_equal(log.repaired["setpoint_m"], missing)
+
+
 def test_filled_samples_are_marked(table, tmp_path):
     """Empty cells of one column and lost rows of all: the log says which samples were made up, no others."""
     holes = table.with_columns(

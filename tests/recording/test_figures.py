@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from made_up_run import BUMP_M_S2, bump, made_up_log, made_up_machine, made_up_run
+from made_up_run import BUMP_M_S2, bump, log_of, made_up_log, made_up_machine, made_up_run
 
 from hexsim.recording.figure_style import png
 from hexsim.recording.figures import acceleration, comparison, flow_curve, motion, run_figures
@@ -57,7 +57,7 @@ def test_what_the_log_lacks_is_not_drawn():
     """Without flow there is no flow curve; without any acceleration neither acceleration nor spectrum."""
     machine = made_up_machine(False)
     log = made_up_log(machine, 4.0).drop("flow_m3_s", "acceleration_m_s2", "true_acceleration_m_s2")
-    signals = Signals(log=log, machine=machine, frequency_Hz=0.5)
+    signals = Signals(log=log_of(log, machine), machine=machine, frequency_Hz=0.5)
     assert flow_curve(signals) is None
     assert list(run_figures(signals)) == ["motion", "pressures"]
 
@@ -67,7 +67,11 @@ def test_comparison_has_one_row_a_run_to_one_scale():
     machine = made_up_machine(False)
     runs = {
         name: Signals(
-            log=made_up_log(machine, 6.0, scale), machine=machine, frequency_Hz=0.5, fade_s=1.0, figures_from_s=2.0
+            log=log_of(made_up_log(machine, 6.0, scale), machine),
+            machine=machine,
+            frequency_Hz=0.5,
+            fade_s=1.0,
+            figures_from_s=2.0,
         )
         for name, scale in (("none", 1.0), ("half", 0.5))
     }
@@ -116,7 +120,9 @@ def test_the_harmonic_is_that_of_the_last_periods():
     log = made_up_log(machine, 8.0)
     share = np.where(log["time_s"] < 4.0, 0.5, 1.0)
     log = log.with_columns(true_acceleration_m_s2=log["true_acceleration_m_s2"] * share)
-    found = Signals(log=log, machine=machine, frequency_Hz=0.5, fade_s=1.0, figures_from_s=4.0).deviation("leg")
+    found = Signals(
+        log=log_of(log, machine), machine=machine, frequency_Hz=0.5, fade_s=1.0, figures_from_s=4.0
+    ).deviation("leg")
     late = found.time_s >= 4.0
     assert np.allclose(found.raw[late], bump(found.time_s)[late], rtol=0, atol=0.01 * BUMP_M_S2)
     early = (found.time_s > 1.6) & (found.time_s < 1.8)  # half of 0.49 m/s2 sin(..) is missing there
