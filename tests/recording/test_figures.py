@@ -5,12 +5,14 @@ import re
 import numpy as np
 import pytest
 from made_up_run import BUMP_M_S2, bump, log_of, made_up_log, made_up_machine, made_up_run
+from markupsafe import escape
 
 from hexsim.recording.figure_style import png
 from hexsim.recording.figures import acceleration, comparison, flow_curve, motion, run_figures
 from hexsim.recording.report import run_report
+from hexsim.recording.rerun_recording import write_recording
 from hexsim.recording.signals import Signals
-from hexsim.recording.summary_table import axis_rows, number
+from hexsim.recording.summary_table import axis_rows, markdown, number
 
 NAMES = ["motion", "acceleration", "parasitic", "flow_curve", "pressures", "spectrum"]
 
@@ -127,3 +129,21 @@ def test_the_harmonic_is_that_of_the_last_periods():
     assert np.allclose(found.raw[late], bump(found.time_s)[late], rtol=0, atol=0.01 * BUMP_M_S2)
     early = (found.time_s > 1.6) & (found.time_s < 1.8)  # half of 0.49 m/s2 sin(..) is missing there
     assert np.abs(found.raw[early]).min() > 0.1
+
+
+@pytest.mark.parametrize(
+    "name", ["[/red]", r"$\red$", "<script>alert(1)</script>", "a | b & c", "{{ 7 * 7 }}", "%s \\n `x`"]
+)
+def test_names_with_the_signs_of_any_markup_stay_text(tmp_path, name):
+    """Figures are drawn, the page shows the name escaped, and the recording is written, whatever a name holds."""
+    run = made_up_run(False, duration_s=3.0, messages=[(1.0, 1, name)])
+    run.summary = {**run.summary, "scenario": name, "machine": name, "compensator": name, "warnings": [name]}
+    signals = Signals.of_run(run, name)
+    figures = {**run_figures(signals), "comparison": comparison({name: signals})}
+    assert figures["comparison"].axes[0].get_ylabel() == name
+    page = run_report(run, {key: png(figure, dpi=30) for key, figure in figures.items()})
+    assert str(escape(name)) in page and "<script" not in page
+    write_recording(
+        tmp_path / "run.rrd", {name: signals}, {name: markdown(run.summary, ("leg",), run)}, {name: run.messages}
+    )
+    assert (tmp_path / "run.rrd").stat().st_size > 10_000
