@@ -31,6 +31,6 @@ def sources_digest() -> str:
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         source = path.read_bytes()
-        if path.parent == package / "hydraulics" or b"hexsim.compiled" in source:
+        if path.parent == package / "hydraulics" or b"hexsim.compiled" in source or b"IntEnum" in source:
             digest.update(source)
     return digest.hexdigest()

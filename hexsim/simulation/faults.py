@@ -75,16 +75,6 @@ class Workbench:
     tick_s: float
     memory: dict[Fault, Any] = dataclasses.field(default_factory=dict)
 
-    def set_parameter(self, leg: int, place: P, value: float) -> None:
-        """Change the leg's row in the running model, and the copy that the readout uses."""
-        set_parameter(self.plant, leg, place, value)
-
-
-def set_parameter(plant: Plant, leg: int, place: P, value: float) -> None:
-    """Change one number of a leg (from 0) in flight."""
-    plant.rows[leg, place] = value
-    plant.model.actuator_user[leg, place] = value
-
 
 @dataclass(frozen=True, kw_only=True)
 class ValveStuck(LegFault):
@@ -168,7 +158,7 @@ class HoseBurst(LegFault):
         if self not in bench.memory:
             bench.memory[self] = True
             before = bench.plant.rows[self.leg - 1, P.LEAK_CHAMBER_TANK]
-            bench.set_parameter(self.leg - 1, P.LEAK_CHAMBER_TANK, before + self.conductance_m3_s_Pa)
+            bench.plant.change_row(self.leg - 1, P.LEAK_CHAMBER_TANK, before + self.conductance_m3_s_Pa)
         return volts
 
 
@@ -195,15 +185,12 @@ class PayloadShift(Fault):
     within_s: Within = 0.5
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
-        model = bench.plant.model
-        body = model.body("platform").id
-        if self not in bench.memory:
-            bench.memory[self] = model.body_ipos[body].copy()
-            model.body_sameframe[body] = 0  # mjSAMEFRAME_NONE: centre of mass and frame part now
+        mass, centre = bench.plant.platform_mass_and_centre()
+        before = bench.memory.setdefault(self, centre)
         share = min(1.0, (time_s - self.time_s) / max(self.within_s, bench.tick_s))
         smooth = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-        shift = self.mass_kg / model.body_mass[body] * np.array([self.x_m, self.y_m, self.z_m])
-        model.body_ipos[body] = bench.memory[self] + smooth * shift
+        shift = self.mass_kg / mass * np.array([self.x_m, self.y_m, self.z_m])
+        bench.plant.move_centre_of_mass(before + smooth * shift)
         return volts
 
 

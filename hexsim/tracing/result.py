@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hexsim.machine import Machine
-from hexsim.tracing.checks.checks import Finding
+from hexsim.tracing.checks.finding import Finding
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.screening import Screened
 from hexsim.tracing.fitting.selection import Search

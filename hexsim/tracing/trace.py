@@ -13,9 +13,11 @@ from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import find_machine_file
 from hexsim.readers import log_files, read_log
 from hexsim.signals.channels import noise_of
-from hexsim.signals.log import MeasuredLog, measured_log
+from hexsim.signals.log import Log
 from hexsim.tracing import rules
-from hexsim.tracing.checks.checks import Finding, check_same_machine, refuse_misleading
+from hexsim.tracing.checks.checks import refuse_misleading
+from hexsim.tracing.checks.finding import Finding
+from hexsim.tracing.checks.same_machine import check_same_machine
 from hexsim.tracing.fitting.fit import Fit, polished, refine, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, candidates, priors
 from hexsim.tracing.fitting.selection import Search, Stage, cut, information, search
@@ -42,20 +44,17 @@ from hexsim.tracing.steps.violations import Violation, violations
 Progress = Callable[[str, float], None]
 
 
-def read_runs(
-    folder: Path, names: Sequence[str], machine: Machine
-) -> tuple[list[MeasuredLog], dict[str, list[Finding]], list]:
+def read_runs(folder: Path, names: Sequence[str], machine: Machine) -> tuple[list[Log], dict[str, list[Finding]]]:
     """Read and check the named logs."""
-    logs, findings, files = [], {}, []
+    logs, findings = [], {}
     for name in names:
         file = read_log(log_files(folder, name))
         findings[file.name] = refuse_misleading(file, machine)
-        logs.append(measured_log(file.name, file.table, machine))
-        files.append(file)
-    return logs, findings, files
+        logs.append(file)
+    return logs, findings
 
 
-def feedback_of(machine: Machine, logs: Sequence[MeasuredLog], noise: dict[str, float]) -> int:
+def feedback_of(machine: Machine, logs: Sequence[Log], noise: dict[str, float]) -> int:
     """0 when the logged volts are those of the declared position loop, 1 when another controller was at work."""
     K, limit = machine.controller.gain_V_per_m, machine.valve.voltage_max_V
     for log in logs:
@@ -89,10 +88,10 @@ def trace(
     folder = find_machine_file(machine_folder).parent
     machine = load_machine(machine_folder)
     tell("reading logs", 0.0)
-    fit_logs, findings, files = read_runs(folder, fit, machine)
-    validate_logs, more, held_out_files = read_runs(folder, validate, machine)
+    fit_logs, findings = read_runs(folder, fit, machine)
+    validate_logs, more = read_runs(folder, validate, machine)
     findings |= more
-    findings["all logs"] = check_same_machine([*files, *held_out_files], machine)
+    findings["all logs"] = check_same_machine([*fit_logs, *validate_logs], machine)
     noise = noise_of(machine, fit_logs)
     feedback = feedback_of(machine, [*fit_logs, *validate_logs], noise)
     problem = SimulatedProblem(logs=tuple(fit_logs), noise=noise, feedback=feedback)

@@ -44,7 +44,7 @@ def rows_of(machine: Machine, feedback: int = 0) -> Rows:
         load[ls.PAYLOAD_OMEGA] = 2 * np.pi * mode.frequency_Hz
         load[ls.PAYLOAD_DAMPING] = mode.damping_ratio
     leg = resolved.rows[0]
-    leg[P.ACT_BRISTLE] = 0.0 if leg[P.BRISTLE_STIFFNESS] > 0.0 else -1.0
+    leg[P.ROD_SIDE_CHAMBER] = 0.0  # fits have the rod side at supply pressure
     controller = machine.controller
     control = np.array([controller.gain_V_per_m, controller.rate_Hz, machine.valve.voltage_max_V, float(feedback)])
     return Rows(leg=leg, supply=resolved.supply, load=load, control=control, sensors=sensor_row(resolved))

@@ -144,7 +144,7 @@ def simulate_hexapod(machine: Machine, log: MeasuredLog, feedback: int, supply: 
     """Outputs (N_OUTPUTS, n) as the sensors show them, without noise; NaN after a divergence."""
     resolved, kinematics = resolve(machine), kinematics_of(machine)
     rows = resolved.rows
-    rows[:, P.ACT_BRISTLE] = np.where(rows[:, P.BRISTLE_STIFFNESS] > 0.0, 0.0, -1.0)
+    rows[:, P.ROD_SIDE_CHAMBER] = 0.0  # fits have the rod side at supply pressure
     row, inverse = load_row(resolved)
     sensors, shared = leg_sensor_rows(resolved)
     controller = machine.controller

@@ -41,17 +41,8 @@ STIFF_SPEEDS = 5.0  # friction is stiff below so many times its sharpness (tanh:
 @compiled
 def leg_terms(p, y, v, volts, t, h, p1, ps, x, xd, z):
     """One leg: (force on the load [N], spool used, dP1/dt, dx/dt, dx'/dt, dz/dt). h: step, for stiff laws."""
-    used = leg.commanded_spool(p, volts, t)
-    dx = dxd = dz = 0.0
-    if p[P.SPOOL_OMEGA] > 0.0:
-        dx, dxd = valve.spool_rates(x, xd, used, p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING], p[P.SPOOL_RATE])
-        used = min(max(x, -p[P.SPOOL_TRAVEL]), p[P.SPOOL_TRAVEL])
-    dp = leg.pressure_rate(p, y, v, volts, used, p1, ps, t)
-    if p[P.BRISTLE_STIFFNESS] > 0.0:
-        stiff = p[P.BRISTLE_STIFFNESS] * abs(v) / max(leg.friction_level(p, y, v, p1), 1e-9)
-        dz = leg.bristle_rate(p, y, v, p1, z) / (1.0 + h * stiff)
-    force = p1 * p[P.AREA_BOTTOM] + leg.force_beyond_pressure(p, y, v, volts, p1, ps, ps, z, t)
-    return force, used, dp, dx, dxd, dz
+    (dp, _, dx, dxd, dz), used, _ = leg.leg_derivatives(p, y, v, volts, t, ps, (p1, ps, x, xd, z), h, False)
+    return leg.leg_force(p, y, v, volts, p1, ps, ps, z, t), used, dp, dx, dxd, dz
 
 
 @compiled

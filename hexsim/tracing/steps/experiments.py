@@ -93,6 +93,7 @@ def setpoint_log(machine: Machine, tables: dict[str, Any]) -> MeasuredLog:
     axes = np.zeros((3 if machine.is_hexapod else 1, len(time)))
     return MeasuredLog(
         name="experiment",
+        kind=machine.machine.kind,
         time=time,
         rate=RATE_Hz,
         setpoint=setpoint,
