@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexsim.cli import options
-from hexsim.cli.console import interruptible, output, progress
+from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def trace(
     with (
         run_folder(out or default_folder(f"trace-{place.resolve().parent.name}")) as folder,
         progress() as bar,
-        interruptible() as check,
+        terminated_like_interrupted() as check,
     ):
         task = bar.add_task("starting", total=1.0)
 
@@ -65,7 +65,7 @@ def trace(
             bar.update(task, description="recording", completed=0.98)
             record(place.parent, held_out, result, final, markdown(report))
     if json:
-        typer.echo(json_module.dumps(report, indent=2, ensure_ascii=False))
+        print_json(report)
     else:
         print_trace(report, final)
 
@@ -179,7 +179,6 @@ def friction(
     json: options.Json = False,
 ) -> None:
     """Stribeck parameters with errors and the friction-velocity map from a log (report 2.3.3)."""
-    from hexsim.files.json_files import dumps
     from hexsim.files.run_folder import run_folder
     from hexsim.machine import load_machine
     from hexsim.readers import read_log
@@ -199,7 +198,7 @@ def friction(
             save_machine(result.fitted_machine(), folder.path / "machine.toml")
             folder.finish()
     if json:
-        typer.echo(dumps(result.to_json()))
+        print_json(result.to_json())
     else:
         console = output()
         console.print(friction_table(result))

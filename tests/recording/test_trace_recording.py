@@ -38,5 +38,5 @@ def test_all_three_lie_on_one_time_line_and_the_deviation_is_from_the_measured_o
 def test_a_log_without_setpoints_stands_alone():
     """What was not logged cannot be replayed; the measured signals are shown all the same."""
     machine = load_machine(BENCH)
-    log = Log.of_table("validate", pl.read_csv(BENCH / "validate.csv.gz").head(2000).drop("setpoint_m"), "bench")
-    assert list(replayed(log, {"declared": machine})) == ["measured"]
+    log = pl.read_csv(BENCH / "validate.csv.gz").head(2000).drop("setpoint_m")
+    assert list(replayed(Log.of_table("validate", log, "bench"), {"declared": machine})) == ["measured"]

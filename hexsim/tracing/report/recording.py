@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,19 +14,10 @@ from hexsim.recording.rerun_recording import entity_name, write_recording
 from hexsim.recording.signals import Signals
 from hexsim.signals.channels import noise_of
 from hexsim.signals.log import Log
+from hexsim.signals.table import measured_columns
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.logs import feedback_of
-
-SIMULATED = (
-    "setpoint",
-    "position",
-    "valve",
-    "pressure_bottom",
-    "pressure_supply",
-    "acceleration",
-    "angular_acceleration",
-)
 
 
 def write_trace_recordings(
@@ -46,10 +38,10 @@ def replayed(log: Log, machines: Mapping[str, Machine]) -> dict[str, Signals]:
     A log without setpoints stands alone, and so does one that a machine cannot follow.
     """
     first = next(iter(machines.values()))
-    table = log.table.with_columns(time_s=log.time - log.time[0])
-    seen = Signals(log=table, machine=first, label="measured")
+    begun = replace(log, time=log.time - log.time[0])
+    seen = Signals(log=begun, machine=first, label="measured")
     wanted = {axis: values for axis in seen.axes if (values := seen.acceleration(axis)) is not None}
-    shown = {"measured": Signals(log=table, machine=first, label="measured", wanted=wanted)}
+    shown = {"measured": replace(seen, wanted=wanted)}
     if log.setpoint is None:
         return shown
     noise = noise_of(first, [log])
@@ -57,7 +49,7 @@ def replayed(log: Log, machines: Mapping[str, Machine]) -> dict[str, Signals]:
     answers = in_parallel(lambda machine: problem.simulated(machine, 0), machines.values())
     for (label, machine), answer in zip(machines.items(), answers, strict=True):
         if np.all(np.isfinite(answer.position)):
-            columns = [name for stem in SIMULATED for name in answer.names(stem)]
-            own = answer.table.select("time_s", *columns).with_columns(time_s=table["time_s"])
+            columns = {key: answer.columns[key] for key in measured_columns(log.n_legs) if key in answer.columns}
+            own = Log(name=label, kind=log.kind, time=begun.time, rate=log.rate, columns=columns)
             shown[label] = Signals(log=own, machine=machine, label=label, measured=True, wanted=wanted)
     return shown
