@@ -12,7 +12,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from llvmlite.ir import Constant
 from numba import njit
+from numba.extending import intrinsic
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -22,6 +24,22 @@ def compiled(function: Callable[..., Any]) -> Any:
     if stored is not None and hasattr(stored, "_source_stamp"):  # absent when numba runs without a cache
         stored._source_stamp = (stored._source_stamp, sources_digest())
     return dispatcher
+
+
+@intrinsic
+def borrowed(typing_context, array):
+    """The same array without its reference count, for inner loops: counting costs as much as a leg's equations.
+
+    Whoever lends it must hold the array until the borrower returns, as the Python caller of a compiled function does.
+    """
+
+    def without_owner(context, builder, signature, args):
+        struct = context.make_array(signature.return_type)(context, builder, value=args[0])
+        struct.meminfo = Constant(struct.meminfo.type, None)
+        struct.parent = Constant(struct.parent.type, None)
+        return struct._getvalue()
+
+    return array(array), without_owner
 
 
 @cache

@@ -85,9 +85,10 @@ def markdown(report: Mapping[str, Any]) -> str:
     lines = [f"verdict: **{report['verdict']}**", ""]
     for effect in effect_rows(report):
         numbers = "; ".join(f"{name} {value}" for name, value in effect["values"])
-        lines.append(f"- **{effect['title']}**, {effect['where']}: {numbers or effect['says']}")
+        lines.append(f"- **{effect['title']}**, {effect['where']}: {numbers or effect['description']}")
     lines += [
-        f"- left in the {rest['balance']} balance of {rest['place']}: {rest['says']}" for rest in rest_rows(report)
+        f"- left in the {rest['balance']} balance of {rest['place']}: {rest['description']}"
+        for rest in rest_rows(report)
     ]
     return "\n".join(lines)
 

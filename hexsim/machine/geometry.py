@@ -12,7 +12,7 @@ from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolved import PayloadMode, Resolved
 from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.mechanics.leg_inertia import LegBodies, lumped_legs
-from hexsim.mechanics.rigid_body import RigidBody, Suspension, joined
+from hexsim.mechanics.rigid_body import RigidBody, Suspension, joined, rigid_body
 
 LEAST_LEG_FRACTION = 1e-3  # a machine without leg mass gets full legs of this share of the platform's mass each
 
@@ -54,13 +54,9 @@ def platform_body(resolved: Resolved, kinematics: HexapodKinematics) -> RigidBod
     load = resolved.load
     if load.platform_mass_kg is None or load.platform_inertia_kg_m2 is None:
         raise HexsimError(f"machine {resolved.machine.name} has no platform: give [load] platform_mass_kg and inertia")
-    platform = RigidBody(
-        mass=load.platform_mass_kg,
-        carried=load.platform_mass_kg,
-        sprung=sum(mode.mass_kg for mode in resolved.payload_modes),
-        centre=np.array(load.centre_of_mass_m, dtype=float),
-        inertia=np.diag(np.array(load.platform_inertia_kg_m2, dtype=float)),
-    )
+    sprung = sum(mode.mass_kg for mode in resolved.payload_modes)
+    mass, inertia = load.platform_mass_kg, np.diag(load.platform_inertia_kg_m2)
+    platform = rigid_body(mass, load.centre_of_mass_m, inertia, carried=mass, sprung=sprung)
     if load.leg_mass_kg <= 0:
         return platform
     neutral = float(kinematics.leg_lengths(np.zeros(6))[0])

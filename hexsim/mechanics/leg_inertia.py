@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexsim.mechanics.kinematics import HexapodKinematics
-from hexsim.mechanics.rigid_body import RigidBody
+from hexsim.mechanics.rigid_body import RigidBody, rigid_body
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,4 +58,4 @@ def lumped_legs(kinematics: HexapodKinematics, bodies: LegBodies) -> RigidBody:
     mass = matrix[2, 2]
     height = matrix[0, 4] / mass
     inertia = np.diag(np.diag(matrix)[3:] - mass * height**2 * np.array([1.0, 1.0, 0.0]))
-    return RigidBody(float(mass), carried, 0.0, np.array([0.0, 0.0, height]), inertia)
+    return rigid_body(mass, [0.0, 0.0, height], inertia, carried)

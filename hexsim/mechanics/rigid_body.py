@@ -16,21 +16,23 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.signal import bilinear, lfilter
 
 from hexsim.compiled import compiled
 
 Array = np.ndarray
+Vector = tuple[float, float, float]
 
 
 class RigidBody(NamedTuple):
-    """mass that moves, mass that is carried, mass on springs along z [kg]; centre (3,) [m]; inertia about it (3, 3) [kg m2]."""
+    """mass that moves, mass that is carried, mass on springs along z [kg]; centre [m]; rows of the inertia about it [kg m2]."""
 
     mass: float
     carried: float
     sprung: float
-    centre: Array
-    inertia: Array
+    centre: Vector
+    inertia: tuple[Vector, Vector, Vector]
 
 
 class Suspension(NamedTuple):
@@ -42,49 +44,70 @@ class Suspension(NamedTuple):
 
 
 @compiled
-def write_cross(a, b, product):
-    """a x b, (3,) each."""
-    product[0] = a[1] * b[2] - a[2] * b[1]
-    product[1] = a[2] * b[0] - a[0] * b[2]
-    product[2] = a[0] * b[1] - a[1] * b[0]
+def cross(a, b):
+    """a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @compiled
-def write_centre_acceleration(c, acceleration, omega, centre):
-    """a_c (3,) from (a, w') (6,) and w (3,)."""
-    w0, w1, w2 = omega[0], omega[1], omega[2]
-    along, square = w0 * c[0] + w1 * c[1] + w2 * c[2], w0 * w0 + w1 * w1 + w2 * w2
-    write_cross(acceleration[3:6], c, centre)
-    for k in range(3):
-        centre[k] += acceleration[k] + omega[k] * along - c[k] * square
+def dot(a, b):
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled
-def write_joint_wrench(body, acceleration, omega, gravity, pushed_back, wrench):
-    """(F, M) (6,) for the motion (a, w') (6,) and w (3,) under gravity (3,); pushed_back: B [N]."""
-    c, inertia = body.centre, body.inertia
-    write_centre_acceleration(c, acceleration, omega, wrench)
-    for k in range(3):
-        felt = wrench[k] - gravity[k]
-        wrench[k] = body.mass * wrench[k] - body.carried * gravity[k] + (body.sprung * felt if k < 2 else pushed_back)
-    w0, w1, w2 = omega[0], omega[1], omega[2]
-    h0 = inertia[0, 0] * w0 + inertia[0, 1] * w1 + inertia[0, 2] * w2
-    h1 = inertia[1, 0] * w0 + inertia[1, 1] * w1 + inertia[1, 2] * w2
-    h2 = inertia[2, 0] * w0 + inertia[2, 1] * w1 + inertia[2, 2] * w2
-    wrench[3] = w1 * h2 - w2 * h1 + c[1] * wrench[2] - c[2] * wrench[1]
-    wrench[4] = w2 * h0 - w0 * h2 + c[2] * wrench[0] - c[0] * wrench[2]
-    wrench[5] = w0 * h1 - w1 * h0 + c[0] * wrench[1] - c[1] * wrench[0]
-    for k in range(3):
-        for j in range(3):
-            wrench[3 + k] += inertia[k, j] * acceleration[3 + j]
+def rotated(rows, a):
+    """Matrix (three rows) times vector."""
+    return dot(rows[0], a), dot(rows[1], a), dot(rows[2], a)
+
+
+@compiled
+def rotated_back(rows, a):
+    """The transpose of the matrix times vector."""
+    r, s, t = rows
+    x, y, z = a
+    return r[0] * x + s[0] * y + t[0] * z, r[1] * x + s[1] * y + t[1] * z, r[2] * x + s[2] * y + t[2] * z
+
+
+@compiled
+def centre_acceleration(c, a, turning, omega):
+    """a_c from a, turning = w' and omega = w."""
+    e, n = cross(turning, c), cross(omega, cross(omega, c))
+    return a[0] + e[0] + n[0], a[1] + e[1] + n[1], a[2] + e[2] + n[2]
+
+
+@compiled
+def joint_wrench(body, a, turning, omega, gravity, pushed_back):
+    """(F, M) for a motion under gravity; pushed_back: B [N]."""
+    m, carried, riding = body.mass, body.carried, body.sprung
+    x, y, z = centre_acceleration(body.centre, a, turning, omega)
+    force = (
+        m * x - carried * gravity[0] + riding * (x - gravity[0]),
+        m * y - carried * gravity[1] + riding * (y - gravity[1]),
+        m * z - carried * gravity[2] + pushed_back,
+    )
+    spun, lever = cross(omega, rotated(body.inertia, omega)), cross(body.centre, force)
+    grown = rotated(body.inertia, turning)
+    return force, (grown[0] + spun[0] + lever[0], grown[1] + spun[1] + lever[1], grown[2] + spun[2] + lever[2])
+
+
+@compiled
+def triple(values, first):
+    """Three numbers of a row as a vector."""
+    return values[first], values[first + 1], values[first + 2]
 
 
 @compiled
 def joint_wrenches(body, acceleration, omega, gravity, pushed_back):
-    """(F, M) of every sample (n, 6): acceleration (n, 6), omega and gravity (n, 3), pushed_back (n,)."""
+    """(F, M) of every sample (n, 6): acceleration (a, w') (n, 6), omega and gravity (n, 3), pushed_back (n,)."""
     wrench = np.empty(acceleration.shape)
     for i in range(acceleration.shape[0]):
-        write_joint_wrench(body, acceleration[i], omega[i], gravity[i], pushed_back[i], wrench[i])
+        motion, field = acceleration[i], gravity[i]
+        force, moment = joint_wrench(
+            body, triple(motion, 0), triple(motion, 3), triple(omega[i], 0), triple(field, 0), pushed_back[i]
+        )
+        wrench[i, 0], wrench[i, 1], wrench[i, 2] = force
+        wrench[i, 3], wrench[i, 4], wrench[i, 5] = moment
     return wrench
 
 
@@ -93,7 +116,10 @@ def centre_accelerations(body, acceleration, omega):
     """a_c of every sample (n, 3)."""
     centre = np.empty(omega.shape)
     for i in range(omega.shape[0]):
-        write_centre_acceleration(body.centre, acceleration[i], omega[i], centre[i])
+        motion = acceleration[i]
+        centre[i, 0], centre[i, 1], centre[i, 2] = centre_acceleration(
+            body.centre, triple(motion, 0), triple(motion, 3), triple(omega[i], 0)
+        )
     return centre
 
 
@@ -104,18 +130,24 @@ def mass_matrix(body: RigidBody) -> Array:
 
 
 @compiled
-def write_body_acceleration(body, compliance, wrench, omega, gravity, pushed_back, rest, acceleration):
-    """(a, w') (6,) under the wrench of the joints (6,): what is left of it at zero acceleration, times the inverse mass matrix.
+def body_acceleration(body, compliance, force, moment, omega, gravity, pushed_back):
+    """(a, w') under the wrench of the joints: what is left of it at zero acceleration, times the inverse mass matrix.
 
-    compliance: inverse of `mass_matrix` (6, 6).  rest (6,): room to work in.
+    compliance: inverse of `mass_matrix`, (6, 6).
     """
-    acceleration[:] = 0.0
-    write_joint_wrench(body, acceleration, omega, gravity, pushed_back, rest)
-    for k in range(6):
-        rest[k] = wrench[k] - rest[k]
-    for k in range(6):
-        for j in range(6):
-            acceleration[k] += compliance[k, j] * rest[j]
+    none = (0.0, 0.0, 0.0)
+    F, M = joint_wrench(body, none, none, omega, gravity, pushed_back)
+    f, m = (force[0] - F[0], force[1] - F[1], force[2] - F[2]), (moment[0] - M[0], moment[1] - M[1], moment[2] - M[2])
+    c = compliance
+    a = (row_times(c, 0, f, m), row_times(c, 1, f, m), row_times(c, 2, f, m))
+    return a, (row_times(c, 3, f, m), row_times(c, 4, f, m), row_times(c, 5, f, m))
+
+
+@compiled
+def row_times(matrix, i, upper, lower):
+    """Row of a matrix (6, 6) times a pair of vectors."""
+    first = matrix[i, 0] * upper[0] + matrix[i, 1] * upper[1] + matrix[i, 2] * upper[2]
+    return first + matrix[i, 3] * lower[0] + matrix[i, 4] * lower[1] + matrix[i, 5] * lower[2]
 
 
 @compiled
@@ -124,15 +156,22 @@ def axial_acceleration(body, force, gravity, pushed_back):
     return (force + body.carried * gravity - pushed_back) / body.mass
 
 
+def rigid_body(mass: float, centre: ArrayLike, inertia: ArrayLike, carried: float, sprung: float = 0.0) -> RigidBody:
+    """A body from centre (3,) and inertia about it (3, 3)."""
+    x, y, z = (float(c) for c in np.asarray(centre))
+    rows = tuple((float(row[0]), float(row[1]), float(row[2])) for row in np.asarray(inertia))
+    return RigidBody(float(mass), float(carried), float(sprung), (x, y, z), (rows[0], rows[1], rows[2]))
+
+
 def joined(one: RigidBody, other: RigidBody) -> RigidBody:
     """Two bodies as one, by the parallel-axis theorem."""
     mass = one.mass + other.mass
-    centre = (one.mass * one.centre + other.mass * other.centre) / mass
-    inertia = one.inertia + other.inertia
+    centre = (one.mass * np.array(one.centre) + other.mass * np.array(other.centre)) / mass
+    inertia = np.array(one.inertia) + np.array(other.inertia)
     for body in (one, other):
-        arm = body.centre - centre
+        arm = np.array(body.centre) - centre
         inertia = inertia + body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return RigidBody(mass, one.carried + other.carried, one.sprung + other.sprung, centre, inertia)
+    return rigid_body(mass, centre, inertia, one.carried + other.carried, one.sprung + other.sprung)
 
 
 # A mass on a spring: travel q along the axis from the unstressed spring, q'' = -(w^2 q + 2 zeta w q') - felt.
@@ -157,20 +196,25 @@ def pushed_back(suspension: Suspension, felt: Array, rate: float) -> Array:
 
 
 @compiled
-def write_rotation_of(q, R):
-    """Rotation (3, 3), body to world, of a quaternion (w, x, y, z), normalised."""
+def rotation_of(q):
+    """Rows of the rotation, body to world, of a quaternion (w, x, y, z), normalised."""
     n = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     w, x, y, z = q[0] / n, q[1] / n, q[2] / n, q[3] / n
-    R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-    R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-    R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
 
 
 @compiled
-def write_quaternion_rate(q, omega, rate):
-    """dq/dt (4,) = q o (0, w)/2 with w (3,) in the body's frame."""
-    w0, w1, w2 = omega[0], omega[1], omega[2]
-    rate[0] = 0.5 * (-q[1] * w0 - q[2] * w1 - q[3] * w2)
-    rate[1] = 0.5 * (q[0] * w0 + q[2] * w2 - q[3] * w1)
-    rate[2] = 0.5 * (q[0] * w1 - q[1] * w2 + q[3] * w0)
-    rate[3] = 0.5 * (q[0] * w2 + q[1] * w1 - q[2] * w0)
+def quaternion_rate(q, omega):
+    """dq/dt = q o (0, w)/2 with w in the body's frame."""
+    w, x, y, z = q
+    p, r, s = omega
+    return (
+        0.5 * (-x * p - y * r - z * s),
+        0.5 * (w * p + y * s - z * r),
+        0.5 * (w * r - x * s + z * p),
+        0.5 * (w * s + x * r - y * p),
+    )

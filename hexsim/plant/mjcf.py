@@ -16,6 +16,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from hexsim.errors import HexsimError
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.resolved import PayloadMode, Resolved
 from hexsim.hydraulics.supply import CONSTANT, S
@@ -140,8 +141,14 @@ def _add_full_leg(
 def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: HexapodKinematics, bodies: LegBodies) -> None:
     """The legs of the tendon model as one body, see `lumped_legs`."""
     legs = lumped_legs(kinematics, bodies)
+    inertia = np.diag(legs.inertia)
+    if 2 * inertia.max() > inertia.sum():
+        raise HexsimError(
+            "no rigid body stands for these legs in the tendon model, its moments of inertia would be impossible: give "
+            "load.rod_mass_fraction a share of 0.3 or more, or take full legs (without --fast)"
+        )
     lump = platform.add_body(name="legs_lump", pos=legs.centre)
-    lump.mass, lump.ipos, lump.inertia, lump.explicitinertial = legs.mass, [0, 0, 0], np.diag(legs.inertia), True
+    lump.mass, lump.ipos, lump.inertia, lump.explicitinertial = legs.mass, [0, 0, 0], inertia, True
     lump.gravcomp = 1.0 - legs.carried / legs.mass  # negative: the platform carries more than moves with it in heave
     platform.gravcomp = GRAVCOMP_SWITCH
 

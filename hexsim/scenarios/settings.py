@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from hexsim.errors import HexsimError
+from hexsim.files.toml_files import set_dotted
 from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import Scenario, load_scenario, scenario_from_dict
@@ -47,13 +48,3 @@ def apply_settings(
             tables = {**scenario.to_dict(), "machine": kept}
             scenario = scenario_from_dict(tables, source)
     return scenario, machine
-
-
-def set_dotted(tables: dict[str, Any], dotted: str, value: Any, source: str) -> None:
-    """Set one key of nested tables; the tables on the way must exist or be new."""
-    *path, key = dotted.split(".")
-    for part in path:
-        tables = tables.setdefault(part, {})
-        if not isinstance(tables, dict):
-            raise HexsimError(f"{source}: {dotted} leads through {part}, which is no table")
-    tables[key] = value

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
@@ -96,26 +97,32 @@ class MeasuredPoint:
         return self.sensed.P1
 
 
-_sensed: WeakKeyDictionary[MeasuredLog, dict[tuple, SensedLeg]] = (
-    WeakKeyDictionary()
-)  # fits ask for the same ones again
+_known: WeakKeyDictionary[MeasuredLog, dict[Hashable, Any]] = WeakKeyDictionary()
+
+
+def remembered(log: MeasuredLog, key: Hashable, make: Callable[[], Any]) -> Any:
+    """What `make` gives for this log and key, made once while the log lives: fits ask for the same again and again."""
+    known = _known.setdefault(log, {})
+    found = known.get(key)
+    if found is None:
+        found = make()
+        if len(known) > KEPT_SETTINGS * log.n_legs:
+            known.clear()
+        known[key] = found
+    return found
+
+
+def position_settings(resolved: Resolved, leg: int) -> Settings:
+    """Offset, gain and delay of the position sensor of a leg."""
+    return tuple(float(resolved.leg_sensors[f"position_{key}"][leg]) for key in ("offset_m", "gain", "delay_s"))
 
 
 def sensed_leg(log: MeasuredLog, resolved: Resolved, leg: int) -> SensedLeg:
     """What the sensors of a leg say, computed once for a log and its sensors' settings."""
-    gains, shared = resolved.leg_sensors, resolved.sensors
-    position = tuple(float(gains[f"position_{key}"][leg]) for key in ("offset_m", "gain", "delay_s"))
-    pressure = tuple(float(gains[f"pressure_{key}"][leg]) for key in ("offset_Pa", "gain", "delay_s"))
+    shared, position = resolved.sensors, position_settings(resolved, leg)
+    pressure = tuple(float(resolved.leg_sensors[f"pressure_{key}"][leg]) for key in ("offset_Pa", "gain", "delay_s"))
     motion = (shared.acceleration_offset_m_s2, shared.acceleration_gain, shared.acceleration_delay_s)
-    known = _sensed.setdefault(log, {})
-    key = (leg, position, pressure, motion)
-    found = known.get(key)
-    if found is None:
-        found = _sense(log, leg, position, pressure, motion)
-        if len(known) > KEPT_SETTINGS:
-            known.clear()
-        known[key] = found
-    return found
+    return remembered(log, (leg, position, pressure, motion), lambda: _sense(log, leg, position, pressure, motion))
 
 
 def _sense(log: MeasuredLog, leg: int, position: Settings, pressure: Settings, motion: Settings) -> SensedLeg:

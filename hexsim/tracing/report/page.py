@@ -134,7 +134,7 @@ def sentence(result: TraceResult) -> str:
         )
     rests = rest_rows(report)
     where = (
-        f" The misfit is in the {rests[0]['balance']} balance of {rests[0]['place']}: {rests[0]['says']}."
+        f" The misfit is in the {rests[0]['balance']} balance of {rests[0]['place']}: {rests[0]['description']}."
         if rests
         else ""
     )

@@ -12,41 +12,31 @@ from hexsim.hydraulics.resolve import resolve
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import S
 from hexsim.machine.geometry import machine_kinematics, platform_body, suspension
-from hexsim.mechanics.rigid_body import RigidBody, Suspension, mass_matrix
+from hexsim.mechanics.rigid_body import RigidBody, Suspension, Vector, mass_matrix, rigid_body
 
 Array = np.ndarray
 STEP_S = 1.7e-4  # [s] integration step; RK4 needs step * (F_c + F_s)/(v_s m) < 2.7. Error: 0.013 of the sensors' noise
 
 
 class Load(NamedTuple):
-    """What the legs carry: a mass on the axis of one leg, or a rigid platform on six.
+    """What the legs carry: a mass on the axis of one leg, or a rigid platform on six; a payload on a spring.
 
-    compliance (6, 6): inverse mass matrix of a platform.  base, joints (6, 3) [m], retracted (6,) [m]: its legs; empty for
-    a mass on an axis.
+    compliance: inverse mass matrix of a platform (6, 6).  gravity: in the world [m/s2].
     """
 
     body: RigidBody
     compliance: Array
-    gravity: Array
-    suspension: Suspension
-    base: Array
-    joints: Array
-    retracted: Array
+    gravity: Vector
+    spring: Suspension
 
 
 class Sensors(NamedTuple):
-    """y_m = gain y(t - delay) + offset. Positions and pressures (n_legs,), accelerations (n_axes,); delays [s]."""
+    """y_m = gain y(t - delay) + offset: rows (gain, offset, delay [s]) of a leg, (n_legs, 3), and of an accelerometer."""
 
-    position_gain: Array
-    position_offset: Array
-    position_delay: Array
-    pressure_gain: Array
-    pressure_offset: Array
-    pressure_delay: Array
+    position: Array
+    pressure: Array
+    acceleration: Array
     supply_gain: float
-    acceleration_gain: Array
-    acceleration_offset: Array
-    acceleration_delay: float
 
 
 class Controller(NamedTuple):
@@ -59,9 +49,14 @@ class Controller(NamedTuple):
 
 
 class Rig(NamedTuple):
-    """Everything that the compiled simulation knows of a machine. legs (n_legs, N_PARAMETERS), supply (N_SUPPLY,)."""
+    """Everything that the compiled simulation knows of a machine.
+
+    legs (n_legs, N_PARAMETERS).  geometry (n_legs, 7): base joint and platform joint (3 each), retracted length [m]; zeros
+    on a bench.  supply (N_SUPPLY,).
+    """
 
     legs: Array
+    geometry: Array
     supply: Array
     load: Load
     sensors: Sensors
@@ -75,6 +70,7 @@ def rig_of(machine: Machine, feedback: int = 0) -> tuple[Rig, Resolved]:
     legs[:, P.ACT_BRISTLE] = np.where(legs[:, P.BRISTLE_STIFFNESS] > 0.0, 0.0, -1.0)
     rig = Rig(
         legs=legs,
+        geometry=geometry_of(machine),
         supply=resolved.supply,
         load=load_of(resolved),
         sensors=sensors_of(resolved),
@@ -85,44 +81,45 @@ def rig_of(machine: Machine, feedback: int = 0) -> tuple[Rig, Resolved]:
     return rig, resolved
 
 
+def geometry_of(machine: Machine) -> Array:
+    """(n_legs, 7), see `Rig`."""
+    if machine.geometry is None:
+        return np.zeros((1, 7))
+    kinematics = machine_kinematics(machine)
+    return np.column_stack([kinematics.base_joints, kinematics.platform_joints, kinematics.retracted_length_m])
+
+
 def load_of(resolved: Resolved) -> Load:
-    """Bodies and joints; of payloads on springs the first."""
+    """Bodies; of payloads on springs the first."""
     modes = resolved.payload_modes
     spring = suspension(modes[0]) if modes else Suspension(0.0, 0.0, 0.0)
     if resolved.machine.geometry is None:
-        mass = float(resolved.load.moving_mass_kg or 0.0)
-        body = RigidBody(mass, mass, spring.mass, np.zeros(3), np.zeros((3, 3)))
-        none = np.empty((0, 3))
-        return Load(body, np.empty((0, 0)), resolved.gravity_m_s2, spring, none, none, np.zeros(1))
-    kinematics = machine_kinematics(resolved.machine)
-    body = platform_body(resolved, kinematics)
-    return Load(
-        body=body,
-        compliance=np.linalg.inv(mass_matrix(body)),
-        gravity=resolved.gravity_m_s2,
-        suspension=spring,
-        base=kinematics.base_joints,
-        joints=kinematics.platform_joints,
-        retracted=np.asarray(kinematics.retracted_length_m),
-    )
+        mass = resolved.load.moving_mass_kg or 0.0
+        body, compliance = (
+            rigid_body(mass, np.zeros(3), np.zeros((3, 3)), carried=mass, sprung=spring.mass),
+            np.zeros((6, 6)),
+        )
+    else:
+        body = platform_body(resolved, machine_kinematics(resolved.machine))
+        compliance = np.linalg.inv(mass_matrix(body))
+    x, y, z = (float(g) for g in resolved.gravity_m_s2)
+    return Load(body=body, compliance=compliance, gravity=(x, y, z), spring=spring)
 
 
 def sensors_of(resolved: Resolved) -> Sensors:
     """Gains, offsets and delays. The accelerometers of a platform: x, y, z and the three angular ones, which have no gain."""
     legs, shared = resolved.leg_sensors, resolved.sensors
-    gain, offset = shared.acceleration_gain, shared.acceleration_offset_m_s2
-    one = resolved.machine.geometry is None
+    along = [shared.acceleration_gain, shared.acceleration_offset_m_s2, shared.acceleration_delay_s]
+    if resolved.machine.geometry is None:
+        acceleration = np.array([along], dtype=float)
+    else:
+        across, turning = [along[0], 0.0, along[2]], [1.0, 0.0, along[2]]
+        acceleration = np.array([across, across, along, turning, turning, turning], dtype=float)
     return Sensors(
-        position_gain=legs["position_gain"],
-        position_offset=legs["position_offset_m"],
-        position_delay=legs["position_delay_s"],
-        pressure_gain=legs["pressure_gain"],
-        pressure_offset=legs["pressure_offset_Pa"],
-        pressure_delay=legs["pressure_delay_s"],
+        position=np.column_stack([legs["position_gain"], legs["position_offset_m"], legs["position_delay_s"]]),
+        pressure=np.column_stack([legs["pressure_gain"], legs["pressure_offset_Pa"], legs["pressure_delay_s"]]),
+        acceleration=acceleration,
         supply_gain=float(shared.supply_pressure_gain),
-        acceleration_gain=np.array([gain] if one else [gain, gain, gain, 1.0, 1.0, 1.0], dtype=float),
-        acceleration_offset=np.array([offset] if one else [0.0, 0.0, offset, 0.0, 0.0, 0.0], dtype=float),
-        acceleration_delay=float(shared.acceleration_delay_s),
     )
 
 

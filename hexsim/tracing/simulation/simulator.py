@@ -14,6 +14,7 @@ from hexsim.machine.geometry import machine_kinematics
 from hexsim.mechanics.rigid_body import joint_wrenches
 from hexsim.signals.log import MeasuredLog
 from hexsim.tracing.simulation import closed_loop as loop
+from hexsim.tracing.simulation import motion
 from hexsim.tracing.simulation.rig import Rig, rig_of, substeps
 
 Array = np.ndarray
@@ -37,8 +38,9 @@ def simulate_log(machine: Machine, log: MeasuredLog, feedback: int, supply: Arra
         near_rest=log.near_rest,
         rate_Hz=float(log.rate),
     )
-    out = np.empty((3 * k + 1 + len(rig.sensors.acceleration_gain), log.n))
-    loop.run(rig, inputs, start_state(rig, resolved, log), substeps(rig, log.rate), out)
+    out = np.empty((3 * k + 1 + len(rig.sensors.acceleration), log.n))
+    room = loop.room_for(start_state(rig, resolved, log), k, len(rig.sensors.acceleration), log.n)
+    loop.run(rig, inputs, room, substeps(rig, log.rate), out)
     rows = np.split(out, [k, 2 * k, 3 * k, 3 * k + 1])
     names = ("position", "volts", "pressure", "supply", "acceleration")
     return dict(zip(names, rows, strict=True)) | {"supply": out[3 * k]}
@@ -59,22 +61,22 @@ def start_of(log: MeasuredLog, gain: Array, offset: Array) -> tuple[Array, Array
 
 def start_state(rig: Rig, resolved: Resolved, log: MeasuredLog) -> Array:
     """Load at the first positions, at rest or in steady motion; pressures that carry it."""
-    y, v = start_of(log, rig.sensors.position_gain, rig.sensors.position_offset)
+    y, v = start_of(log, *rig.sensors.position.T[:2])
     thrust, down, load = load_at(rig, resolved, y, v)
     ps = rig.supply[S.PRESSURE]
-    legs = np.zeros((log.n_legs, loop.LEG_STATES))
+    legs = np.zeros((log.n_legs, motion.LEG_STATES))
     for own, row, position, speed, force in zip(legs, rig.legs, y, v, thrust, strict=True):
-        own[loop.LEG_P1] = loop.carrying_pressure(row, position, speed, ps, force)
-        own[loop.LEG_P2] = ps
+        own[motion.LEG_P1] = motion.carrying_pressure(row, position, speed, ps, force)
+        own[motion.LEG_P2] = ps
         if row[P.SPOOL_OMEGA] > 0.0:
-            own[loop.LEG_X] = equations.commanded_spool(row, 0.0, 0.0)
-    travel = down / rig.load.suspension.omega**2 if rig.load.suspension.mass > 0 else 0.0
+            own[motion.LEG_X] = equations.commanded_spool(row, 0.0, 0.0)
+    travel = down / rig.load.spring.omega**2 if rig.load.spring.mass > 0 else 0.0
     return np.concatenate([[ps, travel, 0.0], legs.ravel(), load])
 
 
 def load_at(rig: Rig, resolved: Resolved, y: Array, v: Array) -> tuple[Array, float, Array]:
     """(thrusts (n_legs,) [N] that carry the load without acceleration, gravity along its z axis [m/s2], its states)."""
-    body, gravity = rig.load.body, rig.load.gravity
+    body, gravity = rig.load.body, np.array(rig.load.gravity)
     if len(y) == 1:
         return -(body.carried + body.sprung) * gravity[2:], float(gravity[2]), np.array([y[0], v[0]])
     kinematics = machine_kinematics(resolved.machine)

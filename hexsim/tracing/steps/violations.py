@@ -18,10 +18,11 @@ from hexsim.declaration import Machine
 from hexsim.signals.log import MeasuredLog
 from hexsim.tracing import rules
 from hexsim.tracing.balances import BALANCES, Balance
-from hexsim.tracing.balances.null import null_rms, used
+from hexsim.tracing.balances.null import null_squares, used
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.parameters import Prior, priors, with_settings
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
+from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
@@ -74,13 +75,8 @@ def balance_named(name: str, log: MeasuredLog) -> Balance:
 def violations(declared: Machine, simulated: Machine, problem: SimulatedProblem) -> list[Violation]:
     """Every balance at every place. simulated: the machine that the null runs come from."""
     lines = []
-    quiet = [problem.simulated(simulated, i) for i in range(len(problem.logs))]
-    if declared.is_hexapod:
-        quiet = [log.head(rules.NULL_S_HEXAPOD) for log in quiet]
-    for balance in BALANCES:
-        if not all(balance.wants(log) for log in problem.logs):
-            continue
-        sigma, seeds = null_rms(balance, quiet, simulated, problem.noise, rules.NULL_SEEDS)
+    balances = [balance for balance in BALANCES if all(balance.wants(log) for log in problem.logs)]
+    for balance, (sigma, null) in zip(balances, null_sizes(balances, simulated, problem), strict=True):
         machine = own_fit(balance, declared, problem.logs, sigma).fitted_machine()
         rms = rms_of(balance, machine, problem.logs)
         for place, where in enumerate(balance.places(problem.logs[0])):
@@ -92,12 +88,28 @@ def violations(declared: Machine, simulated: Machine, problem: SimulatedProblem)
                     unit=balance.unit,
                     rms=float(rms[place]),
                     sigma=float(sigma[place]),
-                    null=float(seeds[:, place].max() / sigma[place]),
+                    null=float(null[place] / sigma[place]),
                     machine=machine,
                     all_sigma=sigma,
                 )
             )
     return lines
+
+
+def null_sizes(balances: Sequence[Balance], machine: Machine, problem: SimulatedProblem) -> list[tuple[Array, Array]]:
+    """(sigma, largest rms of the null runs) of every balance, (n_places,) each; one null run a job."""
+    quiet = [problem.simulated(machine, i) for i in range(len(problem.logs))]
+    if machine.is_hexapod:
+        quiet = [log.head(rules.NULL_S_HEXAPOD) for log in quiet]
+    clean = [[used(log, balance.residual(log, machine)) for log in quiet] for balance in balances]
+    runs = in_parallel(
+        lambda seed: null_squares(balances, quiet, clean, machine, problem.noise, seed), range(rules.NULL_SEEDS)
+    )
+    found = []
+    for k in range(len(balances)):
+        whole, apart = (np.stack([run[k][which] for run in runs]) for which in (0, 1))
+        found.append((np.sqrt(apart.mean(axis=0)), np.sqrt(whole.max(axis=0))))
+    return found
 
 
 def rms_of(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog]) -> Array:
