@@ -26,20 +26,22 @@ def compiled(function: Callable[..., Any]) -> Any:
     return dispatcher
 
 
-@intrinsic
-def borrowed(typing_context, array):
+def _borrowed(typing_context: Any, array: Any) -> Any:
     """The same array without its reference count, for inner loops: counting costs as much as a leg's equations.
 
     Whoever lends it must hold the array until the borrower returns, as the Python caller of a compiled function does.
     """
 
-    def without_owner(context, builder, signature, args):
+    def without_owner(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         struct = context.make_array(signature.return_type)(context, builder, value=args[0])
         struct.meminfo = Constant(struct.meminfo.type, None)
         struct.parent = Constant(struct.parent.type, None)
         return struct._getvalue()
 
     return array(array), without_owner
+
+
+borrowed: Any = intrinsic(_borrowed)
 
 
 @cache
@@ -49,6 +51,6 @@ def sources_digest() -> str:
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         source = path.read_bytes()
-        if path.parent == package / "hydraulics" or b"hexsim.compiled" in source:
+        if path.parent == package / "hydraulics" or b"hexsim.compiled" in source or b"IntEnum" in source:
             digest.update(source)
     return digest.hexdigest()

@@ -1,7 +1,8 @@
 """One leg's numbers as one row, so that compiled functions, MuJoCo's `actuator_user` and tracing share them.
 
-A row is a float array (N_PARAMETERS,), SI units. Every library effect is a term that vanishes at the row's neutral
-value, so the declared machine is the row with all effects neutral.
+A row is a float array (N_PARAMETERS,), SI units; physics only. Every library effect is a term that vanishes at the row's
+neutral value, so the declared machine is the row with all effects neutral. Where a plant keeps the leg's states:
+`plant.states`.
 """
 
 from __future__ import annotations
@@ -88,15 +89,8 @@ class P(IntEnum):
     LEARNED_SIGNAL = 60
     LEARNED_START = 61
     LEARNED_STEP = 62
-    # where the leg's states stand in MuJoCo's `act`; -1 = the leg has no such state
-    ACT_SPOOL = 63
-    ACT_BRISTLE = 64
-    ACT_ROD_SIDE = 65
-    ACT_PRESSURE = 66
-    ACT_SUPPLY = 67
-    IMPLICIT_STEP = 68
-    BASE_MASS = 69
-    BRISTLE_STEP = 70
+    # form of the rod side
+    ROD_SIDE_CHAMBER = 63  # 1: a chamber of its own behind a port; 0: at supply pressure
 
 
 LEARNED_TABLE = len(P)  # the curve stands behind the named places
@@ -107,7 +101,7 @@ def declared_rows(machine: Machine) -> np.ndarray:
     """Rows (n_legs, N_PARAMETERS) of the machine as declared, without its [effects].
 
     Spool Eq. 3.2: gain = x_max/u_max. Area gradient Eq. 3.3: pi d, with the sharp or rounded overlap law, or
-    Eq. 3.11 when QUADRATIC_GAIN > 0. State places are -1 until a plant lays them out.
+    Eq. 3.11 when QUADRATIC_GAIN > 0.
     """
     row = np.zeros(N_PARAMETERS)
     cylinder, valve, friction = machine.cylinder, machine.valve, machine.friction
@@ -148,9 +142,8 @@ def declared_rows(machine: Machine) -> np.ndarray:
         P.SHARPNESS: friction.sharpness_m_s,
         P.ARCTAN_SLOPE: friction.arctan_slope_s_m if friction.form == "report" else 0.0,
         P.RIPPLE_LENGTH: 1.0,
-        P.BASE_MASS: machine.load.moving_mass_kg or 0.0,
-        P.ACT_SPOOL: -1, P.ACT_BRISTLE: -1, P.ACT_ROD_SIDE: -1, P.ACT_PRESSURE: -1, P.ACT_SUPPLY: -1,
-    }  # fmt: skip
+        P.ROD_SIDE_CHAMBER: cylinder.rod_side == "chamber",
+    }
     for name, value in values.items():
         row[name] = value
     return np.tile(row, (machine.n_legs, 1))

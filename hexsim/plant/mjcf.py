@@ -5,8 +5,8 @@
 full    universal joint, cylinder, rod on a slide joint, ball end closed by `connect`: the machine that people see.
 tendon  one spatial tendon a leg between two sites; the legs' masses are generic at the platform joints.
 
-Frames and numbering as in `hexsim.mechanics.kinematics`. Actuators `leg_1`..`leg_6` (bench: `leg_1`): ctrl = valve volts, act =
-[spool position, spool velocity, bristle, rod side pressure [MPa], pressure [MPa]] as far as the leg has them.
+Frames and numbering as in `hexsim.mechanics.kinematics`. Actuators `leg_1`..`leg_6` (bench: `leg_1`): ctrl = valve volts,
+act = the leg's states; then `supply` where it has states: ctrl = pump on, act = its states (places: `plant.states`).
 """
 
 from __future__ import annotations
@@ -17,14 +17,13 @@ import mujoco
 import numpy as np
 
 from hexsim.errors import HexsimError
-from hexsim.hydraulics.parameters import N_PARAMETERS, P
+from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import PayloadMode, Resolved
-from hexsim.hydraulics.supply import CONSTANT, S
 from hexsim.machine.geometry import leg_bodies
 from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.mechanics.leg_inertia import LegBodies, lumped_legs
 from hexsim.plant import looks
-from hexsim.plant.callbacks import SUPPLY_MARK
+from hexsim.plant.states import ROW, A, actuator_rows, lay_out_states
 
 ModelKind = Literal["full", "tendon"]
 
@@ -175,52 +174,16 @@ def _turn_z_to(direction: np.ndarray) -> np.ndarray:
     return quat / np.linalg.norm(quat)
 
 
-def state_count(row: np.ndarray) -> int:
-    """How many states a leg with this row has; the pressure is the last one."""
-    return 1 + 2 * (row[P.SPOOL_OMEGA] > 0) + (row[P.BRISTLE_STIFFNESS] > 0) + (row[P.ACT_ROD_SIDE] > -1)
-
-
-def lay_out_states(resolved: Resolved, length_offset: float) -> np.ndarray:
-    """Write the places of all states into the rows; return the rows of all actuators (n_actuators, N_PARAMETERS)."""
-    rows = resolved.rows
-    own_rod_side = resolved.machine.cylinder.rod_side == "chamber"
-    place = 0
-    for row in rows:
-        row[P.LENGTH_OFFSET] = length_offset
-        row[P.ACT_SPOOL] = row[P.ACT_BRISTLE] = row[P.ACT_ROD_SIDE] = row[P.ACT_SUPPLY] = -1
-        if row[P.SPOOL_OMEGA] > 0:
-            row[P.ACT_SPOOL] = place
-            place += 2
-        if row[P.BRISTLE_STIFFNESS] > 0:
-            row[P.ACT_BRISTLE] = place
-            place += 1
-        if own_rod_side:
-            row[P.ACT_ROD_SIDE] = place
-            place += 1
-        row[P.ACT_PRESSURE] = place
-        place += 1
-    if resolved.supply[S.MODEL] == CONSTANT:
-        return rows
-    supply = np.zeros(N_PARAMETERS)
-    resolved.supply[S.ACT] = place
-    supply[: len(resolved.supply)] = resolved.supply
-    supply[P.ACT_PRESSURE] = SUPPLY_MARK
-    rows[:, P.ACT_SUPPLY] = place + resolved.supply[S.STATES] - 1
-    return np.vstack([rows, supply])
-
-
 def _add_actuators(
     spec: mujoco.MjSpec, resolved: Resolved, target: str, transmission: mujoco.mjtTrn, length_offset: float
 ) -> np.ndarray:
     """One prismatic actuator a leg, and one for the supply when it has states; returns their rows."""
-    rows = lay_out_states(resolved, length_offset)
+    resolved.rows[:, P.LENGTH_OFFSET] = length_offset
     fast = spec.option.integrator == mujoco.mjtIntegrator.mjINT_EULER
+    layout = lay_out_states(resolved, fast)
     volts = resolved.machine.valve.voltage_max_V
-    for i, row in enumerate(rows):
+    for i, places in enumerate(layout[:, A.PRESSURE]):
         is_leg = i < resolved.machine.n_legs
-        row[P.IMPLICIT_STEP] = spec.option.timestep if fast and is_leg else row[P.IMPLICIT_STEP]
-        row[P.BRISTLE_STEP] = spec.option.timestep if is_leg else row[P.BRISTLE_STEP]
-        row[S.IMPLICIT_STEP] = row[S.IMPLICIT_STEP] if is_leg else fast * spec.option.timestep
         actuator = spec.add_actuator(
             name=f"leg_{i + 1}" if is_leg else "supply",
             trntype=transmission,
@@ -231,13 +194,11 @@ def _add_actuators(
             ctrllimited=True,
             ctrlrange=[-volts, volts] if is_leg else [0, 1],
         )
-        places = rows[:, P.ACT_PRESSURE]
-        actuator.actdim = int(places[i] - (places[i - 1] if i else -1)) if is_leg else int(resolved.supply[S.STATES])
+        actuator.actdim = int(places - (layout[i - 1, A.PRESSURE] if i else -1))
         actuator.actearly = fast
         gain = np.zeros(10)
-        gain[0] = row[P.AREA_BOTTOM] * 1e6 if is_leg else 0.0  # act is in MPa
+        gain[0] = resolved.rows[i, P.AREA_BOTTOM] * 1e6 if is_leg else 0.0  # act is in MPa
         actuator.gainprm = gain
-    resolved.rows[:] = rows[: resolved.machine.n_legs]
-    spec.nuser_actuator = N_PARAMETERS
-    spec.nuserdata = 2 * len(rows)  # demand and heat of each leg
-    return rows
+    spec.nuser_actuator = ROW
+    spec.nuserdata = 2 * len(layout)  # demand and heat of each leg
+    return actuator_rows(resolved, layout)

@@ -9,18 +9,21 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from hexsim.errors import HexsimError
+from hexsim.signals.table import places
 
 FILL = 10  # samples: shorter gaps are filled by a straight line, longer ones end a stretch
 SHORTEST_S = 0.5  # [s] shorter logs are refused
 RATES_Hz = (5.0, 20_000.0)
 RESTING_s = 0.25  # a quantised signal may stand still for longer when nothing moves
 LARGEST = 1e30  # in any SI unit: beyond it a number is damage
-HELD = ("setpoint", "valve")  # signals that may rightly stand still
 
 
 @dataclass(kw_only=True)
 class Cleaning:
-    """A log on its way to a uniform table; row(i) is the file's row of sample i; foreign: of a machine of its own."""
+    """A log on its way to a uniform table.
+
+    row(i) is the file's row of sample i. foreign: of a machine of its own columns. repaired: see `Log`.
+    """
 
     path: Path
     first_row: int
@@ -29,6 +32,7 @@ class Cleaning:
     losses: list[str]
     foreign: bool = False
     kept: np.ndarray = field(init=False)
+    repaired: dict[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.kept = np.arange(len(self.time))
@@ -39,6 +43,11 @@ class Cleaning:
     def keep(self, mask: np.ndarray) -> None:
         self.time, self.kept = self.time[mask], self.kept[mask]
         self.signals = {name: values[mask] for name, values in self.signals.items()}
+
+
+def held(name: str) -> bool:
+    """May this column rightly stand still: a setpoint, a valve?"""
+    return name in places() and places()[name][0].held
 
 
 def clean_time(log: Cleaning) -> None:
@@ -128,7 +137,7 @@ def why_dead(log: Cleaning, name: str, x: np.ndarray) -> str | None:
     missing = int(np.isnan(x).sum())
     if missing > 0.5 * len(x):
         return f"{missing} of {len(x)} values are missing"
-    if log.foreign or name.startswith(HELD):
+    if log.foreign or held(name):
         return None
     clipped = saturated(x)
     if clipped is not None:
@@ -193,7 +202,7 @@ def frozen(log: Cleaning, name: str, x: np.ndarray) -> np.ndarray:
     signal moves: a quantised sensor of a machine at rest stands still by right, as do held setpoints, noise-free logs.
     """
     none = np.zeros(len(x), dtype=bool)
-    if name.startswith(HELD) or len(x) < 50 or not noisy(x):
+    if held(name) or len(x) < 50 or not noisy(x):
         return none
     same = np.diff(x) == 0
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
@@ -227,20 +236,15 @@ def noisy(x: np.ndarray) -> bool:
     return len(moving) > 20 and float(np.median(moving)) / 30.0 > 1e-6 * float(np.nanmax(x) - np.nanmin(x))
 
 
-def fill_short(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """Straight lines over missing runs of at most FILL samples; how many samples were filled."""
+def short_gaps(values: np.ndarray) -> np.ndarray:
+    """Samples (n,) bool of missing runs of at most FILL samples between samples that are there."""
     missing = np.isnan(values)
-    if not missing.any():
-        return values, 0
     edges = np.flatnonzero(np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8)))
-    fill = np.zeros(len(values), dtype=bool)
+    short = np.zeros(len(values), dtype=bool)
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         if stop - start <= FILL and start > 0 and stop < len(values):
-            fill[start:stop] = True
-    good = np.flatnonzero(~missing)
-    out = values.copy()
-    out[fill] = np.interp(np.flatnonzero(fill), good, values[good])
-    return out, int(fill.sum())
+            short[start:stop] = True
+    return short
 
 
 def uniform(log: Cleaning) -> float:
@@ -303,6 +307,11 @@ def shift_delays(log: Cleaning, delays: dict[str, float], rate: float) -> None:
     n = len(log.time)
     for name, delay in delays.items():
         if delay and name in log.signals:
+            if abs(delay) * rate >= n - 1:
+                raise HexsimError(
+                    f"{log.path}: [columns.{name}] delay_s = {delay:g} in the mapping is longer than the log "
+                    f"({(n - 1) / rate:.3g} s): give the delay in seconds"
+                )
             log.signals[name] = np.interp(
                 np.arange(n) + delay * rate, np.arange(n), log.signals[name], left=np.nan, right=np.nan
             )
@@ -312,10 +321,14 @@ def shift_delays(log: Cleaning, delays: dict[str, float], rate: float) -> None:
 def stretches(log: Cleaning, rate: float) -> list[slice]:
     """Slices without a missing value, longest first, after filling short gaps."""
     for name, values in log.signals.items():
-        log.signals[name], filled = fill_short(values)
-        if filled:
+        short = short_gaps(values)
+        if short.any():
+            good = np.flatnonzero(~np.isnan(values))
+            log.signals[name] = values = values.copy()
+            values[short] = np.interp(np.flatnonzero(short), good, values[good])
+            log.repaired[name] = short
             log.losses.append(
-                f"column {name}: {filled} samples filled by straight lines (gaps of at most {FILL} samples)"
+                f"column {name}: {short.sum()} samples filled by straight lines (gaps of at most {FILL} samples)"
             )
     whole = np.ones(len(log.time), dtype=bool)
     for values in log.signals.values():

@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hexsim.errors import HexsimError
 from hexsim.files.toml_files import read_toml, validation_sentence
-from hexsim.readers.units import unit_of_name, unit_to_si
+from hexsim.signals.units import unit_of_name, unit_to_si
 
 
 class Section(BaseModel):

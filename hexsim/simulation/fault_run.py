@@ -89,8 +89,7 @@ class FaultRun:
                 volts = fault.act(self.bench, time_s, volts)
         self.supply.tick(self.computer.pump_on, self.bench.tick_s)
         self.computer.pump_running = self.supply.running
-        self.computer.oil_temperature_degC = self.supply.oil_temperature_degC()
-        plant.keep_rows()
+        self.computer.oil_temperature_degC = plant.oil_temperature_degC
         return volts
 
     def summary(self) -> dict[str, Any]:

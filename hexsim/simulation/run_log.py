@@ -9,7 +9,6 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from hexsim.hydraulics.parameters import P
 from hexsim.plant import Plant
 from hexsim.plant.readout import LegSignals, PlatformSignals, leg_signals, platform_signals, power_unit_signals
 from hexsim.scenarios import Scenario
@@ -45,7 +44,7 @@ def run_log(plant: Plant, scenario: Scenario, recorded: Recorded, sensors: Senso
     rows = recorded.ticks
     states = (recorded.time, recorded.qpos, recorded.qvel, recorded.act[rows], recorded.spool_volts)
     legs = leg_signals(plant, *states)
-    every_pressure = recorded.act[:, plant.rows[:, P.ACT_PRESSURE].astype(int)] * 1e6
+    every_pressure = recorded.act[:, plant.pressure_places] * 1e6
     supply = np.full(len(recorded.act), np.nan)
     supply[rows] = legs.supply_Pa
     measured = {

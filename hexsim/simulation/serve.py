@@ -36,7 +36,7 @@ from hexsim.scenarios import Scenario, load_scenario
 from hexsim.sensors.bank import SensorBank, measure
 from hexsim.simulation.emergency_supply import EmergencySupply
 from hexsim.simulation.manual import SignalGenerator
-from hexsim.simulation.simulation import make_compensators, whole_ratio
+from hexsim.simulation.simulation import make_compensators
 
 Array = NDArray[np.float64]
 PORT = 47110
@@ -102,7 +102,6 @@ class Server:
         self.machine = machine
         self.plant = Plant(machine, model="tendon" if machine.is_hexapod else "full", scheme="rk4", timestep=timestep)
         self.tick_s = 1.0 / machine.controller.rate_Hz
-        self.steps = whole_ratio(1.0 / timestep, machine.controller.rate_Hz, "time step and control rate")
         self.compensator, made = make_compensators(compensator, machine)
         self.messages: list[tuple[float, int, str]] = []
         self.computer = MotionComputer(machine, made, None, lambda *message: self.messages.append(message))
@@ -123,18 +122,15 @@ class Server:
         self._sequence, self._refused, self._taken = 0, False, -1
         self._pose, self._asked = np.zeros(6), np.zeros(6)
         self._positions = self.computer.neutral.copy()
-        self._running = contextlib.ExitStack()
         self.socket = _bind(host, port)
         self.address = self.socket.getsockname()
         if start == "off":
             self._settle()
 
     def __enter__(self) -> Server:
-        self._running.enter_context(self.plant.running())
         return self
 
     def __exit__(self, *exc: object) -> None:
-        self._running.close()
         self.socket.close()
 
     @property
@@ -143,10 +139,9 @@ class Server:
 
     def _settle(self) -> None:
         """Bring the platform down before anyone looks."""
-        with self.plant.running():
-            self.computer.command("settle", 0.0)
-            while self.computer.state == State.SETTLING:
-                self.tick()
+        self.computer.command("settle", 0.0)
+        while self.computer.state == State.SETTLING:
+            self.tick()
         if self.computer.state != State.OFF:
             raise HexsimError(
                 f"machine {self.machine.name} does not settle: {'; '.join(text for _, _, text in self.messages)}"
@@ -165,10 +160,9 @@ class Server:
         )
         self._positions = y
         computer.pump_running = self.supply.running
-        computer.oil_temperature_degC = self.supply.oil_temperature_degC()
+        computer.oil_temperature_degC = plant.oil_temperature_degC
         computer.heard_s = max(self.buffer.heard_s, computer.heard_s or 0.0) if self._peer else computer.heard_s
-        plant.data.ctrl[: plant.n_legs] = computer.tick(now, self._wanted(now), y, P, Ps)
-        plant.step(self.steps)
+        plant.tick(computer.tick(now, self._wanted(now), y, P, Ps))
         self.supply.tick(computer.pump_on, self.tick_s)
         self.ticks += 1
         if self.ticks % 50 == 0:

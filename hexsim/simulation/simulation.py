@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,14 +16,15 @@ import compensation
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.files import changed
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
-from hexsim.plant.plant import KNOWN_ERROR, PlantError
-from hexsim.plant.stepping import advance, machinery, new_record, sense, shape
+from hexsim.plant.plant import KNOWN_ERROR, PlantError, whole_ratio
+from hexsim.plant.stepping import mean_acceleration
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
+from hexsim.scenarios.resources import check_resources
+from hexsim.scenarios.settings import machine_in
 from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.fault_run import FaultRun, FaultySensors
 from hexsim.simulation.faults import read_faults
@@ -95,14 +97,6 @@ def _actuator_setpoints(machine: Machine, scenario: Scenario, time: Array) -> Ar
     return positions
 
 
-def whole_ratio(a: float, b: float, what: str) -> int:
-    """a/b as a whole number, or a HexsimError."""
-    ratio = round(a / b)
-    if ratio < 1 or abs(a / b - ratio) > 1e-6:
-        raise HexsimError(f"{what}: {a:g} Hz is not a whole multiple of {b:g} Hz; choose rates that are")
-    return ratio
-
-
 def simulate(
     machine: Machine,
     scenario: Scenario,
@@ -122,11 +116,8 @@ def simulate(
     Raises HexsimError before the run for what cannot be done; an interrupted or diverged run comes back with
     complete = False and its log so far.
     """
-    machine = (
-        changed(machine, dict(scenario.machine_changes), f"scenario {scenario.name}")
-        if scenario.machine_changes
-        else machine
-    )
+    machine = machine_in(scenario, machine)
+    check_resources(machine, scenario.duration_s)
     name, compensators = make_compensators(compensator, machine)
     kind = model or ("tendon" if fast and machine.is_hexapod else "full")
     plant = Plant(machine, model=kind, scheme="fast" if fast else "rk4", timestep=timestep)  # type: ignore[arg-type]
@@ -166,7 +157,6 @@ class TickLoop:
         self.plant, self.loop = plant, loop
         rate = max(machine.sensors.log_rate_Hz, machine.controller.rate_Hz)
         self.tick_s = 1.0 / rate
-        steps = whole_ratio(1.0 / plant.timestep, rate, "time step and log or control rate")
         self.control_every = whole_ratio(rate, machine.controller.rate_Hz, "log rate and control rate")
         self.log_every = whole_ratio(rate, machine.sensors.log_rate_Hz, "control rate and log rate")
         self.ticks = round(scenario.duration_s * rate)
@@ -179,8 +169,8 @@ class TickLoop:
         )
         self.setpoints = setpoints(machine, scenario, plant, ahead)
         self.sensors = SensorBank(plant.resolved, self.ticks, self.tick_s, seed)
-        self.machinery = machinery(plant, steps, self.tick_s)
-        self.record = new_record(plant, self.ticks)
+        plant.prepare(rate, self.ticks)
+        self.record = plant.record
         self.pressures = np.zeros((self.ticks, machine.n_legs))
         self.compensation = np.zeros((self.ticks, machine.n_legs))
         self.faults: FaultRun | None = None
@@ -190,22 +180,21 @@ class TickLoop:
         """Run to the end; returns "" or why it ended early."""
         plain = not (self.loop.compensators or interventions or self.sensors.position_delay.any())
         chunk = max(1, round(CHECK_EVERY_S / self.tick_s))
-        with self.plant.running():
-            try:
-                for first in range(0, self.ticks, chunk):
-                    last = min(first + chunk, self.ticks)
-                    if plain:
-                        run_plain(self.machinery, self.record, self._plain_control(), first, last)
-                        self.done = last
-                    else:
-                        self._ticks(first, last, interventions)
-                    self.plant.check()
-                    self.plant.follow_oil_temperature()
-                    progress(last / self.ticks)
-            except PlantError as error:
-                return self._diverged(str(error))
-            except KeyboardInterrupt:
-                return f"interrupted by the user at t = {self.done * self.tick_s:.3f} s"
+        try:
+            for first in range(0, self.ticks, chunk):
+                last = min(first + chunk, self.ticks)
+                if plain:
+                    run_plain(self.plant.context, self.record, self._plain_control(), first, last)
+                    self.done = last
+                else:
+                    self._ticks(first, last, interventions)
+                self.plant.check()
+                self.plant.follow_oil_temperature()
+                progress(last / self.ticks)
+        except PlantError as error:
+            return self._diverged(str(error))
+        except KeyboardInterrupt:
+            return f"interrupted by the user at t = {self.done * self.tick_s:.3f} s"
         return ""
 
     def _diverged(self, what: str) -> str:
@@ -234,21 +223,20 @@ class TickLoop:
 
     def _ticks(self, first: int, last: int, interventions: Sequence[Any]) -> None:
         """Ticks with the motion computer and the interventions in Python."""
-        record, machine = self.record, self.machinery
         for tick in range(first, last):
-            sense(machine, record, tick)
+            self.plant.sense()
             self.pressures[tick] = self.plant.bottom_pressures()
             if tick % self.control_every == 0:
                 self._control(tick)
-            record.volts[tick] = self.loop.valve
             self.compensation[tick] = self.loop.compensation
-            shape(machine, record, tick)
-            for intervention in interventions:
-                record.spool_volts[tick] = intervention.before_step(
-                    tick * self.tick_s, self.plant, record.spool_volts[tick]
-                )
-            advance(machine, record, tick)
+            self.plant.tick(self.loop.valve, partial(self._intervene, interventions) if interventions else None)
             self.done = tick + 1
+
+    def _intervene(self, interventions: Sequence[Any], volts: Array) -> Array:
+        """Volts (n_legs,) at the spools after all interventions of this tick."""
+        for intervention in interventions:
+            volts = intervention.before_step(self.done * self.tick_s, self.plant, volts)
+        return volts
 
     def _control(self, tick: int) -> None:
         sensors = self.sensors
@@ -275,7 +263,7 @@ class TickLoop:
             qpos=record.qpos[every],
             qvel=record.qvel[every],
             qacc=record.qacc[every],
-            mean_acceleration=record.mean_acceleration[every],
+            mean_acceleration=mean_acceleration(record, self.done, self.tick_s)[every],
             act=record.act[: self.done],
             volts=record.volts[every],
             spool_volts=record.spool_volts[every],

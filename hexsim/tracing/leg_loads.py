@@ -8,20 +8,14 @@ from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.mechanics.rigid_body import joint_wrenches, rigid_body
-from hexsim.readers import LogFile
+from hexsim.signals.log import Log
+from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window
 
 Array = np.ndarray
 
 
-def accelerations_of(n_legs: int) -> list[str]:
-    """Names of the accelerometer columns."""
-    if n_legs == 1:
-        return ["acceleration_m_s2"]
-    return [f"acceleration_{x}_m_s2" for x in "xyz"] + [f"angular_acceleration_{x}_rad_s2" for x in "xyz"]
-
-
-def leg_loads(log: LogFile, machine: Machine) -> tuple[Array, Array]:
+def leg_loads(log: Log, machine: Machine) -> tuple[Array, Array]:
     """(thrusts [N] that the platform asks of its legs, accelerations of the pistons [m/s2]), (6, n) each.
 
     The wrench of `mechanics.rigid_body` at the measured motion, then J^T f = wrench. Massless legs.
@@ -31,7 +25,7 @@ def leg_loads(log: LogFile, machine: Machine) -> tuple[Array, Array]:
         raise HexsimError(f"machine {machine.name} has no [geometry] or platform: the legs' loads cannot be told")
     legs, mass = machine_kinematics(machine), load.platform_mass_kg
     body = rigid_body(mass, load.centre_of_mass_m, np.diag(load.platform_inertia_kg_m2), carried=mass)
-    look = Window(log.rate_Hz, 0.04)
+    look = Window(log.rate, 0.04)
     positions = np.stack([look.mean(log.columns[f"position_{i}_m"]) for i in range(1, 7)])
     pose = legs.forward(positions.T)
     twist = legs.twist(pose, look.rate(pose.T).T)

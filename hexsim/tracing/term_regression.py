@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hexsim.errors import HexsimError
-from hexsim.readers import LogFile
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.checks.sensor_agreement import agreement
 
@@ -31,7 +31,7 @@ BLOCKS = 6  # blocks a run, for the standard error of a gain
 class Point:
     """Aligned signals of one run. `mean` and `rate` are <w, x> and <w, dx/dt>; point["name"] is a raw channel."""
 
-    log: LogFile
+    log: Log
     window: Window
     shifts_s: Mapping[str, Array] = field(default_factory=dict)
 
@@ -40,11 +40,11 @@ class Point:
         if name not in self.shifts_s:
             return values
         place = np.arange(len(values))
-        return np.interp(place + self.shifts_s[name] * self.log.rate_Hz, place, values)
+        return np.interp(place + self.shifts_s[name] * self.log.rate, place, values)
 
     def scored(self) -> Array:
         """The second half of each part: the first half served to align the channels."""
-        n = len(self.log.time_s)
+        n = len(self.log.time)
         return (np.arange(n) * 2 * PARTS // n) % 2 == 1
 
     def mean(self, x: Array) -> Array:
@@ -146,7 +146,7 @@ class RunData:
 
 def run_data(balance: OwnBalance, point: Point) -> RunData:
     """Evaluate all columns, thinned to independent windows, where the run is scored."""
-    n, half = len(point.log.time_s), point.window.half
+    n, half = len(point.log.time), point.window.half
     keep = np.zeros(n, dtype=bool)
     keep[half : n - half : max(1, half)] = True
     keep &= point.scored()
@@ -161,7 +161,7 @@ def run_data(balance: OwnBalance, point: Point) -> RunData:
     return RunData(
         name=point.log.name, target=balance.target(point)[keep], terms=columns(balance.terms),
         candidates=columns(balance.candidates),
-        signals={"time_s": point.log.time_s[keep]} | {k: point.mean(point[k])[keep] for k in point.log.columns},
+        signals={"time_s": point.log.time[keep]} | {k: point.mean(point[k])[keep] for k in point.log.columns},
     )  # fmt: skip
 
 

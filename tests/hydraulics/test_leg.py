@@ -162,7 +162,7 @@ def test_supply_demand_counts_valve_leak_and_annulus(row):
 
 def test_supply_demand_with_a_rod_side_chamber_is_its_port(row):
     """With its own chamber the annulus takes what its port passes, whatever the speed."""
-    row[P.ACT_ROD_SIDE] = 0
+    row[P.ROD_SIDE_CHAMBER] = 1
     for v in (0.0, 0.3):
         by_hand = leg.rod_side_flow(row, 6.8e6, PS)
         assert leg.supply_demand(row, v, 0.0, P1, 6.8e6, PS) == pytest.approx(by_hand, rel=1e-12)

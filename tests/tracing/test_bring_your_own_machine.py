@@ -47,7 +47,7 @@ def test_the_mapping_of_the_page_reads_a_foreign_log(my_machine):
     """Step 3: mapping.toml beside the log gives the measured-log columns, and the checks are silent."""
     log = read_log(my_machine / "fit.csv")
     raw = pl.read_csv(DATA / "bench_none" / "fit.csv.gz")
-    n = len(log.time_s)
+    n = len(log.time)
     assert n == 10_000 - 4  # the late channel ends 4 samples early
     for name in ("position_m", "setpoint_m", "valve_V", "pressure_bottom_Pa", "acceleration_m_s2"):
         np.testing.assert_allclose(log.columns[name], raw[name].to_numpy()[:n], rtol=1e-9, atol=1e-9, err_msg=name)

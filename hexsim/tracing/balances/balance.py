@@ -189,8 +189,7 @@ def spool_positions(p, volts, t):
 
 
 def resolved_machine(machine: Machine) -> Resolved:
-    """Rows of a machine with the bristle switched on where it has one."""
+    """A machine with its effects, the rod side at supply pressure."""
     resolved = resolve(machine)
-    for row in resolved.rows:
-        row[P.ACT_BRISTLE] = 0.0 if row[P.BRISTLE_STIFFNESS] > 0.0 else -1.0
+    resolved.rows[:, P.ROD_SIDE_CHAMBER] = 0.0
     return resolved

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from hexsim.compiled import compiled
-from hexsim.hydraulics import leg, supply, valve
+from hexsim.hydraulics import leg, supply
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.supply import S
 from hexsim.mechanics.leg_geometry import leg_line
@@ -79,19 +79,13 @@ def write_leg_motion(geometry, state, y, v):
 
 @compiled
 def leg_rates(p, y, v, volts, t, ps, state, k, h, rate):
-    """Write the rates of a leg's states from place k on; return its force on the load [N] and the spool used [m]."""
-    p1, z = state[k + LEG_P1], state[k + LEG_Z]
-    used = leg.commanded_spool(p, volts, t)
-    if p[P.SPOOL_OMEGA] > 0.0:
-        rate[k + LEG_X], rate[k + LEG_XD] = valve.spool_rates(
-            state[k + LEG_X], state[k + LEG_XD], used, p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING], p[P.SPOOL_RATE]
-        )
-        used = min(max(state[k + LEG_X], -p[P.SPOOL_TRAVEL]), p[P.SPOOL_TRAVEL])
-    rate[k + LEG_P1] = leg.pressure_rate(p, y, v, volts, used, p1, ps, t)
-    if p[P.BRISTLE_STIFFNESS] > 0.0:
-        stiff = p[P.BRISTLE_STIFFNESS] * abs(v) / max(leg.friction_level(p, y, v, p1), 1e-9)
-        rate[k + LEG_Z] = leg.bristle_rate(p, y, v, p1, z) / (1.0 + h * stiff)
-    return p1 * p[P.AREA_BOTTOM] + leg.force_beyond_pressure(p, y, v, volts, p1, ps, ps, z, t), used
+    """Write the rates of a leg's states from place k on; return its force [N], spool [m] and rod side [Pa]."""
+    own = (state[k + LEG_P1], state[k + LEG_P2], state[k + LEG_X], state[k + LEG_XD], state[k + LEG_Z])
+    slopes, x, _ = leg.leg_derivatives(p, y, v, volts, t, ps, own, h, False)
+    for q in range(LEG_STATES):
+        rate[k + q] = slopes[q]
+    p2 = own[1] if p[P.ROD_SIDE_CHAMBER] > 0.0 else ps
+    return leg.leg_force(p, y, v, volts, own[0], p2, ps, own[4], t), x, p2
 
 
 @compiled
@@ -135,9 +129,9 @@ def rates(legs, geometry, s, load, held, t, h, state, rate):
         if not alone:
             y, v, line, moment = leg_on_platform(pose, geometry, i)
         p, k = legs[i], LEGS + i * LEG_STATES
-        force, x = leg_rates(p, y, v, held[i], t, ps, state, k, h, rate)
+        force, x, p2 = leg_rates(p, y, v, held[i], t, ps, state, k, h, rate)
         if s[S.MODEL] == supply.LINE:
-            demand += leg.supply_demand(p, v, x, state[k + LEG_P1], ps, ps)
+            demand += leg.supply_demand_in_step(p, y, v, x, state[k + LEG_P1], p2, ps, h)
         f0, f1, f2 = f0 + force * line[0], f1 + force * line[1], f2 + force * line[2]
         m0, m1, m2 = m0 + force * moment[0], m1 + force * moment[1], m2 + force * moment[2]
     if s[S.MODEL] == supply.LINE:

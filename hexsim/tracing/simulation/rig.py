@@ -66,10 +66,8 @@ class Rig(NamedTuple):
 def rig_of(machine: Machine, feedback: int = 0) -> tuple[Rig, Resolved]:
     """The machine's numbers. feedback: 0 the declared position loop, 1 the logged volts."""
     resolved, controller = resolve(machine), machine.controller
-    legs = resolved.rows
-    legs[:, P.ACT_BRISTLE] = np.where(legs[:, P.BRISTLE_STIFFNESS] > 0.0, 0.0, -1.0)
     rig = Rig(
-        legs=legs,
+        legs=resolved.rows,
         geometry=geometry_of(machine),
         supply=resolved.supply,
         load=load_of(resolved),

@@ -62,6 +62,12 @@ def slot(struct: str, field: str) -> int:
 DATA_ARRAYS = ("ctrl", "act", "act_dot", "actuator_length", "actuator_velocity", "userdata")
 
 
+def timestep_view(model: mujoco.MjModel) -> np.ndarray:
+    """The model's time step [s] as an array (1,) that shares its memory."""
+    place = model._address + 8 * (slot("mjModel", "opt") + slot("mjOption", "timestep"))
+    return np.ctypeslib.as_array(ctypes.c_double.from_address(place)).reshape(1)
+
+
 def check_layout(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Compare every place that native code uses with the live views. Raises HexsimError on the first difference."""
     views: list[tuple[str, str, int, np.ndarray]] = [
@@ -72,6 +78,11 @@ def check_layout(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         found = ctypes.c_uint64.from_address(base + 8 * slot(struct, name)).value
         if view.size and found != view.ctypes.data:
             raise HexsimError(_differs(struct, name))
+    width = ctypes.c_int64.from_address(model._address + 8 * slot("mjModel", "nuser_actuator")).value
+    if width != model.nuser_actuator:
+        raise HexsimError(_differs("mjModel", "nuser_actuator"))
+    if timestep_view(model)[0] != model.opt.timestep:
+        raise HexsimError(_differs("mjOption", "timestep"))
     before = data.time
     data.time = 0.123456789
     found_time = ctypes.c_double.from_address(data._address + 8 * slot("mjData", "time")).value
