@@ -50,7 +50,7 @@ def trace(
             from hexsim.tracing.trace import trace as run
 
             result = run(machine, fit or ["fit"], held_out, folder.path, show)
-        report = json_module.loads((folder.path / "report.json").read_text())
+        report = json_module.loads((folder.path / "report.json").read_text(encoding="utf-8"))
         final = folder.finish()  # what was found is safe; recordings come to it
         if recording:
             from hexsim.tracing.report.recording import write_trace_recordings
