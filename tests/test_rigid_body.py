@@ -155,4 +155,6 @@ def test_legs_that_have_mass_carry_the_weight_of_a_payload_once():
     thrust = load_at(rig, resolved, kinematics.piston_positions(np.zeros(6)), np.zeros(6))[0]
     carried = platform_body(resolved, kinematics).carried
     assert resolved.load.leg_mass_kg > 0
-    assert kinematics.jacobian(np.zeros(6))[:, 2] @ thrust == pytest.approx(-(carried + 120.0) * resolved.gravity_m_s2[2], rel=1e-12)
+    assert kinematics.jacobian(np.zeros(6))[:, 2] @ thrust == pytest.approx(
+        -(carried + 120.0) * resolved.gravity_m_s2[2], rel=1e-12
+    )
