@@ -59,6 +59,8 @@ class MachineRig:
             machine, scenario, compensator=self.compensator, fast=self.quick, seed=seed,
             model="tendon" if machine.is_hexapod else None,
         )  # fmt: skip
+        if "interrupted" in run.reason:
+            raise KeyboardInterrupt
         if not run.complete:
             raise HexsimError(f"the machine does not survive the motion test {scenario.name}: {run.reason}")
         log, n = run.log, machine.n_legs

@@ -16,7 +16,6 @@ import compensation
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.files import changed
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
@@ -24,6 +23,8 @@ from hexsim.plant.plant import KNOWN_ERROR, PlantError, whole_ratio
 from hexsim.plant.stepping import mean_acceleration
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
+from hexsim.scenarios.resources import check_resources
+from hexsim.scenarios.settings import machine_in
 from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.fault_run import FaultRun, FaultySensors
 from hexsim.simulation.faults import read_faults
@@ -115,11 +116,8 @@ def simulate(
     Raises HexsimError before the run for what cannot be done; an interrupted or diverged run comes back with
     complete = False and its log so far.
     """
-    machine = (
-        changed(machine, dict(scenario.machine_changes), f"scenario {scenario.name}")
-        if scenario.machine_changes
-        else machine
-    )
+    machine = machine_in(scenario, machine)
+    check_resources(machine, scenario.duration_s)
     name, compensators = make_compensators(compensator, machine)
     kind = model or ("tendon" if fast and machine.is_hexapod else "full")
     plant = Plant(machine, model=kind, scheme="fast" if fast else "rk4", timestep=timestep)  # type: ignore[arg-type]
