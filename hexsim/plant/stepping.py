@@ -109,7 +109,7 @@ def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> St
         lengths=data.ten_length, slides=np.zeros(0, np.int64) if plant.is_tendon else plant.slides.astype(np.int64),
         offsets=np.ascontiguousarray(rows[:, P.LENGTH_OFFSET]),
         hysteresis=np.ascontiguousarray(rows[:, P.HYSTERESIS]), delay=delay,
-        past=np.zeros((int(delay.max()) + 1, plant.n_legs)), spool_volts=np.zeros(plant.n_legs),
+        past=np.zeros((round(plant.longest_delay_s / tick_s) + 1, plant.n_legs)), spool_volts=np.zeros(plant.n_legs),
     )  # fmt: skip
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hexsim.hydraulics.resolved import Resolved
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import labels
 from hexsim.plant import Plant
@@ -20,14 +22,40 @@ Array = NDArray[np.float64]
 
 
 class FaultySensors(SensorBank):
-    """A sensor bank in which some transducers break: same noise as the sound one, from the same seed."""
+    """A sensor bank in which some transducers break or change: same noise as the sound one, from the same seed.
 
-    def break_legs(self, faults: Sequence[Fault]) -> None:
+    log_every: ticks between rows of the log, at which angular accelerations are sensed.
+    """
+
+    def __init__(
+        self, resolved: Resolved, ticks: int, tick_s: float, seed: int, faults: Sequence[Fault], log_every: int = 1
+    ) -> None:
+        super().__init__(_present(resolved), ticks, tick_s, seed)
         self._faults = [fault for fault in faults if isinstance(fault, (PositionSensor, LegBlind))]
         self._held: dict[Fault, float] = {}
+        self._of_run = ticks, tick_s, seed
+        self._log_every = log_every
+        self._changes: list[tuple[int, SensorBank]] = []
+
+    def change(self, time_s: float, resolved: Resolved) -> None:
+        """From `time_s` on the sensors are those of `resolved`."""
+        self._changes.append((math.ceil(time_s / self.tick_s - 1e-9), SensorBank(_present(resolved), *self._of_run)))
+
+    def _sensed(self, read: Callable[..., Any], tick: int, seen: Any) -> Any:
+        """One reading at a tick, by the bank that holds then."""
+        banks = [bank for first, bank in self._changes if first <= tick]
+        return getattr(banks[-1], read.__name__)(tick, seen) if banks else read(self, tick, seen)
+
+    def _sensed_run(self, read: Callable[..., Array], true: Array, every: int = 1) -> Array:
+        """Readings of a whole run whose rows are `every` ticks apart."""
+        measured = read(self, true)
+        for first, bank in self._changes:
+            late = -(-first // every)
+            measured[late:] = getattr(bank, read.__name__)(true)[late:]
+        return measured
 
     def position(self, tick: int, history: Array) -> Array:
-        measured = super().position(tick, history)
+        measured = self._sensed(SensorBank.position, tick, history)
         for fault in self._faults:
             if tick * self.tick_s >= fault.time_s:
                 held = self._held.setdefault(fault, float(measured[fault.leg - 1]))
@@ -35,14 +63,17 @@ class FaultySensors(SensorBank):
         return measured
 
     def pressure(self, tick: int, history: Array) -> Array:
-        measured = super().pressure(tick, history)
+        measured = self._sensed(SensorBank.pressure, tick, history)
         for fault in self._faults:
             if isinstance(fault, LegBlind) and tick * self.tick_s >= fault.time_s:
                 measured[fault.leg - 1] = np.nan
         return measured
 
+    def supply(self, tick: int, true: float) -> float:
+        return self._sensed(SensorBank.supply, tick, true)
+
     def positions(self, true: Array) -> Array:
-        measured = super().positions(true)
+        measured = self._sensed_run(SensorBank.positions, true)
         for fault in self._faults:
             first = math.ceil(fault.time_s / self.tick_s - 1e-9)
             column = measured[first:, fault.leg - 1]
@@ -52,21 +83,37 @@ class FaultySensors(SensorBank):
         return measured
 
     def pressures(self, true: Array) -> Array:
-        measured = super().pressures(true)
+        measured = self._sensed_run(SensorBank.pressures, true)
         for fault in self._faults:
             if isinstance(fault, LegBlind):
                 measured[math.ceil(fault.time_s / self.tick_s - 1e-9) :, fault.leg - 1] = np.nan
         return measured
 
+    def supplies(self, true: Array) -> Array:
+        return self._sensed_run(SensorBank.supplies, true)
+
+    def accelerations(self, true: Array) -> Array:
+        return self._sensed_run(SensorBank.accelerations, true)
+
+    def angular_accelerations(self, true: Array) -> Array:
+        return self._sensed_run(SensorBank.angular_accelerations, true, self._log_every)
+
+
+def _present(resolved: Resolved) -> Resolved:
+    """Sensors as they are now: effects change the per-leg numbers in place."""
+    return dataclasses.replace(resolved, leg_sensors={name: row.copy() for name, row in resolved.leg_sensors.items()})
+
 
 class FaultRun:
     """All faults of a scenario around one run: the intervention that `simulate` calls at each tick."""
 
-    def __init__(self, faults: Sequence[Fault], plant: Plant, computer: MotionComputer, tick_s: float) -> None:
+    def __init__(self, faults: Sequence[Fault], plant: Plant, computer: MotionComputer, sensors: FaultySensors) -> None:
         self.faults = sorted(faults, key=lambda fault: fault.time_s)
         self.computer = computer
         self.supply = EmergencySupply(plant)
-        self.bench = Workbench(plant=plant, computer=computer, supply=self.supply, tick_s=tick_s)
+        self.bench = Workbench(
+            plant=plant, computer=computer, supply=self.supply, sensors=sensors, tick_s=sensors.tick_s
+        )
         self._silent_s = min((f.time_s for f in self.faults if isinstance(f, HostSilence)), default=math.inf)
         self.hosted = math.isfinite(self._silent_s)
 
