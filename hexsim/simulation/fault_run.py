@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import labels
 from hexsim.plant import Plant
-from hexsim.sensors.bank import SensorBank
+from hexsim.sensors.bank import SensorBank, Transducers
 from hexsim.simulation.emergency_supply import EmergencySupply
 from hexsim.simulation.faults import Fault, HostSilence, LegBlind, PositionSensor, Workbench
 
@@ -30,78 +29,54 @@ class FaultySensors(SensorBank):
     def __init__(
         self, resolved: Resolved, ticks: int, tick_s: float, seed: int, faults: Sequence[Fault], log_every: int = 1
     ) -> None:
-        super().__init__(_present(resolved), ticks, tick_s, seed)
+        super().__init__(resolved, ticks, tick_s, seed)
         self._faults = [fault for fault in faults if isinstance(fault, (PositionSensor, LegBlind))]
         self._held: dict[Fault, float] = {}
-        self._of_run = ticks, tick_s, seed
+        self._run = ticks, tick_s, seed
         self._log_every = log_every
         self._changes: list[tuple[int, SensorBank]] = []
 
     def change(self, time_s: float, resolved: Resolved) -> None:
         """From `time_s` on the sensors are those of `resolved`."""
-        self._changes.append((math.ceil(time_s / self.tick_s - 1e-9), SensorBank(_present(resolved), *self._of_run)))
+        self._changes.append((self._first(time_s), SensorBank(resolved, *self._run)))
 
-    def _sensed(self, read: Callable[..., Any], tick: int, seen: Any) -> Any:
-        """One reading at a tick, by the bank that holds then."""
-        banks = [bank for first, bank in self._changes if first <= tick]
-        return getattr(banks[-1], read.__name__)(tick, seen) if banks else read(self, tick, seen)
+    def _first(self, time_s: float) -> int:
+        """First tick from `time_s` on."""
+        return math.ceil(time_s / self.tick_s - 1e-9)
 
-    def _sensed_run(self, read: Callable[..., Array], true: Array, every: int = 1) -> Array:
-        """Readings of a whole run whose rows are `every` ticks apart."""
-        measured = read(self, true)
-        for first, bank in self._changes:
-            late = -(-first // every)
-            measured[late:] = getattr(bank, read.__name__)(true)[late:]
-        return measured
+    def __getitem__(self, stem: str) -> Transducers:
+        """The transducers of a signal as they are at present."""
+        return self._changes[-1][1][stem] if self._changes else super().__getitem__(stem)
 
     def position(self, tick: int, history: Array) -> Array:
-        measured = self._sensed(SensorBank.position, tick, history)
+        measured = super().position(tick, history)
         for fault in self._faults:
-            if tick * self.tick_s >= fault.time_s:
+            if tick >= self._first(fault.time_s):
                 held = self._held.setdefault(fault, float(measured[fault.leg - 1]))
                 measured[fault.leg - 1] = fault.reading(float(measured[fault.leg - 1]), held)
         return measured
 
     def pressure(self, tick: int, history: Array) -> Array:
-        measured = self._sensed(SensorBank.pressure, tick, history)
+        measured = super().pressure(tick, history)
         for fault in self._faults:
-            if isinstance(fault, LegBlind) and tick * self.tick_s >= fault.time_s:
+            if isinstance(fault, LegBlind) and tick >= self._first(fault.time_s):
                 measured[fault.leg - 1] = np.nan
         return measured
 
-    def supply(self, tick: int, true: float) -> float:
-        return self._sensed(SensorBank.supply, tick, true)
-
-    def positions(self, true: Array) -> Array:
-        measured = self._sensed_run(SensorBank.positions, true)
-        for fault in self._faults:
-            first = math.ceil(fault.time_s / self.tick_s - 1e-9)
-            column = measured[first:, fault.leg - 1]
+    def rows(self, stem: str, true: Array) -> Array:
+        measured = SensorBank.__getitem__(self, stem).rows(true)
+        every = self._log_every if stem == "angular_acceleration" else 1
+        for first, bank in self._changes:
+            measured[-(-first // every) :] = bank.rows(stem, true)[-(-first // every) :]
+        for fault in self._faults if stem == "position" else ():
+            column = measured[self._first(fault.time_s) :, fault.leg - 1]
             if len(column):
                 held = float(column[0])
                 column[:] = [fault.reading(float(value), held) for value in column]
-        return measured
-
-    def pressures(self, true: Array) -> Array:
-        measured = self._sensed_run(SensorBank.pressures, true)
-        for fault in self._faults:
+        for fault in self._faults if stem == "pressure_bottom" else ():
             if isinstance(fault, LegBlind):
-                measured[math.ceil(fault.time_s / self.tick_s - 1e-9) :, fault.leg - 1] = np.nan
+                measured[self._first(fault.time_s) :, fault.leg - 1] = np.nan
         return measured
-
-    def supplies(self, true: Array) -> Array:
-        return self._sensed_run(SensorBank.supplies, true)
-
-    def accelerations(self, true: Array) -> Array:
-        return self._sensed_run(SensorBank.accelerations, true)
-
-    def angular_accelerations(self, true: Array) -> Array:
-        return self._sensed_run(SensorBank.angular_accelerations, true, self._log_every)
-
-
-def _present(resolved: Resolved) -> Resolved:
-    """Sensors as they are now: effects change the per-leg numbers in place."""
-    return dataclasses.replace(resolved, leg_sensors={name: row.copy() for name, row in resolved.leg_sensors.items()})
 
 
 class FaultRun:

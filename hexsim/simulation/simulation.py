@@ -179,7 +179,7 @@ class TickLoop:
 
     def go(self, progress: Callable[[float], None], interventions: Sequence[Any]) -> str:
         """Run to the end; returns "" or why it ended early."""
-        plain = not (self.loop.compensators or interventions or self.sensors.position_delay.any())
+        plain = not (self.loop.compensators or interventions or self.sensors["position"].delay.any())
         chunk = max(1, round(CHECK_EVERY_S / self.tick_s))
         try:
             for first in range(0, self.ticks, chunk):
@@ -215,11 +215,11 @@ class TickLoop:
         )
 
     def _plain_control(self) -> Control:
-        sensors = self.sensors
+        position = self.sensors["position"]
         return Control(
             setpoints=self.setpoints, every=self.control_every, gain=self.loop.gain, limit=self.loop.limit,
-            noise=sensors.position_noise, sensor_gain=sensors.position_gain, sensor_offset=sensors.position_offset,
-            resolution=sensors.position_resolution,
+            noise=position.noise, sensor_gain=position.gain, sensor_offset=position.offset,
+            resolution=position.resolution,
         )  # fmt: skip
 
     def _ticks(self, first: int, last: int, interventions: Sequence[Any]) -> None:
