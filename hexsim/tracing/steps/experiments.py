@@ -18,12 +18,12 @@ import tomli_w
 
 from hexsim.declaration import Machine
 from hexsim.machine.files import changed
+from hexsim.machine.geometry import machine_kinematics
 from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.simulation.hexapod_simulator import kinematics_of
 from hexsim.tracing.state import Step, Tell, Trace
 
 Array = np.ndarray
@@ -87,7 +87,7 @@ def setpoint_log(machine: Machine, tables: dict[str, Any]) -> Log:
     held = time[(np.arange(len(time)) // every) * every]
     value = scenario.evaluate(held)[0]
     if machine.is_hexapod:
-        setpoint = kinematics_of(machine).piston_positions(value).T.copy()
+        setpoint = machine_kinematics(machine).piston_positions(value).T.copy()
     else:
         setpoint = value[:, 0][None] + machine.cylinder.stroke_m / 2
     zeros = np.zeros_like(setpoint)

@@ -12,13 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from hexsim.declaration import Machine
-from hexsim.hydraulics.resolved import PayloadMode
+from hexsim.mechanics.rigid_body import Suspension, pushed_back
 from hexsim.signals.channels import SETTLE_S
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances import Force, Platform
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
-from hexsim.tracing.balances.force import on_spring
 from hexsim.tracing.balances.null import END_S
 from hexsim.tracing.balances.platform import ROWS
 from hexsim.tracing.dependence import tone_of
@@ -78,12 +77,12 @@ def _payload_frequency(logs: Sequence[Log], keep: list[slice], residuals: list[A
     frequencies = np.geomspace(1.0, 60.0, 30)
 
     def gain(frequency: float) -> float:
-        mode = PayloadMode(mass_kg=1.0, frequency_Hz=frequency, damping_ratio=0.05)
+        spring = Suspension(mass=1.0, omega=2 * np.pi * frequency, damping=0.05)
         columns = []
         for log, k in zip(logs, keep, strict=True):
             assert log.acceleration is not None
             felt = log.acceleration[-1]  # of a bench, or along the platform's z axis
-            columns.append(Window(log.rate).mean(np.stack([on_spring(mode, felt, log.rate), felt]))[:, k])
+            columns.append(Window(log.rate).mean(np.stack([pushed_back(spring, felt, log.rate), felt]))[:, k])
         return _gain(np.concatenate(columns, axis=1).T, r)
 
     return float(max(frequencies, key=gain))
