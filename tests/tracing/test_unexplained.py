@@ -33,7 +33,7 @@ def test_what_a_rest_depends_on(tmp_path, monkeypatch, effect, balance, signal, 
     monkeypatch.setattr(rules, "NULL_SEEDS", 3)
     write_machine(tmp_path, 12, {effect: None}, "bench", duration_s=20.0)
     machine = load_machine(tmp_path)
-    logs, _, _ = read_runs(Path(tmp_path), ["fit", "sweep"], machine)
+    logs, _ = read_runs(Path(tmp_path), ["fit", "sweep"], machine)
     problem = SimulatedProblem(logs=tuple(logs), noise=noise_of(machine, logs))
     worst = unexplained_residuals(violations(machine, machine, problem), problem)[0]
     assert (worst.balance, worst.dependence.signal, worst.dependence.form) == (balance, signal, form)

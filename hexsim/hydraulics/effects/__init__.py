@@ -1,4 +1,4 @@
-"""The library of effects: one file each, found by name. See `effect` for what an effect is."""
+"""The library of effects: one file each, found by folder or entry point. See `effect` for what an effect is."""
 
 from __future__ import annotations
 
@@ -7,21 +7,36 @@ import math
 import pkgutil
 import re
 from functools import cache
+from importlib.metadata import entry_points
 from typing import Any
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 
+GROUP = "hexsim.effects"
 __all__ = ["Effect", "EffectParameter", "check_effects", "effect_named", "effect_settings", "library"]
 
 
 @cache
 def library() -> dict[str, Effect]:
-    """All effects by name, in the order of their names."""
-    names = sorted(info.name for info in pkgutil.iter_modules(__path__) if info.name != "effect")
-    effects = [importlib.import_module(f"{__name__}.{name}").EFFECT for name in names]
-    return {effect.name: effect for effect in effects}
+    """All effects by name, in the order of their names: the files of this folder, and installed ones.
+
+    A package adds its own by an entry point of the group `hexsim.effects` that leads to an Effect. HexsimError when a
+    name is taken, or when what an entry point leads to is no Effect.
+    """
+    names = [info.name for info in pkgutil.iter_modules(__path__) if info.name != "effect"]
+    found = [importlib.import_module(f"{__name__}.{name}").EFFECT for name in names]
+    for entry in entry_points(group=GROUP):
+        effect = entry.load()
+        if not isinstance(effect, Effect):
+            raise HexsimError(f"entry point {entry.name} of {GROUP} leads to {type(effect).__name__}: give an Effect")
+        if effect.name in {other.name for other in found}:
+            raise HexsimError(
+                f"entry point {entry.name} of {GROUP}: there is an effect {effect.name} already; rename it"
+            )
+        found.append(effect)
+    return {effect.name: effect for effect in sorted(found, key=lambda effect: effect.name)}
 
 
 def effect_named(name: str, source: str = "effects") -> Effect:

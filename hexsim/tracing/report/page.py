@@ -54,7 +54,7 @@ def report_page(result: Trace) -> str:
     leg = figures.portrait_leg(result).capitalize() if result.machine.is_hexapod else "The leg"
     makers = {
         "comparison": figures.comparison,
-        "balances": figures.balances,
+        **({"balances": figures.balances} if result.violations else {}),
         "portraits": figures.portraits,
         "spectra": figures.spectra,
         "parameters": figures.parameters,
@@ -119,9 +119,11 @@ def sentence(result: Trace) -> str:
     after = worst_error(report, "with_effect")[0]
     signal = channel_words(channel) if channel else "signal"
     if result.verdict == "nothing missing":
+        kinds = dict.fromkeys(kind_of(name) for name in result.fit_problem.channels(0))
+        seen = " and ".join(figures.SCALE[kind][0].split(",")[0] for kind in kinds)
         return (
             "With its parameters inside their declared uncertainty the declared machine answers all runs down to the "
-            f"sensors' noise: at most {plain(before)} times the noise on held-out motion."
+            f"sensors' noise in {seen}: at most {plain(before)} times the noise on held-out motion."
         )
     if result.effects:
         ties = sorted({tied.replace("_", " ") for e in result.effects for tied in e.tied_with})
