@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.hydraulics.parameters import N_PARAMETERS, P
+from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.resolve import resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S, U, power_unit_start
@@ -116,9 +116,7 @@ class Plant:
         if self.has_supply_states:
             data.ctrl[self.n_legs] = 1.0
             self._start_supply()
-        rod_sides = self.layout[: self.n_legs, A.ROD_SIDE].astype(int)
-        data.act[rod_sides[rod_sides >= 0]] = self.machine.supply.pressure_Pa / MPa
-        data.act[self.pressure_places] = self.static_pressures() / MPa
+        self.hold_still(self.static_pressures())
         self.context.count[0], self.context.spool_volts[:] = 0, 0.0
         self.history: list[tuple[float, np.ndarray, np.ndarray]] = []
         self.keep_rows()
@@ -195,25 +193,26 @@ class Plant:
     def static_pressures(self) -> np.ndarray:
         """Bottom pressures (n_legs,) [Pa] that hold the machine still in its present pose.
 
-        P1 = Ps A2/A1 + F/A1 (Eq. 3.3 corrected), F the axial force that the load asks of each leg: the platform's
+        P1 A1 - P2 A2 = F, F the axial force that the load asks of each leg, P2 as `hold_still` says: the platform's
         accelerations are affine in the six forces, so seven evaluations and one solve give them. (The legs' own
         accelerations are left out: they settle within the 0.1 um give of the ball ends.)
         """
         model, data, n = self.model, self.data, self.n_legs
 
         def accelerations(pressures: np.ndarray) -> np.ndarray:
-            data.act[self.pressure_places] = pressures / MPa
+            self.hold_still(pressures)
             mujoco.mj_forward(model, data)
             return data.qacc[:n].copy()  # the platform's free joint, or the bench's slide
 
         start = np.full(n, self.machine.supply.pressure_Pa / 2)
-        early = model.actuator_actearly.copy()
-        model.actuator_actearly[:] = 0
+        early, implicit = model.actuator_actearly.copy(), N_PARAMETERS + A.IMPLICIT
+        model.actuator_actearly[:] = model.actuator_user[: len(self.layout), implicit] = 0
         at_start = accelerations(start)
         step = 1e5
         slopes = np.column_stack([(accelerations(start + step * np.eye(n)[i]) - at_start) / step for i in range(n)])
         pressures = start - np.linalg.solve(slopes, at_start)
         model.actuator_actearly[:] = early
+        model.actuator_user[: len(self.layout), implicit] = self.layout[:, A.IMPLICIT]
         low, high = self.machine.supply.tank_pressure_Pa, self.machine.supply.pressure_Pa
         if np.any(pressures <= low) or np.any(pressures >= high):
             worst = int(np.argmax(np.abs(pressures - (low + high) / 2)))
@@ -222,6 +221,19 @@ class Plant:
                 f"rest, outside {low / 1e5:.1f}..{high / 1e5:.1f} bar: lower the mass or raise the supply"
             )
         return pressures
+
+    def hold_still(self, bottom_Pa: np.ndarray) -> None:
+        """Write bottom pressures (n_legs,) [Pa] into the state, and the rod sides that rest with them.
+
+        On the supply or behind a port: P2 = Ps. On port B: P1 + P2 = Ps + Pt, which matched edges need to pass no net
+        flow at one spool position, (Ps - P1)/(P1 - Pt) = (P2 - Pt)/(Ps - P2).
+        """
+        supply, tank = self.machine.supply.pressure_Pa, self.machine.supply.tank_pressure_Pa
+        self.data.act[self.pressure_places] = bottom_Pa / MPa
+        for leg in np.flatnonzero(self.layout[: self.n_legs, A.ROD_SIDE] >= 0):
+            on_valve = self.rows[leg, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
+            top = supply + tank - bottom_Pa[leg] if on_valve else supply
+            self.data.act[int(self.layout[leg, A.ROD_SIDE])] = top / MPa
 
     def bottom_pressures(self) -> np.ndarray:
         """P1 of each leg (n_legs,) [Pa]."""
