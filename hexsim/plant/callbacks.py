@@ -28,7 +28,7 @@ from numba.extending import intrinsic, overload
 from hexsim.compiled import compiled
 from hexsim.errors import HexsimError
 from hexsim.hydraulics import leg, supply
-from hexsim.hydraulics.parameters import N_PARAMETERS, P
+from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.supply import S
 from hexsim.plant import states
 from hexsim.plant.states import ROW, A
@@ -80,7 +80,7 @@ def leg_rates(p, places, act, act_dot, y, v, volts, t, h):
     if places[A.SUPPLY] >= 0.0:  # before anything is written, so that the compiler shares terms with the rates
         P1, P2, z = state[0], state[1], state[4]
         demand = leg.supply_demand_in_step(p, y, v, x, P1, P2, Ps, h)
-        heat = leg.heat(p, y, v, P1, P2, Ps, z, flow, demand, h)
+        heat = leg.heat(p, y, v, x, P1, P2, Ps, z, flow, demand, h)
     if places[A.SPOOL] >= 0.0:
         act_dot[int(places[A.SPOOL])], act_dot[int(places[A.SPOOL]) + 1] = rates[2], rates[3]
     if places[A.BRISTLE] >= 0.0:
@@ -92,10 +92,12 @@ def leg_rates(p, places, act, act_dot, y, v, volts, t, h):
 
 
 @compiled
-def leg_bias(p, places, act, y, v, volts, t):
-    """Force along the leg besides P1 A1 [N]."""
+def leg_bias(p, places, act, act_dot, y, v, volts, t, h):
+    """Force along the leg besides P1 A1 [N]. In the fast scheme a rod side on the valve is the new one, as P1 is."""
     Ps = supply_pressure(p, places, act)
     P1, P2, _, _, z = leg_state(places, act, Ps)
+    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE and places[A.IMPLICIT] > 0.0:
+        P2 += h * act_dot[int(places[A.ROD_SIDE])] * MPa
     return leg.force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t)
 
 
@@ -173,7 +175,9 @@ def _compile() -> tuple:
         t = carray(data, (_WORDS,), types.float64)[time_slot]
         y = _doubles(words[length_slot])[i] - p[P.LENGTH_OFFSET]
         v = _doubles(words[velocity_slot])[i]
-        return leg_bias(p, places, _doubles(words[act_slot]), y, v, _doubles(words[ctrl_slot])[i], t)
+        h = carray(model, (_WORDS,), types.float64)[step_slot]
+        act, act_dot = _doubles(words[act_slot]), _doubles(words[rate_slot])
+        return leg_bias(p, places, act, act_dot, y, v, _doubles(words[ctrl_slot])[i], t, h)
 
     return act_dyn, act_bias
 

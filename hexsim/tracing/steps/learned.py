@@ -1,4 +1,4 @@
-"""A learned term for a rest with a clear dependence: its curve put into the simulator, under no physical name.
+"""A learned term for a residual with a clear dependence: its curve put into the simulator, under no physical name.
 
 The residual of a balance is what the model has too much of, so the term is minus the curve. It is kept only if, with
 the declared parameters refitted beside it, every held-out run gets better.
@@ -26,7 +26,7 @@ Array = np.ndarray
 
 
 def curve_table(rest: UnexplainedResidual) -> dict[str, Any] | None:
-    """The [effects.learned_term] table of a rest, or None when it is no plain curve over a signal that a leg knows."""
+    """The [effects.learned_term] table of a residual, or None when it is no plain curve over a signal that a leg knows."""
     found = rest.dependence
     joined = learned_term_of(rest.balance)
     able = found.form == "plain" and found.signal in SIGNALS and joined is not None
@@ -92,4 +92,4 @@ def learn(trace: Trace, tell: Tell) -> Trace:
     return replace(trace, final=fit, learned=[entry], decided=entry["description"])
 
 
-STEP = Step(name="learned term", doing="learning a curve for what is left", share=0.03, run=learn)
+STEP = Step(name="learned term", doing="learning a curve", share=0.03, run=learn)
