@@ -66,7 +66,7 @@ CONDITIONS: dict[str, tuple[dict[str, float], float | None]] = {  # changes of t
     "rough": (ROUGH, 0.07),
     "spool 35 Hz": ({"spool_Hz": 35.0}, None),
     "spool 100 Hz": ({"spool_Hz": 100.0}, None),
-    "hysteresis 30 mV": ({"play_V": 0.03}, None),
+    "hysteresis 30 mV": ({"backlash_V": 0.03}, None),
     "supply droop": ({"line_Pa_s_m3": 2.4e9}, None),
     "unequal ports 15 %": ({"port_ratio": 0.15}, None),
 }
@@ -86,8 +86,10 @@ def irregular(seed: int) -> Callable[[np.ndarray], np.ndarray]:
     """Five sines between 0.13 and 0.97 Hz, phases drawn."""
     frequencies = np.array([0.13, 0.31, 0.47, 0.71, 0.97])
     amplitudes, phases = 0.0072 / frequencies**0.8, np.random.default_rng(seed).uniform(0.0, 2 * math.pi, 5)
-    return lambda t: 0.1 + np.minimum(t / 2.0, 1.0) * sum(
-        a * np.sin(2 * math.pi * f * t + p) for a, f, p in zip(amplitudes, frequencies, phases, strict=True)
+    return lambda t: (
+        0.1
+        + np.minimum(t / 2.0, 1.0)
+        * sum(a * np.sin(2 * math.pi * f * t + p) for a, f, p in zip(amplitudes, frequencies, phases, strict=True))
     )
 
 
@@ -98,7 +100,9 @@ def bumps(record: Record, motion: Callable[[np.ndarray], np.ndarray], duration_s
     band = sosfiltfilt(BAND, record.acceleration_m_s2)
     times = t[1:][np.signbit(v[1:]) != np.signbit(v[:-1])]
     return [
-        float(np.ptp(band[round((x - 0.1) * 1e4) : round((x + 0.35) * 1e4)])) for x in times if 1.9 < x < duration_s - 0.4
+        float(np.ptp(band[round((x - 0.1) * 1e4) : round((x + 0.35) * 1e4)]))
+        for x in times
+        if 1.9 < x < duration_s - 0.4
     ]
 
 
@@ -113,10 +117,11 @@ def result_of(case: Case) -> Case:
     else:
         amplitude_m, frequency_Hz, duration_s = MOTIONS[case["motion"]]
         motion, period_s = sine(amplitude_m, frequency_Hz), 1.0 / frequency_Hz
-    made = [compensation.create("none"), compensation.create("adaptive", **({"preview_s": 0.0} if case["host"] else {}))]
-    records = [
-        run(c, Leg(**vars(leg)), motion, duration_s, period_s=period_s, seed=case["seed"]) for c in made
+    made = [
+        compensation.create("none"),
+        compensation.create("adaptive", **({"preview_s": 0.0} if case["host"] else {})),
     ]
+    records = [run(c, Leg(**vars(leg)), motion, duration_s, period_s=period_s, seed=case["seed"]) for c in made]
     found = [bumps(record, motion, duration_s) for record in records]
     worse = [a > WORSE_RATIO * b and a > b + WORSE_m_s2 for b, a in zip(*found, strict=True)]
     peaks = [r.peaks(period_s)[-3:].max() if period_s else max(b[-8:]) / 2 for r, b in zip(records, found, strict=True)]
@@ -173,7 +178,11 @@ def page(done: list[Case], seeds: str, commit: str) -> str:
         if mine:
             lines.append(_row("random pairs" + (", no preview" if host else ""), mine, None))
     lines += ["", "| worse reversals in | of | largest ratio | growth [m/s2] |", "|---|---|---|---|"]
-    lines += [f"| {key(c)} | {c['worse']}/{c['reversals']} | {c['worst']:.2f} | {c['worst_m_s2']:.2f} |" for c in done if c["worse"]]
+    lines += [
+        f"| {key(c)} | {c['worse']}/{c['reversals']} | {c['worst']:.2f} | {c['worst_m_s2']:.2f} |"
+        for c in done
+        if c["worse"]
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -207,9 +216,7 @@ def main() -> None:
             done.append(found)
             lines.write(json.dumps(found) + "\n")
             lines.flush()
-            mark = " WORSE" if found["worse"] else ""
-            print(f"{key(found)}: {found['plain']} -> {found['adaptive']}, {found['worse']}/{found['reversals']} "
-                  f"{found['worst']} +{found['worst_m_s2']} {'' if found['engaged'] else 'not engaged'} trips {found['trips']}{mark}", flush=True)  # fmt: skip
+            print(json.dumps(found), flush=True)
     journal.with_suffix(".md").write_text(page(done, arguments.seeds, commit))
 
 

@@ -13,6 +13,8 @@ import platform
 import time
 from pathlib import Path
 
+import numpy as np
+
 from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import changed
 from hexsim.simulation.serve import Server
@@ -23,6 +25,7 @@ RESULTS = Path(__file__).parents[1] / "docs" / "results" / "serve.md"
 def margin(machine: Machine, seconds: float = 4.0, **options) -> tuple[float, float]:
     """(margin of the whole, margin of the plant alone)."""
     with Server(machine, port=0, **options) as server:
+        volts = np.zeros(machine.n_legs)
         for _ in range(100):
             server.tick()
         server.computer.command("run_manual", server.time_s)
@@ -32,7 +35,7 @@ def margin(machine: Machine, seconds: float = 4.0, **options) -> tuple[float, fl
             server.tick()
         middle = time.thread_time()
         for _ in range(ticks):
-            server.plant.step(server.steps)
+            server.plant.tick(volts)
         end = time.thread_time()
     return seconds / (middle - begin), seconds / (end - middle)
 

@@ -62,7 +62,7 @@ def bare_step(plant: Plant, steps: int):
 
     def go():
         mujoco.mj_resetData(model, data)
-        data.act[plant.rows[:, P.ACT_PRESSURE].astype(int)] = held
+        data.act[plant.pressure_places] = held
         mujoco.mj_step(model, data, steps)
 
     return go
@@ -113,7 +113,7 @@ def batch_ratio(repeats: int, machines: int = 64, steps: int = 400) -> float:
     start = np.tile(state, (machines, 1))
     volts = np.random.default_rng(0).uniform(-1, 1, (machines, steps, plant.model.nu))
 
-    with plant.running(), rollout.Rollout(nthread=0) as one, rollout.Rollout(nthread=2) as two:
+    with rollout.Rollout(nthread=0) as one, rollout.Rollout(nthread=2) as two:
         data = [mujoco.MjData(plant.model) for _ in range(2)]
         single, double = least(
             repeats,
@@ -130,7 +130,7 @@ def start_up_s() -> float:
         "import time; t = time.perf_counter()\n"
         "from hexsim.machine import load_machine; from hexsim.plant import Plant\n"
         "p = Plant(load_machine('micro_motion_system'), model='tendon', scheme='fast')\n"
-        "with p.running(): p.step(1)\n"
+        "p.tick(p.context.spool_volts)\n"
         "print(time.perf_counter() - t)"
     )
     times = [

@@ -50,12 +50,12 @@ def speed(p: Point) -> np.ndarray:
 
 
 def one(p: Point) -> np.ndarray:
-    return np.ones(len(p.log.time_s))
+    return np.ones(len(p.log.time))
 
 
 def gas(p: Point, name: str) -> np.ndarray:
     """A gas pressure, 0 where the spring was vented and the channel left out."""
-    return p[name] if name in p.log.columns else np.zeros(len(p.log.time_s))
+    return p[name] if name in p.log.columns else np.zeros(len(p.log.time))
 
 
 FLOW = OwnBalance(
@@ -102,7 +102,7 @@ FORCE = OwnBalance(
         Term(name="Stribeck friction", unit="N", sign=1,
              column=lambda p: p.mean(side(p) * np.exp(-np.abs(speed(p)) / 0.03))),
         Term(name="spring", unit="N/m", column=lambda p: p.mean(p["position_m"] - 1.0)),
-        Term(name="drift of the load cell", unit="N/s", column=lambda p: p.log.time_s - p.log.time_s[0]),
+        Term(name="drift of the load cell", unit="N/s", column=lambda p: p.log.time - p.log.time[0]),
         Term(name="added mass", unit="kg", column=lambda p: p.rate(speed(p)), sign=1),
     ),
 )  # fmt: skip
@@ -111,7 +111,7 @@ FORCE = OwnBalance(
 def aligned(path: Path) -> Point:
     """A run with its late channels moved: motor speed and gas against the ram's motion, force against oil."""
     log = read_log(path, HERE / "mbari_pto.toml")
-    look = Window(log.rate_Hz, 0.15)
+    look = Window(log.rate, 0.15)
     v, oil = log.columns["velocity_m_s"], log.columns["pressure_lower_Pa"] - log.columns["pressure_upper_Pa"]
     shifts = {"motor_speed_rad_s": late_by(look, "motor speed", log.columns["motor_speed_rad_s"], v)}
     shifts["force_N"] = late_by(look, "force", look.rate(log.columns["force_N"]), look.rate(oil))
@@ -119,7 +119,7 @@ def aligned(path: Path) -> Point:
         p = log.columns.get(name)
         if p is not None and np.ptp(p) > 2e4:  # vented: nothing to align
             shifts[name] = late_by(look, name, look.rate(np.log(p + 1.01325e5)), v)
-    return Point(log=log, window=Window(log.rate_Hz, 0.2), shifts_s=shifts)
+    return Point(log=log, window=Window(log.rate, 0.2), shifts_s=shifts)
 
 
 def trace(folder: Path) -> tuple[list[Point], list[OwnVerdict]]:

@@ -1,8 +1,29 @@
-"""One root for every error that is the user's to mend."""
+"""One root for every error that is the user's to mend, and how its sentence is made."""
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+
+SHOWN = 60  # characters of a value that a sentence repeats
 
 
 class HexsimError(Exception):
     """A problem with what the user gave: one sentence that says what, where, what is allowed and what to do.
 
-    The command line prints the sentence and ends with exit code 2; no traceback.
+    The command line prints the sentence and ends with exit code 2; no traceback. Control characters of the names and
+    values in it appear as their codes.
     """
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__("".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in sentence))
+
+
+def shortened(text: str, length: int = SHOWN) -> str:
+    """The text, or its beginning and how long it is."""
+    return text if len(text) <= length else f"{text[:length]}... ({len(text)} characters)"
+
+
+def one_of(given: str, names: Sequence[str]) -> str:
+    """ "give one of ...", names that look like the given one first."""
+    close = get_close_matches(given[:SHOWN], names)
+    asked = f"did you mean {' or '.join(close)}? " if close else ""
+    return f"{asked}give one of {', '.join(names)}"

@@ -27,8 +27,7 @@ def hexapod():
 def live(hexapod):
     hexapod.reset()
     hexapod.paused = False
-    with hexapod.plant.running():
-        yield hexapod
+    yield hexapod
 
 
 def slide(live, dof, value):
@@ -91,12 +90,11 @@ def test_sliders_together_stop_at_the_edge_of_the_workspace(live):
 def test_a_scenario_runs_beneath_the_sliders():
     """The bench follows the scenario's sine; a slider adds to it."""
     bench = LiveMachine(load_machine("bench"), load_scenario("heave"))
-    with bench.plant.running():
-        bench.advance(2.5)
-        assert bench.plant.piston_positions()[0] == pytest.approx(0.15, abs=0.02)  # top of the sine, 0.16 s late
-        slide(bench, "z", -20.0)
-        bench.advance(2.0)
-        assert bench.plant.piston_positions()[0] == pytest.approx(0.13, abs=0.02)
+    bench.advance(2.5)
+    assert bench.plant.piston_positions()[0] == pytest.approx(0.15, abs=0.02)  # top of the sine, 0.16 s late
+    slide(bench, "z", -20.0)
+    bench.advance(2.0)
+    assert bench.plant.piston_positions()[0] == pytest.approx(0.13, abs=0.02)
 
 
 def test_the_mouse_pulls_only_at_the_platform(live):

@@ -24,27 +24,33 @@ from math import hypot, sqrt
 from operator import mul
 
 from ..compensator import Compensator, Context, Parameters, Sample, clip
-from .delay import SPOOL_LAGS_S, DelayEstimator
-from .edge_rounding import LEAK_TOLERANCE_M_S, LeakEstimator
+from .delay import DelayEstimator, Lateness
+from .edge_rounding import LeakEstimator
 from .engagement import update_engagement
-from .friction import FrictionEstimator, stribeck_share
+from .feedback import backlash_inverse, damping
+from .friction import FrictionEstimator, demanded_pressure
 from .inverse import ValveInverse
 from .monitor import PerformanceMonitor
 from .reference import Reference
-from .spool import LEAD_TICKS, MAX_SHIFT, PREVIEW_TICKS, crossing_lead, crossing_path, damping_filter, lead, look_ahead_shift, round_lag
+from .spool import (
+    MAX_SHIFT,
+    PREVIEW_TICKS,
+    crossing_lead,
+    crossing_path,
+    damping_filter,
+    lead,
+    look_ahead_shift,
+    round_lag,
+)
 from .state import AdaptiveState, Demand, Engagement, EngagementSettings
 from .valve import ValveEstimator
 
-BACKLASH_WIDTH_V = 1e-3  # smoothing width of the backlash inverse: half of the travel from one side to the other
-DBG=[]
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
 DEVIATION_SHARE = 0.06  # low-pass of the pressure's deviation from the demand, a tick
 PRESSURE_MEAN_S = 0.2  # time constant of the pressures that the gain of plain control is computed with
-LATENESS_SHARE = 0.3  # of the correction of the position's lateness taken up at a reversal
 DELAY_TOLERANCE_S = 1e-4  # change of the delay from which the taps are designed anew
 LAG_TOLERANCE_S = 2e-5  # change of the lag from which the taps are designed anew
 MIN_DROP_SHARE = 0.02  # of the reference drop: lower bound of a pressure drop
-DAMPING_RECOVERY_S, DAMPING_DECAY = 5.0, 0.98  # of the damping gain; the decay a tick, above half of its bound
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +114,9 @@ class Adaptive(Compensator):
             damping_high_Hz=self.damping_high_Hz,
         )
         engagement = Engagement(settings, PerformanceMonitor(tick, noise_m))
-        state = AdaptiveState(context, valve, friction, Reference(tick), ValveInverse(tick), engagement, DelayEstimator(tick))
+        state = AdaptiveState(
+            context, valve, friction, Reference(tick), ValveInverse(tick), engagement, DelayEstimator(tick), Lateness(tick)
+        )
         state.demands = deque([Demand(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * PREVIEW_TICKS, PREVIEW_TICKS + MAX_SHIFT + 1)
         state.deviation_Pa = deque([0.0] * self.damping_count, self.damping_count)
         self._design(state, 0.0)
@@ -142,30 +150,33 @@ class Adaptive(Compensator):
         reference.advance(behind, here, ahead)
 
         compliance = context.compliance_m_Pa(reference.position_m)
-        demand = self._demand(state, compliance)
-        state.demands.append(demand)
+        width_s = clip(state.friction.step_acceleration_m_s2() / self.jerk_m_s3, self.step_min_s, self.step_max_s)
+        share = state.engagement.friction_share
+        pressure, share = demanded_pressure(reference, state.friction, share, width_s, self.presliding_m_s)
+        oil, a, v = reference.position_m + compliance * pressure, reference.acceleration_m_s2, reference.velocity_m_s
+        state.demands.append(Demand(pressure, share, a, reference.position_m, oil, v))
         now = state.demands.popleft()
         lag = sample.setpoint_m - now.position_m
         load = sample.pressure_bottom_Pa - sample.pressure_supply_Pa * context.area_ratio
-        deviation = load - self._pressure_due(state, now)
+        deviation = load - state.lateness.due_Pa(now, state.demands)
         state.deviation_Pa.appendleft(deviation)
         state.mean_deviation_Pa += DEVIATION_SHARE * (deviation - state.mean_deviation_Pa)
 
-        bottom = demand.pressure_Pa + state.mean_deviation_Pa + state.supply_Pa * context.area_ratio
+        bottom = pressure + state.mean_deviation_Pa + state.supply_Pa * context.area_ratio
         roots = self._roots(state, state.supply_Pa, bottom)
-        flow, dead_band = state.inverse.advance(demand.oil_m, roots, state.valve.edges, state.trim, state.crossing_path, state.valve.leak_m_s)
+        flow, dead_band = state.inverse.advance(
+            oil, roots, state.valve.edges, state.trim, state.crossing_path, state.valve.leak_m_s
+        )
         state.flow_V.appendleft(flow)
         state.dead_band_V.appendleft(dead_band)
 
         u = self.extra(state, sample)
         if state.engagement.ramp > 0.0:
             u += sum(map(mul, state.lead_taps, state.flow_V)) + sum(map(mul, state.crossing_taps, state.dead_band_V))
-            u += self._backlash_inverse(state, u) - context.position_gain_V_per_m * lag
-            u += state.valve.null_V - self._damping(state, compliance, roots)
+            u += backlash_inverse(state, u) - context.position_gain_V_per_m * lag
+            u += state.valve.null_V - damping(state, self.damping_1_s * compliance, roots, self.damping_max_V)
         if self.learn:
             self._identify(state, sample, load, now)
-            self._identify_stribeck(state, sample, deviation, now)
-            self._track_lateness(state, deviation, now)
         setpoint_m_s2 = (ahead - 2 * here + behind) / (context.tick_s * context.tick_s)
         update_engagement(state, setpoint_m_s2, sample, lag)
         limit = context.voltage_max_V
@@ -204,88 +215,23 @@ class Adaptive(Compensator):
         reference.null_m, reference.leak_m_s = state.valve.null_V / kp, state.valve.leak_m_s
         reference.dead_band_m = (down.dead_band_V / kp, up.dead_band_V / kp)
 
-    def _demand(self, state: AdaptiveState, compliance_m_Pa: float) -> Demand:
-        """What the reference needs at the boundary it stands at: pressure, and oil displacement."""
-        reference = state.reference
-        pressure, share = self._demanded_pressure(state)
-        oil = reference.position_m + compliance_m_Pa * pressure
-        return Demand(
-            pressure, share, reference.acceleration_m_s2, reference.position_m, oil, reference.velocity_m_s
-        )
-
-    def _demanded_pressure(self, state: AdaptiveState) -> tuple[float, float]:
-        """P1 - Ps A2/A1 [Pa] that the reference needs, and the signed share of the Stribeck pressure in it."""
-        reference, friction, weight = state.reference, state.friction, state.engagement.friction_share
-        if weight == 0.0:
-            return 0.0, 0.0
-        v, a = reference.velocity_m_s, reference.acceleration_m_s2
-        sign = 1.0 if v > 0.0 else -1.0
-        if abs(v) < abs(a) * self.step_max_s + self.presliding_m_s:
-            width = clip(friction.step_acceleration_m_s2() / self.jerk_m_s3, self.step_min_s, self.step_max_s)
-            x = v / (abs(a) * width + self.presliding_m_s)
-            if -1.0 < x < 1.0:
-                sign = x * (2.0 - abs(x))
-        share = sign * stribeck_share(v)
-        step = sign * friction.half_step_Pa + share * friction.stribeck.pressure_Pa
-        return weight * (friction.smooth_Pa(reference.position_m, v, a) + step), share
-
-    def _pressure_due(self, state: AdaptiveState, now: Demand) -> float:
-        """Pressure demanded for now: where the position is late by `late_s`, oil and pressure lead it by as much."""
-        late = state.late_s / state.context.tick_s
-        whole = int(late)
-        near, far = (state.demands[whole - 1] if whole else now).pressure_Pa, state.demands[whole].pressure_Pa
-        state.pressure_rate_Pa = far - near
-        return near + (late - whole) * (far - near)
-
-    def _track_lateness(self, state: AdaptiveState, deviation_Pa: float, now: Demand) -> None:
-        """The position's lateness, from when the pressure steps at compensated reversals."""
-        rate, late = state.pressure_rate_Pa, state.lateness
-        late[0] += (deviation_Pa - state.mean_deviation_Pa) * rate
-        late[1] += rate * rate
-        if state.engagement.after_reversal:
-            if state.engagement.ramp == 1.0 and late[1] > 0.0:
-                change = LATENESS_SHARE * late[0] / late[1] * state.context.tick_s
-                state.late_s = clip(state.late_s + change, 0.0, max(state.lag_s - SPOOL_LAGS_S[0], 0.0))
-            state.lateness = [0.0, 0.0]
-
     def _roots(self, state: AdaptiveState, supply_Pa: float, bottom_Pa: float) -> tuple[float, float]:
         """sqrt(dp / dp_ref) of the edge to tank and of the edge from the supply."""
-        return self._root(bottom_Pa - state.context.tank_pressure_Pa), self._root(supply_Pa - bottom_Pa)
-
-    def _root(self, drop_Pa: float) -> float:
-        """sqrt(dp / dp_ref) of an edge."""
-        share = drop_Pa / self.reference_drop_Pa
-        return sqrt(share if share > MIN_DROP_SHARE else MIN_DROP_SHARE)
-
-    def _damping(self, state: AdaptiveState, compliance_m_Pa: float, roots: tuple[float, float]) -> float:
-        """Volts that let oil out while the pressure oscillates above the demand."""
-        up = 1 if state.flow_V[LEAD_TICKS + state.shift] > 0 else 0
-        gain = state.valve.edges[up].gain_m_s_V * roots[up]
-        oscillation = sum(map(mul, state.damping_taps, state.deviation_Pa))
-        u = state.damping_gain * self.damping_1_s * compliance_m_Pa * oscillation / gain
-        limit = self.damping_max_V
-        if -0.5 * limit < u < 0.5 * limit:
-            state.damping_gain += (1.0 - state.damping_gain) * state.context.tick_s / DAMPING_RECOVERY_S
-        else:
-            state.damping_gain *= DAMPING_DECAY
-        return clip(u, -limit, limit)
-
-    def _backlash_inverse(self, state: AdaptiveState, volts: float) -> float:
-        """Volts that cross the valve's backlash, to the side that the volts fed forward have moved to."""
-        held = clip(state.backlash_input_V, volts - BACKLASH_WIDTH_V, volts + BACKLASH_WIDTH_V)
-        state.backlash_input_V = held
-        return state.valve.edge(volts).backlash_V * (volts - held) / BACKLASH_WIDTH_V
+        down = (bottom_Pa - state.context.tank_pressure_Pa) / self.reference_drop_Pa
+        up = (supply_Pa - bottom_Pa) / self.reference_drop_Pa
+        least = MIN_DROP_SHARE
+        return sqrt(down if down > least else least), sqrt(up if up > least else least)
 
     def _identify(self, state: AdaptiveState, sample: Sample, load_Pa: float, now: Demand) -> None:
         """One tick of valve, edge rounding and friction; the taps are designed anew when the lag has moved."""
-        valve, p, compensated = sample.valve_V - state.valve.null_V, sample.pressure_bottom_Pa, state.engagement.ramp == 1.0
-        mean = 0.5 * (p + state.last_bottom_Pa)
-        root = self._root(sample.pressure_supply_Pa - mean if valve > 0 else mean - state.context.tank_pressure_Pa)
+        valve, p, compensated = (
+            sample.valve_V - state.valve.null_V,
+            sample.pressure_bottom_Pa,
+            state.engagement.ramp == 1.0,
+        )
+        root = self._roots(state, sample.pressure_supply_Pa, 0.5 * (p + state.last_bottom_Pa))[1 if valve > 0 else 0]
         state.last_bottom_Pa = p
-        state.pressures_Pa.appendleft(p)
-        late = state.late_s / state.context.tick_s
-        whole = int(late)
-        p_late = state.pressures_Pa[whole] + (late - whole) * (state.pressures_Pa[whole + 1] - state.pressures_Pa[whole])
+        p_late = state.lateness.then_Pa(p)
         z = sample.position_m + state.context.compliance_m_Pa(sample.position_m) * p_late
         state.oil_error_m.append(z - now.oil_m)
         state.leaked_m += state.valve.leak_m_s * state.context.tick_s
@@ -293,51 +239,47 @@ class Adaptive(Compensator):
         state.valve.add(z, valve, root)
         if state.engagement.ramp == 0.0 and state.valve.recentre():
             state.rounding.leak = LeakEstimator()
-        middle = state.engagement.ramp == 1.0
-        if state.delay.add(z, valve, now.velocity_m_s - state.valve.leak_m_s, self._roots(state, sample.pressure_supply_Pa, p), state.valve, middle):
-            DBG.append((sample.time_s,state.delay.delay_s(state.lag_s)*1e3,state.late_s*1e3))
-            delay_s = state.delay.delay_s(state.lag_s)
-            if abs(delay_s - state.delay_s) > DELAY_TOLERANCE_S:
-                self._design(state, state.lag_s)
+        state.lateness.add(
+            state.deviation_Pa[0] - state.mean_deviation_Pa,
+            compensated and state.engagement.after_reversal,
+            state.lag_s,
+        )
+        flow, now_roots = now.velocity_m_s - state.valve.leak_m_s, self._roots(state, sample.pressure_supply_Pa, p)
+        judged = state.delay.add(z, valve, flow, now_roots, state.valve, compensated)
+        if judged and abs(state.delay.delay_s(state.lag_s) - state.delay_s) > DELAY_TOLERANCE_S:
+            self._design(state, state.lag_s)
         if compensated:
             state.trim.add(state.oil_error_m, now.velocity_m_s, 0.5 * state.valve.edges[0].dead_band_V)
         if state.valve.usable:
             if state.engagement.ramp > 0.0:
                 state.rounding.ticks = 0
             elif state.rounding.add(z, valve, root, state.valve):
-                leak = state.rounding.leak
-                state.valve.leak_known = leak.known
-                if leak.known and abs(leak.used_m_s(state.valve.leak_m_s) - state.valve.leak_m_s) > LEAK_TOLERANCE_M_S:
-                    state.valve.set_leak(leak.used_m_s(state.valve.leak_m_s))
+                state.rounding.leak.tell(state.valve)
                 state.trim.rounding_V = state.rounding.lower_bound_V
             state.friction.add(sample.position_m, load_Pa, now.acceleration_m_s2)
         if abs(state.valve.lag_s - state.lag_s) > LAG_TOLERANCE_S and state.valve.ready:
             if state.engagement.ramp == 0.0:
                 self._shift(state, look_ahead_shift(state.valve.lag_s, state.context.tick_s))
             self._design(state, round_lag(state.valve.lag_s))
-
-    def _identify_stribeck(self, state: AdaptiveState, sample: Sample, deviation_Pa: float, now: Demand) -> None:
-        friction = state.friction
-        position_error = sample.position_m - now.position_m
-        complete = friction.stribeck.add(now.velocity_m_s, deviation_Pa, position_error, now.stribeck_share)
-        if complete and state.engagement.ramp == 1.0:
-            friction.stribeck.update(1e6 * friction.fit.theta[1], 2.0 * friction.half_step_Pa)
+        stribeck, position_error = state.friction.stribeck, sample.position_m - now.position_m
+        complete = stribeck.add(now.velocity_m_s, state.deviation_Pa[0], position_error, now.stribeck_share)
+        if complete and compensated:
+            stribeck.update(1e6 * state.friction.fit.theta[1], 2.0 * state.friction.half_step_Pa)
 
     def status(self, state: AdaptiveState) -> str:
         """A sentence while plain control acts because of what reversals or the valve have done."""
         if state.engagement.lockout_s > 0.0:
             return "reversals became worse than plain control's: plain control for a while"
-        rejected = any(edge.rejections and not edge.ready for edge in state.valve.edges)
-        return (
-            "the valve no longer follows what was learned: plain control while it is learned anew" if rejected else ""
-        )
+        if state.valve.rejected:
+            return "the valve no longer follows what was learned: plain control while it is learned anew"
+        return ""
 
     def parameters(self, state: AdaptiveState) -> Parameters:
         return {
             "flow": state.valve.parameters(),
             "rounding_V": state.trim.rounding_V,
             "friction": state.friction.parameters(),
-            "delay": {"sums": list(state.delay.sums), "late_s": state.late_s},
+            "delay": {"sums": list(state.delay.sums), "late_s": state.lateness.late_s},
         }
 
     def restore(self, context: Context, parameters: Parameters) -> AdaptiveState:
@@ -347,7 +289,7 @@ class Adaptive(Compensator):
         state.trim.rounding_V = float(parameters["rounding_V"])
         state.rounding.restore(state.trim.rounding_V)
         state.delay.sums[:] = [float(x) for x in parameters["delay"]["sums"]]
-        state.late_s = float(parameters["delay"]["late_s"])
+        state.lateness.late_s = float(parameters["delay"]["late_s"])
         if state.valve.ready:
             state.rounding.leak.restore(state.valve.leak_m_s)
             self._shift(state, look_ahead_shift(state.valve.lag_s, context.tick_s))

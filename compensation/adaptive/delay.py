@@ -20,16 +20,21 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..compensator import clip
+from .demand import Demand
 from .spool import step_response
 from .valve import ValveEstimator
 
-SPOOL_LAGS_S = tuple(1e-3 * x for x in (1.2, 1.5, 1.8, 2.1, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.2, 4.6, 5.0, 5.5, 6.0, 6.7, 7.5))
+SPOOL_LAGS_S = tuple(
+    1e-3 * x for x in (1.2, 1.5, 1.8, 2.1, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.2, 4.6, 5.0, 5.5, 6.0, 6.7, 7.5)
+)
 BEFORE, AFTER, PAST = 14, 16, 12  # ticks about the reversal that are compared, and of volts before them
 FINE = 5  # samples a tick
 NOISE_M = 3.3e-6  # of an oil displacement
 MEMORY = 0.985  # of the sums, a reversal
 MODEL_SUM = 1.0  # of a reversal, which errors of the rest of the model may make
 MAX_SUM = 40.0  # that one reversal may add
+
+LATE_SHARE, LATE_TICKS = 0.3, 9  # of its correction at a reversal; ticks by which a position may be late, and two
 
 
 def _nuisance() -> np.ndarray:
@@ -111,6 +116,50 @@ class DelayEstimator:
             return False
         self.task, least = None, min(self.found)
         scale = max(1.0, least / (len(error) - 3))
-        self.sums = [MEMORY * s + clip((x - least) / scale - MODEL_SUM, 0.0, MAX_SUM) for s, x in zip(self.sums, self.found, strict=True)]
+        self.sums = [
+            MEMORY * s + clip((x - least) / scale - MODEL_SUM, 0.0, MAX_SUM)
+            for s, x in zip(self.sums, self.found, strict=True)
+        ]
         self.reversals += 1
         return True
+
+
+@dataclass(slots=True)
+class Lateness:
+    """How late the position transducer is, from when the pressure steps at compensated reversals.
+
+    All that is asked for holds for the position as it is measured. Pressure and oil are then early by as much. Least
+    squares of what the pressure deviates by on the rate that is asked for:  late += share sum(dev P') / sum(P'^2).
+    """
+
+    tick_s: float
+    late_s: float = 0.0
+    rate_Pa: float = 0.0  # of the demand, a tick
+    sums: tuple[float, float] = (0.0, 0.0)  # of a half stroke
+    pressures_Pa: deque[float] = field(default_factory=lambda: deque([0.0] * LATE_TICKS, LATE_TICKS))  # newest first
+
+    def due_Pa(self, now: Demand, ahead: deque[Demand]) -> float:
+        """The pressure demanded for now."""
+        late = self.late_s / self.tick_s
+        whole = int(late)
+        near, far = (ahead[whole - 1] if whole else now).pressure_Pa, ahead[whole].pressure_Pa
+        self.rate_Pa = far - near
+        return near + (late - whole) * (far - near)
+
+    def then_Pa(self, pressure_Pa: float) -> float:
+        """One tick: the pressure that belongs to the position measured now."""
+        self.pressures_Pa.appendleft(pressure_Pa)
+        late = self.late_s / self.tick_s
+        whole = int(late)
+        near, far = self.pressures_Pa[whole], self.pressures_Pa[whole + 1]
+        return near + (late - whole) * (far - near)
+
+    def add(self, deviation_Pa: float, judged: bool, lag_s: float) -> None:
+        """One tick: measured less demanded pressure; judged: a compensated reversal lies behind."""
+        product, square = self.sums
+        self.sums = product + deviation_Pa * self.rate_Pa, square + self.rate_Pa * self.rate_Pa
+        if judged:
+            if square > 0.0:
+                late_s = self.late_s + LATE_SHARE * product / square * self.tick_s
+                self.late_s = clip(late_s, 0.0, max(lag_s - SPOOL_LAGS_S[0], 0.0))
+            self.sums = 0.0, 0.0

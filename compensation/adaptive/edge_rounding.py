@@ -28,6 +28,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from ..compensator import clip
+from .leak import LeakEstimator
 from .spool import round_lag, spool_model
 from .valve import ValveEstimator
 
@@ -42,8 +43,6 @@ MEMORY, MEMORY_EARLY = 15.0, 2.0  # passages; the second while the valve itself 
 LOWER_ERRORS = 3.0  # standard errors of q from which edges are taken as rounded
 UPPER_ERRORS = 2.0  # standard errors of q added for the upper confidence bound
 REJECT_ERRORS = 7.0  # standard errors of q below zero at which the identified valve is rejected
-LEAK_PRIOR_M_S, MAX_LEAK_M_S, LEAK_TOLERANCE_M_S = 8e-3, 2e-2, 2e-4
-LEAK_NOISE_M, LEAK_MEMORY, LEAK_PASSAGES, LEAK_ERRORS = 7e-6, 15.0, 2, 4.0
 MISFIT_SHARE, MAX_MISFIT = 0.2, 3.0  # low-pass of the misfit, and its bound
 
 TRIM_TICKS = 8  # on either side of a compensated reversal
@@ -61,65 +60,6 @@ def opening(volts: float, dead_band_V: float, rounding_V: float) -> float:
         near, far = (size - dead_band_V) / rounding_V, (-size - dead_band_V) / rounding_V
         left = rounding_V * ((near if near > 30.0 else math.log1p(math.exp(near))) - math.log1p(math.exp(far)))
     return left if volts > 0.0 else -left
-
-
-@dataclass(slots=True)
-class LeakEstimator:
-    """Oil that flows into the chamber though the valve is closed [m/s], from passages over the whole overlap.
-
-    A leak shifts the edges that the windows see, in volts, as a null offset does. Only while the valve is closed do the
-    two part: with the edges as the windows see them, a passage moves q T more oil than it should, T the time between
-    the edges, whatever the speed.
-    """
-
-    leak_m_s: float = 0.0
-    variance: float = LEAK_PRIOR_M_S**2
-    passages: int = 0
-    misfit: float = 1.0
-    positive: bool = False  # the passage came from there
-    excess_m: float = math.nan
-    closed_s: float = 0.0
-
-    @property
-    def known(self) -> bool:
-        """Whether it is known well enough to look at what else a passage tells."""
-        return self.passages >= LEAK_PASSAGES
-
-    def restore(self, leak_m_s: float) -> None:
-        """Start with what was identified before."""
-        self.leak_m_s, self.variance, self.passages = leak_m_s, 0.01 * LEAK_PRIOR_M_S**2, LEAK_PASSAGES
-
-    def start(self, positive: bool) -> None:
-        """The spool is on the straight part of an edge."""
-        self.positive, self.excess_m, self.closed_s = positive, 0.0, 0.0
-
-    def add(self, excess_m: float, closed_s: float) -> None:
-        """Oil beyond what sharp edges let through, in a part of the passage."""
-        self.excess_m += excess_m
-        self.closed_s += closed_s
-
-    def finish(self, positive: bool, taken_m_s: float) -> bool:
-        """The spool is on a straight part again; `taken_m_s` is the leak taken off already. True if that must change."""
-        excess_m, closed_s, across = self.excess_m, self.closed_s, positive != self.positive
-        self.start(positive)
-        if not across or closed_s <= 0.0 or not abs(excess_m) < MAX_LEAK_M_S * closed_s:
-            return False
-        error = excess_m / closed_s + taken_m_s - self.leak_m_s
-        expected = (LEAK_NOISE_M / closed_s) ** 2
-        total = expected + self.variance
-        self.passages += 1
-        self.misfit += MISFIT_SHARE * (error * error / total - self.misfit)
-        share = self.variance / total
-        self.leak_m_s += share * error
-        self.variance = min(self.variance * (1.0 - share) * (1.0 + share / LEAK_MEMORY), LEAK_PRIOR_M_S**2)
-        found = self.used_m_s(taken_m_s)
-        return self.known and abs(found - taken_m_s) > LEAK_TOLERANCE_M_S
-
-    def used_m_s(self, taken_m_s: float) -> float:
-        """The leak to take off [m/s]: 0 where there may be none."""
-        errors = LEAK_ERRORS if taken_m_s == 0.0 else 0.5 * LEAK_ERRORS
-        sure = abs(self.leak_m_s) > errors * math.sqrt(self.variance * max(1.0, self.misfit)) + LEAK_TOLERANCE_M_S
-        return self.leak_m_s if sure else 0.0
 
 
 @dataclass(slots=True)

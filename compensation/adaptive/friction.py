@@ -16,9 +16,11 @@ from dataclasses import dataclass, field
 
 from ..compensator import Context, Parameters, clip
 from .recursive_least_squares import RecursiveLeastSquares
+from .reference import Reference
 from .stribeck import MIN_RATE, StribeckEstimator
 
 MAX_HALF_STEP_MPA = 1.0
+DM = 10.0  # [dm/m]
 STRIBECK_VELOCITY_M_S = 5e-3  # over which friction falls after breakaway; a common size, and the report's
 POSITION_PRIOR = 10.0  # standard deviation of p5 [2 kPa/dm]: load hardly depends on position
 TYPICAL_STRIBECK, REVERSALS_NEEDED = 0.5, 5  # P_s over half the step, assumed until so many reversals were seen
@@ -69,9 +71,9 @@ class FrictionEstimator:
         v = (position_m - self.start_m) / (self.window * self.context.tick_s)
         if abs(v) < self.min_speed_m_s:
             return
-        n, up = self.window + 1, v > 0
-        y = 5 * (position_m + self.start_m - self.context.stroke_m)
-        v *= 10
+        n, up = self.window + 1, 1 if v > 0 else 0
+        y = 0.5 * DM * (position_m + self.start_m - self.context.stroke_m)
+        v *= DM
         phi = [1.0, self.sum_a / n, v if up else 0.0, 0.0 if up else v, 1.0 if up else -1.0, y]
         self.fit.update(phi, self.sum_load / n * 1e-6)
         self.fit.update([0.0, 0.0, 0.0, 0.0, 0.0, self.position_weight], 0.0)
@@ -81,8 +83,8 @@ class FrictionEstimator:
     def smooth_Pa(self, position_m: float, velocity_m_s: float, acceleration_m_s2: float) -> float:
         """The fit without its step [Pa]."""
         t = self.fit.theta
-        v = 10 * velocity_m_s
-        y = 10 * position_m - 5 * self.context.stroke_m
+        v = DM * velocity_m_s
+        y = DM * position_m - 0.5 * DM * self.context.stroke_m
         return 1e6 * (t[0] + t[1] * acceleration_m_s2 + v * (t[2] if v > 0 else t[3]) + t[5] * y)
 
     def inertia_Pa(self) -> float:
@@ -121,3 +123,20 @@ def stribeck_share(velocity_m_s: float) -> float:
     """Share of the Stribeck pressure at a velocity, 1 at rest."""
     speed = abs(velocity_m_s)
     return math.exp(-speed / STRIBECK_VELOCITY_M_S) if speed < 4 * STRIBECK_VELOCITY_M_S else 0.0
+
+
+def demanded_pressure(
+    reference: Reference, friction: FrictionEstimator, weight: float, width_s: float, presliding_m_s: float
+) -> tuple[float, float]:
+    """P1 - Ps A2/A1 [Pa] that the reference needs, and the signed share of the Stribeck pressure in it.
+
+    weight: of friction; width_s: time over which the step at a reversal is spread; presliding_m_s: velocity as well.
+    """
+    if weight == 0.0:
+        return 0.0, 0.0
+    v, a = reference.velocity_m_s, reference.acceleration_m_s2
+    x = v / (abs(a) * width_s + presliding_m_s)
+    sign = x * (2.0 - abs(x)) if -1.0 < x < 1.0 else math.copysign(1.0, x)
+    share = sign * stribeck_share(v)
+    step = sign * friction.half_step_Pa + share * friction.stribeck.pressure_Pa
+    return weight * (friction.smooth_Pa(reference.position_m, v, a) + step), share

@@ -30,7 +30,12 @@ class ValveInverse:
     dead_band_V: tuple[float, float] = (0.0, 0.0)  # dead-band compensation of the two ticks before
 
     def advance(
-        self, oil_m: float, roots: tuple[float, float], edges: list[ValveEdge], trim: RoundingTrim, path: tuple[float, ...],
+        self,
+        oil_m: float,
+        roots: tuple[float, float],
+        edges: list[ValveEdge],
+        trim: RoundingTrim,
+        path: tuple[float, ...],
         leak_m_s: float = 0.0,
     ) -> tuple[float, float]:
         """Volts for the flow and dead-band compensation that a spool without lag would need, three ticks before the

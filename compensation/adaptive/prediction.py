@@ -21,7 +21,18 @@ import numpy as np
 
 from ..compensator import clip
 
-PREDICTORS = ((1, 8), (2, 12), (2, 24), (2, 48), (2, 96), (3, 24), (3, 48), (3, 96), (4, 48), (4, 96))  # order and ticks of each
+PREDICTORS = (
+    (1, 8),
+    (2, 12),
+    (2, 24),
+    (2, 48),
+    (2, 96),
+    (3, 24),
+    (3, 48),
+    (3, 96),
+    (4, 48),
+    (4, 96),
+)  # order and ticks of each
 PAST = 97
 RATE_TICKS = 20.0  # T_e
 SHARE = 0.01  # low-pass of the squared errors, a tick

@@ -1,11 +1,12 @@
 """Reference of the feed-forward, PREVIEW_TICKS ahead: it lets the feed-forward come in without a jerk.
 
-    y_m' = g r' + s D(Kp (r - y_m) - (1 - g) n) + (1 - g) q,   D(w) = w - (1 - g) delta w / sqrt(w^2 + (SOFTNESS delta)^2);   midpoint rule
+    y_m' = g r' + s D(Kp (r - y_m) - (1 - g) n) + (1 - g) q
+    D(w) = w - (1 - g) delta w / sqrt(w^2 + (SOFTNESS delta)^2);   midpoint rule
 
-r is the setpoint, delta the valve's half dead band, s its gain, g the share of the feed-forward. With g = 0 this is the
-motion that the position loop makes of the setpoint through the uncompensated valve, but for the standstill at a
-reversal, which it passes smoothly. So engaging in the midst of a stroke hardly changes the motion. g then rises to 1,
-where y_m = r: full velocity feed-forward, no dead band.
+r is the setpoint, n the valve's null, q the velocity that a leak gives, delta the valve's half dead band, s its gain,
+g the share of the feed-forward. With g = 0 this is the motion that the position loop makes of the setpoint through the
+uncompensated valve, but for the standstill at a reversal, which it passes smoothly. So engaging in the midst of a
+stroke hardly changes the motion. g then rises to 1, where y_m = r: full velocity feed-forward, no dead band.
 """
 
 from __future__ import annotations

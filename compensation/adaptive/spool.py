@@ -41,7 +41,7 @@ def step_response(t_s: np.ndarray, lag_s: float, delay_s: float = 0.0) -> np.nda
     return np.where(t_s >= 0, s, 0.0)
 
 
-def tick_response(lag_s: float, tick_s: float, count: int, delay_s: float = 0.0, wide: bool = False) -> np.ndarray:
+def tick_response(lag_s: float, tick_s: float, count: int, delay_s: float = 0.0) -> np.ndarray:
     """g_j (count,): mean spool position in tick j after one tick of unit volts."""
     fine = 40
     t = (np.arange(count * fine) + 0.5) * tick_s / fine
@@ -129,7 +129,10 @@ def crossing_lead(lag_s: float, tick_s: float, delay_s: float = 0.0, shift: int 
 def crossing_path(lag_s: float, tick_s: float, delay_s: float = 0.0, shift: int = 0) -> tuple[float, ...]:
     """Path of the crossing spool, from -1 to 1, PATH_FINE samples a tick, from PATH_BEFORE ticks before the step on."""
     t = (np.arange(-PATH_BEFORE * PATH_FINE, PATH_AFTER * PATH_FINE) + 0.5) * tick_s / PATH_FINE
-    return tuple(float(x) for x in 2.0 * _steps(t, lag_s, tick_s, delay_s, shift) @ crossing_lead(lag_s, tick_s, delay_s, shift) - 1.0)
+    return tuple(
+        float(x)
+        for x in 2.0 * _steps(t, lag_s, tick_s, delay_s, shift) @ crossing_lead(lag_s, tick_s, delay_s, shift) - 1.0
+    )
 
 
 def blocked_flow(path: tuple[float, ...], share: float, slope_V: float, half_V: float) -> tuple[float, float]:
@@ -152,7 +155,9 @@ def blocked_flow(path: tuple[float, ...], share: float, slope_V: float, half_V: 
 
 
 @lru_cache(maxsize=128)
-def damping_filter(lag_s: float, tick_s: float, low_Hz: float, high_Hz: float, count: int, delay_s: float = 0.0, wide: bool = False) -> tuple[float, ...]:
+def damping_filter(
+    lag_s: float, tick_s: float, low_Hz: float, high_Hz: float, count: int, delay_s: float = 0.0
+) -> tuple[float, ...]:
     """Taps (count,) on the newest pressures: the flow through the lagging valve opposes the pressure's oscillation.
 
     Least squares in frequency: taps times the valve's response is to be 1 between `low_Hz` and `high_Hz`, small above
@@ -173,13 +178,9 @@ def damping_filter(lag_s: float, tick_s: float, low_Hz: float, high_Hz: float, c
     right = [target, np.zeros_like(target), np.zeros(1), np.zeros(count)]
     taps = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
     taps -= taps.mean()
-    # what acts the wrong way, at a frequency and for a lag that is delay or spool in any share
-    f, spools = np.linspace(low_Hz, nyquist, 60), np.linspace(0.0, 1.0, 5)
+    f = np.linspace(low_Hz, nyquist, 60)
     w = 2 * math.pi * f
-    through = np.exp(-0.5j * w * tick_s) * np.sinc(f * tick_s) * (np.exp(-1j * np.outer(w, np.arange(count)) * tick_s) @ taps)
-    worst = MAX_WRONG_SHARE
-    total = lag_s + delay_s
-    for spool_s in {lag_s, *(total * spools if wide else ())}:
-        valve = np.exp(-1j * w * (total - spool_s)) / (1 + 1j * w * spool_s - (w * spool_s / (2 * SPOOL_DAMPING)) ** 2)
-        worst = max(worst, float(-(through * valve).real.min()))
-    return tuple(float(x) for x in taps * (MAX_WRONG_SHARE / worst))
+    valve = np.exp(-1j * w * (0.5 * tick_s + delay_s)) * np.sinc(f * tick_s)
+    valve /= 1 + 1j * w * lag_s - (w * lag_s / (2 * SPOOL_DAMPING)) ** 2
+    wrong = -float((valve * (np.exp(-1j * np.outer(w, np.arange(count)) * tick_s) @ taps)).real.min())
+    return tuple(float(x) for x in taps * min(1.0, MAX_WRONG_SHARE / max(wrong, 1e-9)))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import NamedTuple
 
 from ..compensator import Context
-from .delay import DelayEstimator
+from .delay import DelayEstimator, Lateness
+from .demand import Demand
 from .edge_rounding import TRIM_TICKS, RoundingEstimator, RoundingTrim
 from .friction import FrictionEstimator
 from .inverse import ValveInverse
@@ -18,19 +18,7 @@ from .reference import Reference
 from .spool import LEAD_TAPS
 from .valve import ValveEstimator
 
-PRESSURE_TICKS = 9  # by which a position may be late, and two
 AT_REST_M_S2 = 1e-3  # acceleration below which nothing moves
-
-
-class Demand(NamedTuple):
-    """What is asked for at one tick boundary."""
-
-    pressure_Pa: float  # P1 - Ps A2/A1
-    stribeck_share: float  # of the Stribeck pressure in it, signed
-    acceleration_m_s2: float
-    position_m: float  # reference y_m
-    oil_m: float  # oil displacement z_m
-    velocity_m_s: float
 
 
 class Phase(Enum):
@@ -108,15 +96,12 @@ class AdaptiveState:
     inverse: ValveInverse
     engagement: Engagement
     delay: DelayEstimator
+    lateness: Lateness
     lag_s: float = 0.0  # spool lag that the taps were designed for
     lead_taps: tuple[float, ...] = ()
     crossing_taps: tuple[float, ...] = ()
     crossing_path: tuple[float, ...] = ()
     delay_s: float = 0.0  # of the lag, that is delay and no spool
-    late_s: float = 0.0  # of the delay, that is the position's
-    lateness: list[float] = field(default_factory=lambda: [0.0, 0.0])  # sums of the half stroke
-    pressures_Pa: deque[float] = field(default_factory=lambda: _zeros(PRESSURE_TICKS))  # measured, newest first
-    pressure_rate_Pa: float = 0.0  # of the demand, a tick
     shift: int = 0  # ticks that the taps lie earlier
     damping_taps: tuple[float, ...] = ()
     demands: deque[Demand] = field(default_factory=deque)  # of the boundaries to come, the nearest first

@@ -30,7 +30,11 @@ from .valve_edge import ACCEPT_ERRORS, MIN_BACKLASH_V, REJECT_ERRORS, ValveEdge,
 MAX_LAG_OIL_M = 20e-6  # oil at a crossing of the overlap by which the lags of both edges may differ: one spool, one lag
 NULL_TOLERANCE_V = 5e-3  # by which the null may be off the middle of the edges
 NULL_ALPHA, NULL_BETA = 0.08, 0.003  # with which the null and its rate follow, a window
-NULL_ERROR_V, NULL_RATE_V_S, NULL_TICKS = 5e-3, 0.03, 100  # bounds of an error, of the rate, of the time between windows
+NULL_ERROR_V, NULL_RATE_V_S, NULL_TICKS = (
+    5e-3,
+    0.03,
+    100,
+)  # bounds of an error, of the rate, of the time between windows
 UNKNOWN_LEAK = 3.0  # times the slowest speed of a window, while a leak may move the piston by itself
 USABLE_WINDOWS = 8  # from which the gain is right within some per cent
 
@@ -76,6 +80,12 @@ class ValveEstimator:
         return self.edges[0].ready and self.edges[1].ready
 
     @property
+    def rejected(self) -> bool:
+        """Whether a direction had been ready and no longer behaves as identified."""
+        down, up = self.edges
+        return (down.rejections > 0 and not down.ready) or (up.rejections > 0 and not up.ready)
+
+    @property
     def usable(self) -> bool:
         """Whether both directions are known well enough to tell how the piston moves."""
         return self.ready or min(edge.windows for edge in self.edges) >= USABLE_WINDOWS
@@ -106,7 +116,9 @@ class ValveEstimator:
     def _follow_null(self, error_m: float, edge: ValveEdge) -> None:
         """What a window left over moves the null, and its rate (alpha-beta filter)."""
         limit = NULL_ERROR_V
-        off = -self.direction * clip(error_m / (edge.gain_m_s_V * edge.root * self.window * self.context.tick_s), -limit, limit)
+        off = -self.direction * clip(
+            error_m / (edge.gain_m_s_V * edge.root * self.window * self.context.tick_s), -limit, limit
+        )
         since, self.ticks = min(self.ticks, NULL_TICKS) * self.context.tick_s, 0
         self.null_rate_V_s = clip(self.null_rate_V_s + NULL_BETA * off / since, -NULL_RATE_V_S, NULL_RATE_V_S)
         self.null_V += NULL_ALPHA * off + self.null_rate_V_s * since

@@ -85,7 +85,9 @@ class ValveEdge:
         """The same fit, with volts counted from further out, and less oil that leaks out in this direction."""
         for fit in (self.plain_fit, self.backlash_fit):
             fit.shift(1, 0, -volts_V, oil_m_s / self.root)
-        self.dead_band_V = clip(self.dead_band_V - volts_V + oil_m_s / self.root / self.gain_m_s_V, 0.0, MAX_DEAD_BAND_V)
+        self.dead_band_V = clip(
+            self.dead_band_V - volts_V + oil_m_s / self.root / self.gain_m_s_V, 0.0, MAX_DEAD_BAND_V
+        )
 
     def restart(self) -> None:
         """What was gathered before weighs no more than the prior."""

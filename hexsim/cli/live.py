@@ -58,7 +58,7 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
     before = set(threading.enumerate())
     viewer = launch_passive(machine.model, machine.data, key_callback=pressed.put, show_left_ui=False)
     started = last = time.perf_counter()
-    with viewer, machine.plant.running():
+    with viewer:
         frame_camera(viewer.cam, machine)
         while viewer.is_running() and (seconds is None or time.perf_counter() - started < seconds):
             now = time.perf_counter()

@@ -39,36 +39,33 @@ class S(IntEnum):
     PRESSURE = 1  # [Pa] constant supply, or where the pump's flow is zero
     RESISTANCE = 2
     CAPACITY = 3
-    ACT = 4  # first of the supply's states in MuJoCo's `act`
-    STATES = 5  # how many; the last one is Ps
-    FLOW_MAX = 6  # 0 = no limit
+    FLOW_MAX = 4  # 0 = no limit
     # power unit
-    MOTOR_POWER = 7
-    MOTOR_TIME = 8
-    PUMP_FLOW_MAX = 9
-    PUMP_DROOP = 10
-    PUMP_TIME = 11
-    PUMP_LEAK = 12
-    PUMP_FRICTION = 13
-    GAS_VOLUME = 14
-    PRECHARGE = 15  # [Pa] absolute
-    EXPONENT = 16
-    PUMP_SIDE_VOLUME = 17
-    LINE_INERTANCE = 18
-    LINE_LAMINAR = 19
-    LINE_TURBULENT = 20
-    MANIFOLD_VOLUME = 21
-    HOSE_COMPLIANCE = 22
-    RELIEF_PRESSURE = 23
-    RELIEF_CONDUCTANCE = 24
-    BULK_MODULUS = 25
-    AIR_FRACTION = 26
-    HEAT_CAPACITY = 27
-    COOLING = 28
-    AMBIENT = 29
-    START_TEMPERATURE = 30
-    IMPLICIT_STEP = 31  # [s] fast scheme: the manifold answers to the line flow at the step's end
-    BURST = 32  # [m3/s/sqrt(Pa)] hole in the manifold's hose, for faults; 0 = whole
+    MOTOR_POWER = 5
+    MOTOR_TIME = 6
+    PUMP_FLOW_MAX = 7
+    PUMP_DROOP = 8
+    PUMP_TIME = 9
+    PUMP_LEAK = 10
+    PUMP_FRICTION = 11
+    GAS_VOLUME = 12
+    PRECHARGE = 13  # [Pa] absolute
+    EXPONENT = 14
+    PUMP_SIDE_VOLUME = 15
+    LINE_INERTANCE = 16
+    LINE_LAMINAR = 17
+    LINE_TURBULENT = 18
+    MANIFOLD_VOLUME = 19
+    HOSE_COMPLIANCE = 20
+    RELIEF_PRESSURE = 21
+    RELIEF_CONDUCTANCE = 22
+    BULK_MODULUS = 23
+    AIR_FRACTION = 24
+    HEAT_CAPACITY = 25
+    COOLING = 26
+    AMBIENT = 27
+    START_TEMPERATURE = 28
+    BURST = 29  # [m3/s/sqrt(Pa)] hole in the manifold's hose, for faults; 0 = whole
 
 
 class U(IntEnum):
@@ -85,6 +82,7 @@ class U(IntEnum):
 N_SUPPLY = len(S)
 N_POWER_UNIT_STATES = len(U)
 CONSTANT, LINE, POWER_UNIT = 0, 1, 2
+N_STATES = {CONSTANT: 0, LINE: 1, POWER_UNIT: N_POWER_UNIT_STATES}  # the last one is Ps
 
 
 @compiled
@@ -203,10 +201,12 @@ def power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure):
 
 
 @compiled
-def power_unit_rates(s, state, switched_on, demand, leg_heat):
-    """d state/dt (6 numbers, places U, SI). demand [m3/s] and leg_heat [W]: of all legs together."""
+def power_unit_rates(s, state, switched_on, demand, leg_heat, step=0.0):
+    """d state/dt (6 numbers, places U, SI). demand [m3/s] and leg_heat [W]: of all legs together.
+
+    step [s]: the manifold answers to the line flow at the step's end (fast scheme); 0 = to the present one.
+    """
     speed, flow, line_flow, pump_pressure, temperature, pressure = state
-    step = s[S.IMPLICIT_STEP]
     net = flow - relief_flow(s, pump_pressure) - line_flow
     resisting = s[S.LINE_LAMINAR] + 2.0 * s[S.LINE_TURBULENT] * abs(line_flow)
     surge = (pump_pressure - pressure - line_drop(s, line_flow)) / (s[S.LINE_INERTANCE] + step * resisting)
@@ -254,7 +254,6 @@ def declared_supply(machine: Machine) -> np.ndarray:
     annuli = machine.n_legs * cylinder.area_top_m2 * cylinder.stroke_m / 2 if cylinder.rod_side == "supply" else 0.0
     values = {
         S.MODEL: POWER_UNIT,
-        S.STATES: N_POWER_UNIT_STATES,
         S.MOTOR_POWER: unit.motor_power_W,
         S.MOTOR_TIME: unit.motor_time_constant_s,
         S.PUMP_FLOW_MAX: unit.pump_flow_max_m3_s,

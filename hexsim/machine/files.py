@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +10,11 @@ import tomli_w
 from pydantic import ValidationError
 
 from hexsim.declaration import Machine
-from hexsim.errors import HexsimError
+from hexsim.errors import HexsimError, one_of, shortened
 from hexsim.files.atomic import write_text
-from hexsim.files.toml_files import read_toml, validation_sentence
+from hexsim.files.toml_files import read_toml, set_dotted, validation_sentence
 from hexsim.hydraulics.effects import check_effects
+from hexsim.signals.table import check_extra_sensors
 
 FILE_NAME = "machine.toml"
 
@@ -38,14 +40,14 @@ def find_machine_file(name_or_path: str | Path) -> Path:
     for candidate in (
         path if path.suffix == ".toml" else path / FILE_NAME,
         packaged if path.suffix == ".toml" else packaged / FILE_NAME,
-        packaged.with_name(f"{packaged.name}.toml"),
+        Path(f"{packaged}.toml"),
     ):
-        if candidate.is_file():
+        if os.path.isfile(candidate):  # unlike Path's, false for a name that no file can have
             return candidate
-    if path.is_dir():
+    if os.path.isdir(path):
         raise HexsimError(f"folder {path} has no {FILE_NAME}: put the machine's declaration there")
     raise HexsimError(
-        f"unknown machine {str(name_or_path)!r}: give one of {', '.join(available_machines())}, "
+        f"unknown machine {shortened(repr(str(name_or_path)))}: {one_of(str(name_or_path), available_machines())}, "
         f"a folder with {FILE_NAME}, or a TOML file"
     )
 
@@ -64,6 +66,7 @@ def machine_from_dict(tables: dict[str, Any], source: str = "machine") -> Machin
     except ValidationError as error:
         raise HexsimError(f"{source}: {validation_sentence(error, Machine)}") from None
     check_effects(machine, source)
+    check_extra_sensors(machine, source)
     return machine
 
 
@@ -71,13 +74,7 @@ def changed(machine: Machine, changes: dict[str, Any], source: str = "changes") 
     """A copy with dotted keys set, {"valve.overlap_m": 20e-6}, validated again."""
     tables = machine.model_dump(exclude_none=True)
     for dotted, value in changes.items():
-        *path, key = dotted.split(".")
-        table = tables
-        for part in path:
-            table = table.setdefault(part, {})
-            if not isinstance(table, dict):
-                raise HexsimError(f"{source}: {dotted} leads through {part}, which is no table")
-        table[key] = value
+        set_dotted(tables, dotted, value, source)
     return machine_from_dict(tables, source)
 
 

@@ -6,17 +6,17 @@
 the leg besides P1 A1; P1 A1 itself is MuJoCo's linear gain on the last state, so that `actearly` sees the new pressure.
 Inside MuJoCo pressures are in MPa (it rejects rates above 1e10); everywhere else they are in Pa.
 
-All numbers come from the model (`actuator_user`: a leg's row, or the supply's) and all states from the data, so one
-pair of callbacks serves any number of models and threads. `userdata[2 i]` and `userdata[2 i + 1]` carry leg i's demand
-and heat to the supply.
+All numbers come from the model (`actuator_user`: a leg's row, or the supply's, with its layout behind; the time step) and
+all states from the data, so one pair of callbacks serves any number of models and threads, and stays installed. A model
+that is no plant is left as it is without callbacks. `userdata[2 i]` and `userdata[2 i + 1]` carry leg i's demand and
+heat to the supply.
 """
 
 from __future__ import annotations
 
 import ctypes
 import operator
-from collections.abc import Iterator
-from contextlib import contextmanager
+import threading
 from functools import cache
 
 import mujoco
@@ -26,14 +26,16 @@ from numba import carray, cfunc, types
 from numba.extending import intrinsic, overload
 
 from hexsim.compiled import compiled
-from hexsim.hydraulics import leg, supply, valve
-from hexsim.hydraulics.parameters import N_PARAMETERS, P
+from hexsim.errors import HexsimError
+from hexsim.hydraulics import leg, supply
+from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.supply import S
-from hexsim.plant.layout import slot
+from hexsim.plant import states
+from hexsim.plant.states import ROW, A
+from hexsim.plant.structs import slot
 
 MPa = 1.0e6  # [Pa]
 POWER_UNIT_SCALE = np.array([1.0, 1.0, 1.0, MPa, 1.0, MPa])  # SI over what stands in act, places U
-SUPPLY_MARK = -2.0  # in place of ACT_PRESSURE: this row belongs to the supply
 _WORDS = 4096  # enough words of either struct to reach the fields that are read
 
 
@@ -49,84 +51,79 @@ def _doubles(typingctx, address):
 
 
 @compiled
-def supply_pressure(p, act):
+def supply_pressure(p, places, act):
     """Ps [Pa]: the manifold's state, or the constant supply of the report."""
-    place = int(p[P.ACT_SUPPLY])
+    place = int(places[A.SUPPLY])
     return act[place] * MPa if place >= 0 else p[P.SUPPLY_PRESSURE]
 
 
 @compiled
-def leg_instant(p, act, volts, t):
-    """(x, P1, P2, Ps, z) of a leg from MuJoCo's act: SI units."""
-    x = leg.commanded_spool(p, volts, t)
-    if p[P.ACT_SPOOL] >= 0.0:
-        x = min(max(act[int(p[P.ACT_SPOOL])], -p[P.SPOOL_TRAVEL]), p[P.SPOOL_TRAVEL])
-    P1 = act[int(p[P.ACT_PRESSURE])] * MPa
-    Ps = supply_pressure(p, act)
-    P2 = act[int(p[P.ACT_ROD_SIDE])] * MPa if p[P.ACT_ROD_SIDE] >= 0.0 else Ps
-    z = act[int(p[P.ACT_BRISTLE])] if p[P.ACT_BRISTLE] >= 0.0 else 0.0
-    return x, P1, P2, Ps, z
+def leg_state(places, act, Ps):
+    """(P1, P2, x, x', z) of a leg from MuJoCo's act: SI units. A state that the leg has not is Ps or 0."""
+    P1 = act[int(places[A.PRESSURE])] * MPa
+    P2 = act[int(places[A.ROD_SIDE])] * MPa if places[A.ROD_SIDE] >= 0.0 else Ps
+    x = speed = z = 0.0
+    if places[A.SPOOL] >= 0.0:
+        x, speed = act[int(places[A.SPOOL])], act[int(places[A.SPOOL]) + 1]
+    if places[A.BRISTLE] >= 0.0:
+        z = act[int(places[A.BRISTLE])]
+    return P1, P2, x, speed, z
 
 
 @compiled
-def leg_rates(p, act, act_dot, y, v, volts, t):
+def leg_rates(p, places, act, act_dot, y, v, volts, t, h):
     """Write the rates of one leg's states into act_dot; return its demand on the supply [m3/s] and its heat [W]."""
-    x, P1, P2, Ps, z = leg_instant(p, act, volts, t)
-    flow = leg.inflow(p, y, v, volts, x, P1, Ps, t)
+    Ps = supply_pressure(p, places, act)
+    state = leg_state(places, act, Ps)
+    rates, x, flow = leg.leg_derivatives(p, y, v, volts, t, Ps, state, h, places[A.IMPLICIT] > 0.0)
     demand, heat = 0.0, 0.0
-    if p[P.ACT_SUPPLY] >= 0.0:  # before anything is written, so that the compiler shares terms with `flow`
-        demand = leg.supply_demand_in_step(p, y, v, x, P1, P2, Ps)
-        heat = leg.heat(p, y, v, P1, P2, Ps, z, flow, demand)
-    if p[P.ACT_SPOOL] >= 0.0:
-        place = int(p[P.ACT_SPOOL])
-        command = leg.commanded_spool(p, volts, t)
-        act_dot[place], act_dot[place + 1] = valve.spool_rates(
-            act[place], act[place + 1], command, p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING], p[P.SPOOL_RATE]
-        )
-    if p[P.ACT_BRISTLE] >= 0.0:
-        rate = leg.bristle_rate(p, y, v, P1, z)
-        stiff = p[P.BRISTLE_STIFFNESS] * abs(v) / leg.friction_level(p, y, v, P1)
-        act_dot[int(p[P.ACT_BRISTLE])] = rate / (1.0 + p[P.BRISTLE_STEP] * stiff)
-    if p[P.ACT_ROD_SIDE] >= 0.0:
-        act_dot[int(p[P.ACT_ROD_SIDE])] = leg.rod_side_rate(p, y, v, P2, Ps) / MPa
-    rate = leg.pressure_rate_of(p, y, v, P1, flow)
-    if p[P.IMPLICIT_STEP] > 0.0:  # fast scheme: linearly implicit in P1
-        rate /= 1.0 - p[P.IMPLICIT_STEP] * leg.flow_slope(p, x, P1, Ps) / leg.chamber_capacity(p, y, P1)
-    else:  # RK4 is stable up to h lambda = 2.78: an open valve at little pressure drop is slowed to 2
-        stiff = -p[P.BRISTLE_STEP] * leg.flow_slope(p, x, P1, Ps) / leg.chamber_capacity(p, y, P1)
-        rate /= max(1.0, 0.5 * stiff)
-    act_dot[int(p[P.ACT_PRESSURE])] = rate / MPa
+    if places[A.SUPPLY] >= 0.0:  # before anything is written, so that the compiler shares terms with the rates
+        P1, P2, z = state[0], state[1], state[4]
+        demand = leg.supply_demand_in_step(p, y, v, x, P1, P2, Ps, h)
+        heat = leg.heat(p, y, v, x, P1, P2, Ps, z, flow, demand, h)
+    if places[A.SPOOL] >= 0.0:
+        act_dot[int(places[A.SPOOL])], act_dot[int(places[A.SPOOL]) + 1] = rates[2], rates[3]
+    if places[A.BRISTLE] >= 0.0:
+        act_dot[int(places[A.BRISTLE])] = rates[4]
+    if places[A.ROD_SIDE] >= 0.0:
+        act_dot[int(places[A.ROD_SIDE])] = rates[1] / MPa
+    act_dot[int(places[A.PRESSURE])] = rates[0] / MPa
     return demand, heat
 
 
 @compiled
-def leg_bias(p, act, y, v, volts, t):
-    """Force along the leg besides P1 A1 [N]."""
-    _, P1, P2, Ps, z = leg_instant(p, act, volts, t)
+def leg_bias(p, places, act, act_dot, y, v, volts, t, h):
+    """Force along the leg besides P1 A1 [N]. In the fast scheme a rod side on the valve is the new one, as P1 is."""
+    Ps = supply_pressure(p, places, act)
+    P1, P2, _, _, z = leg_state(places, act, Ps)
+    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE and places[A.IMPLICIT] > 0.0:
+        P2 += h * act_dot[int(places[A.ROD_SIDE])] * MPa
     return leg.force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t)
 
 
 @compiled
-def supply_state(p, act):
-    """States of a power unit (6 numbers, places U) from MuJoCo's act: SI units."""
-    k = int(p[S.ACT])
+def supply_state(places, act):
+    """States of a power unit (6 numbers, places U) from MuJoCo's act: SI units. places: layout of the supply."""
+    k = int(places[A.SUPPLY])
     return act[k], act[k + 1], act[k + 2], act[k + 3] * MPa, act[k + 4], act[k + 5] * MPa
 
 
 @compiled
-def supply_rates(p, act, act_dot, switched_on, demand, heat):
+def supply_rates(p, places, act, act_dot, switched_on, demand, heat, h):
     """Write the rates of the supply's states into act_dot; return that of Ps [MPa/s]."""
-    k = int(p[S.ACT])
+    k = int(places[A.SUPPLY])
     if p[S.MODEL] == supply.POWER_UNIT:
+        step = h if places[A.IMPLICIT] > 0.0 else 0.0
         speed, flow, line_flow, pump_pressure, temperature, pressure = supply.power_unit_rates(
-            p, supply_state(p, act), switched_on, demand, heat
+            p, supply_state(places, act), switched_on, demand, heat, step
         )
         act_dot[k], act_dot[k + 1], act_dot[k + 2] = speed, flow, line_flow
         act_dot[k + 3], act_dot[k + 4], act_dot[k + 5] = pump_pressure / MPa, temperature, pressure / MPa
         return pressure / MPa
-    nominal = switched_on * p[S.PRESSURE]
-    pressure = act[k] * MPa
-    rate = supply.line_rate(p, pressure, demand, nominal, supply.line_capacity(p, pressure)) / MPa
+    rate = 0.0
+    if p[S.MODEL] == supply.LINE:
+        nominal, pressure = switched_on * p[S.PRESSURE], act[k] * MPa
+        rate = supply.line_rate(p, pressure, demand, nominal, supply.line_capacity(p, pressure)) / MPa
     act_dot[k] = rate
     return rate
 
@@ -134,44 +131,53 @@ def supply_rates(p, act, act_dot, switched_on, demand, heat):
 @cache
 def _compile() -> tuple:
     """The two native functions; they hold the places of the structs' fields as constants."""
-    user_slot = slot("mjModel", "actuator_user")
+    width_slot, user_slot = slot("mjModel", "nuser_actuator"), slot("mjModel", "actuator_user")
+    step_slot = slot("mjModel", "opt") + slot("mjOption", "timestep")
     time_slot, ctrl_slot, act_slot = slot("mjData", "time"), slot("mjData", "ctrl"), slot("mjData", "act")
     rate_slot, userdata_slot = slot("mjData", "act_dot"), slot("mjData", "userdata")
     length_slot, velocity_slot = slot("mjData", "actuator_length"), slot("mjData", "actuator_velocity")
     signature = types.float64(types.voidptr, types.voidptr, types.int32)
+    of_leg, of_supply = states.LEG, states.SUPPLY
 
     @cfunc(signature, error_model="numpy")
     def act_dyn(model, data, i):
-        words = carray(data, (_WORDS,), types.uintp)
-        user = _doubles(carray(model, (_WORDS,), types.uintp)[user_slot])
-        p = _offset(user, i * N_PARAMETERS)
-        act = _doubles(words[act_slot])
-        act_dot = _doubles(words[rate_slot])
-        ctrl = _doubles(words[ctrl_slot])
+        fields, words = carray(model, (_WORDS,), types.uintp), carray(data, (_WORDS,), types.uintp)
+        if fields[width_slot] != ROW:
+            return 0.0
+        p = _offset(_doubles(fields[user_slot]), i * ROW)
+        places = _offset(p, N_PARAMETERS)
+        act, act_dot, ctrl = _doubles(words[act_slot]), _doubles(words[rate_slot]), _doubles(words[ctrl_slot])
         from_legs = _doubles(words[userdata_slot])
-        if p[P.ACT_PRESSURE] == SUPPLY_MARK:
+        h = carray(model, (_WORDS,), types.float64)[step_slot]
+        if places[A.OWNER] == of_supply:
             demand, heat = 0.0, 0.0
             for k in range(i):
                 demand += from_legs[2 * k]
                 heat += from_legs[2 * k + 1]
-            return supply_rates(p, act, act_dot, ctrl[i], demand, heat)
-        t = carray(data, (_WORDS,), types.float64)[time_slot]
-        y = _doubles(words[length_slot])[i] - p[P.LENGTH_OFFSET]
-        v = _doubles(words[velocity_slot])[i]
-        from_legs[2 * i], from_legs[2 * i + 1] = leg_rates(p, act, act_dot, y, v, ctrl[i], t)
-        return act_dot[int(p[P.ACT_PRESSURE])]
-
-    @cfunc(signature, error_model="numpy")
-    def act_bias(model, data, i):
-        words = carray(data, (_WORDS,), types.uintp)
-        user = _doubles(carray(model, (_WORDS,), types.uintp)[user_slot])
-        p = _offset(user, i * N_PARAMETERS)
-        if p[P.ACT_PRESSURE] == SUPPLY_MARK:
+            return supply_rates(p, places, act, act_dot, ctrl[i], demand, heat, h)
+        if places[A.OWNER] != of_leg:
             return 0.0
         t = carray(data, (_WORDS,), types.float64)[time_slot]
         y = _doubles(words[length_slot])[i] - p[P.LENGTH_OFFSET]
         v = _doubles(words[velocity_slot])[i]
-        return leg_bias(p, _doubles(words[act_slot]), y, v, _doubles(words[ctrl_slot])[i], t)
+        from_legs[2 * i], from_legs[2 * i + 1] = leg_rates(p, places, act, act_dot, y, v, ctrl[i], t, h)
+        return act_dot[int(places[A.PRESSURE])]
+
+    @cfunc(signature, error_model="numpy")
+    def act_bias(model, data, i):
+        fields, words = carray(model, (_WORDS,), types.uintp), carray(data, (_WORDS,), types.uintp)
+        if fields[width_slot] != ROW:
+            return 0.0
+        p = _offset(_doubles(fields[user_slot]), i * ROW)
+        places = _offset(p, N_PARAMETERS)
+        if places[A.OWNER] != of_leg:
+            return 0.0
+        t = carray(data, (_WORDS,), types.float64)[time_slot]
+        y = _doubles(words[length_slot])[i] - p[P.LENGTH_OFFSET]
+        v = _doubles(words[velocity_slot])[i]
+        h = carray(model, (_WORDS,), types.float64)[step_slot]
+        act, act_dot = _doubles(words[act_slot]), _doubles(words[rate_slot])
+        return leg_bias(p, places, act, act_dot, y, v, _doubles(words[ctrl_slot])[i], t, h)
 
     return act_dyn, act_bias
 
@@ -195,25 +201,31 @@ def _offset(typingctx, pointer, count):
     return signature, codegen
 
 
-@contextmanager
-def native_hydraulics() -> Iterator[None]:
-    """Install the callbacks, which are global to the process, and put back what was there.
+_CALLBACKS = ("mjcb_act_dyn", "mjcb_act_bias")
+_installing = threading.Lock()
 
-    MuJoCo's warnings are kept from writing MUJOCO_LOG.TXT into the working folder: `Plant.check` reports them.
+
+def installed() -> bool:
+    """Whether MuJoCo calls the hydraulics at present."""
+    return all(_address_of(name) == made.address for name, made in zip(_CALLBACKS, _compile(), strict=True))
+
+
+def install_hydraulics() -> None:
+    """Have MuJoCo call the hydraulics, once and for good: its callbacks are global to the process.
+
+    They serve every plant in every thread and touch no other model. Raises HexsimError where another program in this
+    process has callbacks of its own.
     """
-    act_dyn, act_bias = _compile()
-    before = mujoco.get_mjcb_act_dyn(), mujoco.get_mjcb_act_bias()
-    warn_before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda text: None)
-    mujoco.set_mjcb_act_dyn(_pointer(act_dyn))
-    mujoco.set_mjcb_act_bias(_pointer(act_bias))
-    try:
-        yield
-    finally:
-        mujoco.set_mjcb_act_dyn(before[0])
-        mujoco.set_mjcb_act_bias(before[1])
-        mujoco.set_mju_user_warning(warn_before)
+    with _installing:
+        for name, made in zip(_CALLBACKS, _compile(), strict=True):
+            if _address_of(name) not in (None, made.address):
+                raise HexsimError(
+                    f"MuJoCo's callback {name} belongs to another program in this process: hexsim needs it; run hexsim "
+                    "in a process of its own"
+                )
+            getattr(mujoco, f"set_{name}")(made.ctypes)
 
 
-def _pointer(function) -> ctypes._CFuncPtr:
-    return function.ctypes
+def _address_of(name: str) -> int | None:
+    """Address in one of MuJoCo's global callbacks; None = none."""
+    return ctypes.c_void_p.in_dll(ctypes.CDLL(mujoco._functions.__file__), name).value

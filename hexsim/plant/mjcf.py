@@ -5,24 +5,25 @@
 full    universal joint, cylinder, rod on a slide joint, ball end closed by `connect`: the machine that people see.
 tendon  one spatial tendon a leg between two sites; the legs' masses are generic at the platform joints.
 
-Frames and numbering as in `hexsim.mechanics.kinematics`. Actuators `leg_1`..`leg_6` (bench: `leg_1`): ctrl = valve volts, act =
-[spool position, spool velocity, bristle, rod side pressure [MPa], pressure [MPa]] as far as the leg has them.
+Frames and numbering as in `hexsim.mechanics.kinematics`. Actuators `leg_1`..`leg_6` (bench: `leg_1`): ctrl = valve volts,
+act = the leg's states; then `supply` where it has states: ctrl = pump on, act = its states (places: `plant.states`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import mujoco
 import numpy as np
 
-from hexsim.hydraulics.parameters import N_PARAMETERS, P
+from hexsim.errors import HexsimError
+from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import PayloadMode, Resolved
-from hexsim.hydraulics.supply import CONSTANT, S
+from hexsim.machine.geometry import leg_bodies
 from hexsim.mechanics.kinematics import HexapodKinematics
+from hexsim.mechanics.leg_inertia import LegBodies, lumped_legs
 from hexsim.plant import looks
-from hexsim.plant.callbacks import SUPPLY_MARK
+from hexsim.plant.states import ROW, A, actuator_rows
 
 ModelKind = Literal["full", "tendon"]
 
@@ -30,64 +31,43 @@ ModelKind = Literal["full", "tendon"]
 STIFF_SOLREF = [0.002, 1.0]
 STIFF_SOLIMP = [0.9999, 0.9999, 0.001, 0.5, 2.0]
 GRAVCOMP_SWITCH = 1e-15  # MuJoCo 4.0 looks at gravcomp only when some body has a positive one
-LEAST_LEG_FRACTION = 1e-3  # a machine without leg mass gets full legs of this share of the platform's mass each
-
-
-@dataclass(frozen=True, kw_only=True)
-class LegBodies:
-    """Masses [kg], centres [m] from their joint and moments [kg m2] of a leg's cylinder and rod."""
-
-    cylinder_mass: float
-    cylinder_centre: float
-    cylinder_inertia: tuple[float, float]  # (transverse, axial)
-    rod_mass: float
-    rod_centre: float  # from the platform joint, towards the base
-    rod_inertia: tuple[float, float]
-
-
-def leg_bodies(resolved: Resolved, neutral_length: float) -> LegBodies:
-    """Cylinder and rod as slender rods: the cylinder spans 60 % of the neutral leg, the rod 55 % (they overlap)."""
-    load, cylinder = resolved.load, resolved.machine.cylinder
-    mass = load.leg_mass_kg or LEAST_LEG_FRACTION * (load.platform_mass_kg or 0.0)
-    rod_mass = load.rod_mass_fraction * mass
-    cylinder_mass = mass - rod_mass
-    cylinder_length, rod_length = 0.6 * neutral_length, 0.55 * neutral_length
-    return LegBodies(
-        cylinder_mass=cylinder_mass,
-        cylinder_centre=cylinder_length / 2,
-        cylinder_inertia=(
-            cylinder_mass * cylinder_length**2 / 12,
-            cylinder_mass * cylinder.piston_diameter_m**2 / 4,
-        ),
-        rod_mass=rod_mass,
-        rod_centre=rod_length / 2,
-        rod_inertia=(rod_mass * rod_length**2 / 12, rod_mass * cylinder.rod_diameter_m**2 / 8),
-    )
 
 
 def build_spec(
-    resolved: Resolved, kinematics: HexapodKinematics | None, kind: ModelKind, timestep: float, fast: bool
+    resolved: Resolved, kinematics: HexapodKinematics | None, kind: ModelKind, timestep: float, layout: np.ndarray
 ) -> tuple[mujoco.MjSpec, np.ndarray]:
     """The editable model of a bench (kinematics None) or a hexapod, and its actuators' rows for `actuator_user`.
 
-    The rows are kept out of the model's XML: they are the hydraulics' numbers, which stand in the machine file.
+    layout: where the states stand (`plant.states`), which also says the integrator. The rows are kept out of the
+    model's XML: they are the hydraulics' numbers, which stand in the machine file.
+    model's XML: they are the hydraulics' numbers, which stand in the machine file.
     """
     spec = mujoco.MjSpec()
     spec.modelname = resolved.machine.name
     spec.compiler.degree = False
     spec.option.timestep = timestep
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER if fast else mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.integrator = (
+        mujoco.mjtIntegrator.mjINT_EULER if layout[0, A.IMPLICIT] else mujoco.mjtIntegrator.mjINT_RK4
+    )
     spec.option.gravity = resolved.gravity_m_s2
     off = mujoco.mjtDisableBit
     # no silent reset: a bad state stays, so that `Plant.check` and the log can say when and where it began
     spec.option.disableflags = off.mjDSBL_CONTACT | off.mjDSBL_EULERDAMP | off.mjDSBL_AUTORESET
     spec.option.tolerance = 1e-12
     looks.add_materials(spec)
-    rows = _add_bench(spec, resolved) if kinematics is None else _add_hexapod(spec, resolved, kinematics, kind)
-    return spec, rows
+    if kinematics is None:
+        _add_bench(spec, resolved)
+        _add_actuators(spec, resolved, layout, "slide_", -resolved.machine.cylinder.stroke_m / 2)
+    else:
+        _add_hexapod(spec, resolved, kinematics, kind)
+        offset = -resolved.machine.cylinder.stroke_m / 2
+        if kind == "tendon":
+            offset = float(np.broadcast_to(kinematics.retracted_length_m, 6)[0])
+        _add_actuators(spec, resolved, layout, "slide_" if kind == "full" else "tendon_", offset)
+    return spec, actuator_rows(resolved, layout)
 
 
-def _add_bench(spec: mujoco.MjSpec, resolved: Resolved) -> np.ndarray:
+def _add_bench(spec: mujoco.MjSpec, resolved: Resolved) -> None:
     """One vertical cylinder with the moving mass on its rod."""
     stroke = resolved.machine.cylinder.stroke_m
     mass = resolved.load.moving_mass_kg or 0.0
@@ -97,10 +77,11 @@ def _add_bench(spec: mujoco.MjSpec, resolved: Resolved) -> np.ndarray:
     load.mass, load.ipos, load.inertia, load.explicitinertial = mass, [0, 0, 0], [mass * 0.01] * 3, True
     looks.add_bench_load(spec, load, resolved.machine)
     load.add_site(name="accelerometer", pos=[0, 0, 0])
-    return _add_actuators(spec, resolved, "slide_1", mujoco.mjtTrn.mjTRN_JOINT, length_offset=-stroke / 2)
+    for mode_number, mode in enumerate(resolved.payload_modes, start=1):
+        _add_payload_mode(load, mode, mode_number, resolved.gravity_m_s2)
 
 
-def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKinematics, kind: ModelKind) -> np.ndarray:
+def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKinematics, kind: ModelKind) -> None:
     """Platform with a free joint on six legs."""
     load = resolved.load
     neutral_length = float(kinematics.leg_lengths(np.zeros(6))[0])
@@ -129,11 +110,6 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKin
             tendon.wrap_site(f"platform_joint_{i + 1}")
     if not full and load.leg_mass_kg > 0:
         _add_lumped_legs(platform, kinematics, bodies)
-    if full:
-        half = resolved.machine.cylinder.stroke_m / 2
-        return _add_actuators(spec, resolved, "slide_", mujoco.mjtTrn.mjTRN_JOINT, length_offset=-half)
-    offset = float(np.broadcast_to(kinematics.retracted_length_m, 6)[0])
-    return _add_actuators(spec, resolved, "tendon_", mujoco.mjtTrn.mjTRN_TENDON, length_offset=offset)
 
 
 def _add_full_leg(
@@ -169,45 +145,18 @@ def _add_full_leg(
     ball.data[:3] = 0.0  # the anchor is the rod's end
 
 
-def legs_at_platform(kinematics: HexapodKinematics, bodies: LegBodies) -> tuple[np.ndarray, float]:
-    """What six legs add to the platform at neutral: mass matrix (6, 6) about its origin, and the mass it carries [kg].
-
-    Along a leg only the rod moves, across it both parts swing about the base joint, so its platform joint feels
-        m_along = m_rod,   m_across = (I_cylinder + m_cylinder c^2 + I_rod + m_rod (L - c_rod)^2) / L^2
-    and M = sum J_i' (m_along u u' + m_across (1 - u u')) J_i with J_i the velocity of joint i from the twist. The weight
-    of rod and cylinder is shared between the joints as a beam's.
-    """
-    matrix, carried = np.zeros((6, 6)), 0.0
-    jacobian = kinematics.jacobian(np.zeros(6))
-    lengths = kinematics.leg_lengths(np.zeros(6))
-    for joint, row, length in zip(kinematics.platform_joints, jacobian, lengths, strict=True):
-        swing = bodies.cylinder_inertia[0] + bodies.cylinder_mass * bodies.cylinder_centre**2
-        swing += bodies.rod_inertia[0] + bodies.rod_mass * (length - bodies.rod_centre) ** 2
-        along = np.outer(row[:3], row[:3])
-        mass = bodies.rod_mass * along + swing / length**2 * (np.eye(3) - along)
-        x, y, z = joint
-        arm = np.hstack([np.eye(3), np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])])
-        matrix += arm.T @ mass @ arm
-        level = 1 - row[2] ** 2
-        carried += bodies.rod_mass * (1 - level * bodies.rod_centre / length)
-        carried += bodies.cylinder_mass * level * bodies.cylinder_centre / length
-    return matrix, carried
-
-
 def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: HexapodKinematics, bodies: LegBodies) -> None:
-    """One rigid lump that stands for the legs of the tendon model: exact in heave and in the three rotations at neutral.
-
-    A rigid body has one mass for all directions: heave's is taken, so surge and sway are off by the legs' difference
-    (a few kg of 600); the centre's height takes up the coupling of surge and pitch. The difference from full legs is
-    measured in tests/plant/test_integration.py.
-    """
-    matrix, carried = legs_at_platform(kinematics, bodies)
-    mass = matrix[2, 2]
-    height = matrix[0, 4] / mass
-    inertia = np.diag(matrix)[3:] - mass * height**2 * np.array([1.0, 1.0, 0.0])
-    lump = platform.add_body(name="legs_lump", pos=[0, 0, height])
-    lump.mass, lump.ipos, lump.inertia, lump.explicitinertial = mass, [0, 0, 0], inertia, True
-    lump.gravcomp = 1.0 - carried / mass  # negative: the platform carries more than moves with it in heave
+    """The legs of the tendon model as one body, see `lumped_legs`."""
+    legs = lumped_legs(kinematics, bodies)
+    inertia = np.diag(legs.inertia)
+    if 2 * inertia.max() > inertia.sum():
+        raise HexsimError(
+            "no rigid body stands for these legs in the tendon model, its moments of inertia would be impossible: give "
+            "load.rod_mass_fraction a share of 0.3 or more, or take full legs (without --fast)"
+        )
+    lump = platform.add_body(name="legs_lump", pos=legs.centre)
+    lump.mass, lump.ipos, lump.inertia, lump.explicitinertial = legs.mass, [0, 0, 0], inertia, True
+    lump.gravcomp = 1.0 - legs.carried / legs.mass  # negative: the platform carries more than moves with it in heave
     platform.gravcomp = GRAVCOMP_SWITCH
 
 
@@ -233,69 +182,29 @@ def _turn_z_to(direction: np.ndarray) -> np.ndarray:
     return quat / np.linalg.norm(quat)
 
 
-def state_count(row: np.ndarray) -> int:
-    """How many states a leg with this row has; the pressure is the last one."""
-    return 1 + 2 * (row[P.SPOOL_OMEGA] > 0) + (row[P.BRISTLE_STIFFNESS] > 0) + (row[P.ACT_ROD_SIDE] > -1)
-
-
-def lay_out_states(resolved: Resolved, length_offset: float) -> np.ndarray:
-    """Write the places of all states into the rows; return the rows of all actuators (n_actuators, N_PARAMETERS)."""
-    rows = resolved.rows
-    own_rod_side = resolved.machine.cylinder.rod_side == "chamber"
-    place = 0
-    for row in rows:
-        row[P.LENGTH_OFFSET] = length_offset
-        row[P.ACT_SPOOL] = row[P.ACT_BRISTLE] = row[P.ACT_ROD_SIDE] = row[P.ACT_SUPPLY] = -1
-        if row[P.SPOOL_OMEGA] > 0:
-            row[P.ACT_SPOOL] = place
-            place += 2
-        if row[P.BRISTLE_STIFFNESS] > 0:
-            row[P.ACT_BRISTLE] = place
-            place += 1
-        if own_rod_side:
-            row[P.ACT_ROD_SIDE] = place
-            place += 1
-        row[P.ACT_PRESSURE] = place
-        place += 1
-    if resolved.supply[S.MODEL] == CONSTANT:
-        return rows
-    supply = np.zeros(N_PARAMETERS)
-    resolved.supply[S.ACT] = place
-    supply[: len(resolved.supply)] = resolved.supply
-    supply[P.ACT_PRESSURE] = SUPPLY_MARK
-    rows[:, P.ACT_SUPPLY] = place + resolved.supply[S.STATES] - 1
-    return np.vstack([rows, supply])
-
-
 def _add_actuators(
-    spec: mujoco.MjSpec, resolved: Resolved, target: str, transmission: mujoco.mjtTrn, length_offset: float
-) -> np.ndarray:
-    """One prismatic actuator a leg, and one for the supply when it has states; returns their rows."""
-    rows = lay_out_states(resolved, length_offset)
-    fast = spec.option.integrator == mujoco.mjtIntegrator.mjINT_EULER
+    spec: mujoco.MjSpec, resolved: Resolved, layout: np.ndarray, target: str, length_offset: float
+) -> None:
+    """One prismatic actuator a leg on joint or tendon `target`1.., and one for the supply when it has states."""
+    resolved.rows[:, P.LENGTH_OFFSET] = length_offset
+    transmission = mujoco.mjtTrn.mjTRN_JOINT if target == "slide_" else mujoco.mjtTrn.mjTRN_TENDON
     volts = resolved.machine.valve.voltage_max_V
-    for i, row in enumerate(rows):
+    for i, place in enumerate(layout[:, A.PRESSURE]):
         is_leg = i < resolved.machine.n_legs
-        row[P.IMPLICIT_STEP] = spec.option.timestep if fast and is_leg else row[P.IMPLICIT_STEP]
-        row[P.BRISTLE_STEP] = spec.option.timestep if is_leg else row[P.BRISTLE_STEP]
-        row[S.IMPLICIT_STEP] = row[S.IMPLICIT_STEP] if is_leg else fast * spec.option.timestep
         actuator = spec.add_actuator(
             name=f"leg_{i + 1}" if is_leg else "supply",
             trntype=transmission,
-            target=(target if target[-1].isdigit() else f"{target}{i + 1 if is_leg else 1}"),
+            target=f"{target}{i + 1 if is_leg else 1}",
             dyntype=mujoco.mjtDyn.mjDYN_USER,
             gaintype=mujoco.mjtGain.mjGAIN_FIXED,
             biastype=mujoco.mjtBias.mjBIAS_USER,
             ctrllimited=True,
             ctrlrange=[-volts, volts] if is_leg else [0, 1],
         )
-        places = rows[:, P.ACT_PRESSURE]
-        actuator.actdim = int(places[i] - (places[i - 1] if i else -1)) if is_leg else int(resolved.supply[S.STATES])
-        actuator.actearly = fast
+        actuator.actdim = int(place - (layout[i - 1, A.PRESSURE] if i else -1))
+        actuator.actearly = bool(layout[i, A.IMPLICIT])
         gain = np.zeros(10)
-        gain[0] = row[P.AREA_BOTTOM] * 1e6 if is_leg else 0.0  # act is in MPa
+        gain[0] = resolved.rows[i, P.AREA_BOTTOM] * 1e6 if is_leg else 0.0  # act is in MPa
         actuator.gainprm = gain
-    resolved.rows[:] = rows[: resolved.machine.n_legs]
-    spec.nuser_actuator = N_PARAMETERS
-    spec.nuserdata = 2 * len(rows)  # demand and heat of each leg
-    return rows
+    spec.nuser_actuator = ROW
+    spec.nuserdata = 2 * len(layout)  # demand and heat of each leg

@@ -4,24 +4,37 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.hydraulics.parameters import P
-from hexsim.hydraulics.resolve import resolve, warm_oil
+from hexsim.hydraulics import leg
+from hexsim.hydraulics.effects import Effect
+from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
+from hexsim.hydraulics.resolve import add_effects, resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S, U, power_unit_start
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.mechanics.kinematics import HexapodKinematics
-from hexsim.plant.callbacks import POWER_UNIT_SCALE, MPa, native_hydraulics
-from hexsim.plant.layout import check_layout
+from hexsim.plant import stepping
+from hexsim.plant.callbacks import POWER_UNIT_SCALE, MPa, install_hydraulics, installed
 from hexsim.plant.mjcf import ModelKind, build_spec
+from hexsim.plant.states import A, lay_out_states
+from hexsim.plant.structs import check_layout
 
+Array = NDArray[np.float64]
+Setting = tuple[Effect, tuple[int, ...], dict[str, Any]]
 Scheme = Literal["rk4", "fast"]
+OFF_CENTRE_m = (0.0, 0.0, 2e-6)  # of a load that moves later: below 1 um MuJoCo takes a body for centred
+LIGHT = 1e-6  # of its mass, a payload's mode before it is switched on
+NAMES = ("names", "paths", "text_data")  # of the model's parts, not its numbers
+SILENT = 1  # warnings of a kind that MuJoCo takes for written down already
 OIL_STEP_K = 0.1  # 0.06 % of the bulk modulus, 0.5 % of the viscosity
 KNOWN_ERROR = {
     "rk4": "converged: reversal peaks within 0.1 % of RK4 at ten times the rate",
@@ -33,63 +46,169 @@ class PlantError(HexsimError):
     """The simulation left the real numbers; the text is MuJoCo's word for it."""
 
 
+def whole_ratio(a: float, b: float, what: str) -> int:
+    """a/b as a whole number, or a HexsimError."""
+    ratio = round(a / b)
+    if ratio < 1 or abs(a / b - ratio) > 1e-6:
+        raise HexsimError(f"{what}: {a:g} Hz is not a whole multiple of {b:g} Hz; choose rates that are")
+    return ratio
+
+
 class Plant:
-    """A machine in MuJoCo with native hydraulics, one leg or six.
+    """A machine in MuJoCo with native hydraulics, one leg or six. `tick` is the only way to drive it.
 
     machine: declared machine with its effects. model: "full" (legs as bodies) or "tendon" (hexapod only; a bench is the
     same either way). scheme: "rk4", or "fast" = Euler with actearly and linearly implicit pressure. timestep [s].
-    Use inside `with plant.running():`, which installs the callbacks.
+    furnish: adds to the scene what does not touch the machine, before the model is compiled. later: effects that
+    `switch_on` will add, as (effect, legs, values): their states are there from the start and stand still until then.
+    load_moves: `move_centre_of_mass` will be called.
+    Plants in several threads do not touch each other.
     """
 
     def __init__(
-        self, machine: Machine, *, model: ModelKind = "full", scheme: Scheme = "rk4", timestep: float = 1e-4
-    ) -> None:
+        self, machine: Machine, *, model: ModelKind = "full", scheme: Scheme = "rk4", timestep: float = 1e-4,
+        furnish: Callable[[mujoco.MjSpec], None] = lambda spec: None, later: Sequence[Setting] = (),
+        load_moves: bool = False,
+    ) -> None:  # fmt: skip
+        install_hydraulics()
         self.machine = machine
         self.resolved: Resolved = resolve(machine)
         self.kinematics: HexapodKinematics | None = machine_kinematics(machine) if machine.is_hexapod else None
         self.model_kind, self.scheme, self.timestep = model, scheme, timestep
-        self.spec, actuator_rows = build_spec(self.resolved, self.kinematics, model, timestep, scheme == "fast")
-        self.model = self.spec.compile()
-        self.model.actuator_user[:] = actuator_rows
+        final = resolve(machine)
+        add_effects(final, later)
+        self._final_modes = final.payload_modes
+        self._load_moves = load_moves or final.load.centre_of_mass_m != machine.load.centre_of_mass_m
+        self.longest_delay_s = float(final.rows[:, P.VALVE_DELAY].max())
+        self.layout = lay_out_states(final, scheme == "fast")  # where the states stand, (n_actuators, len(A))
+        self._furnish = furnish
+        self.spec, self.model = self._compile()
         self.data = mujoco.MjData(self.model)
         self.rows = self.resolved.rows  # (n_legs, N_PARAMETERS)
         self.n_legs = machine.n_legs
-        self.pressure_places = self.rows[:, P.ACT_PRESSURE].astype(int)
+        self.pressure_places = self.layout[: self.n_legs, A.PRESSURE].astype(int)
         self.is_tendon = machine.is_hexapod and model == "tendon"
         if not self.is_tendon:
             joints = [self.model.joint(f"slide_{i + 1}") for i in range(self.n_legs)]
             self.slides = np.array([joint.qposadr[0] for joint in joints])
             self.slide_speeds = np.array([joint.dofadr[0] for joint in joints])
         check_layout(self.model, self.data)
+        self.prepare(machine.controller.rate_Hz)
         self.reset()
 
-    def running(self):
-        """Context in which the callbacks are installed."""
-        return native_hydraulics()
+    def _compile(self) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+        """The model of what `resolved` says at present. A payload's mode that comes later is there with next to no mass."""
+        modes = self.resolved.payload_modes
+        light = [dataclasses.replace(m, mass_kg=LIGHT * m.mass_kg) for m in self._final_modes[len(modes) :]]
+        load = self.resolved.load
+        if self._load_moves and not any(load.centre_of_mass_m):
+            load = load.model_copy(update={"centre_of_mass_m": OFF_CENTRE_m})
+        now = dataclasses.replace(self.resolved, load=load, payload_modes=[*modes, *light])
+        spec, rows = build_spec(now, self.kinematics, self.model_kind, self.timestep, self.layout)
+        self._furnish(spec)
+        model = spec.compile()
+        model.actuator_user[: len(rows)] = rows
+        return spec, model
+
+    def switch_on(self, effect: Effect, legs: tuple[int, ...], values: dict[str, float]) -> None:
+        """Add an effect in flight; one of `later`. Its spool begins at its command, its bristle in balance with friction."""
+        before = self.rows.copy()
+        add_effects(self.resolved, [(effect, legs, values)])
+        _, model = self._compile()
+        for name in dir(model):
+            there = getattr(self.model, name)
+            if isinstance(there, np.ndarray) and there.flags.writeable and name not in NAMES:
+                there[...] = getattr(model, name)
+        self.model.opt.gravity = model.opt.gravity
+        self.context.hysteresis[:] = self.rows[:, P.HYSTERESIS]
+        self.context.delay[:] = np.rint(self.rows[:, P.VALVE_DELAY] / self.context.tick_s)
+        self._begin_states(before)
+        self.keep_rows()
+
+    def _begin_states(self, before: Array) -> None:
+        """Start the states of legs that had none with the rows `before`."""
+        act, t = self.data.act, self.data.time
+        for i, (was, row, places) in enumerate(zip(before, self.rows, self.layout, strict=False)):
+            if row[P.SPOOL_OMEGA] > 0.0 and was[P.SPOOL_OMEGA] <= 0.0:
+                act[int(places[A.SPOOL])] = leg.commanded_spool(row, self.context.spool_volts[i], t)
+            if row[P.BRISTLE_STIFFNESS] > 0.0 and was[P.BRISTLE_STIFFNESS] <= 0.0:
+                y, v = self.piston_positions()[i], float(self.data.actuator_velocity[i])
+                dry = leg.friction_force(was, y, v, act[self.pressure_places[i]] * MPa, 0.0)
+                dry -= v * was[P.VISCOUS_EXTEND if v >= 0.0 else P.VISCOUS_RETRACT]
+                act[int(places[A.BRISTLE])] = dry / row[P.BRISTLE_STIFFNESS]
+
+    def prepare(self, rate_Hz: float, ticks: int = 0) -> None:
+        """Ticks at `rate_Hz` from now on; the next `ticks` of them are written down in `record`."""
+        steps = whole_ratio(1.0 / self.timestep, rate_Hz, "time step and log or control rate")
+        self.context = stepping.step_context(self, 1.0 / rate_Hz, steps, ticks > 0)
+        self.record = stepping.new_record(self, max(ticks, 1))
+
+    def tick(self, volts: Array, at_spool: Callable[[Array], Array] | None = None) -> None:
+        """One tick under the volts (n_legs,) that the motion computer commands: through the valves' delay and hysteresis
+        to the spools, then the time steps.
+
+        at_spool: what a fault makes of the volts that reach the spools.
+        """
+        if at_spool is None:
+            stepping.tick(self.context, self.record, volts)
+            return
+        stepping.apply_valve_delay_and_hysteresis(self.context, self.record, volts)
+        self.context.spool_volts[:] = at_spool(self.context.spool_volts.copy())
+        stepping.advance(self.context, self.record)
+
+    def sense(self) -> Array:
+        """Piston positions (n_legs,) [m] of the present state, written down in the present row of `record`."""
+        stepping.sense(self.context, self.record)
+        return self.record.positions[self.context.count[0] if self.context.is_recorded else 0]
 
     def reset(self) -> None:
         """Neutral pose, at rest, valves shut, pressures in static equilibrium."""
         mujoco.mj_resetData(self.model, self.data)
         data = self.data
-        supply = self.resolved.supply[S.PRESSURE] if self.has_supply_states else None
-        if supply is not None:
+        # MuJoCo writes the first warning of a kind into MUJOCO_LOG.TXT of the working folder; `check` reports them all
+        data.warning.number[:] = SILENT
+        if self.has_supply_states:
             data.ctrl[self.n_legs] = 1.0
             self._start_supply()
-        rod_sides = self.rows[:, P.ACT_ROD_SIDE].astype(int)
-        data.act[rod_sides[rod_sides >= 0]] = self.machine.supply.pressure_Pa / MPa
-        for row, pressure in zip(self.rows, self.static_pressures(), strict=True):
-            data.act[int(row[P.ACT_PRESSURE])] = pressure / MPa
+        self.hold_still(self.static_pressures())
+        self.context.count[0], self.context.spool_volts[:] = 0, 0.0
         self.history: list[tuple[float, np.ndarray, np.ndarray]] = []
         self.keep_rows()
-        with self.running():
-            mujoco.mj_forward(self.model, data)
+        mujoco.mj_forward(self.model, data)
 
     def keep_rows(self) -> None:
-        """Note in `history` (time, legs' rows, supply's row) what holds from now on, when it has changed."""
-        rows, supply = self.rows, self.resolved.supply
-        if self.history and np.array_equal(rows, self.history[-1][1]) and np.array_equal(supply, self.history[-1][2]):
-            return
-        self.history.append((self.data.time, rows.copy(), supply.copy()))
+        """Note in `history` (time, legs' rows, supply's row) what holds from now on."""
+        if self.history and self.history[-1][0] == self.data.time:
+            self.history.pop()
+        self.history.append((self.data.time, self.rows.copy(), self.resolved.supply.copy()))
+
+    def change_row(self, leg: int | slice, place: P, value: float) -> None:
+        """Change one number of a leg (from 0), or of several, in flight."""
+        self.rows[leg, place] = value
+        self.model.actuator_user[: self.n_legs, :N_PARAMETERS] = self.rows
+        self.keep_rows()
+
+    def change_supply(self, place: S, value: float) -> None:
+        """Change one number of the supply in flight."""
+        self.resolved.supply[place] = value
+        self.model.actuator_user[self.n_legs : len(self.layout), : len(self.resolved.supply)] = self.resolved.supply
+        self.keep_rows()
+
+    def switch_pump(self, on: bool) -> None:
+        """Motor of a supply that has states; a constant supply has none to switch."""
+        if self.has_supply_states:
+            self.data.ctrl[self.n_legs] = float(on)
+
+    def move_centre_of_mass(self, centre_m: Array) -> None:
+        """Centre of mass (3,) [m] of a hexapod's platform in its frame; its moments of inertia stay."""
+        body = self.model.body("platform").id
+        self.model.body_sameframe[body] = 0  # mjSAMEFRAME_NONE: centre of mass and frame part now
+        self.model.body_ipos[body] = centre_m
+
+    def platform_mass_and_centre(self) -> tuple[float, Array]:
+        """Mass [kg] of a hexapod's platform, and its centre (3,) [m] in its frame."""
+        body = self.model.body("platform").id
+        return float(self.model.body_mass[body]), self.model.body_ipos[body].copy()
 
     def add_home_keyframe(self) -> None:
         """Keep the static equilibrium at neutral as keyframe `home` of the spec."""
@@ -99,51 +218,55 @@ class Plant:
 
     @property
     def has_supply_states(self) -> bool:
-        return self.model.nu > self.n_legs
+        return len(self.layout) > self.n_legs
 
     def _start_supply(self) -> None:
         row = self.resolved.supply
-        first, last = int(row[S.ACT]), int(row[S.ACT] + row[S.STATES]) - 1
+        first, last = int(self.layout[-1, A.SUPPLY]), int(self.layout[-1, A.PRESSURE])
         if row[S.MODEL] == POWER_UNIT:
             self.data.act[first : last + 1] = power_unit_start(row) / POWER_UNIT_SCALE
         self.data.act[last] = self.machine.supply.pressure_Pa / MPa
 
+    @property
+    def oil_temperature_degC(self) -> float | None:
+        """Of the reservoir, where the machine has a power unit."""
+        if self.resolved.supply[S.MODEL] != POWER_UNIT:
+            return None
+        return float(self.data.act[int(self.layout[-1, A.SUPPLY]) + U.TEMPERATURE])
+
     def follow_oil_temperature(self) -> None:
         """Take the oil in all rows to the reservoir's present temperature, once it has moved by OIL_STEP_K."""
-        row = self.resolved.supply
-        if row[S.MODEL] != POWER_UNIT:
-            return
-        temperature = float(self.data.act[int(row[S.ACT]) + U.TEMPERATURE])
-        if abs(temperature - self.resolved.oil_temperature_degC) < OIL_STEP_K:
+        temperature = self.oil_temperature_degC
+        if temperature is None or abs(temperature - self.resolved.oil_temperature_degC) < OIL_STEP_K:
             return
         of_legs, of_supply = warm_oil(self.resolved, temperature)
-        self.model.actuator_user[: self.n_legs] *= of_legs
-        self.model.actuator_user[self.n_legs, : len(row)] *= of_supply
+        self.model.actuator_user[: self.n_legs, :N_PARAMETERS] *= of_legs
+        self.model.actuator_user[self.n_legs, : len(of_supply)] *= of_supply
         self.keep_rows()
 
     def static_pressures(self) -> np.ndarray:
         """Bottom pressures (n_legs,) [Pa] that hold the machine still in its present pose.
 
-        P1 = Ps A2/A1 + F/A1 (Eq. 3.3 corrected), F the axial force that the load asks of each leg: the platform's
+        P1 A1 - P2 A2 = F, F the axial force that the load asks of each leg, P2 as `hold_still` says: the platform's
         accelerations are affine in the six forces, so seven evaluations and one solve give them. (The legs' own
         accelerations are left out: they settle within the 0.1 um give of the ball ends.)
         """
         model, data, n = self.model, self.data, self.n_legs
 
         def accelerations(pressures: np.ndarray) -> np.ndarray:
-            data.act[self.pressure_places] = pressures / MPa
+            self.hold_still(pressures)
             mujoco.mj_forward(model, data)
             return data.qacc[:n].copy()  # the platform's free joint, or the bench's slide
 
-        with self.running():
-            start = np.full(n, self.machine.supply.pressure_Pa / 2)
-            early = model.actuator_actearly.copy()
-            model.actuator_actearly[:] = 0
-            at_start = accelerations(start)
-            step = 1e5
-            slopes = np.column_stack([(accelerations(start + step * np.eye(n)[i]) - at_start) / step for i in range(n)])
-            pressures = start - np.linalg.solve(slopes, at_start)
-            model.actuator_actearly[:] = early
+        start = np.full(n, self.machine.supply.pressure_Pa / 2)
+        early, implicit = model.actuator_actearly.copy(), N_PARAMETERS + A.IMPLICIT
+        model.actuator_actearly[:] = model.actuator_user[: len(self.layout), implicit] = 0
+        at_start = accelerations(start)
+        step = 1e5
+        slopes = np.column_stack([(accelerations(start + step * np.eye(n)[i]) - at_start) / step for i in range(n)])
+        pressures = start - np.linalg.solve(slopes, at_start)
+        model.actuator_actearly[:] = early
+        model.actuator_user[: len(self.layout), implicit] = self.layout[:, A.IMPLICIT]
         low, high = self.machine.supply.tank_pressure_Pa, self.machine.supply.pressure_Pa
         if np.any(pressures <= low) or np.any(pressures >= high):
             worst = int(np.argmax(np.abs(pressures - (low + high) / 2)))
@@ -153,9 +276,18 @@ class Plant:
             )
         return pressures
 
-    def step(self, steps: int) -> None:
-        """Advance by `steps` time steps with the volts in `data.ctrl`."""
-        mujoco.mj_step(self.model, self.data, steps)
+    def hold_still(self, bottom_Pa: np.ndarray) -> None:
+        """Write bottom pressures (n_legs,) [Pa] into the state, and the rod sides that rest with them.
+
+        On the supply or behind a port: P2 = Ps. On port B: P1 + P2 = Ps + Pt, which matched edges need to pass no net
+        flow at one spool position, (Ps - P1)/(P1 - Pt) = (P2 - Pt)/(Ps - P2).
+        """
+        supply, tank = self.machine.supply.pressure_Pa, self.machine.supply.tank_pressure_Pa
+        self.data.act[self.pressure_places] = bottom_Pa / MPa
+        for i in np.flatnonzero(self.layout[: self.n_legs, A.ROD_SIDE] >= 0):
+            on_valve = self.rows[i, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
+            top = supply + tank - bottom_Pa[i] if on_valve else supply
+            self.data.act[int(self.layout[i, A.ROD_SIDE])] = top / MPa
 
     def bottom_pressures(self) -> np.ndarray:
         """P1 of each leg (n_legs,) [Pa]."""
@@ -163,7 +295,7 @@ class Plant:
 
     def supply_pressure(self) -> float:
         """Ps [Pa]."""
-        place = int(self.rows[0, P.ACT_SUPPLY])
+        place = int(self.layout[0, A.SUPPLY])
         return float(self.data.act[place] * MPa) if place >= 0 else float(self.rows[0, P.SUPPLY_PRESSURE])
 
     def piston_positions(self) -> np.ndarray:
@@ -175,9 +307,11 @@ class Plant:
         return self.data.qpos[self.slides] - self.rows[:, P.LENGTH_OFFSET]
 
     def check(self) -> None:
-        """Raise PlantError when MuJoCo warned or a state is not finite."""
+        """Raise PlantError when MuJoCo warned, a state is not finite, or another program took MuJoCo's callbacks."""
+        if not installed():
+            raise PlantError("another program in this process replaced MuJoCo's callbacks")
         counts = self.data.warning.number
-        bad = [w for w in mujoco.mjtWarning.__members__.values() if w.value < len(counts) and counts[w.value]]
+        bad = [w for w in mujoco.mjtWarning.__members__.values() if w.value < len(counts) and counts[w.value] > SILENT]
         if bad or not (np.isfinite(self.data.act).all() and np.isfinite(self.data.qpos).all()):
             what = bad[0].name.removeprefix("mjWARN_").lower() if bad else "state not finite"
             raise PlantError(what)

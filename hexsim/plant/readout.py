@@ -11,7 +11,7 @@ from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, supply
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.supply import POWER_UNIT, S
-from hexsim.plant.callbacks import leg_instant, supply_state
+from hexsim.plant.callbacks import leg_state, supply_pressure, supply_state
 from hexsim.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -43,18 +43,18 @@ class PlatformSignals:
 
 
 @compiled
-def _leg_rows(rows, which, act, y, v, volts, time, out):
+def _leg_rows(rows, layout, which, act, y, v, volts, time, out):
     """Fill out (7, m, n): P1, P2, spool, flow, friction, force, supply. rows: (versions, n, ...), which: (m,)."""
     for k in range(y.shape[0]):
         for i in range(y.shape[1]):
             p = rows[which[k], i]
-            x, P1, P2, Ps, z = leg_instant(p, act[k], volts[k, i], time[k])
+            Ps = supply_pressure(p, layout[i], act[k])
+            P1, P2, place, _, z = leg_state(layout[i], act[k], Ps)
+            x = leg.metering_spool(p, volts[k, i], time[k], place)
             out[0, k, i], out[1, k, i], out[2, k, i], out[6, k, i] = P1, P2, x, Ps
-            out[3, k, i] = leg.inflow(p, y[k, i], v[k, i], volts[k, i], x, P1, Ps, time[k])
+            out[3, k, i] = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k])
             out[4, k, i] = leg.friction_force(p, y[k, i], v[k, i], P1, z)
-            out[5, k, i] = P1 * p[P.AREA_BOTTOM] + leg.force_beyond_pressure(
-                p, y[k, i], v[k, i], volts[k, i], P1, P2, Ps, z, time[k]
-            )
+            out[5, k, i] = leg.leg_force(p, y[k, i], v[k, i], volts[k, i], P1, P2, Ps, z, time[k])
 
 
 def leg_signals(plant: Plant, time: Array, qpos: Array, qvel: Array, act: Array, volts: Array) -> LegSignals:
@@ -62,7 +62,7 @@ def leg_signals(plant: Plant, time: Array, qpos: Array, qvel: Array, act: Array,
     y, v = leg_motion(plant, qpos, qvel)
     out = np.empty((7, *y.shape))
     rows, _, which = versions(plant, time)
-    _leg_rows(rows, which, act, y, v, volts, time, out)
+    _leg_rows(rows, plant.layout, which, act, y, v, volts, time, out)
     return LegSignals(
         position=y, velocity=v, pressure_bottom=out[0], pressure_top=out[1], spool=out[2], flow=out[3],
         friction=out[4], force=out[5], supply_Pa=out[6, :, 0],
@@ -132,20 +132,22 @@ POWER_UNIT_COLUMNS = (
 
 
 @compiled
-def _power_unit_rows(supplies, rows, which, act, y, v, volts, time, out):
-    """Fill out (12, m), in the order of POWER_UNIT_COLUMNS."""
+def _power_unit_rows(supplies, rows, layout, h, which, act, y, v, volts, time, out):
+    """Fill out (12, m), in the order of POWER_UNIT_COLUMNS. h: time step."""
     for k in range(y.shape[0]):
         s = supplies[which[k]]
-        speed, flow, line_flow, pump_pressure, temperature, pressure = supply_state(s, act[k])
+        speed, flow, line_flow, pump_pressure, temperature, pressure = supply_state(layout[-1], act[k])
         demand, heat, work = supply.burst_flow(s, pressure), 0.0, 0.0
         heat += supply.power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure)
         for i in range(y.shape[1]):
             p = rows[which[k], i]
-            x, P1, P2, Ps, z = leg_instant(p, act[k], volts[k, i], time[k])
-            inflow = leg.inflow(p, y[k, i], v[k, i], volts[k, i], x, P1, Ps, time[k])
-            asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, P2, Ps)
+            Ps = supply_pressure(p, layout[i], act[k])
+            P1, P2, place, _, z = leg_state(layout[i], act[k], Ps)
+            x = leg.metering_spool(p, volts[k, i], time[k], place)
+            inflow = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k])
+            asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, P2, Ps, h)
             demand += asked
-            heat += leg.heat(p, y[k, i], v[k, i], P1, P2, Ps, z, inflow, asked)
+            heat += leg.heat(p, y[k, i], v[k, i], x, P1, P2, Ps, z, inflow, asked, h)
             force = P1 * p[P.AREA_BOTTOM] - P2 * p[P.AREA_TOP] - leg.friction_force(p, y[k, i], v[k, i], P1, z)
             work += force * v[k, i]
         out[0, k], out[1, k], out[2, k], out[3, k], out[4, k] = speed, flow, line_flow, pump_pressure, temperature
@@ -171,5 +173,5 @@ def power_unit_signals(
     y, v = leg_motion(plant, qpos, qvel)
     out = np.empty((len(POWER_UNIT_COLUMNS), len(y)))
     rows, supplies, which = versions(plant, time)
-    _power_unit_rows(supplies, rows, which, act, y, v, volts, time, out)
+    _power_unit_rows(supplies, rows, plant.layout, plant.timestep, which, act, y, v, volts, time, out)
     return dict(zip(POWER_UNIT_COLUMNS, out, strict=True))

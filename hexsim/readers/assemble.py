@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from hexsim.errors import HexsimError
-from hexsim.readers.log_file import BENCH_COLUMNS, HEXAPOD_COLUMNS
 from hexsim.readers.mapping import Channel, Mapping
-from hexsim.readers.text import RawTable
-from hexsim.readers.units import unit_of_name, unit_to_si
+from hexsim.readers.reader import RawTable
+from hexsim.signals.log import N_LEGS, Kind
+from hexsim.signals.table import measured_columns, places, table
+from hexsim.signals.units import unit_of_name, unit_to_si
 
-STEMS = {unit_of_name(name)[0]: name for name in (*BENCH_COLUMNS, *HEXAPOD_COLUMNS, "time_s")}
+LEG_STEMS = ("setpoint", "position", "valve", "pressure_bottom")
 
 
-def assemble(raw: RawTable, mapping: Mapping, path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], str]:
+@cache
+def known_stems() -> dict[str, str]:
+    """Name without its unit, in small letters -> column of the measured-log format."""
+    columns = [name for name, (signal, _) in places().items() if signal.measured]
+    return {unit_of_name(name)[0].lower(): name for name in (*columns, "time_s")}
+
+
+def assemble(raw: RawTable, mapping: Mapping, path: Path) -> tuple[np.ndarray, dict[str, np.ndarray], Kind]:
     """(time, signals in SI, kind). Losses go to raw.losses."""
     signals: dict[str, np.ndarray] = {}
     taken: set[str] = set()
@@ -27,7 +36,8 @@ def assemble(raw: RawTable, mapping: Mapping, path: Path) -> tuple[np.ndarray, d
                 f"{path} has no column {source!r} for {name}: it has {', '.join(sorted(raw.columns)[:40])}"
             )
         taken.add(source)
-        signals[name] = raw.columns[source] * (si := channel_si(name, channel, raw, path))[0] + si[1]
+        factor, offset = channel_si(name, channel, raw, path)
+        signals[name] = raw.columns[source] * factor + offset
     for column, values in raw.columns.items():
         if column in taken:
             continue
@@ -60,40 +70,38 @@ def channel_si(name: str, channel: Channel, raw: RawTable, path: Path) -> tuple[
 
 def recognised(column: str, raw: RawTable) -> tuple[str | None, float, float]:
     """A column named as in the format, perhaps in other letters or with another unit at its end: position_mm."""
-    stem, unit = unit_of_name(column.strip().replace(" ", "_"))
-    known = {key.lower(): name for key, name in STEMS.items()}
-    name = known.get(stem.lower())
-    if name is None:
+    stem, unit = unit_of_name(column.strip())
+    name = known_stems().get(stem.replace(" ", "_").lower())
+    unit = unit or raw.units.get(column, "")
+    if name is None or not unit:
         return None, 1.0, 0.0
-    wanted = unit_of_name(name)[1]
     try:
-        if not unit and column in raw.units:
-            return name, *unit_to_si(raw.units[column], column, wanted)
-        return (name, *unit_to_si(unit, column, wanted)) if unit else (None, 1.0, 0.0)
+        return name, *unit_to_si(unit, column, unit_of_name(name)[1])
     except HexsimError:
         return None, 1.0, 0.0
 
 
-def kind_of(signals: dict[str, np.ndarray], mapping: Mapping, raw: RawTable, path: Path) -> str:
+def kind_of(signals: dict[str, np.ndarray], mapping: Mapping, raw: RawTable, path: Path) -> Kind:
     """bench or hexapod by its columns; refuses a log without positions, states missing channels."""
     kind = mapping.kind
     if kind is None:
-        legs = [name for name in signals if name in HEXAPOD_COLUMNS[:24]]
-        if legs and any(name in signals for name in ("position_m", "setpoint_m", "valve_V", "pressure_bottom_Pa")):
+        legs = [name for stem in LEG_STEMS for name in table()[stem].columns(6) if name in signals]
+        if legs and any(table()[stem].kind in signals for stem in LEG_STEMS):
             raise HexsimError(f"{path} has columns of one leg and of six ({legs[0]}): give a log of one machine")
         kind = "hexapod" if legs else "bench"
     if kind == "own":
         if not signals:
             raise HexsimError(f"{path}: the mapping names no column besides time_s")
         return kind
-    expected = HEXAPOD_COLUMNS if kind == "hexapod" else BENCH_COLUMNS
-    lost = [name for name in expected if name not in signals]
+    n_legs = N_LEGS[kind]
+    lost = [name for name in measured_columns(n_legs) if name not in signals]
     positions = [name for name in lost if name.startswith("position")]
     if positions:
         raise HexsimError(
             f"{path} has no column {positions[0]}: nothing can be traced without it; name it in a mapping file"
         )
-    for name in [name for name in signals if name not in expected]:
+    known = {name for signal in table().values() if signal.measured for name in signal.columns(n_legs)}
+    for name in [name for name in signals if name not in known]:
         raw.losses.append(f"column {name} is no signal of a {kind}: left out")
         del signals[name]
     raw.losses.extend(f"column {name} is missing: what cannot be said without it stays unsaid" for name in lost)

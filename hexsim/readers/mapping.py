@@ -21,11 +21,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hexsim.errors import HexsimError
 from hexsim.files.toml_files import read_toml, validation_sentence
-from hexsim.readers.units import unit_of_name, unit_to_si
+from hexsim.signals.units import unit_of_name, unit_to_si
 
 
 class Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, strict=True)
 
 
 class FileLayout(Section):

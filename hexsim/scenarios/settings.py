@@ -6,11 +6,19 @@ from collections.abc import Mapping
 from typing import Any
 
 from hexsim.errors import HexsimError
+from hexsim.files.toml_files import set_dotted
 from hexsim.machine import Machine, load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import Scenario, load_scenario, scenario_from_dict
 
 SCENARIO = "scenario."
+
+
+def machine_in(scenario: Scenario, machine: Machine) -> Machine:
+    """The machine with what the scenario changes in it."""
+    if not scenario.machine_changes:
+        return machine
+    return changed(machine, dict(scenario.machine_changes), f"scenario {scenario.name}")
 
 
 def scenario_and_machine(
@@ -47,13 +55,3 @@ def apply_settings(
             tables = {**scenario.to_dict(), "machine": kept}
             scenario = scenario_from_dict(tables, source)
     return scenario, machine
-
-
-def set_dotted(tables: dict[str, Any], dotted: str, value: Any, source: str) -> None:
-    """Set one key of nested tables; the tables on the way must exist or be new."""
-    *path, key = dotted.split(".")
-    for part in path:
-        tables = tables.setdefault(part, {})
-        if not isinstance(tables, dict):
-            raise HexsimError(f"{source}: {dotted} leads through {part}, which is no table")
-    tables[key] = value

@@ -1,4 +1,4 @@
-"""Setpoints from a user's file: CSV or Parquet, one row a sample, refused with row and column where they make no sense.
+"""Setpoints from a user's file, in any format of a log, one row a sample, refused with row and column where they make no sense.
 
 Columns: `time_s`, then any of x_m, y_m, z_m, roll_rad, pitch_rad, yaw_rad (DOF mode), or setpoint_i_m for every leg
 i = 1..n, or setpoint_m on the bench (actuator mode: piston position, 0 at full retraction). A log of a run can be
@@ -13,15 +13,17 @@ from pathlib import Path
 from typing import ClassVar, Literal
 
 import numpy as np
-import polars as pl
 from numpy.typing import ArrayLike
 
 from hexsim.errors import HexsimError
+from hexsim.readers.files import raw_table, readers, suffix_of
+from hexsim.readers.reader import RawTable
 from hexsim.setpoints.signal import Array, Signal
+from hexsim.signals.signal import HEXAPOD_AXES
+from hexsim.signals.table import SETPOINT
 
-DOF_COLUMNS = ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")
-LEG_COLUMNS = tuple(f"setpoint_{leg}_m" for leg in range(1, 7))
-BENCH_COLUMN = "setpoint_m"
+DOF_COLUMNS = tuple(f"{axis}_{'m' if axis in 'xyz' else 'rad'}" for axis in HEXAPOD_AXES)
+LEG_COLUMNS, (BENCH_COLUMN,) = SETPOINT.columns(6), SETPOINT.columns(1)
 
 
 def read_setpoint_file(path: str | Path) -> dict[str, Array]:
@@ -31,14 +33,22 @@ def read_setpoint_file(path: str | Path) -> dict[str, Array]:
     missing or not a number, a value is NaN or infinite, or time stamps repeat or run backwards.
     """
     path = Path(path)
-    table = _read_table(path)
-    if "time_s" not in table.columns:
-        raise HexsimError(f"{path}: no column time_s; it has {', '.join(table.columns)}.")
-    setpoints = _setpoint_columns(path, table.columns)
-    columns = {name: _numbers(path, table, name) for name in ("time_s", *setpoints)}
+    raw = _read_table(path)
+    names = list(raw.columns)
+    if "time_s" not in names:
+        raise HexsimError(f"{path}: no column time_s; it has {', '.join(names)}.")
+    columns = {name: raw.columns[name] for name in ("time_s", *_setpoint_columns(path, names))}
+    for name, values in columns.items():
+        if not np.isfinite(values).all():
+            row = int(np.argmin(np.isfinite(values)))
+            odd, text = raw.odd_cells.get(name, (row, str(values[row])))
+            given = text if odd == row else str(values[row])
+            raise HexsimError(f"{path}: row {row + 1}, column {name}: {given} is not a finite number.")
+    if raw.rows_lost:
+        raise HexsimError(f"{path}: {raw.losses[0]}; setpoints must be whole.")
     steps = np.diff(columns["time_s"])
     if len(steps) < 1:
-        raise HexsimError(f"{path}: {len(steps) + 1 if table.height else 0} rows; setpoints need at least two.")
+        raise HexsimError(f"{path}: {len(columns['time_s'])} rows; setpoints need at least two.")
     if not np.all(steps > 0.0):
         row = int(np.argmax(~(steps > 0.0)))
         before, after = columns["time_s"][row], columns["time_s"][row + 1]
@@ -49,17 +59,18 @@ def read_setpoint_file(path: str | Path) -> dict[str, Array]:
     return columns
 
 
-def _read_table(path: Path) -> pl.DataFrame:
+def _read_table(path: Path) -> RawTable:
+    """By the readers of logs, which take any format of theirs."""
     if not path.is_file():
         raise HexsimError(f"{path}: no such setpoint file; give a .csv, .csv.gz or .parquet file.")
+    if suffix_of(path) not in readers():
+        raise HexsimError(
+            f"{path}: unknown kind of file; give a .csv, .csv.gz or .parquet file, or another of {', '.join(readers())}."
+        )
     try:
-        if path.suffix == ".parquet":
-            return pl.read_parquet(path)
-        if path.suffix == ".csv" or path.name.endswith(".csv.gz"):
-            return pl.read_csv(path, infer_schema_length=None)
-    except (pl.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
-        raise HexsimError(f"{path}: cannot be read as a table ({str(error).splitlines()[0]}).") from None
-    raise HexsimError(f"{path}: unknown kind of file; give a .csv, .csv.gz or .parquet file.")
+        return raw_table(path)
+    except HexsimError as error:
+        raise HexsimError(f"{path}: cannot be read as a table ({error}).") from None
 
 
 def _setpoint_columns(path: Path, names: list[str]) -> list[str]:
@@ -78,21 +89,6 @@ def _setpoint_columns(path: Path, names: list[str]) -> list[str]:
             f"{LEG_COLUMNS[-1]}, or {BENCH_COLUMN} (bench); it has {', '.join(names)}."
         )
     return found
-
-
-def _numbers(path: Path, table: pl.DataFrame, name: str) -> Array:
-    column = table[name]
-    if not column.dtype.is_numeric():
-        values = column.cast(pl.String, strict=False).str.strip_chars().cast(pl.Float64, strict=False)
-    else:
-        values = column.cast(pl.Float64)
-    array = values.fill_null(float("nan")).to_numpy().astype(np.float64)
-    bad = ~np.isfinite(array)
-    if bad.any():
-        row = int(np.argmax(bad))
-        given = "an empty cell" if column[row] is None else str(column[row])
-        raise HexsimError(f"{path}: row {row + 1}, column {name}: {given} is not a finite number.")
-    return array
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,40 +1,85 @@
-"""A measured log as arrays, one row a leg: what every later step reads."""
+"""A log: the columns of one run, measured or simulated, and its signals as arrays with one row a leg or axis."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import polars as pl
 
-from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
+from hexsim.signals.table import table
 from hexsim.signals.weak_form import Window
 
 Array = np.ndarray
+Kind = Literal["bench", "hexapod", "own"]
+N_LEGS: dict[str, int] = {"bench": 1, "hexapod": 6, "own": 0}
 REST_m_s = (
     0.015  # a leg slower than this is near a reversal: friction is stiff, or falls with speed (3 Stribeck velocities)
 )
+ATTRIBUTES = {
+    "volts": "valve",
+    "pressure": "pressure_bottom",
+    "supply": "pressure_supply",
+    "angular": "angular_acceleration",
+}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MeasuredLog:
-    """One run. Arrays (n_legs, n) or (n,); a channel that was not logged is None.
+@dataclass(frozen=True, kw_only=True, eq=False, init=False)
+class Log:
+    """One run in SI units on a uniform time base.
 
-    acceleration: (1, n) along the leg of a bench, (3, n) of a platform [m/s2]; angular: (3, n) [rad/s2].
+    kind: "bench" (one leg), "hexapod" (six) or "own" (a machine of other columns). time: (n,) [s]. rate [Hz].
+    columns: name -> (n,). losses: what a reader dropped, filled or converted, a sentence each.
+    repaired: name -> (n,) bool, samples that were missing and filled; a column without such samples is not there.
+    Signals may be given as arrays by their stem or attribute (`position=...`), and so they can be exchanged:
+    `dataclasses.replace(log, volts=other)`; rows are legs or axes, (n_rows, n), or (n,) for one of the machine.
     """
 
     name: str
+    kind: Kind
     time: Array
     rate: float
-    setpoint: Array | None
-    position: Array
-    volts: Array | None
-    pressure: Array | None
-    supply: Array | None
-    acceleration: Array | None
-    angular: Array | None = None
+    columns: Mapping[str, Array]
+    losses: tuple[str, ...]
+    repaired: Mapping[str, Array]
+    path: Path | None
+
+    def __init__(
+        self, *, name: str, kind: Kind, time: Array, rate: float | None = None,
+        columns: Mapping[str, Array] | None = None, losses: tuple[str, ...] = (),
+        repaired: Mapping[str, Array] | None = None, path: Path | None = None, **signals: Array | None,
+    ) -> None:  # fmt: skip
+        own = dict(columns or {})
+        for key, rows in signals.items():
+            names = table()[ATTRIBUTES.get(key, key)].columns(N_LEGS[kind])
+            if rows is None:
+                own = {column: values for column, values in own.items() if column not in names}
+            else:
+                own |= zip(names, np.atleast_2d(rows), strict=True)
+        given = {
+            "name": name, "kind": kind, "time": time, "columns": own, "losses": tuple(losses), "path": path,
+            "repaired": dict(repaired or {}), "rate": _rate_of(name, time) if rate is None else rate,
+        }  # fmt: skip
+        for key, value in given.items():
+            object.__setattr__(self, key, value)
+
+    @classmethod
+    def of_table(cls, name: str, columns: pl.DataFrame, kind: Kind) -> Log:
+        """A run whose table has time_s and columns in SI units. Raises HexsimError without time, or with two rows."""
+        if "time_s" not in columns.columns:
+            raise HexsimError(f"the log of {name!r} has no column time_s; columns are {', '.join(columns.columns)}")
+        arrays = {key: np.ascontiguousarray(columns[key].to_numpy(), dtype=float) for key in columns.columns}
+        return cls(name=name, kind=kind, time=arrays.pop("time_s"), columns=arrays)
+
+    @property
+    def table(self) -> pl.DataFrame:
+        """The same as a table, time_s first."""
+        return pl.DataFrame({"time_s": self.time, **self.columns})
 
     @property
     def n(self) -> int:
@@ -42,55 +87,101 @@ class MeasuredLog:
 
     @property
     def n_legs(self) -> int:
-        return self.position.shape[0]
+        return N_LEGS[self.kind]
+
+    @property
+    def duration_s(self) -> float:
+        return float(self.time[-1] - self.time[0])
+
+    def signal(self, *stems: str) -> Array | None:
+        """The first of these signals that the log holds whole: (n,) of the machine, else (n_rows, n)."""
+        return next((rows for stem in stems if (rows := self._rows(stem)) is not None), None)
+
+    def _rows(self, stem: str) -> Array | None:
+        if stem not in self._views:
+            signal = table()[stem]
+            names = signal.columns(self.n_legs)
+            rows = None
+            if names and all(name in self.columns for name in names):
+                rows = np.stack([self.columns[name] for name in names])
+                rows = rows[0] if signal.scope == "machine" else rows
+            self._views[stem] = rows
+        return self._views[stem]
+
+    @cached_property
+    def _views(self) -> dict[str, Array | None]:
+        return {}
+
+    def names(self, stem: str) -> list[str]:
+        """Columns of a signal that the log holds."""
+        return [name for name in table()[stem].columns(self.n_legs) if name in self.columns]
+
+    @property
+    def setpoint(self) -> Array | None:
+        """(n_legs, n) [m]."""
+        return self._rows("setpoint")
+
+    @property
+    def position(self) -> Array:
+        """(n_legs, n) [m]. Raises HexsimError where a leg has none."""
+        rows = self._rows("position")
+        if rows is None:
+            raise HexsimError(f"log {self.name!r} needs time_s and a position_m column for each leg")
+        return rows
+
+    @property
+    def volts(self) -> Array | None:
+        """Valve voltages (n_legs, n)."""
+        return self._rows("valve")
+
+    @property
+    def pressure(self) -> Array | None:
+        """Chamber pressures (n_legs, n) [Pa]."""
+        return self._rows("pressure_bottom")
+
+    @property
+    def supply(self) -> Array | None:
+        """Supply pressure (n,) [Pa]."""
+        return self._rows("pressure_supply")
+
+    @property
+    def acceleration(self) -> Array | None:
+        """(1, n) along the leg of a bench, (3, n) of a platform [m/s2]."""
+        return self._rows("acceleration")
+
+    @property
+    def angular(self) -> Array | None:
+        """Angular acceleration of a platform (3, n) [rad/s2]."""
+        return self._rows("angular_acceleration")
 
     @cached_property
     def near_rest(self) -> Array:
         """Is any leg near a standstill, by its measured position? (n,) bool. Where fits need short steps."""
         return np.any(np.abs(Window(self.rate).rate(self.position)) < REST_m_s, axis=0)
 
-    def head(self, duration_s: float) -> MeasuredLog:
+    def part(self, rows: slice, **changes: Any) -> Log:
+        """Some of the samples, with other fields changed."""
+        cut: dict[str, Any] = {
+            key: {name: np.ascontiguousarray(values[rows]) for name, values in getattr(self, key).items()}
+            for key in ("columns", "repaired")
+        }
+        cut["repaired"] = {name: marks for name, marks in cut["repaired"].items() if marks.any()}
+        return replace(self, time=np.ascontiguousarray(self.time[rows]), **cut, **changes)
+
+    def head(self, duration_s: float) -> Log:
         """The first seconds."""
-        n = min(int(duration_s * self.rate), self.n)
-
-        def cut(rows: Array | None) -> Array | None:
-            return None if rows is None else np.ascontiguousarray(rows[..., :n])
-
-        names = ("time", "setpoint", "position", "volts", "pressure", "supply", "acceleration", "angular")
-        return replace(self, **{name: cut(getattr(self, name)) for name in names})
+        return self.part(slice(0, min(int(duration_s * self.rate), self.n)))
 
 
-def measured_log(name: str, table: pl.DataFrame, machine: Machine) -> MeasuredLog:
-    """Arrays of a checked table with a uniform time base. Raises HexsimError without time or position."""
-    n_legs = machine.n_legs
-    legs = [""] if n_legs == 1 else [f"_{i}" for i in range(1, n_legs + 1)]
+MeasuredLog = Log
 
-    def column(key: str) -> Array:
-        return np.ascontiguousarray(table[key].to_numpy(), dtype=float)
 
-    def rows(stem: str, unit: str) -> Array | None:
-        keys = [f"{stem}{leg}_{unit}" for leg in legs]
-        return np.stack([column(key) for key in keys]) if all(key in table.columns for key in keys) else None
+def _rate_of(name: str, time: Array) -> float:
+    if len(time) < 2:
+        raise HexsimError(f"the log of {name!r} has {len(time)} rows; two at least are needed")
+    return float(round((len(time) - 1) / (time[-1] - time[0]), 6))
 
-    def vector(stem: str, unit: str) -> Array | None:
-        keys = [f"{stem}_{axis}_{unit}" for axis in "xyz"] if n_legs > 1 else [f"{stem}_{unit}"]
-        return np.stack([column(key) for key in keys]) if all(key in table.columns for key in keys) else None
 
-    position = rows("position", "m")
-    if "time_s" not in table.columns or position is None:
-        raise HexsimError(f"log {name!r} needs time_s and a position_m column for each leg: see measured-log columns")
-    time = column("time_s")
-    if len(time) < 3:
-        raise HexsimError(f"log {name!r} has {len(time)} rows: give at least a second of data")
-    return MeasuredLog(
-        name=name,
-        time=time,
-        rate=float(round((len(time) - 1) / (time[-1] - time[0]), 6)),
-        setpoint=rows("setpoint", "m"),
-        position=position,
-        volts=rows("valve", "V"),
-        pressure=rows("pressure_bottom", "Pa"),
-        supply=column("pressure_supply_Pa") if "pressure_supply_Pa" in table.columns else None,
-        acceleration=vector("acceleration", "m_s2"),
-        angular=vector("angular_acceleration", "rad_s2") if n_legs > 1 else None,
-    )
+def measured_log(name: str, columns: pl.DataFrame, machine: Any) -> Log:
+    """`Log.of_table` for a machine."""
+    return Log.of_table(name, columns, machine.machine.kind)

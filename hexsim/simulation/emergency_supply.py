@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from hexsim.hydraulics.parameters import P
-from hexsim.hydraulics.supply import POWER_UNIT, S, U
+from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant import Plant
 
 VOLUME_m3 = 4.0e-3
@@ -47,12 +47,12 @@ class EmergencySupply:
         running = self.running = pump_on and not self.tripped
         plant = self.plant
         if plant.has_supply_states:
-            plant.data.ctrl[plant.n_legs] = 1.0 if running else 0.0
+            plant.switch_pump(running)
             if math.isfinite(self.ceiling_Pa) and self.power_unit:
                 full_flow = plant.resolved.supply[S.PUMP_FLOW_MAX]
                 share = (self.nominal - self.ceiling_Pa) / self.nominal
                 hole = share * full_flow / math.sqrt(max(self.ceiling_Pa, 1.0e4))
-                plant.model.actuator_user[plant.n_legs, S.BURST] = plant.resolved.supply[S.BURST] = hole
+                plant.change_supply(S.BURST, hole)
             return
         if running and not math.isfinite(self.ceiling_Pa) and not self._moved:
             return
@@ -61,14 +61,7 @@ class EmergencySupply:
         self._positions, self._moved = positions, True
         pressure = min(self._stand_in(running, step, dt), self.ceiling_Pa)
         self._pressure = max(pressure, self.tank)
-        plant.rows[:, P.SUPPLY_PRESSURE] = self._pressure
-        plant.model.actuator_user[: plant.n_legs, P.SUPPLY_PRESSURE] = self._pressure
-
-    def oil_temperature_degC(self) -> float | None:
-        """Of the reservoir, where the machine has a power unit."""
-        if not self.power_unit:
-            return None
-        return float(self.plant.data.act[int(self.plant.resolved.supply[S.ACT]) + U.TEMPERATURE])
+        plant.change_row(slice(None), P.SUPPLY_PRESSURE, self._pressure)
 
     def _stand_in(self, running: bool, step: np.ndarray, dt: float) -> float:
         """Supply pressure after this tick [Pa]."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine
+from hexsim.machine.geometry import machine_kinematics
 from hexsim.mechanics.kinematics import DOF_NAMES
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
@@ -52,10 +53,10 @@ class Follower:
         return self.position + dt * self.velocity
 
 
-def add_room(plant: Plant) -> None:
+def add_room(spec: Any, machine: Machine) -> None:
     """Floor, sky and light for a machine of any size; nothing of it touches the machine."""
-    geometry, spec = plant.machine.geometry, plant.spec
-    size = geometry.base_radius_m if geometry is not None else plant.machine.cylinder.stroke_m
+    geometry = machine.geometry
+    size = geometry.base_radius_m if geometry is not None else machine.cylinder.stroke_m
     spec.stat.extent = 1.6 * size if geometry is not None else 3.0 * size
     spec.stat.center = [0.0, 0.0, 0.6 * (geometry.neutral_leg_length_m if geometry is not None else 2.0 * size)]
     spec.visual.headlight.diffuse, spec.visual.headlight.ambient = [0.5] * 3, [0.35] * 3
@@ -71,8 +72,30 @@ def add_room(plant: Plant) -> None:
     )  # fmt: skip
 
 
+def slider_limits(machine: Machine) -> list[float]:
+    """How far each slider goes, m or rad."""
+    if not machine.is_hexapod:
+        return [SLIDER_SHARE * 0.5 * machine.cylinder.stroke_m]
+    return [SLIDER_SHARE * min(-e.minimum, e.maximum) for e in machine_kinematics(machine).excursions()]
+
+
+def add_sliders(spec: Any, machine: Machine) -> None:
+    """One actuator without force a degree of freedom, behind those of the plant."""
+    for dof, limit in zip(slider_dofs(machine), slider_limits(machine), strict=True):
+        name, unit = SLIDERS[dof]
+        spec.add_actuator(
+            name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target="slide_1",
+            gainprm=np.zeros(10), biasprm=np.zeros(10), ctrllimited=True, ctrlrange=[-limit / unit, limit / unit],
+        )  # fmt: skip
+
+
+def slider_dofs(machine: Machine) -> tuple[str, ...]:
+    """Degrees of freedom that have a slider."""
+    return DOF_NAMES if machine.is_hexapod else ("z",)
+
+
 class LiveMachine:
-    """A plant with its position loop, advanced tick by tick; use inside `with live.plant.running():`.
+    """A plant with its position loop, advanced tick by tick.
 
     scenario: motion that the sliders add to; None for the sliders alone.
     """
@@ -83,17 +106,20 @@ class LiveMachine:
         if scenario is not None and scenario.mode != "dof":
             raise HexsimError(f"scenario {scenario.name} drives single actuators: live takes scenarios in mode 'dof'")
         self.machine, self.scenario = machine, scenario
-        self.plant = Plant(machine, model="full", scheme="fast")
-        self.dofs = DOF_NAMES if machine.is_hexapod else ("z",)
-        add_room(self.plant)
-        self._add_sliders()
+        self.dofs = slider_dofs(machine)
+
+        def furnish(spec: Any) -> None:
+            add_room(spec, machine)
+            add_sliders(spec, machine)
+
+        self.plant = Plant(machine, model="full", scheme="fast", furnish=furnish)
+        self.sliders = slice(self.plant.model.nu - len(self.dofs), self.plant.model.nu)
         self.name, compensators = make_compensators(compensator, machine)
         self.messages: list[tuple[float, int, str]] = []
         self.loop = PositionLoop(
             machine, compensators, scenario.period_s if scenario else None, lambda *said: self.messages.append(said)
         )
         self.tick_s = 1.0 / machine.controller.rate_Hz
-        self.steps = round(self.tick_s / self.plant.timestep)
         self.noise_ticks = round(NOISE_S / self.tick_s)
         self.sensors = SensorBank(self.plant.resolved, self.noise_ticks, self.tick_s, seed)
         self.history = np.zeros((2, self.noise_ticks, machine.n_legs))
@@ -120,41 +146,11 @@ class LiveMachine:
     def time_s(self) -> float:
         return float(self.data.time)
 
-    def _add_sliders(self) -> None:
-        """One actuator without force a degree of freedom, behind those of the plant."""
-        plant = self.plant
-        before, rows = plant.data, plant.model.actuator_user.copy()
-        first = plant.model.nu
-        for dof, limit in zip(self.dofs, self._slider_limits(), strict=True):
-            name, unit = SLIDERS[dof]
-            plant.spec.add_actuator(
-                name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target="slide_1",
-                gainprm=np.zeros(10), biasprm=np.zeros(10), ctrllimited=True, ctrlrange=[-limit / unit, limit / unit],
-            )  # fmt: skip
-        plant.model = plant.spec.compile()
-        plant.model.actuator_user[:first] = rows
-        plant.data = mujoco.MjData(plant.model)
-        plant.data.qpos[:], plant.data.act[:] = before.qpos, before.act
-        plant.data.ctrl[:first] = before.ctrl
-        self._start = (before.qpos.copy(), before.act.copy(), before.ctrl.copy())
-        self.sliders = slice(first, first + len(self.dofs))
-
-    def _slider_limits(self) -> list[float]:
-        """How far each slider goes, m or rad."""
-        if self.plant.kinematics is None:
-            return [SLIDER_SHARE * 0.5 * self.machine.cylinder.stroke_m]
-        return [SLIDER_SHARE * min(-e.minimum, e.maximum) for e in self.plant.kinematics.excursions()]
-
     def reset(self) -> None:
         """Neutral, at rest, sliders in the middle."""
-        mujoco.mj_resetData(self.model, self.data)
-        qpos, act, ctrl = self._start
-        self.data.qpos[:], self.data.act[:] = qpos, act
-        self.data.ctrl[: len(ctrl)] = ctrl
+        self.plant.reset()
         self.follower = Follower(position=np.zeros(len(self.dofs)), velocity=np.zeros(len(self.dofs)))
         self.tick, self._push_until_s = 0, -1.0
-        with self.plant.running():
-            mujoco.mj_forward(self.model, self.data)
 
     def push(self) -> None:
         """Put 100 kg on the platform for a second."""
@@ -216,9 +212,8 @@ class LiveMachine:
             self.sensors.pressure(now, self.history[1]),
             self.sensors.supply(now, self.plant.supply_pressure()),
         )
-        self.data.ctrl[: self.plant.n_legs] = volts
         applied = self.data.xfrc_applied[self.body]
         applied[:] = self.disturbance
         applied[2] -= PUSH_N if self.time_s < self._push_until_s else 0.0
-        self.plant.step(self.steps)
+        self.plant.tick(volts)
         self.tick += 1

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
 from hexsim.motion_computer.position_loop import proportional
-from hexsim.plant.stepping import advance, sense, shape
+from hexsim.plant.stepping import sense, tick
 from hexsim.sensors.bank import measure
 
 Array = NDArray[np.float64]
@@ -29,19 +29,14 @@ class Control(NamedTuple):
 
 
 @compiled
-def run_plain(machine, record, control, first, last):
+def run_plain(context, record, control, first, last):
     """Ticks first..last - 1 under proportional control, without Python in between."""
-    for tick in range(first, last):
-        sense(machine, record, tick)
-        if tick % control.every == 0:
+    volts = record.volts[max(first - 1, 0)].copy()
+    for k in range(first, last):
+        sense(context, record)
+        if k % control.every == 0:
             measured = measure(
-                record.positions[tick], control.noise[tick], control.sensor_gain, control.sensor_offset,
-                control.resolution,
-            )  # fmt: skip
-            record.volts[tick] = proportional(
-                control.setpoints[tick // control.every], measured, control.gain, control.limit
+                record.positions[k], control.noise[k], control.sensor_gain, control.sensor_offset, control.resolution
             )
-        else:
-            record.volts[tick] = record.volts[tick - 1]
-        shape(machine, record, tick)
-        advance(machine, record, tick)
+            volts = proportional(control.setpoints[k // control.every], measured, control.gain, control.limit)
+        tick(context, record, volts)

@@ -33,10 +33,10 @@ from hexsim.motion_computer.limits import CommandLimiter, Limits, dof_limits, le
 from hexsim.motion_computer.states import State
 from hexsim.plant import Plant
 from hexsim.scenarios import Scenario, load_scenario
-from hexsim.sensors.bank import SensorBank, measure
+from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.emergency_supply import EmergencySupply
 from hexsim.simulation.manual import SignalGenerator
-from hexsim.simulation.simulation import make_compensators, whole_ratio
+from hexsim.simulation.simulation import make_compensators
 
 Array = NDArray[np.float64]
 PORT = 47110
@@ -51,7 +51,7 @@ class LiveSensors:
     def __init__(self, plant: Plant, tick_s: float, seed: int) -> None:
         self.ticks = round(NOISE_S / tick_s)
         self.bank = SensorBank(plant.resolved, self.ticks, tick_s, seed)
-        delays = np.concatenate([self.bank.position_delay, self.bank.pressure_delay])
+        delays = np.concatenate([self.bank["position"].delay, self.bank["pressure_bottom"].delay])
         self._late = np.rint(delays / tick_s).astype(int)
         self._past: deque[Array] = deque(maxlen=int(self._late.max()) + 1)
 
@@ -61,12 +61,7 @@ class LiveSensors:
         self._past.appendleft(seen)
         if self._late.any():
             seen = np.array([self._past[min(late, len(self._past) - 1)][i] for i, late in enumerate(self._late)])
-        y = measure(
-            seen[:n], bank.position_noise[k], bank.position_gain, bank.position_offset, bank.position_resolution
-        )
-        P = measure(
-            seen[n:], bank.pressure_noise[k], bank.pressure_gain, bank.pressure_offset, bank.pressure_resolution
-        )
+        y, P = bank["position"].read(seen[:n], k), bank["pressure_bottom"].read(seen[n:], k)
         return y, P, bank.supply(k, supply_Pa)
 
 
@@ -102,7 +97,6 @@ class Server:
         self.machine = machine
         self.plant = Plant(machine, model="tendon" if machine.is_hexapod else "full", scheme="rk4", timestep=timestep)
         self.tick_s = 1.0 / machine.controller.rate_Hz
-        self.steps = whole_ratio(1.0 / timestep, machine.controller.rate_Hz, "time step and control rate")
         self.compensator, made = make_compensators(compensator, machine)
         self.messages: list[tuple[float, int, str]] = []
         self.computer = MotionComputer(machine, made, None, lambda *message: self.messages.append(message))
@@ -123,18 +117,15 @@ class Server:
         self._sequence, self._refused, self._taken = 0, False, -1
         self._pose, self._asked = np.zeros(6), np.zeros(6)
         self._positions = self.computer.neutral.copy()
-        self._running = contextlib.ExitStack()
         self.socket = _bind(host, port)
         self.address = self.socket.getsockname()
         if start == "off":
             self._settle()
 
     def __enter__(self) -> Server:
-        self._running.enter_context(self.plant.running())
         return self
 
     def __exit__(self, *exc: object) -> None:
-        self._running.close()
         self.socket.close()
 
     @property
@@ -143,10 +134,9 @@ class Server:
 
     def _settle(self) -> None:
         """Bring the platform down before anyone looks."""
-        with self.plant.running():
-            self.computer.command("settle", 0.0)
-            while self.computer.state == State.SETTLING:
-                self.tick()
+        self.computer.command("settle", 0.0)
+        while self.computer.state == State.SETTLING:
+            self.tick()
         if self.computer.state != State.OFF:
             raise HexsimError(
                 f"machine {self.machine.name} does not settle: {'; '.join(text for _, _, text in self.messages)}"
@@ -165,10 +155,9 @@ class Server:
         )
         self._positions = y
         computer.pump_running = self.supply.running
-        computer.oil_temperature_degC = self.supply.oil_temperature_degC()
+        computer.oil_temperature_degC = plant.oil_temperature_degC
         computer.heard_s = max(self.buffer.heard_s, computer.heard_s or 0.0) if self._peer else computer.heard_s
-        plant.data.ctrl[: plant.n_legs] = computer.tick(now, self._wanted(now), y, P, Ps)
-        plant.step(self.steps)
+        plant.tick(computer.tick(now, self._wanted(now), y, P, Ps))
         self.supply.tick(computer.pump_on, self.tick_s)
         self.ticks += 1
         if self.ticks % 50 == 0:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,17 +16,18 @@ import compensation
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.files import changed
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
-from hexsim.plant.plant import KNOWN_ERROR, PlantError
-from hexsim.plant.stepping import advance, machinery, new_record, sense, shape
+from hexsim.plant.plant import KNOWN_ERROR, PlantError, whole_ratio
+from hexsim.plant.stepping import mean_acceleration
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
+from hexsim.scenarios.resources import check_resources
+from hexsim.scenarios.settings import machine_in
 from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.fault_run import FaultRun, FaultySensors
-from hexsim.simulation.faults import read_faults
+from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
 from hexsim.simulation.plain_loop import Control, run_plain
 from hexsim.simulation.run_log import Recorded, run_log, run_summary
 
@@ -95,14 +97,6 @@ def _actuator_setpoints(machine: Machine, scenario: Scenario, time: Array) -> Ar
     return positions
 
 
-def whole_ratio(a: float, b: float, what: str) -> int:
-    """a/b as a whole number, or a HexsimError."""
-    ratio = round(a / b)
-    if ratio < 1 or abs(a / b - ratio) > 1e-6:
-        raise HexsimError(f"{what}: {a:g} Hz is not a whole multiple of {b:g} Hz; choose rates that are")
-    return ratio
-
-
 def simulate(
     machine: Machine,
     scenario: Scenario,
@@ -122,23 +116,21 @@ def simulate(
     Raises HexsimError before the run for what cannot be done; an interrupted or diverged run comes back with
     complete = False and its log so far.
     """
-    machine = (
-        changed(machine, dict(scenario.machine_changes), f"scenario {scenario.name}")
-        if scenario.machine_changes
-        else machine
-    )
+    machine = machine_in(scenario, machine)
+    check_resources(machine, scenario.duration_s)
     name, compensators = make_compensators(compensator, machine)
     kind = model or ("tendon" if fast and machine.is_hexapod else "full")
-    plant = Plant(machine, model=kind, scheme="fast" if fast else "rk4", timestep=timestep)  # type: ignore[arg-type]
     messages: list[tuple[float, int, str]] = []
     faults = read_faults(scenario.faults, machine, f"scenario {scenario.name}")
+    scheme, later = ("fast" if fast else "rk4"), later_effects(faults, machine)
+    shifts = any(isinstance(fault, PayloadShift) for fault in faults)
+    plant = Plant(machine, model=kind, scheme=scheme, timestep=timestep, later=later, load_moves=shifts)  # type: ignore[arg-type]
     control = MotionComputer if faults else PositionLoop
     loop = control(machine, compensators, scenario.period_s, lambda *message: messages.append(message))
     run = TickLoop(plant, loop, scenario, seed)
     if isinstance(loop, MotionComputer):
-        run.faults = FaultRun(faults, plant, loop, run.tick_s)
-        run.sensors = FaultySensors(plant.resolved, run.ticks, run.tick_s, seed)
-        run.sensors.break_legs(faults)
+        run.sensors = FaultySensors(plant.resolved, run.ticks, run.tick_s, seed, faults, run.log_every)
+        run.faults = FaultRun(faults, plant, loop, run.sensors)
         interventions = [*interventions, run.faults]
         run.faults.begin()
     started = clock.perf_counter()
@@ -166,7 +158,6 @@ class TickLoop:
         self.plant, self.loop = plant, loop
         rate = max(machine.sensors.log_rate_Hz, machine.controller.rate_Hz)
         self.tick_s = 1.0 / rate
-        steps = whole_ratio(1.0 / plant.timestep, rate, "time step and log or control rate")
         self.control_every = whole_ratio(rate, machine.controller.rate_Hz, "log rate and control rate")
         self.log_every = whole_ratio(rate, machine.sensors.log_rate_Hz, "control rate and log rate")
         self.ticks = round(scenario.duration_s * rate)
@@ -179,8 +170,8 @@ class TickLoop:
         )
         self.setpoints = setpoints(machine, scenario, plant, ahead)
         self.sensors = SensorBank(plant.resolved, self.ticks, self.tick_s, seed)
-        self.machinery = machinery(plant, steps, self.tick_s)
-        self.record = new_record(plant, self.ticks)
+        plant.prepare(rate, self.ticks)
+        self.record = plant.record
         self.pressures = np.zeros((self.ticks, machine.n_legs))
         self.compensation = np.zeros((self.ticks, machine.n_legs))
         self.faults: FaultRun | None = None
@@ -188,24 +179,23 @@ class TickLoop:
 
     def go(self, progress: Callable[[float], None], interventions: Sequence[Any]) -> str:
         """Run to the end; returns "" or why it ended early."""
-        plain = not (self.loop.compensators or interventions or self.sensors.position_delay.any())
+        plain = not (self.loop.compensators or interventions or self.sensors["position"].delay.any())
         chunk = max(1, round(CHECK_EVERY_S / self.tick_s))
-        with self.plant.running():
-            try:
-                for first in range(0, self.ticks, chunk):
-                    last = min(first + chunk, self.ticks)
-                    if plain:
-                        run_plain(self.machinery, self.record, self._plain_control(), first, last)
-                        self.done = last
-                    else:
-                        self._ticks(first, last, interventions)
-                    self.plant.check()
-                    self.plant.follow_oil_temperature()
-                    progress(last / self.ticks)
-            except PlantError as error:
-                return self._diverged(str(error))
-            except KeyboardInterrupt:
-                return f"interrupted by the user at t = {self.done * self.tick_s:.3f} s"
+        try:
+            for first in range(0, self.ticks, chunk):
+                last = min(first + chunk, self.ticks)
+                if plain:
+                    run_plain(self.plant.context, self.record, self._plain_control(), first, last)
+                    self.done = last
+                else:
+                    self._ticks(first, last, interventions)
+                self.plant.check()
+                self.plant.follow_oil_temperature()
+                progress(last / self.ticks)
+        except PlantError as error:
+            return self._diverged(str(error))
+        except KeyboardInterrupt:
+            return f"interrupted by the user at t = {self.done * self.tick_s:.3f} s"
         return ""
 
     def _diverged(self, what: str) -> str:
@@ -225,30 +215,29 @@ class TickLoop:
         )
 
     def _plain_control(self) -> Control:
-        sensors = self.sensors
+        position = self.sensors["position"]
         return Control(
             setpoints=self.setpoints, every=self.control_every, gain=self.loop.gain, limit=self.loop.limit,
-            noise=sensors.position_noise, sensor_gain=sensors.position_gain, sensor_offset=sensors.position_offset,
-            resolution=sensors.position_resolution,
+            noise=position.noise, sensor_gain=position.gain, sensor_offset=position.offset,
+            resolution=position.resolution,
         )  # fmt: skip
 
     def _ticks(self, first: int, last: int, interventions: Sequence[Any]) -> None:
         """Ticks with the motion computer and the interventions in Python."""
-        record, machine = self.record, self.machinery
         for tick in range(first, last):
-            sense(machine, record, tick)
+            self.plant.sense()
             self.pressures[tick] = self.plant.bottom_pressures()
             if tick % self.control_every == 0:
                 self._control(tick)
-            record.volts[tick] = self.loop.valve
             self.compensation[tick] = self.loop.compensation
-            shape(machine, record, tick)
-            for intervention in interventions:
-                record.spool_volts[tick] = intervention.before_step(
-                    tick * self.tick_s, self.plant, record.spool_volts[tick]
-                )
-            advance(machine, record, tick)
+            self.plant.tick(self.loop.valve, partial(self._intervene, interventions) if interventions else None)
             self.done = tick + 1
+
+    def _intervene(self, interventions: Sequence[Any], volts: Array) -> Array:
+        """Volts (n_legs,) at the spools after all interventions of this tick."""
+        for intervention in interventions:
+            volts = intervention.before_step(self.done * self.tick_s, self.plant, volts)
+        return volts
 
     def _control(self, tick: int) -> None:
         sensors = self.sensors
@@ -275,7 +264,7 @@ class TickLoop:
             qpos=record.qpos[every],
             qvel=record.qvel[every],
             qacc=record.qacc[every],
-            mean_acceleration=record.mean_acceleration[every],
+            mean_acceleration=mean_acceleration(record, self.done, self.tick_s)[every],
             act=record.act[: self.done],
             volts=record.volts[every],
             spool_volts=record.spool_volts[every],

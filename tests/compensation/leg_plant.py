@@ -1,7 +1,7 @@
 """A leg on a bench, small and on its own: the report's equations (3.2 to 3.9), so that the compensators' tests need
 no simulator.
 
-One vertical leg: spool (second order, or none), play before it, overlap or quadratic law, orifice flow, one chamber,
+One vertical leg: spool (second order, or none), backlash before it, overlap or quadratic law, orifice flow, one chamber,
 load with Stribeck friction. And what real machines add: delays of any length, leaks, a null offset and its drift,
 presliding (LuGre), entrained air, transducer ripple, seal friction, a supply that droops, back pressure in the tank
 line, a worn spot of the bore, friction that falls as it warms. RK4; volts held over a control tick; noise and
@@ -37,7 +37,7 @@ class Leg:
     rounding_m: float = 0.0  # 0 = sharp edges
     quadratic: bool = False  # Eq. 3.11 in place of 3.3
     spool_Hz: float = 60.0  # 0 = none
-    play_V: float = 0.0  # half width
+    backlash_V: float = 0.0  # half width
     friction: float = 1.0  # of the report's
     sharpness_m_s: float = 2e-4  # 0 = arctan(100 v) of Eq. 3.9
     leak_supply_m3_s_Pa: float = 0.0  # supply to chamber, laminar
@@ -232,7 +232,7 @@ def run(
             statuses.append((time_s, text))
         total = sample.control_V + more
         sent = min(max(total, -10.0), 10.0) if math.isfinite(total) else 0.0
-        follower = min(max(follower, sent - leg.play_V), sent + leg.play_V)
+        follower = min(max(follower, sent - leg.backlash_V), sent + leg.backlash_V)
         arriving[k * steps + late : (k + 1) * steps + late] = follower
         position[k], valve[k], added[k] = s[0], sent, more
         _advance(s, arriving[now], row, STEP_S, true_m[now], acceleration[now])

@@ -93,7 +93,7 @@ def test_sharpness_is_the_width_of_the_step(row):
 @pytest.mark.parametrize("v", [0.001, -0.001, 0.03, -0.03])
 def test_lugre_in_steady_motion_is_the_stribeck_level(row, v):
     """dz/dt = 0 at z = sign(v) g/s0, where friction is sigma v + sign(v) g(v): Eq. 2.4 with an exact sign."""
-    row[P.BRISTLE_STIFFNESS], row[P.BRISTLE_DAMPING], row[P.ACT_BRISTLE] = 1e6, 1e3, 0
+    row[P.BRISTLE_STIFFNESS], row[P.BRISTLE_DAMPING] = 1e6, 1e3
     sign = math.copysign(1.0, v)
     sigma, coulomb, static = REPORT[sign]
     level = coulomb + static * math.exp(-abs(v) / STRIBECK)
@@ -105,14 +105,14 @@ def test_lugre_in_steady_motion_is_the_stribeck_level(row, v):
 
 def test_lugre_is_a_spring_before_it_slides(row):
     """At rest the force is s0 z, and a slow push moves the bristle with the piston: dz/dt = v at z = 0."""
-    row[P.BRISTLE_STIFFNESS], row[P.BRISTLE_DAMPING], row[P.ACT_BRISTLE] = 1e6, 1e3, 0
+    row[P.BRISTLE_STIFFNESS], row[P.BRISTLE_DAMPING] = 1e6, 1e3
     assert leg.friction_force(row, 0.1, 0.0, 3e6, 2e-5) == pytest.approx(20.0)
     assert leg.bristle_rate(row, 0.1, 1e-4, 3e6, 0.0) == pytest.approx(1e-4)
 
 
 def test_lugre_bristle_settles_from_any_start(row):
     """Integrated at 2 mm/s from both sides, z reaches g/s0 in a few g/(s0 v)."""
-    row[P.BRISTLE_STIFFNESS], row[P.BRISTLE_DAMPING], row[P.ACT_BRISTLE] = 1e6, 1e3, 0
+    row[P.BRISTLE_STIFFNESS], row[P.BRISTLE_DAMPING] = 1e6, 1e3
     end = leg.friction_level(row, 0.1, 2e-3, 3e6) / 1e6
     for start in (-end, 0.0, 3 * end):
         z = start
@@ -123,12 +123,12 @@ def test_lugre_bristle_settles_from_any_start(row):
 
 def test_bristle_without_dry_friction_stays_finite(row):
     """F_c = F_s = 0 with presliding: dz/dt is a number at rest and in motion (g is kept at 1 mN)."""
-    row[P.BRISTLE_STIFFNESS], row[P.ACT_BRISTLE] = 1e6, 0
+    row[P.BRISTLE_STIFFNESS] = 1e6
     for place in (P.COULOMB_EXTEND, P.COULOMB_RETRACT, P.STATIC_EXTEND, P.STATIC_RETRACT):
         row[place] = 0.0
     assert leg.bristle_rate(row, 0.1, 0.0, 3e6, 0.0) == 0.0
     assert math.isfinite(leg.bristle_rate(row, 0.1, 0.1, 3e6, 1e-9))
-    row[P.ACT_BRISTLE] = -1
+    row[P.BRISTLE_STIFFNESS] = 0.0
     assert force(row, 0.1) == pytest.approx(220.0)  # nothing but viscous without the bristle
 
 

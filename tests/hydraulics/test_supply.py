@@ -7,7 +7,7 @@ from hexsim.errors import HexsimError
 from hexsim.hydraulics import supply
 from hexsim.hydraulics.chamber import ATMOSPHERE
 from hexsim.hydraulics.resolve import resolve
-from hexsim.hydraulics.supply import POWER_UNIT, S, U, declared_supply, power_unit_start
+from hexsim.hydraulics.supply import N_STATES, POWER_UNIT, S, U, declared_supply, power_unit_start
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 
@@ -23,7 +23,7 @@ def unit(**changes):
 def test_without_a_power_unit_the_supply_is_constant():
     """No table: model 0 and no states, the report's supply."""
     row = declared_supply(load_machine("bench"))
-    assert row[S.MODEL] == supply.CONSTANT and row[S.STATES] == 0 and row[S.PRESSURE] == 7e6
+    assert row[S.MODEL] == supply.CONSTANT and N_STATES[int(row[S.MODEL])] == 0 and row[S.PRESSURE] == 7e6
 
 
 @pytest.mark.parametrize(
@@ -185,4 +185,4 @@ def test_a_power_unit_refuses_a_motor_that_cannot_turn_it():
 def test_model_number_of_a_power_unit():
     """The row carries six states, Ps last."""
     row = unit()
-    assert row[S.MODEL] == POWER_UNIT and row[S.STATES] == 6 and max(U) == U.PRESSURE
+    assert row[S.MODEL] == POWER_UNIT and N_STATES[int(row[S.MODEL])] == 6 and max(U) == U.PRESSURE

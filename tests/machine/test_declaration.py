@@ -8,6 +8,7 @@ import pytest
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine, machine_from_dict
 from hexsim.machine.files import changed, machine_tables
+from hexsim.plant import Plant
 
 NAN, INF = math.nan, math.inf
 
@@ -18,14 +19,14 @@ IMPOSSIBLE = [  # machine, key, value, what the sentence must say besides "my.to
     ("bench", "cylinder.rod_diameter_m", 0.04, ["= 0.04", "smaller than piston_diameter_m = 0.04"]),  # no annulus
     ("bench", "cylinder.stroke_m", 0.0, ["= 0.0", "greater than or equal to 0.005"]),
     ("bench", "cylinder.cushion_length_m", 0.1, ["= 0.1", "shorter than half of stroke_m = 0.2"]),
-    ("bench", "cylinder.rod_side", "tank", ["= 'tank'", "'supply' or 'chamber'"]),
+    ("bench", "cylinder.rod_side", "tank", ["= 'tank'", "'supply', 'chamber' or 'valve'"]),
     ("bench", "valve.overlap_m", 2e-3, ["= 0.002", "smaller than spool_travel_max_m = 0.0011"]),
     ("bench", "valve.overlap_m", -2e-3, ["= -0.002", "smaller than spool_travel_max_m = 0.0011"]),
     ("bench", "valve.overlap_m", 5.0, ["= 5", "smaller than spool_travel_max_m = 0.0011"]),  # um for m
     ("bench", "valve.overlap_m", NAN, ["= nan", "finite number"]),
     ("bench", "valve.edge_rounding_m", INF, ["= inf", "finite number"]),
     ("bench", "valve.discharge_coefficient", 1.2, ["= 1.2", "less than or equal to 1"]),
-    ("bench", "valve.discharge_coefficient", 0.0, ["= 0.0", "greater than 0"]),
+    ("bench", "valve.discharge_coefficient", 0.0, ["= 0.0", "greater than or equal to 0.05"]),
     ("bench", "valve.flow_area", "cubic", ["= 'cubic'", "'overlap' or 'quadratic'"]),
     ("bench", "supply.pressure_Pa", 70.0, ["= 70.0", "greater than or equal to 200000", "SI units"]),  # bar for Pa
     ("bench", "supply.pressure_Pa", NAN, ["= nan", "finite number"]),
@@ -36,20 +37,45 @@ IMPOSSIBLE = [  # machine, key, value, what the sentence must say besides "my.to
     ("bench", "oil.bulk_modulus_Pa", 1.5, ["= 1.5", "greater than or equal to 10000000"]),  # GPa for Pa
     ("bench", "oil.bulk_modulus_Pa", -1.5e9, ["greater than or equal to 10000000"]),
     ("bench", "friction.coulomb_extend_N", -65.0, ["= -65.0", "greater than or equal to 0"]),
-    ("bench", "friction.stribeck_velocity_m_s", 0.0, ["= 0.0", "greater than 0"]),
+    (
+        "bench",
+        "friction.stribeck_velocity_m_s",
+        0.0,
+        ["= 0.0", "greater than or equal to 0.000001 (1e-06 to 10 is possible"],
+    ),
     ("bench", "friction.viscous_extend_N_s_m", INF, ["= inf", "finite number"]),
-    ("bench", "controller.rate_Hz", 0.0, ["= 0.0", "greater than 0"]),
+    ("bench", "controller.rate_Hz", 0.0, ["= 0.0", "greater than or equal to 1 (1 to 10000 is possible"]),
     ("bench", "controller.rate_Hz", 1e6, ["= 1000000.0", "less than or equal to 10000"]),
     ("bench", "sensors.position_offset_m", NAN, ["= nan", "finite number"]),
-    ("bench", "load.moving_mass_kg", 0.0, ["= 0.0", "greater than 0"]),
+    ("bench", "load.moving_mass_kg", 0.0, ["= 0.0", "greater than or equal to 0.0001"]),
     ("bench", "machine.kind", "tripod", ["= 'tripod'", "'bench' or 'hexapod'"]),
     ("bench", "machine.gravity_m_s2", -9.8, ["= -9.8", "greater than or equal to 0"]),
     ("bench", "uncertainty.bulk_modulus_Pa", 10.0, ["= 10", "relative half width in [0, 1)"]),  # per cent
     ("micro_motion_system", "load.platform_inertia_kg_m2", [60.0, 60.0, 130.0], ["none larger than the sum"]),
     ("micro_motion_system", "load.platform_inertia_kg_m2", [60.0, 60.0, -1.0], ["three positive moments"]),
     ("micro_motion_system", "load.platform_inertia_kg_m2", [60.0, 60.0], ["= [60.0, 60.0]"]),
+    ("bench", "friction.coulomb_extend_N", 6.5e7, ["= 65000000.0", "0 to 1e+07 is possible"]),
+    ("bench", "friction.coulomb_extend_N", 8800.0, ["= 8800", "below the largest force of the oil", "= 8.8e+03 N"]),
+    ("bench", "sensors.position_noise_m", 1e300, ["= 1e+300", "0 to 0.1 is possible"]),
+    ("bench", "sensors.pressure_gain", 1e300, ["= 1e+300", "0.01 to 100 is possible"]),
+    ("bench", "sensors.position_resolution_m", 1e-300, ["= 1e-300", "0 or at least 1e-12"]),
+    ("bench", "valve.voltage_max_V", 1e-300, ["= 1e-300", "0.01 to 1000 is possible"]),
+    ("bench", "valve.spool_frequency_Hz", 1e-300, ["= 1e-300", "0 or at least 0.1"]),
+    ("bench", "cylinder.rod_diameter_m", 0.0, ["= 0.0", "0.0005 to 2 is possible"]),
+    ("bench", "controller.rate_Hz", 1e-12, ["= 1e-12", "1 to 10000 is possible"]),
+    ("bench", "load.moving_mass_kg", 1e300, ["= 1e+300", "0.0001 to 1e+07 is possible"]),
+    ("bench", "power_unit.accumulator_volume_m3", 1e-300, ["= 1e-300", "1e-06 to 100 is possible"]),
+    ("bench", "power_unit.relief_pressure_Pa", 8.0, ["= 8.0", "200000 to 1e+08 is possible"]),
+    ("bench", "power_unit.line_diameter_m", 1e-300, ["= 1e-300", "0.001 to 1 is possible"]),
+    ("bench", "power_unit.line_diameter_m", 1e300, ["= 1e+300", "0.001 to 1 is possible"]),
+    ("bench", "power_unit.pump_leakage_m3_s_Pa", 2.4e-6, ["= 2.4e-06", "0 to 1e-08 is possible"]),
+    ("bench", "power_unit.pump_leakage_m3_s_Pa", 1e-9, ["= 1e-09", "less than pump_flow_max_m3_s = 0.0003"]),
+    ("bench", "load.moving_mass_kg", True, ["= True", "valid number"]),  # strict: neither a truth value
+    ("bench", "load.moving_mass_kg", "7", ["= '7'", "valid number"]),  # nor text is a number
+    ("bench", "machine.name", "a\nb", ["printable characters on one line"]),
+    ("bench", "machine.name", "a" * 25_000, ["... (25002 characters)", "at most 100 characters"]),
     ("micro_motion_system", "geometry.base_half_angle_deg", 60.0, ["= 60.0", "less than 60"]),
-    ("micro_motion_system", "geometry.base_radius_m", 0.0, ["= 0.0", "greater than 0"]),
+    ("micro_motion_system", "geometry.base_radius_m", 0.0, ["= 0.0", "greater than or equal to 0.001"]),
     (
         "micro_motion_system",
         "geometry.neutral_leg_length_m",
@@ -68,7 +94,12 @@ def test_impossible_value_is_refused_by_name(name, dotted, value, description):
     text = str(caught.value)
     for part in ["my.toml: ", table, key, *description]:
         assert part in text, f"{part!r} is not in {text!r}"
-    assert "\n" not in text
+    assert "\n" not in text and len(text) < 1000
+
+
+def test_whole_numbers_are_numbers(bench):
+    """40 stands for 40.0: people leave the point away."""
+    assert changed(bench, {"load.moving_mass_kg": 40}) == bench
 
 
 def required_keys():
@@ -186,3 +217,43 @@ def test_areas_are_the_reports(bench):
     """A1 = pi/4 0.04^2, A2 = pi/4 (0.04^2 - 0.03^2) of appendix A."""
     assert bench.cylinder.area_bottom_m2 == pytest.approx(12.566e-4, rel=1e-4)
     assert bench.cylinder.area_top_m2 == pytest.approx(5.498e-4, rel=1e-4)
+
+
+def test_legs_that_no_rigid_body_stands_for_are_refused_by_the_tendon_model(hexapod):
+    """A rod of 5 % of the leg's mass: full legs take it; the tendon model's lump would have impossible moments."""
+    light = changed(hexapod, {"load.rod_mass_fraction": 0.05})
+    with pytest.raises(HexsimError, match=r"load.rod_mass_fraction a share of 0.3 or more, or take full legs"):
+        Plant(light, model="tendon")
+    assert Plant(light, model="full").model.nbody > 12
+
+
+@pytest.mark.parametrize(
+    ("text", "description"),
+    [
+        ("a = " + "[" * 5000, "lists within each other more than 20 deep"),
+        ("a = " + "[" * 30 + "]" * 30, "lists within each other more than 20 deep"),
+        (".".join(["a"] * 5000) + " = 1", "lists within each other more than 20 deep"),
+        ("a = " + "9" * 5000, "limit"),
+        ("a = " + "9" * 400, "an integer beyond 64 bits"),
+    ],
+)
+def test_toml_that_no_person_writes_is_refused(tmp_path, text, description):
+    """Deep nesting and endless integers end in one short sentence with the file, not in RecursionError or ValueError."""
+    (tmp_path / "machine.toml").write_text(text)
+    with pytest.raises(HexsimError) as caught:
+        load_machine(tmp_path)
+    assert str(caught.value).startswith(f"{tmp_path / 'machine.toml'} is not valid TOML: ")
+    assert description in str(caught.value) and len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "x\0y", "/", "..", ""])
+def test_names_that_no_file_can_have_are_unknown_machines(name):
+    """300 characters, a NUL, folders without a machine: one sentence each."""
+    with pytest.raises(HexsimError, match=r"unknown machine|has no machine.toml"):
+        load_machine(name)
+
+
+def test_a_close_name_comes_first():
+    """A slip of the pen is answered with what was meant, then with all there are."""
+    with pytest.raises(HexsimError, match=r"unknown machine 'bensh': did you mean bench\? give one of bench, micro"):
+        load_machine("bensh")

@@ -1,15 +1,19 @@
 """The plant at rest: static equilibrium, shut valves, oil compliance."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import mujoco
 import numpy as np
 import pytest
 
+from hexsim.errors import HexsimError
 from hexsim.hydraulics import leg
 from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
-from hexsim.scenarios import scenario_from_dict
+from hexsim.plant.states import ROW
+from hexsim.scenarios import load_scenario, scenario_from_dict
 from hexsim.simulation import simulate
 
 QUIET = {"sensors.position_noise_m": 0.0, "sensors.position_resolution_m": 0.0}
@@ -65,13 +69,13 @@ def test_shut_valves_hold_and_yield_only_by_the_oil():
     body = plant.model.body("platform").id
     start = plant.data.qpos[2]
     heights = []
-    with plant.running():
-        for k in range(2600):
-            t = k * 1e-3
-            share = np.clip(min(t / 0.3, (1.6 - t) / 0.3), 0.0, 1.0)
-            plant.data.xfrc_applied[body, 2] = -load * share
-            plant.step(10)
-            heights.append(plant.data.qpos[2] - start)
+    plant.prepare(1000.0)
+    for k in range(2600):
+        t = k * 1e-3
+        share = np.clip(min(t / 0.3, (1.6 - t) / 0.3), 0.0, 1.0)
+        plant.data.xfrc_applied[body, 2] = -load * share
+        plant.tick(np.zeros(6))
+        heights.append(plant.data.qpos[2] - start)
     loaded = np.mean(heights[1000:1300])
     # E/V and geometry change by 0.2 % over the travel of 0.1 mm; ringing averages out over 300 ms
     assert loaded == pytest.approx(-load / vertical, rel=0.01)
@@ -92,8 +96,8 @@ def test_rod_side_as_a_chamber_holds_too():
     machine = changed(load_machine("bench"), {"cylinder.rod_side": "chamber", **QUIET})
     plant = Plant(machine)
     before = plant.piston_positions()[0]
-    with plant.running():
-        plant.step(20_000)
+    for _ in range(1000):
+        plant.tick(np.zeros(1))
     plant.check()
     assert abs(plant.piston_positions()[0] - before) < 1e-6
 
@@ -107,12 +111,12 @@ def test_volts_move_the_rod_the_right_way():
     for volts in (1.0, -1.0):
         plant = Plant(machine)
         row = plant.rows[0]
-        with plant.running():
-            plant.data.ctrl[0] = volts
-            plant.step(2000)
-            first = plant.piston_positions()[0]
-            plant.step(1000)
-            speed = (plant.piston_positions()[0] - first) / 0.1
+        for _ in range(100):
+            plant.tick(np.array([volts]))
+        first = plant.piston_positions()[0]
+        for _ in range(50):
+            plant.tick(np.array([volts]))
+        speed = (plant.piston_positions()[0] - first) / 0.1
         friction = leg.friction_force(row, 0.1, speed, 3e6, 0.0)
         pressure = (7.0e6 * row[P.AREA_TOP] + 40 * 9.8 + friction) / row[P.AREA_BOTTOM]
         area = np.pi * 0.01 * (1.1e-4 - 5e-6)
@@ -122,10 +126,59 @@ def test_volts_move_the_rod_the_right_way():
         assert speed == pytest.approx(by_hand, rel=2e-3)
 
 
-def test_callbacks_are_put_back():
-    """Outside `running` MuJoCo has the callbacks it had before."""
+USER_ACTUATOR = """
+<mujoco><size nuser_actuator="{width}"/><worldbody><body><joint name="j" type="slide" axis="0 0 1"/>
+<geom size="0.1" mass="2"/></body></worldbody>
+<actuator><general joint="j" dyntype="user" biastype="user" actdim="2" gainprm="3"/></actuator></mujoco>
+"""
+
+
+@pytest.mark.parametrize("width", [0, ROW])
+def test_callbacks_leave_foreign_models_alone(width):
+    """The callbacks stay installed; a model of somebody else with user actuators falls as without them, to the bit,
+    even one whose user data is as wide as a plant's."""
+
+    def fall():
+        model = mujoco.MjModel.from_xml_string(USER_ACTUATOR.format(width=width))
+        data = mujoco.MjData(model)
+        data.act[:] = [0.1, 0.2]
+        mujoco.mj_step(model, data, 100)
+        return [*data.qpos, *data.qvel, *data.act]
+
+    Plant(load_machine("bench"))
+    assert mujoco.get_mjcb_act_dyn() is not None
+    with_callbacks = fall()
+    dyn, bias = mujoco.get_mjcb_act_dyn(), mujoco.get_mjcb_act_bias()
+    mujoco.set_mjcb_act_dyn(None)
+    mujoco.set_mjcb_act_bias(None)
+    try:
+        assert fall() == with_callbacks
+    finally:
+        mujoco.set_mjcb_act_dyn(dyn)
+        mujoco.set_mjcb_act_bias(bias)
+
+
+def test_callbacks_of_another_program_are_no_silent_error():
+    """With MuJoCo's callbacks in other hands a plant is refused, and a running one stops with a sentence."""
     plant = Plant(load_machine("bench"))
-    assert mujoco.get_mjcb_act_dyn() is None
-    with plant.running():
-        assert mujoco.get_mjcb_act_dyn() is not None
-    assert mujoco.get_mjcb_act_dyn() is None
+    ours = mujoco.get_mjcb_act_dyn()
+    mujoco.set_mjcb_act_dyn(lambda model, data, i: 0.0)
+    try:
+        with pytest.raises(HexsimError, match="belongs to another program in this process"):
+            Plant(load_machine("bench"))
+        with pytest.raises(HexsimError, match="replaced MuJoCo's callbacks"):
+            plant.check()
+    finally:
+        mujoco.set_mjcb_act_dyn(ours)
+    plant.check()
+
+
+def test_simulations_in_threads_do_not_touch_each_other():
+    """Four simulations of different machines and lengths in four threads give the logs that they give alone, to the bit."""
+    names = ["bench", "micro_motion_system", "bench", "micro_motion_system"]
+    cases = [(load_machine(name), load_scenario("heave", duration_s=0.5 + 0.3 * i)) for i, name in enumerate(names)]
+    alone = [simulate(*case, fast=True).log for case in cases]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda case: simulate(*case, fast=True).log, cases))
+    for one, other in zip(alone, together, strict=True):
+        assert one.equals(other)

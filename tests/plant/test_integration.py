@@ -8,7 +8,6 @@ import pytest
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
-from hexsim.plant.stepping import advance, machinery, new_record
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
@@ -19,12 +18,10 @@ def acceleration_after(timestep: float, time: float = 0.02, volts: float = 0.8) 
     """Acceleration of the bench a short time after a step of the volts."""
     plant = Plant(changed(load_machine("bench"), SMOOTH), scheme="rk4", timestep=timestep)
     steps = round(time / timestep)
-    machine, record = machinery(plant, 1, timestep), new_record(plant, steps + 1)
-    record.spool_volts[:] = volts
-    with plant.running():
-        for tick in range(steps + 1):
-            advance(machine, record, tick)
-    return record.qacc[steps, 0]
+    plant.prepare(1.0 / timestep, steps + 1)
+    for _ in range(steps + 1):
+        plant.tick(np.array([volts]))
+    return plant.record.qacc[steps, 0]
 
 
 def test_default_integrator_converges_with_fourth_order():
@@ -136,12 +133,10 @@ def test_ball_ends_stay_closed():
 
     plant = Plant(load_machine("micro_motion_system"), model="full")
     worst = 0.0
-    with plant.running():
-        for k in range(300):
-            plant.data.ctrl[:] = 1.5 * np.sin(2 * np.pi * 2.0 * k * 2e-3)
-            plant.step(20)
-            mujoco.mj_forward(plant.model, plant.data)
-            worst = max(worst, np.abs(plant.data.efc_pos[: plant.data.nefc]).max())
+    for k in range(300):
+        plant.tick(np.full(6, 1.5 * np.sin(2 * np.pi * 2.0 * k * 2e-3)))
+        mujoco.mj_forward(plant.model, plant.data)
+        worst = max(worst, np.abs(plant.data.efc_pos[: plant.data.nefc]).max())
     assert worst < 1e-6
 
 

@@ -10,6 +10,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
 from hexsim.plant.readout import POWER_UNIT_COLUMNS
+from hexsim.plant.states import A
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
@@ -188,11 +189,11 @@ def test_without_a_table_nothing_changes():
 def test_stopped_pump_and_shut_valves_hold_the_platform():
     """Pump tripped, valves shut, no leaks: in a second the platform moves by less than 0.1 mm."""
     plant = Plant(changed(load_machine("micro_motion_system"), UNIT), model="tendon")
-    plant.data.ctrl[:] = 0.0
+    plant.switch_pump(False)
     before = plant.piston_positions()
-    with plant.running():
-        plant.step(10_000)
-        plant.check()
+    for _ in range(500):
+        plant.tick(np.zeros(6))
+    plant.check()
     assert np.abs(plant.piston_positions() - before).max() < 1e-4
     assert plant.supply_pressure() == pytest.approx(7e6, rel=1e-3)
 
@@ -220,9 +221,9 @@ def test_relief_valve_takes_over():
     """A compensator set above the relief valve: the pump's flow returns through it, at 3 bar over its setting."""
     machine = changed(load_machine("bench"), {"power_unit.relief_pressure_Pa": 60e5})
     plant = Plant(machine)
-    with plant.running():
-        plant.step(80_000)
-    state = plant.data.act[int(plant.resolved.supply[S.ACT]) :]
+    for _ in range(4000):
+        plant.tick(np.zeros(1))
+    state = plant.data.act[int(plant.layout[-1, A.SUPPLY]) :]
     assert state[U.PUMP_PRESSURE] * 10 == pytest.approx(63.0, abs=0.1)
     assert state[U.PUMP_FLOW] * 6e4 == pytest.approx(18.0, abs=0.1)
 
@@ -237,7 +238,7 @@ def test_oil_warms_and_its_numbers_follow():
     assert temperature[-1] > 40.0
     plant = Plant(machine)
     start = plant.rows.copy()
-    plant.data.act[int(plant.resolved.supply[S.ACT]) + U.TEMPERATURE] = 55.0
+    plant.data.act[int(plant.layout[-1, A.SUPPLY]) + U.TEMPERATURE] = 55.0
     plant.follow_oil_temperature()
     changed_places = np.flatnonzero(plant.rows[0] != start[0])
     assert np.array_equal(plant.rows[0, changed_places], plant.model.actuator_user[0, changed_places])

@@ -5,12 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import other_plant
+import polars as pl
 import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.readers import LogFile, read_log
-from hexsim.tracing.checks.checks import check_log, check_same_machine, refuse_misleading
+from hexsim.readers import read_log
+from hexsim.signals.log import Log
+from hexsim.tracing.checks.checks import check_log, refuse_misleading
+from hexsim.tracing.checks.same_machine import check_same_machine
 from hexsim.tracing.checks.sensor_agreement import acceleration_agreement, staircase_bias
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -18,18 +21,18 @@ MACHINE = load_machine(DATA / "bench_none")
 
 
 @pytest.fixture(scope="module")
-def bench() -> LogFile:
+def bench() -> Log:
     return read_log(DATA / "bench_none" / "fit.csv.gz")
 
 
 @pytest.fixture(scope="module")
-def hexapod(tmp_path_factory) -> tuple[LogFile, object]:
+def hexapod(tmp_path_factory) -> tuple[Log, object]:
     folder = tmp_path_factory.mktemp("hexapod")
     other_plant.write_machine(folder, 4, {}, "hexapod", runs=["fit"], duration_s=10.0)
     return read_log(folder / "fit.csv.gz"), load_machine(folder)
 
 
-def with_column(log: LogFile, **columns) -> LogFile:
+def with_column(log: Log, **columns) -> Log:
     return replace(log, columns={**log.columns, **columns})
 
 
@@ -54,7 +57,7 @@ def test_staircase_bias_is_what_a_logged_acceleration_shows(bench):
     """Logged on the controller's updates, acceleration reads w0^2 T^2/48 less than d2y/dt2: 4 % here."""
     found = acceleration_agreement(bench, MACHINE)["acceleration_m_s2"]
     # a quarter: the sensors' own noise and the load that is not quite the declared one
-    bias = staircase_bias(MACHINE, bench.rate_Hz)
+    bias = staircase_bias(MACHINE, bench.rate)
     assert 0.03 < bias < 0.05
     assert 1 / found.gain == pytest.approx(1 - bias, abs=0.25 * bias)
     assert abs(found.delay_s) < 5e-4
@@ -133,11 +136,20 @@ def test_a_machine_at_rest_is_refused(tmp_path):
         refuse_misleading(read_log(tmp_path / "rest.csv.gz"), MACHINE)
 
 
-def test_slow_and_short_logs_say_what_cannot_be_said(bench):
-    slow = replace(
-        bench, time_s=bench.time_s[::20], rate_Hz=50.0, columns={k: v[::20] for k, v in bench.columns.items()}
+def test_repairs_of_the_reader_are_among_the_findings(bench, tmp_path):
+    """What was filled is a finding of its own, for console and report; a clean log has none."""
+    holes = bench.table.with_columns(
+        pl.when(pl.int_range(pl.len()) == 100).then(None).otherwise(pl.col("valve_V")).alias("valve_V")
     )
-    short = replace(bench, time_s=bench.time_s[:3000], columns={k: v[:3000] for k, v in bench.columns.items()})
+    holes.write_csv(tmp_path / "holes.csv")
+    found = refuse_misleading(read_log(tmp_path / "holes.csv"), MACHINE)
+    assert any("valve_V: 1 samples filled by the values held" in finding.description for finding in found)
+    assert refuse_misleading(bench, MACHINE) == []
+
+
+def test_slow_and_short_logs_say_what_cannot_be_said(bench):
+    slow = bench.part(slice(None, None, 20), rate=50.0)
+    short = bench.part(slice(0, 3000))
     assert any(f.severity == "loss" and "nothing above 25 Hz" in f.description for f in check_log(slow, MACHINE))
     assert any(f.severity == "loss" and "lasts 3.0 s" in f.description for f in check_log(short, MACHINE))
 

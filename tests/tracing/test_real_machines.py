@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
-from hexsim.readers.log_file import LogFile
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.term_regression import OwnBalance, Point, Term, late_by, trace_own
 
@@ -38,7 +38,7 @@ def made_up_run(seed: int, leak: float, noise: float = 1.0) -> Point:
         "w": 50 * w,
         "f": 300 * x + leak * 50 * z + noise * rng.standard_normal(len(t)),
     }
-    log = LogFile(name=f"run{seed}", path=Path("none"), time_s=t, rate_Hz=50.0, columns=columns, losses=(), kind="own")
+    log = Log(name=f"run{seed}", kind="own", time=t, rate=50.0, columns=columns)
     return Point(log=log, window=Window(50.0, 0.2))
 
 

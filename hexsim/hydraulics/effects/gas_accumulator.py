@@ -15,7 +15,7 @@ LEAST_SHARE = 0.2  # of the nominal pressure (absolute): precharge, below which 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
     """The supply becomes a state behind the line, with the gas volume given at the nominal pressure."""
     row, exponent = resolved.supply, values["polytropic_exponent"]
-    row[S.MODEL], row[S.STATES] = LINE, 1
+    row[S.MODEL] = LINE
     row[S.RESISTANCE] = values["line_resistance_Pa_s_m3"]
     row[S.EXPONENT] = exponent
     row[S.PRECHARGE] = LEAST_SHARE * (row[S.PRESSURE] + ATMOSPHERE)

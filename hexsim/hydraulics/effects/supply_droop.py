@@ -10,7 +10,6 @@ from hexsim.hydraulics.supply import LINE, S
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
     """The supply becomes a state behind the line."""
     resolved.supply[S.MODEL] = LINE
-    resolved.supply[S.STATES] = 1
     resolved.supply[S.RESISTANCE] = values["line_resistance_Pa_s_m3"]
     resolved.supply[S.CAPACITY] = values["accumulator_m3_Pa"]
 

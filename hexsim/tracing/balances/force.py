@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import bilinear, lfilter
 
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics.parameters import P
-from hexsim.hydraulics.resolved import PayloadMode
-from hexsim.signals.log import MeasuredLog
+from hexsim.hydraulics.resolved import Resolved
+from hexsim.machine.geometry import suspension
+from hexsim.mechanics.rigid_body import pushed_back
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances.balance import measured_point, resolved_machine
+from hexsim.tracing.balances.balance import Balance, measured_point, resolved_machine
 
 Array = np.ndarray
 
@@ -33,37 +34,36 @@ def forces_beyond_pressure(p, y, v, volts, P1, Ps, t):
     return force
 
 
-def on_spring(mode: PayloadMode, felt: Array, rate: float) -> Array:
-    """Specific force (n,) [m/s2] that a payload on a spring and damper gives back when its foot feels `felt` (n,).
-
-    (2 zeta w p + w^2)/(p^2 + 2 zeta w p + w^2) by the bilinear rule (0.1 % off in frequency at 17 Hz and 1 kHz), steady at
-    first. felt: acceleration less gravity, along the spring.
-    """
-    omega = 2 * np.pi * mode.frequency_Hz
-    damper = 2 * mode.damping_ratio * omega
-    top, bottom = bilinear([damper, omega**2], [1.0, damper, omega**2], rate)
-    return lfilter(top, bottom, felt - felt[0]) + felt[0]
+def push_of_payloads(resolved: Resolved, felt: Array, rate: float) -> Array:
+    """Force (n,) [N] that payloads on springs push back with; felt: acceleration less gravity along the springs (n,)."""
+    pushes = [mode.mass_kg * pushed_back(suspension(mode), felt, rate) for mode in resolved.payload_modes]
+    return np.sum(pushes, axis=0) if pushes else np.zeros(len(felt))
 
 
-class Force:
+class Force(Balance):
     """Force balance of a bench. A hexapod has the platform balance instead."""
 
     name = "force"
     unit = "N"
+    caption = "pressures − weight − friction = mass times acceleration"
+    order = 40
+    learned_as = "force"
 
-    def wants(self, log: MeasuredLog) -> bool:
+    def wants(self, log: Log) -> bool:
         return log.n_legs == 1 and log.pressure is not None and log.acceleration is not None
 
-    def places(self, log: MeasuredLog) -> list[str]:
+    def places(self, log: Log) -> list[str]:
         return ["leg 1"]
 
-    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+    def residual(self, log: Log, machine: Machine) -> Array:
         resolved, window = resolved_machine(machine), Window(log.rate)
         point, p = measured_point(log, machine, resolved, 0), resolved.rows[0]
         assert point.P1 is not None and point.sensed.acceleration is not None
         beyond = forces_beyond_pressure(p, point.y, point.v, point.volts, point.P1, point.Ps, point.t)
         mass, gravity = resolved.load.moving_mass_kg, -resolved.gravity_m_s2[2]
-        net = point.P1 * p[P.AREA_BOTTOM] + beyond - mass * (point.sensed.acceleration + gravity)
-        for mode in resolved.payload_modes:
-            net = net - mode.mass_kg * on_spring(mode, point.sensed.acceleration + gravity, log.rate)
-        return window.mean(net)[None]
+        felt = point.sensed.acceleration + gravity
+        net = point.P1 * p[P.AREA_BOTTOM] + beyond - mass * felt
+        return window.mean(net - push_of_payloads(resolved, felt, log.rate))[None]
+
+
+BALANCES = (Force(),)

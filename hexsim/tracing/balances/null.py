@@ -9,14 +9,14 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.signals.channels import SETTLE_S
-from hexsim.signals.log import MeasuredLog
-from hexsim.tracing.balances import Balance
+from hexsim.signals.log import Log
+from hexsim.tracing.balances.balance import Balance
 
 Array = np.ndarray
 END_S = 0.05  # [s] at the end of a run that windows do not see whole
 
 
-def with_noise(log: MeasuredLog, noise: dict[str, float], resolution: float, rng: np.random.Generator) -> MeasuredLog:
+def with_noise(log: Log, noise: dict[str, float], resolution: float, rng: np.random.Generator) -> Log:
     """White noise on every channel; the position is rounded as its transducer rounds."""
 
     def noisy(rows: Array | None, kind: str) -> Array | None:
@@ -36,25 +36,30 @@ def with_noise(log: MeasuredLog, noise: dict[str, float], resolution: float, rng
     )
 
 
-def used(log: MeasuredLog, residual: Array) -> Array:
+def used(log: Log, residual: Array) -> Array:
     """The samples of a residual that count."""
     return residual[..., int((SETTLE_S + 0.1) * log.rate) : log.n - int(END_S * log.rate)]
 
 
-def null_rms(
-    balance: Balance, quiet: Sequence[MeasuredLog], machine: Machine, noise: dict[str, float], seeds: int
-) -> tuple[Array, Array]:
-    """(sigma, rms of each seed) of a balance, (n_places,) and (seeds, n_places), over all logs together.
+def null_squares(
+    balances: Sequence[Balance],
+    quiet: Sequence[Log],
+    clean: Sequence[Sequence[Array]],
+    machine: Machine,
+    noise: dict[str, float],
+    seed: int,
+) -> list[tuple[Array, Array]]:
+    """Mean squares of every balance in one null run, over all logs together: (whole, of the noise alone), (n_places,) each.
 
-    sigma: what noise alone does, the noise-free residual (reversals, sampling) taken out.
+    clean: a balance, a log: the residual without noise (reversals, sampling); it is taken out of the second.
     """
-    resolution = machine.sensors.position_resolution_m
-    clean = [used(log, balance.residual(log, machine)) for log in quiet]
-    count = sum(c.shape[-1] for c in clean)
-    total, apart = [], []
-    for seed in range(seeds):
-        rng = np.random.default_rng(seed)
-        noisy = [used(log, balance.residual(with_noise(log, noise, resolution, rng), machine)) for log in quiet]
-        total.append(np.sqrt(sum(np.sum(r**2, axis=-1) for r in noisy) / count))
-        apart.append(sum(np.sum((r - c) ** 2, axis=-1) for r, c in zip(noisy, clean, strict=True)) / count)
-    return np.sqrt(np.mean(apart, axis=0)), np.stack(total)
+    rng = np.random.default_rng(seed)
+    noisy = [with_noise(log, noise, machine.sensors.position_resolution_m, rng) for log in quiet]
+    found = []
+    for balance, own in zip(balances, clean, strict=True):
+        residuals = [used(log, balance.residual(log, machine)) for log in noisy]
+        count = sum(r.shape[-1] for r in residuals)
+        whole = sum(np.sum(r**2, axis=-1) for r in residuals)
+        apart = sum(np.sum((r - c) ** 2, axis=-1) for r, c in zip(residuals, own, strict=True))
+        found.append((np.asarray(whole) / count, np.asarray(apart) / count))
+    return found

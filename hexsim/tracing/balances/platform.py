@@ -1,4 +1,4 @@
-"""Platform of a hexapod: r_J = sum f_i (u_i, r_i x u_i) - (M (a - g), I w' + ...), six numbers  [N], [N m].
+"""Platform of a hexapod: r_J = sum f_i (u_i, r_i x u_i) - (F, M) of `mechanics.rigid_body`, six numbers  [N], [N m].
 
 f_i = P1 A1 - Ps A2 - friction of each leg at the measured point, u_i and r_i in the platform frame, a and w' as the
 accelerometers show them. Legs whole (continuity quiet) but r_J violated: payload, inertia, joints, friction.
@@ -6,89 +6,124 @@ accelerometers show them. Legs whole (continuity quiet) but r_J violated: payloa
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.hydraulics.parameters import P
-from hexsim.signals.log import MeasuredLog
+from hexsim.hydraulics.resolved import Resolved
+from hexsim.machine.geometry import machine_kinematics, platform_body
+from hexsim.mechanics.rigid_body import centre_accelerations, joint_wrenches
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances.balance import advanced, measured_point, resolved_machine
-from hexsim.tracing.balances.force import forces_beyond_pressure, on_spring
-from hexsim.tracing.simulation.hexapod_simulator import kinematics_of, platform_load
+from hexsim.tracing.balances.balance import (
+    Balance,
+    SensedLeg,
+    advanced,
+    measured_point,
+    position_settings,
+    remembered,
+    resolved_machine,
+)
+from hexsim.tracing.balances.force import Force, forces_beyond_pressure, push_of_payloads
 
 Array = np.ndarray
 ROWS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
-class Platform:
+class Platform(Balance):
     """Newton and Euler about the centre of the platform joints, in the platform frame."""
 
     name = "platform"
     unit = "N, N m"
+    caption = "forces of the legs = inertia of the platform"
+    order = 60
+    one_cause = True
 
-    def wants(self, log: MeasuredLog) -> bool:
+    def wants(self, log: Log) -> bool:
         return log.n_legs == 6 and log.pressure is not None and log.acceleration is not None and log.angular is not None
 
-    def places(self, log: MeasuredLog) -> list[str]:
+    def places(self, log: Log) -> list[str]:
         return [f"platform {row}" for row in ROWS]
 
-    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+    def residual(self, log: Log, machine: Machine) -> Array:
         return wrench_residual(log, machine)[0]
 
 
-class LegForce:
+class LegForce(Balance):
     """The platform's residual shared out to the legs: thrusts that would make up for it, J^-T r_J  [N]."""
 
     name = "force"
     unit = "N"
+    caption = Force.caption
+    order = 50
+    learned_as = "force"
+    shared_out = True
 
-    def wants(self, log: MeasuredLog) -> bool:
+    def wants(self, log: Log) -> bool:
         return Platform().wants(log)
 
-    def places(self, log: MeasuredLog) -> list[str]:
+    def places(self, log: Log) -> list[str]:
         return [f"leg {i + 1}" for i in range(6)]
 
-    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+    def residual(self, log: Log, machine: Machine) -> Array:
         residual, lines = wrench_residual(log, machine)
         return np.linalg.solve(np.swapaxes(lines, -1, -2), residual.T[..., None])[..., 0].T
 
 
-def wrench_residual(log: MeasuredLog, machine: Machine) -> tuple[Array, Array]:
-    """r_J (6, n) under the window, and the legs' lines (n, 6, 6) in the platform frame: wrench = lines' thrusts."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlatformMotion:
+    """How the platform moved, from the pistons' positions alone; all in the platform frame.
+
+    lines (n, 6, 6): rows (u_i, r_i x u_i) of the legs, wrench = thrusts . lines; rotation (n, 3, 3) to the world frame;
+    omega (n, 3) [rad/s].
+    """
+
+    lines: Array
+    rotation: Array
+    omega: Array
+
+
+def platform_motion(log: Log, resolved: Resolved, sensed: Sequence[SensedLeg]) -> PlatformMotion:
+    """Forward kinematics and velocities of every sample under the window, once for a log and its position sensors."""
+    kinematics = machine_kinematics(resolved.machine)
+    settings = tuple(position_settings(resolved, i) for i in range(6))
+
+    def moved() -> PlatformMotion:
+        poses = kinematics.forward(np.stack([leg.mean_y for leg in sensed]).T)
+        jacobian, rotation = kinematics.jacobian(poses), kinematics.rotation(poses)
+        directions = jacobian[:, :, :3] @ rotation
+        arms = np.cross(kinematics.platform_joints, directions)
+        twist = np.linalg.solve(jacobian, np.stack([leg.mean_v for leg in sensed]).T[..., None])[..., 0]
+        omega = np.einsum("nba,nb->na", rotation, twist[:, 3:])
+        return PlatformMotion(lines=np.concatenate([directions, arms], axis=-1), rotation=rotation, omega=omega)
+
+    return remembered(log, ("platform", kinematics, settings), moved)
+
+
+def wrench_residual(log: Log, machine: Machine) -> tuple[Array, Array]:
+    """r_J (6, n) under the window, and the legs' lines (n, 6, 6) in the platform frame: wrench = thrusts . lines."""
     resolved, window = resolved_machine(machine), Window(log.rate)
-    kinematics, load, sensors = kinematics_of(machine), platform_load(resolved), resolved.sensors
+    body, sensors = platform_body(resolved, machine_kinematics(machine)), resolved.sensors
     points = [measured_point(log, machine, resolved, i) for i in range(6)]
-    poses = kinematics.forward(np.stack([point.sensed.mean_y for point in points]).T)
-    jacobian, rotation = kinematics.jacobian(poses), kinematics.rotation(poses)
-    directions = np.einsum("nba,nib->nia", rotation, jacobian[:, :, :3])
-    wrench = np.zeros((6, log.n))
-    for i, point in enumerate(points):
-        row = resolved.rows[i]
+    motion = platform_motion(log, resolved, [point.sensed for point in points])
+    thrusts = np.empty((log.n, 6))
+    for i, (row, point) in enumerate(zip(resolved.rows, points, strict=True)):
         assert point.P1 is not None
-        force = point.P1 * row[P.AREA_BOTTOM]
-        force = force + forces_beyond_pressure(row, point.y, point.v, point.volts, point.P1, point.Ps, point.t)
-        pull = force * directions[:, i].T
-        wrench[:3] += pull
-        wrench[3:] += np.cross(kinematics.platform_joints[i], pull.T).T
+        beyond = forces_beyond_pressure(row, point.y, point.v, point.volts, point.P1, point.Ps, point.t)
+        thrusts[:, i] = point.P1 * row[P.AREA_BOTTOM] + beyond
+    wrench = (thrusts[:, None] @ motion.lines)[:, 0].T
     assert log.acceleration is not None and log.angular is not None
     shown = log.acceleration - np.array([0.0, 0.0, sensors.acceleration_offset_m_s2])[:, None]
     late = sensors.acceleration_delay_s * log.rate
-    acceleration = np.stack([advanced(row, late) for row in shown / sensors.acceleration_gain])
-    angular = np.stack([advanced(row, late) for row in log.angular])
-    twist = np.linalg.solve(jacobian, np.stack([point.sensed.mean_v for point in points]).T[..., None])[..., 0]
-    omega = np.einsum("nba,nb->an", rotation, twist[:, 3:])
-    weight = np.einsum("nba,b->an", rotation, load.carried * resolved.gravity_m_s2)
-    c = load.centre[:, None]
-    of_centre = acceleration + _cross(angular, c) + _cross(omega, _cross(omega, c))
-    push = load.mass * of_centre - weight
-    felt = of_centre - weight / load.carried
-    for mode in resolved.payload_modes:  # along z on its spring, across it with the platform
-        push = push + mode.mass_kg * np.stack([felt[0], felt[1], on_spring(mode, felt[2], log.rate)])
-    spin = load.inertia @ angular + _cross(omega, load.inertia @ omega) + _cross(c, push)
-    arms = np.cross(np.broadcast_to(kinematics.platform_joints, directions.shape), directions)
-    return window.mean(wrench - np.concatenate([push, spin])), np.concatenate([directions, arms], axis=-1)
+    moved = [*(shown / sensors.acceleration_gain), *log.angular]
+    acceleration = np.ascontiguousarray(np.stack([advanced(row, late) for row in moved], axis=-1))
+    gravity = resolved.gravity_m_s2 @ motion.rotation
+    felt = (centre_accelerations(body, acceleration, motion.omega) - gravity)[:, 2]
+    asked = joint_wrenches(body, acceleration, motion.omega, gravity, push_of_payloads(resolved, felt, log.rate))
+    return window.mean(wrench - asked.T), motion.lines
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """Cross product of rows (3, n) or (3, 1)."""
-    return np.cross(np.broadcast_to(a, np.broadcast_shapes(a.shape, b.shape)), b, axis=0)
+BALANCES = (LegForce(), Platform())

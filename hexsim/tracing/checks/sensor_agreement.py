@@ -7,7 +7,7 @@ oil resonance, T the update period, samples on the updates). One leg with 40 kg,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -15,7 +15,8 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.mechanics.kinematics import HexapodKinematics
-from hexsim.readers import LogFile
+from hexsim.signals.log import Log
+from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window
 
 Array = np.ndarray
@@ -37,12 +38,6 @@ class Agreement:
     correlation: float
 
 
-def leg_columns(log: LogFile, stem: str, unit: str) -> list[str]:
-    """Names of one kind of channel, leg by leg; those that the log has."""
-    marks = [""] if log.n_legs == 1 else [f"_{leg}" for leg in range(1, log.n_legs + 1)]
-    return [name for mark in marks if (name := f"{stem}{mark}_{unit}") in log.columns]
-
-
 def staircase_bias(machine: Machine, rate_Hz: float) -> float:
     """Size of the relative bias of a logged acceleration under a sampled controller (see above); 0 for slow logs."""
     cylinder, load = machine.cylinder, machine.load
@@ -53,24 +48,22 @@ def staircase_bias(machine: Machine, rate_Hz: float) -> float:
     return float(resonance_squared / machine.controller.rate_Hz**2 / (12 * samples**2))
 
 
-def acceleration_agreement(
-    log: LogFile, machine: Machine, order: tuple[int, ...] | None = None
-) -> dict[str, Agreement]:
+def acceleration_agreement(log: Log, machine: Machine, order: tuple[int, ...] | None = None) -> dict[str, Agreement]:
     """Each accelerometer channel against the positions. Empty where there is none or the log is too short or still.
 
     order: numbers of the legs (0-based) as which the position columns are taken; default as they are named.
     """
-    look = Window(log.rate_Hz, max(HALF_WIDTH_s, 5.0 / log.rate_Hz))
-    if len(log.time_s) < 8 * look.half or log.duration_s < 2.0:
+    look = Window(log.rate, max(HALF_WIDTH_s, 5.0 / log.rate))
+    if len(log.time) < 8 * look.half or log.duration_s < 2.0:
         return {}
-    names = [name for name in log.columns if "acceleration" in name]
-    positions = leg_columns(log, "position", "m")
+    names = [*log.names("acceleration"), *log.names("angular_acceleration")]
+    positions = log.names("position")
     if not names or len(positions) != log.n_legs:
         return {}
     y = np.stack([log.columns[name] for name in positions])
     y = y if order is None else y[list(order)]
     if log.n_legs == 1:
-        reference = {"acceleration_m_s2": inner(look, look.second_rate(y[0]))}
+        reference = {names[0]: inner(look, look.second_rate(y[0]))}
     else:
         reference = platform_acceleration(y, machine, look)
     sensors = machine.sensors
@@ -79,16 +72,16 @@ def acceleration_agreement(
     impulse[2 * look.half] = sigma
     noise = float(np.linalg.norm(look.second_rate(impulse)))
     return {
-        name: agreement(reference[name], inner(look, look.mean(log.columns[name])), log.rate_Hz, noise, look.half)
+        name: agreement(reference[name], inner(look, look.mean(log.columns[name])), log.rate, noise, look.half)
         for name in names
         if np.std(reference[name]) > 5 * noise
     }
 
 
-def order_that_fits(log: LogFile, machine: Machine) -> tuple[int, int] | None:
+def order_that_fits(log: Log, machine: Machine) -> tuple[int, int] | None:
     """Two legs (1-based) whose exchange makes the positions agree with the accelerometers, if they do not as named."""
-    few = slice(0, min(len(log.time_s), round(6.0 * log.rate_Hz)))
-    short = replace(log, time_s=log.time_s[few], columns={name: x[few] for name, x in log.columns.items()})
+    few = slice(0, min(len(log.time), round(6.0 * log.rate)))
+    short = log.part(few)
     best, found = 0.9, None
     for first, second in combinations(range(6), 2):
         order = list(range(6))
@@ -117,11 +110,7 @@ def platform_acceleration(y: Array, machine: Machine, look: Window) -> dict[str,
     poses = legs.forward(y.T).T
     pose, rate, second = (inner(look, x).T for x in (look.mean(poses), look.rate(poses), look.second_rate(poses)))
     motion = legs.to_platform_frame(pose, legs.twist_rate(pose, rate, second)).T
-    names = [
-        *(f"acceleration_{axis}_m_s2" for axis in "xyz"),
-        *(f"angular_acceleration_{axis}_rad_s2" for axis in "xyz"),
-    ]
-    return dict(zip(names, motion, strict=True))
+    return dict(zip(accelerations_of(6), motion, strict=True))
 
 
 def agreement(reference: Array, channel: Array, rate_Hz: float, noise: float, half: int) -> Agreement:

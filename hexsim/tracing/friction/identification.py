@@ -27,9 +27,10 @@ from hexsim.errors import HexsimError
 from hexsim.hydraulics.leg import friction_force
 from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.machine.files import changed
-from hexsim.readers import LogFile
+from hexsim.signals.log import Log
+from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window, velocity
-from hexsim.tracing.leg_loads import accelerations_of, leg_loads
+from hexsim.tracing.leg_loads import leg_loads
 
 Array = np.ndarray
 KEYS = tuple(
@@ -154,7 +155,7 @@ class ForceData:
     noise_N: float
 
 
-def force_data(log: LogFile, machine: Machine, leg: int) -> ForceData:
+def force_data(log: Log, machine: Machine, leg: int) -> ForceData:
     """Measured side of Eq. 2.3. Raises HexsimError when a channel is missing."""
     mark = "" if log.n_legs == 1 else f"_{leg}"
     need = [f"position{mark}_m", f"pressure_bottom{mark}_Pa", "pressure_supply_Pa"]
@@ -170,20 +171,20 @@ def force_data(log: LogFile, machine: Machine, leg: int) -> ForceData:
     if log.n_legs == 1:
         a = log.columns["acceleration_m_s2"]
         mass = float(machine.load.moving_mass_kg or 0.0)
-        load, v = a + machine.machine.gravity_m_s2, velocity(y, a, log.rate_Hz, VELOCITY_WINDOW_s)
+        load, v = a + machine.machine.gravity_m_s2, velocity(y, a, log.rate, VELOCITY_WINDOW_s)
         error = mass * machine.uncertainty.get("moving_mass_kg", 0.005) / np.sqrt(3)
         noise = float(np.hypot(noise, mass * sensors.acceleration_noise_m_s2))
     else:
         mass = float(machine.load.platform_mass_kg or 0.0)
         loads, along = leg_loads(log, machine)
-        load, v = loads[leg - 1] / mass, velocity(y, along[leg - 1], log.rate_Hz, VELOCITY_WINDOW_s)
+        load, v = loads[leg - 1] / mass, velocity(y, along[leg - 1], log.rate, VELOCITY_WINDOW_s)
         error = mass * machine.uncertainty.get("platform_mass_kg", 0.005) / np.sqrt(3)
     return ForceData(
         oil_N=oil, load_per_mass_m_s2=load, v=v, mass_kg=mass, mass_error_kg=error, noise_N=max(noise, 1e-3)
     )
 
 
-def identify_friction(log: LogFile, machine: Machine, leg: int = 1) -> FrictionResult:
+def identify_friction(log: Log, machine: Machine, leg: int = 1) -> FrictionResult:
     """Stribeck parameters of a leg (1-based) from one log: constant velocities, sines, or any motion.
 
     Raises HexsimError when a channel is missing or a direction was hardly visited.
@@ -193,11 +194,11 @@ def identify_friction(log: LogFile, machine: Machine, leg: int = 1) -> FrictionR
     if not 1 <= leg <= machine.n_legs:
         raise HexsimError(f"leg {leg} does not exist: {machine.name} has legs 1 to {machine.n_legs}")
     data = force_data(log, machine, leg)
-    look = Window(log.rate_Hz, max(WINDOW_s, 3.0 / log.rate_Hz))
+    look = Window(log.rate, max(WINDOW_s, 3.0 / log.rate))
     slow = SLOW * max(machine.friction.sharpness_m_s, 1e-4)
     step = max(1, look.half)
     keep = np.zeros(len(data.v), dtype=bool)
-    keep[look.half + round(0.05 * log.rate_Hz) : len(keep) - look.half - round(0.05 * log.rate_Hz) : step] = True
+    keep[look.half + round(0.05 * log.rate) : len(keep) - look.half - round(0.05 * log.rate) : step] = True
     stopped = np.convolve(np.abs(data.v) < slow, np.ones(2 * look.half + 1), mode="same") > 0
     keep &= ~stopped
     counts = [int((keep & (data.v > 0)).sum()), int((keep & (data.v < 0)).sum())]
@@ -210,7 +211,7 @@ def identify_friction(log: LogFile, machine: Machine, leg: int = 1) -> FrictionR
     return fit(log, machine, leg, data, look, keep)
 
 
-def fit(log: LogFile, machine: Machine, leg: int, data: ForceData, look: Window, keep: Array) -> FrictionResult:
+def fit(log: Log, machine: Machine, leg: int, data: ForceData, look: Window, keep: Array) -> FrictionResult:
     """Least squares of the windowed friction; standard errors from blocks in time."""
     f = machine.friction
     declared = np.array([f.viscous_extend_N_s_m, f.coulomb_extend_N, f.static_extend_N, f.stribeck_velocity_m_s,
@@ -254,7 +255,7 @@ def fit(log: LogFile, machine: Machine, leg: int, data: ForceData, look: Window,
         map_velocity_m_s=bins[0], map_friction_N=bins[1], map_error_N=bins[2], map_samples=bins[3],
         points_velocity_m_s=look.mean(data.v)[keep][thin], points_friction_N=friction[thin],
         rest_N=float(np.std(rest)), noise_N=float(noise), notes=notes_on(values, errors, rest, noise, data.v[keep],
-                       np.gradient(data.v)[keep] * log.rate_Hz),
+                       np.gradient(data.v)[keep] * log.rate),
     )  # fmt: skip
 
 

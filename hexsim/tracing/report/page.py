@@ -11,16 +11,15 @@ from hexsim.recording.quantity import plain, quantity, split_key, with_error
 from hexsim.recording.report import data_url, render
 from hexsim.signals.channels import kind_of
 from hexsim.tracing import rules
-from hexsim.tracing.report import figures
-from hexsim.tracing.report.figures import SIGNALS, channel_words
-from hexsim.tracing.result import TraceResult
-from hexsim.tracing.steps.verdict import NamedEffect
-from hexsim.tracing.steps.violations import Violation
+from hexsim.tracing.balances import caption_of
+from hexsim.tracing.report import balance_figure, figures
+from hexsim.tracing.report.signals import SCALE, SIGNALS, channel_words
+from hexsim.tracing.state import NamedEffect, Trace, Violation
 
 CAPTIONS = {
     "comparison": "Held-out run {run}: of each kind of signal the one that the refitted model gets most wrong. Left: measured "
     "and simulated. Right: what each model leaves; one that lacks nothing stays in the blue band.",
-    "balances": "What is left of each balance in the fit runs, at its worst place, over the signal that it depends on. A curve "
+    "balances": "The residual of each balance in the fit runs, at its worst place, over the signal that it depends on. A curve "
     "that leaves the pale band is physics that the model lacks; shapes inside it are in the model's own runs too. Every panel "
     "has its own scale; the bands are of one size before and after.",
     "portraits": "{leg}, the seconds of the first figure as loops. Friction is a step of pressure where the velocity "
@@ -30,33 +29,25 @@ CAPTIONS = {
     "parameters": "Where each declared parameter ended inside its declared uncertainty (the grey bar; its half width at the "
     "right). Orange: held back by its limit.",
 }
-BALANCES = {
-    "sensor": "position differentiated twice = acceleration, but for the ripple between the controller's ticks",
-    "supply": "supply pressure = what the declared supply gives for the flow taken",
-    "continuity": "valve flow = piston flow + compression of the oil",
-    "valve": "the same, put down to the valve where the valve explains it",
-    "force": "pressures − weight − friction = mass times acceleration",
-    "platform": "forces of the legs = inertia of the platform",
-}
 MOST_ROWS = 12  # of a table; what is beyond folds away
 FORMS = {
     "plain": "a curve over the {}",
     "direction": "a curve over the {} for each direction of motion",
     "product": "the velocity times a curve over the {}",
-    "memory": "what the {} was of late: a curve over its low-passed size, against the motion",
-    "late": "what it would be if the {} came late",
-    "play": "what it would be if the {} were measured through play",
-    "size": "no signal in its sign; its size is a curve over the {}",
+    "memory": "a curve over the low-passed {}, opposing the motion",
+    "late": "the error that a delay of the {} would make",
+    "play": "the error that backlash in the measured {} would make",
+    "size": "of either sign; only its size follows the {}",
 }
 
 
-def report_page(result: TraceResult) -> str:
+def report_page(result: Trace) -> str:
     """The whole page."""
     report, run = result.report, result.validate_problem.logs[0].name
     leg = figures.portrait_leg(result).capitalize() if result.machine.is_hexapod else "The leg"
     makers = {
         "comparison": figures.comparison,
-        "balances": figures.balances,
+        **({"balances": balance_figure.balances} if result.violations else {}),
         "portraits": figures.portraits,
         "spectra": figures.spectra,
         "parameters": figures.parameters,
@@ -69,7 +60,7 @@ def report_page(result: TraceResult) -> str:
         sentence=sentence(result),
         cards=cards(result),
         effects=effect_rows(report),
-        rests=rest_rows(report),
+        rests=unexplained_rows(report),
         added=figures.added(result) if result.effects or result.learned else "",
         errors=error_rows(report),
         balances=balance_rows(result),
@@ -85,9 +76,6 @@ def report_page(result: TraceResult) -> str:
     )
 
 
-# ---- the top of the page ---------------------------------------------------------------------------------------------
-
-
 def worst_error(report: Mapping[str, Any], model: str) -> tuple[float, str]:
     """Error on held-out motion in times the sensor's noise, and the signal that has it."""
     rows = [
@@ -99,7 +87,7 @@ def worst_error(report: Mapping[str, Any], model: str) -> tuple[float, str]:
     return max(rows, default=(math.nan, ""))
 
 
-def verdict_line(result: TraceResult) -> str:
+def verdict_line(result: Trace) -> str:
     """The answer in one line."""
     if result.effects:
         return "The model lacks: " + "; ".join(effect_words(effect) for effect in result.effects)
@@ -114,16 +102,18 @@ def effect_words(effect: NamedEffect) -> str:
     return f"{effect.candidate.label.replace('_', ' ')}, {quantity(effect.values[size.name], size.unit)}"
 
 
-def sentence(result: TraceResult) -> str:
+def sentence(result: Trace) -> str:
     """What the verdict rests on, with numbers."""
     report = result.report
     before, channel = worst_error(report, "refit")
     after = worst_error(report, "with_effect")[0]
     signal = channel_words(channel) if channel else "signal"
     if result.verdict == "nothing missing":
+        kinds = dict.fromkeys(kind_of(name) for name in result.fit_problem.channels(0))
+        seen = " and ".join(SCALE[kind][0].split(",")[0] for kind in kinds)
         return (
             "With its parameters inside their declared uncertainty the declared machine answers all runs down to the "
-            f"sensors' noise: at most {plain(before)} times the noise on held-out motion."
+            f"sensors' noise in {seen}: at most {plain(before)} times the noise on held-out motion."
         )
     if result.effects:
         ties = sorted({tied.replace("_", " ") for e in result.effects for tied in e.tied_with})
@@ -132,9 +122,9 @@ def sentence(result: TraceResult) -> str:
             f"Without it the {signal} stays {plain(before)} times its sensor's noise off on held-out motion, however the "
             f"declared parameters are fitted; with it every signal comes to {plain(after)} times the noise or less.{tied}"
         )
-    rests = rest_rows(report)
+    rests = unexplained_rows(report)
     where = (
-        f" The misfit is in the {rests[0]['balance']} balance of {rests[0]['place']}: {rests[0]['says']}."
+        f" The residual is in the {rests[0]['balance']} balance of {rests[0]['place']}: {rests[0]['description']}."
         if rests
         else ""
     )
@@ -145,7 +135,7 @@ def sentence(result: TraceResult) -> str:
     )
 
 
-def cards(result: TraceResult) -> list[tuple[str, str, str]]:
+def cards(result: Trace) -> list[tuple[str, str, str]]:
     """The figures to see first: (value, unit, what it is)."""
     report = result.report
     declared, before, after = (worst_error(report, model)[0] for model in ("declared", "refit", "with_effect"))
@@ -156,9 +146,6 @@ def cards(result: TraceResult) -> list[tuple[str, str, str]]:
     violated = sum(b["violated"] for b in report["balances"])
     found.append((f"{violated} of {len(report['balances'])}", "", "balances violated"))
     return found
-
-
-# ---- tables ----------------------------------------------------------------------------------------------------------
 
 
 def place_words(where: str) -> str:
@@ -182,13 +169,13 @@ def effect_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def rest_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+def unexplained_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for rest in report["unexplained"]:
         signal = SIGNALS.get(rest["depends_on"], (rest["depends_on"],))[0]
         description = FORMS.get(rest["form"], "").format(signal)
         if rest["frequency_Hz"]:
-            description = f"a line at {rest['frequency_Hz']:.2f} Hz that no input has"
+            description = f"a tone at {rest['frequency_Hz']:.2f} Hz that no input contains"
         others = sorted(
             (
                 (SIGNALS[name][0], r2)
@@ -219,18 +206,18 @@ def error_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [row | {"shown": len(rows) <= MOST_ROWS or id(row) in chosen} for row in rows]
 
 
-def balance_rows(result: TraceResult) -> list[dict[str, Any]]:
+def balance_rows(result: Trace) -> list[dict[str, Any]]:
     """Every balance at every place. shown: violated, or the worst of its name, where there are many."""
     worst: dict[str, Violation] = {}
-    for line in sorted(result.violations, key=lambda v: -v.violation / max(v.null, 1.0)):
+    for line in sorted(result.violations, key=lambda v: -v.above_null):
         worst.setdefault(line.name, line)
     few = len(result.violations) <= MOST_ROWS
     return [
         {
             "name": line.name,
-            "description": BALANCES.get(line.name, ""),
-            "where": figures.place_words(line),
-            "size": quantity(line.rms, figures.unit_of(line)),
+            "description": caption_of(line.name),
+            "where": balance_figure.place_words(line),
+            "size": quantity(line.rms, balance_figure.unit_of(line)),
             "times": line.violation,
             "limit": rules.VIOLATED * max(line.null, 1.0),
             "violated": line.violated,
@@ -258,7 +245,7 @@ def parameter_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def screening_rows(result: TraceResult, most: int = 14) -> list[dict[str, Any]]:
+def screening_rows(result: Trace, most: int = 14) -> list[dict[str, Any]]:
     """The first round: each effect's best shape, and what became of it."""
     if not result.search.stages:
         return []

@@ -1,4 +1,4 @@
-"""Where the search reaches no floor: each violated balance on its own, and what is left of it.
+"""Where no hypothesis reaches the noise: each violated balance on its own, and its unexplained residual.
 
 A balance looks at measured signals, so that one balance's trouble does not reach another. Effects are selected in
 a balance as in the simulation; they are named only if they bring it back to its null. What stays violated is
@@ -8,34 +8,24 @@ reported with its size and its strongest dependence, never under a name.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.signals.channels import SETTLE_S, noise_of
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing import rules
-from hexsim.tracing.balances import Balance
+from hexsim.tracing.balances import Balance, balance_named
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
 from hexsim.tracing.balances.null import END_S
+from hexsim.tracing.dependence import dependence_of
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.dependence import Dependence, dependence_of
-from hexsim.tracing.steps.verdict import NamedEffect
-from hexsim.tracing.steps.violations import Violation, balance_named
+from hexsim.tracing.state import NamedEffect, Step, Tell, Trace, UnexplainedResidual, Violation
 
 Array = np.ndarray
-ORDER = {  # of signals that do alike: what the balance itself contains first
-    "force": ("velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa"),
-    "platform": ("velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa"),
-    "continuity": (
-        "valve_V", "position_m", "pressure_bottom_Pa", "time_s", "velocity_m_s", "pressure_supply_Pa", "acceleration_m_s2",
-    ),
-    "supply": ("velocity_m_s", "time_s", "valve_V", "position_m", "pressure_bottom_Pa", "acceleration_m_s2"),
-    "sensor": ("position_m", "velocity_m_s", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "valve_V"),
-}  # fmt: skip
 THIN = 5  # every fifth sample: the window is 40 samples wide
 CHANNELS = {  # signal -> channel of the log
     "position_m": "position",
@@ -48,18 +38,7 @@ LATE_SAMPLES = 2
 PLAY_NOISE = (7.0, 28.0)  # half widths of play in the position, in units of its noise
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class UnexplainedResidual:
-    """A balance that stays violated: its residual and what it depends on."""
-
-    violation: Violation
-    balance: str
-    dependence: Dependence
-    residual: tuple[Array, ...]
-    signal: tuple[Array, ...]
-
-
-def signals_of(log: MeasuredLog, machine: Machine, place: str) -> tuple[dict[str, Array], Array]:
+def signals_of(log: Log, machine: Machine, place: str) -> tuple[dict[str, Array], Array]:
     """Signals that a residual may depend on, under the window, and the velocity. Legs: their own; platform: none of a leg."""
     window, resolved = Window(log.rate), resolved_machine(machine)
     leg = int(place.split()[1]) - 1 if place.startswith("leg") else 0
@@ -79,7 +58,7 @@ def signals_of(log: MeasuredLog, machine: Machine, place: str) -> tuple[dict[str
     return smooth, smooth["velocity_m_s"]
 
 
-def kept(log: MeasuredLog) -> slice:
+def kept(log: Log) -> slice:
     """Samples of a log that count, thinned."""
     return slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
 
@@ -95,13 +74,11 @@ def with_play(position: Array, half_width: float, window: Window) -> Array:
     return position + np.stack([leg_equations.valve_volts(row, half_width, 0) for row in smooth]) - smooth
 
 
-def distortions(
-    balance: Balance, log: MeasuredLog, violation: Violation, residual: Array
-) -> dict[tuple[str, str], Array]:
+def distortions(balance: Balance, log: Log, violation: Violation, residual: Array) -> dict[tuple[str, str], Array]:
     """(signal, form) -> how the residual would change if that channel were late or had play, (n_kept, k)."""
     window, machine = Window(log.rate), violation.machine
     noise = noise_of(machine, [log])["position_m"]
-    found: dict[tuple[str, str], list[MeasuredLog]] = {}
+    found: dict[tuple[str, str], list[Log]] = {}
     for signal, channel in CHANNELS.items():
         values = getattr(log, channel)
         if values is not None:
@@ -115,7 +92,7 @@ def distortions(
     }
 
 
-def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog]) -> UnexplainedResidual:
+def unexplained_of(balance: Balance, violation: Violation, logs: Sequence[Log]) -> UnexplainedResidual:
     """Dependence of what a balance leaves after its own fit."""
     machine, place = violation.machine, violation.place
     residuals, signals, velocities = [], [], []
@@ -128,36 +105,28 @@ def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog])
         velocities.append(v)
         for key, column in distortions(balance, log, violation, full).items():
             columns.setdefault(key, []).append(column)
-    order = ORDER.get(violation.name, ORDER["force"])
-    found = dependence_of(residuals, signals, velocities, logs[0].rate / THIN, order, columns)
-    name = violation.name
-    if name == "continuity" and found.signal == "valve_V":
-        name = "valve"
-    return UnexplainedResidual(
-        violation=violation,
-        balance=name,
-        dependence=found,
-        residual=tuple(residuals),
-        signal=tuple(s.get(found.signal, s["time_s"]) for s in signals),
-    )
+    found = dependence_of(residuals, signals, velocities, logs[0].rate / THIN, balance.signals, columns)
+    return UnexplainedResidual(violation=violation, balance=balance.reported_as(found.signal), dependence=found)
 
 
 def unexplained_residuals(lines: Sequence[Violation], problem: SimulatedProblem) -> list[UnexplainedResidual]:
     """The violated balances with their dependence, the worst first; the worst of all when none is above its null."""
 
+    log = problem.logs[0]
+
     def rank(line: Violation) -> float:
-        above = line.violation / max(line.null, 1.0)
-        return above + 1e6 * (line.name == "sensor" and above > rules.SENSOR_FIRST)
+        first = balance_named(line.name, log).spoils_others and line.above_null > rules.SENSOR_FIRST
+        return line.above_null + 1e6 * first
 
     worst = sorted(lines, key=rank, reverse=True)
     chosen = [line for line in worst if line.violated] or worst[:1]
     rests, seen = [], set()
     for line in chosen:
-        balance = balance_named(line.name, problem.logs[0])
-        if (line.name, line.where.split()[0]) in seen and line.name == "platform":
+        balance = balance_named(line.name, log)
+        if (line.name, line.where.split()[0]) in seen and balance.one_cause:
             continue
         seen.add((line.name, line.where.split()[0]))
-        rests.append(rest_of(balance, line, problem.logs))
+        rests.append(unexplained_of(balance, line, problem.logs))
     return rests
 
 
@@ -178,3 +147,17 @@ def attributed(
         out.append(line if own else quiet)
         out.append(replace(line if valve else quiet, name="valve"))
     return out
+
+
+def look_at_residuals(trace: Trace, tell: Tell) -> Trace:
+    """Of an unexplained machine: every violated balance with its size and its strongest dependence."""
+    rests = unexplained_residuals(trace.violations, trace.fit_problem) if trace.verdict == "unexplained" else []
+    lines = attributed(trace.violations, trace.effects, rests)
+    decided = "not needed: nothing but noise is left"
+    if trace.verdict == "unexplained":
+        found = [f"{r.balance} of {r.violation.where} over {r.dependence.signal} ({r.dependence.form})" for r in rests]
+        decided = "; ".join(found) or "no balance to look at"
+    return replace(trace, violations=lines, unexplained=rests, decided=decided)
+
+
+STEP = Step(name="unexplained residuals", doing="looking at unexplained residuals", share=0.03, run=look_at_residuals)

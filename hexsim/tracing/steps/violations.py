@@ -10,49 +10,31 @@ refitted machine with the same setpoint and noise: its largest value over the se
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from hexsim.declaration import Machine
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.tracing import rules
-from hexsim.tracing.balances import BALANCES, Balance
-from hexsim.tracing.balances.null import null_rms, used
+from hexsim.tracing.balances import Balance, library
+from hexsim.tracing.balances.null import null_squares, used
+from hexsim.tracing.checks.finding import Finding, loss
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.parameters import Prior, priors, with_settings
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
+from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.state import Step, Tell, Trace, Violation
 
 Array = np.ndarray
+CHANNELS = {
+    "volts": "valve_V", "pressure": "pressure_bottom_Pa", "supply": "pressure_supply_Pa",
+    "acceleration": "acceleration_m_s2", "angular": "angular_acceleration_rad_s2",
+}  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Violation:
-    """One line of the localisation table."""
-
-    name: str
-    where: str
-    place: int  # row of the balance's residual
-    unit: str
-    rms: float
-    sigma: float
-    null: float  # largest rms of the null runs over sigma
-    machine: Machine  # with the balance's own fit
-    all_sigma: Array  # of every row of the balance
-
-    @property
-    def violation(self) -> float:
-        return self.rms / self.sigma
-
-    @property
-    def violated(self) -> bool:
-        return self.violation > rules.VIOLATED * max(self.null, 1.0)
-
-
-def own_priors(
-    balance: Balance, priors: tuple[Prior, ...], machine: Machine, logs: Sequence[MeasuredLog]
-) -> tuple[Prior, ...]:
+def own_priors(balance: Balance, priors: tuple[Prior, ...], machine: Machine, logs: Sequence[Log]) -> tuple[Prior, ...]:
     """The declared parameters that a balance depends on at all."""
     log = logs[0]
     base = balance.residual(log, machine)
@@ -65,22 +47,11 @@ def own_priors(
     return tuple(found)
 
 
-def balance_named(name: str, log: MeasuredLog) -> Balance:
-    """The balance of a violation; a valve's is continuity."""
-    wanted = "continuity" if name == "valve" else name
-    return next(balance for balance in BALANCES if balance.name == wanted and balance.wants(log))
-
-
 def violations(declared: Machine, simulated: Machine, problem: SimulatedProblem) -> list[Violation]:
     """Every balance at every place. simulated: the machine that the null runs come from."""
     lines = []
-    quiet = [problem.simulated(simulated, i) for i in range(len(problem.logs))]
-    if declared.is_hexapod:
-        quiet = [log.head(rules.NULL_S_HEXAPOD) for log in quiet]
-    for balance in BALANCES:
-        if not all(balance.wants(log) for log in problem.logs):
-            continue
-        sigma, seeds = null_rms(balance, quiet, simulated, problem.noise, rules.NULL_SEEDS)
+    balances = [balance for balance in library() if all(balance.wants(log) for log in problem.logs)]
+    for balance, (sigma, null) in zip(balances, null_sizes(balances, simulated, problem), strict=True):
         machine = own_fit(balance, declared, problem.logs, sigma).fitted_machine()
         rms = rms_of(balance, machine, problem.logs)
         for place, where in enumerate(balance.places(problem.logs[0])):
@@ -92,7 +63,7 @@ def violations(declared: Machine, simulated: Machine, problem: SimulatedProblem)
                     unit=balance.unit,
                     rms=float(rms[place]),
                     sigma=float(sigma[place]),
-                    null=float(seeds[:, place].max() / sigma[place]),
+                    null=float(null[place] / sigma[place]),
                     machine=machine,
                     all_sigma=sigma,
                 )
@@ -100,13 +71,29 @@ def violations(declared: Machine, simulated: Machine, problem: SimulatedProblem)
     return lines
 
 
-def rms_of(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog]) -> Array:
+def null_sizes(balances: Sequence[Balance], machine: Machine, problem: SimulatedProblem) -> list[tuple[Array, Array]]:
+    """(sigma, largest rms of the null runs) of every balance, (n_places,) each; one null run a job."""
+    quiet = [problem.simulated(machine, i) for i in range(len(problem.logs))]
+    if machine.is_hexapod:
+        quiet = [log.head(rules.NULL_S_HEXAPOD) for log in quiet]
+    clean = [[used(log, balance.residual(log, machine)) for log in quiet] for balance in balances]
+    runs = in_parallel(
+        lambda seed: null_squares(balances, quiet, clean, machine, problem.noise, seed), range(rules.NULL_SEEDS)
+    )
+    found = []
+    for k in range(len(balances)):
+        whole, apart = (np.stack([run[k][which] for run in runs]) for which in (0, 1))
+        found.append((np.sqrt(apart.mean(axis=0)), np.sqrt(whole.max(axis=0))))
+    return found
+
+
+def rms_of(balance: Balance, machine: Machine, logs: Sequence[Log]) -> Array:
     """rms of the residual over all logs, a row (n_places,)."""
     rest = [used(log, balance.residual(log, machine)) for log in logs]
     return np.sqrt(sum(np.sum(r**2, axis=-1) for r in rest) / sum(r.shape[-1] for r in rest))
 
 
-def own_fit(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog], sigma: Array) -> Fit:
+def own_fit(balance: Balance, machine: Machine, logs: Sequence[Log], sigma: Array) -> Fit:
     """The balance's own declared parameters, alike in all legs, fitted to it; rows that stand out are left out."""
     rows = tuple(range(len(balance.places(logs[0]))))
     own = own_priors(balance, priors(machine), machine, logs)
@@ -119,3 +106,44 @@ def own_fit(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog], sig
             problem = BalanceProblem(logs=tuple(logs), parts=(BalanceRows(balance=balance, rows=plain, sigma=sigma),))
             fit = refine(start_fit(machine, own, problem), problem, fresh=True, relative=1e-3)
     return fit
+
+
+def own_machine(machine: Machine, lines: Sequence[Violation]) -> Machine:
+    """The machine with parameters that the force balance prefers: where shapes are read off."""
+    return next((line.machine for line in lines if line.name == "force"), machine)
+
+
+def lost_balances(logs: Sequence[Log]) -> list[Finding]:
+    """What cannot be said: the balances that a log with all channels would allow, and the channels that they lack."""
+    log = logs[0]
+    rows = np.zeros((log.n_legs, log.n))
+    axes = rows if log.n_legs == 1 else rows[:3]
+    whole = {"volts": rows, "pressure": rows, "supply": rows[0], "acceleration": axes}
+    whole |= {"angular": axes} if log.n_legs > 1 else {}
+    full = replace(log, **whole)
+    lost = {b.name for b in library() if b.wants(full)} - {
+        b.name for b in library() if all(b.wants(one) for one in logs)
+    }
+    if not lost:
+        return []
+    missing = [CHANNELS[name] for name in whole if any(getattr(one, name) is None for one in logs)]
+    description = (
+        f"without {' and '.join(missing)} the balances {', '.join(sorted(lost))} cannot be formed: "
+        "what is missing there shows only by what it does to the other signals"
+    )
+    return [loss(channel=missing[0], description=description)]
+
+
+def hold_balances(trace: Trace, tell: Tell) -> Trace:
+    """Every balance that the logs allow, at every place."""
+    lines = violations(trace.machine, trace.machine, trace.fit_problem)
+    off = [f"{line.name} of {line.where}" for line in lines if line.violated]
+    decided = f"violated: {', '.join(off)}" if off else f"all {len(lines)} hold"
+    lost = lost_balances(trace.fit_problem.logs)
+    findings = trace.findings | {"all logs": [*trace.findings.get("all logs", []), *lost]}
+    return replace(
+        trace, violations=lines, findings=findings, decided=decided if lines else "the logs allow no balance"
+    )
+
+
+STEP = Step(name="balances", doing="balances against runs of the model", share=0.1, run=hold_balances)

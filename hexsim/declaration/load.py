@@ -1,0 +1,49 @@
+"""The tables [load] and [geometry]."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, field_validator
+
+from hexsim.declaration.section import Section, between, zero_or
+
+Moment = Annotated[float, Field(le=1e9)]
+Offset = Annotated[float, Field(ge=-50.0, le=50.0)]
+
+
+class Load(Section):
+    """What the legs carry. A bench has `moving_mass_kg`, a hexapod the platform's mass and inertia."""
+
+    moving_mass_kg: float | None = between(1e-4, 1e7, "bench: mass on the rod [kg]", default=None)
+    platform_mass_kg: float | None = between(1e-2, 1e7, "hexapod: platform with what stands on it [kg]", default=None)
+    leg_mass_kg: float = zero_or(1e-4, 1e6, "cylinder and rod together; 0 = counted with the platform [kg]")
+    rod_mass_fraction: float = between(0.01, 0.99, "share of the leg's mass that moves with the rod [-]", default=0.35)
+    platform_inertia_kg_m2: tuple[Moment, Moment, Moment] | None = Field(
+        default=None, strict=False, description="hexapod: moments about x, y, z through the centre of mass [kg m2]"
+    )
+    centre_of_mass_m: tuple[Offset, Offset, Offset] = Field(
+        default=(0.0, 0.0, 0.0), strict=False, description="hexapod: from the middle of the platform's joints [m]"
+    )
+
+    @field_validator("platform_inertia_kg_m2")
+    @classmethod
+    def _inertia_is_physical(cls, value: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
+        """The smallest moment is that of a micro stage, 0.01 kg within 10 mm."""
+        if value is not None and (min(value) < 1e-6 or 2 * max(value) > sum(value) * (1 + 1e-9)):
+            raise ValueError(
+                "must be three positive moments from 1e-6 to 1e9, none larger than the sum of the other two"
+            )
+        return value
+
+
+class Geometry(Section):
+    """Six joints in pairs on two circles; legs 1..6 in pairs at base angles 0, 120, 240 deg."""
+
+    base_radius_m: float = between(1e-3, 100.0, "circle of the base joints [m]")
+    base_half_angle_deg: float = Field(
+        ge=0.01, lt=60.0, description="half the angle between the joints of a pair [deg]"
+    )
+    platform_radius_m: float = between(1e-3, 100.0, "circle of the platform joints [m]")
+    platform_half_angle_deg: float = Field(ge=0.01, lt=60.0, description="half the angle between a pair's joints [deg]")
+    neutral_leg_length_m: float = between(5e-3, 100.0, "joint to joint, all pistons at half stroke [m]")

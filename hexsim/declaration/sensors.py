@@ -1,0 +1,30 @@
+"""The table [sensors]."""
+
+from __future__ import annotations
+
+from hexsim.declaration.section import Section, between, zero_or
+
+LATE = "how late it reads [s]"
+
+
+class Sensors(Section):
+    """Noise as one standard deviation of white noise a sample at the log rate of 1 kHz; 0 = ideal."""
+
+    log_rate_Hz: float = between(1.0, 10_000.0, "samples of the log a second [Hz]", default=1000.0)
+    position_noise_m: float = between(0.0, 0.1, "noise of the position [m]", default=0.0)
+    position_resolution_m: float = zero_or(1e-12, 0.1, "one count of the position [m]")
+    position_delay_s: float = between(0.0, 1.0, LATE, default=0.0)
+    position_gain: float = between(0.01, 100.0, "read over true [-]", default=1.0)
+    position_offset_m: float = between(-10.0, 10.0, "read less true [m]", default=0.0)
+    pressure_noise_Pa: float = between(0.0, 1e7, "noise of the pressures [Pa]", default=0.0)
+    pressure_resolution_Pa: float = zero_or(1e-6, 1e7, "one count of the pressures [Pa]")
+    pressure_delay_s: float = between(0.0, 1.0, LATE, default=0.0)
+    pressure_gain: float = between(0.01, 100.0, "read over true [-]", default=1.0)
+    pressure_offset_Pa: float = between(-1e8, 1e8, "read less true [Pa]", default=0.0)
+    supply_pressure_gain: float = between(0.01, 100.0, "read over true [-]", default=1.0)
+    acceleration_noise_m_s2: float = between(0.0, 1e3, "noise of the accelerations [m/s2]", default=0.0)
+    acceleration_resolution_m_s2: float = zero_or(1e-9, 1e3, "one count of the accelerations [m/s2]")
+    acceleration_delay_s: float = between(0.0, 1.0, LATE, default=0.0)
+    acceleration_gain: float = between(0.01, 100.0, "read over true [-]", default=1.0)
+    acceleration_offset_m_s2: float = between(-1e3, 1e3, "read less true [m/s2]", default=0.0)
+    angular_acceleration_noise_rad_s2: float = between(0.0, 1e4, "noise, angular [rad/s2]", default=0.0)

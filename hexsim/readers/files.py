@@ -1,0 +1,58 @@
+"""Which reader reads a file, and where the log of a name is."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from hexsim.errors import HexsimError
+from hexsim.files.plugins import found_parts
+from hexsim.readers import formats
+from hexsim.readers.mapping import FileLayout
+from hexsim.readers.reader import RawTable, Reader
+
+
+@cache
+def readers() -> dict[str, Reader]:
+    """Suffix -> reader; an entry point `hexsim.readers` announces one of another package."""
+    found = found_parts(formats, "READER", "hexsim.readers").values()
+    return {suffix: reader for reader in found for suffix in reader.suffixes}
+
+
+def suffix_of(path: Path) -> str:
+    """.csv of fit.csv.gz; a .gz alone is a text."""
+    inner = path.with_suffix("") if path.suffix.lower() == ".gz" else path
+    suffix = inner.suffix.lower()
+    return ".txt" if inner is not path and suffix not in readers() else suffix
+
+
+def log_name(path: Path) -> str:
+    """fit.csv.gz -> fit; run.2 of another ending stays."""
+    inner = path.with_suffix("") if path.suffix.lower() == ".gz" else path
+    return inner.stem if inner.suffix.lower() in readers() else inner.name
+
+
+def raw_table(path: Path, layout: FileLayout | None = None) -> RawTable:
+    """The columns of a file, by the reader of its suffix."""
+    if not path.is_file():
+        raise HexsimError(f"there is no file {path}: give a log ({', '.join(readers())}, text also as .gz)")
+    reader = readers().get(suffix_of(path))
+    if reader is None:
+        raise HexsimError(f"{path}: a log ends in one of {', '.join(readers())}, text also in .gz")
+    return reader.read(path, layout or FileLayout()).cut(path)
+
+
+def log_files(folder: Path, name: str) -> Path:
+    """The file of log `name` in a machine's folder, or the path itself."""
+    direct = Path(name)
+    if direct.is_file():
+        return direct
+    paths = sorted(Path(folder).iterdir()) if Path(folder).is_dir() else []
+    logs = [path for path in paths if path.is_file() and suffix_of(path) in readers()]
+    for path in logs:
+        if log_name(path) == name:
+            return path
+    known = sorted({log_name(path) for path in logs})
+    raise HexsimError(
+        f"no log {name!r} in {folder}: it has {', '.join(known) or 'no logs'}; give one of them or a path"
+    )

@@ -1,0 +1,1 @@
+"""Formats of logs: one file each, found by name; each defines READER. See `hexsim.readers.reader`."""

@@ -1,0 +1,232 @@
+"""On what does a residual depend: additive curves over one signal, judged by cross-validation in blocks.
+
+Forms for a signal s, because a missing gain looks like a curve only after the flow is taken out:
+    plain r = g(s)      direction r = g(s) for each sign of v      product r = v g(s)
+    memory r = sign(v) g(|v| through a low-pass): what the speed was lately, for the velocity only
+    late, play: the residual follows what a delay or a play of the channel itself would do (columns of the caller)
+    size |r| = g(s): where the residual is large, asked only when its sign follows nothing
+g is piecewise linear between quantiles. R^2 is that of blocks that the fit has not seen. A line in the spectrum that
+stands at one frequency in every run, whatever the motion, is an outside source.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+Array = np.ndarray
+KNOTS = 14
+FOLDS = 10
+BLOCK_S = 0.5  # [s]
+CURVES = ("plain", "direction", "product")
+FORMS = (*CURVES, "memory", "late", "play")  # the plainest first
+MEMORIES_S = (0.1, 0.4, 1.6)  # [s] time constants of the low-pass
+SIMPLER = 0.03  # a plainer form is kept when it is at most this much worse in R^2
+UNCLEAR = 0.2  # below this R^2 the residual's size is asked
+LARGEST = 0.98  # quantile of |r| above which its size counts no more
+FOLLOWS = 0.1  # signals that follow one another (volts, speed, pressure) differ by less than this in R^2
+TONE_R2 = 0.5  # least share of the residual in one line, in every run
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Dependence:
+    """The strongest dependence of a residual, and R^2 of every signal.
+
+    knots and curve: g at its knots, in the residual's unit; for "direction" the one of v > 0; empty for "late", "play" and "tone".
+    r2_cv of "size" is that of |r|. memory_s: time constant of the low-pass.
+    """
+
+    signal: str
+    form: str
+    r2_cv: float
+    frequency_Hz: float | None = None
+    memory_s: float | None = None
+    knots: Array
+    curve: Array
+    curve_sd: Array
+    table: dict[str, float]  # signal -> best R^2 over forms
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Regressors:
+    """One form of one signal over all runs: X (n, k); its knots (empty without a curve); time constant of a memory."""
+
+    form: str
+    X: Array
+    knots: Array
+    memory_s: float | None = None
+
+
+def hats(x: Array, knots: Array) -> Array:
+    """Piecewise-linear basis (n, n_knots), constant beyond the ends."""
+    x = np.clip(x, knots[0], knots[-1])
+    j = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+    share = (x - knots[j]) / (knots[j + 1] - knots[j])
+    basis = np.zeros((len(x), len(knots)))
+    basis[np.arange(len(x)), j] = 1 - share
+    basis[np.arange(len(x)), j + 1] = share
+    return basis
+
+
+def knots_of(x: Array) -> Array:
+    """Knots half at quantiles, half evenly spaced, so that neither a rare range nor a busy one is coarse."""
+    quantiles = np.quantile(x, np.linspace(0, 1, KNOTS // 2 + 1))
+    even = np.linspace(quantiles[0], quantiles[-1], KNOTS // 2 + 1)
+    return np.unique(np.concatenate([quantiles, even]))
+
+
+def design(form: str, x: Array, v: Array, knots: Array) -> Array:
+    """Regressors of one form."""
+    basis = hats(x, knots)
+    if form == "direction":
+        return np.concatenate([basis * (v > 0)[:, None], basis * (v <= 0)[:, None]], axis=1)
+    if form == "product":
+        return basis * v[:, None] / max(float(np.std(v)), 1e-12)
+    return basis
+
+
+def ridge(X: Array, r: Array) -> tuple[Array, Array]:
+    """Coefficients and the inverse of the normal matrix, weakly regularised."""
+    A = X.T @ X
+    A[np.diag_indices_from(A)] += 1e-6 * np.trace(A) / len(A) + 1e-12
+    inverse = np.linalg.inv(A)
+    return inverse @ (X.T @ r), inverse
+
+
+def r2_of(X: Array, r: Array, blocks: Array) -> float:
+    """Cross-validated R^2: blocks go to folds in turn."""
+    rest = 0.0
+    for fold in range(FOLDS):
+        out = blocks % FOLDS == fold
+        if not out.any() or out.all():
+            continue
+        theta, _ = ridge(X[~out], r[~out])
+        rest += float(np.sum((r[out] - X[out] @ theta) ** 2))
+    total = float(np.sum((r - r.mean()) ** 2))
+    return 1.0 - rest / max(total, 1e-300)
+
+
+def block_numbers(lengths: Sequence[int], per_block: int) -> Array:
+    """Number of the block of every sample over all runs."""
+    numbers, first = [], 0
+    for n in lengths:
+        own = np.arange(n) // max(per_block, 1)
+        numbers.append(first + own)
+        first += int(own[-1]) + 1 if n else 0
+    return np.concatenate(numbers)
+
+
+def tone_of(residuals: Sequence[Array], rate: float) -> tuple[float, float]:
+    """(frequency [Hz], least share of the residual over the runs) of the strongest line of the first run."""
+    longest = max(residuals, key=len)
+    window = np.hanning(len(longest))
+    spectrum = np.abs(np.fft.rfft((longest - longest.mean()) * window, 4 * len(longest)))
+    frequencies = np.fft.rfftfreq(4 * len(longest), 1 / rate)
+    spectrum[frequencies < 0.5] = 0.0
+    best = frequencies[int(np.argmax(spectrum))]
+    width = rate / len(longest)
+
+    def shares(f: float) -> list[float]:
+        found = []
+        for r in residuals:
+            t = np.arange(len(r)) / rate
+            X = np.stack([np.cos(2 * np.pi * f * t), np.sin(2 * np.pi * f * t), np.ones(len(r))], axis=1)
+            theta = np.linalg.lstsq(X, r, rcond=None)[0]
+            found.append(1 - float(np.sum((r - X @ theta) ** 2)) / max(float(np.sum((r - r.mean()) ** 2)), 1e-300))
+        return found
+
+    fine = best + np.linspace(-width, width, 41)
+    frequency = float(max(fine, key=lambda f: sum(shares(float(f)))))
+    return frequency, min(shares(frequency))
+
+
+def low_passed(x: Array, time_constant_s: float, rate: float) -> Array:
+    """First-order low-pass, in its steady state at the first sample."""
+    pole = np.exp(-1.0 / (time_constant_s * rate))
+    return lfilter([1 - pole], [1, -pole], x, zi=[pole * x[0]])[0]
+
+
+def memories(velocities: Sequence[Array], rate: float) -> list[Regressors]:
+    """sign(v) g(low-passed |v|) for every time constant."""
+    found, v = [], np.concatenate(velocities)
+    for memory_s in MEMORIES_S:
+        lately = np.concatenate([low_passed(np.abs(own), memory_s, rate) for own in velocities])
+        knots = knots_of(lately)
+        found.append(
+            Regressors(form="memory", X=hats(lately, knots) * np.sign(v)[:, None], knots=knots, memory_s=memory_s)
+        )
+    return found
+
+
+def of_size(x: Array, size: Array, blocks: Array) -> tuple[Regressors, float]:
+    """A curve over one signal for the residual's size, and its R^2."""
+    knots = knots_of(x)
+    one = Regressors(form="size", X=hats(x, knots), knots=knots)
+    return one, r2_of(one.X, size, blocks)
+
+
+def dependence_of(
+    residuals: Sequence[Array],
+    signals: Sequence[dict[str, Array]],
+    velocities: Sequence[Array],
+    rate: float,
+    order: Sequence[str],
+    columns: Mapping[tuple[str, str], Sequence[Array]] | None = None,
+) -> Dependence:
+    """The strongest dependence of the residual of all runs together.
+
+    residuals: a run (n,); signals: name -> (n,), the same names in every run; velocities (n,) split the directions.
+    order: which signal speaks for itself when another follows it closely; one that is not in it is not considered.
+    columns: (signal, "late" or "play") -> a run (n, k), how the residual would change if that channel were so.
+    """
+    r, v = np.concatenate(residuals), np.concatenate(velocities)
+    blocks = block_numbers([len(x) for x in residuals], int(BLOCK_S * rate))
+    moving = {name: np.concatenate([s[name] for s in signals]) for name in signals[0]}
+    moving = {name: x for name, x in moving.items() if np.ptp(x) > 0}
+    table: dict[str, float] = {}
+    found: dict[str, tuple[Regressors, float]] = {}
+    for name, x in moving.items():
+        is_speed, knots = name.startswith("velocity"), knots_of(x)
+        tried = [
+            Regressors(form=f, X=design(f, x, v, knots), knots=knots) for f in (CURVES[:1] if is_speed else CURVES)
+        ]
+        tried += memories(velocities, rate) if is_speed else []
+        for (channel, form), runs in (columns or {}).items():
+            if channel == name:
+                X = np.concatenate(runs)
+                tried.append(Regressors(form=form, X=X / max(float(np.std(X)), 1e-300), knots=np.zeros(0)))
+        scored = [(one, r2_of(one.X, r, blocks)) for one in tried]
+        table[name] = max(score for _, score in scored)
+        good = [(one, score) for one, score in scored if score > table[name] - SIMPLER]
+        found[name] = min(good, key=lambda pair: (FORMS.index(pair[0].form), -pair[1]))
+    frequency, share = tone_of(residuals, rate)
+    if share > TONE_R2 and share > max((score for _, score in found.values()), default=0.0):
+        empty = np.zeros(0)
+        return Dependence(
+            signal="time", form="tone", r2_cv=share, frequency_Hz=frequency, knots=empty, curve=empty, curve_sd=empty,
+            table=table | {"tone": share},
+        )  # fmt: skip
+    target = r
+    if max(table[name] for name in table if name in order) < UNCLEAR:
+        size = np.minimum(np.abs(r), np.quantile(np.abs(r), LARGEST))
+        sized = {name: of_size(x, size, blocks) for name, x in moving.items()}
+        if max(sized[name][1] for name in sized if name in order) > UNCLEAR:
+            target, found = size, sized
+    best = max(found[name][1] for name in found if name in order)
+    signal = next(name for name in order if name in found and found[name][1] > best - FOLLOWS)
+    chosen, score = found[signal]
+    theta, inverse = ridge(chosen.X, target)
+    spread = float(np.sqrt(np.mean((target - chosen.X @ theta) ** 2)))
+    return Dependence(
+        signal=signal,
+        form=chosen.form,
+        r2_cv=score,
+        memory_s=chosen.memory_s,
+        knots=chosen.knots,
+        curve=theta[: len(chosen.knots)],
+        curve_sd=spread * np.sqrt(np.diag(inverse))[: len(chosen.knots)],
+        table=table,
+    )

@@ -1,0 +1,123 @@
+"""Hypotheses of the balances refitted by simulation: closed loop, all channels, down to the noise.
+
+First on the opening seconds: what cannot reach the noise there is dropped. A hypothesis that comes near the noise is judged
+with its own input uncertainty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hexsim.tracing import rules
+from hexsim.tracing.fitting.fit import Fit, refine, start_fit_at
+from hexsim.tracing.fitting.selection import (
+    Search,
+    Stage,
+    Tick,
+    information,
+    named_first,
+    pruned,
+    residual_at_noise_level,
+)
+from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.state import Step, Tell, Trace
+
+
+def contenders(found: Search) -> list[Fit]:
+    """The hypotheses that go on: with fewer effects first, then the best and what balances cannot tell from it."""
+    if not found.best.candidates:
+        return []
+    k = len(found.best.candidates)
+    rivals = [rival for stage in found.stages for rival in stage.rivals if len(rival.candidates) == k]
+    fewer = [stage.rivals[0] for stage in found.stages[: k - 1] if stage.rivals]
+    gain = found.base.chi2 - found.best.chi2
+    near = max(rules.NEAR_CHI2, rules.NEAR_SHARE * gain)
+    rivals = [rival for rival in rivals if rival.chi2 - found.best.chi2 < near]
+    return fewer + sorted(rivals, key=information)[: rules.CONTENDERS]
+
+
+def simulated_rivals(found: Search, problem: SimulatedProblem, tick: Tick = lambda step: None) -> list[Fit]:
+    """The contenders of a search refitted by simulation, the best first; more effects only while fewer do not suffice."""
+    rivals: list[Fit] = []
+    for rival in contenders(found):
+        if any(residual_at_noise_level(r.misfit) for r in rivals if len(r.candidates) < len(rival.candidates)):
+            break
+        tick(f"simulating {' and '.join(c.label for c in rival.candidates)}")
+        fitted = simulated_fit(rival, problem)
+        rivals += [] if fitted is None else [fitted]
+    return named_first(sorted(rivals, key=information))
+
+
+def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
+    """A hypothesis of the balances refitted by simulation; None when it does not simulate or cannot reach the noise.
+
+    What leaves too much of the opening seconds, fitted to them alone, leaves too much of the whole. The whole is then
+    fitted from there, or from the balances where that is nearer: opening seconds may hardly show an effect. A hypothesis
+    that comes near is judged by what no simulation can know about itself, not about the declared machine: a delay or more
+    static friction makes the same disturbances move the machine further.
+    """
+    head = problem.head(rules.TRIAGE_S)
+    share = head.duration_s / problem.duration_s
+    start = start_fit_at(rival, head)
+    if not np.isfinite(start.chi2):
+        return None
+    opening = refine(start, head, fresh=True)
+    if not residual_at_noise_level(opening.misfit, share):
+        if opening.reduced > rules.NEAR_NOISE:
+            return None
+        own = head.with_input_uncertainty(opening.fitted_machine())
+        opening = refine(start_fit_at(opening, own), own, fresh=True)
+        if not residual_at_noise_level(opening.misfit, share):
+            return None
+        whole = fitted_from((opening, rival), problem.with_input_uncertainty(opening.fitted_machine()))
+        return None if whole is None else start_fit_at(whole, problem)
+    return fitted_from((opening, rival), problem)
+
+
+def fitted_from(fits: Sequence[Fit], problem: SimulatedProblem) -> Fit | None:
+    """The hypothesis refitted from the nearest of several fits of it; None when it does not simulate."""
+    start = min((start_fit_at(fit, problem) for fit in fits), key=lambda fit: fit.chi2)
+    return refine(start, problem, fresh=True) if np.isfinite(start.chi2) else None
+
+
+def refit_with_own_input_uncertainty(trace: Trace) -> Trace:
+    """A hypothesis near the noise judged with its own input uncertainty, if that brings it to the noise.
+
+    A delay or more static friction makes the same disturbances move the machine further than they move the declared one.
+    """
+    final = trace.final
+    if not final.candidates or residual_at_noise_level(final.misfit) or final.reduced > rules.NEAR_NOISE:
+        return trace
+    own, held_out = (
+        q.with_input_uncertainty(final.fitted_machine()) for q in (trace.fit_problem, trace.validate_problem)
+    )
+    fit = pruned(refine(start_fit_at(final, own), own, fresh=True), own)
+    if not residual_at_noise_level(fit.misfit):
+        return trace
+    base = refine(start_fit_at(trace.base, own), own, fresh=True, relative=rules.BASE_TOLERANCE)
+    return replace(trace, final=fit, base=base, fit_problem=own, validate_problem=held_out)
+
+
+def refit_hypotheses(trace: Trace, tell: Tell) -> Trace:
+    """What the balances ask for, refitted by simulation; the best one is the hypothesis that goes on."""
+    base, in_balances = trace.base, trace.search
+    trace = replace(trace, search=Search(base=base, best=base, stages=[Stage(lines=trace.screening, rivals=[])]))
+    if residual_at_noise_level(base.misfit):
+        return replace(trace, decided="not needed: the declared parameters alone reach the noise")
+    rivals = simulated_rivals(in_balances, trace.fit_problem, tell)
+    trace.search.stages[0].rivals = rivals
+    if not rivals:
+        return replace(trace, decided="no effect that the balances ask for reaches the noise")
+    trace = refit_with_own_input_uncertainty(replace(trace, final=pruned(rivals[0], trace.fit_problem)))
+    return replace(trace, decided=f"{hypothesis_words(trace.final)}: chi2 {trace.final.reduced:.3g} a sample")
+
+
+def hypothesis_words(fit: Fit) -> str:
+    """The effects of a hypothesis by their labels."""
+    return " and ".join(candidate.label for candidate in fit.candidates) or "declared parameters alone"
+
+
+STEP = Step(name="hypotheses", doing="refitting hypotheses by simulation", share=0.15, run=refit_hypotheses)

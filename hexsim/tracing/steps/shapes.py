@@ -1,0 +1,112 @@
+"""Shapes worth screening, read off the force balance: a wavelength, a payload's frequency, an outside line.
+
+Each is the maximum of a scan of single regressors over the balance's residual; the scan costs microseconds where a
+simulated column costs a tenth of a second. What the residual does not show gets the library's default shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hexsim.declaration import Machine
+from hexsim.mechanics.rigid_body import Suspension, pushed_back
+from hexsim.signals.channels import SETTLE_S
+from hexsim.signals.log import Log
+from hexsim.signals.weak_form import Window
+from hexsim.tracing.balances.balance import measured_point, resolved_machine
+from hexsim.tracing.balances.force import Force
+from hexsim.tracing.balances.null import END_S
+from hexsim.tracing.balances.platform import ROWS, Platform
+from hexsim.tracing.dependence import tone_of
+from hexsim.tracing.fitting.parameters import Candidate, candidates
+from hexsim.tracing.state import Step, Tell, Trace, Violation
+from hexsim.tracing.steps.violations import own_machine
+
+Array = np.ndarray
+
+
+def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str, float]]:
+    """Effect name -> numbers of its shape. machine: with the parameters at which the residual is looked at."""
+    keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), 5) for log in logs]
+    platform, force = Platform(), Force()
+    if all(platform.wants(log) for log in logs):
+        heave = [platform.residual(log, machine)[ROWS.index("z"), k] for log, k in zip(logs, keep, strict=True)]
+        return {"flexible_payload": {"frequency_Hz": _payload_frequency(logs, keep, heave)}}
+    if not all(force.wants(log) for log in logs):
+        return {}
+    residuals = [force.residual(log, machine)[0, k] for log, k in zip(logs, keep, strict=True)]
+    return {
+        "position_dependent_friction": {"wavelength_m": _wavelength(machine, logs, keep, residuals)},
+        "flexible_payload": {"frequency_Hz": _payload_frequency(logs, keep, residuals)},
+        "outside_force_tone": {"frequency_Hz": tone_of(residuals, logs[0].rate / 5)[0]},
+    }
+
+
+def _gain(X: Array, r: Array) -> float:
+    """Sum of squares that the regressors take from r."""
+    theta = np.linalg.lstsq(X, r, rcond=None)[0]
+    return float(np.sum((X @ theta) ** 2))
+
+
+def _wavelength(machine: Machine, logs: Sequence[Log], keep: list[slice], residuals: list[Array]) -> float:
+    resolved = resolved_machine(machine)
+    points = [measured_point(log, machine, resolved, 0) for log in logs]
+    windows = [Window(log.rate) for log in logs]
+    side = [np.tanh(point.v / machine.friction.sharpness_m_s) for point in points]
+    reach = max(float(np.ptp(point.y)) for point in points)
+    r = np.concatenate(residuals)
+    lengths = np.geomspace(0.004, max(2.0 * reach, 0.01), 80)
+
+    def gain(length: float) -> float:
+        waves = []
+        for point, window, s, k in zip(points, windows, side, keep, strict=True):
+            phase = 2 * np.pi * point.y / length
+            wave = np.stack([s * np.sin(phase), s * np.cos(phase), s])
+            waves.append(window.mean(wave)[:, k])
+        return _gain(np.concatenate(waves, axis=1).T, r)
+
+    return float(max(lengths, key=gain))
+
+
+def _payload_frequency(logs: Sequence[Log], keep: list[slice], residuals: list[Array]) -> float:
+    """Of the spring on which a part of the load would explain most of a force residual along the vertical axis."""
+    r = np.concatenate(residuals)
+    frequencies = np.geomspace(1.0, 60.0, 30)
+
+    def gain(frequency: float) -> float:
+        spring = Suspension(mass=1.0, omega=2 * np.pi * frequency, damping=0.05)
+        columns = []
+        for log, k in zip(logs, keep, strict=True):
+            assert log.acceleration is not None
+            felt = log.acceleration[-1]  # of a bench, or along the platform's z axis
+            columns.append(Window(log.rate).mean(np.stack([pushed_back(spring, felt, log.rate), felt]))[:, k])
+        return _gain(np.concatenate(columns, axis=1).T, r)
+
+    return float(max(frequencies, key=gain))
+
+
+def worth_screening(
+    machine: Machine, lines: Sequence[Violation], proposed: dict[str, dict[str, float]]
+) -> list[Candidate]:
+    """All effects on a bench. On a hexapod: in all legs alike, and in the legs that are violated, the worst at least."""
+    everything = candidates(machine, proposed)
+    legs = [line for line in lines if line.where.startswith("leg ")]
+    if machine.n_legs == 1 or not legs:
+        return everything
+    worst = max(legs, key=lambda line: line.violation / line.null)
+    there = {line.where for line in legs if line.violated} | {worst.where}
+    return [c for c in everything if not c.where.startswith("leg ") or c.where in there]
+
+
+def propose(trace: Trace, tell: Tell) -> Trace:
+    """The candidates that are worth a column, with the shapes that the force balance shows."""
+    shapes = proposed_shapes(own_machine(trace.machine, trace.violations), trace.fit_problem.logs)
+    found = worth_screening(trace.machine, trace.violations, shapes)
+    read = [f"{name} {key} = {value:.3g}" for name, shape in shapes.items() for key, value in shape.items()]
+    return replace(trace, candidates=found, decided=f"{len(found)} candidates; {', '.join(read) or 'default shapes'}")
+
+
+STEP = Step(name="shapes", doing="reading shapes off the force balance", share=0.02, run=propose)
