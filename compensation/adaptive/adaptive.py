@@ -279,7 +279,7 @@ class Adaptive(Compensator):
             "flow": state.valve.parameters(),
             "rounding_V": state.trim.rounding_V,
             "friction": state.friction.parameters(),
-            "delay": {"sums": list(state.delay.sums), "late_s": state.lateness.late_s},
+            "delay": {"sums": list(state.delay.sums), "reversals": state.delay.reversals, "late_s": state.lateness.late_s},
         }
 
     def restore(self, context: Context, parameters: Parameters) -> AdaptiveState:
@@ -288,8 +288,9 @@ class Adaptive(Compensator):
         state.friction.restore(parameters["friction"])
         state.trim.rounding_V = float(parameters["rounding_V"])
         state.rounding.restore(state.trim.rounding_V)
-        state.delay.sums[:] = [float(x) for x in parameters["delay"]["sums"]]
-        state.lateness.late_s = float(parameters["delay"]["late_s"])
+        known = parameters["delay"]
+        state.delay.sums[:], state.delay.reversals = [float(x) for x in known["sums"]], int(known["reversals"])
+        state.lateness.late_s = float(known["late_s"])
         if state.valve.ready:
             state.rounding.leak.restore(state.valve.leak_m_s)
             self._shift(state, look_ahead_shift(state.valve.lag_s, context.tick_s))

@@ -31,7 +31,8 @@ BEFORE, AFTER, PAST = 14, 16, 12  # ticks about the reversal that are compared, 
 FINE = 5  # samples a tick
 NOISE_M = 3.3e-6  # of an oil displacement
 MEMORY = 0.985  # of the sums, a reversal
-MODEL_SUM = 1.0  # of a reversal, which errors of the rest of the model may make
+ERRORS, ERRORS_FIRST = 0.4, 1.2  # standard deviations added to the delay at last; and further ones at first
+MODEL_SUM = 0.3  # of a reversal, which errors of the rest of the model may make
 MAX_SUM = 40.0  # that one reversal may add
 
 LATE_SHARE, LATE_TICKS = 0.3, 9  # of its correction at a reversal; ticks by which a position may be late, and two
@@ -77,13 +78,14 @@ class DelayEstimator:
         return self.task is not None and self._compare()
 
     def delay_s(self, lag_s: float) -> float:
-        """The delay taken, of a total lag: mean of its likelihood, and a standard deviation more."""
+        """The delay taken, of a total lag: mean of its likelihood, and a part of its standard deviation more."""
         least, total, mean, square = min(self.sums), 0.0, 0.0, 0.0
         for spool_s, chi in zip(SPOOL_LAGS_S, self.sums, strict=True):
             delay, weight = max(lag_s - spool_s, 0.0), math.exp(0.5 * (least - chi))
             total, mean, square = total + weight, mean + weight * delay, square + weight * delay * delay
         mean /= total
-        return min(mean + math.sqrt(max(square / total - mean * mean, 0.0)), max(lag_s - SPOOL_LAGS_S[0], 0.0))
+        errors = ERRORS + ERRORS_FIRST / (1.0 + 0.5 * self.reversals)
+        return min(mean + errors * math.sqrt(max(square / total - mean * mean, 0.0)), max(lag_s - SPOOL_LAGS_S[0], 0.0))
 
     def _prepare(self, roots: tuple[float, float], valve: ValveEstimator) -> tuple:
         volts = np.array(self.volts_V)
