@@ -31,7 +31,7 @@ from scipy.stats import beta
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "compensation"))
 
-from leg_plant import Leg, Record, run, sine  # noqa: E402 (it lies with the tests)
+from leg_plant import Leg, Record, run, sine  # noqa: E402 # pyright: ignore[reportMissingImports] (with the tests)
 
 import compensation  # noqa: E402
 
@@ -122,7 +122,7 @@ def result_of(case: Case) -> Case:
     else:
         amplitude_m, frequency_Hz, duration_s = MOTIONS[case["motion"]]
         motion, period_s = sine(amplitude_m, frequency_Hz), 1.0 / frequency_Hz
-    made = [
+    both = [
         compensation.create("none"),
         compensation.create("adaptive", **({"preview_s": 0.0} if case["host"] else {})),
     ]
