@@ -24,7 +24,7 @@ from math import hypot, sqrt
 from operator import mul
 
 from ..compensator import Compensator, Context, Parameters, Sample, clip
-from .delay import DelayEstimator, Lateness
+from .delay import AFTER, DelayEstimator, Lateness
 from .edge_rounding import LeakEstimator
 from .engagement import update_engagement
 from .feedback import backlash_inverse, damping
@@ -150,9 +150,8 @@ class Adaptive(Compensator):
         reference.advance(behind, here, ahead)
 
         compliance = context.compliance_m_Pa(reference.position_m)
-        width_s = clip(state.friction.step_acceleration_m_s2() / self.jerk_m_s3, self.step_min_s, self.step_max_s)
-        share = state.engagement.friction_share
-        pressure, share = demanded_pressure(reference, state.friction, share, width_s, self.presliding_m_s)
+        spread = self.jerk_m_s3, self.step_min_s, self.step_max_s, self.presliding_m_s
+        pressure, share = demanded_pressure(reference, state.friction, state.engagement.friction_share, spread)
         oil, a, v = reference.position_m + compliance * pressure, reference.acceleration_m_s2, reference.velocity_m_s
         state.demands.append(Demand(pressure, share, a, reference.position_m, oil, v))
         now = state.demands.popleft()
@@ -244,7 +243,8 @@ class Adaptive(Compensator):
             compensated and state.engagement.after_reversal,
             state.lag_s,
         )
-        flow, now_roots = now.velocity_m_s - state.valve.leak_m_s, self._roots(state, sample.pressure_supply_Pa, p)
+        flow = now.velocity_m_s - state.valve.leak_m_s
+        now_roots = self._roots(state, sample.pressure_supply_Pa, p) if state.delay.ticks == AFTER else (1.0, 1.0)
         judged = state.delay.add(z, valve, flow, now_roots, state.valve, compensated)
         if judged and abs(state.delay.delay_s(state.lag_s) - state.delay_s) > DELAY_TOLERANCE_S:
             self._design(state, state.lag_s)

@@ -126,17 +126,22 @@ def stribeck_share(velocity_m_s: float) -> float:
 
 
 def demanded_pressure(
-    reference: Reference, friction: FrictionEstimator, weight: float, width_s: float, presliding_m_s: float
+    reference: Reference, friction: FrictionEstimator, weight: float, spread: tuple[float, float, float, float]
 ) -> tuple[float, float]:
     """P1 - Ps A2/A1 [Pa] that the reference needs, and the signed share of the Stribeck pressure in it.
 
-    weight: of friction; width_s: time over which the step at a reversal is spread; presliding_m_s: velocity as well.
+    weight: of friction; spread of its step at a reversal: jerk [m/s3], shortest and longest time [s], velocity [m/s].
     """
     if weight == 0.0:
         return 0.0, 0.0
     v, a = reference.velocity_m_s, reference.acceleration_m_s2
-    x = v / (abs(a) * width_s + presliding_m_s)
-    sign = x * (2.0 - abs(x)) if -1.0 < x < 1.0 else math.copysign(1.0, x)
+    jerk_m_s3, shortest_s, longest_s, presliding_m_s = spread
+    sign = 1.0 if v > 0.0 else -1.0
+    if abs(v) < abs(a) * longest_s + presliding_m_s:
+        width_s = clip(friction.step_acceleration_m_s2() / jerk_m_s3, shortest_s, longest_s)
+        x = v / (abs(a) * width_s + presliding_m_s)
+        if -1.0 < x < 1.0:
+            sign = x * (2.0 - abs(x))
     share = sign * stribeck_share(v)
     step = sign * friction.half_step_Pa + share * friction.stribeck.pressure_Pa
     return weight * (friction.smooth_Pa(reference.position_m, v, a) + step), share

@@ -95,26 +95,26 @@ class SetpointPredictor:
 
     def watch(self, preview_m: np.ndarray, setpoint_m: float) -> bool:
         """One tick: whether the future must be predicted. preview_m may hold the present setpoint alone."""
-        past, place = self.past_m, self.place
         if self.ticks == 0:
-            past[:] = setpoint_m
+            self.past_m[:] = setpoint_m
         self.ticks += 1
-        setpoint_m = self._without_steps(setpoint_m)
-        place = self.place = place + 1 if place + 1 < PAST else 0
+        if self.active:
+            setpoint_m = self._without_steps(setpoint_m)
+        past, place = self.past_m, self.place + 1 if self.place + 1 < PAST else 0
         past[place] = past[place + PAST] = setpoint_m
-        count = len(preview_m)
-        if count < 3:
+        self.place = place
+        middle = (len(preview_m) - 1) // 2
+        if middle == 0:
             self.active = True
-        else:
-            middle = count // 2
-            bend = preview_m.item(0) - 2.0 * preview_m.item(middle) + preview_m.item(2 * middle)
-            if not -STRAIGHT_M < bend < STRAIGHT_M:
-                self.straight_ticks, self.active = 0, False
-            else:
-                before, older = past.item(place + PAST - 12), past.item(place + PAST - 24)
-                if abs(setpoint_m - 2.0 * before + older) > 10.0 * STRAIGHT_M:
-                    self.straight_ticks += 1
-                self.active = self.straight_ticks > STRAIGHT_TICKS
+            return True
+        bend = preview_m.item(0) - 2.0 * preview_m.item(middle) + preview_m.item(2 * middle)
+        if not -STRAIGHT_M < bend < STRAIGHT_M:
+            self.straight_ticks, self.active = 0, False
+            return False
+        before, older = past.item(place + PAST - 12), past.item(place + PAST - 24)
+        if abs(setpoint_m - 2.0 * before + older) > 10.0 * STRAIGHT_M:
+            self.straight_ticks += 1
+        self.active = self.straight_ticks > STRAIGHT_TICKS
         return self.active
 
     def _without_steps(self, setpoint_m: float) -> float:
@@ -126,7 +126,7 @@ class SetpointPredictor:
         size = abs(error)
         limit = STEP_ERRORS * self.usual_m + STEP_M
         self.steady_ticks += 1
-        if size > limit and self.active and self.steady_ticks > STEADY_TICKS:
+        if size > limit and self.steady_ticks > STEADY_TICKS:
             self.offset_m = clip(self.offset_m + error, -MAX_OFFSET_M, MAX_OFFSET_M)
             self.steady_ticks = 0
         self.usual_m += SHARE * (min(size, limit) - self.usual_m)
