@@ -11,15 +11,15 @@ from hexsim.signals.signal import ROTATIONS
 
 LEG_VIEWS = {
     "Position [mm]": ("setpoint", "position"),
-    "Error [mm]": ("error",),
+    "Tracking error [mm]": ("error",),
     "Valve [V]": ("valve", "compensation"),
-    "Pressure [bar]": ("bottom", "top"),
+    "Chamber pressures [bar]": ("bottom", "top"),
     "Flow [l/min]": ("flow",),
 }
 ALL_LEGS_VIEWS = {
-    "Error [mm]": "error",
+    "Tracking error [mm]": "error",
     "Valve [V]": "valve",
-    "Bottom pressure [bar]": "bottom",
+    "Chamber pressure [bar]": "bottom",
     "Flow [l/min]": "flow",
 }
 

@@ -1,4 +1,4 @@
-"""A learned term for a rest with a clear dependence: its curve put into the simulator, under no physical name.
+"""A learned term for a residual with a clear dependence: its curve put into the simulator, under no physical name.
 
 The residual of a balance is what the model has too much of, so the term is minus the curve. It is kept only if, with
 the declared parameters refitted beside it, every held-out run gets better.
@@ -22,11 +22,11 @@ from hexsim.tracing.state import Step, Tell, Trace, UnexplainedResidual
 from hexsim.tracing.steps.verdict import held_out_gains
 
 Array = np.ndarray
-JOINED = {"continuity": "continuity", "valve": "continuity", "force": "force"}  # balance of the rest -> of the term
+JOINED = {"continuity": "continuity", "valve": "continuity", "force": "force"}  # balance of the residual -> of the term
 
 
 def curve_table(rest: UnexplainedResidual) -> dict[str, Any] | None:
-    """The [effects.learned_term] table of a rest, or None when it is no plain curve over a signal that a leg knows."""
+    """The [effects.learned_term] table of a residual, or None when it is no plain curve over a signal that a leg knows."""
     found = rest.dependence
     able = found.form == "plain" and found.signal in SIGNALS and rest.balance in JOINED
     if not able or found.r2_cv < rules.LEARNED_R2 or rest.violation.where.startswith("platform"):
@@ -91,4 +91,4 @@ def learn(trace: Trace, tell: Tell) -> Trace:
     return replace(trace, final=fit, learned=[entry], decided=entry["description"])
 
 
-STEP = Step(name="learned term", doing="learning a curve for what is left", share=0.03, run=learn)
+STEP = Step(name="learned term", doing="learning a curve", share=0.03, run=learn)

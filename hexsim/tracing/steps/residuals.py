@@ -1,4 +1,4 @@
-"""Where the search reaches no floor: each violated balance on its own, and what is left of it.
+"""Where no hypothesis reaches the noise: each violated balance on its own, and its unexplained residual.
 
 A balance looks at measured signals, so that one balance's trouble does not reach another. Effects are selected in
 a balance as in the simulation; they are named only if they bring it back to its null. What stays violated is
@@ -102,7 +102,7 @@ def distortions(balance: Balance, log: Log, violation: Violation, residual: Arra
     }
 
 
-def rest_of(balance: Balance, violation: Violation, logs: Sequence[Log]) -> UnexplainedResidual:
+def unexplained_of(balance: Balance, violation: Violation, logs: Sequence[Log]) -> UnexplainedResidual:
     """Dependence of what a balance leaves after its own fit."""
     machine, place = violation.machine, violation.place
     residuals, signals, velocities = [], [], []
@@ -137,7 +137,7 @@ def unexplained_residuals(lines: Sequence[Violation], problem: SimulatedProblem)
         if (line.name, line.where.split()[0]) in seen and line.name == "platform":
             continue
         seen.add((line.name, line.where.split()[0]))
-        rests.append(rest_of(balance, line, problem.logs))
+        rests.append(unexplained_of(balance, line, problem.logs))
     return rests
 
 
@@ -171,4 +171,4 @@ def look_at_residuals(trace: Trace, tell: Tell) -> Trace:
     return replace(trace, violations=lines, unexplained=rests, decided=decided)
 
 
-STEP = Step(name="what is left", doing="what is left, and on what it depends", share=0.03, run=look_at_residuals)
+STEP = Step(name="unexplained residuals", doing="looking at unexplained residuals", share=0.03, run=look_at_residuals)
