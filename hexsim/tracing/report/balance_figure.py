@@ -15,15 +15,13 @@ from hexsim.recording import palette
 from hexsim.recording.figure_style import WIDTH_IN, legend_above, png, styled
 from hexsim.recording.quantity import scale_of
 from hexsim.tracing import rules
-from hexsim.tracing.balances import BALANCES
+from hexsim.tracing.balances import balance_named, family, library
 from hexsim.tracing.dependence import CURVES, design, hats, knots_of, ridge
 from hexsim.tracing.report.signals import NOISE_BAND, SIGNALS
 from hexsim.tracing.state import Trace, Violation
 from hexsim.tracing.steps.residuals import kept, signals_of, unexplained_of
-from hexsim.tracing.steps.violations import balance_named
 
 Array = np.ndarray
-USUAL = {"continuity": "valve_V", "valve": "valve_V", "supply": "velocity_m_s", "sensor": "acceleration_m_s2"}
 NULL_BAND = "#E7EFF6"
 DIRECTIONS = {"extending": ("#56B4E9", "#004D7A"), "retracting": ("#F2B97F", "#9C3D00")}  # points, curve
 MOST_POINTS = 4000  # a panel
@@ -41,23 +39,18 @@ class Explained:
 
 def explained_by(result: Trace, line: Violation) -> Explained:
     """What the residual depends on, where the balance is violated; else what it usually depends on."""
-    line = replace(line, name=family(line.name))
+    line, logs = replace(line, name=family(line.name)), result.fit_problem.logs
+    balance = balance_named(line.name, logs[0])
     known = [r for r in result.unexplained if (r.violation.name, r.violation.where) == (line.name, line.where)]
     if not line.violated and not known:
-        return Explained(signal=USUAL.get(line.name, "velocity_m_s"), form="plain")
-    logs = result.fit_problem.logs
-    rest = known[0] if known else unexplained_of(balance_named(line.name, logs[0]), line, logs)
+        return Explained(signal=balance.usual_signal, form="plain")
+    rest = known[0] if known else unexplained_of(balance, line, logs)
     found = rest.dependence
     if found.r2_cv < LEAST_R2:
-        return Explained(signal=USUAL.get(line.name, "velocity_m_s"), form="plain")
+        return Explained(signal=balance.usual_signal, form="plain")
     return Explained(
         signal="time_s" if found.form == "tone" else found.signal, form=found.form, frequency_Hz=found.frequency_Hz
     )
-
-
-def family(name: str) -> str:
-    """Continuity and valve are one residual."""
-    return "continuity" if name == "valve" else name
 
 
 def place_words(line: Violation) -> str:
@@ -84,7 +77,7 @@ def residual_points(result: Trace, line: Violation, machine: Machine, signal: st
 def worst_of_each(result: Trace) -> list[Violation]:
     """The worst place of every balance, violated ones first; continuity and valve are one residual."""
     chosen: dict[str, Violation] = {}
-    order = {balance.name: k for k, balance in enumerate(BALANCES)}
+    order = {balance.name: k for k, balance in enumerate(library())}
     for line in sorted(result.violations, key=lambda v: -v.above_null):
         chosen.setdefault(family(line.name), line)
     return sorted(chosen.values(), key=lambda v: (not v.violated, order.get(v.name, len(order))))

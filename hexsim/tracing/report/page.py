@@ -11,6 +11,7 @@ from hexsim.recording.quantity import plain, quantity, split_key, with_error
 from hexsim.recording.report import data_url, render
 from hexsim.signals.channels import kind_of
 from hexsim.tracing import rules
+from hexsim.tracing.balances import caption_of
 from hexsim.tracing.report import balance_figure, figures
 from hexsim.tracing.report.signals import SCALE, SIGNALS, channel_words
 from hexsim.tracing.state import NamedEffect, Trace, Violation
@@ -27,14 +28,6 @@ CAPTIONS = {
     "that the model has elsewhere; a model that lacks nothing lies on the dotted line.",
     "parameters": "Where each declared parameter ended inside its declared uncertainty (the grey bar; its half width at the "
     "right). Orange: held back by its limit.",
-}
-BALANCES = {
-    "sensor": "position differentiated twice = acceleration, but for the ripple between the controller's ticks",
-    "supply": "supply pressure = what the declared supply gives for the flow taken",
-    "continuity": "valve flow = piston flow + compression of the oil",
-    "valve": "the same, put down to the valve where the valve explains it",
-    "force": "pressures − weight − friction = mass times acceleration",
-    "platform": "forces of the legs = inertia of the platform",
 }
 MOST_ROWS = 12  # of a table; what is beyond folds away
 FORMS = {
@@ -222,7 +215,7 @@ def balance_rows(result: Trace) -> list[dict[str, Any]]:
     return [
         {
             "name": line.name,
-            "description": BALANCES.get(line.name, ""),
+            "description": caption_of(line.name),
             "where": balance_figure.place_words(line),
             "size": quantity(line.rms, balance_figure.unit_of(line)),
             "times": line.violation,

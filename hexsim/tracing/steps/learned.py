@@ -15,6 +15,7 @@ from hexsim.hydraulics.leg import SIGNALS
 from hexsim.hydraulics.parameters import LEARNED_KNOTS
 from hexsim.machine.files import changed
 from hexsim.tracing import rules
+from hexsim.tracing.balances import learned_term_of
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.selection import scale_of
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -22,19 +23,19 @@ from hexsim.tracing.state import Step, Tell, Trace, UnexplainedResidual
 from hexsim.tracing.steps.verdict import held_out_gains
 
 Array = np.ndarray
-JOINED = {"continuity": "continuity", "valve": "continuity", "force": "force"}  # balance of the residual -> of the term
 
 
 def curve_table(rest: UnexplainedResidual) -> dict[str, Any] | None:
     """The [effects.learned_term] table of a residual, or None when it is no plain curve over a signal that a leg knows."""
     found = rest.dependence
-    able = found.form == "plain" and found.signal in SIGNALS and rest.balance in JOINED
+    joined = learned_term_of(rest.balance)
+    able = found.form == "plain" and found.signal in SIGNALS and joined is not None
     if not able or found.r2_cv < rules.LEARNED_R2 or rest.violation.where.startswith("platform"):
         return None
     knots = np.linspace(found.knots[0], found.knots[-1], LEARNED_KNOTS)
     values = -np.interp(knots, found.knots, found.curve)
     curve = {
-        "balance": JOINED[rest.balance],
+        "balance": joined,
         "signal": found.signal,
         "start": float(knots[0]),
         "step": float(knots[1] - knots[0]),
