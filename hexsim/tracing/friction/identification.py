@@ -52,9 +52,7 @@ WINDOW_s = 0.004  # half width for forces: short, for a window that contains a r
 VELOCITY_WINDOW_s = (
     0.025  # half width where noise of position and of integrated acceleration are equal (3 um, 0.02 m/s2)
 )
-SLOW = (
-    4.0  # samples slower than this many sharpness widths are left out (there noise of v nonlinear_response the curve)
-)
+SLOW = 4.0  # samples slower than this many sharpness widths are left out (there noise of v bends the curve)
 FEWEST = 200  # independent windows in each direction
 
 
