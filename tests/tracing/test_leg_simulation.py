@@ -10,7 +10,6 @@ from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.scenarios import scenario_from_dict
 from hexsim.signals.channels import channel_arrays, kind_of, noise_of
-from hexsim.signals.log import measured_log
 from hexsim.simulation import simulate
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.experiments import setpoint_log
@@ -116,7 +115,7 @@ def test_the_true_machine_answers_the_log(folder):
     off = {p: truth["parameters"][keys[p.key]] / p.declared - 1 for p in priors(machine)}
     width = truth["undeclared"].get("valve_hysteresis")
     effects = [(named("valve_hysteresis"), {"half_width_V": width})] if width else []
-    log = measured_log("validate", read_log(DATA / folder / "validate.csv.gz").table, machine)
+    log = read_log(DATA / folder / "validate.csv.gz")
     problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
     misfit = problem.misfit([with_settings(machine, off, effects)])[0][0]
     assert np.sqrt(np.mean(misfit**2, axis=1)) == pytest.approx(1.0, abs=0.03)
