@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Literal
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -13,8 +14,10 @@ from numpy.typing import NDArray
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
+from hexsim.hydraulics import leg
+from hexsim.hydraulics.effects import Effect
 from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
-from hexsim.hydraulics.resolve import resolve, warm_oil
+from hexsim.hydraulics.resolve import add_effects, resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S, U, power_unit_start
 from hexsim.machine.geometry import machine_kinematics
@@ -22,11 +25,15 @@ from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.plant import stepping
 from hexsim.plant.callbacks import POWER_UNIT_SCALE, MPa, install_hydraulics, installed
 from hexsim.plant.mjcf import ModelKind, build_spec
-from hexsim.plant.states import A
+from hexsim.plant.states import A, lay_out_states
 from hexsim.plant.structs import check_layout
 
 Array = NDArray[np.float64]
+Setting = tuple[Effect, tuple[int, ...], dict[str, Any]]
 Scheme = Literal["rk4", "fast"]
+OFF_CENTRE_m = (0.0, 0.0, 2e-6)  # of a load that moves later: below 1 um MuJoCo takes a body for centred
+LIGHT = 1e-6  # of its mass, a payload's mode before it is switched on
+NAMES = ("names", "paths", "text_data")  # of the model's parts, not its numbers
 SILENT = 1  # warnings of a kind that MuJoCo takes for written down already
 OIL_STEP_K = 0.1  # 0.06 % of the bulk modulus, 0.5 % of the viscosity
 KNOWN_ERROR = {
@@ -52,26 +59,32 @@ class Plant:
 
     machine: declared machine with its effects. model: "full" (legs as bodies) or "tendon" (hexapod only; a bench is the
     same either way). scheme: "rk4", or "fast" = Euler with actearly and linearly implicit pressure. timestep [s].
-    furnish: adds to the scene what does not touch the machine, before the model is compiled.
+    furnish: adds to the scene what does not touch the machine, before the model is compiled. later: effects that
+    `switch_on` will add, as (effect, legs, values): their states are there from the start and stand still until then.
+    load_moves: `move_centre_of_mass` will be called.
     Plants in several threads do not touch each other.
     """
 
     def __init__(
         self, machine: Machine, *, model: ModelKind = "full", scheme: Scheme = "rk4", timestep: float = 1e-4,
-        furnish: Callable[[mujoco.MjSpec], None] = lambda spec: None,
+        furnish: Callable[[mujoco.MjSpec], None] = lambda spec: None, later: Sequence[Setting] = (),
+        load_moves: bool = False,
     ) -> None:  # fmt: skip
         install_hydraulics()
         self.machine = machine
         self.resolved: Resolved = resolve(machine)
         self.kinematics: HexapodKinematics | None = machine_kinematics(machine) if machine.is_hexapod else None
         self.model_kind, self.scheme, self.timestep = model, scheme, timestep
-        self.spec, actuator_rows = build_spec(self.resolved, self.kinematics, model, timestep, scheme == "fast")
-        furnish(self.spec)
-        self.model = self.spec.compile()
-        self.model.actuator_user[: len(actuator_rows)] = actuator_rows
+        final = resolve(machine)
+        add_effects(final, later)
+        self._final_modes = final.payload_modes
+        self._load_moves = load_moves or final.load.centre_of_mass_m != machine.load.centre_of_mass_m
+        self.longest_delay_s = float(final.rows[:, P.VALVE_DELAY].max())
+        self.layout = lay_out_states(final, scheme == "fast")  # where the states stand, (n_actuators, len(A))
+        self._furnish = furnish
+        self.spec, self.model = self._compile()
         self.data = mujoco.MjData(self.model)
         self.rows = self.resolved.rows  # (n_legs, N_PARAMETERS)
-        self.layout = actuator_rows[:, N_PARAMETERS:]  # where the states stand, (n_actuators, len(A))
         self.n_legs = machine.n_legs
         self.pressure_places = self.layout[: self.n_legs, A.PRESSURE].astype(int)
         self.is_tendon = machine.is_hexapod and model == "tendon"
@@ -82,6 +95,47 @@ class Plant:
         check_layout(self.model, self.data)
         self.prepare(machine.controller.rate_Hz)
         self.reset()
+
+    def _compile(self) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+        """The model of what `resolved` says at present. A payload's mode that comes later is there with next to no mass."""
+        modes = self.resolved.payload_modes
+        light = [dataclasses.replace(m, mass_kg=LIGHT * m.mass_kg) for m in self._final_modes[len(modes) :]]
+        load = self.resolved.load
+        if self._load_moves and not any(load.centre_of_mass_m):
+            load = load.model_copy(update={"centre_of_mass_m": OFF_CENTRE_m})
+        now = dataclasses.replace(self.resolved, load=load, payload_modes=[*modes, *light])
+        spec, rows = build_spec(now, self.kinematics, self.model_kind, self.timestep, self.layout)
+        self._furnish(spec)
+        model = spec.compile()
+        model.actuator_user[: len(rows)] = rows
+        return spec, model
+
+    def switch_on(self, effect: Effect, legs: tuple[int, ...], values: dict[str, float]) -> None:
+        """Add an effect in flight; one of `later`. Its spool begins at its command, its bristle in balance with friction."""
+        before = self.rows.copy()
+        add_effects(self.resolved, [(effect, legs, values)])
+        _, model = self._compile()
+        for name in dir(model):
+            there = getattr(self.model, name)
+            if isinstance(there, np.ndarray) and there.flags.writeable and name not in NAMES:
+                there[...] = getattr(model, name)
+        self.model.opt.gravity = model.opt.gravity
+        self.context.hysteresis[:] = self.rows[:, P.HYSTERESIS]
+        self.context.delay[:] = np.rint(self.rows[:, P.VALVE_DELAY] / self.context.tick_s)
+        self._begin_states(before)
+        self.keep_rows()
+
+    def _begin_states(self, before: Array) -> None:
+        """Start the states of legs that had none with the rows `before`."""
+        act, t = self.data.act, self.data.time
+        for i, (was, row, places) in enumerate(zip(before, self.rows, self.layout, strict=False)):
+            if row[P.SPOOL_OMEGA] > 0.0 and was[P.SPOOL_OMEGA] <= 0.0:
+                act[int(places[A.SPOOL])] = leg.commanded_spool(row, self.context.spool_volts[i], t)
+            if row[P.BRISTLE_STIFFNESS] > 0.0 and was[P.BRISTLE_STIFFNESS] <= 0.0:
+                y, v = self.piston_positions()[i], float(self.data.actuator_velocity[i])
+                dry = leg.friction_force(was, y, v, act[self.pressure_places[i]] * MPa, 0.0)
+                dry -= v * was[P.VISCOUS_EXTEND if v >= 0.0 else P.VISCOUS_RETRACT]
+                act[int(places[A.BRISTLE])] = dry / row[P.BRISTLE_STIFFNESS]
 
     def prepare(self, rate_Hz: float, ticks: int = 0) -> None:
         """Ticks at `rate_Hz` from now on; the next `ticks` of them are written down in `record`."""
@@ -230,10 +284,10 @@ class Plant:
         """
         supply, tank = self.machine.supply.pressure_Pa, self.machine.supply.tank_pressure_Pa
         self.data.act[self.pressure_places] = bottom_Pa / MPa
-        for leg in np.flatnonzero(self.layout[: self.n_legs, A.ROD_SIDE] >= 0):
-            on_valve = self.rows[leg, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
-            top = supply + tank - bottom_Pa[leg] if on_valve else supply
-            self.data.act[int(self.layout[leg, A.ROD_SIDE])] = top / MPa
+        for i in np.flatnonzero(self.layout[: self.n_legs, A.ROD_SIDE] >= 0):
+            on_valve = self.rows[i, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
+            top = supply + tank - bottom_Pa[i] if on_valve else supply
+            self.data.act[int(self.layout[i, A.ROD_SIDE])] = top / MPa
 
     def bottom_pressures(self) -> np.ndarray:
         """P1 of each leg (n_legs,) [Pa]."""

@@ -9,6 +9,7 @@ a control tick in Python costs as much as the whole of the hydraulics.
 from __future__ import annotations
 
 import ctypes
+from functools import cache
 from typing import Any, NamedTuple
 
 import mujoco
@@ -40,6 +41,7 @@ def _call(typingctx, address, model, data):
     return signature, codegen
 
 
+@cache
 def _address(name: str) -> int:
     """Address of a function of the MuJoCo library that is already loaded."""
     library = ctypes.CDLL(mujoco._functions.__file__)
@@ -107,7 +109,7 @@ def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> St
         lengths=data.ten_length, slides=np.zeros(0, np.int64) if plant.is_tendon else plant.slides.astype(np.int64),
         offsets=np.ascontiguousarray(rows[:, P.LENGTH_OFFSET]),
         hysteresis=np.ascontiguousarray(rows[:, P.HYSTERESIS]), delay=delay,
-        past=np.zeros((int(delay.max()) + 1, plant.n_legs)), spool_volts=np.zeros(plant.n_legs),
+        past=np.zeros((round(plant.longest_delay_s / tick_s) + 1, plant.n_legs)), spool_volts=np.zeros(plant.n_legs),
     )  # fmt: skip
 
 
@@ -154,20 +156,11 @@ def middle_weight(step, steps):
     no velocity near its middle: `mean_acceleration` takes the neighbouring ticks.
     """
     ahead = abs(2 * step - steps)  # half steps from the middle
-    if steps % 2 == 0:
-        return 1.0 if ahead == 0 else 0.0
     if steps == 1 or ahead > 3:
         return 0.0
+    if steps % 2 == 0:
+        return 1.0 if ahead == 0 else 0.0
     return 0.5625 if ahead == 1 else -0.0625
-
-
-@compiled
-def _note_middle(context, record, row, step, steps):
-    weight = middle_weight(step, steps)
-    if weight == 1.0:
-        record.middle[row] = context.qvel
-    elif weight != 0.0:
-        record.middle[row] += weight * context.qvel
 
 
 @compiled
@@ -188,13 +181,16 @@ def advance(context, record):
             _call(context.forward, context.model, context.data)
             record.qacc[row] = context.qacc
     for k in range(steps):
-        if context.is_recorded:
-            _note_middle(context, record, row, k, steps)
+        weight = middle_weight(k, steps)
+        if context.is_recorded and weight != 0.0:
+            for i in range(context.qvel.shape[0]):
+                record.middle[row, i] += weight * context.qvel[i]
         _call(context.step, context.model, context.data)
         if context.is_recorded and context.is_fast and k == 0:
             record.qacc[row] = context.qacc
-    if context.is_recorded:
-        _note_middle(context, record, row, steps, steps)
+    if context.is_recorded and steps == 3:  # the last of the four stands at the end of the tick
+        for i in range(context.qvel.shape[0]):
+            record.middle[row, i] += middle_weight(steps, steps) * context.qvel[i]
     context.count[0] += 1
 
 

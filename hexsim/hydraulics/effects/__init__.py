@@ -15,7 +15,7 @@ from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 
 GROUP = "hexsim.effects"
-__all__ = ["Effect", "EffectParameter", "check_effects", "effect_named", "effect_settings", "library"]
+__all__ = ["Effect", "EffectParameter", "check_effects", "effect_named", "effect_setting", "effect_settings", "library"]
 
 
 @cache
@@ -48,18 +48,21 @@ def effect_named(name: str, source: str = "effects") -> Effect:
 
 def effect_settings(machine: Machine, source: str = "machine") -> list[tuple[Effect, tuple[int, ...], dict[str, Any]]]:
     """The machine's [effects] as (effect, 0-based legs, values), checked against bounds and places."""
-    settings = []
-    for name, tables in machine.effects.items():
-        effect = effect_named(name, source)
-        if machine.machine.kind not in effect.kinds:
-            raise HexsimError(
-                f"{source}: [effects.{name}] is for a {' or '.join(effect.kinds)}, not a {machine.machine.kind}"
-            )
-        for table in tables if isinstance(tables, list) else [tables]:
-            place = f"{source}: [effects.{name}]"
-            legs = _legs(table.get("where", "all legs"), machine.n_legs, place)
-            settings.append((effect, legs, _values(effect, table, place)))
-    return settings
+    return [
+        effect_setting(machine, name, table, f"{source}: [effects.{name}]")
+        for name, tables in machine.effects.items()
+        for table in (tables if isinstance(tables, list) else [tables])
+    ]
+
+
+def effect_setting(
+    machine: Machine, name: str, table: dict[str, Any], place: str
+) -> tuple[Effect, tuple[int, ...], dict[str, Any]]:
+    """One effect as (effect, 0-based legs, values) from its table: parameters and `where`; `place` begins an error."""
+    effect = effect_named(name, place)
+    if machine.machine.kind not in effect.kinds:
+        raise HexsimError(f"{place} is for a {' or '.join(effect.kinds)}, not a {machine.machine.kind}")
+    return effect, _legs(table.get("where", "all legs"), machine.n_legs, place), _values(effect, table, place)
 
 
 def check_effects(machine: Machine, source: str) -> None:
