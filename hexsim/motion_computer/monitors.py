@@ -15,9 +15,9 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.motion_computer.errors import Error, Finding
@@ -100,7 +100,7 @@ def velocity_gain(machine: Machine) -> float:
     return float(flow / machine.cylinder.area_bottom_m2)
 
 
-@njit(cache=True)
+@compiled
 def _watch(setpoint, measured, pressures, model, last, counts, usable, p):
     """Update model, last good readings and counters; return a code for each leg. counts: (4, n), rows as `Count`."""
     n = setpoint.shape[0]
