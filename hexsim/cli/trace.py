@@ -96,16 +96,16 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
 
 
 def markdown(report: Mapping[str, Any]) -> str:
-    """Verdict, effects and what is left for the text panel of the recording."""
-    from hexsim.tracing.report.page import effect_rows, rest_rows
+    """Verdict, effects and unexplained residuals for the text panel of the recording."""
+    from hexsim.tracing.report.page import effect_rows, unexplained_rows
 
     lines = [f"verdict: **{report['verdict']}**", ""]
     for effect in effect_rows(report):
         numbers = "; ".join(f"{name} {value}" for name, value in effect["values"])
         lines.append(f"- **{effect['title']}**, {effect['where']}: {numbers or effect['description']}")
     lines += [
-        f"- left in the {rest['balance']} balance of {rest['place']}: {rest['description']}"
-        for rest in rest_rows(report)
+        f"- unexplained residual in the {rest['balance']} balance of {rest['place']}: {rest['description']}"
+        for rest in unexplained_rows(report)
     ]
     return "\n".join(lines)
 
@@ -152,7 +152,7 @@ def _unexplained(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[
         )
         for item in report.get("unexplained", [])
     ]  # fmt: skip
-    return "What is left", ("balance", "where", "rms", "depends on", "R²"), rows
+    return "Unexplained residuals", ("balance", "where", "rms", "depends on", "R²"), rows
 
 
 def _errors(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:

@@ -224,9 +224,10 @@ class SupplyMonitor:
 class LoadMonitor:
     """Weight and centre of mass of what the legs carry, from their bottom pressures; a change is an error.
 
-    Thrusts f = P1 A1 - Ps A2, wrench = J^T f at the measured pose; centre = (-M_y, M_x)/F_z, each twice low-passed with
-    `load_filter_s`. What the first `load_learn_s` show is the reference. Friction passes as a false moment
-    of some mm. Not on a bench, whose friction is as large as its load.
+    Thrusts f = P1 A1 - P2 A2, P2 = Ps, or Ps + Pt - P1 of a slow leg with both chambers on the valve. Wrench = J^T f at
+    the measured pose; centre = (-M_y, M_x)/F_z, each twice low-passed with `load_filter_s`. What the first
+    `load_learn_s` show is the reference. Friction passes as a false moment of some mm. Not on a bench, whose friction is
+    as large as its load.
     """
 
     EVERY = 10  # control ticks
@@ -234,6 +235,7 @@ class LoadMonitor:
     def __init__(self, machine: Machine, kinematics: HexapodKinematics | None, tolerances: Tolerances) -> None:
         self.kinematics, self.tolerances = kinematics, tolerances
         self.area_bottom, self.area_top = machine.cylinder.area_bottom_m2, machine.cylinder.area_top_m2
+        self.tank_Pa = machine.supply.tank_pressure_Pa if machine.cylinder.rod_side == "valve" else None
         step = self.EVERY / machine.controller.rate_Hz
         self._share = step / (step + tolerances.load_filter_s)
         self._learn = max(1, round(tolerances.load_learn_s / step))
@@ -251,7 +253,8 @@ class LoadMonitor:
         self._count += 1
         if self.kinematics is None or pressures is None or self._count % self.EVERY or not np.isfinite(pressures).all():
             return []
-        thrust = pressures * self.area_bottom - supply_Pa * self.area_top
+        top = supply_Pa if self.tank_Pa is None else supply_Pa + self.tank_Pa - pressures
+        thrust = pressures * self.area_bottom - top * self.area_top
         self._pose = self.kinematics.forward(positions, guess=self._pose)
         load = (self.kinematics.jacobian(self._pose).T @ thrust)[2:5]  # F_z, M_x, M_y
         if not self._stages:

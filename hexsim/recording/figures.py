@@ -96,7 +96,7 @@ def acceleration(signals: Signals) -> Figure | None:
     close = close_up(signals)
     t = signals.time_s
     top.plot(t, raw, color=palette.RAW, lw=0.7, label="raw")
-    top.plot(found.time_s, found.wanted, color=palette.WANTED, lw=2.0, label=found.wanted_is)
+    top.plot(found.time_s, found.reference, color=palette.WANTED, lw=2.0, label=found.reference_is)
     top.plot(t, band, color=palette.RESPONSE, lw=1.2, label=f"{found.bandwidth_Hz:g} Hz band")
     top.set_ylabel(f"acceleration [{unit}]")
     draw_deviation(middle, found, raw=True)
@@ -176,7 +176,7 @@ def pressures(signals: Signals) -> Figure | None:
     bottom = {leg: signals.leg(leg, "true_pressure_bottom", "pressure_bottom") for leg in signals.legs}
     if all(pressure is None for pressure in bottom.values()):
         return None
-    tops = {leg: signals.leg(leg, "pressure_top") for leg in signals.legs}
+    tops = {leg: signals.leg(leg, "true_pressure_top", "pressure_top") for leg in signals.legs}
     supply = signals.supply
     figure, (whole, close) = new_figure(2, "Pressures", heights=[1, 1.3])
     limits = close_up(signals)
@@ -242,12 +242,12 @@ def comparison(
     close = min((close_up(runs[label]) for label in found), key=lambda limits: limits[1])  # the run that ended first
     limit = 1.1 * max(largest_shown(d, close) for d in found.values())
     everywhere = 1.1 * max(np.max(np.abs(d.band)) for d in found.values())
-    wanted = next(iter(found.values())).wanted_is
+    reference = next(iter(found.values())).reference_is
     for row, (label, deviation) in enumerate(found.items()):
         color = palette.RUNS[row % len(palette.RUNS)]
         left, middle, right = plots[3 * row : 3 * row + 3]
-        left.plot(deviation.time_s, deviation.wanted, color=palette.WANTED, lw=1.6)
-        left.plot(deviation.time_s, deviation.wanted + deviation.band, color=color, lw=0.9)
+        left.plot(deviation.time_s, deviation.reference, color=palette.WANTED, lw=1.6)
+        left.plot(deviation.time_s, deviation.reference + deviation.band, color=color, lw=0.9)
         middle.plot(deviation.time_s, deviation.band, color=color, lw=0.9)
         right.plot(deviation.time_s, deviation.band, color=color, lw=0.6)
         left.set_xlim(*close)
@@ -260,7 +260,7 @@ def comparison(
     for left in plots[3::3]:
         left.sharey(plots[0])
     plots[0].autoscale(axis="y")
-    for plot, name in zip(plots, (f"acceleration and {wanted}", "deviation", "deviation, whole run"), strict=False):
+    for plot, name in zip(plots, (f"acceleration and {reference}", "deviation", "deviation, whole run"), strict=False):
         plot.set_title(name, loc="left")
     for plot in plots[-3:]:
         plot.set_xlabel("time [s]")

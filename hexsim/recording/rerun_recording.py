@@ -1,7 +1,7 @@
 """A Rerun recording of one run, or of several on a common time line: the machine in 3-D, platform and leg signals.
 
     /<label>/machine/...                       3-D, see `rerun_scene`
-    /<label>/acceleration/<axis>/raw|wanted|within_band [m/s2], [rad/s2]
+    /<label>/acceleration/<axis>/raw|reference|within_band [m/s2], [rad/s2]
     /<label>/deviation/<axis>/raw|reversal_peaks|within_band   (later names are drawn on top)
     /<label>/pose/<axis>/commanded|actual      [mm], [deg]
     /<label>/legs/<i>/setpoint|position|error [mm], valve|compensation [V], bottom|top [bar], flow [l/min]
@@ -45,7 +45,7 @@ LEG_CURVES: dict[str, tuple[tuple[str, ...], float, str | None]] = {
     "valve": (("valve",), 1.0, None),
     "compensation": (("compensation",), 1.0, palette.WANTED),
     "bottom": (("true_pressure_bottom", "pressure_bottom"), BAR, None),
-    "top": (("pressure_top",), BAR, palette.WANTED),
+    "top": (("true_pressure_top", "pressure_top"), BAR, palette.WANTED),
     "flow": (("flow",), L_MIN, None),
 }
 
@@ -154,7 +154,9 @@ class _Series:
             self.curve(f"{path}/raw", t, signals.acceleration(axis), f"{name} raw", palette.RAW, 1.0)
         self.curve(f"{path}/within_band", t, signals.acceleration_in_band(axis), band, color)
         if self.alone and axis in signals.driven_axes:
-            self.curve(f"{path}/wanted", found.time_s, found.wanted, f"{name} {found.wanted_is}", palette.WANTED)
+            self.curve(
+                f"{path}/reference", found.time_s, found.reference, f"{name} {found.reference_is}", palette.WANTED
+            )
 
     def deviation(self, axis: str, found: Deviation) -> None:
         path, name, t = f"deviation/{axis}", AXIS_NAMES[axis], found.time_s

@@ -12,7 +12,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.dependence import FORMS
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.report import page as report_page
-from hexsim.tracing.report.figures import fitted_curves
+from hexsim.tracing.report.balance_figure import fitted_curves
 from hexsim.tracing.steps.logs import read_runs
 from hexsim.tracing.steps.residuals import unexplained_residuals
 from hexsim.tracing.steps.violations import violations

@@ -40,8 +40,8 @@ def replayed(log: Log, machines: Mapping[str, Machine]) -> dict[str, Signals]:
     first = next(iter(machines.values()))
     begun = replace(log, time=log.time - log.time[0])
     seen = Signals(log=begun, machine=first, label="measured")
-    wanted = {axis: values for axis in seen.axes if (values := seen.acceleration(axis)) is not None}
-    shown = {"measured": replace(seen, wanted=wanted)}
+    reference = {axis: values for axis in seen.axes if (values := seen.acceleration(axis)) is not None}
+    shown = {"measured": replace(seen, reference=reference)}
     if log.setpoint is None:
         return shown
     noise = noise_of(first, [log])
@@ -51,5 +51,5 @@ def replayed(log: Log, machines: Mapping[str, Machine]) -> dict[str, Signals]:
         if np.all(np.isfinite(answer.position)):
             columns = {key: answer.columns[key] for key in measured_columns(log.n_legs) if key in answer.columns}
             own = Log(name=label, kind=log.kind, time=begun.time, rate=log.rate, columns=columns)
-            shown[label] = Signals(log=own, machine=machine, label=label, measured=True, wanted=wanted)
+            shown[label] = Signals(log=own, machine=machine, label=label, measured=True, reference=reference)
     return shown

@@ -17,7 +17,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
-from hexsim.tracing.balances import BALANCES, Balance
+from hexsim.tracing.balances import Balance, library
 from hexsim.tracing.balances.null import null_squares, used
 from hexsim.tracing.checks.finding import Finding, loss
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
@@ -47,16 +47,10 @@ def own_priors(balance: Balance, priors: tuple[Prior, ...], machine: Machine, lo
     return tuple(found)
 
 
-def balance_named(name: str, log: Log) -> Balance:
-    """The balance of a violation; a valve's is continuity."""
-    wanted = "continuity" if name == "valve" else name
-    return next(balance for balance in BALANCES if balance.name == wanted and balance.wants(log))
-
-
 def violations(declared: Machine, simulated: Machine, problem: SimulatedProblem) -> list[Violation]:
     """Every balance at every place. simulated: the machine that the null runs come from."""
     lines = []
-    balances = [balance for balance in BALANCES if all(balance.wants(log) for log in problem.logs)]
+    balances = [balance for balance in library() if all(balance.wants(log) for log in problem.logs)]
     for balance, (sigma, null) in zip(balances, null_sizes(balances, simulated, problem), strict=True):
         machine = own_fit(balance, declared, problem.logs, sigma).fitted_machine()
         rms = rms_of(balance, machine, problem.logs)
@@ -127,7 +121,9 @@ def lost_balances(logs: Sequence[Log]) -> list[Finding]:
     whole = {"volts": rows, "pressure": rows, "supply": rows[0], "acceleration": axes}
     whole |= {"angular": axes} if log.n_legs > 1 else {}
     full = replace(log, **whole)
-    lost = {b.name for b in BALANCES if b.wants(full)} - {b.name for b in BALANCES if all(b.wants(one) for one in logs)}
+    lost = {b.name for b in library() if b.wants(full)} - {
+        b.name for b in library() if all(b.wants(one) for one in logs)
+    }
     if not lost:
         return []
     missing = [CHANNELS[name] for name in whole if any(getattr(one, name) is None for one in logs)]
