@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.mechanics.kinematics import HexapodKinematics
@@ -63,7 +63,7 @@ def leg_limits(machine: Machine) -> Limits:
     return Limits(excursion=np.full(n, excursion), velocity=np.full(n, 0.3), acceleration=np.full(n, 3.0))
 
 
-@njit(cache=True)
+@compiled
 def _follow(p, v, target, rate, bend, dt, excursion, velocity, acceleration, share, w):
     """One step of the follower, in place; returns how far the target lies beyond the excursion's soft part [share]."""
     beyond = 0.0
