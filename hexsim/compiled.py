@@ -27,7 +27,7 @@ def compiled(function: Callable[..., Any]) -> Any:
     try:
         dispatcher = njit(nogil=True, **options)(function)  # threads run side by side
     except RuntimeError:  # no locator: neither the package's folder nor the user's can be written
-        config.CACHE_DIR = temporary_cache()
+        config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
         dispatcher = njit(nogil=True, **options)(function)
     stored = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
     if stored is not None and hasattr(stored, "_version"):  # absent when numba runs without a cache
