@@ -49,7 +49,16 @@ def test_a_bench_moves_as_in_the_plant(effects):
 
     Both integrate the same functions; what is left is the step (0.17 ms against 0.1 ms) and where a held sample acts.
     """
-    machine = quiet(changed(load_machine(DATA / "bench_none"), {"effects": effects}))
+    moves_as_in_the_plant(changed(load_machine(DATA / "bench_none"), {"effects": effects}))
+
+
+def test_a_rod_side_of_its_own_moves_as_in_the_plant():
+    """A rod side that is a chamber behind a port is a state of the fit's simulation too: within a third of the noise."""
+    moves_as_in_the_plant(changed(load_machine(DATA / "bench_none"), {"cylinder.rod_side": "chamber"}))
+
+
+def moves_as_in_the_plant(machine):
+    machine = quiet(machine)
     tables = {
         "name": "sine", "mode": "actuator", "duration_s": 4.0, "fade_s": 1.0,
         "axes": {"leg_1": {"kind": "sine", "amplitude": 0.04, "frequency_Hz": 0.5}},
