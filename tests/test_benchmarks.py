@@ -46,7 +46,7 @@ def test_speed_takes_the_least_time_of_each_in_turn(benchmark):
 def test_speed_runs_whole_and_bare(benchmark):
     """The whole run of 0.3 s ends at 0.3 s with the platform moved by the heave; the bare steps run."""
     speed = benchmark("speed")
-    plant = Plant(load_machine("micro_motion_system"), model="tendon", scheme="fast")
+    plant = Plant(load_machine("micro_motion_system"), model="tendon")
     neutral = plant.data.qpos[2]
     speed.bare_step(plant, 10)()
     speed.whole_run(plant, 0.3)()

@@ -32,6 +32,7 @@ def run(
         str, typer.Option("--compensator", "-c", help="Name (see `hexsim compensators`) or package.module:Class.")
     ] = "none",
     fast: options.Fast = False,
+    timestep: options.TimeStep = None,
     out: options.Out = None,
     json: options.Json = False,
     settings: options.Set = None,
@@ -51,7 +52,7 @@ def run(
         from hexsim.simulation import simulate
 
         done = simulate(
-            with_machine, what, compensator=compensator, fast=fast, seed=seed,
+            with_machine, what, compensator=compensator, fast=fast, seed=seed, timestep=timestep,
             progress=fraction_of(bar, f"{what.name} on {with_machine.name}"),
         )  # fmt: skip
         place = keep(done, folder, step_of(bar), log_format=log_format, recording=recording, report=report)

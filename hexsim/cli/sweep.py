@@ -34,7 +34,8 @@ def sweep(
     amplitude: options.Amplitude = None,
     frequency: options.Frequency = None,
     duration: options.Duration = None,
-    full: Annotated[bool, typer.Option("--full", help="Full legs with RK4 instead of the fast scheme.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Full legs instead of the tendon model.")] = False,
+    timestep: options.TimeStep = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes here; default one a processor.")] = None,
     scheduler: Annotated[str | None, typer.Option(help="Dask scheduler, tcp://host:port, to run on a cluster.")] = None,
     json: options.Json = False,
@@ -48,8 +49,9 @@ def sweep(
     with_machine, what = options.prepare(scenario, machine, amplitude=amplitude, frequency=frequency, duration=duration)
     grid = {key: parse_values(text) for key, text in options.parse_changes(settings).items()}
     wanted = cases(
-        what, with_machine, settings=grid, seeds=parse_seeds(seeds), compensators=names_of(compensators), fast=not full
-    )
+        what, with_machine, settings=grid, seeds=parse_seeds(seeds), compensators=names_of(compensators), fast=not full,
+        timestep=timestep,
+    )  # fmt: skip
     counted = {"runs": len(wanted), "failed": 0}
 
     with progress() as bar, terminated_like_interrupted():

@@ -105,7 +105,7 @@ def tank_edge_flow(p, x, P1):
 
 @compiled
 def flow_slope(p, x, P1, Ps):
-    """d(net flow into the bottom chamber)/dP1 [m3/s/Pa], <= 0; the stiff part that the fast scheme takes implicitly."""
+    """d(net flow into the bottom chamber)/dP1 [m3/s/Pa], <= 0."""
     factor = p[P.DISCHARGE] * math.sqrt(2.0 / p[P.DENSITY])
     supply = valve.edge_area(x, p[P.OVERLAP_SUPPLY], p[P.EDGE_ROUNDING], p[P.AREA_GRADIENT_SUPPLY], p[P.QUADRATIC_GAIN])
     tank = valve.edge_area(-x, p[P.OVERLAP_TANK], p[P.EDGE_ROUNDING], p[P.AREA_GRADIENT_TANK], p[P.QUADRATIC_GAIN])
@@ -152,15 +152,13 @@ def pressure_rate_of(p, y, v, P1, flow):
 
 
 @compiled
-def pressure_slowdown(p, y, x, P1, Ps, h, implicit):
+def pressure_slowdown(p, y, x, P1, Ps, h):
     """By what dP1/dt is divided in a step h [s]; with h lambda = -h (dq/dP1)/C the step over the edge's time constant.
 
-    implicit: 1 + h lambda, linearly implicit in P1 (Euler). Else for RK4, stable up to h lambda = 2.78: an open valve at
-    little pressure drop is slowed to h lambda = 2, towards the same balance; 1 elsewhere.
+    RK4 is stable up to h lambda = 2.78: an open valve at little pressure drop is slowed to h lambda = 2, towards the same
+    balance; 1 elsewhere.
     """
     slope, capacity = -h * flow_slope(p, x, P1, Ps), chamber_capacity(p, y, P1)
-    if implicit:
-        return 1.0 + slope / capacity
     return 0.5 * slope / capacity if slope > 2.0 * capacity else 1.0
 
 
@@ -282,18 +280,17 @@ def leg_force(p, y, v, volts, P1, P2, Ps, z, t):
 
 
 @compiled
-def leg_derivatives(p, y, v, volts, t, Ps, state, h, implicit):
+def leg_derivatives(p, y, v, volts, t, Ps, state, h):
     """Rates of a leg's states, its metering spool position [m] and its net flow [m3/s].
 
     state: (P1, P2, x, x', z), pressures [Pa], spool [m] and [m/s], bristle [m]; the rates come in the same order, 0 for
-    a state that the leg has not. h [s]: time step of who integrates; laws faster than it are slowed to it, P1 as
-    `pressure_slowdown` says (implicit: linearly implicit, for Euler), bristle and rod side port linearly implicit.
-    h = 0: exact.
+    a state that the leg has not. h [s]: time step of who integrates; laws faster than it are slowed to it (P1 and
+    bristle to h lambda = 2, the rod side's port to 1), towards the same balance. h = 0: exact.
     """
     P1, P2, place, speed, z = state
     x = metering_spool(p, volts, t, place)
     flow = inflow(p, y, v, volts, x, P1, Ps, t)
-    dP1 = pressure_rate_of(p, y, v, P1, flow) / pressure_slowdown(p, y, x, P1, Ps, h, implicit)
+    dP1 = pressure_rate_of(p, y, v, P1, flow) / pressure_slowdown(p, y, x, P1, Ps, h)
     dP2 = dx = acceleration = dz = 0.0
     if p[P.ROD_SIDE_CHAMBER] > 0.0:
         dP2 = rod_side_rate(p, y, v, P2, Ps, h)
@@ -304,7 +301,7 @@ def leg_derivatives(p, y, v, volts, t, Ps, state, h, implicit):
         )
     if p[P.BRISTLE_STIFFNESS] > 0.0:
         stiff = p[P.BRISTLE_STIFFNESS] * abs(v) / friction_level(p, y, v, P1)
-        dz = bristle_rate(p, y, v, P1, z) / (1.0 + h * stiff)
+        dz = bristle_rate(p, y, v, P1, z) / max(1.0, 0.5 * h * stiff)
     return (dP1, dP2, dx, acceleration, dz), x, flow
 
 

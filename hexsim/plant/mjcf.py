@@ -66,7 +66,7 @@ def leg_bodies(resolved: Resolved, neutral_length: float) -> LegBodies:
 
 
 def build_spec(
-    resolved: Resolved, kinematics: HexapodKinematics | None, kind: ModelKind, timestep: float, fast: bool
+    resolved: Resolved, kinematics: HexapodKinematics | None, kind: ModelKind, timestep: float
 ) -> tuple[mujoco.MjSpec, np.ndarray]:
     """The editable model of a bench (kinematics None) or a hexapod, and its actuators' rows for `actuator_user`.
 
@@ -76,7 +76,7 @@ def build_spec(
     spec.modelname = resolved.machine.name
     spec.compiler.degree = False
     spec.option.timestep = timestep
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER if fast else mujoco.mjtIntegrator.mjINT_RK4
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.option.gravity = resolved.gravity_m_s2
     off = mujoco.mjtDisableBit
     # no silent reset: a bad state stays, so that `Plant.check` and the log can say when and where it began
@@ -243,8 +243,7 @@ def _add_actuators(
 ) -> np.ndarray:
     """One prismatic actuator a leg, and one for the supply when it has states; returns their rows."""
     resolved.rows[:, P.LENGTH_OFFSET] = length_offset
-    fast = spec.option.integrator == mujoco.mjtIntegrator.mjINT_EULER
-    layout = lay_out_states(resolved, fast)
+    layout = lay_out_states(resolved)
     volts = resolved.machine.valve.voltage_max_V
     for i, places in enumerate(layout[:, A.PRESSURE]):
         is_leg = i < resolved.machine.n_legs
@@ -259,7 +258,6 @@ def _add_actuators(
             ctrlrange=[-volts, volts] if is_leg else [0, 1],
         )
         actuator.actdim = int(places - (layout[i - 1, A.PRESSURE] if i else -1))
-        actuator.actearly = fast
         gain = np.zeros(10)
         gain[0] = resolved.rows[i, P.AREA_BOTTOM] * 1e6 if is_leg else 0.0  # act is in MPa
         actuator.gainprm = gain

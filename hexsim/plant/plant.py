@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 import mujoco
 import numpy as np
@@ -16,6 +15,7 @@ from hexsim.errors import HexsimError
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.resolve import resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
+from hexsim.hydraulics.steps import StepRule, step_rule
 from hexsim.hydraulics.supply import POWER_UNIT, S, U, power_unit_start
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.mechanics.kinematics import HexapodKinematics
@@ -26,13 +26,9 @@ from hexsim.plant.states import A
 from hexsim.plant.structs import check_layout
 
 Array = NDArray[np.float64]
-Scheme = Literal["rk4", "fast"]
 SILENT = 1  # warnings of a kind that MuJoCo takes for written down already
 OIL_STEP_K = 0.1  # 0.06 % of the bulk modulus, 0.5 % of the viscosity
-KNOWN_ERROR = {
-    "rk4": "converged: reversal peaks within 0.1 % of RK4 at ten times the rate",
-    "fast": "reversal peaks within 0.4 % of RK4 (Euler, actearly, linearly implicit pressure, 100 us)",
-}
+MODEL_STEP_S = 1.0e-4  # of a model file, for MuJoCo without a plant
 
 
 class PlantError(HexsimError):
@@ -51,21 +47,21 @@ class Plant:
     """A machine in MuJoCo with native hydraulics, one leg or six. `tick` is the only way to drive it.
 
     machine: declared machine with its effects. model: "full" (legs as bodies) or "tendon" (hexapod only; a bench is the
-    same either way). scheme: "rk4", or "fast" = Euler with actearly and linearly implicit pressure. timestep [s].
+    same either way). timestep [s]: constant; None: chosen from the machine and its state (`hydraulics.steps`).
     furnish: adds to the scene what does not touch the machine, before the model is compiled.
     Plants in several threads do not touch each other.
     """
 
     def __init__(
-        self, machine: Machine, *, model: ModelKind = "full", scheme: Scheme = "rk4", timestep: float = 1e-4,
+        self, machine: Machine, *, model: ModelKind = "full", timestep: float | None = None,
         furnish: Callable[[mujoco.MjSpec], None] = lambda spec: None,
     ) -> None:  # fmt: skip
         install_hydraulics()
         self.machine = machine
         self.resolved: Resolved = resolve(machine)
         self.kinematics: HexapodKinematics | None = machine_kinematics(machine) if machine.is_hexapod else None
-        self.model_kind, self.scheme, self.timestep = model, scheme, timestep
-        self.spec, actuator_rows = build_spec(self.resolved, self.kinematics, model, timestep, scheme == "fast")
+        self.model_kind, self.timestep = model, timestep
+        self.spec, actuator_rows = build_spec(self.resolved, self.kinematics, model, timestep or MODEL_STEP_S)
         furnish(self.spec)
         self.model = self.spec.compile()
         self.model.actuator_user[: len(actuator_rows)] = actuator_rows
@@ -80,12 +76,15 @@ class Plant:
             self.slides = np.array([joint.qposadr[0] for joint in joints])
             self.slide_speeds = np.array([joint.dofadr[0] for joint in joints])
         check_layout(self.model, self.data)
+        self.compliance = np.zeros((self.n_legs, self.n_legs))  # until `reset` measures it
         self.prepare(machine.controller.rate_Hz)
         self.reset()
 
     def prepare(self, rate_Hz: float, ticks: int = 0) -> None:
         """Ticks at `rate_Hz` from now on; the next `ticks` of them are written down in `record`."""
-        steps = whole_ratio(1.0 / self.timestep, rate_Hz, "time step and log or control rate")
+        steps = 0
+        if self.timestep is not None:
+            steps = whole_ratio(1.0 / self.timestep, rate_Hz, "time step and log or control rate")
         self.context = stepping.step_context(self, 1.0 / rate_Hz, steps, ticks > 0)
         self.record = stepping.new_record(self, max(ticks, 1))
 
@@ -120,6 +119,7 @@ class Plant:
         data.act[rod_sides[rod_sides >= 0]] = self.machine.supply.pressure_Pa / MPa
         data.act[self.pressure_places] = self.static_pressures() / MPa
         self.context.count[0], self.context.spool_volts[:] = 0, 0.0
+        self.context.calm_s[0], self.context.velocity_before[:] = 0.0, 0.0
         self.history: list[tuple[float, np.ndarray, np.ndarray]] = []
         self.keep_rows()
         mujoco.mj_forward(self.model, data)
@@ -129,6 +129,12 @@ class Plant:
         if self.history and self.history[-1][0] == self.data.time:
             self.history.pop()
         self.history.append((self.data.time, self.rows.copy(), self.resolved.supply.copy()))
+        self.context = self.context._replace(rule=self.step_rule())
+
+    def step_rule(self) -> StepRule:
+        """What the machine as it is now asks of the time step."""
+        modes = [2 * np.pi * mode.frequency_Hz for mode in self.resolved.payload_modes]
+        return step_rule(self.rows, self.resolved.supply, self.compliance, max(modes, default=0.0))
 
     def change_row(self, leg: int | slice, place: P, value: float) -> None:
         """Change one number of a leg (from 0), or of several, in flight."""
@@ -197,7 +203,8 @@ class Plant:
 
         P1 = Ps A2/A1 + F/A1 (Eq. 3.3 corrected), F the axial force that the load asks of each leg: the platform's
         accelerations are affine in the six forces, so seven evaluations and one solve give them. (The legs' own
-        accelerations are left out: they settle within the 0.1 um give of the ball ends.)
+        accelerations are left out: they settle within the 0.1 um give of the ball ends.) On the way it measures
+        `compliance` (n_legs, n_legs) [1/kg]: the acceleration of each leg for a force on each.
         """
         model, data, n = self.model, self.data, self.n_legs
 
@@ -207,13 +214,13 @@ class Plant:
             return data.qacc[:n].copy()  # the platform's free joint, or the bench's slide
 
         start = np.full(n, self.machine.supply.pressure_Pa / 2)
-        early = model.actuator_actearly.copy()
-        model.actuator_actearly[:] = 0
         at_start = accelerations(start)
         step = 1e5
         slopes = np.column_stack([(accelerations(start + step * np.eye(n)[i]) - at_start) / step for i in range(n)])
         pressures = start - np.linalg.solve(slopes, at_start)
-        model.actuator_actearly[:] = early
+        along = np.eye(1) if self.kinematics is None else self.kinematics.jacobian(np.zeros(6))
+        compliance = along @ slopes / self.rows[:, P.AREA_BOTTOM]
+        self.compliance = 0.5 * (compliance + compliance.T)
         low, high = self.machine.supply.tank_pressure_Pa, self.machine.supply.pressure_Pa
         if np.any(pressures <= low) or np.any(pressures >= high):
             worst = int(np.argmax(np.abs(pressures - (low + high) / 2)))

@@ -34,6 +34,7 @@ class Recorded:
     qacc: Array  # of the instant: what the accelerometer samples
     mean_acceleration: Array  # over one tick: what the figures judge
     act: Array
+    timestep: Array  # mean of the tick [s]
     volts: Array
     spool_volts: Array
     compensation: Array
@@ -62,7 +63,7 @@ def run_log(plant: Plant, scenario: Scenario, recorded: Recorded, sensors: Senso
         _hexapod_columns(columns, plant, scenario, recorded, sensors)
     columns |= _per_leg(_truth(legs, recorded), plant.n_legs)
     columns["true_pressure_supply_Pa"] = legs.supply_Pa
-    columns |= power_unit_signals(plant, *states)
+    columns |= power_unit_signals(plant, *states, recorded.timestep)
     return pl.DataFrame(columns)
 
 
@@ -171,6 +172,8 @@ def run_summary(
         "axes": _axes(plant, scenario, log, start),
         "tracking_rms_m": [float(np.sqrt(np.mean(error.to_numpy()[late] ** 2))) for error in errors if late.any()],
         "realtime_factor": realtime,
+        "timestep_mean_s": float(1.0 / np.mean(1.0 / recorded.timestep)),
+        "timestep_shortest_s": float(recorded.timestep.min()),
         "warnings": list(warnings),
     }
 

@@ -41,7 +41,7 @@ STIFF_SPEEDS = 5.0  # friction is stiff below so many times its sharpness (tanh:
 @compiled
 def leg_terms(p, y, v, volts, t, h, p1, ps, x, xd, z):
     """One leg: (force on the load [N], spool used, dP1/dt, dx/dt, dx'/dt, dz/dt). h: step, for stiff laws."""
-    (dp, _, dx, dxd, dz), used, _ = leg.leg_derivatives(p, y, v, volts, t, ps, (p1, ps, x, xd, z), h, False)
+    (dp, _, dx, dxd, dz), used, _ = leg.leg_derivatives(p, y, v, volts, t, ps, (p1, ps, x, xd, z), h)
     return leg.leg_force(p, y, v, volts, p1, ps, ps, z, t), used, dp, dx, dxd, dz
 
 
@@ -50,8 +50,7 @@ def supply_rate(s, ps, demand, h):
     """dPs/dt [Pa/s]; a line faster than the step is slowed to it."""
     if s[S.MODEL] != supply.LINE:
         return 0.0
-    capacity = max(supply.line_capacity(s, ps), 2.0 * h / s[S.RESISTANCE])
-    return supply.line_rate(s, ps, demand, s[S.PRESSURE], capacity)
+    return supply.line_rate(s, ps, demand, s[S.PRESSURE], h)
 
 
 @compiled
