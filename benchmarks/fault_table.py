@@ -69,9 +69,9 @@ def line(name: str, found: Outcome, stroke_m: float, cushion_m: float) -> str:
 def into_document(table: str) -> None:
     """Put the table between the marks of docs/faults.md."""
     document = RESULTS.parent / "faults.md"
-    before, _, rest = document.read_text().partition(BEGIN)
+    before, _, rest = document.read_text(encoding="utf-8").partition(BEGIN)
     _, _, after = rest.partition(END)
-    document.write_text(f"{before}{BEGIN}\n{table}{END}{after}")
+    document.write_text(f"{before}{BEGIN}\n{table}{END}{after}", encoding="utf-8")
 
 
 def main() -> None:
@@ -93,9 +93,9 @@ def main() -> None:
         f"into the cushion of {1e3 * cylinder.cushion_length_m:g} mm [mm] |\n|---|---|---|---|---|---|---|\n"
     )
     RESULTS.mkdir(parents=True, exist_ok=True)
-    (RESULTS / f"{arguments.name}.json").write_text(json.dumps(data, indent=1) + "\n")
+    (RESULTS / f"{arguments.name}.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     table = head + "\n".join(rows) + "\n"
-    (RESULTS / f"{arguments.name}.md").write_text(table)
+    (RESULTS / f"{arguments.name}.md").write_text(table, encoding="utf-8")
     if arguments.name == "faults":
         into_document(table)
 

@@ -39,13 +39,14 @@ class Sample:
     pressure_supply_Pa: float  # measured, Ps
 
     def __post_init__(self) -> None:
-        self.time_s = float(self.time_s)
-        self.setpoint_m = float(self.setpoint_m)
-        self.position_m = float(self.position_m)
-        self.control_V = float(self.control_V)
-        self.valve_V = float(self.valve_V)
-        self.pressure_bottom_Pa = float(self.pressure_bottom_Pa)
-        self.pressure_supply_Pa = float(self.pressure_supply_Pa)
+        floats = (
+            type(self.time_s) is type(self.setpoint_m) is type(self.position_m) is type(self.control_V)
+            is type(self.valve_V) is type(self.pressure_bottom_Pa) is type(self.pressure_supply_Pa) is float
+        )  # fmt: skip
+        if not floats:
+            for name in ("time_s", "setpoint_m", "position_m", "control_V", "valve_V", "pressure_bottom_Pa",
+                         "pressure_supply_Pa"):  # fmt: skip
+                setattr(self, name, float(getattr(self, name)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -176,7 +176,7 @@ def main() -> None:
     moments = log["time_s"].to_numpy()
     felt = compare(log, kinematics, manoeuvre(moments))
     table = figures(moments, felt)
-    (arguments.out / "cueing.json").write_text(json.dumps(table, indent=1))
+    (arguments.out / "cueing.json").write_text(json.dumps(table, indent=1), encoding="utf-8")
     what = "proportional control" if run.compensator == "none" else f"compensator {run.compensator}"
     (arguments.out / "cueing.png").write_bytes(picture(moments, felt, table, what))
     columns = {f"{name}_{axis}_m_s2": values[:, k] for name, values in felt.items() for k, axis in enumerate("xyz")}

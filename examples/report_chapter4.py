@@ -244,7 +244,7 @@ def main(out: Path, duration_s: float = 10.0) -> Table:
         table += part(simulation, duration_s, out)
     lines = [f"{'difference':30s} {'quantity':26s} {'simulation':>11s} {'with it':>11s}"]
     lines += [f"{what:30s} {quantity:26s} {a:11.3f} {b:11.3f} {unit}" for what, quantity, a, b, unit in table]
-    (out / "table.txt").write_text("\n".join(lines) + "\n")
+    (out / "table.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines))
     return table
 

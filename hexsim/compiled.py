@@ -1,7 +1,8 @@
 """How every equation is compiled: strict IEEE arithmetic, cached between sessions, callable from C and from numpy.
 
 Numba's cache looks at the file of the function alone, and compiled callers hold copies of what they call; a change in
-`valve` would leave an old valve in the callbacks. So the cache's stamp is widened to all files that take part.
+`valve` would leave an old valve in the callbacks. So the cache's version is that of all files that take part; it is read
+before anything else of a stored index, which may name types that are no more.
 """
 
 from __future__ import annotations
@@ -12,16 +13,36 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from llvmlite.ir import Constant
 from numba import njit
+from numba.extending import intrinsic
 
 
 def compiled(function: Callable[..., Any]) -> Any:
     """`function` as a native one."""
     dispatcher = njit(cache=True, error_model="numpy", fastmath=False, nogil=True)(function)  # threads run side by side
     stored = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
-    if stored is not None and hasattr(stored, "_source_stamp"):  # absent when numba runs without a cache
-        stored._source_stamp = (stored._source_stamp, sources_digest())
+    if stored is not None and hasattr(stored, "_version"):  # absent when numba runs without a cache
+        stored._version = (stored._version, sources_digest())
     return dispatcher
+
+
+def _borrowed(typing_context: Any, array: Any) -> Any:
+    """The same array without its reference count, for inner loops: counting costs as much as a leg's equations.
+
+    Whoever lends it must hold the array until the borrower returns, as the Python caller of a compiled function does.
+    """
+
+    def without_owner(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        struct = context.make_array(signature.return_type)(context, builder, value=args[0])
+        struct.meminfo = Constant(struct.meminfo.type, None)
+        struct.parent = Constant(struct.parent.type, None)
+        return struct._getvalue()
+
+    return array(array), without_owner
+
+
+borrowed: Any = intrinsic(_borrowed)
 
 
 @cache

@@ -153,9 +153,20 @@ def test_help_is_quick_and_loads_no_simulator():
         (("run", "heave", "--set", "valve.overlap_m=1"), r"overlap"),
         (("run", "heave", "--set", "scenario.colour=1"), r"colour is not a known key: allowed are"),
         (("run", "heave", "--amplitude", "0.5"), r"t = .* s.*leg \d.* m long, allowed is"),
-        (("run", "heave", "--duration", "-1"), r"duration_s is -1"),
+        (("run", "heave", "--duration", "-1"), r"duration_s = -1\.0: .*greater than 0"),
         (("run", "heave", "-m", "bench", "--amplitude", "0.11"), r"t = .* leg 1 is asked to .* outside 0\.\.0\.2 m"),
         (("view", "nowhere"), r"nowhere is no folder"),
+        (("run", "x" * 300), r"unknown scenario 'x+\.\.\. \(302 characters\): give one of combined"),
+        (("run", "heave", "-m", "x" * 300), r"unknown machine 'x+\.\.\. \(302 characters\): give one of bench"),
+        (("run", "heave", "--duration", "86400", "-m", "bench", "--set", "sensors.log_rate_Hz=10000"), r"GB are free"),
+        (("run", "heave", "--duration", "0.5", "-m", "bench", "--set", "sensors.log_rate_Hz=1"), r"two samples of the"),
+        (("run", "heave", "--set", "valve.overlap_m=" + "[" * 5000), r"\[valve\] overlap_m = '\[+\.\.\. "),
+        (("run", "heave", "--set", "valve.overlap_m=" + "9" * 5000), r"\[valve\] overlap_m = '9+\.\.\. "),
+        (("sweep", "heave", "--seeds", "-1:3", "--out", "t.parquet"), r"--seeds '-1:3' is neither .* from 0 on"),
+        (
+            ("sweep", "heave", "--seeds", "0:1000000000", "--out", "t.parquet"),
+            r"a sweep of 1000000000 runs: give at most",
+        ),
         (("sweep", "heave", "--seeds", "a", "--out", "t.parquet"), r"--seeds 'a' is neither"),
         (("sweep", "heave", "--seeds", "3:3", "--out", "t.parquet"), r"holds no seed"),
     ],
@@ -218,9 +229,10 @@ def test_an_unwritable_folder_is_refused_before_the_run(tmp_path, monkeypatch):
 # ---- what ends early -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_run_keeps_its_log(tmp_path, number):
-    """Ctrl-C (or SIGTERM) in the middle: exit code 2, one sentence, and a folder -partial whose log can be read."""
+    """Ctrl-C (SIGTERM, a closed terminal) in the middle: exit code 2, one sentence, a folder -partial whose log can be
+    read."""
     arguments = ["run", "heave", *BENCH, "--duration", "2000", "--out", "run", "--no-recording", "--no-report"]
     with subprocess.Popen(
         [sys.executable, "-c", INTERRUPTIBLE, *arguments], cwd=tmp_path, env=ENVIRONMENT, text=True,

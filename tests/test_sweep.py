@@ -11,6 +11,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import polars as pl
+import psutil
 import pytest
 
 import hexsim
@@ -104,6 +105,50 @@ def test_a_line_that_was_cut_short_is_run_again_and_no_other(tmp_path):
     assert table.height == 3 and table["wall_s"][0] == rows[0]["wall_s"]
 
 
+@pytest.mark.parametrize("damage", [b"[1, 2]", b'{"key": 3}', b"\xff\xfe\x00", b'{"key": "a", "se', b"[" * 5000])
+def test_a_damaged_line_is_run_again_and_no_other(tmp_path, damage):
+    """A line in the middle of the journal that holds no row costs that row only."""
+    wanted = short(seeds=[0, 1, 2])
+    rows = [json.dumps(run_case(case) | {"error": None}).encode() for case in wanted[::2]]
+    (tmp_path / "t.parquet.journal").write_bytes(rows[0] + b"\n" + damage + b"\n" + rows[1] + b"\n")
+    assert sweep(wanted, Here(), tmp_path / "t.parquet") == 1
+    assert pl.read_parquet(tmp_path / "t.parquet")["seed"].to_list() == [0, 1, 2]
+
+
+def test_more_runs_than_fit_are_refused_at_once():
+    """A range of a billion seeds is counted and not listed."""
+    with pytest.raises(HexsimError, match=r"a sweep of 2000000000 runs: give at most 100000"):
+        short(seeds=range(10**9), compensators=["none", "buffered"])
+
+
+def test_a_scheduler_that_goes_away_keeps_the_rows(tmp_path):
+    """Dask cancels what it held when its scheduler dies: a sentence, the rows kept, and the sweep can go on."""
+
+    class Lost(Here):
+        def submit(self, function, /, case):
+            if case.seed == 0:
+                return super().submit(function, case)
+            future = Future()
+            future.cancel()
+            future.set_running_or_notify_cancel()
+            return future
+
+    with pytest.raises(HexsimError, match=r"workers died \(lost\); 1 rows are kept.*run the same command again"):
+        sweep(short(seeds=[0, 1]), Lost(), tmp_path / "t.parquet")
+    assert sweep(short(seeds=[0, 1]), Here(), tmp_path / "t.parquet") == 1
+
+
+def test_a_journal_that_cannot_be_written_is_a_sentence(tmp_path, monkeypatch):
+    """A full disk in the middle of a sweep."""
+
+    def full(number):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("hexsim.studies.journal.os.fsync", full)
+    with pytest.raises(HexsimError, match=r"cannot write .*journal: No space left on device; .*run it again to go on"):
+        sweep(short(), Here(), tmp_path / "t.parquet")
+
+
 def test_two_sweeps_cannot_write_one_table(tmp_path):
     """The second is told so at once; when the first is done it may."""
     with Journal(tmp_path / "t.parquet"), pytest.raises(HexsimError, match="another sweep is writing"):
@@ -173,6 +218,21 @@ def test_a_killed_sweep_goes_on_where_it_was(tmp_path):
     rows = {row["key"]: row for row in pl.read_parquet(table).to_dicts()}
     assert sorted(row["seed"] for row in rows.values()) == [0, 1, 2, 3, 4, 5]
     assert all(rows[row["key"]]["wall_s"] == row["wall_s"] for row in finished)
+
+
+def test_workers_end_with_their_sweep(tmp_path):
+    """kill -9 of the parent alone: its workers are gone within seconds, not for ever."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(command(tmp_path / "t.parquet"), cwd=tmp_path, env=environment)
+    journal = tmp_path / "t.parquet.journal"
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and not (journal.exists() and journal.read_bytes().count(b"\n") >= 1):
+        time.sleep(0.02)
+    workers = psutil.Process(process.pid).children(recursive=True)
+    process.kill()
+    process.wait()
+    gone, alive = psutil.wait_procs(workers, timeout=20)
+    assert len(gone) >= 1 and alive == []
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # sockets of Dask's own shutdown

@@ -124,17 +124,18 @@ class Adaptive(Compensator):
         reference.advance(behind, here, ahead)
 
         compliance = context.compliance_m_Pa(reference.position_m)
-        demand = self._demand(state, compliance)
-        state.demands.append(demand)
+        pressure, share = self._demanded_pressure(state)
+        oil, a, v = reference.position_m + compliance * pressure, reference.acceleration_m_s2, reference.velocity_m_s
+        state.demands.append(Demand(pressure, share, a, reference.lag_m, oil, v))
         now = state.demands.popleft()
         load = sample.pressure_bottom_Pa - sample.pressure_supply_Pa * context.area_ratio
         deviation = load - now.pressure_Pa
         state.deviation_Pa.appendleft(deviation)
         state.mean_deviation_Pa += DEVIATION_SHARE * (deviation - state.mean_deviation_Pa)
 
-        bottom = demand.pressure_Pa + state.mean_deviation_Pa + state.supply_Pa * context.area_ratio
+        bottom = pressure + state.mean_deviation_Pa + state.supply_Pa * context.area_ratio
         roots = self._roots(state, state.supply_Pa, bottom)
-        flow, dead_band = state.inverse.advance(demand.oil_m, roots, state.valve.edges, state.trim, state.lag_s)
+        flow, dead_band = state.inverse.advance(oil, roots, state.valve.edges, state.trim, state.lag_s)
         state.flow_V.appendleft(flow)
         state.dead_band_V.appendleft(dead_band)
 
@@ -145,7 +146,6 @@ class Adaptive(Compensator):
             u -= self._damping(state, compliance, roots)
         if self.learn:
             self._identify(state, sample, load, now)
-            self._identify_stribeck(state, sample, deviation, now)
         setpoint_m_s2 = (ahead - 2 * here + behind) / (context.tick_s * context.tick_s)
         update_engagement(state, setpoint_m_s2, sample, now.lag_m)
         limit = context.voltage_max_V
@@ -175,13 +175,6 @@ class Adaptive(Compensator):
         reference.loop_1_s = (kp * down.gain_m_s_V * roots[0], kp * up.gain_m_s_V * roots[1])
         reference.dead_band_m = (down.dead_band_V / kp, up.dead_band_V / kp)
 
-    def _demand(self, state: AdaptiveState, compliance_m_Pa: float) -> Demand:
-        """What the reference needs at the boundary it stands at: pressure, and oil displacement."""
-        reference = state.reference
-        pressure, share = self._demanded_pressure(state)
-        oil = reference.position_m + compliance_m_Pa * pressure
-        return Demand(pressure, share, reference.acceleration_m_s2, reference.lag_m, oil, reference.velocity_m_s)
-
     def _demanded_pressure(self, state: AdaptiveState) -> tuple[float, float]:
         """P1 - Ps A2/A1 [Pa] that the reference needs, and the signed share of the Stribeck pressure in it."""
         reference, friction, weight = state.reference, state.friction, state.engagement.friction_share
@@ -200,12 +193,10 @@ class Adaptive(Compensator):
 
     def _roots(self, state: AdaptiveState, supply_Pa: float, bottom_Pa: float) -> tuple[float, float]:
         """sqrt(dp / dp_ref) of the edge to tank and of the edge from the supply."""
-        return self._root(bottom_Pa - state.context.tank_pressure_Pa), self._root(supply_Pa - bottom_Pa)
-
-    def _root(self, drop_Pa: float) -> float:
-        """sqrt(dp / dp_ref) of an edge."""
-        share = drop_Pa / self.reference_drop_Pa
-        return sqrt(share if share > MIN_DROP_SHARE else MIN_DROP_SHARE)
+        down = (bottom_Pa - state.context.tank_pressure_Pa) / self.reference_drop_Pa
+        up = (supply_Pa - bottom_Pa) / self.reference_drop_Pa
+        least = MIN_DROP_SHARE
+        return sqrt(down if down > least else least), sqrt(up if up > least else least)
 
     def _damping(self, state: AdaptiveState, compliance_m_Pa: float, roots: tuple[float, float]) -> float:
         """Volts that let oil out while the pressure oscillates above the demand."""
@@ -229,8 +220,7 @@ class Adaptive(Compensator):
     def _identify(self, state: AdaptiveState, sample: Sample, load_Pa: float, now: Demand) -> None:
         """One tick of valve, edge rounding and friction; the taps are designed anew when the lag has moved."""
         valve, p, compensated = sample.valve_V, sample.pressure_bottom_Pa, state.engagement.ramp == 1.0
-        mean = 0.5 * (p + state.last_bottom_Pa)
-        root = self._root(sample.pressure_supply_Pa - mean if valve > 0 else mean - state.context.tank_pressure_Pa)
+        root = self._roots(state, sample.pressure_supply_Pa, 0.5 * (p + state.last_bottom_Pa))[1 if valve > 0 else 0]
         state.last_bottom_Pa = p
         z = sample.position_m + state.context.compliance_m_Pa(sample.position_m) * p
         state.valve.add(z, valve, root)
@@ -245,22 +235,18 @@ class Adaptive(Compensator):
             state.friction.add(sample.position_m, load_Pa, now.acceleration_m_s2)
         if abs(state.valve.lag_s - state.lag_s) > LAG_TOLERANCE_S and state.valve.ready:
             self._design(state, round_lag(state.valve.lag_s))
-
-    def _identify_stribeck(self, state: AdaptiveState, sample: Sample, deviation_Pa: float, now: Demand) -> None:
-        friction = state.friction
-        position_error = sample.position_m - sample.setpoint_m + now.lag_m
-        complete = friction.stribeck.add(now.velocity_m_s, deviation_Pa, position_error, now.stribeck_share)
-        if complete and state.engagement.ramp == 1.0:
-            friction.stribeck.update(1e6 * friction.fit.theta[1], 2.0 * friction.half_step_Pa)
+        stribeck, position_error = state.friction.stribeck, sample.position_m - sample.setpoint_m + now.lag_m
+        complete = stribeck.add(now.velocity_m_s, state.deviation_Pa[0], position_error, now.stribeck_share)
+        if complete and compensated:
+            stribeck.update(1e6 * state.friction.fit.theta[1], 2.0 * state.friction.half_step_Pa)
 
     def status(self, state: AdaptiveState) -> str:
         """A sentence while plain control acts because of what reversals or the valve have done."""
         if state.engagement.lockout_s > 0.0:
             return "reversals became worse than plain control's: plain control for a while"
-        rejected = any(edge.rejections and not edge.ready for edge in state.valve.edges)
-        return (
-            "the valve no longer follows what was learned: plain control while it is learned anew" if rejected else ""
-        )
+        if state.valve.rejected:
+            return "the valve no longer follows what was learned: plain control while it is learned anew"
+        return ""
 
     def parameters(self, state: AdaptiveState) -> Parameters:
         return {

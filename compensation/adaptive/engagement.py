@@ -33,6 +33,8 @@ from ..compensator import Sample, clip
 from .spool import LEAD_TICKS
 from .state import AT_REST_M_S2, AdaptiveState, Engagement, Phase
 
+PLAIN, ENGAGING, COMPENSATED, FEED_FORWARD_OUT, DISENGAGING, TRIPPED = Phase
+
 EXCITATION_MEMORY_S = 10.0  # time constant with which the recent peak of the excitation decays
 STABILITY_SPEED_M_S = 1.2e-3  # stability limit [m/s2] over growth rate of the hydraulic resonance [1/s]
 ENABLE_RATIO = 1.3  # enable/disable hysteresis ratio of the excitation
@@ -64,13 +66,13 @@ def update_engagement(state: AdaptiveState, setpoint_m_s2: float, sample: Sample
         engagement.lockout_s -= tick
 
     phase = engagement.phase = _next_phase(state, identified)
-    if phase is Phase.TRIPPED:
+    if phase is TRIPPED:
         engagement.ramp = max(0.0, engagement.ramp - TRIP_SPEED * step)
-    elif phase is Phase.ENGAGING:
+    elif phase is ENGAGING:
         if engagement.ramp == 0.0:
             _join(state, sample.setpoint_m - sample.position_m - lag_m)
         engagement.ramp = min(1.0, engagement.ramp + engagement.ramp_step)
-    elif phase is Phase.DISENGAGING:
+    elif phase is DISENGAGING:
         engagement.ramp = max(0.0, engagement.ramp - engagement.ramp_step)
 
     if engagement.ramp == 0.0:
@@ -87,17 +89,17 @@ def _next_phase(state: AdaptiveState, identified: bool) -> Phase:
     """The table's second column."""
     engagement = state.engagement
     if not identified or engagement.lockout_s > 0.0:
-        return Phase.TRIPPED if engagement.ramp > 0.0 else Phase.PLAIN
+        return TRIPPED if engagement.ramp > 0.0 else PLAIN
     if engagement.ramp == 0.0:
         allowed = engagement.excited and engagement.friction_share == 1.0 and engagement.engage_window
-        return Phase.ENGAGING if allowed and _checks_passed(state) else Phase.PLAIN
+        return ENGAGING if allowed and _checks_passed(state) else PLAIN
     if engagement.ramp < 1.0:
-        return Phase.ENGAGING if engagement.excited else Phase.DISENGAGING
+        return ENGAGING if engagement.excited else DISENGAGING
     if engagement.excited:
-        return Phase.COMPENSATED
+        return COMPENSATED
     at_rest = abs(engagement.acceleration_m_s2) < AT_REST_M_S2
     may_leave = state.reference.feed_forward == 0.0 and (engagement.after_reversal or at_rest)
-    return Phase.DISENGAGING if may_leave else Phase.FEED_FORWARD_OUT
+    return DISENGAGING if may_leave else FEED_FORWARD_OUT
 
 
 def _checks_passed(state: AdaptiveState) -> bool:
@@ -197,12 +199,13 @@ def _track_reversals(state: AdaptiveState, velocity_m_s: float) -> None:
     if velocity_m_s:
         engagement.direction = velocity_m_s
     half, ticks = engagement.half_ticks, engagement.reversal_ticks - LEAD_TICKS
-    if half > 0 and ticks == 2 * half // 5:
+    engagement.after_reversal = engagement.engage_window = False
+    if half == 0 or ticks > 0.55 * half:
+        return
+    if ticks == 2 * half // 5:
         _judge_reversal(engagement, velocity_m_s > 0.0)
-    engagement.after_reversal = half > 0 and ticks == half // 5
-    engagement.engage_window = (
-        half > 0 and 0.4 * half <= ticks <= 0.55 * half and engagement.open_ticks * state.context.tick_s > MIN_OPEN_S
-    )
-    if engagement.after_reversal:
+    engagement.engage_window = ticks >= 0.4 * half and engagement.open_ticks * state.context.tick_s > MIN_OPEN_S
+    if ticks == half // 5:
+        engagement.after_reversal = True
         longest = engagement.settings.engage_s * state.context.rate_Hz
         engagement.ramp_step = 1.0 / clip(0.4 * half, 10.0, longest)

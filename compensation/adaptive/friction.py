@@ -19,6 +19,7 @@ from .recursive_least_squares import RecursiveLeastSquares
 from .stribeck import MIN_RATE, StribeckEstimator
 
 MAX_HALF_STEP_MPA = 1.0
+DM = 10.0  # [dm/m]
 STRIBECK_VELOCITY_M_S = 5e-3  # over which friction falls after breakaway; a common size, and the report's
 POSITION_PRIOR = 10.0  # standard deviation of p5 [2 kPa/dm]: load hardly depends on position
 TYPICAL_STRIBECK, REVERSALS_NEEDED = 0.5, 5  # P_s over half the step, assumed until so many reversals were seen
@@ -69,9 +70,9 @@ class FrictionEstimator:
         v = (position_m - self.start_m) / (self.window * self.context.tick_s)
         if abs(v) < self.min_speed_m_s:
             return
-        n, up = self.window + 1, v > 0
-        y = 5 * (position_m + self.start_m - self.context.stroke_m)
-        v *= 10
+        n, up = self.window + 1, 1 if v > 0 else 0
+        y = 0.5 * DM * (position_m + self.start_m - self.context.stroke_m)
+        v *= DM
         phi = [1.0, self.sum_a / n, v if up else 0.0, 0.0 if up else v, 1.0 if up else -1.0, y]
         self.fit.update(phi, self.sum_load / n * 1e-6)
         self.fit.update([0.0, 0.0, 0.0, 0.0, 0.0, self.position_weight], 0.0)
@@ -81,8 +82,8 @@ class FrictionEstimator:
     def smooth_Pa(self, position_m: float, velocity_m_s: float, acceleration_m_s2: float) -> float:
         """The fit without its step [Pa]."""
         t = self.fit.theta
-        v = 10 * velocity_m_s
-        y = 10 * position_m - 5 * self.context.stroke_m
+        v = DM * velocity_m_s
+        y = DM * position_m - 0.5 * DM * self.context.stroke_m
         return 1e6 * (t[0] + t[1] * acceleration_m_s2 + v * (t[2] if v > 0 else t[3]) + t[5] * y)
 
     def inertia_Pa(self) -> float:

@@ -17,6 +17,8 @@ from collections import deque
 from dataclasses import dataclass, field
 
 BLOCK, APART = 5, 20  # ticks
+FIRST, SECOND, THIRD = BLOCK - 1, 2 * BLOCK - 1, 3 * BLOCK - 1  # oldest position of each block
+FILLED = 3 * BLOCK + 2 * APART  # ticks until the filter is filled
 RATIO_ALIKE, RATIO_UNLIKE = 1.05, 1.5  # allowed bump over the baseline, at a reversal like the baseline's or unlike it
 STANDARD_ERRORS = 3.0  # of h, allowed beyond
 ALIKE = 0.05  # relative difference in acceleration up to which reversals are alike
@@ -32,22 +34,27 @@ class PerformanceMonitor:
     positions_m: deque[float] = field(default_factory=lambda: deque([0.0] * (3 * BLOCK), 3 * BLOCK))
     blocks_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # sums, newest first
     accelerations: deque[float] = field(default_factory=lambda: deque([0.0] * (2 * APART + 1), 2 * APART + 1))
-    count: int = 0  # ticks, until the filter is filled
+    count: int = 0  # ticks, up to FILLED
+    divisor_s2: float = field(init=False)  # of the sums' second difference
     low_m_s2: float = math.inf
     high_m_s2: float = -math.inf
     baseline_m_s2: list[float] = field(default_factory=lambda: [0.0, 0.0])
     reversal_m_s2: list[float] = field(default_factory=lambda: [0.0, 0.0])  # accelerations of the baseline's reversals
 
+    def __post_init__(self) -> None:
+        self.divisor_s2 = BLOCK * (BLOCK * self.tick_s) ** 2
+
     def add(self, position_m: float) -> None:
         """One tick."""
-        old, sums = self.positions_m, self.blocks_m
-        sums[0] += position_m - old[BLOCK - 1]
-        sums[1] += old[BLOCK - 1] - old[2 * BLOCK - 1]
-        sums[2] += old[2 * BLOCK - 1] - old[3 * BLOCK - 1]
-        old.appendleft(position_m)
+        positions, sums = self.positions_m, self.blocks_m
+        first, second, third = positions[FIRST], positions[SECOND], positions[THIRD]
+        sums[0] += position_m - first
+        sums[1] += first - second
+        sums[2] += second - third
+        positions.appendleft(position_m)
         kept = self.accelerations
-        kept.appendleft((sums[0] - 2.0 * sums[1] + sums[2]) / (BLOCK * (BLOCK * self.tick_s) ** 2))
-        if self.count < 3 * BLOCK + 2 * APART:
+        kept.appendleft((sums[0] - 2.0 * sums[1] + sums[2]) / self.divisor_s2)
+        if self.count < FILLED:
             self.count += 1
             return
         h = kept[APART] - 0.5 * (kept[0] + kept[-1])

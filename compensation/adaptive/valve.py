@@ -182,6 +182,12 @@ class ValveEstimator:
         return self.edges[0].ready and self.edges[1].ready
 
     @property
+    def rejected(self) -> bool:
+        """Whether a direction had been ready and no longer behaves as identified."""
+        down, up = self.edges
+        return (down.rejections > 0 and not down.ready) or (up.rejections > 0 and not up.ready)
+
+    @property
     def usable(self) -> bool:
         """Whether both directions are known well enough to tell how the piston moves."""
         return self.edges[0].windows >= USABLE_WINDOWS and self.edges[1].windows >= USABLE_WINDOWS

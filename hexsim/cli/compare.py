@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexsim.cli import options
-from hexsim.cli.console import output, progress, step_of, terminated_like_interrupted
+from hexsim.cli.console import output, print_json, progress, step_of, terminated_like_interrupted
+from hexsim.cli.errors import FULL
 from hexsim.errors import HexsimError
 from hexsim.files.formats import LogFormat
 
@@ -39,8 +40,9 @@ def compare(
     log_format: Annotated[LogFormat, typer.Option(help="Format of the log files.")] = "parquet",
 ) -> None:
     """Run a scenario with several compensators: table, figure, report, compare.json, one recording."""
-    from hexsim.files.json_files import dumps
     from hexsim.files.run_folder import default_folder, run_folder
+    from hexsim.scenarios.resources import check_resources
+    from hexsim.scenarios.settings import machine_in
     from hexsim.studies.compare import compare as run_all
     from hexsim.studies.compare import comparison_tables, interrupted, names_of, write_comparison
 
@@ -49,17 +51,23 @@ def compare(
     )
     names = names_of(compensators)
     with run_folder(out or default_folder(f"compare-{what.name}")) as folder, progress() as bar:
+        check_resources(machine_in(what, with_machine), len(names) * what.duration_s, folder.out.absolute().parent)
         tasks = {name: bar.add_task(name, total=1.0) for name in names}
         with terminated_like_interrupted():
             runs = run_all(
                 with_machine, what, names, fast=fast, seed=seed, timestep=timestep,
                 progress=lambda name, fraction: bar.update(tasks[name], completed=fraction),
             )  # fmt: skip
-            write_comparison(runs, folder.path, log_format=log_format, recording=recording, step=step_of(bar))
+            try:
+                write_comparison(runs, folder.path, log_format=log_format, recording=recording, step=step_of(bar))
+            except (HexsimError, OSError) as error:
+                if isinstance(error, OSError) and error.errno not in FULL:
+                    raise
+                raise HexsimError(f"{error}; what could be kept is in {folder.finish(complete=False)}") from None
         ended = next((run for run in runs.values() if interrupted(run)), None)
         place = folder.finish(complete=ended is None)
     if json:
-        typer.echo(dumps(comparison_tables(runs)))
+        print_json(comparison_tables(runs))
     else:
         print_comparison(runs, str(place))
     if ended is not None:
@@ -93,7 +101,7 @@ def print_comparison(runs: Mapping[str, Run], place: str) -> None:
         console.print()
     for name, run in runs.items():
         if not run.complete:
-            console.print(f"[yellow]{name}: {run.reason}[/yellow]")
+            console.print(f"{name}: {run.reason}", style="yellow")
     for warning in sorted({text for run in runs.values() for text in run.warnings if text != run.reason}):
         console.print(f"note    {warning}")
     console.print(f"files   {place}")

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
+
+import typer
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -13,11 +16,21 @@ if TYPE_CHECKING:
 
 
 def output() -> Console:
-    """Where tables go. Piped, a table is as wide as it needs."""
+    """Where tables go. Piped, a table is as wide as it needs. Brackets in names are no markup."""
     from rich.console import Console
 
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=max(console.width, 120), soft_wrap=False)
+    plain: Any = {"highlight": False, "markup": False, "emoji": False}
+    console = Console(**plain)
+    return console if console.is_terminal else Console(**plain, width=max(console.width, 120), soft_wrap=False)
+
+
+def print_json(data: Any) -> None:
+    """Strict JSON on stdout, in ASCII: any locale can print it."""
+    import json
+
+    from hexsim.files.json_files import plain
+
+    typer.echo(json.dumps(plain(data, none_for_nan=True), indent=2, allow_nan=False))
 
 
 @contextmanager
@@ -29,7 +42,7 @@ def progress() -> Iterator[Progress]:
     console = Console(stderr=True)
     columns = (
         SpinnerColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TaskProgressColumn(),
         TimeRemainingColumn(),
@@ -52,17 +65,18 @@ def step_of(bar: Progress) -> Callable[[str], None]:
 
 @contextmanager
 def terminated_like_interrupted() -> Iterator[None]:
-    """SIGTERM ends a run as Ctrl-C does, so that its partial log is kept."""
+    """SIGTERM, and the terminal's end (SIGHUP), end a run as Ctrl-C does, so that its partial log is kept."""
 
     def interrupt(number: int, frame: Any) -> None:
         raise KeyboardInterrupt
 
-    try:
-        before = signal.signal(signal.SIGTERM, interrupt)
-    except ValueError:  # not in the main thread: leave signals alone
+    if threading.current_thread() is not threading.main_thread():  # only there can signals be handled
         yield
         return
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.signal(number, interrupt) for number in numbers}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

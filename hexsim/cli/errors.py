@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from typing import Any
@@ -9,27 +10,46 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from hexsim.errors import HexsimError
+from hexsim.errors import HexsimError, shortened
 
 EXIT_CODE = 2
+LONGEST_SENTENCE = 2000  # characters
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the disk, the user's share of it, the largest file allowed
 
 
 class SentenceGroup(TyperGroup):
     """Turns the user's errors into a sentence; anything else is a bug and keeps its traceback."""
 
     def invoke(self, ctx: typer.Context) -> Any:
+        for stream in (sys.stdout, sys.stderr):  # a locale without a sign shows it as its code
+            if hasattr(stream, "reconfigure"):
+                stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
         try:
-            return super().invoke(ctx)
+            result = super().invoke(ctx)
+            sys.stdout.flush()
+            return result
         except HexsimError as error:
             say(str(error))
         except KeyboardInterrupt:
             say("interrupted by the user; nothing was kept")
         except BrokenPipeError:  # the reader of our output went away, as `head` does
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _drop_output()
             raise typer.Exit(0) from None
+        except OSError as error:
+            if error.errno not in FULL:
+                raise
+            _drop_output()
+            place = f" {error.filename}" if error.filename else ", nor print"
+            say(f"cannot write{place}: {error.strerror}; make room, or give --out another place")
         raise typer.Exit(EXIT_CODE)
 
 
+def _drop_output() -> None:
+    """What is still to be printed goes nowhere, so that Python does not fail on it at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def say(sentence: str) -> None:
-    """One line on stderr."""
-    typer.echo(f"hexsim: {' '.join(sentence.split())}", err=True)
+    """One line on stderr; control characters of names and files as their codes."""
+    line = shortened(" ".join(sentence.split()), LONGEST_SENTENCE)
+    typer.echo(f"hexsim: {''.join(c if c.isprintable() else repr(c)[1:-1] for c in line)}", err=True)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import typer
 
 from hexsim.cli import options
-from hexsim.cli.console import output
+from hexsim.cli.console import output, print_json
 
 
 def register(app: typer.Typer) -> None:
@@ -17,9 +17,7 @@ def register(app: typer.Typer) -> None:
 
 def _show(header: Sequence[str], rows: Sequence[Sequence[str]], json: bool) -> None:
     if json:
-        from hexsim.files.json_files import dumps
-
-        typer.echo(dumps([dict(zip(header, row, strict=True)) for row in rows]))
+        print_json([dict(zip(header, row, strict=True)) for row in rows])
         return
     from rich.table import Table
 

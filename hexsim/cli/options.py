@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexsim.errors import HexsimError
+from hexsim.errors import HexsimError, shortened
 
 if TYPE_CHECKING:
     from hexsim.machine import Machine
     from hexsim.scenarios import Scenario
 
 ScenarioName = Annotated[str, typer.Argument(help="Name (see `hexsim scenarios`), TOML file, or a file of setpoints.")]
+AnyScenario = Annotated[
+    str | None, typer.Argument(help="Name, TOML file, or a file of setpoints; without it: what there is.")
+]
 MachineName = Annotated[
     str | None, typer.Option("--machine", "-m", help="Name, folder or TOML file; default: the scenario's.")
 ]
 Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the driven axes [m, or degrees for rotations].")]
 Frequency = Annotated[float | None, typer.Option(help="Frequency of the driven axes [Hz].")]
 Duration = Annotated[float | None, typer.Option(help="Simulated time [s].")]
-Seed = Annotated[int, typer.Option(help="Seed of the sensor noise; same seed, same log to the bit.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the sensor noise; same seed, same log to the bit.")]
 Fast = Annotated[bool, typer.Option("--fast", help="Tendon model: the legs' inertia lumped into the platform.")]
 TimeStep = Annotated[
     float | None,
@@ -37,9 +39,11 @@ Set = Annotated[
 
 def parse_value(text: str) -> Any:
     """A number, true/false, quoted text or list as TOML reads it; else the text itself."""
+    from hexsim.files.toml_files import parse_toml
+
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        return parse_toml(f"value = {text}")["value"]
+    except ValueError:
         return text
 
 
@@ -49,7 +53,9 @@ def parse_changes(settings: list[str] | None) -> dict[str, str]:
     for setting in settings or []:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip() or not value.strip():
-            raise HexsimError(f"--set {setting!r} is not key=value: give for example --set valve.overlap_m=20e-6")
+            raise HexsimError(
+                f"--set {shortened(repr(setting))} is not key=value: give for example --set valve.overlap_m=20e-6"
+            )
         changes[key.strip()] = value.strip()
     return changes
 

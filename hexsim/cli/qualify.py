@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from hexsim.cli import options
-from hexsim.cli.console import fraction_of, output, progress
+from hexsim.cli.console import fraction_of, output, print_json, progress, terminated_like_interrupted
 
 
 def register(app: typer.Typer) -> None:
@@ -24,18 +24,21 @@ def qualify(
     json: options.Json = False,
 ) -> None:
     """Motion tests of flight simulators on a machine: half-hertz noise, describing function, turn-around and more."""
-    from hexsim.files.json_files import dumps
     from hexsim.files.run_folder import default_folder, run_folder
 
     with_machine, _ = options.prepare("heave", machine, settings=settings)
-    with run_folder(out or default_folder(f"qualify-{with_machine.name}")) as folder, progress() as bar:
+    with (
+        run_folder(out or default_folder(f"qualify-{with_machine.name}")) as folder,
+        progress() as bar,
+        terminated_like_interrupted(),
+    ):
         from hexsim.qualify import qualify as run
 
         told = fraction_of(bar, f"qualifying {with_machine.name}")
         result = run(with_machine, folder.path, quick, told, compensator)
         place = folder.finish()
     if json:
-        typer.echo(dumps(result))
+        print_json(result)
     else:
         print_qualification(result, place)
 

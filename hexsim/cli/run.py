@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexsim.cli import options
-from hexsim.cli.console import fraction_of, output, progress, step_of, terminated_like_interrupted
+from hexsim.cli.console import fraction_of, output, print_json, progress, step_of, terminated_like_interrupted
+from hexsim.cli.errors import FULL
 from hexsim.errors import HexsimError
 from hexsim.files.formats import LogFormat
 
@@ -22,7 +23,7 @@ def register(app: typer.Typer) -> None:
 
 
 def run(
-    scenario: options.ScenarioName,
+    scenario: options.AnyScenario = None,
     machine: options.MachineName = None,
     amplitude: options.Amplitude = None,
     frequency: options.Frequency = None,
@@ -41,15 +42,21 @@ def run(
     log_format: Annotated[LogFormat, typer.Option(help="Format of the log file.")] = "parquet",
 ) -> None:
     """Run a scenario headless: table of acceleration peaks, log, figures, report and Rerun recording."""
-    from hexsim.files.json_files import dumps
     from hexsim.files.run_folder import default_folder, run_folder
     from hexsim.recording.config import summary_of
 
+    if scenario is None:
+        print_what_there_is()
+        raise typer.Exit(2)
     with_machine, what = options.prepare(
         scenario, machine, amplitude=amplitude, frequency=frequency, duration=duration, settings=settings
     )
     with run_folder(out or default_folder(what.name)) as folder, progress() as bar, terminated_like_interrupted():
+        from hexsim.scenarios.resources import check_resources
+        from hexsim.scenarios.settings import machine_in
         from hexsim.simulation import simulate
+
+        check_resources(machine_in(what, with_machine), what.duration_s, folder.out.absolute().parent)
 
         done = simulate(
             with_machine, what, compensator=compensator, fast=fast, seed=seed, timestep=timestep,
@@ -57,7 +64,7 @@ def run(
         )  # fmt: skip
         place = keep(done, folder, step_of(bar), log_format=log_format, recording=recording, report=report)
     if json:
-        typer.echo(dumps(summary_of(done)))
+        print_json(summary_of(done))
     else:
         print_run(done, place)
     if not done.complete:
@@ -70,6 +77,14 @@ def keep(run: Run, folder: RunFolder, step, *, log_format: LogFormat, recording:
 
     try:
         write_run(run, folder.path, log_format=log_format, recording=recording, report=report, step=step)
+    except (HexsimError, OSError) as error:  # the disk is full, or has gone
+        if isinstance(error, OSError) and error.errno not in FULL:
+            raise
+        whole = salvage(run, folder.path, log_format)
+        raise HexsimError(
+            f"{error if isinstance(error, HexsimError) else f'cannot write {error.filename}: {error.strerror}'}; "
+            f"{', '.join(whole) or 'nothing'} could be kept, in {folder.finish(complete=False)}"
+        ) from None
     except KeyboardInterrupt:
         run.complete, run.reason = False, "interrupted by the user while figures and recording were written"
         write_run(run, folder.path, log_format=log_format, recording=False, report=False)
@@ -78,6 +93,28 @@ def keep(run: Run, folder: RunFolder, step, *, log_format: LogFormat, recording:
         folder.finish(run.complete)
         raise
     return folder.finish(run.complete)
+
+
+def salvage(run: Run, folder: Path, log_format: LogFormat) -> list[str]:
+    """Make room by what a plot can be made of again, and write what is still missing; the names of what is whole."""
+    import shutil
+
+    from hexsim.recording.run_files import write_essentials
+
+    shutil.rmtree(folder / "figures", ignore_errors=True)
+    for name in ("run.rrd", "report.html"):
+        (folder / name).unlink(missing_ok=True)
+    return write_essentials(run, folder, log_format, only_what_fits=True)
+
+
+def print_what_there_is() -> None:
+    """The three lists that a run is chosen from."""
+    from hexsim.cli import lists
+
+    for name, show in (("scenario", lists.scenarios), ("machine", lists.machines), ("compensator", lists.compensators)):
+        typer.echo(f"{name}s: hexsim run {'SCENARIO' if name == 'scenario' else f'SCENARIO --{name} NAME'}\n")
+        show()
+        typer.echo()
 
 
 def print_run(run: Run, place: Path) -> None:

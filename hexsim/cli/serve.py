@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexsim.cli import options
-from hexsim.cli.console import output, terminated_like_interrupted
+from hexsim.cli.console import output, print_json, terminated_like_interrupted
 
 if TYPE_CHECKING:
     from hexsim.simulation.serve import Status
@@ -44,9 +44,7 @@ def serve(
     if json:
         from dataclasses import asdict
 
-        from hexsim.files.json_files import dumps
-
-        typer.echo(dumps({"address": address, **asdict(status)}))
+        print_json({"address": address, **asdict(status)})
     else:
         output().print(f"{line(status)}, at most {1e3 * status.worst_behind_s:.1f} ms behind")
 

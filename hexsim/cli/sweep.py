@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,8 +12,8 @@ from typing import Annotated, Any
 import typer
 
 from hexsim.cli import options
-from hexsim.cli.console import output, progress, terminated_like_interrupted
-from hexsim.errors import HexsimError
+from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted
+from hexsim.errors import HexsimError, shortened
 
 CONNECT_TIMEOUT_S = 10
 
@@ -41,7 +41,6 @@ def sweep(
     json: options.Json = False,
 ) -> None:
     """Run a scenario many times; resumable, a failed run is a row with its error. Run the same command to go on."""
-    from hexsim.files.json_files import dumps
     from hexsim.studies.compare import names_of
     from hexsim.studies.sweep import cases
     from hexsim.studies.sweep import sweep as run_all
@@ -71,7 +70,7 @@ def sweep(
                 f"interrupted by the user; finished rows are kept in {out}.journal, run it again to go on"
             ) from None
     if json:
-        typer.echo(dumps({**counted, "table": str(out)}))
+        print_json({**counted, "table": str(out)})
     else:
         console = output()
         console.print(f"runs    {counted['runs']}, of which {counted['run_now']} now and {counted['failed']} failed")
@@ -83,19 +82,21 @@ def parse_values(text: str) -> list[Any]:
     return [options.parse_value(part.strip()) for part in text.split(",") if part.strip()]
 
 
-def parse_seeds(text: str) -> list[int]:
+def parse_seeds(text: str) -> Sequence[int]:
     """0:10 or 1,5,7."""
     try:
         if ":" in text:
             first, last = (int(part) for part in text.split(":"))
-            found = list(range(first, last))
+            found = range(first, last)
         else:
             found = [int(part) for part in text.split(",")]
+        if min(found, default=0) < 0:
+            raise ValueError
     except ValueError:
         raise HexsimError(
-            f"--seeds {text!r} is neither first:last (0:10) nor a list of whole numbers (1,5,7)"
+            f"--seeds {shortened(repr(text))} is neither first:last (0:10) nor a list of whole numbers from 0 on (1,5,7)"
         ) from None
-    if not found:
+    if not found:  # false for a range that runs backwards
         raise HexsimError(f"--seeds {text!r} holds no seed: the last is not counted, 0:10 is 0 to 9")
     return found
 
@@ -133,9 +134,20 @@ def executor_of(scheduler: str | None, workers: int | None) -> Iterator[tuple[Ex
 
 
 def one_thread() -> None:
-    """A worker is one of many: it takes one processor, and leaves Ctrl-C to the process that started it."""
+    """A worker is one of many: it takes one processor, leaves Ctrl-C to the process that started it, and ends with it."""
+    import multiprocessing
     import signal
+    import threading
+    from multiprocessing.connection import wait
 
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+
+    def end_with_parent() -> None:
+        if parent is not None:
+            wait([parent.sentinel])
+            os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from hexsim.cli import options
-from hexsim.cli.console import output, progress, terminated_like_interrupted
+from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted
 
 VERDICT_STYLE = {"explained": "green", "nothing missing": "green", "partly": "yellow", "unexplained": "yellow"}
 
@@ -50,7 +50,7 @@ def trace(
             from hexsim.tracing.trace import trace as run
 
             result = run(machine, fit or ["fit"], held_out, folder.path, show)
-        report = json_module.loads((folder.path / "report.json").read_text())
+        report = json_module.loads((folder.path / "report.json").read_text(encoding="utf-8"))
         final = folder.finish()  # what was found is safe; recordings come to it
         if recording:
             from hexsim.tracing.report.recording import write_trace_recordings
@@ -58,7 +58,7 @@ def trace(
             show("recording", 0.97)
             write_trace_recordings(place.parent, held_out, result.machine, result.fitted, final, markdown(report))
     if json:
-        typer.echo(json_module.dumps(report, indent=2, ensure_ascii=False))
+        print_json(report)
     else:
         print_trace(report, final)
 
@@ -157,7 +157,6 @@ def friction(
     json: options.Json = False,
 ) -> None:
     """Stribeck parameters with errors and the friction-velocity map from a log (report 2.3.3)."""
-    from hexsim.files.json_files import dumps
     from hexsim.files.run_folder import run_folder
     from hexsim.machine import load_machine
     from hexsim.readers import read_log
@@ -177,7 +176,7 @@ def friction(
             save_machine(result.fitted_machine(), folder.path / "machine.toml")
             folder.finish()
     if json:
-        typer.echo(dumps(result.to_json()))
+        print_json(result.to_json())
     else:
         console = output()
         console.print(friction_table(result))

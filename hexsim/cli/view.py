@@ -22,9 +22,14 @@ def view(
         bool, typer.Option("--web", help="In the web browser instead of a window; this computer only.")
     ] = False,
 ) -> None:
-    """Open the recording of a run in Rerun's viewer. Nothing but this computer can reach it."""
+    """Open the recording of a run in Rerun's viewer. Nothing but this computer can reach it.
+
+    Rerun's usage statistics are switched off first; `rerun analytics enable` switches them on.
+    """
     recordings = find_recordings(folder)
-    command = [sys.executable, "-m", "rerun", *map(str, recordings), "--bind", "127.0.0.1"]
+    rerun = [sys.executable, "-m", "rerun"]
+    subprocess.run([*rerun, "analytics", "disable"], check=False, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    command = [*rerun, *map(str, recordings), "--bind", "127.0.0.1"]
     if web:
         command.append("--web-viewer")
     ended = subprocess.run(command, check=False)

@@ -8,11 +8,11 @@ from hexsim.declaration.actuator import Cylinder, Friction, Valve
 from hexsim.declaration.load import Geometry, Load
 from hexsim.declaration.machine import Controller, EffectTable, Identity, Machine
 from hexsim.declaration.power_unit import PowerUnit
-from hexsim.declaration.section import Name, Section, between, zero_or
+from hexsim.declaration.section import Name, Section, between, section_of, values_of, zero_or
 from hexsim.declaration.sensors import Sensors
 from hexsim.declaration.supply import ATMOSPHERE_Pa, Oil, Supply
 
 __all__ = [
     "ATMOSPHERE_Pa", "Controller", "Cylinder", "EffectTable", "Friction", "Geometry", "Identity", "Load", "Machine",
-    "Name", "Oil", "PowerUnit", "Section", "Sensors", "Supply", "Valve", "between", "zero_or",
+    "Name", "Oil", "PowerUnit", "Section", "Sensors", "Supply", "Valve", "between", "section_of", "values_of", "zero_or",
 ]  # fmt: skip

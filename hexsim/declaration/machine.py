@@ -48,6 +48,9 @@ class Machine(Section):
     load: Load
     geometry: Geometry | None = None
     power_unit: PowerUnit | None = None
+    extra_sensors: dict[str, dict[str, float]] = Field(
+        default={}, description="sensors beside the standard ones, a table each: hexsim/signals/sensor.py"
+    )
     effects: dict[str, EffectTable | list[EffectTable]] = Field(default={}, description="see `hexsim effects`")
 
     @property

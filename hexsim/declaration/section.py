@@ -1,10 +1,16 @@
-"""What all tables of a machine or scenario file have in common: strict types, bounds, a description of each key."""
+"""What all tables of a machine or scenario file have in common: strict types, bounds, a description of each key.
+
+A kind of thing that a scenario lists (a signal, a fault) is a frozen dataclass with its `kind`. Its fields carry their
+bounds, and `section_of` makes its table from them.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+import dataclasses
+from functools import cache
+from typing import Annotated, Any, Literal, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, create_model, field_validator
 
 ZERO_OR = "zero_or_at_least"  # key of the JSON schema
 
@@ -15,7 +21,9 @@ class Section(BaseModel):
     Unknown keys and numbers that are not finite are refused.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, strict=True, arbitrary_types_allowed=True
+    )
 
     @field_validator("*")
     @classmethod
@@ -43,3 +51,20 @@ def _printable(name: str) -> str:
 
 
 Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable)]
+
+
+@cache
+def section_of(declared: type, *more: tuple[str, Any, Any]) -> type[Section]:
+    """The table that makes the dataclass `declared`: its `kind`, its fields, and more as (name, type, default)."""
+    hints = get_type_hints(declared, include_extras=True)
+    fields: dict[str, Any] = {"kind": (Literal[declared.kind], Field(description="what it is"))}  # type: ignore[attr-defined]
+    for field in dataclasses.fields(declared):
+        default = ... if field.default is dataclasses.MISSING else field.default
+        fields[field.name] = (hints[field.name], default)
+    fields |= {name: (annotation, default) for name, annotation, default in more}
+    return create_model(declared.__name__, __base__=Section, __doc__=declared.__doc__, **fields)
+
+
+def values_of(table: BaseModel) -> dict[str, Any]:
+    """The values of a checked table, without its `kind`: arguments for the dataclass."""
+    return {name: value for name, value in table if name != "kind"}

@@ -18,16 +18,19 @@ FORMATS: tuple[str, ...] = get_args(LogFormat)
 def write_log(log: pl.DataFrame, path: Path) -> None:
     """Write a log whole or not at all; the suffix chooses the format."""
     path = Path(path)
-    with written_whole(path) as temporary:
-        if path.suffix == ".parquet":
-            log.write_parquet(temporary, compression="zstd")
-        elif path.name.endswith(".csv.gz"):
-            with gzip.open(temporary, "wb", compresslevel=5) as file:
-                log.write_csv(cast(IO[bytes], file))
-        elif path.suffix == ".csv":
-            log.write_csv(temporary)
-        else:
-            raise HexsimError(f"{path.name} is no log file: its name must end in .{', .'.join(FORMATS)}")
+    try:
+        with written_whole(path) as temporary:
+            if path.suffix == ".parquet":
+                log.write_parquet(temporary, compression="zstd")
+            elif path.name.endswith(".csv.gz"):
+                with gzip.open(temporary, "wb", compresslevel=5) as file:
+                    log.write_csv(cast(IO[bytes], file))
+            elif path.suffix == ".csv":
+                log.write_csv(temporary)
+            else:
+                raise HexsimError(f"{path.name} is no log file: its name must end in .{', .'.join(FORMATS)}")
+    except pl.exceptions.PolarsError as error:
+        raise HexsimError(f"cannot write {path}: {str(error).splitlines()[0]}; give another folder") from None
 
 
 def read_log(path: Path) -> pl.DataFrame:

@@ -6,16 +6,22 @@ in it are replaced, others stay.
 
 from __future__ import annotations
 
+import re
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 from hexsim.errors import HexsimError
 
 UNFINISHED = ".unfinished-"
+LOCK = ".lock"  # in an unfinished folder: its run lives
+YOUNG_S = 10.0
 LAST = "summary.json"  # moved last: whoever sees it sees a whole folder
 OF_A_RUN = (
     "log.parquet",
@@ -32,7 +38,7 @@ OF_A_RUN = (
 
 def default_folder(name: str, root: Path = Path("runs")) -> Path:
     """runs/<time>-<name>, a name that is not taken."""
-    stem = f"{datetime.now():%Y-%m-%dT%H-%M-%S}-{name}"
+    stem = f"{datetime.now():%Y-%m-%dT%H-%M-%S}-{file_name(name)}"
     for suffix in ("", *(f"-{k}" for k in range(2, 1000))):
         folder = root / f"{stem}{suffix}"
         if not folder.exists():
@@ -40,25 +46,36 @@ def default_folder(name: str, root: Path = Path("runs")) -> Path:
     raise HexsimError(f"{root} holds 999 runs of this second already: give --out a folder of your own")
 
 
+def file_name(name: str) -> str:
+    """A name of the user's as the name of a file: letters, digits, dots and dashes; at most 150 bytes."""
+    return re.sub(r"[^\w.-]+", "_", name).encode()[:150].decode(errors="ignore")
+
+
 class RunFolder:
     """Where to write (`path`) until `finish` gives it its name."""
 
     def __init__(self, out: Path) -> None:
         self.out = Path(out)
+        self._finished = False
         self.into_existing = self.out.is_dir()
         parent = self.out if self.into_existing else self.out.parent
         try:
             if self.out.exists() and not self.into_existing:
                 raise HexsimError(f"cannot write {self.out}: it is a file; give a folder")
             parent.mkdir(parents=True, exist_ok=True)
+            _remove_abandoned(parent)
             self.path = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=parent))
+            self._lock = FileLock(self.path / LOCK)
+            self._lock.acquire()
         except OSError as error:
             raise _unwritable(self.out, error) from None
 
     def finish(self, complete: bool = True) -> Path:
         """Move what was written to its place; the folder's final path."""
-        self.path.chmod(0o755)
+        self._finished = True
         try:
+            self._unlock()
+            self.path.chmod(0o755)
             if not complete:
                 return self._finish_partial()
             if not self.into_existing:
@@ -106,8 +123,15 @@ class RunFolder:
             entry.rename(place)
         self.path.rmdir()
 
+    def _unlock(self) -> None:
+        self._lock.release()
+        (self.path / LOCK).unlink(missing_ok=True)
+
     def discard(self) -> None:
-        """Leave nothing behind."""
+        """Leave nothing behind; what could not be moved to its place stays where it is whole."""
+        if self._finished:
+            return
+        self._lock.release()
         shutil.rmtree(self.path, ignore_errors=True)
 
 
@@ -120,6 +144,16 @@ def run_folder(out: Path) -> Iterator[RunFolder]:
     except BaseException:
         folder.discard()
         raise
+
+
+def _remove_abandoned(parent: Path) -> None:
+    """Folders whose run was killed: nobody holds their lock, and they are no younger than a run takes to begin."""
+    for folder in parent.glob(f"{UNFINISHED}*"):
+        with suppress(OSError, Timeout):
+            if time.time() - folder.stat().st_mtime > YOUNG_S:
+                with FileLock(folder / LOCK, blocking=False):
+                    pass
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def _unwritable(out: Path, error: OSError) -> HexsimError:

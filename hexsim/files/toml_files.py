@@ -7,12 +7,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from hexsim.errors import HexsimError, shortened
 
 MAX_BYTES = 10_000_000
 MAX_DEPTH = 20  # tables within tables
+PLAINLY = {
+    **dict.fromkeys(("dict_type", "model_type", "model_attributes_type"), "must be a table"),
+    **dict.fromkeys(("tuple_type", "list_type"), "must be a list"),
+}
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -60,7 +64,7 @@ def set_dotted(tables: dict[str, Any], dotted: str, value: Any, source: str) -> 
     tables[key] = value
 
 
-def validation_sentence(error: ValidationError, model: type[BaseModel]) -> str:
+def validation_sentence(error: ValidationError, model: Any) -> str:
     """The first problem of a pydantic error as one sentence: table, key, what was given, what is allowed."""
     first = error.errors(include_url=False)[0]
     where, at, bounds = _where(model, first["loc"])
@@ -69,14 +73,17 @@ def validation_sentence(error: ValidationError, model: type[BaseModel]) -> str:
     place = f"[{'.'.join(where[:-1])}] {where[-1]}" if len(where) > 1 else where[0] if where else "the file"
     kind = first["type"]
     a_table = hasattr(at, "model_fields") and kind != "extra_forbidden"
-    if len(where) == 1 and (isinstance(given, dict) or a_table):
+    if len(where) == 1 and (a_table or (isinstance(given, dict) and kind != "missing")):
         place = f"[{place}]"
     if kind == "missing" and isinstance(first["loc"][-1], str):
         return f"{place} is missing: add it (SI units){more}"
     if kind == "extra_forbidden":
         what = "table" if place.endswith("]") else "key"
         return f"{shortened(place)} is not a known {what}: allowed are {', '.join(_keys(at))}{more}"
-    text = first["msg"].removeprefix("Value error, ")
+    if kind.startswith("union_tag") and isinstance(given, dict):
+        place = f"[{'.'.join(where)}] " if where else ""
+        return f"{place}kind = {shortened(repr(given.get('kind')))}: allowed are {', '.join(_all_kinds(at))}{more}"
+    text = PLAINLY.get(kind) or first["msg"].removeprefix("Value error, ").replace(" after validation", "")
     shown = f" = {shortened(repr(given))}" if isinstance(given, (int, float, str, list, tuple)) else ""
     units = f" ({bounds}SI units, as the key description)" if kind.startswith(("greater_than", "less_than")) else ""
     return f"{place}{shown}: {text[0].lower() + text[1:]}{units}{more}"
@@ -98,10 +105,12 @@ def _where(model: Any, loc: tuple[int | str, ...]) -> tuple[list[str], Any, str]
         if tagged:
             model = tagged[0]
             continue
-        keys.append(part)
         table = next((c for c in candidates if hasattr(c, "model_fields")), None)
+        if table is None and (len(candidates) > 1 or get_origin(candidates[0]) is not dict):
+            continue  # which alternative of a union was tried
+        keys.append(part)
         if table is None:
-            model = next((get_args(c)[1] for c in candidates if get_origin(c) is dict), None)
+            model = get_args(candidates[0])[1]
         elif part in table.model_fields:
             model, bounds = table.model_fields[part].annotation, _range(table.model_fields[part].metadata)
         else:
@@ -131,6 +140,10 @@ def _kinds(candidate: Any) -> tuple[Any, ...]:
     """The tags of a member of a discriminated union."""
     field = getattr(candidate, "model_fields", {}).get("kind")
     return get_args(field.annotation) if field is not None else ()
+
+
+def _all_kinds(union: Any) -> list[str]:
+    return [kind for candidate in _candidates(union) for kind in _kinds(candidate)]
 
 
 def _keys(model: Any) -> list[str]:

@@ -14,6 +14,7 @@ from hexsim.errors import HexsimError, one_of, shortened
 from hexsim.files.atomic import write_text
 from hexsim.files.toml_files import read_toml, set_dotted, validation_sentence
 from hexsim.hydraulics.effects import check_effects
+from hexsim.signals.table import check_extra_sensors
 
 FILE_NAME = "machine.toml"
 
@@ -65,6 +66,7 @@ def machine_from_dict(tables: dict[str, Any], source: str = "machine") -> Machin
     except ValidationError as error:
         raise HexsimError(f"{source}: {validation_sentence(error, Machine)}") from None
     check_effects(machine, source)
+    check_extra_sensors(machine, source)
     return machine
 
 

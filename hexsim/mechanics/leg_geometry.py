@@ -31,18 +31,35 @@ def write_rate_matrix(pose, rates):
 
 
 @compiled
+def leg_line(place, rotation, base, joint):
+    """Length of a leg, its direction u, and the moment r x u of its line about the origin.
+
+    place: of the platform's origin above the base [m]; rotation: three rows; base, joint: the leg's ends [m].
+    """
+    r, s, t = rotation
+    rx = r[0] * joint[0] + r[1] * joint[1] + r[2] * joint[2]
+    ry = s[0] * joint[0] + s[1] * joint[1] + s[2] * joint[2]
+    rz = t[0] * joint[0] + t[1] * joint[1] + t[2] * joint[2]
+    sx, sy, sz = place[0] + rx - base[0], place[1] + ry - base[1], place[2] + rz - base[2]
+    length = np.sqrt(sx * sx + sy * sy + sz * sz)
+    ux, uy, uz = sx / length, sy / length, sz / length
+    return length, (ux, uy, uz), (ry * uz - rz * uy, rz * ux - rx * uz, rx * uy - ry * ux)
+
+
+@compiled
 def write_legs(pose, rotation, base, platform, height, lengths, jacobian):
     """Leg lengths, and rows (u_i, r_i x u_i) with r_i = R b_i, for a pose whose rotation is given."""
+    place, rows = (pose[0], pose[1], pose[2] + height), (row3(rotation, 0), row3(rotation, 1), row3(rotation, 2))
     for i in range(6):
-        rx = rotation[0, 0] * platform[i, 0] + rotation[0, 1] * platform[i, 1] + rotation[0, 2] * platform[i, 2]
-        ry = rotation[1, 0] * platform[i, 0] + rotation[1, 1] * platform[i, 1] + rotation[1, 2] * platform[i, 2]
-        rz = rotation[2, 0] * platform[i, 0] + rotation[2, 1] * platform[i, 1] + rotation[2, 2] * platform[i, 2]
-        sx, sy, sz = pose[0] + rx - base[i, 0], pose[1] + ry - base[i, 1], pose[2] + height + rz - base[i, 2]
-        length = np.sqrt(sx * sx + sy * sy + sz * sz)
-        ux, uy, uz = sx / length, sy / length, sz / length
-        lengths[i] = length
-        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = ux, uy, uz
-        jacobian[i, 3], jacobian[i, 4], jacobian[i, 5] = ry * uz - rz * uy, rz * ux - rx * uz, rx * uy - ry * ux
+        lengths[i], u, moment = leg_line(place, rows, row3(base, i), row3(platform, i))
+        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = u
+        jacobian[i, 3], jacobian[i, 4], jacobian[i, 5] = moment
+
+
+@compiled
+def row3(matrix, i):
+    """Row of a matrix (n, 3) as a vector."""
+    return matrix[i, 0], matrix[i, 1], matrix[i, 2]
 
 
 @compiled

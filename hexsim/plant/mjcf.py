@@ -11,7 +11,6 @@ act = the leg's states; then `supply` where it has states: ctrl = pump on, act =
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import mujoco
@@ -20,7 +19,9 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import PayloadMode, Resolved
+from hexsim.machine.geometry import leg_bodies
 from hexsim.mechanics.kinematics import HexapodKinematics
+from hexsim.mechanics.leg_inertia import LegBodies, lumped_legs
 from hexsim.plant import looks
 from hexsim.plant.states import ROW, A, actuator_rows, lay_out_states
 
@@ -30,39 +31,6 @@ ModelKind = Literal["full", "tendon"]
 STIFF_SOLREF = [0.002, 1.0]
 STIFF_SOLIMP = [0.9999, 0.9999, 0.001, 0.5, 2.0]
 GRAVCOMP_SWITCH = 1e-15  # MuJoCo 4.0 looks at gravcomp only when some body has a positive one
-LEAST_LEG_FRACTION = 1e-3  # a machine without leg mass gets full legs of this share of the platform's mass each
-
-
-@dataclass(frozen=True, kw_only=True)
-class LegBodies:
-    """Masses [kg], centres [m] from their joint and moments [kg m2] of a leg's cylinder and rod."""
-
-    cylinder_mass: float
-    cylinder_centre: float
-    cylinder_inertia: tuple[float, float]  # (transverse, axial)
-    rod_mass: float
-    rod_centre: float  # from the platform joint, towards the base
-    rod_inertia: tuple[float, float]
-
-
-def leg_bodies(resolved: Resolved, neutral_length: float) -> LegBodies:
-    """Cylinder and rod as slender rods: the cylinder spans 60 % of the neutral leg, the rod 55 % (they overlap)."""
-    load, cylinder = resolved.load, resolved.machine.cylinder
-    mass = load.leg_mass_kg or LEAST_LEG_FRACTION * (load.platform_mass_kg or 0.0)
-    rod_mass = load.rod_mass_fraction * mass
-    cylinder_mass = mass - rod_mass
-    cylinder_length, rod_length = 0.6 * neutral_length, 0.55 * neutral_length
-    return LegBodies(
-        cylinder_mass=cylinder_mass,
-        cylinder_centre=cylinder_length / 2,
-        cylinder_inertia=(
-            cylinder_mass * cylinder_length**2 / 12,
-            cylinder_mass * cylinder.piston_diameter_m**2 / 4,
-        ),
-        rod_mass=rod_mass,
-        rod_centre=rod_length / 2,
-        rod_inertia=(rod_mass * rod_length**2 / 12, rod_mass * cylinder.rod_diameter_m**2 / 8),
-    )
 
 
 def build_spec(
@@ -169,50 +137,18 @@ def _add_full_leg(
     ball.data[:3] = 0.0  # the anchor is the rod's end
 
 
-def legs_at_platform(kinematics: HexapodKinematics, bodies: LegBodies) -> tuple[np.ndarray, float]:
-    """What six legs add to the platform at neutral: mass matrix (6, 6) about its origin, and the mass it carries [kg].
-
-    Along a leg only the rod moves, across it both parts swing about the base joint, so its platform joint feels
-        m_along = m_rod,   m_across = (I_cylinder + m_cylinder c^2 + I_rod + m_rod (L - c_rod)^2) / L^2
-    and M = sum J_i' (m_along u u' + m_across (1 - u u')) J_i with J_i the velocity of joint i from the twist. The weight
-    of rod and cylinder is shared between the joints as a beam's.
-    """
-    matrix, carried = np.zeros((6, 6)), 0.0
-    jacobian = kinematics.jacobian(np.zeros(6))
-    lengths = kinematics.leg_lengths(np.zeros(6))
-    for joint, row, length in zip(kinematics.platform_joints, jacobian, lengths, strict=True):
-        swing = bodies.cylinder_inertia[0] + bodies.cylinder_mass * bodies.cylinder_centre**2
-        swing += bodies.rod_inertia[0] + bodies.rod_mass * (length - bodies.rod_centre) ** 2
-        along = np.outer(row[:3], row[:3])
-        mass = bodies.rod_mass * along + swing / length**2 * (np.eye(3) - along)
-        x, y, z = joint
-        arm = np.hstack([np.eye(3), np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])])
-        matrix += arm.T @ mass @ arm
-        level = 1 - row[2] ** 2
-        carried += bodies.rod_mass * (1 - level * bodies.rod_centre / length)
-        carried += bodies.cylinder_mass * level * bodies.cylinder_centre / length
-    return matrix, carried
-
-
 def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: HexapodKinematics, bodies: LegBodies) -> None:
-    """One rigid lump that stands for the legs of the tendon model: exact in heave and in the three rotations at neutral.
-
-    A rigid body has one mass for all directions: heave's is taken, so surge and sway are off by the legs' difference
-    (a few kg of 600); the centre's height takes up the coupling of surge and pitch. The difference from full legs is
-    measured in tests/plant/test_integration.py.
-    """
-    matrix, carried = legs_at_platform(kinematics, bodies)
-    mass = matrix[2, 2]
-    height = matrix[0, 4] / mass
-    inertia = np.diag(matrix)[3:] - mass * height**2 * np.array([1.0, 1.0, 0.0])
+    """The legs of the tendon model as one body, see `lumped_legs`."""
+    legs = lumped_legs(kinematics, bodies)
+    inertia = np.diag(legs.inertia)
     if 2 * inertia.max() > inertia.sum():
         raise HexsimError(
             "no rigid body stands for these legs in the tendon model, its moments of inertia would be impossible: give "
             "load.rod_mass_fraction a share of 0.3 or more, or take full legs (without --fast)"
         )
-    lump = platform.add_body(name="legs_lump", pos=[0, 0, height])
-    lump.mass, lump.ipos, lump.inertia, lump.explicitinertial = mass, [0, 0, 0], inertia, True
-    lump.gravcomp = 1.0 - carried / mass  # negative: the platform carries more than moves with it in heave
+    lump = platform.add_body(name="legs_lump", pos=legs.centre)
+    lump.mass, lump.ipos, lump.inertia, lump.explicitinertial = legs.mass, [0, 0, 0], inertia, True
+    lump.gravcomp = 1.0 - legs.carried / legs.mass  # negative: the platform carries more than moves with it in heave
     platform.gravcomp = GRAVCOMP_SWITCH
 
 

@@ -31,9 +31,6 @@ class AccelerationSteps(Signal):
     acceleration_m_s2: float
     period: float
 
-    def __post_init__(self) -> None:
-        self.require_positive("acceleration_m_s2", "period")
-
     @property
     def period_s(self) -> float:
         return self.period

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexsim.errors import HexsimError
+from hexsim.signals.table import table
 from hexsim.simulation import Run
-from hexsim.simulation.run_log import leg_column
 
 STILL_m_s = 2.0e-3  # a piston slower than this is at rest
 
@@ -42,10 +42,9 @@ def outcome(run: Run, time_s: float, settled_s: float = 1.0) -> Outcome:
     time = log["time_s"].to_numpy()
     late = time >= time_s
     position, velocity = (
-        np.column_stack([log[leg_column(name, i + 1, n)].to_numpy() for i in range(n)])
-        for name in ("true_position_m", "velocity_m_s")
+        log.select(table()[stem].columns(n)).to_numpy(order="c") for stem in ("true_position", "velocity")
     )
-    names = [f"true_acceleration_{axis}_m_s2" for axis in "xyz"] if n > 1 else ["true_acceleration_m_s2"]
+    names = table()["true_acceleration"].columns(n)
     acceleration = np.sqrt(sum(log[name].to_numpy() ** 2 for name in names))
     moving = np.flatnonzero(np.abs(velocity).max(axis=1) > STILL_m_s)
     last = int(moving[-1]) if len(moving) else 0

@@ -13,8 +13,8 @@ from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.scenario import DOF_NAMES
+from hexsim.signals.table import motion_column, pose_column, table
 from hexsim.simulation import simulate
-from hexsim.simulation.run_log import UNITS, leg_column
 
 Array = NDArray[np.float64]
 
@@ -59,13 +59,14 @@ class MachineRig:
             machine, scenario, compensator=self.compensator, seed=seed,
             model="tendon" if machine.is_hexapod else None,
         )  # fmt: skip
+        if "interrupted" in run.reason:
+            raise KeyboardInterrupt
         if not run.complete:
             raise HexsimError(f"the machine does not survive the motion test {scenario.name}: {run.reason}")
         log, n = run.log, machine.n_legs
         time = log["time_s"].to_numpy()
         setpoints, positions = (
-            np.column_stack([log[leg_column(name, i + 1, n)].to_numpy() for i in range(n)])
-            for name in ("setpoint_m", "true_position_m")
+            log.select(table()[stem].columns(n)).to_numpy(order="c") for stem in ("setpoint", "true_position")
         )
         commanded, _, accelerations = scenario.evaluate(time)
         command = {axis: commanded[:, DOF_NAMES.index(axis)] for axis in self.axes}
@@ -74,13 +75,8 @@ class MachineRig:
             response = {"z": positions[:, 0] - 0.5 * machine.cylinder.stroke_m}
             acceleration = {"z": log["true_acceleration_m_s2"].to_numpy()}
         else:
-            response = {
-                axis: log[f"platform_{axis}_{unit}"].to_numpy() for axis, unit in zip(DOF_NAMES, UNITS, strict=True)
-            }
-            acceleration = {}
-            for k, axis in enumerate(DOF_NAMES):
-                kind, unit = ("angular_", "rad_s2") if k > 2 else ("", "m_s2")
-                acceleration[axis] = log[f"true_{kind}acceleration_{'xyz'[k % 3]}_{unit}"].to_numpy()
+            response = {axis: log[pose_column("platform", axis)].to_numpy() for axis in DOF_NAMES}
+            acceleration = {axis: log[motion_column("true_acceleration", axis)].to_numpy() for axis in DOF_NAMES}
         return Motion(
             time_s=time, commanded=command, response=response, commanded_acceleration=wanted,
             acceleration=acceleration, leg_setpoints=setpoints, leg_positions=positions,

@@ -318,18 +318,42 @@ def shift_delays(log: Cleaning, delays: dict[str, float], rate: float) -> None:
             log.losses.append(f"column {name} was late by {delay * 1e3:g} ms (mapping): moved forward")
 
 
+def held_values(x: np.ndarray) -> np.ndarray | None:
+    """A signal (n,) that a computer holds between its ticks, with missing samples from the same tick; None for others.
+
+    A tick whose samples are all missing lies on the straight line between its neighbours.
+    """
+    there = np.isfinite(x)
+    changes = np.flatnonzero((np.diff(x) != 0) & there[1:] & there[:-1]) + 1
+    hold = int(np.median(np.diff(changes))) if len(changes) > 50 else 1
+    if hold < 2:
+        return None
+    phase = int(np.bincount(changes % hold).argmax())
+    if np.mean(changes % hold == phase) < 0.98:
+        return None
+    tick = (np.arange(len(x)) - phase) // hold + 1
+    known, first = np.unique(tick[there], return_index=True)
+    return np.interp(tick, known, x[there][first])
+
+
+def filled(name: str, x: np.ndarray, short: np.ndarray) -> tuple[np.ndarray, str]:
+    """(the signal with its short gaps filled, how): straight lines; a held signal by what was held."""
+    good = ~np.isnan(x)
+    new = held_values(x) if held(name) else None
+    how = "straight lines" if new is None else "the values held"
+    if new is None:
+        new = np.interp(np.arange(len(x)), np.flatnonzero(good), x[good])
+    return np.where(short, new, x), how
+
+
 def stretches(log: Cleaning, rate: float) -> list[slice]:
     """Slices without a missing value, longest first, after filling short gaps."""
     for name, values in log.signals.items():
         short = short_gaps(values)
         if short.any():
-            good = np.flatnonzero(~np.isnan(values))
-            log.signals[name] = values = values.copy()
-            values[short] = np.interp(np.flatnonzero(short), good, values[good])
+            log.signals[name], how = filled(name, values, short)
             log.repaired[name] = short
-            log.losses.append(
-                f"column {name}: {short.sum()} samples filled by straight lines (gaps of at most {FILL} samples)"
-            )
+            log.losses.append(f"column {name}: {short.sum()} samples filled by {how} (gaps of at most {FILL} samples)")
     whole = np.ones(len(log.time), dtype=bool)
     for values in log.signals.values():
         whole &= np.isfinite(values)

@@ -25,6 +25,7 @@ DPI = 150
 STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
+    "text.parse_math": False,  # names of machines, scenarios and logs may hold any sign
     "axes.titlesize": 9.5,
     "axes.titleweight": "bold",
     "axes.labelcolor": palette.INK,

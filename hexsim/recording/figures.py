@@ -25,8 +25,9 @@ from hexsim.recording.figure_style import (
     styled,
     symmetric,
 )
-from hexsim.recording.signals import AXIS_NAMES, ROTATIONS, Signals
+from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit_text
 from hexsim.recording.summary_table import number
+from hexsim.signals.signal import ROTATIONS
 
 Array = NDArray[np.float64]
 
@@ -84,7 +85,7 @@ def acceleration(signals: Signals) -> Figure | None:
     found, raw, band = signals.deviation(axis), signals.acceleration(axis), signals.acceleration_in_band(axis)
     if found is None or raw is None or band is None:
         return None
-    unit = "rad/s²" if axis in ROTATIONS else "m/s²"
+    unit = axis_unit_text(axis)
     figure, (top, middle, bottom) = new_figure(3, f"Acceleration, {AXIS_NAMES[axis]}", heights=[2, 1.6, 1.4])
     close = _close_up(signals)
     t = signals.time_s
@@ -126,7 +127,7 @@ def parasitic(signals: Signals) -> Figure | None:
         plot.plot(deviation.time_s, deviation.band, color=palette.DEVIATION, lw=0.7)
         limit = 1.15 * largest[axis in ROTATIONS] or 1.0
         plot.set_ylim(-limit, limit)
-        plot.set_title(f"{AXIS_NAMES[axis]} [{'rad/s²' if axis in ROTATIONS else 'm/s²'}]", loc="left")
+        plot.set_title(f"{AXIS_NAMES[axis]} [{axis_unit_text(axis)}]", loc="left")
         plot.set_xlabel("time [s]")
     return figure
 
@@ -137,7 +138,7 @@ def flow_curve(signals: Signals) -> Figure | None:
     late = signals.time_s >= signals.fade_s
     curves = {}
     for leg in signals.legs:
-        volts, flow = signals.leg("valve", "V", leg), signals.leg("flow", "m3_s", leg)
+        volts, flow = signals.leg(leg, "valve"), signals.leg(leg, "flow")
         if volts is not None and flow is not None:
             curves[leg] = (volts[late], L_MIN * flow[late])
     if not curves:
@@ -166,11 +167,11 @@ def flow_curve(signals: Signals) -> Figure | None:
 @styled
 def pressures(signals: Signals) -> Figure | None:
     """Bottom pressures of the legs and the supply, over the last periods."""
-    bottom = {leg: signals.leg("true_pressure_bottom", "Pa", leg, "pressure_bottom") for leg in signals.legs}
+    bottom = {leg: signals.leg(leg, "true_pressure_bottom", "pressure_bottom") for leg in signals.legs}
     if all(pressure is None for pressure in bottom.values()):
         return None
-    tops = {leg: signals.leg("pressure_top", "Pa", leg) for leg in signals.legs}
-    supply = signals.column("true_pressure_supply_Pa", "pressure_supply_Pa")
+    tops = {leg: signals.leg(leg, "pressure_top") for leg in signals.legs}
+    supply = signals.supply
     figure, (whole, close) = new_figure(2, "Pressures", heights=[1, 1.3])
     limits = _close_up(signals)
     t = signals.time_s
@@ -199,7 +200,7 @@ def spectrum(signals: Signals) -> Figure | None:
     found, raw = signals.deviation(axis), signals.acceleration(axis)
     if found is None or raw is None:
         return None
-    unit = "rad/s²" if axis in ROTATIONS else "m/s²"
+    unit = axis_unit_text(axis)
     figure, (plot,) = new_figure(1, f"Spectrum of the acceleration, {AXIS_NAMES[axis]}", height=3.6)
     rate = (len(signals.time_s) - 1) / np.ptp(signals.time_s)
     late = raw[len(signals.time_s) - len(found.time_s) :]
@@ -229,7 +230,7 @@ def comparison(
     found = {label: d for label, signals in runs.items() if (d := signals.deviation(axis)) is not None}
     if not found:
         return None
-    unit = "rad/s²" if axis in ROTATIONS else "m/s²"
+    unit = axis_unit_text(axis)
     title = f"{AXIS_NAMES[axis].capitalize()} side by side, 50 Hz band [{unit}]"
     figure, plots = small_multiples(3 * len(found), title, columns=3, height=1.55, share_columns=True)
     close = min((_close_up(runs[label]) for label in found), key=lambda limits: limits[1])  # the run that ended first
@@ -279,7 +280,7 @@ def _draw_legs(plots: list[Axes], signals: Signals, curves: dict[int, Array]) ->
 
 
 def _error(signals: Signals, leg: int) -> Array | None:
-    setpoint, position = signals.leg("setpoint", "m", leg), signals.leg("true_position", "m", leg, "position")
+    setpoint, position = signals.leg(leg, "setpoint"), signals.leg(leg, "true_position", "position")
     return None if setpoint is None or position is None else setpoint - position
 
 

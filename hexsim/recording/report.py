@@ -14,7 +14,7 @@ import tomli_w
 from hexsim import __version__
 from hexsim.recording.config import config_tables
 from hexsim.recording.quantity import plain, quantity, share, spelled
-from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit
+from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit, axis_unit_text
 from hexsim.recording.summary_table import axis_header, axis_label, axis_rows, comparison_rows, facts, number
 from hexsim.simulation import Run
 
@@ -117,7 +117,7 @@ def cards(summary: Mapping[str, Any], driven: tuple[str, ...]) -> list[tuple[str
     if axis is None:
         return []
     unit = axis_unit(axis)
-    shown, figures = unit.replace("_s2", "/s²"), summary["axes"][axis]
+    shown, figures = axis_unit_text(axis), summary["axes"][axis]
     band = f"{summary['bandwidth_Hz']:g}"
     return [
         (number(figures.get(f"peak_band_{unit}")), shown, f"peak in the {band} Hz band, {AXIS_NAMES[axis]}"),
@@ -139,7 +139,7 @@ def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes]) ->
         tables.append(
             {
                 "axis": AXIS_NAMES[axis],
-                "unit": axis_unit(axis).replace("_s2", "/s²"),
+                "unit": axis_unit_text(axis),
                 "rows": rows,
                 "best": min(peaks, default=None),
                 "largest": max(peaks, default=None),

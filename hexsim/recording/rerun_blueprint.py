@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 
 import rerun.blueprint as rrb
 
-from hexsim.recording.signals import AXIS_NAMES, ROTATIONS, Signals
+from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit_text
+from hexsim.signals.signal import ROTATIONS
 
 LEG_VIEWS = {
     "Position [mm]": ("setpoint", "position"),
@@ -28,7 +29,7 @@ def blueprint(runs: Mapping[str, Signals], with_text: Iterable[str] = ()) -> rrb
     first = next(iter(runs.values()))
     lead = first.driven_axes[0]
     single = len(runs) == 1
-    unit = _unit(lead)
+    unit = f"[{axis_unit_text(lead)}]"
     kinds = ("raw", "wanted", "within_band") if single else ("within_band",)
     texts = [
         rrb.TextDocumentView(origin=f"/{root}/summary", name=f"Figures {'' if single else root}".strip())
@@ -89,10 +90,6 @@ def _plot(name: str, contents: list[str], legend: bool = True) -> rrb.TimeSeries
     )
 
 
-def _unit(axis: str) -> str:
-    return "[rad/s²]" if axis in ROTATIONS else "[m/s²]"
-
-
 def _paths(runs: Mapping[str, Signals], place: str, kinds: Iterable[str]) -> list[str]:
     return [f"+ /{root}/{place}/{kind}" for root in runs for kind in kinds]
 
@@ -127,7 +124,10 @@ def _platform(runs: Mapping[str, Signals], first: Signals) -> rrb.Grid:
         for axis in first.axes
     ]
     views += [
-        _plot(f"Deviation {AXIS_NAMES[axis]} {_unit(axis)}", _paths(runs, f"deviation/{axis}", ("within_band",)))
+        _plot(
+            f"Deviation {AXIS_NAMES[axis]} [{axis_unit_text(axis)}]",
+            _paths(runs, f"deviation/{axis}", ("within_band",)),
+        )
         for axis in first.axes
         if axis != first.driven_axes[0]
     ]

@@ -28,7 +28,8 @@ from hexsim.recording import palette
 from hexsim.recording.deviation import Deviation
 from hexsim.recording.rerun_blueprint import blueprint
 from hexsim.recording.rerun_scene import log_machine, time_column
-from hexsim.recording.signals import AXIS_NAMES, ROTATIONS, Signals
+from hexsim.recording.signals import AXIS_NAMES, Signals
+from hexsim.signals.signal import ROTATIONS
 
 Array = NDArray[np.float64]
 
@@ -164,26 +165,26 @@ class _Series:
     def legs(self) -> None:
         """Every leg's signals, and the supply they share."""
         signals = self.signals
-        supply = signals.column("true_pressure_supply_Pa", "pressure_supply_Pa")
+        supply = signals.supply
         self.slow_curve("supply", _times(supply, BAR), "supply", self.color or palette.SUPPLY)
         for leg in signals.legs:
             own = self.color or (palette.LEGS[leg - 1] if signals.machine.is_hexapod else palette.RESPONSE)
-            setpoint, position = signals.leg("setpoint", "m", leg), signals.leg("position", "m", leg)
+            setpoint, position = signals.leg(leg, "setpoint"), signals.leg(leg, "position")
             error = setpoint - position if setpoint is not None and position is not None else None
-            bottom = signals.leg("true_pressure_bottom", "Pa", leg, "pressure_bottom")
-            compensation = signals.leg("compensation", "V", leg)
+            bottom = signals.leg(leg, "true_pressure_bottom", "pressure_bottom")
+            compensation = signals.leg(leg, "compensation")
             curves = {
                 "setpoint": (_times(setpoint, MM), palette.WANTED),
                 "position": (_times(position, MM), own),
                 "error": (_times(error, MM), own),
-                "valve": (signals.leg("valve", "V", leg), own),
+                "valve": (signals.leg(leg, "valve"), own),
                 "compensation": (
                     compensation if compensation is not None and compensation.any() else None,
                     palette.WANTED,
                 ),
                 "bottom": (_times(bottom, BAR), own),
-                "top": (_times(signals.leg("pressure_top", "Pa", leg), BAR), palette.WANTED),
-                "flow": (_times(signals.leg("flow", "m3_s", leg), L_MIN), own),
+                "top": (_times(signals.leg(leg, "pressure_top"), BAR), palette.WANTED),
+                "flow": (_times(signals.leg(leg, "flow"), L_MIN), own),
             }
             for key, (values, color) in curves.items():
                 name = f"leg {leg} {LEG_NAMES.get(key, key)}"

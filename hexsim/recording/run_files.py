@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import tomli_w
 
+from hexsim.errors import HexsimError
 from hexsim.files.atomic import write_text
 from hexsim.files.formats import LogFormat
 from hexsim.files.json_files import write_json
@@ -33,17 +35,35 @@ def write_run(
     step: Callable[[str], None] = lambda name: None,
 ) -> list[Path]:
     """Write the files of a run into `folder`; `step(name)` is called before each. A very short run has no plots."""
-    written = [folder / f"log.{log_format}", folder / "config.toml", folder / "summary.json"]
     step("log")
-    write_log(run.log, written[0])
-    write_text(written[1], tomli_w.dumps(config_tables(run)))
-    if any(run.compensator_parameters):
-        written.append(folder / "learned.json")
-        write_json(written[-1], {"compensator": run.compensator, "legs": run.compensator_parameters})
+    written = [folder / name for name in write_essentials(run, folder, log_format)]
     if run.log.height >= MIN_ROWS:
         written += _write_plots(run, folder, recording=recording, report=report, step=step)
-    write_json(written[2], summary_of(run))
     return written
+
+
+def write_essentials(run: Run, folder: Path, log_format: LogFormat, only_what_fits: bool = False) -> list[str]:
+    """Log, configuration, summary and what a compensator learned: all but plots; their names.
+
+    only_what_fits: on a full disk, what is there already stays, and what cannot be written is left out.
+    """
+    learned = {"compensator": run.compensator, "legs": run.compensator_parameters}
+    files: dict[str, Callable[[Path], None]] = {
+        f"log.{log_format}": lambda path: write_log(run.log, path),
+        "config.toml": lambda path: write_text(path, tomli_w.dumps(config_tables(run))),
+    }
+    if any(run.compensator_parameters):
+        files["learned.json"] = lambda path: write_json(path, learned)
+    files["summary.json"] = lambda path: write_json(path, summary_of(run))
+    if not only_what_fits:
+        for name, write in files.items():
+            write(folder / name)
+        return list(files)
+    for name in reversed(files):  # the log last: it is the large one
+        with suppress(HexsimError, OSError):
+            if not (folder / name).exists():
+                files[name](folder / name)
+    return [name for name in files if (folder / name).exists()]
 
 
 def _write_plots(run: Run, folder: Path, *, recording: bool, report: bool, step: Callable[[str], None]) -> list[Path]:

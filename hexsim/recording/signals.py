@@ -1,7 +1,6 @@
-"""The signals of a log by what they are: one reader for logs of a simulation and logs of a machine.
+"""Signals of a run as plots and recordings need them: by leg and by axis, missing ones as None.
 
-A simulation's log holds the measured columns and, beside them, the truth (`true_...`); a machine's log holds the
-measured ones only, and may lack some. Every method returns an array (n,) or None where the log has no such column.
+Works on a simulated log and on a measured one: what only a simulation knows is then missing.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError
@@ -19,28 +17,24 @@ from hexsim.machine import Machine
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.recording.deviation import Deviation, axis_deviation, given_deviation
+from hexsim.signals.log import Log
+from hexsim.signals.signal import HEXAPOD_AXES, ROTATIONS
+from hexsim.signals.table import SETPOINT, motion_column, pose_column, table
 from hexsim.simulation import Run
 from hexsim.smoothness import band_limit
 
 Array = NDArray[np.float64]
-
-TRANSLATIONS = ("x", "y", "z")
-ROTATIONS = ("roll", "pitch", "yaw")
-HEXAPOD_AXES = TRANSLATIONS + ROTATIONS
-AXIS_NAMES = {
-    "x": "surge",
-    "y": "sway",
-    "z": "heave",
-    "roll": "roll",
-    "pitch": "pitch",
-    "yaw": "yaw",
-    "leg": "leg",
-}
+AXIS_NAMES = {"x": "surge", "y": "sway", "z": "heave", "roll": "roll", "pitch": "pitch", "yaw": "yaw", "leg": "leg"}
 
 
 def axis_unit(axis: str) -> str:
     """Unit suffix of an axis' acceleration."""
     return "rad_s2" if axis in ROTATIONS else "m_s2"
+
+
+def axis_unit_text(axis: str) -> str:
+    """The same as people write it."""
+    return axis_unit(axis).replace("_s2", "/s²")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,7 +47,7 @@ class Signals:
     wanted: axis -> (n,), what `deviation` is from, in place of the basic harmonic or the command.
     """
 
-    log: pl.DataFrame
+    log: Log
     machine: Machine
     label: str = "run"
     driven: tuple[str, ...] = ()
@@ -63,20 +57,12 @@ class Signals:
     measured: bool = False
     wanted: Mapping[str, Array] | None = None
 
-    def __post_init__(self) -> None:
-        if "time_s" not in self.log.columns:
-            raise HexsimError(
-                f"the log of {self.label!r} has no column time_s; columns are {', '.join(self.log.columns)}"
-            )
-        if self.log.height < 2:
-            raise HexsimError(f"the log of {self.label!r} has {self.log.height} rows; two at least are needed")
-
     @classmethod
     def of_run(cls, run: Run, label: str | None = None) -> Signals:
         """The signals of a run, with what its scenario asked."""
         scenario = run.scenario
         return cls(
-            log=run.log,
+            log=Log.of_table(label or scenario.name, run.log, run.machine.machine.kind),
             machine=run.machine,
             label=label or scenario.name,
             driven=tuple(scenario.signals) if scenario.mode == "dof" else (),
@@ -85,29 +71,26 @@ class Signals:
             figures_from_s=scenario.figures_start_s,
         )
 
-    # ---- columns -------------------------------------------------------------------------------------------------
-
     def column(self, *names: str) -> Array | None:
         """The first of these columns that the log has."""
-        for name in names:
-            if name in self.log.columns:
-                return self.log[name].to_numpy().astype(np.float64)
-        return None
+        return next((self.log.columns[name] for name in names if name in self.log.columns), None)
 
-    def leg(self, quantity: str, unit: str, leg: int, *others: str) -> Array | None:
-        """A column of one leg, 1..n: `setpoint`, `m`, 2 -> setpoint_2_m (bench: setpoint_m); else of `others`."""
-        middle = f"_{leg}_" if self.machine.is_hexapod else "_"
-        return self.column(*(f"{name}{middle}{unit}" for name in (quantity, *others)))
+    def leg(self, leg: int, *stems: str) -> Array | None:
+        """The first of these signals that the log has of a leg, 1..n."""
+        return self.column(*(table()[stem].columns(self.machine.n_legs)[leg - 1] for stem in stems))
 
-    @cached_property
+    @property
     def time_s(self) -> Array:
-        return self.log["time_s"].to_numpy().astype(np.float64)
+        return self.log.time
+
+    @property
+    def supply(self) -> Array | None:
+        """Supply pressure [Pa], the true one where the log holds it."""
+        return self.log.signal("true_pressure_supply", "pressure_supply")
 
     @property
     def legs(self) -> range:
         return range(1, self.machine.n_legs + 1)
-
-    # ---- axes ----------------------------------------------------------------------------------------------------
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -128,8 +111,8 @@ class Signals:
 
     def acceleration(self, axis: str) -> Array | None:
         """[m/s2] or [rad/s2]; the true one where the log holds it, unless `measured`."""
-        name = _acceleration_column(axis)
-        return self.column(name) if self.measured else self.column(f"true_{name}", name)
+        own = motion_column("acceleration", axis)
+        return self.column(own) if self.measured else self.column(motion_column("true_acceleration", axis), own)
 
     def acceleration_in_band(self, axis: str) -> Array | None:
         """The same in the default band of 50 Hz."""
@@ -137,36 +120,27 @@ class Signals:
         return None if acceleration is None else band_limit(self.time_s, acceleration)
 
     def commanded_acceleration(self, axis: str) -> Array | None:
-        return self.column(f"commanded_{_acceleration_column(axis)}")
+        return self.column(motion_column("commanded_acceleration", axis))
 
     def position(self, axis: str) -> Array | None:
         """Platform pose relative to neutral [m, rad]; on the bench the piston's position [m]."""
-        if axis == "leg":
-            return self.column("true_position_m", "position_m")
-        unit = "rad" if axis in ROTATIONS else "m"
-        found = self.column(f"platform_{axis}_{unit}")
-        if found is not None or self._measured_pose is None:
-            return found
-        return self._measured_pose[:, HEXAPOD_AXES.index(axis)]
+        return self.leg(1, "true_position", "position") if axis == "leg" else self._coordinate("platform", axis)
 
     def commanded(self, axis: str) -> Array | None:
         """What was asked for, in the terms of `position`."""
-        if axis == "leg":
-            return self.column("setpoint_m")
-        unit = "rad" if axis in ROTATIONS else "m"
-        found = self.column(f"commanded_{axis}_{unit}")
-        if found is not None or self._setpoint_pose is None:
-            return found
-        return self._setpoint_pose[:, HEXAPOD_AXES.index(axis)]
+        return self.column(SETPOINT.column()) if axis == "leg" else self._coordinate("commanded", axis)
+
+    def _coordinate(self, stem: str, axis: str) -> Array | None:
+        """From the log, or by forward kinematics of the legs' positions or setpoints."""
+        found = self.column(pose_column(stem, axis))
+        pose = self._measured_pose if stem == "platform" and found is None else None
+        pose = self._setpoint_pose if stem == "commanded" and found is None else pose
+        return found if pose is None else pose[:, HEXAPOD_AXES.index(axis)]
 
     def pose(self) -> Array | None:
         """(n, 6) platform pose of a hexapod, from the log or by forward kinematics of its piston positions."""
-        columns = [self.position(axis) for axis in HEXAPOD_AXES]
-        return (
-            None
-            if any(column is None for column in columns)
-            else np.column_stack([c for c in columns if c is not None])
-        )
+        columns = [column for axis in HEXAPOD_AXES if (column := self.position(axis)) is not None]
+        return np.column_stack(columns) if len(columns) == len(HEXAPOD_AXES) else None
 
     @cached_property
     def kinematics(self) -> HexapodKinematics:
@@ -181,18 +155,15 @@ class Signals:
     def _setpoint_pose(self) -> Array | None:
         return self._pose_of("setpoint")
 
-    def _pose_of(self, quantity: str) -> Array | None:
+    def _pose_of(self, stem: str) -> Array | None:
         """Forward kinematics of a leg quantity; None where a leg is missing or no pose fits."""
-        columns = [self.leg(quantity, "m", leg) for leg in self.legs]
-        present = [column for column in columns if column is not None]
-        if len(present) < len(columns) or not np.isfinite(np.column_stack(present)).all():
+        rows = self.log.signal(stem)
+        if rows is None or not np.isfinite(rows).all():
             return None
         try:
-            return self.kinematics.forward(np.column_stack(present))
+            return self.kinematics.forward(np.ascontiguousarray(rows.T))
         except HexsimError:
             return None
-
-    # ---- smoothness ----------------------------------------------------------------------------------------------
 
     def deviation(self, axis: str) -> Deviation | None:
         """What is left of an axis' acceleration beside what was wanted; None where the log has no acceleration."""
@@ -210,11 +181,3 @@ class Signals:
             self.figures_from_s,
             self.fade_s,
         )
-
-
-def _acceleration_column(axis: str) -> str:
-    if axis == "leg":
-        return "acceleration_m_s2"
-    if axis in ROTATIONS:
-        return f"angular_acceleration_{TRANSLATIONS[ROTATIONS.index(axis)]}_rad_s2"
-    return f"acceleration_{axis}_m_s2"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hexsim.recording.signals import AXIS_NAMES, axis_unit
+from hexsim.recording.signals import AXIS_NAMES, axis_unit, axis_unit_text
 from hexsim.simulation import Run
 
 NOTHING = "–"
@@ -48,7 +48,7 @@ def axis_rows(summary: Mapping[str, Any], driven: tuple[str, ...] = ()) -> list[
         unit = axis_unit(axis)
         cells = [number(figures.get(f"{key}_{unit}")) for key in COLUMNS]
         is_driven = axis in driven or axis == "leg"
-        rows.append((is_driven, [axis_label(axis), *cells, unit.replace("_s2", "/s²")]))
+        rows.append((is_driven, [axis_label(axis), *cells, axis_unit_text(axis)]))
     return sorted(rows, key=lambda row: not row[0])
 
 

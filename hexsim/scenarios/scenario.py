@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,30 +27,41 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, ValidationError
 
-from hexsim.errors import HexsimError
-from hexsim.files.toml_files import read_toml
+from hexsim.declaration import Name, Section, between
+from hexsim.errors import HexsimError, one_of, shortened
+from hexsim.files.toml_files import read_toml, validation_sentence
 from hexsim.setpoints.signal import Faded, Signal, faded
 from hexsim.setpoints.signal_file import SampledSignal, read_setpoint_file
-from hexsim.setpoints.signals import signal_from_dict, signal_to_dict
+from hexsim.setpoints.signals import SignalTable, signal_from_table, signal_to_dict
 
 DOF_NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 ROTATIONS = ("roll", "pitch", "yaw")
 LEG_NAMES = tuple(f"leg_{i}" for i in range(1, 7))
 FOLDER = Path(__file__).parent
-_KEYS = (
-    "name",
-    "description",
-    "mode",
-    "duration_s",
-    "fade_s",
-    "fade",
-    "figures_from_s",
-    "machine_name",
-    "axes",
-    "machine",
-    "faults",
-)
+DEFAULT_MACHINE = "micro_motion_system"
+
+
+class ScenarioSettings(Section):
+    """What a scenario file says besides its signals, its changes of the machine and its faults."""
+
+    name: Name = Field("", min_length=0, description="as it stands in tables and folders; default the file's name")
+    description: str = Field("", max_length=1000, description="what it asks, in a line")
+    mode: Literal["dof", "actuator"] = Field("dof", description="axes of the platform, or single legs")
+    duration_s: float = Field(20.0, gt=0.0, le=86_400.0, description="[s], at most a day")
+    fade_s: float = between(0.0, 86_400.0, "the signals grow from nothing within this [s]", default=2.0)
+    fade: Literal["linear", "smooth"] = Field("linear", description="how they grow")
+    figures_from_s: float | None = between(0.0, 86_400.0, "the smoothness figures count from here [s]", default=None)
+    machine_name: str = Field(DEFAULT_MACHINE, description="machine to take when the user names none")
+
+
+class ScenarioFile(ScenarioSettings):
+    """A scenario file. The faults are checked with the machine, see `hexsim.simulation.faults`."""
+
+    axes: dict[str, SignalTable] = Field(description="x y z roll pitch yaw, or leg_1 .. leg_6: its signal")
+    machine: dict[str, Any] = Field({}, description="what the scenario changes in the machine: keys as in machine.toml")
+    faults: list[dict[str, Any]] = Field([], max_length=100, description="what breaks, and when")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,34 +81,24 @@ class Scenario:
     fade_s: float = 2.0
     fade: Literal["linear", "smooth"] = "linear"
     figures_from_s: float | None = None
-    machine_name: str = "micro_motion_system"
+    machine_name: str = DEFAULT_MACHINE
     machine_changes: Mapping[str, Any] = field(default_factory=dict)
     faults: tuple[Mapping[str, Any], ...] = ()
     description: str = ""
 
     def __post_init__(self) -> None:
+        """Raise HexsimError for a setting out of bounds or an axis that the mode does not have."""
+        where = f"scenario {shortened(str(self.name))}"
+        try:
+            ScenarioSettings.model_validate({key: getattr(self, key) for key in ScenarioSettings.model_fields})
+        except ValidationError as error:
+            raise HexsimError(f"{where}: {validation_sentence(error, ScenarioSettings)}") from None
         allowed = DOF_NAMES if self.mode == "dof" else LEG_NAMES
-        if self.mode not in ("dof", "actuator"):
-            raise HexsimError(f"scenario {self.name}: mode is {self.mode!r}; allowed are 'dof' and 'actuator'")
         for axis in self.signals:
             if axis not in allowed:
                 raise HexsimError(
-                    f"scenario {self.name}: unknown axis {axis!r}; in mode '{self.mode}' give any of {', '.join(allowed)}"
+                    f"{where}: unknown axis {shortened(repr(axis))}; in mode '{self.mode}' give any of {', '.join(allowed)}"
                 )
-        for key in ("duration_s", "fade_s"):
-            value = getattr(self, key)
-            if (
-                not (isinstance(value, (int, float)) and math.isfinite(value))
-                or value < 0
-                or (key == "duration_s" and value <= 0)
-            ):
-                raise HexsimError(
-                    f"scenario {self.name}: {key} is {value!r}; give a time in s above zero (fade_s may be 0)"
-                )
-        if self.duration_s > 24 * 3600:
-            raise HexsimError(
-                f"scenario {self.name}: duration_s is {self.duration_s:g}; at most 86400 s (a day) fit in a run"
-            )
 
     def setpoint(self, axis: str) -> Signal:
         """The faded signal of an axis."""
@@ -158,23 +160,18 @@ def available_scenarios() -> list[str]:
 
 def scenario_from_dict(tables: Mapping[str, Any], source: str = "scenario") -> Scenario:
     """Make a scenario from its tables. Raises HexsimError that names the key."""
-    for key in tables:
-        if key not in _KEYS:
-            raise HexsimError(f"{source}: {key} is not a known key: allowed are {', '.join(_KEYS)}")
-    axes = tables.get("axes")
-    if not isinstance(axes, Mapping):
-        raise HexsimError(f"{source}: the table [axes] is missing: add [axes.z] with a signal, for example")
-    signals = {axis: signal_from_dict(data, f"{source}: [axes.{axis}]") for axis, data in axes.items()}
-    rest = {
-        key: tables[key] for key in _KEYS if key in tables and key not in ("axes", "machine", "faults", "name", "mode")
-    }
+    given = {"name": Path(source).stem[:100], **tables}
+    if "says" in given:  # the key's name in older files
+        given["description"] = given.pop("says")
+    try:
+        checked = ScenarioFile.model_validate(given)
+    except ValidationError as error:
+        raise HexsimError(f"{source}: {validation_sentence(error, ScenarioFile)}") from None
     return Scenario(
-        name=tables.get("name", Path(source).stem),
-        mode=tables.get("mode", "dof"),
-        signals=signals,
-        machine_changes=_dotted(tables.get("machine", {})),
-        faults=tuple(tables.get("faults", ())),
-        **rest,
+        signals={axis: signal_from_table(table, f"{source}: [axes.{axis}]") for axis, table in checked.axes.items()},
+        machine_changes=_dotted(checked.machine),
+        faults=tuple(checked.faults),
+        **{key: getattr(checked, key) for key in ScenarioSettings.model_fields},
     )
 
 
@@ -198,12 +195,12 @@ def load_scenario(
 ) -> Scenario:
     """A scenario by name or from a TOML file; amplitude in m or DEGREES for rotations, as people say them."""
     path = FOLDER / f"{name_or_path}.toml"
-    if not path.is_file():
+    if not os.path.isfile(path):  # unlike Path's, false for a name that no file can have
         path = Path(name_or_path)
-        if path.suffix not in (".toml", ".csv", ".gz", ".parquet") or not path.is_file():
+        if path.suffix not in (".toml", ".csv", ".gz", ".parquet") or not os.path.isfile(path):
             raise HexsimError(
-                f"unknown scenario {str(name_or_path)!r}: give one of {', '.join(available_scenarios())}, a TOML file, "
-                "or a CSV or Parquet file of setpoints"
+                f"unknown scenario {shortened(repr(str(name_or_path)))}: "
+                f"{one_of(str(name_or_path), available_scenarios())}, a TOML file, or a CSV or Parquet file of setpoints"
             )
     scenario = scenario_from_dict(read_toml(path), str(path)) if path.suffix == ".toml" else file_scenario(path)
     if amplitude is not None or frequency_Hz is not None:
@@ -241,7 +238,7 @@ def file_scenario(path: Path) -> Scenario:
             f"{path}: piston setpoints are replayed with `replay_scenario`, which needs the machine's stroke"
         )
     axes = {name.rsplit("_", 1)[0]: SampledSignal(path=str(path), column=name) for name in names}
-    return Scenario(name=path.stem.split(".")[0], mode="dof", signals=axes, duration_s=last, fade_s=0.0)
+    return Scenario(name=path.stem.split(".")[0][:100], mode="dof", signals=axes, duration_s=last, fade_s=0.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -251,6 +248,9 @@ class HeldSamples(Signal):
     kind = "held"
     time_s: NDArray
     values: NDArray
+
+    def __post_init__(self) -> None:
+        """Arrays are taken as they are."""
 
     def value(self, time_s) -> NDArray:
         index = np.searchsorted(self.time_s, np.asarray(time_s, dtype=float) + 1e-9, side="right") - 1

@@ -14,6 +14,13 @@ from hexsim.scenarios import Scenario, load_scenario, scenario_from_dict
 SCENARIO = "scenario."
 
 
+def machine_in(scenario: Scenario, machine: Machine) -> Machine:
+    """The machine with what the scenario changes in it."""
+    if not scenario.machine_changes:
+        return machine
+    return changed(machine, dict(scenario.machine_changes), f"scenario {scenario.name}")
+
+
 def scenario_and_machine(
     scenario_name: str,
     machine_name: str | None = None,

@@ -1,6 +1,4 @@
-"""Sensors: gain, offset, delay, white noise and quantisation, drawn from a seed before the run.
-
-    measured = round((g s(t - T) + b + n) / q) q          g gain, b offset, T delay, n noise, q resolution (0 = none)
+"""The sensors of a machine in a run: gain, offset, delay, white noise and quantisation, drawn from a seed before the run.
 
 The same function measures one tick for the motion computer and a whole column for the log, so the log holds what the
 motion computer saw.
@@ -8,11 +6,16 @@ motion computer saw.
 
 from __future__ import annotations
 
+import zlib
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
 from hexsim.hydraulics.resolved import Resolved
+from hexsim.signals.sensor import ERRORS, Sensor
+from hexsim.signals.table import STANDARD, sensors
 
 Array = NDArray[np.float64]
 
@@ -47,96 +50,89 @@ def delayed(values: Array, delay_s: Array, tick_s: float) -> Array:
     return np.column_stack(columns)
 
 
+class Transducers:
+    """All transducers of one sensor: errors (n,), a place for each leg or axis, and noise (ticks, n)."""
+
+    def __init__(
+        self, sensor: Sensor, resolved: Resolved, ticks: int, tick_s: float, random: np.random.Generator
+    ) -> None:
+        n = len(sensor.signal.columns(resolved.machine.n_legs))
+        errors = {error: np.full(n, value) for error, value in _errors(sensor, resolved).items()}
+        self.tick_s = tick_s
+        self.gain, self.offset, self.delay = errors["gain"], errors["offset"], errors["delay"]
+        self.resolution = float(errors["resolution"][0]) if n else 0.0
+        self.noise = errors["noise"] * random.standard_normal((ticks, n))
+
+    def at(self, tick: int, history: Array) -> Array:
+        """What they read (n,) at a tick, from the true values so far (tick + 1, n)."""
+        true = history[tick]
+        if self.delay.any():
+            places = np.maximum(tick - self.delay / self.tick_s, 0.0)
+            low = places.astype(int)
+            share, columns = places - low, np.arange(history.shape[1])
+            true = (1 - share) * history[low, columns] + share * history[np.minimum(low + 1, tick), columns]
+        return self.read(true, tick)
+
+    def read(self, true: Array, tick: int) -> Array:
+        """The same without a delay; noise of that tick."""
+        return measure(true, self.noise[tick], self.gain, self.offset, self.resolution)
+
+    def rows(self, true: Array) -> Array:
+        """What they read in a whole run (m, n)."""
+        true = delayed(true, self.delay, self.tick_s)
+        return measure_rows(true, self.noise[: len(true)], self.gain, self.offset, self.resolution)
+
+
+def _errors(sensor: Sensor, resolved: Resolved) -> dict[str, Array | float]:
+    """Error -> its value for all transducers or each of them, as declared or as an effect changed it."""
+    found: dict[str, Array | float] = dict(ERRORS)
+    extra = resolved.machine.extra_sensors.get(sensor.signal.stem, {})
+    for error in ERRORS:
+        if key := getattr(sensor, error):
+            found[error] = resolved.leg_sensors.get(key, getattr(resolved.sensors, key, ERRORS[error]))
+        elif (key := sensor.extra_keys[error]) in extra:
+            found[error] = extra[key]
+    return found
+
+
 class SensorBank:
-    """All sensors of a machine for a run of `ticks` ticks of `tick_s`, with noise drawn from `seed`."""
+    """All sensors of a machine for a run of `ticks` ticks of `tick_s`, with noise drawn from `seed`.
+
+    `bank["position"]` are the transducers of that signal. The standard sensors draw from one stream of random numbers,
+    each other one from its own.
+    """
 
     def __init__(self, resolved: Resolved, ticks: int, tick_s: float, seed: int) -> None:
-        sensors, n = resolved.sensors, resolved.machine.n_legs
-        self.tick_s = tick_s
+        self.tick_s, self.resolved, self.seed = tick_s, resolved, seed
         random = np.random.default_rng(seed)
-        legs = resolved.leg_sensors
-        self.position_gain, self.position_offset = legs["position_gain"], legs["position_offset_m"]
-        self.pressure_gain, self.pressure_offset = legs["pressure_gain"], legs["pressure_offset_Pa"]
-        self.position_delay, self.pressure_delay = legs["position_delay_s"], legs["pressure_delay_s"]
-        self.position_resolution = sensors.position_resolution_m
-        self.pressure_resolution = sensors.pressure_resolution_Pa
-        self.position_noise = sensors.position_noise_m * random.standard_normal((ticks, n))
-        self.pressure_noise = sensors.pressure_noise_Pa * random.standard_normal((ticks, n))
-        self.supply_noise = sensors.pressure_noise_Pa * random.standard_normal((ticks, 1))
-        self.supply_gain = np.array([sensors.supply_pressure_gain])
-        axes = 3 if resolved.machine.is_hexapod else 1
-        self.acceleration_noise = sensors.acceleration_noise_m_s2 * random.standard_normal((ticks, axes))
-        self.acceleration_gain = np.full(axes, sensors.acceleration_gain)
-        self.acceleration_offset = np.full(axes, sensors.acceleration_offset_m_s2)
-        self.acceleration_delay = np.full(axes, sensors.acceleration_delay_s)
-        self.acceleration_resolution = sensors.acceleration_resolution_m_s2
-        self.angular_noise = sensors.angular_acceleration_noise_rad_s2 * random.standard_normal((ticks, 3))
+        self._standard = {stem: Transducers(sensors()[stem], resolved, ticks, tick_s, random) for stem in STANDARD}
+
+    def __getitem__(self, stem: str) -> Transducers:
+        return self._standard[stem]
 
     def position(self, tick: int, history: Array) -> Array:
         """Measured piston positions (n,) at a tick, from the true ones so far (tick + 1, n)."""
-        true = self._at(tick, history, self.position_delay)
-        return measure(
-            true, self.position_noise[tick], self.position_gain, self.position_offset, self.position_resolution
-        )
+        return self["position"].at(tick, history)
 
     def pressure(self, tick: int, history: Array) -> Array:
-        """Measured bottom pressures (n,) [Pa] at a tick."""
-        true = self._at(tick, history, self.pressure_delay)
-        return measure(
-            true, self.pressure_noise[tick], self.pressure_gain, self.pressure_offset, self.pressure_resolution
-        )
+        """Measured chamber pressures (n,) [Pa] at a tick."""
+        return self["pressure_bottom"].at(tick, history)
 
     def supply(self, tick: int, true: float) -> float:
         """Measured supply pressure [Pa]."""
-        value = self.supply_gain[0] * true + self.supply_noise[tick, 0]
-        resolution = self.pressure_resolution
-        return float(np.rint(value / resolution) * resolution if resolution > 0 else value)
+        return float(self["pressure_supply"].read(np.array([true]), tick)[0])
 
-    def _at(self, tick: int, history: Array, delay: Array) -> Array:
-        if not delay.any():
-            return history[tick]
-        places = np.maximum(tick - delay / self.tick_s, 0.0)
-        low = places.astype(int)
-        share = places - low
-        legs = np.arange(history.shape[1])
-        return (1 - share) * history[low, legs] + share * history[np.minimum(low + 1, tick), legs]
+    def rows(self, stem: str, true: Array) -> Array:
+        """What a standard sensor reads in a whole run (m, n)."""
+        return self[stem].rows(true)
 
-    def positions(self, true: Array) -> Array:
-        """Measured positions of a whole run (m, n)."""
-        rows = slice(0, len(true))
-        true = delayed(true, self.position_delay, self.tick_s)
-        return measure_rows(
-            true, self.position_noise[rows], self.position_gain, self.position_offset, self.position_resolution
-        )
-
-    def pressures(self, true: Array) -> Array:
-        """Measured bottom pressures of a whole run (m, n) [Pa]."""
-        rows = slice(0, len(true))
-        true = delayed(true, self.pressure_delay, self.tick_s)
-        return measure_rows(
-            true, self.pressure_noise[rows], self.pressure_gain, self.pressure_offset, self.pressure_resolution
-        )
-
-    def supplies(self, true: Array) -> Array:
-        """Measured supply pressure of a whole run (m,) [Pa]."""
-        rows = slice(0, len(true))
-        return measure_rows(
-            true[:, None], self.supply_noise[rows], self.supply_gain, np.zeros(1), self.pressure_resolution
-        )[:, 0]
-
-    def accelerations(self, true: Array) -> Array:
-        """Measured linear accelerations (m, 1 or 3)."""
-        rows = slice(0, len(true))
-        true = delayed(true, self.acceleration_delay, self.tick_s)
-        return measure_rows(
-            true,
-            self.acceleration_noise[rows],
-            self.acceleration_gain,
-            self.acceleration_offset,
-            self.acceleration_resolution,
-        )
-
-    def angular_accelerations(self, true: Array) -> Array:
-        """Measured angular accelerations (m, 3)."""
-        true = delayed(true, np.full(3, self.acceleration_delay[0]), self.tick_s)
-        return true + self.angular_noise[: len(true)]
+    def extra(self, truth: Mapping[str, Array], log_s: float) -> dict[str, Array]:
+        """Stem -> readings (m, n) of the machine's other sensors at the log's rows, `log_s` apart, from the true signals."""
+        read = {}
+        for stem in self.resolved.machine.extra_sensors:
+            sensor = sensors()[stem]
+            if sensor.source in truth:
+                true = truth[sensor.source]
+                random = np.random.default_rng([self.seed, zlib.crc32(stem.encode())])
+                read[stem] = Transducers(sensor, self.resolved, len(true), log_s, random).rows(true)
+        return read

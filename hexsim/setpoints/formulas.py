@@ -6,12 +6,14 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
-from hexsim.setpoints.signal import Array, Signal
+from hexsim.declaration import between
+from hexsim.setpoints.signal import Array, Duration, Frequency, Signal, Size
 
 FREQUENCY_GRID_DENOMINATOR = 10_000  # frequencies are taken as fractions of this fineness when a period is looked for
 
@@ -21,10 +23,7 @@ class Constant(Signal):
     """s = level. Zero by default: a coordinate that is not driven."""
 
     kind: ClassVar[str] = "constant"
-    level: float = 0.0
-
-    def __post_init__(self) -> None:
-        self.require_finite("level")
+    level: Size = 0.0
 
     def value(self, time_s: ArrayLike) -> Array:
         return np.full(np.shape(time_s), self.level)
@@ -41,13 +40,9 @@ class Sine(Signal):
     """s = A sin(2 pi f t + phase)."""
 
     kind: ClassVar[str] = "sine"
-    amplitude: float
-    frequency_Hz: float
-    phase_rad: float = 0.0
-
-    def __post_init__(self) -> None:
-        self.require_finite("amplitude", "phase_rad")
-        self.require_positive("frequency_Hz")
+    amplitude: Size
+    frequency_Hz: Frequency
+    phase_rad: Annotated[float, between(-1e3, 1e3, "[rad]")] = 0.0
 
     def _angle(self, time_s: ArrayLike) -> Array:
         return 2.0 * np.pi * self.frequency_Hz * np.asarray(time_s, dtype=float) + self.phase_rad
@@ -78,12 +73,8 @@ class Block(Signal):
     """
 
     kind: ClassVar[str] = "block"
-    amplitude: float
-    frequency_Hz: float
-
-    def __post_init__(self) -> None:
-        self.require_finite("amplitude")
-        self.require_positive("frequency_Hz")
+    amplitude: Size
+    frequency_Hz: Frequency
 
     def value(self, time_s: ArrayLike) -> Array:
         turn = np.mod(self.frequency_Hz * np.asarray(time_s, dtype=float), 1.0)
@@ -105,12 +96,8 @@ class Triangle(Signal):
     """From 0 up to A, down to -A and back to 0 at the constant speed 4 A f. Acceleration 0 (the corners have none)."""
 
     kind: ClassVar[str] = "triangle"
-    amplitude: float
-    frequency_Hz: float
-
-    def __post_init__(self) -> None:
-        self.require_finite("amplitude")
-        self.require_positive("frequency_Hz")
+    amplitude: Size
+    frequency_Hz: Frequency
 
     def _turn(self, time_s: ArrayLike) -> Array:
         """Where in the period, 0 at the bottom corner, 0.5 at the top corner."""
@@ -139,21 +126,14 @@ class Multisine(Signal):
     """
 
     kind: ClassVar[str] = "multisine"
-    amplitudes: tuple[float, ...]
-    frequencies_Hz: tuple[float, ...]
-    seed: int = 0
+    amplitudes: Annotated[tuple[Size, ...], Field(strict=False, min_length=1, max_length=1000)]
+    frequencies_Hz: Annotated[tuple[Frequency, ...], Field(strict=False, min_length=1, max_length=1000)]
+    seed: Annotated[int, Field(ge=0, description="of the phases")] = 0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "amplitudes", tuple(float(a) for a in self.amplitudes))
-        object.__setattr__(self, "frequencies_Hz", tuple(float(f) for f in self.frequencies_Hz))
-        if not self.frequencies_Hz:
-            raise self.refuse("frequencies_Hz", "give at least one frequency")
+        super().__post_init__()
         if len(self.amplitudes) != len(self.frequencies_Hz):
             raise self.refuse("amplitudes", f"give {len(self.frequencies_Hz)}, one for each of frequencies_Hz")
-        self.require_finite("amplitudes")
-        self.require_positive("frequencies_Hz")
-        if self.seed < 0:
-            raise self.refuse("seed", "give a whole number, 0 or more")
 
     @cached_property
     def phases_rad(self) -> Array:
@@ -200,20 +180,12 @@ class Sweep(Signal):
     """
 
     kind: ClassVar[str] = "sweep"
-    amplitude: float
-    start_Hz: float
-    end_Hz: float
-    duration_s: float
+    amplitude: Size
+    start_Hz: Frequency
+    end_Hz: Frequency
+    duration_s: Duration
     law: Literal["linear", "log"] = "linear"
     hold: Literal["position", "velocity", "acceleration"] = "position"
-
-    def __post_init__(self) -> None:
-        self.require_finite("amplitude")
-        self.require_positive("start_Hz", "end_Hz", "duration_s")
-        if self.law not in ("linear", "log"):
-            raise self.refuse("law", "allowed are 'linear' and 'log'")
-        if self.hold not in ("position", "velocity", "acceleration"):
-            raise self.refuse("hold", "allowed are 'position', 'velocity' and 'acceleration'")
 
     def _frequency(self, time_s: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """Turns phi / 2 pi, frequency f, and f', f''."""

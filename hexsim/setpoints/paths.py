@@ -6,14 +6,18 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
-from hexsim.setpoints.signal import Array, Signal
+from hexsim.declaration import between
+from hexsim.setpoints.signal import Array, Cycles, Duration, Signal
 
 Knot = tuple[float, float, float]  # value, velocity, acceleration
+Level = Annotated[float, between(1e-6, 1e3, "[m or rad per s or s2]")]
+Levels = Annotated[tuple[Level, ...], Field(strict=False, min_length=1, max_length=100)]
 
 # rows: coefficients of r^5 .. r^0 on 0 <= r <= 1; columns: x0, v0, a0, x1, v1, a1 (quintic Hermite)
 _QUINTIC = np.array(
@@ -94,16 +98,10 @@ class ConstantAccelerationReversals(PathSignal):
     """
 
     kind: ClassVar[str] = "constant_acceleration_reversals"
-    accelerations: tuple[float, ...] = (0.1, 0.05, 0.02, 0.01, 0.005)
-    half_time_s: float = 1.0
-    cycles: int = 3
-    transition_s: float = 2.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "accelerations", tuple(float(a) for a in self.accelerations))
-        if not self.accelerations:
-            raise self.refuse("accelerations", "give at least one level")
-        self.require_positive("accelerations", "half_time_s", "cycles", "transition_s")
+    accelerations: Levels = (0.1, 0.05, 0.02, 0.01, 0.005)
+    half_time_s: Duration = 1.0
+    cycles: Cycles = 3
+    transition_s: Duration = 2.0
 
     def _pieces(self) -> list[tuple[float, Knot, Knot]]:
         t, rest = self.half_time_s, (0.0, 0.0, 0.0)
@@ -152,18 +150,12 @@ class ConstantVelocityStrokes(PathSignal):
     """
 
     kind: ClassVar[str] = "constant_velocity_strokes"
-    velocities: tuple[float, ...] = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
-    stroke: float = 0.1
-    cycles: int = 2
-    turn_around_s: float = 0.2
-    transition_s: float = 1.0
-    longest_s: float = 10.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "velocities", tuple(float(v) for v in self.velocities))
-        if not self.velocities:
-            raise self.refuse("velocities", "give at least one level")
-        self.require_positive("velocities", "stroke", "cycles", "turn_around_s", "transition_s", "longest_s")
+    velocities: Levels = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
+    stroke: Annotated[float, between(1e-6, 100.0, "travel at constant velocity [m or rad]")] = 0.1
+    cycles: Cycles = 2
+    turn_around_s: Duration = 0.2
+    transition_s: Duration = 1.0
+    longest_s: Duration = 10.0
 
     def _level(self, velocity: float) -> tuple[Knot, Knot, Knot, Knot, float]:
         """Knots of one level: start and end of the stroke up, start and end of the stroke down; its duration [s]."""

@@ -5,15 +5,23 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, ValidationError
 
-from hexsim.errors import HexsimError
+from hexsim.declaration import between, section_of, values_of
+from hexsim.errors import HexsimError, shortened
+from hexsim.files.toml_files import validation_sentence
 
 Array = NDArray[np.float64]
 FadeShape = Literal["linear", "smooth"]
+
+Size = Annotated[float, between(-100.0, 100.0, "[m or rad]")]
+Frequency = Annotated[float, between(1e-6, 1e3, "[Hz]")]
+Duration = Annotated[float, between(1e-3, 1e5, "[s]")]
+Cycles = Annotated[int, Field(ge=1, le=1000)]
 
 
 class Signal(ABC):
@@ -48,18 +56,18 @@ class Signal(ABC):
         return None
 
     def refuse(self, key: str, allowed: str) -> HexsimError:
-        return HexsimError(f"Signal '{self.kind}': {key} is {getattr(self, key)!r}; {allowed}.")
+        return HexsimError(f"signal '{self.kind}': {key} = {shortened(repr(getattr(self, key)))}: {allowed}")
 
-    def require_finite(self, *keys: str) -> None:
-        for key in keys:
-            if not np.all(np.isfinite(np.asarray(getattr(self, key), dtype=float))):
-                raise self.refuse(key, "give a finite number")
-
-    def require_positive(self, *keys: str) -> None:
-        self.require_finite(*keys)
-        for key in keys:
-            if np.any(np.asarray(getattr(self, key), dtype=float) <= 0.0):
-                raise self.refuse(key, "it must be greater than 0")
+    def __post_init__(self) -> None:
+        """Check the fields against the bounds that they carry, and take them as the types that they are declared to be."""
+        table = section_of(type(self))
+        given = {name: getattr(self, name) for name in table.model_fields}
+        try:
+            checked = table.model_validate(given)
+        except ValidationError as error:
+            raise HexsimError(f"signal '{self.kind}': {validation_sentence(error, table)}") from None
+        for name, value in values_of(checked).items():
+            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,13 +83,8 @@ class Faded(Signal):
 
     kind: ClassVar[str] = "faded"
     signal: Signal
-    duration_s: float
+    duration_s: Annotated[float, between(1e-6, 1e5, "from nothing to full size [s]")]
     shape: FadeShape = "linear"
-
-    def __post_init__(self) -> None:
-        self.require_positive("duration_s")
-        if self.shape not in ("linear", "smooth"):
-            raise self.refuse("shape", "allowed are 'linear' and 'smooth'")
 
     def _gain(self, time_s: ArrayLike) -> tuple[Array, Array, Array]:
         """g and its two derivatives."""

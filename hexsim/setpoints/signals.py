@@ -10,11 +10,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
+from pydantic import Field, TypeAdapter, ValidationError
 
+from hexsim.declaration import Section, between, section_of, values_of
 from hexsim.errors import HexsimError
+from hexsim.files.toml_files import validation_sentence
 from hexsim.setpoints.formulas import Block, Constant, Multisine, Sine, Sweep, Triangle
 from hexsim.setpoints.paths import ConstantAccelerationReversals, ConstantVelocityStrokes
 from hexsim.setpoints.signal import Faded, FadeShape, Signal, evaluate, faded
@@ -31,6 +35,7 @@ __all__ = [
     "Multisine",
     "SampledSignal",
     "Signal",
+    "SignalTable",
     "Sine",
     "Sweep",
     "Triangle",
@@ -38,6 +43,7 @@ __all__ = [
     "faded",
     "read_setpoint_file",
     "signal_from_dict",
+    "signal_from_table",
     "signal_to_dict",
 ]
 
@@ -57,31 +63,37 @@ SIGNAL_KINDS: dict[str, type[Any]] = {
 }
 
 
+FADE: tuple[tuple[str, Any, Any], ...] = (
+    ("fade_in_s", Annotated[float, between(0.0, 1e5, "from nothing to full size; 0 = at once [s]")], 0.0),
+    ("fade_shape", FadeShape, "linear"),
+)
+if TYPE_CHECKING:
+    SignalTable = Section
+else:
+    SignalTable = Annotated[
+        reduce(or_, (section_of(signal, *FADE) for signal in SIGNAL_KINDS.values())), Field(discriminator="kind")
+    ]
+_CHECK = TypeAdapter(SignalTable)
+
+
 def signal_from_dict(data: Mapping[str, Any], where: str = "signal") -> Signal:
     """A signal from {"kind": ..., its keys ...}; optional "fade_in_s" and "fade_shape" ("linear" or "smooth").
 
     Raises HexsimError naming `where`, the key, and what is allowed, for an unknown kind or key, a missing key, or a
     value of the wrong type or size.
     """
-    keys = dict(data)
-    kind = keys.pop("kind", None)
-    if kind not in SIGNAL_KINDS:
-        raise HexsimError(f"{where}: kind is {kind!r}; allowed are {', '.join(SIGNAL_KINDS)}.")
-    fade_in_s, fade_shape = keys.pop("fade_in_s", 0.0), keys.pop("fade_shape", "linear")
-    fields = {field.name: field for field in dataclasses.fields(SIGNAL_KINDS[kind])}
-    for key in keys:
-        if key not in fields:
-            raise HexsimError(
-                f"{where}: unknown key {key!r} for signal '{kind}'; allowed are "
-                f"{', '.join([*fields, 'fade_in_s', 'fade_shape'])}."
-            )
-    for name, field in fields.items():
-        if name not in keys and field.default is dataclasses.MISSING:
-            raise HexsimError(f"{where}: signal '{kind}' needs the key {name!r}.")
-    arguments = {name: _converted(value, str(fields[name].type), f"{where}: {name}") for name, value in keys.items()}
     try:
-        signal = SIGNAL_KINDS[kind](**arguments)
-        return faded(signal, _converted(fade_in_s, "float", f"{where}: fade_in_s"), fade_shape)
+        return signal_from_table(_CHECK.validate_python(data), where)
+    except ValidationError as error:
+        raise HexsimError(f"{where}: {validation_sentence(error, SignalTable)}") from None
+
+
+def signal_from_table(table: Section, where: str) -> Signal:
+    """The signal of a checked table."""
+    values = values_of(table)
+    duration_s, shape = values.pop("fade_in_s"), values.pop("fade_shape")
+    try:
+        return faded(SIGNAL_KINDS[dict(table)["kind"]](**values), duration_s, shape)
     except HexsimError as error:
         raise HexsimError(f"{where}: {error}") from None
 
@@ -92,26 +104,3 @@ def signal_to_dict(signal: Signal) -> dict[str, Any]:
         return signal_to_dict(signal.signal) | {"fade_in_s": signal.duration_s, "fade_shape": signal.shape}
     values = {field.name: getattr(signal, field.name) for field in dataclasses.fields(signal)}  # type: ignore[arg-type]
     return {"kind": signal.kind} | {k: list(v) if isinstance(v, tuple) else v for k, v in values.items()}
-
-
-def _converted(value: Any, annotation: str, where: str) -> Any:
-    """A plain value as the field's type; HexsimError if it is of another type."""
-
-    def number(item: Any) -> float:
-        if isinstance(item, bool) or not isinstance(item, (int, float, np.integer, np.floating)):
-            raise HexsimError(f"{where} is {item!r}; give a number.")
-        return float(item)
-
-    if annotation == "float":
-        return number(value)
-    if annotation == "int":
-        if not number(value).is_integer():
-            raise HexsimError(f"{where} is {value!r}; give a whole number.")
-        return int(value)
-    if annotation.startswith("tuple"):
-        if not isinstance(value, (list, tuple)):
-            raise HexsimError(f"{where} is {value!r}; give a list of numbers.")
-        return tuple(number(item) for item in value)
-    if not isinstance(value, str):
-        raise HexsimError(f"{where} is {value!r}; give a text.")
-    return value

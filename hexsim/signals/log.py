@@ -35,7 +35,7 @@ class Log:
 
     kind: "bench" (one leg), "hexapod" (six) or "own" (a machine of other columns). time: (n,) [s]. rate [Hz].
     columns: name -> (n,). losses: what a reader dropped, filled or converted, a sentence each.
-    repaired: name -> (n,) bool, samples that were made up by a straight line; a column without such samples is not there.
+    repaired: name -> (n,) bool, samples that were missing and filled; a column without such samples is not there.
     Signals may be given as arrays by their stem or attribute (`position=...`), and so they can be exchanged:
     `dataclasses.replace(log, volts=other)`; rows are legs or axes, (n_rows, n), or (n,) for one of the machine.
     """

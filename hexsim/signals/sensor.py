@@ -9,37 +9,28 @@ from dataclasses import dataclass
 
 from hexsim.signals.signal import Signal
 
+ERRORS = {"gain": 1.0, "offset": 0.0, "delay": 0.0, "noise": 0.0, "resolution": 0.0}  # and where each vanishes
+
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
     """A sensor is one file of `hexsim/signals/sensors` that defines SENSOR, or an entry point `hexsim.sensors`.
 
     signal: what it writes into the log. source: stem of the true signal that it measures.
-    noise .. delay: keys of the machine file's [sensors]; an empty one has no such error.
-    declared_apart: not every machine has it; where [extra_sensors.<stem>] stands in the machine file it is there, with
-    the keys noise_<unit>, resolution_<unit>, gain, offset_<unit> and delay_s, all optional.
+    gain .. resolution: keys of the machine file's [sensors], of the standard sensors only. Any other sensor is on the
+    machines that declare it, by a table [extra_sensors.<stem>] with the keys of `extra_keys`, all optional.
     """
 
     signal: Signal
     source: str
-    noise: str = ""
-    resolution: str = ""
     gain: str = ""
     offset: str = ""
     delay: str = ""
-
-    @property
-    def declared_apart(self) -> bool:
-        return not self.noise
+    noise: str = ""
+    resolution: str = ""
 
     @property
     def extra_keys(self) -> dict[str, str]:
-        """Error -> its key of [extra_sensors.<stem>]."""
+        """Error -> its key of [extra_sensors.<stem>]: gain, offset_<unit>, delay_s, noise_<unit>, resolution_<unit>."""
         unit = f"_{self.signal.unit}" if self.signal.unit else ""
-        return {
-            "noise": f"noise{unit}",
-            "resolution": f"resolution{unit}",
-            "gain": "gain",
-            "offset": f"offset{unit}",
-            "delay": "delay_s",
-        }
+        return {error: error + {"gain": "", "delay": "_s"}.get(error, unit) for error in ERRORS}

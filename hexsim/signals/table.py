@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from functools import cache
 
+from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.files.plugins import found_parts
 from hexsim.signals import sensors as sensor_files
 from hexsim.signals.sensor import Sensor
-from hexsim.signals.signal import HEXAPOD_AXES, Scope, Signal
+from hexsim.signals.signal import HEXAPOD_AXES, ROTATIONS, TRANSLATIONS, Scope, Signal
 
 # Sensors that every machine has: they draw their noise from one stream of random numbers in this order, and a fit
 # compares what they measure with the model.
@@ -120,3 +121,34 @@ def label_of(column: str) -> str:
     if column == signal.kind:
         return signal.label
     return f"{signal.label} of leg {place + 1}" if signal.scope == "leg" else f"{signal.label} {HEXAPOD_AXES[place]}"
+
+
+def motion_column(stem: str, axis: str) -> str:
+    """A velocity or acceleration along or about an axis x .. yaw, or along the "leg" of a bench.
+
+    ("true_acceleration", "roll") -> true_angular_acceleration_x_rad_s2.
+    """
+    if axis in ROTATIONS:
+        head, what = stem[: stem.rfind("_") + 1], stem[stem.rfind("_") + 1 :]
+        return table()[f"{head}angular_{what}"].column(TRANSLATIONS[ROTATIONS.index(axis)])
+    return table()[stem].column("" if axis == "leg" else axis)
+
+
+def pose_column(stem: str, axis: str) -> str:
+    """A coordinate of the platform: ("platform", "roll") -> platform_roll_rad."""
+    return table()[stem].columns(6)[HEXAPOD_AXES.index(axis)]
+
+
+def check_extra_sensors(machine: Machine, source: str) -> None:
+    """Raise HexsimError where [extra_sensors] names an unknown sensor, an unknown key or an impossible value."""
+    for stem, given in machine.extra_sensors.items():
+        place = f"{source}: [extra_sensors.{stem}]"
+        if stem not in sensors() or stem in STANDARD:
+            known = ", ".join(name for name in sensors() if name not in STANDARD) or "none"
+            raise HexsimError(f"{place}: unknown sensor {stem!r}; known beside the standard ones: {known}")
+        keys = sensors()[stem].extra_keys
+        for key, value in given.items():
+            if key not in keys.values():
+                raise HexsimError(f"{place} {key} is not a known key: allowed are {', '.join(keys.values())}")
+            if key not in (keys["gain"], keys["offset"]) and value < 0:
+                raise HexsimError(f"{place} {key} = {value:g} must not be negative")

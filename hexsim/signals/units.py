@@ -65,7 +65,7 @@ NAMES = {
     "l_h": "lph", "ml_min": "cc_min", "ml_s": "cc_s", "gpm": "gal_min usgpm", "in3_s": "cu_in_s",
     "degC": "c celsius deg_c", "degF": "f fahrenheit deg_f", "K": "kelvin", "1": "- none ratio", "%": "percent pct",
 }  # fmt: skip
-SHARED = {"mpa": "mPa", "MV": "mV", "MA": "mA", "MG": "mg"}  # mega or milli: only the exact letters count
+MEGA_OR_MILLI = ("mPa", "mpa", "MV", "MA", "MG")  # told apart by their capital alone: no spelling of MPa, mV, mA, mg
 
 
 def normalised(text: str) -> str:
@@ -86,23 +86,19 @@ def normalised(text: str) -> str:
 
 @cache
 def _spellings() -> dict[str, str]:
-    """All spellings: names exact, in small letters, in capitals, or with one capital, where that is no other unit."""
-    found: dict[str, str] = {}
-    exact = {name: name for name in UNITS}
-    for name in UNITS:
-        for spelling in (name, *NAMES.get(name, "").split()):
-            for one in (spelling, spelling.lower(), spelling.upper(), spelling.capitalize()):
-                found.setdefault(one, name)
-    found = {one: name for one, name in found.items() if one not in SHARED}
-    return found | exact
+    """Names in small letters -> unit."""
+    found = {spelling: name for name in UNITS for spelling in NAMES.get(name, "").split()}
+    return {name.lower(): name for name in UNITS} | found
 
 
 def canonical(text: str) -> str | None:
-    """The unit of UNITS that is meant; None for one that is not known."""
-    given = text.strip()
-    if given in UNITS:
-        return given
-    return _spellings().get(given) or _spellings().get(normalised(given))
+    """The unit of UNITS that is meant, in capitals or small letters; None for one that is not known."""
+    for name in (text.strip(), normalised(text)):
+        if name in UNITS:
+            return name
+        if name not in MEGA_OR_MILLI and (found := _spellings().get(name.lower())):
+            return found
+    return None
 
 
 def unit_to_si(unit: str, where: str, wanted: str | None = None) -> tuple[float, float]:

@@ -41,19 +41,15 @@ class FaultySensors(SensorBank):
                 measured[fault.leg - 1] = np.nan
         return measured
 
-    def positions(self, true: Array) -> Array:
-        measured = super().positions(true)
-        for fault in self._faults:
+    def rows(self, stem: str, true: Array) -> Array:
+        measured = super().rows(stem, true)
+        for fault in self._faults if stem == "position" else ():
             first = math.ceil(fault.time_s / self.tick_s - 1e-9)
             column = measured[first:, fault.leg - 1]
             if len(column):
                 held = float(column[0])
                 column[:] = [fault.reading(float(value), held) for value in column]
-        return measured
-
-    def pressures(self, true: Array) -> Array:
-        measured = super().pressures(true)
-        for fault in self._faults:
+        for fault in self._faults if stem == "pressure_bottom" else ():
             if isinstance(fault, LegBlind):
                 measured[math.ceil(fault.time_s / self.tick_s - 1e-9) :, fault.leg - 1] = np.nan
         return measured

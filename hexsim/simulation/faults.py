@@ -27,19 +27,25 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, TypeAdapter, ValidationError
 
-from hexsim.declaration import Machine
+from hexsim.declaration import Machine, Section, between, section_of, values_of
 from hexsim.errors import HexsimError
+from hexsim.files.toml_files import validation_sentence
 from hexsim.hydraulics.parameters import P
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.plant import Plant
 from hexsim.simulation.emergency_supply import EmergencySupply
 
 Array = NDArray[np.float64]
+Position = Annotated[float, between(-50.0, 50.0, "[m]")]
+Within = Annotated[float, between(0.0, 1e3, "how long the change takes [s]")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +53,7 @@ class Fault:
     """One fault. Subclasses say what breaks; `time_s` when. Keys that a kind does not have are refused."""
 
     kind: ClassVar[str]
-    time_s: float
+    time_s: Annotated[float, between(0.0, 86_400.0, "when [s]")]
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
         """Called at each tick from `time_s` on; returns the volts that reach the valves."""
@@ -56,7 +62,7 @@ class Fault:
 
 @dataclass(frozen=True, kw_only=True)
 class LegFault(Fault):
-    leg: int
+    leg: Annotated[int, Field(ge=1, description="from 1")]
 
 
 @dataclass(kw_only=True)
@@ -73,11 +79,7 @@ class Workbench:
 @dataclass(frozen=True, kw_only=True)
 class ValveStuck(LegFault):
     kind: ClassVar[str] = "valve_stuck"
-    at: str | float = "open"
-
-    def __post_init__(self) -> None:
-        if isinstance(self.at, str) and self.at not in ("open", "shut", "present"):
-            raise HexsimError(f"fault valve_stuck: at is {self.at!r}; give 'open', 'shut', 'present' or volts")
+    at: Literal["open", "shut", "present"] | Annotated[float, between(-1e3, 1e3, "[V]")] = "open"
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
         if self not in bench.memory:
@@ -91,8 +93,8 @@ class ValveStuck(LegFault):
 @dataclass(frozen=True, kw_only=True)
 class SpoolLag(LegFault):
     kind: ClassVar[str] = "spool_lag"
-    frequency_Hz: float = 1.0
-    damping: float = 0.7
+    frequency_Hz: Annotated[float, between(1e-3, 1e3, "[Hz]")] = 1.0
+    damping: Annotated[float, between(0.01, 100.0, "[-]")] = 0.7
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
         command = float(volts[self.leg - 1])
@@ -109,12 +111,8 @@ class SpoolLag(LegFault):
 @dataclass(frozen=True, kw_only=True)
 class PositionSensor(LegFault):
     kind: ClassVar[str] = "position_sensor"
-    how: str = "nan"
-    jump_m: float = 0.02
-
-    def __post_init__(self) -> None:
-        if self.how not in ("nan", "frozen", "jump"):
-            raise HexsimError(f"fault position_sensor: how is {self.how!r}; give 'nan', 'frozen' or 'jump'")
+    how: Literal["nan", "frozen", "jump"] = "nan"
+    jump_m: Position = 0.02
 
     def reading(self, true: float, held: float) -> float:
         """What is read, from the true reading and the one at the time of the fault."""
@@ -132,8 +130,8 @@ class LegBlind(LegFault):
 @dataclass(frozen=True, kw_only=True)
 class PressureLoss(Fault):
     kind: ClassVar[str] = "pressure_loss"
-    pressure_Pa: float = 2.0e6
-    within_s: float = 0.3
+    pressure_Pa: Annotated[float, between(0.0, 1e8, "[Pa]")] = 2.0e6
+    within_s: Within = 0.3
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
         share = min(1.0, (time_s - self.time_s) / max(self.within_s, bench.tick_s))
@@ -154,7 +152,7 @@ class PumpTrip(Fault):
 @dataclass(frozen=True, kw_only=True)
 class HoseBurst(LegFault):
     kind: ClassVar[str] = "hose_burst"
-    conductance_m3_s_Pa: float = 5.0e-11
+    conductance_m3_s_Pa: Annotated[float, between(0.0, 1e-6, "[m3/(s Pa)]")] = 5.0e-11
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
         if self not in bench.memory:
@@ -180,11 +178,11 @@ class PayloadShift(Fault):
     """The first moment of the load changes by mass_kg (x, y, z); its moments of inertia are left as they are."""
 
     kind: ClassVar[str] = "payload_shift"
-    mass_kg: float = 150.0
-    x_m: float = 0.4
-    y_m: float = 0.0
-    z_m: float = 0.0
-    within_s: float = 0.5
+    mass_kg: Annotated[float, between(0.0, 1e7, "[kg]")] = 150.0
+    x_m: Position = 0.4
+    y_m: Position = 0.0
+    z_m: Position = 0.0
+    within_s: Within = 0.5
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
         mass, centre = bench.plant.platform_mass_and_centre()
@@ -210,26 +208,23 @@ KINDS: Mapping[str, type[Fault]] = {
 }  # fmt: skip
 
 
+if TYPE_CHECKING:
+    FaultTable = Section
+else:
+    FaultTable = Annotated[reduce(or_, (section_of(fault) for fault in KINDS.values())), Field(discriminator="kind")]
+_CHECK = TypeAdapter(FaultTable)
+
+
 def fault_from_dict(data: Mapping[str, Any], machine: Machine, where: str) -> Fault:
     """Check one table of [[faults]]. Raises HexsimError that names kind and key."""
-    keys = dict(data)
-    kind = keys.pop("kind", None)
-    if kind not in KINDS:
-        raise HexsimError(f"{where}: unknown kind {kind!r}; give one of {', '.join(KINDS)}")
-    fields = {field.name: field for field in dataclasses.fields(KINDS[kind])}
-    for key, value in keys.items():
-        if key not in fields:
-            raise HexsimError(f"{where} ({kind}): unknown key {key!r}; allowed are {', '.join(fields)}")
-        if key not in ("at", "how", "buffered") and (
-            isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value)
-        ):
-            raise HexsimError(f"{where} ({kind}): {key} is {value!r}; give a number")
-    for name, field in fields.items():
-        if name not in keys and field.default is dataclasses.MISSING:
-            raise HexsimError(f"{where} ({kind}): the key {name!r} is missing")
-    fault = KINDS[kind](**keys)
-    if fault.time_s < 0:
-        raise HexsimError(f"{where} ({kind}): time_s is {fault.time_s:g}; give a time in s from 0 on")
+    try:
+        table = _CHECK.validate_python(data)
+    except ValidationError as error:
+        kind = data.get("kind") if isinstance(data, Mapping) else None
+        place = f"{where} ({kind})" if isinstance(kind, str) and kind in KINDS else where
+        raise HexsimError(f"{place}: {validation_sentence(error, FaultTable)}") from None
+    kind = dict(table)["kind"]
+    fault = KINDS[kind](**values_of(table))
     if isinstance(fault, LegFault) and fault.leg not in range(1, machine.n_legs + 1):
         raise HexsimError(
             f"{where} ({kind}): leg is {fault.leg}; machine {machine.name} has legs 1 to {machine.n_legs}"

@@ -10,15 +10,15 @@ import polars as pl
 from numpy.typing import NDArray
 
 from hexsim.plant import Plant
-from hexsim.plant.readout import LegSignals, PlatformSignals, leg_signals, platform_signals, power_unit_signals
+from hexsim.plant.readout import leg_signals, platform_signals, power_unit_signals
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.scenarios.scenario import DOF_NAMES
 from hexsim.sensors.bank import SensorBank
+from hexsim.signals.table import motion_column, places, table
 from hexsim.smoothness import AxisMotion, BANDWIDTH_Hz, summary_axes
 
 Array = NDArray[np.float64]
-UNITS = ("m", "m", "m", "rad", "rad", "rad")
 
 
 @dataclass(kw_only=True)
@@ -49,91 +49,86 @@ def run_log(plant: Plant, scenario: Scenario, recorded: Recorded, sensors: Senso
     supply = np.full(len(recorded.act), np.nan)
     supply[rows] = legs.supply_Pa
     measured = {
-        "setpoint_m": recorded.setpoints,
-        "position_m": sensors.positions(recorded.positions)[rows],
-        "valve_V": recorded.volts,
-        "pressure_bottom_Pa": sensors.pressures(every_pressure)[rows],
+        "setpoint": recorded.setpoints,
+        "position": sensors.rows("position", recorded.positions)[rows],
+        "valve": recorded.volts,
+        "pressure_bottom": sensors.rows("pressure_bottom", every_pressure)[rows],
+        "pressure_supply": sensors.rows("pressure_supply", supply[:, None])[rows],
     }
-    columns: dict[str, Array] = {"time_s": recorded.time}
-    columns |= _per_leg(measured, plant.n_legs)
-    columns["pressure_supply_Pa"] = sensors.supplies(supply)[rows]
     if plant.kinematics is None:
-        _bench_columns(columns, scenario, recorded, sensors)
+        poses: dict[str, Array] = {}
+        measured["acceleration"] = _sampled(sensors, recorded.qacc[:, :1], recorded)
+        motion = _bench_motion(scenario, recorded)
     else:
-        _hexapod_columns(columns, plant, scenario, recorded, sensors)
-    columns |= _per_leg(_truth(legs, recorded), plant.n_legs)
-    columns["true_pressure_supply_Pa"] = legs.supply_Pa
-    columns |= power_unit_signals(plant, *states, recorded.timestep)
-    return pl.DataFrame(columns)
-
-
-def _truth(legs: LegSignals, recorded: Recorded) -> dict[str, Array]:
-    return {
-        "true_position_m": legs.position,
-        "velocity_m_s": legs.velocity,
-        "true_pressure_bottom_Pa": legs.pressure_bottom,
-        "pressure_top_Pa": legs.pressure_top,
-        "spool_m": legs.spool,
-        "flow_m3_s": legs.flow,
-        "friction_N": legs.friction,
-        "leg_force_N": legs.force,
-        "compensation_V": recorded.compensation,
+        instant = platform_signals(plant, recorded.qpos, recorded.qvel, recorded.qacc)
+        measured["acceleration"] = _sampled(sensors, instant.acceleration, recorded)
+        measured["angular_acceleration"] = sensors.rows("angular_acceleration", instant.angular_acceleration)
+        pose, motion = _platform_motion(plant, scenario, recorded)
+        poses = {"platform": instant.pose, "commanded": pose}
+    truth = {
+        "true_position": legs.position,
+        "velocity": legs.velocity,
+        "true_pressure_bottom": legs.pressure_bottom,
+        "pressure_top": legs.pressure_top,
+        "spool": legs.spool,
+        "flow": legs.flow,
+        "friction": legs.friction,
+        "leg_force": legs.force,
+        "compensation": recorded.compensation,
+        "true_pressure_supply": legs.supply_Pa[:, None],
     }
-
-
-def leg_column(name: str, leg: int, n_legs: int) -> str:
-    """Column of leg 1..n: the number stands before the unit on a hexapod and nowhere on a bench."""
-    units = ("_m3_s", "_m_s2", "_m_s", "_Pa", "_m", "_V", "_N")
-    unit = next(unit for unit in units if name.endswith(unit))
-    return name if n_legs == 1 else f"{name.removesuffix(unit)}_{leg}{unit}"
-
-
-def _per_leg(groups: dict[str, Array], n_legs: int) -> dict[str, Array]:
-    return {
-        leg_column(name, i + 1, n_legs): np.ascontiguousarray(values[:, i])
-        for name, values in groups.items()
-        for i in range(n_legs)
+    truth |= {
+        places()[name][0].stem: values[:, None]
+        for name, values in power_unit_signals(plant, *states, recorded.timestep).items()
     }
+    log_s = float(recorded.time[1] - recorded.time[0]) if len(recorded.time) > 1 else 1.0
+    extra = sensors.extra(motion | truth, log_s)
+    named = _columns(measured | poses, plant.n_legs)
+    named += sorted(_columns(motion, plant.n_legs), key=lambda column: column[0])  # x of all, then y, then z
+    named += _columns(truth | extra, plant.n_legs)
+    return pl.DataFrame({"time_s": recorded.time} | {name: values for _, name, values in named})
 
 
-def _bench_columns(columns: dict[str, Array], scenario: Scenario, recorded: Recorded, sensors: SensorBank) -> None:
+def _columns(signals: dict[str, Array], n_legs: int) -> list[tuple[int, str, Array]]:
+    """(place, name, values (m,)) of each column of signals (m, n_places)."""
+    return [
+        (place, name, np.ascontiguousarray(values[:, place]))
+        for stem, values in signals.items()
+        for place, name in enumerate(table()[stem].columns(n_legs))
+    ]
+
+
+def _bench_motion(scenario: Scenario, recorded: Recorded) -> dict[str, Array]:
+    """True and commanded motion along the leg by signal, (m, 1) each."""
     _, velocity, acceleration = bench_motion(scenario, recorded.time)
-    columns["acceleration_m_s2"] = _thinned(sensors, recorded.qacc[:, :1], recorded)[:, 0]
-    columns["true_acceleration_m_s2"] = recorded.mean_acceleration[:, 0]
-    columns["commanded_velocity_m_s"] = velocity
-    columns["commanded_acceleration_m_s2"] = acceleration
+    return {
+        "true_acceleration": recorded.mean_acceleration[:, :1],
+        "commanded_velocity": velocity[:, None],
+        "commanded_acceleration": acceleration[:, None],
+    }
 
 
-def _thinned(sensors: SensorBank, true: Array, recorded: Recorded) -> Array:
+def _platform_motion(plant: Plant, scenario: Scenario, recorded: Recorded) -> tuple[Array, dict[str, Array]]:
+    """Commanded pose (m, 6); true and commanded motion of the platform by signal, (m, 3) each."""
+    mean = platform_signals(plant, recorded.qpos, recorded.qvel, recorded.mean_acceleration)
+    pose, velocity, acceleration = _commanded(plant, scenario, recorded)
+    return pose, {
+        "true_acceleration": mean.acceleration,
+        "true_angular_acceleration": mean.angular_acceleration,
+        "commanded_velocity": velocity[:, :3],
+        "commanded_angular_velocity": velocity[:, 3:],
+        "commanded_acceleration": acceleration[:, :3],
+        "commanded_angular_acceleration": acceleration[:, 3:],
+    }
+
+
+def _sampled(sensors: SensorBank, true: Array, recorded: Recorded) -> Array:
     """Measured accelerations at the log's rows (noise of those ticks; delay counted in log samples)."""
     if len(true) == len(recorded.positions):
-        return sensors.accelerations(true)
-    return sensors.accelerations(np.repeat(true, recorded.ticks[1], axis=0)[: len(recorded.positions)])[recorded.ticks]
-
-
-def _hexapod_columns(
-    columns: dict[str, Array], plant: Plant, scenario: Scenario, recorded: Recorded, sensors: SensorBank
-) -> None:
-    platform: PlatformSignals = platform_signals(plant, recorded.qpos, recorded.qvel, recorded.qacc)
-    smooth = platform_signals(plant, recorded.qpos, recorded.qvel, recorded.mean_acceleration)
-    measured = _thinned(sensors, platform.acceleration, recorded)
-    angular = sensors.angular_accelerations(platform.angular_acceleration)
-    for k, axis in enumerate("xyz"):
-        columns[f"acceleration_{axis}_m_s2"] = measured[:, k]
-    for k, axis in enumerate("xyz"):
-        columns[f"angular_acceleration_{axis}_rad_s2"] = angular[:, k]
-    for k, (name, unit) in enumerate(zip(DOF_NAMES, UNITS, strict=True)):
-        columns[f"platform_{name}_{unit}"] = platform.pose[:, k]
-    pose, velocity, acceleration = _commanded(plant, scenario, recorded)
-    for k, (name, unit) in enumerate(zip(DOF_NAMES, UNITS, strict=True)):
-        columns[f"commanded_{name}_{unit}"] = pose[:, k]
-    for k, axis in enumerate("xyz"):
-        columns[f"true_acceleration_{axis}_m_s2"] = smooth.acceleration[:, k]
-        columns[f"true_angular_acceleration_{axis}_rad_s2"] = smooth.angular_acceleration[:, k]
-        columns[f"commanded_velocity_{axis}_m_s"] = velocity[:, k]
-        columns[f"commanded_angular_velocity_{axis}_rad_s"] = velocity[:, 3 + k]
-        columns[f"commanded_acceleration_{axis}_m_s2"] = acceleration[:, k]
-        columns[f"commanded_angular_acceleration_{axis}_rad_s2"] = acceleration[:, 3 + k]
+        return sensors.rows("acceleration", true)
+    return sensors.rows("acceleration", np.repeat(true, recorded.ticks[1], axis=0)[: len(recorded.positions)])[
+        recorded.ticks
+    ]
 
 
 def _commanded(plant: Plant, scenario: Scenario, recorded: Recorded) -> tuple[Array, Array, Array]:
@@ -156,8 +151,8 @@ def run_summary(
     warnings: list[str],
 ) -> dict[str, Any]:  # fmt: skip
     """The figures of a run, as in summary.json. Judged on the true acceleration, not on the noisy sensor."""
-    n = plant.n_legs
-    errors = [log[leg_column("setpoint_m", i + 1, n)] - log[leg_column("true_position_m", i + 1, n)] for i in range(n)]
+    setpoints, positions = (table()[stem].columns(plant.n_legs) for stem in ("setpoint", "true_position"))
+    errors = [log[setpoint] - log[position] for setpoint, position in zip(setpoints, positions, strict=True)]
     start = figures_start(scenario, recorded.time)
     late = recorded.time >= start
     return {
@@ -180,26 +175,14 @@ def run_summary(
 
 def axis_motions(log: pl.DataFrame, scenario: Scenario, is_hexapod: bool) -> dict[str, AxisMotion]:
     """What each axis does and was asked to do."""
-    if not is_hexapod:
-        signal = next(iter(scenario.signals.values()), None)
-        return {
-            "leg": AxisMotion(
-                acceleration=log["true_acceleration_m_s2"].to_numpy(),
-                commanded_velocity=log["commanded_velocity_m_s"].to_numpy(),
-                commanded_acceleration=log["commanded_acceleration_m_s2"].to_numpy(),
-                frequency_Hz=signal.fundamental_Hz if signal else None,
-            )
-        }
     motions: dict[str, AxisMotion] = {}
-    for k, name in enumerate(DOF_NAMES):
-        axis = "xyz"[k % 3]
-        kind, unit = ("angular_", "rad_s") if k >= 3 else ("", "m_s")
-        driven = name in scenario.signals or (scenario.mode == "actuator" and bool(scenario.signals))
-        signal = scenario.signals.get(name)
-        motions[name] = AxisMotion(
-            acceleration=log[f"true_{kind}acceleration_{axis}_{unit}2"].to_numpy(),
-            commanded_velocity=log[f"commanded_{kind}velocity_{axis}_{unit}"].to_numpy() if driven else None,
-            commanded_acceleration=log[f"commanded_{kind}acceleration_{axis}_{unit}2"].to_numpy() if driven else None,
+    for axis in DOF_NAMES if is_hexapod else ("leg",):
+        signal = scenario.signals.get(axis) if is_hexapod else next(iter(scenario.signals.values()), None)
+        driven = not is_hexapod or signal is not None or (scenario.mode == "actuator" and bool(scenario.signals))
+        motions[axis] = AxisMotion(
+            acceleration=log[motion_column("true_acceleration", axis)].to_numpy(),
+            commanded_velocity=log[motion_column("commanded_velocity", axis)].to_numpy() if driven else None,
+            commanded_acceleration=log[motion_column("commanded_acceleration", axis)].to_numpy() if driven else None,
             frequency_Hz=signal.fundamental_Hz if signal else None,
         )
     return motions

@@ -33,7 +33,7 @@ from hexsim.motion_computer.limits import CommandLimiter, Limits, dof_limits, le
 from hexsim.motion_computer.states import State
 from hexsim.plant import Plant
 from hexsim.scenarios import Scenario, load_scenario
-from hexsim.sensors.bank import SensorBank, measure
+from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.emergency_supply import EmergencySupply
 from hexsim.simulation.manual import SignalGenerator
 from hexsim.simulation.simulation import make_compensators
@@ -51,7 +51,7 @@ class LiveSensors:
     def __init__(self, plant: Plant, tick_s: float, seed: int) -> None:
         self.ticks = round(NOISE_S / tick_s)
         self.bank = SensorBank(plant.resolved, self.ticks, tick_s, seed)
-        delays = np.concatenate([self.bank.position_delay, self.bank.pressure_delay])
+        delays = np.concatenate([self.bank["position"].delay, self.bank["pressure_bottom"].delay])
         self._late = np.rint(delays / tick_s).astype(int)
         self._past: deque[Array] = deque(maxlen=int(self._late.max()) + 1)
 
@@ -61,12 +61,7 @@ class LiveSensors:
         self._past.appendleft(seen)
         if self._late.any():
             seen = np.array([self._past[min(late, len(self._past) - 1)][i] for i, late in enumerate(self._late)])
-        y = measure(
-            seen[:n], bank.position_noise[k], bank.position_gain, bank.position_offset, bank.position_resolution
-        )
-        P = measure(
-            seen[n:], bank.pressure_noise[k], bank.pressure_gain, bank.pressure_offset, bank.pressure_resolution
-        )
+        y, P = bank["position"].read(seen[:n], k), bank["pressure_bottom"].read(seen[n:], k)
         return y, P, bank.supply(k, supply_Pa)
 
 

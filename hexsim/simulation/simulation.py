@@ -16,7 +16,6 @@ import compensation
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.files import changed
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
@@ -24,6 +23,8 @@ from hexsim.plant.plant import PlantError, whole_ratio
 from hexsim.plant.stepping import mean_acceleration
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
+from hexsim.scenarios.resources import check_resources
+from hexsim.scenarios.settings import machine_in
 from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.fault_run import FaultRun, FaultySensors
 from hexsim.simulation.faults import read_faults
@@ -117,11 +118,8 @@ def simulate(
     Raises HexsimError before the run for what cannot be done; an interrupted or diverged run comes back with
     complete = False and its log so far.
     """
-    machine = (
-        changed(machine, dict(scenario.machine_changes), f"scenario {scenario.name}")
-        if scenario.machine_changes
-        else machine
-    )
+    machine = machine_in(scenario, machine)
+    check_resources(machine, scenario.duration_s)
     name, compensators = make_compensators(compensator, machine)
     kind = model or ("tendon" if fast and machine.is_hexapod else "full")
     plant = Plant(machine, model=kind, timestep=timestep)  # type: ignore[arg-type]
@@ -182,7 +180,7 @@ class TickLoop:
 
     def go(self, progress: Callable[[float], None], interventions: Sequence[Any]) -> str:
         """Run to the end; returns "" or why it ended early."""
-        plain = not (self.loop.compensators or interventions or self.sensors.position_delay.any())
+        plain = not (self.loop.compensators or interventions or self.sensors["position"].delay.any())
         chunk = max(1, round(CHECK_EVERY_S / self.tick_s))
         try:
             for first in range(0, self.ticks, chunk):
@@ -218,11 +216,11 @@ class TickLoop:
         )
 
     def _plain_control(self) -> Control:
-        sensors = self.sensors
+        position = self.sensors["position"]
         return Control(
             setpoints=self.setpoints, every=self.control_every, gain=self.loop.gain, limit=self.loop.limit,
-            noise=sensors.position_noise, sensor_gain=sensors.position_gain, sensor_offset=sensors.position_offset,
-            resolution=sensors.position_resolution,
+            noise=position.noise, sensor_gain=position.gain, sensor_offset=position.offset,
+            resolution=position.resolution,
         )  # fmt: skip
 
     def _ticks(self, first: int, last: int, interventions: Sequence[Any]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from hexsim.files.atomic import write_text
 from hexsim.files.formats import LogFormat
 from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
+from hexsim.files.run_folder import file_name
 from hexsim.machine import Machine, load_machine
 from hexsim.recording.config import config_tables, summary_of
 from hexsim.recording.figure_style import png
@@ -99,10 +99,11 @@ def write_comparison(
 ) -> None:
     """compare.json, config.toml, logs, figures of the driven axes, report.html, one recording on a common time line."""
 
+    write_json(folder / "compare.json", comparison_tables(runs))
+    write_text(folder / "config.toml", tomli_w.dumps(config_tables(next(iter(runs.values())))))
     step("logs")
     for name, run in runs.items():
         write_log(run.log, folder / "logs" / f"{file_name(name)}.{log_format}")
-    write_text(folder / "config.toml", tomli_w.dumps(config_tables(next(iter(runs.values())))))
     signals = {name: Signals.of_run(run, name) for name, run in runs.items() if run.log.height >= MIN_ROWS}
     pictures: dict[str, bytes] = {}
     if signals:
@@ -122,9 +123,3 @@ def write_comparison(
         step("recording")
         texts = {name: markdown(runs[name].summary, s.driven_axes, runs[name]) for name, s in signals.items()}
         write_recording(folder / "run.rrd", signals, texts, {name: run.messages for name, run in runs.items()})
-    write_json(folder / "compare.json", comparison_tables(runs))
-
-
-def file_name(name: str) -> str:
-    """A compensator's name as a file name."""
-    return re.sub(r"[^\w.-]+", "_", name)

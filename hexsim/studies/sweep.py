@@ -11,11 +11,12 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import math
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -32,6 +33,7 @@ from hexsim.simulation import simulate
 from hexsim.studies.journal import Journal
 
 _ONE_A_PROCESS = threading.Lock()  # MuJoCo's callbacks are global: threads of a worker take turns
+MOST_CASES = 100_000  # each is held in memory, and as a row of the table
 IN_FLIGHT = 4  # cases handed out a worker: enough to keep it busy, few enough to forget on a kill
 
 
@@ -65,15 +67,22 @@ def cases(
     timestep: float | None = None,
 ) -> list[Case]:
     """The product of all settings, compensators and seeds. Raises HexsimError where a setting is refused."""
-    settings = dict(settings or {})
+    settings, seeds, compensators = dict(settings or {}), _sequence(seeds), _sequence(compensators)
+    count = math.prod(len(values) for values in (*settings.values(), seeds, compensators))
+    if count > MOST_CASES:
+        raise HexsimError(f"a sweep of {count} runs: give at most {MOST_CASES}, fewer seeds or values")
     grid = [dict(zip(settings, values, strict=True)) for values in itertools.product(*settings.values())]
     for point in grid:
         apply_settings(scenario, machine, point, "sweep")  # refuse what cannot be before the first run
     tables = {"scenario": scenario.to_dict(), "machine": machine_tables(machine)}
     return [
         Case(**tables, compensator=compensator, seed=seed, fast=fast, timestep=timestep, settings=point)
-        for point, compensator, seed in itertools.product(grid, compensators, list(seeds))
+        for point, compensator, seed in itertools.product(grid, compensators, seeds)
     ]
+
+
+def _sequence(values: Iterable[Any]) -> Sequence[Any]:
+    return values if isinstance(values, Sequence) else list(values)
 
 
 def run_case(case: Case) -> dict[str, Any]:
@@ -170,9 +179,9 @@ def sweep(
                     journal.add(row)
                     done, failed = done + 1, failed + bool(row["error"])
                     progress(done, len(wanted), failed)
-        except BrokenExecutor as error:
+        except (BrokenExecutor, CancelledError) as error:  # workers killed; a Dask scheduler that went away
             raise HexsimError(
-                f"the workers died ({error}); {journal.says()}; run the same command again to go on"
+                f"the workers died ({str(error) or 'lost'}); {journal.says()}; run the same command again to go on"
             ) from None
         finally:
             for future in running:

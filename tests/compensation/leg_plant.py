@@ -1,7 +1,7 @@
 """A leg on a bench, small and on its own: the report's equations (3.2 to 3.9), so that the compensators' tests need
 no simulator.
 
-One vertical leg: spool (second order, or none), play before it, overlap or quadratic law, orifice flow, one
+One vertical leg: spool (second order, or none), backlash before it, overlap or quadratic law, orifice flow, one
 chamber, load with Stribeck friction. RK4; volts held over a control tick; noise and quantisation of the transducers.
 """
 
@@ -33,7 +33,7 @@ class Leg:
     rounding_m: float = 0.0  # 0 = sharp edges
     quadratic: bool = False  # Eq. 3.11 in place of 3.3
     spool_Hz: float = 60.0  # 0 = none
-    play_V: float = 0.0  # half width
+    backlash_V: float = 0.0  # half width
     friction: float = 1.0  # of the report's
     sharpness_m_s: float = 2e-4  # 0 = arctan(100 v) of Eq. 3.9
 
@@ -172,7 +172,7 @@ def run(
             statuses.append((k / rate_Hz, text))
         total = sample.control_V + more
         sent = min(max(total, -10.0), 10.0) if math.isfinite(total) else 0.0
-        follower = min(max(follower, sent - leg.play_V), sent + leg.play_V)
+        follower = min(max(follower, sent - leg.backlash_V), sent + leg.backlash_V)
         position[k], valve[k], added[k] = s[0], sent, more
         _advance(s, follower, row, steps, 1e-4, acceleration[k * steps : (k + 1) * steps])
     return Record(np.arange(ticks) / rate_Hz, position, valve, added, acceleration, state, statuses)

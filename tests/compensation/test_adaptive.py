@@ -11,7 +11,7 @@ from leg_plant import AREA_BOTTOM, Leg, Record, run, sine
 
 import compensation
 from compensation import Context
-from compensation.adaptive import Adaptive
+from compensation.adaptive import Adaptive, AdaptiveState
 from compensation.adaptive.edge_rounding import RoundingEstimator, RoundingTrim, opening
 from compensation.adaptive.friction import FrictionEstimator, stribeck_share
 from compensation.adaptive.monitor import PerformanceMonitor
@@ -126,6 +126,49 @@ def test_reference_engages_with_the_motion_of_plain_control(plain) -> None:
     assert np.abs(np.array(made) - plain.position_m[1:-1])[1000:].max() < 1.2e-3
 
 
+class Phases(Adaptive):
+    """Adaptive whose status is the phase of its engagement."""
+
+    def status(self, state: AdaptiveState) -> str:
+        return state.engagement.phase.value
+
+
+def test_it_engages_and_disengages_phase_by_phase() -> None:
+    """0.5 Hz, and from 12 s on 0.1 Hz, which is too slow: the phases of the table in their order. Nothing is added
+    before and after; the first volts and the last are below 5 mV, so that neither transfer is a step."""
+
+    def slower(t: np.ndarray) -> np.ndarray:
+        angle = np.where(t < 12.0, math.pi * t, 12.0 * math.pi + 0.2 * math.pi * (t - 12.0))
+        return 0.1 + 0.05 * np.sin(angle) * np.minimum(t / 2.0, 1.0)
+
+    record = run(Phases(), setpoint=slower, duration_s=40.0)
+    assert [phase for _, phase in record.statuses] == [
+        "plain control", "engaging", "compensated", "feed-forward going out", "disengaging", "plain control",
+    ]  # fmt: skip
+    begin, end = (round(500 * record.statuses[i][0]) for i in (1, 5))
+    acting = np.flatnonzero(record.added_V)
+    assert begin <= acting[0] <= begin + 1
+    assert end - 3 <= acting[-1] <= end
+    assert np.abs(record.added_V[acting[[0, -1]]]).max() < 5e-3
+
+
+def test_it_trips_on_a_worse_reversal(adapted) -> None:
+    """A lag that is 4 ms too long and not learned anew: after the first worse reversal the phase is tripped, and within
+    a quarter of a second plain control; it engages again after the lockout of 4 s."""
+    made = Phases(learn=False)
+    parameters = made.parameters(adapted.state.inner)
+    for edge in ("retract", "extend"):
+        parameters["flow"][edge]["lag_s"] += 4e-3
+    record = run(made, duration_s=20.0, state=made.restore(Context(), parameters))
+    phases = [phase for _, phase in record.statuses]
+    trip = phases.index("tripped")
+    assert phases[:trip] == ["plain control", "engaging", "compensated"]
+    assert phases[trip + 1] == "plain control"
+    assert record.statuses[trip + 1][0] - record.statuses[trip][0] <= 0.26
+    assert phases[trip + 2] == "engaging"
+    assert record.statuses[trip + 2][0] - record.statuses[trip][0] >= 4.0
+
+
 @pytest.mark.parametrize("frequency_Hz", [0.5, 2.0])
 def test_worse_reversals_are_seen_from_positions(frequency_Hz) -> None:
     """A sine with 3.1 um of noise, and the same with an acceleration of +-0.6 m/s2 for 30 ms each way: its range of
@@ -213,7 +256,7 @@ def test_crossing_hardly_strays_from_the_overlap(lag_s, times) -> None:
 
 
 def test_crossing_path_is_what_the_spool_does() -> None:
-    """The path is that of the spool's own equations driven with the crossing's taps, to 1e-6 of the jump."""
+    """The path is that of the spool's own equations driven with the crossing's taps, to 1e-6 of the step."""
     lag = 3.7e-3
     fine = 0.002 / PATH_FINE
     a, b, c, d = spool_model(lag, fine / 2)  # half a sample: the path's samples lie in the middle of theirs
@@ -270,46 +313,47 @@ def test_rounding_trim_is_the_inverse_of_a_rounded_edge() -> None:
         assert s * math.log1p(math.exp(x / s)) == pytest.approx(v / k, abs=1e-9)
 
 
-def valve_learned(lag_s: float, play_V: float = 0.0) -> ValveEstimator:
+def valve_learned(lag_s: float, backlash_V: float = 0.0) -> ValveEstimator:
     """A valve of 0.15 m/s/V and 0.09 V of half dead band, known but for what a test gets wrong."""
     flow = ValveEstimator(Context(), 16, 3e-3, 10, 200.0)
     for edge in flow.edges:
-        edge.gain_m_s_V, edge.dead_band_V, edge.lag_s, edge.backlash_V, edge.ready = 0.15, 0.09, lag_s, play_V, True
+        edge.gain_m_s_V, edge.dead_band_V, edge.lag_s, edge.backlash_V, edge.ready = 0.15, 0.09, lag_s, backlash_V, True
     flow.lag_s = lag_s
     return flow
 
 
 def passed(
-    rounding: RoundingEstimator, flow: ValveEstimator, rounding_V: float, play_V: float = 0.0, periods: int = 10
+    rounding: RoundingEstimator, flow: ValveEstimator, rounding_V: float, backlash_V: float = 0.0, periods: int = 10
 ) -> None:
-    """0.3 V at 0.5 Hz through a valve with such edges and such play, its oil measured with 4 um of noise."""
+    """0.3 V at 0.5 Hz through a valve with such edges and such backlash, its oil measured with 4 um of noise."""
     rng, z, follower = np.random.default_rng(0), 0.0, 0.0
     for i in range(1000 * periods):
         volts = 0.3 * math.sin(math.pi * i * 0.002)
-        follower = min(max(follower, volts - play_V), volts + play_V)
+        follower = min(max(follower, volts - backlash_V), volts + backlash_V)
         z += 0.15 * opening(follower, 0.09, rounding_V) * 0.002
         rounding.add(z + rng.normal(0, 4e-6), volts, 1.0, flow)
 
 
 def flow_seen(
-    play_V: float, lag_s: float, amplitude_V: float, seconds: float, chatter_V: float = 0.0
+    backlash_V: float, lag_s: float, amplitude_V: float, seconds: float, chatter_V: float = 0.0
 ) -> ValveEstimator:
-    """What is learned of 0.15 m/s/V, 45 mV of half dead band, such a play and lag from a sine at 0.5 Hz, 3.5 um of noise."""
+    """What is learned of 0.15 m/s/V, 45 mV of half dead band, such a backlash and lag; sine at 0.5 Hz, 3.5 um of noise."""
     rng, flow = np.random.default_rng(1), ValveEstimator(Context(), 16, 3e-3, 10, 200.0)
     a, b, c, d = spool_model(lag_s, 0.002)
     z = follower = x = rate = 0.0
     for i in range(round(500 * seconds)):
         volts = amplitude_V * math.sin(math.pi * i * 0.002) + chatter_V * rng.normal()
-        follower = min(max(follower, volts - play_V), volts + play_V)
+        follower = min(max(follower, volts - backlash_V), volts + backlash_V)
         before, x, rate = x, x + a * (follower - x) + b * rate, c * (follower - x) + d * rate
         z += 0.15 * opening(0.5 * (before + x), 0.045, 0.0) * 0.002
         flow.add(z + rng.normal(0, 3.5e-6), volts, 1.0)
     return flow
 
 
-def test_play_and_lag_are_told_apart_soon() -> None:
-    """25 mV of play and 3.7 ms of lag, large motion: after four periods play is taken up, within 0.8 mV, the lag within
-    0.35 ms; were the windows gathered with another width to count in full, they would be 1.1 mV and 0.4 ms off."""
+def test_backlash_and_lag_are_told_apart_soon() -> None:
+    """25 mV of backlash and 3.7 ms of lag, large motion: after four periods the backlash is compensated, within 0.8 mV,
+    the lag within 0.35 ms; were the windows gathered with another width to count in full, they would be 1.1 mV and
+    0.4 ms off."""
     flow = flow_seen(0.025, 3.7e-3, 1.0, 8.0)
     assert flow.with_backlash
     for edge in flow.edges:
@@ -318,15 +362,15 @@ def test_play_and_lag_are_told_apart_soon() -> None:
 
 
 @pytest.mark.parametrize("amplitude_V", [0.15, 1.0])
-def test_no_play_is_seen_where_there_is_none(amplitude_V) -> None:
-    """Volts with 1 mV of chatter through a valve without play, 20 s: it is taken as one without, lag within 0.2 ms."""
+def test_no_backlash_is_seen_where_there_is_none(amplitude_V) -> None:
+    """Volts with 1 mV of chatter through a valve without backlash, 20 s: it is taken as one without, lag within 0.2 ms."""
     flow = flow_seen(0.0, 3.7e-3, amplitude_V, 20.0, 1e-3)
     assert not flow.with_backlash
     assert flow.lag_s == pytest.approx(3.7e-3, abs=2e-4)
 
 
-def test_little_play_in_small_motion_is_not_taken_for_lag() -> None:
-    """1.5 mV of play at 0.15 V passes for 3 ms of lag; until the fits agree it does not engage."""
+def test_little_backlash_in_small_motion_is_not_taken_for_lag() -> None:
+    """1.5 mV of backlash at 0.15 V passes for 3 ms of lag; until the fits agree it does not engage."""
     agreed = [flow_seen(1.5e-3, 2e-3, 0.15, seconds) for seconds in (4.0, 6.0, 8.0)]
     assert all(not flow.lags_agree or abs(flow.lag_s - 2e-3) < 1.2e-3 for flow in agreed)
     assert any(abs(flow.lag_s - 2e-3) > 1.2e-3 for flow in agreed)  # so there is something to be told
@@ -342,7 +386,7 @@ def test_rounding_is_found_from_slow_passages(rounding_V) -> None:
     assert rounding.explains_reversals
 
 
-def test_a_wrong_play_is_seen_at_reversals() -> None:
+def test_a_wrong_backlash_is_seen_at_reversals() -> None:
     """Play of 20 mV taken as 13 mV and 4 ms of lag: windows beyond the overlap hardly tell them apart, reversals do."""
     right, wrong = RoundingEstimator(), RoundingEstimator()
     passed(right, valve_learned(0.0, 0.02), 0.0, 0.02)
@@ -471,9 +515,9 @@ def test_it_does_not_engage_for_slow_reversals() -> None:
     assert np.all(record.added_V == 0.0)
 
 
-def test_play_is_told_from_lag() -> None:
-    """Hysteresis of 0.5 % (play of +-25 mV): found within 4 mV, and the peak is below half of plain control's."""
-    leg = Leg(play_V=0.025)
+def test_backlash_is_told_from_lag() -> None:
+    """Hysteresis of 0.5 % (backlash of +-25 mV): found within 4 mV, and the peak is below half of plain control's."""
+    leg = Leg(backlash_V=0.025)
     record = run(compensation.create("adaptive"), dataclasses.replace(leg), duration_s=24.0)
     for edge in record.state.inner.valve.edges:
         assert edge.backlash_V == pytest.approx(0.025, abs=4e-3)
@@ -500,7 +544,7 @@ def test_it_adapts_again_within_twenty_seconds(what) -> None:
 
 
 def test_a_new_valve_is_said() -> None:
-    """When the overlap changes under it the algorithm says that it no longer believes what it learned, and later
+    """When the overlap changes under it the algorithm says that it no longer trusts what it learned, and later
     no more.
     """
 
@@ -540,8 +584,8 @@ def test_an_hour_at_rest(adapted) -> None:
 def test_no_period_is_worse_than_plain_control(amplitude_m, frequency_Hz) -> None:
     """From 2 s on, learning and engaging included, the peak of each period is at most 10 % above plain control's.
 
-    5 % is meant for single reversals (docs/results/compensation_safety.md); a period during which the amplitude changes is no pure
-    harmonic, which adds to the figure here.
+    5 % is meant for single reversals (docs/results/compensation_safety.md); a period during which the amplitude changes
+    is no pure harmonic, which adds to the figure here.
     """
     period = 1 / frequency_Hz
     motion = sine(amplitude_m, frequency_Hz)

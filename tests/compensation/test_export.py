@@ -60,7 +60,7 @@ def test_only_c_names_are_taken() -> None:
 
 @pytest.mark.parametrize("name", ["buffered", "adaptive", "exact"])
 def test_c_agrees_with_python_to_1e_12(name, tmp_path) -> None:
-    """The C function, compiled, and the Python table agree to 1e-12 V at 20,000 voltages, ends and jump included."""
+    """The C function, compiled, and the Python table agree to 1e-12 V at 20,000 voltages, ends and step included."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
         pytest.skip("no C compiler on this machine: the exported C function could not be compiled")

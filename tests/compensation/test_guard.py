@@ -1,4 +1,4 @@
-"""Faults: back to plain control within 50 ms, without a jump, with a sentence; and back again."""
+"""Faults: back to plain control within 50 ms, without a step, with a sentence; and back again."""
 
 from __future__ import annotations
 

@@ -156,9 +156,9 @@ def test_buffered_follows_an_oil_step_both_ways() -> None:
 
 
 def test_two_curves_beat_one_on_a_valve_with_hysteresis() -> None:
-    """Report chapter 6: on a valve with play, a curve for each sign of acceleration finds offsets of opposite
+    """Report chapter 6: on a valve with backlash, a curve for each sign of acceleration finds offsets of opposite
     sign."""
-    made = run(Buffered(two_sided=True), Leg(**REPORT_LEG, play_V=0.05), duration_s=14.0, **REPORT)
+    made = run(Buffered(two_sided=True), Leg(**REPORT_LEG, backlash_V=0.05), duration_s=14.0, **REPORT)
     falling, rising = (curve.target[2] for curve in made.state.curves)
     assert rising > 0.01 > -0.01 > falling
 

@@ -7,8 +7,10 @@ import polars as pl
 
 from hexsim.declaration import Machine
 from hexsim.machine import machine_from_dict
-from hexsim.recording.signals import HEXAPOD_AXES, ROTATIONS, Signals
+from hexsim.machine.geometry import machine_kinematics
 from hexsim.scenarios import load_scenario
+from hexsim.signals.log import Log
+from hexsim.signals.signal import HEXAPOD_AXES, ROTATIONS
 
 RATE_Hz = 1000.0
 FREQUENCY_Hz = 0.5
@@ -77,7 +79,7 @@ def made_up_log(machine: Machine, duration_s: float = 6.0, bump_scale: float = 1
     if machine.is_hexapod:
         commanded, pose = zero.copy(), zero.copy()
         commanded[:, 2], pose[:, 2] = asked, got
-        kinematics = Signals(log=pl.DataFrame({"time_s": t}), machine=machine).kinematics
+        kinematics = machine_kinematics(machine)
         setpoints, positions = kinematics.inverse(commanded), kinematics.inverse(pose)
     else:
         commanded, pose = asked[:, None], got[:, None]
@@ -114,6 +116,10 @@ def made_up_log(machine: Machine, duration_s: float = 6.0, bump_scale: float = 1
             f"commanded_{name}": -w * w * commanded[:, k],
         }
     return pl.DataFrame(columns)
+
+
+def log_of(table: pl.DataFrame, machine: Machine) -> Log:
+    return Log.of_table("run", table, machine.machine.kind)
 
 
 def _scaled(figures: dict, axis: str) -> dict:

@@ -4,13 +4,15 @@ import re
 
 import numpy as np
 import pytest
-from made_up_run import BUMP_M_S2, bump, made_up_log, made_up_machine, made_up_run
+from made_up_run import BUMP_M_S2, bump, log_of, made_up_log, made_up_machine, made_up_run
+from markupsafe import escape
 
 from hexsim.recording.figure_style import png
 from hexsim.recording.figures import acceleration, comparison, flow_curve, motion, run_figures
 from hexsim.recording.report import run_report
+from hexsim.recording.rerun_recording import write_recording
 from hexsim.recording.signals import Signals
-from hexsim.recording.summary_table import axis_rows, number
+from hexsim.recording.summary_table import axis_rows, markdown, number
 
 NAMES = ["motion", "acceleration", "parasitic", "flow_curve", "pressures", "spectrum"]
 
@@ -57,7 +59,7 @@ def test_what_the_log_lacks_is_not_drawn():
     """Without flow there is no flow curve; without any acceleration neither acceleration nor spectrum."""
     machine = made_up_machine(False)
     log = made_up_log(machine, 4.0).drop("flow_m3_s", "acceleration_m_s2", "true_acceleration_m_s2")
-    signals = Signals(log=log, machine=machine, frequency_Hz=0.5)
+    signals = Signals(log=log_of(log, machine), machine=machine, frequency_Hz=0.5)
     assert flow_curve(signals) is None
     assert list(run_figures(signals)) == ["motion", "pressures"]
 
@@ -67,7 +69,11 @@ def test_comparison_has_one_row_a_run_to_one_scale():
     machine = made_up_machine(False)
     runs = {
         name: Signals(
-            log=made_up_log(machine, 6.0, scale), machine=machine, frequency_Hz=0.5, fade_s=1.0, figures_from_s=2.0
+            log=log_of(made_up_log(machine, 6.0, scale), machine),
+            machine=machine,
+            frequency_Hz=0.5,
+            fade_s=1.0,
+            figures_from_s=2.0,
         )
         for name, scale in (("none", 1.0), ("half", 0.5))
     }
@@ -116,8 +122,28 @@ def test_the_harmonic_is_that_of_the_last_periods():
     log = made_up_log(machine, 8.0)
     share = np.where(log["time_s"] < 4.0, 0.5, 1.0)
     log = log.with_columns(true_acceleration_m_s2=log["true_acceleration_m_s2"] * share)
-    found = Signals(log=log, machine=machine, frequency_Hz=0.5, fade_s=1.0, figures_from_s=4.0).deviation("leg")
+    found = Signals(
+        log=log_of(log, machine), machine=machine, frequency_Hz=0.5, fade_s=1.0, figures_from_s=4.0
+    ).deviation("leg")
     late = found.time_s >= 4.0
     assert np.allclose(found.raw[late], bump(found.time_s)[late], rtol=0, atol=0.01 * BUMP_M_S2)
     early = (found.time_s > 1.6) & (found.time_s < 1.8)  # half of 0.49 m/s2 sin(..) is missing there
     assert np.abs(found.raw[early]).min() > 0.1
+
+
+@pytest.mark.parametrize(
+    "name", ["[/red]", r"$\red$", "<script>alert(1)</script>", "a | b & c", "{{ 7 * 7 }}", "%s \\n `x`"]
+)
+def test_names_with_the_signs_of_any_markup_stay_text(tmp_path, name):
+    """Figures are drawn, the page shows the name escaped, and the recording is written, whatever a name holds."""
+    run = made_up_run(False, duration_s=3.0, messages=[(1.0, 1, name)])
+    run.summary = {**run.summary, "scenario": name, "machine": name, "compensator": name, "warnings": [name]}
+    signals = Signals.of_run(run, name)
+    figures = {**run_figures(signals), "comparison": comparison({name: signals})}
+    assert figures["comparison"].axes[0].get_ylabel() == name
+    page = run_report(run, {key: png(figure, dpi=30) for key, figure in figures.items()})
+    assert str(escape(name)) in page and "<script" not in page
+    write_recording(
+        tmp_path / "run.rrd", {name: signals}, {name: markdown(run.summary, ("leg",), run)}, {name: run.messages}
+    )
+    assert (tmp_path / "run.rrd").stat().st_size > 10_000

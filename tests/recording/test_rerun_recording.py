@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up_run import BUMP_M_S2, made_up_log, made_up_machine, made_up_run
+from made_up_run import BUMP_M_S2, log_of, made_up_log, made_up_machine, made_up_run
 from rerun.chunk import RrdReader
 
 from hexsim.recording.rerun_blueprint import blueprint
@@ -49,10 +49,10 @@ def test_series_are_the_log_in_the_units_people_read(tmp_path):
     time, values = recording.read("/heave/legs/3/position", "Scalars:scalars")
     every = slice(None, None, 2)  # leg signals are sent at 500 Hz of the log's 1000 Hz
     assert np.array_equal(np.rint(time * 1e9), np.rint(signals.time_s[every] * 1e9))
-    position = signals.leg("position", "m", 3)
+    position = signals.leg(3, "position")
     assert np.array_equal(values, 1e3 * position[every])
     _, error = recording.read("/heave/legs/3/error", "Scalars:scalars")
-    assert np.allclose(error, 1e3 * (signals.leg("setpoint", "m", 3) - position)[every], rtol=0, atol=1e-12)
+    assert np.allclose(error, 1e3 * (signals.leg(3, "setpoint") - position)[every], rtol=0, atol=1e-12)
     time, acceleration = recording.read("/heave/acceleration/z/raw", "Scalars:scalars")
     assert np.array_equal(acceleration, signals.acceleration("z"))  # at the full rate: bumps are short
 
@@ -103,7 +103,12 @@ def test_every_plot_of_the_blueprint_shows_something(tmp_path, count, hexapod):
     log = made_up_log(made_up_machine(hexapod), 3.0)
     axis = "z" if hexapod else "leg"
     runs = {
-        f"run {k}": Signals(log=log, machine=made_up_machine(hexapod), driven=(axis,), frequency_Hz=0.5)
+        f"run {k}": Signals(
+            log=log_of(log, made_up_machine(hexapod)),
+            machine=made_up_machine(hexapod),
+            driven=(axis,),
+            frequency_Hz=0.5,
+        )
         for k in range(count)
     }
     write_recording(tmp_path / "run.rrd", runs, {name: "text" for name in runs})
@@ -140,7 +145,7 @@ def test_a_measured_log_is_recorded_too(tmp_path):
     machine = made_up_machine()
     log = made_up_log(machine, 3.0)
     kept = [n for n in log.columns if not n.startswith(("true_", "platform_", "commanded_", "flow", "pressure_supply"))]
-    signals = Signals(log=log.select(kept), machine=machine, frequency_Hz=0.5)
+    signals = Signals(log=log_of(log.select(kept), machine), machine=machine, frequency_Hz=0.5)
     assert signals.driven_axes == ("z",)
     write_recording(tmp_path / "measured.rrd", {"measured": signals})
     recording = Recording(tmp_path / "measured.rrd")

@@ -7,6 +7,7 @@ import polars as pl
 from test_rerun_recording import Recording
 
 from hexsim.machine import load_machine
+from hexsim.signals.log import Log
 from hexsim.tracing.report.recording import replayed, write_trace_recordings
 
 BENCH = Path(__file__).parents[1] / "data" / "bench_none"
@@ -38,4 +39,4 @@ def test_a_log_without_setpoints_stands_alone():
     """What was not logged cannot be replayed; the measured signals are shown all the same."""
     machine = load_machine(BENCH)
     log = pl.read_csv(BENCH / "validate.csv.gz").head(2000).drop("setpoint_m")
-    assert list(replayed(log, {"declared": machine})) == ["measured"]
+    assert list(replayed(Log.of_table("validate", log, "bench"), {"declared": machine})) == ["measured"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexsim.tracing.steps.dependence import dependence_of
+from hexsim.tracing.dependence import dependence_of
 
 RATE = 200.0
 ORDER = ("velocity_m_s", "position_m", "time_s")

@@ -16,9 +16,9 @@ from hexsim.tracing.fitting.parameters import priors
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.held_out_errors import error_table
 from hexsim.tracing.steps.learned import learned_fit
+from hexsim.tracing.steps.logs import read_runs
 from hexsim.tracing.steps.residuals import unexplained_residuals
 from hexsim.tracing.steps.violations import violations
-from hexsim.tracing.trace import read_runs
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def test_a_gap_without_a_name(questions):
     rest = unexplained_residuals(lines, problem)[0]
     assert (rest.balance, rest.dependence.signal) == ("valve", "valve_V")
     base = refine(start_fit(machine, priors(machine), problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)
-    found = learned_fit(rest, machine, priors(machine), base, problem, held_out)
+    found = learned_fit(rest, base, problem, held_out)
     assert found is not None
     fit, entry = found
     assert entry["learned"] and entry["name"] == "" and all(gain > 0 for gain in entry["evidence"]["held_out_gain"])

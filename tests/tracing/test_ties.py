@@ -14,7 +14,7 @@ from hexsim.signals.log import measured_log
 from hexsim.tracing.fitting.fit import start_fit, with_candidate
 from hexsim.tracing.fitting.parameters import candidates, named, priors
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.simulation.bench_simulator import start_of
+from hexsim.tracing.simulation.simulator import start_of
 from hexsim.tracing.steps.ties import stand_ins
 
 DATA = Path(__file__).parents[1] / "data"
@@ -71,7 +71,7 @@ def test_a_log_of_a_wrong_gain_starts_where_the_piston_is(bench):
     """A sensor that shows 3 % and 1 mm too much began at (y_m - 1 mm)/1.03, moving y_m'/1.03."""
     _, log = bench
     ramp = dataclasses.replace(log, position=(0.08 + 0.01 * (log.time - log.time[0]))[None])
-    start, speed = start_of(ramp, gain=1.03, offset=1e-3)
+    start, speed = start_of(ramp, gain=np.array([1.03]), offset=np.array([1e-3]))
     assert start == pytest.approx(0.079 / 1.03, abs=1e-9)
     assert speed == pytest.approx(0.01 / 1.03, rel=1e-6)
 

@@ -9,13 +9,13 @@ from other_plant import write_machine
 from hexsim.machine import load_machine
 from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
+from hexsim.tracing.dependence import FORMS
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.report import page as report_page
 from hexsim.tracing.report.figures import fitted_curves
-from hexsim.tracing.steps.dependence import FORMS
+from hexsim.tracing.steps.logs import read_runs
 from hexsim.tracing.steps.residuals import unexplained_residuals
 from hexsim.tracing.steps.violations import violations
-from hexsim.tracing.trace import read_runs
 
 
 @pytest.mark.parametrize(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import bilinear, lfilter
 
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics.parameters import P
-from hexsim.hydraulics.resolved import PayloadMode
+from hexsim.hydraulics.resolved import Resolved
+from hexsim.machine.geometry import suspension
+from hexsim.mechanics.rigid_body import pushed_back
 from hexsim.signals.log import MeasuredLog
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
@@ -33,16 +34,10 @@ def forces_beyond_pressure(p, y, v, volts, P1, Ps, t):
     return force
 
 
-def on_spring(mode: PayloadMode, felt: Array, rate: float) -> Array:
-    """Specific force (n,) [m/s2] that a payload on a spring and damper gives back when its foot feels `felt` (n,).
-
-    (2 zeta w p + w^2)/(p^2 + 2 zeta w p + w^2) by the bilinear rule (0.1 % off in frequency at 17 Hz and 1 kHz), steady at
-    first. felt: acceleration less gravity, along the spring.
-    """
-    omega = 2 * np.pi * mode.frequency_Hz
-    damper = 2 * mode.damping_ratio * omega
-    top, bottom = bilinear([damper, omega**2], [1.0, damper, omega**2], rate)
-    return lfilter(top, bottom, felt - felt[0]) + felt[0]
+def push_of_payloads(resolved: Resolved, felt: Array, rate: float) -> Array:
+    """Force (n,) [N] that payloads on springs push back with; felt: acceleration less gravity along the springs (n,)."""
+    pushes = [mode.mass_kg * pushed_back(suspension(mode), felt, rate) for mode in resolved.payload_modes]
+    return np.sum(pushes, axis=0) if pushes else np.zeros(len(felt))
 
 
 class Force:
@@ -63,7 +58,6 @@ class Force:
         assert point.P1 is not None and point.sensed.acceleration is not None
         beyond = forces_beyond_pressure(p, point.y, point.v, point.volts, point.P1, point.Ps, point.t)
         mass, gravity = resolved.load.moving_mass_kg, -resolved.gravity_m_s2[2]
-        net = point.P1 * p[P.AREA_BOTTOM] + beyond - mass * (point.sensed.acceleration + gravity)
-        for mode in resolved.payload_modes:
-            net = net - mode.mass_kg * on_spring(mode, point.sensed.acceleration + gravity, log.rate)
-        return window.mean(net)[None]
+        felt = point.sensed.acceleration + gravity
+        net = point.P1 * p[P.AREA_BOTTOM] + beyond - mass * felt
+        return window.mean(net - push_of_payloads(resolved, felt, log.rate))[None]

@@ -1,4 +1,4 @@
-"""Platform of a hexapod: r_J = sum f_i (u_i, r_i x u_i) - (M (a - g), I w' + ...), six numbers  [N], [N m].
+"""Platform of a hexapod: r_J = sum f_i (u_i, r_i x u_i) - (F, M) of `mechanics.rigid_body`, six numbers  [N], [N m].
 
 f_i = P1 A1 - Ps A2 - friction of each leg at the measured point, u_i and r_i in the platform frame, a and w' as the
 accelerometers show them. Legs whole (continuity quiet) but r_J violated: payload, inertia, joints, friction.
@@ -14,6 +14,8 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
+from hexsim.machine.geometry import machine_kinematics, platform_body
+from hexsim.mechanics.rigid_body import centre_accelerations, joint_wrenches
 from hexsim.signals.log import MeasuredLog
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import (
@@ -24,8 +26,7 @@ from hexsim.tracing.balances.balance import (
     remembered,
     resolved_machine,
 )
-from hexsim.tracing.balances.force import forces_beyond_pressure, on_spring
-from hexsim.tracing.simulation.hexapod_simulator import kinematics_of, platform_load
+from hexsim.tracing.balances.force import forces_beyond_pressure, push_of_payloads
 
 Array = np.ndarray
 ROWS = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -69,7 +70,7 @@ class PlatformMotion:
     """How the platform moved, from the pistons' positions alone; all in the platform frame.
 
     lines (n, 6, 6): rows (u_i, r_i x u_i) of the legs, wrench = thrusts . lines; rotation (n, 3, 3) to the world frame;
-    omega (3, n) [rad/s].
+    omega (n, 3) [rad/s].
     """
 
     lines: Array
@@ -79,7 +80,7 @@ class PlatformMotion:
 
 def platform_motion(log: MeasuredLog, resolved: Resolved, sensed: Sequence[SensedLeg]) -> PlatformMotion:
     """Forward kinematics and velocities of every sample under the window, once for a log and its position sensors."""
-    kinematics = kinematics_of(resolved.machine)
+    kinematics = machine_kinematics(resolved.machine)
     settings = tuple(position_settings(resolved, i) for i in range(6))
 
     def moved() -> PlatformMotion:
@@ -88,7 +89,7 @@ def platform_motion(log: MeasuredLog, resolved: Resolved, sensed: Sequence[Sense
         directions = jacobian[:, :, :3] @ rotation
         arms = np.cross(kinematics.platform_joints, directions)
         twist = np.linalg.solve(jacobian, np.stack([leg.mean_v for leg in sensed]).T[..., None])[..., 0]
-        omega = np.einsum("nba,nb->an", rotation, twist[:, 3:])
+        omega = np.einsum("nba,nb->na", rotation, twist[:, 3:])
         return PlatformMotion(lines=np.concatenate([directions, arms], axis=-1), rotation=rotation, omega=omega)
 
     return remembered(log, ("platform", kinematics, settings), moved)
@@ -97,7 +98,7 @@ def platform_motion(log: MeasuredLog, resolved: Resolved, sensed: Sequence[Sense
 def wrench_residual(log: MeasuredLog, machine: Machine) -> tuple[Array, Array]:
     """r_J (6, n) under the window, and the legs' lines (n, 6, 6) in the platform frame: wrench = thrusts . lines."""
     resolved, window = resolved_machine(machine), Window(log.rate)
-    load, sensors = platform_load(resolved), resolved.sensors
+    body, sensors = platform_body(resolved, machine_kinematics(machine)), resolved.sensors
     points = [measured_point(log, machine, resolved, i) for i in range(6)]
     motion = platform_motion(log, resolved, [point.sensed for point in points])
     thrusts = np.empty((log.n, 6))
@@ -109,19 +110,9 @@ def wrench_residual(log: MeasuredLog, machine: Machine) -> tuple[Array, Array]:
     assert log.acceleration is not None and log.angular is not None
     shown = log.acceleration - np.array([0.0, 0.0, sensors.acceleration_offset_m_s2])[:, None]
     late = sensors.acceleration_delay_s * log.rate
-    acceleration = np.stack([advanced(row, late) for row in shown / sensors.acceleration_gain])
-    angular = np.stack([advanced(row, late) for row in log.angular])
-    omega, c = motion.omega, load.centre[:, None]
-    weight = (load.carried * resolved.gravity_m_s2 @ motion.rotation).T
-    of_centre = acceleration + _cross(angular, c) + _cross(omega, _cross(omega, c))
-    push = load.mass * of_centre - weight
-    felt = of_centre - weight / load.carried
-    for mode in resolved.payload_modes:  # along z on its spring, across it with the platform
-        push = push + mode.mass_kg * np.stack([felt[0], felt[1], on_spring(mode, felt[2], log.rate)])
-    spin = load.inertia @ angular + _cross(omega, load.inertia @ omega) + _cross(c, push)
-    return window.mean(wrench - np.concatenate([push, spin])), motion.lines
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Cross product of rows (3, n) or (3, 1)."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    moved = [*(shown / sensors.acceleration_gain), *log.angular]
+    acceleration = np.ascontiguousarray(np.stack([advanced(row, late) for row in moved], axis=-1))
+    gravity = resolved.gravity_m_s2 @ motion.rotation
+    felt = (centre_accelerations(body, acceleration, motion.omega) - gravity)[:, 2]
+    asked = joint_wrenches(body, acceleration, motion.omega, gravity, push_of_payloads(resolved, felt, log.rate))
+    return window.mean(wrench - asked.T), motion.lines

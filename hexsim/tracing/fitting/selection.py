@@ -6,7 +6,7 @@ on the opening seconds of each run, then the survivors on all of it. What decide
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,8 +15,9 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, parameter_columns, refine, start_fit_at, with_candidate
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 from hexsim.tracing.fitting.screening import Screened, screen
-from hexsim.tracing.problems.problem import FitProblem
+from hexsim.tracing.problems.problem import FitProblem, in_parallel
 
+Array = np.ndarray
 Tick = Callable[[str], None]
 
 
@@ -99,28 +100,16 @@ def advance(fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Ti
         listed = listed + bending(lines, listed)
     head = problem.head(rules.TRIAGE_S)
     short = cut(fit, problem, head)
-    quick = []
-    for line in listed:
-        tick("refitting rivals")
-        rival = try_candidate(short, line.candidate, line.size, head, rules.TRIAGE_STEPS)
-        if rival is not None:
-            quick.append(rival)
-    quick.sort(key=lambda rival: rival.chi2)
-    tried = []
-    for rival in quick[: rules.FINALISTS]:
-        if rival.chi2 > rules.QUICK_RATIO * quick[0].chi2:
-            break
-        tick("refitting rivals")
-        tried.append(refine(parameter_columns(rival, head), head, fresh=True))
+    tick("refitting rivals")
+    quick = in_parallel(lambda line: try_candidate(short, line.candidate, line.size, head, rules.TRIAGE_STEPS), listed)
+    quick = sorted((rival for rival in quick if rival is not None), key=lambda rival: rival.chi2)
+    near = [rival for rival in quick[: rules.FINALISTS] if rival.chi2 <= rules.QUICK_RATIO * quick[0].chi2]
+    tried = in_parallel(lambda rival: refine(parameter_columns(rival, head), head, fresh=True), near)
     tried.sort(key=lambda rival: rival.chi2)
     if head is problem:
         return Stage(lines=lines, rivals=ranked(tried))
-    rivals = []
-    for rival in tried:
-        if rivals and rival.chi2 > rules.FINALIST_RATIO * tried[0].chi2:
-            break
-        tick("refitting rivals")
-        rivals.append(refine(start_fit_at(rival, problem), problem, fresh=True))
+    finalists = [rival for rival in tried if rival.chi2 <= rules.FINALIST_RATIO * tried[0].chi2]
+    rivals = in_parallel(lambda rival: refine(start_fit_at(rival, problem), problem, fresh=True), finalists)
     return Stage(lines=lines, rivals=ranked(rivals))
 
 
@@ -136,6 +125,34 @@ def named_first(rivals: list[Fit]) -> list[Fit]:
         if tie and not rival.candidates[-1].effect.generic:
             return [rival, *rivals[:k], *rivals[k + 1 :]]
     return rivals
+
+
+def residual_at_noise_level(misfit: Sequence[Array], share: float = 1.0) -> bool:
+    """Nothing but noise is left: every channel and its means over 25 and 400 samples (the latter loosely).
+
+    share: of the run that the misfit is of; then the problem is whether the whole run can still be at the noise, the
+    rest of it being no better than noise.
+    """
+    for m in misfit:
+        for width, limit in rules.FLOOR_WINDOWS:
+            n = m.shape[1] // width * width
+            means = m[:, :n].reshape(m.shape[0], -1, width).mean(axis=2) * np.sqrt(width)
+            if not np.all(np.mean(means**2, axis=1) * share < limit**2 - (1.0 - share)):
+                return False
+    return True
+
+
+def pruned(fit: Fit, problem: FitProblem) -> Fit:
+    """Without the effects that the others make superfluous."""
+    for k in range(len(fit.candidates) - 1, -1, -1):
+        if len(fit.candidates) < 2 or not residual_at_noise_level(fit.misfit):
+            break
+        candidates, values = fit.candidates[:k] + fit.candidates[k + 1 :], fit.values[:k] + fit.values[k + 1 :]
+        less = start_fit_at(replace(fit, candidates=candidates, values=values), problem)
+        less = refine(less, problem, fresh=True)
+        if less.chi2 - fit.chi2 < rules.alarm(fit.n) * scale_of(fit):
+            fit = less
+    return fit
 
 
 def information(fit: Fit) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +17,7 @@ from hexsim.signals.log import MeasuredLog
 from hexsim.tracing import rules
 
 Array = np.ndarray
+THREADS = "hexsim fits"
 
 
 class FitProblem(ABC):
@@ -69,10 +71,15 @@ class FitProblem(ABC):
 
 
 def in_parallel(function: Callable[[Any], Any], jobs: Iterable[Any]) -> list[Any]:
-    """function(job) of every job, in their order, on all cores; compiled simulations release the interpreter."""
+    """function(job) of every job, in their order, on all cores; compiled simulations release the interpreter.
+
+    A job that asks for jobs of its own does them itself, one after the other.
+    """
+    if threading.current_thread().name.startswith(THREADS):
+        return [function(job) for job in jobs]
     return list(_threads().map(function, jobs))
 
 
 @cache
 def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=max(os.cpu_count() or 1, 1))
+    return ThreadPoolExecutor(max_workers=max(os.cpu_count() or 1, 1), thread_name_prefix=THREADS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import Self
 
 import numpy as np
@@ -14,28 +13,16 @@ from hexsim.signals.channels import SETTLE_S, channel_arrays, kind_of
 from hexsim.signals.log import MeasuredLog
 from hexsim.tracing import rules
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
-from hexsim.tracing.simulation.bench_simulator import simulate_bench
-from hexsim.tracing.simulation.hexapod_simulator import simulate_hexapod
+from hexsim.tracing.simulation.simulator import simulate_log
 
 Array = np.ndarray
-
-
-@cache
-def _places(n_legs: int) -> dict[str, int]:
-    """Rows of the simulations' outputs by channel."""
-    if n_legs == 1:
-        return {"position_m": 0, "pressure_bottom_Pa": 2, "pressure_supply_Pa": 3, "acceleration_m_s2": 4}
-    places = {f"position_{i + 1}_m": i for i in range(6)} | {f"pressure_bottom_{i + 1}_Pa": 12 + i for i in range(6)}
-    places |= {f"acceleration_{axis}_m_s2": 19 + i for i, axis in enumerate("xyz")}
-    places |= {f"angular_acceleration_{axis}_rad_s2": 22 + i for i, axis in enumerate("xyz")}
-    return places | {"pressure_supply_Pa": 18}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SimulatedProblem(FitProblem):
     """Logs that a model must answer, with the noise of their channels.
 
-    feedback: 0 the declared position loop, 1 the logged volts held to the logged position (see `leg_simulation.run_leg`).
+    feedback: 0 the declared position loop, 1 the logged volts held to the logged position (see `simulation.rig.Controller`).
     input_uncertainty: how far no simulation can know the answer, a log (n_channels, n) in physical units.
     """
 
@@ -69,30 +56,19 @@ class SimulatedProblem(FitProblem):
 
     def answer(self, machine: Machine, i: int) -> Array:
         """Simulated channels of log i in physical units (n_channels, n)."""
-        out = self._outputs(machine, i)
-        return out[[_places(self.logs[i].n_legs)[name] for name in self.channels(i)]]
-
-    def _outputs(self, machine: Machine, i: int) -> Array:
-        simulate = simulate_bench if self.logs[i].n_legs == 1 else simulate_hexapod
-        return simulate(machine, self.logs[i], self.feedback)
+        return np.stack(list(channel_arrays(self.simulated(machine, i)).values()))
 
     def simulated(self, machine: Machine, i: int) -> MeasuredLog:
-        """Log i as the machine would have written it, without noise."""
-        out, log = self._outputs(machine, i), self.logs[i]
-        k = log.n_legs
-        starts = (0, 1, 2, 3, 4) if k == 1 else (0, 6, 12, 18, 19)
-
-        def like(rows: Array | None, first: int) -> Array | None:
-            return None if rows is None else out[first : first + rows.shape[0]].copy()
-
+        """Log i as the machine would have written it, without noise; channels that it has not are left out."""
+        log, out = self.logs[i], simulate_log(machine, self.logs[i], self.feedback)
         return replace(
             log,
-            position=out[:k].copy(),
-            volts=out[starts[1] : starts[1] + k].copy(),
-            pressure=like(log.pressure, starts[2]),
-            supply=None if log.supply is None else out[starts[3]].copy(),
-            acceleration=like(log.acceleration, starts[4]),
-            angular=like(log.angular, 22),
+            position=out["position"],
+            volts=out["volts"],
+            pressure=None if log.pressure is None else out["pressure"],
+            supply=None if log.supply is None else out["supply"],
+            acceleration=None if log.acceleration is None else out["acceleration"][:3],
+            angular=None if log.angular is None else out["acceleration"][3:],
         )
 
     def sigma(self, i: int) -> Array:

@@ -14,10 +14,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting.parameters import to_value
 from hexsim.tracing.fitting.screening import Screened
 from hexsim.tracing.report.page import report_page
-from hexsim.tracing.result import TraceResult
-from hexsim.tracing.steps.residuals import UnexplainedResidual
-from hexsim.tracing.steps.verdict import NamedEffect
-from hexsim.tracing.steps.violations import Violation
+from hexsim.tracing.state import NamedEffect, Trace, UnexplainedResidual, Violation
 
 
 def finite(x: float | None) -> float | None:
@@ -25,7 +22,7 @@ def finite(x: float | None) -> float | None:
     return None if x is None or not math.isfinite(x) else float(x)
 
 
-def report_of(result: TraceResult) -> dict[str, Any]:
+def report_of(result: Trace) -> dict[str, Any]:
     """The content of report.json."""
     return {
         "verdict": result.verdict,
@@ -33,7 +30,7 @@ def report_of(result: TraceResult) -> dict[str, Any]:
         "balances": [balance_entry(line) for line in result.violations],
         "effects": [effect_entry(effect) for effect in result.effects] + [rest for rest in result.learned],
         "unexplained": [rest_entry(rest) for rest in result.unexplained],
-        "detectable": detectable(result.detect_lines, rules.alarm(result.detect_n)),
+        "detectable": detectable(result.screening, rules.alarm(result.screened)),
         "parameters": parameter_entries(result),
         "error": {
             log: {name: {kind: finite(value) for kind, value in row.items()} for name, row in channels.items()}
@@ -44,6 +41,7 @@ def report_of(result: TraceResult) -> dict[str, Any]:
             for name, findings in result.findings.items()
         },
         "separating_experiments": result.experiments,
+        "steps": [{"name": s.name, "seconds": round(s.seconds, 2), "sentence": s.sentence} for s in result.steps],
     }
 
 
@@ -129,7 +127,7 @@ def detectable(lines: list[Screened], alarm: float) -> dict[str, Any]:
     return dict(sorted(found.items()))
 
 
-def parameter_entries(result: TraceResult) -> dict[str, Any]:
+def parameter_entries(result: Trace) -> dict[str, Any]:
     fit = result.final
     errors = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)) if fit.covariance is not None else None
     entries = {}
@@ -144,7 +142,7 @@ def parameter_entries(result: TraceResult) -> dict[str, Any]:
     return entries
 
 
-def write_report(result: TraceResult, folder: Path) -> None:
+def write_report(result: Trace, folder: Path) -> None:
     """Write everything into the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "report.json", result.report)

@@ -18,11 +18,11 @@ from hexsim.signals.channels import SETTLE_S, kind_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import BALANCES
 from hexsim.tracing.balances.null import END_S
-from hexsim.tracing.result import TraceResult
-from hexsim.tracing.steps.dependence import CURVES, design, hats, knots_of, ridge
+from hexsim.tracing.dependence import CURVES, design, hats, knots_of, ridge
+from hexsim.tracing.state import Trace, Violation
 from hexsim.tracing.steps.held_out_errors import banded
 from hexsim.tracing.steps.residuals import THIN, rest_of, signals_of
-from hexsim.tracing.steps.violations import Violation, balance_named
+from hexsim.tracing.steps.violations import balance_named
 
 Array = np.ndarray
 # kind of channel: (name, scale and unit of the signal, scale and unit of what is left of it)
@@ -53,18 +53,18 @@ LEAST_R2 = 0.5  # of a dependence that is drawn in place of the balance's usual 
 BINS_A_DECADE = 30  # of a spectrum
 
 
-def labels_of(result: TraceResult) -> dict[str, str]:
+def labels_of(result: Trace) -> dict[str, str]:
     """What each model is called in the legends."""
     return {"declared": "as declared", "refit": "declared parameters refitted", "with_effect": f"with {added(result)}"}
 
 
-def added(result: TraceResult) -> str:
+def added(result: Trace) -> str:
     """What the last model has beside the declared one."""
     names = [effect.candidate.label.replace("_", " ") for effect in result.effects]
     return " and ".join(names) or "the learned curve"
 
 
-def machines_of(result: TraceResult) -> dict[str, Machine]:
+def machines_of(result: Trace) -> dict[str, Machine]:
     """The models that are compared; the last one only if there is an effect."""
     models = {"declared": result.machine, "refit": result.base.fitted_machine()}
     if result.effects or result.learned:
@@ -81,7 +81,7 @@ def channel_words(channel: str) -> str:
     return f"{name} {place}" if place in ("x", "y", "z") else name
 
 
-def worst_channels(result: TraceResult, log: str) -> list[str]:
+def worst_channels(result: Trace, log: str) -> list[str]:
     """One channel of each kind: the one that the refitted machine gets most wrong."""
     best: dict[str, tuple[float, str]] = {}
     for name, row in result.error[log].items():
@@ -91,21 +91,21 @@ def worst_channels(result: TraceResult, log: str) -> list[str]:
     return [name for _, name in best.values()]
 
 
-def shown_part(result: TraceResult) -> slice:
+def shown_part(result: Trace) -> slice:
     """Samples of the first held-out run that are drawn over time."""
     log = result.validate_problem.logs[0]
     start = min(result.validate_problem.settle(0) + int(2.0 * log.rate), log.n // 2)
     return slice(start, min(start + int(SPAN_S * log.rate), log.n))
 
 
-def model_lines(result: TraceResult) -> list[Line2D]:
+def model_lines(result: Trace) -> list[Line2D]:
     """Legend entries of the models."""
     names = labels_of(result)
     return [Line2D([], [], color=COLOURS[key], lw=1.6, label=names[key]) for key in machines_of(result)]
 
 
 @styled
-def comparison(result: TraceResult) -> bytes:
+def comparison(result: Trace) -> bytes:
     """Measured against simulated on the first held-out run: signals left, what is left of them right."""
     problem, part = result.validate_problem, shown_part(result)
     log, channels = problem.logs[0], worst_channels(result, problem.logs[0].name)
@@ -153,7 +153,7 @@ class Explained:
     frequency_Hz: float | None = None
 
 
-def explained_by(result: TraceResult, line: Violation) -> Explained:
+def explained_by(result: Trace, line: Violation) -> Explained:
     """What the residual depends on, where the balance is violated; else what it usually depends on."""
     line = replace(line, name=family(line.name))
     known = [r for r in result.unexplained if (r.violation.name, r.violation.where) == (line.name, line.where)]
@@ -185,7 +185,7 @@ def unit_of(line: Violation) -> str:
     return moment if moment and place_words(line) in ("roll", "pitch", "yaw") else force
 
 
-def residual_points(result: TraceResult, line: Violation, machine: Machine, signal: str) -> tuple[Array, Array, Array]:
+def residual_points(result: Trace, line: Violation, machine: Machine, signal: str) -> tuple[Array, Array, Array]:
     """(signal, residual, velocity) of a balance over the fit runs."""
     balance, found = balance_named(line.name, result.fit_problem.logs[0]), []
     for log in result.fit_problem.logs:
@@ -196,17 +196,17 @@ def residual_points(result: TraceResult, line: Violation, machine: Machine, sign
     return np.concatenate(x), np.concatenate(r), np.concatenate(v)
 
 
-def worst_of_each(result: TraceResult) -> list[Violation]:
+def worst_of_each(result: Trace) -> list[Violation]:
     """The worst place of every balance, violated ones first; continuity and valve are one residual."""
     chosen: dict[str, Violation] = {}
     order = {balance.name: k for k, balance in enumerate(BALANCES)}
-    for line in sorted(result.violations, key=lambda v: -v.violation / max(v.null, 1.0)):
+    for line in sorted(result.violations, key=lambda v: -v.above_null):
         chosen.setdefault(family(line.name), line)
     return sorted(chosen.values(), key=lambda v: (not v.violated, order.get(v.name, len(order))))
 
 
 @styled
-def balances(result: TraceResult) -> bytes:
+def balances(result: Trace) -> bytes:
     """Residual of each balance against the signal that explains it, with the fitted curve; before and after."""
     lines = worst_of_each(result)
     models = {"before": None} | ({"after": result.fitted} if result.effects or result.learned else {})
@@ -228,7 +228,7 @@ def balances(result: TraceResult) -> bytes:
     return png(figure)
 
 
-def draw_residual(plot: Axes, result: TraceResult, line: Violation, machine: Machine, by: Explained) -> None:
+def draw_residual(plot: Axes, result: Trace, line: Violation, machine: Machine, by: Explained) -> None:
     """Points coloured by the direction of motion, the curve of the dependence through them, noise behind."""
     x, r, v = residual_points(result, line, machine, by.signal)
     one, unit = scale_of(2 * line.sigma, unit_of(line))
@@ -275,7 +275,7 @@ def fitted_curves(form: str, x: Array, r: Array, v: Array) -> list[tuple[str, Ar
 
 
 @styled
-def spectra(result: TraceResult) -> bytes:
+def spectra(result: Trace) -> bytes:
     """Spectra of what is left on the first held-out run, and the sensors' noise."""
     problem, log = result.validate_problem, result.validate_problem.logs[0]
     channels = worst_channels(result, log.name)
@@ -320,7 +320,7 @@ def density(x: Array, rate: float) -> tuple[Array, Array]:
 
 
 @styled
-def portraits(result: TraceResult) -> bytes:
+def portraits(result: Trace) -> bytes:
     """Phase portraits of the first held-out run: velocity over position, pressure over velocity, velocity over volts."""
     problem, log, models = result.validate_problem, result.validate_problem.logs[0], machines_of(result)
     leg = portrait_leg(result)
@@ -346,15 +346,15 @@ def portraits(result: TraceResult) -> bytes:
     return png(figure)
 
 
-def portrait_leg(result: TraceResult) -> str:
+def portrait_leg(result: Trace) -> str:
     """The leg with the effect, else the one whose balance is furthest off."""
     places = [effect.candidate.where for effect in result.effects]
-    places += [v.where for v in sorted(result.violations, key=lambda v: -v.violation / max(v.null, 1.0))]
+    places += [v.where for v in sorted(result.violations, key=lambda v: -v.above_null)]
     return next((place for place in places if place.startswith("leg ")), "leg 1")
 
 
 @styled
-def parameters(result: TraceResult) -> bytes:
+def parameters(result: Trace) -> bytes:
     """Where each declared parameter ended inside its uncertainty."""
     entries = result.report["parameters"]
     figure = Figure(figsize=(WIDTH_IN, 0.8 + 0.25 * len(entries)), layout="constrained")

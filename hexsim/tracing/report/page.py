@@ -13,9 +13,7 @@ from hexsim.signals.channels import kind_of
 from hexsim.tracing import rules
 from hexsim.tracing.report import figures
 from hexsim.tracing.report.figures import SIGNALS, channel_words
-from hexsim.tracing.result import TraceResult
-from hexsim.tracing.steps.verdict import NamedEffect
-from hexsim.tracing.steps.violations import Violation
+from hexsim.tracing.state import NamedEffect, Trace, Violation
 
 CAPTIONS = {
     "comparison": "Held-out run {run}: of each kind of signal the one that the refitted model gets most wrong. Left: measured "
@@ -50,7 +48,7 @@ FORMS = {
 }
 
 
-def report_page(result: TraceResult) -> str:
+def report_page(result: Trace) -> str:
     """The whole page."""
     report, run = result.report, result.validate_problem.logs[0].name
     leg = figures.portrait_leg(result).capitalize() if result.machine.is_hexapod else "The leg"
@@ -99,7 +97,7 @@ def worst_error(report: Mapping[str, Any], model: str) -> tuple[float, str]:
     return max(rows, default=(math.nan, ""))
 
 
-def verdict_line(result: TraceResult) -> str:
+def verdict_line(result: Trace) -> str:
     """The answer in one line."""
     if result.effects:
         return "The model lacks: " + "; ".join(effect_words(effect) for effect in result.effects)
@@ -114,7 +112,7 @@ def effect_words(effect: NamedEffect) -> str:
     return f"{effect.candidate.label.replace('_', ' ')}, {quantity(effect.values[size.name], size.unit)}"
 
 
-def sentence(result: TraceResult) -> str:
+def sentence(result: Trace) -> str:
     """What the verdict rests on, with numbers."""
     report = result.report
     before, channel = worst_error(report, "refit")
@@ -145,7 +143,7 @@ def sentence(result: TraceResult) -> str:
     )
 
 
-def cards(result: TraceResult) -> list[tuple[str, str, str]]:
+def cards(result: Trace) -> list[tuple[str, str, str]]:
     """The figures to see first: (value, unit, what it is)."""
     report = result.report
     declared, before, after = (worst_error(report, model)[0] for model in ("declared", "refit", "with_effect"))
@@ -219,10 +217,10 @@ def error_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [row | {"shown": len(rows) <= MOST_ROWS or id(row) in chosen} for row in rows]
 
 
-def balance_rows(result: TraceResult) -> list[dict[str, Any]]:
+def balance_rows(result: Trace) -> list[dict[str, Any]]:
     """Every balance at every place. shown: violated, or the worst of its name, where there are many."""
     worst: dict[str, Violation] = {}
-    for line in sorted(result.violations, key=lambda v: -v.violation / max(v.null, 1.0)):
+    for line in sorted(result.violations, key=lambda v: -v.above_null):
         worst.setdefault(line.name, line)
     few = len(result.violations) <= MOST_ROWS
     return [
@@ -258,7 +256,7 @@ def parameter_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def screening_rows(result: TraceResult, most: int = 14) -> list[dict[str, Any]]:
+def screening_rows(result: Trace, most: int = 14) -> list[dict[str, Any]]:
     """The first round: each effect's best shape, and what became of it."""
     if not result.search.stages:
         return []

@@ -10,7 +10,7 @@ mass, a constant force does not.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,12 +18,13 @@ import tomli_w
 
 from hexsim.declaration import Machine
 from hexsim.machine.files import changed
+from hexsim.machine.geometry import machine_kinematics
 from hexsim.scenarios.scenario import scenario_from_dict
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.simulation.hexapod_simulator import kinematics_of
+from hexsim.tracing.state import Step, Tell, Trace
 
 Array = np.ndarray
 RATE_Hz = 1000.0
@@ -78,7 +79,7 @@ def scenario_tables(machine: Machine, signal: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def setpoint_log(machine: Machine, tables: dict[str, Any]) -> MeasuredLog:
+def setpoint_log(machine: Machine, tables: dict[str, Any]) -> Log:
     """An empty log with the scenario's setpoints, as a problem for the simulation."""
     scenario = scenario_from_dict(tables)
     time = np.arange(int(scenario.duration_s * RATE_Hz)) / RATE_Hz
@@ -86,12 +87,12 @@ def setpoint_log(machine: Machine, tables: dict[str, Any]) -> MeasuredLog:
     held = time[(np.arange(len(time)) // every) * every]
     value = scenario.evaluate(held)[0]
     if machine.is_hexapod:
-        setpoint = kinematics_of(machine).piston_positions(value).T.copy()
+        setpoint = machine_kinematics(machine).piston_positions(value).T.copy()
     else:
         setpoint = value[:, 0][None] + machine.cylinder.stroke_m / 2
     zeros = np.zeros_like(setpoint)
     axes = np.zeros((3 if machine.is_hexapod else 1, len(time)))
-    return MeasuredLog(
+    return Log(
         name="experiment",
         kind=machine.machine.kind,
         time=time,
@@ -131,3 +132,27 @@ def experiment_for(first: Fit, second: Fit, names: tuple[str, str], noise: dict[
     load = " with a heavier load" if "machine" in tables else ""
     tables["description"] = f"motion{load} in which {names[0]} and {names[1]} differ most (chi2 {best[0]:.0f})"
     return Experiment(effects=names, separation=best[0], tables=tables)
+
+
+def plan_experiments(trace: Trace, tell: Tell) -> Trace:
+    """For every tie the motion that would separate it, as a scenario file."""
+    entries, scenarios = [], {}
+    for effect, tied in zip(trace.effects, trace.ties, strict=True):
+        for label, rival in tied.items():
+            names = (effect.candidate.label, label)
+            found = experiment_for(trace.final, rival, names, trace.fit_problem.noise)
+            scenarios[found.file_name] = found.text()
+            words = found.tables["description"]
+            entries.append(
+                {
+                    "effects": list(names),
+                    "file": found.file_name,
+                    "description": words[0].upper() + words[1:],
+                    "chi2": found.separation,
+                }
+            )
+    decided = ", ".join(scenarios) or "not needed: no tie"
+    return replace(trace, experiments=entries, scenarios=scenarios, decided=decided)
+
+
+STEP = Step(name="experiments", doing="motions that would separate ties", share=0.02, run=plan_experiments)

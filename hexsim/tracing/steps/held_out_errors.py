@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.signals.channels import kind_of
 from hexsim.smoothness import band_limit
 from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.state import Step, Tell, Trace
 
 Array = np.ndarray
 
@@ -57,3 +60,13 @@ def error_table(
             name: {kind: column[name] for kind, column in columns.items()} for name in problem.channels(i)
         }
     return table
+
+
+def held_out_errors(trace: Trace, tell: Tell) -> Trace:
+    """Error of each model on the held-out logs, a signal a line."""
+    table = error_table(trace.validate_problem, trace.machine, trace.base.fitted_machine(), trace.fitted)
+    worst = max((row["with_effect"] / row["noise"] for rows in table.values() for row in rows.values()), default=0.0)
+    return replace(trace, error=table, decided=f"largest error of the last model: {worst:.3g} times the noise")
+
+
+STEP = Step(name="held-out errors", doing="errors on held-out motion", share=0.01, run=held_out_errors)

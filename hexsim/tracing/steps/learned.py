@@ -6,20 +6,20 @@ the declared parameters refitted beside it, every held-out run gets better.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from hexsim.declaration import Machine
 from hexsim.hydraulics.leg import SIGNALS
 from hexsim.hydraulics.parameters import LEARNED_KNOTS
 from hexsim.machine.files import changed
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
-from hexsim.tracing.fitting.parameters import Prior
 from hexsim.tracing.fitting.selection import scale_of
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.residuals import UnexplainedResidual
+from hexsim.tracing.state import Step, Tell, Trace, UnexplainedResidual
+from hexsim.tracing.steps.verdict import held_out_gains
 
 Array = np.ndarray
 JOINED = {"continuity": "continuity", "valve": "continuity", "force": "force"}  # balance of the rest -> of the term
@@ -49,21 +49,15 @@ def curve_table(rest: UnexplainedResidual) -> dict[str, Any] | None:
 
 
 def learned_fit(
-    rest: UnexplainedResidual,
-    machine: Machine,
-    known: tuple[Prior, ...],
-    base: Fit,
-    problem: SimulatedProblem,
-    held_out: SimulatedProblem,
+    rest: UnexplainedResidual, base: Fit, problem: SimulatedProblem, held_out: SimulatedProblem
 ) -> tuple[Fit, dict[str, Any]] | None:
     """The machine with the term, refitted, and its entry in the report; None when it does not hold up."""
-    table = curve_table(rest)
+    table, machine = curve_table(rest), base.machine
     if table is None or "learned_term" in machine.effects:
         return None
     grown = changed(machine, {"effects": {**machine.effects, "learned_term": table}})
-    fit = refine(start_fit(grown, known, problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)
-    before, after = (q.misfit([f.fitted_machine()]) for q, f in ((held_out, base), (held_out, fit)))
-    gains = [float(np.sum(b[0] ** 2) - np.sum(a[0] ** 2)) for b, a in zip(before, after, strict=True)]
+    fit = refine(start_fit(grown, base.priors, problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)
+    gains = held_out_gains(fit, base, held_out)
     helps = base.chi2 - fit.chi2 > rules.alarm(fit.n) * scale_of(fit)
     if not helps or not all(gain > 0 for gain in gains):
         return None
@@ -84,3 +78,17 @@ def learned_fit(
         },
         "description": f"a measured curve over {rest.dependence.signal}, of unknown cause",
     }
+
+
+def learn(trace: Trace, tell: Tell) -> Trace:
+    """The worst unexplained residual as a learned term, if it holds up."""
+    if not trace.unexplained:
+        return replace(trace, decided="not needed: no residual to learn")
+    found = learned_fit(trace.unexplained[0], trace.base, trace.fit_problem, trace.validate_problem)
+    if found is None:
+        return replace(trace, decided="no curve over one signal that helps in every held-out run")
+    fit, entry = found
+    return replace(trace, final=fit, learned=[entry], decided=entry["description"])
+
+
+STEP = Step(name="learned term", doing="learning a curve for what is left", share=0.03, run=learn)

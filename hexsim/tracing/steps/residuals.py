@@ -8,23 +8,23 @@ reported with its size and its strongest dependence, never under a name.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.signals.channels import SETTLE_S, noise_of
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
 from hexsim.tracing.balances.null import END_S
+from hexsim.tracing.dependence import dependence_of
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.dependence import Dependence, dependence_of
-from hexsim.tracing.steps.verdict import NamedEffect
-from hexsim.tracing.steps.violations import Violation, balance_named
+from hexsim.tracing.state import NamedEffect, Step, Tell, Trace, UnexplainedResidual, Violation
+from hexsim.tracing.steps.violations import balance_named
 
 Array = np.ndarray
 ORDER = {  # of signals that do alike: what the balance itself contains first
@@ -48,18 +48,7 @@ LATE_SAMPLES = 2
 PLAY_NOISE = (7.0, 28.0)  # half widths of play in the position, in units of its noise
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class UnexplainedResidual:
-    """A balance that stays violated: its residual and what it depends on."""
-
-    violation: Violation
-    balance: str
-    dependence: Dependence
-    residual: tuple[Array, ...]
-    signal: tuple[Array, ...]
-
-
-def signals_of(log: MeasuredLog, machine: Machine, place: str) -> tuple[dict[str, Array], Array]:
+def signals_of(log: Log, machine: Machine, place: str) -> tuple[dict[str, Array], Array]:
     """Signals that a residual may depend on, under the window, and the velocity. Legs: their own; platform: none of a leg."""
     window, resolved = Window(log.rate), resolved_machine(machine)
     leg = int(place.split()[1]) - 1 if place.startswith("leg") else 0
@@ -79,7 +68,7 @@ def signals_of(log: MeasuredLog, machine: Machine, place: str) -> tuple[dict[str
     return smooth, smooth["velocity_m_s"]
 
 
-def kept(log: MeasuredLog) -> slice:
+def kept(log: Log) -> slice:
     """Samples of a log that count, thinned."""
     return slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
 
@@ -95,13 +84,11 @@ def with_play(position: Array, half_width: float, window: Window) -> Array:
     return position + np.stack([leg_equations.valve_volts(row, half_width, 0) for row in smooth]) - smooth
 
 
-def distortions(
-    balance: Balance, log: MeasuredLog, violation: Violation, residual: Array
-) -> dict[tuple[str, str], Array]:
+def distortions(balance: Balance, log: Log, violation: Violation, residual: Array) -> dict[tuple[str, str], Array]:
     """(signal, form) -> how the residual would change if that channel were late or had play, (n_kept, k)."""
     window, machine = Window(log.rate), violation.machine
     noise = noise_of(machine, [log])["position_m"]
-    found: dict[tuple[str, str], list[MeasuredLog]] = {}
+    found: dict[tuple[str, str], list[Log]] = {}
     for signal, channel in CHANNELS.items():
         values = getattr(log, channel)
         if values is not None:
@@ -115,7 +102,7 @@ def distortions(
     }
 
 
-def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog]) -> UnexplainedResidual:
+def rest_of(balance: Balance, violation: Violation, logs: Sequence[Log]) -> UnexplainedResidual:
     """Dependence of what a balance leaves after its own fit."""
     machine, place = violation.machine, violation.place
     residuals, signals, velocities = [], [], []
@@ -133,21 +120,14 @@ def rest_of(balance: Balance, violation: Violation, logs: Sequence[MeasuredLog])
     name = violation.name
     if name == "continuity" and found.signal == "valve_V":
         name = "valve"
-    return UnexplainedResidual(
-        violation=violation,
-        balance=name,
-        dependence=found,
-        residual=tuple(residuals),
-        signal=tuple(s.get(found.signal, s["time_s"]) for s in signals),
-    )
+    return UnexplainedResidual(violation=violation, balance=name, dependence=found)
 
 
 def unexplained_residuals(lines: Sequence[Violation], problem: SimulatedProblem) -> list[UnexplainedResidual]:
     """The violated balances with their dependence, the worst first; the worst of all when none is above its null."""
 
     def rank(line: Violation) -> float:
-        above = line.violation / max(line.null, 1.0)
-        return above + 1e6 * (line.name == "sensor" and above > rules.SENSOR_FIRST)
+        return line.above_null + 1e6 * (line.name == "sensor" and line.above_null > rules.SENSOR_FIRST)
 
     worst = sorted(lines, key=rank, reverse=True)
     chosen = [line for line in worst if line.violated] or worst[:1]
@@ -178,3 +158,17 @@ def attributed(
         out.append(line if own else quiet)
         out.append(replace(line if valve else quiet, name="valve"))
     return out
+
+
+def look_at_residuals(trace: Trace, tell: Tell) -> Trace:
+    """Of an unexplained machine: every violated balance with its size and its strongest dependence."""
+    rests = unexplained_residuals(trace.violations, trace.fit_problem) if trace.verdict == "unexplained" else []
+    lines = attributed(trace.violations, trace.effects, rests)
+    decided = "not needed: nothing but noise is left"
+    if trace.verdict == "unexplained":
+        found = [f"{r.balance} of {r.violation.where} over {r.dependence.signal} ({r.dependence.form})" for r in rests]
+        decided = "; ".join(found) or "no balance to look at"
+    return replace(trace, violations=lines, unexplained=rests, decided=decided)
+
+
+STEP = Step(name="what is left", doing="what is left, and on what it depends", share=0.03, run=look_at_residuals)

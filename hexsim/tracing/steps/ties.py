@@ -17,13 +17,14 @@ from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, s
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.fitting.selection import information, scale_of, try_candidate
+from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.search import simulated_fit
+from hexsim.tracing.state import NamedEffect, Step, Tell, Trace
+from hexsim.tracing.steps.hypotheses import simulated_fit
+from hexsim.tracing.steps.verdict import held_out_gains
 
 Array = np.ndarray
-TANGENT = (
-    0.05  # share of the trial size at which tangents are taken: near a resonance the answer nonlinear_response soon
-)
+TANGENT = 0.05  # share of the trial size at which tangents are taken: near a resonance the answer is soon nonlinear
 
 
 def without(fit: Fit, k: int, problem: SimulatedProblem) -> Fit:
@@ -80,10 +81,13 @@ def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedP
     head = problem.head(rules.TRIAGE_S)
     near = stand_ins(fit, k, possible, head)
     bare = without(fit, k, head) if near else fit
+
+    def refitted(entry: tuple[Candidate, float]) -> Fit | None:
+        opening = try_candidate(bare, *entry, head, rules.TRIAGE_STEPS)
+        return None if opening is None else simulated_fit(opening, problem)
+
     tied = {}
-    for candidate, size in near:
-        opening = try_candidate(bare, candidate, size, head, rules.TRIAGE_STEPS)
-        rival = None if opening is None else simulated_fit(opening, problem)
+    for (candidate, _), rival in zip(near, in_parallel(refitted, near), strict=True):
         if rival is not None and rival.chi2 - fit.chi2 < rules.TIE_CHI2 * scale_of(fit):
             tied[candidate.label] = rival
     return dict(sorted(tied.items()))
@@ -97,3 +101,43 @@ def with_ties(fit: Fit, possible: Sequence[Candidate], problem: SimulatedProblem
         if fit.candidates[k].effect.generic and physical:
             return with_ties(min(physical, key=information), possible, problem)
     return fit, ties
+
+
+def named_effect(trace: Trace, k: int, tied: tuple[str, ...], gains: tuple[float, ...]) -> NamedEffect:
+    """Effect k of the final hypothesis with its evidence."""
+    base, final = trace.base, trace.final
+    candidate = final.candidates[k]
+    lines = [line for stage in trace.search.stages for line in stage.lines if line.candidate.label == candidate.label]
+    gain = base.chi2 - final.chi2
+    count = sum(len(c.free()) for c in final.candidates)
+    return NamedEffect(
+        candidate=candidate,
+        values=final.values[k],
+        standard_errors=final.standard_errors()[k],
+        tied_with=tied,
+        gain_chi2=gain,
+        gain_cv=lines[0].gain_cv if lines else float("nan"),
+        blocks=lines[0].blocks if lines else 0,
+        d_bic=float(-gain + count * np.log(final.n)),
+        held_out=gains,
+        single_leg=final.machine.n_legs == 1,
+    )
+
+
+def look_for_ties(trace: Trace, tell: Tell) -> Trace:
+    """Of an explained machine: the ties of each effect, and each effect with its evidence."""
+    if trace.verdict != "explained":
+        return replace(trace, decided="not needed: no effect is named")
+    final, ties = with_ties(trace.final, trace.candidates, trace.fit_problem)
+    trace = replace(trace, final=final, ties=ties)
+    gains = tuple(held_out_gains(final, trace.base, trace.validate_problem))
+    effects = [named_effect(trace, k, tuple(tied), gains) for k, tied in enumerate(ties)]
+    tied = sorted({label for own in ties for label in own})
+    return replace(
+        trace,
+        effects=effects,
+        decided=f"{' and '.join(e.candidate.label for e in effects)}; tied with {', '.join(tied) or 'nothing'}",
+    )
+
+
+STEP = Step(name="ties", doing="looking for ties", share=0.1, run=look_for_ties)

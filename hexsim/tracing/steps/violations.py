@@ -10,12 +10,12 @@ refitted machine with the same setpoint and noise: its largest value over the se
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from hexsim.declaration import Machine
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances import BALANCES, Balance
 from hexsim.tracing.balances.null import null_squares, used
@@ -24,36 +24,12 @@ from hexsim.tracing.fitting.parameters import Prior, priors, with_settings
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.state import Step, Tell, Trace, Violation
 
 Array = np.ndarray
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Violation:
-    """One line of the localisation table."""
-
-    name: str
-    where: str
-    place: int  # row of the balance's residual
-    unit: str
-    rms: float
-    sigma: float
-    null: float  # largest rms of the null runs over sigma
-    machine: Machine  # with the balance's own fit
-    all_sigma: Array  # of every row of the balance
-
-    @property
-    def violation(self) -> float:
-        return self.rms / self.sigma
-
-    @property
-    def violated(self) -> bool:
-        return self.violation > rules.VIOLATED * max(self.null, 1.0)
-
-
-def own_priors(
-    balance: Balance, priors: tuple[Prior, ...], machine: Machine, logs: Sequence[MeasuredLog]
-) -> tuple[Prior, ...]:
+def own_priors(balance: Balance, priors: tuple[Prior, ...], machine: Machine, logs: Sequence[Log]) -> tuple[Prior, ...]:
     """The declared parameters that a balance depends on at all."""
     log = logs[0]
     base = balance.residual(log, machine)
@@ -66,7 +42,7 @@ def own_priors(
     return tuple(found)
 
 
-def balance_named(name: str, log: MeasuredLog) -> Balance:
+def balance_named(name: str, log: Log) -> Balance:
     """The balance of a violation; a valve's is continuity."""
     wanted = "continuity" if name == "valve" else name
     return next(balance for balance in BALANCES if balance.name == wanted and balance.wants(log))
@@ -112,13 +88,13 @@ def null_sizes(balances: Sequence[Balance], machine: Machine, problem: Simulated
     return found
 
 
-def rms_of(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog]) -> Array:
+def rms_of(balance: Balance, machine: Machine, logs: Sequence[Log]) -> Array:
     """rms of the residual over all logs, a row (n_places,)."""
     rest = [used(log, balance.residual(log, machine)) for log in logs]
     return np.sqrt(sum(np.sum(r**2, axis=-1) for r in rest) / sum(r.shape[-1] for r in rest))
 
 
-def own_fit(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog], sigma: Array) -> Fit:
+def own_fit(balance: Balance, machine: Machine, logs: Sequence[Log], sigma: Array) -> Fit:
     """The balance's own declared parameters, alike in all legs, fitted to it; rows that stand out are left out."""
     rows = tuple(range(len(balance.places(logs[0]))))
     own = own_priors(balance, priors(machine), machine, logs)
@@ -131,3 +107,19 @@ def own_fit(balance: Balance, machine: Machine, logs: Sequence[MeasuredLog], sig
             problem = BalanceProblem(logs=tuple(logs), parts=(BalanceRows(balance=balance, rows=plain, sigma=sigma),))
             fit = refine(start_fit(machine, own, problem), problem, fresh=True, relative=1e-3)
     return fit
+
+
+def own_machine(machine: Machine, lines: Sequence[Violation]) -> Machine:
+    """The machine with parameters that the force balance prefers: where shapes are read off."""
+    return next((line.machine for line in lines if line.name == "force"), machine)
+
+
+def hold_balances(trace: Trace, tell: Tell) -> Trace:
+    """Every balance that the logs allow, at every place."""
+    lines = violations(trace.machine, trace.machine, trace.fit_problem)
+    off = [f"{line.name} of {line.where}" for line in lines if line.violated]
+    decided = f"violated: {', '.join(off)}" if off else f"all {len(lines)} hold"
+    return replace(trace, violations=lines, decided=decided if lines else "the logs allow no balance")
+
+
+STEP = Step(name="balances", doing="balances against runs of the model", share=0.1, run=hold_balances)

@@ -7,25 +7,28 @@ simulated column costs a tenth of a second. What the residual does not show gets
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from hexsim.declaration import Machine
-from hexsim.hydraulics.resolved import PayloadMode
+from hexsim.mechanics.rigid_body import Suspension, pushed_back
 from hexsim.signals.channels import SETTLE_S
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances import Force, Platform
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
-from hexsim.tracing.balances.force import on_spring
 from hexsim.tracing.balances.null import END_S
 from hexsim.tracing.balances.platform import ROWS
-from hexsim.tracing.steps.dependence import tone_of
+from hexsim.tracing.dependence import tone_of
+from hexsim.tracing.fitting.parameters import Candidate, candidates
+from hexsim.tracing.state import Step, Tell, Trace, Violation
+from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
 
 
-def proposed_shapes(machine: Machine, logs: Sequence[MeasuredLog]) -> dict[str, dict[str, float]]:
+def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str, float]]:
     """Effect name -> numbers of its shape. machine: with the parameters at which the residual is looked at."""
     keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), 5) for log in logs]
     platform, force = Platform(), Force()
@@ -48,7 +51,7 @@ def _gain(X: Array, r: Array) -> float:
     return float(np.sum((X @ theta) ** 2))
 
 
-def _wavelength(machine: Machine, logs: Sequence[MeasuredLog], keep: list[slice], residuals: list[Array]) -> float:
+def _wavelength(machine: Machine, logs: Sequence[Log], keep: list[slice], residuals: list[Array]) -> float:
     resolved = resolved_machine(machine)
     points = [measured_point(log, machine, resolved, 0) for log in logs]
     windows = [Window(log.rate) for log in logs]
@@ -68,18 +71,42 @@ def _wavelength(machine: Machine, logs: Sequence[MeasuredLog], keep: list[slice]
     return float(max(lengths, key=gain))
 
 
-def _payload_frequency(logs: Sequence[MeasuredLog], keep: list[slice], residuals: list[Array]) -> float:
+def _payload_frequency(logs: Sequence[Log], keep: list[slice], residuals: list[Array]) -> float:
     """Of the spring on which a part of the load would explain most of a force residual along the vertical axis."""
     r = np.concatenate(residuals)
     frequencies = np.geomspace(1.0, 60.0, 30)
 
     def gain(frequency: float) -> float:
-        mode = PayloadMode(mass_kg=1.0, frequency_Hz=frequency, damping_ratio=0.05)
+        spring = Suspension(mass=1.0, omega=2 * np.pi * frequency, damping=0.05)
         columns = []
         for log, k in zip(logs, keep, strict=True):
             assert log.acceleration is not None
             felt = log.acceleration[-1]  # of a bench, or along the platform's z axis
-            columns.append(Window(log.rate).mean(np.stack([on_spring(mode, felt, log.rate), felt]))[:, k])
+            columns.append(Window(log.rate).mean(np.stack([pushed_back(spring, felt, log.rate), felt]))[:, k])
         return _gain(np.concatenate(columns, axis=1).T, r)
 
     return float(max(frequencies, key=gain))
+
+
+def worth_screening(
+    machine: Machine, lines: Sequence[Violation], proposed: dict[str, dict[str, float]]
+) -> list[Candidate]:
+    """All effects on a bench. On a hexapod: in all legs alike, and in the legs that are violated, the worst at least."""
+    everything = candidates(machine, proposed)
+    legs = [line for line in lines if line.where.startswith("leg ")]
+    if machine.n_legs == 1 or not legs:
+        return everything
+    worst = max(legs, key=lambda line: line.violation / line.null)
+    there = {line.where for line in legs if line.violated} | {worst.where}
+    return [c for c in everything if not c.where.startswith("leg ") or c.where in there]
+
+
+def propose(trace: Trace, tell: Tell) -> Trace:
+    """The candidates that are worth a column, with the shapes that the force balance shows."""
+    shapes = proposed_shapes(own_machine(trace.machine, trace.violations), trace.fit_problem.logs)
+    found = worth_screening(trace.machine, trace.violations, shapes)
+    read = [f"{name} {key} = {value:.3g}" for name, shape in shapes.items() for key, value in shape.items()]
+    return replace(trace, candidates=found, decided=f"{len(found)} candidates; {', '.join(read) or 'default shapes'}")
+
+
+STEP = Step(name="shapes", doing="reading shapes off the force balance", share=0.02, run=propose)

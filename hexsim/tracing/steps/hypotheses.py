@@ -1,58 +1,29 @@
-"""The search on balances, before any simulation: all balances together, effects selected where they act.
+"""Hypotheses of the balances refitted by simulation: closed loop, all channels, down to the noise.
 
-A balance costs milliseconds where a simulated run costs a tenth of a second, and it looks at measured signals, so one
-missing effect does not bend all the others. What it chooses is judged afterwards by simulation. Rows are divided by
-what they are in null runs; what the sampled log itself leaves in them (reversals, held volts) is taken out by the
-residual of a noise-free simulation.
+First on the opening seconds: what cannot reach the noise there is dropped. A hypothesis that comes near the noise is judged
+with its own input uncertainty.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from hexsim.declaration import Machine
 from hexsim.tracing import rules
-from hexsim.tracing.balances.null import used
-from hexsim.tracing.fitting.fit import Fit, parameter_columns, refine, start_fit, start_fit_at
-from hexsim.tracing.fitting.parameters import Candidate, Prior
-from hexsim.tracing.fitting.selection import Search, Tick, information, named_first, search
-from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
+from hexsim.tracing.fitting.fit import Fit, refine, start_fit_at
+from hexsim.tracing.fitting.selection import (
+    Search,
+    Stage,
+    Tick,
+    information,
+    named_first,
+    pruned,
+    residual_at_noise_level,
+)
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps.verdict import residual_at_noise_level
-from hexsim.tracing.steps.violations import Violation, balance_named
-
-INDEPENDENT_S = 0.02  # [s] half the balances' window: samples so far apart are about independent
-
-
-def joint_problem(problem: SimulatedProblem, lines: Sequence[Violation], machine: Machine) -> BalanceProblem:
-    """All balances of all logs as one problem. machine: what the noise-free simulation runs on."""
-    log = problem.logs[0]
-    names = list(dict.fromkeys(line.name for line in lines))
-    names = [name for name in names if not (name == "force" and log.n_legs > 1)]  # the platform has the same, once
-    quiet = [problem.simulated(machine, i) for i in range(len(problem.logs))]
-    parts = []
-    for name in names:
-        balance = balance_named(name, log)
-        sigma = next(line.all_sigma for line in lines if line.name == name)
-        clean = tuple(np.nan_to_num(used(own, balance.residual(own, machine))) for own in quiet)
-        rows = tuple(range(len(balance.places(log))))
-        parts.append(BalanceRows(balance=balance, sigma=sigma, rows=rows, clean=clean))
-    return BalanceProblem(logs=problem.logs, parts=tuple(parts), thin_s=INDEPENDENT_S)
-
-
-def balance_search(
-    machine: Machine, priors: tuple[Prior, ...], candidates: list[Candidate], problem: BalanceProblem
-) -> Search:
-    """Forward selection on the balances."""
-    base = refine(start_fit(machine, priors, problem), problem, fresh=True, relative=1e-3)
-    return search(parameter_columns(base, problem), candidates, problem, done=restored)
-
-
-def restored(fit: Fit) -> bool:
-    """Does every row of every balance hold again?"""
-    return all(np.all(np.sqrt(np.mean(m**2, axis=1)) < rules.RESTORED) for m in fit.misfit)
+from hexsim.tracing.state import Step, Tell, Trace
 
 
 def contenders(found: Search) -> list[Fit]:
@@ -110,3 +81,43 @@ def fitted_from(fits: Sequence[Fit], problem: SimulatedProblem) -> Fit | None:
     """The hypothesis refitted from the nearest of several fits of it; None when it does not simulate."""
     start = min((start_fit_at(fit, problem) for fit in fits), key=lambda fit: fit.chi2)
     return refine(start, problem, fresh=True) if np.isfinite(start.chi2) else None
+
+
+def refit_with_own_input_uncertainty(trace: Trace) -> Trace:
+    """A hypothesis near the noise judged with its own input uncertainty, if that brings it to the noise.
+
+    A delay or more static friction makes the same disturbances move the machine further than they move the declared one.
+    """
+    final = trace.final
+    if not final.candidates or residual_at_noise_level(final.misfit) or final.reduced > rules.NEAR_FLOOR:
+        return trace
+    own, held_out = (
+        q.with_input_uncertainty(final.fitted_machine()) for q in (trace.fit_problem, trace.validate_problem)
+    )
+    fit = pruned(refine(start_fit_at(final, own), own, fresh=True), own)
+    if not residual_at_noise_level(fit.misfit):
+        return trace
+    base = refine(start_fit_at(trace.base, own), own, fresh=True, relative=rules.BASE_TOLERANCE)
+    return replace(trace, final=fit, base=base, fit_problem=own, validate_problem=held_out)
+
+
+def refit_hypotheses(trace: Trace, tell: Tell) -> Trace:
+    """What the balances ask for, refitted by simulation; the best one is the hypothesis that goes on."""
+    base, in_balances = trace.base, trace.search
+    trace = replace(trace, search=Search(base=base, best=base, stages=[Stage(lines=trace.screening, rivals=[])]))
+    if residual_at_noise_level(base.misfit):
+        return replace(trace, decided="not needed: the declared parameters alone reach the noise")
+    rivals = simulated_rivals(in_balances, trace.fit_problem, tell)
+    trace.search.stages[0].rivals = rivals
+    if not rivals:
+        return replace(trace, decided="no effect that the balances ask for reaches the noise")
+    trace = refit_with_own_input_uncertainty(replace(trace, final=pruned(rivals[0], trace.fit_problem)))
+    return replace(trace, decided=f"{hypothesis_words(trace.final)}: chi2 {trace.final.reduced:.3g} a sample")
+
+
+def hypothesis_words(fit: Fit) -> str:
+    """The effects of a hypothesis by their labels."""
+    return " and ".join(candidate.label for candidate in fit.candidates) or "declared parameters alone"
+
+
+STEP = Step(name="hypotheses", doing="refitting hypotheses by simulation", share=0.15, run=refit_hypotheses)

@@ -1,0 +1,61 @@
+"""The inertia of the legs: cylinder and rod as bodies, and what six of them add to the platform."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexsim.mechanics.kinematics import HexapodKinematics
+from hexsim.mechanics.rigid_body import RigidBody, rigid_body
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegBodies:
+    """Masses [kg], centres [m] from their joint and moments [kg m2] of a leg's cylinder and rod."""
+
+    cylinder_mass: float
+    cylinder_centre: float
+    cylinder_inertia: tuple[float, float]  # (transverse, axial)
+    rod_mass: float
+    rod_centre: float  # from the platform joint, towards the base
+    rod_inertia: tuple[float, float]
+
+
+def legs_at_platform(kinematics: HexapodKinematics, bodies: LegBodies) -> tuple[np.ndarray, float]:
+    """What six legs add to the platform at neutral: mass matrix (6, 6) about its origin, and the mass it carries [kg].
+
+    Along a leg only the rod moves, across it both parts swing about the base joint, so its platform joint feels
+        m_along = m_rod,   m_across = (I_cylinder + m_cylinder c^2 + I_rod + m_rod (L - c_rod)^2) / L^2
+    and M = sum J_i' (m_along u u' + m_across (1 - u u')) J_i with J_i the velocity of joint i from the twist. The weight
+    of rod and cylinder is shared between the joints as a beam's.
+    """
+    matrix, carried = np.zeros((6, 6)), 0.0
+    jacobian = kinematics.jacobian(np.zeros(6))
+    lengths = kinematics.leg_lengths(np.zeros(6))
+    for joint, row, length in zip(kinematics.platform_joints, jacobian, lengths, strict=True):
+        swing = bodies.cylinder_inertia[0] + bodies.cylinder_mass * bodies.cylinder_centre**2
+        swing += bodies.rod_inertia[0] + bodies.rod_mass * (length - bodies.rod_centre) ** 2
+        along = np.outer(row[:3], row[:3])
+        mass = bodies.rod_mass * along + swing / length**2 * (np.eye(3) - along)
+        x, y, z = joint
+        arm = np.hstack([np.eye(3), np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])])
+        matrix += arm.T @ mass @ arm
+        level = 1 - row[2] ** 2
+        carried += bodies.rod_mass * (1 - level * bodies.rod_centre / length)
+        carried += bodies.cylinder_mass * level * bodies.cylinder_centre / length
+    return matrix, carried
+
+
+def lumped_legs(kinematics: HexapodKinematics, bodies: LegBodies) -> RigidBody:
+    """One rigid body that stands for six legs: exact in heave and in the three rotations at neutral.
+
+    A rigid body has one mass for all directions: heave's is taken, so surge and sway are off by the legs' difference
+    (a few kg of 600); the centre's height takes up the coupling of surge and pitch. The difference from full legs is
+    measured in tests/plant/test_integration.py.
+    """
+    matrix, carried = legs_at_platform(kinematics, bodies)
+    mass = matrix[2, 2]
+    height = matrix[0, 4] / mass
+    inertia = np.diag(np.diag(matrix)[3:] - mass * height**2 * np.array([1.0, 1.0, 0.0]))
+    return rigid_body(mass, [0.0, 0.0, height], inertia, carried)

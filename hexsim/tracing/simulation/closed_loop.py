@@ -1,0 +1,166 @@
+"""Legs under their load in closed loop, compiled: the simulation that fits ask for thousands of times.
+
+u_k = K (s_k - y_m)  every 1/rate seconds, held; then delay and play of the valve
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from hexsim.compiled import borrowed, compiled
+from hexsim.hydraulics import valve
+from hexsim.hydraulics.parameters import P
+from hexsim.tracing.simulation.motion import (
+    LEG_P1,
+    LEG_STATES,
+    LEGS,
+    SUPPLY,
+    integrate,
+    rates,
+    steps_here,
+    write_leg_motion,
+)
+from hexsim.tracing.simulation.rig import Load, Rig, Sensors
+
+FOLLOW = 0.3  # of the gain: with all of it the noise of the logged position rings the oil, with less rounded volts let it drift
+DIVERGENCE_LIMIT = 1e3  # [m], [m/s], [rad/s] a load beyond it has diverged
+
+
+class Inputs(NamedTuple):
+    """What drives the simulation: (n_legs, n) setpoints, logged volts and positions; (n,) supply pressure, or (0,) if simulated.
+
+    near_rest (n,): where any leg is near standstill by its measured position, see `steps_here`. rate_Hz: of the log.
+    """
+
+    setpoint: np.ndarray
+    volts: np.ndarray
+    position: np.ndarray
+    supply: np.ndarray
+    near_rest: np.ndarray
+    rate_Hz: float
+
+
+class Room(NamedTuple):
+    """Arrays that the simulation works in. state (n_states,); slopes: four, and a state to try; y, v, held volts (n_legs,).
+
+    positions, pressures, volts (n_legs, n), accelerations (n_axes, n): what happened, for sensors and valves with a delay.
+    """
+
+    state: np.ndarray
+    slopes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    legs: tuple[np.ndarray, np.ndarray, np.ndarray]
+    positions: np.ndarray
+    pressures: np.ndarray
+    volts: np.ndarray
+    accelerations: np.ndarray
+
+
+def room_for(start: np.ndarray, n_legs: int, n_axes: int, n: int) -> Room:
+    """Room for n samples from a state."""
+    s, y = np.zeros_like, np.zeros(n_legs)
+    legs = np.empty((3, n_legs, n))
+    slopes = (s(start), s(start), s(start), s(start), s(start))
+    return Room(start.copy(), slopes, (y, s(y), s(y)), legs[0], legs[1], legs[2], np.empty((n_axes, n)))
+
+
+@compiled
+def delayed(history, i, delay):
+    """history at sample i - delay (delay in samples, fractional)."""
+    place = i - delay
+    if place <= 0.0:
+        return history[0]
+    k = int(place)
+    share = place - k
+    if share == 0.0 or k + 1 > i:
+        return history[k]
+    return (1.0 - share) * history[k] + share * history[k + 1]
+
+
+@compiled
+def shown(history, i, sensor, rate):
+    """What a sensor (gain, offset, delay [s]) shows at sample i of what happened, (n,) up to i."""
+    return sensor[0] * delayed(history, i, sensor[2] * rate) + sensor[1]
+
+
+@compiled
+def asked_volts(controller, inputs, j, i, position):
+    """Volts of leg j's loop at sample i for the position that its sensor shows."""
+    if controller.follows:
+        volts = inputs.volts[j, i] + FOLLOW * controller.gain_V_per_m * (inputs.position[j, i] - position)
+    else:
+        volts = controller.gain_V_per_m * (inputs.setpoint[j, i] - position)
+    return min(max(volts, -controller.limit_V), controller.limit_V)
+
+
+@compiled
+def lent(rig, inputs, room):
+    """The same numbers without reference counts."""
+    legs, geometry, s, load, sensors, controller = rig
+    position, pressure, acceleration, supply_gain = sensors
+    k1, k2, k3, k4, there = room.slopes
+    y, v, held = room.legs
+    return (
+        Rig(
+            borrowed(legs), borrowed(geometry), borrowed(s),
+            Load(load.body, borrowed(load.compliance), load.gravity, load.spring),
+            Sensors(borrowed(position), borrowed(pressure), borrowed(acceleration), supply_gain), controller,
+        ),
+        Inputs(
+            borrowed(inputs.setpoint), borrowed(inputs.volts), borrowed(inputs.position), borrowed(inputs.supply),
+            borrowed(inputs.near_rest), inputs.rate_Hz,
+        ),
+        Room(
+            borrowed(room.state), (borrowed(k1), borrowed(k2), borrowed(k3), borrowed(k4), borrowed(there)),
+            (borrowed(y), borrowed(v), borrowed(held)), borrowed(room.positions), borrowed(room.pressures),
+            borrowed(room.volts), borrowed(room.accelerations),
+        ),
+    )  # fmt: skip
+
+
+@compiled
+def run(owned_rig, owned_inputs, owned_room, substeps, owned_out):
+    """Simulate and write the measured outputs, without noise, into out (rows as in `simulate_log`, n). False after a divergence."""
+    rig, inputs, room = lent(owned_rig, owned_inputs, owned_room)
+    out = borrowed(owned_out)
+    legs, geometry, s, load, sensors, controller = rig
+    position, pressure, acceleration, supply_gain = sensors
+    state, slopes, (y, v, held), y_true, p_true, u_true, a_true = room
+    n_legs, n, rate = legs.shape[0], inputs.setpoint.shape[1], inputs.rate_Hz
+    dt, axes = 1.0 / rate, acceleration.shape[0]
+    every = max(round(rate / controller.rate_Hz), 1)
+    for i in range(n):
+        if inputs.supply.shape[0] == n:
+            state[SUPPLY] = inputs.supply[i]
+        write_leg_motion(geometry, state, y, v)
+        for j in range(n_legs):
+            y_true[j, i], p_true[j, i] = y[j], state[LEGS + j * LEG_STATES + LEG_P1]
+            out[j, i] = shown(y_true[j], i, position[j], rate)
+            u_true[j, i] = asked_volts(controller, inputs, j, i, out[j, i]) if i % every == 0 else u_true[j, i - 1]
+            held[j] = valve.play(delayed(u_true[j], i, legs[j, P.VALVE_DELAY] * rate), held[j], legs[j, P.HYSTERESIS])
+            out[n_legs + j, i] = u_true[j, i]
+            out[2 * n_legs + j, i] = shown(p_true[j], i, pressure[j], rate)
+        out[3 * n_legs, i] = supply_gain * state[SUPPLY]
+        a, turning = rates(legs, geometry, s, load, held, i * dt, dt / substeps, state, slopes[0])
+        for k in range(axes):
+            a_true[k, i] = a[2] if axes == 1 else a[k] if k < 3 else turning[k - 3]
+            out[3 * n_legs + 1 + k, i] = shown(a_true[k], i, acceleration[k], rate)
+        steps = 1
+        for j in range(n_legs):
+            steps = max(steps, steps_here(legs[j], v[j], dt, substeps, inputs.near_rest[i]))
+        integrate(legs, geometry, s, load, held, i * dt, dt, steps, state, slopes)
+        if diverged(state, LEGS + n_legs * LEG_STATES):
+            out[:, i + 1 :] = math.nan
+            return False
+    return True
+
+
+@compiled
+def diverged(state, at):
+    """Is any state of the load beyond all bounds?"""
+    largest = 0.0
+    for k in range(at, state.shape[0]):
+        largest = max(largest, abs(state[k]) if math.isfinite(state[k]) else math.inf)
+    return largest > DIVERGENCE_LIMIT

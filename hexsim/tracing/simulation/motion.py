@@ -1,0 +1,193 @@
+"""Rates of legs and load, compiled, and a step of RK4.
+
+The balances of the plant (`hexsim.hydraulics.leg`) for each leg; the load by Newton and Euler (`mechanics.rigid_body`): a
+mass on the axis of one leg, or a platform on six,
+
+    wrench = sum f_i (u_i, r_i x u_i),   u_i, r_i: direction of a leg and its joint from the origin
+
+Short steps where a piston reverses and friction is stiff, COARSE ones elsewhere. Laws whose time constant is shorter than
+the step (supply line, bristle) are slowed to it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from hexsim.compiled import compiled
+from hexsim.hydraulics import leg, supply
+from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.supply import S
+from hexsim.mechanics.leg_geometry import leg_line
+from hexsim.mechanics.rigid_body import (
+    axial_acceleration,
+    body_acceleration,
+    centre_acceleration,
+    dot,
+    quaternion_rate,
+    rotated,
+    rotated_back,
+    rotation_of,
+    spring_acceleration,
+    triple,
+)
+
+# states: supply pressure, payload on its spring; then those of each leg; then those of the load
+SUPPLY, TRAVEL, TRAVEL_RATE, LEGS = range(4)
+LEG_P1, LEG_P2, LEG_X, LEG_XD, LEG_Z, LEG_STATES = range(6)
+POSITION, SPEED, N_AXIS = range(3)  # of a mass on an axis
+PLACE, QUATERNION, VELOCITY, OMEGA, N_PLATFORM = (
+    0,
+    3,
+    7,
+    10,
+    13,
+)  # of a platform: origin in the world, rates in its frame
+
+COARSE_S = 5.0e-4  # [s] longest step away from reversals; error with it: 0.02 of the noise of accelerations, 0.003 of pressures
+STIFF_SPEEDS = 5.0  # friction is stiff below so many times its sharpness (tanh: 1 - 1e-4)
+
+
+@compiled
+def platform_pose(state, at):
+    """A platform's place, rotation, and its twist (v, w) in the world, from the states at place `at`."""
+    rotation = rotation_of((state[at + 3], state[at + 4], state[at + 5], state[at + 6]))
+    omega = rotated(rotation, triple(state, at + OMEGA))
+    return triple(state, at + PLACE), rotation, triple(state, at + VELOCITY), omega
+
+
+@compiled
+def leg_on_platform(pose, geometry, i):
+    """Position and velocity of piston i, direction and moment of its line in the world. geometry: see `rig.Rig`."""
+    place, rotation, velocity, omega = pose
+    base = (geometry[i, 0], geometry[i, 1], geometry[i, 2])
+    joint = (geometry[i, 3], geometry[i, 4], geometry[i, 5])
+    length, line, moment = leg_line(place, rotation, base, joint)
+    return length - geometry[i, 6], dot(line, velocity) + dot(moment, omega), line, moment
+
+
+@compiled
+def write_leg_motion(geometry, state, y, v):
+    """Positions and velocities of the pistons (n_legs,)."""
+    at = LEGS + y.shape[0] * LEG_STATES
+    if y.shape[0] == 1:
+        y[0], v[0] = state[at + POSITION], state[at + SPEED]
+        return
+    pose = platform_pose(state, at)
+    for i in range(y.shape[0]):
+        y[i], v[i] = leg_on_platform(pose, geometry, i)[:2]
+
+
+@compiled
+def leg_rates(p, y, v, volts, t, ps, state, k, h, rate):
+    """Write the rates of a leg's states from place k on; return its force [N], spool [m] and rod side [Pa]."""
+    own = (state[k + LEG_P1], state[k + LEG_P2], state[k + LEG_X], state[k + LEG_XD], state[k + LEG_Z])
+    slopes, x, _ = leg.leg_derivatives(p, y, v, volts, t, ps, own, h)
+    for q in range(LEG_STATES):
+        rate[k + q] = slopes[q]
+    p2 = own[1] if p[P.ROD_SIDE_CHAMBER] > 0.0 else ps
+    return leg.leg_force(p, y, v, volts, own[0], p2, ps, own[4], t), x, p2
+
+
+@compiled
+def supply_rate(s, ps, demand, h):
+    """dPs/dt [Pa/s]; a line faster than the step is slowed to it."""
+    return supply.line_rate(s, ps, demand, s[S.PRESSURE], h)
+
+
+@compiled
+def write_platform_rates(load, state, at, rotation, wrench, pull, rate):
+    """Rates of a platform under the wrench of its legs (world) and the pull of its payload [m/s2].
+
+    Returns (a, w') in its frame, and what the payload feels along z.
+    """
+    body, q = load.body, (state[at + 3], state[at + 4], state[at + 5], state[at + 6])
+    omega, gravity = triple(state, at + OMEGA), rotated_back(rotation, load.gravity)
+    force, moment = rotated_back(rotation, wrench[0]), rotated_back(rotation, wrench[1])
+    a, turning = body_acceleration(body, load.compliance, force, moment, omega, gravity, -load.spring.mass * pull)
+    in_world, turn = rotated(rotation, a), quaternion_rate(q, omega)
+    for k in range(4):
+        rate[at + QUATERNION + k] = turn[k]
+    for k in range(3):
+        rate[at + PLACE + k] = state[at + VELOCITY + k]
+        rate[at + VELOCITY + k] = in_world[k]
+        rate[at + OMEGA + k] = turning[k]
+    return a, turning, centre_acceleration(body.centre, a, turning, omega)[2] - gravity[2]
+
+
+@compiled
+def rates(legs, geometry, s, load, held, t, h, state, rate):
+    """Write d state/dt at time t into `rate`; return (a, w') of the load. held: volts at the valves; h: step, for stiff laws."""
+    n_legs, ps, spring = legs.shape[0], state[SUPPLY], load.spring
+    at = LEGS + n_legs * LEG_STATES
+    alone = n_legs == 1
+    none = (0.0, 0.0, 0.0)
+    pose = (none, (none, none, none), none, none) if alone else platform_pose(state, at)
+    f0 = f1 = f2 = m0 = m1 = m2 = demand = 0.0
+    for i in range(n_legs):
+        y, v, line, moment = state[at + POSITION], state[at + SPEED], (0.0, 0.0, 1.0), none
+        if not alone:
+            y, v, line, moment = leg_on_platform(pose, geometry, i)
+        p, k = legs[i], LEGS + i * LEG_STATES
+        force, x, p2 = leg_rates(p, y, v, held[i], t, ps, state, k, h, rate)
+        if s[S.MODEL] == supply.LINE:
+            demand += leg.supply_demand_in_step(p, y, v, x, state[k + LEG_P1], p2, ps, h)
+        f0, f1, f2 = f0 + force * line[0], f1 + force * line[1], f2 + force * line[2]
+        m0, m1, m2 = m0 + force * moment[0], m1 + force * moment[1], m2 + force * moment[2]
+    if s[S.MODEL] == supply.LINE:
+        rate[SUPPLY] = supply_rate(s, ps, demand, h)
+    pull = spring_acceleration(spring, state[TRAVEL], state[TRAVEL_RATE])
+    if alone:
+        a, turning = (0.0, 0.0, axial_acceleration(load.body, f2, load.gravity[2], -spring.mass * pull)), none
+        rate[at + POSITION], rate[at + SPEED], felt = state[at + SPEED], a[2], a[2] - load.gravity[2]
+    else:
+        a, turning, felt = write_platform_rates(load, state, at, pose[1], ((f0, f1, f2), (m0, m1, m2)), pull, rate)
+    if spring.mass > 0.0:
+        rate[TRAVEL], rate[TRAVEL_RATE] = state[TRAVEL_RATE], -pull - felt
+    return a, turning
+
+
+@compiled
+def moved(state, h, slope, there):
+    """there = state + h slope."""
+    for q in range(state.shape[0]):
+        there[q] = state[q] + h * slope[q]
+
+
+@compiled
+def integrate(legs, geometry, s, load, held, t, dt, steps, state, slopes):
+    """RK4 over one sample, in place; the first slope of the first step stands in slopes[0] already."""
+    h = dt / steps
+    k1, k2, k3, k4, there = slopes
+    for j in range(steps):
+        tau = t + j * h
+        if j > 0:
+            rates(legs, geometry, s, load, held, tau, h, state, k1)
+        moved(state, 0.5 * h, k1, there)
+        rates(legs, geometry, s, load, held, tau + 0.5 * h, h, there, k2)
+        moved(state, 0.5 * h, k2, there)
+        rates(legs, geometry, s, load, held, tau + 0.5 * h, h, there, k3)
+        moved(state, h, k3, there)
+        rates(legs, geometry, s, load, held, tau + h, h, there, k4)
+        for q in range(state.shape[0]):
+            state[q] += h / 6.0 * (k1[q] + 2.0 * k2[q] + 2.0 * k3[q] + k4[q])
+
+
+@compiled
+def steps_here(p, speed, dt, substeps, near_rest):
+    """Steps of the sample that begins at this speed: all of them near standstill.
+
+    near_rest is measured, so that variants of a model step alike and their differences are smooth; a model that stands
+    still where the machine moved is seen by its own speed.
+    """
+    slow = abs(speed) < STIFF_SPEEDS * p[P.SHARPNESS]
+    stiff = p[P.BRISTLE_STIFFNESS] > 0.0 or p[P.SPOOL_OMEGA] * COARSE_S > 0.7
+    return substeps if near_rest or slow or stiff else min(math.ceil(dt / COARSE_S - 1e-9), substeps)
+
+
+@compiled
+def carrying_pressure(p, y, v, ps, thrust):
+    """Pressure [Pa] of the bottom chamber that gives the thrust [N] in steady motion: friction may depend on it."""
+    p1 = 0.5 * ps
+    for _ in range(20):
+        p1 = (thrust - leg.force_beyond_pressure(p, y, v, 0.0, p1, ps, ps, 0.0, 0.0)) / p[P.AREA_BOTTOM]
+    return p1

@@ -1,0 +1,137 @@
+"""A machine as the numbers of the compiled simulation: legs, load, sensors, controller."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hexsim.declaration import Machine
+from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.resolve import resolve
+from hexsim.hydraulics.resolved import Resolved
+from hexsim.hydraulics.supply import S
+from hexsim.machine.geometry import machine_kinematics, platform_body, suspension
+from hexsim.mechanics.rigid_body import RigidBody, Suspension, Vector, mass_matrix, rigid_body
+
+Array = np.ndarray
+STEP_S = 1.7e-4  # [s] integration step; RK4 needs step * (F_c + F_s)/(v_s m) < 2.7. Error: 0.013 of the sensors' noise
+
+
+class Load(NamedTuple):
+    """What the legs carry: a mass on the axis of one leg, or a rigid platform on six; a payload on a spring.
+
+    compliance: inverse mass matrix of a platform (6, 6).  gravity: in the world [m/s2].
+    """
+
+    body: RigidBody
+    compliance: Array
+    gravity: Vector
+    spring: Suspension
+
+
+class Sensors(NamedTuple):
+    """y_m = gain y(t - delay) + offset: rows (gain, offset, delay [s]) of a leg, (n_legs, 3), and of an accelerometer."""
+
+    position: Array
+    pressure: Array
+    acceleration: Array
+    supply_gain: float
+
+
+class Controller(NamedTuple):
+    """u = K (s - y_m) every 1/rate_Hz, at most limit_V. follows: the logged volts, held to the logged position, instead."""
+
+    gain_V_per_m: float
+    rate_Hz: float
+    limit_V: float
+    follows: bool
+
+
+class Rig(NamedTuple):
+    """Everything that the compiled simulation knows of a machine.
+
+    legs (n_legs, N_PARAMETERS).  geometry (n_legs, 7): base joint and platform joint (3 each), retracted length [m]; zeros
+    on a bench.  supply (N_SUPPLY,).
+    """
+
+    legs: Array
+    geometry: Array
+    supply: Array
+    load: Load
+    sensors: Sensors
+    controller: Controller
+
+
+def rig_of(machine: Machine, feedback: int = 0) -> tuple[Rig, Resolved]:
+    """The machine's numbers. feedback: 0 the declared position loop, 1 the logged volts."""
+    resolved, controller = resolve(machine), machine.controller
+    rig = Rig(
+        legs=resolved.rows,
+        geometry=geometry_of(machine),
+        supply=resolved.supply,
+        load=load_of(resolved),
+        sensors=sensors_of(resolved),
+        controller=Controller(
+            controller.gain_V_per_m, float(controller.rate_Hz), machine.valve.voltage_max_V, bool(feedback)
+        ),
+    )
+    return rig, resolved
+
+
+def geometry_of(machine: Machine) -> Array:
+    """(n_legs, 7), see `Rig`."""
+    if machine.geometry is None:
+        return np.zeros((1, 7))
+    kinematics = machine_kinematics(machine)
+    return np.column_stack([kinematics.base_joints, kinematics.platform_joints, kinematics.retracted_length_m])
+
+
+def load_of(resolved: Resolved) -> Load:
+    """Bodies; of payloads on springs the first."""
+    modes = resolved.payload_modes
+    spring = suspension(modes[0]) if modes else Suspension(0.0, 0.0, 0.0)
+    if resolved.machine.geometry is None:
+        mass = resolved.load.moving_mass_kg or 0.0
+        body, compliance = (
+            rigid_body(mass, np.zeros(3), np.zeros((3, 3)), carried=mass, sprung=spring.mass),
+            np.zeros((6, 6)),
+        )
+    else:
+        body = platform_body(resolved, machine_kinematics(resolved.machine))
+        compliance = np.linalg.inv(mass_matrix(body))
+    x, y, z = (float(g) for g in resolved.gravity_m_s2)
+    return Load(body=body, compliance=compliance, gravity=(x, y, z), spring=spring)
+
+
+def sensors_of(resolved: Resolved) -> Sensors:
+    """Gains, offsets and delays. The accelerometers of a platform: x, y, z and the three angular ones, which have no gain."""
+    legs, shared = resolved.leg_sensors, resolved.sensors
+    along = [shared.acceleration_gain, shared.acceleration_offset_m_s2, shared.acceleration_delay_s]
+    if resolved.machine.geometry is None:
+        acceleration = np.array([along], dtype=float)
+    else:
+        across, turning = [along[0], 0.0, along[2]], [1.0, 0.0, along[2]]
+        acceleration = np.array([across, across, along, turning, turning, turning], dtype=float)
+    return Sensors(
+        position=np.column_stack([legs["position_gain"], legs["position_offset_m"], legs["position_delay_s"]]),
+        pressure=np.column_stack([legs["pressure_gain"], legs["pressure_offset_Pa"], legs["pressure_delay_s"]]),
+        acceleration=acceleration,
+        supply_gain=float(shared.supply_pressure_gain),
+    )
+
+
+def friction_step(legs: Array, pressure_Pa: float) -> Array:
+    """Largest step of the friction [N] at a reversal, a row of legs: what makes it stiff."""
+    level = np.maximum(legs[..., P.COULOMB_EXTEND], legs[..., P.COULOMB_RETRACT])
+    level = level + np.maximum(legs[..., P.STATIC_EXTEND], legs[..., P.STATIC_RETRACT])
+    return level + legs[..., P.SEAL_FRICTION] * pressure_Pa + np.abs(legs[..., P.RIPPLE_FORCE])
+
+
+def substeps(rig: Rig, rate: float) -> int:
+    """Steps a log sample: the friction's corner must stay stable on the mass of a leg, a twelfth of a platform's."""
+    level = float(friction_step(rig.legs, rig.supply[S.PRESSURE]).max())
+    alone = len(rig.legs) == 1
+    stiffest = level / (rig.legs[:, P.SHARPNESS].min() * rig.load.body.mass / (1.0 if alone else 12.0))
+    step = min(STEP_S if alone else 1.5 * STEP_S, 2.2 / max(stiffest, 1e-9))
+    return int(np.ceil(1.0 / (rate * step) - 1e-9))

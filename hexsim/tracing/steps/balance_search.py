@@ -1,0 +1,72 @@
+"""The search on balances, before any simulation: all balances together, effects selected where they act.
+
+A balance costs milliseconds where a simulated run costs a tenth of a second, and it looks at measured signals, so one
+missing effect does not bend all the others. What it chooses is judged afterwards by simulation. Rows are divided by
+what they are in null runs; what the sampled log itself leaves in them (reversals, held volts) is taken out by the
+residual of a noise-free simulation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hexsim.declaration import Machine
+from hexsim.tracing import rules
+from hexsim.tracing.balances.null import used
+from hexsim.tracing.fitting.fit import Fit, parameter_columns, refine, start_fit
+from hexsim.tracing.fitting.selection import search
+from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
+from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.state import Step, Tell, Trace, Violation
+from hexsim.tracing.steps.violations import balance_named, own_machine
+
+INDEPENDENT_S = 0.02  # [s] half the balances' window: samples so far apart are about independent
+
+
+def joint_problem(problem: SimulatedProblem, lines: Sequence[Violation], machine: Machine) -> BalanceProblem:
+    """All balances of all logs as one problem. machine: what the noise-free simulation runs on."""
+    log = problem.logs[0]
+    names = list(dict.fromkeys(line.name for line in lines))
+    names = [name for name in names if not (name == "force" and log.n_legs > 1)]  # the platform has the same, once
+    quiet = [problem.simulated(machine, i) for i in range(len(problem.logs))]
+    parts = []
+    for name in names:
+        balance = balance_named(name, log)
+        sigma = next(line.all_sigma for line in lines if line.name == name)
+        clean = tuple(np.nan_to_num(used(own, balance.residual(own, machine))) for own in quiet)
+        rows = tuple(range(len(balance.places(log))))
+        parts.append(BalanceRows(balance=balance, sigma=sigma, rows=rows, clean=clean))
+    return BalanceProblem(logs=problem.logs, parts=tuple(parts), thin_s=INDEPENDENT_S)
+
+
+def search_in_balances(trace: Trace, tell: Tell) -> Trace:
+    """Forward selection on all balances together. Where no balance can be formed nothing is chosen."""
+    if not trace.violations:
+        return replace(trace, decided="no balance to search in")
+    joint = joint_problem(trace.fit_problem, trace.violations, own_machine(trace.machine, trace.violations))
+    start = start_fit(trace.machine, trace.base.priors, joint)
+    base = refine(start, joint, fresh=True, relative=1e-3)
+    found = search(parameter_columns(base, joint), trace.candidates, joint, done=restored)
+    first = found.stages[0].lines
+    chosen = " and ".join(candidate.label for candidate in found.best.candidates)
+    return replace(
+        trace,
+        base=base,
+        search=found,
+        screening=first,
+        screened=joint.samples,
+        decided=f"{len(first)} columns compared; the balances ask for {chosen or 'no effect'}",
+    )
+
+
+def restored(fit: Fit) -> bool:
+    """Does every row of every balance hold again?"""
+    return all(np.all(np.sqrt(np.mean(m**2, axis=1)) < rules.RESTORED) for m in fit.misfit)
+
+
+STEP = Step(
+    name="search in the balances", doing="looking for effects in the balances", share=0.15, run=search_in_balances
+)

@@ -1,0 +1,31 @@
+"""The declared parameters refitted by simulation, inside their uncertainty: the base that every effect must beat."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hexsim.tracing import rules
+from hexsim.tracing.fitting.fit import refine, start_fit_at
+from hexsim.tracing.fitting.selection import residual_at_noise_level
+from hexsim.tracing.state import Step, Tell, Trace
+
+
+def refit_declared(trace: Trace, tell: Tell) -> Trace:
+    """The declared machine refitted, and both problems with the uncertainty of their inputs at that machine."""
+    start, problem, held_out = trace.base, trace.fit_problem, trace.validate_problem
+    first = problem.with_input_uncertainty(start.fitted_machine())
+    base = refine(start_fit_at(start, first), first, fresh=True, relative=rules.BASE_TOLERANCE)
+    problem, held_out = (q.with_input_uncertainty(base.fitted_machine()) for q in (problem, held_out))
+    base = refine(start_fit_at(base, problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)
+    end = "at the noise in every channel" if residual_at_noise_level(base.misfit) else "more than noise is left"
+    return replace(
+        trace,
+        base=base,
+        final=base,
+        fit_problem=problem,
+        validate_problem=held_out,
+        decided=f"chi2 {base.reduced:.3g} a sample: {end}",
+    )
+
+
+STEP = Step(name="declared parameters", doing="refitting declared parameters", share=0.15, run=refit_declared)

@@ -1,0 +1,95 @@
+"""Logs read, checked and made a problem: where a trace begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from hexsim.errors import HexsimError
+from hexsim.machine import Machine, load_machine
+from hexsim.machine.files import find_machine_file
+from hexsim.readers import log_files, read_log
+from hexsim.signals.channels import noise_of
+from hexsim.signals.log import Log
+from hexsim.tracing.checks.checks import refuse_misleading
+from hexsim.tracing.checks.finding import Finding
+from hexsim.tracing.checks.same_machine import check_same_machine
+from hexsim.tracing.fitting.fit import start_fit
+from hexsim.tracing.fitting.parameters import priors
+from hexsim.tracing.fitting.selection import Search
+from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.state import Trace
+
+
+def read_runs(folder: Path, names: Sequence[str], machine: Machine) -> tuple[list[Log], dict[str, list[Finding]]]:
+    """Read and check the named logs."""
+    logs = [read_log(log_files(folder, name)) for name in names]
+    return logs, {log.name: refuse_misleading(log, machine) for log in logs}
+
+
+def feedback_of(machine: Machine, logs: Sequence[Log], noise: dict[str, float]) -> int:
+    """0 when the logged volts are those of the declared position loop, 1 when another controller was at work."""
+    K, limit = machine.controller.gain_V_per_m, machine.valve.voltage_max_V
+    for log in logs:
+        if log.setpoint is None:
+            return 1
+        if log.volts is None:
+            continue
+        asked = np.clip(K * (log.setpoint - log.position), -limit, limit)
+        every = max(round(log.rate / machine.controller.rate_Hz), 1)
+        off = np.median(np.abs(log.volts - asked)[:, ::every])
+        if off > 5 * K * noise["position_m"] and off > 0.02 * np.std(log.volts):
+            return 1
+    return 0
+
+
+def refuse_same_logs(folder: Path, fit: Sequence[str], validate: Sequence[str]) -> None:
+    """A log that everything is fitted on says nothing about motion that no fit has seen."""
+    fitted = {log_files(folder, name).resolve() for name in fit}
+    for name in validate:
+        if log_files(folder, name).resolve() in fitted:
+            raise HexsimError(
+                f"log {name} is given to fit and to validate: judge on another motion that no fit has seen"
+            )
+
+
+def refuse_undriven(logs: Sequence[Log], feedback: int) -> None:
+    """A model needs the setpoints of its loop or the valve's volts."""
+    for log in logs:
+        if feedback == 1 and log.volts is None:
+            raise HexsimError(
+                f"log {log.name} has no valve_V, and setpoints of the declared loop are missing: nothing drives the model, "
+                "so that nothing can be said about the machine; log the valve's volts or the setpoint"
+            )
+
+
+def begin(machine_folder: Path | str, fit: Sequence[str], validate: Sequence[str]) -> Trace:
+    """The first state of a trace: the declared machine, nothing fitted. HexsimError for logs that cannot be used."""
+    if not fit or not validate:
+        raise HexsimError("tracing needs at least one log to fit and one held-out log to validate: give both")
+    folder, machine = find_machine_file(machine_folder).parent, load_machine(machine_folder)
+    refuse_same_logs(folder, fit, validate)
+    fit_logs, findings = read_runs(folder, fit, machine)
+    held_out_logs, more = read_runs(folder, validate, machine)
+    findings |= more
+    findings["all logs"] = check_same_machine([*fit_logs, *held_out_logs], machine)
+    noise = noise_of(machine, fit_logs)
+    feedback = feedback_of(machine, [*fit_logs, *held_out_logs], noise)
+    refuse_undriven([*fit_logs, *held_out_logs], feedback)
+    problem = SimulatedProblem(logs=tuple(fit_logs), noise=noise, feedback=feedback)
+    base = start_fit(machine, priors(machine), problem)
+    count = sum(len(found) for found in findings.values())
+    driven = "the declared loop's setpoints" if feedback == 0 else "the logged volts"
+    return Trace(
+        machine=machine,
+        fit_problem=problem,
+        validate_problem=replace(problem, logs=tuple(held_out_logs)),
+        findings=findings,
+        base=base,
+        final=base,
+        search=Search(base=base, best=base),
+        decided=f"{len(fit_logs)} to fit, {len(held_out_logs)} held out, {count} findings; {driven} drive the model",
+    )

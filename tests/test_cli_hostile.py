@@ -1,0 +1,211 @@
+"""The command line where disks are full, terminals close, names are odd: one sentence, and what can be kept is kept."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import hexsim
+from hexsim.cli import app
+from hexsim.cli.errors import say
+from hexsim.files.run_folder import UNFINISHED, default_folder, run_folder
+from hexsim.machine import load_machine
+from hexsim.scenarios import load_scenario, resources
+from hexsim.scenarios.resources import check_resources
+
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(hexsim.__file__).parents[1]), "COLUMNS": "120"}
+SHORT = ["-m", "bench", "--fast", "--duration", "1"]
+
+
+def command(*arguments: str, cwd: Path, before: str = "", environment=None, **options):
+    """Run in a process of its own; `before` is Python that runs first."""
+    code = f"{before}\nfrom hexsim.cli import main\nmain()"
+    options = {"capture_output": True, **options}
+    return subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        cwd=cwd, env=environment or ENVIRONMENT, text=True, check=False, timeout=120, **options,
+    )  # fmt: skip
+
+
+LIMIT = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({0}, {0}))"
+
+
+@pytest.mark.parametrize(("most_bytes", "kept"), [(150_000, {"log.parquet"}), (20_000, set())])
+def test_a_full_disk_costs_no_more_than_it_must(tmp_path, most_bytes, kept):
+    """Where no file may grow beyond a limit, as on a full disk: what fits is kept in -partial, one sentence, code 2."""
+    ended = command("run", "heave", *SHORT, "--out", "run", cwd=tmp_path, before=LIMIT.format(most_bytes))
+    assert ended.returncode == 2 and len(ended.stderr.strip().splitlines()) == 1, ended.stderr
+    assert re.search(r"hexsim: cannot write .*could be kept, in .*run-partial", ended.stderr)
+    assert {path.name for path in (tmp_path / "run-partial").iterdir()} == {"config.toml", "summary.json"} | kept
+    assert [path.name for path in tmp_path.iterdir()] == ["run-partial"]
+
+
+def test_a_comparison_on_a_full_disk_keeps_its_figures(tmp_path):
+    """The numbers are small: compare.json is kept where the logs do not fit."""
+    arguments = ("compare", "heave", *SHORT, "-c", "none,exact", "--out", "run")
+    ended = command(*arguments, cwd=tmp_path, before=LIMIT.format(20_000))
+    assert ended.returncode == 2 and len(ended.stderr.strip().splitlines()) == 1, ended.stderr
+    assert set(json.loads((tmp_path / "run-partial" / "compare.json").read_text())["compensators"]) == {"none", "exact"}
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_output_that_cannot_be_printed_is_a_sentence(tmp_path):
+    """stdout on a full device: code 2 and one line, and the run is in its place."""
+    with open("/dev/full", "w") as full:
+        ended = command("run", "heave", *SHORT, "--out", "run", cwd=tmp_path, capture_output=False, stdout=full,
+                        stderr=subprocess.PIPE)  # fmt: skip
+    assert ended.returncode == 2 and re.fullmatch(r"hexsim: cannot write.*No space left.*\n", ended.stderr), (
+        ended.stderr
+    )
+    assert (tmp_path / "run" / "log.parquet").exists()
+
+
+def test_an_ascii_locale_prints_what_it_can(tmp_path):
+    """Signs that the locale lacks appear as codes; JSON stays JSON."""
+    environment = {**ENVIRONMENT, "PYTHONIOENCODING": "ascii"}
+    name = ("--set", 'scenario.name="größe"')
+    shown = command("run", "heave", *SHORT, *name, "--out", "a", cwd=tmp_path, environment=environment)
+    assert shown.returncode == 0 and r"gr\xf6\xdfe" in shown.stdout, shown.stderr
+    told = command("run", "heave", *SHORT, *name, "--out", "b", "--json", cwd=tmp_path, environment=environment)
+    assert json.loads(told.stdout)["scenario"] == "größe"
+
+
+@pytest.mark.parametrize("name", ["a [/red] b", "[red]", ":smile:"])
+def test_brackets_in_names_are_no_markup(tmp_path, monkeypatch, name):
+    """A machine and a scenario named like Rich's markup run to their end, and the table shows the names as they are."""
+    monkeypatch.chdir(tmp_path)
+    names = ("--set", f'scenario.name="{name}"', "--set", f'machine.name="{name}"')
+    result = CliRunner().invoke(app, ["run", "heave", *SHORT, *names, "--out", "run", "--no-report", "--no-recording"])
+    assert result.exit_code == 0, result.output
+    assert f"{name} on {name}, compensator none" in result.stdout
+
+
+@pytest.mark.parametrize("name", ["x/../../../OUTSIDE", "..", "a\\b", "ä" * 100])
+def test_a_scenarios_name_leads_nowhere(tmp_path, monkeypatch, name):
+    """Whatever a scenario is called, its run lies in runs/, and nothing lies elsewhere."""
+    monkeypatch.chdir(tmp_path)
+    quoted = json.dumps(name, ensure_ascii=False)
+    arguments = ["run", "heave", *SHORT, "--set", f"scenario.name={quoted}", "--no-report", "--no-recording"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert [path.name for path in tmp_path.iterdir()] == ["runs"]
+    assert len(list((tmp_path / "runs").glob("*/log.parquet"))) == 1
+
+
+def test_sentences_carry_no_control_characters(capsys):
+    """An escape sequence in a file's name reaches the terminal as text, and 25 kB are cut."""
+    say("no \x1b[31mfile\x07 " + "x" * 25_000)
+    shown = capsys.readouterr().err
+    assert shown.startswith(r"hexsim: no \x1b[31mfile\x07 xxx") and len(shown) < 2100
+
+
+def test_run_without_a_name_shows_what_there_is(tmp_path, monkeypatch):
+    """Scenarios, machines and compensators, each with the option that takes it; code 2, nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, ["run"])
+    assert result.exit_code == 2
+    for text in ("multisine", "micro_motion_system", "buffered", "--machine NAME", "--compensator NAME"):
+        assert text in result.stdout
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_negative_seed_is_refused():
+    """A usage error that names the option."""
+    result = CliRunner().invoke(app, ["run", "heave", "--seed", "-1"])
+    assert result.exit_code == 2 and "--seed" in result.stderr
+
+
+def test_an_interrupted_qualification_says_so(tmp_path, monkeypatch):
+    """Ctrl-C in a motion test is no word on the machine."""
+    monkeypatch.chdir(tmp_path)
+
+    class Interrupted:
+        complete, reason = False, "interrupted by the user at t = 0.1 s"
+
+    monkeypatch.setattr("hexsim.qualify.rig.simulate", lambda *args, **kwargs: Interrupted())
+    result = CliRunner().invoke(app, ["qualify", "-m", "bench", "--quick", "--out", "q"])
+    assert result.exit_code == 2 and "interrupted by the user" in result.stderr and "survive" not in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_killed_run_left_is_removed_and_a_living_ones_is_not(tmp_path):
+    """A folder whose lock nobody holds goes when the next run begins; one that is being filled stays."""
+    killed = tmp_path / f"{UNFINISHED}old"
+    killed.mkdir()
+    (killed / "log.parquet").write_text("")
+    with run_folder(tmp_path / "a") as living:
+        for folder in (killed, living.path):
+            os.utime(folder, (0, 0))
+        with run_folder(tmp_path / "b") as second:
+            second.finish()
+        assert living.path.is_dir() and not killed.exists()
+        living.finish()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
+
+
+def test_a_run_that_cannot_be_moved_is_not_thrown_away(tmp_path, monkeypatch):
+    """When the last step fails the sentence says where the run is whole, and it is there."""
+    with pytest.raises(hexsim.errors.HexsimError, match="it is whole there"), run_folder(tmp_path / "run") as folder:
+        (folder.path / "log.csv").write_text("")
+        monkeypatch.setattr(
+            Path, "rename", lambda *paths: (_ for _ in ()).throw(OSError(18, "Invalid cross-device link"))
+        )
+        folder.finish()
+    assert (folder.path / "log.csv").exists()
+
+
+def test_default_folders_bear_safe_names(tmp_path):
+    """Letters, digits, dots and dashes of the scenario's name, at most 150 bytes."""
+    assert default_folder("a/b\\c d:e", tmp_path).name.endswith("-a_b_c_d_e")
+    assert len(default_folder("ä" * 300, tmp_path).name.encode()) <= 180
+
+
+def test_a_run_beyond_the_memory_is_refused_with_what_it_needs(monkeypatch):
+    """A day of the hexapod under 8 GB; the same day at 10 s is let through."""
+    monkeypatch.setattr(resources, "available_memory", lambda: 8e9)
+    hexapod = load_machine("micro_motion_system")
+    with pytest.raises(
+        hexsim.errors.HexsimError, match=r"86400 s needs about .* GB of memory, and 8 GB are free: make"
+    ):
+        check_resources(hexapod, 86_400.0)
+    check_resources(hexapod, 10.0)
+    with pytest.raises(hexsim.errors.HexsimError, match=r"shorter than two samples of the log"):
+        check_resources(hexapod, 1e-3)
+
+
+def test_a_limit_of_the_process_counts(tmp_path):
+    """`ulimit -v`: the run is refused before it takes the memory."""
+    before = "import resource; resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))"
+    ended = command("run", "heave", "--duration", "86400", "--fast", "--out", "run", cwd=tmp_path, before=before)
+    assert ended.returncode == 2 and re.search(r"GB of memory, and \d\S* GB are free", ended.stderr), ended.stderr
+
+
+def test_the_viewer_is_started_without_usage_statistics(tmp_path, monkeypatch):
+    """`rerun analytics disable` goes before the viewer."""
+    asked = []
+
+    def run(arguments, **options):
+        asked.append(arguments[3:])
+        return subprocess.CompletedProcess(arguments, 0)
+
+    monkeypatch.setattr("hexsim.cli.view.subprocess.run", run)
+    (tmp_path / "run.rrd").write_text("")
+    assert CliRunner().invoke(app, ["view", str(tmp_path)]).exit_code == 0
+    assert asked[0] == ["analytics", "disable"] and asked[1][0].endswith("run.rrd")
+
+
+def test_estimates_are_above_what_runs_take():
+    """The log of ten seconds is smaller than its estimate of disk, 16 bytes a value."""
+    from hexsim.simulation import simulate
+
+    run = simulate(load_machine("bench"), load_scenario("heave", duration_s=2.0), fast=True)
+    assert run.log.width <= resources.COLUMNS_A_LEG
+    started = time.perf_counter()
+    check_resources(load_machine("bench"), 2.0)
+    assert time.perf_counter() - started < 0.1  # s; a run of a second must not wait for it

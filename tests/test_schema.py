@@ -1,0 +1,105 @@
+"""JSON schemas: what editors check a machine or scenario file against."""
+
+import copy
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+from jsonschema import Draft202012Validator
+from typer.testing import CliRunner
+
+from hexsim.cli import app
+from hexsim.cli.schema import machine_schema, scenario_schema
+from hexsim.hydraulics.effects import library
+from hexsim.machine.files import models_folder
+from hexsim.scenarios.scenario import FOLDER
+
+DATA = Path(__file__).parent / "data"
+MACHINES = [*models_folder().glob("*/*.toml"), *DATA.glob("*/machine.toml")]
+SCENARIOS = list(FOLDER.glob("*.toml"))
+
+
+@pytest.fixture(scope="module")
+def machine():
+    return Draft202012Validator(machine_schema())
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return Draft202012Validator(scenario_schema())
+
+
+def test_there_are_files_to_check():
+    """The lists below are not empty by mistake."""
+    assert len(MACHINES) >= 7 and len(SCENARIOS) >= 12
+
+
+@pytest.mark.parametrize("path", MACHINES, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_every_machine_file_has_the_form(machine, path):
+    """All machines that travel with hexsim, and those of the tests."""
+    machine.validate(tomllib.loads(path.read_text()))
+
+
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+def test_every_scenario_file_has_the_form(scenario, path):
+    """All scenarios that travel with hexsim."""
+    scenario.validate(tomllib.loads(path.read_text()))
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value"),
+    [
+        ("valve", "overlap_mm", 5.0),
+        ("valve", "voltage_max_V", 1e300),
+        ("load", "moving_mass_kg", "40"),
+        ("machine", "kind", "tripod"),
+        ("effects", "null_offset", {"offset_V": 50.0}),
+        ("effects", "no_such_effect", {}),
+    ],
+)
+def test_a_bad_machine_file_has_not(machine, table, key, value):
+    """An unknown key, an impossible value, a text for a number, and an effect out of bounds."""
+    tables = tomllib.loads((models_folder() / "bench" / "machine.toml").read_text())
+    tables.setdefault(table, {})[key] = value
+    assert not machine.is_valid(tables)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"axes": {"z": {"kind": "sinus"}}},
+        {"axes": {"z": {"kind": "sine", "amplitude": 0.1}}},
+        {"faults": [{"kind": "pump_trip"}]},
+        {"faults": [{"kind": "valve_stuck", "leg": 1, "time_s": 1.0, "at": "ajar"}]},
+        {"colour": "red"},
+        {"figures_from_s": "abc"},
+    ],
+    ids=str,
+)
+def test_a_bad_scenario_file_has_not(scenario, change):
+    """An unknown kind, a missing key, a fault without its time or with a wrong word, an unknown key."""
+    good = tomllib.loads((FOLDER / "heave.toml").read_text())
+    assert not scenario.is_valid({**copy.deepcopy(good), **change})
+
+
+def test_every_key_says_what_it_is(machine):
+    """Each number of the machine's tables has a description with its unit in brackets."""
+    for name, table in machine.schema["$defs"].items():
+        for key, field in table["properties"].items():
+            assert "description" in field, f"{name}.{key}"
+            if field.get("type") == "number":
+                assert field["description"].endswith("]") or "[" in field["description"], f"{name}.{key}"
+    assert set(machine.schema["properties"]["effects"]["properties"]) == set(library())
+
+
+@pytest.mark.parametrize("what", ["machine", "scenario"])
+def test_the_command_prints_or_writes_it(tmp_path, what):
+    """`hexsim schema machine` on stdout, `--out` into a file: the same."""
+    printed = CliRunner().invoke(app, ["schema", what])
+    assert (
+        printed.exit_code == 0
+        and CliRunner().invoke(app, ["schema", what, "-o", str(tmp_path / "s.json")]).exit_code == 0
+    )
+    assert json.loads(printed.stdout) == json.loads((tmp_path / "s.json").read_text())
+    Draft202012Validator.check_schema(json.loads(printed.stdout))
