@@ -182,8 +182,8 @@ def middle_weight(step, steps):
     """Weight of the velocity at the beginning of time step `step` in that of the tick's middle.
 
     Even steps: the middle is the beginning of step `steps`/2. Odd steps, 3 or more: cubic through the four velocities
-    about it, v(0) = (9 v(-h/2) + 9 v(h/2) - v(-3h/2) - v(3h/2))/16, of fourth order as RK4 is. One step: cubic through
-    the velocities and accelerations at its ends, v(0) = (v_0 + v_1)/2 + h (a_0 - a_1)/8.
+    about it, v(0) = (9 v(-h/2) + 9 v(h/2) - v(-3h/2) - v(3h/2))/16, of fourth order as RK4 is. One step: the mean
+    of its ends, which `mean_acceleration` corrects.
     """
     ahead = abs(2 * step - steps)  # half steps from the middle
     if steps % 2 == 0:
@@ -202,8 +202,6 @@ def _note_middle(context, record, row, step, steps):
         record.middle[row] = context.qvel
     elif weight != 0.0:
         record.middle[row] += weight * context.qvel
-    if steps == 1:  # a_1 is that of RK4's last stage
-        record.middle[row] += (0.125 - 0.25 * step) * context.tick_s * context.qacc
 
 
 @compiled
@@ -285,9 +283,13 @@ def mean_acceleration(record: Record, ticks: int, tick_s: float) -> Array:
     """Mean acceleration (ticks, nv) over one tick about each instant, a_k = (v(t_k + T/2) - v(t_k - T/2))/T.
 
     Figures in a band need it, because samples of the instant alias: the friction jolt of a 40 kg leg is a pulse of 1 ms
-    and reads twice as much in the 50 Hz band. The first is the mean of half a tick.
+    and reads twice as much in the 50 Hz band. The first is the mean of half a tick. In ticks of one time step
+    v(T/2) = (v_0 + v_1)/2 + T (a_0 - a_1)/8, the cubic through both ends (a force that jumps at the next tick shows an eighth
+    of its jump here; a velocity of the last tick is linear).
     """
-    middle, velocity = record.middle[:ticks], record.qvel[:ticks]
+    middle, velocity = record.middle[:ticks].copy(), record.qvel[:ticks]
+    lone = np.flatnonzero(record.steps[: ticks - 1] == 1)
+    middle[lone] += 0.125 * tick_s * (record.qacc[lone] - record.qacc[lone + 1])
     mean = np.empty_like(middle)
     mean[:1] = (middle[:1] - velocity[:1]) / (0.5 * tick_s)
     mean[1:] = (middle[1:] - middle[:-1]) / tick_s
