@@ -66,7 +66,7 @@ def acceleration_profile(run: Run, title: str) -> Figure:
     found = signals.deviation("leg")
     assert found is not None
     profile.plot(t, acceleration, color=palette.RESPONSE, lw=0.8)
-    profile.plot(found.time_s, found.wanted, color=palette.WANTED, lw=1.6)
+    profile.plot(found.time_s, found.reference, color=palette.WANTED, lw=1.6)
     profile.set_xlim(t[-1] - 4.0, t[-1])
     largest = max((peak for peak in found.peaks if peak.time_s > FROM_S), key=lambda peak: abs(peak.value))
     near = np.abs(t - largest.time_s) < 0.12

@@ -19,8 +19,10 @@ from numba.extending import intrinsic
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """`function` as a native one."""
-    dispatcher = njit(cache=True, error_model="numpy", fastmath=False, nogil=True)(function)  # threads run side by side
+    """`function` as a native one. Equations are inlined where they are used: terms that two of them share are computed once."""
+    is_equation = function.__module__.startswith("hexsim.hydraulics.")
+    options = {"cache": True, "error_model": "numpy", "fastmath": False, "forceinline": is_equation}
+    dispatcher = njit(nogil=True, **options)(function)  # threads run side by side
     stored = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
     if stored is not None and hasattr(stored, "_version"):  # absent when numba runs without a cache
         stored._version = (stored._version, sources_digest())

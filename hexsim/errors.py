@@ -9,8 +9,12 @@ SHOWN = 60  # characters of a value that a sentence repeats
 class HexsimError(Exception):
     """A problem with what the user gave: one sentence that says what, where, what is allowed and what to do.
 
-    The command line prints the sentence and ends with exit code 2; no traceback.
+    The command line prints the sentence and ends with exit code 2; no traceback. Control characters of the names and
+    values in it appear as their codes.
     """
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__("".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in sentence))
 
 
 def shortened(text: str, length: int = SHOWN) -> str:

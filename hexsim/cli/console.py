@@ -64,19 +64,28 @@ def step_of(bar: Progress) -> Callable[[str], None]:
 
 
 @contextmanager
-def terminated_like_interrupted() -> Iterator[None]:
-    """SIGTERM, and the terminal's end (SIGHUP), end a run as Ctrl-C does, so that its partial log is kept."""
+def terminated_like_interrupted() -> Iterator[Callable[[], None]]:
+    """SIGTERM, and the terminal's end (SIGHUP), end a run as Ctrl-C does, so that its partial log is kept.
+
+    Gives a callback that raises KeyboardInterrupt again where a library has swallowed it.
+    """
+    caught: list[int] = []
 
     def interrupt(number: int, frame: Any) -> None:
+        caught.append(number)
         raise KeyboardInterrupt
 
+    def check() -> None:
+        if caught:
+            raise KeyboardInterrupt
+
     if threading.current_thread() is not threading.main_thread():  # only there can signals be handled
-        yield
+        yield check
         return
-    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {number: signal.signal(number, interrupt) for number in numbers}
     try:
-        yield
+        yield check
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

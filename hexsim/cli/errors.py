@@ -50,6 +50,5 @@ def _drop_output() -> None:
 
 
 def say(sentence: str) -> None:
-    """One line on stderr; control characters of names and files as their codes."""
-    line = shortened(" ".join(sentence.split()), LONGEST_SENTENCE)
-    typer.echo(f"hexsim: {''.join(c if c.isprintable() else repr(c)[1:-1] for c in line)}", err=True)
+    """One line on stderr."""
+    typer.echo(f"hexsim: {shortened(' '.join(sentence.split()), LONGEST_SENTENCE)}", err=True)

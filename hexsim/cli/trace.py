@@ -5,12 +5,16 @@ from __future__ import annotations
 import json as json_module
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hexsim.cli import options
 from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted
+from hexsim.errors import HexsimError
+
+if TYPE_CHECKING:
+    from hexsim.tracing.state import Trace
 
 VERDICT_STYLE = {"explained": "green", "nothing missing": "green", "partly": "yellow", "unexplained": "yellow"}
 
@@ -40,27 +44,40 @@ def trace(
 
     place = find_machine_file(machine)
     held_out = validate or ["validate"]
-    with run_folder(out or default_folder(f"trace-{place.resolve().parent.name}")) as folder, progress() as bar:
+    with (
+        run_folder(out or default_folder(f"trace-{place.resolve().parent.name}")) as folder,
+        progress() as bar,
+        terminated_like_interrupted() as check,
+    ):
         task = bar.add_task("starting", total=1.0)
 
         def show(step: str, fraction: float) -> None:
+            check()
             bar.update(task, description=step, completed=fraction)
 
-        with terminated_like_interrupted():
-            from hexsim.tracing.trace import trace as run
+        from hexsim.tracing.trace import trace as run
 
-            result = run(machine, fit or ["fit"], held_out, folder.path, show)
+        result = run(machine, fit or ["fit"], held_out, folder.path, show)
+        check()
         report = json_module.loads((folder.path / "report.json").read_text(encoding="utf-8"))
         final = folder.finish()  # what was found is safe; recordings come to it
         if recording:
-            from hexsim.tracing.report.recording import write_trace_recordings
-
-            show("recording", 0.97)
-            write_trace_recordings(place.parent, held_out, result.machine, result.fitted, final, markdown(report))
+            bar.update(task, description="recording", completed=0.98)
+            record(place.parent, held_out, result, final, markdown(report))
     if json:
         print_json(report)
     else:
         print_trace(report, final)
+
+
+def record(logs: Path, held_out: list[str], result: Trace, final: Path, text: str) -> None:
+    """Recordings beside the report. HexsimError when interrupted: the report is whole all the same."""
+    from hexsim.tracing.report.recording import write_trace_recordings
+
+    try:
+        write_trace_recordings(logs, held_out, result.machine, result.fitted, final, text)
+    except KeyboardInterrupt:
+        raise HexsimError(f"interrupted while the recordings were written; the report is whole in {final}") from None
 
 
 def print_trace(report: Mapping[str, Any], place: Path) -> None:
@@ -71,7 +88,7 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
     verdict = report["verdict"]
     console.print(Text.assemble("verdict  ", (verdict, f"bold {VERDICT_STYLE.get(verdict, '')}".strip())))
     console.print()
-    for title, header, rows in (_effects(report), _unexplained(report), _errors(report)):
+    for title, header, rows in (_steps(report), _effects(report), _unexplained(report), _errors(report)):
         if rows:
             console.print(_table(title, header, rows))
             console.print()
@@ -79,16 +96,16 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
 
 
 def markdown(report: Mapping[str, Any]) -> str:
-    """Verdict, effects and what is left for the text panel of the recording."""
-    from hexsim.tracing.report.page import effect_rows, rest_rows
+    """Verdict, effects and unexplained residuals for the text panel of the recording."""
+    from hexsim.tracing.report.page import effect_rows, unexplained_rows
 
     lines = [f"verdict: **{report['verdict']}**", ""]
     for effect in effect_rows(report):
         numbers = "; ".join(f"{name} {value}" for name, value in effect["values"])
         lines.append(f"- **{effect['title']}**, {effect['where']}: {numbers or effect['description']}")
     lines += [
-        f"- left in the {rest['balance']} balance of {rest['place']}: {rest['description']}"
-        for rest in rest_rows(report)
+        f"- unexplained residual in the {rest['balance']} balance of {rest['place']}: {rest['description']}"
+        for rest in unexplained_rows(report)
     ]
     return "\n".join(lines)
 
@@ -102,6 +119,11 @@ def _table(title: str, header: tuple[str, ...], rows: list[tuple[str, ...]]):
     for row in rows:
         table.add_row(*row)
     return table
+
+
+def _steps(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    rows = [(step["name"], step["sentence"], f"{step['seconds']:.1f}") for step in report.get("steps", [])]
+    return "What was done", ("step", "decided", "s"), rows
 
 
 def _effects(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
@@ -130,7 +152,7 @@ def _unexplained(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[
         )
         for item in report.get("unexplained", [])
     ]  # fmt: skip
-    return "What is left", ("balance", "where", "rms", "depends on", "R²"), rows
+    return "Unexplained residuals", ("balance", "where", "rms", "depends on", "R²"), rows
 
 
 def _errors(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:

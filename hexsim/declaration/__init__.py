@@ -4,13 +4,14 @@ Sources of the defaults: report = DCT 2005.79 appendix A; assumed = stated with 
 Bounds run from a micro hydraulic stage to the largest test rigs: what lies outside is a slip of the pen or of the unit.
 """
 
-from hexsim.declaration.actuator import Cylinder, Friction, Valve
+from hexsim.declaration.actuator import Cylinder, Friction
 from hexsim.declaration.load import Geometry, Load
 from hexsim.declaration.machine import Controller, EffectTable, Identity, Machine
 from hexsim.declaration.power_unit import PowerUnit
 from hexsim.declaration.section import Name, Section, between, section_of, values_of, zero_or
 from hexsim.declaration.sensors import Sensors
 from hexsim.declaration.supply import ATMOSPHERE_Pa, Oil, Supply
+from hexsim.declaration.valve import Valve
 
 __all__ = [
     "ATMOSPHERE_Pa", "Controller", "Cylinder", "EffectTable", "Friction", "Geometry", "Identity", "Load", "Machine",

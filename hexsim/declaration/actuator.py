@@ -1,4 +1,4 @@
-"""The tables [cylinder], [valve] and [friction] of a leg."""
+"""The tables [cylinder] and [friction] of a leg."""
 
 from __future__ import annotations
 
@@ -7,17 +7,22 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from hexsim.declaration.section import Section, between, zero_or
+from hexsim.declaration.section import Section, between
 
 
 class Cylinder(Section):
-    """Differential cylinder. `rod_side` "supply" is the report: the annulus hangs on the supply line."""
+    """Differential cylinder, or symmetric with a through rod. `rod_side` says what the annulus hangs on.
+
+    "supply" is the report: the supply line. "chamber": the supply line behind a port. "valve": port B of a four-way
+    valve; the rod side is a chamber of its own.
+    """
 
     piston_diameter_m: float = between(1e-3, 2.0, "piston diameter [m]")
     rod_diameter_m: float = between(5e-4, 2.0, "rod diameter [m]")
     stroke_m: float = between(5e-3, 10.0, "stroke [m]")
+    through_rod: bool = Field(False, description="the rod passes both ends: both areas are the annulus")
     pipeline_volume_m3: float = between(0.0, 0.1, "oil between valve and chamber [m3]")
-    rod_side: Literal["supply", "chamber"] = Field("supply", description="what the annulus hangs on")
+    rod_side: Literal["supply", "chamber", "valve"] = Field("supply", description="what the annulus hangs on")
     rod_side_volume_m3: float = between(0.0, 0.1, "dead volume of an annulus that is a chamber [m3]", default=5.0e-7)
     rod_side_conductance_m3_s_sqrtPa: float = between(
         1e-10, 0.1, "port between annulus and supply line [m3/(s sqrt(Pa))]", default=2.0e-6
@@ -26,10 +31,15 @@ class Cylinder(Section):
     cushion_stiffness_N_m: float = between(1e2, 1e11, "stiffness of the end stop [N/m]", default=2.0e7)
     cushion_damping_N_s_m: float = between(0.0, 1e9, "damping of the end stop [N s/m]", default=2.0e4)
 
+    piston_leakage_m3_s_Pa: float = between(0.0, 1e-8, "across the piston seal, laminar [m3/(s Pa)]", default=0.0)
+    rod_leakage_m3_s_Pa: float = between(
+        0.0, 1e-8, "out along the rod, from a chamber on the valve to tank pressure [m3/(s Pa)]", default=0.0
+    )
+
     @property
     def area_bottom_m2(self) -> float:
-        """A1 = pi/4 D^2."""
-        return math.pi / 4 * self.piston_diameter_m**2
+        """A1 = pi/4 D^2, or the annulus of a through rod."""
+        return self.area_top_m2 if self.through_rod else math.pi / 4 * self.piston_diameter_m**2
 
     @property
     def area_top_m2(self) -> float:
@@ -47,30 +57,6 @@ class Cylinder(Section):
             raise ValueError(
                 f"cushion_length_m = {self.cushion_length_m:g} must be shorter than half of "
                 f"stroke_m = {self.stroke_m:g}"
-            )
-        return self
-
-
-class Valve(Section):
-    """Three-way proportional valve, Eq. 3.2-3.4 and 3.11."""
-
-    flow_area: Literal["overlap", "quadratic"] = Field("overlap", description="law of the opening, Eq. 3.3 or 3.11")
-    voltage_max_V: float = between(1e-2, 1e3, "command at full spool travel [V]")
-    spool_travel_max_m: float = between(1e-5, 0.1, "full spool travel [m]")
-    spool_diameter_m: float = between(1e-4, 0.5, "spool diameter [m]")
-    overlap_m: float = Field(description="overlap, shorter than the travel; negative: underlap [m]")
-    edge_rounding_m: float = zero_or(1e-9, 1e-2, "rounding of the metering edges; 0 = sharp (report) [m]")
-    discharge_coefficient: float = between(0.05, 1.0, "discharge coefficient [-]")
-    quadratic_gain: float = between(1e-3, 1e7, "gain of a(x) = gain x^2, Eq. 3.11 [-]", default=300.0)
-    pressure_width_Pa: float = between(1.0, 1e7, "sqrt(dp) is smooth within this of dp = 0 [Pa]", default=1.0e4)
-    spool_frequency_Hz: float = zero_or(0.1, 1e4, "bandwidth of the spool; 0 = it follows at once (report) [Hz]")
-    spool_damping: float = between(0.01, 100.0, "damping ratio of the spool [-]", default=0.7)
-
-    @model_validator(mode="after")
-    def _overlap_within_travel(self) -> Valve:
-        if abs(self.overlap_m) >= self.spool_travel_max_m:
-            raise ValueError(
-                f"overlap_m = {self.overlap_m:g} must be smaller than spool_travel_max_m = {self.spool_travel_max_m:g}"
             )
         return self
 

@@ -6,12 +6,13 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from hexsim.declaration.actuator import Cylinder, Friction, Valve
+from hexsim.declaration.actuator import Cylinder, Friction
 from hexsim.declaration.load import Geometry, Load
 from hexsim.declaration.power_unit import PowerUnit
 from hexsim.declaration.section import Name, Section, between
 from hexsim.declaration.sensors import Sensors
 from hexsim.declaration.supply import Oil, Supply
+from hexsim.declaration.valve import Valve
 
 EffectTable = dict[str, Any]
 
@@ -79,6 +80,17 @@ class Machine(Section):
                 )
         elif self.load.moving_mass_kg is None:
             raise ValueError("a bench needs load.moving_mass_kg")
+        return self
+
+    @model_validator(mode="after")
+    def _ports_meet_chambers(self) -> Machine:
+        if (self.valve.kind == "four_way") != (self.cylinder.rod_side == "valve"):
+            raise ValueError(
+                f'valve.kind = "{self.valve.kind}" does not go with cylinder.rod_side = "{self.cylinder.rod_side}": a '
+                'four-way valve needs rod_side = "valve", and the other way round'
+            )
+        if self.cylinder.rod_leakage_m3_s_Pa > 0 and self.cylinder.rod_side != "valve":
+            raise ValueError('cylinder.rod_leakage_m3_s_Pa needs rod_side = "valve": set it to 0')
         return self
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""The balances of one leg, summed from the terms of `valve`, `chamber` and `friction`.
+"""The balances of one leg, summed from the terms of `valve`, `ports`, `chamber` and `friction`.
 
 A leg's instant is (y, v, volts, x, P1, P2, Ps, t): piston position [m] from full retraction, velocity [m/s], valve
 volts, spool position [m], pressures of bottom chamber, rod side and supply [Pa], time [s]. `p` is its row of parameters.
@@ -12,7 +12,8 @@ import numpy as np
 
 from hexsim.compiled import compiled
 from hexsim.hydraulics import chamber, friction, valve
-from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P
+from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, ROD_SIDE_VALVE, P
+from hexsim.hydraulics.ports import flow_slope, supply_edge_flow, tank_edge_flow, top_inflow, top_slope, top_supply_flow
 
 LEARNED_NONE, LEARNED_CONTINUITY, LEARNED_FORCE = 0, 1, 2  # balance that a learned term joins: [m3/s] or [N]
 LEAST_BRISTLE_LEVEL = 1.0e-3  # [N] a bristle divides by the level; far below any seal
@@ -63,72 +64,21 @@ def metering_spool(p, volts, t, x):
 
 
 @compiled
-def supply_clearance(p, x):
-    """Laminar conductance across the supply edge's land [m3/s/Pa]."""
-    return valve.clearance_conductance(x, p[P.OVERLAP_SUPPLY], p[P.CLEARANCE_CONDUCTANCE], p[P.CLEARANCE_LENGTH])
-
-
-@compiled
-def tank_clearance(p, x):
-    """Laminar conductance across the tank edge's land [m3/s/Pa]."""
-    return valve.clearance_conductance(-x, p[P.OVERLAP_TANK], p[P.CLEARANCE_CONDUCTANCE], p[P.CLEARANCE_LENGTH])
-
-
-@compiled
-def supply_edge_flow(p, x, P1, Ps):
-    """Flow from the supply into the bottom chamber across the valve's supply edge [m3/s], first term of Eq. 3.4."""
-    area = valve.edge_area(x, p[P.OVERLAP_SUPPLY], p[P.EDGE_ROUNDING], p[P.AREA_GRADIENT_SUPPLY], p[P.QUADRATIC_GAIN])
-    flow = valve.orifice_flow(area, Ps - P1, p[P.DISCHARGE], p[P.DENSITY], p[P.PRESSURE_WIDTH])
-    if p[P.CLEARANCE_CONDUCTANCE] != 0.0:
-        flow += supply_clearance(p, x) * (Ps - P1)
-    return flow
-
-
-@compiled
-def tank_edge_flow(p, x, P1):
-    """Flow from the bottom chamber to the tank across the valve's tank edge [m3/s], second term of Eq. 3.4.
-
-    A return line of resistance R [Pa s/m3] raises the pressure behind the edge by R q: q solves q = K sqrt(dp - R q).
-    """
-    area = valve.edge_area(-x, p[P.OVERLAP_TANK], p[P.EDGE_ROUNDING], p[P.AREA_GRADIENT_TANK], p[P.QUADRATIC_GAIN])
-    dp = P1 - p[P.TANK_PRESSURE]
-    if p[P.RETURN_RESISTANCE] > 0.0:
-        gain = p[P.DISCHARGE] * area * math.sqrt(2.0 / p[P.DENSITY])
-        line = gain * p[P.RETURN_RESISTANCE]
-        flow = math.copysign(0.5 * gain * (math.sqrt(line * line + 4.0 * abs(dp)) - line), dp)
-    else:
-        flow = valve.orifice_flow(area, dp, p[P.DISCHARGE], p[P.DENSITY], p[P.PRESSURE_WIDTH])
-    if p[P.CLEARANCE_CONDUCTANCE] != 0.0:
-        flow += tank_clearance(p, x) * dp
-    return flow
-
-
-@compiled
-def flow_slope(p, x, P1, Ps):
-    """d(net flow into the bottom chamber)/dP1 [m3/s/Pa], <= 0."""
-    factor = p[P.DISCHARGE] * math.sqrt(2.0 / p[P.DENSITY])
-    supply = valve.edge_area(x, p[P.OVERLAP_SUPPLY], p[P.EDGE_ROUNDING], p[P.AREA_GRADIENT_SUPPLY], p[P.QUADRATIC_GAIN])
-    tank = valve.edge_area(-x, p[P.OVERLAP_TANK], p[P.EDGE_ROUNDING], p[P.AREA_GRADIENT_TANK], p[P.QUADRATIC_GAIN])
-    dp = P1 - p[P.TANK_PRESSURE]
-    slope = 0.0
-    if supply > 0.0:
-        slope -= factor * supply * valve.smooth_root_slope(Ps - P1, p[P.PRESSURE_WIDTH])
-    if tank > 0.0 and p[P.RETURN_RESISTANCE] <= 0.0:
-        slope -= factor * tank * valve.smooth_root_slope(dp, p[P.PRESSURE_WIDTH])
-    elif tank > 0.0:
-        slope -= factor * tank / math.sqrt((factor * tank * p[P.RETURN_RESISTANCE]) ** 2 + 4.0 * abs(dp))
-    if p[P.CLEARANCE_CONDUCTANCE] != 0.0:
-        slope -= supply_clearance(p, x) + tank_clearance(p, x)
-    return slope - p[P.LEAK_SUPPLY_CHAMBER] - p[P.LEAK_CHAMBER_TANK]
-
-
-@compiled
 def inflow(p, y, v, volts, x, P1, Ps, t):
     """Net flow into the bottom chamber through valve and leaks [m3/s]: phi_1 of Eq. 3.4 and what extends it."""
     flow = supply_edge_flow(p, x, P1, Ps) - tank_edge_flow(p, x, P1)
     flow += p[P.LEAK_SUPPLY_CHAMBER] * (Ps - P1) - p[P.LEAK_CHAMBER_TANK] * (P1 - p[P.TANK_PRESSURE])
     if p[P.LEARNED_BALANCE] == LEARNED_CONTINUITY:
         flow += learned_term(p, y, v, volts, P1, Ps, t)
+    return flow
+
+
+@compiled
+def inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t):
+    """`inflow` less what leaks across the piston of a leg with two chambers on the valve [m3/s]."""
+    flow = inflow(p, y, v, volts, x, P1, Ps, t)
+    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
+        flow -= p[P.LEAK_PISTON] * (P1 - P2)
     return flow
 
 
@@ -158,7 +108,12 @@ def pressure_slowdown(p, y, x, P1, Ps, h):
     RK4 is stable up to h lambda = 2.78: an open valve at little pressure drop is slowed to h lambda = 2, towards the same
     balance; 1 elsewhere.
     """
-    slope, capacity = -h * flow_slope(p, x, P1, Ps), chamber_capacity(p, y, P1)
+    return slowdown(-h * flow_slope(p, x, P1, Ps), chamber_capacity(p, y, P1))
+
+
+@compiled
+def slowdown(slope, capacity):
+    """As `pressure_slowdown`, of a chamber whose net flow falls by slope/h [m3/s/Pa] with its pressure."""
     return 0.5 * slope / capacity if slope > 2.0 * capacity else 1.0
 
 
@@ -192,14 +147,24 @@ def rod_side_intake(p, y, v, P2, Ps, h=0.0):
 
 @compiled
 def rod_side_rate(p, y, v, P2, Ps, h=0.0):
-    """dP2/dt [Pa/s] of a rod side that is a chamber of its own."""
+    """dP2/dt [Pa/s] of a rod side that is a chamber of its own behind a port."""
     return chamber.pressure_rate(rod_side_intake(p, y, v, P2, Ps, h) + p[P.AREA_TOP] * v, rod_side_room(p, y, P2), P2)
 
 
 @compiled
+def top_rate(p, y, v, x, P1, P2, Ps, h):
+    """dP2/dt [Pa/s] of a rod side on the valve's port B, slowed to the time step h [s] as P1 is."""
+    room = rod_side_room(p, y, P2)
+    rate = chamber.pressure_rate(top_inflow(p, x, P1, P2, Ps) + p[P.AREA_TOP] * v, room, P2)
+    return rate / slowdown(-h * top_slope(p, x, P2, Ps), room)
+
+
+@compiled
 def supply_demand(p, v, x, P1, P2, Ps):
-    """Flow that the leg takes from the supply [m3/s]: valve, leak, and rod side (given back on extension)."""
+    """Flow that the leg takes from the supply [m3/s]: valve, leak, and rod side (on the supply: given back on extension)."""
     flow = supply_edge_flow(p, x, P1, Ps) + p[P.LEAK_SUPPLY_CHAMBER] * (Ps - P1)
+    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
+        return flow + top_supply_flow(p, x, P2, Ps)
     if p[P.ROD_SIDE_CHAMBER] > 0.0:
         return flow + rod_side_flow(p, P2, Ps)
     return flow - p[P.AREA_TOP] * v
@@ -209,7 +174,7 @@ def supply_demand(p, v, x, P1, P2, Ps):
 def supply_demand_in_step(p, y, v, x, P1, P2, Ps, h=0.0):
     """`supply_demand` with what a rod side of its own takes within a time step h."""
     demand = supply_demand(p, v, x, P1, P2, Ps)
-    if p[P.ROD_SIDE_CHAMBER] > 0.0:
+    if 0.0 < p[P.ROD_SIDE_CHAMBER] < ROD_SIDE_VALVE:
         demand += rod_side_intake(p, y, v, P2, Ps, h) - rod_side_flow(p, P2, Ps)
     return demand
 
@@ -245,13 +210,15 @@ def friction_force(p, y, v, P1, z):
 
 
 @compiled
-def heat(p, y, v, P1, P2, Ps, z, flow, demand, h=0.0):
+def heat(p, y, v, x, P1, P2, Ps, z, flow, demand, h=0.0):
     """Heat [W] that the leg puts into the oil: throttling in valve, leaks and rod side port, and friction.
 
     What the supply gives (Ps q) less what the chambers take (P1 phi_1 of `flow`, and P2 q_2 or -Ps A2 v).
     """
     throttled = Ps * demand - P1 * flow
-    if p[P.ROD_SIDE_CHAMBER] > 0.0:
+    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
+        throttled -= P2 * top_inflow(p, x, P1, P2, Ps)
+    elif p[P.ROD_SIDE_CHAMBER] > 0.0:
         throttled -= P2 * rod_side_intake(p, y, v, P2, Ps, h)
     else:
         throttled += Ps * p[P.AREA_TOP] * v
@@ -284,15 +251,17 @@ def leg_derivatives(p, y, v, volts, t, Ps, state, h):
     """Rates of a leg's states, its metering spool position [m] and its net flow [m3/s].
 
     state: (P1, P2, x, x', z), pressures [Pa], spool [m] and [m/s], bristle [m]; the rates come in the same order, 0 for
-    a state that the leg has not. h [s]: time step of who integrates; laws faster than it are slowed to it (P1 and
-    bristle to h lambda = 2, the rod side's port to 1), towards the same balance. h = 0: exact.
+    a state that the leg has not. h [s]: time step of who integrates; laws faster than it are slowed to it (pressures and
+    bristle to h lambda = 2, a rod side's port to 1), towards the same balance. h = 0: exact.
     """
     P1, P2, place, speed, z = state
     x = metering_spool(p, volts, t, place)
-    flow = inflow(p, y, v, volts, x, P1, Ps, t)
+    flow = inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t)
     dP1 = pressure_rate_of(p, y, v, P1, flow) / pressure_slowdown(p, y, x, P1, Ps, h)
     dP2 = dx = acceleration = dz = 0.0
-    if p[P.ROD_SIDE_CHAMBER] > 0.0:
+    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
+        dP2 = top_rate(p, y, v, x, P1, P2, Ps, h)
+    elif p[P.ROD_SIDE_CHAMBER] > 0.0:
         dP2 = rod_side_rate(p, y, v, P2, Ps, h)
     if p[P.SPOOL_OMEGA] > 0.0:
         command = commanded_spool(p, volts, t)

@@ -118,6 +118,8 @@ LEG_POWERS: dict[P, tuple[float, float, float]] = {
     P.BULK_MODULUS: (0, 1, 0),
     P.LEAK_SUPPLY_CHAMBER: (0, 0, -1),
     P.LEAK_CHAMBER_TANK: (0, 0, -1),
+    P.LEAK_PISTON: (0, 0, -1),
+    P.LEAK_TOP_TANK: (0, 0, -1),
     P.CLEARANCE_CONDUCTANCE: (0, 0, -1),
     P.RETURN_RESISTANCE: (0, 0, 1),
     P.VISCOUS_EXTEND: (0, 0, 0.5),

@@ -89,9 +89,18 @@ class P(IntEnum):
     LEARNED_SIGNAL = 60
     LEARNED_START = 61
     LEARNED_STEP = 62
-    # form of the rod side
-    ROD_SIDE_CHAMBER = 63  # 1: a chamber of its own behind a port; 0: at supply pressure
+    # rod side; the edges P-B and B-T and the leaks are those of a four-way valve
+    ROD_SIDE_CHAMBER = 63  # one of ROD_SIDE_*
+    OVERLAP_SUPPLY_TOP = 64
+    OVERLAP_TANK_TOP = 65
+    AREA_GRADIENT_SUPPLY_TOP = 66
+    AREA_GRADIENT_TANK_TOP = 67
+    LEAK_PISTON = 68
+    LEAK_TOP_TANK = 69
 
+
+ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B
+ROD_SIDES = {"supply": ROD_SIDE_SUPPLY, "chamber": ROD_SIDE_PORT, "valve": ROD_SIDE_VALVE}
 
 LEARNED_TABLE = len(P)  # the curve stands behind the named places
 N_PARAMETERS = LEARNED_TABLE + LEARNED_KNOTS
@@ -100,11 +109,12 @@ N_PARAMETERS = LEARNED_TABLE + LEARNED_KNOTS
 def declared_rows(machine: Machine) -> np.ndarray:
     """Rows (n_legs, N_PARAMETERS) of the machine as declared, without its [effects].
 
-    Spool Eq. 3.2: gain = x_max/u_max. Area gradient Eq. 3.3: pi d, with the sharp or rounded overlap law, or
-    Eq. 3.11 when QUADRATIC_GAIN > 0.
+    Spool Eq. 3.2: gain = x_max/u_max. Area gradient Eq. 3.3: pi d, or what gives the rated flow, with the sharp or
+    rounded overlap law, or Eq. 3.11 when QUADRATIC_GAIN > 0.
     """
     row = np.zeros(N_PARAMETERS)
     cylinder, valve, friction = machine.cylinder, machine.valve, machine.friction
+    gradients, overlaps = valve.area_gradients_m(machine.oil.density_kg_m3), valve.overlaps_m
     values = {
         P.SUPPLY_PRESSURE: machine.supply.pressure_Pa,
         P.TANK_PRESSURE: machine.supply.tank_pressure_Pa,
@@ -122,11 +132,11 @@ def declared_rows(machine: Machine) -> np.ndarray:
         P.CLEARANCE_LENGTH: 3.0e-6,  # [m] assumed radial clearance scale of the land
         P.SPOOL_GAIN: valve.spool_travel_max_m / valve.voltage_max_V,
         P.SPOOL_TRAVEL: valve.spool_travel_max_m,
-        P.OVERLAP_SUPPLY: valve.overlap_m,
-        P.OVERLAP_TANK: valve.overlap_m,
+        P.OVERLAP_SUPPLY: overlaps[0],
+        P.OVERLAP_TANK: overlaps[1],
         P.EDGE_ROUNDING: valve.edge_rounding_m,
-        P.AREA_GRADIENT_SUPPLY: np.pi * valve.spool_diameter_m,
-        P.AREA_GRADIENT_TANK: np.pi * valve.spool_diameter_m,
+        P.AREA_GRADIENT_SUPPLY: gradients[0],
+        P.AREA_GRADIENT_TANK: gradients[1],
         P.QUADRATIC_GAIN: valve.quadratic_gain if valve.flow_area == "quadratic" else 0.0,
         P.DISCHARGE: valve.discharge_coefficient,
         P.PRESSURE_WIDTH: valve.pressure_width_Pa,
@@ -142,8 +152,20 @@ def declared_rows(machine: Machine) -> np.ndarray:
         P.SHARPNESS: friction.sharpness_m_s,
         P.ARCTAN_SLOPE: friction.arctan_slope_s_m if friction.form == "report" else 0.0,
         P.RIPPLE_LENGTH: 1.0,
-        P.ROD_SIDE_CHAMBER: cylinder.rod_side == "chamber",
+        P.ROD_SIDE_CHAMBER: ROD_SIDES[cylinder.rod_side],
+        P.LEAK_SUPPLY_CHAMBER: cylinder.piston_leakage_m3_s_Pa,  # the annulus is at supply pressure
     }
+    if cylinder.rod_side == "valve":
+        values |= {
+            P.OVERLAP_SUPPLY_TOP: overlaps[2],
+            P.OVERLAP_TANK_TOP: overlaps[3],
+            P.AREA_GRADIENT_SUPPLY_TOP: gradients[2],
+            P.AREA_GRADIENT_TANK_TOP: gradients[3],
+            P.LEAK_SUPPLY_CHAMBER: 0.0,
+            P.LEAK_PISTON: cylinder.piston_leakage_m3_s_Pa,
+            P.LEAK_TOP_TANK: cylinder.rod_leakage_m3_s_Pa,
+            P.LEAK_CHAMBER_TANK: cylinder.rod_leakage_m3_s_Pa if cylinder.through_rod else 0.0,
+        }
     for name, value in values.items():
         row[name] = value
     return np.tile(row, (machine.n_legs, 1))

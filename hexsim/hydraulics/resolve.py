@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.hydraulics.effects import effect_settings
+from hexsim.hydraulics.effects import Effect, effect_settings
 from hexsim.hydraulics.oil import LEG_POWERS, row_factors
 from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.hydraulics.resolved import Resolved
@@ -33,18 +36,23 @@ def resolve(machine: Machine) -> Resolved:
         gravity_m_s2=np.array([0.0, 0.0, -machine.machine.gravity_m_s2]),
         leg_sensors={name: np.full(machine.n_legs, value) for name, value in per_leg.items()},
     )
-    for effect, legs, values in effect_settings(machine):
-        effect.add_to(resolved, legs, values)
+    add_effects(resolved, effect_settings(machine))
     if machine.power_unit is not None:
-        if resolved.supply[S.MODEL] != POWER_UNIT:
-            raise HexsimError(
-                f"machine {machine.name} has a [power_unit] and an effect that replaces it (supply_droop or "
-                "pump_flow_limit): keep one of them"
-            )
         resolved.supply[S.AIR_FRACTION] = resolved.rows[:, P.AIR_FRACTION].mean()
         resolved.oil_temperature_degC = machine.oil.temperature_degC
         warm_oil(resolved, machine.power_unit.oil_temperature_degC)
     return resolved
+
+
+def add_effects(resolved: Resolved, settings: Iterable[tuple[Effect, tuple[int, ...], dict[str, Any]]]) -> None:
+    """Switch on effects, each as (effect, 0-based legs, values). Raises HexsimError where a power unit is replaced."""
+    for effect, legs, values in settings:
+        effect.add_to(resolved, legs, values)
+    if resolved.machine.power_unit is not None and resolved.supply[S.MODEL] != POWER_UNIT:
+        raise HexsimError(
+            f"machine {resolved.machine.name} has a [power_unit] and an effect that replaces it (supply_droop, "
+            "pump_flow_limit or gas_accumulator): keep one of them"
+        )
 
 
 def warm_oil(resolved: Resolved, temperature_degC: float) -> tuple[np.ndarray, np.ndarray]:

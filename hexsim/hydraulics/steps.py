@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, supply
 from hexsim.hydraulics.chamber import ATMOSPHERE, CAVITATION_SOFT
-from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
+from hexsim.hydraulics.ports import top_slope
 from hexsim.hydraulics.supply import LINE, POWER_UNIT, S
 
 Array = NDArray[np.float64]
@@ -112,14 +113,19 @@ def near_standstill(p, v, v_before):
 
 
 @compiled
-def leg_steps(rule, p, y, v, x, P1, Ps, z):
+def leg_steps(rule, p, y, v, x, P1, P2, Ps, z):
     """Steps a second [1/s] that a leg asks for in this state."""
     capacity = leg.chamber_capacity(p, y, P1)
     law = max(-leg.flow_slope(p, x, P1, Ps), 0.0) / (capacity * FLOW)
+    springs = 1.0 / capacity
+    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
+        room = leg.rod_side_room(p, y, P2)
+        law = max(law, -top_slope(p, x, P2, Ps) / (room * FLOW))
+        springs += (p[P.AREA_TOP] / p[P.AREA_BOTTOM]) ** 2 / room
     if p[P.BRISTLE_STIFFNESS] > 0.0 and abs(leg.bristle_rate(p, y, v, P1, z)) > SETTLED * abs(v):
         law = max(law, p[P.BRISTLE_STIFFNESS] * abs(v) / (leg.friction_level(p, y, v, P1) * FLOW))
-    steps = max(math.sqrt(rule.springs / capacity) / RING, min(law, 1.0 / FASTEST_LAW_S))
-    if min(P1, Ps) + ATMOSPHERE < NEAR * CAVITATION_SOFT:
+    steps = max(math.sqrt(rule.springs * springs) / RING, min(law, 1.0 / FASTEST_LAW_S))
+    if min(P1, P2, Ps) + ATMOSPHERE < NEAR * CAVITATION_SOFT:
         steps = max(steps, 1.0 / FASTEST_LAW_S)
     if min(y, p[P.STROKE] - y) < p[P.CUSHION_LENGTH]:
         steps = max(steps, rule.stop)

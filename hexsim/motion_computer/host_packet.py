@@ -92,9 +92,11 @@ class Reply:
 
 def unpack_reply(data: bytes) -> Reply:
     """Raises HexsimError for anything that is not a reply."""
-    if len(data) != REPLY.size or data[:4] != REPLY_MAGIC:
+    known = len(data) == REPLY.size and data[:4] == REPLY_MAGIC
+    if not known or int.from_bytes(data[4:6], "little") not in list(State):
         raise HexsimError(
-            f"this is no reply of a motion computer: {len(data)} bytes, expected {REPLY.size} from {REPLY_MAGIC!r}"
+            f"this is no reply of a motion computer: {len(data)} bytes, expected {REPLY.size} from {REPLY_MAGIC!r} "
+            "and the number of a state"
         )
     _, state, errors, sequence, flags, time_s, behind_s, age_s, *poses = REPLY.unpack(data)
     return Reply(

@@ -62,7 +62,7 @@ def velocity_gain(machine: Machine) -> float:
     C_d pi d (x_max/u_max) sqrt(P_s / rho) / A1; measured machines are within a third of it, which the tolerance allows.
     """
     valve, oil = machine.valve, machine.oil
-    gradient = np.pi * valve.spool_diameter_m * valve.spool_travel_max_m / valve.voltage_max_V
+    gradient = valve.area_gradients_m(oil.density_kg_m3)[0] * valve.spool_travel_max_m / valve.voltage_max_V
     head = machine.supply.pressure_Pa - machine.supply.tank_pressure_Pa
     flow = valve.discharge_coefficient * gradient * np.sqrt(head / oil.density_kg_m3)
     return float(flow / machine.cylinder.area_bottom_m2)

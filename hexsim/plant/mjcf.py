@@ -23,7 +23,7 @@ from hexsim.machine.geometry import leg_bodies
 from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.mechanics.leg_inertia import LegBodies, lumped_legs
 from hexsim.plant import looks
-from hexsim.plant.states import ROW, A, actuator_rows, lay_out_states
+from hexsim.plant.states import ROW, A, actuator_rows
 
 ModelKind = Literal["full", "tendon"]
 
@@ -34,11 +34,13 @@ GRAVCOMP_SWITCH = 1e-15  # MuJoCo 4.0 looks at gravcomp only when some body has 
 
 
 def build_spec(
-    resolved: Resolved, kinematics: HexapodKinematics | None, kind: ModelKind, timestep: float
+    resolved: Resolved, kinematics: HexapodKinematics | None, kind: ModelKind, timestep: float, layout: np.ndarray
 ) -> tuple[mujoco.MjSpec, np.ndarray]:
     """The editable model of a bench (kinematics None) or a hexapod, and its actuators' rows for `actuator_user`.
 
-    The rows are kept out of the model's XML: they are the hydraulics' numbers, which stand in the machine file.
+    layout: where the states stand (`plant.states`), which also says the integrator. The rows are kept out of the
+    model's XML: they are the hydraulics' numbers, which stand in the machine file.
+    model's XML: they are the hydraulics' numbers, which stand in the machine file.
     """
     spec = mujoco.MjSpec()
     spec.modelname = resolved.machine.name
@@ -51,11 +53,19 @@ def build_spec(
     spec.option.disableflags = off.mjDSBL_CONTACT | off.mjDSBL_EULERDAMP | off.mjDSBL_AUTORESET
     spec.option.tolerance = 1e-12
     looks.add_materials(spec)
-    rows = _add_bench(spec, resolved) if kinematics is None else _add_hexapod(spec, resolved, kinematics, kind)
-    return spec, rows
+    if kinematics is None:
+        _add_bench(spec, resolved)
+        _add_actuators(spec, resolved, layout, "slide_", -resolved.machine.cylinder.stroke_m / 2)
+    else:
+        _add_hexapod(spec, resolved, kinematics, kind)
+        offset = -resolved.machine.cylinder.stroke_m / 2
+        if kind == "tendon":
+            offset = float(np.broadcast_to(kinematics.retracted_length_m, 6)[0])
+        _add_actuators(spec, resolved, layout, "slide_" if kind == "full" else "tendon_", offset)
+    return spec, actuator_rows(resolved, layout)
 
 
-def _add_bench(spec: mujoco.MjSpec, resolved: Resolved) -> np.ndarray:
+def _add_bench(spec: mujoco.MjSpec, resolved: Resolved) -> None:
     """One vertical cylinder with the moving mass on its rod."""
     stroke = resolved.machine.cylinder.stroke_m
     mass = resolved.load.moving_mass_kg or 0.0
@@ -65,10 +75,11 @@ def _add_bench(spec: mujoco.MjSpec, resolved: Resolved) -> np.ndarray:
     load.mass, load.ipos, load.inertia, load.explicitinertial = mass, [0, 0, 0], [mass * 0.01] * 3, True
     looks.add_bench_load(spec, load, resolved.machine)
     load.add_site(name="accelerometer", pos=[0, 0, 0])
-    return _add_actuators(spec, resolved, "slide_1", mujoco.mjtTrn.mjTRN_JOINT, length_offset=-stroke / 2)
+    for mode_number, mode in enumerate(resolved.payload_modes, start=1):
+        _add_payload_mode(load, mode, mode_number, resolved.gravity_m_s2)
 
 
-def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKinematics, kind: ModelKind) -> np.ndarray:
+def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKinematics, kind: ModelKind) -> None:
     """Platform with a free joint on six legs."""
     load = resolved.load
     neutral_length = float(kinematics.leg_lengths(np.zeros(6))[0])
@@ -97,11 +108,6 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKin
             tendon.wrap_site(f"platform_joint_{i + 1}")
     if not full and load.leg_mass_kg > 0:
         _add_lumped_legs(platform, kinematics, bodies)
-    if full:
-        half = resolved.machine.cylinder.stroke_m / 2
-        return _add_actuators(spec, resolved, "slide_", mujoco.mjtTrn.mjTRN_JOINT, length_offset=-half)
-    offset = float(np.broadcast_to(kinematics.retracted_length_m, 6)[0])
-    return _add_actuators(spec, resolved, "tendon_", mujoco.mjtTrn.mjTRN_TENDON, length_offset=offset)
 
 
 def _add_full_leg(
@@ -175,28 +181,27 @@ def _turn_z_to(direction: np.ndarray) -> np.ndarray:
 
 
 def _add_actuators(
-    spec: mujoco.MjSpec, resolved: Resolved, target: str, transmission: mujoco.mjtTrn, length_offset: float
-) -> np.ndarray:
-    """One prismatic actuator a leg, and one for the supply when it has states; returns their rows."""
+    spec: mujoco.MjSpec, resolved: Resolved, layout: np.ndarray, target: str, length_offset: float
+) -> None:
+    """One prismatic actuator a leg on joint or tendon `target`1.., and one for the supply when it has states."""
     resolved.rows[:, P.LENGTH_OFFSET] = length_offset
-    layout = lay_out_states(resolved)
+    transmission = mujoco.mjtTrn.mjTRN_JOINT if target == "slide_" else mujoco.mjtTrn.mjTRN_TENDON
     volts = resolved.machine.valve.voltage_max_V
-    for i, places in enumerate(layout[:, A.PRESSURE]):
+    for i, place in enumerate(layout[:, A.PRESSURE]):
         is_leg = i < resolved.machine.n_legs
         actuator = spec.add_actuator(
             name=f"leg_{i + 1}" if is_leg else "supply",
             trntype=transmission,
-            target=(target if target[-1].isdigit() else f"{target}{i + 1 if is_leg else 1}"),
+            target=f"{target}{i + 1 if is_leg else 1}",
             dyntype=mujoco.mjtDyn.mjDYN_USER,
             gaintype=mujoco.mjtGain.mjGAIN_FIXED,
             biastype=mujoco.mjtBias.mjBIAS_USER,
             ctrllimited=True,
             ctrlrange=[-volts, volts] if is_leg else [0, 1],
         )
-        actuator.actdim = int(places - (layout[i - 1, A.PRESSURE] if i else -1))
+        actuator.actdim = int(place - (layout[i - 1, A.PRESSURE] if i else -1))
         gain = np.zeros(10)
         gain[0] = resolved.rows[i, P.AREA_BOTTOM] * 1e6 if is_leg else 0.0  # act is in MPa
         actuator.gainprm = gain
     spec.nuser_actuator = ROW
     spec.nuserdata = 2 * len(layout)  # demand and heat of each leg
-    return actuator_rows(resolved, layout)

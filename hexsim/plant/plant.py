@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,8 +14,10 @@ from numpy.typing import NDArray
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.hydraulics.parameters import N_PARAMETERS, P
-from hexsim.hydraulics.resolve import resolve, warm_oil
+from hexsim.hydraulics import leg
+from hexsim.hydraulics.effects import Effect
+from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
+from hexsim.hydraulics.resolve import add_effects, resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.steps import StepRule, step_rule
 from hexsim.hydraulics.supply import POWER_UNIT, S, U, power_unit_start
@@ -22,10 +26,14 @@ from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.plant import stepping
 from hexsim.plant.callbacks import POWER_UNIT_SCALE, MPa, install_hydraulics, installed
 from hexsim.plant.mjcf import ModelKind, build_spec
-from hexsim.plant.states import A
+from hexsim.plant.states import A, lay_out_states
 from hexsim.plant.structs import check_layout
 
 Array = NDArray[np.float64]
+Setting = tuple[Effect, tuple[int, ...], dict[str, Any]]
+OFF_CENTRE_m = (0.0, 0.0, 2e-6)  # of a load that moves later: below 1 um MuJoCo takes a body for centred
+LIGHT = 1e-6  # of its mass, a payload's mode before it is switched on
+NAMES = ("names", "paths", "text_data")  # of the model's parts, not its numbers
 SILENT = 1  # warnings of a kind that MuJoCo takes for written down already
 OIL_STEP_K = 0.1  # 0.06 % of the bulk modulus, 0.5 % of the viscosity
 MODEL_STEP_S = 1.0e-4  # of a model file, for MuJoCo without a plant
@@ -48,26 +56,32 @@ class Plant:
 
     machine: declared machine with its effects. model: "full" (legs as bodies) or "tendon" (hexapod only; a bench is the
     same either way). timestep [s]: constant; None: chosen from the machine and its state (`hydraulics.steps`).
-    furnish: adds to the scene what does not touch the machine, before the model is compiled.
+    furnish: adds to the scene what does not touch the machine, before the model is compiled. later: effects that
+    `switch_on` will add, as (effect, legs, values): their states are there from the start and stand still until then.
+    load_moves: `move_centre_of_mass` will be called.
     Plants in several threads do not touch each other.
     """
 
     def __init__(
         self, machine: Machine, *, model: ModelKind = "full", timestep: float | None = None,
-        furnish: Callable[[mujoco.MjSpec], None] = lambda spec: None,
+        furnish: Callable[[mujoco.MjSpec], None] = lambda spec: None, later: Sequence[Setting] = (),
+        load_moves: bool = False,
     ) -> None:  # fmt: skip
         install_hydraulics()
         self.machine = machine
         self.resolved: Resolved = resolve(machine)
         self.kinematics: HexapodKinematics | None = machine_kinematics(machine) if machine.is_hexapod else None
         self.model_kind, self.timestep = model, timestep
-        self.spec, actuator_rows = build_spec(self.resolved, self.kinematics, model, timestep or MODEL_STEP_S)
-        furnish(self.spec)
-        self.model = self.spec.compile()
-        self.model.actuator_user[: len(actuator_rows)] = actuator_rows
+        final = resolve(machine)
+        add_effects(final, later)
+        self._final_modes = final.payload_modes
+        self._load_moves = load_moves or final.load.centre_of_mass_m != machine.load.centre_of_mass_m
+        self.longest_delay_s = float(final.rows[:, P.VALVE_DELAY].max())
+        self.layout = lay_out_states(final)  # where the states stand, (n_actuators, len(A))
+        self._furnish = furnish
+        self.spec, self.model = self._compile()
         self.data = mujoco.MjData(self.model)
         self.rows = self.resolved.rows  # (n_legs, N_PARAMETERS)
-        self.layout = actuator_rows[:, N_PARAMETERS:]  # where the states stand, (n_actuators, len(A))
         self.n_legs = machine.n_legs
         self.pressure_places = self.layout[: self.n_legs, A.PRESSURE].astype(int)
         self.is_tendon = machine.is_hexapod and model == "tendon"
@@ -79,6 +93,47 @@ class Plant:
         self.compliance = np.zeros((self.n_legs, self.n_legs))  # until `reset` measures it
         self.prepare(machine.controller.rate_Hz)
         self.reset()
+
+    def _compile(self) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+        """The model of what `resolved` says at present. A payload's mode that comes later is there with next to no mass."""
+        modes = self.resolved.payload_modes
+        light = [dataclasses.replace(m, mass_kg=LIGHT * m.mass_kg) for m in self._final_modes[len(modes) :]]
+        load = self.resolved.load
+        if self._load_moves and not any(load.centre_of_mass_m):
+            load = load.model_copy(update={"centre_of_mass_m": OFF_CENTRE_m})
+        now = dataclasses.replace(self.resolved, load=load, payload_modes=[*modes, *light])
+        spec, rows = build_spec(now, self.kinematics, self.model_kind, self.timestep or MODEL_STEP_S, self.layout)
+        self._furnish(spec)
+        model = spec.compile()
+        model.actuator_user[: len(rows)] = rows
+        return spec, model
+
+    def switch_on(self, effect: Effect, legs: tuple[int, ...], values: dict[str, float]) -> None:
+        """Add an effect in flight; one of `later`. Its spool begins at its command, its bristle in balance with friction."""
+        before = self.rows.copy()
+        add_effects(self.resolved, [(effect, legs, values)])
+        _, model = self._compile()
+        for name in dir(model):
+            there = getattr(self.model, name)
+            if isinstance(there, np.ndarray) and there.flags.writeable and name not in NAMES:
+                there[...] = getattr(model, name)
+        self.model.opt.gravity = model.opt.gravity
+        self.context.hysteresis[:] = self.rows[:, P.HYSTERESIS]
+        self.context.delay[:] = np.rint(self.rows[:, P.VALVE_DELAY] / self.context.tick_s)
+        self._begin_states(before)
+        self.keep_rows()
+
+    def _begin_states(self, before: Array) -> None:
+        """Start the states of legs that had none with the rows `before`."""
+        act, t = self.data.act, self.data.time
+        for i, (was, row, places) in enumerate(zip(before, self.rows, self.layout, strict=False)):
+            if row[P.SPOOL_OMEGA] > 0.0 and was[P.SPOOL_OMEGA] <= 0.0:
+                act[int(places[A.SPOOL])] = leg.commanded_spool(row, self.context.spool_volts[i], t)
+            if row[P.BRISTLE_STIFFNESS] > 0.0 and was[P.BRISTLE_STIFFNESS] <= 0.0:
+                y, v = self.piston_positions()[i], float(self.data.actuator_velocity[i])
+                dry = leg.friction_force(was, y, v, act[self.pressure_places[i]] * MPa, 0.0)
+                dry -= v * was[P.VISCOUS_EXTEND if v >= 0.0 else P.VISCOUS_RETRACT]
+                act[int(places[A.BRISTLE])] = dry / row[P.BRISTLE_STIFFNESS]
 
     def prepare(self, rate_Hz: float, ticks: int = 0) -> None:
         """Ticks at `rate_Hz` from now on; the next `ticks` of them are written down in `record`."""
@@ -115,9 +170,7 @@ class Plant:
         if self.has_supply_states:
             data.ctrl[self.n_legs] = 1.0
             self._start_supply()
-        rod_sides = self.layout[: self.n_legs, A.ROD_SIDE].astype(int)
-        data.act[rod_sides[rod_sides >= 0]] = self.machine.supply.pressure_Pa / MPa
-        data.act[self.pressure_places] = self.static_pressures() / MPa
+        self.hold_still(self.static_pressures())
         self.context.count[0], self.context.spool_volts[:] = 0, 0.0
         self.context.calm_s[0], self.context.velocity_before[:] = 0.0, 0.0
         self.history: list[tuple[float, np.ndarray, np.ndarray]] = []
@@ -201,7 +254,7 @@ class Plant:
     def static_pressures(self) -> np.ndarray:
         """Bottom pressures (n_legs,) [Pa] that hold the machine still in its present pose.
 
-        P1 = Ps A2/A1 + F/A1 (Eq. 3.3 corrected), F the axial force that the load asks of each leg: the platform's
+        P1 A1 - P2 A2 = F, F the axial force that the load asks of each leg, P2 as `hold_still` says: the platform's
         accelerations are affine in the six forces, so seven evaluations and one solve give them. (The legs' own
         accelerations are left out: they settle within the 0.1 um give of the ball ends.) On the way it measures
         `compliance` (n_legs, n_legs) [1/kg]: the acceleration of each leg for a force on each.
@@ -209,7 +262,7 @@ class Plant:
         model, data, n = self.model, self.data, self.n_legs
 
         def accelerations(pressures: np.ndarray) -> np.ndarray:
-            data.act[self.pressure_places] = pressures / MPa
+            self.hold_still(pressures)
             mujoco.mj_forward(model, data)
             return data.qacc[:n].copy()  # the platform's free joint, or the bench's slide
 
@@ -219,7 +272,8 @@ class Plant:
         slopes = np.column_stack([(accelerations(start + step * np.eye(n)[i]) - at_start) / step for i in range(n)])
         pressures = start - np.linalg.solve(slopes, at_start)
         along = np.eye(1) if self.kinematics is None else self.kinematics.jacobian(np.zeros(6))
-        compliance = along @ slopes / self.rows[:, P.AREA_BOTTOM]
+        on_valve = self.rows[:, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE  # P2 falls there as P1 rises
+        compliance = along @ slopes / (self.rows[:, P.AREA_BOTTOM] + on_valve * self.rows[:, P.AREA_TOP])
         self.compliance = 0.5 * (compliance + compliance.T)
         low, high = self.machine.supply.tank_pressure_Pa, self.machine.supply.pressure_Pa
         if np.any(pressures <= low) or np.any(pressures >= high):
@@ -229,6 +283,19 @@ class Plant:
                 f"rest, outside {low / 1e5:.1f}..{high / 1e5:.1f} bar: lower the mass or raise the supply"
             )
         return pressures
+
+    def hold_still(self, bottom_Pa: np.ndarray) -> None:
+        """Write bottom pressures (n_legs,) [Pa] into the state, and the rod sides that rest with them.
+
+        On the supply or behind a port: P2 = Ps. On port B: P1 + P2 = Ps + Pt, which matched edges need to pass no net
+        flow at one spool position, (Ps - P1)/(P1 - Pt) = (P2 - Pt)/(Ps - P2).
+        """
+        supply, tank = self.machine.supply.pressure_Pa, self.machine.supply.tank_pressure_Pa
+        self.data.act[self.pressure_places] = bottom_Pa / MPa
+        for i in np.flatnonzero(self.layout[: self.n_legs, A.ROD_SIDE] >= 0):
+            on_valve = self.rows[i, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
+            top = supply + tank - bottom_Pa[i] if on_valve else supply
+            self.data.act[int(self.layout[i, A.ROD_SIDE])] = top / MPa
 
     def bottom_pressures(self) -> np.ndarray:
         """P1 of each leg (n_legs,) [Pa]."""

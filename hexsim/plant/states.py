@@ -32,7 +32,10 @@ ROW = N_PARAMETERS + len(A)  # width of `actuator_user`
 
 
 def lay_out_states(resolved: Resolved) -> np.ndarray:
-    """Layout (n_actuators, len(A)) of all legs, and of the supply where it has states."""
+    """Layout (n_actuators, len(A)) of all legs, and of the supply where it has states.
+
+    resolved: the machine with all effects that it will have; a state that has no rate yet stands still.
+    """
     supply_states = N_STATES[int(resolved.supply[S.MODEL])]
     layout = np.full((len(resolved.rows) + (supply_states > 0), len(A)), -1.0)
     place = 0

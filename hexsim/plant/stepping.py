@@ -139,7 +139,7 @@ def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> St
         lengths=data.ten_length, slides=np.zeros(0, np.int64) if plant.is_tendon else plant.slides.astype(np.int64),
         offsets=np.ascontiguousarray(rows[:, P.LENGTH_OFFSET]),
         hysteresis=np.ascontiguousarray(rows[:, P.HYSTERESIS]), delay=delay,
-        past=np.zeros((int(delay.max()) + 1, n)), spool_volts=np.zeros(n),
+        past=np.zeros((round(plant.longest_delay_s / tick_s) + 1, n)), spool_volts=np.zeros(n),
     )  # fmt: skip
 
 
@@ -217,9 +217,9 @@ def choose_steps(context, span_s):
     for i in range(n_legs):
         p, v = context.user[i], context.leg_velocity[i]
         Ps = supply_pressure(p, p[N_PARAMETERS:], context.act)
-        P1, _, place, _, z = leg_state(p[N_PARAMETERS:], context.act, Ps)
+        P1, P2, place, _, z = leg_state(p[N_PARAMETERS:], context.act, Ps)
         x = leg.metering_spool(p, context.ctrl[i], t, place)
-        asked = max(asked, leg_steps(context.rule, p, context.leg_length[i] - context.offsets[i], v, x, P1, Ps, z))
+        asked = max(asked, leg_steps(context.rule, p, context.leg_length[i] - context.offsets[i], v, x, P1, P2, Ps, z))
         near = near or near_standstill(p, v, context.velocity_before[i])
         context.velocity_before[i] = v
     context.calm_s[0] = 0.0 if near else context.calm_s[0] + span_s

@@ -25,7 +25,7 @@ from hexsim.signals.units import unit_of_name, unit_to_si
 
 
 class Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, strict=True)
 
 
 class FileLayout(Section):

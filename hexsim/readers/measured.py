@@ -6,9 +6,12 @@ from pathlib import Path
 
 from hexsim.errors import HexsimError
 from hexsim.readers.assemble import assemble
-from hexsim.readers.cleaning import SHORTEST_S, Cleaning, blank_bad_values, clean_time, shift_delays, stretches, uniform
+from hexsim.readers.cleaning import Cleaning
+from hexsim.readers.faulty_values import blank_bad_values
 from hexsim.readers.files import log_name, raw_table
+from hexsim.readers.gaps import SHORTEST_S, stretches
 from hexsim.readers.mapping import Mapping, load_mapping
+from hexsim.readers.time_base import clean_time, shift_delays, uniform
 from hexsim.signals.log import Log
 
 MAPPING_NAME = "mapping.toml"  # beside the logs: used for all logs of the folder

@@ -1,1 +1,1 @@
-"""What a run leaves behind: log files, Rerun recording, figures, report."""
+"""Outputs of a run: log files, Rerun recording, figures, report."""

@@ -1,4 +1,4 @@
-"""Acceleration of one axis for plots: what was wanted, what is left of it raw and in the band, and the peaks."""
+"""Acceleration of one axis for plots: its reference, the deviation from it raw and in the band, and the peaks."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ class Peak:
 class Deviation:
     """From the end of the fade-in to the end of the log, arrays (n,).
 
-    wanted: basic harmonic of the last whole periods, drawn back to the fade-in; or the command (see `wanted_is`)
-    where the motion is no single sine (0 at rest). raw, band: acceleration - wanted, as recorded and in the band.
+    reference: basic harmonic of the last whole periods, drawn back to the fade-in; or the command (see `reference_is`)
+    where the motion is no single sine (0 at rest). raw, band: acceleration - reference, as recorded and in the band.
     """
 
     time_s: Array
-    wanted: Array
-    wanted_is: str
+    reference: Array
+    reference_is: str
     raw: Array
     band: Array
     peaks: tuple[Peak, ...]
@@ -68,30 +68,30 @@ def axis_deviation(
     time = time_s[late]
     fit = _fit(time_s, acceleration, frequency_Hz, figures_from_s)
     if fit is not None:
-        wanted = fit.mean + fit.amplitude * np.sin(2.0 * np.pi * fit.frequency_Hz * time_s + fit.phase_rad)
-        raw, wanted_is = acceleration - wanted, "basic harmonic"
+        reference = fit.mean + fit.amplitude * np.sin(2.0 * np.pi * fit.frequency_Hz * time_s + fit.phase_rad)
+        raw, reference_is = acceleration - reference, "basic harmonic"
         band = band_limit(time_s, raw)
         peaks = replace(fit, time_s=time, band=band[late]).peaks()
     else:
         command = np.zeros_like(acceleration) if commanded_acceleration is None else commanded_acceleration
         part = deviation_from_command(time_s, acceleration, command)
-        wanted, raw, band, wanted_is = acceleration - part.raw, part.raw, part.band, "command"
+        reference, raw, band, reference_is = acceleration - part.raw, part.raw, part.band, "command"
         peaks = peaks_at_reversals(time, band[late], _reversals(time_s, commanded_position, part.delay_s))
     return Deviation(
         time_s=time,
-        wanted=wanted[late],
-        wanted_is=wanted_is,
+        reference=reference[late],
+        reference_is=reference_is,
         raw=raw[late],
         band=band[late],
         peaks=tuple(_placed(time, band[late], peak) for peak in peaks),
     )
 
 
-def given_deviation(time_s: Array, acceleration: Array, wanted: Array) -> Deviation:
+def given_deviation(time_s: Array, acceleration: Array, reference: Array) -> Deviation:
     """Deviation from an acceleration that is given, such as a measured one; no delay is taken out."""
-    raw = acceleration - wanted
+    raw = acceleration - reference
     band = band_limit(time_s, raw)
-    return Deviation(time_s=time_s, wanted=wanted, wanted_is="given", raw=raw, band=band, peaks=())
+    return Deviation(time_s=time_s, reference=reference, reference_is="given", raw=raw, band=band, peaks=())
 
 
 def _fit(time_s: Array, acceleration: Array, frequency_Hz: float | None, start_s: float) -> HarmonicDeviation | None:

@@ -9,13 +9,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.signal import welch
 
 from hexsim.recording import palette
-from hexsim.recording.deviation import Deviation
+from hexsim.recording.figure_parts import (
+    annotate_peaks,
+    close_up,
+    close_up_of_flow,
+    draw_deviation,
+    draw_flow,
+    draw_legs,
+    fit_y,
+    largest_shown,
+    padded,
+    tracking_error,
+)
 from hexsim.recording.figure_style import (
     direction_colors,
     legend,
@@ -32,10 +42,6 @@ from hexsim.signals.signal import ROTATIONS
 Array = NDArray[np.float64]
 
 MM, BAR, L_MIN, DEG = 1e3, 1e-5, 6e4, 180.0 / np.pi
-SHOWN_PERIODS = 2  # of the motion, in the plots that look closely
-SHOWN_S = 6.0  # where the motion has no period
-DEAD_BAND_SHOWN_V = 0.15  # half width of the close-up of a flow curve
-ALIKE = 0.03  # rms spread of the legs, over their range, below which they are drawn as one
 SPECTRUM_MAX_Hz = 400.0
 SEGMENT_S = 4.0  # of the spectrum: resolution 0.25 Hz
 
@@ -58,7 +64,7 @@ def run_figures(signals: Signals) -> dict[str, Figure]:
 def motion(signals: Signals) -> Figure | None:
     """Setpoint and response of the driven axes, and the legs' tracking error."""
     axes_shown = [axis for axis in signals.driven_axes if signals.position(axis) is not None]
-    errors = {leg: _error(signals, leg) for leg in signals.legs}
+    errors = {leg: tracking_error(signals, leg) for leg in signals.legs}
     if not axes_shown or all(error is None for error in errors.values()):
         return None
     figure, plots = new_figure(len(axes_shown) + 1, "Motion", heights=[2] * len(axes_shown) + [1.4])
@@ -71,7 +77,7 @@ def motion(signals: Signals) -> Figure | None:
             plot.plot(signals.time_s, scale * position, color=palette.RESPONSE, lw=1.2, label="response")
         plot.set_ylabel(f"{AXIS_NAMES[axis]} [{unit}]")
         legend(plot)
-    _draw_legs([plots[-1]], signals, {leg: MM * error for leg, error in errors.items() if error is not None})
+    draw_legs([plots[-1]], signals, {leg: MM * error for leg, error in errors.items() if error is not None})
     plots[-1].set_ylabel("tracking error [mm]")
     plots[-1].set_xlabel("time [s]")
     legend(plots[-1], columns=6)
@@ -87,18 +93,18 @@ def acceleration(signals: Signals) -> Figure | None:
         return None
     unit = axis_unit_text(axis)
     figure, (top, middle, bottom) = new_figure(3, f"Acceleration, {AXIS_NAMES[axis]}", heights=[2, 1.6, 1.4])
-    close = _close_up(signals)
+    close = close_up(signals)
     t = signals.time_s
     top.plot(t, raw, color=palette.RAW, lw=0.7, label="raw")
-    top.plot(found.time_s, found.wanted, color=palette.WANTED, lw=2.0, label=found.wanted_is)
+    top.plot(found.time_s, found.reference, color=palette.WANTED, lw=2.0, label=found.reference_is)
     top.plot(t, band, color=palette.RESPONSE, lw=1.2, label=f"{found.bandwidth_Hz:g} Hz band")
     top.set_ylabel(f"acceleration [{unit}]")
-    _draw_deviation(middle, found, raw=True)
+    draw_deviation(middle, found, raw=True)
     for plot, values in ((top, raw), (middle, found.raw)):
         plot.set_xlim(*close)
-        _fit_y(plot, t if values is raw else found.time_s, values, close)
-    _annotate_peaks(middle, found, close, unit)
-    _draw_deviation(bottom, found, raw=False)
+        fit_y(plot, t if values is raw else found.time_s, values, close)
+    annotate_peaks(middle, found, close, unit)
+    draw_deviation(bottom, found, raw=False)
     symmetric(bottom)
     for plot in (middle, bottom):
         plot.set_ylabel(f"deviation [{unit}]")
@@ -146,14 +152,14 @@ def flow_curve(signals: Signals) -> Figure | None:
     single = len(curves) == 1
     figure, plots = small_multiples(2 if single else len(curves), "Flow curve", columns=2 if single else 3)
     for plot, (leg, (volts, flow)) in zip(plots, curves.items(), strict=False):
-        _draw_flow(plot, volts, flow, size=2.0)
+        draw_flow(plot, volts, flow, size=2.0)
         plot.set_title("whole" if single else f"leg {leg}", loc="left")
         if single:
-            _close_up_of_flow(plots[1], volts, flow)
+            close_up_of_flow(plots[1], volts, flow)
             plots[1].set_title("dead band", loc="left")
         else:
             inset = plot.inset_axes((0.6, 0.1, 0.38, 0.38))
-            _close_up_of_flow(inset, volts, flow)
+            close_up_of_flow(inset, volts, flow)
             inset.tick_params(labelsize=6)
     for plot in plots:
         plot.set_xlabel("valve [V]")
@@ -173,20 +179,20 @@ def pressures(signals: Signals) -> Figure | None:
     tops = {leg: signals.leg(leg, "pressure_top") for leg in signals.legs}
     supply = signals.supply
     figure, (whole, close) = new_figure(2, "Pressures", heights=[1, 1.3])
-    limits = _close_up(signals)
+    limits = close_up(signals)
     t = signals.time_s
     if supply is not None:
         whole.plot(t, BAR * supply, color=palette.SUPPLY, lw=1.2, label="supply")
-    _draw_legs([whole, close], signals, {leg: BAR * values for leg, values in bottom.items() if values is not None})
+    draw_legs([whole, close], signals, {leg: BAR * values for leg, values in bottom.items() if values is not None})
     for top in tops.values():
         if top is not None and not signals.machine.is_hexapod:
             whole.plot(t, BAR * top, color=palette.WANTED, lw=0.9, ls="--", label="rod side")
     present = np.concatenate([pressure for pressure in bottom.values() if pressure is not None])
     shown = np.tile((t >= limits[0]) & (t <= limits[1]), len(present) // len(t))
     close.set_xlim(*limits)
-    close.set_ylim(*_padded(BAR * present[shown]))
+    close.set_ylim(*padded(BAR * present[shown]))
     whole.set_ylabel("pressure [bar]")
-    close.set_ylabel("bottom pressure [bar]")
+    close.set_ylabel("chamber pressure [bar]")
     close.set_xlabel("time [s]")
     whole.set_xlim(t[0], t[-1])
     legend(whole, columns=7)
@@ -233,15 +239,15 @@ def comparison(
     unit = axis_unit_text(axis)
     title = f"{AXIS_NAMES[axis].capitalize()} side by side, 50 Hz band [{unit}]"
     figure, plots = small_multiples(3 * len(found), title, columns=3, height=1.55, share_columns=True)
-    close = min((_close_up(runs[label]) for label in found), key=lambda limits: limits[1])  # the run that ended first
-    limit = 1.1 * max(_largest(d, close) for d in found.values())
+    close = min((close_up(runs[label]) for label in found), key=lambda limits: limits[1])  # the run that ended first
+    limit = 1.1 * max(largest_shown(d, close) for d in found.values())
     everywhere = 1.1 * max(np.max(np.abs(d.band)) for d in found.values())
-    wanted = next(iter(found.values())).wanted_is
+    reference = next(iter(found.values())).reference_is
     for row, (label, deviation) in enumerate(found.items()):
         color = palette.RUNS[row % len(palette.RUNS)]
         left, middle, right = plots[3 * row : 3 * row + 3]
-        left.plot(deviation.time_s, deviation.wanted, color=palette.WANTED, lw=1.6)
-        left.plot(deviation.time_s, deviation.wanted + deviation.band, color=color, lw=0.9)
+        left.plot(deviation.time_s, deviation.reference, color=palette.WANTED, lw=1.6)
+        left.plot(deviation.time_s, deviation.reference + deviation.band, color=color, lw=0.9)
         middle.plot(deviation.time_s, deviation.band, color=color, lw=0.9)
         right.plot(deviation.time_s, deviation.band, color=color, lw=0.6)
         left.set_xlim(*close)
@@ -249,99 +255,13 @@ def comparison(
         middle.set_ylim(-limit, limit)
         right.set_ylim(-everywhere, everywhere)
         left.set_ylabel(label, color=color, fontweight="bold")
-        peak = (peaks or {}).get(label, _largest(deviation, close))
+        peak = (peaks or {}).get(label, largest_shown(deviation, close))
         middle.text(1.0, 1.03, f"peak {number(peak)}", transform=middle.transAxes, ha="right", va="bottom")
     for left in plots[3::3]:
         left.sharey(plots[0])
     plots[0].autoscale(axis="y")
-    for plot, name in zip(plots, (f"acceleration and {wanted}", "deviation", "deviation, whole run"), strict=False):
+    for plot, name in zip(plots, (f"acceleration and {reference}", "deviation", "deviation, whole run"), strict=False):
         plot.set_title(name, loc="left")
     for plot in plots[-3:]:
         plot.set_xlabel("time [s]")
     return figure
-
-
-# ---- parts -----------------------------------------------------------------------------------------------------------
-
-
-def _draw_legs(plots: list[Axes], signals: Signals, curves: dict[int, Array]) -> None:
-    """A curve a leg; legs that move alike as one curve and the range that they cover."""
-    t, values = signals.time_s, np.array(list(curves.values()))
-    low, high = values.min(axis=0), values.max(axis=0)
-    alike = len(values) > 1 and np.sqrt(np.mean((high - low) ** 2)) < ALIKE * np.ptp(values)
-    for plot in plots:
-        if alike:
-            plot.fill_between(t, low, high, color=palette.MARK, lw=0.8, label="range of the legs")
-            plot.plot(t, values.mean(axis=0), color=palette.RESPONSE, lw=1.2, label=f"mean of {len(values)} legs")
-            continue
-        for leg, own in curves.items():
-            color, label = (palette.LEGS[leg - 1], f"leg {leg}") if len(curves) > 1 else (palette.RESPONSE, "leg")
-            plot.plot(t, own, color=color, lw=1.2, label=label)
-
-
-def _error(signals: Signals, leg: int) -> Array | None:
-    setpoint, position = signals.leg(leg, "setpoint"), signals.leg(leg, "true_position", "position")
-    return None if setpoint is None or position is None else setpoint - position
-
-
-def _close_up(signals: Signals) -> tuple[float, float]:
-    """The last periods."""
-    end = float(signals.time_s[-1])
-    span = SHOWN_PERIODS / signals.frequency_Hz if signals.frequency_Hz else SHOWN_S
-    return max(float(signals.time_s[0]), end - span), end
-
-
-def _largest(deviation: Deviation, limits: tuple[float, float]) -> float:
-    shown = (deviation.time_s >= limits[0]) & (deviation.time_s <= limits[1])
-    return float(np.max(np.abs(deviation.band[shown]), initial=0.0))
-
-
-def _padded(values: Array) -> tuple[float, float]:
-    low, high = float(np.min(values)), float(np.max(values))
-    pad = 0.08 * (high - low) or 1.0
-    return low - pad, high + pad
-
-
-def _fit_y(plot: Axes, t: Array, values: Array | None, limits: tuple[float, float]) -> None:
-    if values is not None:
-        plot.set_ylim(*_padded(values[(t >= limits[0]) & (t <= limits[1])]))
-
-
-def _draw_deviation(plot: Axes, found: Deviation, raw: bool) -> None:
-    if raw:
-        plot.plot(found.time_s, found.raw, color=palette.RAW, lw=0.7, label="raw")
-    plot.plot(found.time_s, found.band, color=palette.DEVIATION, lw=1.1, label=f"{found.bandwidth_Hz:g} Hz band")
-    if found.peaks:
-        times, peaks = [peak.time_s for peak in found.peaks], [peak.value for peak in found.peaks]
-        plot.plot(times, peaks, ls="", marker="o", ms=4, color=palette.INK, mfc="white", label="peak at reversal")
-    plot.axhline(0.0, color=palette.WANTED, lw=0.6, zorder=0)
-
-
-def _annotate_peaks(plot: Axes, found: Deviation, limits: tuple[float, float], unit: str) -> None:
-    for peak in found.peaks:
-        if limits[0] <= peak.time_s <= limits[1]:
-            plot.annotate(
-                f"{number(abs(peak.value))} {peak.end}",
-                (peak.time_s, peak.value),
-                xytext=(6, 0),
-                textcoords="offset points",
-                fontsize=8,
-                va="center",
-                color=palette.INK,
-            )
-
-
-def _draw_flow(plot: Axes, volts: Array, flow: Array, size: float) -> None:
-    """Points coloured by whether |u| grows or falls."""
-    growing = np.gradient(np.abs(volts)) >= 0.0
-    for part, color in zip((growing, ~growing), direction_colors(), strict=True):
-        plot.plot(volts[part], flow[part], ls="", marker=".", ms=size, mew=0, color=color, rasterized=True)
-    plot.axhline(0.0, color=palette.GRID, lw=0.8, zorder=0)
-    plot.axvline(0.0, color=palette.GRID, lw=0.8, zorder=0)
-
-
-def _close_up_of_flow(plot: Axes, volts: Array, flow: Array) -> None:
-    near = np.abs(volts) <= DEAD_BAND_SHOWN_V
-    if near.any():
-        _draw_flow(plot, volts[near], flow[near], size=3.0)
-    plot.set_xlim(-DEAD_BAND_SHOWN_V, DEAD_BAND_SHOWN_V)

@@ -19,18 +19,18 @@ from hexsim.recording.summary_table import axis_header, axis_label, axis_rows, c
 from hexsim.simulation import Run
 
 CAPTIONS = {
-    "motion": "What was asked and what the machine did; below, how far each leg lags its setpoint.",
-    "acceleration": "Top: the last periods as recorded, in the 50 Hz band, and what was wanted. Middle: what is left, "
-    "with the largest deviation at each reversal (top or bottom of the stroke). Bottom: the whole run; the shaded part is "
-    "the close-up.",
-    "parasitic": "Axes that were not asked to move: the nearer to zero the better. Translations share one scale, "
+    "motion": "Setpoint and response of the driven axes. Below: tracking error of each leg, setpoint less position.",
+    "acceleration": "Top: acceleration over the last periods, raw and in the 50 Hz band, with its reference. Middle: "
+    "deviation from the reference, with the largest value at each reversal (upper or lower end of the stroke). Bottom: the "
+    "same in the band over the whole run; the shaded part is shown above.",
+    "parasitic": "Accelerations of the axes that have no setpoint motion; zero is ideal. Translations share one scale, "
     "rotations another.",
-    "flow_curve": "Flow of each valve over its voltage, from the end of the fade-in. The close-up shows the dead band: "
-    "no flow about zero. The gap between opening and closing is the valve's lag.",
-    "pressures": "Above with the supply, below the last periods of the bottom pressures. A step at each reversal is "
-    "friction changing sign; ringing is the oil's resonance.",
-    "spectrum": "Even spacing is harmonics of the motion; a hump is a resonance. Acceleration and deviation differ by the "
-    "basic harmonic alone. What lies right of the dotted line is outside the band of the figures.",
+    "flow_curve": "Flow into the chamber over valve voltage, after the fade-in. The close-up shows the dead band of the "
+    "overlap. Opening and closing differ by the lag of the spool.",
+    "pressures": "Top: chamber and supply pressures of the whole run. Bottom: chamber pressures over the last periods. The "
+    "step at each reversal is friction changing sign; the oscillation after it is the hydraulic resonance.",
+    "spectrum": "Amplitude density of the acceleration and of its deviation from the basic harmonic. Equally spaced lines are "
+    "harmonics of the motion, a broad peak is a resonance. The figures of the report count up to the dotted line.",
 }
 
 

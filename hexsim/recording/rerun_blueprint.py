@@ -11,15 +11,15 @@ from hexsim.signals.signal import ROTATIONS
 
 LEG_VIEWS = {
     "Position [mm]": ("setpoint", "position"),
-    "Error [mm]": ("error",),
+    "Tracking error [mm]": ("error",),
     "Valve [V]": ("valve", "compensation"),
-    "Pressure [bar]": ("bottom", "top"),
+    "Chamber pressures [bar]": ("bottom", "top"),
     "Flow [l/min]": ("flow",),
 }
 ALL_LEGS_VIEWS = {
-    "Error [mm]": "error",
+    "Tracking error [mm]": "error",
     "Valve [V]": "valve",
-    "Bottom pressure [bar]": "bottom",
+    "Chamber pressure [bar]": "bottom",
     "Flow [l/min]": "flow",
 }
 
@@ -30,7 +30,7 @@ def blueprint(runs: Mapping[str, Signals], with_text: Iterable[str] = ()) -> rrb
     lead = first.driven_axes[0]
     single = len(runs) == 1
     unit = f"[{axis_unit_text(lead)}]"
-    kinds = ("raw", "wanted", "within_band") if single else ("within_band",)
+    kinds = ("raw", "reference", "within_band") if single else ("within_band",)
     texts = [
         rrb.TextDocumentView(origin=f"/{root}/summary", name=f"Figures {'' if single else root}".strip())
         for root in with_text

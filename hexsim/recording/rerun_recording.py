@@ -1,7 +1,7 @@
 """A Rerun recording of one run, or of several on a common time line: the machine in 3-D, platform and leg signals.
 
     /<label>/machine/...                       3-D, see `rerun_scene`
-    /<label>/acceleration/<axis>/raw|wanted|within_band [m/s2], [rad/s2]
+    /<label>/acceleration/<axis>/raw|reference|within_band [m/s2], [rad/s2]
     /<label>/deviation/<axis>/raw|reversal_peaks|within_band   (later names are drawn on top)
     /<label>/pose/<axis>/commanded|actual      [mm], [deg]
     /<label>/legs/<i>/setpoint|position|error [mm], valve|compensation [V], bottom|top [bar], flow [l/min]
@@ -30,6 +30,7 @@ from hexsim.recording.rerun_blueprint import blueprint
 from hexsim.recording.rerun_scene import log_machine, time_column
 from hexsim.recording.signals import AXIS_NAMES, Signals
 from hexsim.signals.signal import ROTATIONS
+from hexsim.signals.table import table
 
 Array = NDArray[np.float64]
 
@@ -37,7 +38,16 @@ MM, BAR, L_MIN, DEG = 1e3, 1e-5, 6e4, 180.0 / np.pi  # what engineers read, per 
 SLOW_RATE_Hz = 500.0  # of pose and leg signals: the rate of the motion computer
 GAP = 2.6  # distance of machines side by side, in base radii
 MESSAGE_LEVEL = "INFO"
-LEG_NAMES = {"bottom": "bottom pressure", "top": "rod side pressure"}
+# entity of a leg: (signals, the first that the log has), what people read per SI unit, colour where not the leg's own
+LEG_CURVES: dict[str, tuple[tuple[str, ...], float, str | None]] = {
+    "setpoint": (("setpoint",), MM, palette.WANTED),
+    "position": (("position",), MM, None),
+    "valve": (("valve",), 1.0, None),
+    "compensation": (("compensation",), 1.0, palette.WANTED),
+    "bottom": (("true_pressure_bottom", "pressure_bottom"), BAR, None),
+    "top": (("pressure_top",), BAR, palette.WANTED),
+    "flow": (("flow",), L_MIN, None),
+}
 
 
 def write_recording(
@@ -144,7 +154,9 @@ class _Series:
             self.curve(f"{path}/raw", t, signals.acceleration(axis), f"{name} raw", palette.RAW, 1.0)
         self.curve(f"{path}/within_band", t, signals.acceleration_in_band(axis), band, color)
         if self.alone and axis in signals.driven_axes:
-            self.curve(f"{path}/wanted", found.time_s, found.wanted, f"{name} {found.wanted_is}", palette.WANTED)
+            self.curve(
+                f"{path}/reference", found.time_s, found.reference, f"{name} {found.reference_is}", palette.WANTED
+            )
 
     def deviation(self, axis: str, found: Deviation) -> None:
         path, name, t = f"deviation/{axis}", AXIS_NAMES[axis], found.time_s
@@ -165,30 +177,18 @@ class _Series:
     def legs(self) -> None:
         """Every leg's signals, and the supply they share."""
         signals = self.signals
-        supply = signals.supply
-        self.slow_curve("supply", _times(supply, BAR), "supply", self.color or palette.SUPPLY)
+        self.slow_curve("supply", _times(signals.supply, BAR), "supply", self.color or palette.SUPPLY)
         for leg in signals.legs:
             own = self.color or (palette.LEGS[leg - 1] if signals.machine.is_hexapod else palette.RESPONSE)
+            for key, (stems, factor, color) in LEG_CURVES.items():
+                values = signals.leg(leg, *stems)
+                if key == "compensation" and values is not None and not values.any():
+                    continue
+                name = f"leg {leg} {table()[stems[0]].label}"
+                self.slow_curve(f"legs/{leg}/{key}", _times(values, factor), name, color or own)
             setpoint, position = signals.leg(leg, "setpoint"), signals.leg(leg, "position")
-            error = setpoint - position if setpoint is not None and position is not None else None
-            bottom = signals.leg(leg, "true_pressure_bottom", "pressure_bottom")
-            compensation = signals.leg(leg, "compensation")
-            curves = {
-                "setpoint": (_times(setpoint, MM), palette.WANTED),
-                "position": (_times(position, MM), own),
-                "error": (_times(error, MM), own),
-                "valve": (signals.leg(leg, "valve"), own),
-                "compensation": (
-                    compensation if compensation is not None and compensation.any() else None,
-                    palette.WANTED,
-                ),
-                "bottom": (_times(bottom, BAR), own),
-                "top": (_times(signals.leg(leg, "pressure_top"), BAR), palette.WANTED),
-                "flow": (_times(signals.leg(leg, "flow"), L_MIN), own),
-            }
-            for key, (values, color) in curves.items():
-                name = f"leg {leg} {LEG_NAMES.get(key, key)}"
-                self.slow_curve(f"legs/{leg}/{key}", values, name, color)
+            if setpoint is not None and position is not None:
+                self.slow_curve(f"legs/{leg}/error", MM * (setpoint - position), f"leg {leg} tracking error", own)
 
 
 def _times(values: Array | None, factor: float) -> Array | None:

@@ -44,7 +44,7 @@ class Signals:
     label: what tables and plots call it. driven: axes that were asked to move. frequency_Hz: of the basic harmonic,
     None where the motion is not one sine. fade_s: the motion is whole from here. figures_from_s: the figures count from
     here. measured: read the measured acceleration although the log holds the true one.
-    wanted: axis -> (n,), what `deviation` is from, in place of the basic harmonic or the command.
+    reference: axis -> (n,), what `deviation` is from, in place of the basic harmonic or the command.
     """
 
     log: Log
@@ -55,7 +55,7 @@ class Signals:
     fade_s: float = 0.0
     figures_from_s: float = 0.0
     measured: bool = False
-    wanted: Mapping[str, Array] | None = None
+    reference: Mapping[str, Array] | None = None
 
     @classmethod
     def of_run(cls, run: Run, label: str | None = None) -> Signals:
@@ -166,12 +166,12 @@ class Signals:
             return None
 
     def deviation(self, axis: str) -> Deviation | None:
-        """What is left of an axis' acceleration beside what was wanted; None where the log has no acceleration."""
+        """Deviation of an axis from its reference acceleration; None where the log has no acceleration."""
         acceleration = self.acceleration(axis)
         if acceleration is None:
             return None
-        if self.wanted is not None and axis in self.wanted:
-            return given_deviation(self.time_s, acceleration, self.wanted[axis])
+        if self.reference is not None and axis in self.reference:
+            return given_deviation(self.time_s, acceleration, self.reference[axis])
         return axis_deviation(
             self.time_s,
             acceleration,

@@ -11,7 +11,6 @@ Columns without a channel (the truth behind a simulated log, angular acceleratio
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,8 @@ from hexsim.errors import HexsimError
 from hexsim.files.atomic import write_text
 from hexsim.files.log_files import read_log, write_log
 from hexsim.files.toml_files import read_toml, validation_sentence
+from hexsim.signals.table import places
+from hexsim.signals.units import unit_of_name
 
 REPORT_CHAIN = Path(__file__).with_suffix(".toml")
 UNITS = ("_m_s2", "_Pa", "_V", "_m")
@@ -86,11 +87,8 @@ class MeasurementChain(Section):
 
     def kind_of(self, column: str) -> str | None:
         """The channel that serves a column of a log: its name without leg number or axis."""
-        for unit in UNITS:
-            if column.endswith(unit):
-                kind = re.sub(r"_([1-6]|x|y|z)$", "", column.removesuffix(unit)) + unit
-                return kind if kind in self.channels else None
-        return None
+        kind = places()[column][0].kind if column in places() else column
+        return kind if kind in self.channels else None
 
     def input_of(self, kind: str) -> ScopeInput:
         """The converter of a channel."""
@@ -113,8 +111,7 @@ def load_chain(path: Path | str | None = None) -> MeasurementChain:
 
 def scope_column(column: str) -> str:
     """Name of a column's volts: position_1_m -> scope_position_1_V."""
-    unit = next(unit for unit in UNITS if column.endswith(unit))
-    return f"scope_{column.removesuffix(unit)}_V"
+    return f"scope_{column.removesuffix('_' + unit_of_name(column)[1])}_V"
 
 
 def to_scope_volts(log: pl.DataFrame, chain: MeasurementChain) -> pl.DataFrame:
@@ -137,14 +134,9 @@ def to_scope_volts(log: pl.DataFrame, chain: MeasurementChain) -> pl.DataFrame:
 
 def _signal_of(scope_name: str, chain: MeasurementChain) -> tuple[str, str] | None:
     """(column, kind) of a scope column."""
-    if not scope_name.startswith("scope_"):
-        return None
-    stem = scope_name.removeprefix("scope_").removesuffix("_V")
-    for unit in UNITS:
-        kind = chain.kind_of(stem + unit)
-        if kind is not None:
-            return stem + unit, kind
-    return None
+    columns = (*places(), *chain.channels)
+    found = next((name for name in columns if chain.kind_of(name) and scope_column(name) == scope_name), None)
+    return None if found is None else (found, str(chain.kind_of(found)))
 
 
 def from_scope_volts(scope: pl.DataFrame, chain: MeasurementChain) -> pl.DataFrame:
@@ -188,16 +180,13 @@ def mapping_path(path: Path) -> Path:
 
 def mapping_tables(volts: pl.DataFrame, chain: MeasurementChain) -> dict[str, Any]:
     """Mapping file of the readers of measured logs: SI = factor * volts + offset."""
-    found = {name: _signal_of(name, chain) for name in volts.columns if name != "time_s"}
-    return {
-        "columns": {"time_s": {"from": "time_s"}}
-        | {
-            signal[0]: {
+    columns: dict[str, Any] = {"time_s": {"from": "time_s"}}
+    for name in volts.columns:
+        if (signal := _signal_of(name, chain)) is not None:
+            channel = chain.channels[signal[1]]
+            columns[signal[0]] = {
                 "from": name,
-                "factor": 1.0 / chain.channels[signal[1]].slope,
-                "offset": -chain.channels[signal[1]].zero_V / chain.channels[signal[1]].slope,
+                "factor": 1.0 / channel.slope,
+                "offset": -channel.zero_V / channel.slope,
             }
-            for name, signal in found.items()
-            if signal is not None
-        }
-    }
+    return {"columns": columns}

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hexsim.hydraulics.resolved import Resolved
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import labels
 from hexsim.plant import Plant
-from hexsim.sensors.bank import SensorBank
+from hexsim.sensors.bank import SensorBank, Transducers
 from hexsim.simulation.emergency_supply import EmergencySupply
 from hexsim.simulation.faults import Fault, HostSilence, LegBlind, PositionSensor, Workbench
 
@@ -20,16 +21,37 @@ Array = NDArray[np.float64]
 
 
 class FaultySensors(SensorBank):
-    """A sensor bank in which some transducers break: same noise as the sound one, from the same seed."""
+    """A sensor bank in which some transducers break or change: same noise as the sound one, from the same seed.
 
-    def break_legs(self, faults: Sequence[Fault]) -> None:
+    log_every: ticks between rows of the log, at which angular accelerations are sensed.
+    """
+
+    def __init__(
+        self, resolved: Resolved, ticks: int, tick_s: float, seed: int, faults: Sequence[Fault], log_every: int = 1
+    ) -> None:
+        super().__init__(resolved, ticks, tick_s, seed)
         self._faults = [fault for fault in faults if isinstance(fault, (PositionSensor, LegBlind))]
         self._held: dict[Fault, float] = {}
+        self._run = ticks, tick_s, seed
+        self._log_every = log_every
+        self._changes: list[tuple[int, SensorBank]] = []
+
+    def change(self, time_s: float, resolved: Resolved) -> None:
+        """From `time_s` on the sensors are those of `resolved`."""
+        self._changes.append((self._first(time_s), SensorBank(resolved, *self._run)))
+
+    def _first(self, time_s: float) -> int:
+        """First tick from `time_s` on."""
+        return math.ceil(time_s / self.tick_s - 1e-9)
+
+    def __getitem__(self, stem: str) -> Transducers:
+        """The transducers of a signal as they are at present."""
+        return self._changes[-1][1][stem] if self._changes else super().__getitem__(stem)
 
     def position(self, tick: int, history: Array) -> Array:
         measured = super().position(tick, history)
         for fault in self._faults:
-            if tick * self.tick_s >= fault.time_s:
+            if tick >= self._first(fault.time_s):
                 held = self._held.setdefault(fault, float(measured[fault.leg - 1]))
                 measured[fault.leg - 1] = fault.reading(float(measured[fault.leg - 1]), held)
         return measured
@@ -37,32 +59,36 @@ class FaultySensors(SensorBank):
     def pressure(self, tick: int, history: Array) -> Array:
         measured = super().pressure(tick, history)
         for fault in self._faults:
-            if isinstance(fault, LegBlind) and tick * self.tick_s >= fault.time_s:
+            if isinstance(fault, LegBlind) and tick >= self._first(fault.time_s):
                 measured[fault.leg - 1] = np.nan
         return measured
 
     def rows(self, stem: str, true: Array) -> Array:
-        measured = super().rows(stem, true)
+        measured = SensorBank.__getitem__(self, stem).rows(true)
+        every = self._log_every if stem == "angular_acceleration" else 1
+        for first, bank in self._changes:
+            measured[-(-first // every) :] = bank.rows(stem, true)[-(-first // every) :]
         for fault in self._faults if stem == "position" else ():
-            first = math.ceil(fault.time_s / self.tick_s - 1e-9)
-            column = measured[first:, fault.leg - 1]
+            column = measured[self._first(fault.time_s) :, fault.leg - 1]
             if len(column):
                 held = float(column[0])
                 column[:] = [fault.reading(float(value), held) for value in column]
         for fault in self._faults if stem == "pressure_bottom" else ():
             if isinstance(fault, LegBlind):
-                measured[math.ceil(fault.time_s / self.tick_s - 1e-9) :, fault.leg - 1] = np.nan
+                measured[self._first(fault.time_s) :, fault.leg - 1] = np.nan
         return measured
 
 
 class FaultRun:
     """All faults of a scenario around one run: the intervention that `simulate` calls at each tick."""
 
-    def __init__(self, faults: Sequence[Fault], plant: Plant, computer: MotionComputer, tick_s: float) -> None:
+    def __init__(self, faults: Sequence[Fault], plant: Plant, computer: MotionComputer, sensors: FaultySensors) -> None:
         self.faults = sorted(faults, key=lambda fault: fault.time_s)
         self.computer = computer
         self.supply = EmergencySupply(plant)
-        self.bench = Workbench(plant=plant, computer=computer, supply=self.supply, tick_s=tick_s)
+        self.bench = Workbench(
+            plant=plant, computer=computer, supply=self.supply, sensors=sensors, tick_s=sensors.tick_s
+        )
         self._silent_s = min((f.time_s for f in self.faults if isinstance(f, HostSilence)), default=math.inf)
         self.hosted = math.isfinite(self._silent_s)
 

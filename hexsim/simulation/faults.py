@@ -17,6 +17,7 @@ power_loss       buffered (true)                                       mains gon
                                                                        or else the spools centre and stay there
 payload_shift    mass_kg (150), x_m (0.4), y_m, z_m, within_s (0.5)    part of the load slides over the platform
 host_silence                                                           the host sends nothing more
+effect           effect, where ("all legs"), parameters ({})           an effect of the library begins: leakage, wear, ...
 
 `fault_run` makes them happen in a simulation.
 """
@@ -29,7 +30,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import or_
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,9 +39,12 @@ from pydantic import Field, TypeAdapter, ValidationError
 from hexsim.declaration import Machine, Section, between, section_of, values_of
 from hexsim.errors import HexsimError
 from hexsim.files.toml_files import validation_sentence
+from hexsim.hydraulics.effects import effect_setting
 from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.resolved import Resolved
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.plant import Plant
+from hexsim.plant.plant import Setting
 from hexsim.simulation.emergency_supply import EmergencySupply
 
 Array = NDArray[np.float64]
@@ -65,6 +69,12 @@ class LegFault(Fault):
     leg: Annotated[int, Field(ge=1, description="from 1")]
 
 
+class ChangingSensors(Protocol):
+    """Sensors that an effect can change in flight."""
+
+    def change(self, time_s: float, resolved: Resolved) -> None: ...
+
+
 @dataclass(kw_only=True)
 class Workbench:
     """What a fault can take hold of."""
@@ -72,6 +82,7 @@ class Workbench:
     plant: Plant
     computer: MotionComputer
     supply: EmergencySupply
+    sensors: ChangingSensors
     tick_s: float
     memory: dict[Fault, Any] = dataclasses.field(default_factory=dict)
 
@@ -199,11 +210,33 @@ class HostSilence(Fault):
     kind: ClassVar[str] = "host_silence"
 
 
+@dataclass(frozen=True, kw_only=True)
+class EffectFault(Fault):
+    """Any effect of the library, as `[effects.<name>]` of a machine file has it, from `time_s` on."""
+
+    kind: ClassVar[str] = "effect"
+    effect: Annotated[str, Field(max_length=100, description="its name in the library")]
+    where: str | list[str] = dataclasses.field(default="all legs", hash=False)
+    parameters: dict[str, Any] | None = dataclasses.field(default=None, hash=False)
+
+    def setting(self, machine: Machine, place: str) -> Setting:
+        """(effect, 0-based legs, values). Raises HexsimError that begins with `place`."""
+        return effect_setting(machine, self.effect, {"where": self.where, **(self.parameters or {})}, place)
+
+    def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
+        if self not in bench.memory:
+            effect, legs, values = bench.memory[self] = self.setting(bench.plant.machine, "fault effect:")
+            bench.plant.switch_on(effect, legs, values)
+            if effect.balance == "sensor":
+                bench.sensors.change(self.time_s, bench.plant.resolved)
+        return volts
+
+
 KINDS: Mapping[str, type[Fault]] = {
     fault.kind: fault
     for fault in (
         ValveStuck, SpoolLag, PositionSensor, LegBlind, PressureLoss, PumpTrip, HoseBurst, PowerLoss, PayloadShift,
-        HostSilence,
+        HostSilence, EffectFault,
     )
 }  # fmt: skip
 
@@ -229,6 +262,8 @@ def fault_from_dict(data: Mapping[str, Any], machine: Machine, where: str) -> Fa
         raise HexsimError(
             f"{where} ({kind}): leg is {fault.leg}; machine {machine.name} has legs 1 to {machine.n_legs}"
         )
+    if isinstance(fault, EffectFault):
+        fault.setting(machine, f"{where} (effect {fault.effect}):")
     if isinstance(fault, PayloadShift) and not machine.is_hexapod:
         raise HexsimError(f"{where}: payload_shift needs a platform; machine {machine.name} is a bench")
     return fault
@@ -237,3 +272,9 @@ def fault_from_dict(data: Mapping[str, Any], machine: Machine, where: str) -> Fa
 def read_faults(tables: Sequence[Mapping[str, Any]], machine: Machine, source: str) -> list[Fault]:
     """The [[faults]] of a scenario, checked."""
     return [fault_from_dict(table, machine, f"{source}: fault {i}") for i, table in enumerate(tables, start=1)]
+
+
+def later_effects(faults: Sequence[Fault], machine: Machine) -> list[Setting]:
+    """The effects that faults will switch on, in the order of their times."""
+    effects = [fault for fault in faults if isinstance(fault, EffectFault)]
+    return [fault.setting(machine, "fault effect:") for fault in sorted(effects, key=lambda fault: fault.time_s)]

@@ -27,7 +27,7 @@ from hexsim.scenarios.resources import check_resources
 from hexsim.scenarios.settings import machine_in
 from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.fault_run import FaultRun, FaultySensors
-from hexsim.simulation.faults import read_faults
+from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
 from hexsim.simulation.plain_loop import Control, run_plain
 from hexsim.simulation.run_log import Recorded, run_log, run_summary
 
@@ -122,16 +122,17 @@ def simulate(
     check_resources(machine, scenario.duration_s)
     name, compensators = make_compensators(compensator, machine)
     kind = model or ("tendon" if fast and machine.is_hexapod else "full")
-    plant = Plant(machine, model=kind, timestep=timestep)  # type: ignore[arg-type]
     messages: list[tuple[float, int, str]] = []
     faults = read_faults(scenario.faults, machine, f"scenario {scenario.name}")
+    later = later_effects(faults, machine)
+    shifts = any(isinstance(fault, PayloadShift) for fault in faults)
+    plant = Plant(machine, model=kind, timestep=timestep, later=later, load_moves=shifts)  # type: ignore[arg-type]
     control = MotionComputer if faults else PositionLoop
     loop = control(machine, compensators, scenario.period_s, lambda *message: messages.append(message))
     run = TickLoop(plant, loop, scenario, seed)
     if isinstance(loop, MotionComputer):
-        run.faults = FaultRun(faults, plant, loop, run.tick_s)
-        run.sensors = FaultySensors(plant.resolved, run.ticks, run.tick_s, seed)
-        run.sensors.break_legs(faults)
+        run.sensors = FaultySensors(plant.resolved, run.ticks, run.tick_s, seed, faults, run.log_every)
+        run.faults = FaultRun(faults, plant, loop, run.sensors)
         interventions = [*interventions, run.faults]
         run.faults.begin()
     started = clock.perf_counter()

@@ -161,6 +161,13 @@ def memories(velocities: Sequence[Array], rate: float) -> list[Regressors]:
     return found
 
 
+def of_size(x: Array, size: Array, blocks: Array) -> tuple[Regressors, float]:
+    """A curve over one signal for the residual's size, and its R^2."""
+    knots = knots_of(x)
+    one = Regressors(form="size", X=hats(x, knots), knots=knots)
+    return one, r2_of(one.X, size, blocks)
+
+
 def dependence_of(
     residuals: Sequence[Array],
     signals: Sequence[dict[str, Array]],
@@ -205,14 +212,9 @@ def dependence_of(
     target = r
     if max(table[name] for name in table if name in order) < UNCLEAR:
         size = np.minimum(np.abs(r), np.quantile(np.abs(r), LARGEST))
-        knots_by_name = {name: knots_of(x) for name, x in moving.items()}
-        sized = {
-            name: Regressors(form="size", X=hats(moving[name], knots), knots=knots)
-            for name, knots in knots_by_name.items()
-        }
-        scores = {name: r2_of(one.X, size, blocks) for name, one in sized.items()}
-        if max(scores[name] for name in scores if name in order) > UNCLEAR:
-            target, found = size, {name: (sized[name], scores[name]) for name in sized}
+        sized = {name: of_size(x, size, blocks) for name, x in moving.items()}
+        if max(sized[name][1] for name in sized if name in order) > UNCLEAR:
+            target, found = size, sized
     best = max(found[name][1] for name in found if name in order)
     signal = next(name for name in order if name in found and found[name][1] > best - FOLLOWS)
     chosen, score = found[signal]

@@ -1,13 +1,12 @@
 """The rules of the verdict in one place. Frozen before they are scored; docs/tracing.md says what was tuned on what."""
 
 ALARM_CHI2 = 40.0  # least fall of chi2 by one effect, in units of the reduced chi2
-ALARM_SHARE = (
-    2.0e-3  # and at least this share of the samples: less is the small difference between two writers of one model
-)
+# and at least this share of the samples: less is the difference between two implementations of one model
+ALARM_SHARE = 2.0e-3
 LEAST_GAIN = 0.03  # least share of the excess chi2 that an effect must take away
 LEAST_GAIN_SIMULATED = 0.3  # the same in the last search, by simulation: what helps less explains nothing there
-FLOOR_REDUCED = 1.05  # chi2 a sample at which nothing is left to explain
-NEAR_FLOOR = 4.0  # chi2 a sample below which a hypothesis is asked what no simulation can know about itself
+NOISE_REDUCED = 1.05  # chi2 a sample at which nothing is left to explain
+NEAR_NOISE = 4.0  # chi2 a sample below which a hypothesis is judged with its own input uncertainty
 MOST_EFFECTS = 3
 REFITTED_CANDIDATES = 8  # candidates of a screening that are refitted on the opening seconds
 REFIT_GAIN_SHARE = 0.1  # only candidates with this share of the best linear gain are refitted
@@ -24,12 +23,12 @@ TIES_TRIED = 4  # of them are refitted at most
 BLOCK_S = 1.0  # [s] blocks of the normal equations and of cross-validation
 VIOLATED = 1.25  # a balance is violated above so many times its largest null
 NULL_SEEDS = 30
-FLOOR_WINDOWS = ((1, 1.08), (25, 1.6), (400, 3.0))  # (samples averaged, largest rms over the noise of their mean);
+NOISE_WINDOWS = ((1, 1.08), (25, 1.6), (400, 3.0))  # (samples averaged, largest rms over the noise of their mean);
 #   beyond 1 because the controller's own reading noise moves the machine and no simulation knows it
-DRIVEN_MARGIN = 1.25  # on the noise that logged volts bring in: one realisation, and rounding is not random
-UNKNOWN_SHARE = 0.1  # of the position's noise: how far off the setpoints of the declared loop are taken to be
-UNKNOWN_SEEDS = 3  # simulations of it
-UNKNOWN_WINDOW_S = 0.1  # [s] over which its spread is averaged
+LOGGED_VOLTS_MARGIN = 1.25  # on the noise that logged volts bring in: one realisation, and rounding is not random
+INPUT_SHARE = 0.1  # of the position's noise: how far off the setpoints of the declared loop are taken to be
+INPUT_SEEDS = 3  # simulations of it
+INPUT_WINDOW_S = 0.1  # [s] over which its spread is averaged
 BASE_TOLERANCE = 0.02  # the declared machine's refit stops when a step takes less than this share of the excess chi2
 NEGLIGIBLE_SHARE = 0.01  # an effect that vanishes at infinity does nothing below this share of its typical strength
 NULL_S_HEXAPOD = 8.0  # [s] of each run that a hexapod's null simulations cover
@@ -37,7 +36,7 @@ NEAR_CHI2, NEAR_SHARE = 60.0, 0.05  # rivals in the balances that go on to the s
 CONTENDERS = 2  # at most so many
 SENSOR_FIRST = 1.5  # a sensor balance this far above its null is looked at first: it spoils the others
 RESTORED = 1.4  # rows of the balances hold again when their rms is below so many times its null size
-LEARNED_R2 = 0.5  # a rest with at least this R^2 on unseen blocks may become a learned term
+LEARNED_R2 = 0.5  # a residual with at least this R^2 on unseen blocks may become a learned term
 
 
 def alarm(n: int) -> float:

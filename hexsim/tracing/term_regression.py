@@ -86,7 +86,7 @@ class OwnBalance:
 
 @dataclass(frozen=True, kw_only=True)
 class Fold:
-    """What happened with one run held out: rms of the rest before, refitted, with the chosen terms; what was chosen."""
+    """What happened with one run held out: rms of the residual before, refitted, with the chosen terms; what was chosen."""
 
     held_out: str
     declared: float
@@ -101,7 +101,7 @@ class Fold:
 class OwnVerdict:
     """verdict: a sentence that begins "explained in part by", "not attributable", "unexplained" or "nothing missing".
 
-    rest_share: rms of the rest on held-out runs by that of the target; depends_on: strongest (signal, held-out R2).
+    rest_share: rms of the residual on held-out runs by that of the target; depends_on: strongest (signal, held-out R2).
     """
 
     balance: str
@@ -183,16 +183,16 @@ def solve(balance: OwnBalance, runs: Sequence[RunData], chosen: Sequence[int]) -
     return np.linalg.lstsq(stacked / scale, np.concatenate(right), rcond=None)[0] / scale
 
 
-def rest(run: RunData, coefficients: Array, chosen: Sequence[int]) -> Array:
+def residual(run: RunData, coefficients: Array, chosen: Sequence[int]) -> Array:
     return run.target - np.column_stack([run.terms, run.candidates[:, list(chosen)]]) @ coefficients
 
 
 def block_losses(balance: OwnBalance, runs: Sequence[RunData], chosen: Sequence[int]) -> Array:
-    """Mean square of the rest in blocks of every run, predicted from the other runs, by its variance."""
+    """Mean square of the residual in blocks of every run, predicted from the other runs, by its variance."""
     losses = []
     for i, run in enumerate(runs):
         others = [other for j, other in enumerate(runs) if j != i]
-        left = rest(run, solve(balance, others, chosen), chosen)
+        left = residual(run, solve(balance, others, chosen), chosen)
         weight = float(np.var(run.target)) or 1.0
         losses += [float(np.mean(block**2)) / weight for block in np.array_split(left, BLOCKS)]
     return np.array(losses)
@@ -245,8 +245,8 @@ def trace_own(balance: OwnBalance, points: Sequence[Point]) -> OwnVerdict:
         folds.append(
             Fold(
                 held_out=run.name, chosen=tuple(balance.candidates[k].name for k in chosen), tied=tuple(tied),
-                declared=rms(rest(run, declared, [])), refit=rms(rest(run, solve(balance, others, []), [])),
-                with_terms=rms(rest(run, coefficients, chosen)),
+                declared=rms(residual(run, declared, [])), refit=rms(residual(run, solve(balance, others, []), [])),
+                with_terms=rms(residual(run, coefficients, chosen)),
                 coefficients=dict(zip([t.name for t in balance.terms] + [balance.candidates[k].name for k in chosen],
                                       map(float, coefficients), strict=True)),
             )
@@ -294,8 +294,8 @@ def verdict_of(balance: OwnBalance, runs: Sequence[RunData], folds: tuple[Fold, 
 
 
 def strongest_dependence(balance: OwnBalance, runs: Sequence[RunData], chosen: Sequence[int]) -> tuple[str, float]:
-    """The signal whose curve (20 bins, learned on the other runs) explains most of the rest of a run: (name, R2)."""
-    left = [rest(run, solve(balance, [r for r in runs if r is not run], chosen), chosen) for run in runs]
+    """The signal whose curve (20 bins, learned on the other runs) explains most of the residual of a run: (name, R2)."""
+    left = [residual(run, solve(balance, [r for r in runs if r is not run], chosen), chosen) for run in runs]
     best = ("none", 0.0)
     for name in sorted(set.intersection(*(set(run.signals) for run in runs))):
         edges = np.quantile(np.concatenate([run.signals[name] for run in runs]), np.linspace(0, 1, 21)[1:-1])

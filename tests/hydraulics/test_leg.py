@@ -176,7 +176,7 @@ def test_heat_is_pressure_drop_times_flow_and_friction(row, volts, v):
     supplied, drained = leg.supply_edge_flow(row, x, P1, PS), leg.tank_edge_flow(row, x, P1)
     by_hand = (PS - P1) * supplied + P1 * drained + leg.friction_force(row, 0.1, v, P1, 0.0) * v
     demand = leg.supply_demand(row, v, x, P1, PS, PS)
-    heat = leg.heat(row, 0.1, v, P1, PS, PS, 0.0, supplied - drained, demand)
+    heat = leg.heat(row, 0.1, v, x, P1, PS, PS, 0.0, supplied - drained, demand)
     assert heat == pytest.approx(by_hand, rel=1e-9, abs=1e-9)
     assert heat >= 0
 

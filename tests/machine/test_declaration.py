@@ -19,7 +19,7 @@ IMPOSSIBLE = [  # machine, key, value, what the sentence must say besides "my.to
     ("bench", "cylinder.rod_diameter_m", 0.04, ["= 0.04", "smaller than piston_diameter_m = 0.04"]),  # no annulus
     ("bench", "cylinder.stroke_m", 0.0, ["= 0.0", "greater than or equal to 0.005"]),
     ("bench", "cylinder.cushion_length_m", 0.1, ["= 0.1", "shorter than half of stroke_m = 0.2"]),
-    ("bench", "cylinder.rod_side", "tank", ["= 'tank'", "'supply' or 'chamber'"]),
+    ("bench", "cylinder.rod_side", "tank", ["= 'tank'", "'supply', 'chamber' or 'valve'"]),
     ("bench", "valve.overlap_m", 2e-3, ["= 0.002", "smaller than spool_travel_max_m = 0.0011"]),
     ("bench", "valve.overlap_m", -2e-3, ["= -0.002", "smaller than spool_travel_max_m = 0.0011"]),
     ("bench", "valve.overlap_m", 5.0, ["= 5", "smaller than spool_travel_max_m = 0.0011"]),  # um for m

@@ -10,6 +10,7 @@ import pytest
 
 from hexsim.machine import load_machine
 from hexsim.readers import load_mapping, read_log
+from hexsim.signals.table import table
 from hexsim.tracing.checks.checks import check_log
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -55,9 +56,9 @@ def test_the_mapping_of_the_page_reads_a_foreign_log(my_machine):
 
 
 def test_the_python_of_the_page_runs(my_machine, monkeypatch, capsys):
-    """Step 4 as printed, in the folder above the machine; steps 6 and 7 compile and define what they say."""
+    """Step 4 as printed, in the folder above the machine; steps 6 to 8 compile and define what they say."""
     monkeypatch.chdir(my_machine.parent)
-    look, own, effect = blocks("python")
+    look, own, effect, sensor = blocks("python")
     exec(compile(look, "step 4", "exec"), {})
     assert capsys.readouterr().out.startswith("1000.0\n")
     names: dict = {}
@@ -65,6 +66,8 @@ def test_the_python_of_the_page_runs(my_machine, monkeypatch, capsys):
     assert [term.name for term in names["flow"].candidates] == ["leakage", "compressibility"]
     exec(compile(effect, "step 7", "exec"), names)
     assert names["EFFECT"].name == "hose_compliance"
+    exec(compile(sensor, "step 8", "exec"), names)
+    assert names["SENSOR"].source in table()
 
 
 def test_every_toml_block_is_valid(tmp_path):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import other_plant
+import polars as pl
 import pytest
 
 from hexsim.errors import HexsimError
@@ -133,6 +134,17 @@ def test_a_machine_at_rest_is_refused(tmp_path):
     other_plant.write_machine(tmp_path, 2, {}, runs=["rest"], duration_s=3.0)
     with pytest.raises(HexsimError, match="the machine stands still"):
         refuse_misleading(read_log(tmp_path / "rest.csv.gz"), MACHINE)
+
+
+def test_repairs_of_the_reader_are_among_the_findings(bench, tmp_path):
+    """What was filled is a finding of its own, for console and report; a clean log has none."""
+    holes = bench.table.with_columns(
+        pl.when(pl.int_range(pl.len()) == 100).then(None).otherwise(pl.col("valve_V")).alias("valve_V")
+    )
+    holes.write_csv(tmp_path / "holes.csv")
+    found = refuse_misleading(read_log(tmp_path / "holes.csv"), MACHINE)
+    assert any("valve_V: 1 samples filled by the values held" in finding.description for finding in found)
+    assert refuse_misleading(bench, MACHINE) == []
 
 
 def test_slow_and_short_logs_say_what_cannot_be_said(bench):

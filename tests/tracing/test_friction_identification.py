@@ -61,13 +61,12 @@ def test_errors_are_honest_on_ordinary_motion(tmp_path, run):
     """Multisine and the report's sine, mass known to 2 %: viscous within 1 %, Coulomb within 3 errors or 5 %."""
     plant = other_plant.write_machine(tmp_path, 5, {}, runs=[run], duration_s=20.0)
     result = identify_friction(read_log(tmp_path / f"{run}.csv.gz"), load_machine(tmp_path))
-    for key, value in truth(plant).items():
-        if key.startswith("viscous"):
-            assert result.parameters[key] == pytest.approx(value, rel=0.01), key
-        if key.startswith("coulomb"):
-            assert result.parameters[key] == pytest.approx(
-                value, abs=max(3 * result.standard_error[key], 0.05 * value)
-            ), key
+    true = truth(plant)
+    for way in ("extend", "retract"):
+        viscous, coulomb = f"viscous_{way}_N_s_m", f"coulomb_{way}_N"
+        assert result.parameters[viscous] == pytest.approx(true[viscous], rel=0.01)
+        margin = max(3 * result.standard_error[coulomb], 0.05 * true[coulomb])
+        assert result.parameters[coulomb] == pytest.approx(true[coulomb], abs=margin)
     assert abs(result.mass_kg - plant.rig["mass"][0]) < 4 * result.mass_error_kg + 0.1
 
 
@@ -75,11 +74,10 @@ def test_a_leg_of_a_hexapod(tmp_path):
     """Leg loads from the platform's motion: viscous within 3 %, Coulomb within 10 % on the multisine."""
     plant = other_plant.write_machine(tmp_path, 6, {}, "hexapod", runs=["fit"], duration_s=12.0)
     result = identify_friction(read_log(tmp_path / "fit.csv.gz"), load_machine(tmp_path), leg=3)
-    for key, value in truth(plant, 2).items():
-        if key.startswith("viscous"):
-            assert result.parameters[key] == pytest.approx(value, rel=0.03), key
-        if key.startswith("coulomb"):
-            assert result.parameters[key] == pytest.approx(value, rel=0.10), key
+    true = truth(plant, 2)
+    for way in ("extend", "retract"):
+        for key, share in ((f"viscous_{way}_N_s_m", 0.03), (f"coulomb_{way}_N", 0.10)):
+            assert result.parameters[key] == pytest.approx(true[key], rel=share), key
 
 
 def test_measured_bench(tmp_path):

@@ -27,7 +27,7 @@ def questions(tmp_path, monkeypatch):
     monkeypatch.setattr(rules, "NULL_SEEDS", 3)
     write_machine(tmp_path, 1, {"discharge_of_pressure": None}, "bench", duration_s=8.0)
     machine = load_machine(tmp_path)
-    logs, _, _ = read_runs(Path(tmp_path), ["fit", "sweep", "validate"], machine)
+    logs, _ = read_runs(Path(tmp_path), ["fit", "sweep", "validate"], machine)
     noise = noise_of(machine, logs)
     return (
         machine,

@@ -12,7 +12,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.dependence import FORMS
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.report import page as report_page
-from hexsim.tracing.report.figures import fitted_curves
+from hexsim.tracing.report.balance_figure import fitted_curves
 from hexsim.tracing.steps.logs import read_runs
 from hexsim.tracing.steps.residuals import unexplained_residuals
 from hexsim.tracing.steps.violations import violations
@@ -33,7 +33,7 @@ def test_what_a_rest_depends_on(tmp_path, monkeypatch, effect, balance, signal, 
     monkeypatch.setattr(rules, "NULL_SEEDS", 3)
     write_machine(tmp_path, 12, {effect: None}, "bench", duration_s=20.0)
     machine = load_machine(tmp_path)
-    logs, _, _ = read_runs(Path(tmp_path), ["fit", "sweep"], machine)
+    logs, _ = read_runs(Path(tmp_path), ["fit", "sweep"], machine)
     problem = SimulatedProblem(logs=tuple(logs), noise=noise_of(machine, logs))
     worst = unexplained_residuals(violations(machine, machine, problem), problem)[0]
     assert (worst.balance, worst.dependence.signal, worst.dependence.form) == (balance, signal, form)

@@ -1,4 +1,4 @@
-"""The library of effects: one file each, found by name. See `effect` for what an effect is."""
+"""The library of effects: one file each, found by folder or entry point. See `effect` for what an effect is."""
 
 from __future__ import annotations
 
@@ -7,21 +7,36 @@ import math
 import pkgutil
 import re
 from functools import cache
+from importlib.metadata import entry_points
 from typing import Any
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 
-__all__ = ["Effect", "EffectParameter", "check_effects", "effect_named", "effect_settings", "library"]
+GROUP = "hexsim.effects"
+__all__ = ["Effect", "EffectParameter", "check_effects", "effect_named", "effect_setting", "effect_settings", "library"]
 
 
 @cache
 def library() -> dict[str, Effect]:
-    """All effects by name, in the order of their names."""
-    names = sorted(info.name for info in pkgutil.iter_modules(__path__) if info.name != "effect")
-    effects = [importlib.import_module(f"{__name__}.{name}").EFFECT for name in names]
-    return {effect.name: effect for effect in effects}
+    """All effects by name, in the order of their names: the files of this folder, and installed ones.
+
+    A package adds its own by an entry point of the group `hexsim.effects` that leads to an Effect. HexsimError when a
+    name is taken, or when what an entry point leads to is no Effect.
+    """
+    names = [info.name for info in pkgutil.iter_modules(__path__) if info.name != "effect"]
+    found = [importlib.import_module(f"{__name__}.{name}").EFFECT for name in names]
+    for entry in entry_points(group=GROUP):
+        effect = entry.load()
+        if not isinstance(effect, Effect):
+            raise HexsimError(f"entry point {entry.name} of {GROUP} leads to {type(effect).__name__}: give an Effect")
+        if effect.name in {other.name for other in found}:
+            raise HexsimError(
+                f"entry point {entry.name} of {GROUP}: there is an effect {effect.name} already; rename it"
+            )
+        found.append(effect)
+    return {effect.name: effect for effect in sorted(found, key=lambda effect: effect.name)}
 
 
 def effect_named(name: str, source: str = "effects") -> Effect:
@@ -33,18 +48,21 @@ def effect_named(name: str, source: str = "effects") -> Effect:
 
 def effect_settings(machine: Machine, source: str = "machine") -> list[tuple[Effect, tuple[int, ...], dict[str, Any]]]:
     """The machine's [effects] as (effect, 0-based legs, values), checked against bounds and places."""
-    settings = []
-    for name, tables in machine.effects.items():
-        effect = effect_named(name, source)
-        if machine.machine.kind not in effect.kinds:
-            raise HexsimError(
-                f"{source}: [effects.{name}] is for a {' or '.join(effect.kinds)}, not a {machine.machine.kind}"
-            )
-        for table in tables if isinstance(tables, list) else [tables]:
-            place = f"{source}: [effects.{name}]"
-            legs = _legs(table.get("where", "all legs"), machine.n_legs, place)
-            settings.append((effect, legs, _values(effect, table, place)))
-    return settings
+    return [
+        effect_setting(machine, name, table, f"{source}: [effects.{name}]")
+        for name, tables in machine.effects.items()
+        for table in (tables if isinstance(tables, list) else [tables])
+    ]
+
+
+def effect_setting(
+    machine: Machine, name: str, table: dict[str, Any], place: str
+) -> tuple[Effect, tuple[int, ...], dict[str, Any]]:
+    """One effect as (effect, 0-based legs, values) from its table: parameters and `where`; `place` begins an error."""
+    effect = effect_named(name, place)
+    if machine.machine.kind not in effect.kinds:
+        raise HexsimError(f"{place} is for a {' or '.join(effect.kinds)}, not a {machine.machine.kind}")
+    return effect, _legs(table.get("where", "all legs"), machine.n_legs, place), _values(effect, table, place)
 
 
 def check_effects(machine: Machine, source: str) -> None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,29 +18,56 @@ from hexsim.hydraulics import valve
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.hydraulics.resolved import Resolved
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window, velocity
 
 Array = np.ndarray
 Settings = tuple[float, ...]  # offset, gain, delay [s] of a sensor
+FORCE_SIGNALS = (
+    "velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa",
+)  # fmt: skip
 KEPT_SETTINGS = 8  # of sensors, for each log
 
 
-@runtime_checkable
-class Balance(Protocol):
-    """name and unit of the residual; `residual` gives it under a window, one row a place: (n_places, n).
+class Balance(ABC):
+    """What must be zero where the model holds. All that the tool says of a balance stands in its class.
 
-    `wants` tells whether a log has the channels; `places` names the rows ("leg 1", "platform").
+    name, unit: of the residual.  caption: what must be equal, for the report.  order: place in the order of tracing.
+    signals: that the residual may depend on; of those that do alike the first is named: what the balance contains comes first.
+    usual_signal: over which it is drawn where nothing stands out.
+    learned_as: balance that a learned curve of its residual may join ("continuity", "force"), or None.
+    other_names: name -> caption, for a residual that is put down to a part of it, see `reported_as`.
+    spoils_others: where it is violated, no other can be trusted.  one_cause: its rows are one cause; the worst is looked at.
+    shared_out: its rows are another balance's, said in other places.
     """
 
-    name: str
-    unit: str
+    name: ClassVar[str]
+    unit: ClassVar[str]
+    caption: ClassVar[str]
+    order: ClassVar[int]
+    signals: ClassVar[tuple[str, ...]] = FORCE_SIGNALS
+    usual_signal: ClassVar[str] = "velocity_m_s"
+    learned_as: ClassVar[str | None] = None
+    other_names: ClassVar[dict[str, str]] = {}
+    spoils_others: ClassVar[bool] = False
+    one_cause: ClassVar[bool] = False
+    shared_out: ClassVar[bool] = False
 
-    def wants(self, log: MeasuredLog) -> bool: ...
+    @abstractmethod
+    def wants(self, log: Log) -> bool:
+        """Has the log the channels?"""
 
-    def places(self, log: MeasuredLog) -> list[str]: ...
+    @abstractmethod
+    def places(self, log: Log) -> list[str]:
+        """Names of the rows: "leg 1", "all legs", "platform x"."""
 
-    def residual(self, log: MeasuredLog, machine: Any) -> Array: ...
+    @abstractmethod
+    def residual(self, log: Log, machine: Machine) -> Array:
+        """The residual under a window, a row a place: (n_places, n)."""
+
+    def reported_as(self, signal: str) -> str:
+        """The name under which a residual that depends on this signal is reported."""
+        return self.name
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,10 +125,10 @@ class MeasuredPoint:
         return self.sensed.P1
 
 
-_known: WeakKeyDictionary[MeasuredLog, dict[Hashable, Any]] = WeakKeyDictionary()
+_known: WeakKeyDictionary[Log, dict[Hashable, Any]] = WeakKeyDictionary()
 
 
-def remembered(log: MeasuredLog, key: Hashable, make: Callable[[], Any]) -> Any:
+def remembered(log: Log, key: Hashable, make: Callable[[], Any]) -> Any:
     """What `make` gives for this log and key, made once while the log lives: fits ask for the same again and again."""
     known = _known.setdefault(log, {})
     found = known.get(key)
@@ -117,7 +145,7 @@ def position_settings(resolved: Resolved, leg: int) -> Settings:
     return tuple(float(resolved.leg_sensors[f"position_{key}"][leg]) for key in ("offset_m", "gain", "delay_s"))
 
 
-def sensed_leg(log: MeasuredLog, resolved: Resolved, leg: int) -> SensedLeg:
+def sensed_leg(log: Log, resolved: Resolved, leg: int) -> SensedLeg:
     """What the sensors of a leg say, computed once for a log and its sensors' settings."""
     shared, position = resolved.sensors, position_settings(resolved, leg)
     pressure = tuple(float(resolved.leg_sensors[f"pressure_{key}"][leg]) for key in ("offset_Pa", "gain", "delay_s"))
@@ -125,7 +153,7 @@ def sensed_leg(log: MeasuredLog, resolved: Resolved, leg: int) -> SensedLeg:
     return remembered(log, (leg, position, pressure, motion), lambda: _sense(log, leg, position, pressure, motion))
 
 
-def _sense(log: MeasuredLog, leg: int, position: Settings, pressure: Settings, motion: Settings) -> SensedLeg:
+def _sense(log: Log, leg: int, position: Settings, pressure: Settings, motion: Settings) -> SensedLeg:
     def true_of(shown: Array, settings: Settings) -> Array:
         offset, gain, delay = settings
         return advanced((shown - offset) / gain, delay * log.rate)
@@ -139,7 +167,7 @@ def _sense(log: MeasuredLog, leg: int, position: Settings, pressure: Settings, m
     return SensedLeg(y=y, v=v, P1=P1, acceleration=acceleration, window=Window(log.rate))
 
 
-def measured_point(log: MeasuredLog, machine: Machine, resolved: Resolved, leg: int) -> MeasuredPoint:
+def measured_point(log: Log, machine: Machine, resolved: Resolved, leg: int) -> MeasuredPoint:
     """The point at which the balances of a leg are evaluated."""
     row = resolved.rows[leg]
     t = log.time - log.time[0]

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics.parameters import P
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances.balance import MeasuredPoint, measured_point, resolved_machine
+from hexsim.tracing.balances.balance import Balance, MeasuredPoint, measured_point, resolved_machine
 
 Array = np.ndarray
 
@@ -45,19 +47,30 @@ def residual_of(p: Array, point: MeasuredPoint, window: Window) -> Array:
     return window.mean(flow) - p[P.AREA_BOTTOM] * sensed.mean_v - compression
 
 
-class Continuity:
+class Continuity(Balance):
     """Continuity of each leg's bottom chamber."""
 
     name = "continuity"
     unit = "m3/s"
+    caption = "valve flow = piston flow + compression of the oil"
+    order = 30
+    signals = (
+        "valve_V", "position_m", "pressure_bottom_Pa", "time_s", "velocity_m_s", "pressure_supply_Pa", "acceleration_m_s2",
+    )  # fmt: skip
+    usual_signal = "valve_V"
+    learned_as = "continuity"
+    other_names: ClassVar = {"valve": "the same, put down to the valve where the valve explains it"}
 
-    def wants(self, log: MeasuredLog) -> bool:
+    def wants(self, log: Log) -> bool:
         return log.volts is not None and log.pressure is not None
 
-    def places(self, log: MeasuredLog) -> list[str]:
+    def places(self, log: Log) -> list[str]:
         return [f"leg {i + 1}" for i in range(log.n_legs)]
 
-    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+    def reported_as(self, signal: str) -> str:
+        return "valve" if signal == "valve_V" else self.name
+
+    def residual(self, log: Log, machine: Machine) -> Array:
         resolved, window = resolved_machine(machine), Window(log.rate)
         return np.stack(
             [
@@ -65,3 +78,6 @@ class Continuity:
                 for i in range(log.n_legs)
             ]
         )
+
+
+BALANCES = (Continuity(),)

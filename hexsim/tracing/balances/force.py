@@ -11,9 +11,9 @@ from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.machine.geometry import suspension
 from hexsim.mechanics.rigid_body import pushed_back
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances.balance import measured_point, resolved_machine
+from hexsim.tracing.balances.balance import Balance, measured_point, resolved_machine
 
 Array = np.ndarray
 
@@ -40,19 +40,22 @@ def push_of_payloads(resolved: Resolved, felt: Array, rate: float) -> Array:
     return np.sum(pushes, axis=0) if pushes else np.zeros(len(felt))
 
 
-class Force:
+class Force(Balance):
     """Force balance of a bench. A hexapod has the platform balance instead."""
 
     name = "force"
     unit = "N"
+    caption = "pressures − weight − friction = mass times acceleration"
+    order = 40
+    learned_as = "force"
 
-    def wants(self, log: MeasuredLog) -> bool:
+    def wants(self, log: Log) -> bool:
         return log.n_legs == 1 and log.pressure is not None and log.acceleration is not None
 
-    def places(self, log: MeasuredLog) -> list[str]:
+    def places(self, log: Log) -> list[str]:
         return ["leg 1"]
 
-    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+    def residual(self, log: Log, machine: Machine) -> Array:
         resolved, window = resolved_machine(machine), Window(log.rate)
         point, p = measured_point(log, machine, resolved, 0), resolved.rows[0]
         assert point.P1 is not None and point.sensed.acceleration is not None
@@ -61,3 +64,6 @@ class Force:
         felt = point.sensed.acceleration + gravity
         net = point.P1 * p[P.AREA_BOTTOM] + beyond - mass * felt
         return window.mean(net - push_of_payloads(resolved, felt, log.rate))[None]
+
+
+BALANCES = (Force(),)

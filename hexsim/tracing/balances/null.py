@@ -9,14 +9,14 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.signals.channels import SETTLE_S
-from hexsim.signals.log import MeasuredLog
-from hexsim.tracing.balances import Balance
+from hexsim.signals.log import Log
+from hexsim.tracing.balances.balance import Balance
 
 Array = np.ndarray
 END_S = 0.05  # [s] at the end of a run that windows do not see whole
 
 
-def with_noise(log: MeasuredLog, noise: dict[str, float], resolution: float, rng: np.random.Generator) -> MeasuredLog:
+def with_noise(log: Log, noise: dict[str, float], resolution: float, rng: np.random.Generator) -> Log:
     """White noise on every channel; the position is rounded as its transducer rounds."""
 
     def noisy(rows: Array | None, kind: str) -> Array | None:
@@ -36,14 +36,14 @@ def with_noise(log: MeasuredLog, noise: dict[str, float], resolution: float, rng
     )
 
 
-def used(log: MeasuredLog, residual: Array) -> Array:
+def used(log: Log, residual: Array) -> Array:
     """The samples of a residual that count."""
     return residual[..., int((SETTLE_S + 0.1) * log.rate) : log.n - int(END_S * log.rate)]
 
 
 def null_squares(
     balances: Sequence[Balance],
-    quiet: Sequence[MeasuredLog],
+    quiet: Sequence[Log],
     clean: Sequence[Sequence[Array]],
     machine: Machine,
     noise: dict[str, float],

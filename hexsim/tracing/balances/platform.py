@@ -16,9 +16,10 @@ from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.machine.geometry import machine_kinematics, platform_body
 from hexsim.mechanics.rigid_body import centre_accelerations, joint_wrenches
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import (
+    Balance,
     SensedLeg,
     advanced,
     measured_point,
@@ -26,41 +27,48 @@ from hexsim.tracing.balances.balance import (
     remembered,
     resolved_machine,
 )
-from hexsim.tracing.balances.force import forces_beyond_pressure, push_of_payloads
+from hexsim.tracing.balances.force import Force, forces_beyond_pressure, push_of_payloads
 
 Array = np.ndarray
 ROWS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
-class Platform:
+class Platform(Balance):
     """Newton and Euler about the centre of the platform joints, in the platform frame."""
 
     name = "platform"
     unit = "N, N m"
+    caption = "forces of the legs = inertia of the platform"
+    order = 60
+    one_cause = True
 
-    def wants(self, log: MeasuredLog) -> bool:
+    def wants(self, log: Log) -> bool:
         return log.n_legs == 6 and log.pressure is not None and log.acceleration is not None and log.angular is not None
 
-    def places(self, log: MeasuredLog) -> list[str]:
+    def places(self, log: Log) -> list[str]:
         return [f"platform {row}" for row in ROWS]
 
-    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+    def residual(self, log: Log, machine: Machine) -> Array:
         return wrench_residual(log, machine)[0]
 
 
-class LegForce:
+class LegForce(Balance):
     """The platform's residual shared out to the legs: thrusts that would make up for it, J^-T r_J  [N]."""
 
     name = "force"
     unit = "N"
+    caption = Force.caption
+    order = 50
+    learned_as = "force"
+    shared_out = True
 
-    def wants(self, log: MeasuredLog) -> bool:
+    def wants(self, log: Log) -> bool:
         return Platform().wants(log)
 
-    def places(self, log: MeasuredLog) -> list[str]:
+    def places(self, log: Log) -> list[str]:
         return [f"leg {i + 1}" for i in range(6)]
 
-    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+    def residual(self, log: Log, machine: Machine) -> Array:
         residual, lines = wrench_residual(log, machine)
         return np.linalg.solve(np.swapaxes(lines, -1, -2), residual.T[..., None])[..., 0].T
 
@@ -78,7 +86,7 @@ class PlatformMotion:
     omega: Array
 
 
-def platform_motion(log: MeasuredLog, resolved: Resolved, sensed: Sequence[SensedLeg]) -> PlatformMotion:
+def platform_motion(log: Log, resolved: Resolved, sensed: Sequence[SensedLeg]) -> PlatformMotion:
     """Forward kinematics and velocities of every sample under the window, once for a log and its position sensors."""
     kinematics = machine_kinematics(resolved.machine)
     settings = tuple(position_settings(resolved, i) for i in range(6))
@@ -95,7 +103,7 @@ def platform_motion(log: MeasuredLog, resolved: Resolved, sensed: Sequence[Sense
     return remembered(log, ("platform", kinematics, settings), moved)
 
 
-def wrench_residual(log: MeasuredLog, machine: Machine) -> tuple[Array, Array]:
+def wrench_residual(log: Log, machine: Machine) -> tuple[Array, Array]:
     """r_J (6, n) under the window, and the legs' lines (n, 6, 6) in the platform frame: wrench = thrusts . lines."""
     resolved, window = resolved_machine(machine), Window(log.rate)
     body, sensors = platform_body(resolved, machine_kinematics(machine)), resolved.sensors
@@ -116,3 +124,6 @@ def wrench_residual(log: MeasuredLog, machine: Machine) -> tuple[Array, Array]:
     felt = (centre_accelerations(body, acceleration, motion.omega) - gravity)[:, 2]
     asked = joint_wrenches(body, acceleration, motion.omega, gravity, push_of_payloads(resolved, felt, log.rate))
     return window.mean(wrench - asked.T), motion.lines
+
+
+BALANCES = (LegForce(), Platform())

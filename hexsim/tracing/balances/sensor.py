@@ -5,23 +5,31 @@ from __future__ import annotations
 import numpy as np
 
 from hexsim.declaration import Machine
-from hexsim.signals.log import MeasuredLog
-from hexsim.tracing.balances.balance import resolved_machine, sensed_leg
+from hexsim.signals.log import Log
+from hexsim.tracing.balances.balance import Balance, resolved_machine, sensed_leg
 
 Array = np.ndarray
 
 
-class Sensor:
+class Sensor(Balance):
     """Position differentiated twice against the accelerometer of a bench."""
 
     name = "sensor"
     unit = "m/s2"
+    caption = "position differentiated twice = acceleration, but for the ripple between the controller's ticks"
+    order = 10
+    signals = ("position_m", "velocity_m_s", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "valve_V")
+    usual_signal = "acceleration_m_s2"
+    spoils_others = True
 
-    def wants(self, log: MeasuredLog) -> bool:
+    def wants(self, log: Log) -> bool:
         return log.n_legs == 1 and log.acceleration is not None
 
-    def places(self, log: MeasuredLog) -> list[str]:
+    def places(self, log: Log) -> list[str]:
         return ["leg 1"]
 
-    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+    def residual(self, log: Log, machine: Machine) -> Array:
         return sensed_leg(log, resolved_machine(machine), 0).disagreement[None]
+
+
+BALANCES = (Sensor(),)

@@ -8,9 +8,9 @@ from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics.supply import LINE, S, line_capacity
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances.balance import measured_point, resolved_machine
+from hexsim.tracing.balances.balance import Balance, measured_point, resolved_machine
 
 Array = np.ndarray
 
@@ -33,19 +33,22 @@ def capacities(s, Ps):
     return capacity
 
 
-class Supply:
+class Supply(Balance):
     """The supply's own balance, with the demand of all legs from measured signals."""
 
     name = "supply"
     unit = "Pa"
+    caption = "supply pressure = what the declared supply gives for the flow taken"
+    order = 20
+    signals = ("velocity_m_s", "time_s", "valve_V", "position_m", "pressure_bottom_Pa", "acceleration_m_s2")
 
-    def wants(self, log: MeasuredLog) -> bool:
+    def wants(self, log: Log) -> bool:
         return log.supply is not None
 
-    def places(self, log: MeasuredLog) -> list[str]:
+    def places(self, log: Log) -> list[str]:
         return ["all legs"]
 
-    def residual(self, log: MeasuredLog, machine: Machine) -> Array:
+    def residual(self, log: Log, machine: Machine) -> Array:
         resolved, window = resolved_machine(machine), Window(log.rate)
         supply = resolved.supply
         assert log.supply is not None
@@ -63,3 +66,6 @@ class Supply:
             delivered = np.minimum(delivered, supply[S.FLOW_MAX])
         net = window.mean(delivered - demand) - capacities(supply, window.mean(Ps)) * window.rate(Ps)
         return supply[S.RESISTANCE] * net[None]
+
+
+BALANCES = (Supply(),)

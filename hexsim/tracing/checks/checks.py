@@ -40,11 +40,11 @@ def check_log(log: Log, machine: Machine) -> list[Finding]:
 
 
 def refuse_misleading(log: Log, machine: Machine) -> list[Finding]:
-    """check_log, with its first refusal raised as HexsimError."""
+    """check_log, with its first refusal raised as HexsimError; what the reader dropped, filled or converted follows."""
     found = check_log(log, machine)
     if found and found[0].severity == "refuse":
         raise HexsimError(f"{log.path}: {found[0].description}")
-    return found
+    return [*found, *(notice(channel="", description=sentence) for sentence in log.losses)]
 
 
 def size_of_log(log: Log, machine: Machine) -> list[Finding]:

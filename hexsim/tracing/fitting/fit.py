@@ -24,7 +24,7 @@ from hexsim.tracing.fitting.parameters import (
     to_value,
     with_settings,
 )
-from hexsim.tracing.problems.problem import FitProblem
+from hexsim.tracing.problems.problem import N_CORES, FitProblem, in_job
 
 Array = np.ndarray
 MAX_STEPS = 14
@@ -49,6 +49,7 @@ class Fit:
     misfit: list[Array]
     covariance: Array | None = None  # of coordinates: deviations in half widths, then effect numbers
     columns: list[Array] | None = None  # of the declared parameters, a log: (n_priors, n_channels, n)
+    neighbours: list[Array] | None = None  # misfits of `effect_neighbours` while a refit runs
 
     @property
     def reduced(self) -> float:
@@ -88,34 +89,24 @@ def chi2_of(misfit: list[Array]) -> float:
     return total if np.isfinite(total) else np.inf
 
 
+def answered(fit: Fit, problem: FitProblem) -> Fit:
+    """The fit where it stands, with its misfit as the problem sees it."""
+    misfit = [m[0] for m in problem.misfit([fit.fitted_machine()])]
+    return replace(fit, misfit=misfit, chi2=chi2_of(misfit), n=sum(m.size for m in misfit), neighbours=None)
+
+
 def start_fit(machine: Machine, priors: tuple[Prior, ...], problem: FitProblem) -> Fit:
     """The declared machine, nothing fitted."""
-    misfit = [m[0] for m in problem.misfit([machine])]
-    return Fit(
-        machine=machine,
-        priors=priors,
-        deviations=np.zeros(len(priors)),
-        candidates=(),
-        values=(),
-        chi2=chi2_of(misfit),
-        n=sum(m.size for m in misfit),
-        misfit=misfit,
+    nothing = np.zeros(len(priors))
+    bare = Fit(
+        machine=machine, priors=priors, deviations=nothing, candidates=(), values=(), chi2=np.inf, n=0, misfit=[]
     )
+    return answered(bare, problem)
 
 
 def start_fit_at(rival: Fit, problem: FitProblem) -> Fit:
     """A fit where it stands, as another problem sees it."""
-    misfit = [m[0] for m in problem.misfit([rival.fitted_machine()])]
-    return Fit(
-        machine=rival.machine,
-        priors=rival.priors,
-        deviations=rival.deviations,
-        candidates=rival.candidates,
-        values=rival.values,
-        chi2=chi2_of(misfit),
-        n=sum(m.size for m in misfit),
-        misfit=misfit,
-    )
+    return answered(replace(rival, covariance=None, columns=None), problem)
 
 
 def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
@@ -134,11 +125,8 @@ def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
     return replace(fit, columns=[(base - v) / steps for base, v in zip(fit.misfit, varied, strict=True)])
 
 
-def effect_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> list[Array]:
-    """Columns of every effect number about where the fit stands (per coordinate), a log: (n_numbers, channels, n).
-
-    A number whose neighbour's simulation diverges gets no column: it stays where it is.
-    """
+def effect_neighbours(fit: Fit, share: float) -> tuple[list[Machine], list[float]]:
+    """Machines with one effect number a small step off, and the steps in coordinates."""
     machines, steps = [], []
     for k, candidate in enumerate(fit.candidates):
         for parameter in candidate.free():
@@ -151,10 +139,17 @@ def effect_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> list[Ar
             changed = (*fit.values[:k], values, *fit.values[k + 1 :])
             machines.append(replace(fit, values=changed).fitted_machine())
             steps.append(step)
-    columns = [
-        (base - v) / np.array(steps)[:, None, None]
-        for base, v in zip(fit.misfit, problem.misfit(machines), strict=True)
-    ]
+    return machines, steps
+
+
+def effect_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> list[Array]:
+    """Columns of every effect number about where the fit stands (per coordinate), a log: (n_numbers, channels, n).
+
+    A number whose neighbour's simulation diverges gets no column: it stays where it is.
+    """
+    machines, steps = effect_neighbours(fit, share)
+    varied = fit.neighbours or problem.misfit(machines)
+    columns = [(base - v) / np.array(steps)[:, None, None] for base, v in zip(fit.misfit, varied, strict=True)]
     alive = np.all([np.isfinite(c).all(axis=(1, 2)) for c in columns], axis=0)
     return [np.where(alive[:, None, None], c, 0.0) for c in columns]
 
@@ -204,7 +199,7 @@ def refine(
             promise = _promise(A, b, step)
             if promise < 0.2 * tolerance:
                 break
-            trial = _evaluate(fit, coordinates, problem)
+            trial = _evaluate(fit, coordinates, problem, share)
             if _cost(trial) < _cost(fit):
                 better, damping = trial, damping / 30 if damping > 1e-3 else 0.0
                 kept = (_cost(fit) - _cost(trial)) / promise
@@ -218,7 +213,7 @@ def refine(
         age += 1
         if fresh and (abs(kept - 1.0) > 1.0 - KEPT_SHARE or age > MAX_AGE):
             fit, age, damping = parameter_columns(fit, problem, share), 0, 0.0
-    return replace(fit, covariance=covariance)
+    return replace(fit, covariance=covariance, neighbours=None)
 
 
 def polished(fit: Fit, problem: FitProblem) -> Fit:
@@ -290,7 +285,8 @@ def _step(fit: Fit, A: Array, b: Array, damping: float) -> tuple[Array, Array]:
     return here + step, step
 
 
-def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem) -> Fit:
+def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem, share: float) -> Fit:
+    """The fit at other coordinates. Where a core would idle its neighbours are simulated with it: the next step needs them."""
     half_widths = np.array([prior.half_width for prior in fit.priors])
     m = len(fit.priors)
     values, place = [], m
@@ -301,14 +297,15 @@ def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem) -> Fit:
             place += 1
         values.append(own)
     trial = replace(fit, deviations=coordinates[:m] * half_widths if m else fit.deviations, values=tuple(values))
-    misfit = [r[0] for r in problem.misfit([trial.fitted_machine()])]
-    return replace(trial, misfit=misfit, chi2=chi2_of(misfit))
+    if not trial.candidates or in_job() or len(problem.logs) >= N_CORES:
+        return answered(trial, problem)
+    found = problem.misfit([trial.fitted_machine(), *effect_neighbours(trial, share)[0]])
+    misfit = [own[0] for own in found]
+    return replace(trial, misfit=misfit, chi2=chi2_of(misfit), neighbours=[own[1:] for own in found])
 
 
 def with_candidate(fit: Fit, candidate: Candidate, coordinate: float, problem: FitProblem) -> Fit:
     """The fit with one more effect at a size, not yet refined."""
     size = candidate.effect.parameters[0]
     values = candidate.start() | {size.name: to_value(size, coordinate)}
-    grown = replace(fit, candidates=(*fit.candidates, candidate), values=(*fit.values, values))
-    misfit = [r[0] for r in problem.misfit([grown.fitted_machine()])]
-    return replace(grown, misfit=misfit, chi2=chi2_of(misfit))
+    return answered(replace(fit, candidates=(*fit.candidates, candidate), values=(*fit.values, values)), problem)

@@ -134,7 +134,7 @@ def residual_at_noise_level(misfit: Sequence[Array], share: float = 1.0) -> bool
     rest of it being no better than noise.
     """
     for m in misfit:
-        for width, limit in rules.FLOOR_WINDOWS:
+        for width, limit in rules.NOISE_WINDOWS:
             n = m.shape[1] // width * width
             means = m[:, :n].reshape(m.shape[0], -1, width).mean(axis=2) * np.sqrt(width)
             if not np.all(np.mean(means**2, axis=1) * share < limit**2 - (1.0 - share)):
@@ -168,7 +168,7 @@ def inert(fit: Fit) -> bool:
 
 def noise_reached(fit: Fit) -> bool:
     """Is chi2 a sample at the noise?"""
-    return fit.reduced < rules.FLOOR_REDUCED
+    return fit.reduced < rules.NOISE_REDUCED
 
 
 def search(

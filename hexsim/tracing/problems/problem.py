@@ -18,6 +18,7 @@ from hexsim.tracing import rules
 
 Array = np.ndarray
 THREADS = "hexsim fits"
+N_CORES = max(os.cpu_count() or 1, 1)
 
 
 class FitProblem(ABC):
@@ -70,16 +71,21 @@ class FitProblem(ABC):
         return max(log.n / log.rate for log in self.logs)
 
 
+def in_job() -> bool:
+    """Does this run in a job of `in_parallel`?"""
+    return threading.current_thread().name.startswith(THREADS)
+
+
 def in_parallel(function: Callable[[Any], Any], jobs: Iterable[Any]) -> list[Any]:
     """function(job) of every job, in their order, on all cores; compiled simulations release the interpreter.
 
     A job that asks for jobs of its own does them itself, one after the other.
     """
-    if threading.current_thread().name.startswith(THREADS):
+    if in_job():
         return [function(job) for job in jobs]
     return list(_threads().map(function, jobs))
 
 
 @cache
 def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=max(os.cpu_count() or 1, 1), thread_name_prefix=THREADS)
+    return ThreadPoolExecutor(max_workers=N_CORES, thread_name_prefix=THREADS)

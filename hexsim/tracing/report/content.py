@@ -29,7 +29,7 @@ def report_of(result: Trace) -> dict[str, Any]:
         "machine": result.machine.name,
         "balances": [balance_entry(line) for line in result.violations],
         "effects": [effect_entry(effect) for effect in result.effects] + [rest for rest in result.learned],
-        "unexplained": [rest_entry(rest) for rest in result.unexplained],
+        "unexplained": [unexplained_entry(rest) for rest in result.unexplained],
         "detectable": detectable(result.screening, rules.alarm(result.screened)),
         "parameters": parameter_entries(result),
         "error": {
@@ -84,7 +84,7 @@ def effect_entry(effect: NamedEffect) -> dict[str, Any]:
     }
 
 
-def rest_entry(rest: UnexplainedResidual) -> dict[str, Any]:
+def unexplained_entry(rest: UnexplainedResidual) -> dict[str, Any]:
     found = rest.dependence
     return {
         "balance": rest.balance,

@@ -11,14 +11,15 @@ from hexsim.recording.quantity import plain, quantity, split_key, with_error
 from hexsim.recording.report import data_url, render
 from hexsim.signals.channels import kind_of
 from hexsim.tracing import rules
-from hexsim.tracing.report import figures
-from hexsim.tracing.report.figures import SIGNALS, channel_words
+from hexsim.tracing.balances import caption_of
+from hexsim.tracing.report import balance_figure, figures
+from hexsim.tracing.report.signals import SCALE, SIGNALS, channel_words
 from hexsim.tracing.state import NamedEffect, Trace, Violation
 
 CAPTIONS = {
     "comparison": "Held-out run {run}: of each kind of signal the one that the refitted model gets most wrong. Left: measured "
     "and simulated. Right: what each model leaves; one that lacks nothing stays in the blue band.",
-    "balances": "What is left of each balance in the fit runs, at its worst place, over the signal that it depends on. A curve "
+    "balances": "The residual of each balance in the fit runs, at its worst place, over the signal that it depends on. A curve "
     "that leaves the pale band is physics that the model lacks; shapes inside it are in the model's own runs too. Every panel "
     "has its own scale; the bands are of one size before and after.",
     "portraits": "{leg}, the seconds of the first figure as loops. Friction is a step of pressure where the velocity "
@@ -28,23 +29,15 @@ CAPTIONS = {
     "parameters": "Where each declared parameter ended inside its declared uncertainty (the grey bar; its half width at the "
     "right). Orange: held back by its limit.",
 }
-BALANCES = {
-    "sensor": "position differentiated twice = acceleration, but for the ripple between the controller's ticks",
-    "supply": "supply pressure = what the declared supply gives for the flow taken",
-    "continuity": "valve flow = piston flow + compression of the oil",
-    "valve": "the same, put down to the valve where the valve explains it",
-    "force": "pressures − weight − friction = mass times acceleration",
-    "platform": "forces of the legs = inertia of the platform",
-}
 MOST_ROWS = 12  # of a table; what is beyond folds away
 FORMS = {
     "plain": "a curve over the {}",
     "direction": "a curve over the {} for each direction of motion",
     "product": "the velocity times a curve over the {}",
-    "memory": "what the {} was of late: a curve over its low-passed size, against the motion",
-    "late": "what it would be if the {} came late",
-    "play": "what it would be if the {} were measured through play",
-    "size": "no signal in its sign; its size is a curve over the {}",
+    "memory": "a curve over the low-passed {}, opposing the motion",
+    "late": "the error that a delay of the {} would make",
+    "play": "the error that backlash in the measured {} would make",
+    "size": "of either sign; only its size follows the {}",
 }
 
 
@@ -54,7 +47,7 @@ def report_page(result: Trace) -> str:
     leg = figures.portrait_leg(result).capitalize() if result.machine.is_hexapod else "The leg"
     makers = {
         "comparison": figures.comparison,
-        "balances": figures.balances,
+        **({"balances": balance_figure.balances} if result.violations else {}),
         "portraits": figures.portraits,
         "spectra": figures.spectra,
         "parameters": figures.parameters,
@@ -67,7 +60,7 @@ def report_page(result: Trace) -> str:
         sentence=sentence(result),
         cards=cards(result),
         effects=effect_rows(report),
-        rests=rest_rows(report),
+        rests=unexplained_rows(report),
         added=figures.added(result) if result.effects or result.learned else "",
         errors=error_rows(report),
         balances=balance_rows(result),
@@ -81,9 +74,6 @@ def report_page(result: Trace) -> str:
             name: (data_url(make(result)), CAPTIONS[name].format(run=run, leg=leg)) for name, make in makers.items()
         },
     )
-
-
-# ---- the top of the page ---------------------------------------------------------------------------------------------
 
 
 def worst_error(report: Mapping[str, Any], model: str) -> tuple[float, str]:
@@ -119,9 +109,11 @@ def sentence(result: Trace) -> str:
     after = worst_error(report, "with_effect")[0]
     signal = channel_words(channel) if channel else "signal"
     if result.verdict == "nothing missing":
+        kinds = dict.fromkeys(kind_of(name) for name in result.fit_problem.channels(0))
+        seen = " and ".join(SCALE[kind][0].split(",")[0] for kind in kinds)
         return (
             "With its parameters inside their declared uncertainty the declared machine answers all runs down to the "
-            f"sensors' noise: at most {plain(before)} times the noise on held-out motion."
+            f"sensors' noise in {seen}: at most {plain(before)} times the noise on held-out motion."
         )
     if result.effects:
         ties = sorted({tied.replace("_", " ") for e in result.effects for tied in e.tied_with})
@@ -130,9 +122,9 @@ def sentence(result: Trace) -> str:
             f"Without it the {signal} stays {plain(before)} times its sensor's noise off on held-out motion, however the "
             f"declared parameters are fitted; with it every signal comes to {plain(after)} times the noise or less.{tied}"
         )
-    rests = rest_rows(report)
+    rests = unexplained_rows(report)
     where = (
-        f" The misfit is in the {rests[0]['balance']} balance of {rests[0]['place']}: {rests[0]['description']}."
+        f" The residual is in the {rests[0]['balance']} balance of {rests[0]['place']}: {rests[0]['description']}."
         if rests
         else ""
     )
@@ -156,9 +148,6 @@ def cards(result: Trace) -> list[tuple[str, str, str]]:
     return found
 
 
-# ---- tables ----------------------------------------------------------------------------------------------------------
-
-
 def place_words(where: str) -> str:
     return where if where.startswith("leg ") or where == "all legs" else f"the {where}"
 
@@ -180,13 +169,13 @@ def effect_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def rest_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
+def unexplained_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for rest in report["unexplained"]:
         signal = SIGNALS.get(rest["depends_on"], (rest["depends_on"],))[0]
         description = FORMS.get(rest["form"], "").format(signal)
         if rest["frequency_Hz"]:
-            description = f"a line at {rest['frequency_Hz']:.2f} Hz that no input has"
+            description = f"a tone at {rest['frequency_Hz']:.2f} Hz that no input contains"
         others = sorted(
             (
                 (SIGNALS[name][0], r2)
@@ -226,9 +215,9 @@ def balance_rows(result: Trace) -> list[dict[str, Any]]:
     return [
         {
             "name": line.name,
-            "description": BALANCES.get(line.name, ""),
-            "where": figures.place_words(line),
-            "size": quantity(line.rms, figures.unit_of(line)),
+            "description": caption_of(line.name),
+            "where": balance_figure.place_words(line),
+            "size": quantity(line.rms, balance_figure.unit_of(line)),
             "times": line.violation,
             "limit": rules.VIOLATED * max(line.null, 1.0),
             "violated": line.violated,

@@ -15,13 +15,14 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.tracing import rules
+from hexsim.tracing.balances import balance_named
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.fitting.fit import Fit, parameter_columns, refine, start_fit
 from hexsim.tracing.fitting.selection import search
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace, Violation
-from hexsim.tracing.steps.violations import balance_named, own_machine
+from hexsim.tracing.steps.violations import own_machine
 
 INDEPENDENT_S = 0.02  # [s] half the balances' window: samples so far apart are about independent
 
@@ -30,7 +31,7 @@ def joint_problem(problem: SimulatedProblem, lines: Sequence[Violation], machine
     """All balances of all logs as one problem. machine: what the noise-free simulation runs on."""
     log = problem.logs[0]
     names = list(dict.fromkeys(line.name for line in lines))
-    names = [name for name in names if not (name == "force" and log.n_legs > 1)]  # the platform has the same, once
+    names = [name for name in names if not balance_named(name, log).shared_out]
     quiet = [problem.simulated(machine, i) for i in range(len(problem.logs))]
     parts = []
     for name in names:

@@ -66,7 +66,7 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
         return None
     opening = refine(start, head, fresh=True)
     if not residual_at_noise_level(opening.misfit, share):
-        if opening.reduced > rules.NEAR_FLOOR:
+        if opening.reduced > rules.NEAR_NOISE:
             return None
         own = head.with_input_uncertainty(opening.fitted_machine())
         opening = refine(start_fit_at(opening, own), own, fresh=True)
@@ -89,7 +89,7 @@ def refit_with_own_input_uncertainty(trace: Trace) -> Trace:
     A delay or more static friction makes the same disturbances move the machine further than they move the declared one.
     """
     final = trace.final
-    if not final.candidates or residual_at_noise_level(final.misfit) or final.reduced > rules.NEAR_FLOOR:
+    if not final.candidates or residual_at_noise_level(final.misfit) or final.reduced > rules.NEAR_NOISE:
         return trace
     own, held_out = (
         q.with_input_uncertainty(final.fitted_machine()) for q in (trace.fit_problem, trace.validate_problem)

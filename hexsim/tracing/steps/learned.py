@@ -1,4 +1,4 @@
-"""A learned term for a rest with a clear dependence: its curve put into the simulator, under no physical name.
+"""A learned term for a residual with a clear dependence: its curve put into the simulator, under no physical name.
 
 The residual of a balance is what the model has too much of, so the term is minus the curve. It is kept only if, with
 the declared parameters refitted beside it, every held-out run gets better.
@@ -15,6 +15,7 @@ from hexsim.hydraulics.leg import SIGNALS
 from hexsim.hydraulics.parameters import LEARNED_KNOTS
 from hexsim.machine.files import changed
 from hexsim.tracing import rules
+from hexsim.tracing.balances import learned_term_of
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.selection import scale_of
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -22,19 +23,19 @@ from hexsim.tracing.state import Step, Tell, Trace, UnexplainedResidual
 from hexsim.tracing.steps.verdict import held_out_gains
 
 Array = np.ndarray
-JOINED = {"continuity": "continuity", "valve": "continuity", "force": "force"}  # balance of the rest -> of the term
 
 
 def curve_table(rest: UnexplainedResidual) -> dict[str, Any] | None:
-    """The [effects.learned_term] table of a rest, or None when it is no plain curve over a signal that a leg knows."""
+    """The [effects.learned_term] table of a residual, or None when it is no plain curve over a signal that a leg knows."""
     found = rest.dependence
-    able = found.form == "plain" and found.signal in SIGNALS and rest.balance in JOINED
+    joined = learned_term_of(rest.balance)
+    able = found.form == "plain" and found.signal in SIGNALS and joined is not None
     if not able or found.r2_cv < rules.LEARNED_R2 or rest.violation.where.startswith("platform"):
         return None
     knots = np.linspace(found.knots[0], found.knots[-1], LEARNED_KNOTS)
     values = -np.interp(knots, found.knots, found.curve)
     curve = {
-        "balance": JOINED[rest.balance],
+        "balance": joined,
         "signal": found.signal,
         "start": float(knots[0]),
         "step": float(knots[1] - knots[0]),
@@ -91,4 +92,4 @@ def learn(trace: Trace, tell: Tell) -> Trace:
     return replace(trace, final=fit, learned=[entry], decided=entry["description"])
 
 
-STEP = Step(name="learned term", doing="learning a curve for what is left", share=0.03, run=learn)
+STEP = Step(name="learned term", doing="learning a curve", share=0.03, run=learn)

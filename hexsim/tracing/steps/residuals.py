@@ -1,4 +1,4 @@
-"""Where the search reaches no floor: each violated balance on its own, and what is left of it.
+"""Where no hypothesis reaches the noise: each violated balance on its own, and its unexplained residual.
 
 A balance looks at measured signals, so that one balance's trouble does not reach another. Effects are selected in
 a balance as in the simulation; they are named only if they bring it back to its null. What stays violated is
@@ -18,24 +18,14 @@ from hexsim.signals.channels import SETTLE_S, noise_of
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing import rules
-from hexsim.tracing.balances import Balance
+from hexsim.tracing.balances import Balance, balance_named
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
 from hexsim.tracing.balances.null import END_S
 from hexsim.tracing.dependence import dependence_of
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace, UnexplainedResidual, Violation
-from hexsim.tracing.steps.violations import balance_named
 
 Array = np.ndarray
-ORDER = {  # of signals that do alike: what the balance itself contains first
-    "force": ("velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa"),
-    "platform": ("velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa"),
-    "continuity": (
-        "valve_V", "position_m", "pressure_bottom_Pa", "time_s", "velocity_m_s", "pressure_supply_Pa", "acceleration_m_s2",
-    ),
-    "supply": ("velocity_m_s", "time_s", "valve_V", "position_m", "pressure_bottom_Pa", "acceleration_m_s2"),
-    "sensor": ("position_m", "velocity_m_s", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "valve_V"),
-}  # fmt: skip
 THIN = 5  # every fifth sample: the window is 40 samples wide
 CHANNELS = {  # signal -> channel of the log
     "position_m": "position",
@@ -102,7 +92,7 @@ def distortions(balance: Balance, log: Log, violation: Violation, residual: Arra
     }
 
 
-def rest_of(balance: Balance, violation: Violation, logs: Sequence[Log]) -> UnexplainedResidual:
+def unexplained_of(balance: Balance, violation: Violation, logs: Sequence[Log]) -> UnexplainedResidual:
     """Dependence of what a balance leaves after its own fit."""
     machine, place = violation.machine, violation.place
     residuals, signals, velocities = [], [], []
@@ -115,29 +105,28 @@ def rest_of(balance: Balance, violation: Violation, logs: Sequence[Log]) -> Unex
         velocities.append(v)
         for key, column in distortions(balance, log, violation, full).items():
             columns.setdefault(key, []).append(column)
-    order = ORDER.get(violation.name, ORDER["force"])
-    found = dependence_of(residuals, signals, velocities, logs[0].rate / THIN, order, columns)
-    name = violation.name
-    if name == "continuity" and found.signal == "valve_V":
-        name = "valve"
-    return UnexplainedResidual(violation=violation, balance=name, dependence=found)
+    found = dependence_of(residuals, signals, velocities, logs[0].rate / THIN, balance.signals, columns)
+    return UnexplainedResidual(violation=violation, balance=balance.reported_as(found.signal), dependence=found)
 
 
 def unexplained_residuals(lines: Sequence[Violation], problem: SimulatedProblem) -> list[UnexplainedResidual]:
     """The violated balances with their dependence, the worst first; the worst of all when none is above its null."""
 
+    log = problem.logs[0]
+
     def rank(line: Violation) -> float:
-        return line.above_null + 1e6 * (line.name == "sensor" and line.above_null > rules.SENSOR_FIRST)
+        first = balance_named(line.name, log).spoils_others and line.above_null > rules.SENSOR_FIRST
+        return line.above_null + 1e6 * first
 
     worst = sorted(lines, key=rank, reverse=True)
     chosen = [line for line in worst if line.violated] or worst[:1]
     rests, seen = [], set()
     for line in chosen:
-        balance = balance_named(line.name, problem.logs[0])
-        if (line.name, line.where.split()[0]) in seen and line.name == "platform":
+        balance = balance_named(line.name, log)
+        if (line.name, line.where.split()[0]) in seen and balance.one_cause:
             continue
         seen.add((line.name, line.where.split()[0]))
-        rests.append(rest_of(balance, line, problem.logs))
+        rests.append(unexplained_of(balance, line, problem.logs))
     return rests
 
 
@@ -171,4 +160,4 @@ def look_at_residuals(trace: Trace, tell: Tell) -> Trace:
     return replace(trace, violations=lines, unexplained=rests, decided=decided)
 
 
-STEP = Step(name="what is left", doing="what is left, and on what it depends", share=0.03, run=look_at_residuals)
+STEP = Step(name="unexplained residuals", doing="looking at unexplained residuals", share=0.03, run=look_at_residuals)

@@ -16,10 +16,10 @@ from hexsim.mechanics.rigid_body import Suspension, pushed_back
 from hexsim.signals.channels import SETTLE_S
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances import Force, Platform
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
+from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import END_S
-from hexsim.tracing.balances.platform import ROWS
+from hexsim.tracing.balances.platform import ROWS, Platform
 from hexsim.tracing.dependence import tone_of
 from hexsim.tracing.fitting.parameters import Candidate, candidates
 from hexsim.tracing.state import Step, Tell, Trace, Violation

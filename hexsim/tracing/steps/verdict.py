@@ -1,4 +1,4 @@
-"""The verdict: is the rest noise, is each effect needed, does it help on runs that no fit has seen."""
+"""The verdict: is the residual noise, is each effect needed, does it help on runs that no fit has seen."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def held_out_gains(fit: Fit, base: Fit, problem: SimulatedProblem) -> list[float
 
 
 def judged(base: Fit, final: Fit, problem: SimulatedProblem, held_out: SimulatedProblem) -> tuple[Verdict, Fit]:
-    """Verdict on the last hypothesis: its rest is noise in the fit runs, and it helps in every held-out run."""
+    """Verdict on the last hypothesis: its residual is noise in the fit runs, and it helps in every held-out run."""
     if not final.candidates:
         return ("nothing missing", base) if residual_at_noise_level(base.misfit) else ("unexplained", base)
     if residual_at_noise_level(base.misfit) and base.chi2 - final.chi2 < rules.alarm(final.n) * scale_of(final):

@@ -17,8 +17,9 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
-from hexsim.tracing.balances import BALANCES, Balance
+from hexsim.tracing.balances import Balance, library
 from hexsim.tracing.balances.null import null_squares, used
+from hexsim.tracing.checks.finding import Finding, loss
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.parameters import Prior, priors, with_settings
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
@@ -27,6 +28,10 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace, Violation
 
 Array = np.ndarray
+CHANNELS = {
+    "volts": "valve_V", "pressure": "pressure_bottom_Pa", "supply": "pressure_supply_Pa",
+    "acceleration": "acceleration_m_s2", "angular": "angular_acceleration_rad_s2",
+}  # fmt: skip
 
 
 def own_priors(balance: Balance, priors: tuple[Prior, ...], machine: Machine, logs: Sequence[Log]) -> tuple[Prior, ...]:
@@ -42,16 +47,10 @@ def own_priors(balance: Balance, priors: tuple[Prior, ...], machine: Machine, lo
     return tuple(found)
 
 
-def balance_named(name: str, log: Log) -> Balance:
-    """The balance of a violation; a valve's is continuity."""
-    wanted = "continuity" if name == "valve" else name
-    return next(balance for balance in BALANCES if balance.name == wanted and balance.wants(log))
-
-
 def violations(declared: Machine, simulated: Machine, problem: SimulatedProblem) -> list[Violation]:
     """Every balance at every place. simulated: the machine that the null runs come from."""
     lines = []
-    balances = [balance for balance in BALANCES if all(balance.wants(log) for log in problem.logs)]
+    balances = [balance for balance in library() if all(balance.wants(log) for log in problem.logs)]
     for balance, (sigma, null) in zip(balances, null_sizes(balances, simulated, problem), strict=True):
         machine = own_fit(balance, declared, problem.logs, sigma).fitted_machine()
         rms = rms_of(balance, machine, problem.logs)
@@ -114,12 +113,37 @@ def own_machine(machine: Machine, lines: Sequence[Violation]) -> Machine:
     return next((line.machine for line in lines if line.name == "force"), machine)
 
 
+def lost_balances(logs: Sequence[Log]) -> list[Finding]:
+    """What cannot be said: the balances that a log with all channels would allow, and the channels that they lack."""
+    log = logs[0]
+    rows = np.zeros((log.n_legs, log.n))
+    axes = rows if log.n_legs == 1 else rows[:3]
+    whole = {"volts": rows, "pressure": rows, "supply": rows[0], "acceleration": axes}
+    whole |= {"angular": axes} if log.n_legs > 1 else {}
+    full = replace(log, **whole)
+    lost = {b.name for b in library() if b.wants(full)} - {
+        b.name for b in library() if all(b.wants(one) for one in logs)
+    }
+    if not lost:
+        return []
+    missing = [CHANNELS[name] for name in whole if any(getattr(one, name) is None for one in logs)]
+    description = (
+        f"without {' and '.join(missing)} the balances {', '.join(sorted(lost))} cannot be formed: "
+        "what is missing there shows only by what it does to the other signals"
+    )
+    return [loss(channel=missing[0], description=description)]
+
+
 def hold_balances(trace: Trace, tell: Tell) -> Trace:
     """Every balance that the logs allow, at every place."""
     lines = violations(trace.machine, trace.machine, trace.fit_problem)
     off = [f"{line.name} of {line.where}" for line in lines if line.violated]
     decided = f"violated: {', '.join(off)}" if off else f"all {len(lines)} hold"
-    return replace(trace, violations=lines, decided=decided if lines else "the logs allow no balance")
+    lost = lost_balances(trace.fit_problem.logs)
+    findings = trace.findings | {"all logs": [*trace.findings.get("all logs", []), *lost]}
+    return replace(
+        trace, violations=lines, findings=findings, decided=decided if lines else "the logs allow no balance"
+    )
 
 
 STEP = Step(name="balances", doing="balances against runs of the model", share=0.1, run=hold_balances)

@@ -1,0 +1,117 @@
+"""Ports of a leg's valve: flows through its edges and leaks with the numbers of the leg's row.
+
+    port A: bottom chamber    q_A = q(P-A) - q(A-T),   P-A opens for x > 0, A-T for x < 0          Eq. 3.4
+    port B: rod side          q_B = q(P-B) - q(B-T),   P-B opens for x < 0, B-T for x > 0          four-way valve
+
+Each edge has its own overlap O and area gradient g; rounding and discharge coefficient are the valve's. Leakage across
+the piston and along the rod joins the ports' balances: q_B += G_p (P1 - P2) - G_r (P2 - Pt), laminar.
+"""
+
+import math
+
+from hexsim.compiled import compiled
+from hexsim.hydraulics import valve
+from hexsim.hydraulics.parameters import P
+
+
+@compiled
+def clearance(p, x, overlap):
+    """Laminar conductance across a land [m3/s/Pa] for travel x towards its edge."""
+    return valve.clearance_conductance(x, overlap, p[P.CLEARANCE_CONDUCTANCE], p[P.CLEARANCE_LENGTH])
+
+
+@compiled
+def supply_edge(p, x, dp, overlap, gradient):
+    """Flow from the supply across an edge [m3/s] for travel x towards it, dp = Ps - P of the port."""
+    area = valve.edge_area(x, overlap, p[P.EDGE_ROUNDING], gradient, p[P.QUADRATIC_GAIN])
+    flow = valve.orifice_flow(area, dp, p[P.DISCHARGE], p[P.DENSITY], p[P.PRESSURE_WIDTH])
+    if p[P.CLEARANCE_CONDUCTANCE] != 0.0:
+        flow += clearance(p, x, overlap) * dp
+    return flow
+
+
+@compiled
+def tank_edge(p, x, dp, overlap, gradient):
+    """Flow to the tank across an edge [m3/s] for travel x towards it, dp = P of the port - Pt.
+
+    A return line of resistance R [Pa s/m3] raises the pressure behind the edge by R q: q solves q = K sqrt(dp - R q).
+    """
+    area = valve.edge_area(x, overlap, p[P.EDGE_ROUNDING], gradient, p[P.QUADRATIC_GAIN])
+    if p[P.RETURN_RESISTANCE] > 0.0:
+        gain = p[P.DISCHARGE] * area * math.sqrt(2.0 / p[P.DENSITY])
+        line = gain * p[P.RETURN_RESISTANCE]
+        flow = math.copysign(0.5 * gain * (math.sqrt(line * line + 4.0 * abs(dp)) - line), dp)
+    else:
+        flow = valve.orifice_flow(area, dp, p[P.DISCHARGE], p[P.DENSITY], p[P.PRESSURE_WIDTH])
+    if p[P.CLEARANCE_CONDUCTANCE] != 0.0:
+        flow += clearance(p, x, overlap) * dp
+    return flow
+
+
+@compiled
+def port_slope(p, x, P_port, Ps, supply_overlap, supply_gradient, tank_overlap, tank_gradient):
+    """d(net flow into a port)/d(its pressure) [m3/s/Pa], <= 0, of edges alone; x > 0 opens to the supply."""
+    factor = p[P.DISCHARGE] * math.sqrt(2.0 / p[P.DENSITY])
+    supply = valve.edge_area(x, supply_overlap, p[P.EDGE_ROUNDING], supply_gradient, p[P.QUADRATIC_GAIN])
+    tank = valve.edge_area(-x, tank_overlap, p[P.EDGE_ROUNDING], tank_gradient, p[P.QUADRATIC_GAIN])
+    dp = P_port - p[P.TANK_PRESSURE]
+    slope = 0.0
+    if supply > 0.0:
+        slope -= factor * supply * valve.smooth_root_slope(Ps - P_port, p[P.PRESSURE_WIDTH])
+    if tank > 0.0 and p[P.RETURN_RESISTANCE] <= 0.0:
+        slope -= factor * tank * valve.smooth_root_slope(dp, p[P.PRESSURE_WIDTH])
+    elif tank > 0.0:
+        slope -= factor * tank / math.sqrt((factor * tank * p[P.RETURN_RESISTANCE]) ** 2 + 4.0 * abs(dp))
+    if p[P.CLEARANCE_CONDUCTANCE] != 0.0:
+        slope -= clearance(p, x, supply_overlap) + clearance(p, -x, tank_overlap)
+    return slope
+
+
+@compiled
+def supply_edge_flow(p, x, P1, Ps):
+    """Flow from the supply into the bottom chamber [m3/s], first term of Eq. 3.4."""
+    return supply_edge(p, x, Ps - P1, p[P.OVERLAP_SUPPLY], p[P.AREA_GRADIENT_SUPPLY])
+
+
+@compiled
+def tank_edge_flow(p, x, P1):
+    """Flow from the bottom chamber to the tank [m3/s], second term of Eq. 3.4."""
+    return tank_edge(p, -x, P1 - p[P.TANK_PRESSURE], p[P.OVERLAP_TANK], p[P.AREA_GRADIENT_TANK])
+
+
+@compiled
+def flow_slope(p, x, P1, Ps):
+    """d(net flow into the bottom chamber)/dP1 [m3/s/Pa], <= 0."""
+    slope = port_slope(
+        p, x, P1, Ps, p[P.OVERLAP_SUPPLY], p[P.AREA_GRADIENT_SUPPLY], p[P.OVERLAP_TANK], p[P.AREA_GRADIENT_TANK]
+    )
+    return slope - p[P.LEAK_SUPPLY_CHAMBER] - p[P.LEAK_CHAMBER_TANK] - p[P.LEAK_PISTON]
+
+
+@compiled
+def top_supply_flow(p, x, P2, Ps):
+    """Flow from the supply into a rod side on the valve, edge P-B [m3/s]."""
+    return supply_edge(p, -x, Ps - P2, p[P.OVERLAP_SUPPLY_TOP], p[P.AREA_GRADIENT_SUPPLY_TOP])
+
+
+@compiled
+def top_tank_flow(p, x, P2):
+    """Flow from a rod side on the valve to the tank, edge B-T [m3/s]."""
+    return tank_edge(p, x, P2 - p[P.TANK_PRESSURE], p[P.OVERLAP_TANK_TOP], p[P.AREA_GRADIENT_TANK_TOP])
+
+
+@compiled
+def top_inflow(p, x, P1, P2, Ps):
+    """Net flow into a rod side on the valve through edges and leaks [m3/s]."""
+    flow = top_supply_flow(p, x, P2, Ps) - top_tank_flow(p, x, P2)
+    return flow + p[P.LEAK_PISTON] * (P1 - P2) - p[P.LEAK_TOP_TANK] * (P2 - p[P.TANK_PRESSURE])
+
+
+@compiled
+def top_slope(p, x, P2, Ps):
+    """d(net flow into the rod side)/dP2 [m3/s/Pa], <= 0."""
+    slope = port_slope(
+        p, -x, P2, Ps, p[P.OVERLAP_SUPPLY_TOP], p[P.AREA_GRADIENT_SUPPLY_TOP], p[P.OVERLAP_TANK_TOP],
+        p[P.AREA_GRADIENT_TANK_TOP],
+    )  # fmt: skip
+    return slope - p[P.LEAK_PISTON] - p[P.LEAK_TOP_TANK]

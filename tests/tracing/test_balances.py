@@ -1,0 +1,82 @@
+"""A balance is one file: its name, its words and its signals go with it wherever the balances are used."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexsim.machine import load_machine
+from hexsim.readers import log_files, read_log
+from hexsim.signals.channels import noise_of
+from hexsim.tracing import balances, rules
+from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.steps.residuals import unexplained_residuals
+from hexsim.tracing.steps.violations import violations
+
+DATA = Path(__file__).parents[1] / "data"
+LAG = '''
+"""The position loop: volts asked for less volts logged [V]."""
+
+import numpy as np
+
+from hexsim.tracing.balances.balance import Balance
+
+
+class Loop(Balance):
+    """u - K (s - y_m) of each leg, with 50 mV that are not there."""
+
+    name, unit, caption, order = "loop", "V", "volts = gain times error", 15
+    signals = ("valve_V", "position_m")
+
+    def wants(self, log):
+        return log.setpoint is not None and log.volts is not None
+
+    def places(self, log):
+        return [f"leg {i + 1}" for i in range(log.n_legs)]
+
+    def residual(self, log, machine):
+        asked = machine.controller.gain_V_per_m * (log.setpoint - log.position)
+        return log.volts - asked + np.where(log.name == "fit", 0.05, 0.0) * log.volts
+
+
+BALANCES = (Loop(),)
+'''
+
+
+@pytest.fixture
+def a_folder_with_a_balance(tmp_path, monkeypatch) -> Iterator[None]:
+    """A file beside the balances of the package."""
+    (tmp_path / "loop.py").write_text(LAG)
+    monkeypatch.setattr(balances, "__path__", [*balances.__path__, str(tmp_path)])
+    balances.library.cache_clear()
+    yield
+    balances.library.cache_clear()
+
+
+def test_a_file_in_the_folder_is_a_balance_that_is_traced_and_reported(a_folder_with_a_balance, monkeypatch):
+    """It stands in its place of the order, in the violations of a log, in the residuals looked at and in the report's captions."""
+    monkeypatch.setattr(rules, "NULL_SEEDS", 2)
+    machine = load_machine(DATA / "bench_none")
+    log = read_log(log_files(DATA / "bench_none", "fit")).head(4.0)
+    problem = SimulatedProblem(logs=(replace(log, name="fit"),), noise=noise_of(machine, [log]))
+    names = [balance.name for balance in balances.library()]
+    assert names.index("sensor") < names.index("loop") < names.index("supply")
+    lines = violations(machine, machine, problem)
+    [line] = [line for line in lines if line.name == "loop"]
+    assert (line.where, line.unit) == ("leg 1", "V")
+    assert np.isfinite(line.violation)
+    assert balances.caption_of("loop") == "volts = gain times error"
+    [rest] = unexplained_residuals([line], problem)
+    assert rest.balance == "loop"
+    assert set(rest.dependence.table) >= {"valve_V", "position_m"}
+
+
+def test_without_the_file_there_is_no_such_balance():
+    """The balances of the package, in the order of tracing; valve is a name of continuity."""
+    assert [balance.name for balance in balances.library()] == [
+        "sensor", "supply", "continuity", "force", "force", "platform",
+    ]  # fmt: skip
+    assert balances.family("valve") == "continuity"
+    assert all(balance.caption for balance in balances.library())

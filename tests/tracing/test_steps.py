@@ -1,0 +1,93 @@
+"""A trace is a sequence of steps: each says what it decided; bad or poor logs end in a sentence; Ctrl-C ends it."""
+
+import os
+import re
+import shutil
+import signal
+from pathlib import Path
+
+import polars as pl
+import pytest
+from typer.testing import CliRunner
+
+from hexsim.cli import app
+from hexsim.errors import HexsimError
+from hexsim.tracing import trace as tracing
+from hexsim.tracing.steps import STEPS
+from hexsim.tracing.trace import trace
+
+DATA = Path(__file__).parents[1] / "data" / "bench_none"
+DOCS = Path(__file__).parents[2] / "docs" / "tracing.md"
+
+
+def poor_machine(folder: Path, columns: list[str], seconds: float = 4.0) -> Path:
+    """The measured bench with these columns alone and the first seconds of each log."""
+    shutil.copy(DATA / "machine.toml", folder)
+    for name in ("fit", "validate"):
+        log = pl.read_csv(DATA / f"{name}.csv.gz").filter(pl.col("time_s") < seconds)
+        log.select("time_s", *columns).write_csv(folder / f"{name}.csv")
+    return folder
+
+
+def test_docs_have_a_row_for_every_step_in_its_order():
+    """docs/tracing.md names every step with its file, in the order in which they run."""
+    rows = re.findall(r"^\| ([\w -]+) \|.*\| `(\w+\.py)` \|$", DOCS.read_text(encoding="utf-8"), re.MULTILINE)
+    assert rows[0] == ("logs", "logs.py")
+    files = [f"{step.run.__module__.rsplit('.', 1)[1]}.py" for step in STEPS]
+    assert rows[1:] == [(step.name, file) for step, file in zip(STEPS, files, strict=True)]
+
+
+def test_time_and_position_alone_drive_no_model(tmp_path):
+    """Neither setpoint nor volts: refused with a sentence that says what nothing can be said without."""
+    with pytest.raises(HexsimError, match=r"log fit has no valve_V.*nothing drives the model.*log the valve's volts"):
+        trace(poor_machine(tmp_path, ["position_m"]))
+
+
+@pytest.mark.parametrize("drive", ["valve_V", "setpoint_m"])
+def test_position_and_one_drive_end_in_a_verdict(tmp_path, drive):
+    """With no pressure and no acceleration there is no balance: the trace says so and judges by the position alone."""
+    result = trace(poor_machine(tmp_path, ["position_m", drive]), out=tmp_path / "out")
+    assert result.verdict in ("nothing missing", "unexplained") and result.report["balances"] == []
+    (lost,) = (
+        f["description"] for f in result.report["findings"]["all logs"] if "cannot be formed" in f["description"]
+    )
+    assert "pressure_bottom_Pa" in lost and "continuity, force, sensor, supply" in lost
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert lost.split(":")[0] in page.replace("&#39;", "'")
+    assert result.report["steps"][1]["sentence"] == "the logs allow no balance"
+
+
+def test_every_step_says_what_it_decided(tmp_path):
+    """report.json lists the steps in their order, each with seconds and one sentence."""
+    result = trace(poor_machine(tmp_path, ["position_m", "setpoint_m"]))
+    assert [line["name"] for line in result.report["steps"]] == ["logs", *(step.name for step in STEPS)]
+    for line in result.report["steps"]:
+        assert line["seconds"] >= 0.0 and len(line["sentence"]) > 5 and "\n" not in line["sentence"]
+
+
+def test_one_log_cannot_be_fitted_and_held_out(tmp_path):
+    """A held-out log must be another one than those of the fit, however it is named."""
+    folder = poor_machine(tmp_path, ["position_m", "setpoint_m"])
+    with pytest.raises(HexsimError, match=r"log .*fit\.csv is given to fit and to validate"):
+        trace(folder, ["fit"], ["validate", str(folder / "fit.csv")])
+
+
+def test_a_swallowed_ctrl_c_ends_the_trace_at_its_next_step(tmp_path, monkeypatch):
+    """A library that swallows the KeyboardInterrupt costs one step: exit code 2, a sentence, nothing written."""
+    went_on = []
+
+    def swallowing(folder, fit, validate, out, progress):
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            progress("never said: the signal comes first", 0.1)
+        except KeyboardInterrupt:
+            pass
+        progress("the next step", 0.2)
+        went_on.append(True)
+
+    monkeypatch.setattr(tracing, "trace", swallowing)
+    result = CliRunner().invoke(app, ["trace", str(DATA), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 2 and not went_on
+    assert "interrupted by the user; nothing was kept" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
