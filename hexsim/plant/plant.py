@@ -110,6 +110,7 @@ class Plant:
 
     def switch_on(self, effect: Effect, legs: tuple[int, ...], values: dict[str, float]) -> None:
         """Add an effect in flight; one of `later`. Its spool begins at its command, its bristle in balance with friction."""
+        self._close_tick()
         before = self.rows.copy()
         add_effects(self.resolved, [(effect, legs, values)])
         _, model = self._compile()
@@ -189,8 +190,18 @@ class Plant:
         modes = [2 * np.pi * mode.frequency_Hz for mode in self.resolved.payload_modes]
         return step_rule(self.rows, self.resolved.supply, self.compliance, max(modes, default=0.0))
 
+    def _close_tick(self) -> None:
+        """Before the machine changes in flight: the acceleration that ends the last tick, for its `middle`."""
+        row = int(self.context.count[0]) - 1
+        if not self.context.is_recorded or row < 0 or self.record.steps[row] != 1 or self.record.is_closed[row]:
+            return
+        mujoco.mj_forward(self.model, self.data)
+        self.record.middle[row] += 0.125 * self.context.tick_s * (self.record.qacc[row] - self.data.qacc)
+        self.record.is_closed[row] = True
+
     def change_row(self, leg: int | slice, place: P, value: float) -> None:
         """Change one number of a leg (from 0), or of several, in flight."""
+        self._close_tick()
         self.rows[leg, place] = value
         self.model.actuator_user[: self.n_legs, :N_PARAMETERS] = self.rows
         self.keep_rows()
@@ -208,6 +219,7 @@ class Plant:
 
     def move_centre_of_mass(self, centre_m: Array) -> None:
         """Centre of mass (3,) [m] of a hexapod's platform in its frame; its moments of inertia stay."""
+        self._close_tick()
         body = self.model.body("platform").id
         self.model.body_sameframe[body] = 0  # mjSAMEFRAME_NONE: centre of mass and frame part now
         self.model.body_ipos[body] = centre_m

@@ -118,6 +118,7 @@ class Record(NamedTuple):
     volts: Array  # commanded
     spool_volts: Array  # after delay, backlash and faults
     steps: NDArray[np.int64]  # (m,) time steps of the tick
+    is_closed: NDArray[np.bool_]  # (m,) whether `middle` holds the acceleration at the tick's end already
 
 
 def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> StepContext:
@@ -147,7 +148,7 @@ def new_record(plant: Any, ticks: int) -> Record:
     """Empty rows for `ticks` ticks."""
     model, n = plant.model, plant.n_legs
     widths = (n, model.nq, model.nv, model.nv, model.nv, model.na, n, n)
-    return Record(*(np.zeros((ticks, width)) for width in widths), np.zeros(ticks, np.int64))
+    return Record(*(np.zeros((ticks, width)) for width in widths), np.zeros(ticks, np.int64), np.zeros(ticks, np.bool_))
 
 
 @compiled
@@ -284,11 +285,11 @@ def mean_acceleration(record: Record, ticks: int, tick_s: float) -> Array:
 
     Figures in a band need it, because samples of the instant alias: the friction jolt of a 40 kg leg is a pulse of 1 ms
     and reads twice as much in the 50 Hz band. The first is the mean of half a tick. In ticks of one time step
-    v(T/2) = (v_0 + v_1)/2 + T (a_0 - a_1)/8, the cubic through both ends (a force that jumps at the next tick shows an eighth
-    of its jump here; a velocity of the last tick is linear).
+    v(T/2) = (v_0 + v_1)/2 + T (a_0 - a_1)/8, the cubic through both ends; a_1 is the next tick's, or `Plant` has noted it
+    before it changed the machine (in the last tick: linear).
     """
     middle, velocity = record.middle[:ticks].copy(), record.qvel[:ticks]
-    lone = np.flatnonzero(record.steps[: ticks - 1] == 1)
+    lone = np.flatnonzero((record.steps[: ticks - 1] == 1) & ~record.is_closed[: ticks - 1])
     middle[lone] += 0.125 * tick_s * (record.qacc[lone] - record.qacc[lone + 1])
     mean = np.empty_like(middle)
     mean[:1] = (middle[:1] - velocity[:1]) / (0.5 * tick_s)

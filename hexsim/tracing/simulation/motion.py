@@ -168,7 +168,9 @@ def steps_of_sample(legs, rule, state, y, v, held, t, calm_s, dt):
     for j in range(y.shape[0]):
         k = LEGS + j * LEG_STATES
         x = leg.metering_spool(legs[j], held[j], t, state[k + LEG_X])
-        asked = max(asked, leg_steps(rule, legs[j], y[j], v[j], x, state[k + LEG_P1], state[SUPPLY], state[k + LEG_Z]))
+        p2 = state[k + LEG_P2] if legs[j, P.ROD_SIDE_CHAMBER] > 0.0 else state[SUPPLY]
+        steps = leg_steps(rule, legs[j], y[j], v[j], x, state[k + LEG_P1], p2, state[SUPPLY], state[k + LEG_Z])
+        asked = max(asked, steps)
     return count_steps(rule, asked, calm_s, dt)
 
 
