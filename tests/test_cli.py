@@ -137,6 +137,13 @@ def test_help_is_quick_and_loads_no_simulator():
     assert ended.returncode == 0, ended.stderr
 
 
+def test_help_says_units():
+    """Units stand in the help of the options that have one; brackets would be taken for markup and dropped."""
+    shown = " ".join(CliRunner(env={"COLUMNS": "200"}).invoke(app, ["run", "--help"]).stdout.split())
+    for text in ("driven axes (m, or degrees for rotations)", "driven axes (Hz)", "Simulated time (s)"):
+        assert text in shown
+
+
 # ---- what is refused -------------------------------------------------------------------------------------------------
 
 

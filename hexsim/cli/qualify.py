@@ -26,7 +26,7 @@ def qualify(
     """Motion tests of flight simulators on a machine: half-hertz noise, describing function, turn-around and more."""
     from hexsim.files.run_folder import default_folder, run_folder
 
-    with_machine, _ = options.prepare("heave", machine, settings=settings)
+    with_machine, _ = options.prepare("heave", options.Motion(machine=machine), settings)
     with (
         run_folder(out or default_folder(f"qualify-{with_machine.name}")) as folder,
         progress() as bar,

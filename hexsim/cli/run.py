@@ -19,15 +19,12 @@ if TYPE_CHECKING:
 
 
 def register(app: typer.Typer) -> None:
-    app.command("run")(run)
+    app.command("run")(options.flattened(run))
 
 
 def run(
     scenario: options.AnyScenario = None,
-    machine: options.MachineName = None,
-    amplitude: options.Amplitude = None,
-    frequency: options.Frequency = None,
-    duration: options.Duration = None,
+    motion: options.Motion = options.AS_DECLARED,
     seed: options.Seed = 0,
     compensator: Annotated[
         str, typer.Option("--compensator", "-c", help="Name (see `hexsim compensators`) or package.module:Class.")
@@ -48,9 +45,7 @@ def run(
     if scenario is None:
         print_what_there_is()
         raise typer.Exit(2)
-    with_machine, what = options.prepare(
-        scenario, machine, amplitude=amplitude, frequency=frequency, duration=duration, settings=settings
-    )
+    with_machine, what = options.prepare(scenario, motion, settings)
     with run_folder(out or default_folder(what.name)) as folder, progress() as bar, terminated_like_interrupted():
         from hexsim.scenarios.resources import check_resources
         from hexsim.scenarios.settings import machine_in

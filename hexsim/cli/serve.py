@@ -29,11 +29,11 @@ def serve(
     scenario: Annotated[str | None, typer.Option(help="What manual mode plays; default heave.")] = None,
     start: Annotated[str, typer.Option(help="neutral (mid stroke, pressure up) or off (on its stops).")] = "neutral",
     timestep: options.TimeStep = None,
-    duration: Annotated[float | None, typer.Option(help="Stop after this time [s]; default: Ctrl-C.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Stop after this time (s); default: Ctrl-C.")] = None,
     json: options.Json = False,
 ) -> None:
     """Run the machine in real time with its host interface over UDP; says how far it falls behind."""
-    with_machine, what = options.prepare(scenario or "heave", machine)
+    with_machine, what = options.prepare(scenario or "heave", options.Motion(machine=machine))
     from hexsim.simulation.serve import Server
 
     server = Server(with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep)

@@ -71,7 +71,8 @@ class Plant:
         self.machine = machine
         self.resolved: Resolved = resolve(machine)
         self.kinematics: HexapodKinematics | None = machine_kinematics(machine) if machine.is_hexapod else None
-        self.model_kind, self.timestep = model, timestep
+        self.timestep = timestep
+        self.model_kind: ModelKind = model
         final = resolve(machine)
         add_effects(final, later)
         self._final_modes = final.payload_modes

@@ -65,11 +65,13 @@ def run_log(plant: Plant, scenario: Scenario, recorded: Recorded, sensors: Senso
         measured["angular_acceleration"] = sensors.rows("angular_acceleration", instant.angular_acceleration)
         pose, motion = _platform_motion(plant, scenario, recorded)
         poses = {"platform": instant.pose, "commanded": pose}
+    # a transducer sits on a rod side that is a chamber of the valve; on the supply it needs none
+    rod_side = "true_pressure_top" if plant.machine.cylinder.rod_side == "valve" else "pressure_top"
     truth = {
         "true_position": legs.position,
         "velocity": legs.velocity,
         "true_pressure_bottom": legs.pressure_bottom,
-        "pressure_top": legs.pressure_top,
+        rod_side: legs.pressure_top,
         "spool": legs.spool,
         "flow": legs.flow,
         "friction": legs.friction,
