@@ -113,7 +113,7 @@ class LiveMachine:
             add_room(spec, machine)
             add_sliders(spec, machine)
 
-        self.plant = Plant(machine, model="full", scheme="fast", furnish=furnish)
+        self.plant = Plant(machine, model="full", furnish=furnish)
         self.sliders = slice(self.plant.model.nu - len(self.dofs), self.plant.model.nu)
         self.name, compensators = make_compensators(compensator, machine)
         self.messages: list[tuple[float, int, str]] = []
