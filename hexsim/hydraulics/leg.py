@@ -12,7 +12,7 @@ import numpy as np
 
 from hexsim.compiled import compiled
 from hexsim.hydraulics import chamber, friction, valve
-from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, ROD_SIDE_VALVE, P
+from hexsim.hydraulics.parameters import FLOW_POINTS, FLOW_TABLE, LEARNED_KNOTS, LEARNED_TABLE, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.ports import flow_slope, supply_edge_flow, tank_edge_flow, top_inflow, top_slope, top_supply_flow
 
 LEARNED_NONE, LEARNED_CONTINUITY, LEARNED_FORCE = 0, 1, 2  # balance that a learned term joins: [m3/s] or [N]
@@ -57,10 +57,27 @@ def commanded_spool(p, volts, t):
 
 @compiled
 def metering_spool(p, volts, t, x):
-    """Spool position that opens the edges [m]: the state x within its travel, or the command of a spool without lag."""
+    """Spool position that opens the edges [m]: the state x within its travel, or the command of a spool without lag.
+
+    Of a valve with a flow curve: the opening that it stands for.
+    """
     if p[P.SPOOL_OMEGA] > 0.0:
-        return min(max(x, -p[P.SPOOL_TRAVEL]), p[P.SPOOL_TRAVEL])
-    return commanded_spool(p, volts, t)
+        place = min(max(x, -p[P.SPOOL_TRAVEL]), p[P.SPOOL_TRAVEL])
+    else:
+        place = commanded_spool(p, volts, t)
+    return flow_curve(p, place) if p[P.FLOW_POINTS] > 0.0 else place
+
+
+@compiled
+def flow_curve(p, x):
+    """Opening [m] that gives the flow of the declared curve at spool position x [m]: linear, beyond its ends too."""
+    last = int(p[P.FLOW_POINTS]) - 1
+    k = 1
+    while k < last and x > p[FLOW_TABLE + k]:
+        k += 1
+    start, end = p[FLOW_TABLE + k - 1], p[FLOW_TABLE + k]
+    low, high = p[FLOW_TABLE + FLOW_POINTS + k - 1], p[FLOW_TABLE + FLOW_POINTS + k]
+    return low + (high - low) * (x - start) / (end - start)
 
 
 @compiled
