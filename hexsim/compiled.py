@@ -8,13 +8,15 @@ before anything else of a stored index, which may name types that are no more.
 from __future__ import annotations
 
 import hashlib
+import os
+import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from llvmlite.ir import Constant
-from numba import njit
+from numba import config, njit
 from numba.extending import intrinsic
 
 
@@ -22,7 +24,11 @@ def compiled(function: Callable[..., Any]) -> Any:
     """`function` as a native one. Equations are inlined where they are used: terms that two of them share are computed once."""
     is_equation = function.__module__.startswith("hexsim.hydraulics.")
     options = {"cache": True, "error_model": "numpy", "fastmath": False, "forceinline": is_equation}
-    dispatcher = njit(nogil=True, **options)(function)  # threads run side by side
+    try:
+        dispatcher = njit(nogil=True, **options)(function)  # threads run side by side
+    except RuntimeError:  # no locator: neither the package's folder nor the user's can be written
+        config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
+        dispatcher = njit(nogil=True, **options)(function)
     stored = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
     if stored is not None and hasattr(stored, "_version"):  # absent when numba runs without a cache
         stored._version = (stored._version, sources_digest())
@@ -45,6 +51,21 @@ def _borrowed(typing_context: Any, array: Any) -> Any:
 
 
 borrowed: Any = intrinsic(_borrowed)
+
+
+@cache
+def temporary_cache() -> str:
+    """A cache folder of this user alone below the system's temporary one; a new one where somebody else has it."""
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    folder = Path(tempfile.gettempdir()) / f"hexsim-cache-{user}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        state = folder.lstat()
+        if not folder.is_symlink() and (os.name == "nt" or (state.st_uid == user and not state.st_mode & 0o077)):
+            return str(folder)
+    except OSError:
+        pass
+    return tempfile.mkdtemp(prefix="hexsim-cache-")
 
 
 @cache

@@ -55,7 +55,7 @@ def test_run_leaves_a_folder_and_prints_its_table(tmp_path):
     assert names == {"log.parquet", "run.rrd", "summary.json", "config.toml", "report.html", "figures"}
     assert folder.name.endswith("-heave")
     assert re.search(r"heave z +\S+ +\d.*\n *surge x", result.stdout)
-    for text in ("peak 50 Hz", "noise rms", "tracking rms", "real-time factor", "fast scheme", "0.4 %", folder.name):
+    for text in ("peak 50 Hz", "noise rms", "tracking rms", "real-time factor", "tendon model", "0.2 %", folder.name):
         assert text in result.stdout
     summary = json.loads((folder / "summary.json").read_text())
     assert set(summary["axes"]) == {"x", "y", "z", "roll", "pitch", "yaw"}
@@ -135,6 +135,13 @@ def test_help_is_quick_and_loads_no_simulator():
     )
     ended = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
+
+
+def test_help_says_units():
+    """Units stand in the help of the options that have one; brackets would be taken for markup and dropped."""
+    shown = " ".join(CliRunner(env={"COLUMNS": "200"}).invoke(app, ["run", "--help"]).stdout.split())
+    for text in ("driven axes (m, or degrees for rotations)", "driven axes (Hz)", "Simulated time (s)"):
+        assert text in shown
 
 
 # ---- what is refused -------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from hexsim.errors import HexsimError
 from hexsim.mechanics.kinematics import DOF_NAMES, HexapodKinematics
+from hexsim.mechanics.workspace import excursions
 
 MEASURED = Path(__file__).parents[2] / "shared" / "measured" / "hexapod_none"
 GEOMETRIES = {  # base radius, half angle, platform radius, half angle, neutral leg, stroke
@@ -34,7 +35,7 @@ def micro() -> HexapodKinematics:
 def reachable_poses(hexapod: HexapodKinematics, count: int, seed: int = 1) -> np.ndarray:
     """Uniform in the box of the six excursions, those kept that no leg refuses: corners of the workspace included."""
     rng = np.random.default_rng(seed)
-    low, high = np.array([(e.minimum, e.maximum) for e in hexapod.excursions()]).T
+    low, high = np.array([(e.minimum, e.maximum) for e in excursions(hexapod)]).T
     kept = []
     while sum(len(poses) for poses in kept) < count:
         poses = rng.uniform(low, high, (200_000, 6))
@@ -227,7 +228,7 @@ def test_leg_forces_balance_the_wrench(micro):
 
 def test_excursions_end_where_a_leg_ends(micro):
     """At each end of each excursion one piston stands at 0 or at full stroke, and no leg is outside; both signs."""
-    for index, excursion in enumerate(micro.excursions()):
+    for index, excursion in enumerate(excursions(micro)):
         assert excursion.dof == DOF_NAMES[index]
         for value, limit in [
             (excursion.minimum, excursion.minimum_limited_by),
@@ -244,14 +245,14 @@ def test_excursions_end_where_a_leg_ends(micro):
 def test_heave_excursion_by_hand(micro):
     """Pure heave: h = sqrt(l^2 - d^2) with l = 0.6 and 0.8 m, d the distance of the joints in plan."""
     across = np.sqrt(0.70**2 - micro.neutral_height_m**2)
-    heave = micro.excursions()[2]
+    heave = excursions(micro)[2]
     assert heave.minimum == pytest.approx(np.sqrt(0.60**2 - across**2) - micro.neutral_height_m, abs=1e-10)
     assert heave.maximum == pytest.approx(np.sqrt(0.80**2 - across**2) - micro.neutral_height_m, abs=1e-10)
 
 
 def test_sides_are_mirror_images(micro):
     """The machine is symmetric about its x-z plane: sway, roll and yaw go as far to one side as to the other."""
-    table = {excursion.dof: excursion for excursion in micro.excursions()}
+    table = {excursion.dof: excursion for excursion in excursions(micro)}
     for dof in ("y", "roll", "yaw"):
         assert table[dof].minimum == pytest.approx(-table[dof].maximum, abs=1e-9)
 
@@ -297,7 +298,7 @@ def test_trajectory_names_the_first_time_out_of_the_workspace(micro):
     time = np.arange(0.0, 2.0, 0.001)
     poses = np.zeros((len(time), 6))
     poses[:, 2] = 0.15 * np.sin(np.pi * time)
-    leaves = np.arcsin(micro.excursions()[2].maximum / 0.15) / np.pi
+    leaves = np.arcsin(excursions(micro)[2].maximum / 0.15) / np.pi
     first = time[np.searchsorted(time, leaves)]
     with pytest.raises(HexsimError, match=rf"at t = {first:.4f} s: leg 1 would need to be 0.80"):
         micro.check_trajectory(time, poses)
@@ -327,7 +328,7 @@ def test_trajectory_through_a_singular_pose_is_refused():
     time = np.linspace(0.0, 1.0, 101)
     poses = np.zeros((101, 6))
     poses[:, 5] = 2.0 * time
-    limit = loose.excursions()[5]
+    limit = excursions(loose)[5]
     assert limit.maximum_limited_by == "singularity"
     assert limit.maximum == pytest.approx(0.5 * np.pi, abs=1e-6)  # legs of each pair then pass through the axis
     assert np.all(np.abs(loose.piston_positions(poses) - 0.8) <= 0.8)

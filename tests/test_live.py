@@ -9,7 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
+from hexsim.machine.files import changed
 from hexsim.scenarios import load_scenario
 from hexsim.simulation.live import PUSH_N, SLIDERS, LiveMachine
 
@@ -95,6 +97,21 @@ def test_a_scenario_runs_beneath_the_sliders():
     slide(bench, "z", -20.0)
     bench.advance(2.0)
     assert bench.plant.piston_positions()[0] == pytest.approx(0.13, abs=0.02)
+
+
+def test_valve_delay_and_hysteresis_act_in_live():
+    """20 ms of delay and 0.2 V of hysteresis: the spool gets the volts of ten ticks ago, through the play."""
+    effects = {"effects.valve_delay": {"delay_s": 0.02}, "effects.valve_hysteresis": {"half_width_V": 0.2}}
+    bench = LiveMachine(changed(load_machine("bench"), effects), load_scenario("heave"))
+    commanded, spools = [], []
+    for _ in range(400):
+        bench.advance(bench.tick_s)
+        commanded.append(float(bench.loop.valve[0]))
+        spools.append(float(bench.data.ctrl[0]))
+    expected = leg.valve_volts(np.array([0.0, *commanded]), 0.2, 10)
+    late = np.array(commanded) != spools
+    assert late.any()
+    np.testing.assert_allclose(spools[20:], expected[21:], atol=1e-12)
 
 
 def test_the_mouse_pulls_only_at_the_platform(live):

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
+from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
+from hexsim.machine.files import changed
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_packet import REPLY, HostCommand, Reply, unpack_reply
 from hexsim.motion_computer.states import State
@@ -211,3 +213,19 @@ def test_the_example_host_drives_the_machine(monkeypatch, capsys) -> None:
     runpy.run_path(str(example), run_name="__main__")
     said = capsys.readouterr().out
     assert "highest heave" in said and "settled at machine time" in said
+
+
+def test_valve_delay_and_hysteresis_act_in_serve() -> None:
+    """10 ms of delay and 0.2 V of hysteresis: the spools get the volts of five ticks ago through the play of 0.2 V."""
+    effects = {"effects.valve_delay": {"delay_s": 0.01}, "effects.valve_hysteresis": {"half_width_V": 0.2}}
+    with Server(changed(MACHINE, effects), port=0, timestep=2e-4) as server:
+        server.computer.command("run_manual", 0.0)
+        commanded, spools = [], []
+        for _ in range(400):
+            server.tick()
+            commanded.append(server.computer.valve.copy())
+            spools.append(server.plant.data.ctrl[:6].copy())
+    for i in range(6):
+        expected = leg.valve_volts(np.concatenate([[0.0], np.array(commanded)[:, i]]), 0.2, 5)[1:]
+        np.testing.assert_allclose(np.array(spools)[:, i], expected, atol=1e-12)
+    assert np.abs(np.array(spools) - np.array(commanded)).max() > 0.1

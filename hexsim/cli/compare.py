@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def register(app: typer.Typer) -> None:
-    app.command("compare")(compare)
+    app.command("compare")(options.flattened(compare))
 
 
 def compare(
@@ -26,12 +26,10 @@ def compare(
     compensators: Annotated[
         str | None, typer.Option("--compensators", "-c", help="Names separated by commas; default all there are.")
     ] = None,
-    machine: options.MachineName = None,
-    amplitude: options.Amplitude = None,
-    frequency: options.Frequency = None,
-    duration: options.Duration = None,
+    motion: options.Motion = options.AS_DECLARED,
     seed: options.Seed = 0,
     fast: options.Fast = False,
+    timestep: options.TimeStep = None,
     out: options.Out = None,
     json: options.Json = False,
     settings: options.Set = None,
@@ -45,16 +43,14 @@ def compare(
     from hexsim.studies.compare import compare as run_all
     from hexsim.studies.compare import comparison_tables, interrupted, names_of, write_comparison
 
-    with_machine, what = options.prepare(
-        scenario, machine, amplitude=amplitude, frequency=frequency, duration=duration, settings=settings
-    )
+    with_machine, what = options.prepare(scenario, motion, settings)
     names = names_of(compensators)
     with run_folder(out or default_folder(f"compare-{what.name}")) as folder, progress() as bar:
         check_resources(machine_in(what, with_machine), len(names) * what.duration_s, folder.out.absolute().parent)
         tasks = {name: bar.add_task(name, total=1.0) for name in names}
         with terminated_like_interrupted():
             runs = run_all(
-                with_machine, what, names, fast=fast, seed=seed,
+                with_machine, what, names, fast=fast, seed=seed, timestep=timestep,
                 progress=lambda name, fraction: bar.update(tasks[name], completed=fraction),
             )  # fmt: skip
             try:

@@ -35,11 +35,11 @@ def live(
     amplitude: options.Amplitude = None,
     frequency: options.Frequency = None,
     settings: options.Set = None,
-    seconds: Annotated[float | None, typer.Option(help="Close the window after this time [s].")] = None,
+    seconds: Annotated[float | None, typer.Option(help="Close the window after this time (s).")] = None,
 ) -> None:
     """The machine in MuJoCo's viewer: a slider for each degree of freedom, pause, and pushes by mouse or key."""
     with_machine, what = options.prepare(
-        scenario or "heave", machine, amplitude=amplitude, frequency=frequency, settings=settings
+        scenario or "heave", options.Motion(machine=machine, amplitude=amplitude, frequency=frequency), settings
     )
     from hexsim.simulation.live import LiveMachine
 

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
@@ -20,11 +25,15 @@ AnyScenario = Annotated[
 MachineName = Annotated[
     str | None, typer.Option("--machine", "-m", help="Name, folder or TOML file; default: the scenario's.")
 ]
-Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the driven axes [m, or degrees for rotations].")]
-Frequency = Annotated[float | None, typer.Option(help="Frequency of the driven axes [Hz].")]
-Duration = Annotated[float | None, typer.Option(help="Simulated time [s].")]
+Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the driven axes (m, or degrees for rotations).")]
+Frequency = Annotated[float | None, typer.Option(help="Frequency of the driven axes (Hz).")]
+Duration = Annotated[float | None, typer.Option(help="Simulated time (s).")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the sensor noise; same seed, same log to the bit.")]
-Fast = Annotated[bool, typer.Option("--fast", help="Tendon equal and fast scheme, with its known error.")]
+Fast = Annotated[bool, typer.Option("--fast", help="Tendon model: the legs' inertia lumped into the platform.")]
+TimeStep = Annotated[
+    float | None,
+    typer.Option("--timestep", min=1e-6, max=1e-3, help="Constant time step (s); default: chosen from the machine."),
+]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder to write; default runs/<time>-<scenario>.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else there.")]
 Set = Annotated[
@@ -56,20 +65,55 @@ def parse_changes(settings: list[str] | None) -> dict[str, str]:
     return changes
 
 
-def prepare(
-    scenario_name: str,
-    machine_name: str | None,
-    *,
-    amplitude: float | None = None,
-    frequency: float | None = None,
-    duration: float | None = None,
-    settings: list[str] | None = None,
-) -> tuple[Machine, Scenario]:
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """The options that choose machine and motion."""
+
+    machine: MachineName = None
+    amplitude: Amplitude = None
+    frequency: Frequency = None
+    duration: Duration = None
+
+
+AS_DECLARED = Motion()
+
+
+def flattened(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with each parameter that is a dataclass of options in place of its fields, as Typer reads them."""
+    parameters: list[inspect.Parameter] = []
+    groups: dict[str, Any] = {}
+    for parameter in inspect.signature(command, eval_str=True).parameters.values():
+        fields: Any = [parameter]
+        if dataclasses.is_dataclass(parameter.annotation):
+            groups[parameter.name] = parameter.annotation
+            hints = get_type_hints(parameter.annotation, include_extras=True)
+            fields = [
+                parameter.replace(name=field.name, default=field.default, annotation=hints[field.name])
+                for field in dataclasses.fields(parameter.annotation)
+            ]
+        parameters += [field.replace(kind=inspect.Parameter.KEYWORD_ONLY) for field in fields]
+
+    @functools.wraps(command)
+    def called(**values: Any) -> None:
+        for name, group in groups.items():
+            values[name] = group(**{field.name: values.pop(field.name) for field in dataclasses.fields(group)})
+        command(**values)
+
+    called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    called.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return called
+
+
+def prepare(scenario_name: str, motion: Motion, settings: list[str] | None = None) -> tuple[Machine, Scenario]:
     """Machine and scenario with everything the options change."""
     from hexsim.scenarios.settings import apply_settings, scenario_and_machine
 
     scenario, machine = scenario_and_machine(
-        scenario_name, machine_name, amplitude=amplitude, frequency_Hz=frequency, duration_s=duration
+        scenario_name,
+        motion.machine,
+        amplitude=motion.amplitude,
+        frequency_Hz=motion.frequency,
+        duration_s=motion.duration,
     )
     changes = {key: parse_value(text) for key, text in parse_changes(settings).items()}
     scenario, machine = apply_settings(scenario, machine, changes, source="--set")

@@ -18,9 +18,7 @@ def register(app: typer.Typer) -> None:
 def qualify(
     machine: options.MachineName = None,
     out: options.Out = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Fast scheme, fewer and shorter motions: under a minute.")
-    ] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer and shorter motions: under a minute.")] = False,
     compensator: Annotated[str, typer.Option("--compensator", "-c", help="Name or package.module:Class.")] = "none",
     settings: options.Set = None,
     json: options.Json = False,
@@ -28,7 +26,7 @@ def qualify(
     """Motion tests of flight simulators on a machine: half-hertz noise, describing function, turn-around and more."""
     from hexsim.files.run_folder import default_folder, run_folder
 
-    with_machine, _ = options.prepare("heave", machine, settings=settings)
+    with_machine, _ = options.prepare("heave", options.Motion(machine=machine), settings)
     with (
         run_folder(out or default_folder(f"qualify-{with_machine.name}")) as folder,
         progress() as bar,

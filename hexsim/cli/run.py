@@ -19,20 +19,18 @@ if TYPE_CHECKING:
 
 
 def register(app: typer.Typer) -> None:
-    app.command("run")(run)
+    app.command("run")(options.flattened(run))
 
 
 def run(
     scenario: options.AnyScenario = None,
-    machine: options.MachineName = None,
-    amplitude: options.Amplitude = None,
-    frequency: options.Frequency = None,
-    duration: options.Duration = None,
+    motion: options.Motion = options.AS_DECLARED,
     seed: options.Seed = 0,
     compensator: Annotated[
         str, typer.Option("--compensator", "-c", help="Name (see `hexsim compensators`) or package.module:Class.")
     ] = "none",
     fast: options.Fast = False,
+    timestep: options.TimeStep = None,
     out: options.Out = None,
     json: options.Json = False,
     settings: options.Set = None,
@@ -47,9 +45,7 @@ def run(
     if scenario is None:
         print_what_there_is()
         raise typer.Exit(2)
-    with_machine, what = options.prepare(
-        scenario, machine, amplitude=amplitude, frequency=frequency, duration=duration, settings=settings
-    )
+    with_machine, what = options.prepare(scenario, motion, settings)
     with run_folder(out or default_folder(what.name)) as folder, progress() as bar, terminated_like_interrupted():
         from hexsim.scenarios.resources import check_resources
         from hexsim.scenarios.settings import machine_in
@@ -58,7 +54,7 @@ def run(
         check_resources(machine_in(what, with_machine), what.duration_s, folder.out.absolute().parent)
 
         done = simulate(
-            with_machine, what, compensator=compensator, fast=fast, seed=seed,
+            with_machine, what, compensator=compensator, fast=fast, seed=seed, timestep=timestep,
             progress=fraction_of(bar, f"{what.name} on {with_machine.name}"),
         )  # fmt: skip
         place = keep(done, folder, step_of(bar), log_format=log_format, recording=recording, report=report)

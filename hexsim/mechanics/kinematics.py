@@ -31,7 +31,6 @@ DOF_NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 N_LEGS = 6
 NEWTON_MAX_ITERATIONS = 50  # quadratic convergence needs 4 to 6; more only where steps are shortened
 NEWTON_TOLERANCE_M = 1e-13  # residual length at which the iteration stops: 1e-13 m, about 450 ulp of a 1 m leg
-SCAN_STEPS = 2000  # steps outward in `excursions`, before bisection
 
 Array = NDArray[np.float64]
 
@@ -48,18 +47,6 @@ def pair_joints(radius_m: float, angles_deg: ArrayLike) -> Array:
     """Six joints (6, 3) on a horizontal circle: two angles (legs 1 and 2) [deg], repeated at +120 and +240 deg."""
     angles = np.radians(np.add.outer([0.0, 120.0, 240.0], np.asarray(angles_deg, dtype=float)).ravel())
     return radius_m * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=-1)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Excursion:
-    """How far one degree of freedom goes alone, the others neutral; and what ends it ("leg 3" or "singularity")."""
-
-    dof: str
-    unit: str
-    minimum: float
-    maximum: float
-    minimum_limited_by: str
-    maximum_limited_by: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,8 +115,6 @@ class HexapodKinematics:
             neutral_height_m=float(np.sqrt(neutral_leg_length_m**2 - across**2)),
         )
 
-    # ---- positions ---------------------------------------------------------------------------------------------
-
     def leg_lengths(self, pose: ArrayLike) -> Array:
         """Joint-to-joint lengths (..., 6) [m]; no check of limits."""
         rows, lead = _rows(pose, "pose")
@@ -153,7 +138,7 @@ class HexapodKinematics:
         but that passes a singular pose (the sign of det J changes, the legs lose hold of the platform) is refused too.
         """
         self.check_piston_positions(time_s, self.piston_positions(poses), margin_m)
-        same_branch = self._on_neutral_branch(poses)
+        same_branch = self.on_neutral_branch(poses)
         if not np.all(same_branch):
             when = float(np.asarray(time_s)[int(np.argmin(same_branch))])
             raise HexsimError(
@@ -215,8 +200,6 @@ class HexapodKinematics:
             )
         return poses.reshape(*lead, N_LEGS)
 
-    # ---- first derivatives -------------------------------------------------------------------------------------
-
     def _all(self, pose: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """Lengths (..., 6), twist Jacobian (..., 6, 6), rotation (..., 3, 3), rate matrix (..., 3, 3)."""
         rows, lead = _rows(pose, "pose")
@@ -257,8 +240,6 @@ class HexapodKinematics:
         transposed = np.swapaxes(self.jacobian(pose), -1, -2)
         forces = np.linalg.solve(transposed, np.asarray(wrench, dtype=np.float64)[..., None])
         return np.asarray(forces[..., 0], dtype=np.float64)
-
-    # ---- velocity and acceleration -----------------------------------------------------------------------------
 
     def twist(self, pose: ArrayLike, pose_rate: ArrayLike) -> Array:
         """(v, omega) (..., 6) in the world frame [m/s, rad/s] from the rates of the pose coordinates."""
@@ -325,58 +306,9 @@ class HexapodKinematics:
         motion = np.asarray(motion, dtype=np.float64)
         return np.concatenate([_times(back, motion[..., :3]), _times(back, motion[..., 3:])], axis=-1)
 
-    # ---- workspace ---------------------------------------------------------------------------------------------
-
-    def _obstacles(self, poses: Array) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
-        """For rows of poses: reachable (n,) bool; first leg out of stroke (n,), -1 where none."""
-        positions = self.piston_positions(poses)
-        outside = (positions < 0.0) | (positions > self.stroke_m)
-        leg = np.where(outside.any(axis=-1), np.argmax(outside, axis=-1), -1)
-        return (leg < 0) & self._on_neutral_branch(poses), leg
-
-    def _on_neutral_branch(self, poses: ArrayLike) -> NDArray[np.bool_]:
+    def on_neutral_branch(self, poses: ArrayLike) -> NDArray[np.bool_]:
         """Whether det J has the sign it has in the neutral pose, (...) bool: no singularity between, as a rule."""
         return np.linalg.det(self.jacobian(poses)) * np.linalg.det(self.jacobian(np.zeros(N_LEGS))) > 0.0
-
-    def excursions(self) -> tuple[Excursion, ...]:
-        """How far each degree of freedom goes alone from neutral, both ways, to the first leg limit or singularity.
-
-        Found by stepping outward and bisecting (to 1e-12 of the span); x y z in m, roll pitch yaw in rad.
-        """
-        span_m = float(np.max(np.asarray(self.retracted_length_m))) + self.stroke_m
-        table = []
-        for index, dof in enumerate(DOF_NAMES):
-            span = span_m if index < 3 else np.pi
-            ends = [self._excursion(index, sign * span) for sign in (-1.0, 1.0)]
-            (low, low_by), (high, high_by) = ends
-            unit = "m" if index < 3 else "rad"
-            table.append(
-                Excursion(
-                    dof=dof,
-                    unit=unit,
-                    minimum=low,
-                    maximum=high,
-                    minimum_limited_by=low_by,
-                    maximum_limited_by=high_by,
-                )
-            )
-        return tuple(table)
-
-    def _excursion(self, index: int, span: float) -> tuple[float, str]:
-        direction = np.zeros(N_LEGS)
-        direction[index] = 1.0
-        steps = np.linspace(0.0, span, SCAN_STEPS + 1)
-        reachable, _ = self._obstacles(steps[:, None] * direction)
-        if reachable.all():
-            return float(span), "none"
-        first = int(np.argmin(reachable))
-        inside, outside = steps[first - 1], steps[first]
-        while abs(outside - inside) > 1e-12 * abs(span):
-            middle = 0.5 * (inside + outside)
-            ok, _ = self._obstacles(middle * direction[None, :])
-            inside, outside = (middle, outside) if ok[0] else (inside, middle)
-        leg = int(self._obstacles(outside * direction[None, :])[1][0])
-        return float(inside), f"leg {leg + 1}" if leg >= 0 else "singularity"
 
 
 def _times(matrix: Array, vector: Array) -> Array:

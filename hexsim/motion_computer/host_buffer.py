@@ -20,15 +20,33 @@ COAST_S = 0.03
 DRIFT = 1.0e-3  # how fast the clock offset may grow when packets come later and later
 SHORTEST_GAP_S = 1.0e-4  # between two setpoints
 SHORTEST_DELAY_S, LONGEST_DELAY_S = 0.004, 0.06
-NEW_SESSION_S = 1.0  # silence or a jump of the host's clock after which all begins anew
+NEW_SESSION_S = 1.0  # silence after which all begins anew
+AGREEING = 3  # packets in a row that continue each other are believed against all that came before
+EARLIEST_S = 0.1  # ahead of the host's clock as known; no network is faster than its fastest packet by more
+LATEST_S = 0.25  # behind it; whatever comes later is too late to be played
+FASTEST_Hz = 2000.0  # no host sends faster
 HALF = 2**31
 
 
+def _ahead(sequence: int, command: HostCommand) -> int:
+    """By how much the sequence of a packet is ahead of another; it wraps."""
+    return (command.sequence - sequence + HALF) % 2**32 - HALF
+
+
+def _follows(before: HostCommand, command: HostCommand) -> bool:
+    """Whether a packet continues another: sequence a few ahead, time later by less than a new session's."""
+    return (
+        0 < _ahead(before.sequence, command) <= KEEP
+        and SHORTEST_GAP_S <= command.time_s - before.time_s < NEW_SESSION_S
+    )
+
+
 class HostBuffer:
-    """Setpoints of one host. counts: accepted, doubled, late (too late to be played), wrong (clock runs backwards)."""
+    """Setpoints of one host. counts: accepted, doubled, late (too late to be played), wrong (clock or sequence
+    contradict the newest packet), resynchronised (the newest was the wrong one)."""
 
     def __init__(self) -> None:
-        self.counts = {"accepted": 0, "doubled": 0, "late": 0, "wrong": 0, "sessions": 0}
+        self.counts = {"accepted": 0, "doubled": 0, "late": 0, "wrong": 0, "sessions": 0, "resynchronised": 0}
         self._clear()
 
     def _clear(self) -> None:
@@ -36,6 +54,7 @@ class HostBuffer:
         self._offset = 0.0
         self._period = 0.0
         self.newest: HostCommand | None = None
+        self._apart: list[HostCommand] = []  # the last packets that did not agree with the newest one
         self.heard_s = -np.inf
         self._played = -np.inf
 
@@ -49,21 +68,21 @@ class HostBuffer:
             self.counts["sessions"] += 1
             self._offset = now_s - command.time_s
         else:
-            ahead = (command.sequence - newest.sequence + HALF) % 2**32 - HALF
+            ahead = _ahead(newest.sequence, command)
             if ahead == 0 or any(sequence == command.sequence for _, sequence, _ in self._samples):
                 self.counts["doubled"] += 1
                 return False
-            if abs(command.time_s + self._offset - now_s) > NEW_SESSION_S or (ahead > 0) != (
-                command.time_s > newest.time_s
-            ):
-                self.counts["wrong"] += 1
-                return False
+            early = command.time_s + self._offset - now_s
+            missed = ahead > KEEP + FASTEST_Hz * (now_s - self.heard_s)
+            if missed or not -LATEST_S < early < EARLIEST_S or (ahead > 0) != (command.time_s > newest.time_s):
+                return self._resynchronise(command, now_s)
             if any(abs(time - command.time_s) < SHORTEST_GAP_S for time, _, _ in self._samples):
                 self.counts["wrong"] += 1
                 return False
             if ahead < 0 and command.time_s <= self._played:
                 self.counts["late"] += 1
                 return False
+            self._apart.clear()
             if ahead > 0:
                 gap = (command.time_s - newest.time_s) / ahead
                 self._period += 0.1 * (gap - self._period) if self._period else gap
@@ -74,6 +93,24 @@ class HostBuffer:
         insort(self._samples, (command.time_s, command.sequence, command.setpoints))
         del self._samples[:-KEEP]
         self.counts["accepted"] += 1
+        return True
+
+    def _resynchronise(self, command: HostCommand, now_s: float) -> bool:
+        """Refuse a packet that contradicts what is known of the host's clock and sequence, until AGREEING in a row
+        continue each other: then the packets before were wrong, and all begins with these."""
+        follows = bool(self._apart) and _follows(self._apart[-1], command)
+        self._apart = [*self._apart, command] if follows else [command]
+        if len(self._apart) < AGREEING:
+            self.counts["wrong"] += 1
+            return False
+        first = self._apart[0]
+        before = [sample for sample in self._samples if sample[0] < first.time_s and _ahead(sample[1], first) > 0]
+        self._samples = [*before, *((one.time_s, one.sequence, one.setpoints) for one in self._apart)][-KEEP:]
+        self._period = (command.time_s - first.time_s) / _ahead(first.sequence, command)
+        self._offset, self._played = now_s - command.time_s, min(self._played, command.time_s)
+        self.newest, self.heard_s, self._apart = command, now_s, []
+        self.counts["accepted"] += 1
+        self.counts["resynchronised"] += 1
         return True
 
     @property

@@ -12,12 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.mechanics.kinematics import HexapodKinematics
+from hexsim.mechanics.workspace import excursions
 
 Array = NDArray[np.float64]
 SOFT_SHARE = 0.1  # of the excursion, in which it is compressed
@@ -47,7 +48,7 @@ def dof_limits(kinematics: HexapodKinematics) -> Limits:
 
     Velocities and accelerations are assumed values for people on board, well inside the machine's flow.
     """
-    excursion = [0.9 * min(-one.minimum, one.maximum) for one in kinematics.excursions()]
+    excursion = [0.9 * min(-one.minimum, one.maximum) for one in excursions(kinematics)]
     return Limits(
         excursion=np.array(excursion),
         velocity=np.array([0.3] * 3 + [np.radians(20.0)] * 3),
@@ -62,7 +63,7 @@ def leg_limits(machine: Machine) -> Limits:
     return Limits(excursion=np.full(n, excursion), velocity=np.full(n, 0.3), acceleration=np.full(n, 3.0))
 
 
-@njit(cache=True)
+@compiled
 def _follow(p, v, target, rate, bend, dt, excursion, velocity, acceleration, share, w):
     """One step of the follower, in place; returns how far the target lies beyond the excursion's soft part [share]."""
     beyond = 0.0

@@ -11,11 +11,13 @@ The same model stands in for a transducer that is lost, moved by what the other 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.motion_computer.errors import Error, Finding
@@ -30,6 +32,36 @@ SAYS = {
     LEG_ERROR: (Error.LEG_ERROR, "leg {leg} does not follow its setpoint"),
     LEG_PRESSURE: (Error.PRESSURE_LOW, "leg {leg}: bottom pressure lost"),
 }
+
+
+class Count(IntEnum):
+    """How often in a row: rows of the counters."""
+
+    LEG_ERROR = 0
+    BAD = 1  # readings
+    EQUAL = 2  # readings while driven
+    PRESSURE = 3  # too low
+
+
+class LegLimits(NamedTuple):
+    """Numbers of a leg's monitor, SI; times in control ticks."""
+
+    tick_s: float
+    velocity_gain: float  # K_v [m/s/V]
+    position_gain: float  # Kp [V/m]
+    volts_max: float
+    stroke: float
+    leg_error: float
+    leg_error_share: float
+    leg_error_ticks: float
+    range: float
+    jump: float
+    bad_readings: float
+    frozen_ticks: float
+    frozen_velocity: float
+    leg_pressure: float
+    leg_pressure_ticks: float
+    clear_of_stops: float  # a leg on its stop needs no pressure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,20 +100,18 @@ def velocity_gain(machine: Machine) -> float:
     return float(flow / machine.cylinder.area_bottom_m2)
 
 
-@njit(cache=True)
+@compiled
 def _watch(setpoint, measured, pressures, model, last, counts, usable, p):
-    """Update model, last good readings and counters; return a code for each leg.
-
-    p: tick, K_v, Kp, V_max, stroke, leg error, share, ticks, range, jump, bad readings, frozen ticks, frozen velocity,
-    leg pressure, ticks, clear of the stops. counts: (4, n) leg error, bad readings, equal readings, low pressure.
-    """
+    """Update model, last good readings and counters; return a code for each leg. counts: (4, n), rows as `Count`."""
     n = setpoint.shape[0]
     codes = np.zeros(n, np.int64)
     for i in range(n):
-        speed = p[1] * min(max(p[2] * (setpoint[i] - model[i]), -p[3]), p[3])
-        model[i] += p[0] * speed
-        counts[3, i] = counts[3, i] + 1 if pressures[i] < p[13] and measured[i] > p[15] else 0
-        if counts[3, i] >= p[14]:
+        speed = p.velocity_gain * min(max(p.position_gain * (setpoint[i] - model[i]), -p.volts_max), p.volts_max)
+        model[i] += p.tick_s * speed
+        counts[Count.PRESSURE, i] = (
+            counts[Count.PRESSURE, i] + 1 if pressures[i] < p.leg_pressure and measured[i] > p.clear_of_stops else 0
+        )
+        if counts[Count.PRESSURE, i] >= p.leg_pressure_ticks:
             codes[i] = LEG_PRESSURE
         if not usable[i]:
             continue
@@ -89,24 +119,28 @@ def _watch(setpoint, measured, pressures, model, last, counts, usable, p):
         bad = OK
         if not np.isfinite(reading):
             bad = LOST
-        elif reading < -p[8] or reading > p[4] + p[8]:
+        elif reading < -p.range or reading > p.stroke + p.range:
             bad = OUT_OF_RANGE
-        elif abs(reading - last[i]) > p[0] * (p[9] + counts[1, i] * abs(speed)):
+        elif abs(reading - last[i]) > p.tick_s * (p.jump + counts[Count.BAD, i] * abs(speed)):
             bad = JUMP
         if bad != OK:
-            counts[1, i] += 1
-            if counts[1, i] >= p[10]:
+            counts[Count.BAD, i] += 1
+            if counts[Count.BAD, i] >= p.bad_readings:
                 codes[i] = bad
             continue
-        counts[1, i] = 0
-        driven = abs(speed) > p[12] and p[15] < reading < p[4] - p[15]
-        counts[2, i] = counts[2, i] + 1 if reading == last[i] and driven else 0
+        counts[Count.BAD, i] = 0
+        driven = abs(speed) > p.frozen_velocity and p.clear_of_stops < reading < p.stroke - p.clear_of_stops
+        counts[Count.EQUAL, i] = counts[Count.EQUAL, i] + 1 if reading == last[i] and driven else 0
         last[i] = reading
-        if counts[2, i] >= p[11]:
+        if counts[Count.EQUAL, i] >= p.frozen_ticks:
             codes[i] = FROZEN
         beyond = max(min(model[i], setpoint[i]) - reading, reading - max(model[i], setpoint[i]))
-        counts[0, i] = counts[0, i] + 1 if beyond > p[5] + p[6] * abs(setpoint[i] - model[i]) else 0
-        if counts[0, i] >= p[7]:
+        counts[Count.LEG_ERROR, i] = (
+            counts[Count.LEG_ERROR, i] + 1
+            if beyond > p.leg_error + p.leg_error_share * abs(setpoint[i] - model[i])
+            else 0
+        )
+        if counts[Count.LEG_ERROR, i] >= p.leg_error_ticks:
             codes[i] = LEG_ERROR
     return codes
 
@@ -121,13 +155,14 @@ class LegMonitor:
         n, tick = machine.n_legs, 1.0 / machine.controller.rate_Hz
         t = tolerances
         ticks = lambda seconds: max(1.0, np.ceil(seconds / tick))  # noqa: E731
-        self._p = np.array([
-            tick, velocity_gain(machine), machine.controller.gain_V_per_m, machine.valve.voltage_max_V,
-            machine.cylinder.stroke_m, t.leg_error_m, t.leg_error_share, ticks(t.leg_error_s), t.range_m, t.jump_m_s,
-            t.bad_readings, ticks(t.frozen_s), t.frozen_velocity_m_s,
-            t.leg_pressure_low * machine.supply.pressure_Pa, ticks(t.leg_pressure_s),
-            2.0 * machine.cylinder.cushion_length_m,  # a leg on its stop needs no pressure
-        ])  # fmt: skip
+        self._limits = LegLimits(
+            tick_s=tick, velocity_gain=velocity_gain(machine), position_gain=machine.controller.gain_V_per_m,
+            volts_max=machine.valve.voltage_max_V, stroke=machine.cylinder.stroke_m,
+            leg_error=t.leg_error_m, leg_error_share=t.leg_error_share, leg_error_ticks=ticks(t.leg_error_s),
+            range=t.range_m, jump=t.jump_m_s, bad_readings=float(t.bad_readings), frozen_ticks=ticks(t.frozen_s),
+            frozen_velocity=t.frozen_velocity_m_s, leg_pressure=t.leg_pressure_low * machine.supply.pressure_Pa,
+            leg_pressure_ticks=ticks(t.leg_pressure_s), clear_of_stops=2.0 * machine.cylinder.cushion_length_m,
+        )  # fmt: skip
         self.model = np.zeros(n)
         self.usable = np.ones(n, dtype=bool)
         self._last = np.zeros(n)
@@ -136,7 +171,7 @@ class LegMonitor:
 
     def start(self, positions: Array) -> None:
         """Take the machine as it stands: model and last readings at `positions`."""
-        stroke = self._p[4]
+        stroke = self._limits.stroke
         self.model[:] = np.where(np.isfinite(positions), positions, 0.5 * stroke)
         self._last[:] = self.model
         self._counts[:] = 0
@@ -148,14 +183,14 @@ class LegMonitor:
         if not self._started:
             self.start(measured)
         known = np.full(len(setpoint), np.nan) if pressures is None else pressures
-        codes = _watch(setpoint, measured, known, self.model, self._last, self._counts, self.usable, self._p)
+        codes = _watch(setpoint, measured, known, self.model, self._last, self._counts, self.usable, self._limits)
         findings = []
         for i in np.flatnonzero(codes):
             error, text = SAYS[int(codes[i])]
             findings.append(Finding(error=error, leg=int(i) + 1, detail=text.format(leg=i + 1)))
             if error == Error.SENSOR:
                 self.usable[i] = False
-        believed = self.usable & (self._counts[1] == 0)
+        believed = self.usable & (self._counts[Count.BAD] == 0)
         if believed.all():
             return measured, findings
         off = float(np.mean((measured - self.model)[believed])) if believed.any() else 0.0
@@ -189,9 +224,10 @@ class SupplyMonitor:
 class LoadMonitor:
     """Weight and centre of mass of what the legs carry, from their bottom pressures; a change is an error.
 
-    Thrusts f = P1 A1 - Ps A2, wrench = J^T f at the measured pose; centre = (-M_y, M_x)/F_z, each twice low-passed with
-    `load_filter_s`. What the first `load_learn_s` show is the reference. Friction passes as a false moment
-    of some mm. Not on a bench, whose friction is as large as its load.
+    Thrusts f = P1 A1 - P2 A2, P2 = Ps, or Ps + Pt - P1 of a slow leg with both chambers on the valve. Wrench = J^T f at
+    the measured pose; centre = (-M_y, M_x)/F_z, each twice low-passed with `load_filter_s`. What the first
+    `load_learn_s` show is the reference. Friction passes as a false moment of some mm. Not on a bench, whose friction is
+    as large as its load.
     """
 
     EVERY = 10  # control ticks
@@ -199,6 +235,7 @@ class LoadMonitor:
     def __init__(self, machine: Machine, kinematics: HexapodKinematics | None, tolerances: Tolerances) -> None:
         self.kinematics, self.tolerances = kinematics, tolerances
         self.area_bottom, self.area_top = machine.cylinder.area_bottom_m2, machine.cylinder.area_top_m2
+        self.tank_Pa = machine.supply.tank_pressure_Pa if machine.cylinder.rod_side == "valve" else None
         step = self.EVERY / machine.controller.rate_Hz
         self._share = step / (step + tolerances.load_filter_s)
         self._learn = max(1, round(tolerances.load_learn_s / step))
@@ -216,7 +253,8 @@ class LoadMonitor:
         self._count += 1
         if self.kinematics is None or pressures is None or self._count % self.EVERY or not np.isfinite(pressures).all():
             return []
-        thrust = pressures * self.area_bottom - supply_Pa * self.area_top
+        top = supply_Pa if self.tank_Pa is None else supply_Pa + self.tank_Pa - pressures
+        thrust = pressures * self.area_bottom - top * self.area_top
         self._pose = self.kinematics.forward(positions, guess=self._pose)
         load = (self.kinematics.jacobian(self._pose).T @ thrust)[2:5]  # F_z, M_x, M_y
         if not self._stages:

@@ -176,7 +176,7 @@ def pressures(signals: Signals) -> Figure | None:
     bottom = {leg: signals.leg(leg, "true_pressure_bottom", "pressure_bottom") for leg in signals.legs}
     if all(pressure is None for pressure in bottom.values()):
         return None
-    tops = {leg: signals.leg(leg, "pressure_top") for leg in signals.legs}
+    tops = {leg: signals.leg(leg, "true_pressure_top", "pressure_top") for leg in signals.legs}
     supply = signals.supply
     figure, (whole, close) = new_figure(2, "Pressures", heights=[1, 1.3])
     limits = close_up(signals)

@@ -45,7 +45,7 @@ LEG_CURVES: dict[str, tuple[tuple[str, ...], float, str | None]] = {
     "valve": (("valve",), 1.0, None),
     "compensation": (("compensation",), 1.0, palette.WANTED),
     "bottom": (("true_pressure_bottom", "pressure_bottom"), BAR, None),
-    "top": (("pressure_top",), BAR, palette.WANTED),
+    "top": (("true_pressure_top", "pressure_top"), BAR, palette.WANTED),
     "flow": (("flow",), L_MIN, None),
 }
 

@@ -129,7 +129,9 @@ class SensorBank:
     def extra(self, truth: Mapping[str, Array], log_s: float) -> dict[str, Array]:
         """Stem -> readings (m, n) of the machine's other sensors at the log's rows, `log_s` apart, from the true signals."""
         read = {}
-        for stem in self.resolved.machine.extra_sensors:
+        machine = self.resolved.machine
+        of_rod_side = ("pressure_top",) if machine.cylinder.rod_side == "valve" else ()
+        for stem in (*of_rod_side, *machine.extra_sensors):
             sensor = sensors()[stem]
             if sensor.source in truth:
                 true = truth[sensor.source]

@@ -173,15 +173,7 @@ class Log:
         return self.part(slice(0, min(int(duration_s * self.rate), self.n)))
 
 
-MeasuredLog = Log
-
-
 def _rate_of(name: str, time: Array) -> float:
     if len(time) < 2:
         raise HexsimError(f"the log of {name!r} has {len(time)} rows; two at least are needed")
     return float(round((len(time) - 1) / (time[-1] - time[0]), 6))
-
-
-def measured_log(name: str, columns: pl.DataFrame, machine: Any) -> Log:
-    """`Log.of_table` for a machine."""
-    return Log.of_table(name, columns, machine.machine.kind)

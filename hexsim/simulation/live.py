@@ -19,6 +19,7 @@ from hexsim.errors import HexsimError
 from hexsim.machine import Machine
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.mechanics.kinematics import DOF_NAMES
+from hexsim.mechanics.workspace import excursions
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
 from hexsim.scenarios import Scenario
@@ -76,7 +77,7 @@ def slider_limits(machine: Machine) -> list[float]:
     """How far each slider goes, m or rad."""
     if not machine.is_hexapod:
         return [SLIDER_SHARE * 0.5 * machine.cylinder.stroke_m]
-    return [SLIDER_SHARE * min(-e.minimum, e.maximum) for e in machine_kinematics(machine).excursions()]
+    return [SLIDER_SHARE * min(-e.minimum, e.maximum) for e in excursions(machine_kinematics(machine))]
 
 
 def add_sliders(spec: Any, machine: Machine) -> None:
@@ -112,7 +113,7 @@ class LiveMachine:
             add_room(spec, machine)
             add_sliders(spec, machine)
 
-        self.plant = Plant(machine, model="full", scheme="fast", furnish=furnish)
+        self.plant = Plant(machine, model="full", furnish=furnish)
         self.sliders = slice(self.plant.model.nu - len(self.dofs), self.plant.model.nu)
         self.name, compensators = make_compensators(compensator, machine)
         self.messages: list[tuple[float, int, str]] = []

@@ -46,6 +46,7 @@ class Case:
     compensator: str = "none"
     seed: int = 0
     fast: bool = True
+    timestep: float | None = None
     settings: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -63,6 +64,7 @@ def cases(
     seeds: Iterable[int] = (0,),
     compensators: Iterable[str] = ("none",),
     fast: bool = True,
+    timestep: float | None = None,
 ) -> list[Case]:
     """The product of all settings, compensators and seeds. Raises HexsimError where a setting is refused."""
     settings, seeds, compensators = dict(settings or {}), _sequence(seeds), _sequence(compensators)
@@ -74,7 +76,7 @@ def cases(
         apply_settings(scenario, machine, point, "sweep")  # refuse what cannot be before the first run
     tables = {"scenario": scenario.to_dict(), "machine": machine_tables(machine)}
     return [
-        Case(**tables, compensator=compensator, seed=seed, fast=fast, settings=point)
+        Case(**tables, compensator=compensator, seed=seed, fast=fast, timestep=timestep, settings=point)
         for point, compensator, seed in itertools.product(grid, compensators, seeds)
     ]
 
@@ -111,7 +113,9 @@ def _figures(case: Case) -> dict[str, Any]:
     machine = machine_from_dict(case.machine, "sweep")
     scenario, machine = apply_settings(scenario, machine, case.settings, "sweep")
     with _ONE_A_PROCESS, _interruptible():
-        run = simulate(machine, scenario, compensator=case.compensator, fast=case.fast, seed=case.seed)
+        run = simulate(
+            machine, scenario, compensator=case.compensator, fast=case.fast, seed=case.seed, timestep=case.timestep
+        )
     if "interrupted" in run.reason:
         raise KeyboardInterrupt
     figures = {
@@ -170,7 +174,7 @@ def sweep(
                 if not running:
                     break
                 finished, running = wait(running, return_when=FIRST_COMPLETED)
-                for future in finished:
+                for future in sorted(finished, key=_failed):  # what is there is kept before a loss ends the sweep
                     row = _row_of(future)
                     journal.add(row)
                     done, failed = done + 1, failed + bool(row["error"])
@@ -185,6 +189,10 @@ def sweep(
                     journal.add(_row_of(future))
         journal.finish([case.key for case in wanted])
     return len(missing)
+
+
+def _failed(future: Future[dict[str, Any]]) -> bool:
+    return future.cancelled() or future.exception() is not None
 
 
 def _row_of(future: Future[dict[str, Any]]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What the platform of a hexapod asks of its legs, from measured motion: inverse dynamics, no hydraulics."""
+"""What a platform asks of its legs, by inverse dynamics from measured motion, and what their oil gives."""
 
 from __future__ import annotations
 
@@ -13,6 +13,14 @@ from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window
 
 Array = np.ndarray
+
+
+def oil_forces(log: Log, machine: Machine) -> Array | None:
+    """P1 A1 - P2 A2 (n_legs, n) [N]: P2 measured where the rod side is on the valve, else Ps. None without a pressure."""
+    top = log.signal("pressure_top") if machine.cylinder.rod_side == "valve" else log.supply
+    if log.pressure is None or top is None:
+        return None
+    return log.pressure * machine.cylinder.area_bottom_m2 - top * machine.cylinder.area_top_m2
 
 
 def leg_loads(log: Log, machine: Machine) -> tuple[Array, Array]:

@@ -109,3 +109,16 @@ def torn(draw, text: str) -> bytes:
 
 def as_toml(tables: dict[str, Any]) -> str:
     return tomli_w.dumps(tables)
+
+
+@st.composite
+def at_bounds(draw, good: list[dict[str, Any]], ranges: dict[tuple[str, str], tuple[float, float]]) -> dict[str, Any]:
+    """One of the good machines with one to six numbers at the ends of what is possible, or anywhere between."""
+    tables = copy.deepcopy(draw(st.sampled_from(good)))
+    known = sorted(place for place in ranges if place[0] in tables)
+    for table, key in draw(st.lists(st.sampled_from(known), min_size=1, max_size=6)):
+        low, high = ranges[table, key]
+        share = draw(st.floats(0.0, 1.0))
+        between = low * (high / low) ** share if low > 0 else low + share * (high - low)
+        tables[table][key] = draw(st.sampled_from([low, high, between, between]))
+    return tables

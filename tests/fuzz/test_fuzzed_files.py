@@ -4,8 +4,9 @@ import tomllib
 
 from harness import MORE, command, fuzz, sandbox
 from hypothesis import strategies as st
-from mutations import as_toml, mutated, torn
+from mutations import as_toml, at_bounds, mutated, torn
 
+from hexsim.cli.schema import machine_schema
 from hexsim.machine.files import models_folder
 from hexsim.scenarios.scenario import FOLDER
 
@@ -45,6 +46,30 @@ def run_with(folder, machine: str | bytes | None, scenario: str | bytes | None) 
 def test_machine_files(tmp_path, examples):
     """Keys dropped, renamed and new, numbers of every size, other types: run or refused."""
     fuzz(mutated(MACHINES), lambda tables: run_with(tmp_path, as_toml(tables), None), examples)
+
+
+def possible() -> dict[tuple[str, str], tuple[float, float]]:
+    """(table, key) -> the range of the JSON schema."""
+    schema = machine_schema()
+    found = {}
+    for table, place in schema["properties"].items():
+        name = str(place.get("$ref") or place.get("anyOf", [{}])[0].get("$ref")).rsplit("/")[-1]
+        for key, field in schema["$defs"].get(name, {}).get("properties", {}).items():
+            number = field.get("anyOf", [field])[0]
+            if "minimum" in number and "maximum" in number:
+                found[table, key] = number["minimum"], number["maximum"]
+    return found
+
+
+def test_there_are_ranges():
+    """The machines below are not the good ones by mistake."""
+    assert len(possible()) > 60 and possible()["cylinder", "stroke_m"] == (5e-3, 10.0)
+
+
+@MORE
+def test_machines_at_their_bounds(tmp_path, examples):
+    """What each number alone may be, together: run, refused, or diverged with a sentence."""
+    fuzz(at_bounds(MACHINES, possible()), lambda tables: run_with(tmp_path, as_toml(tables), None), examples)
 
 
 @MORE

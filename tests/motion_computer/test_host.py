@@ -140,6 +140,44 @@ def test_the_sequence_wraps() -> None:
     assert buffer.add(HostCommand(sequence=0, time_s=0.01, setpoints=SIX), 0.01)
 
 
+@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize(("ahead_s", "sequences"), [(0.9, 0), (0.0, 1000), (0.0, 40), (0.9, 1000), (-0.9, 0), (1e6, 0)])
+def test_one_wrong_packet_stands_in_the_way_of_no_more_than_three(ahead_s, sequences, first) -> None:
+    """A valid packet with its time or its sequence far off, in a stream of 200 Hz or as its first: no more than three
+    right packets are refused or doubled for it, and the target stays on the sine of 0.05 m to 1 mm."""
+    packets = list(sine_packets(200))
+    place = 0 if first else 200
+    t, right = packets[place]
+    wrong = HostCommand(sequence=right.sequence + sequences, time_s=right.time_s + ahead_s, setpoints=right.setpoints)
+    packets[place] = t, wrong
+    buffer, times, targets = played(packets)
+    assert buffer.counts["accepted"] >= len(packets) - 4
+    late = times > (0.2 if first else 0.0) + 0.05
+    sine = 0.05 * np.sin(np.pi * (times - buffer.delay_s))
+    assert np.abs(targets[late, 0, 2] - sine[late]).max() < 1e-3
+
+
+def test_a_stream_with_wrong_packets_is_heard_on_fuzzed() -> None:
+    """Streams of 100 Hz in which one packet in twenty has a wrong time or sequence, of any size (20 seeds): nine tenths
+    of the right ones are used, and no silence between two used ones lasts 0.1 s, far from the host's timeout."""
+    for seed in range(20):
+        source, buffer, used, right = random.Random(seed), HostBuffer(), [], 0
+        for k in range(1000):
+            time_s, sequence = 50.0 + 0.01 * k, k
+            wrong = source.random() < 0.05
+            if wrong and source.random() < 0.5:
+                time_s += source.choice([-1, 1]) * 10 ** source.uniform(-2, 6)
+            elif wrong:
+                sequence += source.choice([-1, 1]) * round(10 ** source.uniform(1, 9))
+            command = HostCommand(sequence=sequence % 2**32, time_s=time_s, setpoints=SIX)
+            right += not wrong
+            if buffer.add(command, 0.01 * k) and not wrong:
+                used.append(k)
+            assert all(np.isfinite(part).all() for part in buffer.target(0.01 * k))
+        assert len(used) > 0.9 * right, seed
+        assert np.diff(used).max() < 10, seed
+
+
 def run_limiter(target, duration=4.0, dt=0.002, limits=None):
     limits = limits or Limits(excursion=np.array([0.1]), velocity=np.array([0.3]), acceleration=np.array([3.0]))
     limiter, out = CommandLimiter(limits), []

@@ -10,7 +10,6 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.signals.channels import noise_of
-from hexsim.signals.log import measured_log
 from hexsim.tracing.fitting.fit import start_fit, with_candidate
 from hexsim.tracing.fitting.parameters import candidates, named, priors
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -24,7 +23,7 @@ DATA = Path(__file__).parents[1] / "data"
 def bench():
     """The declared bench and the opening seconds of its held-out log."""
     machine = load_machine(DATA / "bench_none")
-    return machine, measured_log("validate", read_log(DATA / "bench_none" / "validate.csv.gz").table, machine).head(5.0)
+    return machine, read_log(DATA / "bench_none" / "validate.csv.gz").head(5.0)
 
 
 def test_more_oil_can_stand_for_a_softer_hose(bench):

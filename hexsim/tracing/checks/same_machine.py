@@ -9,6 +9,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
 from hexsim.tracing.checks.finding import Finding, notice, refusal
+from hexsim.tracing.leg_loads import oil_forces
 
 NOTICED, REFUSED = 0.08, 0.3  # difference between logs of one machine, by the declared supply or weight
 
@@ -51,9 +52,6 @@ def median_supply(log: Log) -> float | None:
 
 
 def carried_force(log: Log, machine: Machine) -> float | None:
-    """Mean of P1 A1 - Ps A2, summed over the legs [N]: the load, as motion up and down cancels."""
-    if log.pressure is None or log.supply is None:
-        return None
-    A1, A2 = machine.cylinder.area_bottom_m2, machine.cylinder.area_top_m2
-    supply = float(np.mean(log.supply))
-    return sum(float(np.mean(pressure)) * A1 - supply * A2 for pressure in log.pressure)
+    """Mean of P1 A1 - P2 A2, summed over the legs [N]: the load, as motion up and down cancels."""
+    oil = oil_forces(log, machine)
+    return None if oil is None else float(np.mean(oil, axis=1).sum())

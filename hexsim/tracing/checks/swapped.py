@@ -11,7 +11,7 @@ from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.checks.finding import Finding, refusal
 from hexsim.tracing.friction.identification import curve
-from hexsim.tracing.leg_loads import leg_loads
+from hexsim.tracing.leg_loads import leg_loads, oil_forces
 
 
 def swapped_legs(log: Log) -> list[Finding]:
@@ -39,12 +39,9 @@ def swapped_legs(log: Log) -> list[Finding]:
 def swapped_pressures(log: Log, machine: Machine) -> list[Finding]:
     """Does each leg's pressure carry its own leg's load? Undecided where two legs are loaded alike (pure heave)."""
     pressures = log.names("pressure_bottom")
-    need = ["pressure_supply_Pa", *accelerations_of(6)]
-    if log.n_legs < 2 or len(pressures) != 6 or not all(name in log.columns for name in need):
+    oil = oil_forces(log, machine)
+    if log.n_legs < 2 or oil is None or not all(name in log.columns for name in accelerations_of(6)):
         return []
-    A1, A2 = machine.cylinder.area_bottom_m2, machine.cylinder.area_top_m2
-    supply = log.columns["pressure_supply_Pa"]
-    oil = np.stack([log.columns[name] * A1 - supply * A2 for name in pressures])
     look = Window(log.rate)
     load, _ = leg_loads(log, machine)
     rows = declared_rows(machine)[:1].repeat(2, axis=0)

@@ -15,7 +15,6 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from hexsim.declaration import Machine
-from hexsim.tracing import rules
 from hexsim.tracing.fitting.parameters import (
     Candidate,
     Prior,
@@ -28,7 +27,6 @@ from hexsim.tracing.problems.problem import N_CORES, FitProblem, in_job
 
 Array = np.ndarray
 MAX_STEPS = 14
-POLISHES = 3
 KEPT_SHARE = 0.8  # columns are made anew when what a step gives is off its promise by more than the rest of 1
 MAX_AGE = 4  # or when they are so many steps old
 PARAMETER_STEP = 0.01  # finite difference of a declared parameter, in half widths
@@ -214,16 +212,6 @@ def refine(
         if fresh and (abs(kept - 1.0) > 1.0 - KEPT_SHARE or age > MAX_AGE):
             fit, age, damping = parameter_columns(fit, problem, share), 0, 0.0
     return replace(fit, covariance=covariance, neighbours=None)
-
-
-def polished(fit: Fit, problem: FitProblem) -> Fit:
-    """The last refit, with differences a tenth as wide: near a resonance the answer nonlinear_response within the usual ones."""
-    for _ in range(POLISHES):
-        finer = refine(start_fit_at(fit, problem), problem, fresh=True, share=0.1)
-        gain, fit = fit.chi2 - finer.chi2, finer
-        if gain < rules.ALARM_CHI2:
-            break
-    return fit
 
 
 def _promise(A: Array, b: Array, step: Array) -> float:

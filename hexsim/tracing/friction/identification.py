@@ -52,9 +52,7 @@ WINDOW_s = 0.004  # half width for forces: short, for a window that contains a r
 VELOCITY_WINDOW_s = (
     0.025  # half width where noise of position and of integrated acceleration are equal (3 um, 0.02 m/s2)
 )
-SLOW = (
-    4.0  # samples slower than this many sharpness widths are left out (there noise of v nonlinear_response the curve)
-)
+SLOW = 4.0  # samples slower than this many sharpness widths are left out (there noise of v bends the curve)
 FEWEST = 200  # independent windows in each direction
 
 
@@ -158,15 +156,16 @@ class ForceData:
 def force_data(log: Log, machine: Machine, leg: int) -> ForceData:
     """Measured side of Eq. 2.3. Raises HexsimError when a channel is missing."""
     mark = "" if log.n_legs == 1 else f"_{leg}"
-    need = [f"position{mark}_m", f"pressure_bottom{mark}_Pa", "pressure_supply_Pa"]
+    of_rod_side = f"pressure_top{mark}_Pa" if machine.cylinder.rod_side == "valve" else "pressure_supply_Pa"
+    need = [f"position{mark}_m", f"pressure_bottom{mark}_Pa", of_rod_side]
     need += accelerations_of(log.n_legs)
     for name in need:
         if name not in log.columns:
             raise HexsimError(f"log {log.name} has no column {name}: friction cannot be told without it")
     cylinder, sensors = machine.cylinder, machine.sensors
     A1, A2 = cylinder.area_bottom_m2, cylinder.area_top_m2
-    y, supply = log.columns[need[0]], log.columns["pressure_supply_Pa"]
-    oil = log.columns[need[1]] * A1 - supply * A2
+    y = log.columns[need[0]]
+    oil = log.columns[need[1]] * A1 - log.columns[need[2]] * A2
     noise = sensors.pressure_noise_Pa * float(np.hypot(A1, A2))
     if log.n_legs == 1:
         a = log.columns["acceleration_m_s2"]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexsim.declaration import Machine
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.tracing.balances import Balance
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.problems.problem import FitProblem
@@ -31,7 +31,7 @@ class BalanceRows:
     rows: tuple[int, ...]
     clean: tuple[Array, ...] = ()
 
-    def residual(self, log: MeasuredLog, machine: Machine, i: int, every: int) -> Array:
+    def residual(self, log: Log, machine: Machine, i: int, every: int) -> Array:
         """0 - residual over its noise (n_rows, n): what must be added for the balance to hold."""
         rows = list(self.rows)
         left = used(log, self.balance.residual(log, machine))
@@ -43,7 +43,7 @@ class BalanceRows:
 class BalanceProblem(FitProblem):
     """Balances of all logs as one problem. thin_s: time between the samples that count."""
 
-    logs: tuple[MeasuredLog, ...]
+    logs: tuple[Log, ...]
     parts: tuple[BalanceRows, ...]
     thin_s: float = 0.01
 
@@ -64,5 +64,5 @@ class BalanceProblem(FitProblem):
             for part in self.parts
         )
 
-    def _every(self, log: MeasuredLog) -> int:
+    def _every(self, log: Log) -> int:
         return max(int(self.thin_s * log.rate), 1)

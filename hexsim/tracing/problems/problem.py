@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from hexsim.declaration import Machine
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.tracing import rules
 
 Array = np.ndarray
@@ -27,7 +27,7 @@ class FitProblem(ABC):
     A problem says its `residual`; the rest follows. Problems are frozen: `head` and `with_input_uncertainty` give others.
     """
 
-    logs: tuple[MeasuredLog, ...]
+    logs: tuple[Log, ...]
 
     @abstractmethod
     def residual(self, machine: Machine, i: int) -> Array:

@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter1d
 
 from hexsim.declaration import Machine
 from hexsim.signals.channels import SETTLE_S, channel_arrays, kind_of
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
 from hexsim.tracing.simulation.simulator import simulate_log
@@ -26,7 +26,7 @@ class SimulatedProblem(FitProblem):
     input_uncertainty: how far no simulation can know the answer, a log (n_channels, n) in physical units.
     """
 
-    logs: tuple[MeasuredLog, ...]
+    logs: tuple[Log, ...]
     noise: dict[str, float]
     feedback: int = 0
     input_uncertainty: tuple[Array, ...] = ()
@@ -58,7 +58,7 @@ class SimulatedProblem(FitProblem):
         """Simulated channels of log i in physical units (n_channels, n)."""
         return np.stack(list(channel_arrays(self.simulated(machine, i)).values()))
 
-    def simulated(self, machine: Machine, i: int) -> MeasuredLog:
+    def simulated(self, machine: Machine, i: int) -> Log:
         """Log i as the machine would have written it, without noise; channels that it has not are left out."""
         log, out = self.logs[i], simulate_log(machine, self.logs[i], self.feedback)
         return replace(

@@ -12,17 +12,17 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import S
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.mechanics.rigid_body import joint_wrenches
-from hexsim.signals.log import MeasuredLog
+from hexsim.signals.log import Log
 from hexsim.tracing.simulation import closed_loop as loop
 from hexsim.tracing.simulation import motion
-from hexsim.tracing.simulation.rig import Rig, rig_of, substeps
+from hexsim.tracing.simulation.rig import Rig, rig_of
 
 Array = np.ndarray
 REST_M = 2.0e-5  # [m] a log that begins this near its setpoint begins at rest
 START_S = 0.02  # [s] of the log that give position and speed at its beginning
 
 
-def simulate_log(machine: Machine, log: MeasuredLog, feedback: int, supply: Array | None = None) -> dict[str, Array]:
+def simulate_log(machine: Machine, log: Log, feedback: int, supply: Array | None = None) -> dict[str, Array]:
     """Outputs as the sensors show them, without noise; NaN after a divergence.
 
     position, volts, pressure (n_legs, n); supply (n,); acceleration (1, n) of a bench, (6, n) of a platform: x, y, z, angular.
@@ -40,13 +40,13 @@ def simulate_log(machine: Machine, log: MeasuredLog, feedback: int, supply: Arra
     )
     out = np.empty((3 * k + 1 + len(rig.sensors.acceleration), log.n))
     room = loop.room_for(start_state(rig, resolved, log), k, len(rig.sensors.acceleration), log.n)
-    loop.run(rig, inputs, room, substeps(rig, log.rate), out)
+    loop.run(rig, inputs, room, out)
     rows = np.split(out, [k, 2 * k, 3 * k, 3 * k + 1])
     names = ("position", "volts", "pressure", "supply", "acceleration")
     return dict(zip(names, rows, strict=True)) | {"supply": out[3 * k]}
 
 
-def start_of(log: MeasuredLog, gain: Array, offset: Array) -> tuple[Array, Array]:
+def start_of(log: Log, gain: Array, offset: Array) -> tuple[Array, Array]:
     """Positions [m] and speeds [m/s] (n_legs,) at the beginning of a log: at rest if the first samples are at the setpoints.
 
     gain, offset (n_legs,): of the position sensors, y_m = gain y + offset.
@@ -59,7 +59,7 @@ def start_of(log: MeasuredLog, gain: Array, offset: Array) -> tuple[Array, Array
     return (first - offset) / gain, speed / gain
 
 
-def start_state(rig: Rig, resolved: Resolved, log: MeasuredLog) -> Array:
+def start_state(rig: Rig, resolved: Resolved, log: Log) -> Array:
     """Load at the first positions, at rest or in steady motion; pressures that carry it."""
     y, v = start_of(log, *rig.sensors.position.T[:2])
     thrust, down, load = load_at(rig, resolved, y, v)

@@ -1,0 +1,35 @@
+"""The compiler of equations where nothing can be written."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CODE = """
+import numba.core.caching as caching
+impl = getattr(caching, "CacheImpl", None) or caching._CacheImpl
+impl._locator_classes = [locator for locator in impl._locator_classes if "UserProvided" in locator.__name__]
+from hexsim.hydraulics import valve
+assert valve.play(1.0, 0.0, 0.25) == 0.75
+from numba import config
+print(config.CACHE_DIR)
+"""
+
+
+@pytest.mark.parametrize("taken", [False, True])
+def test_without_a_folder_for_the_cache_a_temporary_one_is_used(tmp_path, taken):
+    """Neither the package's folder nor the user's can be written (numba finds no place): equations compile all the same,
+    cached below the temporary folder, and not in a folder that others can write."""
+    own = tmp_path / f"hexsim-cache-{os.getuid()}"
+    if taken:
+        own.mkdir()
+        own.chmod(0o777)
+    environment = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"}
+    environment |= {"PYTHONPATH": str(Path(__file__).parents[1]), "TMPDIR": str(tmp_path)}
+    ended = subprocess.run([sys.executable, "-c", CODE], env=environment, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    used = Path(ended.stdout.strip())
+    assert used.parent == tmp_path and (used != own) == taken
+    assert any(used.rglob("*.nbi")) and not used.stat().st_mode & 0o077
