@@ -115,7 +115,14 @@ class Adaptive(Compensator):
         )
         engagement = Engagement(settings, PerformanceMonitor(tick, noise_m))
         state = AdaptiveState(
-            context, valve, friction, Reference(tick), ValveInverse(tick), engagement, DelayEstimator(tick), Lateness(tick)
+            context,
+            valve,
+            friction,
+            Reference(tick),
+            ValveInverse(tick),
+            engagement,
+            DelayEstimator(tick),
+            Lateness(tick),
         )
         state.demands = deque([Demand(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * PREVIEW_TICKS, PREVIEW_TICKS + MAX_SHIFT + 1)
         state.deviation_Pa = deque([0.0] * self.damping_count, self.damping_count)
@@ -279,7 +286,7 @@ class Adaptive(Compensator):
             "flow": state.valve.parameters(),
             "rounding_V": state.trim.rounding_V,
             "friction": state.friction.parameters(),
-            "delay": {"sums": list(state.delay.sums), "reversals": state.delay.reversals, "late_s": state.lateness.late_s},
+            "delay": {**state.delay.parameters(), "late_s": state.lateness.late_s},
         }
 
     def restore(self, context: Context, parameters: Parameters) -> AdaptiveState:
@@ -288,9 +295,8 @@ class Adaptive(Compensator):
         state.friction.restore(parameters["friction"])
         state.trim.rounding_V = float(parameters["rounding_V"])
         state.rounding.restore(state.trim.rounding_V)
-        known = parameters["delay"]
-        state.delay.sums[:], state.delay.reversals = [float(x) for x in known["sums"]], int(known["reversals"])
-        state.lateness.late_s = float(known["late_s"])
+        state.delay.restore(parameters["delay"])
+        state.lateness.late_s = float(parameters["delay"]["late_s"])
         if state.valve.ready:
             state.rounding.leak.restore(state.valve.leak_m_s)
             self._shift(state, look_ahead_shift(state.valve.lag_s, context.tick_s))

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..compensator import clip
+from ..compensator import Parameters, clip
 from .demand import Demand
 from .spool import step_response
 from .valve import ValveEstimator
@@ -86,6 +86,14 @@ class DelayEstimator:
         mean /= total
         errors = ERRORS + ERRORS_FIRST / (1.0 + 0.5 * self.reversals)
         return min(mean + errors * math.sqrt(max(square / total - mean * mean, 0.0)), max(lag_s - SPOOL_LAGS_S[0], 0.0))
+
+    def parameters(self) -> Parameters:
+        """What was identified, in numbers."""
+        return {"sums": list(self.sums), "reversals": self.reversals}
+
+    def restore(self, known: Parameters) -> None:
+        """Start with what was identified before."""
+        self.sums, self.reversals = [float(x) for x in known["sums"]], int(known["reversals"])
 
     def _prepare(self, roots: tuple[float, float], valve: ValveEstimator) -> tuple:
         volts = np.array(self.volts_V)
