@@ -36,10 +36,10 @@ PUMP_STOPS = Error.LEG_ERROR | Error.PRESSURE_LOW | Error.POWER  # errors at whi
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One thing that a monitor saw. leg counts from 1; 0 is the machine."""
+    """What a monitor found. leg counts from 1; 0 is the machine."""
 
     error: Error
-    leg: int
+    leg: int = 0
     detail: str
 
     @property
@@ -48,5 +48,5 @@ class Finding:
 
 
 def labels(errors: Error) -> list[str]:
-    """The words for the bits that are set."""
+    """Texts of the bits that are set."""
     return [text for error, text in LABELS.items() if errors & error]

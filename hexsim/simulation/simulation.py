@@ -242,10 +242,10 @@ class TickLoop:
     def _control(self, tick: int) -> None:
         sensors = self.sensors
         step = tick // self.control_every
-        wanted = self.setpoints[step : step + self.loop.preview]
+        ahead = self.setpoints[step : step + self.loop.preview]
         self.loop.tick(
             tick * self.tick_s,
-            wanted if self.faults is None else self.faults.wanted(tick * self.tick_s, wanted),  # type: ignore[arg-type]
+            ahead if self.faults is None else self.faults.host_setpoints(tick * self.tick_s, ahead),  # type: ignore[arg-type]
             sensors.position(tick, self.record.positions),
             sensors.pressure(tick, self.pressures),
             sensors.supply(tick, self.plant.supply_pressure()),

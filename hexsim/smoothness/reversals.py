@@ -170,8 +170,8 @@ def deviation_from_command(
     raw, band = np.asarray(acceleration, dtype=float), band_limit(time, acceleration, bandwidth_Hz)
     if delay_s is None:
         delay_s = response_delay_s(time[late], band[late], command[late])
-    asked = np.interp(time - delay_s, time, command)
-    raw, band = (raw - asked)[late], (band - band_limit(time, asked, bandwidth_Hz))[late]
+    reference = np.interp(time - delay_s, time, command)
+    raw, band = (raw - reference)[late], (band - band_limit(time, reference, bandwidth_Hz))[late]
     raw, band = raw - raw.mean(), band - band.mean()
     return CommandDeviation(delay_s=delay_s, time_s=time[late], raw=raw, band=band, inner=inner)
 
