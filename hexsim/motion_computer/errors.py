@@ -30,7 +30,7 @@ LABELS = {
     Error.LOAD_SHIFTED: "load shifted",
     Error.POWER: "power loss",
 }
-WARNINGS = Error.WORKSPACE  # shown, and the command is held back, but the machine goes on
+WARNINGS = Error.WORKSPACE  # shown; the setpoint is limited, without a fault
 PUMP_STOPS = Error.LEG_ERROR | Error.PRESSURE_LOW | Error.POWER  # errors at which the pump is stopped at once
 
 

@@ -2,7 +2,7 @@
 
 Setpoints are played `delay` after the host's clock, so that as a rule a later one is already there; in between a cubic
 through the neighbouring setpoints (Catmull-Rom on their own times) gives position, velocity and acceleration. Where
-nothing later has come, the target goes on with its velocity for `COAST_S` and then stands still.
+nothing later has come, the target continues with its velocity for `COAST_S` and then stands still.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Sensors of a machine that runs for as long as it is wanted: the noise repeats, the recent past is kept for delays."""
+"""Sensors of a machine that runs without an end: the noise repeats, the recent past is kept for delays."""
 
 from __future__ import annotations
 

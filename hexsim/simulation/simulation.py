@@ -91,7 +91,7 @@ def _actuator_setpoints(machine: Machine, scenario: Scenario, time: Array) -> Ar
     if outside.any():
         row, leg = np.argwhere(outside)[0]
         raise HexsimError(
-            f"scenario {scenario.name}: at t = {time[row]:.3f} s leg {leg + 1} is asked to {positions[row, leg]:.4f} m, "
+            f"scenario {scenario.name}: at t = {time[row]:.3f} s leg {leg + 1} has the setpoint {positions[row, leg]:.4f} m, "
             f"outside 0..{machine.cylinder.stroke_m:g} m: lower the amplitude"
         )
     return positions

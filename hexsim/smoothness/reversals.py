@@ -221,7 +221,7 @@ def reversal_bumps(
 def bump_fit(bumps: Sequence[ReversalBump], end: End | None = None) -> BumpFit | None:
     """Least-squares line of bump against |commanded acceleration|, all reversals or those of one end.
 
-    None where fewer than two different accelerations are there: a line through one level says nothing.
+    None where fewer than two different accelerations are there: one level determines no line.
     """
     chosen = [bump for bump in bumps if end is None or bump.end == end]
     x = np.array([abs(bump.commanded_acceleration) for bump in chosen])
