@@ -148,7 +148,7 @@ def exudyn_run(
     scheme: a name in exudyn.DynamicSolverType, run with the fixed step `step_s`, a whole part of the control step.
     """
     exudyn = load_exudyn()
-    plant = Plant(machine, model="tendon", scheme="rk4")
+    plant = Plant(machine, model="tendon")
     assert plant.kinematics is not None
     model = build(machine, plant)
     control_step = 1.0 / machine.controller.rate_Hz

@@ -159,7 +159,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("cueing"))
     parser.add_argument("--machine", default="micro_motion_system")
     parser.add_argument("--compensator", default="none")
-    parser.add_argument("--fast", action="store_true", help="fast scheme instead of RK4")
+    parser.add_argument("--fast", action="store_true", help="tendon model instead of full legs")
     arguments = parser.parse_args()
     machine = load_machine(arguments.machine)
     kinematics = machine_kinematics(machine)

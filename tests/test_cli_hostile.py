@@ -34,7 +34,16 @@ def command(*arguments: str, cwd: Path, before: str = "", environment=None, **op
     )  # fmt: skip
 
 
-LIMIT = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({0}, {0}))"
+# the compiled code is written to its cache first: here it is the run's own files that do not fit
+LIMIT = """
+import resource
+from hexsim.machine import load_machine
+from hexsim.scenarios import load_scenario
+from hexsim.simulation import simulate
+for compensator in ("none", "exact"):
+    simulate(load_machine("bench"), load_scenario("heave", duration_s=0.1), fast=True, compensator=compensator)
+resource.setrlimit(resource.RLIMIT_FSIZE, ({0}, {0}))
+"""
 
 
 @pytest.mark.parametrize(("most_bytes", "kept"), [(150_000, {"log.parquet"}), (20_000, set())])
@@ -114,6 +123,17 @@ def test_run_without_a_name_shows_what_there_is(tmp_path, monkeypatch):
     for text in ("multisine", "micro_motion_system", "buffered", "--machine NAME", "--compensator NAME"):
         assert text in result.stdout
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments", [("view",), ("friction",), ("run", "heave", "--out"), ("sweep", "heave", "--out")]
+)
+def test_a_path_that_is_too_long_is_a_sentence(tmp_path, monkeypatch, arguments):
+    """No file system takes 300 characters: one short line, code 2."""
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, [*arguments, "x" * 300 + ".parquet"])
+    assert result.exit_code == 2 and len(result.stderr.strip().splitlines()) == 1, result.stderr
+    assert re.search(r"File name too long", result.stderr)
 
 
 def test_a_negative_seed_is_refused():

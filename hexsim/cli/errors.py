@@ -36,11 +36,14 @@ class SentenceGroup(TyperGroup):
             _drop_output()
             raise typer.Exit(0) from None
         except OSError as error:
-            if error.errno not in FULL:
+            if error.errno in FULL:
+                _drop_output()
+                place = f" {error.filename}" if error.filename else ", nor print"
+                say(f"cannot write{place}: {error.strerror}; make room, or give --out another place")
+            elif error.filename is not None:  # a name that is too long, a folder that may not be looked into
+                say(f"cannot use {shortened(str(error.filename))}: {error.strerror}; give another file or folder")
+            else:
                 raise
-            _drop_output()
-            place = f" {error.filename}" if error.filename else ", nor print"
-            say(f"cannot write{place}: {error.strerror}; make room, or give --out another place")
         raise typer.Exit(EXIT_CODE)
 
 

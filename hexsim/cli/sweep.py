@@ -31,7 +31,8 @@ def sweep(
     seeds: Annotated[str, typer.Option(help="Seeds: 0:10 is 0 to 9, or 1,5,7.")] = "0",
     compensators: Annotated[str, typer.Option("--compensators", "-c", help="Names separated by commas.")] = "none",
     motion: options.Motion = options.AS_DECLARED,
-    full: Annotated[bool, typer.Option("--full", help="Full legs with RK4 instead of the fast scheme.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Full legs instead of the tendon model.")] = False,
+    timestep: options.TimeStep = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes here; default one a processor.")] = None,
     scheduler: Annotated[str | None, typer.Option(help="Dask scheduler, tcp://host:port, to run on a cluster.")] = None,
     json: options.Json = False,
@@ -44,8 +45,9 @@ def sweep(
     with_machine, what = options.prepare(scenario, motion)
     grid = {key: parse_values(text) for key, text in options.parse_changes(settings).items()}
     grid_cases = cases(
-        what, with_machine, settings=grid, seeds=parse_seeds(seeds), compensators=names_of(compensators), fast=not full
-    )
+        what, with_machine, settings=grid, seeds=parse_seeds(seeds), compensators=names_of(compensators), fast=not full,
+        timestep=timestep,
+    )  # fmt: skip
     counted = {"runs": len(grid_cases), "failed": 0}
 
     with progress() as bar, terminated_like_interrupted():

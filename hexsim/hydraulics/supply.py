@@ -139,12 +139,15 @@ def line_capacity(s, pressure):
 
 
 @compiled
-def line_rate(s, pressure, demand, nominal, capacity):
-    """dPs/dt [Pa/s] of a manifold behind a laminar line whose pump gives no more than FLOW_MAX (0 = no limit)."""
+def line_rate(s, pressure, demand, nominal, h):
+    """dPs/dt [Pa/s] of a manifold behind a laminar line whose pump gives no more than FLOW_MAX (0 = no limit).
+
+    h [s]: time step of who integrates; a line with R C < h/2 is slowed to that, towards the same balance. 0 = exact.
+    """
     delivered = (nominal - pressure) / s[S.RESISTANCE]
     if s[S.FLOW_MAX] > 0.0:
         delivered = min(delivered, s[S.FLOW_MAX])
-    return (delivered - demand) / capacity
+    return (delivered - demand) / max(line_capacity(s, pressure), 2.0 * h / s[S.RESISTANCE])
 
 
 @compiled
@@ -201,17 +204,13 @@ def power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure):
 
 
 @compiled
-def power_unit_rates(s, state, switched_on, demand, leg_heat, step=0.0):
-    """d state/dt (6 numbers, places U, SI). demand [m3/s] and leg_heat [W]: of all legs together.
-
-    step [s]: the manifold answers to the line flow at the step's end (fast scheme); 0 = to the present one.
-    """
+def power_unit_rates(s, state, switched_on, demand, leg_heat):
+    """d state/dt (6 numbers, places U, SI). demand [m3/s] and leg_heat [W]: of all legs together."""
     speed, flow, line_flow, pump_pressure, temperature, pressure = state
     net = flow - relief_flow(s, pump_pressure) - line_flow
-    resisting = s[S.LINE_LAMINAR] + 2.0 * s[S.LINE_TURBULENT] * abs(line_flow)
-    surge = (pump_pressure - pressure - line_drop(s, line_flow)) / (s[S.LINE_INERTANCE] + step * resisting)
+    surge = (pump_pressure - pressure - line_drop(s, line_flow)) / s[S.LINE_INERTANCE]
     heat = leg_heat + power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure)
-    gain = line_flow + step * surge - demand - burst_flow(s, pressure)
+    gain = line_flow - demand - burst_flow(s, pressure)
     return (
         (switched_on - speed) / s[S.MOTOR_TIME],
         (pump_flow_command(s, speed, pump_pressure) - flow) / s[S.PUMP_TIME],

@@ -41,12 +41,12 @@ def qualify(
 ) -> dict[str, Any]:
     """Run all motion tests and write report.html and qualify.json into the folder `out`; returns what the JSON holds.
 
-    quick: fast scheme and fewer, shorter motions (under a minute); else RK4. progress(fraction).
+    quick: fewer, shorter motions (under a minute). progress(fraction).
     Raises HexsimError where the machine cannot do a motion or `out` cannot be written.
     """
     folder = Path(out)
     report = progress or (lambda fraction: None)
-    rig = MachineRig(machine, compensator, quick)
+    rig = MachineRig(machine, compensator)
     found = Battery(rig, QUICK if quick else Plan(), lambda fraction, what: report(0.95 * fraction)).run()
     name = compensator if isinstance(compensator, str) else compensator.name
     result = {
@@ -54,7 +54,7 @@ def qualify(
         "compensator": name,
         "quick": quick,
         "model": "tendon" if machine.is_hexapod else "full",
-        "scheme": "fast" if quick else "rk4",
+        "scheme": "rk4",
         "bandwidth_Hz": 50.0,
         "passed": all(row.passed is not False for row in found.rows),
         "rows": [asdict(row) | {"passed": row.passed} for row in found.rows],
@@ -89,7 +89,7 @@ def _page(machine: Machine, found: Findings, result: dict[str, Any]) -> str:
 
 def _how(result: dict[str, Any]) -> str:
     control = "proportional control" if result["compensator"] == "none" else f"compensator {result['compensator']}"
-    scheme = "fast scheme, few frequencies" if result["quick"] else "RK4 at 100 µs"
+    scheme = "RK4, step chosen" + (", few frequencies" if result["quick"] else "")
     return f"{control} · {scheme} · accelerations in the {result['bandwidth_Hz']:g} Hz band"
 
 

@@ -44,20 +44,20 @@ class Rig(Protocol):
 
 
 class MachineRig:
-    """A machine, simulated: fast scheme when quick, else RK4; the tendon model either way (equal to full legs).
+    """A machine, simulated with the tendon model (equal to full legs).
 
     What is measured is the true motion, without sensor noise; the position loop sees noise drawn from `seed`.
     """
 
-    def __init__(self, machine: Machine, compensator: str | Compensator = "none", quick: bool = False) -> None:
-        self.machine, self.compensator, self.quick = machine, compensator, quick
+    def __init__(self, machine: Machine, compensator: str | Compensator = "none") -> None:
+        self.machine, self.compensator = machine, compensator
         self.name = machine.name
         self.axes: tuple[str, ...] = pose_kinematics(machine).dofs
 
     def play(self, scenario: Scenario, seed: int = 0) -> Motion:
         machine = self.machine
         run = simulate(
-            machine, scenario, compensator=self.compensator, fast=self.quick, seed=seed,
+            machine, scenario, compensator=self.compensator, seed=seed,
             model="tendon" if machine.is_hexapod else None,
         )  # fmt: skip
         if "interrupted" in run.reason:

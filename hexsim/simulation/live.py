@@ -108,7 +108,7 @@ class LiveMachine:
             add_floor_and_light(spec, machine)
             add_sliders(spec, machine)
 
-        self.plant = Plant(machine, model="full", scheme="fast", furnish=add_scene)
+        self.plant = Plant(machine, model="full", furnish=add_scene)
         self.sliders = slice(self.plant.model.nu - len(self.dofs), self.plant.model.nu)
         self.name, compensators = make_compensators(compensator, machine)
         self.messages: list[tuple[float, int, str]] = []

@@ -2,7 +2,7 @@
 
     serve(machine)      states by the host's commands, setpoints over UDP (packets: `motion_computer.host_packet`)
 
-The plant is the tendon model with RK4. The link (`motion_computer.host_link`) binds to loopback unless told otherwise.
+The plant is the tendon model. The link (`motion_computer.host_link`) binds to loopback unless told otherwise.
 """
 
 from __future__ import annotations
@@ -64,13 +64,13 @@ class Server:
 
     def __init__(
         self, machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
-        scenario: Scenario | None = None, limits: Limits | None = None, start: str = "neutral", timestep: float = 1e-4,
+        scenario: Scenario | None = None, limits: Limits | None = None, start: str = "neutral", timestep: float | None = None,
         seed: int = 0,
     ) -> None:  # fmt: skip
         if start not in ("neutral", "off"):
             raise HexsimError(f"start is {start!r}; give 'neutral' or 'off'")
         self.machine = machine
-        self.plant = Plant(machine, model="tendon" if machine.is_hexapod else "full", scheme="rk4", timestep=timestep)
+        self.plant = Plant(machine, model="tendon" if machine.is_hexapod else "full", timestep=timestep)
         self.tick_s = 1.0 / machine.controller.rate_Hz
         self.compensator, made = make_compensators(compensator, machine)
         self.messages: list[tuple[float, int, str]] = []
@@ -240,7 +240,7 @@ class Server:
 def serve(
     machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
     scenario: Scenario | None = None, duration_s: float | None = None, start: str = "neutral",
-    report: Callable[[Status], None] | None = None, stop: Event | None = None, timestep: float = 1e-4,
+    report: Callable[[Status], None] | None = None, stop: Event | None = None, timestep: float | None = None,
 ) -> Status:  # fmt: skip
     """Run the machine in real time with its host interface until stopped; returns the final status.
 

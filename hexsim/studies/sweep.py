@@ -46,6 +46,7 @@ class Case:
     compensator: str = "none"
     seed: int = 0
     fast: bool = True
+    timestep: float | None = None
     settings: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -63,6 +64,7 @@ def cases(
     seeds: Iterable[int] = (0,),
     compensators: Iterable[str] = ("none",),
     fast: bool = True,
+    timestep: float | None = None,
 ) -> list[Case]:
     """The product of all settings, compensators and seeds. Raises HexsimError where a setting is refused."""
     settings, seeds, compensators = dict(settings or {}), _sequence(seeds), _sequence(compensators)
@@ -74,7 +76,7 @@ def cases(
         apply_settings(scenario, machine, point, "sweep")  # refuse what cannot be before the first run
     tables = {"scenario": scenario.to_dict(), "machine": machine_tables(machine)}
     return [
-        Case(**tables, compensator=compensator, seed=seed, fast=fast, settings=point)
+        Case(**tables, compensator=compensator, seed=seed, fast=fast, timestep=timestep, settings=point)
         for point, compensator, seed in itertools.product(grid, compensators, seeds)
     ]
 
@@ -111,7 +113,9 @@ def _figures(case: Case) -> dict[str, Any]:
     machine = machine_from_dict(case.machine, "sweep")
     scenario, machine = apply_settings(scenario, machine, case.settings, "sweep")
     with _ONE_A_PROCESS, _interruptible():
-        run = simulate(machine, scenario, compensator=case.compensator, fast=case.fast, seed=case.seed)
+        run = simulate(
+            machine, scenario, compensator=case.compensator, fast=case.fast, seed=case.seed, timestep=case.timestep
+        )
     if "interrupted" in run.reason:
         raise KeyboardInterrupt
     figures = {

@@ -168,6 +168,24 @@ def of_size(x: Array, size: Array, blocks: Array) -> tuple[Regressors, float]:
     return one, r2_of(one.X, size, blocks)
 
 
+def regressors_of(
+    name: str,
+    x: Array,
+    velocities: Sequence[Array],
+    rate: float,
+    columns: Mapping[tuple[str, str], Sequence[Array]],
+) -> list[Regressors]:
+    """The forms in which a residual may depend on one signal x (n,) of all runs; the arguments of `dependence_of`."""
+    is_speed, knots, v = name.startswith("velocity"), knots_of(x), np.concatenate(velocities)
+    found = [Regressors(form=f, X=design(f, x, v, knots), knots=knots) for f in (CURVES[:1] if is_speed else CURVES)]
+    found += memories(velocities, rate) if is_speed else []
+    for (channel, form), runs in columns.items():
+        if channel == name:
+            X = np.concatenate(runs)
+            found.append(Regressors(form=form, X=X / max(float(np.std(X)), 1e-300), knots=np.zeros(0)))
+    return found
+
+
 def dependence_of(
     residuals: Sequence[Array],
     signals: Sequence[dict[str, Array]],
@@ -182,22 +200,14 @@ def dependence_of(
     order: which signal speaks for itself when another follows it closely; one that is not in it is not considered.
     columns: (signal, "late" or "play") -> a run (n, k), how the residual would change if that channel were so.
     """
-    r, v = np.concatenate(residuals), np.concatenate(velocities)
+    r = np.concatenate(residuals)
     blocks = block_numbers([len(x) for x in residuals], int(BLOCK_S * rate))
     moving = {name: np.concatenate([s[name] for s in signals]) for name in signals[0]}
     moving = {name: x for name, x in moving.items() if np.ptp(x) > 0}
     table: dict[str, float] = {}
     found: dict[str, tuple[Regressors, float]] = {}
     for name, x in moving.items():
-        is_speed, knots = name.startswith("velocity"), knots_of(x)
-        tried = [
-            Regressors(form=f, X=design(f, x, v, knots), knots=knots) for f in (CURVES[:1] if is_speed else CURVES)
-        ]
-        tried += memories(velocities, rate) if is_speed else []
-        for (channel, form), runs in (columns or {}).items():
-            if channel == name:
-                X = np.concatenate(runs)
-                tried.append(Regressors(form=form, X=X / max(float(np.std(X)), 1e-300), knots=np.zeros(0)))
+        tried = regressors_of(name, x, velocities, rate, columns or {})
         scored = [(one, r2_of(one.X, r, blocks)) for one in tried]
         table[name] = max(score for _, score in scored)
         good = [(one, score) for one, score in scored if score > table[name] - SIMPLER]
