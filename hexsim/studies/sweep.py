@@ -174,7 +174,7 @@ def sweep(
                 if not running:
                     break
                 finished, running = wait(running, return_when=FIRST_COMPLETED)
-                for future in finished:
+                for future in sorted(finished, key=_failed):  # what is there is kept before a loss ends the sweep
                     row = _row_of(future)
                     journal.add(row)
                     done, failed = done + 1, failed + bool(row["error"])
@@ -189,6 +189,10 @@ def sweep(
                     journal.add(_row_of(future))
         journal.finish([case.key for case in grid_cases])
     return len(missing)
+
+
+def _failed(future: Future[dict[str, Any]]) -> bool:
+    return future.cancelled() or future.exception() is not None
 
 
 def _row_of(future: Future[dict[str, Any]]) -> dict[str, Any]:
