@@ -29,7 +29,7 @@ from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import chamber
 from hexsim.hydraulics.chamber import ATMOSPHERE
-from hexsim.hydraulics.oil import TELLUS_T46, dynamic_viscosity
+from hexsim.hydraulics.oil import dynamic_viscosity
 
 
 class S(IntEnum):
@@ -248,7 +248,7 @@ def declared_supply(machine: Machine) -> np.ndarray:
         return row
     unit, oil, cylinder = machine.power_unit, machine.oil, machine.cylinder
     bore = math.pi / 4 * unit.line_diameter_m**2
-    viscosity = dynamic_viscosity(oil.temperature_degC, machine.supply.pressure_Pa, oil.density_kg_m3)
+    viscosity = dynamic_viscosity(oil.temperature_degC, machine.supply.pressure_Pa, oil.density_kg_m3, oil.properties)
     hose = 128 * viscosity * unit.line_length_m / (math.pi * unit.line_diameter_m**4)  # Hagen-Poiseuille
     annuli = machine.n_legs * cylinder.area_top_m2 * cylinder.stroke_m / 2 if cylinder.rod_side == "supply" else 0.0
     values = {
@@ -272,7 +272,7 @@ def declared_supply(machine: Machine) -> np.ndarray:
         S.RELIEF_PRESSURE: unit.relief_pressure_Pa,
         S.RELIEF_CONDUCTANCE: unit.relief_conductance_m3_s_Pa,
         S.BULK_MODULUS: oil.bulk_modulus_Pa,
-        S.HEAT_CAPACITY: oil.density_kg_m3 * TELLUS_T46.specific_heat_J_kg_K * unit.reservoir_volume_m3,
+        S.HEAT_CAPACITY: oil.density_kg_m3 * oil.properties.specific_heat_J_kg_K * unit.reservoir_volume_m3,
         S.COOLING: unit.cooling_W_K,
         S.AMBIENT: unit.ambient_temperature_degC,
         S.START_TEMPERATURE: unit.oil_temperature_degC,
