@@ -59,7 +59,7 @@ def commanded_spool(p, volts, t):
 def metering_spool(p, volts, t, x):
     """Spool position that opens the edges [m]: the state x within its travel, or the command of a spool without lag.
 
-    Of a valve with a flow curve: the opening that it stands for.
+    Of a valve with a flow curve: the equivalent opening.
     """
     if p[P.SPOOL_OMEGA] > 0.0:
         place = min(max(x, -p[P.SPOOL_TRAVEL]), p[P.SPOOL_TRAVEL])
