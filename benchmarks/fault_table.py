@@ -89,7 +89,7 @@ def main() -> None:
         rows.append(line(name, found, cylinder.stroke_m, cylinder.cushion_length_m))
         print(rows[-1], flush=True)
     head = (
-        "| fault | detected after | what the motion computer says | platform | at rest after | peak [m/s²] | "
+        "| fault | detected after | message of the motion computer | platform | at rest after | peak [m/s²] | "
         f"into the cushion of {1e3 * cylinder.cushion_length_m:g} mm [mm] |\n|---|---|---|---|---|---|---|\n"
     )
     RESULTS.mkdir(parents=True, exist_ok=True)

@@ -61,7 +61,7 @@ def main() -> None:
         "",
         f"Simulated seconds a second of processor time. {platform.machine()}, {os.cpu_count()} cores, load {load:.1f}.",
         f"In real time for 10 s under that load: at worst {1e3 * status.worst_behind_s:.1f} ms behind, "
-        f"{status.given_up_s:.1f} s given up.",
+        f"{status.skipped_s:.1f} s skipped.",
         "",
         "Written by `benchmarks/serve_margin.py`.",
     ]

@@ -161,7 +161,10 @@ def test_help_says_units():
         (("run", "heave", "--set", "scenario.colour=1"), r"colour is not a known key: allowed are"),
         (("run", "heave", "--amplitude", "0.5"), r"t = .* s.*leg \d.* m long, allowed is"),
         (("run", "heave", "--duration", "-1"), r"duration_s = -1\.0: .*greater than 0"),
-        (("run", "heave", "-m", "bench", "--amplitude", "0.11"), r"t = .* leg 1 is asked to .* outside 0\.\.0\.2 m"),
+        (
+            ("run", "heave", "-m", "bench", "--amplitude", "0.11"),
+            r"t = .* leg 1 has the setpoint .* outside 0\.\.0\.2 m",
+        ),
         (("view", "nowhere"), r"nowhere is no folder"),
         (("run", "x" * 300), r"unknown scenario 'x+\.\.\. \(302 characters\): give one of combined"),
         (("run", "heave", "-m", "x" * 300), r"unknown machine 'x+\.\.\. \(302 characters\): give one of bench"),

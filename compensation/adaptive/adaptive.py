@@ -137,18 +137,8 @@ class Adaptive(Compensator):
         state.lead_taps = lead(lag_s, tick, self.lead_smoothing, delay_s, shift)
         state.crossing_taps = crossing_lead(lag_s, tick, delay_s, shift)
         state.crossing_path = crossing_path(lag_s, tick, delay_s, shift)
-        state.damping_taps = damping_filter(
-            lag_s, tick, self.damping_low_Hz, self.damping_high_Hz, self.damping_count, delay_s
-        )
-
-    def _shift(self, state: AdaptiveState, shift: int) -> None:
-        """Demands further ahead, or less far, while nothing is added."""
-        while state.shift < shift:
-            state.demands.append(state.demands[-1])
-            state.shift += 1
-        while state.shift > shift:
-            state.demands.pop()
-            state.shift -= 1
+        low, high = self.damping_low_Hz, self.damping_high_Hz
+        state.damping_taps = damping_filter(lag_s, tick, low, high, self.damping_count, delay_s)
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
         context, reference = state.context, state.reference
@@ -266,7 +256,7 @@ class Adaptive(Compensator):
             state.friction.add(sample.position_m, load_Pa, now.acceleration_m_s2)
         if abs(state.valve.lag_s - state.lag_s) > LAG_TOLERANCE_S and state.valve.ready:
             if state.engagement.ramp == 0.0:
-                self._shift(state, look_ahead_shift(state.valve.lag_s, state.context.tick_s))
+                state.look_ahead(look_ahead_shift(state.valve.lag_s, state.context.tick_s))
             self._design(state, round_lag(state.valve.lag_s))
         stribeck, position_error = state.friction.stribeck, sample.position_m - now.position_m
         complete = stribeck.add(now.velocity_m_s, state.deviation_Pa[0], position_error, now.stribeck_share)
@@ -299,6 +289,6 @@ class Adaptive(Compensator):
         state.lateness.late_s = float(parameters["delay"]["late_s"])
         if state.valve.ready:
             state.rounding.leak.restore(state.valve.leak_m_s)
-            self._shift(state, look_ahead_shift(state.valve.lag_s, context.tick_s))
+            state.look_ahead(look_ahead_shift(state.valve.lag_s, context.tick_s))
             self._design(state, round_lag(state.valve.lag_s))
         return state

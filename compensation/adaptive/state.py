@@ -120,3 +120,12 @@ class AdaptiveState:
     predictor: SetpointPredictor = field(default_factory=SetpointPredictor)
     backlash_input_V: float = 0.0  # volts fed forward, followed within the width of the backlash inverse
     damping_gain: float = 1.0
+
+    def look_ahead(self, shift: int) -> None:
+        """Demands `shift` ticks further ahead than PREVIEW_TICKS, while nothing is added."""
+        while self.shift < shift:
+            self.demands.append(self.demands[-1])
+            self.shift += 1
+        while self.shift > shift:
+            self.demands.pop()
+            self.shift -= 1

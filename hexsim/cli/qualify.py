@@ -34,8 +34,8 @@ def qualify(
     ):
         from hexsim.qualify import qualify as run
 
-        told = fraction_of(bar, f"qualifying {with_machine.name}")
-        result = run(with_machine, folder.path, quick, told, compensator)
+        report = fraction_of(bar, f"qualifying {with_machine.name}")
+        result = run(with_machine, folder.path, quick, report, compensator)
         place = folder.finish()
     if json:
         print_json(result)

@@ -32,7 +32,7 @@ def serve(
     duration: Annotated[float | None, typer.Option(help="Stop after this time (s); default: Ctrl-C.")] = None,
     json: options.Json = False,
 ) -> None:
-    """Run the machine in real time with its host interface over UDP; says how far it falls behind."""
+    """Run the machine in real time with its host interface over UDP; shows its lag behind real time."""
     with_machine, what = options.prepare(scenario or "heave", options.Motion(machine=machine))
     from hexsim.simulation.serve import Server
 

@@ -44,14 +44,14 @@ def sweep(
 
     with_machine, what = options.prepare(scenario, motion)
     grid = {key: parse_values(text) for key, text in options.parse_changes(settings).items()}
-    wanted = cases(
+    grid_cases = cases(
         what, with_machine, settings=grid, seeds=parse_seeds(seeds), compensators=names_of(compensators), fast=not full,
         timestep=timestep,
     )  # fmt: skip
-    counted = {"runs": len(wanted), "failed": 0}
+    counted = {"runs": len(grid_cases), "failed": 0}
 
     with progress() as bar, terminated_like_interrupted():
-        task = bar.add_task("starting", total=len(wanted))
+        task = bar.add_task("starting", total=len(grid_cases))
 
         def show(done: int, total: int, failed: int) -> None:
             counted["failed"] = failed
@@ -61,7 +61,7 @@ def sweep(
 
         try:
             with executor_of(scheduler, workers) as (executor, count):
-                counted["run_now"] = run_all(wanted, executor, out, workers=count, progress=show)
+                counted["run_now"] = run_all(grid_cases, executor, out, workers=count, progress=show)
         except KeyboardInterrupt:
             raise HexsimError(
                 f"interrupted by the user; finished rows are kept in {out}.journal, run it again to go on"

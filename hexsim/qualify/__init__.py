@@ -45,9 +45,9 @@ def qualify(
     Raises HexsimError where the machine cannot do a motion or `out` cannot be written.
     """
     folder = Path(out)
-    heard = progress or (lambda fraction: None)
+    report = progress or (lambda fraction: None)
     rig = MachineRig(machine, compensator)
-    found = Battery(rig, QUICK if quick else Plan(), lambda fraction, what: heard(0.95 * fraction)).run()
+    found = Battery(rig, QUICK if quick else Plan(), lambda fraction, what: report(0.95 * fraction)).run()
     name = compensator if isinstance(compensator, str) else compensator.name
     result = {
         "machine": machine.name,
@@ -62,7 +62,7 @@ def qualify(
     }
     write_text(folder / "qualify.json", json.dumps(result, indent=1))
     write_text(folder / "report.html", _page(machine, found, result))
-    heard(1.0)
+    report(1.0)
     return result
 
 
@@ -105,20 +105,20 @@ def _sentence(judged: list[Row]) -> str:
 def _cards(rows: list[Row]) -> list[tuple[str, str, str]]:
     """The figures to see first."""
 
-    wanted = (
+    shown = (
         ("turn-around", "largest deviation", "turn-around deviation, heave"),
         ("half-hertz noise", "peak, 50", "half-hertz peak, heave"),
         ("describing function", "phase passes", "phase passes −90°, heave"),
     )
     cards = []
-    for test, figure, description in wanted:
+    for test, figure, description in shown:
         row = next((r for r in rows if r.test == test and r.axis == "heave z" and r.figure.startswith(figure)), None)
         if row is not None:
             cards.append((number(row.value), row.unit, description))
     return cards
 
 
-SAYS = {
+DESCRIPTIONS = {
     "half-hertz noise": """\
 Sine of 0.05 m or 5 deg at 0.5 Hz. Ratios are rms over the basic harmonic's: r_n of all that is not the
 basic harmonic, r_lf of its 2nd and 3rd harmonics, r_hf of those above. Parasitic: the largest peak in the other axes of the same
@@ -144,7 +144,7 @@ def _tables(rows: list[Row]) -> list[dict[str, Any]]:
         axes = list(dict.fromkeys(row.axis for row in some))
         body = [(axis, [cells.get((axis, column), (None, "")) for column in columns]) for axis in axes]
         title = ", ".join(tests).capitalize()
-        tables.append({"title": title, "columns": columns, "rows": body, "description": SAYS[key]})
+        tables.append({"title": title, "columns": columns, "rows": body, "description": DESCRIPTIONS[key]})
     return tables
 
 

@@ -1,6 +1,6 @@
-"""The supply once its pump stops: the unit's own state, or a stand-in for the accumulator of a constant supply.
+"""The supply once its pump stops: the unit's own state, or a substitute accumulator for a constant supply.
 
-Stand-in, for machines whose supply is a constant: P = P0 (V_g/(V_g + dV))^n while the accumulator holds oil, with dV
+Substitute, for machines whose supply is a constant: P = P0 (V_g/(V_g + dV))^n while the accumulator holds oil, with dV
 what the legs have taken (retraction takes A2 v, extension (A1 - A2) v), and once it is empty the line pressure
 decays in `LINE_DECAY_S`; when the pump runs again it comes back as fast. Assumed sizes: 4 l, precharge 0.8 P0, n = 1.3.
 """
@@ -25,8 +25,8 @@ LINE_DECAY_S = 0.3
 class EmergencySupply:
     """Drives the supply of a plant: `tick(pump_on, dt)` once a tick.
 
-    tripped: the pump has stopped by itself. ceiling_Pa: the line cannot hold more (a burst): with a power unit a hole
-    in the manifold's hose, as large as makes the full pump flow leave at about that pressure.
+    tripped: the pump has stopped by itself. ceiling_Pa: highest pressure of a burst line. With a power unit it is a leak
+    in the manifold's hose that takes the full pump flow at about that pressure.
     """
 
     def __init__(self, plant: Plant) -> None:
@@ -51,19 +51,19 @@ class EmergencySupply:
             if math.isfinite(self.ceiling_Pa) and self.power_unit:
                 full_flow = plant.resolved.supply[S.PUMP_FLOW_MAX]
                 share = (self.nominal - self.ceiling_Pa) / self.nominal
-                hole = share * full_flow / math.sqrt(max(self.ceiling_Pa, 1.0e4))
-                plant.change_supply(S.BURST, hole)
+                leak = share * full_flow / math.sqrt(max(self.ceiling_Pa, 1.0e4))
+                plant.change_supply(S.BURST, leak)
             return
         if running and not math.isfinite(self.ceiling_Pa) and not self._moved:
             return
         positions = plant.piston_positions().copy()
         step = positions - self._positions if self._moved else np.zeros_like(positions)
         self._positions, self._moved = positions, True
-        pressure = min(self._stand_in(running, step, dt), self.ceiling_Pa)
+        pressure = min(self._substitute_pressure(running, step, dt), self.ceiling_Pa)
         self._pressure = max(pressure, self.tank)
         plant.change_row(slice(None), P.SUPPLY_PRESSURE, self._pressure)
 
-    def _stand_in(self, running: bool, step: np.ndarray, dt: float) -> float:
+    def _substitute_pressure(self, running: bool, step: np.ndarray, dt: float) -> float:
         """Supply pressure after this tick [Pa]."""
         if running:
             self._taken = 0.0

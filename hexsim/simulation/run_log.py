@@ -176,7 +176,7 @@ def run_summary(
 
 
 def axis_motions(log: pl.DataFrame, scenario: Scenario, is_hexapod: bool) -> dict[str, AxisMotion]:
-    """What each axis does and was asked to do."""
+    """Response and command of each axis."""
     motions: dict[str, AxisMotion] = {}
     for axis in DOF_NAMES if is_hexapod else ("leg",):
         signal = scenario.signals.get(axis) if is_hexapod else next(iter(scenario.signals.values()), None)

@@ -92,7 +92,7 @@ def _actuator_setpoints(machine: Machine, scenario: Scenario, time: Array) -> Ar
     if outside.any():
         row, leg = np.argwhere(outside)[0]
         raise HexsimError(
-            f"scenario {scenario.name}: at t = {time[row]:.3f} s leg {leg + 1} is asked to {positions[row, leg]:.4f} m, "
+            f"scenario {scenario.name}: at t = {time[row]:.3f} s leg {leg + 1} has the setpoint {positions[row, leg]:.4f} m, "
             f"outside 0..{machine.cylinder.stroke_m:g} m: lower the amplitude"
         )
     return positions
@@ -244,10 +244,10 @@ class TickLoop:
     def _control(self, tick: int) -> None:
         sensors = self.sensors
         step = tick // self.control_every
-        wanted = self.setpoints[step : step + self.loop.preview]
+        ahead = self.setpoints[step : step + self.loop.preview]
         self.loop.tick(
             tick * self.tick_s,
-            wanted if self.faults is None else self.faults.wanted(tick * self.tick_s, wanted),  # type: ignore[arg-type]
+            ahead if self.faults is None else self.faults.host_setpoints(tick * self.tick_s, ahead),  # type: ignore[arg-type]
             sensors.position(tick, self.record.positions),
             sensors.pressure(tick, self.pressures),
             sensors.supply(tick, self.plant.supply_pressure()),

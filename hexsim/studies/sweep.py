@@ -145,7 +145,7 @@ def _interruptible() -> Iterator[None]:
 
 
 def sweep(
-    wanted: Sequence[Case],
+    grid_cases: Sequence[Case],
     executor: Executor,
     out: Path,
     *,
@@ -156,14 +156,14 @@ def sweep(
 
     Rows of an earlier sweep in the same table stay. Raises HexsimError when the workers die, with the rows kept.
     """
-    wanted = list({case.key: case for case in wanted}.values())
+    grid_cases = list({case.key: case for case in grid_cases}.values())
     with Journal(Path(out)) as journal:
-        missing = [case for case in wanted if case.key not in journal.rows]
+        missing = [case for case in grid_cases if case.key not in journal.rows]
         done, failed = (
-            len(wanted) - len(missing),
-            sum(bool(journal.rows[c.key]["error"]) for c in wanted if c.key in journal.rows),
+            len(grid_cases) - len(missing),
+            sum(bool(journal.rows[c.key]["error"]) for c in grid_cases if c.key in journal.rows),
         )
-        progress(done, len(wanted), failed)
+        progress(done, len(grid_cases), failed)
         waiting, running = iter(missing), set()
         try:
             while True:
@@ -178,16 +178,16 @@ def sweep(
                     row = _row_of(future)
                     journal.add(row)
                     done, failed = done + 1, failed + bool(row["error"])
-                    progress(done, len(wanted), failed)
+                    progress(done, len(grid_cases), failed)
         except (BrokenExecutor, CancelledError) as error:  # workers killed; a Dask scheduler that went away
             raise HexsimError(
-                f"the workers died ({str(error) or 'lost'}); {journal.says()}; run the same command again to go on"
+                f"the workers died ({str(error) or 'lost'}); {journal.status()}; run the same command again to go on"
             ) from None
         finally:
             for future in running:
                 if not future.cancel() and future.done() and future.exception() is None:
                     journal.add(_row_of(future))
-        journal.finish([case.key for case in wanted])
+        journal.finish([case.key for case in grid_cases])
     return len(missing)
 
 

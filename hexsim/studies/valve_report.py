@@ -66,12 +66,12 @@ def dynamic_figure(test: ValveTest) -> Figure:
     figure, (step, gain, phase) = small_multiples(3, "Dynamic tests", columns=3, height=3.0)
     for (amplitude, answer), color in zip(test.step.items(), palette.RUNS, strict=False):
         step.plot(1e3 * test.time_s, PERCENT * answer, color=color, lw=1.3)
-        step.axhline(PERCENT * amplitude, color=palette.WANTED, lw=0.7, ls=":")
+        step.axhline(PERCENT * amplitude, color=palette.REFERENCE, lw=0.7, ls=":")
     for (amplitude, (size, angle)), color in zip(test.bode.items(), palette.RUNS, strict=False):
         gain.semilogx(FREQUENCIES_Hz, 20 * np.log10(size), color=color, lw=1.3, label=f"{PERCENT * amplitude:g} %")
         phase.semilogx(FREQUENCIES_Hz, angle, color=color, lw=1.3)
-    gain.axhline(-3.0, color=palette.WANTED, lw=0.7, ls=":")
-    phase.axhline(-90.0, color=palette.WANTED, lw=0.7, ls=":")
+    gain.axhline(-3.0, color=palette.REFERENCE, lw=0.7, ls=":")
+    phase.axhline(-90.0, color=palette.REFERENCE, lw=0.7, ls=":")
     last = [np.flatnonzero(np.abs(x - a) > 0.02 * a) for a, x in test.step.items()]
     settled = max((int(k[-1]) for k in last if len(k)), default=0)
     step.set_xlim(0, 1e3 * test.time_s[min(max(int(1.3 * settled), 100), len(test.time_s) - 1)])
