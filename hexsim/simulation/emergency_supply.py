@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant import Plant
 
@@ -69,7 +69,9 @@ class EmergencySupply:
             self._taken = 0.0
             return self.nominal + (self._pressure - self.nominal) * math.exp(-dt / LINE_DECAY_S)
         row = self.plant.rows[0]
-        self._taken += float(np.sum(row[P.AREA_BOTTOM] * np.maximum(step, 0.0) - row[P.AREA_TOP] * step))
+        on_valve = row[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
+        rod_side = row[P.AREA_TOP] * (np.maximum(-step, 0.0) if on_valve else -step)
+        self._taken += float(np.sum(row[P.AREA_BOTTOM] * np.maximum(step, 0.0) + rod_side))
         self._taken += IDLE_LEAKAGE_m3_s * dt
         gas = self.nominal * (self._gas / (self._gas + max(self._taken, 0.0))) ** EXPONENT
         if gas > PRECHARGE * self.nominal:
