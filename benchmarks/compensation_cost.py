@@ -2,7 +2,7 @@
 
     python benchmarks/compensation_cost.py      prints a table; to be run on a machine that does nothing else
 
-Process time of the compensators' steps in a heave of 0.05 m at 0.5 Hz of the 600 kg machine (fast scheme), added up over
+Process time of the compensators' steps in a heave of 0.05 m at 0.5 Hz of the 600 kg machine (tendon model), added up over
 the six legs of a tick: mean over the plain phase, over the compensated one, and over all.
 """
 

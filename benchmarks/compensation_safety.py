@@ -148,7 +148,7 @@ def table(cases: list[Case], done: dict[str, Case], commit: str) -> str:
     lines = [
         "# No reversal worse than without compensation", "",
         f"Commit {commit}, `python benchmarks/compensation_safety.py`. `adaptive` against `none`, from nothing learned,",
-        "12 s (new seeds 24 s), fast scheme; each reversal after the first 2 s. Bump: peak to peak in the 50 Hz band within",
+        "12 s (new seeds 24 s), tendon model; each reversal after the first 2 s. Bump: peak to peak in the 50 Hz band within",
         "0.2 s of the reversal, less the basic harmonic of the period about it; below "
         f"{LEAST_m_s2:g} m/s2 not compared. Limit: {WORSE:g} times none's.", "",
         "| cases | planned | run | outside the workspace | reversals | worse | cases with a worse one | compensation acted in |",

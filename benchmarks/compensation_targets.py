@@ -2,7 +2,7 @@
 docs/results/compensation_targets.md.
 
 Without compensation, with the inverse of the true valve curve, and with the adaptive algorithm from nothing learned: same
-machine, scenario and sensor noise. Fast scheme, and RK4 for none and adaptive; 24 s of a sine of 0.05 m or 4 deg at
+machine, scenario and sensor noise. Tendon model, and full legs for none and adaptive; 24 s of a sine of 0.05 m or 4 deg at
 0.5 Hz, figures from 14 s on; constant-acceleration reversals for 86 s.
 """
 
@@ -149,7 +149,7 @@ def main() -> None:
     RESULT.write_text(f"""# Compensation against its targets
 
 Commit {commit}, `python benchmarks/compensation_targets.py`. 0.05 m or 4 deg at 0.5 Hz, {DURATION_s:g} s, figures from
-{FIGURES_FROM_s:g} s on, fast scheme, sensor noise of seed 0, nothing learned before. Peak: largest deviation from the
+{FIGURES_FROM_s:g} s on, tendon model, sensor noise of seed 0, nothing learned before. Peak: largest deviation from the
 basic harmonic in the 50 Hz band. Raw: the same in the log's means over 1 ms. Bump: peak to peak within 0.2 s of a
 reversal, in the band. RK4: the peak with that scheme. "exact": the inverse of the true valve curve. [m/s2] unless said.
 

@@ -117,7 +117,7 @@ def _add_friction(system: Any, items: Any, machine: Machine, ends: list[Any]) ->
 def controller(model: Model, machine: Machine, lengths: list[list[float]], steps_a_tick: int) -> Callable[..., bool]:
     """Called before each step: proportional control and the valve's overlap, once a control tick; held in between.
 
-    lengths: wanted leg lengths [m] of each tick.
+    lengths: reference leg lengths [m] of each tick.
     """
     exudyn = load_exudyn()
     gain, limit = machine.controller.gain_V_per_m, machine.valve.voltage_max_V
@@ -131,8 +131,8 @@ def controller(model: Model, machine: Machine, lengths: list[list[float]], steps
         step += 1
         if rest:
             return True
-        for actuator, wanted in zip(actuators, lengths[tick], strict=True):
-            x = min(max(gain * (wanted - mbs.GetObjectOutput(actuator, length)) / limit, -1.0), 1.0)
+        for actuator, reference in zip(actuators, lengths[tick], strict=True):
+            x = min(max(gain * (reference - mbs.GetObjectOutput(actuator, length)) / limit, -1.0), 1.0)
             opening = x - overlap if x > overlap else (x + overlap if x < -overlap else 0.0)
             mbs.SetObjectParameter(actuator, "valveOpening0", opening)
         return True
@@ -148,7 +148,7 @@ def exudyn_run(
     scheme: a name in exudyn.DynamicSolverType, run with the fixed step `step_s`, a whole part of the control step.
     """
     exudyn = load_exudyn()
-    plant = Plant(machine, model="tendon", scheme="rk4")
+    plant = Plant(machine, model="tendon")
     assert plant.kinematics is not None
     model = build(machine, plant)
     control_step = 1.0 / machine.controller.rate_Hz

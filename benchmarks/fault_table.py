@@ -2,8 +2,8 @@
 
     python benchmarks/fault_table.py            writes docs/results/faults.json and docs/results/faults.md
 
-Heave of 0.05 m at 0.5 Hz; the fault comes at t = 3.3 s, in the middle of a downward stroke. Full legs, RK4 at
-100 us (--fast: tendon model and fast scheme). Sensor noise of seed 0.
+Heave of 0.05 m at 0.5 Hz; the fault comes at t = 3.3 s, in the middle of a downward stroke. Full legs (--fast:
+tendon model). Sensor noise of seed 0.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def into_document(table: str) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--fast", action="store_true", help="tendon model, fast scheme")
+    parser.add_argument("--fast", action="store_true", help="tendon model")
     parser.add_argument("--machine", default="micro_motion_system")
     parser.add_argument("--name", default="faults", help="of the files in docs/results")
     arguments = parser.parse_args()
@@ -89,7 +89,7 @@ def main() -> None:
         rows.append(line(name, found, cylinder.stroke_m, cylinder.cushion_length_m))
         print(rows[-1], flush=True)
     head = (
-        "| fault | detected after | what the motion computer says | platform | at rest after | peak [m/s²] | "
+        "| fault | detected after | message of the motion computer | platform | at rest after | peak [m/s²] | "
         f"into the cushion of {1e3 * cylinder.cushion_length_m:g} mm [mm] |\n|---|---|---|---|---|---|---|\n"
     )
     RESULTS.mkdir(parents=True, exist_ok=True)

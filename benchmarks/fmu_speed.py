@@ -62,7 +62,7 @@ def main() -> None:
             export_fmu(machine, path, model=model)
             t = np.arange(0, DURATION_s, STEP_s)[:, None]
             volts = 0.5 * np.sin(2 * np.pi * (1 + 0.2 * np.arange(machine.n_legs)) * t)
-            ratios = fmu_ratio(path, volts), plant_ratio(Plant(machine, model=model), volts)
+            ratios = fmu_ratio(path, volts), plant_ratio(Plant(machine, model=model, timestep=1e-4), volts)
             size = path.stat().st_size / 1e6
             print(f"{name} ({model}): FMU {ratios[0]:.1f} times real time, Plant {ratios[1]:.1f}; {size:.1f} MB")
 

@@ -58,7 +58,7 @@ def main() -> None:
     RESULT.write_text(
         "# Position gain\n\n"
         f"Commit {commit}, `python benchmarks/position_gain.py`. 600 kg, "
-        f"0.05 m or 4 deg at 0.5 Hz, fast scheme, 50 Hz band.\n\n{text}\n\n{REASON}\n"
+        f"0.05 m or 4 deg at 0.5 Hz, tendon model, 50 Hz band.\n\n{text}\n\n{REASON}\n"
     )
     print(text)
 

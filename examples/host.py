@@ -69,7 +69,7 @@ def drive(host: Host, seconds: float) -> float:
         host.send(heave_m=fade**2 * (3 - 2 * fade) * 0.03 * math.sin(math.pi * elapsed))
         if host.reply:
             highest = max(highest, host.reply.pose[2])
-    print(f"highest heave {1000 * highest:.1f} mm of 30 mm asked; state {host.reply.state.name.lower()}")
+    print(f"highest heave {1000 * highest:.1f} mm of 30 mm commanded; state {host.reply.state.name.lower()}")
     host.until(State.OFF, "settle")
     print(f"settled at machine time {host.reply.time_s:.2f} s, {1000 * host.reply.behind_s:.1f} ms behind real time")
     return highest

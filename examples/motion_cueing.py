@@ -121,16 +121,16 @@ def figures(time, felt):
     """Per axis: felt against commanded: rms of both, of their difference, delay [ms], correlation."""
     step, table = time[1] - time[0], {}
     for k, axis in enumerate("xyz"):
-        asked, got = felt["commanded"][:, k], felt["felt"][:, k]
+        commanded, got = felt["commanded"][:, k], felt["felt"][:, k]
         lags = np.arange(0, int(0.5 / step))
-        scores = [np.mean(asked[: len(asked) - lag] * got[lag:]) for lag in lags]
+        scores = [np.mean(commanded[: len(commanded) - lag] * got[lag:]) for lag in lags]
         table[axis] = {
-            "commanded_rms_m_s2": float(np.sqrt(np.mean(asked**2))),
+            "commanded_rms_m_s2": float(np.sqrt(np.mean(commanded**2))),
             "felt_rms_m_s2": float(np.sqrt(np.mean(got**2))),
-            "difference_rms_m_s2": float(np.sqrt(np.mean((got - asked) ** 2))),
-            "peak_difference_m_s2": float(np.max(np.abs(got - asked))),
+            "difference_rms_m_s2": float(np.sqrt(np.mean((got - commanded) ** 2))),
+            "peak_difference_m_s2": float(np.max(np.abs(got - commanded))),
             "delay_ms": 1e3 * float(lags[int(np.argmax(scores))] * step),
-            "correlation": float(np.corrcoef(asked, got)[0, 1]),
+            "correlation": float(np.corrcoef(commanded, got)[0, 1]),
         }
     return table
 
@@ -142,7 +142,7 @@ def picture(time, felt, table, what):
         plot.plot(time, felt["felt"][:, k], color=palette.RESPONSE, lw=0.8, label="felt on the machine, 50 Hz band")
         plot.plot(time, felt["commanded"][:, k], color=palette.DEVIATION, lw=1.1, label="commanded by the washout")
         plot.plot(
-            time, felt["vehicle"][:, k], color=palette.WANTED, lw=1.1, ls="--", label=f"vehicle, scaled by {SCALE:g}"
+            time, felt["vehicle"][:, k], color=palette.REFERENCE, lw=1.1, ls="--", label=f"vehicle, scaled by {SCALE:g}"
         )
         row = table["xyz"[k]]
         late, off = row["delay_ms"], row["difference_rms_m_s2"]
@@ -159,7 +159,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("cueing"))
     parser.add_argument("--machine", default="micro_motion_system")
     parser.add_argument("--compensator", default="none")
-    parser.add_argument("--fast", action="store_true", help="fast scheme instead of RK4")
+    parser.add_argument("--fast", action="store_true", help="tendon model instead of full legs")
     arguments = parser.parse_args()
     machine = load_machine(arguments.machine)
     kinematics = machine_kinematics(machine)

@@ -44,7 +44,7 @@ def simulation_results(run: Run, title: str) -> Figure:
     figure, (position, error, flow, pressure) = small_multiples(4, title, columns=2)
     log = run.log
     t = log["time_s"]
-    position.plot(t, 1e3 * log["setpoint_m"], color=palette.WANTED, lw=2.2, label="setpoint")
+    position.plot(t, 1e3 * log["setpoint_m"], color=palette.REFERENCE, lw=2.2, label="setpoint")
     position.plot(t, 1e3 * log["true_position_m"], color=palette.RESPONSE, label="position")
     error.plot(t, 1e3 * (log["setpoint_m"] - log["true_position_m"]), color=palette.RESPONSE)
     flow.plot(t, 6e4 * log["flow_m3_s"], color=palette.RESPONSE)
@@ -66,7 +66,7 @@ def acceleration_profile(run: Run, title: str) -> Figure:
     found = signals.deviation("leg")
     assert found is not None
     profile.plot(t, acceleration, color=palette.RESPONSE, lw=0.8)
-    profile.plot(found.time_s, found.reference, color=palette.WANTED, lw=1.6)
+    profile.plot(found.time_s, found.reference, color=palette.REFERENCE, lw=1.6)
     profile.set_xlim(t[-1] - 4.0, t[-1])
     largest = max((peak for peak in found.peaks if peak.time_s > FROM_S), key=lambda peak: abs(peak.value))
     near = np.abs(t - largest.time_s) < 0.12

@@ -13,7 +13,7 @@ HERE = Path(__file__).parent
 
 def model_xml(name: str) -> str:
     """The MJCF of a machine's full-leg model, with its `home` keyframe."""
-    plant = Plant(load_machine(HERE / name), model="full", scheme="rk4")
+    plant = Plant(load_machine(HERE / name), model="full")
     plant.add_home_keyframe()
     return plant.spec.to_xml()
 

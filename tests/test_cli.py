@@ -55,7 +55,7 @@ def test_run_leaves_a_folder_and_prints_its_table(tmp_path):
     assert names == {"log.parquet", "run.rrd", "summary.json", "config.toml", "report.html", "figures"}
     assert folder.name.endswith("-heave")
     assert re.search(r"heave z +\S+ +\d.*\n *surge x", result.stdout)
-    for text in ("peak 50 Hz", "noise rms", "tracking rms", "real-time factor", "fast scheme", "0.4 %", folder.name):
+    for text in ("peak 50 Hz", "noise rms", "tracking rms", "real-time factor", "tendon model", "0.2 %", folder.name):
         assert text in result.stdout
     summary = json.loads((folder / "summary.json").read_text())
     assert set(summary["axes"]) == {"x", "y", "z", "roll", "pitch", "yaw"}
@@ -161,7 +161,10 @@ def test_help_says_units():
         (("run", "heave", "--set", "scenario.colour=1"), r"colour is not a known key: allowed are"),
         (("run", "heave", "--amplitude", "0.5"), r"t = .* s.*leg \d.* m long, allowed is"),
         (("run", "heave", "--duration", "-1"), r"duration_s = -1\.0: .*greater than 0"),
-        (("run", "heave", "-m", "bench", "--amplitude", "0.11"), r"t = .* leg 1 is asked to .* outside 0\.\.0\.2 m"),
+        (
+            ("run", "heave", "-m", "bench", "--amplitude", "0.11"),
+            r"t = .* leg 1 has the setpoint .* outside 0\.\.0\.2 m",
+        ),
         (("view", "nowhere"), r"nowhere is no folder"),
         (("run", "x" * 300), r"unknown scenario 'x+\.\.\. \(302 characters\): give one of combined"),
         (("run", "heave", "-m", "x" * 300), r"unknown machine 'x+\.\.\. \(302 characters\): give one of bench"),

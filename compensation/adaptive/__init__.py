@@ -8,6 +8,9 @@
 | `monitor` | performance monitor: is a reversal worse than plain control's? |
 | `reference` | motion asked for while the feed-forward comes in |
 | `valve`, `edge_rounding` | identification of the valve: gain, dead band, lag, backlash; rounding of its edges |
+| `valve_edge`, `leak`, `delay` | one direction of the valve; its leak; how much of its lag is delay |
+| `prediction` | setpoint ahead where no preview is given |
+| `demand`, `feedback` | what is asked for at a tick; pressure damping and backlash inverse |
 | `friction`, `stribeck` | identification of load and friction from pressure |
 | `spool`, `inverse` | lead for the spool's lag; inverse of the valve |
 | `recursive_least_squares` | the estimator that all identification uses |

@@ -24,22 +24,33 @@ from math import hypot, sqrt
 from operator import mul
 
 from ..compensator import Compensator, Context, Parameters, Sample, clip
+from .delay import AFTER, DelayEstimator, Lateness
+from .edge_rounding import LeakEstimator
 from .engagement import update_engagement
-from .friction import FrictionEstimator, stribeck_share
+from .feedback import backlash_inverse, damping
+from .friction import FrictionEstimator, demanded_pressure
 from .inverse import ValveInverse
 from .monitor import PerformanceMonitor
 from .reference import Reference
-from .spool import LEAD_TICKS, PREVIEW_TICKS, crossing_lead, damping_filter, lead, round_lag
+from .spool import (
+    MAX_SHIFT,
+    PREVIEW_TICKS,
+    crossing_lead,
+    crossing_path,
+    damping_filter,
+    lead,
+    look_ahead_shift,
+    round_lag,
+)
 from .state import AdaptiveState, Demand, Engagement, EngagementSettings
 from .valve import ValveEstimator
 
-BACKLASH_WIDTH_V = 1e-3  # smoothing width of the backlash inverse: half of the travel from one side to the other
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
 DEVIATION_SHARE = 0.06  # low-pass of the pressure's deviation from the demand, a tick
 PRESSURE_MEAN_S = 0.2  # time constant of the pressures that the gain of plain control is computed with
+DELAY_TOLERANCE_S = 1e-4  # change of the delay from which the taps are designed anew
 LAG_TOLERANCE_S = 2e-5  # change of the lag from which the taps are designed anew
 MIN_DROP_SHARE = 0.02  # of the reference drop: lower bound of a pressure drop
-DAMPING_RECOVERY_S, DAMPING_DECAY = 5.0, 0.98  # of the damping gain; the decay a tick, above half of its bound
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +77,7 @@ class Adaptive(Compensator):
 
     name: str = "adaptive"
     place = 4
-    preview_s: float = 0.020
+    preview_s: float = 0.028
     reference_drop_Pa: float = 3.5e6
     lead_smoothing: float = 1e-4
     step_min_s: float = 3e-3
@@ -103,8 +114,17 @@ class Adaptive(Compensator):
             damping_high_Hz=self.damping_high_Hz,
         )
         engagement = Engagement(settings, PerformanceMonitor(tick, noise_m))
-        state = AdaptiveState(context, valve, friction, Reference(tick), ValveInverse(tick), engagement)
-        state.demands = deque([Demand(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * PREVIEW_TICKS, PREVIEW_TICKS + 1)
+        state = AdaptiveState(
+            context,
+            valve,
+            friction,
+            Reference(tick),
+            ValveInverse(tick),
+            engagement,
+            DelayEstimator(tick),
+            Lateness(tick),
+        )
+        state.demands = deque([Demand(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)] * PREVIEW_TICKS, PREVIEW_TICKS + MAX_SHIFT + 1)
         state.deviation_Pa = deque([0.0] * self.damping_count, self.damping_count)
         self._design(state, 0.0)
         return state
@@ -112,44 +132,59 @@ class Adaptive(Compensator):
     def _design(self, state: AdaptiveState, lag_s: float) -> None:
         tick = state.context.tick_s
         state.lag_s = lag_s
-        state.lead_taps = lead(lag_s, tick, self.lead_smoothing)
-        state.crossing_taps = crossing_lead(lag_s, tick)
-        state.damping_taps = damping_filter(lag_s, tick, self.damping_low_Hz, self.damping_high_Hz, self.damping_count)
+        delay_s = state.delay_s = round_lag(state.delay.delay_s(lag_s))
+        shift = state.shift
+        state.lead_taps = lead(lag_s, tick, self.lead_smoothing, delay_s, shift)
+        state.crossing_taps = crossing_lead(lag_s, tick, delay_s, shift)
+        state.crossing_path = crossing_path(lag_s, tick, delay_s, shift)
+        low, high = self.damping_low_Hz, self.damping_high_Hz
+        state.damping_taps = damping_filter(lag_s, tick, low, high, self.damping_count, delay_s)
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
         context, reference = state.context, state.reference
-        item = sample.preview_m.item
-        behind, here, ahead = item(PREVIEW_TICKS - 1), item(PREVIEW_TICKS), item(PREVIEW_TICKS + 1)
+        behind, here, ahead = self._setpoints(state, sample)
         self._track_plain_control(state, sample)
         reference.advance(behind, here, ahead)
 
         compliance = context.compliance_m_Pa(reference.position_m)
-        pressure, share = self._demanded_pressure(state)
+        spread = self.jerk_m_s3, self.step_min_s, self.step_max_s, self.presliding_m_s
+        pressure, share = demanded_pressure(reference, state.friction, state.engagement.friction_share, spread)
         oil, a, v = reference.position_m + compliance * pressure, reference.acceleration_m_s2, reference.velocity_m_s
-        state.demands.append(Demand(pressure, share, a, reference.lag_m, oil, v))
+        state.demands.append(Demand(pressure, share, a, reference.position_m, oil, v))
         now = state.demands.popleft()
+        lag = sample.setpoint_m - now.position_m
         load = sample.pressure_bottom_Pa - sample.pressure_supply_Pa * context.area_ratio
-        deviation = load - now.pressure_Pa
+        deviation = load - state.lateness.due_Pa(now, state.demands)
         state.deviation_Pa.appendleft(deviation)
         state.mean_deviation_Pa += DEVIATION_SHARE * (deviation - state.mean_deviation_Pa)
 
         bottom = pressure + state.mean_deviation_Pa + state.supply_Pa * context.area_ratio
         roots = self._roots(state, state.supply_Pa, bottom)
-        flow, dead_band = state.inverse.advance(oil, roots, state.valve.edges, state.trim, state.lag_s)
+        flow, dead_band = state.inverse.advance(
+            oil, roots, state.valve.edges, state.trim, state.crossing_path, state.valve.leak_m_s
+        )
         state.flow_V.appendleft(flow)
         state.dead_band_V.appendleft(dead_band)
 
         u = self.extra(state, sample)
         if state.engagement.ramp > 0.0:
             u += sum(map(mul, state.lead_taps, state.flow_V)) + sum(map(mul, state.crossing_taps, state.dead_band_V))
-            u += self._backlash_inverse(state, u) - context.position_gain_V_per_m * now.lag_m
-            u -= self._damping(state, compliance, roots)
+            u += backlash_inverse(state, u) - context.position_gain_V_per_m * lag
+            u += state.valve.null_V - damping(state, self.damping_1_s * compliance, roots, self.damping_max_V)
         if self.learn:
             self._identify(state, sample, load, now)
         setpoint_m_s2 = (ahead - 2 * here + behind) / (context.tick_s * context.tick_s)
-        update_engagement(state, setpoint_m_s2, sample, now.lag_m)
+        update_engagement(state, setpoint_m_s2, sample, lag)
         limit = context.voltage_max_V
         return state.engagement.weight * clip(u, -limit, limit), state
+
+    def _setpoints(self, state: AdaptiveState, sample: Sample) -> tuple[float, float, float]:
+        """At the boundary before the one the demand is for, at it, and after it: the preview's, or predicted."""
+        look = PREVIEW_TICKS + state.shift
+        if state.predictor.watch(sample.preview_m, sample.setpoint_m):
+            return state.predictor.predict(look, sample.setpoint_m)
+        item = sample.preview_m.item
+        return item(look - 1), item(look), item(look + 1)
 
     def extra(self, state: AdaptiveState, sample: Sample) -> float:
         """Volts that a derived algorithm adds."""
@@ -173,23 +208,8 @@ class Adaptive(Compensator):
         (down, up), roots = state.valve.edges, self._roots(state, state.mean_supply_Pa, state.mean_bottom_Pa)
         kp = context.position_gain_V_per_m
         reference.loop_1_s = (kp * down.gain_m_s_V * roots[0], kp * up.gain_m_s_V * roots[1])
+        reference.null_m, reference.leak_m_s = state.valve.null_V / kp, state.valve.leak_m_s
         reference.dead_band_m = (down.dead_band_V / kp, up.dead_band_V / kp)
-
-    def _demanded_pressure(self, state: AdaptiveState) -> tuple[float, float]:
-        """P1 - Ps A2/A1 [Pa] that the reference needs, and the signed share of the Stribeck pressure in it."""
-        reference, friction, weight = state.reference, state.friction, state.engagement.friction_share
-        if weight == 0.0:
-            return 0.0, 0.0
-        v, a = reference.velocity_m_s, reference.acceleration_m_s2
-        sign = 1.0 if v > 0.0 else -1.0
-        if abs(v) < abs(a) * self.step_max_s + self.presliding_m_s:
-            width = clip(friction.step_acceleration_m_s2() / self.jerk_m_s3, self.step_min_s, self.step_max_s)
-            x = v / (abs(a) * width + self.presliding_m_s)
-            if -1.0 < x < 1.0:
-                sign = x * (2.0 - abs(x))
-        share = sign * stribeck_share(v)
-        step = sign * friction.half_step_Pa + share * friction.stribeck.pressure_Pa
-        return weight * (friction.smooth_Pa(reference.position_m, v, a) + step), share
 
     def _roots(self, state: AdaptiveState, supply_Pa: float, bottom_Pa: float) -> tuple[float, float]:
         """sqrt(dp / dp_ref) of the edge to tank and of the edge from the supply."""
@@ -198,44 +218,47 @@ class Adaptive(Compensator):
         least = MIN_DROP_SHARE
         return sqrt(down if down > least else least), sqrt(up if up > least else least)
 
-    def _damping(self, state: AdaptiveState, compliance_m_Pa: float, roots: tuple[float, float]) -> float:
-        """Volts that let oil out while the pressure oscillates above the demand."""
-        up = 1 if state.flow_V[LEAD_TICKS] > 0 else 0
-        gain = state.valve.edges[up].gain_m_s_V * roots[up]
-        oscillation = sum(map(mul, state.damping_taps, state.deviation_Pa))
-        u = state.damping_gain * self.damping_1_s * compliance_m_Pa * oscillation / gain
-        limit = self.damping_max_V
-        if -0.5 * limit < u < 0.5 * limit:
-            state.damping_gain += (1.0 - state.damping_gain) * state.context.tick_s / DAMPING_RECOVERY_S
-        else:
-            state.damping_gain *= DAMPING_DECAY
-        return clip(u, -limit, limit)
-
-    def _backlash_inverse(self, state: AdaptiveState, volts: float) -> float:
-        """Volts that cross the valve's backlash, to the side that the volts fed forward have moved to."""
-        held = clip(state.backlash_input_V, volts - BACKLASH_WIDTH_V, volts + BACKLASH_WIDTH_V)
-        state.backlash_input_V = held
-        return state.valve.edge(volts).backlash_V * (volts - held) / BACKLASH_WIDTH_V
-
     def _identify(self, state: AdaptiveState, sample: Sample, load_Pa: float, now: Demand) -> None:
         """One tick of valve, edge rounding and friction; the taps are designed anew when the lag has moved."""
-        valve, p, compensated = sample.valve_V, sample.pressure_bottom_Pa, state.engagement.ramp == 1.0
+        valve, p, compensated = (
+            sample.valve_V - state.valve.null_V,
+            sample.pressure_bottom_Pa,
+            state.engagement.ramp == 1.0,
+        )
         root = self._roots(state, sample.pressure_supply_Pa, 0.5 * (p + state.last_bottom_Pa))[1 if valve > 0 else 0]
         state.last_bottom_Pa = p
-        z = sample.position_m + state.context.compliance_m_Pa(sample.position_m) * p
-        state.valve.add(z, valve, root)
+        p_late = state.lateness.then_Pa(p)
+        z = sample.position_m + state.context.compliance_m_Pa(sample.position_m) * p_late
         state.oil_error_m.append(z - now.oil_m)
+        state.leaked_m += state.valve.leak_m_s * state.context.tick_s
+        z -= state.leaked_m
+        state.valve.add(z, valve, root)
+        if state.engagement.ramp == 0.0 and state.valve.recentre():
+            state.rounding.leak = LeakEstimator()
+        state.lateness.add(
+            state.deviation_Pa[0] - state.mean_deviation_Pa,
+            compensated and state.engagement.after_reversal,
+            state.lag_s,
+        )
+        flow = now.velocity_m_s - state.valve.leak_m_s
+        now_roots = self._roots(state, sample.pressure_supply_Pa, p) if state.delay.ticks == AFTER else (1.0, 1.0)
+        judged = state.delay.add(z, valve, flow, now_roots, state.valve, compensated)
+        if judged and abs(state.delay.delay_s(state.lag_s) - state.delay_s) > DELAY_TOLERANCE_S:
+            self._design(state, state.lag_s)
         if compensated:
             state.trim.add(state.oil_error_m, now.velocity_m_s, 0.5 * state.valve.edges[0].dead_band_V)
         if state.valve.usable:
             if state.engagement.ramp > 0.0:
                 state.rounding.ticks = 0
             elif state.rounding.add(z, valve, root, state.valve):
+                state.rounding.leak.tell(state.valve)
                 state.trim.rounding_V = state.rounding.lower_bound_V
             state.friction.add(sample.position_m, load_Pa, now.acceleration_m_s2)
         if abs(state.valve.lag_s - state.lag_s) > LAG_TOLERANCE_S and state.valve.ready:
+            if state.engagement.ramp == 0.0:
+                state.look_ahead(look_ahead_shift(state.valve.lag_s, state.context.tick_s))
             self._design(state, round_lag(state.valve.lag_s))
-        stribeck, position_error = state.friction.stribeck, sample.position_m - sample.setpoint_m + now.lag_m
+        stribeck, position_error = state.friction.stribeck, sample.position_m - now.position_m
         complete = stribeck.add(now.velocity_m_s, state.deviation_Pa[0], position_error, now.stribeck_share)
         if complete and compensated:
             stribeck.update(1e6 * state.friction.fit.theta[1], 2.0 * state.friction.half_step_Pa)
@@ -253,6 +276,7 @@ class Adaptive(Compensator):
             "flow": state.valve.parameters(),
             "rounding_V": state.trim.rounding_V,
             "friction": state.friction.parameters(),
+            "delay": {**state.delay.parameters(), "late_s": state.lateness.late_s},
         }
 
     def restore(self, context: Context, parameters: Parameters) -> AdaptiveState:
@@ -261,6 +285,10 @@ class Adaptive(Compensator):
         state.friction.restore(parameters["friction"])
         state.trim.rounding_V = float(parameters["rounding_V"])
         state.rounding.restore(state.trim.rounding_V)
+        state.delay.restore(parameters["delay"])
+        state.lateness.late_s = float(parameters["delay"]["late_s"])
         if state.valve.ready:
+            state.rounding.leak.restore(state.valve.leak_m_s)
+            state.look_ahead(look_ahead_shift(state.valve.lag_s, context.tick_s))
             self._design(state, round_lag(state.valve.lag_s))
         return state

@@ -25,9 +25,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ..compensator import clip
+from .leak import LeakEstimator
 from .spool import round_lag, spool_model
 from .valve import ValveEstimator
 
@@ -78,6 +79,8 @@ class RoundingEstimator:
     start_m: float = 0.0  # oil displacement at its start
     sharp_m: float = 0.0  # oil that sharp edges would have let through since
     rounded_m: float = 0.0  # and rounded ones beyond that
+    closed_ticks: int = 0  # for which the overlap closed the valve
+    leak: LeakEstimator = field(default_factory=LeakEstimator)
 
     @property
     def lower_bound_V(self) -> float:
@@ -106,6 +109,7 @@ class RoundingEstimator:
         edge = valve.edge(x)
         straight = abs(x) > edge.dead_band_V + STRAIGHT_V
         if straight and self.ticks <= 1:
+            self.leak.start(x > 0.0)
             self.ticks, self.start_m, self.sharp_m, self.rounded_m = 1, z_m, 0.0, 0.0
             return False
         if not self.ticks:
@@ -114,9 +118,16 @@ class RoundingEstimator:
         mean, moved = 0.5 * (before + x), edge.gain_m_s_V * root * tick_s
         sharp = opening(mean, edge.dead_band_V, 0.0)
         self.sharp_m += moved * sharp
+        self.closed_ticks += sharp == 0.0
         self.rounded_m += moved * (opening(mean, edge.dead_band_V, self.probe_V) - sharp)
         if straight or before * x <= 0.0:
-            self._update(z_m, MEMORY if valve.ready else MEMORY_EARLY)
+            self.leak.add(z_m - self.start_m - self.sharp_m, self.closed_ticks * tick_s)
+            if straight and valve.usable and self.leak.finish(x > 0.0, valve.leak_m_s):
+                self.ticks = self.closed_ticks = 0
+                return True
+            if self.leak.known:
+                self._update(z_m, MEMORY if valve.ready else MEMORY_EARLY)
+            self.closed_ticks = 0
             self.ticks, self.start_m, self.sharp_m, self.rounded_m = 1 if straight else 2, z_m, 0.0, 0.0
             return True
         if self.ticks * tick_s > MAX_PASSAGE_S:

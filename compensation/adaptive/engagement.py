@@ -54,7 +54,7 @@ def update_engagement(state: AdaptiveState, setpoint_m_s2: float, sample: Sample
     tick = state.context.tick_s
     engagement.monitor.add(sample.position_m)
     if engagement.ramp == 0.0:
-        _track_valve(state, sample.control_V)
+        _track_valve(state, sample.control_V - state.valve.null_V)
     _track_reversals(state, reference.velocity_m_s)
     _track_excitation(state, setpoint_m_s2)
 
@@ -111,6 +111,7 @@ def _checks_passed(state: AdaptiveState) -> bool:
         and engagement.monitor.ready
         and state.valve.lags_agree
         and state.rounding.explains_reversals
+        and state.valve.leak_known
     )
 
 
@@ -118,7 +119,7 @@ def _join(state: AdaptiveState, behind_m: float) -> None:
     """Shift the reference, and the demands already made for the ticks ahead, to where the piston is."""
     state.reference.lag_m += behind_m
     state.inverse.oil_m -= behind_m
-    joined = [d._replace(lag_m=d.lag_m + behind_m, oil_m=d.oil_m - behind_m) for d in state.demands]
+    joined = [d._replace(position_m=d.position_m - behind_m, oil_m=d.oil_m - behind_m) for d in state.demands]
     state.demands = deque(joined, state.demands.maxlen)
 
 
@@ -198,7 +199,7 @@ def _track_reversals(state: AdaptiveState, velocity_m_s: float) -> None:
         engagement.half_ticks, engagement.reversal_ticks = engagement.reversal_ticks, 0
     if velocity_m_s:
         engagement.direction = velocity_m_s
-    half, ticks = engagement.half_ticks, engagement.reversal_ticks - LEAD_TICKS
+    half, ticks = engagement.half_ticks, engagement.reversal_ticks - LEAD_TICKS - state.shift
     engagement.after_reversal = engagement.engage_window = False
     if half == 0 or ticks > 0.55 * half:
         return

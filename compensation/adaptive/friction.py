@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 
 from ..compensator import Context, Parameters, clip
 from .recursive_least_squares import RecursiveLeastSquares
+from .reference import Reference
 from .stribeck import MIN_RATE, StribeckEstimator
 
 MAX_HALF_STEP_MPA = 1.0
@@ -122,3 +123,25 @@ def stribeck_share(velocity_m_s: float) -> float:
     """Share of the Stribeck pressure at a velocity, 1 at rest."""
     speed = abs(velocity_m_s)
     return math.exp(-speed / STRIBECK_VELOCITY_M_S) if speed < 4 * STRIBECK_VELOCITY_M_S else 0.0
+
+
+def demanded_pressure(
+    reference: Reference, friction: FrictionEstimator, weight: float, spread: tuple[float, float, float, float]
+) -> tuple[float, float]:
+    """P1 - Ps A2/A1 [Pa] that the reference needs, and the signed share of the Stribeck pressure in it.
+
+    weight: of friction; spread of its step at a reversal: jerk [m/s3], shortest and longest time [s], velocity [m/s].
+    """
+    if weight == 0.0:
+        return 0.0, 0.0
+    v, a = reference.velocity_m_s, reference.acceleration_m_s2
+    jerk_m_s3, shortest_s, longest_s, presliding_m_s = spread
+    sign = 1.0 if v > 0.0 else -1.0
+    if abs(v) < abs(a) * longest_s + presliding_m_s:
+        width_s = clip(friction.step_acceleration_m_s2() / jerk_m_s3, shortest_s, longest_s)
+        x = v / (abs(a) * width_s + presliding_m_s)
+        if -1.0 < x < 1.0:
+            sign = x * (2.0 - abs(x))
+    share = sign * stribeck_share(v)
+    step = sign * friction.half_step_Pa + share * friction.stribeck.pressure_Pa
+    return weight * (friction.smooth_Pa(reference.position_m, v, a) + step), share

@@ -12,8 +12,8 @@ import math
 from dataclasses import dataclass, field
 
 from .edge_rounding import RoundingTrim
-from .spool import blocked_flow, crossing_path
-from .valve import ValveEdge
+from .spool import blocked_flow
+from .valve_edge import ValveEdge
 
 CROSSING_FLOW_SHARE = 0.6  # of the blocked oil that is compensated [1]; less than half or all leaves a larger bump
 
@@ -30,13 +30,19 @@ class ValveInverse:
     dead_band_V: tuple[float, float] = (0.0, 0.0)  # dead-band compensation of the two ticks before
 
     def advance(
-        self, oil_m: float, roots: tuple[float, float], edges: list[ValveEdge], trim: RoundingTrim, lag_s: float
+        self,
+        oil_m: float,
+        roots: tuple[float, float],
+        edges: list[ValveEdge],
+        trim: RoundingTrim,
+        path: tuple[float, ...],
+        leak_m_s: float = 0.0,
     ) -> tuple[float, float]:
         """Volts for the flow and dead-band compensation that a spool without lag would need, three ticks before the
         boundary at which `oil_m` [m] is demanded; roots: sqrt(dp/dp_ref) of the edges to tank and from the supply."""
         if self.oil_m != self.oil_m:
             self.oil_m = oil_m
-        newest = (oil_m - self.oil_m) / self.tick_s
+        newest = (oil_m - self.oil_m) / self.tick_s - leak_m_s
         self.oil_m = oil_m
         old, mean = self.flows_m_s
         self.flows_m_s = (mean, newest)
@@ -52,7 +58,7 @@ class ValveInverse:
         if first * last < 0.0:
             share = first / (first - last)
             half = 0.5 * sharpness * (up.dead_band_V + down.dead_band_V)
-            self._compensate_crossing(share, (last - first) / (edge.gain_m_s_V * root), half, lag_s)
+            self._compensate_crossing(share, (last - first) / (edge.gain_m_s_V * root), half, path)
             side = math.copysign(1.0, last) * (1.0 - 2.0 * share)
         else:
             side = 1.0 if mean > 0 else (-1.0 if mean < 0 else 0.0)
@@ -61,9 +67,9 @@ class ValveInverse:
         self.dead_band_V = (newer, dead_band)
         return flow[0], older
 
-    def _compensate_crossing(self, share: float, slope_V: float, half_V: float, lag_s: float) -> None:
+    def _compensate_crossing(self, share: float, slope_V: float, half_V: float, path: tuple[float, ...]) -> None:
         """Crossing flow compensation: the flow reverses in the newest tick, when `share` of the tick is over."""
-        before, after = blocked_flow(crossing_path(lag_s, self.tick_s), share, abs(slope_V), half_V)
+        before, after = blocked_flow(path, share, abs(slope_V), half_V)
         sign = math.copysign(CROSSING_FLOW_SHARE, slope_V)
         self.flow_V[0] += sign * before * (1.0 - share)
         self.flow_V[1] += sign * before * share

@@ -40,6 +40,14 @@ class RecursiveLeastSquares:
         self.covariance = [[s * s if i == j else 0.0 for j in range(len(self.scale))] for i, s in enumerate(self.scale)]
         self.residual, self.count = 0.0, 0
 
+    def shift(self, index: int, source: int, slope: float, offset: float = 0.0) -> None:
+        """theta[index] += slope theta[source] + offset: the same fit, in other coordinates."""
+        self.theta[index] += slope * self.theta[source] + offset
+        c = self.covariance
+        c[index] = [a + slope * b for a, b in zip(c[index], c[source], strict=True)]
+        for row in c:
+            row[index] += slope * row[source]
+
     def inflate(self, index: int, variance: float) -> None:
         """Add `variance` to that of one parameter, and to the others as they are correlated with it.
 

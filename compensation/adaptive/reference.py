@@ -1,11 +1,12 @@
 """Reference of the feed-forward, PREVIEW_TICKS ahead: it lets the feed-forward come in without a jerk.
 
-    y_m' = g r' + s D(Kp (r - y_m)),   D(w) = w - (1 - g) delta w / sqrt(w^2 + (SOFTNESS delta)^2);   midpoint rule
+    y_m' = g r' + s D(Kp (r - y_m) - (1 - g) n) + (1 - g) q
+    D(w) = w - (1 - g) delta w / sqrt(w^2 + (SOFTNESS delta)^2);   midpoint rule
 
-r is the setpoint, delta the valve's half dead band, s its gain, g the share of the feed-forward. With g = 0 this is the
-motion that the position loop makes of the setpoint through the uncompensated valve, but for the standstill at a
-reversal, which it passes smoothly. So engaging in the midst of a stroke hardly changes the motion. g then rises to 1,
-where y_m = r: full velocity feed-forward, no dead band.
+r is the setpoint, n the valve's null, q the velocity that a leak gives, delta the valve's half dead band, s its gain,
+g the share of the feed-forward. With g = 0 this is the motion that the position loop makes of the setpoint through the
+uncompensated valve, but for the standstill at a reversal, which it passes smoothly. So engaging in the midst of a
+stroke hardly changes the motion. g then rises to 1, where y_m = r: full velocity feed-forward, no dead band.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ class Reference:
     tick_s: float
     loop_1_s: tuple[float, float] = (0.0, 0.0)  # s Kp of either direction, retracting first
     dead_band_m: tuple[float, float] = (0.0, 0.0)  # delta / Kp
+    null_m: float = 0.0  # null / Kp
+    leak_m_s: float = 0.0  # velocity that a leak gives at closed valve
     feed_forward: float = 0.0  # g
     position_m: float = 0.0
     velocity_m_s: float = 0.0
@@ -47,9 +50,11 @@ class Reference:
 
     def _loop_m_s(self, lag_m: float) -> float:
         """Velocity that the position loop gives at a lag."""
+        left = 1.0 - self.feed_forward
+        lag_m -= left * self.null_m
         up = 1 if lag_m > 0.0 else 0
-        dead_band, left = self.dead_band_m[up], 1.0 - self.feed_forward
+        dead_band = self.dead_band_m[up]
         if dead_band and left:
             soft = SOFTNESS * dead_band
             lag_m *= 1.0 - left * dead_band / sqrt(lag_m * lag_m + soft * soft)
-        return self.loop_1_s[up] * lag_m
+        return self.loop_1_s[up] * lag_m + left * self.leak_m_s

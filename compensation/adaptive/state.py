@@ -5,29 +5,20 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import NamedTuple
 
 from ..compensator import Context
+from .delay import DelayEstimator, Lateness
+from .demand import Demand
 from .edge_rounding import TRIM_TICKS, RoundingEstimator, RoundingTrim
 from .friction import FrictionEstimator
 from .inverse import ValveInverse
 from .monitor import PerformanceMonitor
+from .prediction import SetpointPredictor
 from .reference import Reference
 from .spool import LEAD_TAPS
 from .valve import ValveEstimator
 
 AT_REST_M_S2 = 1e-3  # acceleration below which nothing moves
-
-
-class Demand(NamedTuple):
-    """What is asked for at one tick boundary."""
-
-    pressure_Pa: float  # P1 - Ps A2/A1
-    stribeck_share: float  # of the Stribeck pressure in it, signed
-    acceleration_m_s2: float
-    lag_m: float  # setpoint less reference, r - y_m
-    oil_m: float  # oil displacement z_m
-    velocity_m_s: float
 
 
 class Phase(Enum):
@@ -104,9 +95,14 @@ class AdaptiveState:
     reference: Reference
     inverse: ValveInverse
     engagement: Engagement
+    delay: DelayEstimator
+    lateness: Lateness
     lag_s: float = 0.0  # spool lag that the taps were designed for
     lead_taps: tuple[float, ...] = ()
     crossing_taps: tuple[float, ...] = ()
+    crossing_path: tuple[float, ...] = ()
+    delay_s: float = 0.0  # of the lag, that is delay and no spool
+    shift: int = 0  # ticks that the taps lie earlier
     damping_taps: tuple[float, ...] = ()
     demands: deque[Demand] = field(default_factory=deque)  # of the boundaries to come, the nearest first
     flow_V: deque[float] = field(default_factory=lambda: _zeros(LEAD_TAPS))  # spool demand for the flow, newest first
@@ -120,5 +116,16 @@ class AdaptiveState:
     rounding: RoundingEstimator = field(default_factory=RoundingEstimator)
     trim: RoundingTrim = field(default_factory=RoundingTrim)
     oil_error_m: deque[float] = field(default_factory=lambda: _zeros(TRIM_TICKS + 1))  # z - z_m, newest last
+    leaked_m: float = 0.0  # oil that the leak has let in, as travel
+    predictor: SetpointPredictor = field(default_factory=SetpointPredictor)
     backlash_input_V: float = 0.0  # volts fed forward, followed within the width of the backlash inverse
     damping_gain: float = 1.0
+
+    def look_ahead(self, shift: int) -> None:
+        """Demands `shift` ticks further ahead than PREVIEW_TICKS, while nothing is added."""
+        while self.shift < shift:
+            self.demands.append(self.demands[-1])
+            self.shift += 1
+        while self.shift > shift:
+            self.demands.pop()
+            self.shift -= 1

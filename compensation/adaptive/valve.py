@@ -25,125 +25,18 @@ import math
 from dataclasses import dataclass, field
 
 from ..compensator import Context, Parameters, clip
-from .recursive_least_squares import RecursiveLeastSquares
+from .valve_edge import ACCEPT_ERRORS, MIN_BACKLASH_V, REJECT_ERRORS, ValveEdge, new_edge
 
-START_GAIN = 0.1  # [m/s/V], a start value only
-MIN_GAIN, MAX_GAIN = 0.005, 5.0  # [m/s/V]
-MAX_DEAD_BAND_V = 1.5
-MAX_LAG_S = 0.012
-MAX_BACKLASH_V = 0.3
-MIN_BACKLASH_V = 2e-3  # a narrower one is not told from noise of the volts by where they reverse
-WINDOW_NOISE_M = 5e-6  # displacement noise of a window: two positions with 3 um noise and 3 um resolution
-GAIN_ERROR, DEAD_BAND_ERROR_V, LAG_ERROR_S = 0.10, 1e-3, 8e-4  # standard errors below which an edge is ready
 MAX_LAG_OIL_M = 20e-6  # oil at a crossing of the overlap by which the lags of both edges may differ: one spool, one lag
-REJECT_MISFIT, ACCEPT_MISFIT = 3.0, 1.7  # residual over noise from which a fit is rejected, up to which it is accepted
-BACKLASH_MISFIT = 4.0  # times the squared misfit allowed with backlash: where the volts reverse is roughly known
-MIN_MEMORY_WINDOWS = 30.0  # of the fit with backlash; until it is ready its memory is the number of windows so far
-DIVERGED = 2.0  # times the squared residual of the fit without backlash, from which the fit with it starts again
-BACKLASH_TOLERANCE_V = 1e-4  # change of the backlash from which earlier windows count for less
-ACCEPT_ERRORS, REJECT_ERRORS = 4.0, 2.0  # backlash over its standard error, both edges: taken into account, dropped
-MIN_WINDOWS, PATIENCE = 15, 3.0  # windows before an edge is first ready; each rejection takes so many times longer
+NULL_TOLERANCE_V = 5e-3  # by which the null may be off the middle of the edges
+NULL_ALPHA, NULL_BETA = 0.08, 0.003  # with which the null and its rate follow, a window
+NULL_ERROR_V, NULL_RATE_V_S, NULL_TICKS = (
+    5e-3,
+    0.03,
+    100,
+)  # bounds of an error, of the rate, of the time between windows
+UNKNOWN_LEAK = 3.0  # times the slowest speed of a window, while a leak may move the piston by itself
 USABLE_WINDOWS = 8  # from which the gain is right within some per cent
-# prior standard deviations of k, k delta, k tau, k h over the window's noise: 0.3 m/s/V, 0.05 m/s, 2 mm/V, 5 mm/s
-PRIOR = (0.3 / WINDOW_NOISE_M, 0.05 / WINDOW_NOISE_M, 2e-3 / WINDOW_NOISE_M, 5e-3 / WINDOW_NOISE_M)
-
-
-@dataclass(slots=True)
-class ValveEdge:
-    """One direction of the valve: what is identified of it."""
-
-    plain_fit: RecursiveLeastSquares  # k, k delta, k tau
-    backlash_fit: RecursiveLeastSquares  # the same and k h
-    windows: float = 0.0
-    gain_m_s_V: float = START_GAIN
-    dead_band_V: float = 0.0
-    lag_s: float = 0.0
-    backlash_V: float = 0.0  # half width, 0 until it is taken into account
-    fitted_backlash_V: float = 0.0
-    significant: bool = False  # backlash: from then on b is found from where the volts reverse
-    ready: bool = False
-    rejections: int = 0  # how often it was ready and then did not fit
-    windows_needed: float = float(MIN_WINDOWS)
-
-    def update(self, phi: list[float], phi_backlash: list[float], moved_m: float, with_backlash: bool) -> None:
-        """One window in; reads the fit out within its bounds."""
-        memory = self.backlash_fit.memory
-        if not self.ready:  # windows gathered with another width are biased
-            memory = clip(self.windows, MIN_MEMORY_WINDOWS, memory)
-        self.backlash_fit.forgetting = 1.0 - 1.0 / memory
-        self.plain_fit.update(phi, moved_m)
-        self.backlash_fit.update(phi_backlash, moved_m)
-        self.windows += 1.0
-        self._read_backlash()
-        fit = self.backlash_fit if with_backlash else self.plain_fit
-        k, k_delta, k_tau = fit.theta[:3]
-        k = self.gain_m_s_V = clip(k, MIN_GAIN, MAX_GAIN)
-        self.dead_band_V = clip(k_delta / k, 0.0, MAX_DEAD_BAND_V)
-        self.lag_s = clip(k_tau / k, 0.0, MAX_LAG_S)
-        self.backlash_V = self.fitted_backlash_V if with_backlash else 0.0
-        misfit = fit.residual / WINDOW_NOISE_M**2 / (BACKLASH_MISFIT if with_backlash else 1.0)
-        if self.ready:
-            if misfit > REJECT_MISFIT**2:
-                self._reject()
-            return
-        c, unit = fit.covariance, (WINDOW_NOISE_M / k) ** 2
-        self.ready = (
-            self.windows >= self.windows_needed
-            and misfit < ACCEPT_MISFIT**2
-            and k_tau / k < MAX_LAG_S  # at its bound it is something else
-            and c[0][0] * unit < GAIN_ERROR**2
-            and c[1][1] * unit < DEAD_BAND_ERROR_V**2
-            and c[2][2] * unit < LAG_ERROR_S**2
-        )
-
-    def _reject(self) -> None:
-        """The valve no longer behaves as identified."""
-        self.ready = False
-        self.rejections += 1
-        self.windows_needed = self.windows + MIN_WINDOWS * PATIENCE**self.rejections
-        self.plain_fit.reset_covariance()
-        self.backlash_fit.reset_covariance()
-
-    def _read_backlash(self) -> None:
-        """Reads the backlash out.
-
-        Earlier windows were gathered with another width: the more it moved, the less they count.
-        """
-        fit, plain = self.backlash_fit, self.plain_fit
-        if fit.count > 4 and fit.residual > DIVERGED * max(plain.residual, WINDOW_NOISE_M**2):
-            fit.theta[:] = [*plain.theta, 0.0]
-            fit.reset_covariance()
-        gain, before = max(fit.theta[0], MIN_GAIN), self.fitted_backlash_V
-        self.fitted_backlash_V = clip(fit.theta[3] / gain, 0.0, MAX_BACKLASH_V)
-        moved = self.fitted_backlash_V - before
-        if abs(moved) > BACKLASH_TOLERANCE_V:
-            fit.inflate(3, (gain * moved / WINDOW_NOISE_M) ** 2)
-        self.significant = self.fitted_backlash_V > MIN_BACKLASH_V and self.backlash_errors() > ACCEPT_ERRORS
-
-    def lag_difference_s(self) -> float:
-        """Lag of the fit without backlash less that of the fit with it; 0 once backlash is taken into account."""
-        plain, fit = self.plain_fit.theta, self.backlash_fit.theta
-        return plain[2] / max(plain[0], MIN_GAIN) - fit[2] / max(fit[0], MIN_GAIN) if self.backlash_V == 0.0 else 0.0
-
-    def backlash_errors(self) -> float:
-        """The fitted backlash over its standard error."""
-        return self.backlash_fit.theta[3] / (WINDOW_NOISE_M * math.sqrt(self.backlash_fit.covariance[3][3]))
-
-    def restart_backlash_fit(self) -> None:
-        """What was gathered with another width is biased: fit the backlash anew from the value found."""
-        if self.ready:
-            return
-        self.backlash_fit.reset_covariance()
-        self.windows_needed = max(self.windows_needed, self.windows + 2 * MIN_WINDOWS)
-
-
-def new_edge(memory: float) -> ValveEdge:
-    """An edge of which nothing is known."""
-    start = [START_GAIN, 0.0, 0.0]
-    return ValveEdge(
-        RecursiveLeastSquares(list(start), list(PRIOR[:3]), memory, directional=True),
-        RecursiveLeastSquares([*start, 0.0], list(PRIOR), memory),
-    )
 
 
 @dataclass(slots=True)
@@ -167,6 +60,11 @@ class ValveEstimator:
     with_backlash: bool = False
     pending: tuple[list[float], list[float], float] | None = None
     lag_s: float = 0.0
+    null_V: float = 0.0  # volts that lie in the middle between both edges
+    leak_m_s: float = 0.0  # oil that flows into the chamber while the valve is closed
+    leak_known: bool = False
+    null_rate_V_s: float = 0.0
+    ticks: int = 1  # since the last window that was used
 
     def __post_init__(self) -> None:
         if not self.edges:
@@ -190,7 +88,7 @@ class ValveEstimator:
     @property
     def usable(self) -> bool:
         """Whether both directions are known well enough to tell how the piston moves."""
-        return self.edges[0].windows >= USABLE_WINDOWS and self.edges[1].windows >= USABLE_WINDOWS
+        return self.ready or min(edge.windows for edge in self.edges) >= USABLE_WINDOWS
 
     @property
     def lags_agree(self) -> bool:
@@ -203,8 +101,43 @@ class ValveEstimator:
         difference_s = 0.5 * abs(down.lag_difference_s() + up.lag_difference_s())
         return crossing_m_s * max(abs(down.lag_s - up.lag_s), difference_s) < MAX_LAG_OIL_M
 
+    def recentre(self) -> bool:
+        """Moves the null into the middle of the edges, where it is well off it; whether it was."""
+        down, up = self.edges
+        off = 0.5 * (up.edge_V - down.edge_V)
+        if not self.usable or abs(off) < NULL_TOLERANCE_V:
+            return False
+        self.null_V += off
+        up.shift(off, 0.0)
+        down.shift(-off, 0.0)
+        self._restart()
+        return True
+
+    def _follow_null(self, error_m: float, edge: ValveEdge) -> None:
+        """What a window left over moves the null, and its rate (alpha-beta filter)."""
+        limit = NULL_ERROR_V
+        off = -self.direction * clip(
+            error_m / (edge.gain_m_s_V * edge.root * self.window * self.context.tick_s), -limit, limit
+        )
+        since, self.ticks = min(self.ticks, NULL_TICKS) * self.context.tick_s, 0
+        self.null_rate_V_s = clip(self.null_rate_V_s + NULL_BETA * off / since, -NULL_RATE_V_S, NULL_RATE_V_S)
+        self.null_V += NULL_ALPHA * off + self.null_rate_V_s * since
+
+    def set_leak(self, leak_m_s: float) -> None:
+        """Takes a leak off the oil displacement, from now on and from what was gathered."""
+        change, self.leak_m_s = leak_m_s - self.leak_m_s, leak_m_s
+        down, up = self.edges
+        up.shift(0.0, change)
+        down.shift(0.0, -change)
+        self._restart()
+        if abs(change) > 0.25 * self.min_speed_m_s:
+            up.restart()
+            down.restart()
+
     def add(self, z_m: float, valve_V: float, root: float) -> None:
-        """One tick: oil displacement now, volts of the tick past, mean sqrt(dp/dp_ref) in it of their edge."""
+        """One tick: oil displacement now less what leaked, volts of the tick past less the null, mean sqrt(dp/dp_ref)
+        in it of their edge."""
+        self.ticks += 1
         direction = 1 if valve_V > 0.0 else -1
         size = valve_V if direction > 0 else -valve_V
         if direction != self.direction:
@@ -249,16 +182,21 @@ class ValveEstimator:
         """
         tick = self.context.tick_s
         moved = self.direction * (z_m - self.start[0])
-        if moved < self.min_speed_m_s * self.window * tick:
+        slowest = self.min_speed_m_s if self.leak_known else UNKNOWN_LEAK * self.min_speed_m_s
+        if moved < slowest * self.window * tick:
             self._restart()
             return
         if self.pending is not None:
             down, up = self.edges
-            (up if self.direction > 0 else down).update(*self.pending, self.with_backlash)
+            edge = up if self.direction > 0 else down
+            error = edge.update(*self.pending, self.with_backlash)
+            if self.usable:
+                self._follow_null(error, edge)
             self._decide_backlash(down, up)
             self.lag_s = (down.lag_s * down.windows + up.lag_s * up.windows) / (down.windows + up.windows)
         s = self.sums
         mean = s[1] / self.window
+        self.edges[self.direction > 0].root = mean
         phi = [s[0] * tick, -s[1] * tick, (self.start[1] - size) * mean]
         phi_backlash = [s[2] * tick, -s[1] * tick, (self.start[2] - through) * mean, s[3] * tick]
         self.pending = (phi, phi_backlash, moved) if self.moving else None
@@ -277,10 +215,11 @@ class ValveEstimator:
     def parameters(self) -> Parameters:
         """What was identified of both edges, in numbers."""
         return {
-            name: {"theta": list(e.plain_fit.theta), "theta_backlash": list(e.backlash_fit.theta),
+            "null_V": self.null_V, "leak_m_s": self.leak_m_s,
+            **{name: {"theta": list(e.plain_fit.theta), "theta_backlash": list(e.backlash_fit.theta),
                    "windows": e.windows, "ready": e.ready, "gain_m_s_V": e.gain_m_s_V,
                    "dead_band_V": e.dead_band_V, "lag_s": e.lag_s, "backlash_V": e.backlash_V}
-            for name, e in zip(("retract", "extend"), self.edges, strict=True)
+            for name, e in zip(("retract", "extend"), self.edges, strict=True)}
         }  # fmt: skip
 
     def restore(self, parameters: Parameters) -> None:
@@ -294,5 +233,7 @@ class ValveEstimator:
             edge.windows, edge.ready = float(known["windows"]), bool(known["ready"])
             edge.gain_m_s_V, edge.dead_band_V = float(known["gain_m_s_V"]), float(known["dead_band_V"])
             edge.lag_s, edge.backlash_V = float(known["lag_s"]), float(known["backlash_V"])
+        self.null_V, self.leak_m_s = float(parameters["null_V"]), float(parameters["leak_m_s"])
+        self.leak_known = self.ready
         self.lag_s = (self.edges[0].lag_s + self.edges[1].lag_s) / 2
         self.with_backlash = any(edge.backlash_V > 0.0 for edge in self.edges)

@@ -29,6 +29,7 @@ def compare(
     motion: options.Motion = options.AS_DECLARED,
     seed: options.Seed = 0,
     fast: options.Fast = False,
+    timestep: options.TimeStep = None,
     out: options.Out = None,
     json: options.Json = False,
     settings: options.Set = None,
@@ -49,7 +50,7 @@ def compare(
         tasks = {name: bar.add_task(name, total=1.0) for name in names}
         with terminated_like_interrupted():
             runs = run_all(
-                with_machine, what, names, fast=fast, seed=seed,
+                with_machine, what, names, fast=fast, seed=seed, timestep=timestep,
                 progress=lambda name, fraction: bar.update(tasks[name], completed=fraction),
             )  # fmt: skip
             try:

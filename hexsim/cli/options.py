@@ -29,7 +29,11 @@ Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the driven a
 Frequency = Annotated[float | None, typer.Option(help="Frequency of the driven axes (Hz).")]
 Duration = Annotated[float | None, typer.Option(help="Simulated time (s).")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the sensor noise; same seed, same log to the bit.")]
-Fast = Annotated[bool, typer.Option("--fast", help="Tendon equal and fast scheme, with its known error.")]
+Fast = Annotated[bool, typer.Option("--fast", help="Tendon model: the legs' inertia lumped into the platform.")]
+TimeStep = Annotated[
+    float | None,
+    typer.Option("--timestep", min=1e-6, max=1e-3, help="Constant time step (s); default: chosen from the machine."),
+]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder to write; default runs/<time>-<scenario>.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else there.")]
 Set = Annotated[

@@ -18,9 +18,7 @@ def register(app: typer.Typer) -> None:
 def qualify(
     machine: options.MachineName = None,
     out: options.Out = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Fast scheme, fewer and shorter motions: under a minute.")
-    ] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer and shorter motions: under a minute.")] = False,
     compensator: Annotated[str, typer.Option("--compensator", "-c", help="Name or package.module:Class.")] = "none",
     settings: options.Set = None,
     json: options.Json = False,
@@ -36,8 +34,8 @@ def qualify(
     ):
         from hexsim.qualify import qualify as run
 
-        told = fraction_of(bar, f"qualifying {with_machine.name}")
-        result = run(with_machine, folder.path, quick, told, compensator)
+        report = fraction_of(bar, f"qualifying {with_machine.name}")
+        result = run(with_machine, folder.path, quick, report, compensator)
         place = folder.finish()
     if json:
         print_json(result)

@@ -30,6 +30,7 @@ def run(
         str, typer.Option("--compensator", "-c", help="Name (see `hexsim compensators`) or package.module:Class.")
     ] = "none",
     fast: options.Fast = False,
+    timestep: options.TimeStep = None,
     out: options.Out = None,
     json: options.Json = False,
     settings: options.Set = None,
@@ -53,7 +54,7 @@ def run(
         check_resources(machine_in(what, with_machine), what.duration_s, folder.out.absolute().parent)
 
         done = simulate(
-            with_machine, what, compensator=compensator, fast=fast, seed=seed,
+            with_machine, what, compensator=compensator, fast=fast, seed=seed, timestep=timestep,
             progress=fraction_of(bar, f"{what.name} on {with_machine.name}"),
         )  # fmt: skip
         place = keep(done, folder, step_of(bar), log_format=log_format, recording=recording, report=report)

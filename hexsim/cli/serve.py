@@ -28,14 +28,15 @@ def serve(
     compensator: Annotated[str, typer.Option("--compensator", "-c", help="Name or package.module:Class.")] = "none",
     scenario: Annotated[str | None, typer.Option(help="What manual mode plays; default heave.")] = None,
     start: Annotated[str, typer.Option(help="neutral (mid stroke, pressure up) or off (on its stops).")] = "neutral",
+    timestep: options.TimeStep = None,
     duration: Annotated[float | None, typer.Option(help="Stop after this time (s); default: Ctrl-C.")] = None,
     json: options.Json = False,
 ) -> None:
-    """Run the machine in real time with its host interface over UDP; says how far it falls behind."""
+    """Run the machine in real time with its host interface over UDP; shows its lag behind real time."""
     with_machine, what = options.prepare(scenario or "heave", options.Motion(machine=machine))
     from hexsim.simulation.serve import Server
 
-    server = Server(with_machine, host, port, compensator=compensator, scenario=what, start=start)
+    server = Server(with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep)
     address = f"{server.address[0]}:{server.address[1]}"
     typer.echo(f"{with_machine.name} listens on udp://{address}, state {start}; Ctrl-C stops it", err=True)
     with server, terminated_like_interrupted():

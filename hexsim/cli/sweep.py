@@ -31,7 +31,8 @@ def sweep(
     seeds: Annotated[str, typer.Option(help="Seeds: 0:10 is 0 to 9, or 1,5,7.")] = "0",
     compensators: Annotated[str, typer.Option("--compensators", "-c", help="Names separated by commas.")] = "none",
     motion: options.Motion = options.AS_DECLARED,
-    full: Annotated[bool, typer.Option("--full", help="Full legs with RK4 instead of the fast scheme.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Full legs instead of the tendon model.")] = False,
+    timestep: options.TimeStep = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes here; default one a processor.")] = None,
     scheduler: Annotated[str | None, typer.Option(help="Dask scheduler, tcp://host:port, to run on a cluster.")] = None,
     json: options.Json = False,
@@ -43,13 +44,14 @@ def sweep(
 
     with_machine, what = options.prepare(scenario, motion)
     grid = {key: parse_values(text) for key, text in options.parse_changes(settings).items()}
-    wanted = cases(
-        what, with_machine, settings=grid, seeds=parse_seeds(seeds), compensators=names_of(compensators), fast=not full
-    )
-    counted = {"runs": len(wanted), "failed": 0}
+    grid_cases = cases(
+        what, with_machine, settings=grid, seeds=parse_seeds(seeds), compensators=names_of(compensators), fast=not full,
+        timestep=timestep,
+    )  # fmt: skip
+    counted = {"runs": len(grid_cases), "failed": 0}
 
     with progress() as bar, terminated_like_interrupted():
-        task = bar.add_task("starting", total=len(wanted))
+        task = bar.add_task("starting", total=len(grid_cases))
 
         def show(done: int, total: int, failed: int) -> None:
             counted["failed"] = failed
@@ -59,7 +61,7 @@ def sweep(
 
         try:
             with executor_of(scheduler, workers) as (executor, count):
-                counted["run_now"] = run_all(wanted, executor, out, workers=count, progress=show)
+                counted["run_now"] = run_all(grid_cases, executor, out, workers=count, progress=show)
         except KeyboardInterrupt:
             raise HexsimError(
                 f"interrupted by the user; finished rows are kept in {out}.journal, run it again to go on"

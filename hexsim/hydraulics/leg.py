@@ -12,7 +12,7 @@ import numpy as np
 
 from hexsim.compiled import compiled
 from hexsim.hydraulics import chamber, friction, valve
-from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, ROD_SIDE_VALVE, P
+from hexsim.hydraulics.parameters import FLOW_POINTS, FLOW_TABLE, LEARNED_KNOTS, LEARNED_TABLE, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.ports import flow_slope, supply_edge_flow, tank_edge_flow, top_inflow, top_slope, top_supply_flow
 
 LEARNED_NONE, LEARNED_CONTINUITY, LEARNED_FORCE = 0, 1, 2  # balance that a learned term joins: [m3/s] or [N]
@@ -57,10 +57,27 @@ def commanded_spool(p, volts, t):
 
 @compiled
 def metering_spool(p, volts, t, x):
-    """Spool position that opens the edges [m]: the state x within its travel, or the command of a spool without lag."""
+    """Spool position that opens the edges [m]: the state x within its travel, or the command of a spool without lag.
+
+    Of a valve with a flow curve: the opening that it stands for.
+    """
     if p[P.SPOOL_OMEGA] > 0.0:
-        return min(max(x, -p[P.SPOOL_TRAVEL]), p[P.SPOOL_TRAVEL])
-    return commanded_spool(p, volts, t)
+        place = min(max(x, -p[P.SPOOL_TRAVEL]), p[P.SPOOL_TRAVEL])
+    else:
+        place = commanded_spool(p, volts, t)
+    return flow_curve(p, place) if p[P.FLOW_POINTS] > 0.0 else place
+
+
+@compiled
+def flow_curve(p, x):
+    """Opening [m] that gives the flow of the declared curve at spool position x [m]: linear, beyond its ends too."""
+    last = int(p[P.FLOW_POINTS]) - 1
+    k = 1
+    while k < last and x > p[FLOW_TABLE + k]:
+        k += 1
+    start, end = p[FLOW_TABLE + k - 1], p[FLOW_TABLE + k]
+    low, high = p[FLOW_TABLE + FLOW_POINTS + k - 1], p[FLOW_TABLE + FLOW_POINTS + k]
+    return low + (high - low) * (x - start) / (end - start)
 
 
 @compiled
@@ -102,20 +119,18 @@ def pressure_rate_of(p, y, v, P1, flow):
 
 
 @compiled
-def pressure_slowdown(p, y, x, P1, Ps, h, implicit):
+def pressure_slowdown(p, y, x, P1, Ps, h):
     """By what dP1/dt is divided in a step h [s]; with h lambda = -h (dq/dP1)/C the step over the edge's time constant.
 
-    implicit: 1 + h lambda, linearly implicit in P1 (Euler). Else for RK4, stable up to h lambda = 2.78: an open valve at
-    little pressure drop is slowed to h lambda = 2, towards the same balance; 1 elsewhere.
+    RK4 is stable up to h lambda = 2.78: an open valve at little pressure drop is slowed to h lambda = 2, towards the same
+    balance; 1 elsewhere.
     """
-    return slowdown(-h * flow_slope(p, x, P1, Ps), chamber_capacity(p, y, P1), implicit)
+    return slowdown(-h * flow_slope(p, x, P1, Ps), chamber_capacity(p, y, P1))
 
 
 @compiled
-def slowdown(slope, capacity, implicit):
+def slowdown(slope, capacity):
     """As `pressure_slowdown`, of a chamber whose net flow falls by slope/h [m3/s/Pa] with its pressure."""
-    if implicit:
-        return 1.0 + slope / capacity
     return 0.5 * slope / capacity if slope > 2.0 * capacity else 1.0
 
 
@@ -154,11 +169,11 @@ def rod_side_rate(p, y, v, P2, Ps, h=0.0):
 
 
 @compiled
-def top_rate(p, y, v, x, P1, P2, Ps, h, implicit):
+def top_rate(p, y, v, x, P1, P2, Ps, h):
     """dP2/dt [Pa/s] of a rod side on the valve's port B, slowed to the time step h [s] as P1 is."""
     room = rod_side_room(p, y, P2)
     rate = chamber.pressure_rate(top_inflow(p, x, P1, P2, Ps) + p[P.AREA_TOP] * v, room, P2)
-    return rate / slowdown(-h * top_slope(p, x, P2, Ps), room, implicit)
+    return rate / slowdown(-h * top_slope(p, x, P2, Ps), room)
 
 
 @compiled
@@ -249,21 +264,20 @@ def leg_force(p, y, v, volts, P1, P2, Ps, z, t):
 
 
 @compiled
-def leg_derivatives(p, y, v, volts, t, Ps, state, h, implicit):
+def leg_derivatives(p, y, v, volts, t, Ps, state, h):
     """Rates of a leg's states, its metering spool position [m] and its net flow [m3/s].
 
     state: (P1, P2, x, x', z), pressures [Pa], spool [m] and [m/s], bristle [m]; the rates come in the same order, 0 for
-    a state that the leg has not. h [s]: time step of who integrates; laws faster than it are slowed to it, P1 as
-    `pressure_slowdown` says (implicit: linearly implicit, for Euler), bristle and rod side port linearly implicit.
-    h = 0: exact.
+    a state that the leg has not. h [s]: time step of who integrates; laws faster than it are slowed to it (pressures and
+    bristle to h lambda = 2, a rod side's port to 1), towards the same balance. h = 0: exact.
     """
     P1, P2, place, speed, z = state
     x = metering_spool(p, volts, t, place)
     flow = inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t)
-    dP1 = pressure_rate_of(p, y, v, P1, flow) / pressure_slowdown(p, y, x, P1, Ps, h, implicit)
+    dP1 = pressure_rate_of(p, y, v, P1, flow) / pressure_slowdown(p, y, x, P1, Ps, h)
     dP2 = dx = acceleration = dz = 0.0
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
-        dP2 = top_rate(p, y, v, x, P1, P2, Ps, h, implicit)
+        dP2 = top_rate(p, y, v, x, P1, P2, Ps, h)
     elif p[P.ROD_SIDE_CHAMBER] > 0.0:
         dP2 = rod_side_rate(p, y, v, P2, Ps, h)
     if p[P.SPOOL_OMEGA] > 0.0:
@@ -273,7 +287,7 @@ def leg_derivatives(p, y, v, volts, t, Ps, state, h, implicit):
         )
     if p[P.BRISTLE_STIFFNESS] > 0.0:
         stiff = p[P.BRISTLE_STIFFNESS] * abs(v) / friction_level(p, y, v, P1)
-        dz = bristle_rate(p, y, v, P1, z) / (1.0 + h * stiff)
+        dz = bristle_rate(p, y, v, P1, z) / max(1.0, 0.5 * h * stiff)
     return (dP1, dP2, dx, acceleration, dz), x, flow
 
 

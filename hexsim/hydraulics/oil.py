@@ -18,53 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hexsim.declaration.oil_grades import TELLUS_T46, OilGrade, density, kinematic_viscosity, liquid_bulk_modulus
 from hexsim.hydraulics import chamber
 from hexsim.hydraulics.parameters import P
-
-KELVIN = 273.15
-
-
-@dataclass(frozen=True, kw_only=True)
-class OilGrade:
-    """What an oil's grade says beyond the declared density and bulk modulus."""
-
-    name: str
-    viscosity_40_mm2_s: float
-    viscosity_100_mm2_s: float
-    expansion_1_K: float
-    viscosity_pressure_1_Pa: float
-    modulus_decades_1_K: float
-    modulus_pressure: float
-    specific_heat_J_kg_K: float
-
-
-# Shell's sheet of Tellus T46 was not at hand. 46 mm2/s at 40 degC is ISO 3448's definition of the grade; 7.9 mm2/s at
-# 100 degC (viscosity index 143) is typical of multigrade oils of this class (ISO 11158 HV), which Tellus T is.
-TELLUS_T46 = OilGrade(
-    name="Shell Tellus T46",
-    viscosity_40_mm2_s=46.0,
-    viscosity_100_mm2_s=7.9,
-    expansion_1_K=7.0e-4,  # mineral oils, commonly used; 872 kg/m3 at 15 degC of this class against 860 at 35: 6.9e-4
-    viscosity_pressure_1_Pa=2.0e-8,  # machine oils: 1.8e-8 .. 2.8e-8 (Stachowiak, Engineering Tribology, table 2.3)
-    modulus_decades_1_K=0.0024,  # Hayward 1970: 10^(0.0024 (20 - T))
-    modulus_pressure=11.2,  # Hayward 1970: secant modulus rises by 5.6 P, the tangent by twice that
-    specific_heat_J_kg_K=1966.0,  # mineral oil (Panther lubricants, technical learning 12)
-)
-
-
-def kinematic_viscosity(temperature_degC: float, grade: OilGrade = TELLUS_T46) -> float:
-    """nu [m2/s] by ASTM D341 through the grade's two points; -20..120 degC."""
-    at_40, at_100 = (math.log10(math.log10(v + 0.7)) for v in (grade.viscosity_40_mm2_s, grade.viscosity_100_mm2_s))
-    low, high, here = (math.log10(t + KELVIN) for t in (40.0, 100.0, temperature_degC))
-    level = at_40 + (at_100 - at_40) * (here - low) / (high - low)
-    return (10 ** (10**level) - 0.7) * 1e-6
-
-
-def density(temperature_degC: float, pressure_Pa: float, reference: float, reference_degC: float, modulus_Pa: float,
-            grade: OilGrade = TELLUS_T46) -> float:  # fmt: skip
-    """rho [kg/m3] from its value `reference` at `reference_degC` and no pressure."""
-    warm = reference * (1.0 - grade.expansion_1_K * (temperature_degC - reference_degC))
-    return warm / (1.0 - pressure_Pa / modulus_Pa)
 
 
 def dynamic_viscosity(
@@ -73,13 +29,6 @@ def dynamic_viscosity(
     """eta [Pa s] at gauge pressure."""
     thickening = math.exp(grade.viscosity_pressure_1_Pa * pressure_Pa)
     return density_kg_m3 * kinematic_viscosity(temperature_degC, grade) * thickening
-
-
-def liquid_bulk_modulus(temperature_degC: float, pressure_Pa: float, reference: float, reference_degC: float,
-                        grade: OilGrade = TELLUS_T46) -> float:  # fmt: skip
-    """E [Pa] of oil without air from its value `reference` at `reference_degC` and no pressure."""
-    decades = -grade.modulus_decades_1_K * (temperature_degC - reference_degC)
-    return reference * 10**decades + grade.modulus_pressure * pressure_Pa
 
 
 def bulk_modulus(temperature_degC: float, pressure_Pa: float, air_fraction: float, reference: float,

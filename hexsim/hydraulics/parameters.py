@@ -11,7 +11,9 @@ from enum import IntEnum
 
 import numpy as np
 
-from hexsim.declaration import Machine
+from hexsim.declaration import Machine, Valve
+from hexsim.declaration.valve import FLOW_POINTS
+from hexsim.signals.units import unit_to_si
 
 LEARNED_KNOTS = 33  # a learned term is a curve through this many equidistant knots
 
@@ -97,13 +99,15 @@ class P(IntEnum):
     AREA_GRADIENT_TANK_TOP = 67
     LEAK_PISTON = 68
     LEAK_TOP_TANK = 69
+    FLOW_POINTS = 70  # points of the flow curve; 0: the openings follow the overlaps
 
 
 ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B
 ROD_SIDES = {"supply": ROD_SIDE_SUPPLY, "chamber": ROD_SIDE_PORT, "valve": ROD_SIDE_VALVE}
 
 LEARNED_TABLE = len(P)  # the curve stands behind the named places
-N_PARAMETERS = LEARNED_TABLE + LEARNED_KNOTS
+FLOW_TABLE = LEARNED_TABLE + LEARNED_KNOTS  # spool positions of a flow curve, then the openings that they stand for
+N_PARAMETERS = FLOW_TABLE + 2 * FLOW_POINTS
 
 
 def declared_rows(machine: Machine) -> np.ndarray:
@@ -114,6 +118,7 @@ def declared_rows(machine: Machine) -> np.ndarray:
     """
     row = np.zeros(N_PARAMETERS)
     cylinder, valve, friction = machine.cylinder, machine.valve, machine.friction
+    omega, damping, speed = valve.spool
     gradients, overlaps = valve.area_gradients_m(machine.oil.density_kg_m3), valve.overlaps_m
     values = {
         P.SUPPLY_PRESSURE: machine.supply.pressure_Pa,
@@ -140,8 +145,11 @@ def declared_rows(machine: Machine) -> np.ndarray:
         P.QUADRATIC_GAIN: valve.quadratic_gain if valve.flow_area == "quadratic" else 0.0,
         P.DISCHARGE: valve.discharge_coefficient,
         P.PRESSURE_WIDTH: valve.pressure_width_Pa,
-        P.SPOOL_OMEGA: 2 * np.pi * valve.spool_frequency_Hz,
-        P.SPOOL_DAMPING: valve.spool_damping,
+        P.SPOOL_OMEGA: omega,
+        P.SPOOL_DAMPING: damping,
+        P.SPOOL_RATE: speed,
+        P.NULL_OFFSET: valve.null_shift_percent / 100 * valve.voltage_max_V,
+        P.HYSTERESIS: valve.hysteresis_percent / 200 * valve.voltage_max_V,  # half of the loop's width
         P.VISCOUS_EXTEND: friction.viscous_extend_N_s_m,
         P.VISCOUS_RETRACT: friction.viscous_retract_N_s_m,
         P.COULOMB_EXTEND: friction.coulomb_extend_N,
@@ -168,4 +176,23 @@ def declared_rows(machine: Machine) -> np.ndarray:
         }
     for name, value in values.items():
         row[name] = value
+    if valve.flow_curve is not None:
+        points = flow_points(valve)
+        row[P.FLOW_POINTS] = points.shape[1]
+        for k, start in enumerate((FLOW_TABLE, FLOW_TABLE + FLOW_POINTS)):
+            row[start : start + points.shape[1]] = points[k]
     return np.tile(row, (machine.n_legs, 1))
+
+
+def flow_points(valve: Valve) -> np.ndarray:
+    """Flow curve (2, n_points) of a valve that has one: spool positions [m], and the openings that give the flow [m]."""
+    curve = valve.flow_curve
+    assert curve is not None
+    at, flow = np.array(curve.signal), np.array(curve.flow)
+    if at[0] >= 0:  # one sign: the other is its mirror image
+        at, flow = np.r_[-at[:0:-1], at], np.r_[-flow[:0:-1], flow]
+    units = {unit: unit_to_si(unit, "[valve] flow_curve")[0] for unit in (curve.signal_unit, curve.flow_unit)}
+    share = at * units[curve.signal_unit] / (valve.voltage_max_V if curve.signal_unit.endswith("V") else 1.0)
+    is_share = curve.flow_unit in ("%", "1")
+    opening = flow * units[curve.flow_unit] / (1.0 if is_share else valve.rated_flow_m3_s or 1.0)
+    return valve.spool_travel_max_m * np.stack([share, opening])

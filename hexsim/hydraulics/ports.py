@@ -81,7 +81,7 @@ def tank_edge_flow(p, x, P1):
 
 @compiled
 def flow_slope(p, x, P1, Ps):
-    """d(net flow into the bottom chamber)/dP1 [m3/s/Pa], <= 0; the stiff part that the fast scheme takes implicitly."""
+    """d(net flow into the bottom chamber)/dP1 [m3/s/Pa], <= 0."""
     slope = port_slope(
         p, x, P1, Ps, p[P.OVERLAP_SUPPLY], p[P.AREA_GRADIENT_SUPPLY], p[P.OVERLAP_TANK], p[P.AREA_GRADIENT_TANK]
     )

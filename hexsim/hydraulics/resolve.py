@@ -57,9 +57,9 @@ def add_effects(resolved: Resolved, settings: Iterable[tuple[Effect, tuple[int, 
 
 def warm_oil(resolved: Resolved, temperature_degC: float) -> tuple[np.ndarray, np.ndarray]:
     """Take the oil of all rows to another temperature; return the factors of the legs' rows and of the supply's."""
-    before = resolved.oil_temperature_degC
-    of_legs = row_factors(LEG_POWERS, resolved.rows.shape[1], before, temperature_degC)
-    of_supply = row_factors(SUPPLY_POWERS, len(resolved.supply), before, temperature_degC)
+    before, oil = resolved.oil_temperature_degC, resolved.machine.oil.properties
+    of_legs = row_factors(LEG_POWERS, resolved.rows.shape[1], before, temperature_degC, oil)
+    of_supply = row_factors(SUPPLY_POWERS, len(resolved.supply), before, temperature_degC, oil)
     resolved.rows *= of_legs
     resolved.supply *= of_supply
     resolved.oil_temperature_degC = temperature_degC

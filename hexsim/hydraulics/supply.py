@@ -29,7 +29,7 @@ from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import chamber
 from hexsim.hydraulics.chamber import ATMOSPHERE
-from hexsim.hydraulics.oil import TELLUS_T46, dynamic_viscosity
+from hexsim.hydraulics.oil import dynamic_viscosity
 
 
 class S(IntEnum):
@@ -139,12 +139,15 @@ def line_capacity(s, pressure):
 
 
 @compiled
-def line_rate(s, pressure, demand, nominal, capacity):
-    """dPs/dt [Pa/s] of a manifold behind a laminar line whose pump gives no more than FLOW_MAX (0 = no limit)."""
+def line_rate(s, pressure, demand, nominal, h):
+    """dPs/dt [Pa/s] of a manifold behind a laminar line whose pump gives no more than FLOW_MAX (0 = no limit).
+
+    h [s]: time step of who integrates; a line with R C < h/2 is slowed to that, towards the same balance. 0 = exact.
+    """
     delivered = (nominal - pressure) / s[S.RESISTANCE]
     if s[S.FLOW_MAX] > 0.0:
         delivered = min(delivered, s[S.FLOW_MAX])
-    return (delivered - demand) / capacity
+    return (delivered - demand) / max(line_capacity(s, pressure), 2.0 * h / s[S.RESISTANCE])
 
 
 @compiled
@@ -201,17 +204,13 @@ def power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure):
 
 
 @compiled
-def power_unit_rates(s, state, switched_on, demand, leg_heat, step=0.0):
-    """d state/dt (6 numbers, places U, SI). demand [m3/s] and leg_heat [W]: of all legs together.
-
-    step [s]: the manifold answers to the line flow at the step's end (fast scheme); 0 = to the present one.
-    """
+def power_unit_rates(s, state, switched_on, demand, leg_heat):
+    """d state/dt (6 numbers, places U, SI). demand [m3/s] and leg_heat [W]: of all legs together."""
     speed, flow, line_flow, pump_pressure, temperature, pressure = state
     net = flow - relief_flow(s, pump_pressure) - line_flow
-    resisting = s[S.LINE_LAMINAR] + 2.0 * s[S.LINE_TURBULENT] * abs(line_flow)
-    surge = (pump_pressure - pressure - line_drop(s, line_flow)) / (s[S.LINE_INERTANCE] + step * resisting)
+    surge = (pump_pressure - pressure - line_drop(s, line_flow)) / s[S.LINE_INERTANCE]
     heat = leg_heat + power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure)
-    gain = line_flow + step * surge - demand - burst_flow(s, pressure)
+    gain = line_flow - demand - burst_flow(s, pressure)
     return (
         (switched_on - speed) / s[S.MOTOR_TIME],
         (pump_flow_command(s, speed, pump_pressure) - flow) / s[S.PUMP_TIME],
@@ -249,7 +248,7 @@ def declared_supply(machine: Machine) -> np.ndarray:
         return row
     unit, oil, cylinder = machine.power_unit, machine.oil, machine.cylinder
     bore = math.pi / 4 * unit.line_diameter_m**2
-    viscosity = dynamic_viscosity(oil.temperature_degC, machine.supply.pressure_Pa, oil.density_kg_m3)
+    viscosity = dynamic_viscosity(oil.temperature_degC, machine.supply.pressure_Pa, oil.density_kg_m3, oil.properties)
     hose = 128 * viscosity * unit.line_length_m / (math.pi * unit.line_diameter_m**4)  # Hagen-Poiseuille
     annuli = machine.n_legs * cylinder.area_top_m2 * cylinder.stroke_m / 2 if cylinder.rod_side == "supply" else 0.0
     values = {
@@ -273,7 +272,7 @@ def declared_supply(machine: Machine) -> np.ndarray:
         S.RELIEF_PRESSURE: unit.relief_pressure_Pa,
         S.RELIEF_CONDUCTANCE: unit.relief_conductance_m3_s_Pa,
         S.BULK_MODULUS: oil.bulk_modulus_Pa,
-        S.HEAT_CAPACITY: oil.density_kg_m3 * TELLUS_T46.specific_heat_J_kg_K * unit.reservoir_volume_m3,
+        S.HEAT_CAPACITY: oil.density_kg_m3 * oil.properties.specific_heat_J_kg_K * unit.reservoir_volume_m3,
         S.COOLING: unit.cooling_W_K,
         S.AMBIENT: unit.ambient_temperature_degC,
         S.START_TEMPERATURE: unit.oil_temperature_degC,

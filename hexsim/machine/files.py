@@ -10,6 +10,7 @@ import tomli_w
 from pydantic import ValidationError
 
 from hexsim.declaration import Machine
+from hexsim.declaration.oil_grades import GRADES, declared_of
 from hexsim.errors import HexsimError, one_of, shortened
 from hexsim.files.atomic import write_text
 from hexsim.files.toml_files import read_toml, set_dotted, validation_sentence
@@ -73,6 +74,9 @@ def machine_from_dict(tables: dict[str, Any], source: str = "machine") -> Machin
 def changed(machine: Machine, changes: dict[str, Any], source: str = "changes") -> Machine:
     """A copy with dotted keys set, {"valve.overlap_m": 20e-6}, validated again."""
     tables = machine.model_dump(exclude_none=True)
+    if machine.oil.grade is not None:  # what the grade gave follows it to another temperature
+        given = declared_of(GRADES[machine.oil.grade], machine.oil.temperature_degC)
+        tables["oil"] = {key: value for key, value in tables["oil"].items() if given.get(key) != value}
     for dotted, value in changes.items():
         set_dotted(tables, dotted, value, source)
     return machine_from_dict(tables, source)

@@ -13,6 +13,7 @@ from hexsim.hydraulics.resolved import PayloadMode, Resolved
 from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.mechanics.leg_inertia import LegBodies, lumped_legs
 from hexsim.mechanics.rigid_body import RigidBody, Suspension, joined, rigid_body
+from hexsim.mechanics.single_leg import SingleLegKinematics
 
 LEAST_LEG_FRACTION = 1e-3  # a machine without leg mass gets full legs of this share of the platform's mass each
 
@@ -22,6 +23,13 @@ def machine_kinematics(machine: Machine) -> HexapodKinematics:
     if machine.geometry is None:
         raise HexsimError(f"machine {machine.name} is a bench and has no hexapod geometry: use a hexapod machine")
     return _kinematics(tuple(machine.geometry.model_dump().items()), machine.cylinder.stroke_m)
+
+
+def pose_kinematics(machine: Machine) -> HexapodKinematics | SingleLegKinematics:
+    """Poses and piston positions of a hexapod or of a bench."""
+    return (
+        machine_kinematics(machine) if machine.is_hexapod else SingleLegKinematics(stroke_m=machine.cylinder.stroke_m)
+    )
 
 
 @lru_cache(maxsize=8)

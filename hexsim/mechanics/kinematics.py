@@ -19,28 +19,22 @@ The roll-pitch-yaw angles are singular at a pitch of +-90 deg, far outside what 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hexsim.errors import HexsimError
+from hexsim.mechanics.checks import N_LEGS, as_rows, check_reach
 from hexsim.mechanics.leg_geometry import all_of_rows, forward_rows, lengths_of_rows
 
 DOF_NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
-N_LEGS = 6
 NEWTON_MAX_ITERATIONS = 50  # quadratic convergence needs 4 to 6; more only where steps are shortened
 NEWTON_TOLERANCE_M = 1e-13  # residual length at which the iteration stops: 1e-13 m, about 450 ulp of a 1 m leg
 
 Array = NDArray[np.float64]
-
-
-def _rows(values: ArrayLike, name: str) -> tuple[Array, tuple[int, ...]]:
-    """`values` of shape (..., 6) as contiguous rows (n, 6), and the leading axes to give back."""
-    array = np.ascontiguousarray(values, dtype=np.float64)
-    if array.ndim == 0 or array.shape[-1] != N_LEGS:
-        raise HexsimError(f"{name} has shape {array.shape}; it needs 6 numbers in its last axis, shape (..., 6).")
-    return array.reshape(-1, N_LEGS), array.shape[:-1]
 
 
 def pair_joints(radius_m: float, angles_deg: ArrayLike) -> Array:
@@ -58,6 +52,8 @@ class HexapodKinematics:
     stroke_m: travel of each piston.  neutral_height_m: h0, platform frame above the world frame in the neutral pose.
     """
 
+    dofs: ClassVar[tuple[str, ...]] = DOF_NAMES
+    moving_body: ClassVar[str] = "platform"  # its name in the MuJoCo model
     base_joints: Array
     platform_joints: Array
     retracted_length_m: float | Array
@@ -117,7 +113,7 @@ class HexapodKinematics:
 
     def leg_lengths(self, pose: ArrayLike) -> Array:
         """Joint-to-joint lengths (..., 6) [m]; no check of limits."""
-        rows, lead = _rows(pose, "pose")
+        rows, lead = as_rows(pose, "pose")
         lengths = lengths_of_rows(rows, self.base_joints, self.platform_joints, self.neutral_height_m)
         return lengths.reshape(*lead, N_LEGS)
 
@@ -128,14 +124,14 @@ class HexapodKinematics:
     def inverse(self, pose: ArrayLike) -> Array:
         """Piston positions (..., 6) [m]; HexsimError naming leg, length and limits if a pose is out of reach."""
         positions = self.piston_positions(pose)
-        self._refuse_out_of_reach(positions, lambda _: "The pose is out of reach")
+        self._check_reach(positions, lambda _: "The pose is out of reach")
         return positions
 
     def check_trajectory(self, time_s: ArrayLike, poses: ArrayLike, margin_m: float = 0.0) -> None:
         """HexsimError naming time, leg, length and limits of the first sample out of the workspace.
 
         time_s (n,), poses (n, 6); margin_m is kept free at both ends of each stroke. A trajectory whose legs all fit
-        but that passes a singular pose (the sign of det J changes, the legs lose hold of the platform) is refused too.
+        but that passes a singular pose (the sign of det J changes, the legs cannot hold the platform) is refused too.
         """
         self.check_piston_positions(time_s, self.piston_positions(poses), margin_m)
         same_branch = self.on_neutral_branch(poses)
@@ -149,27 +145,11 @@ class HexapodKinematics:
     def check_piston_positions(self, time_s: ArrayLike, positions: ArrayLike, margin_m: float = 0.0) -> None:
         """`check_trajectory` for piston setpoints (n, 6) [m], as in actuator mode."""
         times = np.asarray(time_s, dtype=np.float64)
-        self._refuse_out_of_reach(
-            np.asarray(positions),
-            lambda row: f"The trajectory leaves the workspace at t = {times[row]:.4f} s",
-            margin_m,
-        )
+        leaves = "The trajectory leaves the workspace"
+        self._check_reach(positions, lambda row: f"{leaves} at t = {times[row]:.4f} s", margin_m)
 
-    def _refuse_out_of_reach(self, positions: Array, where, margin_m: float = 0.0) -> None:
-        rows, _ = _rows(positions, "piston positions")
-        inside = (rows >= margin_m) & (rows <= self.stroke_m - margin_m)  # NaN is not inside
-        if inside.all():
-            return
-        row = int(np.argmin(inside.all(axis=1)))
-        bad = ~inside[row]
-        beyond = np.where(bad, np.nan_to_num(np.abs(rows[row] - 0.5 * self.stroke_m), nan=np.inf), -1.0)
-        leg = int(np.argmax(beyond >= beyond.max() - 1e-9))  # of legs alike to rounding, the first
-        retracted = float(np.asarray(self.retracted_length_m)[leg])
-        low, high = retracted + margin_m, retracted + self.stroke_m - margin_m
-        raise HexsimError(
-            f"{where(row)}: leg {leg + 1} would need to be {retracted + rows[row, leg]:.4f} m long, "
-            f"allowed is {low:.4f} to {high:.4f} m; make the motion smaller or the stroke longer."
-        )
+    def _check_reach(self, positions: ArrayLike, where: Callable[[int], str], margin_m: float = 0.0) -> None:
+        check_reach(positions, np.asarray(self.retracted_length_m), self.stroke_m, where, margin_m)
 
     def forward(self, piston_positions: ArrayLike, guess: ArrayLike | None = None) -> Array:
         """Pose (..., 6) with these piston positions, by Newton from `guess` (pose(s), default neutral).
@@ -178,7 +158,7 @@ class HexapodKinematics:
         HexsimError naming the row and the residual where no pose is found. Rounding limits the result to about
         1e-13 m times the condition number of the Jacobian.
         """
-        positions, lead = _rows(piston_positions, "piston positions")
+        positions, lead = as_rows(piston_positions, "piston positions")
         lengths = positions + self.retracted_length_m
         start = np.zeros(N_LEGS) if guess is None else np.asarray(guess, dtype=np.float64)
         poses = np.array(np.broadcast_to(start, (*lead, N_LEGS)), dtype=np.float64, order="C").reshape(-1, N_LEGS)
@@ -202,7 +182,7 @@ class HexapodKinematics:
 
     def _all(self, pose: ArrayLike) -> tuple[Array, Array, Array, Array]:
         """Lengths (..., 6), twist Jacobian (..., 6, 6), rotation (..., 3, 3), rate matrix (..., 3, 3)."""
-        rows, lead = _rows(pose, "pose")
+        rows, lead = as_rows(pose, "pose")
         results = all_of_rows(rows, self.base_joints, self.platform_joints, self.neutral_height_m)
         return tuple(result.reshape(*lead, *result.shape[1:]) for result in results)  # pyright: ignore
 
@@ -294,7 +274,7 @@ class HexapodKinematics:
         """A pair of vectors (..., 6) from the platform frame to the world frame: twists, measured accelerations.
 
         (a, alpha) of a log (`acceleration_*_m_s2` at the centre of the platform joints with gravity removed,
-        `angular_acceleration_*_rad_s2`) become the `twist_rate` the leg accelerations above ask for.
+        `angular_acceleration_*_rad_s2`) become the `twist_rate` of the leg accelerations above.
         """
         rotation = self.rotation(pose)
         motion = np.asarray(motion, dtype=np.float64)

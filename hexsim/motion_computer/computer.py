@@ -1,16 +1,15 @@
-"""The motion computer: states, smooth guidance between them, monitors, and the position loop underneath.
+"""The motion computer: states, guidance between them, monitors, and the position loop underneath.
 
     manual / normal     setpoints come from outside (signal generator, or host through `limits`)
     all other states    setpoints come from a `Path` in leg coordinates
     fault               brake, lower every leg to its stop; a leg without transducer follows the loop's model
 
-A tick takes what the electronics measure and returns six valve voltages; the only other output is `pump_on`.
+A tick takes the measured signals and returns the valve voltages; the only other output is `pump_on`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,41 +20,22 @@ from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.motion_computer.errors import PUMP_STOPS, WARNINGS, Error, Finding
+from hexsim.motion_computer.guidance import Guidance, GuidedSetpoints
 from hexsim.motion_computer.monitors import LegMonitor, LoadMonitor, SupplyMonitor, Tolerances
-from hexsim.motion_computer.paths import Path, stop_and_move
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.motion_computer.states import MOVING, State, StateMachine
 
 Array = NDArray[np.float64]
 
-
 COMMANDS = ("start", "run_manual", "run_normal", "return_neutral", "settle", "reset")
-
-PUMP_STARTS_s = 0.5  # after the command the starter's contact must show the motor running
-
-
-@dataclass(frozen=True, kw_only=True)
-class Guidance:
-    """How fast the motion computer moves the legs on its own. Assumed values, for people on board."""
-
-    neutral_velocity_m_s: float = 0.05  # to neutral
-    neutral_acceleration_m_s2: float = 0.2
-    settle_velocity_m_s: float = 0.04  # down to the stops
-    settle_acceleration_m_s2: float = 0.1
-    stop_acceleration_m_s2: float = 1.0  # braking of a leg that was moving
-    fade_compensation_s: float = 0.3  # compensation goes out this slowly at a fault
-    lowering_V: float = -0.2  # to a leg whose position is not known, once the others are down,
-    lowering_V_s: float = 0.2  # reached at this rate
-    lift_fade_s: float = 0.3  # without pressure no valve may open towards the supply: it would let the leg sink
-    rest_s: float = 2.0  # after the path's end, then the pump stops
-    start_timeout_s: float = 10.0  # for the supply pressure to come up
+PUMP_START_s = 0.5  # after the start command; then the starter's contact must show the motor running
 
 
 class MotionComputer:
     """States and safety around a `PositionLoop`; used by simulations with faults and by `hexsim serve`.
 
-    state: where it begins; in every state but OFF the platform is taken to stand where the first readings say.
-    say(time_s, leg, text): hears each change of state (leg 0) and each error.
+    state: the first one; in every state but OFF the platform stands where the first readings say.
+    on_message(time_s, leg, text): called at each change of state (leg 0) and at each error.
     """
 
     def __init__(
@@ -63,40 +43,38 @@ class MotionComputer:
         machine: Machine,
         compensators: Sequence[Compensator] = (),
         period_s: float | None = None,
-        say: Callable[[float, int, str], None] = lambda time_s, leg, text: None,
+        on_message: Callable[[float, int, str], None] = lambda time_s, leg, text: None,
         *,
         state: State = State.NEUTRAL,
         guidance: Guidance | None = None,
         tolerances: Tolerances | None = None,
     ) -> None:
-        self.machine, self.say = machine, say
+        self.machine, self.on_message = machine, on_message
         self.guidance = guidance = guidance or Guidance()
         self.tolerances = tolerances = tolerances or Tolerances()
-        self.loop = PositionLoop(machine, compensators, period_s, say)
-        self.kinematics = machine_kinematics(machine) if machine.is_hexapod else None
+        self.loop = PositionLoop(machine, compensators, period_s, on_message)
         self.states = StateMachine(state, self._state_changed)
         self.legs = LegMonitor(machine, tolerances)
         self.supply = SupplyMonitor(machine, tolerances)
-        self.load = LoadMonitor(machine, self.kinematics, tolerances)
+        kinematics = machine_kinematics(machine) if machine.is_hexapod else None
+        self.load = LoadMonitor(machine, kinematics, tolerances)
         self.tick_s = 1.0 / machine.controller.rate_Hz
         self.errors = Error.NONE
         self.events: list[tuple[float, str, str, str]] = []  # (time_s, from, event, to)
         self.findings: list[tuple[float, Finding]] = []
         self.pump_on = state != State.OFF
-        self.mains = True
-        self._pump_on_s = PUMP_STARTS_s if self.pump_on else 0.0
         self.pump_running = True  # contact of the motor's starter
+        self.mains = True
         self.oil_temperature_degC: float | None = None
-        self.heard_s: float | None = None  # when the host was last heard
-        n = machine.n_legs
-        self.neutral = np.full(n, 0.5 * machine.cylinder.stroke_m)
-        self.setpoint = self.neutral.copy() if state not in (State.OFF, State.STARTING) else np.zeros(n)
-        self._before = self.setpoint.copy()
-        self._older = self.setpoint.copy()
-        self._path: Path | None = None
-        self._since_s = 0.0
-        self._lift, self._lift_V = 1.0, np.zeros(n)
-        self.valve = np.zeros(n)
+        self.last_packet_s: float | None = None  # when the host's last valid packet came
+        down = state in (State.OFF, State.STARTING)
+        stroke_m = machine.cylinder.stroke_m
+        setpoint = np.full(machine.n_legs, 0.0 if down else 0.5 * stroke_m)
+        self.guided = GuidedSetpoints(guidance, setpoint, self.tick_s, stroke_m)
+        self.valve = np.zeros(machine.n_legs)
+        self._pump_on_s = PUMP_START_s if self.pump_on else 0.0
+        self._state_since_s = 0.0
+        self._extend_share, self._extend_V = 1.0, np.zeros(machine.n_legs)
 
     # what a PositionLoop shows, so that either can drive a simulation
     @property
@@ -119,8 +97,17 @@ class MotionComputer:
     def compensation(self) -> Array:
         return self.loop.compensation
 
+    @property
+    def setpoint(self) -> Array:
+        return self.guided.setpoint
+
     def learned(self) -> list[dict[str, Any]]:
         return self.loop.learned()
+
+    @property
+    def neutral(self) -> Array:
+        """Mid stroke (n_legs,) [m]."""
+        return self.guided.neutral
 
     @property
     def state(self) -> State:
@@ -128,8 +115,8 @@ class MotionComputer:
 
     @property
     def arrived(self) -> bool:
-        """In neutral, and the way there is done; in fault or settling, down and at rest."""
-        return self._path is None
+        """No path left: neutral is reached; in fault or settling, down and at rest."""
+        return self.guided.path is None
 
     # commands of the operator
     def command(self, event: str, time_s: float) -> None:
@@ -145,167 +132,136 @@ class MotionComputer:
             self.pump_on, self._pump_on_s = True, 0.0
             self.errors = Error.NONE
         elif event == "return_neutral":
-            self._guide(
-                time_s, self.neutral, self.guidance.neutral_velocity_m_s, self.guidance.neutral_acceleration_m_s2
-            )
+            self.guided.to_neutral(time_s)
         elif event == "settle":
-            self._lower(time_s)
+            self.guided.lower(time_s)
         elif event == "run_normal":
-            self.heard_s = time_s
+            self.last_packet_s = time_s
         elif event == "reset":
             self.errors = Error.NONE
 
     def _state_changed(self, time_s: float, before: State, event: str, after: State) -> None:
         self.events.append((time_s, before.name.lower(), event, after.name.lower()))
-        self._since_s = time_s
-        self.say(time_s, 0, f"{before.name.lower()} -> {after.name.lower()} ({event.replace('_', ' ')})")
+        self._state_since_s = time_s
+        self.on_message(time_s, 0, f"{before.name.lower()} -> {after.name.lower()} ({event.replace('_', ' ')})")
 
     # one tick
     def tick(
-        self, time_s: float, wanted: Array | None, positions: Array, pressures: Array | None, supply_Pa: float
+        self, time_s: float, external: Array | None, positions: Array, pressures: Array | None, supply_Pa: float
     ) -> Array:
-        """Volts (n_legs,). wanted: (preview, n_legs) piston setpoints of manual or normal mode, this tick's first.
+        """Volts (n_legs,). external: (preview, n_legs) piston setpoints of manual or normal mode, this tick's first.
 
         None in normal mode: the host is silent; the last motion is braked, and the timeout runs.
         """
+        guided = self.guided
         if self.state == State.OFF:
-            self.setpoint = np.where(np.isfinite(positions), positions, 0.0)
+            guided.setpoint = np.where(np.isfinite(positions), positions, 0.0)
             self.legs.start(positions)
-            return self._shut()
-        if self.state == State.STARTING and self._path is None:
+            return self._close_valves()
+        if self.state == State.STARTING and guided.path is None:
             self._start_up(time_s, positions, supply_Pa)
-        rows = self._rows(time_s, wanted)
-        believed = self._watch(time_s, rows[0], positions, pressures, supply_Pa)
-        if self.state == State.FAULT and self._path is None and not self.pump_on:
-            self._keep(rows[0])
-            return self._shut()
+        setpoints = self._setpoints(time_s, external)
+        feedback = self._monitor(time_s, setpoints[0], positions, pressures, supply_Pa)
+        if self.state == State.FAULT and guided.path is None and not self.pump_on:
+            guided.store(setpoints[0])
+            return self._close_valves()
         if self.state == State.FAULT:
-            rows = self._rows(time_s, None)
-            self.loop.fade = max(0.0, self.loop.fade - self.tick_s / self.guidance.fade_compensation_s)
-        self._keep(rows[0])
-        self.valve = self.loop.tick(time_s, rows, believed, pressures, supply_Pa)
-        self._hold_without_pressure()
+            setpoints = self._setpoints(time_s, None)
+            share = self.loop.compensation_share - self.tick_s / self.guidance.fade_compensation_s
+            self.loop.compensation_share = max(0.0, share)
+        guided.store(setpoints[0])
+        self.valve = self.loop.tick(time_s, setpoints, feedback, pressures, supply_Pa)
+        self._limit_extension()
         self._follow_path(time_s)
         return self.valve
 
-    def _hold_without_pressure(self) -> None:
-        """A fault with low pressure closes the way from chamber to supply, smoothly; lowering stays free."""
+    def _limit_extension(self) -> None:
+        """In a fault with low pressure, fade out the volts that connect a chamber to the supply; lowering stays free."""
         if self.state == State.FAULT and self.errors & Error.PRESSURE_LOW:
-            self._lift = max(0.0, self._lift - self.tick_s / self.guidance.lift_fade_s)
-            self.valve = np.minimum(self.valve, self._lift * self._lift_V)
+            self._extend_share = max(0.0, self._extend_share - self.tick_s / self.guidance.lift_fade_s)
+            self.valve = np.minimum(self.valve, self._extend_share * self._extend_V)
         else:
-            self._lift, self._lift_V = 1.0, np.maximum(self.valve, 0.0)
+            self._extend_share, self._extend_V = 1.0, np.maximum(self.valve, 0.0)
 
-    def _shut(self) -> Array:
+    def _close_valves(self) -> Array:
         self.valve = np.zeros(len(self.setpoint))
         return self.valve
 
-    def _keep(self, setpoint: Array) -> None:
-        self._older, self._before, self.setpoint = self._before, self.setpoint, setpoint.copy()
-
-    def _rows(self, time_s: float, wanted: Array | None) -> Array:
-        """Setpoints of this tick and the preview."""
+    def _setpoints(self, time_s: float, external: Array | None) -> Array:
+        """Setpoints (preview, n_legs) of this tick and the preview."""
         if self.state in (State.MANUAL, State.NORMAL):
-            if wanted is not None:
-                self._path = None
-                return wanted
-            if self._path is None:
-                self._brake(time_s)
-        if self._path is None:
-            return np.tile(self.setpoint, (self.preview, 1))
-        return np.stack([self._path.value(time_s + k * self.tick_s) for k in range(self.preview)])
+            if external is not None:
+                self.guided.path = None
+                return external
+            if self.guided.path is None:
+                self.guided.brake(time_s)
+        return self.guided.preview(time_s, self.preview)
 
     def _start_up(self, time_s: float, positions: Array, supply_Pa: float) -> None:
         """Wait for pressure, then rise."""
-        self._keep(np.where(np.isfinite(positions), positions, 0.0))
-        if time_s - self._since_s > self.guidance.start_timeout_s:
-            self._found(
-                time_s, [Finding(error=Error.PRESSURE_LOW, leg=0, detail="the supply pressure does not come up")]
-            )
+        self.guided.store(np.where(np.isfinite(positions), positions, 0.0))
+        if time_s - self._state_since_s > self.guidance.start_timeout_s:
+            self._latch(time_s, [Finding(error=Error.PRESSURE_LOW, detail="the supply pressure does not come up")])
         elif supply_Pa > 0.9 * self.supply.nominal:
-            self._before = self._older = self.setpoint
+            self.guided.stand()
             self.legs.start(positions)
-            self._guide(
-                time_s, self.neutral, self.guidance.neutral_velocity_m_s, self.guidance.neutral_acceleration_m_s2
-            )
+            self.guided.to_neutral(time_s)
 
-    def _watch(
+    # monitors
+    def _monitor(
         self, time_s: float, setpoint: Array, positions: Array, pressures: Array | None, supply_Pa: float
     ) -> Array:
-        """Run the monitors; returns the positions to control with."""
-        believed, findings = self.legs.tick(setpoint, positions, pressures)
-        if self.state in MOVING and not (self.state == State.STARTING and self._path is None):
+        """Run the monitors; returns the positions (n_legs,) for the position loop."""
+        feedback, findings = self.legs.tick(setpoint, positions, pressures)
+        if self.state in MOVING and not (self.state == State.STARTING and self.guided.path is None):
             findings = findings + self.supply.tick(supply_Pa)
             if self.state != State.STARTING and self.state != State.SETTLING:
-                findings += self.load.tick(believed, pressures, supply_Pa)
-            self._pump_on_s = self._pump_on_s + self.tick_s if self.pump_on else 0.0
-            if not self.pump_running and self.mains and self._pump_on_s > PUMP_STARTS_s:
-                findings.append(Finding(error=Error.PRESSURE_LOW, leg=0, detail="the pump has stopped"))
-            if not self.mains:
-                findings.append(Finding(error=Error.POWER, leg=0, detail="mains failed"))
-            if self.oil_temperature_degC is not None and self.oil_temperature_degC > self.tolerances.oil_hot_degC:
-                findings.append(Finding(error=Error.OIL_HOT, leg=0, detail=f"{self.oil_temperature_degC:.0f} degC"))
-            if self.state == State.NORMAL and time_s - (self.heard_s or 0.0) > self.tolerances.host_timeout_s:
-                findings.append(
-                    Finding(
-                        error=Error.HOST_TIMEOUT,
-                        leg=0,
-                        detail=f"nothing heard for {self.tolerances.host_timeout_s:g} s",
-                    )
-                )
+                findings += self.load.tick(feedback, pressures, supply_Pa)
+            findings += self._machine_findings(time_s)
             if findings:
-                self._found(time_s, findings)
-        return believed
+                self._latch(time_s, findings)
+        return feedback
+
+    def _machine_findings(self, time_s: float) -> list[Finding]:
+        """Pump, mains, oil and host."""
+        findings = []
+        self._pump_on_s = self._pump_on_s + self.tick_s if self.pump_on else 0.0
+        if not self.pump_running and self.mains and self._pump_on_s > PUMP_START_s:
+            findings.append(Finding(error=Error.PRESSURE_LOW, detail="the pump has stopped"))
+        if not self.mains:
+            findings.append(Finding(error=Error.POWER, detail="mains failed"))
+        if self.oil_temperature_degC is not None and self.oil_temperature_degC > self.tolerances.oil_hot_degC:
+            findings.append(Finding(error=Error.OIL_HOT, detail=f"{self.oil_temperature_degC:.0f} degC"))
+        timeout_s = self.tolerances.host_timeout_s
+        if self.state == State.NORMAL and time_s - (self.last_packet_s or 0.0) > timeout_s:
+            findings.append(Finding(error=Error.HOST_TIMEOUT, detail=f"no valid packet for {timeout_s:g} s"))
+        return findings
 
     def warn(self, time_s: float, finding: Finding, present: bool) -> None:
         """Set or clear a warning: shown, but no fault."""
         if present and not self.errors & finding.error:
-            self.errors |= finding.error
-            self.findings.append((time_s, finding))
-            self.say(time_s, finding.leg, finding.text)
+            self._record(time_s, finding)
         elif not present:
             self.errors &= ~finding.error
 
-    def _found(self, time_s: float, findings: list[Finding]) -> None:
+    def _record(self, time_s: float, finding: Finding) -> None:
+        self.errors |= finding.error
+        self.findings.append((time_s, finding))
+        self.on_message(time_s, finding.leg, finding.text)
+
+    def _latch(self, time_s: float, findings: list[Finding]) -> None:
         """Latch errors and go to fault."""
         for finding in findings:
-            self.errors |= finding.error
-            self.findings.append((time_s, finding))
-            self.say(time_s, finding.leg, finding.text)
+            self._record(time_s, finding)
         if self.errors & PUMP_STOPS:
             self.pump_on = False
         if self.errors & ~WARNINGS and self.states.allows("error"):
             self.states.event("error", time_s)
-            self._lower(time_s)
-
-    # guidance
-    def _motion(self) -> tuple[Array, Array]:
-        """Velocity and acceleration of the setpoints, from the last three."""
-        velocity = (self.setpoint - self._before) / self.tick_s
-        return velocity, (velocity - (self._before - self._older) / self.tick_s) / self.tick_s
-
-    def _guide(self, time_s: float, target: Array | None, velocity: float, acceleration: float) -> None:
-        """A path that continues the present motion: the path begins one tick ago, where the last setpoint was."""
-        now, change = self._motion()
-        self._path = stop_and_move(
-            time_s - self.tick_s, self.setpoint, now, change, target,
-            velocity_max=velocity, acceleration_max=acceleration,
-            stop_acceleration_max=self.guidance.stop_acceleration_m_s2,
-            bounds=(0.0, self.machine.cylinder.stroke_m),
-        )  # fmt: skip
-
-    def _brake(self, time_s: float) -> None:
-        self._guide(time_s, None, 1.0, 1.0)
-
-    def _lower(self, time_s: float) -> None:
-        guidance = self.guidance
-        self._guide(
-            time_s, np.zeros(len(self.neutral)), guidance.settle_velocity_m_s, guidance.settle_acceleration_m_s2
-        )
+            self.guided.lower(time_s)
 
     def _follow_path(self, time_s: float) -> None:
-        """What happens at the end of a path."""
-        path = self._path
+        """At the end of a path: lower legs without position signal, stop the pump, change state."""
+        path = self.guided.path
         if path is None or self.state in (State.MANUAL, State.NORMAL):
             return
         if self.state == State.FAULT and time_s > path.end_s and not self.legs.usable.all():
@@ -314,7 +270,7 @@ class MotionComputer:
         lowered = self.state in (State.FAULT, State.SETTLING)
         if time_s < path.end_s + (self.guidance.rest_s if lowered else 0.0):
             return
-        self._path = None
+        self.guided.path = None
         if self.state == State.STARTING:
             self.states.event("ready", time_s)
             self.load.restart()
@@ -323,4 +279,4 @@ class MotionComputer:
             if self.state == State.SETTLING:
                 self.states.event("at_rest", time_s)
             else:
-                self.say(time_s, 0, "platform at rest")
+                self.on_message(time_s, 0, "platform at rest")

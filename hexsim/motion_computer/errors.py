@@ -30,16 +30,16 @@ LABELS = {
     Error.LOAD_SHIFTED: "load shifted",
     Error.POWER: "power loss",
 }
-WARNINGS = Error.WORKSPACE  # shown, and the command is held back, but the machine goes on
+WARNINGS = Error.WORKSPACE  # shown; the setpoint is limited, without a fault
 PUMP_STOPS = Error.LEG_ERROR | Error.PRESSURE_LOW | Error.POWER  # errors at which the pump is stopped at once
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One thing that a monitor saw. leg counts from 1; 0 is the machine."""
+    """What a monitor found. leg counts from 1; 0 is the machine."""
 
     error: Error
-    leg: int
+    leg: int = 0
     detail: str
 
     @property
@@ -48,5 +48,5 @@ class Finding:
 
 
 def labels(errors: Error) -> list[str]:
-    """The words for the bits that are set."""
+    """Texts of the bits that are set."""
     return [text for error, text in LABELS.items() if errors & error]

@@ -1,8 +1,8 @@
-"""From packets that are late, lost, doubled or out of order to a smooth target at each control tick.
+"""A smooth target at each control tick from packets that are late, lost, duplicated or out of order.
 
 Setpoints are played `delay` after the host's clock, so that as a rule a later one is already there; in between a cubic
 through the neighbouring setpoints (Catmull-Rom on their own times) gives position, velocity and acceleration. Where
-nothing later has come, the target goes on with its velocity for `COAST_S` and then stands still.
+nothing later has come, the target continues with its velocity for `COAST_S` and then stands still.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from hexsim.motion_computer.host_packet import HostCommand
 
 Array = NDArray[np.float64]
-KEEP = 64  # setpoints
+HISTORY = 64  # setpoints
 COAST_S = 0.03
 DRIFT = 1.0e-3  # how fast the clock offset may grow when packets come later and later
 SHORTEST_GAP_S = 1.0e-4  # between two setpoints
 SHORTEST_DELAY_S, LONGEST_DELAY_S = 0.004, 0.06
-NEW_SESSION_S = 1.0  # silence after which all begins anew
-AGREEING = 3  # packets in a row that continue each other are believed against all that came before
+NEW_SESSION_S = 1.0  # of silence; then the next packet begins a session
+CONSISTENT = 3  # so many packets in a row that continue each other outweigh all that came before
 EARLIEST_S = 0.1  # ahead of the host's clock as known; no network is faster than its fastest packet by more
 LATEST_S = 0.25  # behind it; whatever comes later is too late to be played
 FASTEST_Hz = 2000.0  # no host sends faster
@@ -36,17 +36,17 @@ def _ahead(sequence: int, command: HostCommand) -> int:
 def _follows(before: HostCommand, command: HostCommand) -> bool:
     """Whether a packet continues another: sequence a few ahead, time later by less than a new session's."""
     return (
-        0 < _ahead(before.sequence, command) <= KEEP
+        0 < _ahead(before.sequence, command) <= HISTORY
         and SHORTEST_GAP_S <= command.time_s - before.time_s < NEW_SESSION_S
     )
 
 
 class HostBuffer:
-    """Setpoints of one host. counts: accepted, doubled, late (too late to be played), wrong (clock or sequence
-    contradict the newest packet), resynchronised (the newest was the wrong one)."""
+    """Setpoints of one host. counts: accepted, duplicate, late (too late to be played), inconsistent (clock or
+    sequence contradict the newest packet), resynchronised (the newest was the inconsistent one)."""
 
     def __init__(self) -> None:
-        self.counts = {"accepted": 0, "doubled": 0, "late": 0, "wrong": 0, "sessions": 0, "resynchronised": 0}
+        self.counts = {"accepted": 0, "duplicate": 0, "late": 0, "inconsistent": 0, "sessions": 0, "resynchronised": 0}
         self._clear()
 
     def _clear(self) -> None:
@@ -54,14 +54,14 @@ class HostBuffer:
         self._offset = 0.0
         self._period = 0.0
         self.newest: HostCommand | None = None
-        self._apart: list[HostCommand] = []  # the last packets that did not agree with the newest one
-        self.heard_s = -np.inf
+        self._inconsistent: list[HostCommand] = []  # the last packets that contradict the newest one
+        self.last_packet_s = -np.inf
         self._played = -np.inf
 
     def add(self, command: HostCommand, now_s: float) -> bool:
-        """Take a command that arrived at machine time now_s; False when it is not used. Any input is survived."""
+        """Take a command that arrived at machine time now_s; False when it is not used. Any input is allowed."""
         newest = self.newest
-        if newest is not None and now_s - self.heard_s > NEW_SESSION_S:
+        if newest is not None and now_s - self.last_packet_s > NEW_SESSION_S:
             self._clear()
             newest = None
         if newest is None:
@@ -70,45 +70,45 @@ class HostBuffer:
         else:
             ahead = _ahead(newest.sequence, command)
             if ahead == 0 or any(sequence == command.sequence for _, sequence, _ in self._samples):
-                self.counts["doubled"] += 1
+                self.counts["duplicate"] += 1
                 return False
             early = command.time_s + self._offset - now_s
-            missed = ahead > KEEP + FASTEST_Hz * (now_s - self.heard_s)
+            missed = ahead > HISTORY + FASTEST_Hz * (now_s - self.last_packet_s)
             if missed or not -LATEST_S < early < EARLIEST_S or (ahead > 0) != (command.time_s > newest.time_s):
                 return self._resynchronise(command, now_s)
             if any(abs(time - command.time_s) < SHORTEST_GAP_S for time, _, _ in self._samples):
-                self.counts["wrong"] += 1
+                self.counts["inconsistent"] += 1
                 return False
             if ahead < 0 and command.time_s <= self._played:
                 self.counts["late"] += 1
                 return False
-            self._apart.clear()
+            self._inconsistent.clear()
             if ahead > 0:
                 gap = (command.time_s - newest.time_s) / ahead
                 self._period += 0.1 * (gap - self._period) if self._period else gap
-            self._offset = min(self._offset + DRIFT * max(now_s - self.heard_s, 0.0), now_s - command.time_s)
+            self._offset = min(self._offset + DRIFT * max(now_s - self.last_packet_s, 0.0), now_s - command.time_s)
         if newest is None or command.time_s > newest.time_s:
             self.newest = command
-        self.heard_s = now_s
+        self.last_packet_s = now_s
         insort(self._samples, (command.time_s, command.sequence, command.setpoints))
-        del self._samples[:-KEEP]
+        del self._samples[:-HISTORY]
         self.counts["accepted"] += 1
         return True
 
     def _resynchronise(self, command: HostCommand, now_s: float) -> bool:
-        """Refuse a packet that contradicts what is known of the host's clock and sequence, until AGREEING in a row
-        continue each other: then the packets before were wrong, and all begins with these."""
-        follows = bool(self._apart) and _follows(self._apart[-1], command)
-        self._apart = [*self._apart, command] if follows else [command]
-        if len(self._apart) < AGREEING:
-            self.counts["wrong"] += 1
+        """Refuse a packet that contradicts what is known of the host's clock and sequence, until CONSISTENT in a row
+        continue each other: then the newest packet was the wrong one, and the session goes on with these."""
+        follows = bool(self._inconsistent) and _follows(self._inconsistent[-1], command)
+        self._inconsistent = [*self._inconsistent, command] if follows else [command]
+        if len(self._inconsistent) < CONSISTENT:
+            self.counts["inconsistent"] += 1
             return False
-        first = self._apart[0]
+        first = self._inconsistent[0]
         before = [sample for sample in self._samples if sample[0] < first.time_s and _ahead(sample[1], first) > 0]
-        self._samples = [*before, *((one.time_s, one.sequence, one.setpoints) for one in self._apart)][-KEEP:]
+        self._samples = [*before, *((one.time_s, one.sequence, one.setpoints) for one in self._inconsistent)][-HISTORY:]
         self._period = (command.time_s - first.time_s) / _ahead(first.sequence, command)
         self._offset, self._played = now_s - command.time_s, min(self._played, command.time_s)
-        self.newest, self.heard_s, self._apart = command, now_s, []
+        self.newest, self.last_packet_s, self._inconsistent = command, now_s, []
         self.counts["accepted"] += 1
         self.counts["resynchronised"] += 1
         return True

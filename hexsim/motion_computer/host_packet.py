@@ -4,7 +4,7 @@ Command, host to machine, 72 bytes
     offset  type      field
     0       4 bytes   b"HXC1"
     4       uint16    command: 0 none, 1 start, 2 run_manual, 3 run_normal, 4 return_neutral, 5 settle, 6 reset
-    6       uint16    mode: 0 degrees of freedom, 1 single actuators (counts when run_normal is taken)
+    6       uint16    mode: 0 degrees of freedom, 1 single actuators (read with run_normal)
     8       uint32    sequence, one more at each packet, wraps
     12      uint32    reserved, 0
     16      float64   time [s] of the setpoint, host's own clock, rising
@@ -14,13 +14,13 @@ Reply, machine to host, 136 bytes, after each tick in which a valid command came
     0       4 bytes   b"HXS1"
     4       uint16    state: 0 off, 1 starting, 2 neutral, 3 manual, 4 normal, 5 settling, 6 fault
     6       uint16    errors, bits of `errors.Error`
-    8       uint32    sequence of the newest command heard
+    8       uint32    sequence of the newest command
     12      uint32    bit 0: arrived (neutral reached, or at rest); bit 1: the last command was refused
     16      float64   machine time [s]
-    24      float64   how far the machine is behind real time [s]
+    24      float64   lag behind real time [s]
     32      float64   age of the newest setpoint [s]
     40      6 float64 actual pose by the inverse axis transformation, x y z [m] roll pitch yaw [rad]
-    88      6 float64 pose asked for after limits
+    88      6 float64 reference pose after limits, same units
 """
 
 from __future__ import annotations
@@ -80,13 +80,13 @@ class Reply:
     behind_s: float
     age_s: float
     pose: Six
-    asked: Six
+    reference: Six
 
     def pack(self) -> bytes:
         flags = int(self.arrived) | int(self.refused) << 1
         return REPLY.pack(
             REPLY_MAGIC, int(self.state), int(self.errors), self.sequence, flags,
-            self.time_s, self.behind_s, self.age_s, *self.pose, *self.asked,
+            self.time_s, self.behind_s, self.age_s, *self.pose, *self.reference,
         )  # fmt: skip
 
 
@@ -101,5 +101,5 @@ def unpack_reply(data: bytes) -> Reply:
     _, state, errors, sequence, flags, time_s, behind_s, age_s, *poses = REPLY.unpack(data)
     return Reply(
         state=State(state), errors=Error(errors), sequence=sequence, arrived=bool(flags & 1), refused=bool(flags & 2),
-        time_s=time_s, behind_s=behind_s, age_s=age_s, pose=tuple(poses[:6]), asked=tuple(poses[6:]),
+        time_s=time_s, behind_s=behind_s, age_s=age_s, pose=tuple(poses[:6]), reference=tuple(poses[6:]),
     )  # fmt: skip

@@ -1,10 +1,10 @@
-"""Limits of what a host may ask: excursion, velocity and acceleration of each coordinate, kept smoothly.
+"""Limits of a host's setpoints: excursion, velocity and acceleration of each coordinate, kept smoothly.
 
     target    p_t -> f(p_t):  f(p) = p up to (1 - s) L, then L (1 - s + s tanh((p/L - 1 + s)/s)): never reaches L
     follower  a = sat(f'' + 2 w (f' - v) + w^2 (f - p), +-a_max),  |v| <= v_max,  |v| <= sqrt(2 a_max (L - |p|))
 
 Within the limits the follower has the target's position, velocity and acceleration and no lag; beyond them it takes the
-quickest motion that the limits allow and comes back without a jump in velocity.
+quickest motion that the limits allow and comes back with continuous velocity.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
+from hexsim.machine.geometry import machine_kinematics
 from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.mechanics.workspace import excursions
 
@@ -56,6 +57,11 @@ def dof_limits(kinematics: HexapodKinematics) -> Limits:
     )
 
 
+def pose_limits(machine: Machine) -> Limits:
+    """Of the degrees of freedom that a host moves: `dof_limits` of a hexapod, `leg_limits` of a bench."""
+    return dof_limits(machine_kinematics(machine)) if machine.is_hexapod else leg_limits(machine)
+
+
 def leg_limits(machine: Machine) -> Limits:
     """Of single actuators, from mid stroke: clear of the cushions; 0.3 m/s and 3 m/s2."""
     n, cylinder = machine.n_legs, machine.cylinder
@@ -64,21 +70,21 @@ def leg_limits(machine: Machine) -> Limits:
 
 
 @compiled
-def _follow(p, v, target, rate, bend, dt, excursion, velocity, acceleration, share, w):
+def _follow(p, v, target, target_rate, target_acceleration, dt, excursion, velocity, acceleration, share, w):
     """One step of the follower, in place; returns how far the target lies beyond the excursion's soft part [share]."""
     beyond = 0.0
     for i in range(p.shape[0]):
         L = excursion[i]
-        wanted, speed, change = target[i], rate[i], bend[i]
-        over = abs(wanted) / L - (1.0 - share)
+        position, speed, change = target[i], target_rate[i], target_acceleration[i]
+        over = abs(position) / L - (1.0 - share)
         if over > 0.0:
             beyond = max(beyond, over)
             t = np.tanh(over / share)
             slope = 1.0 - t * t
-            change = slope * change - 2.0 * t * slope / (share * L) * speed * speed * np.sign(wanted)
+            change = slope * change - 2.0 * t * slope / (share * L) * speed * speed * np.sign(position)
             speed *= slope
-            wanted = np.sign(wanted) * L * (1.0 - share + share * t)
-        a = change + 2.0 * w * (speed - v[i]) + w * w * (wanted - p[i])
+            position = np.sign(position) * L * (1.0 - share + share * t)
+        a = change + 2.0 * w * (speed - v[i]) + w * w * (position - p[i])
         a = min(max(a, -acceleration[i]), acceleration[i])
         up = min(velocity[i], np.sqrt(2.0 * 0.9 * acceleration[i] * max(L - p[i], 0.0)))
         down = min(velocity[i], np.sqrt(2.0 * 0.9 * acceleration[i] * max(L + p[i], 0.0)))
@@ -89,7 +95,7 @@ def _follow(p, v, target, rate, bend, dt, excursion, velocity, acceleration, sha
 
 
 class CommandLimiter:
-    """Follows targets of n coordinates within `limits`; starts at rest at neutral. position, velocity: arrays (n,)."""
+    """Follows targets of n coordinates within `limits`, from rest at neutral. position, velocity: arrays (n,)."""
 
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
@@ -111,13 +117,13 @@ class CommandLimiter:
 def soft_legs(positions: Array, stroke_m: float, cushion_m: float) -> tuple[Array, bool]:
     """Piston setpoints held clear of the cushions, and whether any had to be: tanh within the last `LEG_SOFT_m`.
 
-    Poses that are each within their limits can together ask too much of a leg.
+    Poses that are each within their limits can together exceed the stroke of a leg.
     """
     half = 0.5 * stroke_m
-    bend = half - cushion_m - LEG_MARGIN_m - LEG_SOFT_m
+    linear = half - cushion_m - LEG_MARGIN_m - LEG_SOFT_m
     offset = positions - half
-    over = np.abs(offset) - bend
+    over = np.abs(offset) - linear
     if not (over > 0.0).any():
         return positions, False
-    held = np.sign(offset) * (bend + LEG_SOFT_m * np.tanh(np.maximum(over, 0.0) / LEG_SOFT_m))
+    held = np.sign(offset) * (linear + LEG_SOFT_m * np.tanh(np.maximum(over, 0.0) / LEG_SOFT_m))
     return half + np.where(over > 0.0, held, offset), True

@@ -1,11 +1,11 @@
-"""Monitors: what the motion computer watches at each tick, and when it calls it an error.
+"""Monitors of the motion computer: what each tick checks, and when it is an error.
 
-Each leg is held against a model of the position loop that a data sheet suffices for,
+Each leg is compared with a model of the position loop from the data sheet,
 
     y_m' = K_v sat(Kp (s - y_m)),   K_v velocity gain [m/s/V],
 
 so that the ordinary lag of the loop is no error: a piston must stay between model and setpoint, within a tolerance.
-The same model stands in for a transducer that is lost, moved by what the other legs show the model to be off.
+The same model replaces a lost transducer, corrected by the mean model error of the other legs.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from hexsim.motion_computer.errors import Error, Finding
 
 Array = NDArray[np.float64]
 OK, LOST, OUT_OF_RANGE, JUMP, FROZEN, LEG_ERROR, LEG_PRESSURE = range(7)
-SAYS = {
+LEG_FINDINGS = {
     LOST: (Error.SENSOR, "leg {leg}: position signal lost"),
     OUT_OF_RANGE: (Error.SENSOR, "leg {leg}: position outside the stroke"),
     JUMP: (Error.SENSOR, "leg {leg}: position jumps"),
@@ -66,14 +66,14 @@ class LegLimits(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerances:
-    """When a monitor speaks. Each value is assumed; docs/faults.md shows what it means for detection."""
+    """Thresholds of the monitors. Each value is assumed; docs/faults.md shows the detection that follows."""
 
-    leg_error_m: float = 0.012  # beyond the band between model and setpoint
+    leg_error_m: float = 0.012  # outside the band between model and setpoint
     leg_error_share: float = 0.35  # of the band's width, for a velocity gain that depends on load and direction
     leg_error_s: float = 0.010
     range_m: float = 0.004  # readings this far outside the stroke are no positions
     jump_m_s: float = 2.0  # no leg is faster
-    bad_readings: int = 3  # one after the other; a single glitch is bridged by the model
+    bad_readings: int = 3  # in a row; the model bridges a single bad reading
     frozen_s: float = 0.1  # equal readings while the model moves faster than:
     frozen_velocity_m_s: float = 0.005
     supply_low: float = 0.8  # of nominal; the precharge of a usual accumulator
@@ -101,7 +101,7 @@ def velocity_gain(machine: Machine) -> float:
 
 
 @compiled
-def _watch(setpoint, measured, pressures, model, last, counts, usable, p):
+def _check_legs(setpoint, measured, pressures, model, last, counts, usable, p):
     """Update model, last good readings and counters; return a code for each leg. counts: (4, n), rows as `Count`."""
     n = setpoint.shape[0]
     codes = np.zeros(n, np.int64)
@@ -148,7 +148,7 @@ def _watch(setpoint, measured, pressures, model, last, counts, usable, p):
 class LegMonitor:
     """Position transducers, leg errors and bottom pressures of all legs.
 
-    model: (n,) positions of the loop model; usable: (n,) which transducers are still believed.
+    model: (n,) positions of the loop model; usable: (n,) which transducers are still used.
     """
 
     def __init__(self, machine: Machine, tolerances: Tolerances) -> None:
@@ -170,7 +170,7 @@ class LegMonitor:
         self._started = False
 
     def start(self, positions: Array) -> None:
-        """Take the machine as it stands: model and last readings at `positions`."""
+        """Start with model and last readings at `positions`."""
         stroke = self._limits.stroke
         self.model[:] = np.where(np.isfinite(positions), positions, 0.5 * stroke)
         self._last[:] = self.model
@@ -179,22 +179,22 @@ class LegMonitor:
         self._started = True
 
     def tick(self, setpoint: Array, measured: Array, pressures: Array | None) -> tuple[Array, list[Finding]]:
-        """(positions to control with, what was found). Call at each control tick."""
+        """(positions for the position loop, findings). Call at each control tick."""
         if not self._started:
             self.start(measured)
         known = np.full(len(setpoint), np.nan) if pressures is None else pressures
-        codes = _watch(setpoint, measured, known, self.model, self._last, self._counts, self.usable, self._limits)
+        codes = _check_legs(setpoint, measured, known, self.model, self._last, self._counts, self.usable, self._limits)
         findings = []
         for i in np.flatnonzero(codes):
-            error, text = SAYS[int(codes[i])]
+            error, text = LEG_FINDINGS[int(codes[i])]
             findings.append(Finding(error=error, leg=int(i) + 1, detail=text.format(leg=i + 1)))
             if error == Error.SENSOR:
                 self.usable[i] = False
-        believed = self.usable & (self._counts[Count.BAD] == 0)
-        if believed.all():
+        valid = self.usable & (self._counts[Count.BAD] == 0)
+        if valid.all():
             return measured, findings
-        off = float(np.mean((measured - self.model)[believed])) if believed.any() else 0.0
-        return np.where(believed, measured, self.model + off), findings
+        off = float(np.mean((measured - self.model)[valid])) if valid.any() else 0.0
+        return np.where(valid, measured, self.model + off), findings
 
 
 class SupplyMonitor:
@@ -208,14 +208,13 @@ class SupplyMonitor:
 
     def tick(self, supply_Pa: float) -> list[Finding]:
         if not np.isfinite(supply_Pa):
-            return [Finding(error=Error.SENSOR, leg=0, detail="supply pressure signal lost")]
+            return [Finding(error=Error.SENSOR, detail="supply pressure signal lost")]
         self._count = self._count + 1 if supply_Pa < self.low else 0
         if self._count < self._needed:
             return []
         return [
             Finding(
                 error=Error.PRESSURE_LOW,
-                leg=0,
                 detail=f"supply at {supply_Pa / 1e5:.1f} bar, needed {self.low / 1e5:.1f}",
             )
         ]
@@ -239,14 +238,14 @@ class LoadMonitor:
         step = self.EVERY / machine.controller.rate_Hz
         self._share = step / (step + tolerances.load_filter_s)
         self._learn = max(1, round(tolerances.load_learn_s / step))
-        self._count = self._seen = 0
+        self._count = self._samples = 0
         self._stages: list[Array] = []
         self._sum = np.zeros(3)
         self._pose = np.zeros(6)
 
     def restart(self) -> None:
         """Learn the reference anew."""
-        self._count = self._seen = 0
+        self._count = self._samples = 0
         self._stages, self._sum = [], np.zeros(3)
 
     def tick(self, positions: Array, pressures: Array | None, supply_Pa: float) -> list[Finding]:
@@ -262,10 +261,10 @@ class LoadMonitor:
         first, second = self._stages
         first += self._share * (load - first)
         second += self._share * (first - second)
-        self._seen += 1
-        if self._seen <= self._learn:
+        self._samples += 1
+        if self._samples <= self._learn:
             self._sum += load
-            second[:] = first[:] = self._sum / self._seen
+            second[:] = first[:] = self._sum / self._samples
             return []
         return self._compare(second, self._sum / self._learn)
 
@@ -274,7 +273,7 @@ class LoadMonitor:
         change = (now[0] - before[0]) / weight
         shift = float(np.hypot(*(now[1:] - before[1:]))) / weight
         if abs(change) > self.tolerances.load_change:
-            return [Finding(error=Error.LOAD_SHIFTED, leg=0, detail=f"the load changed by {100 * change:.0f} %")]
+            return [Finding(error=Error.LOAD_SHIFTED, detail=f"the load changed by {100 * change:.0f} %")]
         if shift > self.tolerances.load_shift_m:
-            return [Finding(error=Error.LOAD_SHIFTED, leg=0, detail=f"its centre moved by {1000 * shift:.0f} mm")]
+            return [Finding(error=Error.LOAD_SHIFTED, detail=f"its centre moved by {1000 * shift:.0f} mm")]
         return []

@@ -3,7 +3,7 @@
     stop   velocity v(r) = v0 h0(r) + a0 T h1(r),  r = t/T,  cubic Hermite from (v0, a0) to (0, 0)
     move   s(r) = s0 + (s1 - s0) (10 r^3 - 15 r^4 + 6 r^5)
 
-Both have no jump in velocity or acceleration. All coordinates of a path share their durations, the shortest that keep
+Velocity and acceleration are continuous. All coordinates of a path share their durations, the shortest that keep
 every velocity and acceleration limit:
     move   peak velocity 15/8 d/T, peak acceleration 10/sqrt(3) d/T^2
     stop   peak acceleration 1.5 |v0|/T from a0 = 0; |a0| itself where that is larger

@@ -65,7 +65,7 @@ class PositionLoop:
     """Kp and compensators of all actuators.
 
     compensators: one a leg, or empty for plain control. `preview` is how many setpoints ahead `tick` must be given.
-    `say(time_s, leg, sentence)` hears each change of a compensator's status (leg counts from 1).
+    on_message(time_s, leg, sentence): called at each change of a compensator's status (leg counts from 1).
     """
 
     def __init__(
@@ -73,12 +73,12 @@ class PositionLoop:
         machine: Machine,
         compensators: Sequence[Compensator],
         period_s: float | None,
-        say: Callable[[float, int, str], None] = lambda time_s, leg, text: None,
+        on_message: Callable[[float, int, str], None] = lambda time_s, leg, text: None,
     ) -> None:
         self.gain = machine.controller.gain_V_per_m
         self.limit = machine.valve.voltage_max_V
         self.compensators = list(compensators)
-        self.say = say
+        self.on_message = on_message
         self.context = compensator_context(machine, period_s)
         self.states: list[Any] = [c.start(self.context) for c in self.compensators]
         self.previews = [preview_count(c, self.context) for c in self.compensators]
@@ -86,7 +86,7 @@ class PositionLoop:
         self.valve = np.zeros(machine.n_legs)
         self.compensation = np.zeros(machine.n_legs)
         self.setpoint = np.zeros(machine.n_legs)
-        self.fade = 1.0  # share of the compensation that reaches the valve; a fault takes it to 0
+        self.compensation_share = 1.0  # that reaches the valve; a fault fades it to 0
         self._status = [""] * len(self.compensators)
 
     def tick(
@@ -96,27 +96,27 @@ class PositionLoop:
         self.setpoint = setpoints[0]
         volts = proportional(setpoints[0], positions, self.gain, self.limit)
         if self.compensators and pressures is not None:
-            wanted = self.gain * (setpoints[0] - positions)
+            control = self.gain * (setpoints[0] - positions)
             for i, compensator in enumerate(self.compensators):
                 sample = Sample(
                     time_s=time_s,
                     setpoint_m=float(setpoints[0, i]),
                     preview_m=setpoints[: self.previews[i], i],
                     position_m=float(positions[i]),
-                    control_V=float(wanted[i]),
+                    control_V=float(control[i]),
                     valve_V=float(self.valve[i]),
                     pressure_bottom_Pa=float(pressures[i]),
                     pressure_supply_Pa=supply_Pa,
                 )
                 added, self.states[i] = compensator.step(self.states[i], sample)
-                added *= self.fade
+                added *= self.compensation_share
                 self.compensation[i] = added
                 volts[i] = min(max(sample.control_V + added, -self.limit), self.limit)
                 status = compensator.status(self.states[i])
                 if status != self._status[i]:
                     self._status[i] = status
-                    self.say(time_s, i + 1, f"{compensator.name}: {status or 'normal again'}")
-        self.valve = np.where(np.isfinite(volts), volts, 0.0)  # a blind loop shuts the valve
+                    self.on_message(time_s, i + 1, f"{compensator.name}: {status or 'normal again'}")
+        self.valve = np.where(np.isfinite(volts), volts, 0.0)  # a loop without position signal closes the valve
         return self.valve
 
     def learned(self) -> list[dict[str, Any]]:

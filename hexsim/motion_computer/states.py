@@ -1,4 +1,4 @@
-"""States of the motion computer and the only ways between them.
+"""States of the motion computer and the transitions between them.
 
     off ──start──▶ starting ──ready──▶ neutral ──run_manual──▶ manual
      ▲                │                 ▲ │ ▲ └──run_normal──▶ normal
@@ -61,16 +61,16 @@ EVENTS = tuple(sorted({event for _, event in TRANSITIONS}))
 class StateMachine:
     """The present state; `event` moves it along `TRANSITIONS` and nowhere else.
 
-    heard(time_s, before, event, after) is called at each change.
+    on_change(time_s, before, event, after) is called at each change.
     """
 
     def __init__(
         self,
         state: State = State.OFF,
-        heard: Callable[[float, State, str, State], None] = lambda time_s, before, event, after: None,
+        on_change: Callable[[float, State, str, State], None] = lambda time_s, before, event, after: None,
     ) -> None:
         self.state = state
-        self.heard = heard
+        self.on_change = on_change
 
     def allows(self, event: str) -> bool:
         return (self.state, event) in TRANSITIONS
@@ -83,5 +83,5 @@ class StateMachine:
                 f"motion computer: {event!r} is not possible in state {self.state.name.lower()}; possible: {possible}"
             )
         before, self.state = self.state, TRANSITIONS[self.state, event]
-        self.heard(time_s, before, event, self.state)
+        self.on_change(time_s, before, event, self.state)
         return self.state

@@ -3,7 +3,7 @@
 """Native control callbacks: MuJoCo calls the compiled hydraulics at every evaluation, no Python in between.
 
 `mjcb_act_dyn` gives the rates of each actuator's states (the last one is the pressure), `mjcb_act_bias` what acts along
-the leg besides P1 A1; P1 A1 itself is MuJoCo's linear gain on the last state, so that `actearly` sees the new pressure.
+the leg besides P1 A1, which is MuJoCo's linear gain on the last state.
 Inside MuJoCo pressures are in MPa (it rejects rates above 1e10); everywhere else they are in Pa.
 
 All numbers come from the model (`actuator_user`: a leg's row, or the supply's, with its layout behind; the time step) and
@@ -28,7 +28,7 @@ from numba.extending import intrinsic, overload
 from hexsim.compiled import compiled
 from hexsim.errors import HexsimError
 from hexsim.hydraulics import leg, supply
-from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
+from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.supply import S
 from hexsim.plant import states
 from hexsim.plant.states import ROW, A
@@ -75,7 +75,7 @@ def leg_rates(p, places, act, act_dot, y, v, volts, t, h):
     """Write the rates of one leg's states into act_dot; return its demand on the supply [m3/s] and its heat [W]."""
     Ps = supply_pressure(p, places, act)
     state = leg_state(places, act, Ps)
-    rates, x, flow = leg.leg_derivatives(p, y, v, volts, t, Ps, state, h, places[A.IMPLICIT] > 0.0)
+    rates, x, flow = leg.leg_derivatives(p, y, v, volts, t, Ps, state, h)
     demand, heat = 0.0, 0.0
     if places[A.SUPPLY] >= 0.0:  # before anything is written, so that the compiler shares terms with the rates
         P1, P2, z = state[0], state[1], state[4]
@@ -92,12 +92,10 @@ def leg_rates(p, places, act, act_dot, y, v, volts, t, h):
 
 
 @compiled
-def leg_bias(p, places, act, act_dot, y, v, volts, t, h):
-    """Force along the leg besides P1 A1 [N]. In the fast scheme a rod side on the valve is the new one, as P1 is."""
+def leg_bias(p, places, act, y, v, volts, t):
+    """Force along the leg besides P1 A1 [N]."""
     Ps = supply_pressure(p, places, act)
     P1, P2, _, _, z = leg_state(places, act, Ps)
-    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE and places[A.IMPLICIT] > 0.0:
-        P2 += h * act_dot[int(places[A.ROD_SIDE])] * MPa
     return leg.force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t)
 
 
@@ -113,17 +111,15 @@ def supply_rates(p, places, act, act_dot, switched_on, demand, heat, h):
     """Write the rates of the supply's states into act_dot; return that of Ps [MPa/s]."""
     k = int(places[A.SUPPLY])
     if p[S.MODEL] == supply.POWER_UNIT:
-        step = h if places[A.IMPLICIT] > 0.0 else 0.0
         speed, flow, line_flow, pump_pressure, temperature, pressure = supply.power_unit_rates(
-            p, supply_state(places, act), switched_on, demand, heat, step
+            p, supply_state(places, act), switched_on, demand, heat
         )
         act_dot[k], act_dot[k + 1], act_dot[k + 2] = speed, flow, line_flow
         act_dot[k + 3], act_dot[k + 4], act_dot[k + 5] = pump_pressure / MPa, temperature, pressure / MPa
         return pressure / MPa
     rate = 0.0
     if p[S.MODEL] == supply.LINE:
-        nominal, pressure = switched_on * p[S.PRESSURE], act[k] * MPa
-        rate = supply.line_rate(p, pressure, demand, nominal, supply.line_capacity(p, pressure)) / MPa
+        rate = supply.line_rate(p, act[k] * MPa, demand, switched_on * p[S.PRESSURE], h) / MPa
     act_dot[k] = rate
     return rate
 
@@ -175,9 +171,7 @@ def native_callbacks() -> tuple:
         t = carray(data, (_WORDS,), types.float64)[time_slot]
         y = _doubles(words[length_slot])[i] - p[P.LENGTH_OFFSET]
         v = _doubles(words[velocity_slot])[i]
-        h = carray(model, (_WORDS,), types.float64)[step_slot]
-        act, act_dot = _doubles(words[act_slot]), _doubles(words[rate_slot])
-        return leg_bias(p, places, act, act_dot, y, v, _doubles(words[ctrl_slot])[i], t, h)
+        return leg_bias(p, places, _doubles(words[act_slot]), y, v, _doubles(words[ctrl_slot])[i], t)
 
     return act_dyn, act_bias
 

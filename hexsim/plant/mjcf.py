@@ -46,9 +46,7 @@ def build_spec(
     spec.modelname = resolved.machine.name
     spec.compiler.degree = False
     spec.option.timestep = timestep
-    spec.option.integrator = (
-        mujoco.mjtIntegrator.mjINT_EULER if layout[0, A.IMPLICIT] else mujoco.mjtIntegrator.mjINT_RK4
-    )
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     spec.option.gravity = resolved.gravity_m_s2
     off = mujoco.mjtDisableBit
     # no silent reset: a bad state stays, so that `Plant.check` and the log can say when and where it began
@@ -202,7 +200,6 @@ def _add_actuators(
             ctrlrange=[-volts, volts] if is_leg else [0, 1],
         )
         actuator.actdim = int(place - (layout[i - 1, A.PRESSURE] if i else -1))
-        actuator.actearly = bool(layout[i, A.IMPLICIT])
         gain = np.zeros(10)
         gain[0] = resolved.rows[i, P.AREA_BOTTOM] * 1e6 if is_leg else 0.0  # act is in MPa
         actuator.gainprm = gain

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,6 +19,7 @@ from hexsim.hydraulics.effects import Effect
 from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.resolve import add_effects, resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
+from hexsim.hydraulics.steps import StepRule, step_rule
 from hexsim.hydraulics.supply import POWER_UNIT, S, U, power_unit_start
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.mechanics.kinematics import HexapodKinematics
@@ -30,16 +31,12 @@ from hexsim.plant.structs import check_layout
 
 Array = NDArray[np.float64]
 Setting = tuple[Effect, tuple[int, ...], dict[str, Any]]
-Scheme = Literal["rk4", "fast"]
 OFF_CENTRE_m = (0.0, 0.0, 2e-6)  # of a load that moves later: below 1 um MuJoCo takes a body for centred
 LIGHT = 1e-6  # of its mass, a payload's mode before it is switched on
 NAMES = ("names", "paths", "text_data")  # of the model's parts, not its numbers
 SILENT = 1  # warnings of a kind that MuJoCo takes for written down already
 OIL_STEP_K = 0.1  # 0.06 % of the bulk modulus, 0.5 % of the viscosity
-KNOWN_ERROR = {
-    "rk4": "converged: reversal peaks within 0.1 % of RK4 at ten times the rate",
-    "fast": "reversal peaks within 0.4 % of RK4 (Euler, actearly, linearly implicit pressure, 100 us)",
-}
+MODEL_STEP_S = 1.0e-4  # of a model file, for MuJoCo without a plant
 
 
 class PlantError(HexsimError):
@@ -58,7 +55,7 @@ class Plant:
     """A machine in MuJoCo with native hydraulics, one leg or six. `tick` is the only way to drive it.
 
     machine: declared machine with its effects. model: "full" (legs as bodies) or "tendon" (hexapod only; a bench is the
-    same either way). scheme: "rk4", or "fast" = Euler with actearly and linearly implicit pressure. timestep [s].
+    same either way). timestep [s]: constant; None: chosen from the machine and its state (`hydraulics.steps`).
     furnish: adds to the scene what does not touch the machine, before the model is compiled. later: effects that
     `switch_on` will add, as (effect, legs, values): their states are there from the start and stand still until then.
     load_moves: `move_centre_of_mass` will be called.
@@ -66,7 +63,7 @@ class Plant:
     """
 
     def __init__(
-        self, machine: Machine, *, model: ModelKind = "full", scheme: Scheme = "rk4", timestep: float = 1e-4,
+        self, machine: Machine, *, model: ModelKind = "full", timestep: float | None = None,
         furnish: Callable[[mujoco.MjSpec], None] = lambda spec: None, later: Sequence[Setting] = (),
         load_moves: bool = False,
     ) -> None:  # fmt: skip
@@ -74,14 +71,14 @@ class Plant:
         self.machine = machine
         self.resolved: Resolved = resolve(machine)
         self.kinematics: HexapodKinematics | None = machine_kinematics(machine) if machine.is_hexapod else None
-        self.scheme, self.timestep = scheme, timestep
+        self.timestep = timestep
         self.model_kind: ModelKind = model
         final = resolve(machine)
         add_effects(final, later)
         self._final_modes = final.payload_modes
         self._load_moves = load_moves or final.load.centre_of_mass_m != machine.load.centre_of_mass_m
         self.longest_delay_s = float(final.rows[:, P.VALVE_DELAY].max())
-        self.layout = lay_out_states(final, scheme == "fast")  # where the states stand, (n_actuators, len(A))
+        self.layout = lay_out_states(final)  # where the states stand, (n_actuators, len(A))
         self._furnish = furnish
         self.spec, self.model = self._compile()
         self.data = mujoco.MjData(self.model)
@@ -94,6 +91,7 @@ class Plant:
             self.slides = np.array([joint.qposadr[0] for joint in joints])
             self.slide_speeds = np.array([joint.dofadr[0] for joint in joints])
         check_layout(self.model, self.data)
+        self.compliance = np.zeros((self.n_legs, self.n_legs))  # until `reset` measures it
         self.prepare(machine.controller.rate_Hz)
         self.reset()
 
@@ -105,7 +103,7 @@ class Plant:
         if self._load_moves and not any(load.centre_of_mass_m):
             load = load.model_copy(update={"centre_of_mass_m": OFF_CENTRE_m})
         now = dataclasses.replace(self.resolved, load=load, payload_modes=[*modes, *light])
-        spec, rows = build_spec(now, self.kinematics, self.model_kind, self.timestep, self.layout)
+        spec, rows = build_spec(now, self.kinematics, self.model_kind, self.timestep or MODEL_STEP_S, self.layout)
         self._furnish(spec)
         model = spec.compile()
         model.actuator_user[: len(rows)] = rows
@@ -113,6 +111,7 @@ class Plant:
 
     def switch_on(self, effect: Effect, legs: tuple[int, ...], values: dict[str, float]) -> None:
         """Add an effect in flight; one of `later`. Its spool begins at its command, its bristle in balance with friction."""
+        self._close_tick()
         before = self.rows.copy()
         add_effects(self.resolved, [(effect, legs, values)])
         _, model = self._compile()
@@ -140,7 +139,9 @@ class Plant:
 
     def prepare(self, rate_Hz: float, ticks: int = 0) -> None:
         """Ticks at `rate_Hz` from now on; the next `ticks` of them are written down in `record`."""
-        steps = whole_ratio(1.0 / self.timestep, rate_Hz, "time step and log or control rate")
+        steps = 0
+        if self.timestep is not None:
+            steps = whole_ratio(1.0 / self.timestep, rate_Hz, "time step and log or control rate")
         self.context = stepping.step_context(self, 1.0 / rate_Hz, steps, ticks > 0)
         self.record = stepping.new_record(self, max(ticks, 1))
 
@@ -173,6 +174,7 @@ class Plant:
             self._start_supply()
         self.hold_still(self.static_pressures())
         self.context.count[0], self.context.spool_volts[:] = 0, 0.0
+        self.context.calm_s[0], self.context.velocity_before[:] = 0.0, 0.0
         self.history: list[tuple[float, np.ndarray, np.ndarray]] = []
         self.keep_rows()
         mujoco.mj_forward(self.model, data)
@@ -182,9 +184,25 @@ class Plant:
         if self.history and self.history[-1][0] == self.data.time:
             self.history.pop()
         self.history.append((self.data.time, self.rows.copy(), self.resolved.supply.copy()))
+        self.context = self.context._replace(rule=self.step_rule())
+
+    def step_rule(self) -> StepRule:
+        """What the machine as it is now asks of the time step."""
+        modes = [2 * np.pi * mode.frequency_Hz for mode in self.resolved.payload_modes]
+        return step_rule(self.rows, self.resolved.supply, self.compliance, max(modes, default=0.0))
+
+    def _close_tick(self) -> None:
+        """Before the machine changes in flight: the acceleration that ends the last tick, for its `middle`."""
+        row = int(self.context.count[0]) - 1
+        if not self.context.is_recorded or row < 0 or self.record.steps[row] != 1 or self.record.is_closed[row]:
+            return
+        mujoco.mj_forward(self.model, self.data)
+        self.record.middle[row] += 0.125 * self.context.tick_s * (self.record.qacc[row] - self.data.qacc)
+        self.record.is_closed[row] = True
 
     def change_row(self, leg: int | slice, place: P, value: float) -> None:
         """Change one number of a leg (from 0), or of several, in flight."""
+        self._close_tick()
         self.rows[leg, place] = value
         self.model.actuator_user[: self.n_legs, :N_PARAMETERS] = self.rows
         self.keep_rows()
@@ -202,6 +220,7 @@ class Plant:
 
     def move_centre_of_mass(self, centre_m: Array) -> None:
         """Centre of mass (3,) [m] of a hexapod's platform in its frame; its moments of inertia stay."""
+        self._close_tick()
         body = self.model.body("platform").id
         self.model.body_sameframe[body] = 0  # mjSAMEFRAME_NONE: centre of mass and frame part now
         self.model.body_ipos[body] = centre_m
@@ -250,7 +269,8 @@ class Plant:
 
         P1 A1 - P2 A2 = F, F the axial force that the load asks of each leg, P2 as `hold_still` says: the platform's
         accelerations are affine in the six forces, so seven evaluations and one solve give them. (The legs' own
-        accelerations are left out: they settle within the 0.1 um give of the ball ends.)
+        accelerations are left out: they settle within the 0.1 um give of the ball ends.) On the way it measures
+        `compliance` (n_legs, n_legs) [1/kg]: the acceleration of each leg for a force on each.
         """
         model, data, n = self.model, self.data, self.n_legs
 
@@ -260,14 +280,14 @@ class Plant:
             return data.qacc[:n].copy()  # the platform's free joint, or the bench's slide
 
         start = np.full(n, self.machine.supply.pressure_Pa / 2)
-        early, implicit = model.actuator_actearly.copy(), N_PARAMETERS + A.IMPLICIT
-        model.actuator_actearly[:] = model.actuator_user[: len(self.layout), implicit] = 0
         at_start = accelerations(start)
         step = 1e5
         slopes = np.column_stack([(accelerations(start + step * np.eye(n)[i]) - at_start) / step for i in range(n)])
         pressures = start - np.linalg.solve(slopes, at_start)
-        model.actuator_actearly[:] = early
-        model.actuator_user[: len(self.layout), implicit] = self.layout[:, A.IMPLICIT]
+        along = np.eye(1) if self.kinematics is None else self.kinematics.jacobian(np.zeros(6))
+        on_valve = self.rows[:, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE  # P2 falls there as P1 rises
+        compliance = along @ slopes / (self.rows[:, P.AREA_BOTTOM] + on_valve * self.rows[:, P.AREA_TOP])
+        self.compliance = 0.5 * (compliance + compliance.T)
         low, high = self.machine.supply.tank_pressure_Pa, self.machine.supply.pressure_Pa
         if np.any(pressures <= low) or np.any(pressures >= high):
             worst = int(np.argmax(np.abs(pressures - (low + high) / 2)))

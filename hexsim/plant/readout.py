@@ -75,7 +75,7 @@ def versions(plant: Plant, time: Array) -> tuple[Array, Array, NDArray[np.int64]
     Faults and the oil's temperature change them; `Plant.history` has when.
     """
     since, rows, supplies = zip(*plant.history, strict=True)
-    which = np.searchsorted(since, time + 0.5 * plant.timestep, side="right") - 1
+    which = np.searchsorted(since, time + 0.5 * plant.context.tick_s, side="right") - 1
     return np.array(rows), np.array(supplies), np.maximum(which, 0)
 
 
@@ -133,7 +133,7 @@ POWER_UNIT_COLUMNS = (
 
 @compiled
 def _power_unit_rows(supplies, rows, layout, h, which, act, y, v, volts, time, out):
-    """Fill out (12, m), in the order of POWER_UNIT_COLUMNS. h: time step."""
+    """Fill out (12, m), in the order of POWER_UNIT_COLUMNS. h (m,): time step."""
     for k in range(y.shape[0]):
         s = supplies[which[k]]
         speed, flow, line_flow, pump_pressure, temperature, pressure = supply_state(layout[-1], act[k])
@@ -145,9 +145,9 @@ def _power_unit_rows(supplies, rows, layout, h, which, act, y, v, volts, time, o
             P1, P2, place, _, z = leg_state(layout[i], act[k], Ps)
             x = leg.metering_spool(p, volts[k, i], time[k], place)
             inflow = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k])
-            asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, P2, Ps, h)
+            asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, P2, Ps, h[k])
             demand += asked
-            heat += leg.heat(p, y[k, i], v[k, i], x, P1, P2, Ps, z, inflow, asked, h)
+            heat += leg.heat(p, y[k, i], v[k, i], x, P1, P2, Ps, z, inflow, asked, h[k])
             force = P1 * p[P.AREA_BOTTOM] - P2 * p[P.AREA_TOP] - leg.friction_force(p, y[k, i], v[k, i], P1, z)
             work += force * v[k, i]
         out[0, k], out[1, k], out[2, k], out[3, k], out[4, k] = speed, flow, line_flow, pump_pressure, temperature
@@ -161,9 +161,9 @@ def _power_unit_rows(supplies, rows, layout, h, which, act, y, v, volts, time, o
 
 
 def power_unit_signals(
-    plant: Plant, time: Array, qpos: Array, qvel: Array, act: Array, volts: Array
+    plant: Plant, time: Array, qpos: Array, qvel: Array, act: Array, volts: Array, timestep: Array
 ) -> dict[str, Array]:
-    """Signals (m,) of the power unit by POWER_UNIT_COLUMNS; empty without one.
+    """Signals (m,) of the power unit by POWER_UNIT_COLUMNS; empty without one. timestep (m,) [s].
 
     heat_W: all that goes into the oil, friction of the cylinders too. platform_power_W: hydraulic forces less friction
     times piston velocities.
@@ -173,5 +173,5 @@ def power_unit_signals(
     y, v = leg_motion(plant, qpos, qvel)
     out = np.empty((len(POWER_UNIT_COLUMNS), len(y)))
     rows, supplies, which = versions(plant, time)
-    _power_unit_rows(supplies, rows, plant.layout, plant.timestep, which, act, y, v, volts, time, out)
+    _power_unit_rows(supplies, rows, plant.layout, timestep, which, act, y, v, volts, time, out)
     return dict(zip(POWER_UNIT_COLUMNS, out, strict=True))

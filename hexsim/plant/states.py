@@ -25,21 +25,19 @@ class A(IntEnum):
     ROD_SIDE = 3
     PRESSURE = 4  # last state of the actuator
     SUPPLY = 5  # of a leg: where Ps stands; of the supply: its first state
-    IMPLICIT = 6  # 1: Euler with linearly implicit pressure (fast scheme)
 
 
 LEG, SUPPLY = 6.0e6 + 61, 6.0e6 + 62  # no number that another model would keep in its user data by chance
 ROW = N_PARAMETERS + len(A)  # width of `actuator_user`
 
 
-def lay_out_states(resolved: Resolved, implicit: bool) -> np.ndarray:
+def lay_out_states(resolved: Resolved) -> np.ndarray:
     """Layout (n_actuators, len(A)) of all legs, and of the supply where it has states.
 
     resolved: the machine with all effects that it will have; a state that has no rate yet stands still.
     """
     supply_states = N_STATES[int(resolved.supply[S.MODEL])]
     layout = np.full((len(resolved.rows) + (supply_states > 0), len(A)), -1.0)
-    layout[:, A.IMPLICIT] = implicit
     place = 0
     for leg, row in zip(layout, resolved.rows, strict=False):
         leg[A.OWNER] = LEG

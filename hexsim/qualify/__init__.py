@@ -41,20 +41,20 @@ def qualify(
 ) -> dict[str, Any]:
     """Run all motion tests and write report.html and qualify.json into the folder `out`; returns what the JSON holds.
 
-    quick: fast scheme and fewer, shorter motions (under a minute); else RK4. progress(fraction).
+    quick: fewer, shorter motions (under a minute). progress(fraction).
     Raises HexsimError where the machine cannot do a motion or `out` cannot be written.
     """
     folder = Path(out)
-    heard = progress or (lambda fraction: None)
-    rig = MachineRig(machine, compensator, quick)
-    found = Battery(rig, QUICK if quick else Plan(), lambda fraction, what: heard(0.95 * fraction)).run()
+    report = progress or (lambda fraction: None)
+    rig = MachineRig(machine, compensator)
+    found = Battery(rig, QUICK if quick else Plan(), lambda fraction, what: report(0.95 * fraction)).run()
     name = compensator if isinstance(compensator, str) else compensator.name
     result = {
         "machine": machine.name,
         "compensator": name,
         "quick": quick,
         "model": "tendon" if machine.is_hexapod else "full",
-        "scheme": "fast" if quick else "rk4",
+        "scheme": "rk4",
         "bandwidth_Hz": 50.0,
         "passed": all(row.passed is not False for row in found.rows),
         "rows": [asdict(row) | {"passed": row.passed} for row in found.rows],
@@ -62,7 +62,7 @@ def qualify(
     }
     write_text(folder / "qualify.json", json.dumps(result, indent=1))
     write_text(folder / "report.html", _page(machine, found, result))
-    heard(1.0)
+    report(1.0)
     return result
 
 
@@ -89,7 +89,7 @@ def _page(machine: Machine, found: Findings, result: dict[str, Any]) -> str:
 
 def _how(result: dict[str, Any]) -> str:
     control = "proportional control" if result["compensator"] == "none" else f"compensator {result['compensator']}"
-    scheme = "fast scheme, few frequencies" if result["quick"] else "RK4 at 100 µs"
+    scheme = "RK4, step chosen" + (", few frequencies" if result["quick"] else "")
     return f"{control} · {scheme} · accelerations in the {result['bandwidth_Hz']:g} Hz band"
 
 
@@ -105,20 +105,20 @@ def _sentence(judged: list[Row]) -> str:
 def _cards(rows: list[Row]) -> list[tuple[str, str, str]]:
     """The figures to see first."""
 
-    wanted = (
+    shown = (
         ("turn-around", "largest deviation", "turn-around deviation, heave"),
         ("half-hertz noise", "peak, 50", "half-hertz peak, heave"),
         ("describing function", "phase passes", "phase passes −90°, heave"),
     )
     cards = []
-    for test, figure, description in wanted:
+    for test, figure, description in shown:
         row = next((r for r in rows if r.test == test and r.axis == "heave z" and r.figure.startswith(figure)), None)
         if row is not None:
             cards.append((number(row.value), row.unit, description))
     return cards
 
 
-SAYS = {
+DESCRIPTIONS = {
     "half-hertz noise": """\
 Sine of 0.05 m or 5 deg at 0.5 Hz. Ratios are rms over the basic harmonic's: r_n of all that is not the
 basic harmonic, r_lf of its 2nd and 3rd harmonics, r_hf of those above. Parasitic: the largest peak in the other axes of the same
@@ -144,7 +144,7 @@ def _tables(rows: list[Row]) -> list[dict[str, Any]]:
         axes = list(dict.fromkeys(row.axis for row in some))
         body = [(axis, [cells.get((axis, column), (None, "")) for column in columns]) for axis in axes]
         title = ", ".join(tests).capitalize()
-        tables.append({"title": title, "columns": columns, "rows": body, "description": SAYS[key]})
+        tables.append({"title": title, "columns": columns, "rows": body, "description": DESCRIPTIONS[key]})
     return tables
 
 

@@ -90,7 +90,7 @@ class Findings:
 
 
 class Battery:
-    """All motion tests on one rig. progress(fraction, what) hears how far it is."""
+    """All motion tests on one rig. progress(fraction, what) is called before each motion."""
 
     def __init__(
         self, rig: Rig, plan: Plan, progress: Callable[[float, str], None] = lambda fraction, what: None

@@ -17,7 +17,7 @@ STILL_m_s = 2.0e-3  # a piston slower than this is at rest
 class Outcome:
     """Times count from the fault.
 
-    detected_s: first error found (None: none); says: its sentence. state: the motion computer's at the end.
+    detected_s: first error found (None: none); description: its text. state: the motion computer's at the end.
     peak_acceleration_m_s2: of the platform's origin, no band limit; before_m_s2: the same before the fault.
     rest_s: from here on no piston moves (None: still moving at the end).
     lowest_m, highest_m: piston positions from the fault on, 0 and stroke are the ends; final_m: where the legs stand.

@@ -67,10 +67,10 @@ def frequency_response(curves: Mapping[str, Any]) -> bytes:
         }
         gain.semilogx(curve["frequency_Hz"], np.maximum(curve["gain_dB"], -60.0), **style)
         phase.semilogx(curve["frequency_Hz"], np.array(curve["phase_deg"], dtype=float), **style)
-    for plot, level, says in ((gain, -3.0, "−3 dB"), (phase, -90.0, "−90°")):
-        plot.axhline(level, color=palette.WANTED, lw=0.9, ls="--")
-        plot.annotate(says, (1.0, level), xycoords=("axes fraction", "data"), xytext=(3, 0), textcoords="offset points",
-                      va="center", fontsize=8, color=palette.WANTED)  # fmt: skip
+    for plot, level, label in ((gain, -3.0, "−3 dB"), (phase, -90.0, "−90°")):
+        plot.axhline(level, color=palette.REFERENCE, lw=0.9, ls="--")
+        plot.annotate(label, (1.0, level), xycoords=("axes fraction", "data"), xytext=(3, 0), textcoords="offset points",
+                      va="center", fontsize=8, color=palette.REFERENCE)  # fmt: skip
         ticks = [f for f in (0.1, 0.2, 0.5, 1, 2, 5, 10) if f >= 0.9 * plot.get_xlim()[0]]
         plot.set_xticks(ticks, [f"{f:g}" for f in ticks])
         plot.minorticks_off()
@@ -87,13 +87,13 @@ def turn_around(curve: Mapping[str, Any]) -> bytes:
     figure, (plot, left) = new_figure(2, "Turn-around", heights=[1.8, 1.4])
     time, limit = curve["time_s"], curve["limit"]
     plot.fill_between(time, curve["harmonic"] - limit, curve["harmonic"] + limit, color=palette.GRID, label="allowed")
-    plot.plot(time, curve["harmonic"], color=palette.WANTED, lw=1.0, label="basic harmonic")
+    plot.plot(time, curve["harmonic"], color=palette.REFERENCE, lw=1.0, label="basic harmonic")
     plot.plot(time, curve["acceleration"], color=palette.RESPONSE, lw=1.0, label="response, 50 Hz band")
     plot.set_ylabel("acceleration [m/s²]")
     legend(plot)
     left.plot(time, curve["acceleration"] - curve["harmonic"], color=palette.DEVIATION, lw=0.9)
     for level in (-limit, limit):
-        left.axhline(level, color=palette.WANTED, lw=0.9, ls="--")
+        left.axhline(level, color=palette.REFERENCE, lw=0.9, ls="--")
     left.set_ylabel("deviation [m/s²]")
     left.set_xlabel("time [s]")
     return png(figure)
@@ -102,11 +102,11 @@ def turn_around(curve: Mapping[str, Any]) -> bytes:
 @styled
 def dynamic_threshold(curve: Mapping[str, Any]) -> bytes:
     figure, (plot,) = new_figure(1, "Dynamic threshold", heights=[2.0])
-    plot.plot(curve["time_s"], curve["commanded_m_s2"], color=palette.WANTED, lw=1.0, label="commanded")
+    plot.plot(curve["time_s"], curve["commanded_m_s2"], color=palette.REFERENCE, lw=1.0, label="commanded")
     plot.plot(curve["time_s"], curve["acceleration_m_s2"], color=palette.RESPONSE, lw=1.0, label="response, 50 Hz band")
     step = float(np.max(curve["commanded_m_s2"]))
     for sign in (-1.0, 1.0):
-        plot.axhline(sign * (2 * STEP_SHARE - 1) * step, color=palette.WANTED, lw=0.9, ls=":")
+        plot.axhline(sign * (2 * STEP_SHARE - 1) * step, color=palette.REFERENCE, lw=0.9, ls=":")
     plot.set_ylabel("acceleration [m/s²]")
     plot.set_xlabel("time [s]")
     legend(plot)
@@ -118,7 +118,7 @@ def linearity_and_hysteresis(linearity: Mapping[str, Any], loops: list[Mapping[s
     figure, (left, right) = small_multiples(2, "Linearity and hysteresis", 2, height=3.0)
     left.plot(1e3 * np.array(linearity["amplitude_m"]), linearity["gain"], "o-", color=palette.RESPONSE, ms=4)
     left.set_ylim(0.0, max(1.1, 1.05 * max(linearity["gain"])))
-    left.axhline(1.0, color=palette.WANTED, lw=0.9, ls="--")
+    left.axhline(1.0, color=palette.REFERENCE, lw=0.9, ls="--")
     left.margins(x=0.05)
     left.set_xlabel("amplitude [mm]")
     left.set_ylabel("gain at 0.5 Hz")

@@ -1,4 +1,4 @@
-"""What is tested: anything that plays a scenario and gives back the motion of its coordinates. The machine is one."""
+"""The device under test: plays a scenario and returns the motion of its coordinates."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
+from hexsim.machine.geometry import pose_kinematics
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.scenario import DOF_NAMES
 from hexsim.signals.table import motion_column, pose_column, table
@@ -43,26 +44,26 @@ class Rig(Protocol):
 
 
 class MachineRig:
-    """A machine, simulated: fast scheme when quick, else RK4; the tendon model either way (equal to full legs).
+    """A machine, simulated with the tendon model (equal to full legs).
 
     What is measured is the true motion, without sensor noise; the position loop sees noise drawn from `seed`.
     """
 
-    def __init__(self, machine: Machine, compensator: str | Compensator = "none", quick: bool = False) -> None:
-        self.machine, self.compensator, self.quick = machine, compensator, quick
+    def __init__(self, machine: Machine, compensator: str | Compensator = "none") -> None:
+        self.machine, self.compensator = machine, compensator
         self.name = machine.name
-        self.axes: tuple[str, ...] = DOF_NAMES if machine.is_hexapod else ("z",)
+        self.axes: tuple[str, ...] = pose_kinematics(machine).dofs
 
     def play(self, scenario: Scenario, seed: int = 0) -> Motion:
         machine = self.machine
         run = simulate(
-            machine, scenario, compensator=self.compensator, fast=self.quick, seed=seed,
+            machine, scenario, compensator=self.compensator, seed=seed,
             model="tendon" if machine.is_hexapod else None,
         )  # fmt: skip
         if "interrupted" in run.reason:
             raise KeyboardInterrupt
         if not run.complete:
-            raise HexsimError(f"the machine does not survive the motion test {scenario.name}: {run.reason}")
+            raise HexsimError(f"the machine does not complete the motion test {scenario.name}: {run.reason}")
         log, n = run.log, machine.n_legs
         time = log["time_s"].to_numpy()
         setpoints, positions = (
@@ -70,7 +71,7 @@ class MachineRig:
         )
         commanded, _, accelerations = scenario.evaluate(time)
         command = {axis: commanded[:, DOF_NAMES.index(axis)] for axis in self.axes}
-        wanted = {axis: accelerations[:, DOF_NAMES.index(axis)] for axis in self.axes}
+        references = {axis: accelerations[:, DOF_NAMES.index(axis)] for axis in self.axes}
         if not machine.is_hexapod:
             response = {"z": positions[:, 0] - 0.5 * machine.cylinder.stroke_m}
             acceleration = {"z": log["true_acceleration_m_s2"].to_numpy()}
@@ -78,6 +79,6 @@ class MachineRig:
             response = {axis: log[pose_column("platform", axis)].to_numpy() for axis in DOF_NAMES}
             acceleration = {axis: log[motion_column("true_acceleration", axis)].to_numpy() for axis in DOF_NAMES}
         return Motion(
-            time_s=time, commanded=command, response=response, commanded_acceleration=wanted,
+            time_s=time, commanded=command, response=response, commanded_acceleration=references,
             acceleration=acceleration, leg_setpoints=setpoints, leg_positions=positions,
         )  # fmt: skip

@@ -69,7 +69,7 @@ def draw_deviation(plot: Axes, found: Deviation, raw: bool) -> None:
     if found.peaks:
         times, peaks = [peak.time_s for peak in found.peaks], [peak.value for peak in found.peaks]
         plot.plot(times, peaks, ls="", marker="o", ms=4, color=palette.INK, mfc="white", label="peak at reversal")
-    plot.axhline(0.0, color=palette.WANTED, lw=0.6, zorder=0)
+    plot.axhline(0.0, color=palette.REFERENCE, lw=0.6, zorder=0)
 
 
 def annotate_peaks(plot: Axes, found: Deviation, limits: tuple[float, float], unit: str) -> None:

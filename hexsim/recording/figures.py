@@ -72,7 +72,7 @@ def motion(signals: Signals) -> Figure | None:
         scale, unit = (DEG, "deg") if axis in ROTATIONS else (MM, "mm")
         commanded, position = signals.commanded(axis), signals.position(axis)
         if commanded is not None:
-            plot.plot(signals.time_s, scale * commanded, color=palette.WANTED, lw=2.4, label="setpoint")
+            plot.plot(signals.time_s, scale * commanded, color=palette.REFERENCE, lw=2.4, label="setpoint")
         if position is not None:
             plot.plot(signals.time_s, scale * position, color=palette.RESPONSE, lw=1.2, label="response")
         plot.set_ylabel(f"{AXIS_NAMES[axis]} [{unit}]")
@@ -96,7 +96,7 @@ def acceleration(signals: Signals) -> Figure | None:
     close = close_up(signals)
     t = signals.time_s
     top.plot(t, raw, color=palette.RAW, lw=0.7, label="raw")
-    top.plot(found.time_s, found.reference, color=palette.WANTED, lw=2.0, label=found.reference_is)
+    top.plot(found.time_s, found.reference, color=palette.REFERENCE, lw=2.0, label=found.reference_is)
     top.plot(t, band, color=palette.RESPONSE, lw=1.2, label=f"{found.bandwidth_Hz:g} Hz band")
     top.set_ylabel(f"acceleration [{unit}]")
     draw_deviation(middle, found, raw=True)
@@ -119,7 +119,7 @@ def acceleration(signals: Signals) -> Figure | None:
 
 @styled
 def parasitic(signals: Signals) -> Figure | None:
-    """Axes that were not asked to move, all translations to one scale and all rotations to one scale."""
+    """Axes without a command, all translations to one scale and all rotations to one scale."""
     at_rest = [axis for axis in signals.axes if axis not in signals.driven_axes]
     found = {axis: deviation for axis in at_rest if (deviation := signals.deviation(axis)) is not None}
     if not found:
@@ -186,7 +186,7 @@ def pressures(signals: Signals) -> Figure | None:
     draw_legs([whole, close], signals, {leg: BAR * values for leg, values in bottom.items() if values is not None})
     for top in tops.values():
         if top is not None and not signals.machine.is_hexapod:
-            whole.plot(t, BAR * top, color=palette.WANTED, lw=0.9, ls="--", label="rod side")
+            whole.plot(t, BAR * top, color=palette.REFERENCE, lw=0.9, ls="--", label="rod side")
     present = np.concatenate([pressure for pressure in bottom.values() if pressure is not None])
     shown = np.tile((t >= limits[0]) & (t <= limits[1]), len(present) // len(t))
     close.set_xlim(*limits)
@@ -215,7 +215,7 @@ def spectrum(signals: Signals) -> Figure | None:
         frequency, density = welch(values, fs=rate, nperseg=length, detrend="constant")
         inside = (frequency > 0) & (frequency <= SPECTRUM_MAX_Hz)
         plot.loglog(frequency[inside], np.sqrt(density[inside]), color=color, lw=1.2, label=label)
-    plot.axvline(found.bandwidth_Hz, color=palette.WANTED, lw=1.0, ls=":", label=f"band {found.bandwidth_Hz:g} Hz")
+    plot.axvline(found.bandwidth_Hz, color=palette.REFERENCE, lw=1.0, ls=":", label=f"band {found.bandwidth_Hz:g} Hz")
     plain_frequencies(plot)
     plot.set_xlabel("frequency [Hz]")
     plot.set_ylabel(f"amplitude density [({unit})/√Hz]")
@@ -246,7 +246,7 @@ def comparison(
     for row, (label, deviation) in enumerate(found.items()):
         color = palette.RUNS[row % len(palette.RUNS)]
         left, middle, right = plots[3 * row : 3 * row + 3]
-        left.plot(deviation.time_s, deviation.reference, color=palette.WANTED, lw=1.6)
+        left.plot(deviation.time_s, deviation.reference, color=palette.REFERENCE, lw=1.6)
         left.plot(deviation.time_s, deviation.reference + deviation.band, color=color, lw=0.9)
         middle.plot(deviation.time_s, deviation.band, color=color, lw=0.9)
         right.plot(deviation.time_s, deviation.band, color=color, lw=0.6)

@@ -40,12 +40,12 @@ GAP = 2.6  # distance of machines side by side, in base radii
 MESSAGE_LEVEL = "INFO"
 # entity of a leg: (signals, the first that the log has), what people read per SI unit, colour where not the leg's own
 LEG_CURVES: dict[str, tuple[tuple[str, ...], float, str | None]] = {
-    "setpoint": (("setpoint",), MM, palette.WANTED),
+    "setpoint": (("setpoint",), MM, palette.REFERENCE),
     "position": (("position",), MM, None),
     "valve": (("valve",), 1.0, None),
-    "compensation": (("compensation",), 1.0, palette.WANTED),
+    "compensation": (("compensation",), 1.0, palette.REFERENCE),
     "bottom": (("true_pressure_bottom", "pressure_bottom"), BAR, None),
-    "top": (("true_pressure_top", "pressure_top"), BAR, palette.WANTED),
+    "top": (("true_pressure_top", "pressure_top"), BAR, palette.REFERENCE),
     "flow": (("flow",), L_MIN, None),
 }
 
@@ -139,7 +139,7 @@ class _Series:
         for axis in signals.axes:
             scale, name = DEG if axis in ROTATIONS else MM, AXIS_NAMES[axis]
             commanded, position = _times(signals.commanded(axis), scale), _times(signals.position(axis), scale)
-            self.slow_curve(f"pose/{axis}/commanded", commanded, f"{name} commanded", palette.WANTED)
+            self.slow_curve(f"pose/{axis}/commanded", commanded, f"{name} commanded", palette.REFERENCE)
             self.slow_curve(f"pose/{axis}/actual", position, name, self.color or palette.RESPONSE)
             found = signals.deviation(axis)
             if found is not None:
@@ -155,7 +155,7 @@ class _Series:
         self.curve(f"{path}/within_band", t, signals.acceleration_in_band(axis), band, color)
         if self.alone and axis in signals.driven_axes:
             self.curve(
-                f"{path}/reference", found.time_s, found.reference, f"{name} {found.reference_is}", palette.WANTED
+                f"{path}/reference", found.time_s, found.reference, f"{name} {found.reference_is}", palette.REFERENCE
             )
 
     def deviation(self, axis: str, found: Deviation) -> None:

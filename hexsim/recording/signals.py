@@ -39,9 +39,9 @@ def axis_unit_text(axis: str) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Signals:
-    """A log with the machine it belongs to, and what was asked of it.
+    """A log with the machine it belongs to, and its command.
 
-    label: what tables and plots call it. driven: axes that were asked to move. frequency_Hz: of the basic harmonic,
+    label: what tables and plots call it. driven: axes with a command. frequency_Hz: of the basic harmonic,
     None where the motion is not one sine. fade_s: the motion is whole from here. figures_from_s: the figures count from
     here. measured: read the measured acceleration although the log holds the true one.
     reference: axis -> (n,), what `deviation` is from, in place of the basic harmonic or the command.
@@ -59,7 +59,7 @@ class Signals:
 
     @classmethod
     def of_run(cls, run: Run, label: str | None = None) -> Signals:
-        """The signals of a run, with what its scenario asked."""
+        """The signals of a run, with the command of its scenario."""
         scenario = run.scenario
         return cls(
             log=Log.of_table(label or scenario.name, run.log, run.machine.machine.kind),
@@ -99,7 +99,7 @@ class Signals:
 
     @property
     def driven_axes(self) -> tuple[str, ...]:
-        """Axes that were asked to move; what the log itself says where nobody said it."""
+        """Axes with a command; as the log shows where none was declared."""
         if self.driven:
             return tuple(axis for axis in self.axes if axis in self.driven) or self.axes[:1]
         if not self.machine.is_hexapod:
@@ -127,7 +127,7 @@ class Signals:
         return self.leg(1, "true_position", "position") if axis == "leg" else self._coordinate("platform", axis)
 
     def commanded(self, axis: str) -> Array | None:
-        """What was asked for, in the terms of `position`."""
+        """The command, in the terms of `position`."""
         return self.column(SETPOINT.column()) if axis == "leg" else self._coordinate("commanded", axis)
 
     def _coordinate(self, stem: str, axis: str) -> Array | None:

@@ -63,7 +63,7 @@ def facts(summary: Mapping[str, Any], run: Any = None) -> list[tuple[str, str]]:
         ("tracking rms", tracking_text(tracking)),
     ]
     if run is not None:
-        lines.append(("model", f"{MODELS.get(run.model, run.model)}, {SCHEMES.get(run.scheme, run.scheme)}"))
+        lines.append(("model", f"{MODELS.get(run.model, run.model)}, {scheme_text(run.timestep, summary)}"))
         lines.append(("seed", str(run.seed)))
     lines.append(("real-time factor", number(summary.get("realtime_factor"))))
     return lines
@@ -80,7 +80,18 @@ def tracking_text(tracking: Sequence[float]) -> str:
 
 
 MODELS = {"full": "full legs", "tendon": "tendon equal"}
-SCHEMES = {"rk4": "RK4 at 100 µs", "fast": "fast scheme"}
+
+
+def scheme_text(timestep_s: float | None, summary: Mapping[str, Any]) -> str:
+    """RK4 at 100 µs; or RK4, step chosen: 167 to ..., as far as the summary has it."""
+    if timestep_s is not None:
+        return f"RK4 at {number(1e6 * timestep_s)} µs"
+    mean, least = summary.get("timestep_mean_s"), summary.get("timestep_shortest_s")
+    return (
+        f"RK4, step chosen: mean {number(1e6 * mean)} µs, shortest {number(1e6 * least)} µs"
+        if mean and least
+        else "RK4"
+    )
 
 
 def markdown(summary: Mapping[str, Any], driven: tuple[str, ...] = (), run: Any = None) -> str:

@@ -1,1 +1,1 @@
-"""Motions that are asked for: formulas, paths, sampled files."""
+"""Commanded motions: formulas, paths, sampled files."""

@@ -101,14 +101,14 @@ def canonical(text: str) -> str | None:
     return None
 
 
-def unit_to_si(unit: str, where: str, wanted: str | None = None) -> tuple[float, float]:
-    """(factor, offset) of a unit. `wanted`: SI unit that the column has; HexsimError when the kinds differ."""
+def unit_to_si(unit: str, where: str, target: str | None = None) -> tuple[float, float]:
+    """(factor, offset) of a unit. `target`: SI unit that the column has; HexsimError when the kinds differ."""
     name = canonical(unit)
     if name is None:
         raise HexsimError(f"{where}: unit {unit!r} is not known; use one of {', '.join(UNITS)}, or factor and offset")
     factor, offset, dimension = UNITS[name]
-    if wanted is not None and UNITS.get(wanted, (1, 0, wanted))[2] != dimension:
-        raise HexsimError(f"{where}: unit {unit!r} cannot become {wanted!r}; name a unit of the same kind")
+    if target is not None and UNITS.get(target, (1, 0, target))[2] != dimension:
+        raise HexsimError(f"{where}: unit {unit!r} cannot become {target!r}; name a unit of the same kind")
     return factor, offset
 
 

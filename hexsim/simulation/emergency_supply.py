@@ -1,6 +1,6 @@
-"""The supply once its pump stops: the unit's own state, or a stand-in for the accumulator of a constant supply.
+"""The supply once its pump stops: the unit's own state, or a substitute accumulator for a constant supply.
 
-Stand-in, for machines whose supply is a constant: P = P0 (V_g/(V_g + dV))^n while the accumulator holds oil, with dV
+Substitute, for machines whose supply is a constant: P = P0 (V_g/(V_g + dV))^n while the accumulator holds oil, with dV
 what the legs have taken (retraction takes A2 v, extension (A1 - A2) v), and once it is empty the line pressure
 decays in `LINE_DECAY_S`; when the pump runs again it comes back as fast. Assumed sizes: 4 l, precharge 0.8 P0, n = 1.3.
 """
@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant import Plant
 
@@ -25,8 +25,8 @@ LINE_DECAY_S = 0.3
 class EmergencySupply:
     """Drives the supply of a plant: `tick(pump_on, dt)` once a tick.
 
-    tripped: the pump has stopped by itself. ceiling_Pa: the line cannot hold more (a burst): with a power unit a hole
-    in the manifold's hose, as large as makes the full pump flow leave at about that pressure.
+    tripped: the pump has stopped by itself. ceiling_Pa: highest pressure of a burst line. With a power unit it is a leak
+    in the manifold's hose that takes the full pump flow at about that pressure.
     """
 
     def __init__(self, plant: Plant) -> None:
@@ -51,25 +51,27 @@ class EmergencySupply:
             if math.isfinite(self.ceiling_Pa) and self.power_unit:
                 full_flow = plant.resolved.supply[S.PUMP_FLOW_MAX]
                 share = (self.nominal - self.ceiling_Pa) / self.nominal
-                hole = share * full_flow / math.sqrt(max(self.ceiling_Pa, 1.0e4))
-                plant.change_supply(S.BURST, hole)
+                leak = share * full_flow / math.sqrt(max(self.ceiling_Pa, 1.0e4))
+                plant.change_supply(S.BURST, leak)
             return
         if running and not math.isfinite(self.ceiling_Pa) and not self._moved:
             return
         positions = plant.piston_positions().copy()
         step = positions - self._positions if self._moved else np.zeros_like(positions)
         self._positions, self._moved = positions, True
-        pressure = min(self._stand_in(running, step, dt), self.ceiling_Pa)
+        pressure = min(self._substitute_pressure(running, step, dt), self.ceiling_Pa)
         self._pressure = max(pressure, self.tank)
         plant.change_row(slice(None), P.SUPPLY_PRESSURE, self._pressure)
 
-    def _stand_in(self, running: bool, step: np.ndarray, dt: float) -> float:
+    def _substitute_pressure(self, running: bool, step: np.ndarray, dt: float) -> float:
         """Supply pressure after this tick [Pa]."""
         if running:
             self._taken = 0.0
             return self.nominal + (self._pressure - self.nominal) * math.exp(-dt / LINE_DECAY_S)
         row = self.plant.rows[0]
-        self._taken += float(np.sum(row[P.AREA_BOTTOM] * np.maximum(step, 0.0) - row[P.AREA_TOP] * step))
+        on_valve = row[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
+        rod_side = row[P.AREA_TOP] * (np.maximum(-step, 0.0) if on_valve else -step)
+        self._taken += float(np.sum(row[P.AREA_BOTTOM] * np.maximum(step, 0.0) + rod_side))
         self._taken += IDLE_LEAKAGE_m3_s * dt
         gas = self.nominal * (self._gas / (self._gas + max(self._taken, 0.0))) ** EXPONENT
         if gas > PRECHARGE * self.nominal:

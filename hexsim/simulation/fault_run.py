@@ -1,4 +1,4 @@
-"""The faults of a scenario at work in a simulation: sensors lie, the plant breaks, the host falls silent."""
+"""The faults of a scenario in a simulation: broken sensors, a broken plant, a silent host."""
 
 from __future__ import annotations
 
@@ -96,13 +96,13 @@ class FaultRun:
         """From neutral into manual, or into normal where a host is to fall silent."""
         self.computer.command("run_normal" if self.hosted else "run_manual", 0.0)
 
-    def wanted(self, time_s: float, setpoints: Array) -> Array | None:
+    def host_setpoints(self, time_s: float, setpoints: Array) -> Array | None:
         """Setpoints that reach the motion computer: None once the host is silent."""
         if not self.hosted:
             return setpoints
         if time_s >= self._silent_s:
             return None
-        self.computer.heard_s = time_s
+        self.computer.last_packet_s = time_s
         return setpoints
 
     def before_step(self, time_s: float, plant: Plant, volts: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Faults of a scenario: what breaks, when, and how the simulation makes it so.
+"""Faults of a scenario: what breaks, when, and how it acts on the simulation.
 
     [[faults]]
     kind = "valve_stuck"       # leg, at = "open" | "shut" | "present" | volts
@@ -6,20 +6,20 @@
     leg = 1
 
 kind             keys (defaults)                                       what breaks
-valve_stuck      leg, at ("open")                                      the spool stays as it is told; open: full volts
+valve_stuck      leg, at ("open")                                      the spool stays at this voltage; open: full volts
 spool_lag        leg, frequency_Hz (1.0), damping (0.7)                the spool lags behind its command
-position_sensor  leg, how ("nan" | "frozen" | "jump"), jump_m (0.02)   what the motion computer reads of the piston
+position_sensor  leg, how ("nan" | "frozen" | "jump"), jump_m (0.02)   the measured piston position
 leg_blind        leg                                                   position and pressure of one leg are lost
 pressure_loss    pressure_Pa (2e6), within_s (0.3)                     the supply falls to this pressure
-pump_trip                                                              the pump stops; the accumulator is left
+pump_trip                                                              the pump stops; the accumulator still supplies
 hose_burst       leg, conductance_m3_s_Pa (5e-11)                      the bottom chamber leaks to the tank
-power_loss       buffered (true)                                       mains gone: pump off, the cabinet on its battery,
+power_loss       buffered (true)                                       mains lost: pump off, the cabinet on its battery,
                                                                        or else the spools centre and stay there
 payload_shift    mass_kg (150), x_m (0.4), y_m, z_m, within_s (0.5)    part of the load slides over the platform
-host_silence                                                           the host sends nothing more
+host_silence                                                           the host stops sending
 effect           effect, where ("all legs"), parameters ({})           an effect of the library begins: leakage, wear, ...
 
-`fault_run` makes them happen in a simulation.
+`fault_run` runs them in a simulation.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class ChangingSensors(Protocol):
 
 @dataclass(kw_only=True)
 class Workbench:
-    """What a fault can take hold of."""
+    """What a fault can change."""
 
     plant: Plant
     computer: MotionComputer

@@ -3,7 +3,7 @@
 """The machine live: hydraulics and position loop in steps of the control period, setpoints from sliders or a scenario.
 
 The sliders are actuators without force that are added to the model behind the valves, so MuJoCo's own viewer shows them
-in its control panel. What they ask is followed with limited velocity and acceleration, no further than the legs reach.
+in its control panel. Setpoints follow them with limited velocity and acceleration, within the strokes of the legs.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine
-from hexsim.machine.geometry import machine_kinematics
+from hexsim.machine.geometry import machine_kinematics, pose_kinematics
 from hexsim.mechanics.kinematics import DOF_NAMES
 from hexsim.mechanics.workspace import excursions
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
 from hexsim.scenarios import Scenario
-from hexsim.sensors.bank import SensorBank
+from hexsim.simulation.live_sensors import LiveSensors
 from hexsim.simulation.simulation import make_compensators
 
 Array = NDArray[np.float64]
@@ -32,7 +32,6 @@ TOP_LEFT = mujoco.mjtGridPos.mjGRID_TOPLEFT  # of the viewer's texts
 SLIDER_SHARE = 0.9  # of the excursion a degree of freedom has alone
 SLIDER_VELOCITY = 0.15  # m/s or rad/s, how fast setpoints follow a slider
 SLIDER_STIFFNESS = 8.0  # rad/s of the critically damped filter behind it
-NOISE_S = 10.0  # sensor noise is drawn for this long and then repeats
 PUSH_N, PUSH_S = 981.0, 1.0  # a person of 100 kg steps on it for a second
 SLIDERS = {"x": ("surge_mm", 1e-3), "y": ("sway_mm", 1e-3), "z": ("heave_mm", 1e-3)} | {
     name: (f"{name}_deg", np.pi / 180.0) for name in ("roll", "pitch", "yaw")
@@ -54,8 +53,8 @@ class Follower:
         return self.position + dt * self.velocity
 
 
-def add_room(spec: Any, machine: Machine) -> None:
-    """Floor, sky and light for a machine of any size; nothing of it touches the machine."""
+def add_floor_and_light(spec: Any, machine: Machine) -> None:
+    """Floor, sky and light for a machine of any size, without contact."""
     geometry = machine.geometry
     size = geometry.base_radius_m if geometry is not None else machine.cylinder.stroke_m
     spec.stat.extent = 1.6 * size if geometry is not None else 3.0 * size
@@ -82,17 +81,12 @@ def slider_limits(machine: Machine) -> list[float]:
 
 def add_sliders(spec: Any, machine: Machine) -> None:
     """One actuator without force a degree of freedom, behind those of the plant."""
-    for dof, limit in zip(slider_dofs(machine), slider_limits(machine), strict=True):
+    for dof, limit in zip(pose_kinematics(machine).dofs, slider_limits(machine), strict=True):
         name, unit = SLIDERS[dof]
         spec.add_actuator(
             name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target="slide_1",
             gainprm=np.zeros(10), biasprm=np.zeros(10), ctrllimited=True, ctrlrange=[-limit / unit, limit / unit],
         )  # fmt: skip
-
-
-def slider_dofs(machine: Machine) -> tuple[str, ...]:
-    """Degrees of freedom that have a slider."""
-    return DOF_NAMES if machine.is_hexapod else ("z",)
 
 
 class LiveMachine:
@@ -107,29 +101,29 @@ class LiveMachine:
         if scenario is not None and scenario.mode != "dof":
             raise HexsimError(f"scenario {scenario.name} drives single actuators: live takes scenarios in mode 'dof'")
         self.machine, self.scenario = machine, scenario
-        self.dofs = slider_dofs(machine)
+        self.kinematics = pose_kinematics(machine)
+        self.dofs = self.kinematics.dofs
 
-        def furnish(spec: Any) -> None:
-            add_room(spec, machine)
+        def add_scene(spec: Any) -> None:
+            add_floor_and_light(spec, machine)
             add_sliders(spec, machine)
 
-        self.plant = Plant(machine, model="full", scheme="fast", furnish=furnish)
+        self.plant = Plant(machine, model="full", furnish=add_scene)
         self.sliders = slice(self.plant.model.nu - len(self.dofs), self.plant.model.nu)
         self.name, compensators = make_compensators(compensator, machine)
         self.messages: list[tuple[float, int, str]] = []
         self.loop = PositionLoop(
-            machine, compensators, scenario.period_s if scenario else None, lambda *said: self.messages.append(said)
+            machine,
+            compensators,
+            scenario.period_s if scenario else None,
+            lambda *message: self.messages.append(message),
         )
         self.tick_s = 1.0 / machine.controller.rate_Hz
-        self.noise_ticks = round(NOISE_S / self.tick_s)
-        self.sensors = SensorBank(self.plant.resolved, self.noise_ticks, self.tick_s, seed)
-        self.history = np.zeros((2, self.noise_ticks, machine.n_legs))
+        self.sensors = LiveSensors(self.plant, self.tick_s, seed)
         margin = machine.cylinder.cushion_length_m
         self.reach = margin, machine.cylinder.stroke_m - margin
         self.disturbance = np.zeros(6)  # force and torque on the platform, from the mouse
-        self.body = mujoco.mj_name2id(
-            self.model, mujoco.mjtObj.mjOBJ_BODY, "platform" if machine.is_hexapod else "load"
-        )
+        self.body = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, self.kinematics.moving_body)
         self.paused, self.out_of_reach = False, False
         self.tick = 0
         self._push_until_s = -1.0
@@ -150,6 +144,7 @@ class LiveMachine:
     def reset(self) -> None:
         """Neutral, at rest, sliders in the middle."""
         self.plant.reset()
+        self.sensors.restart()
         self.follower = Follower(position=np.zeros(len(self.dofs)), velocity=np.zeros(len(self.dofs)))
         self.tick, self._push_until_s = 0, -1.0
 
@@ -158,7 +153,7 @@ class LiveMachine:
         self._push_until_s = self.time_s + PUSH_S
 
     def pull(self, perturb: Any) -> None:
-        """Take the mouse's pull on the platform from the viewer; none where it pulls at nothing or at another body."""
+        """Take the force of the mouse on the platform from the viewer; none where the mouse pulls at another body."""
         self.disturbance[:] = 0.0
         if perturb.active and perturb.select == self.body:
             before = self.data.xfrc_applied.copy()
@@ -166,13 +161,13 @@ class LiveMachine:
             self.disturbance[:] = self.data.xfrc_applied[self.body]
             self.data.xfrc_applied[:] = before
 
-    def asked(self) -> Array:
-        """What the sliders ask, m and rad (n_dofs,)."""
+    def slider_values(self) -> Array:
+        """Setpoints of the sliders, m and rad (n_dofs,)."""
         units = np.array([SLIDERS[dof][1] for dof in self.dofs])
         return self.data.ctrl[self.sliders] * units
 
     def poses(self, count: int) -> Array:
-        """Poses asked at this tick and the next ones (count, 6): the scenario's, with the sliders' added."""
+        """Reference poses (count, 6) of this tick and the next ones: the scenario's plus the sliders'."""
         poses = np.zeros((count, 6))
         poses[:, [DOF_NAMES.index(dof) for dof in self.dofs]] = self.follower.position
         if self.scenario is not None:
@@ -182,9 +177,7 @@ class LiveMachine:
 
     def setpoints(self, poses: Array) -> Array:
         """Piston setpoints (count, n_legs) [m]; outside the strokes where a pose is out of reach."""
-        if self.plant.kinematics is None:
-            return 0.5 * self.machine.cylinder.stroke_m + poses[:, 2:3]
-        return self.plant.kinematics.piston_positions(poses)
+        return self.kinematics.piston_positions(poses)
 
     def advance(self, duration_s: float) -> None:
         """Whole control ticks worth `duration_s`; nothing while paused. Raises HexsimError where the plant diverges."""
@@ -197,22 +190,14 @@ class LiveMachine:
 
     def _tick(self) -> None:
         before = self.follower.position.copy()
-        self.follower.position = self.follower.towards(self.asked(), self.tick_s)
-        wanted = self.setpoints(self.poses(self.loop.preview))
+        self.follower.position = self.follower.towards(self.slider_values(), self.tick_s)
+        setpoints = self.setpoints(self.poses(self.loop.preview))
         low, high = self.reach
-        self.out_of_reach = bool(np.any((wanted < low) | (wanted > high)))
-        if self.out_of_reach:  # stand still at the edge
+        self.out_of_reach = bool(np.any((setpoints < low) | (setpoints > high)))
+        if self.out_of_reach:  # stop at the limit
             self.follower.position, self.follower.velocity = before, np.zeros_like(before)
-            wanted = np.clip(self.setpoints(self.poses(self.loop.preview)), low, high)
-        now = self.tick % self.noise_ticks
-        self.history[0, now], self.history[1, now] = self.plant.piston_positions(), self.plant.bottom_pressures()
-        volts = self.loop.tick(
-            self.time_s,
-            wanted,
-            self.sensors.position(now, self.history[0]),
-            self.sensors.pressure(now, self.history[1]),
-            self.sensors.supply(now, self.plant.supply_pressure()),
-        )
+            setpoints = np.clip(self.setpoints(self.poses(self.loop.preview)), low, high)
+        volts = self.loop.tick(self.time_s, setpoints, *self.sensors.read(self.tick))
         applied = self.data.xfrc_applied[self.body]
         applied[:] = self.disturbance
         applied[2] -= PUSH_N if self.time_s < self._push_until_s else 0.0

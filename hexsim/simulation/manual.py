@@ -1,4 +1,4 @@
-"""The built-in signal generator of manual mode: a scenario's setpoints, block by block as time goes on."""
+"""The built-in signal generator of manual mode: a scenario's setpoints, computed block by block."""
 
 from __future__ import annotations
 
@@ -17,11 +17,10 @@ BLOCK_TICKS = 250
 class SignalGenerator:
     """Piston setpoints of `scenario` from the moment manual mode begins; after its duration the last one is held.
 
-    DOF mode or actuator mode as the scenario says; the fade-in is the scenario's own.
+    DOF mode or actuator mode as in the scenario; the fade-in is the scenario's own.
     """
 
     def __init__(self, plant: Plant, scenario: Scenario, tick_s: float, preview: int) -> None:
-
         self._evaluate = lambda time: setpoints(plant.machine, scenario, plant, time)
         self.scenario, self.tick_s, self.preview = scenario, tick_s, preview
         if scenario.duration_s < tick_s:

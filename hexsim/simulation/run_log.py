@@ -34,6 +34,7 @@ class Recorded:
     qacc: Array  # of the instant: what the accelerometer samples
     mean_acceleration: Array  # over one tick: what the figures judge
     act: Array
+    timestep: Array  # mean of the tick [s]
     volts: Array
     spool_volts: Array
     compensation: Array
@@ -78,7 +79,10 @@ def run_log(plant: Plant, scenario: Scenario, recorded: Recorded, sensors: Senso
         "compensation": recorded.compensation,
         "true_pressure_supply": legs.supply_Pa[:, None],
     }
-    truth |= {places()[name][0].stem: values[:, None] for name, values in power_unit_signals(plant, *states).items()}
+    truth |= {
+        places()[name][0].stem: values[:, None]
+        for name, values in power_unit_signals(plant, *states, recorded.timestep).items()
+    }
     log_s = float(recorded.time[1] - recorded.time[0]) if len(recorded.time) > 1 else 1.0
     extra = sensors.extra(motion | truth, log_s)
     named = _columns(measured | poses, plant.n_legs)
@@ -165,12 +169,14 @@ def run_summary(
         "axes": _axes(plant, scenario, log, start),
         "tracking_rms_m": [float(np.sqrt(np.mean(error.to_numpy()[late] ** 2))) for error in errors if late.any()],
         "realtime_factor": realtime,
+        "timestep_mean_s": float(1.0 / np.mean(1.0 / recorded.timestep)),
+        "timestep_shortest_s": float(recorded.timestep.min()),
         "warnings": list(warnings),
     }
 
 
 def axis_motions(log: pl.DataFrame, scenario: Scenario, is_hexapod: bool) -> dict[str, AxisMotion]:
-    """What each axis does and was asked to do."""
+    """Response and command of each axis."""
     motions: dict[str, AxisMotion] = {}
     for axis in DOF_NAMES if is_hexapod else ("leg",):
         signal = scenario.signals.get(axis) if is_hexapod else next(iter(scenario.signals.values()), None)

@@ -19,7 +19,7 @@ from hexsim.errors import HexsimError
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
-from hexsim.plant.plant import KNOWN_ERROR, PlantError, whole_ratio
+from hexsim.plant.plant import PlantError, whole_ratio
 from hexsim.plant.stepping import mean_acceleration
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
@@ -33,6 +33,7 @@ from hexsim.simulation.run_log import Recorded, run_log, run_summary
 
 Array = NDArray[np.float64]
 DIVERGENCE_LIMIT = 1e9  # MPa, m/s2 or m: no state of a machine
+TENDON_ERROR = "reversal peaks within 0.2 % and waveform within 0.5 % of full legs"
 CHECK_EVERY_S = 0.1  # simulated time between checks of MuJoCo's warnings
 
 
@@ -45,7 +46,7 @@ class Run:
     compensator: str
     seed: int
     model: str
-    scheme: str
+    timestep: float | None  # [s] constant; None: chosen
     log: pl.DataFrame
     summary: dict[str, Any]
     warnings: list[str] = field(default_factory=list)
@@ -91,7 +92,7 @@ def _actuator_setpoints(machine: Machine, scenario: Scenario, time: Array) -> Ar
     if outside.any():
         row, leg = np.argwhere(outside)[0]
         raise HexsimError(
-            f"scenario {scenario.name}: at t = {time[row]:.3f} s leg {leg + 1} is asked to {positions[row, leg]:.4f} m, "
+            f"scenario {scenario.name}: at t = {time[row]:.3f} s leg {leg + 1} has the setpoint {positions[row, leg]:.4f} m, "
             f"outside 0..{machine.cylinder.stroke_m:g} m: lower the amplitude"
         )
     return positions
@@ -105,13 +106,14 @@ def simulate(
     fast: bool = False,
     model: str | None = None,
     seed: int = 0,
-    timestep: float = 1e-4,
+    timestep: float | None = None,
     progress: Callable[[float], None] | None = None,
     interventions: Sequence[Any] = (),
 ) -> Run:
     """Run `scenario` on `machine`.
 
-    fast: tendon model with the fast scheme, else full legs with RK4. seed: of all sensor noise. progress(fraction).
+    fast: tendon model, else full legs. timestep [s]: constant; None: chosen (`hydraulics.steps`). seed: of all sensor
+    noise. progress(fraction).
     interventions: objects with `before_step(time_s, plant, volts)`, which may change the plant or the volts (faults).
     Raises HexsimError before the run for what cannot be done; an interrupted or diverged run comes back with
     complete = False and its log so far.
@@ -122,9 +124,9 @@ def simulate(
     kind = model or ("tendon" if fast and machine.is_hexapod else "full")
     messages: list[tuple[float, int, str]] = []
     faults = read_faults(scenario.faults, machine, f"scenario {scenario.name}")
-    scheme, later = ("fast" if fast else "rk4"), later_effects(faults, machine)
+    later = later_effects(faults, machine)
     shifts = any(isinstance(fault, PayloadShift) for fault in faults)
-    plant = Plant(machine, model=kind, scheme=scheme, timestep=timestep, later=later, load_moves=shifts)  # type: ignore[arg-type]
+    plant = Plant(machine, model=kind, timestep=timestep, later=later, load_moves=shifts)  # type: ignore[arg-type]
     control = MotionComputer if faults else PositionLoop
     loop = control(machine, compensators, scenario.period_s, lambda *message: messages.append(message))
     run = TickLoop(plant, loop, scenario, seed)
@@ -139,12 +141,12 @@ def simulate(
     recorded = run.recorded()
     log = run_log(plant, scenario, recorded, run.sensors)
     realtime = float(recorded.time[-1] / wall) if len(recorded.time) > 1 else 0.0
-    warnings = [f"fast scheme: {KNOWN_ERROR['fast']}"] if fast else []
+    warnings = [f"tendon model: {TENDON_ERROR}"] if fast and plant.is_tendon else []
     warnings += [reason] if reason else []
     summary = run_summary(plant, scenario, name, log, recorded, realtime, warnings)
     summary |= run.faults.summary() if run.faults else {}
     return Run(
-        machine=machine, scenario=scenario, compensator=name, seed=seed, model=kind, scheme=plant.scheme, log=log,
+        machine=machine, scenario=scenario, compensator=name, seed=seed, model=kind, timestep=timestep, log=log,
         summary=summary, warnings=warnings, messages=messages, complete=not reason, reason=reason,
         realtime_factor=realtime, compensator_parameters=loop.learned(),
     )  # fmt: skip
@@ -242,10 +244,10 @@ class TickLoop:
     def _control(self, tick: int) -> None:
         sensors = self.sensors
         step = tick // self.control_every
-        wanted = self.setpoints[step : step + self.loop.preview]
+        ahead = self.setpoints[step : step + self.loop.preview]
         self.loop.tick(
             tick * self.tick_s,
-            wanted if self.faults is None else self.faults.wanted(tick * self.tick_s, wanted),  # type: ignore[arg-type]
+            ahead if self.faults is None else self.faults.host_setpoints(tick * self.tick_s, ahead),  # type: ignore[arg-type]
             sensors.position(tick, self.record.positions),
             sensors.pressure(tick, self.pressures),
             sensors.supply(tick, self.plant.supply_pressure()),
@@ -266,6 +268,7 @@ class TickLoop:
             qacc=record.qacc[every],
             mean_acceleration=mean_acceleration(record, self.done, self.tick_s)[every],
             act=record.act[: self.done],
+            timestep=self.tick_s / record.steps[every],
             volts=record.volts[every],
             spool_volts=record.spool_volts[every],
             compensation=self.compensation[every],

@@ -50,7 +50,7 @@ def band_limit(time_s: ArrayLike, signal: ArrayLike, bandwidth_Hz: float | None 
     Ends: the record is continued over 5 periods of the bandwidth (0.1 s at 50 Hz) by its reflection about the straight
     line fitted to as much of it. Lines stay lines; a wave above 10 Hz is off by up to a third of its size at the
     very end (109 Hz ringing too, though little of it belongs in the band), and by less than 0.5 % 40 ms inside (see
-    `inner_span_s`). The figures of this package leave the ends out, or know better how the record goes on.
+    `inner_span_s`). The figures of this package leave the ends out, or continue a periodic record by its own period.
     """
     from scipy.signal import butter, sosfiltfilt  # 0.5 s of start-up, needed only once a run is over
 

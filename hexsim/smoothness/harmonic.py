@@ -212,7 +212,7 @@ def describing_function(
     Response and command in the same quantity (both positions, or both accelerations).
     """
     answer = harmonic_deviation(time_s, response, frequency_Hz, None, start_s)
-    asked = harmonic_deviation(time_s, commanded, frequency_Hz, None, start_s)
-    if not asked.amplitude > 0.0:
+    reference = harmonic_deviation(time_s, commanded, frequency_Hz, None, start_s)
+    if not reference.amplitude > 0.0:
         raise HexsimError(f"The command has no part at {frequency_Hz:g} Hz; the describing function is not defined.")
-    return answer.amplitude / asked.amplitude * complex(np.exp(1j * (answer.phase_rad - asked.phase_rad)))
+    return answer.amplitude / reference.amplitude * complex(np.exp(1j * (answer.phase_rad - reference.phase_rad)))

@@ -170,8 +170,8 @@ def deviation_from_command(
     raw, band = np.asarray(acceleration, dtype=float), band_limit(time, acceleration, bandwidth_Hz)
     if delay_s is None:
         delay_s = response_delay_s(time[late], band[late], command[late])
-    asked = np.interp(time - delay_s, time, command)
-    raw, band = (raw - asked)[late], (band - band_limit(time, asked, bandwidth_Hz))[late]
+    reference = np.interp(time - delay_s, time, command)
+    raw, band = (raw - reference)[late], (band - band_limit(time, reference, bandwidth_Hz))[late]
     raw, band = raw - raw.mean(), band - band.mean()
     return CommandDeviation(delay_s=delay_s, time_s=time[late], raw=raw, band=band, inner=inner)
 
@@ -221,7 +221,7 @@ def reversal_bumps(
 def bump_fit(bumps: Sequence[ReversalBump], end: End | None = None) -> BumpFit | None:
     """Least-squares line of bump against |commanded acceleration|, all reversals or those of one end.
 
-    None where fewer than two different accelerations are there: a line through one level says nothing.
+    None where fewer than two different accelerations are there: one level determines no line.
     """
     chosen = [bump for bump in bumps if end is None or bump.end == end]
     x = np.array([abs(bump.commanded_acceleration) for bump in chosen])

@@ -38,7 +38,7 @@ class TurnAround:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AxisMotion:
-    """One axis of a run: acceleration (n,), and what was asked of it; None, None for an axis that is not driven.
+    """One axis of a run: acceleration (n,), and its command; None, None for an axis that is not driven.
 
     frequency_Hz: of the commanded motion if that is a single sine, else None.
     """

@@ -58,6 +58,7 @@ def compare(
     *,
     fast: bool = False,
     seed: int = 0,
+    timestep: float | None = None,
     progress: Callable[[str, float], None] = lambda name, fraction: None,
 ) -> dict[str, Run]:
     """Name -> run, in the order given. progress(name, fraction of that run).
@@ -68,8 +69,9 @@ def compare(
     runs: dict[str, Run] = {}
     for name in names:
         runs[name] = simulate(
-            machine, scenario, compensator=name, fast=fast, seed=seed, progress=lambda f, name=name: progress(name, f)
-        )
+            machine, scenario, compensator=name, fast=fast, seed=seed, timestep=timestep,
+            progress=lambda f, name=name: progress(name, f),
+        )  # fmt: skip
         if interrupted(runs[name]):
             break
     return runs

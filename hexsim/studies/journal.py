@@ -99,7 +99,7 @@ class Journal:
             os.fsync(self._file.fileno())
         except OSError as error:
             raise HexsimError(
-                f"cannot write {self.path}: {error.strerror}; {self.says()}, run it again to go on"
+                f"cannot write {self.path}: {error.strerror}; {self.status()}, run it again to go on"
             ) from None
         self.rows[row["key"]] = row
 
@@ -112,7 +112,7 @@ class Journal:
             self._file.close()  # Windows removes no file that is open
         self.path.unlink()
 
-    def says(self) -> str:
+    def status(self) -> str:
         """Where the rows are that are done."""
         return f"{len(self.rows)} rows are kept in {self.path}"
 

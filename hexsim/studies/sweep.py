@@ -46,6 +46,7 @@ class Case:
     compensator: str = "none"
     seed: int = 0
     fast: bool = True
+    timestep: float | None = None
     settings: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -63,6 +64,7 @@ def cases(
     seeds: Iterable[int] = (0,),
     compensators: Iterable[str] = ("none",),
     fast: bool = True,
+    timestep: float | None = None,
 ) -> list[Case]:
     """The product of all settings, compensators and seeds. Raises HexsimError where a setting is refused."""
     settings, seeds, compensators = dict(settings or {}), _sequence(seeds), _sequence(compensators)
@@ -74,7 +76,7 @@ def cases(
         apply_settings(scenario, machine, point, "sweep")  # refuse what cannot be before the first run
     tables = {"scenario": scenario.to_dict(), "machine": machine_tables(machine)}
     return [
-        Case(**tables, compensator=compensator, seed=seed, fast=fast, settings=point)
+        Case(**tables, compensator=compensator, seed=seed, fast=fast, timestep=timestep, settings=point)
         for point, compensator, seed in itertools.product(grid, compensators, seeds)
     ]
 
@@ -111,7 +113,9 @@ def _figures(case: Case) -> dict[str, Any]:
     machine = machine_from_dict(case.machine, "sweep")
     scenario, machine = apply_settings(scenario, machine, case.settings, "sweep")
     with _ONE_A_PROCESS, _interruptible():
-        run = simulate(machine, scenario, compensator=case.compensator, fast=case.fast, seed=case.seed)
+        run = simulate(
+            machine, scenario, compensator=case.compensator, fast=case.fast, seed=case.seed, timestep=case.timestep
+        )
     if "interrupted" in run.reason:
         raise KeyboardInterrupt
     figures = {
@@ -141,7 +145,7 @@ def _interruptible() -> Iterator[None]:
 
 
 def sweep(
-    wanted: Sequence[Case],
+    grid_cases: Sequence[Case],
     executor: Executor,
     out: Path,
     *,
@@ -152,14 +156,14 @@ def sweep(
 
     Rows of an earlier sweep in the same table stay. Raises HexsimError when the workers die, with the rows kept.
     """
-    wanted = list({case.key: case for case in wanted}.values())
+    grid_cases = list({case.key: case for case in grid_cases}.values())
     with Journal(Path(out)) as journal:
-        missing = [case for case in wanted if case.key not in journal.rows]
+        missing = [case for case in grid_cases if case.key not in journal.rows]
         done, failed = (
-            len(wanted) - len(missing),
-            sum(bool(journal.rows[c.key]["error"]) for c in wanted if c.key in journal.rows),
+            len(grid_cases) - len(missing),
+            sum(bool(journal.rows[c.key]["error"]) for c in grid_cases if c.key in journal.rows),
         )
-        progress(done, len(wanted), failed)
+        progress(done, len(grid_cases), failed)
         waiting, running = iter(missing), set()
         try:
             while True:
@@ -170,21 +174,25 @@ def sweep(
                 if not running:
                     break
                 finished, running = wait(running, return_when=FIRST_COMPLETED)
-                for future in finished:
+                for future in sorted(finished, key=_failed):  # what is there is kept before a loss ends the sweep
                     row = _row_of(future)
                     journal.add(row)
                     done, failed = done + 1, failed + bool(row["error"])
-                    progress(done, len(wanted), failed)
+                    progress(done, len(grid_cases), failed)
         except (BrokenExecutor, CancelledError) as error:  # workers killed; a Dask scheduler that went away
             raise HexsimError(
-                f"the workers died ({str(error) or 'lost'}); {journal.says()}; run the same command again to go on"
+                f"the workers died ({str(error) or 'lost'}); {journal.status()}; run the same command again to go on"
             ) from None
         finally:
             for future in running:
                 if not future.cancel() and future.done() and future.exception() is None:
                     journal.add(_row_of(future))
-        journal.finish([case.key for case in wanted])
+        journal.finish([case.key for case in grid_cases])
     return len(missing)
+
+
+def _failed(future: Future[dict[str, Any]]) -> bool:
+    return future.cancelled() or future.exception() is not None
 
 
 def _row_of(future: Future[dict[str, Any]]) -> dict[str, Any]:

@@ -30,7 +30,7 @@ def leg_loads(log: Log, machine: Machine) -> tuple[Array, Array]:
     """
     load = machine.load
     if machine.geometry is None or load.platform_mass_kg is None or load.platform_inertia_kg_m2 is None:
-        raise HexsimError(f"machine {machine.name} has no [geometry] or platform: the legs' loads cannot be told")
+        raise HexsimError(f"machine {machine.name} has no [geometry] or platform: the legs' loads cannot be computed")
     legs, mass = machine_kinematics(machine), load.platform_mass_kg
     body = rigid_body(mass, load.centre_of_mass_m, np.diag(load.platform_inertia_kg_m2), carried=mass)
     look = Window(log.rate, 0.04)

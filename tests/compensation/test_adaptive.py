@@ -12,6 +12,7 @@ from leg_plant import AREA_BOTTOM, Leg, Record, run, sine
 import compensation
 from compensation import Context
 from compensation.adaptive import Adaptive, AdaptiveState
+from compensation.adaptive.delay import SPOOL_LAGS_S
 from compensation.adaptive.edge_rounding import RoundingEstimator, RoundingTrim, opening
 from compensation.adaptive.friction import FrictionEstimator, stribeck_share
 from compensation.adaptive.monitor import PerformanceMonitor
@@ -33,6 +34,7 @@ from compensation.adaptive.spool import (
 from compensation.adaptive.stribeck import StribeckEstimator
 from compensation.adaptive.valve import ValveEstimator
 
+ALL_SPOOL = [1e3] * (len(SPOOL_LAGS_S) - 1) + [0.0]  # sums that tell of no delay
 DEAD_BAND_V = 5e-6 / 1.1e-4  # 5 um of 1.1 mm at 10 V
 
 
@@ -153,12 +155,13 @@ def test_it_engages_and_disengages_phase_by_phase() -> None:
 
 
 def test_it_trips_on_a_worse_reversal(adapted) -> None:
-    """A lag that is 4 ms too long and not learned anew: after the first worse reversal the phase is tripped, and within
+    """A spool taken for 4 ms slower than it is and not learned anew: after the first worse reversal the phase is tripped, and within
     a quarter of a second plain control; it engages again after the lockout of 4 s."""
     made = Phases(learn=False)
     parameters = made.parameters(adapted.state.inner)
     for edge in ("retract", "extend"):
         parameters["flow"][edge]["lag_s"] += 4e-3
+    parameters["delay"]["sums"] = ALL_SPOOL
     record = run(made, duration_s=20.0, state=made.restore(Context(), parameters))
     phases = [phase for _, phase in record.statuses]
     trip = phases.index("tripped")
@@ -436,12 +439,13 @@ def test_restored_parameters_serve_as_they_are(adapted) -> None:
 
 
 def test_worse_reversals_are_seen_and_ended(plain, adapted) -> None:
-    """A lag that is 4 ms too long and not learned anew: the first compensated period is worse than twice plain control's,
+    """A spool taken for 4 ms slower than it is and not learned anew: the first compensated period is worse than twice plain control's,
     it is said in the log, and plain control acts again; tried again later, for one reversal at a time."""
     made = compensation.create("adaptive", learn=False)
     parameters = made.parameters(adapted.state)
     for edge in ("retract", "extend"):
         parameters["flow"][edge]["lag_s"] += 4e-3
+    parameters["delay"]["sums"] = ALL_SPOOL
     state = made.restore(Context(), parameters)
     record = run(made, duration_s=26.0, state=state)
     peaks, usual = record.peaks(), plain.peak(6.0, 10.0)

@@ -89,7 +89,7 @@ def volts_of(n_legs: int, ticks: int = TICKS) -> np.ndarray:
 
 def by_plant(machine, model: str, volts: np.ndarray) -> np.ndarray:
     """The same outputs by `Plant`."""
-    plant = Plant(machine, model=model, scheme="rk4")
+    plant = Plant(machine, model=model, timestep=1e-4)
     plant.prepare(1 / STEP, len(volts))
     for command in volts:
         plant.tick(command)
@@ -217,7 +217,7 @@ def test_each_parameter_is_the_key_of_the_machine_file(fmus, name):
     machine file with that key, and no other number of the machine would change.
     """
     source, model, _ = MACHINES[name]
-    plant = Plant(load_machine(source), model=model)
+    plant = Plant(load_machine(source), model=model, timestep=1e-4)
     parameters = plant_variables(plant).parameters
     assert len(parameters) >= 20
     for parameter in parameters[:-1]:  # the last one is the mass, which is in no row

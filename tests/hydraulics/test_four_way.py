@@ -116,7 +116,7 @@ def test_two_closed_edges_leave_the_three_way_leg(servo, bench):
     four[P.ROD_SIDE_CHAMBER] = ROD_SIDE_SUPPLY
     for x in (-3e-4, 0.0, 3e-4):
         state = (6e6, PS, x, 0.01, 0.0)
-        instant = (0.1, 0.05, 2.0, 0.0, PS, state, 1e-4, True)
+        instant = (0.1, 0.05, 2.0, 0.0, PS, state, 1e-4)
         assert leg.leg_derivatives(four, *instant) == leg.leg_derivatives(declared_rows(three)[0], *instant)
 
 
@@ -124,10 +124,10 @@ def test_pressure_rate_of_the_rod_side(row):
     """dP2/dt = E/V2 (q_B + A2 v), V2 = V_0 + A2 (stroke - y); slower than exact where the step is coarse, never faster."""
     P1, P2, y, v, x = 6e6, 9e6, 0.05, 0.1, 3e-4
     state = (P1, P2, x, 0.0, 0.0)
-    exact = leg.leg_derivatives(row, y, v, 0.0, 0.0, PS, state, 0.0, False)[0][1]
+    exact = leg.leg_derivatives(row, y, v, 0.0, 0.0, PS, state, 0.0)[0][1]
     volume = 2e-5 + A2 * (0.2 - y)
     assert exact == pytest.approx(1.5e9 / volume * (flows(row, x, P1, P2)[1] + A2 * v), rel=1e-9)
-    slowed = leg.leg_derivatives(row, y, v, 0.0, 0.0, PS, state, 1e-3, True)[0][1]
+    slowed = leg.leg_derivatives(row, y, v, 0.0, 0.0, PS, state, 0.1)[0][1]
     assert 0.0 < slowed / exact < 1.0
 
 
@@ -136,7 +136,7 @@ def test_no_chamber_falls_through_absolute_zero(row, x):
     """At -1.01325 bar a chamber that is torn open falls no further, however fast the piston goes."""
     vacuum = -1.01325e5
     for v, which in ((5.0, 0), (-5.0, 1)):
-        rates = leg.leg_derivatives(row, 0.1, v, 0.0, 0.0, PS, (vacuum, vacuum, x, 0.0, 0.0), 0.0, False)[0]
+        rates = leg.leg_derivatives(row, 0.1, v, 0.0, 0.0, PS, (vacuum, vacuum, x, 0.0, 0.0), 0.0)[0]
         assert rates[which] >= 0.0
 
 

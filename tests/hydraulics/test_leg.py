@@ -202,7 +202,7 @@ def learned(row, balance, signal):
     """A learned curve k^2 over knots -1.6, -1.5 .. 1.6 of its signal."""
     row[P.LEARNED_BALANCE], row[P.LEARNED_SIGNAL] = balance, signal
     row[P.LEARNED_START], row[P.LEARNED_STEP] = -1.6, 0.1
-    row[LEARNED_TABLE:] = (np.arange(LEARNED_KNOTS) - 16.0) ** 2
+    row[LEARNED_TABLE : LEARNED_TABLE + LEARNED_KNOTS] = (np.arange(LEARNED_KNOTS) - 16.0) ** 2
     return row
 
 
@@ -212,7 +212,9 @@ def test_learned_curve_is_linear_between_knots_and_constant_beyond(row):
     knots = -1.6 + 0.1 * np.arange(LEARNED_KNOTS)
     signals = np.concatenate([np.linspace(-1.6, 1.6, 501), [-1e9, -1.7, 1.7, 1e9]])
     found = [leg.learned_curve(row, s) for s in signals]
-    np.testing.assert_allclose(found, np.interp(signals, knots, row[LEARNED_TABLE:]), atol=1e-6 * 31)
+    np.testing.assert_allclose(
+        found, np.interp(signals, knots, row[LEARNED_TABLE : LEARNED_TABLE + LEARNED_KNOTS]), atol=1e-6 * 31
+    )
 
 
 def test_learned_curve_of_nan_is_nan(row):

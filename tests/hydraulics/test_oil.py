@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from hexsim.errors import HexsimError
 from hexsim.hydraulics import chamber, oil
 from hexsim.hydraulics.oil import LEG_POWERS, TELLUS_T46, row_factors
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
-from hexsim.hydraulics.resolve import resolve
-from hexsim.machine import load_machine
-from hexsim.machine.files import changed
+from hexsim.hydraulics.resolve import resolve, warm_oil
+from hexsim.machine import load_machine, machine_from_dict
+from hexsim.machine.files import changed, machine_tables
 
 
 def test_viscosity_passes_through_both_points_of_the_grade():
@@ -93,3 +94,42 @@ def test_a_cold_start_changes_what_hangs_on_the_oil(place, expected):
 def test_viscosity_doubles_on_a_cold_morning():
     """From 35 to 20 degC the oil of this grade becomes about twice as thick (ISO VG 46: 57 to 117 mm2/s)."""
     assert 1.9 < oil.ratios(35.0, 20.0).viscosity < 2.3
+
+
+@pytest.mark.parametrize(("grade", "viscosity"), [("VG 22", 22.0), ("VG 32", 32.0), ("VG 46", 46.0), ("VG 68", 68.0)])
+def test_grade_gives_what_is_not_declared(bench, grade, viscosity):
+    """Viscosity at 40 degC is the grade's number; density and modulus fall with temperature; what is declared stays."""
+    tables = machine_tables(bench)
+    tables["oil"] = {"grade": grade, "temperature_degC": 45.0}
+    machine = machine_from_dict(tables)
+    assert oil.kinematic_viscosity(40.0, machine.oil.properties) == pytest.approx(viscosity * 1e-6, rel=1e-12)
+    assert 840.0 < machine.oil.density_kg_m3 < 880.0
+    assert 1.4e9 < machine.oil.bulk_modulus_Pa < 1.8e9
+    warm = changed(machine, {"oil.temperature_degC": 65.0})
+    assert warm.oil.density_kg_m3 / machine.oil.density_kg_m3 == pytest.approx(1 - 7e-4 * 20, rel=1e-3)
+    assert warm.oil.bulk_modulus_Pa / machine.oil.bulk_modulus_Pa == pytest.approx(10 ** (-0.0024 * 20), rel=1e-9)
+    own = changed(machine, {"oil.bulk_modulus_Pa": 1.1e9, "oil.viscosity_mm2_s": (30.0, 6.0)})
+    assert changed(own, {"oil.temperature_degC": 65.0}).oil.bulk_modulus_Pa == 1.1e9
+    assert oil.kinematic_viscosity(100.0, own.oil.properties) == pytest.approx(6e-6, rel=1e-12)
+
+
+def test_own_viscosities_must_fall(bench):
+    """An oil that thickens when warm has its two numbers swapped."""
+    with pytest.raises(HexsimError, match="must fall"):
+        changed(bench, {"oil.viscosity_mm2_s": (6.0, 30.0)})
+
+
+def test_power_unit_warms_the_grade(hexapod):
+    """A thinner oil loses less viscosity on the way to 60 degC: the leg's rows follow the declared grade."""
+    ratio = []
+    for grade in ("VG 22", "VG 68"):
+        made = resolve(
+            changed(
+                hexapod,
+                {"oil.grade": grade, "power_unit": {}, "effects.leakage_chamber_to_tank.conductance_m3_s_Pa": 2e-12},
+            )
+        )
+        cold = made.rows[0, P.LEAK_CHAMBER_TANK]
+        warm_oil(made, 60.0)
+        ratio.append(made.rows[0, P.LEAK_CHAMBER_TANK] / cold)
+    assert 1.0 < ratio[0] < ratio[1]

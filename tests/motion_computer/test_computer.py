@@ -6,8 +6,9 @@ import pytest
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.motion_computer.computer import Guidance, MotionComputer
+from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import Error
+from hexsim.motion_computer.guidance import Guidance
 from hexsim.motion_computer.monitors import Tolerances, velocity_gain
 from hexsim.motion_computer.states import State
 

@@ -34,7 +34,7 @@ def test_packets_survive_the_wire() -> None:
     assert unpack_command(command.pack()) == command
     reply = Reply(
         state=State.FAULT, errors=Error.SENSOR | Error.WORKSPACE, sequence=9, arrived=True, refused=False, time_s=1.0,
-        behind_s=0.25, age_s=0.01, pose=SIX, asked=SIX[::-1],
+        behind_s=0.25, age_s=0.01, pose=SIX, reference=SIX[::-1],
     )  # fmt: skip
     assert unpack_reply(reply.pack()) == reply
     with pytest.raises(HexsimError, match="this is no reply of a motion computer: 3 bytes, expected 136"):
@@ -119,7 +119,7 @@ def test_loss_reorder_and_doubles_change_little() -> None:
     inside = times > 0.2
     sine = 0.05 * np.sin(np.pi * (times[inside] - buffer.delay_s))
     assert np.abs(targets[inside, 0, 2] - sine).max() < 5e-4
-    assert buffer.counts["doubled"] > 5
+    assert buffer.counts["duplicate"] > 5
     steps = np.abs(np.diff(targets[inside, 0, 2]))
     assert steps.max() < 2 * 0.05 * np.pi * 0.002  # no jump: twice the peak velocity times a tick
 

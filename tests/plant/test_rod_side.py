@@ -24,7 +24,7 @@ def heave(machine, duration_s, **options):
 def test_ten_times_smaller_steps_change_nothing(conductance):
     """100 us against 10 us: acceleration to 0.01 m/s2 and P2 to 0.01 bar, with a port of 2 us and with one of 18 us."""
     machine = changed(load_machine("bench"), {**CHAMBER, "cylinder.rod_side_conductance_m3_s_sqrtPa": conductance})
-    coarse, fine = heave(machine, 1.2), heave(machine, 1.2, timestep=1e-5)
+    coarse, fine = heave(machine, 1.2, timestep=1e-4), heave(machine, 1.2, timestep=1e-5)
     assert np.abs(coarse["true_acceleration_m_s2"] - fine["true_acceleration_m_s2"]).max() < 0.01
     assert np.abs(coarse["pressure_top_Pa"] - fine["pressure_top_Pa"]).max() < 1e3
 
@@ -36,11 +36,11 @@ def test_a_wide_port_is_the_report_s_annulus():
     assert np.sqrt(np.mean(difference**2)) < 0.01
 
 
-@pytest.mark.parametrize("fast", [False, True])
-def test_energy_closes_with_a_wide_port_and_a_power_unit(fast):
-    """No work appears at the port: in - work - heat - stored within 0.3 % of the motor's energy, both schemes."""
+@pytest.mark.parametrize("timestep", [1e-4, None])
+def test_energy_closes_with_a_wide_port_and_a_power_unit(timestep):
+    """No work appears at the port: in - work - heat - stored within 0.3 % of the motor's energy, step chosen or 100 us."""
     machine = changed(load_machine("bench"), {**CHAMBER, "power_unit": {}})
-    log = heave(machine, 3.0, fast=fast)
+    log = heave(machine, 3.0, timestep=timestep)
     energy = {name: np.trapezoid(log[name], log["time_s"]) for name in ("motor_power_W", "heat_W", "platform_power_W")}
     stored = log["accumulator_energy_J"][-1] - log["accumulator_energy_J"][0]
     rest = energy["motor_power_W"] - energy["heat_W"] - energy["platform_power_W"] - stored

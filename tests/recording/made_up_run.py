@@ -147,7 +147,7 @@ def made_up_run(hexapod: bool = True, duration_s: float = 6.0, complete: bool = 
     }  # fmt: skip
     run = SimpleNamespace(
         log=made_up_log(machine, duration_s), machine=machine, scenario=scenario, compensator="none", seed=0,
-        model="full", scheme="rk4", summary=summary, warnings=[], messages=[(1.0, 1, "a message")], complete=complete,
+        model="full", timestep=None, summary=summary, warnings=[], messages=[(1.0, 1, "a message")], complete=complete,
         reason="" if complete else "interrupted at 3.0 s", realtime_factor=5.0,
         compensator_parameters=[{}] * machine.n_legs,
     )  # fmt: skip

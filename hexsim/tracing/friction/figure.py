@@ -30,7 +30,7 @@ def friction_figure(result: FrictionResult) -> Figure:
             fmt="o", ms=3.5, color=palette.INK, lw=1, label="measured, bins (2 standard errors)",
         )  # fmt: skip
         v = np.concatenate([-np.geomspace(reach, 1e-5, 400), np.geomspace(1e-5, reach, 400)])
-        plot.plot(v * 1e3, curve(declared, v), "--", lw=1.2, color=palette.WANTED, label="declared")
+        plot.plot(v * 1e3, curve(declared, v), "--", lw=1.2, color=palette.REFERENCE, label="declared")
         plot.plot(v * 1e3, result.friction(v), lw=1.6, color=palette.DEVIATION, label="fitted, Eq. 2.4")
         plot.set_xlabel("velocity [mm/s]")
     axes[0].set_ylabel("friction force [N]")

@@ -62,7 +62,7 @@ class FrictionResult:
 
     parameters, standard_error: by KEYS, SI; mass_kg with its error; map_*: bins of the map (velocity, mean friction,
     its standard error, samples); points: thinned (velocity, friction) samples; rest_N: rms that the curve leaves;
-    noise_N: what the sensors' noise alone would leave; notes: what could not be told.
+    noise_N: what the sensors' noise alone would leave; notes: what could not be identified.
     """
 
     leg: int
@@ -161,7 +161,7 @@ def force_data(log: Log, machine: Machine, leg: int) -> ForceData:
     need += accelerations_of(log.n_legs)
     for name in need:
         if name not in log.columns:
-            raise HexsimError(f"log {log.name} has no column {name}: friction cannot be told without it")
+            raise HexsimError(f"log {log.name} has no column {name}: friction cannot be identified without it")
     cylinder, sensors = machine.cylinder, machine.sensors
     A1, A2 = cylinder.area_bottom_m2, cylinder.area_top_m2
     y = log.columns[need[0]]

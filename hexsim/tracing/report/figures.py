@@ -193,7 +193,7 @@ def parameters(result: Trace) -> bytes:
         plot.plot([-1, 1], [k, k], color=palette.GRID, lw=6, solid_capstyle="butt", zorder=1)
         plot.plot([0, deviation / prior.half_width], [k, k], color=color, lw=1.6, zorder=2)
         plot.plot(deviation / prior.half_width, k, "o", color=color, ms=6, zorder=3)
-        plot.annotate(f"±{100 * prior.half_width:.3g} %", (1.03, k), va="center", fontsize=8, color=palette.WANTED)
+        plot.annotate(f"±{100 * prior.half_width:.3g} %", (1.03, k), va="center", fontsize=8, color=palette.REFERENCE)
     plot.axvline(0, color=palette.INK, lw=0.8)
     plot.set_yticks(range(len(entries)), [split_key(prior.key)[0] for prior in result.final.priors])
     plot.tick_params(axis="y", length=0)

@@ -13,6 +13,7 @@ import numpy as np
 from hexsim.compiled import borrowed, compiled
 from hexsim.hydraulics import valve
 from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.steps import near_standstill
 from hexsim.tracing.simulation.motion import (
     LEG_P1,
     LEG_STATES,
@@ -20,7 +21,7 @@ from hexsim.tracing.simulation.motion import (
     SUPPLY,
     integrate,
     rates,
-    steps_here,
+    steps_of_sample,
     write_leg_motion,
 )
 from hexsim.tracing.simulation.rig import Load, Rig, Sensors
@@ -32,7 +33,9 @@ DIVERGENCE_LIMIT = 1e3  # [m], [m/s], [rad/s] a load beyond it has diverged
 class Inputs(NamedTuple):
     """What drives the simulation: (n_legs, n) setpoints, logged volts and positions; (n,) supply pressure, or (0,) if simulated.
 
-    near_rest (n,): where any leg is near standstill by its measured position, see `steps_here`. rate_Hz: of the log.
+    near_rest (n,): where any leg is near standstill by its measured position, so that variants of a model step alike and
+    their differences are smooth; a model that stands still where the machine moved is seen by its own speed.
+    rate_Hz: of the log.
     """
 
     setpoint: np.ndarray
@@ -44,14 +47,15 @@ class Inputs(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Arrays that the simulation works in. state (n_states,); slopes: four, and a state to try; y, v, held volts (n_legs,).
+    """Arrays that the simulation works in. state (n_states,); slopes: four, and a state to try; y, v, v a sample ago, held volts
+    (n_legs,).
 
     positions, pressures, volts (n_legs, n), accelerations (n_axes, n): what happened, for sensors and valves with a delay.
     """
 
     state: np.ndarray
     slopes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    legs: tuple[np.ndarray, np.ndarray, np.ndarray]
+    legs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     positions: np.ndarray
     pressures: np.ndarray
     volts: np.ndarray
@@ -63,7 +67,7 @@ def room_for(start: np.ndarray, n_legs: int, n_axes: int, n: int) -> Room:
     s, y = np.zeros_like, np.zeros(n_legs)
     legs = np.empty((3, n_legs, n))
     slopes = (s(start), s(start), s(start), s(start), s(start))
-    return Room(start.copy(), slopes, (y, s(y), s(y)), legs[0], legs[1], legs[2], np.empty((n_axes, n)))
+    return Room(start.copy(), slopes, (y, s(y), s(y), s(y)), legs[0], legs[1], legs[2], np.empty((n_axes, n)))
 
 
 @compiled
@@ -98,15 +102,15 @@ def asked_volts(controller, inputs, j, i, position):
 @compiled
 def lent(rig, inputs, room):
     """The same numbers without reference counts."""
-    legs, geometry, s, load, sensors, controller = rig
+    legs, geometry, s, load, sensors, controller, rule = rig
     position, pressure, acceleration, supply_gain = sensors
     k1, k2, k3, k4, there = room.slopes
-    y, v, held = room.legs
+    y, v, before, held = room.legs
     return (
         Rig(
             borrowed(legs), borrowed(geometry), borrowed(s),
             Load(load.body, borrowed(load.compliance), load.gravity, load.spring),
-            Sensors(borrowed(position), borrowed(pressure), borrowed(acceleration), supply_gain), controller,
+            Sensors(borrowed(position), borrowed(pressure), borrowed(acceleration), supply_gain), controller, rule,
         ),
         Inputs(
             borrowed(inputs.setpoint), borrowed(inputs.volts), borrowed(inputs.position), borrowed(inputs.supply),
@@ -114,23 +118,24 @@ def lent(rig, inputs, room):
         ),
         Room(
             borrowed(room.state), (borrowed(k1), borrowed(k2), borrowed(k3), borrowed(k4), borrowed(there)),
-            (borrowed(y), borrowed(v), borrowed(held)), borrowed(room.positions), borrowed(room.pressures),
+            (borrowed(y), borrowed(v), borrowed(before), borrowed(held)), borrowed(room.positions), borrowed(room.pressures),
             borrowed(room.volts), borrowed(room.accelerations),
         ),
     )  # fmt: skip
 
 
 @compiled
-def run(owned_rig, owned_inputs, owned_room, substeps, owned_out):
+def run(owned_rig, owned_inputs, owned_room, owned_out):
     """Simulate and write the measured outputs, without noise, into out (rows as in `simulate_log`, n). False after a divergence."""
     rig, inputs, room = lent(owned_rig, owned_inputs, owned_room)
     out = borrowed(owned_out)
-    legs, geometry, s, load, sensors, controller = rig
+    legs, geometry, s, load, sensors, controller, rule = rig
     position, pressure, acceleration, supply_gain = sensors
-    state, slopes, (y, v, held), y_true, p_true, u_true, a_true = room
+    state, slopes, (y, v, before, held), y_true, p_true, u_true, a_true = room
     n_legs, n, rate = legs.shape[0], inputs.setpoint.shape[1], inputs.rate_Hz
     dt, axes = 1.0 / rate, acceleration.shape[0]
     every = max(round(rate / controller.rate_Hz), 1)
+    calm_s = 0.0
     for i in range(n):
         if inputs.supply.shape[0] == n:
             state[SUPPLY] = inputs.supply[i]
@@ -143,13 +148,16 @@ def run(owned_rig, owned_inputs, owned_room, substeps, owned_out):
             out[n_legs + j, i] = u_true[j, i]
             out[2 * n_legs + j, i] = shown(p_true[j], i, pressure[j], rate)
         out[3 * n_legs, i] = supply_gain * state[SUPPLY]
-        a, turning = rates(legs, geometry, s, load, held, i * dt, dt / substeps, state, slopes[0])
+        calm_s = 0.0 if inputs.near_rest[i] else calm_s + dt
+        for j in range(n_legs):
+            if near_standstill(legs[j], v[j], before[j]):
+                calm_s = 0.0
+            before[j] = v[j]
+        steps = steps_of_sample(legs, rule, state, y, v, held, i * dt, calm_s, dt)
+        a, turning = rates(legs, geometry, s, load, held, i * dt, dt / steps, state, slopes[0])
         for k in range(axes):
             a_true[k, i] = a[2] if axes == 1 else a[k] if k < 3 else turning[k - 3]
             out[3 * n_legs + 1 + k, i] = shown(a_true[k], i, acceleration[k], rate)
-        steps = 1
-        for j in range(n_legs):
-            steps = max(steps, steps_here(legs[j], v[j], dt, substeps, inputs.near_rest[i]))
         integrate(legs, geometry, s, load, held, i * dt, dt, steps, state, slopes)
         if diverged(state, LEGS + n_legs * LEG_STATES):
             out[:, i + 1 :] = math.nan

@@ -5,17 +5,15 @@ mass on the axis of one leg, or a platform on six,
 
     wrench = sum f_i (u_i, r_i x u_i),   u_i, r_i: direction of a leg and its joint from the origin
 
-Short steps where a piston reverses and friction is stiff, COARSE ones elsewhere. Laws whose time constant is shorter than
-the step (supply line, bristle) are slowed to it.
+The time step is the plant's (`hydraulics.steps`), chosen at every sample of the log.
 """
 
 from __future__ import annotations
 
-import math
-
 from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, supply
 from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.steps import count_steps, leg_steps
 from hexsim.hydraulics.supply import S
 from hexsim.mechanics.leg_geometry import leg_line
 from hexsim.mechanics.rigid_body import (
@@ -42,9 +40,6 @@ PLACE, QUATERNION, VELOCITY, OMEGA, N_PLATFORM = (
     10,
     13,
 )  # of a platform: origin in the world, rates in its frame
-
-COARSE_S = 5.0e-4  # [s] longest step away from reversals; error with it: 0.02 of the noise of accelerations, 0.003 of pressures
-STIFF_SPEEDS = 5.0  # friction is stiff below so many times its sharpness (tanh: 1 - 1e-4)
 
 
 @compiled
@@ -81,18 +76,11 @@ def write_leg_motion(geometry, state, y, v):
 def leg_rates(p, y, v, volts, t, ps, state, k, h, rate):
     """Write the rates of a leg's states from place k on; return its force [N], spool [m] and rod side [Pa]."""
     own = (state[k + LEG_P1], state[k + LEG_P2], state[k + LEG_X], state[k + LEG_XD], state[k + LEG_Z])
-    slopes, x, _ = leg.leg_derivatives(p, y, v, volts, t, ps, own, h, False)
+    slopes, x, _ = leg.leg_derivatives(p, y, v, volts, t, ps, own, h)
     for q in range(LEG_STATES):
         rate[k + q] = slopes[q]
     p2 = own[1] if p[P.ROD_SIDE_CHAMBER] > 0.0 else ps
     return leg.leg_force(p, y, v, volts, own[0], p2, ps, own[4], t), x, p2
-
-
-@compiled
-def supply_rate(s, ps, demand, h):
-    """dPs/dt [Pa/s]; a line faster than the step is slowed to it."""
-    capacity = max(supply.line_capacity(s, ps), 2.0 * h / s[S.RESISTANCE])
-    return supply.line_rate(s, ps, demand, s[S.PRESSURE], capacity)
 
 
 @compiled
@@ -135,7 +123,7 @@ def rates(legs, geometry, s, load, held, t, h, state, rate):
         f0, f1, f2 = f0 + force * line[0], f1 + force * line[1], f2 + force * line[2]
         m0, m1, m2 = m0 + force * moment[0], m1 + force * moment[1], m2 + force * moment[2]
     if s[S.MODEL] == supply.LINE:
-        rate[SUPPLY] = supply_rate(s, ps, demand, h)
+        rate[SUPPLY] = supply.line_rate(s, ps, demand, s[S.PRESSURE], h)
     pull = spring_acceleration(spring, state[TRAVEL], state[TRAVEL_RATE])
     if alone:
         a, turning = (0.0, 0.0, axial_acceleration(load.body, f2, load.gravity[2], -spring.mass * pull)), none
@@ -174,15 +162,16 @@ def integrate(legs, geometry, s, load, held, t, dt, steps, state, slopes):
 
 
 @compiled
-def steps_here(p, speed, dt, substeps, near_rest):
-    """Steps of the sample that begins at this speed: all of them near standstill.
-
-    near_rest is measured, so that variants of a model step alike and their differences are smooth; a model that stands
-    still where the machine moved is seen by its own speed.
-    """
-    slow = abs(speed) < STIFF_SPEEDS * p[P.SHARPNESS]
-    stiff = p[P.BRISTLE_STIFFNESS] > 0.0 or p[P.SPOOL_OMEGA] * COARSE_S > 0.7
-    return substeps if near_rest or slow or stiff else min(math.ceil(dt / COARSE_S - 1e-9), substeps)
+def steps_of_sample(legs, rule, state, y, v, held, t, calm_s, dt):
+    """Time steps of the sample that begins with this state, calm_s after a leg was last near standstill."""
+    asked = 0.0
+    for j in range(y.shape[0]):
+        k = LEGS + j * LEG_STATES
+        x = leg.metering_spool(legs[j], held[j], t, state[k + LEG_X])
+        p2 = state[k + LEG_P2] if legs[j, P.ROD_SIDE_CHAMBER] > 0.0 else state[SUPPLY]
+        steps = leg_steps(rule, legs[j], y[j], v[j], x, state[k + LEG_P1], p2, state[SUPPLY], state[k + LEG_Z])
+        asked = max(asked, steps)
+    return count_steps(rule, asked, calm_s, dt)
 
 
 @compiled

@@ -7,15 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from hexsim.declaration import Machine
-from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.hydraulics.resolved import Resolved
-from hexsim.hydraulics.supply import S
+from hexsim.hydraulics.steps import StepRule, step_rule
 from hexsim.machine.geometry import machine_kinematics, platform_body, suspension
 from hexsim.mechanics.rigid_body import RigidBody, Suspension, Vector, mass_matrix, rigid_body
 
 Array = np.ndarray
-STEP_S = 1.7e-4  # [s] integration step; RK4 needs step * (F_c + F_s)/(v_s m) < 2.7. Error: 0.013 of the sensors' noise
 
 
 class Load(NamedTuple):
@@ -52,7 +50,7 @@ class Rig(NamedTuple):
     """Everything that the compiled simulation knows of a machine.
 
     legs (n_legs, N_PARAMETERS).  geometry (n_legs, 7): base joint and platform joint (3 each), retracted length [m]; zeros
-    on a bench.  supply (N_SUPPLY,).
+    on a bench.  supply (N_SUPPLY,).  rule: of the time step.
     """
 
     legs: Array
@@ -61,22 +59,33 @@ class Rig(NamedTuple):
     load: Load
     sensors: Sensors
     controller: Controller
+    rule: StepRule
 
 
 def rig_of(machine: Machine, feedback: int = 0) -> tuple[Rig, Resolved]:
     """The machine's numbers. feedback: 0 the declared position loop, 1 the logged volts."""
     resolved, controller = resolve(machine), machine.controller
+    load = load_of(resolved)
     rig = Rig(
         legs=resolved.rows,
         geometry=geometry_of(machine),
         supply=resolved.supply,
-        load=load_of(resolved),
+        load=load,
         sensors=sensors_of(resolved),
         controller=Controller(
             controller.gain_V_per_m, float(controller.rate_Hz), machine.valve.voltage_max_V, bool(feedback)
         ),
+        rule=step_rule(resolved.rows, resolved.supply, leg_compliance(machine, load), load.spring.omega),
     )
     return rig, resolved
+
+
+def leg_compliance(machine: Machine, load: Load) -> Array:
+    """Acceleration of each leg for a force on each, at mid stroke (n_legs, n_legs) [1/kg]: J M^-1 J'."""
+    if machine.geometry is None:
+        return np.array([[1.0 / load.body.mass]])
+    jacobian = machine_kinematics(machine).jacobian(np.zeros(6))
+    return jacobian @ load.compliance @ jacobian.T
 
 
 def geometry_of(machine: Machine) -> Array:
@@ -119,19 +128,3 @@ def sensors_of(resolved: Resolved) -> Sensors:
         acceleration=acceleration,
         supply_gain=float(shared.supply_pressure_gain),
     )
-
-
-def friction_step(legs: Array, pressure_Pa: float) -> Array:
-    """Largest step of the friction [N] at a reversal, a row of legs: what makes it stiff."""
-    level = np.maximum(legs[..., P.COULOMB_EXTEND], legs[..., P.COULOMB_RETRACT])
-    level = level + np.maximum(legs[..., P.STATIC_EXTEND], legs[..., P.STATIC_RETRACT])
-    return level + legs[..., P.SEAL_FRICTION] * pressure_Pa + np.abs(legs[..., P.RIPPLE_FORCE])
-
-
-def substeps(rig: Rig, rate: float) -> int:
-    """Steps a log sample: the friction's corner must stay stable on the mass of a leg, a twelfth of a platform's."""
-    level = float(friction_step(rig.legs, rig.supply[S.PRESSURE]).max())
-    alone = len(rig.legs) == 1
-    stiffest = level / (rig.legs[:, P.SHARPNESS].min() * rig.load.body.mass / (1.0 if alone else 12.0))
-    step = min(STEP_S if alone else 1.5 * STEP_S, 2.2 / max(stiffest, 1e-9))
-    return int(np.ceil(1.0 / (rate * step) - 1e-9))

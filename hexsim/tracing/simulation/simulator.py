@@ -15,7 +15,7 @@ from hexsim.mechanics.rigid_body import joint_wrenches
 from hexsim.signals.log import Log
 from hexsim.tracing.simulation import closed_loop as loop
 from hexsim.tracing.simulation import motion
-from hexsim.tracing.simulation.rig import Rig, rig_of, substeps
+from hexsim.tracing.simulation.rig import Rig, rig_of
 
 Array = np.ndarray
 REST_M = 2.0e-5  # [m] a log that begins this near its setpoint begins at rest
@@ -40,7 +40,7 @@ def simulate_log(machine: Machine, log: Log, feedback: int, supply: Array | None
     )
     out = np.empty((3 * k + 1 + len(rig.sensors.acceleration), log.n))
     room = loop.room_for(start_state(rig, resolved, log), k, len(rig.sensors.acceleration), log.n)
-    loop.run(rig, inputs, room, substeps(rig, log.rate), out)
+    loop.run(rig, inputs, room, out)
     rows = np.split(out, [k, 2 * k, 3 * k, 3 * k + 1])
     names = ("position", "volts", "pressure", "supply", "acceleration")
     return dict(zip(names, rows, strict=True)) | {"supply": out[3 * k]}

@@ -1,0 +1,151 @@
+"""The time step of an explicit integrator (RK4), from the machine's own time constants: for the plant and for fits.
+
+    steps a second = max( 1/LONGEST_S,
+                          omega_spool/RING, 1/(R C)_line/RING, ...       what does not depend on the state
+                          omega_oil/RING,    omega_oil^2 = max eig(A A1^2) max(1/C)    oil springs at their present volumes
+                          -(dq/dP1)/C / FLOW                             open valve at little pressure drop
+                          1/FASTEST_LAW_S                                near absolute zero pressure, accumulator empty
+                          max eig(A G)/STIFF  near standstill            G: slope of the friction at v = 0
+                          1/RINGING_S  near standstill and for RINGING_FOR_S after it )
+
+A (n_legs, n_legs) [1/kg] is the acceleration of each leg for a force on each. RK4 is stable up to h lambda = 2.78 on a
+real eigenvalue and delays a ring by (h omega)^4/120 of its phase. A reversal excites the oil springs; what of their ring
+lies in the 50 Hz band needs the shorter step until it has died. Laws faster than FASTEST_LAW_S ask for no shorter step:
+they are slowed to it (`leg.leg_derivatives`, `supply.line_rate`).
+The errors that these numbers leave: docs/results/step.md.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexsim.compiled import compiled
+from hexsim.hydraulics import leg, supply
+from hexsim.hydraulics.chamber import ATMOSPHERE, CAVITATION_SOFT
+from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
+from hexsim.hydraulics.ports import top_slope
+from hexsim.hydraulics.supply import LINE, POWER_UNIT, S
+
+Array = NDArray[np.float64]
+
+LONGEST_S = 1.0e-3  # MuJoCo's ball ends of full legs (time constant 2 ms) take no longer one
+RINGING_S = 5.0e-4
+RINGING_FOR_S = 0.1  # five periods of the band's edge
+SHORTEST_S = 1.0e-5
+FASTEST_LAW_S = 1.0e-4
+RING, FLOW, STIFF = 0.8, 1.0, 2.2  # largest h omega of a ring, h lambda of the valve's flow, h lambda of friction
+NEAR = 5.0  # widths of the friction's sign: tanh(5) = 1 - 1e-4
+EMPTY = 1.01  # of the precharge: the accumulator's capacity falls a thousandfold as its oil ends
+SETTLED = 0.01  # of the speed: a bristle that deflects more slowly slides
+
+
+class StepRule(NamedTuple):
+    """What a machine asks for, apart from its state."""
+
+    steady: float  # steps a second in any state [1/s]
+    springs: float  # max eig(A A1^2): omega_oil^2 times the capacity of a chamber [m3/Pa/s2]
+    standstill: float  # steps a second near standstill [1/s]
+    stop: float  # steps a second within an end stop [1/s]
+
+
+def step_rule(rows: Array, supply_row: Array, compliance: Array, load_rad_s: float = 0.0) -> StepRule:
+    """The rule for legs (n_legs, N_PARAMETERS) and their supply.
+
+    compliance (n_legs, n_legs) [1/kg]: acceleration of leg i for a force on leg j. load_rad_s: fastest mode of the load.
+    """
+    bristle, stop = rows[:, P.BRISTLE_STIFFNESS] + rows[:, P.EXTRA_SPRING], 2.0 * rows[:, P.CUSHION_STIFFNESS]
+    viscous = np.maximum(rows[:, P.VISCOUS_EXTEND], rows[:, P.VISCOUS_RETRACT]) + rows[:, P.EXTRA_DAMPING]
+    tone = 2.0 * math.pi * np.where(rows[:, P.TONE_FORCE] != 0.0, rows[:, P.TONE_FREQUENCY], 0.0)
+    rings = (
+        math.sqrt(_fastest(compliance, bristle)), float(tone.max()), float(rows[:, P.SPOOL_OMEGA].max()),
+        min(_supply_rate(supply_row), RING / FASTEST_LAW_S), load_rad_s,
+    )  # fmt: skip
+    return StepRule(
+        steady=max(1.0 / LONGEST_S, max(rings) / RING, _fastest(compliance, viscous) / STIFF),
+        springs=_fastest(compliance, rows[:, P.AREA_BOTTOM] ** 2),
+        standstill=_fastest(compliance, friction_slope(rows) + viscous) / STIFF,
+        stop=max(
+            math.sqrt(_fastest(compliance, stop)) / RING, _fastest(compliance, rows[:, P.CUSHION_DAMPING]) / STIFF
+        ),
+    )
+
+
+def friction_slope(rows: Array) -> Array:
+    """Slope of each leg's friction at v = 0 [N s/m], viscous part apart: what makes a reversal stiff."""
+    coulomb = np.maximum(rows[:, P.COULOMB_EXTEND], rows[:, P.COULOMB_RETRACT])
+    level = coulomb + np.maximum(rows[:, P.STATIC_EXTEND], rows[:, P.STATIC_RETRACT])
+    level = level + rows[:, P.SEAL_FRICTION] * rows[:, P.SUPPLY_PRESSURE] + np.abs(rows[:, P.RIPPLE_FORCE])
+    dry = level / np.array([friction_width(row) for row in rows])
+    return np.where(rows[:, P.BRISTLE_STIFFNESS] > 0.0, rows[:, P.BRISTLE_DAMPING], dry)
+
+
+def _fastest(compliance: Array, coefficients: Array) -> float:
+    """Largest eigenvalue of A diag(k), k >= 0: of the damping k in 1/s, of the spring k in (rad/s)^2."""
+    root = np.sqrt(np.maximum(coefficients, 0.0))
+    return max(float(np.linalg.eigvalsh(root[:, None] * compliance * root)[-1]), 0.0)
+
+
+def _supply_rate(row: Array) -> float:
+    """Fastest rate of the supply [1/s]."""
+    if row[S.MODEL] == LINE:
+        return 1.0 / (row[S.RESISTANCE] * supply.line_capacity(row, row[S.PRESSURE]))
+    if row[S.MODEL] != POWER_UNIT:
+        return 0.0
+    ring = 1.0 / math.sqrt(row[S.LINE_INERTANCE] * supply.manifold_capacity(row, row[S.PRESSURE]))
+    damping = row[S.LINE_LAMINAR] + 2.0 * row[S.LINE_TURBULENT] * row[S.PUMP_FLOW_MAX]
+    return max(ring, damping / row[S.LINE_INERTANCE], 1.0 / row[S.MOTOR_TIME], 1.0 / row[S.PUMP_TIME])
+
+
+@compiled
+def friction_width(p):
+    """Speed [m/s] within which the friction changes its sign."""
+    return 1.0 / p[P.ARCTAN_SLOPE] if p[P.ARCTAN_SLOPE] > 0.0 else p[P.SHARPNESS]
+
+
+@compiled
+def near_standstill(p, v, v_before):
+    """Whether the leg is near standstill, or may come there within as long as it took from v_before to v."""
+    return abs(v) < NEAR * friction_width(p) + abs(v - v_before)
+
+
+@compiled
+def leg_steps(rule, p, y, v, x, P1, P2, Ps, z):
+    """Steps a second [1/s] that a leg asks for in this state."""
+    capacity = leg.chamber_capacity(p, y, P1)
+    law = max(-leg.flow_slope(p, x, P1, Ps), 0.0) / (capacity * FLOW)
+    springs = 1.0 / capacity
+    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
+        room = leg.rod_side_room(p, y, P2)
+        law = max(law, -top_slope(p, x, P2, Ps) / (room * FLOW))
+        springs += (p[P.AREA_TOP] / p[P.AREA_BOTTOM]) ** 2 / room
+    if p[P.BRISTLE_STIFFNESS] > 0.0 and abs(leg.bristle_rate(p, y, v, P1, z)) > SETTLED * abs(v):
+        law = max(law, p[P.BRISTLE_STIFFNESS] * abs(v) / (leg.friction_level(p, y, v, P1) * FLOW))
+    steps = max(math.sqrt(rule.springs * springs) / RING, min(law, 1.0 / FASTEST_LAW_S))
+    if min(P1, P2, Ps) + ATMOSPHERE < NEAR * CAVITATION_SOFT:
+        steps = max(steps, 1.0 / FASTEST_LAW_S)
+    if min(y, p[P.STROKE] - y) < p[P.CUSHION_LENGTH]:
+        steps = max(steps, rule.stop)
+    return steps
+
+
+@compiled
+def power_unit_steps(s, pump_pressure):
+    """Steps a second [1/s] that a power unit asks for at this pressure of pump and accumulator."""
+    return 1.0 / FASTEST_LAW_S if pump_pressure + ATMOSPHERE < EMPTY * s[S.PRECHARGE] else 0.0
+
+
+@compiled
+def count_steps(rule, steps_a_second, calm_s, span_s):
+    """Whole steps of the next `span_s`, calm_s after a leg was last near standstill (0: one is)."""
+    steps = max(rule.steady, steps_a_second)
+    if calm_s < RINGING_FOR_S:
+        steps = max(steps, 1.0 / RINGING_S)
+    if calm_s <= 0.0:
+        steps = max(steps, rule.standstill)
+    if not steps < 1.0 / SHORTEST_S:  # NaN of a diverging run too
+        steps = 1.0 / SHORTEST_S
+    return max(math.ceil(steps * span_s - 1e-6), 1)

@@ -1,0 +1,75 @@
+"""UDP link to the host: takes the commands of one host at a time, and answers it.
+
+The host keeps the link until no valid packet has come for `NEW_SESSION_S`. Anything else is counted and ignored.
+"""
+
+from __future__ import annotations
+
+import socket
+from typing import Any
+
+from hexsim.errors import HexsimError
+from hexsim.motion_computer.host_buffer import NEW_SESSION_S, HostBuffer
+from hexsim.motion_computer.host_packet import COMMAND, HostCommand, Reply, unpack_command
+
+PACKETS_A_TICK = 64  # the rest waits in the socket, or is dropped by it
+
+
+class HostLink:
+    """A UDP socket that never blocks. counts: received, malformed, other host, not sent. buffer: setpoints of the host.
+
+    Raises HexsimError where the address cannot be had.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self.counts = {"received": 0, "malformed": 0, "other host": 0, "not sent": 0}
+        self.buffer = HostBuffer()
+        self.peer: Any = None  # address of the host
+        self._socket = _bind(host, port)
+        self.address = self._socket.getsockname()
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def receive(self, now_s: float) -> list[HostCommand]:
+        """Valid commands of the host that came since the last tick; at most `PACKETS_A_TICK` packets are read."""
+        taken = []
+        for _ in range(PACKETS_A_TICK):
+            try:
+                data, sender = self._socket.recvfrom(COMMAND.size + 1)
+            except BlockingIOError:
+                break
+            except OSError:  # an earlier reply could not be delivered
+                continue
+            self.counts["received"] += 1
+            command = unpack_command(data)
+            if command is None:
+                self.counts["malformed"] += 1
+            elif self.peer not in (None, sender) and now_s - self.buffer.last_packet_s <= NEW_SESSION_S:
+                self.counts["other host"] += 1
+            elif self.buffer.add(command, now_s):
+                self.peer = sender
+                taken.append(command)
+        return taken
+
+    def send(self, reply: Reply) -> None:
+        try:
+            self._socket.sendto(reply.pack(), self.peer)
+        except OSError:
+            self.counts["not sent"] += 1
+
+
+def _bind(host: str, port: int) -> socket.socket:
+    made = None
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0][0]
+        made = socket.socket(family, socket.SOCK_DGRAM)
+        made.bind((host, port))
+    except (OSError, OverflowError) as error:
+        if made is not None:
+            made.close()
+        raise HexsimError(
+            f"cannot listen on {host}:{port}: {error}; give a free port or an address of this computer"
+        ) from None
+    made.setblocking(False)
+    return made

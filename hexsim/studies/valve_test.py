@@ -1,0 +1,213 @@
+"""The declared valve on a test stand, as ISO 10770-1 (four-way) and -2 (three-way) test one: no cylinder, one leg's row.
+
+    flow over signal       constant valve drop, port A joined to B (three-way: A at half of it)    ISO 10770-1, 8.1.4
+    pressure gain          ports blocked: pA - pB (three-way: pA) over signal
+    internal leakage       ports blocked: flow that the supply gives
+    step, frequency        spool position over signal, at several amplitudes
+
+The signal runs a full slow cycle, so that hysteresis shows. The spool stands for the flow in the dynamic tests, as in
+valves whose spool position is measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import root_scalar
+
+from hexsim.compiled import compiled
+from hexsim.declaration import Machine
+from hexsim.hydraulics import leg, ports, valve
+from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P, declared_rows
+
+Array = NDArray[np.float64]
+AMPLITUDES = (0.05, 0.25, 1.0)  # of full signal
+FREQUENCIES_Hz = np.geomspace(1.0, 1000.0, 61)
+STEPS = (0.1, 0.25, 0.5, 1.0)
+STEP_TIME_s = 1e-5
+SEAL = 1e-17  # [m3/s/Pa] of a blocked port, so that a dead band has a pressure: the middle one
+PER_CYCLE, CYCLES = 1000, 6  # time steps of a sine and how many are run; the last one is judged
+
+
+@dataclass(frozen=True, kw_only=True)
+class ValveTest:
+    """Curves over the signal (n,) in shares of full signal, and the figures that a sheet gives.
+
+    step: amplitude -> response over time_s. bode: amplitude -> (gain, phase [deg]) over FREQUENCIES_Hz.
+    """
+
+    signal: Array
+    flow_m3_s: Array
+    load_pressure_Pa: Array
+    leakage_m3_s: Array
+    time_s: Array
+    step: dict[float, Array]
+    bode: dict[float, tuple[Array, Array]]
+    drop_Pa: float
+    supply_Pa: float
+    figures: dict[str, Any]
+
+    def table(self) -> list[tuple[str, str, str]]:
+        """(figure, value, unit) in the units of data sheets."""
+        f = self.figures
+        rows = [
+            (f"flow at full signal, {self.drop_Pa / 1e5:.3g} bar valve drop", f["rated_flow_l_min"], "l/min"),
+            ("hysteresis", f["hysteresis_percent"], "% of full signal"),
+            ("null", f["null_percent"], "% of full signal"),
+            ("dead band about null", f["dead_band_percent"], "% of full signal"),
+            ("pressure gain at null", f["pressure_gain_percent"], "% of supply for 1 % of signal"),
+            (f"internal leakage at null, {self.supply_Pa / 1e5:.3g} bar", f["null_leakage_l_min"], "l/min"),
+        ]
+        for amplitude, figure in f["dynamics"].items():
+            rows += [
+                (f"-3 dB at {amplitude} % of signal", figure["minus_3dB_Hz"], "Hz"),
+                (f"-90 deg at {amplitude} %", figure["minus_90deg_Hz"], "Hz"),
+            ]
+        rows += [(f"0 to {a} % step, to 90 % of it", t, "ms") for a, t in f["step_90_percent_ms"].items()]
+        return [(name, "-" if value is None else f"{value:.3g}", unit) for name, value, unit in rows]
+
+
+def valve_test(machine: Machine) -> ValveTest:
+    """All tests of the valve of a machine's first leg, at the declared oil."""
+    p = declared_rows(machine)[0]
+    tank = float(p[P.TANK_PRESSURE])
+    rated = machine.valve.rated_pressure_drop_Pa
+    drop = 2 * rated if rated else float(p[P.SUPPLY_PRESSURE]) - tank
+    supply = float(p[P.SUPPLY_PRESSURE])
+    signal = np.concatenate([np.linspace(0, 1, 501), np.linspace(1, -1, 1001)[1:], np.linspace(-1, 1, 1001)[1:]])
+    volts = leg.valve_volts(signal * machine.valve.voltage_max_V, p[P.HYSTERESIS], 0)
+    at_rest = p.copy()
+    at_rest[P.SPOOL_OMEGA] = 0.0
+    spool = np.array([leg.metering_spool(at_rest, u, 0.0, 0.0) for u in volts])
+    flow = np.array([_no_load_flow(p, x, tank + drop, tank) for x in spool])
+    blocked = np.array([_blocked(p, x, supply, tank) for x in spool])
+    cycle = slice(500, None)  # one closed loop from +1 to +1
+    time = np.arange(0, 6.0 / max(p[P.SPOOL_OMEGA] / 10, 10.0), STEP_TIME_s)
+    step = {a: _response(p, np.full(len(time), a * p[P.SPOOL_TRAVEL]), STEP_TIME_s) / p[P.SPOOL_TRAVEL] for a in STEPS}
+    bode = {a: _bode(p, a) for a in AMPLITUDES}
+    test = ValveTest(
+        signal=signal[cycle], flow_m3_s=flow[cycle], load_pressure_Pa=blocked[cycle, 0],
+        leakage_m3_s=blocked[cycle, 1], time_s=time, step=step, bode=bode, drop_Pa=drop, supply_Pa=supply, figures={},
+    )  # fmt: skip
+    test.figures.update(_figures(test))
+    return test
+
+
+def _no_load_flow(p: Array, x: float, supply: float, tank: float) -> float:
+    """Flow out of port A [m3/s] at spool position x, A joined to B, or A of a three-way valve at the middle pressure."""
+    middle = 0.5 * (supply + tank)
+    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
+
+        def net(pressure: float) -> float:
+            return _port_a(p, x, pressure, supply) + _port_b(p, x, pressure, supply) + SEAL * (middle - pressure)
+
+        middle = float(root_scalar(net, bracket=(tank, supply), xtol=1.0).root)
+    return _port_a(p, x, middle, supply)
+
+
+def _port_a(p: Array, x: float, pressure: float, supply: float) -> float:
+    return ports.supply_edge_flow(p, x, pressure, supply) - ports.tank_edge_flow(p, x, pressure)
+
+
+def _port_b(p: Array, x: float, pressure: float, supply: float) -> float:
+    return ports.top_supply_flow(p, x, pressure, supply) - ports.top_tank_flow(p, x, pressure)
+
+
+def _blocked(p: Array, x: float, supply: float, tank: float) -> tuple[float, float]:
+    """Load pressure [Pa] and flow from the supply [m3/s] with all ports blocked."""
+    middle = 0.5 * (supply + tank)
+
+    def rest(flow: Any) -> float:
+        def net(pressure: float) -> float:
+            return flow(p, x, pressure, supply) + SEAL * (middle - pressure)
+
+        return float(root_scalar(net, bracket=(tank, supply), xtol=1.0).root)
+
+    a = rest(_port_a)
+    leakage = ports.supply_edge_flow(p, x, a, supply)
+    if p[P.ROD_SIDE_CHAMBER] != ROD_SIDE_VALVE:
+        return a, leakage
+    b = rest(_port_b)
+    return a - b, leakage + ports.top_supply_flow(p, x, b, supply)
+
+
+@compiled
+def _response(p, command, h):
+    """Spool positions (n,) [m] under commands (n,) [m], from rest at 0, time step h [s]."""
+    out = np.empty(command.shape[0])
+    x = speed = 0.0
+    for k in range(command.shape[0]):
+        out[k] = x if p[P.SPOOL_OMEGA] > 0.0 else command[k]
+        dx, acceleration = valve.spool_rates(
+            x, speed, command[k], p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING], p[P.SPOOL_RATE]
+        )
+        speed += h * acceleration
+        x += h * dx if p[P.SPOOL_DAMPING] <= 0.0 or p[P.SPOOL_RATE] > 0.0 else h * speed
+    return out
+
+
+def _bode(p: Array, amplitude: float) -> tuple[Array, Array]:
+    """Gain and phase [deg] of the spool's first harmonic (n_frequencies,)."""
+    height = amplitude * p[P.SPOOL_TRAVEL]
+    turn = 2j * np.pi * np.arange(PER_CYCLE) / PER_CYCLE
+    answers = []
+    for frequency in FREQUENCIES_Hz:
+        h = 1.0 / (frequency * PER_CYCLE)
+        sine = height * np.sin(2 * np.pi * np.arange(PER_CYCLE * CYCLES) / PER_CYCLE)
+        last = _response(p, sine, h)[-PER_CYCLE:]
+        answers.append(2j * np.mean(last * np.exp(-turn)) / height)
+    response = np.array(answers)
+    return np.abs(response), np.degrees(np.unwrap(np.angle(response)))
+
+
+def _figures(test: ValveTest) -> dict[str, Any]:
+    """What a sheet says of these curves."""
+    down, up = slice(0, 1001), slice(1000, 2001)
+    flow, signal = test.flow_m3_s, test.signal
+    rated = float(np.max(np.abs(flow)))
+    # the signal at which each way passes a tenth of the flow, either sign: how far the two lie apart
+    levels = np.concatenate([np.linspace(0.1, 0.9, 9), -np.linspace(0.1, 0.9, 9)]) * rated
+    falling, rising = (np.interp(levels, flow[w][order], signal[w][order]) for w, order in
+                       ((down, slice(None, None, -1)), (up, slice(None))))  # fmt: skip
+    dead = np.abs(flow[up]) < 1e-3 * rated
+    closed = signal[up][dead]
+    load, null = test.load_pressure_Pa[up], float(np.mean(closed)) if len(closed) else 0.0
+    steep = np.gradient(load, signal[up])
+    dynamics = {
+        f"{100 * amplitude:g}": {
+            "minus_3dB_Hz": _crossing(gain, 10 ** (-3 / 20)),
+            "minus_90deg_Hz": _crossing(phase, -90.0),
+        }
+        for amplitude, (gain, phase) in test.bode.items()
+    }
+    return {
+        "rated_flow_l_min": rated * 6e4,
+        "hysteresis_percent": 100 * float(np.max(rising - falling)),
+        "null_percent": 100 * 0.5 * (null + _null_of(signal[down], flow[down], rated)),
+        "dead_band_percent": 100 * float(np.ptp(closed)) if len(closed) > 1 else 0.0,
+        "pressure_gain_percent": float(np.max(steep)) / test.supply_Pa,
+        "null_leakage_l_min": 6e4 * float(np.max(test.leakage_m3_s)),
+        "dynamics": dynamics,
+        "step_90_percent_ms": {
+            f"{100 * a:g}": 1e3 * float(test.time_s[np.argmax(x >= 0.9 * a)]) if np.any(x >= 0.9 * a) else None
+            for a, x in test.step.items()
+        },
+    }
+
+
+def _null_of(signal: Array, flow: Array, rated: float) -> float:
+    closed = signal[np.abs(flow) < 1e-3 * rated]
+    return float(np.mean(closed)) if len(closed) else 0.0
+
+
+def _crossing(values: Array, level: float) -> float | None:
+    """First frequency [Hz] at which a falling curve passes a level, on a logarithmic scale; None = not within reach."""
+    below = np.flatnonzero(values < level)
+    if not len(below) or below[0] == 0:
+        return None
+    k = below[0]
+    share = (values[k - 1] - level) / (values[k - 1] - values[k])
+    return float(FREQUENCIES_Hz[k - 1] * (FREQUENCIES_Hz[k] / FREQUENCIES_Hz[k - 1]) ** share)

@@ -1,0 +1,125 @@
+"""A valve declared from its data sheet: what the sheet says comes back from the test stand."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from hexsim.cli import app
+from hexsim.errors import HexsimError
+from hexsim.hydraulics import leg
+from hexsim.hydraulics.parameters import P, declared_rows, flow_points
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.studies.valve_test import valve_test
+
+CURVE = {"signal": [0.0, 2.0, 40.0, 100.0], "flow": [0.0, 0.0, 10.0, 38.0]}
+SHEET = {
+    "valve.overlap_m": None, "valve.flow_curve": CURVE, "valve.hysteresis_percent": 2.0, "valve.null_shift_percent": 0.5,
+    "valve.spool_frequency_Hz": 0.0, "valve.small_signal_minus_90deg_Hz": 100.0,
+    "valve.small_signal_minus_3dB_Hz": 90.0, "valve.large_signal_minus_3dB_Hz": 35.0, "valve.edge_rounding_m": 0.0,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def machine():
+    """The servo bench with a valve from a sheet: inflected flow, hysteresis, null shift, two amplitudes."""
+    return changed(load_machine("servo_bench"), SHEET)
+
+
+@pytest.fixture(scope="module")
+def test(machine):
+    """Its test stand."""
+    return valve_test(machine)
+
+
+def test_the_sheet_comes_back(test):
+    """38 l/min less the hysteresis at full signal, 2 %, 0.5 %; small-signal frequencies to 1 %, the large one to 5 %.
+
+    The large signal's slew rate is that of a triangle; the spool's own lag takes the rest.
+    """
+    figures = test.figures
+    slope = 28.0 / 60.0  # [l/min / %] of the last stretch; null 0.5 % and half the loop, 1 %, are lost at the end
+    assert figures["rated_flow_l_min"] == pytest.approx(38.0 - 0.5 * slope, rel=1e-3)
+    assert figures["hysteresis_percent"] == pytest.approx(2.0, abs=0.01)
+    assert figures["null_percent"] == pytest.approx(0.5, abs=0.1)
+    assert figures["dead_band_percent"] == pytest.approx(4.0, abs=0.5)
+    assert figures["null_leakage_l_min"] < 1e-4  # the stand's own seal
+    for amplitude in ("5", "25"):
+        small = figures["dynamics"][amplitude]
+        assert small["minus_90deg_Hz"] == pytest.approx(100.0, rel=0.01)
+        assert small["minus_3dB_Hz"] == pytest.approx(90.0, rel=0.01)
+    assert figures["dynamics"]["100"]["minus_3dB_Hz"] == pytest.approx(35.0, rel=0.05)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_flow_curve_at_its_points_and_between(machine, sign):
+    """The row's opening is flow over rated flow times travel: at the points, between them, mirrored."""
+    row, travel = declared_rows(machine)[0], 5e-4
+    for percent, flow in ((1.0, 0.0), (2.0, 0.0), (21.0, 5.0), (40.0, 10.0), (70.0, 24.0), (100.0, 38.0)):
+        opening = leg.flow_curve(row, sign * percent / 100 * travel)
+        assert opening == pytest.approx(sign * flow / 38.0 * travel, rel=1e-6, abs=1e-15)
+
+
+def test_flow_curve_in_other_units(machine):
+    """The same curve in volts and cubic metres a second, or in shares, gives the same points."""
+    volts = {"signal": [s / 10 for s in CURVE["signal"]], "flow": [q / 6e4 for q in CURVE["flow"]],
+             "signal_unit": "V", "flow_unit": "m3_s"}  # fmt: skip
+    shares = {"signal": [s / 100 for s in CURVE["signal"]], "flow": [q / 38 for q in CURVE["flow"]],
+              "signal_unit": "1", "flow_unit": "1"}  # fmt: skip
+    for other in (volts, shares):
+        again = flow_points(changed(machine, {"valve.flow_curve": other}).valve)
+        np.testing.assert_allclose(again, flow_points(machine.valve), rtol=1e-7, atol=1e-18)
+
+
+def test_slew_time_and_lap_in_percent():
+    """0 to 100 % in 20 ms is 25 mm/s of 0.5 mm; 3 % of lap is 15 um."""
+    machine = changed(
+        load_machine("servo_bench"), {"valve.slew_time_s": 0.02, "valve.overlap_m": None, "valve.overlap_percent": 3.0}
+    )
+    row = declared_rows(machine)[0]
+    assert row[P.SPOOL_RATE] == pytest.approx(0.025)
+    assert row[P.OVERLAP_SUPPLY] == row[P.OVERLAP_TANK_TOP] == pytest.approx(15e-6)
+
+
+def test_rounded_edges_at_null():
+    """Matched edges at null: flow gain steepens to the slope, leakage is 2 K s ln 2 sqrt(Ps/2), load pressure 0."""
+    machine = load_machine("servo_bench")
+    found, p = valve_test(machine), declared_rows(machine)[0]
+    opening = 2e-6 * math.log(2.0)
+    edge = p[P.DISCHARGE] * p[P.AREA_GRADIENT_SUPPLY] * opening * math.sqrt(2 / 855.0) * math.sqrt(7.9e6)
+    assert found.figures["null_leakage_l_min"] == pytest.approx(2 * edge * 6e4, rel=1e-3)
+    assert found.load_pressure_Pa[500] == pytest.approx(0.0, abs=10.0)
+    assert found.figures["rated_flow_l_min"] == pytest.approx(38.0, rel=1e-4)
+
+
+REFUSED = [
+    ({"valve.small_signal_minus_90deg_Hz": 50.0}, "spool_frequency_Hz or small_signal_minus_90deg_Hz"),
+    ({"valve.small_signal_minus_3dB_Hz": 200.0}, "no second-order spool"),
+    ({"valve.slew_time_s": 0.01, "valve.large_signal_minus_3dB_Hz": 40.0}, "slew_time_s"),
+    ({"valve.flow_curve": CURVE, "valve.overlap_m": 5e-6}, "flow_curve needs"),
+    ({"valve.flow_curve": {**CURVE, "flow": [0.0, 3.0, 2.0, 38.0]}, "valve.overlap_m": None}, "must not fall"),
+    ({"valve.flow_curve": {**CURVE, "signal": [1.0, 2.0, 40.0, 100.0]}, "valve.overlap_m": None}, "begins at signal 0"),
+]
+
+
+@pytest.mark.parametrize(("changes", "says"), REFUSED, ids=[says for _, says in REFUSED])
+def test_sheets_that_contradict_themselves_are_refused(changes, says):
+    """One sentence that names the key."""
+    with pytest.raises(HexsimError) as caught:
+        changed(load_machine("servo_bench"), changes)
+    assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["bench", "servo_bench"])
+def test_command_draws_three_and_four_way_valves(name, tmp_path):
+    """`hexsim valve` writes its page, figures and figures as JSON."""
+    from typer.testing import CliRunner
+
+    result = CliRunner().invoke(app, ["valve", name, "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    found = json.loads((tmp_path / "out" / "valve.json").read_text())
+    assert found["figures"]["rated_flow_l_min"] > 10.0
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.count("data:image/png") == 2

@@ -1,0 +1,23 @@
+"""The guide's valve tables are declarations that run."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from hexsim.machine import load_machine, machine_from_dict
+from hexsim.machine.files import machine_tables
+from hexsim.studies.valve_test import valve_test
+
+GUIDE = (Path(__file__).parents[1] / "docs" / "declare_your_machine.md").read_text(encoding="utf-8")
+SHEETS = re.findall(r"```toml\n(.*?)```", GUIDE, re.S)
+
+
+@pytest.mark.parametrize(("sheet", "flow_l_min"), list(zip(SHEETS, (38.0, 40.0), strict=True)))
+def test_worked_sheets_give_their_rated_flow(sheet, flow_l_min):
+    """Put into the servo bench, each worked sheet passes its rated flow at full signal within its hysteresis."""
+    tables = machine_tables(load_machine("servo_bench")) | tomllib.loads(sheet)
+    tables["uncertainty"] = {}
+    found = valve_test(machine_from_dict(tables)).figures
+    assert found["rated_flow_l_min"] == pytest.approx(flow_l_min, rel=0.015)
