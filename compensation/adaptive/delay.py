@@ -31,7 +31,7 @@ BEFORE, AFTER, PAST = 14, 16, 12  # ticks about the reversal that are compared, 
 FINE = 5  # samples a tick
 NOISE_M = 3.3e-6  # of an oil displacement
 MEMORY = 0.985  # of the sums, a reversal
-ERRORS, ERRORS_FIRST = 0.4, 1.2  # standard deviations added to the delay at last; and further ones at first
+ERRORS, ERRORS_FIRST = 0.2, 1.3  # standard deviations added to the delay at last; and further ones at first
 MODEL_SUM = 0.3  # of a reversal, which errors of the rest of the model may make
 MAX_SUM = 40.0  # that one reversal may add
 
@@ -84,7 +84,7 @@ class DelayEstimator:
             delay, weight = max(lag_s - spool_s, 0.0), math.exp(0.5 * (least - chi))
             total, mean, square = total + weight, mean + weight * delay, square + weight * delay * delay
         mean /= total
-        errors = ERRORS + ERRORS_FIRST / (1.0 + 0.5 * self.reversals)
+        errors = ERRORS + ERRORS_FIRST / (1.0 + self.reversals)
         return min(mean + errors * math.sqrt(max(square / total - mean * mean, 0.0)), max(lag_s - SPOOL_LAGS_S[0], 0.0))
 
     def parameters(self) -> Parameters:
