@@ -125,7 +125,7 @@ def supply_rates(p, places, act, act_dot, switched_on, demand, heat, h):
 
 
 @cache
-def _compile() -> tuple:
+def native_callbacks() -> tuple:
     """The two native functions; they hold the places of the structs' fields as constants."""
     width_slot, user_slot = slot("mjModel", "nuser_actuator"), slot("mjModel", "actuator_user")
     step_slot = slot("mjModel", "opt") + slot("mjOption", "timestep")
@@ -201,7 +201,7 @@ _installing = threading.Lock()
 
 def installed() -> bool:
     """Whether MuJoCo calls the hydraulics at present."""
-    return all(_address_of(name) == made.address for name, made in zip(_CALLBACKS, _compile(), strict=True))
+    return all(_address_of(name) == made.address for name, made in zip(_CALLBACKS, native_callbacks(), strict=True))
 
 
 def install_hydraulics() -> None:
@@ -211,7 +211,7 @@ def install_hydraulics() -> None:
     process has callbacks of its own.
     """
     with _installing:
-        for name, made in zip(_CALLBACKS, _compile(), strict=True):
+        for name, made in zip(_CALLBACKS, native_callbacks(), strict=True):
             if _address_of(name) not in (None, made.address):
                 raise HexsimError(
                     f"MuJoCo's callback {name} belongs to another program in this process: hexsim needs it; run hexsim "

@@ -1,0 +1,80 @@
+"""modelDescription.xml of an FMU: FMI 2.0.4, co-simulation."""
+
+from __future__ import annotations
+
+import math
+from importlib.metadata import version
+from xml.etree import ElementTree as xml
+
+from hexsim.export.variables import Variables
+
+# Unit at the end of a name -> its name in FMI and its powers of base units. The longest that fits.
+UNITS: dict[str, tuple[str, dict[str, int]]] = {
+    "V": ("V", {"kg": 1, "m": 2, "s": -3, "A": -1}),
+    "m": ("m", {"m": 1}),
+    "m_s": ("m/s", {"m": 1, "s": -1}),
+    "m_s2": ("m/s2", {"m": 1, "s": -2}),
+    "rad": ("rad", {"rad": 1}),
+    "rad_s2": ("rad/s2", {"rad": 1, "s": -2}),
+    "m3": ("m3", {"m": 3}),
+    "m3_s": ("m3/s", {"m": 3, "s": -1}),
+    "m3_s_Pa": ("m3/(s.Pa)", {"m": 4, "s": 1, "kg": -1}),
+    "Pa": ("Pa", {"kg": 1, "m": -1, "s": -2}),
+    "kg": ("kg", {"kg": 1}),
+    "kg_m3": ("kg/m3", {"kg": 1, "m": -3}),
+    "N": ("N", {"kg": 1, "m": 1, "s": -2}),
+    "N_m": ("N/m", {"kg": 1, "s": -2}),
+    "N_s_m": ("N.s/m", {"kg": 1, "s": -1}),
+    "s_m": ("s/m", {"s": 1, "m": -1}),
+    "Hz": ("Hz", {"s": -1}),
+}
+
+
+def unit_of(name: str) -> str | None:
+    """Key of UNITS; None for a ratio, and for m3/(s sqrt(Pa)), which FMI cannot say."""
+    fitting = [key for key in UNITS if name.endswith(f"_{key}")]
+    return max(fitting, key=len, default=None)
+
+
+def model_description(variables: Variables, *, name: str, identifier: str, guid: str, timestep: float) -> bytes:
+    """The XML. identifier: name of the binaries; guid: what the binary answers to."""
+    root = xml.Element(
+        "fmiModelDescription", fmiVersion="2.0", modelName=name, guid=guid, generationTool=f"hexsim {version('hexsim')}",
+        description="Valve volts in, motion and pressures out", variableNamingConvention="structured",
+    )  # fmt: skip
+    xml.SubElement(
+        root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="true",
+        canGetAndSetFMUstate="true", canSerializeFMUstate="true",
+    )  # fmt: skip
+    units = xml.SubElement(root, "UnitDefinitions")
+    names = [*(n for n, _ in variables.inputs), *(v.name for v in (*variables.outputs, *variables.parameters))]
+    for key in sorted({unit for name in names if (unit := unit_of(name))}):
+        unit = xml.SubElement(units, "Unit", name=UNITS[key][0])
+        xml.SubElement(unit, "BaseUnit", {base: str(power) for base, power in UNITS[key][1].items()})
+    categories = xml.SubElement(root, "LogCategories")
+    xml.SubElement(categories, "Category", name="logStatusError", description="what was refused, and why")
+    xml.SubElement(root, "DefaultExperiment", startTime="0", stopTime="1", stepSize=f"{20 * timestep:g}")
+    listed = xml.SubElement(root, "ModelVariables")
+    reals = [
+        (n, text, {"causality": "input", "variability": "continuous"}, {"start": "0"}) for n, text in variables.inputs
+    ]
+    reals += [
+        (v.name, v.description, {"causality": "output", "variability": "continuous", "initial": "calculated"}, {})
+        for v in variables.outputs
+    ]
+    for p in variables.parameters:
+        bounds = {key: repr(bound) for key, bound in (("min", p.low), ("max", p.high)) if math.isfinite(bound)}
+        kind = {"causality": "parameter", "variability": "fixed", "initial": "exact"}
+        reals.append((p.name, p.description, kind, {"start": repr(p.start), **bounds}))
+    for reference, (name, text, kind, values) in enumerate(reals):
+        named = {"name": name, "valueReference": str(reference), "description": text}
+        variable = xml.SubElement(listed, "ScalarVariable", {**named, **kind})
+        unit = unit_of(name)
+        xml.SubElement(variable, "Real", {**values, **({"unit": UNITS[unit][0]} if unit else {})})
+    structure = xml.SubElement(root, "ModelStructure")
+    for part in ("Outputs", "InitialUnknowns"):
+        unknowns = xml.SubElement(structure, part)
+        for k in range(len(variables.outputs)):
+            xml.SubElement(unknowns, "Unknown", index=str(len(variables.inputs) + k + 1))
+    xml.indent(root)
+    return xml.tostring(root, encoding="UTF-8", xml_declaration=True)

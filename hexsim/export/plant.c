@@ -1,0 +1,191 @@
+/* The plant of a machine: MuJoCo's bodies and hexsim's hydraulics, RK4 at a constant step. As `hexsim.plant.Plant`.
+
+   Pressures are in MPa inside MuJoCo's `act`. */
+#include "plant.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+Status refuse(const Instance *c, const char *format, ...) {
+  char text[512];
+  va_list values;
+  va_start(values, format);
+  vsnprintf(text, sizeof text, format, values);
+  va_end(values);
+  for (char *sign = text; *sign; sign++) /* the logger takes a format; importers that ignore what follows it show it as it is */
+    if (*sign == '%') *sign = ' ';
+  if (c->callbacks.logger) c->callbacks.logger(c->callbacks.environment, c->name, ERROR, "logStatusError", text);
+  return ERROR;
+}
+
+void put_parameters(Instance *c) {
+  for (int k = 0; k < N_CHANGES; k++) {
+    const Change *change = &CHANGES[k];
+    double value = c->now.parameters[change->parameter];
+    c->model->actuator_user[change->actuator * ROW + change->place] =
+        value == PARAMETERS[change->parameter].start ? change->start : change->offset + change->slope * value;
+  }
+  if (MASS_PARAMETER >= 0) {
+    double mass = MASS_OFFSET + c->now.parameters[MASS_PARAMETER];
+    if (mass != c->model->body_mass[MASS_BODY]) {
+      c->model->body_mass[MASS_BODY] = mass;
+      mj_setConst(c->model, c->data);
+    }
+  }
+}
+
+static double declared(const Instance *c, int parameter, double otherwise) {
+  return parameter >= 0 ? c->now.parameters[parameter] : otherwise;
+}
+
+static const double *layout(const Instance *c, int actuator) { return c->model->actuator_user + actuator * ROW + LAYOUT; }
+
+/* Bottom pressures [Pa] into the state, and the rod sides that rest with them (`Plant.hold_still`). */
+static void hold_still(Instance *c, const double *bottom, double supply, double tank) {
+  for (int i = 0; i < N_LEGS; i++) {
+    const double *places = layout(c, i);
+    c->data->act[(int)places[PRESSURE]] = bottom[i] / MPa;
+    if (places[ROD_SIDE] >= 0) {
+      int on_valve = c->model->actuator_user[i * ROW + ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE;
+      c->data->act[(int)places[ROD_SIDE]] = (on_valve ? supply + tank - bottom[i] : supply) / MPa;
+    }
+  }
+}
+
+/* Solve a x = b in place by elimination with row exchange; b becomes x. */
+static void solve(double a[N_LEGS][N_LEGS], double *b) {
+  for (int k = 0; k < N_LEGS; k++) {
+    int pivot = k;
+    for (int i = k + 1; i < N_LEGS; i++)
+      if (fabs(a[i][k]) > fabs(a[pivot][k])) pivot = i;
+    for (int j = 0; j < N_LEGS; j++) {
+      double kept = a[k][j];
+      a[k][j] = a[pivot][j], a[pivot][j] = kept;
+    }
+    double kept = b[k];
+    b[k] = b[pivot], b[pivot] = kept;
+    for (int i = k + 1; i < N_LEGS; i++) {
+      double factor = a[i][k] / a[k][k];
+      for (int j = k; j < N_LEGS; j++) a[i][j] -= factor * a[k][j];
+      b[i] -= factor * b[k];
+    }
+  }
+  for (int k = N_LEGS - 1; k >= 0; k--) {
+    for (int j = k + 1; j < N_LEGS; j++) b[k] -= a[k][j] * b[j];
+    b[k] /= a[k][k];
+  }
+}
+
+void forget_warnings(Instance *c) {
+  for (int k = 0; k < mjNWARNING; k++) c->data->warning[k].number = 1; /* MuJoCo writes the first of a kind into a file */
+}
+
+/* Bottom pressures in static equilibrium into the state (`Plant.static_pressures`). */
+static Status find_equilibrium(Instance *c) {
+  double supply = declared(c, SUPPLY_PARAMETER, SUPPLY_PRESSURE), tank = declared(c, TANK_PARAMETER, TANK_PRESSURE);
+  double before[N_LEGS], pressures[N_LEGS], correction[N_LEGS], slopes[N_LEGS][N_LEGS], step = 1e5;
+  if (N_ACTUATORS > N_LEGS) c->data->act[(int)layout(c, N_ACTUATORS - 1)[PRESSURE]] = supply / MPa;
+  for (int i = 0; i < N_LEGS; i++) before[i] = c->data->act[(int)layout(c, i)[PRESSURE]] * MPa;
+  for (int k = -1; k < N_LEGS; k++) {
+    for (int i = 0; i < N_LEGS; i++) pressures[i] = before[i] + (i == k ? step : 0);
+    hold_still(c, pressures, supply, tank);
+    mj_forward(c->model, c->data);
+    for (int i = 0; i < N_LEGS; i++) {
+      if (k < 0) correction[i] = c->data->qacc[i];
+      else slopes[i][k] = (c->data->qacc[i] - correction[i]) / step;
+    }
+  }
+  solve(slopes, correction);
+  for (int i = 0; i < N_LEGS; i++) {
+    pressures[i] = before[i] - correction[i];
+    if (!(pressures[i] > tank && pressures[i] < supply))
+      return refuse(c, "leg %d needs %.1f bar to hold the load at rest, outside %.1f..%.1f bar: lower the mass or raise the supply",
+                    i + 1, pressures[i] / 1e5, tank / 1e5, supply / 1e5);
+  }
+  hold_still(c, pressures, supply, tank);
+  return OK;
+}
+
+Status start(Instance *c) {
+  int is_declared = 1;
+  for (int k = 0; k < N_PARAMETERS; k++) is_declared &= c->now.parameters[k] == PARAMETERS[k].start;
+  put_parameters(c);
+  mj_resetData(c->model, c->data);
+  forget_warnings(c);
+  memcpy(c->data->act, START_ACT, sizeof START_ACT);
+  memcpy(c->data->ctrl, START_CTRL, sizeof START_CTRL);
+  if (!is_declared && find_equilibrium(c) != OK) return ERROR;
+  mj_forward(c->model, c->data);
+  memset(c->now.spool_volts, 0, sizeof c->now.spool_volts);
+  c->now.steps = 0;
+  c->now.is_started = 1;
+  c->outputs_hold = 0;
+  return OK;
+}
+
+void time_step(Instance *c) {
+  Numbers *now = &c->now;
+  long count = (long)now->steps;
+  if (count == 0)
+    for (int k = 0; k < RING; k++) memcpy(now->past[k], now->volts, sizeof now->volts);
+  memcpy(now->past[count % RING], now->volts, sizeof now->volts);
+  for (int i = 0; i < N_LEGS; i++) {
+    double command = now->past[(count + RING - DELAY[i]) % RING][i];
+    c->data->ctrl[i] = now->spool_volts[i] = hexsim_play(command, now->spool_volts[i], HYSTERESIS[i]);
+  }
+  mj_step(c->model, c->data);
+  now->steps += 1;
+}
+
+int is_finite(const Instance *c) {
+  for (int k = 0; k < c->model->nq; k++)
+    if (!isfinite(c->data->qpos[k])) return 0;
+  for (int k = 0; k < c->model->na; k++)
+    if (!isfinite(c->data->act[k])) return 0;
+  for (int k = 0; k < mjNWARNING; k++)
+    if (c->data->warning[k].number > 1) return 0;
+  return 1;
+}
+
+static double pose(const Instance *c, int axis) {
+  const double *q = c->data->qpos + 3, w = q[0], x = q[1], y = q[2], z = q[3];
+  switch (axis) {
+    case 0: case 1: return c->data->qpos[axis];
+    case 2: return c->data->qpos[2] - NEUTRAL_HEIGHT;
+    case 3: return atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y));
+    case 4: return asin(fmax(-1, fmin(1, 2 * (w * y - z * x))));
+    default: return atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z));
+  }
+}
+
+static double output(const Instance *c, OutputKind kind, int i) {
+  const double *act = c->data->act, *places = layout(c, kind == POSE ? 0 : i % N_LEGS);
+  const double *turn = c->data->xmat + 9 * MASS_BODY, *qacc = c->data->qacc;
+  switch (kind) {
+    case POSITION: return c->data->actuator_length[i] - c->model->actuator_user[i * ROW + LENGTH_OFFSET];
+    case VELOCITY: return c->data->actuator_velocity[i];
+    case BOTTOM: return act[(int)places[PRESSURE]] * MPa;
+    case TOP: return act[(int)places[ROD_SIDE]] * MPa;
+    case SUPPLY: return places[SUPPLY_PLACE] >= 0 ? act[(int)places[SUPPLY_PLACE]] * MPa
+                                                  : c->model->actuator_user[ROW_SUPPLY_PRESSURE];
+    case POSE: return pose(c, i);
+    case ACCELERATION: return N_LEGS == 1 ? qacc[0] : turn[i] * qacc[0] + turn[3 + i] * qacc[1] + turn[6 + i] * qacc[2];
+    default: return qacc[3 + i]; /* ANGULAR_ACCELERATION; MuJoCo gives a free joint's in the body's frame */
+  }
+}
+
+/* Outputs of the present state. The evaluation leaves no trace in the solver's next start. */
+void evaluate(Instance *c) {
+  double warm[N_VELOCITIES];
+  memcpy(warm, c->data->qacc_warmstart, sizeof warm);
+  mj_forward(c->model, c->data);
+  memcpy(c->data->qacc_warmstart, warm, sizeof warm);
+  for (int k = 0; k < N_OUTPUTS; k++) c->outputs[k] = output(c, OUTPUTS[k].kind, OUTPUTS[k].index);
+  c->outputs_hold = 1;
+}
+
+/* Error paths of the compiled hydraulics that are never taken. */
+#define STUB(name) void name(void) { abort(); }
+STUBS
