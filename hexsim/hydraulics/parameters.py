@@ -11,7 +11,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from hexsim.declaration import Machine, Valve
+from hexsim.declaration import Friction, Machine, Valve
 from hexsim.declaration.valve import FLOW_POINTS
 from hexsim.signals.units import unit_to_si
 
@@ -117,9 +117,19 @@ def declared_rows(machine: Machine) -> np.ndarray:
     rounded overlap law, or Eq. 3.11 when QUADRATIC_GAIN > 0.
     """
     row = np.zeros(N_PARAMETERS)
-    cylinder, valve, friction = machine.cylinder, machine.valve, machine.friction
-    omega, damping, speed = valve.spool
-    gradients, overlaps = valve.area_gradients_m(machine.oil.density_kg_m3), valve.overlaps_m
+    for name, value in (_cylinder(machine) | _valve(machine) | _friction(machine.friction)).items():
+        row[name] = value
+    if machine.valve.flow_curve is not None:
+        points = flow_points(machine.valve)
+        row[P.FLOW_POINTS] = points.shape[1]
+        for k, start in enumerate((FLOW_TABLE, FLOW_TABLE + FLOW_POINTS)):
+            row[start : start + points.shape[1]] = points[k]
+    return np.tile(row, (machine.n_legs, 1))
+
+
+def _cylinder(machine: Machine) -> dict[P, float]:
+    """Supply, oil, cylinder and its leaks."""
+    cylinder = machine.cylinder
     values = {
         P.SUPPLY_PRESSURE: machine.supply.pressure_Pa,
         P.TANK_PRESSURE: machine.supply.tank_pressure_Pa,
@@ -134,6 +144,23 @@ def declared_rows(machine: Machine) -> np.ndarray:
         P.CUSHION_LENGTH: cylinder.cushion_length_m,
         P.CUSHION_STIFFNESS: cylinder.cushion_stiffness_N_m,
         P.CUSHION_DAMPING: cylinder.cushion_damping_N_s_m,
+        P.ROD_SIDE_CHAMBER: ROD_SIDES[cylinder.rod_side],
+    }
+    if cylinder.rod_side != "valve":  # the annulus is at supply pressure
+        return values | {P.LEAK_SUPPLY_CHAMBER: cylinder.piston_leakage_m3_s_Pa}
+    return values | {
+        P.LEAK_PISTON: cylinder.piston_leakage_m3_s_Pa,
+        P.LEAK_TOP_TANK: cylinder.rod_leakage_m3_s_Pa,
+        P.LEAK_CHAMBER_TANK: cylinder.rod_leakage_m3_s_Pa if cylinder.through_rod else 0.0,
+    }
+
+
+def _valve(machine: Machine) -> dict[P, float]:
+    """Valve and spool; edges of port B where the rod side hangs on it."""
+    valve = machine.valve
+    omega, damping, speed = valve.spool
+    gradients, overlaps = valve.area_gradients_m(machine.oil.density_kg_m3), valve.overlaps_m
+    values = {
         P.CLEARANCE_LENGTH: 3.0e-6,  # [m] assumed radial clearance scale of the land
         P.SPOOL_GAIN: valve.spool_travel_max_m / valve.voltage_max_V,
         P.SPOOL_TRAVEL: valve.spool_travel_max_m,
@@ -150,6 +177,19 @@ def declared_rows(machine: Machine) -> np.ndarray:
         P.SPOOL_RATE: speed,
         P.NULL_OFFSET: valve.null_shift_percent / 100 * valve.voltage_max_V,
         P.HYSTERESIS: valve.hysteresis_percent / 200 * valve.voltage_max_V,  # half of the loop's width
+    }
+    if machine.cylinder.rod_side == "valve":
+        values |= {
+            P.OVERLAP_SUPPLY_TOP: overlaps[2],
+            P.OVERLAP_TANK_TOP: overlaps[3],
+            P.AREA_GRADIENT_SUPPLY_TOP: gradients[2],
+            P.AREA_GRADIENT_TANK_TOP: gradients[3],
+        }
+    return values
+
+
+def _friction(friction: Friction) -> dict[P, float]:
+    return {
         P.VISCOUS_EXTEND: friction.viscous_extend_N_s_m,
         P.VISCOUS_RETRACT: friction.viscous_retract_N_s_m,
         P.COULOMB_EXTEND: friction.coulomb_extend_N,
@@ -160,28 +200,7 @@ def declared_rows(machine: Machine) -> np.ndarray:
         P.SHARPNESS: friction.sharpness_m_s,
         P.ARCTAN_SLOPE: friction.arctan_slope_s_m if friction.form == "report" else 0.0,
         P.RIPPLE_LENGTH: 1.0,
-        P.ROD_SIDE_CHAMBER: ROD_SIDES[cylinder.rod_side],
-        P.LEAK_SUPPLY_CHAMBER: cylinder.piston_leakage_m3_s_Pa,  # the annulus is at supply pressure
     }
-    if cylinder.rod_side == "valve":
-        values |= {
-            P.OVERLAP_SUPPLY_TOP: overlaps[2],
-            P.OVERLAP_TANK_TOP: overlaps[3],
-            P.AREA_GRADIENT_SUPPLY_TOP: gradients[2],
-            P.AREA_GRADIENT_TANK_TOP: gradients[3],
-            P.LEAK_SUPPLY_CHAMBER: 0.0,
-            P.LEAK_PISTON: cylinder.piston_leakage_m3_s_Pa,
-            P.LEAK_TOP_TANK: cylinder.rod_leakage_m3_s_Pa,
-            P.LEAK_CHAMBER_TANK: cylinder.rod_leakage_m3_s_Pa if cylinder.through_rod else 0.0,
-        }
-    for name, value in values.items():
-        row[name] = value
-    if valve.flow_curve is not None:
-        points = flow_points(valve)
-        row[P.FLOW_POINTS] = points.shape[1]
-        for k, start in enumerate((FLOW_TABLE, FLOW_TABLE + FLOW_POINTS)):
-            row[start : start + points.shape[1]] = points[k]
-    return np.tile(row, (machine.n_legs, 1))
 
 
 def flow_points(valve: Valve) -> np.ndarray:
