@@ -12,8 +12,10 @@ import pytest
 from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
+from hexsim.plant import Plant
 from hexsim.scenarios import load_scenario
 from hexsim.simulation.live import PUSH_N, SLIDERS, LiveMachine
+from hexsim.simulation.live_sensors import LiveSensors
 
 
 def heave_m(live):
@@ -134,3 +136,18 @@ def test_without_a_screen_one_sentence(tmp_path):
     ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert ended.returncode == 2
     assert ended.stderr.startswith("hexsim: there is no screen") and "Traceback" not in ended.stderr
+
+
+def test_a_delay_is_linear_between_ticks_and_has_no_gap_where_the_noise_repeats() -> None:
+    """3 ms of delay at 2 ms a tick, a piston at 0.1 m/s: 0.3 mm behind, also at the tick where the noise begins anew."""
+    ideal = {"sensors.position_noise_m": 0.0, "sensors.position_resolution_m": 0.0, "sensors.position_delay_s": 0.003}
+    bench = changed(load_machine("bench"), ideal)
+    plant = Plant(bench)
+    sensors = LiveSensors(plant, 0.002, seed=0)
+    place = np.zeros(1)
+    plant.piston_positions = lambda: place
+    for tick in (*range(8), *range(sensors.noise_ticks - 2, sensors.noise_ticks + 3)):
+        place = place + 0.0002
+        read, _, _ = sensors.read(tick)
+        if tick > 1:
+            np.testing.assert_allclose(place - read, 0.0003, atol=1e-12)

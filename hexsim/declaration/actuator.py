@@ -11,7 +11,7 @@ from hexsim.declaration.section import Section, between
 
 
 class Cylinder(Section):
-    """Differential cylinder, or symmetric with a through rod. `rod_side` says what the annulus hangs on.
+    """Differential cylinder, or symmetric with a through rod. `rod_side`: what the annulus is connected to.
 
     "supply" is the report: the supply line. "chamber": the supply line behind a port. "valve": port B of a four-way
     valve; the rod side is a chamber of its own.
@@ -22,7 +22,7 @@ class Cylinder(Section):
     stroke_m: float = between(5e-3, 10.0, "stroke [m]")
     through_rod: bool = Field(False, description="the rod passes both ends: both areas are the annulus")
     pipeline_volume_m3: float = between(0.0, 0.1, "oil between valve and chamber [m3]")
-    rod_side: Literal["supply", "chamber", "valve"] = Field("supply", description="what the annulus hangs on")
+    rod_side: Literal["supply", "chamber", "valve"] = Field("supply", description="what the annulus is connected to")
     rod_side_volume_m3: float = between(0.0, 0.1, "dead volume of an annulus that is a chamber [m3]", default=5.0e-7)
     rod_side_conductance_m3_s_sqrtPa: float = between(
         1e-10, 0.1, "port between annulus and supply line [m3/(s sqrt(Pa))]", default=2.0e-6

@@ -29,7 +29,7 @@ class OilGrade:
     specific_heat_J_kg_K: float
 
 
-# Shell's sheet of Tellus T46 was not at hand. 46 mm2/s at 40 degC is ISO 3448's definition of the grade; 7.9 mm2/s at
+# Shell's sheet of Tellus T46 was not available. 46 mm2/s at 40 degC is ISO 3448's definition of the grade; 7.9 mm2/s at
 # 100 degC (viscosity index 143) is typical of multigrade oils of this class (ISO 11158 HV), which Tellus T is.
 TELLUS_T46 = OilGrade(
     name="Shell Tellus T46",

@@ -20,7 +20,7 @@ def stribeck_level(velocity, coulomb, static, stribeck_velocity):
 
 @compiled
 def direction(velocity, sharpness, arctan_slope):
-    """What stands for sign(v): tanh(v/v_s), or arctan(k v) of Eq. 3.9 when arctan_slope > 0."""
+    """Smooth sign(v): tanh(v/v_s), or arctan(k v) of Eq. 3.9 when arctan_slope > 0."""
     if arctan_slope > 0.0:
         return math.atan(arctan_slope * velocity)
     return math.tanh(velocity / sharpness)

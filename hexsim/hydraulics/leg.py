@@ -13,7 +13,15 @@ import numpy as np
 from hexsim.compiled import compiled
 from hexsim.hydraulics import chamber, friction, valve
 from hexsim.hydraulics.parameters import FLOW_POINTS, FLOW_TABLE, LEARNED_KNOTS, LEARNED_TABLE, ROD_SIDE_VALVE, P
-from hexsim.hydraulics.ports import flow_slope, supply_edge_flow, tank_edge_flow, top_inflow, top_slope, top_supply_flow
+from hexsim.hydraulics.ports import (
+    flow_slope,
+    is_slope_below,
+    supply_edge_flow,
+    tank_edge_flow,
+    top_inflow,
+    top_slope,
+    top_supply_flow,
+)
 
 LEARNED_NONE, LEARNED_CONTINUITY, LEARNED_FORCE = 0, 1, 2  # balance that a learned term joins: [m3/s] or [N]
 LEAST_BRISTLE_LEVEL = 1.0e-3  # [N] a bristle divides by the level; far below any seal
@@ -59,7 +67,7 @@ def commanded_spool(p, volts, t):
 def metering_spool(p, volts, t, x):
     """Spool position that opens the edges [m]: the state x within its travel, or the command of a spool without lag.
 
-    Of a valve with a flow curve: the opening that it stands for.
+    Of a valve with a flow curve: the equivalent opening.
     """
     if p[P.SPOOL_OMEGA] > 0.0:
         place = min(max(x, -p[P.SPOOL_TRAVEL]), p[P.SPOOL_TRAVEL])
@@ -125,7 +133,10 @@ def pressure_slowdown(p, y, x, P1, Ps, h):
     RK4 is stable up to h lambda = 2.78: an open valve at little pressure drop is slowed to h lambda = 2, towards the same
     balance; 1 elsewhere.
     """
-    return slowdown(-h * flow_slope(p, x, P1, Ps), chamber_capacity(p, y, P1))
+    capacity = chamber_capacity(p, y, P1)
+    if is_slope_below(p, x, P1, Ps, h, 2.0 * capacity):
+        return 1.0
+    return slowdown(-h * flow_slope(p, x, P1, Ps), capacity)
 
 
 @compiled

@@ -68,6 +68,32 @@ def port_slope(p, x, P_port, Ps, supply_overlap, supply_gradient, tank_overlap, 
 
 
 @compiled
+def is_edge_below(p, x, dp, overlap, gradient, h, limit):
+    """Is h dq/d(dp) [m3/Pa] of an edge surely below the limit? Without a root, from two bounds of its factors:
+
+    opening <= max(x - O, 0) + s log 2 and smooth_root_slope <= (dp^2 + w^2)^(-1/4).
+    """
+    area = gradient * (max(x - overlap, 0.0) + 0.7 * p[P.EDGE_ROUNDING])
+    if p[P.QUADRATIC_GAIN] > 0.0:
+        area = valve.edge_area(x, overlap, 0.0, gradient, p[P.QUADRATIC_GAIN])
+    gain = h * p[P.DISCHARGE] * math.sqrt(2.0 / p[P.DENSITY]) * area
+    return (gain * gain) ** 2 <= (limit * limit) ** 2 * (dp * dp + p[P.PRESSURE_WIDTH] * p[P.PRESSURE_WIDTH])
+
+
+@compiled
+def is_slope_below(p, x, P1, Ps, h, limit):
+    """Is -h `flow_slope` surely below the limit [m3/Pa]? A quick answer; False leaves it open."""
+    if p[P.CLEARANCE_CONDUCTANCE] != 0.0 or p[P.RETURN_RESISTANCE] > 0.0:
+        return False
+    half = 0.5 * (limit - h * (p[P.LEAK_SUPPLY_CHAMBER] + p[P.LEAK_CHAMBER_TANK] + p[P.LEAK_PISTON]))
+    if half <= 0.0:
+        return False
+    supply = is_edge_below(p, x, Ps - P1, p[P.OVERLAP_SUPPLY], p[P.AREA_GRADIENT_SUPPLY], h, half)
+    tank = P1 - p[P.TANK_PRESSURE]
+    return supply and is_edge_below(p, -x, tank, p[P.OVERLAP_TANK], p[P.AREA_GRADIENT_TANK], h, half)
+
+
+@compiled
 def supply_edge_flow(p, x, P1, Ps):
     """Flow from the supply into the bottom chamber [m3/s], first term of Eq. 3.4."""
     return supply_edge(p, x, Ps - P1, p[P.OVERLAP_SUPPLY], p[P.AREA_GRADIENT_SUPPLY])

@@ -48,7 +48,7 @@ def legs_at_platform(kinematics: HexapodKinematics, bodies: LegBodies) -> tuple[
 
 
 def lumped_legs(kinematics: HexapodKinematics, bodies: LegBodies) -> RigidBody:
-    """One rigid body that stands for six legs: exact in heave and in the three rotations at neutral.
+    """One rigid body in place of six legs: exact in heave and in the three rotations at neutral.
 
     A rigid body has one mass for all directions: heave's is taken, so surge and sway are off by the legs' difference
     (a few kg of 600); the centre's height takes up the coupling of surge and pitch. The difference from full legs is

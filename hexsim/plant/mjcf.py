@@ -149,7 +149,7 @@ def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: HexapodKinematics, bo
     inertia = np.diag(legs.inertia)
     if 2 * inertia.max() > inertia.sum():
         raise HexsimError(
-            "no rigid body stands for these legs in the tendon model, its moments of inertia would be impossible: give "
+            "no rigid body can represent these legs in the tendon model, its moments of inertia would be impossible: give "
             "load.rod_mass_fraction a share of 0.3 or more, or take full legs (without --fast)"
         )
     lump = platform.add_body(name="legs_lump", pos=legs.centre)

@@ -53,7 +53,7 @@ def qualify(
         "machine": machine.name,
         "compensator": name,
         "quick": quick,
-        "model": "tendon" if machine.is_hexapod else "full",
+        "model": rig.model,
         "scheme": "rk4",
         "bandwidth_Hz": 50.0,
         "passed": all(row.passed is not False for row in found.rows),

@@ -12,6 +12,7 @@ from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.machine.geometry import pose_kinematics
+from hexsim.plant.mjcf import ModelKind
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.scenario import DOF_NAMES
 from hexsim.signals.table import motion_column, pose_column, table
@@ -52,14 +53,12 @@ class MachineRig:
     def __init__(self, machine: Machine, compensator: str | Compensator = "none") -> None:
         self.machine, self.compensator = machine, compensator
         self.name = machine.name
+        self.model: ModelKind = "tendon" if machine.is_hexapod else "full"
         self.axes: tuple[str, ...] = pose_kinematics(machine).dofs
 
     def play(self, scenario: Scenario, seed: int = 0) -> Motion:
         machine = self.machine
-        run = simulate(
-            machine, scenario, compensator=self.compensator, seed=seed,
-            model="tendon" if machine.is_hexapod else None,
-        )  # fmt: skip
+        run = simulate(machine, scenario, compensator=self.compensator, seed=seed, model=self.model)
         if "interrupted" in run.reason:
             raise KeyboardInterrupt
         if not run.complete:

@@ -14,7 +14,7 @@ LARGEST = 1e30  # in any SI unit: beyond it a number is damage
 def blank_bad_values(log: Cleaning) -> None:
     """Infinite values, spikes of one sample and frozen stretches become missing; a channel that is dead is left out.
 
-    Signals of a foreign machine (kind "own") may jump and stand still by right; only what is no number is blanked.
+    Signals of a foreign machine (kind "own") may jump and stand still; only what is no number is blanked.
     """
     for name, values in list(log.signals.items()):
         x = values.copy()

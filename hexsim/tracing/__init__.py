@@ -1,1 +1,1 @@
-"""Measured data held against the model: what is missing, and how much."""
+"""Measured data compared with the model: what is missing, and how much."""

@@ -3,7 +3,7 @@
 Forms for a signal s, because a missing gain looks like a curve only after the flow is taken out:
     plain r = g(s)      direction r = g(s) for each sign of v      product r = v g(s)
     memory r = sign(v) g(|v| through a low-pass): what the speed was lately, for the velocity only
-    late, play: the residual follows what a delay or a play of the channel itself would do (columns of the caller)
+    late, play: the residual follows what a delay or a backlash of the channel itself would do (columns of the caller)
     size |r| = g(s): where the residual is large, asked only when its sign follows nothing
 g is piecewise linear between quantiles. R^2 is that of blocks that the fit has not seen. A line in the spectrum that
 stands at one frequency in every run, whatever the motion, is an outside source.

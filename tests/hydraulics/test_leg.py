@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.hydraulics import leg
-from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P
+from hexsim.hydraulics import leg, ports
+from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P, declared_rows
+from hexsim.machine import load_machine
 
 A1, A2 = math.pi / 4 * 0.04**2, math.pi / 4 * (0.04**2 - 0.03**2)
 PS, P1 = 7.0e6, 3.2e6
@@ -265,3 +266,20 @@ def test_valve_volts_are_delayed_and_lag_by_the_backlash(half_width, delay):
     np.testing.assert_allclose(found, naive_valve_volts(volts, half_width, delay), rtol=0, atol=1e-15)
     if half_width == 0.0 and delay == 0:
         np.testing.assert_array_equal(found, volts)
+
+
+@pytest.mark.parametrize("name", ["bench", "servo_bench"])
+def test_the_quick_answer_on_stiffness_is_never_wrong(name):
+    """Where the slope of the flow is said to be surely below the limit it is; most instants are answered so."""
+    rng, machine_row, quick, trials = np.random.default_rng(3), declared_rows(load_machine(name))[0], 0, 5000
+    Ps, sound = machine_row[P.SUPPLY_PRESSURE], []
+    for _ in range(trials):
+        row = machine_row.copy()
+        row[P.EDGE_ROUNDING], row[P.LEAK_CHAMBER_TANK] = rng.choice([0.0, 1e-6, 5e-6]), rng.choice([0.0, 1e-11])
+        pressure = rng.choice([rng.uniform(0.0, Ps), Ps - 10 ** rng.uniform(0.0, 6.0), 10 ** rng.uniform(0.0, 6.0)])
+        x, h = rng.normal() * 10 ** rng.uniform(-7.0, -3.0), 10 ** rng.uniform(-5.0, -2.5)
+        limit = 2.0 * leg.chamber_capacity(row, rng.uniform(0.0, row[P.STROKE]), pressure)
+        if ports.is_slope_below(row, x, pressure, Ps, h, limit):
+            quick += 1
+            sound.append(-h * ports.flow_slope(row, x, pressure, Ps) <= limit)
+    assert all(sound) and quick > 0.5 * trials

@@ -1,4 +1,4 @@
-"""Hysteresis of the spool: play of half width h between command and spool."""
+"""Hysteresis of the spool: backlash of half width h between command and spool."""
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.parameters import P

@@ -1,6 +1,6 @@
 """Legs under their load in closed loop, compiled: the simulation that fits ask for thousands of times.
 
-u_k = K (s_k - y_m)  every 1/rate seconds, held; then delay and play of the valve
+u_k = K (s_k - y_m)  every 1/rate seconds, held; then delay and hysteresis of the valve
 """
 
 from __future__ import annotations
