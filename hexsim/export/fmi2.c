@@ -54,7 +54,8 @@ EXPORT Component fmi2Instantiate(String name, int kind, String guid, String reso
   return c;
 }
 
-EXPORT Status fmi2SetupExperiment(Component c, Boolean has_tolerance, double tolerance, double t, Boolean has_end, double end) {
+EXPORT Status fmi2SetupExperiment(Component c, Boolean has_tolerance, double tolerance, double t, Boolean has_end,
+                                  double end) {
   return OK;
 }
 EXPORT Status fmi2EnterInitializationMode(Component instance) { return OK; }

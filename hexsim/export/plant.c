@@ -14,7 +14,7 @@ Status refuse(const Instance *c, const char *format, ...) {
   va_start(values, format);
   vsnprintf(text, sizeof text, format, values);
   va_end(values);
-  for (char *sign = text; *sign; sign++) /* the logger takes a format; importers that ignore what follows it show it as it is */
+  for (char *sign = text; *sign; sign++) /* the logger takes a format, and some importers show it as it is */
     if (*sign == '%') *sign = ' ';
   if (c->callbacks.logger) c->callbacks.logger(c->callbacks.environment, c->name, ERROR, "logStatusError", text);
   return ERROR;
@@ -101,8 +101,8 @@ static Status find_equilibrium(Instance *c) {
   for (int i = 0; i < N_LEGS; i++) {
     pressures[i] = before[i] - correction[i];
     if (!(pressures[i] > tank && pressures[i] < supply))
-      return refuse(c, "leg %d needs %.1f bar to hold the load at rest, outside %.1f..%.1f bar: lower the mass or raise the supply",
-                    i + 1, pressures[i] / 1e5, tank / 1e5, supply / 1e5);
+      return refuse(c, "leg %d needs %.1f bar to hold the load at rest, outside %.1f..%.1f bar: lower the mass or raise "
+                    "the supply", i + 1, pressures[i] / 1e5, tank / 1e5, supply / 1e5);
   }
   hold_still(c, pressures, supply, tank);
   return OK;

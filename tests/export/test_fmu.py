@@ -1,6 +1,7 @@
 """The plant as an FMU: what FMPy says of it, and that it is `Plant`."""
 
 import json
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from fmpy.validation import validate_fmu  # noqa: E402
 from hexsim.export import export_fmu, native  # noqa: E402
 from hexsim.export.variables import plant_variables  # noqa: E402
 
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the export needs MuJoCo's Linux library")
 STEP = 0.002  # [s] communication step
 TICKS = 60
 SAME = 1e-12  # of each signal's size
