@@ -35,12 +35,13 @@ OFF_CENTRE_m = (0.0, 0.0, 2e-6)  # of a load that moves later: below 1 um MuJoCo
 LIGHT = 1e-6  # of its mass, a payload's mode before it is switched on
 NAMES = ("names", "paths", "text_data")  # of the model's parts, not its numbers
 SILENT = 1  # warnings of a kind that MuJoCo takes for written down already
+OIL_RANGE_degC = -60.0, 300.0  # beyond: no oil any more, and no viscosity by ASTM D341
 OIL_STEP_K = 0.1  # 0.06 % of the bulk modulus, 0.5 % of the viscosity
 MODEL_STEP_S = 1.0e-4  # of a model file, for MuJoCo without a plant
 
 
 class PlantError(HexsimError):
-    """The simulation left the real numbers; the text is MuJoCo's word for it."""
+    """The simulation left what is real; the text is MuJoCo's word for it, or says what did."""
 
 
 def whole_ratio(a: float, b: float, what: str) -> int:
@@ -259,6 +260,8 @@ class Plant:
         temperature = self.oil_temperature_degC
         if temperature is None or abs(temperature - self.resolved.oil_temperature_degC) < OIL_STEP_K:
             return
+        if not OIL_RANGE_degC[0] <= temperature <= OIL_RANGE_degC[1]:
+            raise PlantError(f"oil at {temperature:.3g} degC")
         of_legs, of_supply = warm_oil(self.resolved, temperature)
         self.model.actuator_user[: self.n_legs, :N_PARAMETERS] *= of_legs
         self.model.actuator_user[self.n_legs, : len(of_supply)] *= of_supply
