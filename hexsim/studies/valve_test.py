@@ -29,6 +29,8 @@ FREQUENCIES_Hz = np.geomspace(1.0, 1000.0, 61)
 STEPS = (0.1, 0.25, 0.5, 1.0)
 STEP_TIME_s = 1e-5
 SEAL = 1e-17  # [m3/s/Pa] of a blocked port, so that a dead band has a pressure: the middle one
+NULL_SHARE = 0.05  # spacing of the signal at null over an even one
+DEAD_SHARE = 1e-4  # of the largest flow: below it the valve counts as shut
 PER_CYCLE, CYCLES = 1000, 6  # time steps of a sine and how many are run; the last one is judged
 
 
@@ -77,7 +79,8 @@ def valve_test(machine: Machine) -> ValveTest:
     rated = machine.valve.rated_pressure_drop_Pa
     drop = 2 * rated if rated else float(p[P.SUPPLY_PRESSURE]) - tank
     supply = float(p[P.SUPPLY_PRESSURE])
-    signal = np.concatenate([np.linspace(0, 1, 501), np.linspace(1, -1, 1001)[1:], np.linspace(-1, 1, 1001)[1:]])
+    even = np.concatenate([np.linspace(0, 1, 501), np.linspace(1, -1, 1001)[1:], np.linspace(-1, 1, 1001)[1:]])
+    signal = NULL_SHARE * even + (1.0 - NULL_SHARE) * even**3  # dense about null, where pressure and leakage turn
     volts = leg.valve_volts(signal * machine.valve.voltage_max_V, p[P.HYSTERESIS], 0)
     at_rest = p.copy()
     at_rest[P.SPOOL_OMEGA] = 0.0
@@ -172,10 +175,8 @@ def _figures(test: ValveTest) -> dict[str, Any]:
     levels = np.concatenate([np.linspace(0.1, 0.9, 9), -np.linspace(0.1, 0.9, 9)]) * rated
     falling, rising = (np.interp(levels, flow[w][order], signal[w][order]) for w, order in
                        ((down, slice(None, None, -1)), (up, slice(None))))  # fmt: skip
-    dead = np.abs(flow[up]) < 1e-3 * rated
-    closed = signal[up][dead]
-    load, null = test.load_pressure_Pa[up], float(np.mean(closed)) if len(closed) else 0.0
-    steep = np.gradient(load, signal[up])
+    ends = [_shut(signal[way], flow[way], rated) for way in (down, up)]
+    steep = np.gradient(test.load_pressure_Pa[up], signal[up])
     dynamics = {
         f"{100 * amplitude:g}": {
             "minus_3dB_Hz": _crossing(gain, 10 ** (-3 / 20)),
@@ -185,9 +186,9 @@ def _figures(test: ValveTest) -> dict[str, Any]:
     }
     return {
         "rated_flow_l_min": rated * 6e4,
-        "hysteresis_percent": 100 * float(np.max(rising - falling)),
-        "null_percent": 100 * 0.5 * (null + _null_of(signal[down], flow[down], rated)),
-        "dead_band_percent": 100 * float(np.ptp(closed)) if len(closed) > 1 else 0.0,
+        "hysteresis_percent": round(100 * float(np.max(rising - falling)), 9),  # interpolation leaves 1e-14
+        "null_percent": 100 * float(np.mean(ends)),
+        "dead_band_percent": 100 * (ends[1][1] - ends[1][0]),
         "pressure_gain_percent": float(np.max(steep)) / test.supply_Pa,
         "null_leakage_l_min": 6e4 * float(np.max(test.leakage_m3_s)),
         "dynamics": dynamics,
@@ -198,9 +199,10 @@ def _figures(test: ValveTest) -> dict[str, Any]:
     }
 
 
-def _null_of(signal: Array, flow: Array, rated: float) -> float:
-    closed = signal[np.abs(flow) < 1e-3 * rated]
-    return float(np.mean(closed)) if len(closed) else 0.0
+def _shut(signal: Array, flow: Array, rated: float) -> tuple[float, float]:
+    """Signals between which the valve is shut on its way up or down; (0, 0) where it never is."""
+    shut = signal[np.abs(flow) < DEAD_SHARE * rated]
+    return (float(np.min(shut)), float(np.max(shut))) if len(shut) else (0.0, 0.0)
 
 
 def _crossing(values: Array, level: float) -> float | None:
