@@ -203,6 +203,8 @@ class Plant:
 
     def change_row(self, leg: int | slice, place: P, value: float) -> None:
         """Change one number of a leg (from 0), or of several, in flight."""
+        if np.all(self.rows[leg, place] == value):
+            return
         self._close_tick()
         self.rows[leg, place] = value
         self.model.actuator_user[: self.n_legs, :N_PARAMETERS] = self.rows
@@ -210,6 +212,8 @@ class Plant:
 
     def change_supply(self, place: S, value: float) -> None:
         """Change one number of the supply in flight."""
+        if self.resolved.supply[place] == value:
+            return
         self.resolved.supply[place] = value
         self.model.actuator_user[self.n_legs : len(self.layout), : len(self.resolved.supply)] = self.resolved.supply
         self.keep_rows()

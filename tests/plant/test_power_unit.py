@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.supply import S, U
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
@@ -307,3 +308,13 @@ def test_oil_beyond_any_oil_ends_the_run_with_a_sentence():
     machine = changed(load_machine("micro_motion_system/power_unit"), wild)
     run = simulate(machine, load_scenario("heave", duration_s=0.5), fast=True)
     assert not run.complete and "degC" in run.reason
+
+
+def test_a_number_that_stays_leaves_no_trace():
+    """A fault that sets the same leak at each tick: the history of rows, and the step's rule, are renewed once."""
+    plant = Plant(load_machine("micro_motion_system/power_unit"), model="tendon")
+    for _ in range(5):
+        plant.tick(np.zeros(6))
+        plant.change_supply(S.BURST, 1e-8)
+        plant.change_row(slice(None), P.SEAL_FRICTION, 1e-6)
+    assert len(plant.history) == 2
