@@ -145,7 +145,7 @@ def _places(plant: Plant, variables: Variables) -> dict[str, float]:
         "MASS_PARAMETER": parameters[mass_key(plant.machine)],
         "SUPPLY_PARAMETER": parameters.get("supply.pressure_Pa", -1), "SUPPLY_PRESSURE": supply.pressure_Pa,
         "TANK_PARAMETER": parameters.get("supply.tank_pressure_Pa", -1), "TANK_PRESSURE": supply.tank_pressure_Pa,
-        "NEUTRAL_HEIGHT": plant.kinematics.neutral_height_m if plant.kinematics else 0.0,
+        "NEUTRAL_HEIGHT": plant.kinematics.neutral_height_m,
     }  # fmt: skip
 
 
