@@ -49,7 +49,9 @@ def least(repeats: int, *functions, clock=time.process_time) -> list[float]:
 
 
 def bare_step(plant: Plant, steps: int, timestep: float = 1e-4):
-    """mj_step of the same model and integrator without callbacks, MuJoCo's timers running as it comes, carried by six constant forces that hold the platform.
+    """mj_step of the same model and integrator without callbacks, MuJoCo's timers running as they do out of the box.
+
+    Six constant forces hold the platform.
 
     The forces keep MuJoCo's constraint solver as busy as in the real run; without them it would have nothing to close.
     """
