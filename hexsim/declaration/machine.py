@@ -8,6 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from hexsim.declaration.actuator import Cylinder, Friction
 from hexsim.declaration.load import Geometry, Load
+from hexsim.declaration.manifold import Manifold
 from hexsim.declaration.power_unit import PowerUnit
 from hexsim.declaration.section import Name, Section, between
 from hexsim.declaration.sensors import Sensors
@@ -49,6 +50,7 @@ class Machine(Section):
     load: Load
     geometry: Geometry | None = None
     power_unit: PowerUnit | None = None
+    manifold: Manifold | None = None
     extra_sensors: dict[str, dict[str, float]] = Field(
         default={}, description="sensors beside the standard ones, a table each: hexsim/signals/sensor.py"
     )

@@ -16,6 +16,7 @@ from hexsim.plant import Plant
 from hexsim.sensors.bank import SensorBank, Transducers
 from hexsim.simulation.emergency_supply import EmergencySupply
 from hexsim.simulation.faults import Fault, HostSilence, LegBlind, PositionSensor, Workbench
+from hexsim.simulation.safety_manifold import SafetyManifold
 
 Array = NDArray[np.float64]
 
@@ -87,8 +88,9 @@ class FaultRun:
         self.computer = computer
         self.supply = EmergencySupply(plant)
         self.bench = Workbench(
-            plant=plant, computer=computer, supply=self.supply, sensors=sensors, tick_s=sensors.tick_s
-        )
+            plant=plant, computer=computer, supply=self.supply, manifold=SafetyManifold(plant), sensors=sensors,
+            tick_s=sensors.tick_s,
+        )  # fmt: skip
         self._silent_s = min((f.time_s for f in self.faults if isinstance(f, HostSilence)), default=math.inf)
         self.hosted = math.isfinite(self._silent_s)
 
@@ -110,6 +112,7 @@ class FaultRun:
             if time_s >= fault.time_s - 1e-9:
                 volts = fault.act(self.bench, time_s, volts)
         self.supply.tick(self.computer.pump_on, self.bench.tick_s)
+        self.bench.manifold.tick(self.computer, self.bench.tick_s)
         self.computer.pump_running = self.supply.running
         self.computer.oil_temperature_degC = plant.oil_temperature_degC
         return volts
