@@ -321,6 +321,16 @@ class Plant:
         """P1 of each leg (n_legs,) [Pa]."""
         return self.data.act[self.pressure_places] * MPa
 
+    def rod_side_pressures(self) -> np.ndarray:
+        """P2 of each leg (n_legs,) [Pa]; Ps where the rod side is on the supply."""
+        places = self.layout[: self.n_legs, A.ROD_SIDE].astype(int)
+        return np.array([self.data.act[k] * MPa if k >= 0 else self.supply_pressure() for k in places])
+
+    def instant_acceleration(self) -> np.ndarray:
+        """Generalised accelerations (nv,) of the present state under the present volts at the spools."""
+        mujoco.mj_forward(self.model, self.data)
+        return self.data.qacc.copy()
+
     def supply_pressure(self) -> float:
         """Ps [Pa]."""
         place = int(self.layout[0, A.SUPPLY])
