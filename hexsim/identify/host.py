@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 PERIOD_s = 0.01
 ANSWER_s = 0.5  # a reply that takes longer is lost
 TRIES = 6
+FIRST_TRIES = 120  # a machine that has just been started may still be compiling
 SETTLED_s = 60.0  # machine time in which a state must be reached
 LOST_SHARE = 0.05  # of the telemetry that may be lost in a run
 CLOCK_SHARE = 0.02  # by which machine time may run off the host's
@@ -42,6 +43,8 @@ class Host:
     def __init__(self, address: tuple[str, int]) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
+        self._socket.connect(address)  # so that a port nobody listens at is refused at once
+        self._refusals = 0
         self.address = address
         self.time_s, self.sequence = 0.0, 0
         self.reply: Reply | None = None
@@ -62,34 +65,43 @@ class Host:
         values = tuple(np.zeros(6) if setpoints is None else np.asarray(setpoints, dtype=float))
         packet = HostCommand(sequence=self.sequence, time_s=self.time_s, setpoints=values, command=command).pack()
         lockstep = self.reply is None or self.reply.lockstep
-        for _ in range(TRIES):
+        for _ in range(TRIES if self.reply else FIRST_TRIES):
             self._send(packet)
             if self._receive(ANSWER_s if lockstep else max(self._due() - clock.perf_counter(), 0.0), lockstep):
                 break
             if not lockstep:
                 break
+            if self._refusals >= TRIES:
+                raise self._nobody()
         else:
-            raise HexsimError(
-                f"no machine answers at {self.address[0]}:{self.address[1]}: start one with "
-                "`hexsim serve --telemetry`, or give its --host ADDRESS:PORT"
-            )
+            raise self._nobody()
         if not lockstep:
             clock.sleep(max(self._due() - clock.perf_counter(), 0.0))
         self.sequence += 1
         self.time_s += PERIOD_s
         assert self.reply is not None
         if self.reply.state == State.FAULT and command != "reset":
-            raise MachineFault(f"the machine is in fault: {', '.join(labels(self.reply.errors)) or 'it says no reason'}")
+            raise MachineFault(
+                f"the machine is in fault: {', '.join(labels(self.reply.errors)) or 'it says no reason'}"
+            )
         if self.reply.refused and command != "none":
             raise HexsimError(f"the machine refuses {command} in state {self.reply.state.name.lower()}")
         return self.reply
+
+    def _nobody(self) -> HexsimError:
+        return HexsimError(
+            f"no machine answers at {self.address[0]}:{self.address[1]}: start one with `hexsim serve --telemetry`, or give "
+            "its address and port"
+        )
 
     def _due(self) -> float:
         return self._started + (self.sequence + 1) * PERIOD_s
 
     def _send(self, packet: bytes) -> None:
         try:
-            self._socket.sendto(packet, self.address)
+            self._socket.send(packet)
+        except ConnectionRefusedError:
+            self._refusals += 1
         except OSError as error:
             raise HexsimError(f"cannot send to {self.address[0]}:{self.address[1]}: {error}") from None
 
@@ -103,7 +115,9 @@ class Host:
             try:
                 data = self._socket.recv(LARGEST_PACKET + 1)
             except OSError:  # nobody listens at the address
-                continue
+                self._refusals += 1
+                return answered
+            self._refusals = 0
             if data[:4] == REPLY_MAGIC and len(data) == REPLY.size:
                 self.reply = unpack_reply(data)
                 answered = answered or self.reply.sequence == self.sequence % 2**32
@@ -118,7 +132,9 @@ class Host:
         begin = reply.time_s
         while not (reply.state == state and reply.arrived):
             if reply.time_s - begin > SETTLED_s:
-                raise HexsimError(f"the machine does not reach {state.name.lower()}: it is in {reply.state.name.lower()}")
+                raise HexsimError(
+                    f"the machine does not reach {state.name.lower()}: it is in {reply.state.name.lower()}"
+                )
             reply = self.exchange()
 
     def drive(self, setpoints: Array, show: Callable[[float], None] = lambda share: None) -> pl.DataFrame:
@@ -126,15 +142,12 @@ class Host:
 
         Raises MachineFault, and HexsimError where the telemetry is missing, full of gaps, or of another rate than it says.
         """
-        self.exchange(command="run_normal")
+        first = last = self.exchange(command="run_normal")
         self.telemetry.clear()
-        first = self.reply
-        assert first is not None
         for k, row in enumerate(setpoints):
-            self.exchange(row)
+            last = self.exchange(row)
             if k % 100 == 0:
                 show(k / len(setpoints))
-        last = self.reply
         log = log_of(self.telemetry)
         self.until(State.NEUTRAL, "return_neutral")
         commanded = len(setpoints) * PERIOD_s
@@ -163,7 +176,9 @@ def log_of(packets: list[Telemetry]) -> pl.DataFrame:
     between = np.diff(time)
     usual = float(np.median(between)) if len(between) else 0.0
     if abs(usual * rate - 1.0) > CLOCK_SHARE:
-        raise HexsimError(f"the telemetry says {rate:g} Hz, but its rows are {1e3 * usual:.3f} ms apart: its rate cannot be trusted")
+        raise HexsimError(
+            f"the telemetry says {rate:g} Hz, but its rows are {1e3 * usual:.3f} ms apart: its rate cannot be trusted"
+        )
     expected = round((time[-1] - time[0]) * rate) + 1
     if len(time) < (1.0 - LOST_SHARE) * expected:
         raise HexsimError(
