@@ -347,8 +347,8 @@ class Plant:
         """Raise PlantError when MuJoCo warned, a state is not finite, or another program took MuJoCo's callbacks."""
         if not installed():
             raise PlantError("another program in this process replaced MuJoCo's callbacks")
-        counts = self.data.warning.number
-        bad = [w for w in mujoco.mjtWarning.__members__.values() if w.value < len(counts) and counts[w.value] > SILENT]
-        if bad or not (np.isfinite(self.data.act).all() and np.isfinite(self.data.qpos).all()):
-            what = bad[0].name.removeprefix("mjWARN_").lower() if bad else "state not finite"
-            raise PlantError(what)
+        bad = np.flatnonzero(self.data.warning.number > SILENT)
+        if len(bad):
+            raise PlantError(mujoco.mjtWarning(int(bad[0])).name.removeprefix("mjWARN_").lower())
+        if not (np.isfinite(self.data.act).all() and np.isfinite(self.data.qpos).all()):
+            raise PlantError("state not finite")

@@ -27,6 +27,7 @@ from hexsim.motion_computer.host_packet import HostCommand, Reply
 from hexsim.motion_computer.limits import CommandLimiter, Limits, leg_limits, pose_limits, soft_legs
 from hexsim.motion_computer.states import State
 from hexsim.plant import Plant
+from hexsim.plant.callbacks import without_timers
 from hexsim.plant.plant import whole_ratio
 from hexsim.scenarios import Scenario, load_scenario
 from hexsim.simulation.emergency_supply import EmergencySupply
@@ -250,6 +251,7 @@ class Server:
         )  # fmt: skip
 
     # real time
+    @without_timers()
     def run(
         self, duration_s: float | None = None, stop: Event | None = None, report: Callable[[Status], None] | None = None
     ) -> Status:
