@@ -104,10 +104,18 @@ class Server:
         self._refused = False
         self._pose, self._reference = np.zeros(6), np.zeros(6)
         self._positions = self.computer.neutral.copy()
+        self._compile()
         self.link = HostLink(host, port)
         self.address = self.link.address
         if start == "off":
             self._settle()
+
+    def _compile(self) -> None:
+        """Compile what a tick calls before a host is listened to."""
+        self.plant.tick(np.zeros(self.machine.n_legs))
+        self.plant.reset()
+        self.sensors.read(0)
+        self.sensors.restart()
 
     def __enter__(self) -> Server:
         return self
