@@ -321,6 +321,15 @@ class Plant:
         """P1 of each leg (n_legs,) [Pa]."""
         return self.data.act[self.pressure_places] * MPa
 
+    @property
+    def rod_side_places(self) -> NDArray[np.int64]:
+        """Where the pressures of rod sides that are chambers stand in the state (n_legs,)."""
+        return self.layout[: self.n_legs, A.ROD_SIDE].astype(np.int64)
+
+    def rod_side_pressures(self) -> np.ndarray:
+        """P2 of each leg whose rod side is a chamber (n_legs,) [Pa]."""
+        return self.data.act[self.rod_side_places] * MPa
+
     def supply_pressure(self) -> float:
         """Ps [Pa]."""
         place = int(self.layout[0, A.SUPPLY])
