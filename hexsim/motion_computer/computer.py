@@ -223,7 +223,7 @@ class MotionComputer:
         self, time_s: float, setpoint: Array, positions: Array, pressures: Array | None, supply_Pa: float
     ) -> Array:
         """Run the monitors; returns the positions (n_legs,) for the position loop."""
-        feedback, findings = self.legs.tick(setpoint, positions, pressures)
+        feedback, findings = self.legs.tick(setpoint, self.loop.feed_forward, positions, pressures)
         if self.state in MOVING and not (self.state == State.STARTING and self.guided.path is None):
             findings = findings + self.supply.tick(supply_Pa)
             if self.state != State.STARTING and self.state != State.SETTLING:

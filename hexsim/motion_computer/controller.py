@@ -1,6 +1,6 @@
 """The controller of each leg, tick by tick: compiled, with a flat memory, and without any plant.
 
-    r = smoothed setpoint                                    Butterworth of second order (setpoint_filter_Hz)
+    r = low-passed setpoint                                  Butterworth of second order (setpoint_filter_Hz)
     v = (r - r_1)/T,  a = (v - v_1)/T                        its velocity and acceleration, differences of the past
     F = sum_j M_ij a_j + b v                                 what the load asks of the leg (load_feed_forward), else 0
     z = r + F/k                                              oil travel: the piston's and what the oil spring k gives
@@ -26,15 +26,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import bilinear
 
 from hexsim.compiled import compiled
-from hexsim.declaration import Machine
 from hexsim.declaration.controller import LONGEST_DELAY_TICKS
-from hexsim.hydraulics import leg
-from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P, declared_rows
-from hexsim.hydraulics.resolve import resolve
-from hexsim.motion_computer.leg_load import leg_compliance
 
 Array = NDArray[np.float64]
 
@@ -64,7 +58,8 @@ class C(IntEnum):
     DELAY = 19  # [ticks]
     NOTCH = 20  # 1: there is one; b0, b1, b2, a1, a2 stand behind it
     SMOOTHING = 26  # of the setpoint, likewise
-    END = 32
+    EVERY = 32  # ticks between setpoints
+    END = 33
 
 
 class M(IntEnum):
@@ -83,7 +78,10 @@ class M(IntEnum):
     HIGH_PASSED = 10
     NOTCH = 11  # two numbers
     SMOOTHING = 13  # two numbers
-    LINE = 15  # the last volts, newest first
+    START = 15  # of the straight line that the setpoint is on
+    GOAL = 16
+    PHASE = 17  # ticks since its start
+    LINE = 18  # the last volts, newest first
 
 
 N_CONSTANTS = int(C.END)
@@ -107,6 +105,7 @@ def begin(control, memory, setpoint, position, pressure):
     """At rest at these readings (n_legs,), volts 0: what a loop starts from."""
     memory[:] = 0.0
     memory[:, M.SETPOINT], memory[:, M.POSITION], memory[:, M.PRESSURE] = setpoint, position, pressure
+    memory[:, M.START], memory[:, M.GOAL] = setpoint, setpoint
     for c, m, r in zip(control.rows, memory, setpoint):
         m[M.SMOOTHING] = (1.0 - c[C.SMOOTHING + 1]) * r
         m[M.SMOOTHING + 1] = (c[C.SMOOTHING + 3] - c[C.SMOOTHING + 5]) * r
@@ -122,18 +121,36 @@ def second_order(c, m, x):
 
 
 @compiled
-def smoothed(control, memory, setpoints, out):
-    """Setpoints (k, n_legs) of this tick and the next k - 1, smoothed, into `out`; the memory goes one tick further."""
+def straight(every, m, setpoints, out):
+    """Setpoints (k,) of this tick and the next k - 1 of one leg, taken at every `every`-th tick, with straight lines in
+    between: the line to a setpoint begins when it comes, so the path is `every` ticks late. Beyond k the last line goes on."""
+    phase = int(m[M.PHASE])
+    if phase == 0:
+        m[M.START], m[M.GOAL] = m[M.GOAL], setpoints[0]
+    start, goal = m[M.START], m[M.GOAL]
+    for k in range(setpoints.shape[0]):
+        place = (phase + k) % every
+        if k > 0 and place == 0:
+            start, goal = goal, setpoints[k]
+        out[k] = start + place / every * (goal - start)
+    m[M.PHASE] = (phase + 1) % every
+
+
+@compiled
+def leg_path(control, memory, setpoints, out):
+    """Setpoints (k, n_legs) of this tick and the next k - 1 as the loop follows them, into `out`: straight lines where they
+    come more slowly than the ticks, then the filter. The memory goes one tick further."""
     ahead = np.empty(2)
     for i in range(control.rows.shape[0]):
         c, m = control.rows[i, C.SMOOTHING :], memory[i, M.SMOOTHING : M.SMOOTHING + 2]
+        out[:, i] = setpoints[:, i]
+        if control.rows[i, C.EVERY] > 1.0:
+            straight(int(control.rows[i, C.EVERY]), memory[i], setpoints[:, i], out[:, i])
         if c[0] > 0.0:
-            out[0, i] = second_order(c, m, setpoints[0, i])
+            out[0, i] = second_order(c, m, out[0, i])
             ahead[:] = m
             for k in range(1, setpoints.shape[0]):
-                out[k, i] = second_order(c, ahead, setpoints[k, i])
-        else:
-            out[:, i] = setpoints[:, i]
+                out[k, i] = second_order(c, ahead, out[k, i])
 
 
 @compiled
@@ -201,15 +218,15 @@ def feedback(control, memory, setpoint, position, pressure, out):
 
 @compiled
 def saturated(control, memory, asked, out):
-    """sat(u) (n_legs,) into `out`, 0 for a leg that asks for NaN; the integrals a tick further."""
+    """sat(u) (n_legs,) into `out`, which may be `asked`, 0 for a leg that asks for NaN; the integrals a tick further."""
     for i in range(control.rows.shape[0]):
-        c, m = control.rows[i], memory[i]
-        if not math.isfinite(asked[i]):
+        c, m, volts = control.rows[i], memory[i], asked[i]
+        if not math.isfinite(volts):
             out[i] = 0.0
             continue
-        out[i] = min(max(asked[i], -c[C.LIMIT]), c[C.LIMIT])
+        out[i] = min(max(volts, -c[C.LIMIT]), c[C.LIMIT])
         if c[C.INTEGRAL] > 0.0:
-            m[M.INTEGRAL] += c[C.TICK] * (c[C.INTEGRAL] * m[M.DRIVE] + c[C.TRACKING] * (out[i] - asked[i]))
+            m[M.INTEGRAL] += c[C.TICK] * (c[C.INTEGRAL] * m[M.DRIVE] + c[C.TRACKING] * (out[i] - volts))
 
 
 @compiled
@@ -231,77 +248,10 @@ def computed(control, memory, volts, out):
 def tick(control, memory, setpoint, position, pressure, out):
     """One tick of all legs without a compensator: valve volts (n_legs,) [V] into `out`. pressure: p (n_legs,) [Pa]."""
     path, forward = np.empty((1, out.shape[0])), np.empty(out.shape[0])
-    smoothed(control, memory, setpoint.reshape(1, -1), path)
+    leg_path(control, memory, setpoint.reshape(1, -1), path)
     feed_forward(control, memory, path[0], forward)
     feedback(control, memory, path[0], position, pressure, out)
     for i in range(out.shape[0]):
         out[i] += forward[i]
     saturated(control, memory, out, out)
     computed(control, memory, out, out)
-
-
-def control_of(machine: Machine) -> Control:
-    """The declared controllers. They know the declared machine, and nothing of its effects."""
-    declared, rows = machine.controller, declared_rows(machine)
-    tick = 1.0 / declared.rate_Hz
-    constants = np.zeros((machine.n_legs, N_CONSTANTS))
-    values = {
-        C.GAIN: declared.gain_V_per_m,
-        C.LIMIT: machine.valve.voltage_max_V,
-        C.TICK: tick,
-        C.CASCADE: float(declared.structure == "cascade"),
-        C.INTEGRAL: 1.0 / declared.integral_time_s if declared.integral_time_s else 0.0,
-        C.TRACKING: 1.0 / declared.anti_windup_s,
-        C.VELOCITY_GAIN: declared.velocity_gain_V_s_per_m,
-        C.VELOCITY_FORWARD: declared.velocity_feed_forward_V_s_per_m,
-        C.ACCELERATION_FORWARD: declared.acceleration_feed_forward_V_s2_per_m,
-        C.LOAD_FORWARD: float(declared.load_feed_forward),
-        C.PRESSURE_GAIN: declared.pressure_feedback_V_per_Pa,
-        C.DELAY: declared.computing_delay_ticks,
-    }
-    omega = 2 * math.pi * declared.velocity_filter_Hz
-    values[C.VELOCITY_POLE], values[C.VELOCITY_SHARE] = _first_order(omega, omega, tick)
-    values[C.PRESSURE_POLE], values[C.PRESSURE_SHARE] = _first_order(
-        1.0, 2 * math.pi * declared.pressure_high_pass_Hz, tick
-    )
-    for place, value in values.items():
-        constants[:, place] = value
-    if declared.notch_Hz > 0.0:
-        omega = 2 * math.pi * declared.notch_Hz
-        width, depth = declared.notch_width * omega, declared.notch_depth
-        at = slice(C.NOTCH, C.NOTCH + 6)
-        constants[:, at] = _second_order([1.0, depth * width, omega**2], [1.0, width, omega**2], omega, tick)
-    if declared.setpoint_filter_Hz > 0.0:
-        omega = 2 * math.pi * declared.setpoint_filter_Hz
-        at = slice(C.SMOOTHING, C.SMOOTHING + 6)
-        constants[:, at] = _second_order([omega**2], [1.0, math.sqrt(2) * omega, omega**2], omega, tick)
-    for c, p in zip(constants, rows, strict=True):
-        c[C.AREA] = p[P.AREA_BOTTOM]
-        c[C.AREA_RATIO] = p[P.AREA_TOP] / p[P.AREA_BOTTOM] if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE else 0.0
-        c[C.VISCOUS] = 0.5 * (p[P.VISCOUS_EXTEND] + p[P.VISCOUS_RETRACT])
-        c[C.FLEXIBILITY] = 1.0 / oil_stiffness(p)
-    inertia = np.zeros((machine.n_legs, machine.n_legs))
-    if declared.load_feed_forward:
-        inertia = np.linalg.inv(leg_compliance(resolve(machine.model_copy(update={"effects": {}}))))
-    return Control(constants, inertia)
-
-
-def _first_order(numerator: float, omega: float, tick: float) -> tuple[float, float]:
-    """(pole, share) of numerator s/(s + omega) by the bilinear rule."""
-    over, under = bilinear([numerator, 0.0], [1.0, omega], 1.0 / tick)
-    return -float(under[1]), float(over[0])
-
-
-def _second_order(over: list[float], under: list[float], omega: float, tick: float) -> Array:
-    """(1, b0, b1, b2, a1, a2) of a fraction in s by the bilinear rule, prewarped at omega."""
-    b, a = bilinear(over, under, omega / (2.0 * math.tan(0.5 * omega * tick)))
-    return np.r_[1.0, b, a[1:]]
-
-
-def oil_stiffness(p: Array) -> float:
-    """Oil spring k [N/m] of a leg at mid stroke and half the supply pressure: A1^2/C1, and A2^2/C2 on a four-way valve."""
-    middle, pressure = 0.5 * p[P.STROKE], 0.5 * p[P.SUPPLY_PRESSURE]
-    stiffness = p[P.AREA_BOTTOM] ** 2 / leg.chamber_capacity(p, middle, pressure)
-    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
-        stiffness += p[P.AREA_TOP] ** 2 / leg.rod_side_room(p, middle, pressure)
-    return float(stiffness)

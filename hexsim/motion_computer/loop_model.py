@@ -26,6 +26,7 @@ from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import N_MEMORY, C, Control
+from hexsim.motion_computer.declared_control import control_of
 from hexsim.motion_computer.leg_load import holding_forces, leg_compliance
 
 Array = NDArray[np.float64]
@@ -105,7 +106,7 @@ def _filtered(plant: MATRICES, output: int, fraction: tuple[Array, Array]) -> MA
 def controller_matrices(control: Control, mass: float) -> MATRICES:
     """m_+ = A m + B (r, y, p), u = C m + D (r, y, p) of one leg in a mode of `mass`, read off the compiled controller."""
     row = control.rows[:1].copy()
-    row[:, C.LIMIT] = np.inf
+    row[:, C.LIMIT], row[:, C.EVERY] = np.inf, 1.0
     alone = Control(row, np.array([[mass if row[0, C.LOAD_FORWARD] > 0.0 else 0.0]]))
 
     def step(memory: Array, inputs: Array) -> Array:
@@ -174,7 +175,7 @@ class Loop:
 def loops(machine: Machine) -> list[Loop]:
     """Every leg in every mode, extending and retracting; equal ones once."""
     resolved, tick_s = resolve(machine), 1.0 / machine.controller.rate_Hz
-    sensors, control = resolved.sensors, controller.control_of(machine)
+    sensors, control = resolved.sensors, control_of(machine)
     masses = 1.0 / np.linalg.eigvalsh(leg_compliance(resolved))
     forces = holding_forces(resolved)
     found: list[Loop] = []

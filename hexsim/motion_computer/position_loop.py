@@ -17,6 +17,7 @@ from compensation import Compensator, Context, Sample, preview_count
 from hexsim.declaration import Machine
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C
+from hexsim.motion_computer.declared_control import control_of
 
 Array = NDArray[np.float64]
 
@@ -68,7 +69,7 @@ class PositionLoop:
         on_message: Callable[[float, int, str], None] = lambda time_s, leg, text: None,
     ) -> None:
         n = machine.n_legs
-        self.control, self.memory = controller.control_of(machine), controller.new_memory(n)
+        self.control, self.memory = control_of(machine), controller.new_memory(n)
         self.limit = machine.valve.voltage_max_V
         self.compensators = list(compensators)
         self.on_message = on_message
@@ -114,7 +115,7 @@ class PositionLoop:
             controller.begin(control, memory, setpoints[0], positions, load)
             self._running = True
         asked, path = np.empty(len(positions)), np.empty_like(setpoints)
-        controller.smoothed(control, memory, setpoints, path)
+        controller.leg_path(control, memory, setpoints, path)
         controller.feed_forward(control, memory, path[0], self.feed_forward)
         controller.feedback(control, memory, path[0], positions, load, asked)
         asked += self.feed_forward
