@@ -17,7 +17,8 @@ class Controller(Section):
     gain_V_per_m: float = between(1e-3, 1e6, "proportional gain [V/m]")
     rate_Hz: float = between(1.0, 10_000.0, "ticks of the motion computer a second [Hz]", default=500.0)
     structure: Literal["pid", "cascade"] = Field(
-        "pid", description="one loop, or a velocity loop inside the position loop: it follows the setpoint's velocity too"
+        "pid",
+        description="one loop, or a velocity loop inside the position loop: it follows the setpoint's velocity too",
     )
     integral_time_s: float = zero_or(1e-3, 1e4, "reset time of the integral action; 0 = none [s]")
     anti_windup_s: float = between(

@@ -106,9 +106,9 @@ def begin(control, memory, setpoint, position, pressure):
     memory[:] = 0.0
     memory[:, M.SETPOINT], memory[:, M.POSITION], memory[:, M.PRESSURE] = setpoint, position, pressure
     memory[:, M.START], memory[:, M.GOAL] = setpoint, setpoint
-    for c, m, r in zip(control.rows, memory, setpoint):
-        m[M.SMOOTHING] = (1.0 - c[C.SMOOTHING + 1]) * r
-        m[M.SMOOTHING + 1] = (c[C.SMOOTHING + 3] - c[C.SMOOTHING + 5]) * r
+    c = control.rows
+    memory[:, M.SMOOTHING] = (1.0 - c[:, C.SMOOTHING + 1]) * setpoint
+    memory[:, M.SMOOTHING + 1] = (c[:, C.SMOOTHING + 3] - c[:, C.SMOOTHING + 5]) * setpoint
 
 
 @compiled

@@ -6,7 +6,7 @@ It stands open by OPEN of its travel beyond the lap, once either way: shut, an o
 wide open it damps more. Equal legs on a platform part into as many single loops as there are legs: the modes of
 A = J M^-1 J', each with the mass 1/eigenvalue. A machine whose legs differ is judged by each leg in each mode.
 
-Sampled exactly (zero-order hold, `scipy.signal.cont2discrete`). The controller's matrices are read off
+Sampled exactly (zero-order hold, matrix exponential). The controller's matrices are read off
 `controller.py` itself, which is linear where nothing saturates: unit memory or unit input in, next memory and volts out.
 Left out: hysteresis, slew of the spool, supply as it droops, sensor noise and resolution.
 """
@@ -15,10 +15,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, cont2discrete, tf2ss
+from scipy.linalg import expm
+from scipy.signal import butter, tf2ss
 
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg, ports
@@ -32,7 +34,7 @@ from hexsim.motion_computer.leg_load import holding_forces, leg_compliance
 Array = NDArray[np.float64]
 OPEN = 0.01  # of the spool's travel, beyond the lap
 P1, P2, X, RATE, Y, V, VOLTS = range(7)
-MATRICES = tuple[Array, Array, Array, Array]
+Matrices = tuple[Any, Any, Any, Any]  # A, B, C, D: arrays
 STEPS = (1e3, 1e3, 1e-8, 1e-4, 1e-6, 1e-5, 1e-5)  # of the numerical derivative: Pa, Pa, m, m/s, m, m/s, V
 EQUAL = 1e-6  # relative difference of modes that count as one
 
@@ -63,7 +65,7 @@ def leg_at(p: Array, force: float, supply_Pa: float, sign: float) -> tuple[Array
     return at, p
 
 
-def leg_matrices(p: Array, mass: float, force: float, supply_Pa: float, sign: float) -> MATRICES:
+def leg_matrices(p: Array, mass: float, force: float, supply_Pa: float, sign: float) -> Matrices:
     """x' = A x + B u, (y, p) = C x + D u of one leg that pushes `mass`; u: valve volts, p = P1 - P2 A2/A1 [Pa]."""
     at, p = leg_at(p, force, supply_Pa, sign)
 
@@ -73,7 +75,9 @@ def leg_matrices(p: Array, mass: float, force: float, supply_Pa: float, sign: fl
         pushed = leg.leg_force(p, s[Y], s[V], s[VOLTS], s[P1], s[P2], supply_Pa, 0.0, 0.0)
         return np.array([d1, d2, dx, dr, s[V], pushed / mass])
 
-    slopes = np.column_stack([(rates(at + h * e) - rates(at - h * e)) / (2 * h) for h, e in zip(STEPS, np.eye(7), strict=True)])
+    slopes = np.column_stack(
+        [(rates(at + h * e) - rates(at - h * e)) / (2 * h) for h, e in zip(STEPS, np.eye(7), strict=True)]
+    )
     there = [P1, Y, V]
     if p[P.ROD_SIDE_CHAMBER] > 0.0:
         there.insert(1, P2)
@@ -85,7 +89,7 @@ def leg_matrices(p: Array, mass: float, force: float, supply_Pa: float, sign: fl
     return slopes[np.ix_(there, there)], slopes[there][:, [VOLTS]], read[:, there], np.zeros((2, 1))
 
 
-def with_filters(plant: MATRICES, orders: tuple[int, int], cut_offs_Hz: tuple[float, float]) -> MATRICES:
+def with_filters(plant: Matrices, orders: tuple[int, int], cut_offs_Hz: tuple[float, float]) -> Matrices:
     """The same behind the transducers' Butterworth low-passes, of y and of p; cut-off 0: none."""
     for output, (order, cut_off) in enumerate(zip(orders, cut_offs_Hz, strict=True)):
         if cut_off > 0.0:
@@ -93,7 +97,7 @@ def with_filters(plant: MATRICES, orders: tuple[int, int], cut_offs_Hz: tuple[fl
     return plant
 
 
-def _filtered(plant: MATRICES, output: int, fraction: tuple[Array, Array]) -> MATRICES:
+def _filtered(plant: Matrices, output: int, fraction: Any) -> Matrices:
     A, B, read, _ = plant
     F, G, H, _ = tf2ss(*fraction)
     n = len(A)
@@ -103,7 +107,15 @@ def _filtered(plant: MATRICES, output: int, fraction: tuple[Array, Array]) -> MA
     return whole, np.vstack([B, np.zeros((len(F), 1))]), out, np.zeros((2, 1))
 
 
-def controller_matrices(control: Control, mass: float) -> MATRICES:
+def sampled(plant: Matrices, tick_s: float) -> Matrices:
+    """The same from tick to tick, u held in between."""
+    A, B, read, through = plant
+    n = len(A)
+    whole = expm(np.block([[A, B], [np.zeros((1, n + 1))]]) * tick_s)
+    return whole[:n, :n], whole[:n, n:], read, through
+
+
+def controller_matrices(control: Control, mass: float) -> Matrices:
     """m_+ = A m + B (r, y, p), u = C m + D (r, y, p) of one leg in a mode of `mass`, read off the compiled controller."""
     row = control.rows[:1].copy()
     row[:, C.LIMIT], row[:, C.EVERY] = np.inf, 1.0
@@ -120,7 +132,7 @@ def controller_matrices(control: Control, mass: float) -> MATRICES:
     return whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
 
 
-def reduced(system: MATRICES) -> MATRICES:
+def reduced(system: Matrices) -> Matrices:
     """Without memory that nothing reads: as far as the output or a kept place depends on it."""
     A, B, read, through = system
     kept = np.any(read != 0.0, axis=0)
@@ -129,11 +141,13 @@ def reduced(system: MATRICES) -> MATRICES:
     return A[np.ix_(kept, kept)], B[kept], read[:, kept], through
 
 
-def response(system: MATRICES, frequency_Hz: Array, tick_s: float) -> Array:
+def response(system: Matrices, frequency_Hz: Array, tick_s: float) -> Array:
     """C (z - A)^-1 B + D at z = exp(j w T), (n_frequencies, outputs, inputs)."""
     A, B, read, through = system
     z = np.exp(2j * np.pi * frequency_Hz * tick_s)
-    return read @ np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape))) + through
+    return (
+        read @ np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape))) + through
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,11 +159,11 @@ class Loop:
     mass_kg: float
     extends: bool
     tick_s: float
-    plant: MATRICES
-    controller: MATRICES
+    plant: Matrices
+    controller: Matrices
 
     @cached_property
-    def closed(self) -> MATRICES:
+    def closed(self) -> Matrices:
         """From the setpoint to the piston (y) of the loop closed."""
         A, B, read, _ = self.plant
         F, G, H, K = self.controller
@@ -195,11 +209,15 @@ def loops(machine: Machine) -> list[Loop]:
                     plant, (sensors.position_filter_order, sensors.pressure_filter_order),
                     (sensors.position_filter_Hz, sensors.pressure_filter_Hz),
                 )  # fmt: skip
-                sampled = cont2discrete(plant, tick_s)[:4]
                 found.append(
                     Loop(
-                        leg=i + 1, mode=mode + 1, mass_kg=float(mass), extends=sign > 0, tick_s=tick_s, plant=sampled,
+                        leg=i + 1,
+                        mode=mode + 1,
+                        mass_kg=float(mass),
+                        extends=sign > 0,
+                        tick_s=tick_s,
+                        plant=sampled(plant, tick_s),
                         controller=reduced(controller_matrices(own, float(mass))),
-                    )  # fmt: skip
+                    )
                 )
     return found

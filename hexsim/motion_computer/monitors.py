@@ -186,7 +186,9 @@ class LegMonitor:
         if not self._started:
             self.start(measured)
         known = np.full(len(setpoint), np.nan) if pressures is None else pressures
-        codes = _check_legs(setpoint, forward, measured, known, self.model, self._last, self._counts, self.usable, self._limits)
+        codes = _check_legs(
+            setpoint, forward, measured, known, self.model, self._last, self._counts, self.usable, self._limits
+        )
         findings = []
         for i in np.flatnonzero(codes):
             error, text = LEG_FINDINGS[int(codes[i])]

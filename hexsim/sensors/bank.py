@@ -118,7 +118,8 @@ def _low_pass(sensor: Sensor, resolved: Resolved, tick_s: float) -> Array | None
             f"sensors.{sensor.filter}_Hz = {cut_off:g} must be below half of the rate of {1 / tick_s:g} Hz at which "
             "the transducer is read: lower it, or raise sensors.log_rate_Hz"
         )
-    return butter(getattr(resolved.sensors, f"{sensor.filter}_order"), cut_off, fs=1.0 / tick_s, output="sos")
+    order = getattr(resolved.sensors, f"{sensor.filter}_order")
+    return np.asarray(butter(order, cut_off, fs=1.0 / tick_s, output="sos"))
 
 
 def _errors(sensor: Sensor, resolved: Resolved) -> dict[str, Array | float]:

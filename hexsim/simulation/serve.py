@@ -124,12 +124,12 @@ class Server:
         commands = link.receive(now)
         for command in commands:
             self._execute(command, now)
-        self._positions, *pressures = self.sensors.read(self.ticks)
+        self._positions, bottom, supply_Pa, top = self.sensors.read(self.ticks)
         computer.pump_running = self.supply.running
         computer.oil_temperature_degC = plant.oil_temperature_degC
         if link.peer:
             computer.last_packet_s = max(link.buffer.last_packet_s, computer.last_packet_s or 0.0)
-        plant.tick(computer.tick(now, self._setpoints(now), self._positions, *pressures))
+        plant.tick(computer.tick(now, self._setpoints(now), self._positions, bottom, supply_Pa, top))
         self.supply.tick(computer.pump_on, self.tick_s)
         self.ticks += 1
         if self.ticks % CHECK_TICKS == 0:

@@ -170,9 +170,7 @@ def test_feed_forward_of_a_parabola_and_a_cubic(bench):
     )
     t = k[-1] * T
     assert play(plain, parabola, parabola)[-1] == pytest.approx(8.0 * (t - T / 2) + 0.05, rel=1e-9)
-    with_load = declared(
-        bench, velocity_feed_forward_V_s_per_m=8.0, load_feed_forward=True, gain_V_per_m=1e-3
-    )
+    with_load = declared(bench, velocity_feed_forward_V_s_per_m=8.0, load_feed_forward=True, gain_V_per_m=1e-3)
     row, memory = with_load.rows[0], controller.new_memory(1)
     difference = play(with_load, cubic, cubic)[-1] - 8.0 * np.diff(cubic)[-1] / T
     m, b, flexible = bench.load.moving_mass_kg, row[C.VISCOUS], row[C.FLEXIBILITY]
