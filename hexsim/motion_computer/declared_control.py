@@ -61,7 +61,7 @@ def control_of(machine: Machine) -> Control:
         c[C.FLEXIBILITY] = 1.0 / oil_stiffness(p)
     inertia = np.zeros((machine.n_legs, machine.n_legs))
     if declared.load_feed_forward:
-        inertia = np.linalg.inv(leg_compliance(resolve(machine.model_copy(update={"effects": {}}))))
+        inertia[:] = np.linalg.inv(leg_compliance(resolve(machine.model_copy(update={"effects": {}}))))
     return Control(constants, inertia)
 
 

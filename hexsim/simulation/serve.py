@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.geometry import pose_kinematics
-from hexsim.mechanics.kinematics import DOF_NAMES
+from hexsim.machine.geometry import mechanics_of
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import Error, Finding, labels
 from hexsim.motion_computer.host_link import HostLink
@@ -70,7 +69,7 @@ class Server:
         if start not in ("neutral", "off"):
             raise HexsimError(f"start is {start!r}; give 'neutral' or 'off'")
         self.machine = machine
-        self.plant = Plant(machine, model="tendon" if machine.is_hexapod else "full", timestep=timestep)
+        self.plant = Plant(machine, model="tendon", timestep=timestep)
         self.tick_s = 1.0 / machine.controller.rate_Hz
         self.compensator, made = make_compensators(compensator, machine)
         self.messages: list[tuple[float, int, str]] = []
@@ -78,8 +77,8 @@ class Server:
         self.generator = SignalGenerator(
             self.plant, scenario or load_scenario("heave"), self.tick_s, self.computer.preview
         )
-        self.kinematics = pose_kinematics(machine)
-        self._dofs = [DOF_NAMES.index(dof) for dof in self.kinematics.dofs]
+        self.kinematics = mechanics_of(machine)
+        self._dofs = self.kinematics.dof_places
         self._dof_limiter = CommandLimiter(limits or pose_limits(machine))
         self._leg_limiter = CommandLimiter(leg_limits(machine))
         self.limiter, self.mode = self._dof_limiter, 0
@@ -184,7 +183,7 @@ class Server:
             self._reference = pose
             positions = self.kinematics.piston_positions(pose)
         else:
-            positions = 0.5 * cylinder.stroke_m + command
+            positions = self.kinematics.neutral_positions + command
         return soft_legs(positions, cylinder.stroke_m, cylinder.cushion_length_m)
 
     def _reply(self, now: float) -> Reply:
