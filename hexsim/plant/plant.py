@@ -322,12 +322,17 @@ class Plant:
 
     @property
     def rod_side_places(self) -> NDArray[np.int64]:
-        """Where the pressures of rod sides that are chambers stand in the state (n_legs,)."""
+        """Where the pressures of rod sides that are chambers stand in the state (n_legs,); -1: on the supply."""
         return self.layout[: self.n_legs, A.ROD_SIDE].astype(np.int64)
 
     def rod_side_pressures(self) -> np.ndarray:
-        """P2 of each leg whose rod side is a chamber (n_legs,) [Pa]."""
-        return self.data.act[self.rod_side_places] * MPa
+        """P2 of each leg (n_legs,) [Pa]; Ps where the rod side is on the supply."""
+        return np.array([self.data.act[k] * MPa if k >= 0 else self.supply_pressure() for k in self.rod_side_places])
+
+    def instant_acceleration(self) -> np.ndarray:
+        """Generalised accelerations (nv,) of the present state under the present volts at the spools."""
+        mujoco.mj_forward(self.model, self.data)
+        return self.data.qacc.copy()
 
     def supply_pressure(self) -> float:
         """Ps [Pa]."""
@@ -346,8 +351,8 @@ class Plant:
         """Raise PlantError when MuJoCo warned, a state is not finite, or another program took MuJoCo's callbacks."""
         if not installed():
             raise PlantError("another program in this process replaced MuJoCo's callbacks")
-        counts = self.data.warning.number
-        bad = [w for w in mujoco.mjtWarning.__members__.values() if w.value < len(counts) and counts[w.value] > SILENT]
-        if bad or not (np.isfinite(self.data.act).all() and np.isfinite(self.data.qpos).all()):
-            what = bad[0].name.removeprefix("mjWARN_").lower() if bad else "state not finite"
-            raise PlantError(what)
+        bad = np.flatnonzero(self.data.warning.number > SILENT)
+        if len(bad):
+            raise PlantError(mujoco.mjtWarning(int(bad[0])).name.removeprefix("mjWARN_").lower())
+        if not (np.isfinite(self.data.act).all() and np.isfinite(self.data.qpos).all()):
+            raise PlantError("state not finite")

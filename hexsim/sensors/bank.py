@@ -86,6 +86,10 @@ class Transducers:
         self._next = tick + 1
         return self.read(self.filtered(true)[-1], tick)
 
+    def restart(self) -> None:
+        """Forget what the filter has seen."""
+        self._memory, self._next = None, 0
+
     def filtered(self, rows: Array) -> Array:
         """The next true rows (m, n) behind the filter; it begins at rest at the first row of all."""
         if self.sections is None:
@@ -98,6 +102,10 @@ class Transducers:
     def read(self, true: Array, tick: int) -> Array:
         """The same without delay and filter; noise of that tick."""
         return measure(true, self.noise[tick], self.gain, self.offset, self.resolution)
+
+    def next(self, true: Array, tick: int) -> Array:
+        """What they read of the next true values (n,), without delay; noise of that tick."""
+        return self.read(self.filtered(true[None])[0], tick)
 
     def rows(self, true: Array, every: int = 1) -> Array:
         """What they read in a whole run (m, n), at every `every`-th tick."""

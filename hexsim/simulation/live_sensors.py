@@ -11,6 +11,9 @@ from hexsim.plant import Plant
 from hexsim.sensors.bank import SensorBank
 
 Array = NDArray[np.float64]
+Readings = tuple[
+    Array, Array, float, Array | None
+]  # positions, bottom pressures, supply pressure, rod sides on a valve
 NOISE_S = 10.0  # noise is drawn for this long and then repeats
 
 
@@ -30,8 +33,10 @@ class LiveSensors:
     def restart(self) -> None:
         """Forget the past."""
         self._past.clear()
+        for stem in self._stems:
+            self.bank[stem].restart()
 
-    def read(self, tick: int) -> tuple[Array, Array, float, Array | None]:
+    def read(self, tick: int) -> Readings:
         """Measured positions (n_legs,) [m], bottom pressures (n_legs,) [Pa], supply pressure [Pa], and pressures of the
         rod sides (n_legs,) [Pa] that are on a valve."""
         bank, plant, k = self.bank, self.plant, tick % self.noise_ticks
@@ -45,7 +50,7 @@ class LiveSensors:
             after = past[np.clip(self._older - 1, 0, first), columns]
             true = (1.0 - share) * before + share * after
         read = [
-            bank[stem].read(bank[stem].filtered(values[None])[0], k)
+            bank[stem].next(values, k)
             for stem, values in zip(self._stems, true.reshape(len(self._stems), -1), strict=True)
         ]
         return read[0], read[1], bank.supply(k, plant.supply_pressure()), read[2] if len(read) > 2 else None

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hexsim.compiled import compiled
+from hexsim.compiled import borrowed, compiled
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C, Control
 from hexsim.plant.callbacks import MPa
@@ -61,6 +61,7 @@ def load_pressures(context, loop, k):
 @compiled
 def run_plain(context, record, loop, first, last):
     """Ticks first..last - 1 under the declared controllers, without Python in between."""
+    context, record, loop = borrowed(context), borrowed(record), borrowed(loop)
     sensor, n = loop.position, loop.memory.shape[0]
     volts, load = np.empty(n), np.zeros(n)
     volts[:] = record.volts[max(first - 1, 0)]
@@ -75,4 +76,4 @@ def run_plain(context, record, loop, first, last):
             if k == 0:
                 controller.begin(loop.control, loop.memory, setpoint, measured, load)
             controller.tick(loop.control, loop.memory, setpoint, measured, load, volts)
-        tick(context, record, volts)
+        tick(context, record, volts, context.is_tendon)

@@ -20,6 +20,7 @@ from hexsim.mechanics.mechanics import Mechanics
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
+from hexsim.plant.callbacks import without_timers
 from hexsim.plant.plant import PlantError, whole_ratio
 from hexsim.plant.stepping import mean_acceleration
 from hexsim.scenarios import Scenario
@@ -175,6 +176,7 @@ class TickLoop:
         self.faults: FaultRun | None = None
         self.done = 0
 
+    @without_timers()
     def go(self, progress: Callable[[float], None], interventions: Sequence[Any]) -> str:
         """Run to the end; returns "" or why it ended early."""
         direct = all(self.sensors[stem].is_direct for stem in self._sensed())
