@@ -25,7 +25,7 @@ class Control(NamedTuple):
     noise: Array
     sensor_gain: Array
     sensor_offset: Array
-    resolution: float
+    resolution: Array
 
 
 @compiled

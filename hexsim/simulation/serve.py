@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.geometry import mechanics_of
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import Error, Finding, labels
 from hexsim.motion_computer.host_link import HostLink
@@ -77,7 +76,7 @@ class Server:
         self.generator = SignalGenerator(
             self.plant, scenario or load_scenario("heave"), self.tick_s, self.computer.preview
         )
-        self.kinematics = mechanics_of(machine)
+        self.kinematics = machine.mechanics
         self._dofs = self.kinematics.dof_places
         self._dof_limiter = CommandLimiter(limits or pose_limits(machine))
         self._leg_limiter = CommandLimiter(leg_limits(machine))
