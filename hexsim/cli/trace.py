@@ -106,7 +106,13 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
     verdict = report["verdict"]
     console.print(Text.assemble("verdict  ", (verdict, f"bold {VERDICT_STYLE.get(verdict, '')}".strip())))
     console.print()
-    for title, header, rows in (_steps(report), _effects(report), _unexplained(report), _errors(report)):
+    for title, header, rows in (
+        _findings(report),
+        _steps(report),
+        _effects(report),
+        _unexplained(report),
+        _errors(report),
+    ):
         if rows:
             console.print(_table(title, header, rows))
             console.print()
@@ -137,6 +143,11 @@ def _table(title: str, header: tuple[str, ...], rows: list[tuple[str, ...]]):
     for row in rows:
         table.add_row(*row)
     return table
+
+
+def _findings(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    rows = [(log, found["description"]) for log, own in report.get("findings", {}).items() for found in own]
+    return "What was found and repaired in the logs", ("log", "finding"), rows
 
 
 def _steps(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:

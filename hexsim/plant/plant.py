@@ -319,6 +319,16 @@ class Plant:
         """P1 of each leg (n_legs,) [Pa]."""
         return self.data.act[self.pressure_places] * MPa
 
+    def rod_side_pressures(self) -> np.ndarray:
+        """P2 of each leg (n_legs,) [Pa]; Ps where the rod side is on the supply."""
+        places = self.layout[: self.n_legs, A.ROD_SIDE].astype(int)
+        return np.array([self.data.act[k] * MPa if k >= 0 else self.supply_pressure() for k in places])
+
+    def instant_acceleration(self) -> np.ndarray:
+        """Generalised accelerations (nv,) of the present state under the present volts at the spools."""
+        mujoco.mj_forward(self.model, self.data)
+        return self.data.qacc.copy()
+
     def supply_pressure(self) -> float:
         """Ps [Pa]."""
         place = int(self.layout[0, A.SUPPLY])
@@ -336,8 +346,8 @@ class Plant:
         """Raise PlantError when MuJoCo warned, a state is not finite, or another program took MuJoCo's callbacks."""
         if not installed():
             raise PlantError("another program in this process replaced MuJoCo's callbacks")
-        counts = self.data.warning.number
-        bad = [w for w in mujoco.mjtWarning.__members__.values() if w.value < len(counts) and counts[w.value] > SILENT]
-        if bad or not (np.isfinite(self.data.act).all() and np.isfinite(self.data.qpos).all()):
-            what = bad[0].name.removeprefix("mjWARN_").lower() if bad else "state not finite"
-            raise PlantError(what)
+        bad = np.flatnonzero(self.data.warning.number > SILENT)
+        if len(bad):
+            raise PlantError(mujoco.mjtWarning(int(bad[0])).name.removeprefix("mjWARN_").lower())
+        if not (np.isfinite(self.data.act).all() and np.isfinite(self.data.qpos).all()):
+            raise PlantError("state not finite")

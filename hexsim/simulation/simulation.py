@@ -20,6 +20,7 @@ from hexsim.mechanics.mechanics import Mechanics
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
+from hexsim.plant.callbacks import without_timers
 from hexsim.plant.plant import PlantError, whole_ratio
 from hexsim.plant.stepping import mean_acceleration
 from hexsim.scenarios import Scenario
@@ -174,15 +175,17 @@ class TickLoop:
         self.faults: FaultRun | None = None
         self.done = 0
 
+    @without_timers()
     def go(self, progress: Callable[[float], None], interventions: Sequence[Any]) -> str:
         """Run to the end; returns "" or why it ended early."""
         plain = not (self.loop.compensators or interventions or self.sensors["position"].delay.any())
+        control = self._plain_control()
         chunk = max(1, round(CHECK_EVERY_S / self.tick_s))
         try:
             for first in range(0, self.ticks, chunk):
                 last = min(first + chunk, self.ticks)
                 if plain:
-                    run_plain(self.plant.context, self.record, self._plain_control(), first, last)
+                    run_plain(self.plant.context, self.record, control, first, last)
                     self.done = last
                 else:
                     self._ticks(first, last, interventions)

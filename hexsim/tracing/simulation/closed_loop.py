@@ -35,7 +35,7 @@ class Inputs(NamedTuple):
 
     near_rest (n,): where any leg is near standstill by its measured position, so that variants of a model step alike and
     their differences are smooth; a model that stands still where the machine moved is seen by its own speed.
-    rate_Hz: of the log.
+    rate_Hz: of the samples. first_tick: sample of the controller's first tick. start_s: time that the run lasts already.
     """
 
     setpoint: np.ndarray
@@ -44,6 +44,8 @@ class Inputs(NamedTuple):
     supply: np.ndarray
     near_rest: np.ndarray
     rate_Hz: float
+    first_tick: int
+    start_s: float
 
 
 class Room(NamedTuple):
@@ -114,7 +116,7 @@ def lent(rig, inputs, room):
         ),
         Inputs(
             borrowed(inputs.setpoint), borrowed(inputs.volts), borrowed(inputs.position), borrowed(inputs.supply),
-            borrowed(inputs.near_rest), inputs.rate_Hz,
+            borrowed(inputs.near_rest), inputs.rate_Hz, inputs.first_tick, inputs.start_s,
         ),
         Room(
             borrowed(room.state), (borrowed(k1), borrowed(k2), borrowed(k3), borrowed(k4), borrowed(there)),
@@ -137,13 +139,15 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
     every = max(round(rate / controller.rate_Hz), 1)
     calm_s = 0.0
     for i in range(n):
+        t = inputs.start_s + i * dt
         if inputs.supply.shape[0] == n:
             state[SUPPLY] = inputs.supply[i]
         write_leg_motion(geometry, state, y, v)
+        tick = i == 0 or (i - inputs.first_tick) % every == 0
         for j in range(n_legs):
             y_true[j, i], p_true[j, i] = y[j], state[LEGS + j * LEG_STATES + LEG_P1]
             out[j, i] = shown(y_true[j], i, position[j], rate)
-            u_true[j, i] = asked_volts(controller, inputs, j, i, out[j, i]) if i % every == 0 else u_true[j, i - 1]
+            u_true[j, i] = asked_volts(controller, inputs, j, i, out[j, i]) if tick else u_true[j, i - 1]
             held[j] = valve.play(delayed(u_true[j], i, legs[j, P.VALVE_DELAY] * rate), held[j], legs[j, P.HYSTERESIS])
             out[n_legs + j, i] = u_true[j, i]
             out[2 * n_legs + j, i] = shown(p_true[j], i, pressure[j], rate)
@@ -153,12 +157,12 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
             if near_standstill(legs[j], v[j], before[j]):
                 calm_s = 0.0
             before[j] = v[j]
-        steps = steps_of_sample(legs, rule, state, y, v, held, i * dt, calm_s, dt)
-        a, turning = rates(legs, geometry, s, load, held, i * dt, dt / steps, state, slopes[0])
+        steps = steps_of_sample(legs, rule, state, y, v, held, t, calm_s, dt)
+        a, turning = rates(legs, geometry, s, load, held, t, dt / steps, state, slopes[0])
         for k in range(axes):
             a_true[k, i] = a[2] if axes == 1 else a[k] if k < 3 else turning[k - 3]
             out[3 * n_legs + 1 + k, i] = shown(a_true[k], i, acceleration[k], rate)
-        integrate(legs, geometry, s, load, held, i * dt, dt, steps, state, slopes)
+        integrate(legs, geometry, s, load, held, t, dt, steps, state, slopes)
         if diverged(state, LEGS + n_legs * LEG_STATES):
             out[:, i + 1 :] = math.nan
             return False

@@ -29,6 +29,9 @@ def simulate_log(machine: Machine, log: Log, feedback: int, supply: Array | None
     supply: (n,) pressure that drives the legs instead of the simulated supply [Pa].
     """
     rig, resolved = rig_of(machine, feedback)
+    if (finer := samples_of_sample(log.rate, rig.controller.rate_Hz)) > 1:
+        out = simulate_log(machine, log.finer(finer), feedback, None if supply is None else np.repeat(supply, finer))
+        return {name: rows[..., ::finer] for name, rows in out.items()}
     k, nothing = log.n_legs, np.zeros((log.n_legs, log.n))
     inputs = loop.Inputs(
         setpoint=nothing if log.setpoint is None else log.setpoint,
@@ -37,6 +40,8 @@ def simulate_log(machine: Machine, log: Log, feedback: int, supply: Array | None
         supply=np.zeros(0) if supply is None else supply,
         near_rest=log.near_rest,
         rate_Hz=float(log.rate),
+        first_tick=log.tick_phase(max(round(log.rate / rig.controller.rate_Hz), 1)),
+        start_s=log.offset_s,
     )
     out = np.empty((3 * k + 1 + len(rig.sensors.acceleration), log.n))
     room = loop.room_for(start_state(rig, resolved, log), k, len(rig.sensors.acceleration), log.n)
@@ -44,6 +49,15 @@ def simulate_log(machine: Machine, log: Log, feedback: int, supply: Array | None
     rows = np.split(out, [k, 2 * k, 3 * k, 3 * k + 1])
     names = ("position", "volts", "pressure", "supply", "acceleration")
     return dict(zip(names, rows, strict=True)) | {"supply": out[3 * k]}
+
+
+def samples_of_sample(rate_Hz: float, controller_Hz: float) -> int:
+    """Samples of the simulation for one of a log: a slow log is simulated with all ticks of its controller."""
+    least = int(np.ceil(controller_Hz / rate_Hz * (1.0 - 1e-6)))
+    if least <= 1:
+        return 1
+    even = (k for k in range(least, 4 * least + 1) if abs(k * rate_Hz / controller_Hz % 1.0) < 1e-6)
+    return next(even, least)
 
 
 def start_of(log: Log, gain: Array, offset: Array) -> tuple[Array, Array]:
