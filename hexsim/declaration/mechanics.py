@@ -24,5 +24,7 @@ def declared_mechanics(geometry: JointCircles | JointTables | None, strokes_m: t
         *geometry.joints, geometry.neutral_leg_length_m, strokes_m, geometry.leg_zero_offsets_m
     )
     if not made.condition_number(np.zeros(6)) < SINGULAR:
-        raise HexsimError("[geometry] the legs cannot hold the platform in its neutral pose, it is singular: move the joints")
+        raise HexsimError(
+            "[geometry] the legs cannot hold the platform in its neutral pose, it is singular: move the joints"
+        )
     return made
