@@ -59,7 +59,7 @@ def test_a_displaced_joint_moves_its_own_leg_as_by_hand():
     base = MECHANICS.base_joints.copy()
     base[1] += shift
     moved = with_joints(base).mechanics
-    place = pose[:3] + [0, 0, moved.neutral_height_m]
+    place = pose[:3] + np.array([0, 0, moved.neutral_height_m])
     ends = place + MECHANICS.platform_joints @ moved.rotation(pose).T
     by_hand = np.linalg.norm(ends - base, axis=1)
     assert moved.leg_lengths(pose) == pytest.approx(by_hand, abs=1e-14)
