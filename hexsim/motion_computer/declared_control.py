@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import bilinear
 
-from hexsim.declaration import Machine
+from hexsim.declaration import Controller, Machine
 from hexsim.hydraulics import leg
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P, declared_rows
 from hexsim.hydraulics.resolve import resolve
@@ -19,50 +19,47 @@ Array = NDArray[np.float64]
 
 
 def control_of(machine: Machine) -> Control:
-    """The declared controllers. They know the declared machine, and nothing of its effects."""
-    declared, rows = machine.controller, declared_rows(machine)
-    tick = 1.0 / declared.rate_Hz
-    constants = np.zeros((machine.n_legs, N_CONSTANTS))
-    values = {
-        C.GAIN: declared.gain_V_per_m,
-        C.LIMIT: machine.valve.voltage_max_V,
-        C.TICK: tick,
-        C.CASCADE: float(declared.structure == "cascade"),
-        C.INTEGRAL: 1.0 / declared.integral_time_s if declared.integral_time_s else 0.0,
-        C.TRACKING: 1.0 / declared.anti_windup_s,
-        C.VELOCITY_GAIN: declared.velocity_gain_V_s_per_m,
-        C.VELOCITY_FORWARD: declared.velocity_feed_forward_V_s_per_m,
-        C.ACCELERATION_FORWARD: declared.acceleration_feed_forward_V_s2_per_m,
-        C.LOAD_FORWARD: float(declared.load_feed_forward),
-        C.PRESSURE_GAIN: declared.pressure_feedback_V_per_Pa,
-        C.DELAY: declared.computing_delay_ticks,
-        C.EVERY: round(declared.rate_Hz / (declared.setpoint_rate_Hz or declared.rate_Hz)),
-    }
+    """The declared controllers, a row a leg. They know the declared machine, and nothing of its effects."""
+    rows = [
+        _row(own.controller, own.valve.voltage_max_V, p)
+        for own, p in zip(machine.legs, declared_rows(machine), strict=True)
+    ]
+    inertia = np.zeros((machine.n_legs, machine.n_legs))
+    if machine.controller.load_feed_forward:
+        inertia[:] = np.linalg.inv(leg_compliance(resolve(machine.model_copy(update={"effects": {}}))))
+    return Control(np.array(rows), inertia)
+
+
+def _row(declared: Controller, limit_V: float, p: Array) -> Array:
+    """Constants (N_CONSTANTS,) of a leg with the hydraulics p."""
+    tick, c = 1.0 / declared.rate_Hz, np.zeros(N_CONSTANTS)
+    c[C.GAIN], c[C.LIMIT], c[C.TICK] = declared.gain_V_per_m, limit_V, tick
+    c[C.CASCADE] = float(declared.structure == "cascade")
+    c[C.INTEGRAL] = 1.0 / declared.integral_time_s if declared.integral_time_s else 0.0
+    c[C.TRACKING] = 1.0 / declared.anti_windup_s
+    c[C.VELOCITY_GAIN] = declared.velocity_gain_V_s_per_m
     omega = 2 * math.pi * declared.velocity_filter_Hz
-    values[C.VELOCITY_POLE], values[C.VELOCITY_SHARE] = _first_order(omega, omega, tick)
-    values[C.PRESSURE_POLE], values[C.PRESSURE_SHARE] = _first_order(
-        1.0, 2 * math.pi * declared.pressure_high_pass_Hz, tick
-    )
-    for place, value in values.items():
-        constants[:, place] = value
+    c[C.VELOCITY_POLE], c[C.VELOCITY_SHARE] = _first_order(omega, omega, tick)
+    c[C.VELOCITY_FORWARD] = declared.velocity_feed_forward_V_s_per_m
+    c[C.ACCELERATION_FORWARD] = declared.acceleration_feed_forward_V_s2_per_m
+    c[C.LOAD_FORWARD], c[C.FLEXIBILITY] = float(declared.load_feed_forward), 1.0 / oil_stiffness(p)
+    c[C.VISCOUS] = 0.5 * (p[P.VISCOUS_EXTEND] + p[P.VISCOUS_RETRACT])
+    c[C.AREA] = p[P.AREA_BOTTOM]
+    c[C.AREA_RATIO] = p[P.AREA_TOP] / p[P.AREA_BOTTOM] if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE else 0.0
+    c[C.PRESSURE_GAIN] = declared.pressure_feedback_V_per_Pa
+    c[C.PRESSURE_POLE], c[C.PRESSURE_SHARE] = _first_order(1.0, 2 * math.pi * declared.pressure_high_pass_Hz, tick)
+    c[C.DELAY] = declared.computing_delay_ticks
+    c[C.EVERY] = round(declared.rate_Hz / (declared.setpoint_rate_Hz or declared.rate_Hz))
     if declared.notch_Hz > 0.0:
         omega = 2 * math.pi * declared.notch_Hz
         width, depth = declared.notch_width * omega, declared.notch_depth
         at = slice(C.NOTCH, C.NOTCH + 6)
-        constants[:, at] = _second_order([1.0, depth * width, omega**2], [1.0, width, omega**2], omega, tick)
+        c[at] = _second_order([1.0, depth * width, omega**2], [1.0, width, omega**2], omega, tick)
     if declared.setpoint_filter_Hz > 0.0:
         omega = 2 * math.pi * declared.setpoint_filter_Hz
         at = slice(C.SMOOTHING, C.SMOOTHING + 6)
-        constants[:, at] = _second_order([omega**2], [1.0, math.sqrt(2) * omega, omega**2], omega, tick)
-    for c, p in zip(constants, rows, strict=True):
-        c[C.AREA] = p[P.AREA_BOTTOM]
-        c[C.AREA_RATIO] = p[P.AREA_TOP] / p[P.AREA_BOTTOM] if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE else 0.0
-        c[C.VISCOUS] = 0.5 * (p[P.VISCOUS_EXTEND] + p[P.VISCOUS_RETRACT])
-        c[C.FLEXIBILITY] = 1.0 / oil_stiffness(p)
-    inertia = np.zeros((machine.n_legs, machine.n_legs))
-    if declared.load_feed_forward:
-        inertia[:] = np.linalg.inv(leg_compliance(resolve(machine.model_copy(update={"effects": {}}))))
-    return Control(constants, inertia)
+        c[at] = _second_order([omega**2], [1.0, math.sqrt(2) * omega, omega**2], omega, tick)
+    return c
 
 
 def _first_order(numerator: float, omega: float, tick: float) -> tuple[float, float]:

@@ -21,7 +21,6 @@ from hexsim.hydraulics.resolve import add_effects, resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.steps import StepRule, step_rule
 from hexsim.hydraulics.supply import POWER_UNIT, S, U, power_unit_start
-from hexsim.machine.geometry import mechanics_of
 from hexsim.plant import stepping
 from hexsim.plant.callbacks import POWER_UNIT_SCALE, MPa, install_hydraulics, installed
 from hexsim.plant.mjcf import ModelKind, build_spec
@@ -70,7 +69,7 @@ class Plant:
         install_hydraulics()
         self.machine = machine
         self.resolved: Resolved = resolve(machine)
-        self.kinematics = mechanics_of(machine)
+        self.kinematics = self.resolved.mechanics
         self.timestep = timestep
         self.model_kind: ModelKind = model if self.kinematics.has_platform else "full"
         final = resolve(machine)

@@ -29,7 +29,7 @@ def measure(true, noise, gain, offset, resolution):
     out = np.empty(true.shape[0])
     for i in range(true.shape[0]):
         value = gain[i] * true[i] + offset[i] + noise[i]
-        out[i] = np.rint(value / resolution) * resolution if resolution > 0.0 else value
+        out[i] = np.rint(value / resolution[i]) * resolution[i] if resolution[i] > 0.0 else value
     return out
 
 
@@ -63,7 +63,7 @@ class Transducers:
         errors = {error: np.full(n, value) for error, value in _errors(sensor, resolved).items()}
         self.tick_s = tick_s
         self.gain, self.offset, self.delay = errors["gain"], errors["offset"], errors["delay"]
-        self.resolution = float(errors["resolution"][0]) if n else 0.0
+        self.resolution = errors["resolution"]
         self.noise = errors["noise"] * random.standard_normal((ticks, n))
         self.sections = _low_pass(sensor, resolved, tick_s)
         self._memory: Array | None = None  # of the filter
@@ -136,7 +136,8 @@ def _errors(sensor: Sensor, resolved: Resolved) -> dict[str, Array | float]:
     extra = resolved.machine.extra_sensors.get(sensor.signal.stem, {})
     for error in ERRORS:
         if key := getattr(sensor, error):
-            found[error] = resolved.leg_sensors.get(key, getattr(resolved.sensors, key, ERRORS[error]))
+            shared = getattr(resolved.sensors, key, ERRORS[error])
+            found[error] = resolved.leg_sensors.get(key, shared) if sensor.signal.scope == "leg" else shared
         elif (key := sensor.extra_keys[error]) in extra:
             found[error] = extra[key]
     return found

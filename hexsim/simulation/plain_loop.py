@@ -18,12 +18,12 @@ Array = NDArray[np.float64]
 
 
 class Transducer(NamedTuple):
-    """Noise (ticks, n_legs), gain and offset (n_legs,), one count."""
+    """Noise (ticks, n_legs), gain, offset and one count (n_legs,)."""
 
     noise: Array
     gain: Array
     offset: Array
-    resolution: float
+    resolution: Array
 
 
 class PlainLoop(NamedTuple):

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.geometry import mechanics_of
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import Error, Finding, labels
 from hexsim.motion_computer.host_link import HostLink
@@ -83,7 +82,7 @@ class Server:
         self.generator = SignalGenerator(
             self.plant, scenario or load_scenario("heave"), self.tick_s, self.computer.preview
         )
-        self.kinematics = mechanics_of(machine)
+        self.kinematics = machine.mechanics
         self._dofs = self.kinematics.dof_places
         self._dof_limiter = CommandLimiter(limits or pose_limits(machine))
         self._leg_limiter = CommandLimiter(leg_limits(machine))
@@ -104,10 +103,18 @@ class Server:
         self._refused = False
         self._pose, self._reference = np.zeros(6), np.zeros(6)
         self._positions = self.computer.neutral.copy()
+        self._compile()
         self.link = HostLink(host, port)
         self.address = self.link.address
         if start == "off":
             self._settle()
+
+    def _compile(self) -> None:
+        """Compile what a tick calls before a host is listened to."""
+        self.plant.tick(np.zeros(self.machine.n_legs))
+        self.plant.reset()
+        self.sensors.read(0)
+        self.sensors.restart()
 
     def __enter__(self) -> Server:
         return self
