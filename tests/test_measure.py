@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from hexsim.cli import app
-from hexsim.machine.geometry import mechanics_of
 from hexsim.qualify import Battery, Imu, MachineRig, Plan, measure
 from hexsim.qualify.measured import at_origin, driven_axes, motion_of, sine_of
 from hexsim.scenarios import Scenario, load_scenario
@@ -88,7 +87,7 @@ def test_place_axes_and_gravity_of_accelerometers_drop_out(hexapod):
     """A platform that pitches and heaves: what a turned accelerometer with gravity reads 0.3 m off the origin, taken back
     to the origin, is the origin's acceleration (formula of a rigid body, independent of the function's).
     """
-    mechanics, rate = mechanics_of(hexapod), 1000.0
+    mechanics, rate = hexapod.mechanics, 1000.0
     t = np.arange(6000) / rate
     pose, rates, accelerations = (np.zeros((len(t), 6)) for _ in range(3))
     for k, size, f in ((2, 0.05, 0.5), (4, 0.1, 1.0), (3, 0.05, 0.7)):
@@ -144,7 +143,7 @@ def test_another_motion_gives_its_frequency_response(bench, tmp_path):
 def test_the_axis_that_moves_is_found(hexapod, played):
     """Heave alone, from the setpoints of the legs."""
     _, log = played
-    motion, notes = motion_of(log, mechanics_of(hexapod), None)
+    motion, notes = motion_of(log, hexapod.mechanics, None)
     assert driven_axes(motion) == ["z"]
     assert notes == ["Accelerations are the simulation's true ones."]
 

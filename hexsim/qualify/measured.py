@@ -21,7 +21,6 @@ from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.files.atomic import write_text
 from hexsim.machine.files import machine_tables
-from hexsim.machine.geometry import mechanics_of
 from hexsim.mechanics.mechanics import Mechanics
 from hexsim.qualify import measures
 from hexsim.qualify.battery import Findings
@@ -68,7 +67,7 @@ def measure(log: Log, machine: Machine, out: str | Path, imu: Imu | None = None)
     machine: that of the log; its geometry gives pose from legs. A simulated log that holds the truth is judged by it
     unless `imu` is given. Raises HexsimError where the log lacks setpoints or accelerations.
     """
-    motion, notes = motion_of(log, mechanics_of(machine), imu, machine.machine.gravity_m_s2)
+    motion, notes = motion_of(log, machine.mechanics, imu, machine.machine.gravity_m_s2)
     band = min(BANDWIDTH_Hz, (imu or Imu()).bandwidth_Hz, log.rate / SAMPLES_A_PERIOD)
     if band < BANDWIDTH_Hz:
         notes.append(
