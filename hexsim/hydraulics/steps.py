@@ -78,7 +78,8 @@ def friction_slope(rows: Array) -> Array:
     """Slope of each leg's friction at v = 0 [N s/m], viscous part apart: what makes a reversal stiff."""
     coulomb = np.maximum(rows[:, P.COULOMB_EXTEND], rows[:, P.COULOMB_RETRACT])
     level = coulomb + np.maximum(rows[:, P.STATIC_EXTEND], rows[:, P.STATIC_RETRACT])
-    level = level + rows[:, P.SEAL_FRICTION] * rows[:, P.SUPPLY_PRESSURE] + np.abs(rows[:, P.RIPPLE_FORCE])
+    seals = rows[:, P.SEAL_FRICTION] + rows[:, P.SEAL_FRICTION_TOP] + rows[:, P.SEAL_FRICTION_ACROSS]
+    level = level + seals * rows[:, P.SUPPLY_PRESSURE] + np.abs(rows[:, P.RIPPLE_FORCE])
     dry = level / np.array([friction_width(row) for row in rows])
     return np.where(rows[:, P.BRISTLE_STIFFNESS] > 0.0, rows[:, P.BRISTLE_DAMPING], dry)
 
@@ -122,8 +123,8 @@ def leg_steps(rule, p, y, v, x, P1, P2, Ps, z):
         room = leg.rod_side_room(p, y, P2)
         law = max(law, -top_slope(p, x, P2, Ps) / (room * FLOW))
         springs += (p[P.AREA_TOP] / p[P.AREA_BOTTOM]) ** 2 / room
-    if p[P.BRISTLE_STIFFNESS] > 0.0 and abs(leg.bristle_rate(p, y, v, P1, z)) > SETTLED * abs(v):
-        law = max(law, p[P.BRISTLE_STIFFNESS] * abs(v) / (leg.friction_level(p, y, v, P1) * FLOW))
+    if p[P.BRISTLE_STIFFNESS] > 0.0 and abs(leg.bristle_rate(p, y, v, P1, z, P2)) > SETTLED * abs(v):
+        law = max(law, p[P.BRISTLE_STIFFNESS] * abs(v) / (leg.friction_level(p, y, v, P1, P2) * FLOW))
     steps = max(math.sqrt(rule.springs * springs) / RING, min(law, 1.0 / FASTEST_LAW_S))
     if min(P1, P2, Ps) + ATMOSPHERE < NEAR * CAVITATION_SOFT:
         steps = max(steps, 1.0 / FASTEST_LAW_S)
