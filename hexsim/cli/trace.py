@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json as json_module
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -35,6 +35,10 @@ def trace(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder to write; default runs/<time>-trace-<machine>.")
     ] = None,
+    next_file: Annotated[
+        Path | None,
+        typer.Option("--next", help="Scenario file to write: the motion that tells most about what stays open."),
+    ] = None,
     recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write recordings for Rerun.")] = True,
     json: options.Json = False,
 ) -> None:
@@ -64,10 +68,24 @@ def trace(
         if recording:
             bar.update(task, description="recording", completed=0.98)
             record(place.parent, held_out, result, final, markdown(report))
+        if next_file is not None:
+            report["next"] = design_next(result, next_file, show)
     if json:
         print_json(report)
-    else:
-        print_trace(report, final)
+        return
+    print_trace(report, final)
+    for line in report.get("next", {}).get("lines", []):
+        output().print(f"next     {line}", soft_wrap=True)
+
+
+def design_next(result: Trace, place: Path, show: Callable[[str, float], None]) -> dict[str, Any]:
+    """Write the scenario of the next measurement; returns what it is expected to give."""
+    from hexsim.files.atomic import write_text
+    from hexsim.tracing.design import next_measurement
+
+    found = next_measurement(result, tell=show)
+    write_text(place, found.text())
+    return found.to_json() | {"lines": found.lines(), "file": str(place)}
 
 
 def record(logs: Path, held_out: list[str], result: Trace, final: Path, text: str) -> None:
@@ -88,7 +106,13 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
     verdict = report["verdict"]
     console.print(Text.assemble("verdict  ", (verdict, f"bold {VERDICT_STYLE.get(verdict, '')}".strip())))
     console.print()
-    for title, header, rows in (_steps(report), _effects(report), _unexplained(report), _errors(report)):
+    for title, header, rows in (
+        _findings(report),
+        _steps(report),
+        _effects(report),
+        _unexplained(report),
+        _errors(report),
+    ):
         if rows:
             console.print(_table(title, header, rows))
             console.print()
@@ -119,6 +143,11 @@ def _table(title: str, header: tuple[str, ...], rows: list[tuple[str, ...]]):
     for row in rows:
         table.add_row(*row)
     return table
+
+
+def _findings(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    rows = [(log, found["description"]) for log, own in report.get("findings", {}).items() for found in own]
+    return "What was found and repaired in the logs", ("log", "finding"), rows
 
 
 def _steps(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:

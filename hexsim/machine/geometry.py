@@ -12,6 +12,7 @@ from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolved import PayloadMode, Resolved
 from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.mechanics.leg_inertia import LegBodies, lumped_legs
+from hexsim.mechanics.mechanics import Mechanics
 from hexsim.mechanics.rigid_body import RigidBody, Suspension, joined, rigid_body
 from hexsim.mechanics.single_leg import SingleLegKinematics
 
@@ -25,11 +26,11 @@ def machine_kinematics(machine: Machine) -> HexapodKinematics:
     return _kinematics(tuple(machine.geometry.model_dump().items()), machine.cylinder.stroke_m)
 
 
-def pose_kinematics(machine: Machine) -> HexapodKinematics | SingleLegKinematics:
-    """Poses and piston positions of a hexapod or of a bench."""
-    return (
-        machine_kinematics(machine) if machine.is_hexapod else SingleLegKinematics(stroke_m=machine.cylinder.stroke_m)
-    )
+def mechanics_of(machine: Machine) -> Mechanics:
+    """Legs, poses and limits of a hexapod or of a bench."""
+    if machine.geometry is None:
+        return SingleLegKinematics.of_stroke(machine.cylinder.stroke_m)
+    return machine_kinematics(machine)
 
 
 @lru_cache(maxsize=8)
@@ -57,13 +58,15 @@ def leg_bodies(resolved: Resolved, neutral_length: float) -> LegBodies:
     )
 
 
-def platform_body(resolved: Resolved, kinematics: HexapodKinematics) -> RigidBody:
-    """Platform and, at its joints, the legs as far as they have mass (as in the plant's tendon model)."""
+def moving_body(resolved: Resolved) -> RigidBody:
+    """A bench's mass; or platform and, at its joints, the legs as far as they have mass (as in the tendon model)."""
     load = resolved.load
-    if load.platform_mass_kg is None or load.platform_inertia_kg_m2 is None:
-        raise HexsimError(f"machine {resolved.machine.name} has no platform: give [load] platform_mass_kg and inertia")
     sprung = sum(mode.mass_kg for mode in resolved.payload_modes)
-    mass, inertia = load.platform_mass_kg, np.diag(load.platform_inertia_kg_m2)
+    kinematics = mechanics_of(resolved.machine)
+    if not kinematics.has_platform:
+        mass = load.moving_mass_kg or 0.0
+        return rigid_body(mass, np.zeros(3), np.zeros((3, 3)), carried=mass, sprung=sprung)
+    mass, inertia = load.platform_mass_kg or 0.0, np.diag(load.platform_inertia_kg_m2 or (0.0, 0.0, 0.0))
     platform = rigid_body(mass, load.centre_of_mass_m, inertia, carried=mass, sprung=sprung)
     if load.leg_mass_kg <= 0:
         return platform

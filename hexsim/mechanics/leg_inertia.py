@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexsim.mechanics.kinematics import HexapodKinematics
+from hexsim.mechanics.mechanics import Mechanics
 from hexsim.mechanics.rigid_body import RigidBody, rigid_body
 
 
@@ -22,7 +22,7 @@ class LegBodies:
     rod_inertia: tuple[float, float]
 
 
-def legs_at_platform(kinematics: HexapodKinematics, bodies: LegBodies) -> tuple[np.ndarray, float]:
+def legs_at_platform(kinematics: Mechanics, bodies: LegBodies) -> tuple[np.ndarray, float]:
     """What six legs add to the platform at neutral: mass matrix (6, 6) about its origin, and the mass it carries [kg].
 
     Along a leg only the rod moves, across it both parts swing about the base joint, so its platform joint feels
@@ -47,7 +47,7 @@ def legs_at_platform(kinematics: HexapodKinematics, bodies: LegBodies) -> tuple[
     return matrix, carried
 
 
-def lumped_legs(kinematics: HexapodKinematics, bodies: LegBodies) -> RigidBody:
+def lumped_legs(kinematics: Mechanics, bodies: LegBodies) -> RigidBody:
     """One rigid body in place of six legs: exact in heave and in the three rotations at neutral.
 
     A rigid body has one mass for all directions: heave's is taken, so surge and sway are off by the legs' difference

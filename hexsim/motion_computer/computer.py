@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.geometry import machine_kinematics
+from hexsim.machine.geometry import mechanics_of
 from hexsim.motion_computer.errors import PUMP_STOPS, WARNINGS, Error, Finding
 from hexsim.motion_computer.guidance import Guidance, GuidedSetpoints
 from hexsim.motion_computer.monitors import LegMonitor, LoadMonitor, SupplyMonitor, Tolerances
@@ -56,8 +56,7 @@ class MotionComputer:
         self.states = StateMachine(state, self._state_changed)
         self.legs = LegMonitor(machine, tolerances)
         self.supply = SupplyMonitor(machine, tolerances)
-        kinematics = machine_kinematics(machine) if machine.is_hexapod else None
-        self.load = LoadMonitor(machine, kinematics, tolerances)
+        self.load = LoadMonitor(machine, mechanics_of(machine), tolerances)
         self.tick_s = 1.0 / machine.controller.rate_Hz
         self.errors = Error.NONE
         self.events: list[tuple[float, str, str, str]] = []  # (time_s, from, event, to)

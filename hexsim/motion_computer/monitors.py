@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
-from hexsim.mechanics.kinematics import HexapodKinematics
+from hexsim.mechanics.mechanics import Mechanics
 from hexsim.motion_computer.errors import Error, Finding
 
 Array = NDArray[np.float64]
@@ -231,7 +231,7 @@ class LoadMonitor:
 
     EVERY = 10  # control ticks
 
-    def __init__(self, machine: Machine, kinematics: HexapodKinematics | None, tolerances: Tolerances) -> None:
+    def __init__(self, machine: Machine, kinematics: Mechanics, tolerances: Tolerances) -> None:
         self.kinematics, self.tolerances = kinematics, tolerances
         self.area_bottom, self.area_top = machine.cylinder.area_bottom_m2, machine.cylinder.area_top_m2
         self.tank_Pa = machine.supply.tank_pressure_Pa if machine.cylinder.rod_side == "valve" else None
@@ -250,7 +250,9 @@ class LoadMonitor:
 
     def tick(self, positions: Array, pressures: Array | None, supply_Pa: float) -> list[Finding]:
         self._count += 1
-        if self.kinematics is None or pressures is None or self._count % self.EVERY or not np.isfinite(pressures).all():
+        if not self.kinematics.has_platform or pressures is None or self._count % self.EVERY:
+            return []
+        if not np.isfinite(pressures).all():
             return []
         top = supply_Pa if self.tank_Pa is None else supply_Pa + self.tank_Pa - pressures
         thrust = pressures * self.area_bottom - top * self.area_top

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from hexsim.declaration import Cylinder, Machine
-from hexsim.mechanics.kinematics import HexapodKinematics
+from hexsim.mechanics.mechanics import Mechanics
 
 MATERIALS = {
     "base_paint": (0.16, 0.20, 0.26, 1.0),
@@ -48,7 +48,7 @@ def _cylinder(
     _geom(spec, body, name, "cylinder", material, fromto=[0, 0, start, 0, 0, end], size=[radius, 0, 0])
 
 
-def add_base(spec: mujoco.MjSpec, world: mujoco.MjsBody, kinematics: HexapodKinematics) -> None:
+def add_base(spec: mujoco.MjSpec, world: mujoco.MjsBody, kinematics: Mechanics) -> None:
     """Ring of beams between the base joints, with a bracket under each."""
     joints = kinematics.base_joints
     scale = float(np.linalg.norm(joints[0]))
@@ -60,7 +60,7 @@ def add_base(spec: mujoco.MjSpec, world: mujoco.MjsBody, kinematics: HexapodKine
         _beam(spec, world, f"base_bracket_{i}", joint + drop, joint, 0.04 * scale, "joint_paint")
 
 
-def add_platform(spec: mujoco.MjSpec, platform: mujoco.MjsBody, kinematics: HexapodKinematics) -> None:
+def add_platform(spec: mujoco.MjSpec, platform: mujoco.MjsBody, kinematics: Mechanics) -> None:
     """Beams between the platform joints, a deck on top, and a payload of the same footprint."""
     joints = kinematics.platform_joints
     scale = float(np.linalg.norm(joints[0]))

@@ -20,8 +20,8 @@ from hexsim.errors import HexsimError
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import PayloadMode, Resolved
 from hexsim.machine.geometry import leg_bodies
-from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.mechanics.leg_inertia import LegBodies, lumped_legs
+from hexsim.mechanics.mechanics import Mechanics
 from hexsim.plant import looks
 from hexsim.plant.states import ROW, A, actuator_rows
 
@@ -34,12 +34,11 @@ GRAVCOMP_SWITCH = 1e-15  # MuJoCo 4.0 looks at gravcomp only when some body has 
 
 
 def build_spec(
-    resolved: Resolved, kinematics: HexapodKinematics | None, kind: ModelKind, timestep: float, layout: np.ndarray
+    resolved: Resolved, kinematics: Mechanics, kind: ModelKind, timestep: float, layout: np.ndarray
 ) -> tuple[mujoco.MjSpec, np.ndarray]:
-    """The editable model of a bench (kinematics None) or a hexapod, and its actuators' rows for `actuator_user`.
+    """The editable model of a bench or a hexapod, and its actuators' rows for `actuator_user`.
 
     layout: where the states stand (`plant.states`), which also says the integrator. The rows are kept out of the
-    model's XML: they are the hydraulics' numbers, which stand in the machine file.
     model's XML: they are the hydraulics' numbers, which stand in the machine file.
     """
     spec = mujoco.MjSpec()
@@ -53,15 +52,13 @@ def build_spec(
     spec.option.disableflags = off.mjDSBL_CONTACT | off.mjDSBL_EULERDAMP | off.mjDSBL_AUTORESET
     spec.option.tolerance = 1e-12
     looks.add_materials(spec)
-    if kinematics is None:
-        _add_bench(spec, resolved)
-        _add_actuators(spec, resolved, layout, "slide_", -resolved.machine.cylinder.stroke_m / 2)
-    else:
+    if kinematics.has_platform:
         _add_hexapod(spec, resolved, kinematics, kind)
-        offset = -resolved.machine.cylinder.stroke_m / 2
-        if kind == "tendon":
-            offset = float(np.broadcast_to(kinematics.retracted_length_m, 6)[0])
-        _add_actuators(spec, resolved, layout, "slide_" if kind == "full" else "tendon_", offset)
+    else:
+        _add_bench(spec, resolved)
+    tendon = kind == "tendon"  # a slide is 0 at the neutral pose
+    offset = kinematics.retracted_length_m if tendon else -kinematics.neutral_positions
+    _add_actuators(spec, resolved, layout, "tendon_" if tendon else "slide_", np.asarray(offset))
     return spec, actuator_rows(resolved, layout)
 
 
@@ -79,7 +76,7 @@ def _add_bench(spec: mujoco.MjSpec, resolved: Resolved) -> None:
         _add_payload_mode(load, mode, mode_number, resolved.gravity_m_s2)
 
 
-def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKinematics, kind: ModelKind) -> None:
+def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: Mechanics, kind: ModelKind) -> None:
     """Platform with a free joint on six legs."""
     load = resolved.load
     neutral_length = float(kinematics.leg_lengths(np.zeros(6))[0])
@@ -110,9 +107,7 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKin
         _add_lumped_legs(platform, kinematics, bodies)
 
 
-def _add_full_leg(
-    spec: mujoco.MjSpec, kinematics: HexapodKinematics, bodies: LegBodies, i: int, resolved: Resolved
-) -> None:
+def _add_full_leg(spec: mujoco.MjSpec, kinematics: Mechanics, bodies: LegBodies, i: int, resolved: Resolved) -> None:
     """Universal joint at the base, cylinder, rod on a slide joint, ball end on the platform."""
     number = i + 1
     base = kinematics.base_joints[i]
@@ -143,7 +138,7 @@ def _add_full_leg(
     ball.data[:3] = 0.0  # the anchor is the rod's end
 
 
-def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: HexapodKinematics, bodies: LegBodies) -> None:
+def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: Mechanics, bodies: LegBodies) -> None:
     """The legs of the tendon model as one body, see `lumped_legs`."""
     legs = lumped_legs(kinematics, bodies)
     inertia = np.diag(legs.inertia)
@@ -181,7 +176,7 @@ def _turn_z_to(direction: np.ndarray) -> np.ndarray:
 
 
 def _add_actuators(
-    spec: mujoco.MjSpec, resolved: Resolved, layout: np.ndarray, target: str, length_offset: float
+    spec: mujoco.MjSpec, resolved: Resolved, layout: np.ndarray, target: str, length_offset: np.ndarray
 ) -> None:
     """One prismatic actuator a leg on joint or tendon `target`1.., and one for the supply when it has states."""
     resolved.rows[:, P.LENGTH_OFFSET] = length_offset

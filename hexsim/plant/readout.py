@@ -34,7 +34,10 @@ class LegSignals:
 
 @dataclass(kw_only=True)
 class PlatformSignals:
-    """pose (m, 6) relative to neutral, twist (m, 6) in the world frame, accelerations (m, 3) in the platform frame."""
+    """pose (m, 6) relative to neutral, twist (m, 6) in the world frame, accelerations (m, 3) in the platform frame.
+
+    On a bench the acceleration is along the leg, (m, 1), the angular one (m, 0).
+    """
 
     pose: Array
     twist: Array
@@ -81,7 +84,7 @@ def versions(plant: Plant, time: Array) -> tuple[Array, Array, NDArray[np.int64]
 
 def leg_motion(plant: Plant, qpos: Array, qvel: Array) -> tuple[Array, Array]:
     """Piston positions and velocities (m, n_legs)."""
-    if plant.kinematics is None or plant.model_kind == "full":
+    if not plant.is_tendon:
         return qpos[:, plant.slides] - plant.rows[:, P.LENGTH_OFFSET], qvel[:, plant.slide_speeds]
     pose, twist = platform_motion(plant, qpos, qvel)
     return plant.kinematics.piston_positions(pose), plant.kinematics.leg_velocities(pose, twist)
@@ -89,7 +92,6 @@ def leg_motion(plant: Plant, qpos: Array, qvel: Array) -> tuple[Array, Array]:
 
 def platform_motion(plant: Plant, qpos: Array, qvel: Array) -> tuple[Array, Array]:
     """Pose relative to neutral and twist in the world frame, (m, 6) each."""
-    assert plant.kinematics is not None
     w, x, y, z = qpos[:, 3:7].T
     pose = np.empty((len(qpos), 6))
     pose[:, :3] = qpos[:, :3] - [0.0, 0.0, plant.kinematics.neutral_height_m]
@@ -102,8 +104,12 @@ def platform_motion(plant: Plant, qpos: Array, qvel: Array) -> tuple[Array, Arra
 
 
 def platform_signals(plant: Plant, qpos: Array, qvel: Array, qacc: Array) -> PlatformSignals:
-    """Of a hexapod. MuJoCo's free joint: linear part in the world, angular part in the body's frame."""
-    assert plant.kinematics is not None
+    """MuJoCo's free joint: linear part in the world, angular part in the body's frame. A bench has one direction."""
+    if not plant.kinematics.has_platform:
+        pose, still = plant.kinematics.forward(leg_motion(plant, qpos, qvel)[0]), np.zeros((len(qpos), 0))
+        return PlatformSignals(
+            pose=pose, twist=np.pad(qvel[:, :1], ((0, 0), (2, 3))), acceleration=qacc[:, :1], angular_acceleration=still
+        )
     pose, twist = platform_motion(plant, qpos, qvel)
     rotation = plant.kinematics.rotation(pose)
     return PlatformSignals(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hexsim.compiled import compiled
+from hexsim.compiled import borrowed, compiled
 from hexsim.motion_computer.position_loop import proportional
 from hexsim.plant.stepping import sense, tick
 from hexsim.sensors.bank import measure
@@ -31,6 +31,7 @@ class Control(NamedTuple):
 @compiled
 def run_plain(context, record, control, first, last):
     """Ticks first..last - 1 under proportional control, without Python in between."""
+    context, record, control = borrowed(context), borrowed(record), borrowed(control)
     volts = record.volts[max(first - 1, 0)].copy()
     for k in range(first, last):
         sense(context, record)
@@ -39,4 +40,4 @@ def run_plain(context, record, control, first, last):
                 record.positions[k], control.noise[k], control.sensor_gain, control.sensor_offset, control.resolution
             )
             volts = proportional(control.setpoints[k // control.every], measured, control.gain, control.limit)
-        tick(context, record, volts)
+        tick(context, record, volts, context.is_tendon)

@@ -198,7 +198,7 @@ def _sense(
 def measured_point(log: Log, machine: Machine, resolved: Resolved, leg: int) -> MeasuredPoint:
     """The point at which the balances of a leg are evaluated."""
     row = resolved.rows[leg]
-    t = log.time - log.time[0]
+    t = log.run_time
     volts = log.volts[leg] if log.volts is not None else np.zeros(log.n)
     held, x = spool_state(row, np.ascontiguousarray(volts), t, log.rate)
     if row[P.SPOOL_OMEGA] == 0.0:  # volts are held from sample to sample: at a sample stands the mean of both sides

@@ -13,7 +13,7 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolved import Resolved
-from hexsim.machine.geometry import machine_kinematics, platform_body
+from hexsim.machine.geometry import machine_kinematics, moving_body
 from hexsim.mechanics.rigid_body import centre_accelerations, joint_wrenches
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
@@ -106,7 +106,7 @@ def platform_motion(log: Log, resolved: Resolved, sensed: Sequence[SensedLeg]) -
 def wrench_residual(log: Log, machine: Machine) -> tuple[Array, Array]:
     """r_J (6, n) under the window, and the legs' lines (n, 6, 6) in the platform frame: wrench = thrusts . lines."""
     resolved, window = resolved_machine(machine), Window(log.rate)
-    body, sensors = platform_body(resolved, machine_kinematics(machine)), resolved.sensors
+    body, sensors = moving_body(resolved), resolved.sensors
     points = [measured_point(log, machine, resolved, i) for i in range(6)]
     motion = platform_motion(log, resolved, [point.sensed for point in points])
     thrusts = np.empty((log.n, 6))

@@ -36,7 +36,7 @@ class Inputs(NamedTuple):
 
     near_rest (n,): where any leg is near standstill by its measured position, so that variants of a model step alike and
     their differences are smooth; a model that stands still where the machine moved is seen by its own speed.
-    rate_Hz: of the log.
+    rate_Hz: of the samples. first_tick: sample of the controller's first tick. start_s: time that the run lasts already.
     """
 
     setpoint: np.ndarray
@@ -44,6 +44,8 @@ class Inputs(NamedTuple):
     position: np.ndarray
     near_rest: np.ndarray
     rate_Hz: float
+    first_tick: int
+    start_s: float
 
 
 SIGNALS = ("setpoint", "volts", "position", "near_rest")  # of the inputs, sample by sample
@@ -121,7 +123,7 @@ def lent(rig, inputs, room):
         ),
         Inputs(
             borrowed(inputs.setpoint), borrowed(inputs.volts), borrowed(inputs.position), borrowed(inputs.near_rest),
-            inputs.rate_Hz,
+            inputs.rate_Hz, inputs.first_tick, inputs.start_s,
         ),
         Room(
             borrowed(room.state), (borrowed(k1), borrowed(k2), borrowed(k3), borrowed(k4), borrowed(there)),
@@ -155,13 +157,15 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
     every = max(round(rate / controller.rate_Hz), 1)
     calm_s = 0.0
     for i in range(n):
+        t = inputs.start_s + i * dt
         write_leg_motion(geometry, state, y, v)
+        tick = i == 0 or (i - inputs.first_tick) % every == 0
         for j in range(n_legs):
             k = LEGS + j * LEG_STATES
             y_true[j, i], p_true[j, i] = y[j], state[k + LEG_P1]
             top_true[j, i] = rod_side_pressure(legs[j], state, k)
             out[j, i] = shown(y_true[j], i, position[j], rate)
-            u_true[j, i] = asked_volts(controller, inputs, j, i, out[j, i]) if i % every == 0 else u_true[j, i - 1]
+            u_true[j, i] = asked_volts(controller, inputs, j, i, out[j, i]) if tick else u_true[j, i - 1]
             held[j] = valve.play(delayed(u_true[j], i, legs[j, P.VALVE_DELAY] * rate), held[j], legs[j, P.HYSTERESIS])
             out[n_legs + j, i] = u_true[j, i]
             out[2 * n_legs + j, i] = shown(p_true[j], i, pressure[j], rate)
@@ -172,12 +176,12 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
             if near_standstill(legs[j], v[j], before[j]):
                 calm_s = 0.0
             before[j] = v[j]
-        steps = steps_of_sample(legs, s, rule, state, y, v, held, i * dt, calm_s, dt)
-        a, turning = rates(legs, geometry, s, load, held, i * dt, dt / steps, state, slopes[0])
+        steps = steps_of_sample(legs, s, rule, state, y, v, held, t, calm_s, dt)
+        a, turning = rates(legs, geometry, s, load, held, t, dt / steps, state, slopes[0])
         for k in range(axes):
             a_true[k, i] = a[2] if axes == 1 else a[k] if k < 3 else turning[k - 3]
             out[4 * n_legs + 1 + k, i] = shown(a_true[k], i, acceleration[k], rate)
-        integrate(legs, geometry, s, load, held, i * dt, dt, steps, state, slopes)
+        integrate(legs, geometry, s, load, held, t, dt, steps, state, slopes)
         if diverged(state, LEGS + n_legs * LEG_STATES):
             out[:, i + 1 :] = math.nan
             return False

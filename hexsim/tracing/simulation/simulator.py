@@ -23,6 +23,9 @@ def simulate_log(machine: Machine, log: Log, feedback: int, noise: Mapping[str, 
     noise: of the channels by kind, which weighs what the start of the log shows.
     """
     rig, resolved = rig_of(machine, feedback)
+    if (finer := samples_of_sample(log.rate, rig.controller.rate_Hz)) > 1:
+        out = simulate_log(machine, log.finer(finer), feedback, noise)
+        return {name: rows[..., ::finer] for name, rows in out.items()}
     nothing = np.zeros((log.n_legs, log.n))
     inputs = loop.Inputs(
         setpoint=nothing if log.setpoint is None else log.setpoint,
@@ -30,6 +33,17 @@ def simulate_log(machine: Machine, log: Log, feedback: int, noise: Mapping[str, 
         position=log.position,
         near_rest=log.near_rest,
         rate_Hz=float(log.rate),
+        first_tick=log.tick_phase(max(round(log.rate / rig.controller.rate_Hz), 1)),
+        start_s=log.offset_s,
     )
     start = shot(rig, inputs, start_state(rig, resolved, log), log, noise)
     return outputs(loop.answer(rig, inputs, start), log.n_legs)
+
+
+def samples_of_sample(rate_Hz: float, controller_Hz: float) -> int:
+    """Samples of the simulation for one of a log: a slow log is simulated with all ticks of its controller."""
+    least = int(np.ceil(controller_Hz / rate_Hz * (1.0 - 1e-6)))
+    if least <= 1:
+        return 1
+    even = (k for k in range(least, 4 * least + 1) if abs(k * rate_Hz / controller_Hz % 1.0) < 1e-6)
+    return next(even, least)

@@ -20,7 +20,7 @@ from hexsim.signals.weak_form import Window
 from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance, balance_named
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
-from hexsim.tracing.balances.null import END_S
+from hexsim.tracing.balances.null import END_S, FILLED_WELL, REACH_S
 from hexsim.tracing.dependence import dependence_of
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace, UnexplainedResidual, Violation
@@ -58,9 +58,10 @@ def signals_of(log: Log, machine: Machine, place: str) -> tuple[dict[str, Array]
     return smooth, smooth["velocity_m_s"]
 
 
-def kept(log: Log) -> slice:
-    """Samples of a log that count, thinned."""
-    return slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
+def kept(log: Log) -> Array:
+    """Samples of a log that count, thinned: their places. None of a window that sees a repaired stretch."""
+    places = np.arange(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
+    return places[log.whole(REACH_S, FILLED_WELL)[places]]
 
 
 def late(channel: Array) -> Array:

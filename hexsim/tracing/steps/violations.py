@@ -19,7 +19,7 @@ from hexsim.signals.log import Log
 from hexsim.signals.table import table
 from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance, library
-from hexsim.tracing.balances.null import null_squares, used
+from hexsim.tracing.balances.null import null_squares, used, window_weights
 from hexsim.tracing.checks.finding import Finding, loss
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.parameters import Prior, priors, with_settings
@@ -86,7 +86,7 @@ def null_sizes(balances: Sequence[Balance], machine: Machine, problem: Simulated
 
 def rms_of(balance: Balance, machine: Machine, logs: Sequence[Log]) -> Array:
     """rms of the residual over all logs, a row (n_places,)."""
-    rest = [used(log, balance.residual(log, machine)) for log in logs]
+    rest = [used(log, balance.residual(log, machine)) * window_weights(log) for log in logs]
     return np.sqrt(sum(np.sum(r**2, axis=-1) for r in rest) / sum(r.shape[-1] for r in rest))
 
 
