@@ -83,10 +83,9 @@ def run(
 
 def payload_on(machine: Machine, path: Path, connections: list[str]) -> list[PayloadFmu]:
     """The FMU as what acts on the machine."""
-    from hexsim.machine.geometry import mechanics_of
     from hexsim.simulation.payload_fmu import PayloadFmu, parse_connections
 
-    has_platform = mechanics_of(machine).has_platform
+    has_platform = machine.mechanics.has_platform
     return [PayloadFmu(path, parse_connections(connections), has_platform=has_platform)]
 
 

@@ -42,7 +42,8 @@ def read_runs(folder: Path, names: Sequence[str], machine: Machine) -> tuple[lis
 
 def feedback_of(machine: Machine, logs: Sequence[Log], noise: dict[str, float]) -> int:
     """0 when the logged volts are those of the declared position loop, 1 when another controller was at work."""
-    K, limit = machine.controller.gain_V_per_m, machine.valve.voltage_max_V
+    K = np.array(machine.of_legs("controller", "gain_V_per_m"))[:, None]
+    limit = np.array(machine.of_legs("valve", "voltage_max_V"))[:, None]
     for log in logs:
         if log.setpoint is None:
             return 1
@@ -51,7 +52,7 @@ def feedback_of(machine: Machine, logs: Sequence[Log], noise: dict[str, float]) 
         asked = np.clip(K * (log.setpoint - log.position), -limit, limit)
         every = max(round(log.rate / machine.controller.rate_Hz), 1)
         off = np.median(np.abs(log.volts - asked)[:, log.tick_phase(every) :: every])
-        if off > 5 * K * noise["position_m"] and off > 0.02 * np.std(log.volts):
+        if off > 5 * K.max() * noise["position_m"] and off > 0.02 * np.std(log.volts):
             return 1
     return 0
 
