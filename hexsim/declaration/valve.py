@@ -109,7 +109,8 @@ class Valve(Section):
     @property
     def roundings_m(self) -> FourEdges:
         """Roundings of the edges P-A, A-T, P-B, B-T [m]; a three-way valve has the first two."""
-        return self.edge_roundings_m or (self.edge_rounding_m,) * 4
+        size = self.edge_rounding_m
+        return self.edge_roundings_m or (size, size, size, size)
 
     def area_gradients_m(self, density_kg_m3: float) -> FourEdges:
         """Area over opening of the edges P-A, A-T, P-B, B-T [m].

@@ -11,7 +11,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from hexsim.declaration import Friction, Machine, Manifold, Valve
+from hexsim.declaration import Cylinder, Friction, Machine, Manifold, Valve
+from hexsim.declaration.leg import Leg
 from hexsim.declaration.valve import FLOW_POINTS
 from hexsim.signals.units import unit_to_si
 
@@ -102,12 +103,15 @@ class P(IntEnum):
     LEAK_TOP_TANK = 70
     ROUNDING_SUPPLY_TOP = 71
     ROUNDING_TANK_TOP = 72
+    AIR_FRACTION_TOP = 73  # in the oil of the rod side beyond AIR_FRACTION
+    SEAL_FRICTION_TOP = 74
+    SEAL_FRICTION_ACROSS = 75
     # safety manifold
-    PORT_RESISTANCE = 73  # of orifice and blocking valve between each port and its chamber [Pa s2/m6]; 0: none
-    SETTLING_GAIN = 74  # orifice from the bottom chamber to the tank [m3/s/sqrt(Pa)]
-    SETTLING_TAPER = 75  # the orifice narrows over this much stroke above the stop [m]
-    CHECK_GAIN = 76  # check valves from chamber to supply and from tank to chamber [m3/s/sqrt(Pa)]
-    FLOW_POINTS = 77  # points of the flow curve; 0: the openings follow the overlaps
+    PORT_RESISTANCE = 76  # of orifice and blocking valve between each port and its chamber [Pa s2/m6]; 0: none
+    SETTLING_GAIN = 77  # orifice from a chamber to the tank [m3/s/sqrt(Pa)]
+    SETTLING_TAPER = 78  # the orifice narrows over this much stroke above the stop [m]
+    CHECK_GAIN = 79  # check valves from chamber to supply and from tank to chamber [m3/s/sqrt(Pa)]
+    FLOW_POINTS = 80  # points of the flow curve; 0: the openings follow the overlaps
 
 
 ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B
@@ -124,21 +128,21 @@ def declared_rows(machine: Machine) -> np.ndarray:
     Spool Eq. 3.2: gain = x_max/u_max. Area gradient Eq. 3.3: pi d, or what gives the rated flow, with the sharp or
     rounded overlap law, or Eq. 3.11 when QUADRATIC_GAIN > 0.
     """
-    row = np.zeros(N_PARAMETERS)
-    parts = _cylinder(machine) | _valve(machine) | _manifold(machine.manifold) | _friction(machine.friction)
-    for name, value in parts.items():
-        row[name] = value
-    if machine.valve.flow_curve is not None:
-        points = flow_points(machine.valve)
-        row[P.FLOW_POINTS] = points.shape[1]
-        for k, start in enumerate((FLOW_TABLE, FLOW_TABLE + FLOW_POINTS)):
-            row[start : start + points.shape[1]] = points[k]
-    return np.tile(row, (machine.n_legs, 1))
+    rows = np.zeros((machine.n_legs, N_PARAMETERS))
+    for row, leg in zip(rows, machine.legs, strict=True):
+        parts = _cylinder(machine, leg.cylinder) | _valve(machine, leg) | _friction(leg.friction)
+        for name, value in (parts | _manifold(machine.manifold)).items():
+            row[name] = value
+        if leg.valve.flow_curve is not None:
+            points = flow_points(leg.valve)
+            row[P.FLOW_POINTS] = points.shape[1]
+            for k, start in enumerate((FLOW_TABLE, FLOW_TABLE + FLOW_POINTS)):
+                row[start : start + points.shape[1]] = points[k]
+    return rows
 
 
-def _cylinder(machine: Machine) -> dict[P, float]:
+def _cylinder(machine: Machine, cylinder: Cylinder) -> dict[P, float]:
     """Supply, oil, cylinder and its leaks."""
-    cylinder = machine.cylinder
     values = {
         P.SUPPLY_PRESSURE: machine.supply.pressure_Pa,
         P.TANK_PRESSURE: machine.supply.tank_pressure_Pa,
@@ -164,9 +168,9 @@ def _cylinder(machine: Machine) -> dict[P, float]:
     }
 
 
-def _valve(machine: Machine) -> dict[P, float]:
+def _valve(machine: Machine, leg: Leg) -> dict[P, float]:
     """Valve and spool; edges of port B where the rod side hangs on it."""
-    valve = machine.valve
+    valve = leg.valve
     omega, damping, speed = valve.spool
     roundings = valve.roundings_m
     gradients, overlaps = valve.area_gradients_m(machine.oil.density_kg_m3), valve.overlaps_m
@@ -189,7 +193,7 @@ def _valve(machine: Machine) -> dict[P, float]:
         P.NULL_OFFSET: valve.null_shift_percent / 100 * valve.voltage_max_V,
         P.HYSTERESIS: valve.hysteresis_percent / 200 * valve.voltage_max_V,  # half of the loop's width
     }
-    if machine.cylinder.rod_side == "valve":
+    if leg.cylinder.rod_side == "valve":
         values |= {
             P.OVERLAP_SUPPLY_TOP: overlaps[2],
             P.OVERLAP_TANK_TOP: overlaps[3],

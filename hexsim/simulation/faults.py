@@ -12,7 +12,8 @@ position_sensor  leg, how ("nan" | "frozen" | "jump"), jump_m (0.02)   the measu
 leg_blind        leg                                                   position and pressure of one leg are lost
 pressure_loss    pressure_Pa (2e6), within_s (0.3)                     the supply falls to this pressure
 pump_trip                                                              the pump stops; the accumulator still supplies
-hose_burst       leg, conductance_m3_s_Pa (5e-11)                      the bottom chamber leaks to the tank
+hose_burst       leg, conductance_m3_s_Pa (5e-11)                      the bottom chamber leaks to the tank, through the
+                                                                       blocking valve of a [manifold]
 power_loss       buffered (true)                                       mains lost: pump off, the cabinet on its battery,
                                                                        or else the spools centre and stay there, and
                                                                        a [manifold] lowers all legs
@@ -169,10 +170,9 @@ class HoseBurst(LegFault):
     conductance_m3_s_Pa: Annotated[float, between(0.0, 1e-6, "[m3/(s Pa)]")] = 5.0e-11
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
-        if self not in bench.memory:
-            bench.memory[self] = True
-            before = bench.plant.rows[self.leg - 1, P.LEAK_CHAMBER_TANK]
-            bench.plant.change_row(self.leg - 1, P.LEAK_CHAMBER_TANK, before + self.conductance_m3_s_Pa)
+        before = bench.memory.setdefault(self, float(bench.plant.rows[self.leg - 1, P.LEAK_CHAMBER_TANK]))
+        leak = self.conductance_m3_s_Pa * bench.manifold.open_share[self.leg - 1]
+        bench.plant.change_row(self.leg - 1, P.LEAK_CHAMBER_TANK, before + leak)
         return volts
 
 

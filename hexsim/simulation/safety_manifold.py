@@ -2,13 +2,14 @@
 
 A leg whose valve does not do what it is told (leg error, chamber pressure lost) is blocked, and lowered through its
 settling orifice. So are all legs once the cabinet is dead, and once the platform is down and its pump stopped.
+The manifold sits on the cylinder: a hose that bursts is shut off with the valve.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.states import State
@@ -32,7 +33,23 @@ class SafetyManifold:
     def __init__(self, plant: Plant) -> None:
         self.plant, self.declared = plant, plant.machine.manifold
         self.dead = False
+        self.open_share = np.ones(plant.n_legs)  # of the blocking valves
         self._blocked, self._settling = np.zeros(plant.n_legs), np.zeros(plant.n_legs)  # shares of the way
+
+    def settling_velocity_m_s(self) -> float:
+        """v_s = K_s sqrt(P - Pt)/A1, mean of the legs at rest: P A1 = F, and + Ps A2 where the rod side stays on the supply.
+
+        0 without a manifold. Asked before the run moves.
+        """
+        if self.declared is None:
+            return 0.0
+        rows, tank = self.plant.rows, self.plant.rows[:, P.TANK_PRESSURE]
+        above = self.plant.bottom_pressures() - tank
+        on_valve = rows[:, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
+        held = (rows[:, P.SUPPLY_PRESSURE] - tank - above) * rows[:, P.AREA_TOP] / rows[:, P.AREA_BOTTOM]
+        above = np.maximum(above - on_valve * held, 0.0)  # P2 falls from Ps + Pt - P1 to the tank's
+        gains = np.array([self.declared.settling_gain_m3_s_sqrtPa(density) for density in rows[:, P.DENSITY]])
+        return float(np.mean(gains * np.sqrt(above) / rows[:, P.AREA_BOTTOM]))
 
     def tick(self, computer: MotionComputer, dt: float) -> None:
         if self.declared is None:
@@ -45,6 +62,7 @@ class SafetyManifold:
             self._settling[i] = np.clip(self._settling[i] + step / self.declared.settling_time_s, 0.0, 1.0)
             is_open = max(1.0 - smooth(self._blocked[i]), LEAST_OPEN)
             gain = self.declared.settling_gain_m3_s_sqrtPa(self.plant.rows[i, P.DENSITY])
+            self.open_share[i] = is_open
             self.plant.change_row(i, P.PORT_RESISTANCE, self.declared.port_resistance_Pa_s2_m6 / is_open**2)
             self.plant.change_row(i, P.SETTLING_GAIN, smooth(self._settling[i]) * gain)
 

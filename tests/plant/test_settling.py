@@ -49,7 +49,9 @@ def test_energy_of_the_way_down(lowered):
     p, machine = plant.rows[0], plant.machine
     span = slice(300, 801)
     y, v, P1 = s.position[span, 0], s.velocity[span, 0], s.pressure_bottom[span, 0]
-    through = np.array([-manifold.inflow(p, a, p[P.SUPPLY_PRESSURE], manifold.taper(p, b)) for a, b in zip(P1, y)])
+    through = np.array(
+        [-manifold.inflow(p, a, p[P.SUPPLY_PRESSURE], manifold.taper(p, b)) for a, b in zip(P1, y, strict=True)]
+    )
     heat = np.trapezoid((P1 - p[P.TANK_PRESSURE]) * through + s.friction[span, 0] * v, dx=TICK_S)
     height = y[0] - y[-1]
     given = height * (machine.load.moving_mass_kg * machine.machine.gravity_m_s2 + p[P.SUPPLY_PRESSURE] * p[P.AREA_TOP])
