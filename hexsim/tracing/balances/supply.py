@@ -1,4 +1,10 @@
-"""Supply: r_S = P0 - Ps for a constant supply, R (min((P0 - Ps)/R, Q_max) - q - C dPs/dt) behind a line  [Pa]."""
+"""Supply: r_S = P0 - Ps for a constant supply, else the flow that is left over as the pressure that would make it  [Pa].
+
+    r_S = (min((P0 - Ps)/R, Q_max) - q - C dPs/dt) / hypot(slope, C k),   slope = 1/R below Q_max, 0 at it
+
+The divisor is what noise of the pressure makes of the flow, so that neither a vanishing R nor a large C makes any
+residual small. k [1/s]: noise of the window's rate over that of its mean.
+"""
 
 from __future__ import annotations
 
@@ -61,11 +67,13 @@ class Supply(Balance):
             point = measured_point(log, machine, resolved, i)
             if point.P1 is not None:
                 demand += demands(resolved.rows[i], point.v, point.x, point.P1, point.Ps)
-        delivered = lacking / supply[S.RESISTANCE]
+        delivered, slope = lacking / supply[S.RESISTANCE], np.full(log.n, 1.0 / supply[S.RESISTANCE])
         if supply[S.FLOW_MAX] > 0:
+            slope = np.where(delivered < supply[S.FLOW_MAX], slope, 0.0)
             delivered = np.minimum(delivered, supply[S.FLOW_MAX])
-        net = window.mean(delivered - demand) - capacities(supply, window.mean(Ps)) * window.rate(Ps)
-        return supply[S.RESISTANCE] * net[None]
+        capacity = capacities(supply, window.mean(Ps))
+        net = window.mean(delivered - demand) - capacity * window.rate(Ps)
+        return (net / np.hypot(window.mean(slope), capacity * window.roughness))[None]
 
 
 BALANCES = (Supply(),)
