@@ -137,7 +137,7 @@ def result_of(case: Case) -> Case:
         "worse_made": sum(w and m for w, m in zip(worse, made, strict=True)), "plain": round(float(peaks[0]), 4),
         "adaptive": round(float(peaks[1]), 4), "worst": round(max(a / b for b, a in zip(*found, strict=True)), 3),
         "worst_m_s2": round(max(a - b for b, a in zip(*found, strict=True)), 3),
-        "engaged": bool(records[1].added_V.any()), "trips": records[1].state.inner.engagement.trips,
+        "engaged": bool(records[1].added_V.any()), "trips": int(records[1].state.inner.numbers.engagement.trips),
     }  # fmt: skip
 
 

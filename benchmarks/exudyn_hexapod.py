@@ -48,7 +48,6 @@ def build(machine: Machine, plant: Plant) -> Model:
     from exudyn import itemInterface as items
 
     kinematics, load = plant.kinematics, machine.load
-    assert kinematics is not None
     container = exudyn.SystemContainer()
     system = container.AddSystem()
     ground = system.AddObject(items.ObjectGround())
@@ -149,11 +148,10 @@ def exudyn_run(
     """
     exudyn = load_exudyn()
     plant = Plant(machine, model="tendon")
-    assert plant.kinematics is not None
     model = build(machine, plant)
     control_step = 1.0 / machine.controller.rate_Hz
     ticks = np.arange(round(scenario.duration_s / control_step) + 1) * control_step
-    pistons = setpoints(machine, scenario, plant, ticks)
+    pistons = setpoints(machine, scenario, plant.kinematics, ticks)
     lengths = (pistons + np.broadcast_to(plant.kinematics.retracted_length_m, 6)).tolist()
     settings = exudyn.SimulationSettings()
     integration = settings.timeIntegration

@@ -1,4 +1,4 @@
-"""Compensation of the reversal bump: algorithms that could run on a real motion computer (numpy only).
+"""Compensation of the reversal bump: algorithms that could run on a real motion computer (numpy and numba).
 
 `create(name)` makes one; `available()` lists them; `Compensator` is what an own one derives from.
 """

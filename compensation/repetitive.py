@@ -27,6 +27,8 @@ MIN_TICKS = 20  # in a period
 
 @dataclass(slots=True)
 class RepetitiveState(AdaptiveState):
+    """Also the correction, and the error of the period in progress."""
+
     ticks: int = 0  # in a period; 0 = there is none
     phase: int = 0
     settled_ticks: int = 0  # for which the feed-forward has been all in
@@ -55,7 +57,7 @@ class Repetitive(Adaptive):
 
     def start(self, context: Context) -> RepetitiveState:
         base = super().start(context)
-        state = RepetitiveState(**{name: getattr(base, name) for name in AdaptiveState.__slots__})
+        state = RepetitiveState(context, base.states)
         period = context.period_s
         if period is not None and period <= MAX_PERIOD_S:
             ticks = round(period * context.rate_Hz)
@@ -67,9 +69,9 @@ class Repetitive(Adaptive):
     def extra(self, state: AdaptiveState, sample: Sample) -> float:
         if not isinstance(state, RepetitiveState) or state.ticks == 0:
             return 0.0
-        phase = state.phase
+        phase, s = state.phase, state.numbers
         state.error_m[phase] = sample.setpoint_m - sample.position_m
-        settled = state.engagement.ramp == 1.0 and state.reference.feed_forward == 1.0
+        settled = s.engagement.ramp == 1.0 and s.reference.feed_forward == 1.0
         state.settled_ticks = state.settled_ticks + 1 if settled else 0
         state.phase = phase + 1 if phase + 1 < state.ticks else 0
         if state.phase == 0 and state.settled_ticks >= 1.5 * state.ticks:
@@ -77,13 +79,13 @@ class Repetitive(Adaptive):
         return state.table_V[phase]
 
     def _learn_period(self, state: RepetitiveState) -> None:
-        context = state.context
-        down, up = state.valve.edges
+        context, valve = state.context, state.numbers.valve
+        down, up = valve.edges
         gain = 0.5 * (down.gain_m_s_V + up.gain_m_s_V)
         count = state.ticks
         f = np.arange(count // 2 + 1) / (count * context.tick_s)
         s = 2j * math.pi * f
-        lag = state.valve.lag_s
+        lag = valve.lag_s
         spool = np.exp(-0.5 * context.tick_s * s) / (1 + lag * s + (lag * s / (2 * SPOOL_DAMPING)) ** 2)
         inverse = s / (gain * spool) + context.position_gain_V_per_m
         taper = np.clip((self.band_Hz - f) / (self.band_Hz / 3), 0.0, 1.0)

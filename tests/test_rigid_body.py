@@ -5,7 +5,7 @@ import pytest
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.machine.geometry import machine_kinematics, platform_body
+from hexsim.machine.geometry import machine_kinematics, moving_body
 from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.mechanics.rigid_body import (
     Suspension,
@@ -22,7 +22,7 @@ from hexsim.mechanics.rigid_body import (
     spring_acceleration,
 )
 from hexsim.tracing.simulation.rig import rig_of
-from hexsim.tracing.simulation.simulator import load_at
+from hexsim.tracing.simulation.start import load_at
 
 G = 9.81
 POINTS = np.array([[0.3, 0.1, 0.2], [-0.4, 0.5, 0.6], [0.2, -0.6, 0.1], [0.1, 0.2, -0.5]])  # [m]
@@ -153,7 +153,7 @@ def test_legs_that_have_mass_carry_the_weight_of_a_payload_once():
     rig, resolved = rig_of(machine)
     kinematics = machine_kinematics(machine)
     thrust = load_at(rig, resolved, kinematics.piston_positions(np.zeros(6)), np.zeros(6))[0]
-    carried = platform_body(resolved, kinematics).carried
+    carried = moving_body(resolved).carried
     assert resolved.load.leg_mass_kg > 0
     assert kinematics.jacobian(np.zeros(6))[:, 2] @ thrust == pytest.approx(
         -(carried + 120.0) * resolved.gravity_m_s2[2], rel=1e-12

@@ -2,8 +2,9 @@
 
 | file | what it holds |
 |---|---|
-| `adaptive` | the algorithm: one control tick from sample to volts |
-| `state` | what is carried from tick to tick, and the settings of the engagement |
+| `adaptive` | the face: configuration, start, parameters in and out |
+| `step` | the algorithm: one control tick from sample to volts |
+| `layout` | the flat array that is carried from tick to tick |
 | `engagement` | transfer between plain control and compensation, as a table of phases |
 | `monitor` | performance monitor: is a reversal worse than plain control's? |
 | `reference` | motion asked for while the feed-forward comes in |
@@ -13,10 +14,9 @@
 | `demand`, `feedback` | what is asked for at a tick; pressure damping and backlash inverse |
 | `friction`, `stribeck` | identification of load and friction from pressure |
 | `spool`, `inverse` | lead for the spool's lag; inverse of the valve |
-| `recursive_least_squares` | the estimator that all identification uses |
+| `recursive_least_squares`, `arithmetic` | the estimator that all identification uses; bounds and histories |
 """
 
-from .adaptive import Adaptive
-from .state import AdaptiveState
+from .adaptive import Adaptive, AdaptiveState
 
 __all__ = ["Adaptive", "AdaptiveState"]

@@ -14,20 +14,18 @@ Too short a one makes the volts overshoot into the flow. So a standard deviation
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..compensator import Parameters, clip
-from .demand import Demand
-from .spool import step_response
-from .valve import ValveEstimator
+from ..compensator import Parameters
+from ..compiled import compiled
+from .arithmetic import clip, push
+from .layout import AFTER, BEFORE, LATE_TICKS, PAST_VOLTS, SPOOLS, Record
+from .spool import SPOOL_DAMPING
 
-SPOOL_LAGS_S = tuple(
-    1e-3 * x for x in (1.2, 1.5, 1.8, 2.1, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.2, 4.6, 5.0, 5.5, 6.0, 6.7, 7.5)
-)
-BEFORE, AFTER, PAST = 14, 16, 12  # ticks about the reversal that are compared, and of volts before them
+SPOOL_LAGS_S = 1e-3 * np.array(
+    [1.2, 1.5, 1.8, 2.1, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.2, 4.6, 5.0, 5.5, 6.0, 6.7, 7.5]
+)  # (SPOOLS,)
 FINE = 5  # samples a tick
 NOISE_M = 3.3e-6  # of an oil displacement
 MEMORY = 0.985  # of the sums, a reversal
@@ -35,7 +33,7 @@ ERRORS, ERRORS_FIRST = 0.2, 1.3  # standard deviations added to the delay at las
 MODEL_SUM = 0.3  # of a reversal, which errors of the rest of the model may make
 MAX_SUM = 40.0  # that one reversal may add
 
-LATE_SHARE, LATE_TICKS = 0.3, 9  # of its correction at a reversal; ticks by which a position may be late, and two
+LATE_SHARE = 0.3  # of its correction that lateness takes at a reversal
 
 
 def _nuisance() -> np.ndarray:
@@ -46,130 +44,168 @@ def _nuisance() -> np.ndarray:
 NUISANCE = _nuisance()  # Q (BEFORE + AFTER + 1, 3)
 
 
-@dataclass(slots=True)
-class DelayEstimator:
-    """Sums S of the bank, the last ticks, and the reversal that is being compared, one spool a tick."""
+@compiled
+def add_to_delay(delay, z_m, volts_V, flow_m_s, roots, valve, compensated):
+    """One tick: oil displacement now, volts of the tick past, demanded flow now. True when a reversal was judged.
 
-    tick_s: float
-    sums: list[float] = field(default_factory=lambda: [0.0] * len(SPOOL_LAGS_S))
-    reversals: int = 0
-    volts_V: deque[float] = field(default_factory=lambda: deque([0.0] * (BEFORE + AFTER + PAST), BEFORE + AFTER + PAST))
-    oil_m: deque[float] = field(default_factory=lambda: deque([0.0] * (BEFORE + AFTER + 1), BEFORE + AFTER + 1))
-    direction: float = 0.0
-    ticks: int = 0  # since the demanded flow reversed
-    task: tuple[np.ndarray, np.ndarray, tuple[float, ...], float] | None = None
-    found: list[float] = field(default_factory=list)
-
-    def add(self, z_m: float, volts_V: float, flow_m_s: float, roots: tuple[float, float], valve: ValveEstimator,
-            compensated: bool) -> bool:  # fmt: skip
-        """One tick: oil displacement now, volts of the tick past, demanded flow now. True when a reversal was judged.
-
-        compensated: whether the reversal that lies AFTER ticks back, if one does, was.
-        """
-        self.volts_V.append(volts_V)
-        self.oil_m.append(z_m)
-        if flow_m_s * self.direction < 0.0:
-            self.ticks = 0
-        if flow_m_s:
-            self.direction = flow_m_s
-        self.ticks += 1
-        if self.ticks == AFTER + 1 and compensated:
-            self.task, self.found = self._prepare(roots, valve), []
-        return self.task is not None and self._compare()
-
-    def delay_s(self, lag_s: float) -> float:
-        """The delay taken, of a total lag: mean of its likelihood, and a part of its standard deviation more."""
-        least, total, mean, square = min(self.sums), 0.0, 0.0, 0.0
-        for spool_s, chi in zip(SPOOL_LAGS_S, self.sums, strict=True):
-            delay, weight = max(lag_s - spool_s, 0.0), math.exp(0.5 * (least - chi))
-            total, mean, square = total + weight, mean + weight * delay, square + weight * delay * delay
-        mean /= total
-        errors = ERRORS + ERRORS_FIRST / (1.0 + self.reversals)
-        return min(mean + errors * math.sqrt(max(square / total - mean * mean, 0.0)), max(lag_s - SPOOL_LAGS_S[0], 0.0))
-
-    def parameters(self) -> Parameters:
-        """What was identified, in numbers."""
-        return {"sums": list(self.sums), "reversals": self.reversals}
-
-    def restore(self, known: Parameters) -> None:
-        """Start with what was identified before."""
-        self.sums, self.reversals = [float(x) for x in known["sums"]], int(known["reversals"])
-
-    def _prepare(self, roots: tuple[float, float], valve: ValveEstimator) -> tuple:
-        volts = np.array(self.volts_V)
-        if valve.with_backlash:
-            half, follower = valve.edge(volts[-1]).backlash_V, volts[0]
-            for i, u in enumerate(volts):
-                follower = volts[i] = clip(follower, u - half, u + half)
-        down, up = valve.edges
-        edges = (
-            down.gain_m_s_V * roots[0], down.dead_band_V, up.gain_m_s_V * roots[1], up.dead_band_V,
-        )  # fmt: skip
-        return volts, np.array(self.oil_m), edges, valve.lag_s
-
-    def _compare(self) -> bool:
-        """The next spool of the bank against the reversal; True after the last."""
-        assert self.task is not None
-        volts, oil, (k_down, delta_down, k_up, delta_up), lag_s = self.task
-        spool_s = min(SPOOL_LAGS_S[len(self.found)], lag_s)
-        t = (np.arange((PAST + 2) * FINE) + 0.5) * self.tick_s / FINE
-        delay_s = lag_s - spool_s
-        pulse = step_response(t, lag_s, delay_s) - step_response(t - self.tick_s, lag_s, delay_s)
-        steps = np.zeros(len(volts) * FINE)
-        steps[::FINE] = volts - volts[0]
-        path = volts[0] + np.convolve(steps, pulse)[PAST * FINE : len(steps)]
-        flow = k_up * np.maximum(path - delta_up, 0.0) - k_down * np.maximum(-path - delta_down, 0.0)
-        error = oil - np.concatenate([[0.0], np.cumsum(flow.reshape(-1, FINE).mean(axis=1))]) * self.tick_s
-        error -= NUISANCE @ (NUISANCE.T @ error)
-        self.found.append(float(error @ error) / NOISE_M**2)
-        if len(self.found) < len(SPOOL_LAGS_S):
-            return False
-        self.task, least = None, min(self.found)
-        scale = max(1.0, least / (len(error) - 3))
-        self.sums = [
-            MEMORY * s + clip((x - least) / scale - MODEL_SUM, 0.0, MAX_SUM)
-            for s, x in zip(self.sums, self.found, strict=True)
-        ]
-        self.reversals += 1
-        return True
-
-
-@dataclass(slots=True)
-class Lateness:
-    """How late the position transducer is, from when the pressure steps at compensated reversals.
-
-    All that is asked for holds for the position as it is measured. Pressure and oil are then early by as much. Least
-    squares of what the pressure deviates by on the rate that is asked for:  late += share sum(dev P') / sum(P'^2).
+    compensated: whether the reversal that lies AFTER ticks back, if one does, was.
     """
+    _append(delay.volts_V, volts_V)
+    _append(delay.oil_m, z_m)
+    if flow_m_s * delay.direction < 0.0:
+        delay.ticks = 0
+    if flow_m_s != 0.0:
+        delay.direction = flow_m_s
+    delay.ticks += 1
+    if delay.ticks == AFTER + 1 and compensated:
+        _prepare(delay, roots, valve)
+    return delay.tested >= 0 and _compare(delay)
 
-    tick_s: float
-    late_s: float = 0.0
-    rate_Pa: float = 0.0  # of the demand, a tick
-    sums: tuple[float, float] = (0.0, 0.0)  # of a half stroke
-    pressures_Pa: deque[float] = field(default_factory=lambda: deque([0.0] * LATE_TICKS, LATE_TICKS))  # newest first
 
-    def due_Pa(self, now: Demand, ahead: deque[Demand]) -> float:
-        """The pressure demanded for now."""
-        late = self.late_s / self.tick_s
-        whole = int(late)
-        near, far = (ahead[whole - 1] if whole else now).pressure_Pa, ahead[whole].pressure_Pa
-        self.rate_Pa = far - near
-        return near + (late - whole) * (far - near)
+@compiled
+def _append(history, value):
+    """The newest last."""
+    for i in range(len(history) - 1):
+        history[i] = history[i + 1]
+    history[-1] = value
 
-    def then_Pa(self, pressure_Pa: float) -> float:
-        """One tick: the pressure that belongs to the position measured now."""
-        self.pressures_Pa.appendleft(pressure_Pa)
-        late = self.late_s / self.tick_s
-        whole = int(late)
-        near, far = self.pressures_Pa[whole], self.pressures_Pa[whole + 1]
-        return near + (late - whole) * (far - near)
 
-    def add(self, deviation_Pa: float, judged: bool, lag_s: float) -> None:
-        """One tick: measured less demanded pressure; judged: a compensated reversal lies behind."""
-        product, square = self.sums
-        self.sums = product + deviation_Pa * self.rate_Pa, square + self.rate_Pa * self.rate_Pa
-        if judged:
-            if square > 0.0:
-                late_s = self.late_s + LATE_SHARE * product / square * self.tick_s
-                self.late_s = clip(late_s, 0.0, max(lag_s - SPOOL_LAGS_S[0], 0.0))
-            self.sums = 0.0, 0.0
+@compiled
+def found_delay_s(delay, lag_s):
+    """The delay taken, of a total lag: mean of its likelihood, and a part of its standard deviation more."""
+    least, total, mean, square = min(delay.sums), 0.0, 0.0, 0.0
+    for i in range(SPOOLS):
+        late, weight = max(lag_s - SPOOL_LAGS_S[i], 0.0), math.exp(0.5 * (least - delay.sums[i]))
+        total, mean, square = total + weight, mean + weight * late, square + weight * late * late
+    mean /= total
+    errors = ERRORS + ERRORS_FIRST / (1.0 + delay.reversals)
+    deviation = math.sqrt(max(square / total - mean * mean, 0.0))
+    return min(mean + errors * deviation, max(lag_s - SPOOL_LAGS_S[0], 0.0))
+
+
+def delay_parameters(delay: Record) -> Parameters:
+    """What was identified, in numbers."""
+    return {"sums": delay.sums.tolist(), "reversals": int(delay.reversals)}
+
+
+def restore_delay(delay: Record, known: Parameters) -> None:
+    """Start with what was identified before."""
+    delay.sums[:], delay.reversals = known["sums"], int(known["reversals"])
+
+
+@compiled
+def _prepare(delay, roots, valve):
+    """The reversal in the history is the one to compare."""
+    volts, down, up = delay.task_volts_V, valve.edges[0], valve.edges[1]
+    for i in range(len(volts)):
+        volts[i] = delay.volts_V[i]
+    for i in range(len(delay.oil_m)):
+        delay.task_oil_m[i] = delay.oil_m[i]
+    if valve.with_backlash:
+        half, follower = valve.edges[1 if volts[-1] > 0.0 else 0].backlash_V, volts[0]
+        for i in range(len(volts)):
+            follower = volts[i] = clip(follower, volts[i] - half, volts[i] + half)
+    delay.gains_m_s_V[0], delay.gains_m_s_V[1] = down.gain_m_s_V * roots[0], up.gain_m_s_V * roots[1]
+    delay.dead_bands_V[0], delay.dead_bands_V[1] = down.dead_band_V, up.dead_band_V
+    delay.lag_s, delay.tested = valve.lag_s, 0
+
+
+@compiled
+def _step_response(t_s, lag_s, delay_s):
+    """Of the spool, at one time; see spool.py."""
+    t_s, lag_s = t_s - delay_s, lag_s - delay_s
+    if t_s < 0.0:
+        return 0.0
+    if lag_s <= 0.0:
+        return 1.0
+    z = SPOOL_DAMPING
+    w = 2 * z / lag_s
+    wd = w * math.sqrt(1 - z * z)
+    return 1 - math.exp(-z * w * t_s) * (math.cos(wd * t_s) + z * w / wd * math.sin(wd * t_s))
+
+
+@compiled
+def _modelled_oil(delay, spool_s):
+    """Measured oil less what this spool would have let through, into `error_m`."""
+    volts, error, pulse, tick_s = delay.task_volts_V, delay.error_m, delay.pulse, delay.tick_s
+    delay_s = delay.lag_s - spool_s
+    for i in range(len(pulse)):
+        t = (i + 0.5) * tick_s / FINE
+        pulse[i] = _step_response(t, delay.lag_s, delay_s) - _step_response(t - tick_s, delay.lag_s, delay_s)
+    moved, error[0] = 0.0, delay.task_oil_m[0]
+    for k in range(len(error) - 1):
+        flow = 0.0
+        for i in range(FINE):
+            path = volts[0]
+            for j in range(PAST_VOLTS + 2):
+                if k + PAST_VOLTS - j >= 0:  # before that the volts are taken as constant
+                    path += (volts[k + PAST_VOLTS - j] - volts[0]) * pulse[j * FINE + i]
+            flow += delay.gains_m_s_V[1] * max(path - delay.dead_bands_V[1], 0.0)
+            flow -= delay.gains_m_s_V[0] * max(-path - delay.dead_bands_V[0], 0.0)
+        moved += flow / FINE
+        error[k + 1] = delay.task_oil_m[k + 1] - moved * tick_s
+
+
+@compiled
+def _compare(delay):
+    """The next spool of the bank against the reversal; True after the last."""
+    error = delay.error_m
+    _modelled_oil(delay, min(SPOOL_LAGS_S[delay.tested], delay.lag_s))
+    for column in range(NUISANCE.shape[1]):
+        share = 0.0
+        for k in range(len(error)):
+            share += NUISANCE[k, column] * error[k]
+        for k in range(len(error)):
+            error[k] -= NUISANCE[k, column] * share
+    square = 0.0
+    for k in range(len(error)):
+        square += error[k] * error[k]
+    delay.found[delay.tested] = square / NOISE_M**2
+    delay.tested += 1
+    if delay.tested < SPOOLS:
+        return False
+    least = min(delay.found)
+    scale = max(1.0, least / (len(error) - 3))
+    for i in range(SPOOLS):
+        delay.sums[i] = MEMORY * delay.sums[i] + clip((delay.found[i] - least) / scale - MODEL_SUM, 0.0, MAX_SUM)
+    delay.reversals, delay.tested = delay.reversals + 1, -1
+    return True
+
+
+# How late the position transducer is, from when the pressure steps at compensated reversals. All that is asked for
+# holds for the position as it is measured. Pressure and oil are then early by as much. Least squares of what the
+# pressure deviates by on the rate that is asked for:  late += share sum(dev P') / sum(P'^2).
+
+
+@compiled
+def due_pressure_Pa(lateness, now_Pa, ahead_Pa):
+    """The pressure demanded for now; now_Pa, ahead_Pa: for this tick as it was decided, and for the next ones."""
+    late = lateness.late_s / lateness.tick_s
+    whole = int(late)
+    near, far = ahead_Pa[whole - 1] if whole else now_Pa, ahead_Pa[whole]
+    lateness.rate_Pa = far - near
+    return near + (late - whole) * (far - near)
+
+
+@compiled
+def pressure_then_Pa(lateness, pressure_Pa):
+    """One tick: the pressure that belongs to the position measured now."""
+    push(lateness.pressures_Pa, pressure_Pa)
+    late = lateness.late_s / lateness.tick_s
+    whole = int(late)
+    near, far = lateness.pressures_Pa[whole], lateness.pressures_Pa[whole + 1]
+    return near + (late - whole) * (far - near)
+
+
+@compiled
+def add_to_lateness(lateness, deviation_Pa, judged, lag_s):
+    """One tick: measured less demanded pressure; judged: a compensated reversal lies behind."""
+    if judged:
+        if lateness.square > 0.0:
+            late_s = lateness.late_s + LATE_SHARE * lateness.product / lateness.square * lateness.tick_s
+            longest_s = min(max(lag_s - SPOOL_LAGS_S[0], 0.0), (LATE_TICKS - 2) * lateness.tick_s)
+            lateness.late_s = clip(late_s, 0.0, longest_s)
+        lateness.product = lateness.square = 0.0
+    else:
+        lateness.product += deviation_Pa * lateness.rate_Pa
+        lateness.square += lateness.rate_Pa * lateness.rate_Pa

@@ -2,7 +2,7 @@
 
 A rounded edge opens as s log(1 + exp((x - delta)/s)), s the rounding in volts, delta the half dead band. Two parts:
 
-`RoundingEstimator` identifies s from the reversals of plain control, before compensation engages. A reversal is two
+The estimator identifies s from the reversals of plain control, before compensation engages. A reversal is two
 passages: from where the spool leaves the straight part of its curve (t1) to its middle (t2), and from there to the
 straight part of the other side. What a rounded edge lets through beyond a sharp one,
 
@@ -14,7 +14,7 @@ reversals suffice, with 5 um of noise. Least squares of q, with its standard err
 reversal that moves much less oil than sharp edges would (q well below zero), or another amount each time, is not
 explained by the identified gain, dead band, lag and backlash.
 
-`RoundingTrim` corrects s while compensation acts. Its inverse at a speed v needs less than the straight line by
+The trim corrects s while compensation acts. Its inverse at a speed v needs less than the straight line by
 
     c(v) = s log(1 - exp(-v / (k s))),     never below -delta
 
@@ -24,13 +24,13 @@ Too large a dead-band compensation moves too much oil on both sides of the rever
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass, field
 
-from ..compensator import clip
-from .leak import LeakEstimator
-from .spool import round_lag, spool_model
-from .valve import ValveEstimator
+from ..compiled import compiled
+from .arithmetic import clip
+from .layout import TRIM_TICKS, Record
+from .leak import add_to_passage, finish_passage, leak_known, start_passage
+from .spool import round_lag, set_spool_model
+from .valve import valve_ready, valve_usable
 
 PRIOR_V = 12e-3  # standard deviation of s before anything is known
 MAX_ROUNDING_V = 25e-3
@@ -45,13 +45,13 @@ UPPER_ERRORS = 2.0  # standard errors of q added for the upper confidence bound
 REJECT_ERRORS = 7.0  # standard errors of q below zero at which the identified valve is rejected
 MISFIT_SHARE, MAX_MISFIT = 0.2, 3.0  # low-pass of the misfit, and its bound
 
-TRIM_TICKS = 8  # on either side of a compensated reversal
 TRIM_V_M = 200.0  # volts of rounding per metre of excess oil displacement at one reversal: 1 mV for 5 um
 TRIM_BIAS_M = 1e-6  # taken off each excess, so that noise does not add up to a rounding
 MIN_ROUNDING_V = 4e-3  # below it edges are taken as sharp
 
 
-def opening(volts: float, dead_band_V: float, rounding_V: float) -> float:
+@compiled
+def opening(volts, dead_band_V, rounding_V):
     """Opening [V] of the spool at `volts` beyond an overlap with edges rounded so, both edges together: f(x, s)."""
     size = abs(volts)
     if rounding_V == 0.0:
@@ -62,140 +62,132 @@ def opening(volts: float, dead_band_V: float, rounding_V: float) -> float:
     return left if volts > 0.0 else -left
 
 
-@dataclass(slots=True)
-class RoundingEstimator:
-    """q [V2] with its variance, the misfit of the passages, and the passage in progress."""
+def start_rounding(rounding: Record) -> None:
+    """Nothing is known."""
+    rounding.variance_V4, rounding.misfit, rounding.lag_s = PRIOR_V**4, 1.0, -1.0
+    rounding.model[:], rounding.probe_V = (1.0, 0.0, 0.0, 0.0), MIN_PROBE_V
 
-    square_V2: float = 0.0
-    variance_V4: float = PRIOR_V**4
-    misfit: float = 1.0  # mean square of a passage's excess, over its expected variance
-    backlash_V: float = 0.0  # volts behind the backlash
-    spool_V: float = 0.0
-    rate_V: float = 0.0  # of the spool, a tick
-    lag_s: float = -1.0  # that `model` (spool.py) was made for
-    model: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    probe_V: float = MIN_PROBE_V  # rounding that phi is computed with
-    ticks: int = 0  # of the passage; 0 = none
-    start_m: float = 0.0  # oil displacement at its start
-    sharp_m: float = 0.0  # oil that sharp edges would have let through since
-    rounded_m: float = 0.0  # and rounded ones beyond that
-    closed_ticks: int = 0  # for which the overlap closed the valve
-    leak: LeakEstimator = field(default_factory=LeakEstimator)
 
-    @property
-    def lower_bound_V(self) -> float:
-        """Lower confidence bound of the rounding [V]; 0 where edges may be sharp."""
-        return self._root(self.square_V2 * clip(self.square_V2 / self._error() - LOWER_ERRORS, 0.0, 1.0))
+@compiled
+def lower_bound_V(rounding):
+    """Lower confidence bound of the rounding [V]; 0 where edges may be sharp."""
+    return _root(rounding.square_V2 * clip(rounding.square_V2 / _error(rounding) - LOWER_ERRORS, 0.0, 1.0))
 
-    @property
-    def upper_bound_V(self) -> float:
-        """Upper confidence bound of the rounding [V]."""
-        return self._root(max(self.square_V2, 0.0) + UPPER_ERRORS * self._error())
 
-    @property
-    def explains_reversals(self) -> bool:
-        """Whether reversals move the oil that the identified valve lets through."""
-        return self.misfit < MAX_MISFIT**2 and self.square_V2 > -REJECT_ERRORS * self._error()
+@compiled
+def upper_bound_V(rounding):
+    """Upper confidence bound of the rounding [V]."""
+    return _root(max(rounding.square_V2, 0.0) + UPPER_ERRORS * _error(rounding))
 
-    def add(self, z_m: float, valve_V: float, root: float, valve: ValveEstimator) -> bool:
-        """One tick: oil displacement now, volts of the tick past, mean sqrt(dp/dp_ref) in it of the edge they opened.
 
-        True when a passage was completed.
-        """
-        tick_s, before = valve.context.tick_s, self.spool_V
-        if valve.lag_s != self.lag_s:
-            self.lag_s, self.model = valve.lag_s, spool_model(round_lag(valve.lag_s), tick_s)
-        x = self._advance(valve_V, valve.edge(valve_V).backlash_V)
-        edge = valve.edge(x)
-        straight = abs(x) > edge.dead_band_V + STRAIGHT_V
-        if straight and self.ticks <= 1:
-            self.leak.start(x > 0.0)
-            self.ticks, self.start_m, self.sharp_m, self.rounded_m = 1, z_m, 0.0, 0.0
-            return False
-        if not self.ticks:
-            return False
-        self.ticks += 1
-        mean, moved = 0.5 * (before + x), edge.gain_m_s_V * root * tick_s
-        sharp = opening(mean, edge.dead_band_V, 0.0)
-        self.sharp_m += moved * sharp
-        self.closed_ticks += sharp == 0.0
-        self.rounded_m += moved * (opening(mean, edge.dead_band_V, self.probe_V) - sharp)
-        if straight or before * x <= 0.0:
-            self.leak.add(z_m - self.start_m - self.sharp_m, self.closed_ticks * tick_s)
-            if straight and valve.usable and self.leak.finish(x > 0.0, valve.leak_m_s):
-                self.ticks = self.closed_ticks = 0
-                return True
-            if self.leak.known:
-                self._update(z_m, MEMORY if valve.ready else MEMORY_EARLY)
-            self.closed_ticks = 0
-            self.ticks, self.start_m, self.sharp_m, self.rounded_m = 1 if straight else 2, z_m, 0.0, 0.0
-            return True
-        if self.ticks * tick_s > MAX_PASSAGE_S:
-            self.ticks = 0
+@compiled
+def explains_reversals(rounding):
+    """Whether reversals move the oil that the identified valve lets through."""
+    return rounding.misfit < MAX_MISFIT**2 and rounding.square_V2 > -REJECT_ERRORS * _error(rounding)
+
+
+@compiled
+def add_to_rounding(rounding, leak, z_m, valve_V, root, valve):
+    """One tick: oil displacement now, volts of the tick past, mean sqrt(dp/dp_ref) in it of the edge they opened.
+
+    True when a passage was completed.
+    """
+    tick_s, before = valve.tick_s, rounding.spool_V
+    if valve.lag_s != rounding.lag_s:
+        rounding.lag_s = valve.lag_s
+        set_spool_model(rounding.model, round_lag(valve.lag_s), tick_s)
+    x = _advance_spool(rounding, valve_V, valve.edges[1 if valve_V > 0.0 else 0].backlash_V)
+    edge = valve.edges[1 if x > 0.0 else 0]
+    straight = abs(x) > edge.dead_band_V + STRAIGHT_V
+    if straight and rounding.ticks <= 1:
+        start_passage(leak, x > 0.0)
+        rounding.ticks, rounding.start_m, rounding.sharp_m, rounding.rounded_m = 1, z_m, 0.0, 0.0
         return False
-
-    def restore(self, rounding_V: float) -> None:
-        """Start with what was identified before."""
-        self.square_V2, self.variance_V4 = rounding_V**2, 0.01 * PRIOR_V**4
-
-    def _root(self, square_V2: float) -> float:
-        return min(math.sqrt(square_V2), MAX_ROUNDING_V) if square_V2 > 0.0 else 0.0
-
-    def _error(self) -> float:
-        return math.sqrt(self.variance_V4)
-
-    def _advance(self, volts: float, backlash_V: float) -> float:
-        """The spool at the end of a tick of these volts."""
-        a, b, c, d = self.model
-        self.backlash_V = clip(self.backlash_V, volts - backlash_V, volts + backlash_V)
-        away = self.backlash_V - self.spool_V
-        self.spool_V += a * away + b * self.rate_V
-        self.rate_V = c * away + d * self.rate_V
-        return self.spool_V
-
-    def _update(self, z_m: float, memory: float) -> None:
-        """A passage in: one step of least squares with forgetting."""
-        phi = self.rounded_m / self.probe_V**2
-        excess = z_m - self.start_m - self.sharp_m - phi * self.square_V2
-        if abs(excess) > MAX_EXCESS_M + abs(phi) * MAX_ROUNDING_V**2:
-            return
-        expected = NOISE_M**2 + phi * self.variance_V4 * phi
-        self.misfit += MISFIT_SHARE * (excess * excess / expected - self.misfit)
-        share = self.variance_V4 * phi / expected
-        self.square_V2 += share * excess
-        self.variance_V4 *= (1.0 - share * phi) * (1.0 + share * phi / memory)
-        self.variance_V4 = min(self.variance_V4, PRIOR_V**4)
-        self.probe_V = max(self._root(self.square_V2), MIN_PROBE_V)
+    if not rounding.ticks:
+        return False
+    rounding.ticks += 1
+    mean, moved = 0.5 * (before + x), edge.gain_m_s_V * root * tick_s
+    sharp = opening(mean, edge.dead_band_V, 0.0)
+    rounding.sharp_m += moved * sharp
+    rounding.closed_ticks += 1 if sharp == 0.0 else 0
+    rounding.rounded_m += moved * (opening(mean, edge.dead_band_V, rounding.probe_V) - sharp)
+    if straight or before * x <= 0.0:
+        add_to_passage(leak, z_m - rounding.start_m - rounding.sharp_m, rounding.closed_ticks * tick_s)
+        if straight and valve_usable(valve) and finish_passage(leak, x > 0.0, valve.leak_m_s):
+            rounding.ticks = rounding.closed_ticks = 0
+            return True
+        if leak_known(leak):
+            _update(rounding, z_m, MEMORY if valve_ready(valve) else MEMORY_EARLY)
+        rounding.closed_ticks, rounding.ticks = 0, 1 if straight else 2
+        rounding.start_m, rounding.sharp_m, rounding.rounded_m = z_m, 0.0, 0.0
+        return True
+    if rounding.ticks * tick_s > MAX_PASSAGE_S:
+        rounding.ticks = 0
+    return False
 
 
-@dataclass(slots=True)
-class RoundingTrim:
-    """Rounding s of both edges [V] as compensation uses it, and the compensated reversal in progress."""
+def restore_rounding(rounding: Record, rounding_V: float) -> None:
+    """Start with what was identified before."""
+    rounding.square_V2, rounding.variance_V4 = rounding_V**2, 0.01 * PRIOR_V**4
 
-    rounding_V: float = 0.0
-    minimum_V: float = 0.0  # no less is used while compensation engages
-    direction: float = 0.0
-    ticks: int = 0
-    reversal_m: float = 0.0  # oil displacement less the demanded one, at the reversal
-    before_m: float = 0.0  # by how much it had grown before, against the new direction
 
-    def correction_V(self, speed_m_s: float, gain_m_s_V: float, dead_band_V: float) -> float:
-        """c [V] at a speed."""
-        s = max(self.rounding_V, self.minimum_V)
-        if s < MIN_ROUNDING_V or speed_m_s > 6.0 * s * gain_m_s_V:
-            return 0.0
-        share = 1.0 - math.exp(-speed_m_s / (s * gain_m_s_V))
-        return max(s * math.log(share), -dead_band_V) if share > 0.0 else -dead_band_V
+@compiled
+def _root(square_V2):
+    return min(math.sqrt(square_V2), MAX_ROUNDING_V) if square_V2 > 0.0 else 0.0
 
-    def add(self, oil_error_m: deque[float], flow_m_s: float, highest_V: float) -> None:
-        """One tick: oil displacement less the demanded one, of the last ticks, newest last; the flow demanded now."""
-        direction = 1.0 if flow_m_s > 0 else -1.0
-        if direction != self.direction:
-            self.direction, self.ticks = direction, 0
-            self.reversal_m = oil_error_m[-1]
-            self.before_m = -direction * (self.reversal_m - oil_error_m[0])
-        self.ticks += 1
-        if self.ticks == TRIM_TICKS:
-            excess = 0.5 * (direction * (oil_error_m[-1] - self.reversal_m) + self.before_m)
-            if abs(excess) < MAX_EXCESS_M:
-                self.rounding_V = clip(self.rounding_V + TRIM_V_M * (excess - TRIM_BIAS_M), 0.0, highest_V)
+
+@compiled
+def _error(rounding):
+    return math.sqrt(rounding.variance_V4)
+
+
+@compiled
+def _advance_spool(rounding, volts, backlash_V):
+    """The spool at the end of a tick of these volts."""
+    m = rounding.model
+    rounding.backlash_V = clip(rounding.backlash_V, volts - backlash_V, volts + backlash_V)
+    away = rounding.backlash_V - rounding.spool_V
+    rounding.spool_V += m[0] * away + m[1] * rounding.rate_V
+    rounding.rate_V = m[2] * away + m[3] * rounding.rate_V
+    return rounding.spool_V
+
+
+@compiled
+def _update(rounding, z_m, memory):
+    """A passage in: one step of least squares with forgetting."""
+    phi = rounding.rounded_m / rounding.probe_V**2
+    excess = z_m - rounding.start_m - rounding.sharp_m - phi * rounding.square_V2
+    if abs(excess) > MAX_EXCESS_M + abs(phi) * MAX_ROUNDING_V**2:
+        return
+    expected = NOISE_M**2 + phi * rounding.variance_V4 * phi
+    rounding.misfit += MISFIT_SHARE * (excess * excess / expected - rounding.misfit)
+    share = rounding.variance_V4 * phi / expected
+    rounding.square_V2 += share * excess
+    rounding.variance_V4 *= (1.0 - share * phi) * (1.0 + share * phi / memory)
+    rounding.variance_V4 = min(rounding.variance_V4, PRIOR_V**4)
+    rounding.probe_V = max(_root(rounding.square_V2), MIN_PROBE_V)
+
+
+@compiled
+def rounding_correction_V(trim, speed_m_s, gain_m_s_V, dead_band_V):
+    """c [V] at a speed."""
+    s = max(trim.rounding_V, trim.minimum_V)
+    if s < MIN_ROUNDING_V or speed_m_s > 6.0 * s * gain_m_s_V:
+        return 0.0
+    share = 1.0 - math.exp(-speed_m_s / (s * gain_m_s_V))
+    return max(s * math.log(share), -dead_band_V) if share > 0.0 else -dead_band_V
+
+
+@compiled
+def add_to_trim(trim, oil_error_m, flow_m_s, highest_V):
+    """One tick: oil displacement less the demanded one, of the last ticks, newest first; the flow demanded now."""
+    direction = 1.0 if flow_m_s > 0 else -1.0
+    if direction != trim.direction:
+        trim.direction, trim.ticks = direction, 0
+        trim.reversal_m = oil_error_m[0]
+        trim.before_m = -direction * (trim.reversal_m - oil_error_m[TRIM_TICKS])
+    trim.ticks += 1
+    if trim.ticks == TRIM_TICKS:
+        excess = 0.5 * (direction * (oil_error_m[0] - trim.reversal_m) + trim.before_m)
+        if abs(excess) < MAX_EXCESS_M:
+            trim.rounding_V = clip(trim.rounding_V + TRIM_V_M * (excess - TRIM_BIAS_M), 0.0, highest_V)

@@ -27,13 +27,18 @@ the reversals of plain control are explained by the identified valve (edge_round
 from __future__ import annotations
 
 import math
-from collections import deque
 
-from ..compensator import Sample, clip
-from .spool import LEAD_TICKS
-from .state import AT_REST_M_S2, AdaptiveState, Engagement, Phase
+from ..compiled import compiled
+from .arithmetic import clip
+from .edge_rounding import explains_reversals, upper_bound_V
+from .friction import friction_ready, inertia_Pa, resonance_growth_1_s
+from .layout import LEAD_TICKS
+from .monitor import add_to_monitor, monitor_ready, worse_than_baseline
+from .valve import lags_agree, valve_ready
 
-PLAIN, ENGAGING, COMPENSATED, FEED_FORWARD_OUT, DISENGAGING, TRIPPED = Phase
+PHASES = ("plain control", "engaging", "compensated", "feed-forward going out", "disengaging", "tripped")
+PLAIN, ENGAGING, COMPENSATED, FEED_FORWARD_OUT, DISENGAGING, TRIPPED = range(6)
+AT_REST_M_S2 = 1e-3  # acceleration below which nothing moves
 
 EXCITATION_MEMORY_S = 10.0  # time constant with which the recent peak of the excitation decays
 STABILITY_SPEED_M_S = 1.2e-3  # stability limit [m/s2] over growth rate of the hydraulic resonance [1/s]
@@ -45,47 +50,61 @@ MIN_OPEN_S = 0.08  # time the valve has been open under plain control before eng
 TRIP_SPEED = 4.0  # of the ramp when tripped, over that of engaging
 
 
-def update_engagement(state: AdaptiveState, setpoint_m_s2: float, sample: Sample, lag_m: float) -> None:
+@compiled
+def weight(ramp):
+    """Share of the volts that is added: smooth in the ramp."""
+    return ramp * ramp * (3.0 - 2.0 * ramp)
+
+
+@compiled
+def update_engagement(state, setpoint_m_s2, position_m, control_V, behind_m):
     """One tick of the transfer.
 
-    setpoint_m_s2: acceleration of the setpoint, PREVIEW_TICKS ahead; lag_m: setpoint less reference now.
+    setpoint_m_s2: acceleration of the setpoint, PREVIEW_TICKS ahead; behind_m: reference now less the piston.
     """
-    engagement, reference, settings = state.engagement, state.reference, state.engagement.settings
-    tick = state.context.tick_s
-    engagement.monitor.add(sample.position_m)
+    engagement, reference, settings = state.engagement, state.reference, state.settings
+    add_to_monitor(state.monitor, position_m)
     if engagement.ramp == 0.0:
-        _track_valve(state, sample.control_V - state.valve.null_V)
+        _track_valve(engagement, state.valve, control_V - state.valve.null_V)
     _track_reversals(state, reference.velocity_m_s)
     _track_excitation(state, setpoint_m_s2)
 
-    identified, step = state.valve.ready, tick / settings.engage_s
-    friction_target = 1.0 if identified and state.friction.ready else 0.0
+    identified, step = valve_ready(state.valve), settings.tick_s / settings.engage_s
+    friction_target = 1.0 if identified and friction_ready(state.friction) else 0.0
     if friction_target != engagement.friction_share:
         engagement.friction_share += clip(friction_target - engagement.friction_share, -step, step)
     if engagement.lockout_s > 0.0:
-        engagement.lockout_s -= tick
+        engagement.lockout_s -= settings.tick_s
 
     phase = engagement.phase = _next_phase(state, identified)
-    if phase is TRIPPED:
+    if phase == TRIPPED:
         engagement.ramp = max(0.0, engagement.ramp - TRIP_SPEED * step)
-    elif phase is ENGAGING:
+    elif phase == ENGAGING:
         if engagement.ramp == 0.0:
-            _join(state, sample.setpoint_m - sample.position_m - lag_m)
+            _join(state, behind_m)
         engagement.ramp = min(1.0, engagement.ramp + engagement.ramp_step)
-    elif phase is DISENGAGING:
+    elif phase == DISENGAGING:
         engagement.ramp = max(0.0, engagement.ramp - engagement.ramp_step)
+    _move_feed_forward(state, identified)
 
+
+@compiled
+def _move_feed_forward(state, identified):
+    """The share g, and the caution about the edges' rounding that goes with it."""
+    engagement, reference, settings = state.engagement, state.reference, state.settings
     if engagement.ramp == 0.0:
         reference.feed_forward = 0.0
     elif engagement.ramp == 1.0:
-        change = tick / settings.feed_forward_s if identified and engagement.excited else -tick / settings.disengage_s
+        coming = identified and engagement.excited
+        change = settings.tick_s / settings.feed_forward_s if coming else -settings.tick_s / settings.disengage_s
         reference.feed_forward = clip(reference.feed_forward + change, 0.0, 1.0)
     # until the feed-forward is all in, too small a dead-band compensation is safer than too large a one
     transfer = engagement.ramp > 0.0 and reference.feed_forward < 1.0
-    state.trim.minimum_V = (1.0 - reference.feed_forward) * state.rounding.upper_bound_V if transfer else 0.0
+    state.trim.minimum_V = (1.0 - reference.feed_forward) * upper_bound_V(state.rounding) if transfer else 0.0
 
 
-def _next_phase(state: AdaptiveState, identified: bool) -> Phase:
+@compiled
+def _next_phase(state, identified):
     """The table's second column."""
     engagement = state.engagement
     if not identified or engagement.lockout_s > 0.0:
@@ -102,35 +121,39 @@ def _next_phase(state: AdaptiveState, identified: bool) -> Phase:
     return DISENGAGING if may_leave else FEED_FORWARD_OUT
 
 
-def _checks_passed(state: AdaptiveState) -> bool:
+@compiled
+def _checks_passed(state):
     """Whether the motion is fit for compensation and the identified valve explains plain control's reversals."""
     engagement = state.engagement
     return (
-        _above_enable_threshold(engagement)
+        _above_enable_threshold(engagement, state.settings)
         and engagement.closed_ticks < MAX_CLOSED_SHARE * engagement.half_ticks
-        and engagement.monitor.ready
-        and state.valve.lags_agree
-        and state.rounding.explains_reversals
-        and state.valve.leak_known
+        and monitor_ready(state.monitor)
+        and lags_agree(state.valve)
+        and explains_reversals(state.rounding)
+        and state.valve.leak_known != 0
     )
 
 
-def _join(state: AdaptiveState, behind_m: float) -> None:
+@compiled
+def _join(state, behind_m):
     """Shift the reference, and the demands already made for the ticks ahead, to where the piston is."""
     state.reference.lag_m += behind_m
     state.inverse.oil_m -= behind_m
-    joined = [d._replace(position_m=d.position_m - behind_m, oil_m=d.oil_m - behind_m) for d in state.demands]
-    state.demands = deque(joined, state.demands.maxlen)
+    for i in range(state.demands.count):
+        state.demands.position_m[i] -= behind_m
+        state.demands.oil_m[i] -= behind_m
 
 
-def _track_excitation(state: AdaptiveState, setpoint_m_s2: float) -> None:
+@compiled
+def _track_excitation(state, setpoint_m_s2):
     """The recent peak of the setpoint's acceleration, renewed at each reversal, with enable/disable hysteresis."""
     engagement = state.engagement
     engagement.acceleration_m_s2 += 0.1 * (setpoint_m_s2 - engagement.acceleration_m_s2)
     size = abs(engagement.acceleration_m_s2)
     if size > engagement.peak_m_s2:
         engagement.peak_m_s2 = size
-    faded = engagement.excitation_m_s2 * (1 - state.context.tick_s / EXCITATION_MEMORY_S)
+    faded = engagement.excitation_m_s2 * (1 - state.settings.tick_s / EXCITATION_MEMORY_S)
     engagement.excitation_m_s2 = size if size > faded else faded
     if engagement.after_reversal:
         engagement.excitation_m_s2 = engagement.reversal_m_s2 = engagement.peak_m_s2
@@ -138,33 +161,35 @@ def _track_excitation(state: AdaptiveState, setpoint_m_s2: float) -> None:
         engagement.stability_limit_m_s2 = _stability_limit_m_s2(state)
     if engagement.excitation_m_s2 < engagement.stability_limit_m_s2:
         engagement.excited = False
-    elif _above_enable_threshold(engagement):
+    elif _above_enable_threshold(engagement, state.settings):
         engagement.excited = True
 
 
-def _above_enable_threshold(engagement: Engagement) -> bool:
-    enable, least = ENABLE_RATIO * engagement.stability_limit_m_s2, engagement.settings.min_excitation_m_s2
+@compiled
+def _above_enable_threshold(engagement, settings):
+    enable, least = ENABLE_RATIO * engagement.stability_limit_m_s2, settings.min_excitation_m_s2
     return engagement.excitation_m_s2 > (enable if enable > least else least)
 
 
-def _stability_limit_m_s2(state: AdaptiveState) -> float:
+@compiled
+def _stability_limit_m_s2(state):
     """Acceleration of a reversal below which compensation leaves it alone.
 
     Near rest friction falls with speed faster than viscous friction rises. The hydraulic resonance then grows, at a
     rate that is high for a light load. The pressure damping takes its own rate off, as far as the resonance lies in
     its band.
     """
-    context, friction, settings = state.context, state.friction, state.engagement.settings
-    inertia = friction.inertia_Pa()
-    compliance = context.compliance_m_Pa(0.5 * context.stroke_m)
-    over_band = 2 * math.pi * settings.damping_high_Hz * math.sqrt(compliance * inertia)
-    growth = friction.resonance_growth_1_s() - 0.5 * settings.damping_1_s * min(1.0, over_band**4)
+    settings = state.settings
+    compliance = (0.5 * settings.stroke_m + settings.pipeline_length_m) / settings.bulk_modulus_Pa
+    over_band = 2 * math.pi * settings.damping_high_Hz * math.sqrt(compliance * inertia_Pa(state.friction))
+    growth = resonance_growth_1_s(state.friction) - 0.5 * settings.damping_1_s * min(1.0, over_band**4)
     return clip(STABILITY_SPEED_M_S * growth, AT_REST_M_S2, settings.max_stability_limit_m_s2)
 
 
-def _judge_reversal(engagement: Engagement, extending: bool) -> None:
+@compiled
+def _judge_reversal(engagement, monitor, extending):
     """A compensated reversal worse than the baseline trips, with a longer lockout each time."""
-    if engagement.monitor.worse_than_baseline(extending, engagement.reversal_m_s2, engagement.ramp):
+    if worse_than_baseline(monitor, extending, engagement.reversal_m_s2, engagement.ramp):
         engagement.lockout_s = LOCKOUT_S * LOCKOUT_RATIO**engagement.trips
         engagement.trips, engagement.good_reversals = engagement.trips + 1, 0
     elif engagement.ramp == 1.0:
@@ -173,12 +198,13 @@ def _judge_reversal(engagement: Engagement, extending: bool) -> None:
             engagement.trips, engagement.good_reversals = max(0, engagement.trips - 1), 0
 
 
-def _track_valve(state: AdaptiveState, control_V: float) -> None:
+@compiled
+def _track_valve(engagement, valve, control_V):
     """For how long plain control has held the valve open, and how long the overlap closed it before.
 
     A wide overlap keeps the valve closed for much of a small motion.
     """
-    engagement, edge = state.engagement, state.valve.edge(control_V)
+    edge = valve.edges[1 if control_V > 0.0 else 0]
     if abs(control_V) > edge.dead_band_V + edge.backlash_V:
         engagement.open_ticks += 1
     elif engagement.open_ticks:
@@ -187,26 +213,26 @@ def _track_valve(state: AdaptiveState, control_V: float) -> None:
         engagement.closed_ticks += 1
 
 
-def _track_reversals(state: AdaptiveState, velocity_m_s: float) -> None:
+@compiled
+def _track_reversals(state, velocity_m_s):
     """Reversals of the reference, and the windows between two of them.
 
     The ramp falls wholly between two reversals. Disengaging begins a fifth into a half stroke. Engaging begins at two
     fifths, when the oscillation that plain control's reversal excited has decayed.
     """
-    engagement = state.engagement
+    engagement, settings = state.engagement, state.settings
     engagement.reversal_ticks += 1
     if velocity_m_s * engagement.direction < 0.0:
         engagement.half_ticks, engagement.reversal_ticks = engagement.reversal_ticks, 0
-    if velocity_m_s:
+    if velocity_m_s != 0.0:
         engagement.direction = velocity_m_s
     half, ticks = engagement.half_ticks, engagement.reversal_ticks - LEAD_TICKS - state.shift
     engagement.after_reversal = engagement.engage_window = False
     if half == 0 or ticks > 0.55 * half:
         return
     if ticks == 2 * half // 5:
-        _judge_reversal(engagement, velocity_m_s > 0.0)
-    engagement.engage_window = ticks >= 0.4 * half and engagement.open_ticks * state.context.tick_s > MIN_OPEN_S
+        _judge_reversal(engagement, state.monitor, velocity_m_s > 0.0)
+    engagement.engage_window = ticks >= 0.4 * half and engagement.open_ticks * settings.tick_s > MIN_OPEN_S
     if ticks == half // 5:
         engagement.after_reversal = True
-        longest = engagement.settings.engage_s * state.context.rate_Hz
-        engagement.ramp_step = 1.0 / clip(0.4 * half, 10.0, longest)
+        engagement.ramp_step = 1.0 / clip(0.4 * half, 10.0, settings.engage_s / settings.tick_s)

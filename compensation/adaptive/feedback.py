@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
-from operator import mul
-
-from ..compensator import clip
-from .spool import LEAD_TICKS
-from .state import AdaptiveState
+from ..compiled import compiled
+from .arithmetic import clip, dot
+from .layout import LEAD_TICKS
 
 BACKLASH_WIDTH_V = 1e-3  # smoothing width of the backlash inverse: half of the travel from one side to the other
 DAMPING_RECOVERY_S, DAMPING_DECAY = 5.0, 0.98  # of the damping gain; the decay a tick, above half of its bound
 
 
-def damping(state: AdaptiveState, oil_m_s_Pa: float, roots: tuple[float, float], limit_V: float) -> float:
+@compiled
+def damping(state, oil_m_s_Pa, roots):
     """Volts that let oil out while the pressure oscillates above the demand; oil_m_s_Pa: its rate, per pressure."""
-    up = 1 if state.flow_V[LEAD_TICKS + state.shift] > 0 else 0
+    settings = state.settings
+    limit_V, up = settings.damping_max_V, 1 if state.flow_V[LEAD_TICKS + state.shift] > 0 else 0
     gain = state.valve.edges[up].gain_m_s_V * roots[up]
-    oscillation = sum(map(mul, state.damping_taps, state.deviation_Pa))
+    oscillation = dot(state.damping_taps, state.deviation_Pa, settings.damping_count)
     u = state.damping_gain * oil_m_s_Pa * oscillation / gain
     if -0.5 * limit_V < u < 0.5 * limit_V:
-        state.damping_gain += (1.0 - state.damping_gain) * state.context.tick_s / DAMPING_RECOVERY_S
+        state.damping_gain += (1.0 - state.damping_gain) * settings.tick_s / DAMPING_RECOVERY_S
     else:
         state.damping_gain *= DAMPING_DECAY
     return clip(u, -limit_V, limit_V)
 
 
-def backlash_inverse(state: AdaptiveState, volts: float) -> float:
+@compiled
+def backlash_inverse(state, volts):
     """Volts that cross the valve's backlash, to the side that the volts fed forward have moved to."""
     held = clip(state.backlash_input_V, volts - BACKLASH_WIDTH_V, volts + BACKLASH_WIDTH_V)
     state.backlash_input_V = held
-    return state.valve.edge(volts).backlash_V * (volts - held) / BACKLASH_WIDTH_V
+    return state.valve.edges[1 if volts > 0.0 else 0].backlash_V * (volts - held) / BACKLASH_WIDTH_V

@@ -9,68 +9,52 @@ the crossing and in the two after it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 
-from .edge_rounding import RoundingTrim
+from ..compiled import compiled
+from .edge_rounding import rounding_correction_V
 from .spool import blocked_flow
-from .valve_edge import ValveEdge
 
 CROSSING_FLOW_SHARE = 0.6  # of the blocked oil that is compensated [1]; less than half or all leaves a larger bump
 
 
-@dataclass(slots=True)
-class ValveInverse:
-    """The flow of the last ticks, and the volts for them that have not left yet."""
+@compiled
+def advance_inverse(inverse, oil_m, roots, valve, trim, path, leak_m_s):
+    """Volts for the flow and dead-band compensation that a spool without lag would need, three ticks before the
+    boundary at which `oil_m` [m] is demanded; roots: sqrt(dp/dp_ref) of the edges to tank and from the supply."""
+    if not inverse.started:
+        inverse.started, inverse.oil_m = True, oil_m
+    newest = (oil_m - inverse.oil_m) / inverse.tick_s - leak_m_s
+    inverse.oil_m = oil_m
+    old, mean = inverse.flows_m_s[0], inverse.flows_m_s[1]
+    inverse.flows_m_s[0], inverse.flows_m_s[1] = mean, newest
+    first, last = 0.5 * (old + mean), 0.5 * (mean + newest)
+    down, up = valve.edges[0], valve.edges[1]
+    edge, root = valve.edges[1 if mean > 0 else 0], roots[1 if mean > 0 else 0]
+    less = rounding_correction_V(trim, abs(mean), edge.gain_m_s_V, edge.dead_band_V)
+    sharpness = 1.0 + less / max(edge.dead_band_V, -less) if less != 0.0 else 1.0
+    flow = inverse.flow_V
+    flow[0], flow[1] = flow[1], flow[2]
+    flow[2] = mean / (edge.gain_m_s_V * root) + inverse.crossing_V[0]
+    inverse.crossing_V[0], inverse.crossing_V[1] = inverse.crossing_V[1], 0.0
+    if first * last < 0.0:
+        share = first / (first - last)
+        half = 0.5 * sharpness * (up.dead_band_V + down.dead_band_V)
+        _compensate_crossing(inverse, share, (last - first) / (edge.gain_m_s_V * root), half, path)
+        side = math.copysign(1.0, last) * (1.0 - 2.0 * share)
+    else:
+        side = 1.0 if mean > 0 else (-1.0 if mean < 0 else 0.0)
+    older = inverse.dead_band_V[0]
+    inverse.dead_band_V[0] = inverse.dead_band_V[1]
+    inverse.dead_band_V[1] = 0.5 * sharpness * (up.dead_band_V * (1.0 + side) - down.dead_band_V * (1.0 - side))
+    return flow[0], older
 
-    tick_s: float
-    oil_m: float = math.nan  # demanded oil displacement at the last boundary
-    flows_m_s: tuple[float, float] = (0.0, 0.0)  # demanded oil velocity of the last two ticks
-    flow_V: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # for the flow, the next to leave first
-    crossing_V: tuple[float, float] = (0.0, 0.0)  # crossing flow compensation of the two ticks to come
-    dead_band_V: tuple[float, float] = (0.0, 0.0)  # dead-band compensation of the two ticks before
 
-    def advance(
-        self,
-        oil_m: float,
-        roots: tuple[float, float],
-        edges: list[ValveEdge],
-        trim: RoundingTrim,
-        path: tuple[float, ...],
-        leak_m_s: float = 0.0,
-    ) -> tuple[float, float]:
-        """Volts for the flow and dead-band compensation that a spool without lag would need, three ticks before the
-        boundary at which `oil_m` [m] is demanded; roots: sqrt(dp/dp_ref) of the edges to tank and from the supply."""
-        if self.oil_m != self.oil_m:
-            self.oil_m = oil_m
-        newest = (oil_m - self.oil_m) / self.tick_s - leak_m_s
-        self.oil_m = oil_m
-        old, mean = self.flows_m_s
-        self.flows_m_s = (mean, newest)
-        first, last = 0.5 * (old + mean), 0.5 * (mean + newest)
-        down, up = edges
-        edge, root = (up, roots[1]) if mean > 0 else (down, roots[0])
-        less = trim.correction_V(abs(mean), edge.gain_m_s_V, edge.dead_band_V)
-        sharpness = 1.0 + less / max(edge.dead_band_V, -less) if less else 1.0
-        flow = self.flow_V
-        del flow[0]
-        flow.append(mean / (edge.gain_m_s_V * root) + self.crossing_V[0])
-        self.crossing_V = (self.crossing_V[1], 0.0)
-        if first * last < 0.0:
-            share = first / (first - last)
-            half = 0.5 * sharpness * (up.dead_band_V + down.dead_band_V)
-            self._compensate_crossing(share, (last - first) / (edge.gain_m_s_V * root), half, path)
-            side = math.copysign(1.0, last) * (1.0 - 2.0 * share)
-        else:
-            side = 1.0 if mean > 0 else (-1.0 if mean < 0 else 0.0)
-        dead_band = 0.5 * sharpness * (up.dead_band_V * (1.0 + side) - down.dead_band_V * (1.0 - side))
-        older, newer = self.dead_band_V
-        self.dead_band_V = (newer, dead_band)
-        return flow[0], older
-
-    def _compensate_crossing(self, share: float, slope_V: float, half_V: float, path: tuple[float, ...]) -> None:
-        """Crossing flow compensation: the flow reverses in the newest tick, when `share` of the tick is over."""
-        before, after = blocked_flow(path, share, abs(slope_V), half_V)
-        sign = math.copysign(CROSSING_FLOW_SHARE, slope_V)
-        self.flow_V[0] += sign * before * (1.0 - share)
-        self.flow_V[1] += sign * before * share
-        self.crossing_V = (sign * after * (1.0 - share), sign * after * share)
+@compiled
+def _compensate_crossing(inverse, share, slope_V, half_V, path):
+    """Crossing flow compensation: the flow reverses in the newest tick, when `share` of the tick is over."""
+    before, after = blocked_flow(path, share, abs(slope_V), half_V)
+    sign = math.copysign(CROSSING_FLOW_SHARE, slope_V)
+    inverse.flow_V[0] += sign * before * (1.0 - share)
+    inverse.flow_V[1] += sign * before * share
+    inverse.crossing_V[0] = sign * after * (1.0 - share)
+    inverse.crossing_V[1] = sign * after * share

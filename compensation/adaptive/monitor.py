@@ -13,10 +13,11 @@ reversals, the one with more acceleration may have the larger bump, and more is 
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass, field
 
-BLOCK, APART = 5, 20  # ticks
+from ..compiled import compiled
+from .arithmetic import push
+from .layout import APART, BLOCK, Record
+
 FIRST, SECOND, THIRD = BLOCK - 1, 2 * BLOCK - 1, 3 * BLOCK - 1  # oldest position of each block
 FILLED = 3 * BLOCK + 2 * APART  # ticks until the filter is filled
 RATIO_ALIKE, RATIO_UNLIKE = 1.05, 1.5  # allowed bump over the baseline, at a reversal like the baseline's or unlike it
@@ -25,68 +26,61 @@ ALIKE = 0.05  # relative difference in acceleration up to which reversals are al
 BASELINE_SHARE = 0.5  # low-pass of the baseline, a reversal
 
 
-@dataclass(slots=True)
-class PerformanceMonitor:
-    """The reversal in progress, and the baseline of either direction: retracting after it first, then extending."""
+def start_monitor(monitor: Record, tick_s: float, noise_m: float) -> None:
+    """noise_m: standard deviation of a position."""
+    monitor.tick_s, monitor.noise_m = tick_s, noise_m
+    monitor.low_m_s2, monitor.high_m_s2 = math.inf, -math.inf
 
-    tick_s: float
-    noise_m: float  # standard deviation of a position
-    positions_m: deque[float] = field(default_factory=lambda: deque([0.0] * (3 * BLOCK), 3 * BLOCK))
-    blocks_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # sums, newest first
-    accelerations: deque[float] = field(default_factory=lambda: deque([0.0] * (2 * APART + 1), 2 * APART + 1))
-    count: int = 0  # ticks, up to FILLED
-    divisor_s2: float = field(init=False)  # of the sums' second difference
-    low_m_s2: float = math.inf
-    high_m_s2: float = -math.inf
-    baseline_m_s2: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    reversal_m_s2: list[float] = field(default_factory=lambda: [0.0, 0.0])  # accelerations of the baseline's reversals
 
-    def __post_init__(self) -> None:
-        self.divisor_s2 = BLOCK * (BLOCK * self.tick_s) ** 2
+@compiled
+def add_to_monitor(monitor, position_m):
+    """One tick."""
+    positions, sums = monitor.positions_m, monitor.sums_m
+    first, second, third = positions[FIRST], positions[SECOND], positions[THIRD]
+    sums[0] += position_m - first
+    sums[1] += first - second
+    sums[2] += second - third
+    push(positions, position_m)
+    kept = monitor.accelerations_m_s2
+    push(kept, (sums[0] - 2.0 * sums[1] + sums[2]) / (BLOCK * (BLOCK * monitor.tick_s) ** 2))
+    if monitor.count < FILLED:
+        monitor.count += 1
+        return
+    h = kept[APART] - 0.5 * (kept[0] + kept[2 * APART])
+    if h < monitor.low_m_s2:
+        monitor.low_m_s2 = h
+    if h > monitor.high_m_s2:
+        monitor.high_m_s2 = h
 
-    def add(self, position_m: float) -> None:
-        """One tick."""
-        positions, sums = self.positions_m, self.blocks_m
-        first, second, third = positions[FIRST], positions[SECOND], positions[THIRD]
-        sums[0] += position_m - first
-        sums[1] += first - second
-        sums[2] += second - third
-        positions.appendleft(position_m)
-        kept = self.accelerations
-        kept.appendleft((sums[0] - 2.0 * sums[1] + sums[2]) / self.divisor_s2)
-        if self.count < FILLED:
-            self.count += 1
-            return
-        h = kept[APART] - 0.5 * (kept[0] + kept[-1])
-        if h < self.low_m_s2:
-            self.low_m_s2 = h
-        if h > self.high_m_s2:
-            self.high_m_s2 = h
 
-    def worse_than_baseline(self, extending: bool, reversal_m_s2: float, ramp: float) -> bool:
-        """Closes a reversal, between it and the next; whether its bump was worse than the baseline.
+@compiled
+def worse_than_baseline(monitor, extending, reversal_m_s2, ramp):
+    """Closes a reversal, between it and the next; whether its bump was worse than the baseline.
 
-        reversal_m_s2: acceleration asked for at it; ramp: 0 plain control, whose bump becomes the baseline.
-        """
-        bump, self.low_m_s2, self.high_m_s2 = self.high_m_s2 - self.low_m_s2, math.inf, -math.inf
-        if not bump >= 0.0:
-            return False
-        baseline, reversal = self.baseline_m_s2[extending], self.reversal_m_s2[extending]
-        alike = abs(reversal_m_s2 - reversal) < ALIKE * reversal_m_s2
-        if ramp == 0.0:
-            self.baseline_m_s2[extending] = baseline + BASELINE_SHARE * (bump - baseline) if alike else bump
-            self.reversal_m_s2[extending] = reversal_m_s2
-            return False
-        unlike = RATIO_UNLIKE * baseline * max(1.0, reversal_m_s2 / max(reversal, 1e-9))
-        allowed = RATIO_ALIKE * baseline if alike else unlike
-        return baseline > 0.0 and bump > allowed + STANDARD_ERRORS * self.noise_m_s2
+    reversal_m_s2: acceleration asked for at it; ramp: 0 plain control, whose bump becomes the baseline.
+    """
+    bump, monitor.low_m_s2, monitor.high_m_s2 = monitor.high_m_s2 - monitor.low_m_s2, math.inf, -math.inf
+    if not bump >= 0.0:
+        return False
+    i = 1 if extending else 0
+    baseline, reversal = monitor.baseline_m_s2[i], monitor.reversal_m_s2[i]
+    alike = abs(reversal_m_s2 - reversal) < ALIKE * reversal_m_s2
+    if ramp == 0.0:
+        monitor.baseline_m_s2[i] = baseline + BASELINE_SHARE * (bump - baseline) if alike else bump
+        monitor.reversal_m_s2[i] = reversal_m_s2
+        return False
+    unlike = RATIO_UNLIKE * baseline * max(1.0, reversal_m_s2 / max(reversal, 1e-9))
+    allowed = RATIO_ALIKE * baseline if alike else unlike
+    return baseline > 0.0 and bump > allowed + STANDARD_ERRORS * bump_noise_m_s2(monitor)
 
-    @property
-    def ready(self) -> bool:
-        """Whether both directions have a baseline."""
-        return self.baseline_m_s2[0] > 0.0 and self.baseline_m_s2[1] > 0.0
 
-    @property
-    def noise_m_s2(self) -> float:
-        """Standard deviation of h from that of a position."""
-        return math.sqrt(1.5 * 6.0 / BLOCK) * self.noise_m / (BLOCK * self.tick_s) ** 2
+@compiled
+def monitor_ready(monitor):
+    """Whether both directions have a baseline."""
+    return monitor.baseline_m_s2[0] > 0.0 and monitor.baseline_m_s2[1] > 0.0
+
+
+@compiled
+def bump_noise_m_s2(monitor):
+    """Standard deviation of h from that of a position."""
+    return math.sqrt(1.5 * 6.0 / BLOCK) * monitor.noise_m / (BLOCK * monitor.tick_s) ** 2

@@ -15,32 +15,22 @@ prediction with the predicted acceleration, and a bounded one more.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
-from ..compensator import clip
+from ..compiled import compiled
+from .arithmetic import clip
+from .layout import MAX_LOOK, PREDICTORS, PREVIEW_TICKS, Record
+from .layout import PAST_SETPOINTS as PAST
 
-PREDICTORS = (
-    (1, 8),
-    (2, 12),
-    (2, 24),
-    (2, 48),
-    (2, 96),
-    (3, 24),
-    (3, 48),
-    (3, 96),
-    (4, 48),
-    (4, 96),
-)  # order and ticks of each
-PAST = 97
+ORDERS_AND_TICKS = ((1, 8), (2, 12), (2, 24), (2, 48), (2, 96), (3, 24), (3, 48), (3, 96), (4, 48), (4, 96))
 RATE_TICKS = 20.0  # T_e
 SHARE = 0.01  # low-pass of the squared errors, a tick
 FLOOR_M = 2e-7  # e_0
 STEP_ERRORS, STEP_M = 4.0, 3e-6  # error of one tick, over the usual one, that is a step
 STEADY_TICKS, MAX_OFFSET_M = 4, 5e-4  # between two steps; bound of all of them
 OFFSET_SHARE = 0.006  # of a step that comes in, a tick
-MAX_LOOK = 20
 ACCELERATION_SHARE = 0.2  # low-pass of the predicted acceleration, a tick
 FOLLOW = 0.016  # rate with which what is given follows what is predicted, a tick
 MAX_CHANGE_M = 4e-7  # a tick squared: 0.1 m/s2 at 500 Hz, the most that following may add
@@ -59,100 +49,111 @@ def _row(order: int, ticks: int, look: float, derivative: int = 0) -> np.ndarray
     return np.linalg.pinv(np.vander(t, order + 1)).T @ np.array(powers) / ticks**derivative
 
 
-def _rows(look: int) -> np.ndarray:
-    """Weights (3 predictors, PAST) on the newest setpoints: position `look` and look + 1 ticks on, acceleration."""
-    rows = np.zeros((3 * len(PREDICTORS), PAST))
-    for i, (order, ticks) in enumerate(PREDICTORS * 3):
-        kind = i // len(PREDICTORS)
-        rows[i, PAST - ticks :] = _row(order, ticks, look + (kind == 1), 2 if kind == 2 else 0)
-    return rows
+@lru_cache(maxsize=1)
+def prediction_table() -> np.ndarray:
+    """Weights (looks, PAST, 3 predictors) on the setpoints, oldest first, for looks of PREVIEW_TICKS to MAX_LOOK ticks:
+    position `look` and look + 1 ticks on, acceleration."""
+    table = np.zeros((MAX_LOOK - PREVIEW_TICKS + 1, PAST, 3 * PREDICTORS))
+    for n, weights in enumerate(table):
+        look = PREVIEW_TICKS + n
+        for i, (order, ticks) in enumerate(ORDERS_AND_TICKS):
+            for kind, (ahead, derivative) in enumerate(((look, 0), (look + 1, 0), (look, 2))):
+                weights[PAST - ticks :, i + kind * PREDICTORS] = _row(order, ticks, ahead, derivative)
+    return table
 
 
 STEP_TICKS = 12
 STEP_ROW = _row(2, STEP_TICKS, 1)
 
 
-@dataclass(slots=True)
-class SetpointPredictor:
-    """The last setpoints, the predictions whose time has not come, and their errors."""
+def start_prediction(p: Record) -> None:
+    """Nothing is known of the setpoint."""
+    p.usual_m = 1e-5
 
-    look: int = 0
-    rows: np.ndarray = field(default_factory=lambda: np.zeros((0, PAST)))
-    past_m: np.ndarray = field(default_factory=lambda: np.full(2 * PAST, np.nan))  # twice, so that a slice is in order
-    place: int = 0
-    predicted_m: np.ndarray = field(default_factory=lambda: np.zeros((MAX_LOOK, len(PREDICTORS))))
-    error_m: np.ndarray = field(default_factory=lambda: np.zeros(len(PREDICTORS)))
-    squares_m2: np.ndarray = field(default_factory=lambda: np.zeros(len(PREDICTORS)))
-    ticks: int = 0
-    straight_ticks: int = 0
-    active: bool = False
-    offset_m: float = 0.0  # by which packets made the setpoint jump, less what has come in since
-    steady_ticks: int = 0  # since it jumped
-    usual_m: float = 1e-5  # mean size of the error of one tick
-    last_m: float = np.nan  # given at the tick before
-    moved_m: float = 0.0  # in the last tick
-    acceleration_m: float = 0.0  # a tick squared, low-pass
 
-    def watch(self, preview_m: np.ndarray, setpoint_m: float) -> bool:
-        """One tick: whether the future must be predicted. preview_m may hold the present setpoint alone."""
-        if self.ticks == 0:
-            self.past_m[:] = setpoint_m
-        self.ticks += 1
-        if self.active:
-            setpoint_m = self._without_steps(setpoint_m)
-        past, place = self.past_m, self.place + 1 if self.place + 1 < PAST else 0
-        past[place] = past[place + PAST] = setpoint_m
-        self.place = place
-        middle = (len(preview_m) - 1) // 2
-        if middle == 0:
-            self.active = True
-            return True
-        bend = preview_m.item(0) - 2.0 * preview_m.item(middle) + preview_m.item(2 * middle)
-        if not -STRAIGHT_M < bend < STRAIGHT_M:
-            self.straight_ticks, self.active = 0, False
-            return False
-        before, older = past.item(place + PAST - 12), past.item(place + PAST - 24)
+@compiled
+def watch_setpoint(p, count, bend, setpoint_m):
+    """One tick: whether the future must be predicted. count: setpoints of the preview, 1 is the present alone; bend:
+    second difference of its first, middle and last."""
+    if p.ticks == 0:
+        for i in range(2 * PAST):
+            p.past_m[i] = setpoint_m
+    p.ticks += 1
+    if p.active:
+        setpoint_m = _without_steps(p, setpoint_m)
+    place = p.place + 1 if p.place + 1 < PAST else 0
+    p.past_m[place] = p.past_m[place + PAST] = setpoint_m
+    p.place = place
+    if count < 3:
+        p.active = True
+    elif not -STRAIGHT_M < bend < STRAIGHT_M:
+        p.straight_ticks, p.active = 0, False
+    else:
+        before, older = p.past_m[place + PAST - 12], p.past_m[place + PAST - 24]
         if abs(setpoint_m - 2.0 * before + older) > 10.0 * STRAIGHT_M:
-            self.straight_ticks += 1
-        self.active = self.straight_ticks > STRAIGHT_TICKS
-        return self.active
+            p.straight_ticks += 1
+        p.active = p.straight_ticks > STRAIGHT_TICKS
+    return p.active != 0
 
-    def _without_steps(self, setpoint_m: float) -> float:
-        """The setpoint less what packets made it jump by; that comes in later, with time."""
-        start = self.place + PAST - STEP_TICKS + 1
-        expected = float(STEP_ROW @ self.past_m[start : start + STEP_TICKS])
-        self.offset_m -= OFFSET_SHARE * self.offset_m
-        error = setpoint_m - self.offset_m - expected
-        size = abs(error)
-        limit = STEP_ERRORS * self.usual_m + STEP_M
-        self.steady_ticks += 1
-        if size > limit and self.steady_ticks > STEADY_TICKS:
-            self.offset_m = clip(self.offset_m + error, -MAX_OFFSET_M, MAX_OFFSET_M)
-            self.steady_ticks = 0
-        self.usual_m += SHARE * (min(size, limit) - self.usual_m)
-        return setpoint_m - self.offset_m
 
-    def predict(self, look: int, setpoint_m: float) -> tuple[float, float, float]:
-        """Setpoints at the boundary before the one `look` ticks ahead, at it, and after it."""
-        setpoint_m -= self.offset_m
-        if look != self.look:
-            self.look, self.rows = look, _rows(look)
-            self.predicted_m[:] = setpoint_m
-        ahead = self.rows @ self.past_m[self.place + 1 : self.place + 1 + PAST]
-        n, slot = len(PREDICTORS), self.ticks % look
-        error = self.predicted_m[slot] - setpoint_m
-        jump = RATE_TICKS * (error - self.error_m)
-        self.error_m = error
-        self.squares_m2 += SHARE * (error * error + jump * jump - self.squares_m2)
-        self.predicted_m[slot] = ahead[:n]
-        weights = (self.squares_m2 + FLOOR_M**2) ** -2
-        weights /= weights.sum()
-        here, after, acceleration = (ahead.reshape(3, n) @ weights).tolist()
-        self.acceleration_m += ACCELERATION_SHARE * (acceleration - self.acceleration_m)
-        if self.last_m != self.last_m or abs(here - self.last_m) > LOST_M:
-            self.last_m, self.moved_m = 2.0 * here - after, after - here
-        off = here - self.last_m - self.moved_m
-        change = 2.0 * FOLLOW * (after - here - acceleration - self.moved_m) + FOLLOW * FOLLOW * off
-        self.moved_m += self.acceleration_m + clip(change, -MAX_CHANGE_M, MAX_CHANGE_M)
-        before, self.last_m = self.last_m, self.last_m + self.moved_m
-        return before, self.last_m, self.last_m + self.moved_m + self.acceleration_m
+@compiled
+def _without_steps(p, setpoint_m):
+    """The setpoint less what packets made it jump by; that comes in later, with time."""
+    start, expected = p.place + PAST - STEP_TICKS + 1, 0.0
+    for i in range(STEP_TICKS):
+        expected += STEP_ROW[i] * p.past_m[start + i]
+    p.offset_m -= OFFSET_SHARE * p.offset_m
+    error = setpoint_m - p.offset_m - expected
+    size = abs(error)
+    limit = STEP_ERRORS * p.usual_m + STEP_M
+    p.steady_ticks += 1
+    if size > limit and p.steady_ticks > STEADY_TICKS:
+        p.offset_m = clip(p.offset_m + error, -MAX_OFFSET_M, MAX_OFFSET_M)
+        p.steady_ticks = 0
+    p.usual_m += SHARE * (min(size, limit) - p.usual_m)
+    return setpoint_m - p.offset_m
+
+
+@compiled
+def predict(p, table, look, setpoint_m):
+    """Setpoints at the boundary before the one `look` ticks ahead, at it, and after it."""
+    setpoint_m -= p.offset_m
+    if look != p.look:
+        p.look = look
+        for i in range(MAX_LOOK):
+            for j in range(PREDICTORS):
+                p.predicted_m[i, j] = setpoint_m
+    here, after, acceleration = _weighed(p, table[look - PREVIEW_TICKS], p.ticks % look, setpoint_m)
+    p.acceleration_m += ACCELERATION_SHARE * (acceleration - p.acceleration_m)
+    if not p.started or abs(here - p.last_m) > LOST_M:
+        p.started, p.last_m, p.moved_m = True, 2.0 * here - after, after - here
+    off = here - p.last_m - p.moved_m
+    change = 2.0 * FOLLOW * (after - here - acceleration - p.moved_m) + FOLLOW * FOLLOW * off
+    p.moved_m += p.acceleration_m + clip(change, -MAX_CHANGE_M, MAX_CHANGE_M)
+    before = p.last_m
+    p.last_m += p.moved_m
+    return before, p.last_m, p.last_m + p.moved_m + p.acceleration_m
+
+
+@compiled
+def _weighed(p, weights, slot, setpoint_m):
+    """Position `look` ticks on, one tick later, and acceleration: of all predictors, by their errors of late."""
+    ahead = p.ahead_m
+    for j in range(3 * PREDICTORS):
+        ahead[j] = 0.0
+    for i in range(PAST):
+        past = p.past_m[p.place + 1 + i]
+        for j in range(3 * PREDICTORS):
+            ahead[j] += weights[i, j] * past
+    total = here = after = acceleration = 0.0
+    for j in range(PREDICTORS):
+        error = p.predicted_m[slot, j] - setpoint_m
+        jump = RATE_TICKS * (error - p.error_m[j])
+        p.error_m[j], p.predicted_m[slot, j] = error, ahead[j]
+        p.squares_m2[j] += SHARE * (error * error + jump * jump - p.squares_m2[j])
+        weight = (p.squares_m2[j] + FLOOR_M**2) ** -2
+        total += weight
+        here += weight * ahead[j]
+        after += weight * ahead[j + PREDICTORS]
+        acceleration += weight * ahead[j + 2 * PREDICTORS]
+    return here / total, after / total, acceleration / total

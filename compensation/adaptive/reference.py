@@ -11,50 +11,39 @@ stroke hardly changes the motion. g then rises to 1, where y_m = r: full velocit
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import sqrt
+
+from ..compiled import compiled
 
 NO_LAG_M = 1e-9  # lag that counts as none once the feed-forward is all in
 SOFTNESS = 2.0  # half dead bands about zero within which D is softened
 
 
-@dataclass(slots=True)
-class Reference:
-    """y_m at the tick boundary looked at last, with its velocity and acceleration."""
+@compiled
+def advance_reference(reference, behind_m, here_m, ahead_m):
+    """One tick on; setpoints at the boundary before, at the one asked for, and after."""
+    tick, share, lag = reference.tick_s, reference.feed_forward, reference.lag_m
+    if share == 1.0 and -NO_LAG_M < lag < NO_LAG_M:
+        lag = loop_m_s = 0.0
+    else:
+        moved = (1.0 - share) * (here_m - behind_m)
+        half = lag + 0.5 * (moved - tick * _loop_m_s(reference, lag))
+        lag += moved - tick * _loop_m_s(reference, half)
+        loop_m_s = _loop_m_s(reference, lag)
+    reference.lag_m, reference.position_m = lag, here_m - lag
+    velocity = share * (ahead_m - behind_m) / (2 * tick) + loop_m_s
+    reference.acceleration_m_s2 = (velocity - reference.velocity_m_s) / tick
+    reference.velocity_m_s = velocity
 
-    tick_s: float
-    loop_1_s: tuple[float, float] = (0.0, 0.0)  # s Kp of either direction, retracting first
-    dead_band_m: tuple[float, float] = (0.0, 0.0)  # delta / Kp
-    null_m: float = 0.0  # null / Kp
-    leak_m_s: float = 0.0  # velocity that a leak gives at closed valve
-    feed_forward: float = 0.0  # g
-    position_m: float = 0.0
-    velocity_m_s: float = 0.0
-    acceleration_m_s2: float = 0.0
-    lag_m: float = 0.0  # r - y_m
 
-    def advance(self, behind_m: float, here_m: float, ahead_m: float) -> None:
-        """One tick on; setpoints at the boundary before, at the one asked for, and after."""
-        tick, share, lag = self.tick_s, self.feed_forward, self.lag_m
-        if share == 1.0 and -NO_LAG_M < lag < NO_LAG_M:
-            lag = loop_m_s = 0.0
-        else:
-            moved = (1.0 - share) * (here_m - behind_m)
-            half = lag + 0.5 * (moved - tick * self._loop_m_s(lag))
-            lag += moved - tick * self._loop_m_s(half)
-            loop_m_s = self._loop_m_s(lag)
-        self.lag_m, self.position_m = lag, here_m - lag
-        velocity = share * (ahead_m - behind_m) / (2 * tick) + loop_m_s
-        self.acceleration_m_s2 = (velocity - self.velocity_m_s) / tick
-        self.velocity_m_s = velocity
-
-    def _loop_m_s(self, lag_m: float) -> float:
-        """Velocity that the position loop gives at a lag."""
-        left = 1.0 - self.feed_forward
-        lag_m -= left * self.null_m
-        up = 1 if lag_m > 0.0 else 0
-        dead_band = self.dead_band_m[up]
-        if dead_band and left:
-            soft = SOFTNESS * dead_band
-            lag_m *= 1.0 - left * dead_band / sqrt(lag_m * lag_m + soft * soft)
-        return self.loop_1_s[up] * lag_m + left * self.leak_m_s
+@compiled
+def _loop_m_s(reference, lag_m):
+    """Velocity that the position loop gives at a lag."""
+    left = 1.0 - reference.feed_forward
+    lag_m -= left * reference.null_m
+    up = 1 if lag_m > 0.0 else 0
+    dead_band = reference.dead_band_m[up]
+    if dead_band != 0.0 and left != 0.0:
+        soft = SOFTNESS * dead_band
+        lag_m *= 1.0 - left * dead_band / sqrt(lag_m * lag_m + soft * soft)
+    return reference.loop_1_s[up] * lag_m + left * reference.leak_m_s

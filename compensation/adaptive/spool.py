@@ -13,19 +13,18 @@ from functools import lru_cache
 
 import numpy as np
 
+from ..compiled import compiled
+from .arithmetic import clip
+from .layout import LEAD_TAPS, LEAD_TICKS, MAX_SHIFT, PATH_AFTER, PATH_BEFORE, PATH_FINE
+
 SPOOL_DAMPING = 0.7  # common value for proportional valves; the lag is what is identified
 LAG_STEP_S = 1e-5  # lags are rounded to this before a design is made
 LAG_MAX_S = 1.4e-2
-LEAD_TAPS = 10
-LEAD_TICKS = 5  # by which the lead looks ahead
-PREVIEW_TICKS = LEAD_TICKS + 4  # from now to the tick boundary of the demand
-MAX_SHIFT = 4  # further ticks that a long lag is looked ahead for
 SHIFT_TICKS = 2.2  # of lag that LEAD_TICKS are enough for
 FREE_TICKS = 0.75  # on either side of the crossing in which the spool's path is nearly free, with FREE_WEIGHT
 FREE_WEIGHT = 0.3
 CROSSING_SMOOTHING = 1e-5  # of the crossing lead
 MAX_WRONG_SHARE = 1.2  # of a pressure oscillation that the damping may feed at any frequency, over what it damps
-PATH_FINE, PATH_BEFORE, PATH_AFTER = 10, 3, 5  # samples a tick of the crossing's path, ticks before and after it
 
 
 def step_response(t_s: np.ndarray, lag_s: float, delay_s: float = 0.0) -> np.ndarray:
@@ -49,32 +48,33 @@ def tick_response(lag_s: float, tick_s: float, count: int, delay_s: float = 0.0)
     return pulse.reshape(count, fine).mean(axis=1)
 
 
-def round_lag(lag_s: float) -> float:
+@compiled
+def round_lag(lag_s):
     """Lag [s] on the grid that filters are designed for."""
-    return min(max(round(lag_s / LAG_STEP_S) * LAG_STEP_S, 0.0), LAG_MAX_S)
+    return clip(np.rint(lag_s / LAG_STEP_S) * LAG_STEP_S, 0.0, LAG_MAX_S)
 
 
-def look_ahead_shift(lag_s: float, tick_s: float) -> int:
+@compiled
+def look_ahead_shift(lag_s, tick_s):
     """Ticks by which the taps lie earlier, for a lag."""
     return min(max(math.ceil(lag_s / tick_s - SHIFT_TICKS), 0), MAX_SHIFT)
 
 
-@lru_cache(maxsize=128)
-def spool_model(lag_s: float, tick_s: float) -> tuple[float, float, float, float]:
+@compiled
+def set_spool_model(model, lag_s, tick_s):
     """a, b, c, d of one tick of the spool: x += a (u - x) + b w, w = c (u - x) + d w, with w its rate [V/tick]."""
     if lag_s < 0.25 * tick_s:
-        return 1.0, 0.0, 0.0, 0.0
+        model[0], model[1], model[2], model[3] = 1.0, 0.0, 0.0, 0.0
+        return
     z = SPOOL_DAMPING
     w = 2 * z / lag_s
     wd, t = w * math.sqrt(1 - z * z), tick_s
     decay = math.exp(-z * w * t)
     cos, sin = math.cos(wd * t), math.sin(wd * t)
-    return (
-        1 - decay * (cos + z * w / wd * sin),
-        decay * sin / wd / tick_s,
-        decay * w * w / wd * sin * tick_s,
-        decay * (cos - z * w / wd * sin),
-    )
+    model[0] = 1 - decay * (cos + z * w / wd * sin)
+    model[1] = decay * sin / wd / tick_s
+    model[2] = decay * w * w / wd * sin * tick_s
+    model[3] = decay * (cos - z * w / wd * sin)
 
 
 def _taps(matrix: np.ndarray, target: np.ndarray, smoothing: float, centre: float) -> tuple[float, ...]:
@@ -135,7 +135,8 @@ def crossing_path(lag_s: float, tick_s: float, delay_s: float = 0.0, shift: int 
     )
 
 
-def blocked_flow(path: tuple[float, ...], share: float, slope_V: float, half_V: float) -> tuple[float, float]:
+@compiled
+def blocked_flow(path, share, slope_V, half_V):
     """Flow that the overlap blocks while the spool crosses it, before and after the reversal, as volts of one tick.
 
     path: of the crossing; share: of its tick that lies before the reversal (0 .. 1): so much of the step comes a tick

@@ -26,23 +26,53 @@ def fmu(
     tendon: Annotated[
         bool, typer.Option("--tendon", help="The tendon equal of the legs: faster, peaks to 0.1 %.")
     ] = False,
-    timestep: Annotated[float, typer.Option(help="Time step of the integration (s), constant.")] = 1e-4,
+    fmi: Annotated[int, typer.Option(min=2, max=3, help="Version of FMI.")] = 2,
+    linux_only: Annotated[bool, typer.Option("--linux-only", help="Leave Windows out.")] = False,
+    mujoco_dll: Annotated[
+        Path | None, typer.Option(help="mujoco.dll of the installed version; default: fetched by pip, once.")
+    ] = None,
+    timestep: Annotated[
+        float | None, typer.Option(help="Constant time step of the integration (s); default: chosen from the machine.")
+    ] = None,
     settings: options.Set = None,
     json: options.Json = False,
 ) -> None:
-    """FMI 2.0 co-simulation, Linux (64 bit): runs without Python. Needs `pip install hexsim[fmu]` for the export."""
+    """FMI co-simulation, Linux and Windows (64 bit): runs without Python. Needs `pip install hexsim[fmu]` for the export."""
     from hexsim.export import export_fmu
     from hexsim.machine import load_machine
     from hexsim.machine.files import changed
 
     changes = {key: options.parse_value(text) for key, text in options.parse_changes(settings).items()}
     declared = changed(load_machine(machine), changes, source="--set")
-    variables = export_fmu(declared, out, model="tendon" if tendon else "full", timestep=timestep)
+    windows, left_out = (None, "") if linux_only else _windows_library(mujoco_dll)
+    variables = export_fmu(
+        declared,
+        out,
+        model="tendon" if tendon else "full",
+        timestep=timestep,
+        fmi=3 if fmi == 3 else 2,
+        windows=windows,
+    )
     counts = {name: len(getattr(variables, name)) for name in ("inputs", "outputs", "parameters")}
-    size = out.stat().st_size
+    size, systems = out.stat().st_size, ["linux64", *(["win64"] if windows else [])]
     if json:
-        print_json({"fmu": str(out), "what": what, **counts, "bytes": size})
+        print_json({"fmu": str(out), "what": what, "fmi": fmi, "systems": systems, **counts, "bytes": size})
     else:
         console = output()
-        console.print(f"fmu     {out}, {size / 1e6:.1f} MB")
+        console.print(f"fmu     {out}, {size / 1e6:.1f} MB, FMI {fmi}.0, {' and '.join(systems)}")
         console.print(f"        {', '.join(f'{count} {name}' for name, count in counts.items())}")
+    if left_out:
+        typer.echo(f"Windows is left out: {left_out}", err=True)
+
+
+def _windows_library(given: Path | None) -> tuple[bytes | None, str]:
+    """MuJoCo for Windows, or why there is none. A file that is given must be one."""
+    from hexsim.errors import HexsimError
+    from hexsim.export.mujoco_library import windows_library
+
+    try:
+        return windows_library(given), ""
+    except HexsimError as error:
+        if given:
+            raise
+        return None, str(error)

@@ -2,9 +2,9 @@
 # (MuJoCo's bindings carry no types)
 """A machine's plant as an FMU: volts in, motion and pressures out, for Simulink, Amesim, dSPACE and the like.
 
-FMI 2.0, co-simulation, Linux with 64 bit. The plant is `Plant` with RK4 at a constant step: the same MuJoCo, the same
-compiled hydraulics, and the same results. The file needs nothing at the receiver's; the export needs `hexsim[fmu]`.
-A power unit keeps the oil of its start: temperature does not act on the numbers of the legs.
+FMI 2.0 or 3.0, co-simulation, Linux and Windows with 64 bit in one file. The plant is `Plant` with the steps that it
+chooses: the same MuJoCo, the same compiled hydraulics, and the same results. The file needs nothing at the receiver's;
+the export needs `hexsim[fmu]`. A power unit keeps the oil of its start: temperature does not act on the numbers of the legs.
 """
 
 from __future__ import annotations
@@ -15,76 +15,86 @@ import tempfile
 import zipfile
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Literal
 
 import mujoco
 import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.export import native
+from hexsim.export import mujoco_library, native
 from hexsim.export.model_description import model_description
 from hexsim.export.variables import OUTPUT_KINDS, Variables, mass_body, mass_key, mass_offset, plant_variables
+from hexsim.files.atomic import written_whole
 from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
+from hexsim.hydraulics.steps import LONGEST_S
 from hexsim.plant import Plant
 from hexsim.plant.mjcf import ModelKind
 from hexsim.plant.states import ROW, A
 
-TIMESTEP_s = 1e-4
-LONGEST_DELAY_STEPS = 100_000
+DELAYED_COMMANDS = 1024  # that an instance remembers where a valve is late
+COMMUNICATION_STEP_S = 0.002  # proposed to the tool
 
 
-def export_fmu(machine: Machine, out: Path, *, model: ModelKind = "full", timestep: float = TIMESTEP_s) -> Variables:
+def export_fmu(
+    machine: Machine, out: Path, *, model: ModelKind = "full", timestep: float | None = None, fmi: Literal[2, 3] = 2,
+    windows: bytes | None = None,
+) -> Variables:  # fmt: skip
     """Write the plant of `machine` as an FMU; return its variables.
 
-    model: full legs, or their tendon equal. timestep [s] of the integration, constant. Raises HexsimError where the
-    compiler is not installed, the system is no Linux, or the file cannot be written.
+    model: full legs, or their tendon equal. timestep [s] of the integration, constant; None: chosen as `Plant.tick` does.
+    windows: MuJoCo's library for Windows (`mujoco_library.windows_library`); None: for Linux alone. Raises HexsimError
+    where the compiler is not installed, the system is no Linux, or the file cannot be written.
     """
-    if not 1e-6 <= timestep <= 1e-3:
+    if timestep is not None and not 1e-6 <= timestep <= 1e-3:
         raise HexsimError(f"a time step of {timestep:g} s: 1e-6 to 1e-3 is possible")
     plant = Plant(machine, model=model, timestep=timestep)
     variables = plant_variables(plant)
     identifier = re.sub(r"\W", "_", f"hexsim_{machine.name}", flags=re.ASCII)
-    library = native.mujoco_library()
+    library = mujoco_library.linux_library()
+    systems = [native.SYSTEMS[name] for name in ("linux64", "win64")[: 1 if windows is None else 2]]
     with tempfile.TemporaryDirectory(prefix="hexsim-fmu-") as name:
         folder = Path(name)
         mujoco.mj_saveModel(plant.model, str(folder / "model.mjb"), None)
-        objects, missing = native.objects(folder)
-        header = machine_header(plant, variables, missing)
-        parts = [header.encode(), *(path.read_bytes() for path in (folder / "model.mjb", *objects))]
-        digest = hashlib.sha256(b"".join(parts)).hexdigest()
-        (folder / "machine.h").write_text(f'#define GUID "{digest}"\n{header}')
-        own = folder / native.own_name(library, digest)
-        own.write_bytes(native.renamed_library(library, own.name))
-        binary = folder / f"{identifier}.so"
-        native.link(folder, objects, own, binary)
+        equations = native.equations(plant)
+        compiled = [native.objects(equations, system, folder) for system in systems]
+        header = machine_header(plant, variables, sorted({name for _, missing in compiled for name in missing}))
+        made = [path.read_bytes() for objects, _ in compiled for path in objects]
+        digest = hashlib.sha256(b"".join([header.encode(), (folder / "model.mjb").read_bytes(), *made])).hexdigest()
+        (folder / "machine.h").write_text(f'#define TOKEN "{digest}"\n{header}')
         description = model_description(
-            variables, name=machine.name, identifier=identifier, guid=digest, timestep=timestep
+            variables, name=machine.name, identifier=identifier, guid=digest, step_s=COMMUNICATION_STEP_S, fmi=fmi
         )
-        binaries = {f"binaries/linux64/{path.name}": path.read_bytes() for path in (binary, own)}
-        _write(out, {"modelDescription.xml": description, **binaries})
+        own = folder / mujoco_library.own_name(library, digest)
+        own.write_bytes(mujoco_library.renamed(library, own.name))
+        light = mujoco_library.lightened(own.read_bytes())
+        contents = {"modelDescription.xml": description, f"binaries/{systems[0].folders[fmi]}/{own.name}": light}
+        if windows is not None:
+            contents[f"binaries/{systems[1].folders[fmi]}/mujoco.dll"] = windows
+        for system, (objects, _) in zip(systems, compiled, strict=True):
+            binary = folder / f"{identifier}{system.suffix}"
+            native.link(folder, system, fmi, [*objects, *([own] if system is systems[0] else [])], binary)
+            contents[f"binaries/{system.folders[fmi]}/{binary.name}"] = binary.read_bytes()
+    _write(out, contents)
     return variables
 
 
 def _write(out: Path, contents: dict[str, bytes]) -> None:
     """The archive, whole or not at all."""
     out.parent.mkdir(parents=True, exist_ok=True)
-    begun = out.with_name(f"{out.name}.part")
-    try:
-        with zipfile.ZipFile(begun, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-            for name, content in contents.items():
-                archive.writestr(name, content)
-        begun.replace(out)
-    finally:
-        begun.unlink(missing_ok=True)
+    with written_whole(out) as begun, zipfile.ZipFile(begun, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name, content in contents.items():
+            archive.writestr(name, content)
 
 
 def machine_header(plant: Plant, variables: Variables, missing: list[str]) -> str:
     """machine.h: what the C source must know of this machine. missing: functions of numba's error paths."""
-    delay = np.rint(plant.rows[:, P.VALVE_DELAY] / plant.timestep).astype(int)
-    if delay.max() > LONGEST_DELAY_STEPS:
-        raise HexsimError(f"a valve delay of {delay.max()} time steps: at most {LONGEST_DELAY_STEPS} are possible")
+    delay, supply, rule = plant.rows[:, P.VALVE_DELAY], plant.resolved.supply, plant.step_rule()
+    along = np.take(plant.kinematics.jacobian(np.zeros(6)), plant.kinematics.dof_places, axis=1)
     changes = [(k, c) for k, p in enumerate(variables.parameters) for c in p.changes if c.actuator < len(plant.layout)]
-    numbers = _places(plant, variables) | {"RING": int(delay.max()) + 1, "N_CHANGES": len(changes)}
+    numbers = _places(plant, variables) | {
+        "RING": DELAYED_COMMANDS if delay.any() else 2, "LONGEST_DELAY": float(delay.max()), "N_CHANGES": len(changes),
+    }  # fmt: skip
     kinds = ", ".join(OUTPUT_KINDS.values())
     lines = [
         *(f"#define {name} ({value!r})" for name, value in numbers.items()),
@@ -101,10 +111,18 @@ def machine_header(plant: Plant, variables: Variables, missing: list[str]) -> st
             "Parameter PARAMETERS",
             (f'{{"{p.name}",{p.start!r},{p.low!r},{p.high!r},{p.zero_or!r}}}' for p in variables.parameters),
         ),
-        _array("int DELAY", map(str, delay)),
-        _array("double HYSTERESIS", map(repr, plant.rows[:, P.HYSTERESIS].tolist())),
-        _array("double START_ACT", map(repr, plant.data.act.tolist())),
-        _array("double START_CTRL", map(repr, plant.data.ctrl.tolist())),
+        *(
+            _array(f"double {name}", map(repr, np.ravel(values).tolist()))
+            for name, values in (
+                ("DELAY", delay),
+                ("HYSTERESIS", plant.rows[:, P.HYSTERESIS]),
+                ("START_ACT", plant.data.act),
+                ("START_CTRL", plant.data.ctrl),
+                ("START_RULE", rule),
+                ("SUPPLY_ROW", supply),
+                ("ALONG", along),
+            )
+        ),
         _array("unsigned char MODEL", ['\n#embed "model.mjb"\n']),
         f"#define STUBS {' '.join(f'STUB({name})' for name in missing)}",
     ]
@@ -116,7 +134,10 @@ def _places(plant: Plant, variables: Variables) -> dict[str, float]:
     parameters, supply = {p.name: k for k, p in enumerate(variables.parameters)}, plant.machine.supply
     return {
         "N_LEGS": plant.n_legs, "N_ACTUATORS": len(plant.layout), "N_OUTPUTS": len(variables.outputs),
-        "N_PARAMETERS": len(variables.parameters), "N_VELOCITIES": plant.model.nv,
+        "N_PARAMETERS": len(variables.parameters), "N_VELOCITIES": plant.model.nv, "N_STIFF": native.N_STIFF,
+        "TIMESTEP": plant.timestep or 0.0, "LONGEST_PART": LONGEST_S,
+        "LOAD_FREQUENCY": max((2 * np.pi * mode.frequency_Hz for mode in plant.resolved.payload_modes), default=0.0),
+        "AREA_BOTTOM": int(P.AREA_BOTTOM), "AREA_TOP": int(P.AREA_TOP),
         "ROW": ROW, "LAYOUT": N_PARAMETERS, "PRESSURE": int(A.PRESSURE), "ROD_SIDE": int(A.ROD_SIDE),
         "SUPPLY_PLACE": int(A.SUPPLY), "LENGTH_OFFSET": int(P.LENGTH_OFFSET),
         "ROW_SUPPLY_PRESSURE": int(P.SUPPLY_PRESSURE), "ROD_SIDE_CHAMBER": int(P.ROD_SIDE_CHAMBER),
@@ -124,7 +145,7 @@ def _places(plant: Plant, variables: Variables) -> dict[str, float]:
         "MASS_PARAMETER": parameters[mass_key(plant.machine)],
         "SUPPLY_PARAMETER": parameters.get("supply.pressure_Pa", -1), "SUPPLY_PRESSURE": supply.pressure_Pa,
         "TANK_PARAMETER": parameters.get("supply.tank_pressure_Pa", -1), "TANK_PRESSURE": supply.tank_pressure_Pa,
-        "NEUTRAL_HEIGHT": plant.kinematics.neutral_height_m if plant.kinematics else 0.0,
+        "NEUTRAL_HEIGHT": plant.kinematics.neutral_height_m,
     }  # fmt: skip
 
 

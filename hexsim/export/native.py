@@ -1,6 +1,6 @@
-# pyright: reportAttributeAccessIssue=false
-# (MuJoCo's bindings carry no types)
-"""From the compiled hydraulics and C to a shared library: object files by LLVM, linked by the zig of the wheel `ziglang`."""
+# pyright: reportAttributeAccessIssue=false, reportPrivateImportUsage=false
+# (MuJoCo's bindings carry no types, and numba's intrinsics are called without their typing context)
+"""From the compiled equations and C to a shared library: object files by LLVM, linked by the zig of the wheel `ziglang`."""
 
 from __future__ import annotations
 
@@ -8,87 +8,146 @@ import importlib.util
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 import mujoco
-from numba import cfunc, types
+from numba import carray, cfunc, types
 
 from hexsim.errors import HexsimError, shortened
-from hexsim.hydraulics import valve
+from hexsim.hydraulics import steps, valve
+from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.steps import StepRule
+from hexsim.plant import Plant
 from hexsim.plant.callbacks import native_callbacks
+from hexsim.plant.states import ROW
+from hexsim.plant.stepping import choose_steps
 
-MUJOCO = Path(mujoco.__path__[0])
-TRIPLE = "x86_64-unknown-linux-gnu"
-ZIG_TARGET = "x86_64-linux-gnu.2.17"  # the C library of 2012: any Linux that is in use has a newer one
+HEADERS = Path(mujoco.__path__[0]) / "include"
 ERROR_PATHS = ("Py", "NRT_", "numba_")  # what numba calls when Python raises: never from strict native code
-SOURCES = ("plant.c", "fmi2.c")
+SOURCES = ("plant.c", "instance.c", "mujoco.c")
+N_STIFF = 6  # coefficients of `steps.stiffness`
+PREFIX = "cfunc."
 
 
-def mujoco_library() -> Path:
-    """MuJoCo's shared library in its wheel. Raises HexsimError on another system than Linux."""
-    found = sorted(MUJOCO.glob("libmujoco.so.*"))
-    if not found:
-        raise HexsimError("the export of FMUs needs MuJoCo's Linux library: run it on Linux (64 bit)")
-    return found[0]
+@dataclass(frozen=True, kw_only=True)
+class System:
+    """Where an FMU runs. folders: of its binaries, by version of FMI."""
+
+    name: str
+    triple: str
+    zig: str
+    suffix: str
+    folders: dict[int, str]
+    flags: tuple[str, ...] = ()
 
 
-def own_name(library: Path, digest: str) -> str:
-    """Name of the library's copy in one FMU, as long as the old one: libhx2f81ab04.so.4."""
-    head, tail = "libhx", ".so.4"
-    return head + digest[: len(library.name) - len(head) - len(tail)] + tail
+SYSTEMS = {
+    system.name: system
+    for system in (
+        System(
+            name="linux64", triple="x86_64-unknown-linux-gnu", suffix=".so", folders={2: "linux64", 3: "x86_64-linux"},
+            zig="x86_64-linux-gnu.2.17",  # the C library of 2012: any Linux that is in use has a newer one
+            flags=("-fPIC", "-lm", "-Wl,-rpath,$ORIGIN", "-Wl,-z,nodelete"),
+        ),
+        System(
+            name="win64", triple="x86_64-w64-windows-gnu", suffix=".dll", zig="x86_64-windows-gnu",
+            folders={2: "win64", 3: "x86_64-windows"},
+        ),
+    )
+}  # fmt: skip
 
 
-def renamed_library(library: Path, name: str) -> bytes:
-    """The library under another name, so that a process that has another MuJoCo, or another FMU, keeps them apart.
+class StepView(NamedTuple):
+    """What the choice of steps looks at, as in `stepping.StepContext`."""
 
-    MuJoCo's callbacks are global in a library, and a loader takes libraries of one name for the same. The name is a text
-    in the table of strings; `name` has its length.
-    """
-    content, old, new = library.read_bytes(), library.name.encode() + b"\0", name.encode() + b"\0"
-    if len(old) != len(new) or content.count(old) != 1:
-        raise HexsimError(f"{library.name} does not hold its name once: install mujoco 4.0.x")
-    return content.replace(old, new)
+    user: Any
+    act: Any
+    ctrl: Any
+    leg_length: Any
+    leg_velocity: Any
+    velocity_before: Any
+    offsets: Any
+    calm_s: Any
+    rule: Any
+    timestep: Any
+    count: Any
+    tick_s: Any
+    steps: Any
 
 
-def objects(folder: Path) -> tuple[list[Path], list[str]]:
-    """Object files of the two callbacks and the valve's backlash in `folder`; and the error paths to leave empty."""
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
-    machine = llvm.Target.from_triple(TRIPLE).create_target_machine(cpu="x86-64", opt=2, reloc="pic")
-    number = types.float64
+def equations(plant: Plant) -> dict[str, Any]:
+    """The compiled functions that the C source calls as hexsim_NAME; `choose` for the counts of this plant."""
+    number, pointer = types.float64, types.CPointer(types.float64)
+    n_legs, n_actuators, n_states = plant.n_legs, len(plant.layout), plant.model.na
+    stiffness, own_frequency, rule_of, rate = steps.stiffness, steps.own_frequency, steps.rule_of, steps.supply_rate
+
+    @cfunc(number(pointer, pointer), error_model="numpy")
+    def stiff(row, out):
+        out[0], out[1], out[2], out[3], out[4], out[5] = stiffness(row)
+        return own_frequency(row)
+
+    @cfunc(number(pointer, pointer, pointer), error_model="numpy")
+    def rule(fastest, supply, out):
+        out[0], out[1], out[2], out[3] = rule_of(
+            fastest[0], fastest[1], fastest[2], fastest[3], fastest[4], fastest[5], fastest[6], rate(supply)
+        )
+        return 0.0
+
+    @cfunc(number(*[pointer] * 9, number, number), error_model="numpy")
+    def choose(user, act, ctrl, length, velocity, before, remembered, numbers, timestep, count, span_s):
+        rows, chosen = carray(user, (n_actuators, ROW)), carray(remembered, (2,))
+        view = StepView(
+            rows, carray(act, (n_states,)), carray(ctrl, (n_actuators,)), carray(length, (n_legs,)),
+            carray(velocity, (n_legs,)), carray(before, (n_legs,)), rows[:n_legs, P.LENGTH_OFFSET], chosen[:1],
+            StepRule(numbers[0], numbers[1], numbers[2], numbers[3]), carray(timestep, (1,)), (count,), span_s, chosen[1:],
+        )  # fmt: skip
+        choose_steps(view, span_s)
+        return chosen[1]
+
     play: Any = cfunc(number(number, number, number), error_model="numpy")(valve.play.py_func)
     act_dyn, act_bias = native_callbacks()
+    return {
+        "act_dyn": act_dyn, "act_bias": act_bias, "play": play, "stiffness": stiff, "rule": rule, "choose": choose,
+    }  # fmt: skip
+
+
+def objects(compiled: dict[str, Any], system: System, folder: Path) -> tuple[list[Path], list[str]]:
+    """Object files of the `equations` in `folder`; and the error paths to leave empty."""
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple(system.triple).create_target_machine(cpu="x86-64", opt=2, reloc="pic")
     made, missing = [], set()
-    for name, function in (("act_dyn", act_dyn), ("act_bias", act_bias), ("play", play)):
+    for name, function in compiled.items():
         module = llvm.parse_assembly(function.inspect_llvm())
-        module.triple = TRIPLE
+        module.triple, module.data_layout = system.triple, str(machine.target_data)
         for part in module.functions:
-            if part.name.startswith("cfunc."):
+            if part.name.startswith(PREFIX):
                 part.name = f"hexsim_{name}"
             elif not part.is_declaration:
                 part.linkage = "internal"
         undefined = [*module.functions, *module.global_variables]
         missing |= {part.name for part in undefined if part.is_declaration and part.name.startswith(ERROR_PATHS)}
-        made.append(folder / f"{name}.o")
+        made.append(folder / f"{name}.{system.name}.o")
         made[-1].write_bytes(machine.emit_object(module))
     return made, sorted(missing)
 
 
-def link(folder: Path, sources: list[Path], library: Path, out: Path) -> None:
-    """Compile the packaged C with `folder`/machine.h and link all to the shared library `out`."""
+def link(folder: Path, system: System, fmi: int, given: list[Path], out: Path) -> None:
+    """Compile the packaged C with `folder`/machine.h, and link it with the object files and libraries given to `out`."""
     if importlib.util.find_spec("ziglang") is None:
         raise HexsimError("the export of FMUs compiles C: install the compiler with `pip install hexsim[fmu]`")
     ours = files("hexsim.export")
     command = [
-        sys.executable, "-m", "ziglang", "cc", "-target", ZIG_TARGET, "-O2", "-shared", "-fPIC", "-fvisibility=hidden",
-        "-fno-sanitize=undefined", "-s", f"-I{folder}", f"-I{MUJOCO / 'include'}",
-        *(str(ours / name) for name in SOURCES), *map(str, sources), str(library), "-lm", "-Wl,-rpath,$ORIGIN",
-        "-Wl,-z,nodelete", "-o", str(out),
+        sys.executable, "-m", "ziglang", "cc", "-target", system.zig, "-std=c23", "-O2", "-shared", "-fvisibility=hidden",
+        "-fno-sanitize=undefined", "-s", f"-I{folder}", f"-I{HEADERS}",
+        *(str(ours / name) for name in (*SOURCES, f"fmi{fmi}.c")), *map(str, given), *system.flags, "-o", str(out),
     ]  # fmt: skip
     cache = {"ZIG_LOCAL_CACHE_DIR": str(folder / "cache")}
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ | cache, check=False)
     if done.returncode:
-        raise HexsimError(f"the C compiler refused the FMU: {shortened(' '.join(done.stderr.split()), 500)}")
+        told = "; ".join(line for line in done.stderr.splitlines() if "error" in line) or done.stderr
+        raise HexsimError(f"the C compiler refused the FMU: {shortened(told, 500)}")

@@ -14,9 +14,7 @@ Status refuse(const Instance *c, const char *format, ...) {
   va_start(values, format);
   vsnprintf(text, sizeof text, format, values);
   va_end(values);
-  for (char *sign = text; *sign; sign++) /* the logger takes a format, and some importers show it as it is */
-    if (*sign == '%') *sign = ' ';
-  if (c->callbacks.logger) c->callbacks.logger(c->callbacks.environment, c->name, ERROR, "logStatusError", text);
+  if (c->logger) c->say(c, text);
   return ERROR;
 }
 
@@ -31,7 +29,7 @@ void put_parameters(Instance *c) {
     double mass = MASS_OFFSET + c->now.parameters[MASS_PARAMETER];
     if (mass != c->model->body_mass[MASS_BODY]) {
       c->model->body_mass[MASS_BODY] = mass;
-      mj_setConst(c->model, c->data);
+      mj.setConst(c->model, c->data);
     }
   }
 }
@@ -78,6 +76,47 @@ static void solve(double a[N_LEGS][N_LEGS], double *b) {
   }
 }
 
+/* Largest eigenvalue of A diag(k), A symmetric, k >= 0, by Jacobi's rotations; not below 0. */
+static double fastest(double a[N_LEGS][N_LEGS], double k[N_LEGS][N_STIFF], int which) {
+  double m[N_LEGS][N_LEGS], largest = 0;
+  for (int i = 0; i < N_LEGS; i++)
+    for (int j = 0; j < N_LEGS; j++) m[i][j] = sqrt(fmax(k[i][which], 0)) * a[i][j] * sqrt(fmax(k[j][which], 0));
+  for (int sweep = 0; sweep < 20; sweep++)
+    for (int p = 0; p < N_LEGS; p++)
+      for (int q = p + 1; q < N_LEGS; q++) {
+        if (m[p][q] == 0) continue;
+        double half = (m[q][q] - m[p][p]) / (2 * m[p][q]);
+        double tangent = copysign(1 / (fabs(half) + hypot(half, 1)), half), cosine = 1 / hypot(tangent, 1);
+        for (int j = 0; j < N_LEGS; j++) {
+          double x = m[p][j], y = m[q][j];
+          m[p][j] = cosine * (x - tangent * y), m[q][j] = cosine * (y + tangent * x);
+        }
+        for (int j = 0; j < N_LEGS; j++) {
+          double x = m[j][p], y = m[j][q];
+          m[j][p] = cosine * (x - tangent * y), m[j][q] = cosine * (y + tangent * x);
+        }
+      }
+  for (int i = 0; i < N_LEGS; i++) largest = fmax(largest, m[i][i]);
+  return largest;
+}
+
+/* What the machine asks of the time step (`Plant.step_rule`), from the platform's accelerations for a pressure in each leg. */
+static void find_rule(Instance *c, double slopes[N_LEGS][N_LEGS]) {
+  double compliance[N_LEGS][N_LEGS] = {{0}}, stiff[N_LEGS][N_STIFF], rates[N_STIFF + 1] = {0};
+  for (int j = 0; j < N_LEGS; j++) {
+    const double *row = c->model->actuator_user + j * ROW;
+    int on_valve = row[ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE;
+    double area = row[AREA_BOTTOM] + (on_valve ? row[AREA_TOP] : 0), own = hexsim_stiffness(row, stiff[j]);
+    rates[N_STIFF] = fmax(rates[N_STIFF], fmax(own, LOAD_FREQUENCY));
+    for (int i = 0; i < N_LEGS; i++)
+      for (int k = 0; k < N_LEGS; k++) compliance[i][j] += ALONG[i * N_LEGS + k] * slopes[k][j] / area;
+  }
+  for (int i = 0; i < N_LEGS; i++)
+    for (int j = i + 1; j < N_LEGS; j++) compliance[i][j] = compliance[j][i] = 0.5 * (compliance[i][j] + compliance[j][i]);
+  for (int k = 0; k < N_STIFF; k++) rates[k] = fastest(compliance, stiff, k);
+  hexsim_rule(rates, N_ACTUATORS > N_LEGS ? c->model->actuator_user + N_LEGS * ROW : SUPPLY_ROW, c->now.rule);
+}
+
 void forget_warnings(Instance *c) {
   for (int k = 0; k < mjNWARNING; k++) c->data->warning[k].number = 1; /* MuJoCo writes the first of a kind into a file */
 }
@@ -91,12 +130,13 @@ static Status find_equilibrium(Instance *c) {
   for (int k = -1; k < N_LEGS; k++) {
     for (int i = 0; i < N_LEGS; i++) pressures[i] = before[i] + (i == k ? step : 0);
     hold_still(c, pressures, supply, tank);
-    mj_forward(c->model, c->data);
+    mj.forward(c->model, c->data);
     for (int i = 0; i < N_LEGS; i++) {
       if (k < 0) correction[i] = c->data->qacc[i];
       else slopes[i][k] = (c->data->qacc[i] - correction[i]) / step;
     }
   }
+  find_rule(c, slopes);
   solve(slopes, correction);
   for (int i = 0; i < N_LEGS; i++) {
     pressures[i] = before[i] - correction[i];
@@ -112,34 +152,22 @@ Status start(Instance *c) {
   int is_declared = 1;
   for (int k = 0; k < N_PARAMETERS; k++) is_declared &= c->now.parameters[k] == PARAMETERS[k].start;
   put_parameters(c);
-  mj_resetData(c->model, c->data);
+  mj.resetData(c->model, c->data);
   forget_warnings(c);
   memcpy(c->data->act, START_ACT, sizeof START_ACT);
   memcpy(c->data->ctrl, START_CTRL, sizeof START_CTRL);
+  memcpy(c->now.rule, START_RULE, sizeof START_RULE);
   if (!is_declared && find_equilibrium(c) != OK) return ERROR;
-  mj_forward(c->model, c->data);
+  mj.forward(c->model, c->data);
   memset(c->now.spool_volts, 0, sizeof c->now.spool_volts);
-  c->now.steps = 0;
+  memset(c->now.velocity_before, 0, sizeof c->now.velocity_before);
+  c->now.commands = c->now.calm_s[0] = 0;
   c->now.is_started = 1;
-  c->outputs_hold = 0;
+  c->outputs_hold = false;
   return OK;
 }
 
-void time_step(Instance *c) {
-  Numbers *now = &c->now;
-  long count = (long)now->steps;
-  if (count == 0)
-    for (int k = 0; k < RING; k++) memcpy(now->past[k], now->volts, sizeof now->volts);
-  memcpy(now->past[count % RING], now->volts, sizeof now->volts);
-  for (int i = 0; i < N_LEGS; i++) {
-    double command = now->past[(count + RING - DELAY[i]) % RING][i];
-    c->data->ctrl[i] = now->spool_volts[i] = hexsim_play(command, now->spool_volts[i], HYSTERESIS[i]);
-  }
-  mj_step(c->model, c->data);
-  now->steps += 1;
-}
-
-int is_finite(const Instance *c) {
+static int is_finite(const Instance *c) {
   for (int k = 0; k < c->model->nq; k++)
     if (!isfinite(c->data->qpos[k])) return 0;
   for (int k = 0; k < c->model->na; k++)
@@ -147,6 +175,58 @@ int is_finite(const Instance *c) {
   for (int k = 0; k < mjNWARNING; k++)
     if (c->data->warning[k].number > 1) return 0;
   return 1;
+}
+
+/* Note the present command, where it is another one than the last. */
+static Status note_command(Instance *c) {
+  Numbers *now = &c->now;
+  int last = (int)fmod(now->commands + RING - 1, RING), next = (int)fmod(now->commands, RING);
+  if (now->commands > 0 && !memcmp(now->past[last], now->volts, sizeof now->volts)) return OK;
+  if (now->commands >= RING && now->since[(next + 1) % RING] > c->data->time - LONGEST_DELAY)
+    return refuse(c, "more than %d commands within the valve's delay of %g s: take longer communication steps", RING - 1,
+                  LONGEST_DELAY);
+  memcpy(now->past[next], now->volts, sizeof now->volts);
+  now->since[next] = c->data->time;
+  now->commands += 1;
+  return OK;
+}
+
+/* Volts of a leg at a time: of the first command, before it. */
+static double command(const Instance *c, int leg, double time) {
+  const Numbers *now = &c->now;
+  double k = now->commands - 1, oldest = fmax(now->commands - RING, 0);
+  while (k > oldest && now->since[(int)fmod(k, RING)] > time) k--;
+  return now->past[(int)fmod(k, RING)][leg];
+}
+
+/* One span without an end of a delay inside, at most `steps.LONGEST_S` long (`stepping.advance`). */
+static void advance_part(Instance *c, double span) {
+  Numbers *now = &c->now;
+  const mjData *d = c->data;
+  for (int i = 0; i < N_LEGS; i++) {
+    double volts = command(c, i, d->time - DELAY[i] + 0.5 * span);
+    c->data->ctrl[i] = now->spool_volts[i] = hexsim_play(volts, now->spool_volts[i], HYSTERESIS[i]);
+  }
+  mj.forward(c->model, c->data);
+  mj.checkAcc(c->model, c->data);
+  double steps = TIMESTEP > 0 ? 1 : hexsim_choose(c->model->actuator_user, d->act, d->ctrl, d->actuator_length,
+                                                  d->actuator_velocity, now->velocity_before, now->calm_s, now->rule,
+                                                  &c->model->opt.timestep, round(d->time / span), span);
+  mj.RungeKutta(c->model, c->data, 4);
+  for (int k = 1; k < steps; k++) mj.step(c->model, c->data);
+}
+
+/* By `span` under the present volts: in constant steps, or in an even number of parts with chosen ones. */
+Status advance(Instance *c, double span) {
+  double parts = TIMESTEP > 0 ? round(span / TIMESTEP) : span < 1.001 * LONGEST_PART ? 1 : 2 * ceil(span / LONGEST_PART / 2 - 1e-6);
+  if (!(span > 0 && parts >= 1 && (TIMESTEP <= 0 || fabs(span / TIMESTEP - parts) < 1e-6 * parts)))
+    return refuse(c, TIMESTEP > 0 ? "communication step %g s is not a whole multiple of the time step %g s"
+                                  : "a communication step of %g s: above 0 is possible", span, TIMESTEP);
+  if (note_command(c) != OK) return ERROR;
+  for (double k = 0; k < parts; k++) advance_part(c, TIMESTEP > 0 ? TIMESTEP : span / parts);
+  c->outputs_hold = false;
+  if (is_finite(c)) return OK;
+  return refuse(c, "the state left the finite numbers before %g s: the motion is beyond the machine", c->now.start_time + c->data->time);
 }
 
 static double pose(const Instance *c, int axis) {
@@ -180,10 +260,10 @@ static double output(const Instance *c, OutputKind kind, int i) {
 void evaluate(Instance *c) {
   double warm[N_VELOCITIES];
   memcpy(warm, c->data->qacc_warmstart, sizeof warm);
-  mj_forward(c->model, c->data);
+  mj.forward(c->model, c->data);
   memcpy(c->data->qacc_warmstart, warm, sizeof warm);
   for (int k = 0; k < N_OUTPUTS; k++) c->outputs[k] = output(c, OUTPUTS[k].kind, OUTPUTS[k].index);
-  c->outputs_hold = 1;
+  c->outputs_hold = true;
 }
 
 /* Error paths of the compiled hydraulics that are never taken. */

@@ -111,7 +111,7 @@ def mass_key(machine: Machine) -> str:
 
 def mass_body(plant: Plant) -> int:
     """Body of the MuJoCo model that has the mass."""
-    return plant.model.body("platform" if plant.machine.is_hexapod else "load").id
+    return plant.model.body(plant.kinematics.moving_body).id
 
 
 def mass_offset(plant: Plant) -> float:

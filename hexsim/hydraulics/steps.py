@@ -57,30 +57,48 @@ def step_rule(rows: Array, supply_row: Array, compliance: Array, load_rad_s: flo
 
     compliance (n_legs, n_legs) [1/kg]: acceleration of leg i for a force on leg j. load_rad_s: fastest mode of the load.
     """
-    bristle, stop = rows[:, P.BRISTLE_STIFFNESS] + rows[:, P.EXTRA_SPRING], 2.0 * rows[:, P.CUSHION_STIFFNESS]
-    viscous = np.maximum(rows[:, P.VISCOUS_EXTEND], rows[:, P.VISCOUS_RETRACT]) + rows[:, P.EXTRA_DAMPING]
-    tone = 2.0 * math.pi * np.where(rows[:, P.TONE_FORCE] != 0.0, rows[:, P.TONE_FREQUENCY], 0.0)
-    rings = (
-        math.sqrt(_fastest(compliance, bristle)), float(tone.max()), float(rows[:, P.SPOOL_OMEGA].max()),
-        min(_supply_rate(supply_row), RING / FASTEST_LAW_S), load_rad_s,
+    stiff = np.array([stiffness(row) for row in rows])
+    fastest = [_fastest(compliance, coefficients) for coefficients in stiff.T]
+    own = max(load_rad_s, *(own_frequency(row) for row in rows))
+    return StepRule(*rule_of(*fastest, own, supply_rate(supply_row)))
+
+
+@compiled
+def stiffness(p):
+    """What acts against a leg's motion: (bottom area squared [m4], bristle [N/m], viscous [N s/m], friction at standstill
+    with it [N s/m], end stop's spring [N/m] and damper [N s/m])."""
+    viscous = max(p[P.VISCOUS_EXTEND], p[P.VISCOUS_RETRACT]) + p[P.EXTRA_DAMPING]
+    return (
+        p[P.AREA_BOTTOM] ** 2, p[P.BRISTLE_STIFFNESS] + p[P.EXTRA_SPRING], viscous, friction_slope(p) + viscous,
+        2.0 * p[P.CUSHION_STIFFNESS], p[P.CUSHION_DAMPING],
     )  # fmt: skip
-    return StepRule(
-        steady=max(1.0 / LONGEST_S, max(rings) / RING, _fastest(compliance, viscous) / STIFF),
-        springs=_fastest(compliance, rows[:, P.AREA_BOTTOM] ** 2),
-        standstill=_fastest(compliance, friction_slope(rows) + viscous) / STIFF,
-        stop=max(
-            math.sqrt(_fastest(compliance, stop)) / RING, _fastest(compliance, rows[:, P.CUSHION_DAMPING]) / STIFF
-        ),
-    )
 
 
-def friction_slope(rows: Array) -> Array:
-    """Slope of each leg's friction at v = 0 [N s/m], viscous part apart: what makes a reversal stiff."""
-    coulomb = np.maximum(rows[:, P.COULOMB_EXTEND], rows[:, P.COULOMB_RETRACT])
-    level = coulomb + np.maximum(rows[:, P.STATIC_EXTEND], rows[:, P.STATIC_RETRACT])
-    level = level + rows[:, P.SEAL_FRICTION] * rows[:, P.SUPPLY_PRESSURE] + np.abs(rows[:, P.RIPPLE_FORCE])
-    dry = level / np.array([friction_width(row) for row in rows])
-    return np.where(rows[:, P.BRISTLE_STIFFNESS] > 0.0, rows[:, P.BRISTLE_DAMPING], dry)
+@compiled
+def own_frequency(p):
+    """Of a leg's spool or of a tone on it, the faster one [rad/s]."""
+    tone = 2.0 * math.pi * p[P.TONE_FREQUENCY] if p[P.TONE_FORCE] != 0.0 else 0.0
+    return max(p[P.SPOOL_OMEGA], tone)
+
+
+@compiled
+def rule_of(springs, bristle, viscous, standstill, stop, stop_damping, own_rad_s, supply_rad_s):
+    """The numbers of StepRule. Arguments: max eig(A K), K each of `stiffness`; rates of the machine's parts [rad/s]."""
+    ring = max(math.sqrt(bristle), own_rad_s, min(supply_rad_s, RING / FASTEST_LAW_S))
+    return (
+        max(1.0 / LONGEST_S, ring / RING, viscous / STIFF), springs, standstill / STIFF,
+        max(math.sqrt(stop) / RING, stop_damping / STIFF),
+    )  # fmt: skip
+
+
+@compiled
+def friction_slope(p):
+    """Slope of a leg's friction at v = 0 [N s/m], viscous part apart: what makes a reversal stiff."""
+    if p[P.BRISTLE_STIFFNESS] > 0.0:
+        return p[P.BRISTLE_DAMPING]
+    level = max(p[P.COULOMB_EXTEND], p[P.COULOMB_RETRACT]) + max(p[P.STATIC_EXTEND], p[P.STATIC_RETRACT])
+    seals = p[P.SEAL_FRICTION] + p[P.SEAL_FRICTION_TOP] + p[P.SEAL_FRICTION_ACROSS]
+    return (level + seals * p[P.SUPPLY_PRESSURE] + abs(p[P.RIPPLE_FORCE])) / friction_width(p)
 
 
 def _fastest(compliance: Array, coefficients: Array) -> float:
@@ -89,7 +107,8 @@ def _fastest(compliance: Array, coefficients: Array) -> float:
     return max(float(np.linalg.eigvalsh(root[:, None] * compliance * root)[-1]), 0.0)
 
 
-def _supply_rate(row: Array) -> float:
+@compiled
+def supply_rate(row):
     """Fastest rate of the supply [1/s]."""
     if row[S.MODEL] == LINE:
         return 1.0 / (row[S.RESISTANCE] * supply.line_capacity(row, row[S.PRESSURE]))
@@ -122,8 +141,8 @@ def leg_steps(rule, p, y, v, x, P1, P2, Ps, z):
         room = leg.rod_side_room(p, y, P2)
         law = max(law, -top_slope(p, x, P2, Ps) / (room * FLOW))
         springs += (p[P.AREA_TOP] / p[P.AREA_BOTTOM]) ** 2 / room
-    if p[P.BRISTLE_STIFFNESS] > 0.0 and abs(leg.bristle_rate(p, y, v, P1, z)) > SETTLED * abs(v):
-        law = max(law, p[P.BRISTLE_STIFFNESS] * abs(v) / (leg.friction_level(p, y, v, P1) * FLOW))
+    if p[P.BRISTLE_STIFFNESS] > 0.0 and abs(leg.bristle_rate(p, y, v, P1, z, P2)) > SETTLED * abs(v):
+        law = max(law, p[P.BRISTLE_STIFFNESS] * abs(v) / (leg.friction_level(p, y, v, P1, P2) * FLOW))
     steps = max(math.sqrt(rule.springs * springs) / RING, min(law, 1.0 / FASTEST_LAW_S))
     if min(P1, P2, Ps) + ATMOSPHERE < NEAR * CAVITATION_SOFT:
         steps = max(steps, 1.0 / FASTEST_LAW_S)

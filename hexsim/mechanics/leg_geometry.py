@@ -1,7 +1,7 @@
-"""The geometry of six legs, compiled: rotation, leg lengths, Jacobian, and Newton for the pose.
+"""The geometry of the legs, compiled: rotation, leg lengths, Jacobian, and Newton for the pose.
 
-Each equation stands here once; `hexsim.mechanics.kinematics` says what frames, pose and legs are, and is what to call. Arguments
-common to all: pose (6,) or poses (n, 6), base and platform joints (6, 3) [m], height = neutral height [m].
+Each equation stands here once; `hexsim.mechanics.mechanics` says what frames, pose and legs are, and is what to call. Arguments
+common to all: pose (6,) or poses (n, 6), base and platform joints (n_legs, 3) [m], height = neutral height [m].
 """
 
 import numpy as np
@@ -50,7 +50,7 @@ def leg_line(place, rotation, base, joint):
 def write_legs(pose, rotation, base, platform, height, lengths, jacobian):
     """Leg lengths, and rows (u_i, r_i x u_i) with r_i = R b_i, for a pose whose rotation is given."""
     place, rows = (pose[0], pose[1], pose[2] + height), (row3(rotation, 0), row3(rotation, 1), row3(rotation, 2))
-    for i in range(6):
+    for i in range(base.shape[0]):
         lengths[i], u, moment = leg_line(place, rows, row3(base, i), row3(platform, i))
         jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = u
         jacobian[i, 3], jacobian[i, 4], jacobian[i, 5] = moment
@@ -65,7 +65,8 @@ def row3(matrix, i):
 @compiled
 def lengths_of_rows(poses, base, platform, height):
     n = poses.shape[0]
-    lengths, rotation, jacobian = np.empty((n, 6)), np.empty((3, 3)), np.empty((6, 6))
+    legs = base.shape[0]
+    lengths, rotation, jacobian = np.empty((n, legs)), np.empty((3, 3)), np.empty((legs, 6))
     for k in range(n):
         write_rotation(poses[k], rotation)
         write_legs(poses[k], rotation, base, platform, height, lengths[k], jacobian)
@@ -75,7 +76,7 @@ def lengths_of_rows(poses, base, platform, height):
 @compiled
 def all_of_rows(poses, base, platform, height):
     n = poses.shape[0]
-    lengths, jacobian = np.empty((n, 6)), np.empty((n, 6, 6))
+    lengths, jacobian = np.empty((n, base.shape[0])), np.empty((n, base.shape[0], 6))
     rotation, rates = np.empty((n, 3, 3)), np.empty((n, 3, 3))
     for k in range(n):
         write_rotation(poses[k], rotation[k])

@@ -8,19 +8,32 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hexsim.mechanics.mechanics import Mechanics
+
 Array = NDArray[np.float64]
+DRAWN_LENGTH = 1.5  # of a leg that is retracted, over its stroke: no length is declared
 
 
-@dataclass(frozen=True, kw_only=True)
-class SingleLegKinematics:
-    """The methods of `HexapodKinematics` that a machine needs in operation, for one leg.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SingleLegKinematics(Mechanics):
+    """One leg under a mass that it moves along z."""
 
-    dofs: names of the degrees of freedom. moving_body: name of the body in the MuJoCo model.
-    """
-
-    stroke_m: float
+    n_legs: ClassVar[int] = 1
     dofs: ClassVar[tuple[str, ...]] = ("z",)
+    axes: ClassVar[tuple[str, ...]] = ("leg",)
     moving_body: ClassVar[str] = "load"
+
+    @classmethod
+    def of_stroke(cls, stroke_m: float) -> SingleLegKinematics:
+        """Neutral at half stroke."""
+        retracted = DRAWN_LENGTH * stroke_m
+        return cls(
+            base_joints=np.zeros((1, 3)),
+            platform_joints=np.zeros((1, 3)),
+            retracted_length_m=retracted,
+            stroke_m=stroke_m,
+            neutral_height_m=retracted + 0.5 * stroke_m,
+        )
 
     def piston_positions(self, pose: ArrayLike) -> Array:
         """Piston positions (..., 1) [m] of poses (..., 6)."""

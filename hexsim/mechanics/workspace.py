@@ -1,4 +1,4 @@
-"""The workspace of a hexapod: how far each degree of freedom goes alone."""
+"""The workspace of a machine: how far each degree of freedom goes alone."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hexsim.mechanics.kinematics import DOF_NAMES, N_LEGS, HexapodKinematics
+from hexsim.mechanics.mechanics import DOF_NAMES, Mechanics
 
 Array = NDArray[np.float64]
 SCAN_STEPS = 2000  # steps outward, before bisection
@@ -25,7 +25,7 @@ class Excursion:
     maximum_limited_by: str
 
 
-def _obstacles(kinematics: HexapodKinematics, poses: Array) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
+def _obstacles(kinematics: Mechanics, poses: Array) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
     """For rows of poses: reachable (n,) bool; first leg out of stroke (n,), -1 where none."""
     positions = kinematics.piston_positions(poses)
     outside = (positions < 0.0) | (positions > kinematics.stroke_m)
@@ -33,14 +33,15 @@ def _obstacles(kinematics: HexapodKinematics, poses: Array) -> tuple[NDArray[np.
     return (leg < 0) & kinematics.on_neutral_branch(poses), leg
 
 
-def excursions(kinematics: HexapodKinematics) -> tuple[Excursion, ...]:
+def excursions(kinematics: Mechanics) -> tuple[Excursion, ...]:
     """How far each degree of freedom goes alone from neutral, both ways, to the first leg limit or singularity.
 
     Found by stepping outward and bisecting (to 1e-12 of the span); x y z in m, roll pitch yaw in rad.
     """
-    span_m = float(np.max(np.asarray(kinematics.retracted_length_m))) + kinematics.stroke_m
+    span_m = float(np.max(np.asarray(kinematics.retracted_length_m))) + float(np.max(kinematics.stroke_m))
     table = []
-    for index, dof in enumerate(DOF_NAMES):
+    for dof in kinematics.dofs:
+        index = DOF_NAMES.index(dof)
         span = span_m if index < 3 else np.pi
         ends = [_excursion(kinematics, index, sign * span) for sign in (-1.0, 1.0)]
         (low, low_by), (high, high_by) = ends
@@ -58,8 +59,8 @@ def excursions(kinematics: HexapodKinematics) -> tuple[Excursion, ...]:
     return tuple(table)
 
 
-def _excursion(kinematics: HexapodKinematics, index: int, span: float) -> tuple[float, str]:
-    direction = np.zeros(N_LEGS)
+def _excursion(kinematics: Mechanics, index: int, span: float) -> tuple[float, str]:
+    direction = np.zeros(6)
     direction[index] = 1.0
     steps = np.linspace(0.0, span, SCAN_STEPS + 1)
     reachable, _ = _obstacles(kinematics, steps[:, None] * direction)

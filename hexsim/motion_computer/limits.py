@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.geometry import machine_kinematics
-from hexsim.mechanics.kinematics import HexapodKinematics
+from hexsim.mechanics.mechanics import Mechanics
 from hexsim.mechanics.workspace import excursions
 
 Array = NDArray[np.float64]
@@ -44,7 +43,7 @@ class Limits:
             object.__setattr__(self, name, value)
 
 
-def dof_limits(kinematics: HexapodKinematics) -> Limits:
+def dof_limits(kinematics: Mechanics) -> Limits:
     """Of the platform: 90 % of what each degree of freedom reaches alone; 0.3 m/s and 3 m/s2, 20 deg/s and 150 deg/s2.
 
     Velocities and accelerations are assumed values for people on board, well inside the machine's flow.
@@ -59,7 +58,8 @@ def dof_limits(kinematics: HexapodKinematics) -> Limits:
 
 def pose_limits(machine: Machine) -> Limits:
     """Of the degrees of freedom that a host moves: `dof_limits` of a hexapod, `leg_limits` of a bench."""
-    return dof_limits(machine_kinematics(machine)) if machine.is_hexapod else leg_limits(machine)
+    mechanics = machine.mechanics
+    return dof_limits(mechanics) if mechanics.has_platform else leg_limits(machine)
 
 
 def leg_limits(machine: Machine) -> Limits:

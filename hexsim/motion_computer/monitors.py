@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
-from hexsim.mechanics.kinematics import HexapodKinematics
+from hexsim.mechanics.mechanics import Mechanics
 from hexsim.motion_computer.errors import Error, Finding
 
 Array = NDArray[np.float64]
@@ -101,12 +101,13 @@ def velocity_gain(machine: Machine) -> float:
 
 
 @compiled
-def _check_legs(setpoint, measured, pressures, model, last, counts, usable, p):
+def _check_legs(setpoint, forward, measured, pressures, model, last, counts, usable, p):
     """Update model, last good readings and counters; return a code for each leg. counts: (4, n), rows as `Count`."""
     n = setpoint.shape[0]
     codes = np.zeros(n, np.int64)
     for i in range(n):
-        speed = p.velocity_gain * min(max(p.position_gain * (setpoint[i] - model[i]), -p.volts_max), p.volts_max)
+        volts = p.position_gain * (setpoint[i] - model[i]) + forward[i]
+        speed = p.velocity_gain * min(max(volts, -p.volts_max), p.volts_max)
         model[i] += p.tick_s * speed
         counts[Count.PRESSURE, i] = (
             counts[Count.PRESSURE, i] + 1 if pressures[i] < p.leg_pressure and measured[i] > p.clear_of_stops else 0
@@ -178,12 +179,16 @@ class LegMonitor:
         self.usable[:] = True
         self._started = True
 
-    def tick(self, setpoint: Array, measured: Array, pressures: Array | None) -> tuple[Array, list[Finding]]:
-        """(positions for the position loop, findings). Call at each control tick."""
+    def tick(
+        self, setpoint: Array, forward: Array, measured: Array, pressures: Array | None
+    ) -> tuple[Array, list[Finding]]:
+        """(positions for the position loop, findings). Call at each control tick. forward: volts fed forward (n_legs,)."""
         if not self._started:
             self.start(measured)
         known = np.full(len(setpoint), np.nan) if pressures is None else pressures
-        codes = _check_legs(setpoint, measured, known, self.model, self._last, self._counts, self.usable, self._limits)
+        codes = _check_legs(
+            setpoint, forward, measured, known, self.model, self._last, self._counts, self.usable, self._limits
+        )
         findings = []
         for i in np.flatnonzero(codes):
             error, text = LEG_FINDINGS[int(codes[i])]
@@ -231,7 +236,7 @@ class LoadMonitor:
 
     EVERY = 10  # control ticks
 
-    def __init__(self, machine: Machine, kinematics: HexapodKinematics | None, tolerances: Tolerances) -> None:
+    def __init__(self, machine: Machine, kinematics: Mechanics, tolerances: Tolerances) -> None:
         self.kinematics, self.tolerances = kinematics, tolerances
         self.area_bottom, self.area_top = machine.cylinder.area_bottom_m2, machine.cylinder.area_top_m2
         self.tank_Pa = machine.supply.tank_pressure_Pa if machine.cylinder.rod_side == "valve" else None
@@ -250,7 +255,9 @@ class LoadMonitor:
 
     def tick(self, positions: Array, pressures: Array | None, supply_Pa: float) -> list[Finding]:
         self._count += 1
-        if self.kinematics is None or pressures is None or self._count % self.EVERY or not np.isfinite(pressures).all():
+        if not self.kinematics.has_platform or pressures is None or self._count % self.EVERY:
+            return []
+        if not np.isfinite(pressures).all():
             return []
         top = supply_Pa if self.tank_Pa is None else supply_Pa + self.tank_Pa - pressures
         thrust = pressures * self.area_bottom - top * self.area_top

@@ -11,17 +11,19 @@ act = the leg's states; then `supply` where it has states: ctrl = pump on, act =
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import mujoco
 import numpy as np
 
+from hexsim.declaration import Cylinder
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import PayloadMode, Resolved
 from hexsim.machine.geometry import leg_bodies
-from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.mechanics.leg_inertia import LegBodies, lumped_legs
+from hexsim.mechanics.mechanics import Mechanics
 from hexsim.plant import looks
 from hexsim.plant.states import ROW, A, actuator_rows
 
@@ -34,12 +36,11 @@ GRAVCOMP_SWITCH = 1e-15  # MuJoCo 4.0 looks at gravcomp only when some body has 
 
 
 def build_spec(
-    resolved: Resolved, kinematics: HexapodKinematics | None, kind: ModelKind, timestep: float, layout: np.ndarray
+    resolved: Resolved, kinematics: Mechanics, kind: ModelKind, timestep: float, layout: np.ndarray
 ) -> tuple[mujoco.MjSpec, np.ndarray]:
-    """The editable model of a bench (kinematics None) or a hexapod, and its actuators' rows for `actuator_user`.
+    """The editable model of a bench or a hexapod, and its actuators' rows for `actuator_user`.
 
     layout: where the states stand (`plant.states`), which also says the integrator. The rows are kept out of the
-    model's XML: they are the hydraulics' numbers, which stand in the machine file.
     model's XML: they are the hydraulics' numbers, which stand in the machine file.
     """
     spec = mujoco.MjSpec()
@@ -53,33 +54,31 @@ def build_spec(
     spec.option.disableflags = off.mjDSBL_CONTACT | off.mjDSBL_EULERDAMP | off.mjDSBL_AUTORESET
     spec.option.tolerance = 1e-12
     looks.add_materials(spec)
-    if kinematics is None:
-        _add_bench(spec, resolved)
-        _add_actuators(spec, resolved, layout, "slide_", -resolved.machine.cylinder.stroke_m / 2)
-    else:
+    if kinematics.has_platform:
         _add_hexapod(spec, resolved, kinematics, kind)
-        offset = -resolved.machine.cylinder.stroke_m / 2
-        if kind == "tendon":
-            offset = float(np.broadcast_to(kinematics.retracted_length_m, 6)[0])
-        _add_actuators(spec, resolved, layout, "slide_" if kind == "full" else "tendon_", offset)
+    else:
+        _add_bench(spec, resolved)
+    tendon = kind == "tendon"  # a slide is 0 at the neutral pose
+    offset = kinematics.retracted_length_m if tendon else -kinematics.neutral_positions
+    _add_actuators(spec, resolved, layout, "tendon_" if tendon else "slide_", np.asarray(offset))
     return spec, actuator_rows(resolved, layout)
 
 
 def _add_bench(spec: mujoco.MjSpec, resolved: Resolved) -> None:
     """One vertical cylinder with the moving mass on its rod."""
-    stroke = resolved.machine.cylinder.stroke_m
+    cylinder = resolved.machine.legs[0].cylinder
     mass = resolved.load.moving_mass_kg or 0.0
-    looks.add_bench_frame(spec, spec.worldbody, resolved.machine)
-    load = spec.worldbody.add_body(name="load", pos=[0, 0, looks.bench_load_height(stroke)])
+    looks.add_bench_frame(spec, spec.worldbody, cylinder)
+    load = spec.worldbody.add_body(name="load", pos=[0, 0, looks.bench_load_height(cylinder.stroke_m)])
     load.add_joint(name="slide_1", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
     load.mass, load.ipos, load.inertia, load.explicitinertial = mass, [0, 0, 0], [mass * 0.01] * 3, True
-    looks.add_bench_load(spec, load, resolved.machine)
+    looks.add_bench_load(spec, load, cylinder)
     load.add_site(name="accelerometer", pos=[0, 0, 0])
     for mode_number, mode in enumerate(resolved.payload_modes, start=1):
         _add_payload_mode(load, mode, mode_number, resolved.gravity_m_s2)
 
 
-def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKinematics, kind: ModelKind) -> None:
+def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: Mechanics, kind: ModelKind) -> None:
     """Platform with a free joint on six legs."""
     load = resolved.load
     neutral_length = float(kinematics.leg_lengths(np.zeros(6))[0])
@@ -89,7 +88,9 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKin
         looks.add_base(spec, spec.worldbody, kinematics)
     platform = spec.worldbody.add_body(name="platform", pos=[0, 0, kinematics.neutral_height_m])
     platform.add_freejoint(name="platform_free")
-    mass = (load.platform_mass_kg or 0.0) - (6 * bodies.rod_mass if full and load.leg_mass_kg == 0.0 else 0.0)
+    mass = (load.platform_mass_kg or 0.0) - (
+        math.fsum(leg.rod_mass for leg in bodies) if full and load.leg_mass_kg == 0.0 else 0.0
+    )
     platform.mass, platform.ipos, platform.inertia = mass, load.centre_of_mass_m, load.platform_inertia_kg_m2
     platform.explicitinertial = True
     if full:
@@ -101,7 +102,7 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKin
         platform.add_site(name=f"platform_joint_{i + 1}", pos=kinematics.platform_joints[i], size=[0.012] * 3)
         spec.worldbody.add_site(name=f"base_joint_{i + 1}", pos=kinematics.base_joints[i], size=[0.012] * 3)
         if full:
-            _add_full_leg(spec, kinematics, bodies, i, resolved)
+            _add_full_leg(spec, kinematics, bodies[i], i, resolved.machine.legs[i].cylinder)
         else:
             tendon = spec.add_tendon(name=f"tendon_{i + 1}", width=0.015)
             tendon.wrap_site(f"base_joint_{i + 1}")
@@ -110,9 +111,7 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: HexapodKin
         _add_lumped_legs(platform, kinematics, bodies)
 
 
-def _add_full_leg(
-    spec: mujoco.MjSpec, kinematics: HexapodKinematics, bodies: LegBodies, i: int, resolved: Resolved
-) -> None:
+def _add_full_leg(spec: mujoco.MjSpec, kinematics: Mechanics, bodies: LegBodies, i: int, declared: Cylinder) -> None:
     """Universal joint at the base, cylinder, rod on a slide joint, ball end on the platform."""
     number = i + 1
     base = kinematics.base_joints[i]
@@ -124,13 +123,13 @@ def _add_full_leg(
     across, along = bodies.cylinder_inertia
     cylinder.mass, cylinder.ipos = bodies.cylinder_mass, [0, 0, bodies.cylinder_centre]
     cylinder.inertia, cylinder.explicitinertial = [across, across, along], True
-    looks.add_cylinder(spec, cylinder, length, resolved.machine.cylinder, number)
+    looks.add_cylinder(spec, cylinder, length, declared, number)
     rod = cylinder.add_body(name=f"rod_{number}", pos=[0, 0, length])
     rod.add_joint(name=f"slide_{number}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
     across, along = bodies.rod_inertia
     rod.mass, rod.ipos = bodies.rod_mass, [0, 0, -bodies.rod_centre]
     rod.inertia, rod.explicitinertial = [across, across, along], True
-    looks.add_rod(spec, rod, length, resolved.machine.cylinder, number)
+    looks.add_rod(spec, rod, length, declared, number)
     ball = spec.add_equality(
         name=f"ball_{number}",
         type=mujoco.mjtEq.mjEQ_CONNECT,
@@ -143,7 +142,7 @@ def _add_full_leg(
     ball.data[:3] = 0.0  # the anchor is the rod's end
 
 
-def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: HexapodKinematics, bodies: LegBodies) -> None:
+def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: Mechanics, bodies: list[LegBodies]) -> None:
     """The legs of the tendon model as one body, see `lumped_legs`."""
     legs = lumped_legs(kinematics, bodies)
     inertia = np.diag(legs.inertia)
@@ -181,12 +180,12 @@ def _turn_z_to(direction: np.ndarray) -> np.ndarray:
 
 
 def _add_actuators(
-    spec: mujoco.MjSpec, resolved: Resolved, layout: np.ndarray, target: str, length_offset: float
+    spec: mujoco.MjSpec, resolved: Resolved, layout: np.ndarray, target: str, length_offset: np.ndarray
 ) -> None:
     """One prismatic actuator a leg on joint or tendon `target`1.., and one for the supply when it has states."""
     resolved.rows[:, P.LENGTH_OFFSET] = length_offset
     transmission = mujoco.mjtTrn.mjTRN_JOINT if target == "slide_" else mujoco.mjtTrn.mjTRN_TENDON
-    volts = resolved.machine.valve.voltage_max_V
+    volts = resolved.machine.of_legs("valve", "voltage_max_V")
     for i, place in enumerate(layout[:, A.PRESSURE]):
         is_leg = i < resolved.machine.n_legs
         actuator = spec.add_actuator(
@@ -197,7 +196,7 @@ def _add_actuators(
             gaintype=mujoco.mjtGain.mjGAIN_FIXED,
             biastype=mujoco.mjtBias.mjBIAS_USER,
             ctrllimited=True,
-            ctrlrange=[-volts, volts] if is_leg else [0, 1],
+            ctrlrange=[-volts[i], volts[i]] if is_leg else [0, 1],
         )
         actuator.actdim = int(place - (layout[i - 1, A.PRESSURE] if i else -1))
         gain = np.zeros(10)

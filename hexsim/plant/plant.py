@@ -21,8 +21,6 @@ from hexsim.hydraulics.resolve import add_effects, resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.steps import StepRule, step_rule
 from hexsim.hydraulics.supply import POWER_UNIT, S, U, power_unit_start
-from hexsim.machine.geometry import machine_kinematics
-from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.plant import stepping
 from hexsim.plant.callbacks import POWER_UNIT_SCALE, MPa, install_hydraulics, installed
 from hexsim.plant.mjcf import ModelKind, build_spec
@@ -71,9 +69,9 @@ class Plant:
         install_hydraulics()
         self.machine = machine
         self.resolved: Resolved = resolve(machine)
-        self.kinematics: HexapodKinematics | None = machine_kinematics(machine) if machine.is_hexapod else None
+        self.kinematics = self.resolved.mechanics
         self.timestep = timestep
-        self.model_kind: ModelKind = model
+        self.model_kind: ModelKind = model if self.kinematics.has_platform else "full"
         final = resolve(machine)
         add_effects(final, later)
         self._final_modes = final.payload_modes
@@ -86,7 +84,7 @@ class Plant:
         self.rows = self.resolved.rows  # (n_legs, N_PARAMETERS)
         self.n_legs = machine.n_legs
         self.pressure_places = self.layout[: self.n_legs, A.PRESSURE].astype(int)
-        self.is_tendon = machine.is_hexapod and model == "tendon"
+        self.is_tendon = self.model_kind == "tendon"
         if not self.is_tendon:
             joints = [self.model.joint(f"slide_{i + 1}") for i in range(self.n_legs)]
             self.slides = np.array([joint.qposadr[0] for joint in joints])
@@ -291,7 +289,7 @@ class Plant:
         step = 1e5
         slopes = np.column_stack([(accelerations(start + step * np.eye(n)[i]) - at_start) / step for i in range(n)])
         pressures = start - np.linalg.solve(slopes, at_start)
-        along = np.eye(1) if self.kinematics is None else self.kinematics.jacobian(np.zeros(6))
+        along = np.take(self.kinematics.jacobian(np.zeros(6)), self.kinematics.dof_places, axis=1)
         on_valve = self.rows[:, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE  # P2 falls there as P1 rises
         compliance = along @ slopes / (self.rows[:, P.AREA_BOTTOM] + on_valve * self.rows[:, P.AREA_TOP])
         self.compliance = 0.5 * (compliance + compliance.T)
@@ -321,6 +319,20 @@ class Plant:
         """P1 of each leg (n_legs,) [Pa]."""
         return self.data.act[self.pressure_places] * MPa
 
+    @property
+    def rod_side_places(self) -> NDArray[np.int64]:
+        """Where the pressures of rod sides that are chambers stand in the state (n_legs,); -1: on the supply."""
+        return self.layout[: self.n_legs, A.ROD_SIDE].astype(np.int64)
+
+    def rod_side_pressures(self) -> np.ndarray:
+        """P2 of each leg (n_legs,) [Pa]; Ps where the rod side is on the supply."""
+        return np.array([self.data.act[k] * MPa if k >= 0 else self.supply_pressure() for k in self.rod_side_places])
+
+    def instant_acceleration(self) -> np.ndarray:
+        """Generalised accelerations (nv,) of the present state under the present volts at the spools."""
+        mujoco.mj_forward(self.model, self.data)
+        return self.data.qacc.copy()
+
     def supply_pressure(self) -> float:
         """Ps [Pa]."""
         place = int(self.layout[0, A.SUPPLY])
@@ -338,8 +350,8 @@ class Plant:
         """Raise PlantError when MuJoCo warned, a state is not finite, or another program took MuJoCo's callbacks."""
         if not installed():
             raise PlantError("another program in this process replaced MuJoCo's callbacks")
-        counts = self.data.warning.number
-        bad = [w for w in mujoco.mjtWarning.__members__.values() if w.value < len(counts) and counts[w.value] > SILENT]
-        if bad or not (np.isfinite(self.data.act).all() and np.isfinite(self.data.qpos).all()):
-            what = bad[0].name.removeprefix("mjWARN_").lower() if bad else "state not finite"
-            raise PlantError(what)
+        bad = np.flatnonzero(self.data.warning.number > SILENT)
+        if len(bad):
+            raise PlantError(mujoco.mjtWarning(int(bad[0])).name.removeprefix("mjWARN_").lower())
+        if not (np.isfinite(self.data.act).all() and np.isfinite(self.data.qpos).all()):
+            raise PlantError("state not finite")

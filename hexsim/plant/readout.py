@@ -34,7 +34,10 @@ class LegSignals:
 
 @dataclass(kw_only=True)
 class PlatformSignals:
-    """pose (m, 6) relative to neutral, twist (m, 6) in the world frame, accelerations (m, 3) in the platform frame."""
+    """pose (m, 6) relative to neutral, twist (m, 6) in the world frame, accelerations (m, 3) in the platform frame.
+
+    On a bench the acceleration is along the leg, (m, 1), the angular one (m, 0).
+    """
 
     pose: Array
     twist: Array
@@ -53,7 +56,7 @@ def _leg_rows(rows, layout, which, act, y, v, volts, time, out):
             x = leg.metering_spool(p, volts[k, i], time[k], place)
             out[0, k, i], out[1, k, i], out[2, k, i], out[6, k, i] = P1, P2, x, Ps
             out[3, k, i] = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k])
-            out[4, k, i] = leg.friction_force(p, y[k, i], v[k, i], P1, z)
+            out[4, k, i] = leg.friction_force(p, y[k, i], v[k, i], P1, z, P2)
             out[5, k, i] = leg.leg_force(p, y[k, i], v[k, i], volts[k, i], P1, P2, Ps, z, time[k])
 
 
@@ -81,7 +84,7 @@ def versions(plant: Plant, time: Array) -> tuple[Array, Array, NDArray[np.int64]
 
 def leg_motion(plant: Plant, qpos: Array, qvel: Array) -> tuple[Array, Array]:
     """Piston positions and velocities (m, n_legs)."""
-    if plant.kinematics is None or plant.model_kind == "full":
+    if not plant.is_tendon:
         return qpos[:, plant.slides] - plant.rows[:, P.LENGTH_OFFSET], qvel[:, plant.slide_speeds]
     pose, twist = platform_motion(plant, qpos, qvel)
     return plant.kinematics.piston_positions(pose), plant.kinematics.leg_velocities(pose, twist)
@@ -89,7 +92,6 @@ def leg_motion(plant: Plant, qpos: Array, qvel: Array) -> tuple[Array, Array]:
 
 def platform_motion(plant: Plant, qpos: Array, qvel: Array) -> tuple[Array, Array]:
     """Pose relative to neutral and twist in the world frame, (m, 6) each."""
-    assert plant.kinematics is not None
     w, x, y, z = qpos[:, 3:7].T
     pose = np.empty((len(qpos), 6))
     pose[:, :3] = qpos[:, :3] - [0.0, 0.0, plant.kinematics.neutral_height_m]
@@ -102,8 +104,12 @@ def platform_motion(plant: Plant, qpos: Array, qvel: Array) -> tuple[Array, Arra
 
 
 def platform_signals(plant: Plant, qpos: Array, qvel: Array, qacc: Array) -> PlatformSignals:
-    """Of a hexapod. MuJoCo's free joint: linear part in the world, angular part in the body's frame."""
-    assert plant.kinematics is not None
+    """MuJoCo's free joint: linear part in the world, angular part in the body's frame. A bench has one direction."""
+    if not plant.kinematics.has_platform:
+        pose, still = plant.kinematics.forward(leg_motion(plant, qpos, qvel)[0]), np.zeros((len(qpos), 0))
+        return PlatformSignals(
+            pose=pose, twist=np.pad(qvel[:, :1], ((0, 0), (2, 3))), acceleration=qacc[:, :1], angular_acceleration=still
+        )
     pose, twist = platform_motion(plant, qpos, qvel)
     rotation = plant.kinematics.rotation(pose)
     return PlatformSignals(
@@ -148,7 +154,8 @@ def _power_unit_rows(supplies, rows, layout, h, which, act, y, v, volts, time, o
             asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, P2, Ps, h[k])
             demand += asked
             heat += leg.heat(p, y[k, i], v[k, i], x, P1, P2, Ps, z, inflow, asked, h[k])
-            force = P1 * p[P.AREA_BOTTOM] - P2 * p[P.AREA_TOP] - leg.friction_force(p, y[k, i], v[k, i], P1, z)
+            friction = leg.friction_force(p, y[k, i], v[k, i], P1, z, P2)
+            force = P1 * p[P.AREA_BOTTOM] - P2 * p[P.AREA_TOP] - friction
             work += force * v[k, i]
         out[0, k], out[1, k], out[2, k], out[3, k], out[4, k] = speed, flow, line_flow, pump_pressure, temperature
         out[5, k] = supply.relief_flow(s, pump_pressure)

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.geometry import pose_kinematics
-from hexsim.plant.mjcf import ModelKind
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.scenario import DOF_NAMES
 from hexsim.signals.table import motion_column, pose_column, table
@@ -53,12 +51,13 @@ class MachineRig:
     def __init__(self, machine: Machine, compensator: str | Compensator = "none") -> None:
         self.machine, self.compensator = machine, compensator
         self.name = machine.name
-        self.model: ModelKind = "tendon" if machine.is_hexapod else "full"
-        self.axes: tuple[str, ...] = pose_kinematics(machine).dofs
+        self.mechanics = machine.mechanics
+        self.model = "tendon" if self.mechanics.has_platform else "full"
+        self.axes: tuple[str, ...] = self.mechanics.dofs
 
     def play(self, scenario: Scenario, seed: int = 0) -> Motion:
         machine = self.machine
-        run = simulate(machine, scenario, compensator=self.compensator, seed=seed, model=self.model)
+        run = simulate(machine, scenario, compensator=self.compensator, seed=seed, fast=True)
         if "interrupted" in run.reason:
             raise KeyboardInterrupt
         if not run.complete:
@@ -71,12 +70,12 @@ class MachineRig:
         commanded, _, accelerations = scenario.evaluate(time)
         command = {axis: commanded[:, DOF_NAMES.index(axis)] for axis in self.axes}
         references = {axis: accelerations[:, DOF_NAMES.index(axis)] for axis in self.axes}
-        if not machine.is_hexapod:
-            response = {"z": positions[:, 0] - 0.5 * machine.cylinder.stroke_m}
-            acceleration = {"z": log["true_acceleration_m_s2"].to_numpy()}
+        named = zip(self.axes, self.mechanics.axes, strict=True)
+        acceleration = {dof: log[motion_column("true_acceleration", axis)].to_numpy() for dof, axis in named}
+        if self.mechanics.has_platform:
+            response = {axis: log[pose_column("platform", axis)].to_numpy() for axis in self.axes}
         else:
-            response = {axis: log[pose_column("platform", axis)].to_numpy() for axis in DOF_NAMES}
-            acceleration = {axis: log[motion_column("true_acceleration", axis)].to_numpy() for axis in DOF_NAMES}
+            response = {"z": self.mechanics.forward(positions)[:, 2]}
         return Motion(
             time_s=time, commanded=command, response=response, commanded_acceleration=references,
             acceleration=acceleration, leg_setpoints=setpoints, leg_positions=positions,

@@ -185,7 +185,7 @@ def pressures(signals: Signals) -> Figure | None:
         whole.plot(t, BAR * supply, color=palette.SUPPLY, lw=1.2, label="supply")
     draw_legs([whole, close], signals, {leg: BAR * values for leg, values in bottom.items() if values is not None})
     for top in tops.values():
-        if top is not None and not signals.machine.is_hexapod:
+        if top is not None and not signals.kinematics.has_platform:
             whole.plot(t, BAR * top, color=palette.REFERENCE, lw=0.9, ls="--", label="rod side")
     present = np.concatenate([pressure for pressure in bottom.values() if pressure is not None])
     shown = np.tile((t >= limits[0]) & (t <= limits[1]), len(present) // len(t))

@@ -44,7 +44,7 @@ def blueprint(runs: Mapping[str, Signals], with_text: Iterable[str] = ()) -> rrb
             _paths(runs, f"deviation/{lead}", ("raw", "reversal_peaks", "within_band") if single else ("within_band",)),
         ),
     ]
-    tabs = [_all_legs(runs)] if first.machine.is_hexapod and single else []
+    tabs = [_all_legs(runs)] if first.kinematics.has_platform and single else []
     tabs += [_leg(runs, leg) for leg in first.legs]
     tabs.append(_platform(runs, first))
     right = rrb.Vertical(*middle, rrb.Tabs(*tabs, active_tab=0), row_shares=[3, 3, 5])
@@ -61,10 +61,10 @@ def blueprint(runs: Mapping[str, Signals], with_text: Iterable[str] = ()) -> rrb
 def _scene(runs: Mapping[str, Signals]) -> rrb.Spatial3DView:
     """Seen from the front left, a little above."""
     first = next(iter(runs.values()))
-    geometry = first.machine.geometry
-    size = geometry.base_radius_m if geometry is not None else 2.0 * first.machine.cylinder.stroke_m
+    mechanics = first.kinematics
+    size = mechanics.radius_m
     away = size * (1.7 + 1.5 * len(runs))
-    height = geometry.neutral_leg_length_m if geometry is not None else 2.0 * first.machine.cylinder.stroke_m
+    height = mechanics.longest_leg_m
     return rrb.Spatial3DView(
         origin="/",
         contents=[f"+ /{root}/machine/**" for root in runs],
@@ -133,6 +133,6 @@ def _platform(runs: Mapping[str, Signals], first: Signals) -> rrb.Grid:
     ]
     return rrb.Grid(
         *views,
-        grid_columns=3 if first.machine.is_hexapod else 1,
-        name="Platform" if first.machine.is_hexapod else "Motion",
+        grid_columns=3 if first.kinematics.has_platform else 1,
+        name="Platform" if first.kinematics.has_platform else "Motion",
     )

@@ -93,8 +93,7 @@ def entity_name(label: str) -> str:
 
 def _place(index: int, count: int, signals: Signals) -> Array:
     """Machines stand side by side along y, the first at the left of the picture."""
-    geometry = signals.machine.geometry
-    radius = geometry.base_radius_m if geometry is not None else 2.0 * signals.machine.cylinder.stroke_m
+    radius = signals.kinematics.radius_m
     return np.array([0.0, (0.5 * (count - 1) - index) * GAP * radius, 0.0])
 
 
@@ -179,7 +178,7 @@ class _Series:
         signals = self.signals
         self.slow_curve("supply", _times(signals.supply, BAR), "supply", self.color or palette.SUPPLY)
         for leg in signals.legs:
-            own = self.color or (palette.LEGS[leg - 1] if signals.machine.is_hexapod else palette.RESPONSE)
+            own = self.color or (palette.LEGS[leg - 1] if len(signals.legs) > 1 else palette.RESPONSE)
             for key, (stems, factor, color) in LEG_CURVES.items():
                 values = signals.leg(leg, *stems)
                 if key == "compensation" and values is not None and not values.any():

@@ -41,22 +41,6 @@ def motion_of(signals: Signals) -> Motion | None:
     """Motion of a log at `SCENE_RATE_Hz`; None where the log does not tell the pose."""
     every = max(1, round((len(signals.time_s) - 1) / np.ptp(signals.time_s) / SCENE_RATE_Hz))
     time = signals.time_s[::every]
-    if not signals.machine.is_hexapod:
-        position = signals.position("leg")
-        if position is None:
-            return None
-        retracted = 1.5 * signals.machine.cylinder.stroke_m
-        centre = np.zeros((len(time), 3))
-        centre[:, 2] = retracted + position[::every]
-        still = np.broadcast_to(np.eye(3), (len(time), 3, 3))
-        return Motion(
-            time_s=time,
-            base=np.zeros((1, 3)),
-            joints=centre[:, None],
-            centre=centre,
-            rotation=still,
-            retracted_m=retracted,
-        )
     pose = signals.pose()
     if pose is None:
         return None
@@ -95,11 +79,11 @@ def _log_base(recording: rr.RecordingStream, path: str, motion: Motion, signals:
 
 def _log_platform(recording: rr.RecordingStream, path: str, motion: Motion, signals: Signals) -> None:
     size = signals.machine.cylinder.piston_diameter_m
-    if signals.machine.is_hexapod:
-        outline = signals.kinematics.platform_joints
-        plate, joints = _plate(1.1 * outline, 0.5 * size, 1.3 * size), outline
+    joints = signals.kinematics.platform_joints
+    if len(joints) > 1:
+        plate = _plate(1.1 * joints, 0.5 * size, 1.3 * size)
     else:
-        plate, joints = _plate(_square(3.0 * size), 0.3 * size, 4.0 * size), np.zeros((1, 3))
+        plate = _plate(_square(3.0 * size), 0.3 * size, 4.0 * size)
     recording.log(f"{path}/platform/plate", _mesh(plate, PLATFORM_COLOR), static=True)
     recording.log(f"{path}/platform/joints", rr.Points3D(joints, radii=0.6 * size, colors=JOINT_COLOR), static=True)
     axes = rr.Arrows3D(
@@ -113,7 +97,7 @@ def _log_platform(recording: rr.RecordingStream, path: str, motion: Motion, sign
 
 
 def _log_leg(recording: rr.RecordingStream, path: str, motion: Motion, leg: int, signals: Signals) -> None:
-    cylinder = signals.machine.cylinder
+    cylinder = signals.machine.legs[leg].cylinder
     body = 0.9 * motion.retracted_m
     rod = 0.1 * motion.retracted_m + 1.02 * cylinder.stroke_m
     shapes = {

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine
-from hexsim.machine.geometry import machine_kinematics
-from hexsim.mechanics.kinematics import HexapodKinematics
+from hexsim.mechanics.mechanics import Mechanics
 from hexsim.recording.deviation import Deviation, axis_deviation, given_deviation
 from hexsim.signals.log import Log
 from hexsim.signals.signal import HEXAPOD_AXES, ROTATIONS
@@ -95,15 +94,15 @@ class Signals:
     @property
     def axes(self) -> tuple[str, ...]:
         """x y z roll pitch yaw; on the bench `leg`."""
-        return HEXAPOD_AXES if self.machine.is_hexapod else ("leg",)
+        return self.kinematics.axes
 
     @property
     def driven_axes(self) -> tuple[str, ...]:
         """Axes with a command; as the log shows where none was declared."""
         if self.driven:
             return tuple(axis for axis in self.axes if axis in self.driven) or self.axes[:1]
-        if not self.machine.is_hexapod:
-            return ("leg",)
+        if len(self.axes) == 1:
+            return self.axes
         travel = {axis: np.ptp(values) for axis in self.axes if (values := self.commanded(axis)) is not None}
         most = max(travel.values(), default=0.0)
         moving = tuple(axis for axis, size in travel.items() if size > 0.01 * most)
@@ -138,14 +137,16 @@ class Signals:
         return found if pose is None else pose[:, HEXAPOD_AXES.index(axis)]
 
     def pose(self) -> Array | None:
-        """(n, 6) platform pose of a hexapod, from the log or by forward kinematics of its piston positions."""
+        """(n, 6) pose, from the log or by forward kinematics of the piston positions."""
+        if not self.kinematics.has_platform:
+            return self._measured_pose if self.leg(1, "true_position") is None else self._pose_of("true_position")
         columns = [column for axis in HEXAPOD_AXES if (column := self.position(axis)) is not None]
         return np.column_stack(columns) if len(columns) == len(HEXAPOD_AXES) else None
 
     @cached_property
-    def kinematics(self) -> HexapodKinematics:
-        """Kinematics of a hexapod."""
-        return machine_kinematics(self.machine)
+    def kinematics(self) -> Mechanics:
+        """Legs and poses."""
+        return self.machine.mechanics
 
     @cached_property
     def _measured_pose(self) -> Array | None:

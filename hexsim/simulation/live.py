@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine
-from hexsim.machine.geometry import machine_kinematics, pose_kinematics
-from hexsim.mechanics.kinematics import DOF_NAMES
 from hexsim.mechanics.workspace import excursions
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
@@ -55,10 +53,10 @@ class Follower:
 
 def add_floor_and_light(spec: Any, machine: Machine) -> None:
     """Floor, sky and light for a machine of any size, without contact."""
-    geometry = machine.geometry
-    size = geometry.base_radius_m if geometry is not None else machine.cylinder.stroke_m
-    spec.stat.extent = 1.6 * size if geometry is not None else 3.0 * size
-    spec.stat.center = [0.0, 0.0, 0.6 * (geometry.neutral_leg_length_m if geometry is not None else 2.0 * size)]
+    mechanics = machine.mechanics
+    size = mechanics.radius_m
+    spec.stat.extent = 1.6 * size
+    spec.stat.center = [0.0, 0.0, 0.6 * mechanics.longest_leg_m]
     spec.visual.headlight.diffuse, spec.visual.headlight.ambient = [0.5] * 3, [0.35] * 3
     sky = {"rgb1": [0.85, 0.90, 0.96], "rgb2": [0.55, 0.63, 0.72]}
     spec.add_texture(
@@ -68,20 +66,18 @@ def add_floor_and_light(spec: Any, machine: Machine) -> None:
     spec.worldbody.add_light(name="sun", pos=[2 * size, -2 * size, 6 * size], dir=[-0.25, 0.25, -1.0], castshadow=True)
     spec.worldbody.add_geom(
         name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[8 * size, 8 * size, 0.05], rgba=[0.74, 0.75, 0.77, 1.0],
-        pos=[0.0, 0.0, -0.16 * size if geometry is not None else 0.0], contype=0, conaffinity=0,
+        pos=[0.0, 0.0, -0.16 * size if mechanics.has_platform else 0.0], contype=0, conaffinity=0,
     )  # fmt: skip
 
 
 def slider_limits(machine: Machine) -> list[float]:
     """How far each slider goes, m or rad."""
-    if not machine.is_hexapod:
-        return [SLIDER_SHARE * 0.5 * machine.cylinder.stroke_m]
-    return [SLIDER_SHARE * min(-e.minimum, e.maximum) for e in excursions(machine_kinematics(machine))]
+    return [SLIDER_SHARE * min(-e.minimum, e.maximum) for e in excursions(machine.mechanics)]
 
 
 def add_sliders(spec: Any, machine: Machine) -> None:
     """One actuator without force a degree of freedom, behind those of the plant."""
-    for dof, limit in zip(pose_kinematics(machine).dofs, slider_limits(machine), strict=True):
+    for dof, limit in zip(machine.mechanics.dofs, slider_limits(machine), strict=True):
         name, unit = SLIDERS[dof]
         spec.add_actuator(
             name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target="slide_1",
@@ -101,7 +97,7 @@ class LiveMachine:
         if scenario is not None and scenario.mode != "dof":
             raise HexsimError(f"scenario {scenario.name} drives single actuators: live takes scenarios in mode 'dof'")
         self.machine, self.scenario = machine, scenario
-        self.kinematics = pose_kinematics(machine)
+        self.kinematics = machine.mechanics
         self.dofs = self.kinematics.dofs
 
         def add_scene(spec: Any) -> None:
@@ -169,7 +165,7 @@ class LiveMachine:
     def poses(self, count: int) -> Array:
         """Reference poses (count, 6) of this tick and the next ones: the scenario's plus the sliders'."""
         poses = np.zeros((count, 6))
-        poses[:, [DOF_NAMES.index(dof) for dof in self.dofs]] = self.follower.position
+        poses[:, self.kinematics.dof_places] = self.follower.position
         if self.scenario is not None:
             times = self.time_s + self.tick_s * np.arange(count)
             poses += self.scenario.evaluate(times % self.scenario.duration_s)[0]

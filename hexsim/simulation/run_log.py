@@ -13,7 +13,6 @@ from hexsim.plant import Plant
 from hexsim.plant.readout import leg_signals, platform_signals, power_unit_signals
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
-from hexsim.scenarios.scenario import DOF_NAMES
 from hexsim.sensors.bank import SensorBank
 from hexsim.signals.table import motion_column, places, table
 from hexsim.smoothness import AxisMotion, BANDWIDTH_Hz, summary_axes
@@ -55,16 +54,11 @@ def run_log(plant: Plant, scenario: Scenario, recorded: Recorded, sensors: Senso
         "pressure_bottom": sensors.rows("pressure_bottom", every_pressure)[rows],
         "pressure_supply": sensors.rows("pressure_supply", supply[:, None])[rows],
     }
-    if plant.kinematics is None:
-        poses: dict[str, Array] = {}
-        measured["acceleration"] = _sampled(sensors, recorded.qacc[:, :1], recorded)
-        motion = _bench_motion(scenario, recorded)
-    else:
-        instant = platform_signals(plant, recorded.qpos, recorded.qvel, recorded.qacc)
-        measured["acceleration"] = _sampled(sensors, instant.acceleration, recorded)
-        measured["angular_acceleration"] = sensors.rows("angular_acceleration", instant.angular_acceleration)
-        pose, motion = _platform_motion(plant, scenario, recorded)
-        poses = {"platform": instant.pose, "commanded": pose}
+    instant = platform_signals(plant, recorded.qpos, recorded.qvel, recorded.qacc)
+    measured["acceleration"] = _sampled(sensors, instant.acceleration, recorded)
+    measured["angular_acceleration"] = sensors.rows("angular_acceleration", instant.angular_acceleration)
+    pose, motion = _motion(plant, scenario, recorded)
+    poses = {"platform": instant.pose, "commanded": pose}
     # a transducer sits on a rod side that is a chamber of the valve; on the supply it needs none
     rod_side = "true_pressure_top" if plant.machine.cylinder.rod_side == "valve" else "pressure_top"
     truth = {
@@ -100,18 +94,8 @@ def _columns(signals: dict[str, Array], n_legs: int) -> list[tuple[int, str, Arr
     ]
 
 
-def _bench_motion(scenario: Scenario, recorded: Recorded) -> dict[str, Array]:
-    """True and commanded motion along the leg by signal, (m, 1) each."""
-    _, velocity, acceleration = bench_motion(scenario, recorded.time)
-    return {
-        "true_acceleration": recorded.mean_acceleration[:, :1],
-        "commanded_velocity": velocity[:, None],
-        "commanded_acceleration": acceleration[:, None],
-    }
-
-
-def _platform_motion(plant: Plant, scenario: Scenario, recorded: Recorded) -> tuple[Array, dict[str, Array]]:
-    """Commanded pose (m, 6); true and commanded motion of the platform by signal, (m, 3) each."""
+def _motion(plant: Plant, scenario: Scenario, recorded: Recorded) -> tuple[Array, dict[str, Array]]:
+    """Commanded pose (m, 6); true and commanded motion by signal, (m, 3) each; along a bench's leg (m, 1), about it (m, 0)."""
     mean = platform_signals(plant, recorded.qpos, recorded.qvel, recorded.mean_acceleration)
     pose, velocity, acceleration = _commanded(plant, scenario, recorded)
     return pose, {
@@ -134,9 +118,11 @@ def _sampled(sensors: SensorBank, true: Array, recorded: Recorded) -> Array:
 
 
 def _commanded(plant: Plant, scenario: Scenario, recorded: Recorded) -> tuple[Array, Array, Array]:
-    """Commanded pose, twist and its rate (m, 6), the latter two in the commanded platform's frame."""
+    """Commanded pose, twist and its rate (m, 6), the latter two in the commanded platform's frame; along a leg (m, 1)."""
     kinematics = plant.kinematics
-    assert kinematics is not None
+    if not kinematics.has_platform:
+        _, velocity, acceleration = bench_motion(scenario, recorded.time)
+        return kinematics.forward(recorded.setpoints), velocity[:, None], acceleration[:, None]
     if scenario.mode == "dof":
         pose, rate, acceleration = scenario.evaluate(recorded.time)
     else:
@@ -175,12 +161,12 @@ def run_summary(
     }
 
 
-def axis_motions(log: pl.DataFrame, scenario: Scenario, is_hexapod: bool) -> dict[str, AxisMotion]:
-    """Response and command of each axis."""
+def axis_motions(log: pl.DataFrame, scenario: Scenario, axes: tuple[str, ...]) -> dict[str, AxisMotion]:
+    """Response and command of each axis; what is alone is always driven."""
     motions: dict[str, AxisMotion] = {}
-    for axis in DOF_NAMES if is_hexapod else ("leg",):
-        signal = scenario.signals.get(axis) if is_hexapod else next(iter(scenario.signals.values()), None)
-        driven = not is_hexapod or signal is not None or (scenario.mode == "actuator" and bool(scenario.signals))
+    for axis in axes:
+        signal = scenario.signals.get(axis) if len(axes) > 1 else next(iter(scenario.signals.values()), None)
+        driven = len(axes) == 1 or signal is not None or (scenario.mode == "actuator" and bool(scenario.signals))
         motions[axis] = AxisMotion(
             acceleration=log[motion_column("true_acceleration", axis)].to_numpy(),
             commanded_velocity=log[motion_column("commanded_velocity", axis)].to_numpy() if driven else None,
@@ -199,5 +185,5 @@ def figures_start(scenario: Scenario, time: Array) -> float:
 def _axes(plant: Plant, scenario: Scenario, log: pl.DataFrame, start_s: float) -> dict[str, Any]:
     if log.height < 100:
         return {}
-    motions = axis_motions(log, scenario, plant.machine.is_hexapod)
+    motions = axis_motions(log, scenario, plant.kinematics.axes)
     return summary_axes(log["time_s"].to_numpy(), motions, start_s=start_s)

@@ -16,9 +16,11 @@ import compensation
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
+from hexsim.mechanics.mechanics import Mechanics
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
+from hexsim.plant.callbacks import without_timers
 from hexsim.plant.plant import PlantError, whole_ratio
 from hexsim.plant.stepping import mean_acceleration
 from hexsim.scenarios import Scenario
@@ -28,7 +30,7 @@ from hexsim.scenarios.settings import machine_in
 from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.fault_run import FaultRun, FaultySensors
 from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
-from hexsim.simulation.plain_loop import Control, run_plain
+from hexsim.simulation.plain_loop import PlainLoop, Transducer, run_plain
 from hexsim.simulation.run_log import Recorded, run_log, run_summary
 
 Array = NDArray[np.float64]
@@ -66,19 +68,13 @@ def make_compensators(which: str | Compensator, machine: Machine) -> tuple[str, 
     return made.name, [] if made.name == "none" else [made] * machine.n_legs
 
 
-def setpoints(machine: Machine, scenario: Scenario, plant: Plant, time: Array) -> Array:
+def setpoints(machine: Machine, scenario: Scenario, kinematics: Mechanics, time: Array) -> Array:
     """Piston setpoints (m, n_legs) [m]; refuses what leaves the workspace, naming time, leg and length."""
-    if scenario.mode == "actuator" or not machine.is_hexapod:
-        return _actuator_setpoints(machine, scenario, time)
-    assert plant.kinematics is not None
-    values, _, _ = scenario.evaluate(time)
-    plant.kinematics.check_trajectory(time, values)
-    return plant.kinematics.piston_positions(values)
-
-
-def _actuator_setpoints(machine: Machine, scenario: Scenario, time: Array) -> Array:
-    """Actuator mode, or any motion on a bench."""
-    if machine.is_hexapod:
+    if scenario.mode == "dof" and kinematics.has_platform:
+        values, _, _ = scenario.evaluate(time)
+        kinematics.check_trajectory(time, values)
+        return kinematics.piston_positions(values)
+    if kinematics.has_platform:
         legs = scenario.evaluate(time)[0]
     else:
         missing = [axis for axis in scenario.signals if scenario.mode == "actuator" and axis != "leg_1"]
@@ -87,13 +83,13 @@ def _actuator_setpoints(machine: Machine, scenario: Scenario, time: Array) -> Ar
                 f"scenario {scenario.name} drives {missing[0]}, which bench {machine.name} has not: give leg_1 alone"
             )
         legs = bench_motion(scenario, time)[0][:, None]
-    positions = machine.cylinder.stroke_m / 2 + legs
-    outside = (positions < 0) | (positions > machine.cylinder.stroke_m)
+    positions, strokes = kinematics.neutral_positions + legs, np.asarray(kinematics.stroke_m)
+    outside = (positions < 0) | (positions > strokes)
     if outside.any():
         row, leg = np.argwhere(outside)[0]
         raise HexsimError(
             f"scenario {scenario.name}: at t = {time[row]:.3f} s leg {leg + 1} has the setpoint {positions[row, leg]:.4f} m, "
-            f"outside 0..{machine.cylinder.stroke_m:g} m: lower the amplitude"
+            f"outside 0..{strokes[leg]:g} m: lower the amplitude"
         )
     return positions
 
@@ -121,7 +117,7 @@ def simulate(
     machine = machine_in(scenario, machine)
     check_resources(machine, scenario.duration_s)
     name, compensators = make_compensators(compensator, machine)
-    kind = model or ("tendon" if fast and machine.is_hexapod else "full")
+    kind = model or ("tendon" if fast else "full")
     messages: list[tuple[float, int, str]] = []
     faults = read_faults(scenario.faults, machine, f"scenario {scenario.name}")
     later = later_effects(faults, machine)
@@ -146,7 +142,7 @@ def simulate(
     summary = run_summary(plant, scenario, name, log, recorded, realtime, warnings)
     summary |= run.faults.summary() if run.faults else {}
     return Run(
-        machine=machine, scenario=scenario, compensator=name, seed=seed, model=kind, timestep=timestep, log=log,
+        machine=machine, scenario=scenario, compensator=name, seed=seed, model=plant.model_kind, timestep=timestep, log=log,
         summary=summary, warnings=warnings, messages=messages, complete=not reason, reason=reason,
         realtime_factor=realtime, compensator_parameters=loop.learned(),
     )  # fmt: skip
@@ -170,24 +166,27 @@ class TickLoop:
         ahead = (
             np.arange(0, self.ticks + self.control_every * loop.preview, self.control_every, dtype=float) * self.tick_s
         )
-        self.setpoints = setpoints(machine, scenario, plant, ahead)
+        self.setpoints = setpoints(machine, scenario, plant.kinematics, ahead)
         self.sensors = SensorBank(plant.resolved, self.ticks, self.tick_s, seed)
         plant.prepare(rate, self.ticks)
         self.record = plant.record
         self.pressures = np.zeros((self.ticks, machine.n_legs))
+        self.rod_sides = np.zeros((self.ticks if machine.cylinder.rod_side == "valve" else 0, machine.n_legs))
         self.compensation = np.zeros((self.ticks, machine.n_legs))
         self.faults: FaultRun | None = None
         self.done = 0
 
+    @without_timers()
     def go(self, progress: Callable[[float], None], interventions: Sequence[Any]) -> str:
         """Run to the end; returns "" or why it ended early."""
-        plain = not (self.loop.compensators or interventions or self.sensors["position"].delay.any())
+        direct = all(self.sensors[stem].is_direct for stem in self._sensed())
+        plain = self._plain_loop() if direct and not (self.loop.compensators or interventions) else None
         chunk = max(1, round(CHECK_EVERY_S / self.tick_s))
         try:
             for first in range(0, self.ticks, chunk):
                 last = min(first + chunk, self.ticks)
-                if plain:
-                    run_plain(self.plant.context, self.record, self._plain_control(), first, last)
+                if plain is not None:
+                    run_plain(self.plant.context, self.record, plain, first, last)
                     self.done = last
                 else:
                     self._ticks(first, last, interventions)
@@ -216,12 +215,23 @@ class TickLoop:
             "or a machine whose volumes and masses are not near zero"
         )
 
-    def _plain_control(self) -> Control:
-        position = self.sensors["position"]
-        return Control(
-            setpoints=self.setpoints, every=self.control_every, gain=self.loop.gain, limit=self.loop.limit,
-            noise=position.noise, sensor_gain=position.gain, sensor_offset=position.offset,
-            resolution=position.resolution,
+    def _sensed(self) -> list[str]:
+        """The transducers that the controllers read."""
+        if not self.loop.feels_load:
+            return ["position"]
+        return ["position", "pressure_bottom", *(["pressure_top"] if len(self.rod_sides) else [])]
+
+    def _plain_loop(self) -> PlainLoop:
+        def transducer(stem: str) -> Transducer:
+            found = self.sensors[stem]
+            return Transducer(found.noise, found.gain, found.offset, found.resolution)
+
+        sensed, plant = self._sensed(), self.plant
+        return PlainLoop(
+            setpoints=self.setpoints, every=self.control_every, control=self.loop.control, memory=self.loop.memory,
+            position=transducer("position"), bottom=transducer("pressure_bottom"), top=transducer(sensed[-1]),
+            bottom_places=plant.pressure_places,
+            top_places=plant.rod_side_places if "pressure_top" in sensed else np.zeros(0, np.int64),
         )  # fmt: skip
 
     def _ticks(self, first: int, last: int, interventions: Sequence[Any]) -> None:
@@ -229,6 +239,8 @@ class TickLoop:
         for tick in range(first, last):
             self.plant.sense()
             self.pressures[tick] = self.plant.bottom_pressures()
+            if len(self.rod_sides):
+                self.rod_sides[tick] = self.plant.rod_side_pressures()
             if tick % self.control_every == 0:
                 self._control(tick)
             self.compensation[tick] = self.loop.compensation
@@ -251,6 +263,7 @@ class TickLoop:
             sensors.position(tick, self.record.positions),
             sensors.pressure(tick, self.pressures),
             sensors.supply(tick, self.plant.supply_pressure()),
+            sensors.pressure_top(tick, self.rod_sides),
         )
         self.setpoints[step] = self.loop.setpoint  # a motion computer that guides the machine has its own
 

@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 import pytest
 from leg_plant import Leg, run, sine
 
 import compensation
-from compensation import Context
-from compensation.adaptive.delay import Lateness
-from compensation.adaptive.demand import Demand
-from compensation.adaptive.leak import LeakEstimator
-from compensation.adaptive.prediction import MAX_OFFSET_M, SetpointPredictor
-from compensation.adaptive.recursive_least_squares import RecursiveLeastSquares
+from compensation.adaptive.delay import add_to_lateness, due_pressure_Pa
+from compensation.adaptive.layout import FIT, LATENESS, LEAK, PREDICTION, VALVE, Record, empty
+from compensation.adaptive.leak import (
+    add_to_passage,
+    finish_passage,
+    leak_known,
+    start_leak,
+    start_passage,
+    used_leak_m_s,
+)
+from compensation.adaptive.prediction import MAX_OFFSET_M, predict, prediction_table, start_prediction, watch_setpoint
+from compensation.adaptive.recursive_least_squares import shift_fit, start_fit, update_fit
 from compensation.adaptive.spool import MAX_WRONG_SHARE, damping_filter, lead, look_ahead_shift, tick_response
-from compensation.adaptive.valve import ValveEstimator
+from compensation.adaptive.valve import recentre, start_valve
 
 
 def test_shifted_fit_is_the_fit_of_shifted_data() -> None:
     """y = a x + b in coordinates x - 0.5: the estimate and its covariance are those of data gathered there, to 1e-9."""
-    rng, here, there = np.random.default_rng(0), *(RecursiveLeastSquares([0.0, 0.0], [1e4, 1e4], 1e9) for _ in range(2))
+    rng, here, there = np.random.default_rng(0), empty(FIT), empty(FIT)
+    for fit in (here, there):
+        start_fit(fit, [0.0, 0.0], [1e4, 1e4], 1e9)
     for x in rng.normal(0, 1, 200):
         y = 2.0 * x + 3.0 + 0.1 * float(rng.normal())
-        here.update([float(x), 1.0], y)
-        there.update([float(x) - 0.5, 1.0], y)
-    here.shift(1, 0, 0.5)
-    assert here.theta == pytest.approx(there.theta, abs=1e-6)
-    assert np.array(here.covariance) == pytest.approx(np.array(there.covariance), rel=1e-5)
+        update_fit(here, np.array([x, 1.0]), y)
+        update_fit(there, np.array([x - 0.5, 1.0]), y)
+    shift_fit(here, 1, 0, 0.5, 0.0)
+    assert here.theta[:2] == pytest.approx(there.theta[:2], abs=1e-6)
+    assert here.covariance[:2, :2] == pytest.approx(there.covariance[:2, :2], rel=1e-5)
 
 
 @pytest.mark.parametrize("delay_s", [1e-3, 2e-3, 4e-3, 6e-3])
@@ -54,15 +60,16 @@ def test_damping_gives_way_where_it_would_feed_the_oscillation(delay_s) -> None:
 
 def test_lateness_is_found_from_when_the_pressure_steps() -> None:
     """Pressure that comes 3 ms before it is asked for, 4 kPa of noise: found within 0.3 ms after 20 reversals."""
-    rng, late = np.random.default_rng(0), Lateness(0.002)
+    rng, late = np.random.default_rng(0), empty(LATENESS)
+    late.tick_s = 0.002
 
     def asked(tick: float) -> float:
         return 5e4 * float(np.tanh(15.0 * np.sin(np.pi * tick / 100.0)))
 
     for k in range(2000):
-        now, *ahead = (Demand(asked(k + i), 0.0, 0.0, 0.0, 0.0, 0.0) for i in range(9))
-        deviation = asked(k + 1.5) + 4e3 * float(rng.normal()) - late.due_Pa(now, deque(ahead))
-        late.add(deviation, k % 100 == 50, 6e-3)
+        now, *ahead = (asked(k + i) for i in range(9))
+        deviation = asked(k + 1.5) + 4e3 * float(rng.normal()) - due_pressure_Pa(late, now, np.array(ahead))
+        add_to_lateness(late, deviation, k % 100 == 50, 6e-3)
     assert late.late_s == pytest.approx(3e-3, abs=3e-4)
 
 
@@ -70,38 +77,54 @@ def test_a_leak_is_told_from_passages_in_either_direction() -> None:
     """8 mm/s for 30 to 60 ms, 5 um of noise: within 0.3 mm/s after six passages; none is used where there is none."""
     rng = np.random.default_rng(0)
     for leak_m_s in (0.0, 8e-3):
-        leak, positive = LeakEstimator(), True
+        leak, positive = empty(LEAK), True
+        start_leak(leak)
         for _ in range(6):
-            leak.start(positive)
+            start_passage(leak, positive)
             closed_s = rng.uniform(0.03, 0.06)
-            leak.add(leak_m_s * closed_s + 5e-6 * float(rng.normal()), closed_s)
+            add_to_passage(leak, leak_m_s * closed_s + 5e-6 * float(rng.normal()), closed_s)
             positive = not positive
-            leak.finish(positive, 0.0)
-        assert leak.used_m_s(0.0) == pytest.approx(leak_m_s, abs=3e-4)
-    assert leak.known
+            finish_passage(leak, positive, 0.0)
+        assert used_leak_m_s(leak, 0.0) == pytest.approx(leak_m_s, abs=3e-4)
+    assert leak_known(leak)
 
 
 def test_null_is_moved_without_changing_what_the_valve_does() -> None:
     """Edges at 20 and 130 mV: the null goes to -55 mV, and either edge opens at the volts it opened at before."""
-    valve = ValveEstimator(Context(), 16, 3e-3, 10, 200.0)
+    valve = empty(VALVE)
+    start_valve(valve, 0.002, 16, 3e-3, 10, 200.0)
     for edge, opens_V in zip(valve.edges, (0.13, 0.02), strict=True):
-        edge.plain_fit.theta[:] = [0.15, 0.15 * opens_V, 0.0]
+        edge.plain_fit.theta[:3] = [0.15, 0.15 * opens_V, 0.0]
         edge.gain_m_s_V, edge.dead_band_V, edge.ready = 0.15, opens_V, True
-    assert valve.recentre()
+    assert recentre(valve)
     down, up = valve.edges
     assert valve.null_V == pytest.approx(-0.055)
     assert up.dead_band_V + valve.null_V == pytest.approx(0.02)
     assert down.dead_band_V - valve.null_V == pytest.approx(0.13)
-    assert not valve.recentre()
+    assert not recentre(valve)
+
+
+def watched(predictor: Record, preview_m: np.ndarray, setpoint_m: float) -> bool:
+    """One tick: whether the future must be predicted."""
+    middle = (len(preview_m) - 1) // 2
+    bend = float(preview_m[0] - 2.0 * preview_m[middle] + preview_m[2 * middle])
+    return watch_setpoint(predictor, len(preview_m), bend, setpoint_m)
+
+
+def predictor_unused() -> Record:
+    """A predictor that has seen nothing."""
+    predictor = empty(PREDICTION)
+    start_prediction(predictor)
+    return predictor
 
 
 def test_the_future_of_a_smooth_setpoint_is_predicted() -> None:
     """A sine of 0.05 m at 0.5 Hz without preview, nine ticks on: within 5 um, its acceleration within 0.02 m/s2."""
-    predictor, made = SetpointPredictor(), []
+    predictor, made = predictor_unused(), []
     wanted = sine()(np.arange(5000) * 0.002)
     for setpoint in wanted:
-        assert predictor.watch(np.array([setpoint]), float(setpoint))
-        made.append(predictor.predict(9, float(setpoint))[1])
+        assert watched(predictor, np.array([setpoint]), float(setpoint))
+        made.append(predict(predictor, prediction_table(), 9, float(setpoint))[1])
     late, asked = np.array(made)[3000:-9], wanted[3009:]
     assert np.abs(np.diff(late - asked, 2)).max() / 0.002**2 < 0.02
     assert np.std(late - asked) < 5e-4  # it follows the prediction softly: a lag of a millisecond or two
@@ -109,11 +132,11 @@ def test_the_future_of_a_smooth_setpoint_is_predicted() -> None:
 
 def test_a_jump_of_packets_comes_in_later() -> None:
     """A setpoint that stands, then stands 100 um further: what is given accelerates by at most 0.11 m/s2."""
-    predictor, made = SetpointPredictor(), []
+    predictor, made = predictor_unused(), []
     for k in range(1500):
         setpoint = 0.1 if k < 500 else 0.1001
-        predictor.watch(np.array([setpoint]), setpoint)
-        made.append(predictor.predict(9, setpoint)[1])
+        watched(predictor, np.array([setpoint]), setpoint)
+        made.append(predict(predictor, prediction_table(), 9, setpoint)[1])
     assert abs(predictor.offset_m) < MAX_OFFSET_M
     assert np.abs(np.diff(made, 2)).max() / 0.002**2 < 0.11
     assert made[-1] == pytest.approx(0.1001, abs=2e-5)
@@ -121,12 +144,12 @@ def test_a_jump_of_packets_comes_in_later() -> None:
 
 def test_a_preview_that_tells_the_future_is_taken() -> None:
     """A sine's own preview is never replaced; a straight line is, once the motion has been curved for 50 ms."""
-    given, straight = SetpointPredictor(), SetpointPredictor()
+    given, straight = predictor_unused(), predictor_unused()
     wanted = sine()(np.arange(1200) * 0.002)
     for k in range(1, 1000):
-        assert not given.watch(wanted[k : k + 15], float(wanted[k]))
+        assert not watched(given, wanted[k : k + 15], float(wanted[k]))
         line = wanted[k] + (wanted[k] - wanted[k - 1]) * np.arange(15)
-        straight.watch(line, float(wanted[k]))
+        watched(straight, line, float(wanted[k]))
     assert straight.active
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.mechanics.kinematics import HexapodKinematics
+from hexsim.machine.geometry import machine_kinematics
 from hexsim.signals.log import Log
 from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window
@@ -103,10 +103,7 @@ def inner(look: Window, x: Array) -> Array:
 
 def platform_acceleration(y: Array, machine: Machine, look: Window) -> dict[str, Array]:
     """Accelerations in the platform frame, at the centre of the joints, from the positions (forward kinematics)."""
-    geometry = machine.geometry
-    if geometry is None:
-        raise HexsimError(f"machine {machine.name} has no [geometry]: the legs say nothing about the platform")
-    legs = HexapodKinematics.from_geometry(**geometry.model_dump(), stroke_m=machine.cylinder.stroke_m)
+    legs = machine_kinematics(machine)
     poses = legs.forward(y.T).T
     pose, rate, second = (inner(look, x).T for x in (look.mean(poses), look.rate(poses), look.second_rate(poses)))
     motion = legs.to_platform_frame(pose, legs.twist_rate(pose, rate, second)).T

@@ -301,10 +301,3 @@ def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem, share: float) -
     found = problem.misfit([trial.fitted_machine(), *effect_neighbours(trial, share)[0]])
     misfit = [own[0] for own in found]
     return replace(trial, misfit=misfit, chi2=chi2_of(misfit), neighbours=[own[1:] for own in found])
-
-
-def with_candidate(fit: Fit, candidate: Candidate, coordinate: float, problem: FitProblem) -> Fit:
-    """The fit with one more effect at a size, not yet refined."""
-    size = candidate.effect.parameters[0]
-    values = candidate.start() | {size.name: to_value(size, coordinate)}
-    return answered(replace(fit, candidates=(*fit.candidates, candidate), values=(*fit.values, values)), problem)

@@ -10,8 +10,8 @@ from hexsim.declaration import Machine
 from hexsim.hydraulics.resolve import resolve
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.steps import StepRule, step_rule
-from hexsim.machine.geometry import machine_kinematics, platform_body, suspension
-from hexsim.mechanics.rigid_body import RigidBody, Suspension, Vector, mass_matrix, rigid_body
+from hexsim.machine.geometry import moving_body, suspension
+from hexsim.mechanics.rigid_body import RigidBody, Suspension, Vector, mass_matrix
 
 Array = np.ndarray
 
@@ -29,10 +29,14 @@ class Load(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """y_m = gain y(t - delay) + offset: rows (gain, offset, delay [s]) of a leg, (n_legs, 3), and of an accelerometer."""
+    """y_m = gain y(t - delay) + offset: rows (gain, offset, delay [s]) of a leg, (n_legs, 3), and of an accelerometer.
+
+    pressure: of the bottom chambers; top: of the rod sides.
+    """
 
     position: Array
     pressure: Array
+    top: Array
     acceleration: Array
     supply_gain: float
 
@@ -49,8 +53,8 @@ class Controller(NamedTuple):
 class Rig(NamedTuple):
     """Everything that the compiled simulation knows of a machine.
 
-    legs (n_legs, N_PARAMETERS).  geometry (n_legs, 7): base joint and platform joint (3 each), retracted length [m]; zeros
-    on a bench.  supply (N_SUPPLY,).  rule: of the time step.
+    legs (n_legs, N_PARAMETERS).  geometry (n_legs, 7): base joint and platform joint (3 each), retracted length [m].
+    supply (N_SUPPLY,).  rule: of the time step.
     """
 
     legs: Array
@@ -68,31 +72,27 @@ def rig_of(machine: Machine, feedback: int = 0) -> tuple[Rig, Resolved]:
     load = load_of(resolved)
     rig = Rig(
         legs=resolved.rows,
-        geometry=geometry_of(machine),
+        geometry=geometry_of(resolved),
         supply=resolved.supply,
         load=load,
         sensors=sensors_of(resolved),
         controller=Controller(
             controller.gain_V_per_m, float(controller.rate_Hz), machine.valve.voltage_max_V, bool(feedback)
         ),
-        rule=step_rule(resolved.rows, resolved.supply, leg_compliance(machine, load), load.spring.omega),
+        rule=step_rule(resolved.rows, resolved.supply, leg_compliance(resolved, load), load.spring.omega),
     )
     return rig, resolved
 
 
-def leg_compliance(machine: Machine, load: Load) -> Array:
+def leg_compliance(resolved: Resolved, load: Load) -> Array:
     """Acceleration of each leg for a force on each, at mid stroke (n_legs, n_legs) [1/kg]: J M^-1 J'."""
-    if machine.geometry is None:
-        return np.array([[1.0 / load.body.mass]])
-    jacobian = machine_kinematics(machine).jacobian(np.zeros(6))
+    jacobian = resolved.mechanics.jacobian(np.zeros(6))
     return jacobian @ load.compliance @ jacobian.T
 
 
-def geometry_of(machine: Machine) -> Array:
+def geometry_of(resolved: Resolved) -> Array:
     """(n_legs, 7), see `Rig`."""
-    if machine.geometry is None:
-        return np.zeros((1, 7))
-    kinematics = machine_kinematics(machine)
+    kinematics = resolved.mechanics
     return np.column_stack([kinematics.base_joints, kinematics.platform_joints, kinematics.retracted_length_m])
 
 
@@ -100,15 +100,8 @@ def load_of(resolved: Resolved) -> Load:
     """Bodies; of payloads on springs the first."""
     modes = resolved.payload_modes
     spring = suspension(modes[0]) if modes else Suspension(0.0, 0.0, 0.0)
-    if resolved.machine.geometry is None:
-        mass = resolved.load.moving_mass_kg or 0.0
-        body, compliance = (
-            rigid_body(mass, np.zeros(3), np.zeros((3, 3)), carried=mass, sprung=spring.mass),
-            np.zeros((6, 6)),
-        )
-    else:
-        body = platform_body(resolved, machine_kinematics(resolved.machine))
-        compliance = np.linalg.inv(mass_matrix(body))
+    body = moving_body(resolved)
+    compliance = np.linalg.inv(mass_matrix(body)) if any(body.inertia[0]) else np.diag([1 / body.mass] * 3 + [0.0] * 3)
     x, y, z = (float(g) for g in resolved.gravity_m_s2)
     return Load(body=body, compliance=compliance, gravity=(x, y, z), spring=spring)
 
@@ -117,14 +110,16 @@ def sensors_of(resolved: Resolved) -> Sensors:
     """Gains, offsets and delays. The accelerometers of a platform: x, y, z and the three angular ones, which have no gain."""
     legs, shared = resolved.leg_sensors, resolved.sensors
     along = [shared.acceleration_gain, shared.acceleration_offset_m_s2, shared.acceleration_delay_s]
-    if resolved.machine.geometry is None:
+    if resolved.machine.n_legs == 1:
         acceleration = np.array([along], dtype=float)
     else:
         across, turning = [along[0], 0.0, along[2]], [1.0, 0.0, along[2]]
         acceleration = np.array([across, across, along, turning, turning, turning], dtype=float)
+    pressure = np.column_stack([legs["pressure_gain"], legs["pressure_offset_Pa"], legs["pressure_delay_s"]])
     return Sensors(
         position=np.column_stack([legs["position_gain"], legs["position_offset_m"], legs["position_delay_s"]]),
-        pressure=np.column_stack([legs["pressure_gain"], legs["pressure_offset_Pa"], legs["pressure_delay_s"]]),
+        pressure=pressure,
+        top=pressure,
         acceleration=acceleration,
         supply_gain=float(shared.supply_pressure_gain),
     )

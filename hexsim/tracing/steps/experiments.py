@@ -79,11 +79,11 @@ def scenario_tables(machine: Machine, signal: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def setpoint_log(machine: Machine, tables: dict[str, Any]) -> Log:
+def setpoint_log(machine: Machine, tables: dict[str, Any], rate_Hz: float = RATE_Hz) -> Log:
     """An empty log with the scenario's setpoints, as a problem for the simulation."""
     scenario = scenario_from_dict(tables)
-    time = np.arange(int(scenario.duration_s * RATE_Hz)) / RATE_Hz
-    every = max(round(RATE_Hz / machine.controller.rate_Hz), 1)
+    time = np.arange(int(scenario.duration_s * rate_Hz)) / rate_Hz
+    every = max(round(rate_Hz / machine.controller.rate_Hz), 1)
     held = time[(np.arange(len(time)) // every) * every]
     value = scenario.evaluate(held)[0]
     if machine.is_hexapod:
@@ -96,11 +96,12 @@ def setpoint_log(machine: Machine, tables: dict[str, Any]) -> Log:
         name="experiment",
         kind=machine.machine.kind,
         time=time,
-        rate=RATE_Hz,
+        rate=rate_Hz,
         setpoint=setpoint,
         position=setpoint.copy(),
         volts=zeros,
         pressure=zeros,
+        pressure_top=zeros if machine.cylinder.rod_side == "valve" else None,
         supply=np.zeros(len(time)),
         acceleration=axes,
         angular=axes if machine.is_hexapod else None,

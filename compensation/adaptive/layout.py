@@ -1,0 +1,219 @@
+"""The one layout of the adaptive algorithm's state: a flat array of 8-byte numbers, doubles and integers, named.
+
+`STATE` is a numpy record; its fields lie one after the other without gaps, as in a C struct of `double` and `int64_t`
+in the same order. Everything that the step reads or writes lies in it, settings and data sheet too, so that the step
+allocates nothing. A history is an array, newest first unless its comment says so. Truth values are integers, 0 or 1.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+Record = Any  # a numpy record of one of the layouts below, which compiled functions read and write in place
+
+FIT_SIZE = 6  # most parameters of a fit
+LEAD_TAPS = 10
+LEAD_TICKS = 5  # by which the lead looks ahead
+PREVIEW_TICKS = LEAD_TICKS + 4  # from now to the tick boundary of the demand
+MAX_SHIFT = 4  # further ticks that a long lag is looked ahead for
+DEMANDS = PREVIEW_TICKS + MAX_SHIFT + 1
+PATH_FINE, PATH_BEFORE, PATH_AFTER = 10, 3, 5  # samples a tick of the crossing's path, ticks before and after it
+PATH = (PATH_BEFORE + PATH_AFTER) * PATH_FINE
+MAX_DAMPING_TAPS = 16
+SPOOLS = 17  # of the bank that tells delay from spool
+BEFORE, AFTER, PAST_VOLTS = 14, 16, 12  # ticks about a reversal that are compared, and of volts before them
+TRIM_TICKS = 8  # on either side of a compensated reversal
+LATE_TICKS = 9  # by which a position may be late, and two
+REACH = 16  # ticks on either side of a reversal in which Stribeck friction is looked for
+BLOCK, APART = 5, 20  # ticks of the performance monitor
+PREDICTORS = 10
+PAST_SETPOINTS = 97
+MAX_LOOK = PREVIEW_TICKS + MAX_SHIFT
+
+
+def _record(**fields: Any) -> np.dtype:
+    """A layout: names with "f8", "i8" or another layout, or a pair of it and the shape."""
+    return np.dtype((np.record, [(k, *v) if isinstance(v, tuple) else (k, v) for k, v in fields.items()]))
+
+
+FIT = _record(  # recursive_least_squares.py
+    theta=("f8", (FIT_SIZE,)), scale=("f8", (FIT_SIZE,)), covariance=("f8", (FIT_SIZE, FIT_SIZE)),
+    work=("f8", (FIT_SIZE,)), n="i8", directional="i8", memory="f8", forgetting="f8", residual="f8", count="i8",
+)  # fmt: skip
+EDGE = _record(  # valve_edge.py
+    plain_fit=FIT,  # k, k delta, k tau
+    backlash_fit=FIT,  # the same and k h
+    windows="f8", gain_m_s_V="f8", dead_band_V="f8", lag_s="f8",
+    root="f8",  # R^ of the last window
+    backlash_V="f8",  # half width, 0 until it is taken into account
+    fitted_backlash_V="f8",
+    significant="i8",  # backlash: from then on b is found from where the volts reverse
+    ready="i8", rejections="i8",  # how often it was ready and then did not fit
+    windows_needed="f8",
+)  # fmt: skip
+VALVE = _record(  # valve.py
+    edges=(EDGE, (2,)),  # retracting, extending
+    tick_s="f8", window="i8", min_speed_m_s="f8",
+    settle="i8",  # ticks after the volts change sign in which the spool crosses
+    direction="i8", wait="i8", count="i8",
+    start_m="f8", start_V="f8", start_through_V="f8",  # z, |u| and |p| at the window's start
+    sums=("f8", (4,)),  # of u R, R, b R, s R
+    reversal_V="f8", side="f8",  # b, s
+    moving="i8", with_backlash="i8",
+    pending="i8", phi=("f8", (3,)), phi_backlash=("f8", (4,)), moved_m="f8",  # the window before this one
+    lag_s="f8",
+    null_V="f8",  # volts that lie in the middle between both edges
+    leak_m_s="f8",  # oil that flows into the chamber while the valve is closed
+    leak_known="i8", null_rate_V_s="f8",
+    ticks="i8",  # since the last window that was used
+)  # fmt: skip
+STRIBECK = _record(  # stribeck.py
+    tick_s="f8", pressure_Pa="f8", reversals="i8", direction="f8",
+    ticks="i8",  # since the velocity changed sign
+    deviation_Pa=("f8", (2 * REACH + 1,)), position_error_m=("f8", (2 * REACH + 1,)), share=("f8", (2 * REACH + 1,)),
+)  # fmt: skip
+FRICTION = _record(  # friction.py
+    fit=FIT, stribeck=STRIBECK, tick_s="f8", stroke_m="f8", window="i8", min_speed_m_s="f8", position_weight="f8",
+    count="i8", start_m="f8", sum_load="f8", sum_a="f8",
+    windows=("i8", (2,)),  # retracting, extending
+    half_step_Pa="f8", phi=("f8", (FIT_SIZE,)),
+)  # fmt: skip
+REFERENCE = _record(  # reference.py: y_m at the tick boundary looked at last
+    tick_s="f8",
+    loop_1_s=("f8", (2,)),  # s Kp, retracting and extending
+    dead_band_m=("f8", (2,)),  # delta / Kp
+    null_m="f8",  # null / Kp
+    leak_m_s="f8",  # velocity that a leak gives at closed valve
+    feed_forward="f8",  # g
+    position_m="f8", velocity_m_s="f8", acceleration_m_s2="f8",
+    lag_m="f8",  # r - y_m
+)  # fmt: skip
+INVERSE = _record(  # inverse.py
+    tick_s="f8", started="i8",
+    oil_m="f8",  # demanded oil displacement at the last boundary
+    flows_m_s=("f8", (2,)),  # demanded oil velocity of the last two ticks
+    flow_V=("f8", (3,)),  # for the flow, the next to leave first
+    crossing_V=("f8", (2,)),  # crossing flow compensation of the two ticks to come
+    dead_band_V=("f8", (2,)),  # dead-band compensation of the two ticks before
+)  # fmt: skip
+ROUNDING = _record(  # edge_rounding.py
+    square_V2="f8", variance_V4="f8",
+    misfit="f8",  # mean square of a passage's excess, over its expected variance
+    backlash_V="f8",  # volts behind the backlash
+    spool_V="f8", rate_V="f8",  # of the spool, a tick
+    lag_s="f8", model=("f8", (4,)),  # of the spool, and the lag it was made for
+    probe_V="f8",  # rounding that phi is computed with
+    ticks="i8",  # of the passage; 0 = none
+    start_m="f8",  # oil displacement at its start
+    sharp_m="f8", rounded_m="f8",  # oil that sharp edges would have let through since, and rounded ones beyond that
+    closed_ticks="i8",  # for which the overlap closed the valve
+)  # fmt: skip
+LEAK = _record(  # leak.py
+    leak_m_s="f8", variance="f8", passages="i8", misfit="f8",
+    positive="i8",  # the passage came from there
+    excess_m="f8", closed_s="f8",
+)  # fmt: skip
+TRIM = _record(  # edge_rounding.py
+    rounding_V="f8",
+    minimum_V="f8",  # no less is used while compensation engages
+    direction="f8", ticks="i8",
+    reversal_m="f8",  # oil displacement less the demanded one, at the reversal
+    before_m="f8",  # by how much it had grown before, against the new direction
+)  # fmt: skip
+DELAY = _record(  # delay.py
+    tick_s="f8", sums=("f8", (SPOOLS,)), reversals="i8",
+    volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), oil_m=("f8", (BEFORE + AFTER + 1,)),  # oldest first
+    direction="f8",
+    ticks="i8",  # since the demanded flow reversed
+    tested="i8",  # spools compared with the reversal in hand; -1 = none is
+    task_volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), task_oil_m=("f8", (BEFORE + AFTER + 1,)),
+    gains_m_s_V=("f8", (2,)), dead_bands_V=("f8", (2,)), lag_s="f8", found=("f8", (SPOOLS,)),
+    error_m=("f8", (BEFORE + AFTER + 1,)), pulse=("f8", (5 * (PAST_VOLTS + 2),)),  # work
+)  # fmt: skip
+LATENESS = _record(  # delay.py
+    tick_s="f8", late_s="f8",
+    rate_Pa="f8",  # of the demand, a tick
+    product="f8", square="f8",  # sums of a half stroke
+    pressures_Pa=("f8", (LATE_TICKS,)),
+)  # fmt: skip
+MONITOR = _record(  # monitor.py
+    tick_s="f8",
+    noise_m="f8",  # standard deviation of a position
+    positions_m=("f8", (3 * BLOCK,)), sums_m=("f8", (3,)), accelerations_m_s2=("f8", (2 * APART + 1,)),
+    count="i8",  # ticks, until the filter is filled
+    low_m_s2="f8", high_m_s2="f8",
+    baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,)),  # retracting after it first, then extending
+)  # fmt: skip
+ENGAGEMENT = _record(  # engagement.py
+    phase="i8",
+    ramp="f8",  # 0 plain control, 1 compensated
+    ramp_step="f8",  # a tick
+    friction_share="f8",  # of the demanded pressure
+    trips="i8",  # reversals worse than the baseline, not forgiven yet
+    good_reversals="i8",  # since the last trip
+    lockout_s="f8",  # left
+    direction="f8",  # velocity of the reference, last seen other than 0
+    reversal_ticks="i8",  # since its last reversal
+    half_ticks="i8",  # between the last two: the half stroke
+    after_reversal="i8",  # a fifth into a half stroke: a reversal can be judged, disengaging may begin
+    engage_window="i8",  # two fifths into it, the valve having been open for long enough
+    open_ticks="i8",  # for which plain control has held the valve open
+    closed_ticks="i8",  # for which the overlap closed it, at the last reversal
+    acceleration_m_s2="f8",  # of the setpoint, low-pass
+    excitation_m_s2="f8",  # its recent peak
+    peak_m_s2="f8",  # since the last reversal was judged
+    reversal_m_s2="f8",  # at the last reversal
+    excited="i8",
+    stability_limit_m_s2="f8",  # reversal acceleration below which compensation disengages
+)  # fmt: skip
+PREDICTION = _record(  # prediction.py
+    look="i8",
+    past_m=("f8", (2 * PAST_SETPOINTS,)),  # ring, twice, so that a stretch is in order
+    place="i8", predicted_m=("f8", (MAX_LOOK, PREDICTORS)), error_m=("f8", (PREDICTORS,)),
+    squares_m2=("f8", (PREDICTORS,)), ahead_m=("f8", (3 * PREDICTORS,)), ticks="i8", straight_ticks="i8", active="i8",
+    offset_m="f8",  # by which packets made the setpoint jump, less what has come in since
+    steady_ticks="i8",  # since it jumped
+    usual_m="f8",  # mean size of the error of one tick
+    started="i8",
+    last_m="f8",  # given at the tick before
+    moved_m="f8",  # in the last tick
+    acceleration_m="f8",  # a tick squared, low-pass
+)  # fmt: skip
+DEMAND = _record(  # demand.py: of the tick boundaries to come, the nearest first
+    count="i8", pressure_Pa=("f8", (DEMANDS,)),  # P1 - Ps A2/A1
+    stribeck_share=("f8", (DEMANDS,)),  # of the Stribeck pressure in it, signed
+    acceleration_m_s2=("f8", (DEMANDS,)), position_m=("f8", (DEMANDS,)), oil_m=("f8", (DEMANDS,)),
+    velocity_m_s=("f8", (DEMANDS,)),
+)  # fmt: skip
+SETTINGS = _record(  # configuration (`Adaptive`) and data sheet (`Context`)
+    tick_s="f8", position_gain_V_per_m="f8", voltage_max_V="f8", stroke_m="f8", area_ratio="f8",
+    pipeline_length_m="f8", bulk_modulus_Pa="f8", tank_pressure_Pa="f8", reference_drop_Pa="f8", jerk_m_s3="f8",
+    step_min_s="f8", step_max_s="f8", presliding_m_s="f8", damping_1_s="f8", damping_count="i8",
+    damping_high_Hz="f8", damping_max_V="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8",
+    max_stability_limit_m_s2="f8", min_excitation_m_s2="f8", learn="i8",
+)  # fmt: skip
+STATE = _record(
+    settings=SETTINGS, valve=VALVE, friction=FRICTION, reference=REFERENCE, inverse=INVERSE, engagement=ENGAGEMENT,
+    monitor=MONITOR, rounding=ROUNDING, leak=LEAK, trim=TRIM, delay=DELAY, lateness=LATENESS, prediction=PREDICTION,
+    demands=DEMAND,
+    lag_s="f8", delay_s="f8",  # spool lag that the taps were designed for, and how much of it is delay and no spool
+    shift="i8",  # ticks that the taps lie earlier
+    lead_taps=("f8", (LEAD_TAPS,)), crossing_taps=("f8", (LEAD_TAPS,)), crossing_path=("f8", (PATH,)),
+    damping_taps=("f8", (MAX_DAMPING_TAPS,)),
+    flow_V=("f8", (LEAD_TAPS,)), dead_band_V=("f8", (LEAD_TAPS,)),  # spool demand for the flow; across the dead band
+    deviation_Pa=("f8", (MAX_DAMPING_TAPS,)), mean_deviation_Pa="f8",  # measured less demanded pressure; slow mean
+    last_bottom_Pa="f8", mean_bottom_Pa="f8",  # bottom pressure at the tick before; slow mean
+    supply_Pa="f8", mean_supply_Pa="f8",  # low-pass of the supply pressure; slow mean
+    oil_error_m=("f8", (TRIM_TICKS + 1,)),  # z - z_m
+    leaked_m="f8",  # oil that the leak has let in, as travel
+    backlash_input_V="f8",  # volts fed forward, followed within the width of the backlash inverse
+    damping_gain="f8",
+    design_wanted="i8",  # the taps are to be designed anew
+)  # fmt: skip
+
+
+def empty(layout: np.dtype) -> Record:
+    """A record of a layout, all zero."""
+    return np.zeros(1, layout)[0]

@@ -1,0 +1,194 @@
+"""One control tick of the adaptive algorithm as a compiled function of its state, from sample to volts.
+
+At each tick, for the tick boundary PREVIEW_TICKS ahead:
+
+    y_m                                      reference (reference.py): the setpoint r, once the feed-forward is all in
+    P_m = p(y_m', y_m'') + step + Stribeck   pressure that motion needs, its step at a reversal spread over some ms
+    z_m = y_m + V P_m / (E A1)               oil displacement that gives both, Eq. 3.7
+    x_m = g^-1(z_m' ; dp)                    spool position that lets this oil through: inverse of the valve
+    u   = lead(x_m) - Kp (r - y_m) - D (P1 - P_m) + backlash inverse
+
+The lead undoes the spool's lag; the dead-band compensation has a lead of its own (inverse.py, spool.py). The position
+loop's own volts are taken off while y_m lags the setpoint. D lets oil out while the pressure oscillates above the
+demand, which damps the hydraulic resonance. The backlash inverse acts on the side the volts move to. All that is
+identified is bounded, acts only once its standard error is small, and comes in slowly.
+
+docs/compensation_derivation.md derives it.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from ..compiled import compiled
+from .arithmetic import clip, dot, push
+from .delay import add_to_delay, add_to_lateness, due_pressure_Pa, found_delay_s, pressure_then_Pa
+from .demand import append_demand, drop_demand, stretch_demands
+from .edge_rounding import add_to_rounding, add_to_trim, lower_bound_V
+from .engagement import update_engagement, weight
+from .feedback import backlash_inverse, damping
+from .friction import add_to_friction, demanded_pressure
+from .inverse import advance_inverse
+from .layout import LEAD_TAPS, PREVIEW_TICKS
+from .leak import start_leak, tell_leak
+from .prediction import predict, watch_setpoint
+from .reference import advance_reference
+from .spool import look_ahead_shift, round_lag
+from .stribeck import add_to_stribeck, update_stribeck
+from .valve import add_to_valve, recentre, valve_ready, valve_rejected, valve_usable
+
+SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
+DEVIATION_SHARE = 0.06  # low-pass of the pressure's deviation from the demand, a tick
+PRESSURE_MEAN_S = 0.2  # time constant of the pressures that the gain of plain control is computed with
+DELAY_TOLERANCE_S = 1e-4  # change of the delay from which the taps are designed anew
+LAG_TOLERANCE_S = 2e-5  # change of the lag from which the taps are designed anew
+MIN_DROP_SHARE = 0.02  # of the reference drop: lower bound of a pressure drop
+DESIGN_WANTED, WORSE, REJECTED = 1, 2, 4  # what a tick tells its caller
+
+
+@compiled
+def tick(states, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, extra_V):
+    """Volts to add, and what its caller must know (DESIGN_WANTED | WORSE | REJECTED).
+
+    states: (1,) of the layout; table: prediction.prediction_table(); preview: setpoints (n,) of this tick and the next;
+    extra_V: volts that a derived algorithm adds. Everything else is of the sample. Nothing is allocated.
+    """
+    state, n = states[0], len(preview)
+    middle, look = (n - 1) // 2, PREVIEW_TICKS + state.shift
+    bend = preview[0] - 2.0 * preview[middle] + preview[2 * middle]
+    if watch_setpoint(state.prediction, n, bend, setpoint_m):
+        behind, here, ahead = predict(state.prediction, table, look, setpoint_m)
+    else:
+        behind, here, ahead = preview[look - 1], preview[look], preview[look + 1]
+    volts = step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, extra_V)
+    told = DESIGN_WANTED if state.design_wanted else 0
+    if state.engagement.lockout_s > 0.0:
+        told |= WORSE
+    if valve_rejected(state.valve):
+        told |= REJECTED
+    return volts, told
+
+
+@compiled
+def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, u):
+    """The step itself; behind, here, ahead: setpoints at the boundary before the one looked at, at it, and after it."""
+    settings, reference, demands = state.settings, state.reference, state.demands
+    _track_plain_control(state, bottom_Pa, supply_Pa)
+    advance_reference(reference, behind, here, ahead)
+
+    compliance = compliance_m_Pa(settings, reference.position_m)
+    pressure, share = demanded_pressure(reference, state.friction, state.engagement.friction_share, settings)
+    oil, a, v = reference.position_m + compliance * pressure, reference.acceleration_m_s2, reference.velocity_m_s
+    append_demand(demands, pressure, share, a, reference.position_m, oil, v)
+    now = (
+        demands.pressure_Pa[0], demands.stribeck_share[0], demands.acceleration_m_s2[0], demands.position_m[0],
+        demands.oil_m[0], demands.velocity_m_s[0],
+    )  # fmt: skip
+    drop_demand(demands)
+    lag = setpoint_m - now[3]
+    load = bottom_Pa - supply_Pa * settings.area_ratio
+    deviation = load - due_pressure_Pa(state.lateness, now[0], demands.pressure_Pa)
+    push(state.deviation_Pa, deviation)
+    state.mean_deviation_Pa += DEVIATION_SHARE * (deviation - state.mean_deviation_Pa)
+
+    bottom = pressure + state.mean_deviation_Pa + state.supply_Pa * settings.area_ratio
+    roots = _roots(settings, state.supply_Pa, bottom)
+    flow, dead_band = advance_inverse(
+        state.inverse, oil, roots, state.valve, state.trim, state.crossing_path, state.valve.leak_m_s
+    )
+    push(state.flow_V, flow)
+    push(state.dead_band_V, dead_band)
+    if state.engagement.ramp > 0.0:
+        u += dot(state.lead_taps, state.flow_V, LEAD_TAPS) + dot(state.crossing_taps, state.dead_band_V, LEAD_TAPS)
+        u += backlash_inverse(state, u) - settings.position_gain_V_per_m * lag
+        u += state.valve.null_V - damping(state, settings.damping_1_s * compliance, roots)
+    if settings.learn:
+        _identify(state, position_m, valve_V, bottom_Pa, supply_Pa, load, now)
+    setpoint_m_s2 = (ahead - 2 * here + behind) / (settings.tick_s * settings.tick_s)
+    update_engagement(state, setpoint_m_s2, position_m, control_V, now[3] - position_m)
+    return weight(state.engagement.ramp) * clip(u, -settings.voltage_max_V, settings.voltage_max_V)
+
+
+@compiled
+def compliance_m_Pa(settings, position_m):
+    """Travel by which the oil below the piston is compressed, per pressure: V / (E A1) (Eq. 3.7)."""
+    return (position_m + settings.pipeline_length_m) / settings.bulk_modulus_Pa
+
+
+@compiled
+def _track_plain_control(state, bottom, supply):
+    """Loop gain and dead band of plain control, for the reference.
+
+    Pressures are low-passed: the reference is differentiated, and must not answer to noise or to itself.
+    """
+    settings, reference, valve = state.settings, state.reference, state.valve
+    if state.mean_bottom_Pa == 0.0:
+        state.mean_bottom_Pa, state.supply_Pa, state.mean_supply_Pa = bottom, supply, supply
+    state.supply_Pa += SUPPLY_SHARE * (supply - state.supply_Pa)
+    if reference.feed_forward == 1.0:
+        return
+    share = settings.tick_s / PRESSURE_MEAN_S
+    state.mean_bottom_Pa += share * (bottom - state.mean_bottom_Pa)
+    state.mean_supply_Pa += share * (supply - state.mean_supply_Pa)
+    roots = _roots(settings, state.mean_supply_Pa, state.mean_bottom_Pa)
+    kp = settings.position_gain_V_per_m
+    reference.null_m, reference.leak_m_s = valve.null_V / kp, valve.leak_m_s
+    for i in range(2):
+        reference.loop_1_s[i] = kp * valve.edges[i].gain_m_s_V * roots[i]
+        reference.dead_band_m[i] = valve.edges[i].dead_band_V / kp
+
+
+@compiled
+def _roots(settings, supply_Pa, bottom_Pa):
+    """sqrt(dp / dp_ref) of the edge to tank and of the edge from the supply."""
+    down = (bottom_Pa - settings.tank_pressure_Pa) / settings.reference_drop_Pa
+    up = (supply_Pa - bottom_Pa) / settings.reference_drop_Pa
+    least = MIN_DROP_SHARE
+    return sqrt(down if down > least else least), sqrt(up if up > least else least)
+
+
+@compiled
+def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
+    """One tick of valve, edge rounding, delay and friction. now: the demand for this tick."""
+    settings, v, valve = state.settings, valve_V - state.valve.null_V, state.valve
+    _, stribeck_share, acceleration_m_s2, reference_m, oil_m, velocity_m_s = now
+    compensated, engaged = state.engagement.ramp == 1.0, state.engagement.ramp > 0.0
+    root = _roots(settings, supply_Pa, 0.5 * (p + state.last_bottom_Pa))[1 if v > 0 else 0]
+    state.last_bottom_Pa = p
+    p_late = pressure_then_Pa(state.lateness, p)
+    z = position_m + compliance_m_Pa(settings, position_m) * p_late
+    push(state.oil_error_m, z - oil_m)
+    state.leaked_m += valve.leak_m_s * settings.tick_s
+    z -= state.leaked_m
+    add_to_valve(valve, z, v, root)
+    if not engaged and recentre(valve):
+        start_leak(state.leak)
+    deviation = state.deviation_Pa[0] - state.mean_deviation_Pa
+    add_to_lateness(state.lateness, deviation, compensated and state.engagement.after_reversal != 0, state.lag_s)
+    roots = _roots(settings, supply_Pa, p)
+    judged = add_to_delay(state.delay, z, v, velocity_m_s - valve.leak_m_s, roots, valve, compensated)
+    if judged and abs(found_delay_s(state.delay, state.lag_s) - state.delay_s) > DELAY_TOLERANCE_S:
+        want_design(state, state.lag_s)
+    if compensated:
+        add_to_trim(state.trim, state.oil_error_m, velocity_m_s, 0.5 * valve.edges[0].dead_band_V)
+    if valve_usable(valve):
+        if engaged:
+            state.rounding.ticks = 0
+        elif add_to_rounding(state.rounding, state.leak, z, v, root, valve):
+            tell_leak(state.leak, valve)
+            state.trim.rounding_V = lower_bound_V(state.rounding)
+        add_to_friction(state.friction, position_m, load_Pa, acceleration_m_s2)
+    if abs(valve.lag_s - state.lag_s) > LAG_TOLERANCE_S and valve_ready(valve):
+        if not engaged:
+            stretch_demands(state, look_ahead_shift(valve.lag_s, settings.tick_s))
+        want_design(state, round_lag(valve.lag_s))
+    friction, late = state.friction, position_m - reference_m
+    complete = add_to_stribeck(friction.stribeck, velocity_m_s, state.deviation_Pa[0], late, stribeck_share)
+    if complete and compensated:
+        update_stribeck(friction.stribeck, 1e6 * friction.fit.theta[1], 2.0 * friction.half_step_Pa)
+
+
+@compiled
+def want_design(state, lag_s):
+    """The taps are to be designed anew, for this lag."""
+    state.lag_s, state.delay_s, state.design_wanted = lag_s, round_lag(found_delay_s(state.delay, lag_s)), True

@@ -1,0 +1,40 @@
+"""How the adaptive step is compiled: strict IEEE arithmetic, cached between sessions, at the first call and not before.
+
+Numba's cache looks at the file of the function alone, but compiled callers hold copies of what they call. So the cache's
+version is that of all files that hold compiled functions.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba import config, njit
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """`function` as a native one. It gets records and arrays of the state layout and allocates nothing."""
+    options = {"cache": True, "error_model": "numpy", "fastmath": False, "nogil": True}
+    try:
+        dispatcher = njit(**options)(function)
+    except RuntimeError:  # neither the package's folder nor the user's can be written
+        config.CACHE_DIR = tempfile.mkdtemp(prefix="compensation-cache-")  # type: ignore[attr-defined]
+        dispatcher = njit(**options)(function)
+    stored = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    if stored is not None and hasattr(stored, "_version"):  # absent when numba runs without a cache
+        stored._version = (stored._version, _sources_digest())
+    return dispatcher
+
+
+@cache
+def _sources_digest() -> str:
+    """Digest of the files that hold compiled functions or the layout of the state."""
+    package = Path(__file__).parent
+    digest = hashlib.sha256((package / "compensator.py").read_bytes())
+    for path in sorted((package / "adaptive").glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()

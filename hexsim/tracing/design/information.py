@@ -1,0 +1,163 @@
+"""What a motion would tell: how far two hypotheses stay apart in it, and how well it would know their numbers.
+
+Sensitivities of all channels to the declared parameters and to the numbers of the effects, X (a row a number), at the
+noise or at the level of what the model leaves unexplained, whichever is larger. With A the normal matrix of the logs
+that there are, prior included, and d the difference of two answers in a new motion
+
+    separation   d'd - b'(A + X X')^-1 b,  b = X d      the part of d that no change of the numbers takes up (T-optimal)
+    errors       diag (A + X X')^-1                                                                        (D-optimal)
+
+Atkinson and Fedorov, Biometrika 1975. Linear in the numbers: far from the fitted values it is a guide only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hexsim.machine.files import changed
+from hexsim.signals.channels import kind_of
+from hexsim.signals.log import Log
+from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, prior_terms, refine, start_fit_at
+from hexsim.tracing.problems.problem import FitProblem, in_parallel
+from hexsim.tracing.problems.simulated import SimulatedProblem
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Number:
+    """A number of an effect: its label, its value, the error reported now, its place among the coordinates."""
+
+    effect: str
+    name: str
+    value: float
+    standard_error: float
+    place: int
+
+    @property
+    def relative(self) -> float:
+        return self.standard_error / abs(self.value) if self.value else float("inf")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hypothesis:
+    """A fitted machine that the logs do not rule out, with what they know of its coordinates: normal matrix (k, k)."""
+
+    label: str
+    fit: Fit
+    known: Array
+
+    @property
+    def numbers(self) -> list[Number]:
+        """The numbers of its effects."""
+        errors, place, found = self.fit.standard_errors(), len(self.fit.priors), []
+        for candidate, values, own in zip(self.fit.candidates, self.fit.values, errors, strict=True):
+            for parameter in candidate.free():
+                error = own.get(parameter.name, float("nan"))
+                found.append(
+                    Number(
+                        effect=candidate.label,
+                        name=parameter.name,
+                        value=values[parameter.name],
+                        standard_error=error,
+                        place=place,
+                    )
+                )
+                place += 1
+        return found
+
+
+def sensitivities(fit: Fit, problem: FitProblem) -> list[Array]:
+    """Columns of all coordinates of a fit where it stands, a log: (k, n_channels, n)."""
+    there = parameter_columns(start_fit_at(fit, problem), problem)
+    assert there.columns is not None
+    own = there.columns
+    if fit.candidates:
+        own = [np.concatenate(pair) for pair in zip(own, effect_columns(there, problem), strict=True)]
+    return own
+
+
+def normal_matrix(columns: list[Array]) -> Array:
+    """X X' over all logs and channels."""
+    return np.sum([(flat := own.reshape(own.shape[0], -1)) @ flat.T for own in columns], axis=0)
+
+
+def hypothesis(label: str, fit: Fit, problem: SimulatedProblem) -> Hypothesis:
+    """With what the logs of the problem know of it, and the declared uncertainty of its parameters."""
+    known = normal_matrix(sensitivities(fit, problem))
+    m = len(fit.priors)
+    known[range(m), range(m)] += prior_terms(fit)[0]
+    return Hypothesis(label=label, fit=fit, known=known)
+
+
+def at_the_rest(problem: SimulatedProblem, fit: Fit) -> SimulatedProblem:
+    """The problem with every kind of channel at the noise, or at the rms that the fit leaves where that is more."""
+    left: dict[str, float] = {}
+    for i, misfit in enumerate(fit.misfit):
+        for name, row in zip(problem.channels(i), misfit, strict=True):
+            left[kind_of(name)] = max(left.get(kind_of(name), 1.0), float(np.sqrt(np.mean(row**2))))
+    return replace(problem, noise={kind: value * left.get(kind, 1.0) for kind, value in problem.noise.items()})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Promise:
+    """What a motion would give. separations: pair of labels -> chi2; errors: of each number of the first hypothesis."""
+
+    separations: dict[tuple[str, str], float]
+    errors: tuple[float, ...]
+    information: float  # log of the ratio of the determinants, after to before
+
+    def worth(self, wanted: int | None) -> float:
+        """What a design makes as large as it can. wanted: the number to be sharpened, where nothing is to be separated."""
+        if self.separations:
+            return float(np.log(max(min(self.separations.values()), 1e-9)))
+        return -float(np.log(self.errors[wanted])) if wanted is not None else self.information
+
+
+def promise(hypotheses: list[Hypothesis], log: Log, noise: dict[str, float]) -> Promise:
+    """What a motion, given as a log of its setpoints, would tell of the hypotheses."""
+    first = hypotheses[0]
+    problem = SimulatedProblem(logs=(log,), noise=noise).with_input_uncertainty(first.fit.fitted_machine())
+    settle = problem.settle(0)
+    answers = in_parallel(lambda one: problem.answer(one.fit.fitted_machine(), 0)[:, settle:], hypotheses)
+    if not all(np.isfinite(answer).all() for answer in answers):
+        return Promise(separations={}, errors=tuple(np.inf for _ in hypotheses[0].numbers), information=-np.inf)
+    sigma = problem.sigma(0)[:, settle:]
+    columns = sensitivities(first.fit, problem)
+    after = first.known + normal_matrix(columns)
+    flat = columns[0].reshape(len(after), -1)
+    inverse_before, inverse_after = _inverse(first.known), _inverse(after)
+    separations = {}
+    for i, one in enumerate(hypotheses):
+        for k in range(i + 1, len(hypotheses)):
+            d = ((answers[k] - answers[i]) / sigma).ravel()
+            b = flat @ d
+            separations[one.label, hypotheses[k].label] = max(float(d @ d - b @ inverse_after @ b), 0.0)
+    shrink = np.sqrt(np.maximum(np.diag(inverse_after), 0.0) / np.maximum(np.diag(inverse_before), 1e-300))
+    errors = tuple(number.standard_error * float(shrink[number.place]) for number in first.numbers)
+    gain = float(np.linalg.slogdet(after)[1] - np.linalg.slogdet(first.known)[1])
+    return Promise(separations=separations, errors=errors, information=gain)
+
+
+def loaded(one: Hypothesis, changes: dict[str, float]) -> Hypothesis:
+    """The hypothesis about the machine with another load: {"load.moving_mass_kg": 60.0}."""
+    if not changes:
+        return one
+    declared = tuple(replace(prior, declared=changes.get(prior.dotted, prior.declared)) for prior in one.fit.priors)
+    return replace(one, fit=replace(one.fit, machine=changed(one.fit.machine, changes), priors=declared))
+
+
+def refitted_separation(one: Hypothesis, other: Hypothesis, log: Log, noise: dict[str, float]) -> float:
+    """chi2 that stays when the other hypothesis is refitted to what the first would write in this motion alone."""
+    machine = one.fit.fitted_machine()
+    problem = SimulatedProblem(logs=(log,), noise=noise)
+    problem = replace(problem, logs=(problem.simulated(machine, 0),)).with_input_uncertainty(machine)
+    return refine(start_fit_at(other.fit, problem), problem, fresh=True).chi2
+
+
+def _inverse(matrix: Array) -> Array:
+    """Of a scaled normal matrix; directions that no log knows stay unknown."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return np.linalg.pinv(matrix * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale

@@ -1,0 +1,140 @@
+"""The motions that a design chooses from: a vector of numbers gives a scenario inside the machine's limits.
+
+Kinds: multisine, sweep, constant-acceleration reversals, slow strokes at constant velocity, steps. Each is scaled to a
+share of the largest that every leg can follow: clear of the cushions, 0.3 m/s, 3 m/s2 (`motion_computer.limits`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from hexsim.declaration import Machine
+from hexsim.mechanics.kinematics import DOF_NAMES
+from hexsim.motion_computer.limits import Limits, leg_limits, pose_limits
+from hexsim.tracing.steps.experiments import setpoint_log
+
+Array = np.ndarray
+KINDS = ("multisine", "sweep", "constant_acceleration_reversals", "constant_velocity_strokes", "block")
+TONES = 6
+SLOWEST_Hz, FASTEST_Hz = 0.05, 15.0
+SMALLEST_SHARE = 0.1  # of the largest possible size
+STEP_SHARE = 0.05  # of the stroke: steps are small, because people may stand on the machine
+SEEDS = 64  # of phases
+FADE_S = 2.0
+FREE = 1.05  # the largest size stays this factor inside the limits
+ROUNDS = 3  # of scaling: legs are not quite linear in the pose
+
+
+@dataclass(frozen=True)
+class MotionFamily:
+    """Motions of a machine that last `duration_s`. A point of the family is a vector within `bounds`."""
+
+    machine: Machine
+    duration_s: float
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        """kind, axis, size, two frequencies, slope of the amplitudes, seed of the phases; whole numbers: `integrality`."""
+        return [(0, len(KINDS) - 1), (0, len(self.axes) - 1), (0, 1), (0, 1), (0, 1), (0, 1), (0, SEEDS - 1)]
+
+    integrality = (True, True, False, False, False, False, True)
+
+    @cached_property
+    def axes(self) -> tuple[str, ...]:
+        """What may be driven."""
+        return DOF_NAMES if self.machine.is_hexapod else ("leg_1",)
+
+    @cached_property
+    def limits(self) -> Limits:
+        return leg_limits(self.machine)
+
+    @cached_property
+    def reach(self) -> Array:
+        """Excursion of each axis alone [m or rad]."""
+        return pose_limits(self.machine).excursion
+
+    def scenario(self, point: Array) -> dict[str, Any] | None:
+        """Tables of the scenario; None where it cannot be made inside the limits."""
+        kind, axis, seed = KINDS[round(point[0])], round(point[1]) % len(self.axes), round(point[6])
+        size = SMALLEST_SHARE + (1.0 - SMALLEST_SHARE) * float(point[2])
+        low, high = sorted(float(SLOWEST_Hz * (FASTEST_Hz / SLOWEST_Hz) ** x) for x in (point[3], point[4]))
+        driven = self.axes if kind == "multisine" else self.axes[axis : axis + 1]
+        scale = 1.0
+        for _ in range(ROUNDS):
+            axes = {
+                name: signal(
+                    kind, scale * float(self.reach[self.axes.index(name)]), low, high, float(point[5]), seed + k
+                )
+                for k, name in enumerate(driven)
+            }
+            tables = self._tables(
+                {name: one | {"duration_s": self.duration_s} if kind == "sweep" else one for name, one in axes.items()}
+            )
+            scale /= FREE * self._beyond(tables, jumps=kind == "block") / size
+            if not 1e-6 < scale < 1e6:
+                return None
+        return tables if self._beyond(tables, jumps=kind == "block") <= 1.0 else None
+
+    def _tables(self, axes: dict[str, Any]) -> dict[str, Any]:
+        hexapod = self.machine.is_hexapod
+        return {
+            "name": "next-measurement",
+            "mode": "dof" if hexapod else "actuator",
+            "machine_name": self.machine.name,
+            "duration_s": self.duration_s,
+            "fade_s": FADE_S,
+            "fade": "smooth",
+            "axes": axes,
+        }
+
+    def _beyond(self, tables: dict[str, Any], jumps: bool) -> float:
+        """Largest share of a leg's limits that the motion takes; of a step only its size."""
+        rate, middle = 200.0, 0.5 * self.machine.cylinder.stroke_m
+        legs = setpoint_log(self.machine, tables, rate).setpoint
+        assert legs is not None
+        excursion = np.abs(legs - middle).max(axis=1)
+        if jumps:
+            return float(np.max(excursion / (STEP_SHARE * self.machine.cylinder.stroke_m)))
+        speed = np.abs(np.diff(legs, axis=1)).max(axis=1) * rate
+        acceleration = np.abs(np.diff(legs, 2, axis=1)).max(axis=1) * rate**2
+        limits = self.limits
+        shares = (excursion / limits.excursion, speed / limits.velocity, acceleration / limits.acceleration)
+        return float(np.max(shares))
+
+
+def signal(kind: str, reach: float, low_Hz: float, high_Hz: float, slope: float, seed: int) -> dict[str, Any]:
+    """A signal of this kind with peaks of about `reach`. slope: amplitudes fall with frequency to the power 0 .. 2."""
+    if kind == "multisine":
+        frequencies = np.geomspace(low_Hz, max(high_Hz, 1.05 * low_Hz), TONES) * (1.0 + 0.01 * (seed % 7))
+        amplitudes = (frequencies[0] / frequencies) ** (2.0 * slope)
+        amplitudes *= reach / amplitudes.sum()
+        return {
+            "kind": kind,
+            "amplitudes": [float(a) for a in amplitudes],
+            "frequencies_Hz": [float(round(f, 4)) for f in frequencies],
+            "seed": seed,
+        }
+    if kind == "sweep":
+        hold = ("position", "velocity", "acceleration")[min(int(3 * slope), 2)]
+        return {"kind": kind, "amplitude": reach, "start_Hz": low_Hz, "end_Hz": high_Hz, "law": "log", "hold": hold}
+    if kind == "block":
+        return {"kind": kind, "amplitude": reach, "frequency_Hz": min(max(low_Hz, 0.1), 1.0)}
+    if kind == "constant_acceleration_reversals":
+        half = 0.25 / min(max(low_Hz, 0.1), 2.0)
+        top = 2.0 * reach / half**2
+        levels = [top * share for share in (1.0, 0.3 ** (0.5 + slope), 0.1 ** (0.5 + slope))]
+        return {"kind": kind, "accelerations": levels, "half_time_s": half, "cycles": 2, "transition_s": 0.5}
+    top = 4.0 * reach * low_Hz
+    levels = [top * share for share in (1.0, 0.3 ** (0.5 + slope), 0.1 ** (0.5 + slope))]
+    return {
+        "kind": kind,
+        "velocities": levels,
+        "stroke": 1.5 * reach,
+        "cycles": 1,
+        "transition_s": 0.5,
+        "longest_s": 2.0,
+    }
