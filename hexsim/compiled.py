@@ -16,14 +16,17 @@ from pathlib import Path
 from typing import Any
 
 from llvmlite.ir import Constant
-from numba import config, njit
+from numba import config, njit, types
 from numba.extending import intrinsic
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """`function` as a native one. Equations are inlined where they are used: terms that two of them share are computed once."""
-    is_equation = function.__module__.startswith("hexsim.hydraulics.")
-    options = {"cache": True, "error_model": "numpy", "fastmath": False, "forceinline": is_equation}
+    """`function` as a native one. Equations are inlined where they are used: terms that two of them share are computed once.
+
+    So are the parts of a tick, which would count references to each other's arrays.
+    """
+    is_inlined = function.__module__.startswith(("hexsim.hydraulics.", "hexsim.plant.stepping"))
+    options = {"cache": True, "error_model": "numpy", "fastmath": False, "forceinline": is_inlined}
     try:
         dispatcher = njit(nogil=True, **options)(function)  # threads run side by side
     except RuntimeError:  # no locator: neither the package's folder nor the user's can be written
@@ -35,19 +38,30 @@ def compiled(function: Callable[..., Any]) -> Any:
     return dispatcher
 
 
-def _borrowed(typing_context: Any, array: Any) -> Any:
-    """The same array without its reference count, for inner loops: counting costs as much as a leg's equations.
+def _borrowed(typing_context: Any, value: Any) -> Any:
+    """The same array, or a tuple of them, without reference counts, for inner loops: counting costs as much as a leg's equations.
 
-    Whoever lends it must hold the array until the borrower returns, as the Python caller of a compiled function does.
+    Whoever lends it must hold the arrays until the borrower returns, as the Python caller of a compiled function does.
     """
 
-    def without_owner(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        struct = context.make_array(signature.return_type)(context, builder, value=args[0])
-        struct.meminfo = Constant(struct.meminfo.type, None)
-        struct.parent = Constant(struct.parent.type, None)
-        return struct._getvalue()
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _without_owner(context, builder, signature.return_type, args[0])
 
-    return array(array), without_owner
+    return value(value), codegen
+
+
+def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    if isinstance(kind, types.BaseTuple):
+        parts: Any = kind
+        for i, part in enumerate(parts):
+            inner = _without_owner(context, builder, part, builder.extract_value(value, i))
+            value = builder.insert_value(value, inner, i)
+    if not isinstance(kind, types.Array):
+        return value
+    struct = context.make_array(kind)(context, builder, value=value)
+    struct.meminfo = Constant(struct.meminfo.type, None)
+    struct.parent = Constant(struct.parent.type, None)
+    return struct._getvalue()
 
 
 borrowed: Any = intrinsic(_borrowed)

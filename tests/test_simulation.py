@@ -1,5 +1,6 @@
 """One run: what is refused before it, how it starts, what interrupts it, what its log holds."""
 
+import mujoco
 import numpy as np
 import polars as pl
 import pytest
@@ -193,3 +194,37 @@ def test_user_file_drives_the_platform(tmp_path, machine):
     run = simulate(machine, load_scenario(path), fast=True)
     assert run.summary["scenario"] == "push"
     assert run.log["commanded_x_m"].max() == pytest.approx(0.01, rel=1e-3)
+
+
+class _Onlooker:
+    """Changes nothing, but keeps a run out of the compiled loop. Keeps what it saw of MuJoCo's timer of positions."""
+
+    def __init__(self):
+        self.readings = set()
+
+    def before_step(self, time_s, plant, volts):
+        self.readings.add(plant.data.timer[mujoco.mjtTimer.mjTIMER_POSITION].duration)
+        return volts
+
+
+@pytest.mark.parametrize("model", ["tendon", "full"])
+def test_the_compiled_loop_and_the_one_in_python_are_equal(machine, model):
+    """Positions taken from the evaluation that the step begins with are those sensed beforehand: logs equal to the bit."""
+    scenario = load_scenario("heave", duration_s=0.4)
+    compiled, python = (simulate(machine, scenario, model=model, interventions=i).log for i in ([], [_Onlooker()]))
+    assert compiled.equals(python)
+
+
+def test_mujoco_reads_no_clock_during_a_run_and_has_it_back_afterwards(machine):
+    """MuJoCo's timers stand still in a run, and count again in the same process after it, also after one that ends early."""
+    onlooker = _Onlooker()
+
+    def interrupt(fraction):
+        raise KeyboardInterrupt
+
+    stopped = simulate(machine, load_scenario("heave", duration_s=0.4), progress=interrupt, interventions=[onlooker])
+    assert not stopped.complete and len(onlooker.readings) == 1
+    model = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 10)
+    assert data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration > 0.0

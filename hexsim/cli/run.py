@@ -14,8 +14,10 @@ from hexsim.errors import HexsimError
 from hexsim.files.formats import LogFormat
 
 if TYPE_CHECKING:
+    from hexsim.declaration import Machine
     from hexsim.files.run_folder import RunFolder
     from hexsim.simulation import Run
+    from hexsim.simulation.payload_fmu import PayloadFmu
 
 
 def register(app: typer.Typer) -> None:
@@ -37,6 +39,13 @@ def run(
     recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write run.rrd for Rerun.")] = True,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write figures and report.html.")] = True,
     log_format: Annotated[LogFormat, typer.Option(help="Format of the log file.")] = "parquet",
+    mcap: Annotated[bool, typer.Option("--mcap", help="Write run.mcap for Foxglove, PlotJuggler and ROS.")] = False,
+    payload: Annotated[
+        Path | None, typer.Option(help="An FMU on the platform: takes its motion, gives force and moment.")
+    ] = None,
+    connect: Annotated[
+        list[str] | None, typer.Option(help="Name in the payload's FMU: force_z_N=THEIRS or THEIRS*FACTOR. Repeat.")
+    ] = None,
 ) -> None:
     """Run a scenario headless: table of acceleration peaks, log, figures, report and Rerun recording."""
     from hexsim.files.run_folder import default_folder, run_folder
@@ -46,18 +55,24 @@ def run(
         print_what_there_is()
         raise typer.Exit(2)
     with_machine, what = options.prepare(scenario, motion, settings)
+    if mcap:
+        from hexsim.recording.mcap import check_library
+
+        check_library()
     with run_folder(out or default_folder(what.name)) as folder, progress() as bar, terminated_like_interrupted():
         from hexsim.scenarios.resources import check_resources
         from hexsim.scenarios.settings import machine_in
         from hexsim.simulation import simulate
 
-        check_resources(machine_in(what, with_machine), what.duration_s, folder.out.absolute().parent)
+        chosen = machine_in(what, with_machine)
+        check_resources(chosen, what.duration_s, folder.out.absolute().parent)
+        payloads = payload_on(chosen, payload, connect or []) if payload else []
 
         done = simulate(
             with_machine, what, compensator=compensator, fast=fast, seed=seed, timestep=timestep,
-            progress=fraction_of(bar, f"{what.name} on {with_machine.name}"),
+            progress=fraction_of(bar, f"{what.name} on {with_machine.name}"), interventions=payloads,
         )  # fmt: skip
-        place = keep(done, folder, step_of(bar), log_format=log_format, recording=recording, report=report)
+        place = keep(done, folder, step_of(bar), log_format=log_format, recording=recording, report=report, mcap=mcap)
     if json:
         print_json(summary_of(done))
     else:
@@ -66,12 +81,20 @@ def run(
         raise HexsimError(f"{done.reason.rstrip('.')}; the log so far is in {place}")
 
 
-def keep(run: Run, folder: RunFolder, step, *, log_format: LogFormat, recording: bool, report: bool) -> Path:
-    """Write and place the files of a run; whatever happens while plotting, what was simulated is kept."""
+def payload_on(machine: Machine, path: Path, connections: list[str]) -> list[PayloadFmu]:
+    """The FMU as what acts on the machine."""
+    from hexsim.simulation.payload_fmu import PayloadFmu, parse_connections
+
+    has_platform = machine.mechanics.has_platform
+    return [PayloadFmu(path, parse_connections(connections), has_platform=has_platform)]
+
+
+def keep(run: Run, folder: RunFolder, step, *, log_format: LogFormat, **files: bool) -> Path:
+    """Write and place the files of a run (as `write_run`); whatever happens while plotting, what was simulated is kept."""
     from hexsim.recording.run_files import write_run
 
     try:
-        write_run(run, folder.path, log_format=log_format, recording=recording, report=report, step=step)
+        write_run(run, folder.path, log_format=log_format, step=step, **files)
     except (HexsimError, OSError) as error:  # the disk is full, or has gone
         if isinstance(error, OSError) and error.errno not in FULL:
             raise

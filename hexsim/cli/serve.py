@@ -29,6 +29,12 @@ def serve(
     scenario: Annotated[str | None, typer.Option(help="What manual mode plays; default heave.")] = None,
     start: Annotated[str, typer.Option(help="neutral (mid stroke, pressure up) or off (on its stops).")] = "neutral",
     timestep: options.TimeStep = None,
+    telemetry: Annotated[
+        bool, typer.Option("--telemetry", help="Send the host what the sensors read, at the log rate.")
+    ] = False,
+    lockstep: Annotated[
+        bool, typer.Option("--lockstep", help="Machine time follows the host's packets, not the clock.")
+    ] = False,
     duration: Annotated[float | None, typer.Option(help="Stop after this time (s); default: Ctrl-C.")] = None,
     json: options.Json = False,
 ) -> None:
@@ -36,7 +42,10 @@ def serve(
     with_machine, what = options.prepare(scenario or "heave", options.Motion(machine=machine))
     from hexsim.simulation.serve import Server
 
-    server = Server(with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep)
+    server = Server(
+        with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep,
+        telemetry=telemetry, lockstep=lockstep,
+    )  # fmt: skip
     address = f"{server.address[0]}:{server.address[1]}"
     typer.echo(f"{with_machine.name} listens on udp://{address}, state {start}; Ctrl-C stops it", err=True)
     with server, terminated_like_interrupted():

@@ -45,7 +45,10 @@ def trace(
     """Hold measured logs against the declared machine and name the physical effect that it lacks, if it lacks one."""
     from hexsim.files.run_folder import default_folder, run_folder
     from hexsim.machine.files import find_machine_file
+    from hexsim.tracing.own.folder import is_own
 
+    if is_own(machine):
+        return trace_own_folder(machine, fit or [], validate or [], out, json)
     place = find_machine_file(machine)
     held_out = validate or ["validate"]
     with (
@@ -88,6 +91,70 @@ def design_next(result: Trace, place: Path, show: Callable[[str, float], None]) 
     return found.to_json() | {"lines": found.lines(), "file": str(place)}
 
 
+def trace_own_folder(folder: Path, fit: list[str], validate: list[str], out: Path | None, json: bool) -> None:
+    """A machine with balances of its own: balances.toml or balances.py."""
+    from hexsim.files.run_folder import default_folder, run_folder
+    from hexsim.tracing.own.trace import trace_folder
+
+    with (
+        run_folder(out or default_folder(f"trace-{folder.resolve().name}")) as place,
+        progress() as bar,
+        terminated_like_interrupted() as check,
+    ):
+        task = bar.add_task("starting", total=1.0)
+
+        def show(step: str, fraction: float) -> None:
+            check()
+            bar.update(task, description=step, completed=fraction)
+
+        _, _, report = trace_folder(folder, fit, validate, place.path, show)
+        final = place.finish()
+    if json:
+        print_json(report)
+        return
+    console = output()
+    print_own(report, console)
+    console.print(f"files    {final}")
+
+
+def print_own(report: Mapping[str, Any], console: Any) -> None:
+    """Verdict, remarks, budget and numbers of each balance."""
+    from rich.text import Text
+
+    logs = [(run, one) for run, said in report["findings"].items() for one in said]
+    if logs:
+        console.print(_table("What was read, repaired and moved", ("run", ""), logs))
+    for balance in report["balances"]:
+        console.print()
+        console.print(Text.assemble((f"{balance['name']}  ", "bold"), balance["verdict"]))
+        pulses = [f"run {run}: {text}" for run, text in balance["pulses"].items()]
+        for line in (
+            *balance["remarks"],
+            *pulses,
+            *balance["extremes"],
+            *balance["refused"],
+            f"next: {balance['next']}",
+        ):
+            console.print(Text(f"  {line}"))
+        rows = [
+            (row["run"], " + ".join(row.get("chosen", [])) or "–", *(f"{row[key]:.3g}" for key in OWN_STEPS))
+            for row in balance["budget"]
+        ]
+        title = f"rms of the rest [{balance['unit']}], each run held out"
+        console.print(_table(title, ("run", "chosen without it", *(key.replace("_", " ") for key in OWN_STEPS)), rows))
+        numbers = []
+        for name, number in balance["coefficients"].items():
+            place = balance["places"].get(name)
+            declared = "–" if number["declared"] is None else f"{number['declared']:.5g}"
+            at = "" if place is None else f"{place['place']:.4g}"
+            value = f"{number['value']:.5g} ± {number['standard_error']:.2g}"
+            numbers.append((name, number["unit"], value, declared, at))
+        console.print(_table("Numbers", ("number", "unit", "value", "declared", "place"), numbers))
+
+
+OWN_STEPS = ("declared", "refit", "with_terms")
+
+
 def record(logs: Path, held_out: list[str], result: Trace, final: Path, text: str) -> None:
     """Recordings beside the report. HexsimError when interrupted: the report is whole all the same."""
     from hexsim.tracing.report.recording import write_trace_recordings
@@ -106,7 +173,13 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
     verdict = report["verdict"]
     console.print(Text.assemble("verdict  ", (verdict, f"bold {VERDICT_STYLE.get(verdict, '')}".strip())))
     console.print()
-    for title, header, rows in (_steps(report), _effects(report), _unexplained(report), _errors(report)):
+    for title, header, rows in (
+        _findings(report),
+        _steps(report),
+        _effects(report),
+        _unexplained(report),
+        _errors(report),
+    ):
         if rows:
             console.print(_table(title, header, rows))
             console.print()
@@ -137,6 +210,11 @@ def _table(title: str, header: tuple[str, ...], rows: list[tuple[str, ...]]):
     for row in rows:
         table.add_row(*row)
     return table
+
+
+def _findings(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    rows = [(log, found["description"]) for log, own in report.get("findings", {}).items() for found in own]
+    return "What was found and repaired in the logs", ("log", "finding"), rows
 
 
 def _steps(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:

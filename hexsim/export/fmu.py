@@ -90,7 +90,7 @@ def _write(out: Path, contents: dict[str, bytes]) -> None:
 def machine_header(plant: Plant, variables: Variables, missing: list[str]) -> str:
     """machine.h: what the C source must know of this machine. missing: functions of numba's error paths."""
     delay, supply, rule = plant.rows[:, P.VALVE_DELAY], plant.resolved.supply, plant.step_rule()
-    along = np.eye(1) if plant.kinematics is None else plant.kinematics.jacobian(np.zeros(6))
+    along = np.take(plant.kinematics.jacobian(np.zeros(6)), plant.kinematics.dof_places, axis=1)
     changes = [(k, c) for k, p in enumerate(variables.parameters) for c in p.changes if c.actuator < len(plant.layout)]
     numbers = _places(plant, variables) | {
         "RING": DELAYED_COMMANDS if delay.any() else 2, "LONGEST_DELAY": float(delay.max()), "N_CHANGES": len(changes),

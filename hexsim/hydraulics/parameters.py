@@ -11,7 +11,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from hexsim.declaration import Friction, Machine, Valve
+from hexsim.declaration import Cylinder, Friction, Machine, Valve
+from hexsim.declaration.leg import Leg
 from hexsim.declaration.valve import FLOW_POINTS
 from hexsim.signals.units import unit_to_si
 
@@ -100,6 +101,9 @@ class P(IntEnum):
     LEAK_PISTON = 68
     LEAK_TOP_TANK = 69
     FLOW_POINTS = 70  # points of the flow curve; 0: the openings follow the overlaps
+    AIR_FRACTION_TOP = 71  # in the oil of the rod side beyond AIR_FRACTION
+    SEAL_FRICTION_TOP = 72
+    SEAL_FRICTION_ACROSS = 73
 
 
 ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B
@@ -116,20 +120,20 @@ def declared_rows(machine: Machine) -> np.ndarray:
     Spool Eq. 3.2: gain = x_max/u_max. Area gradient Eq. 3.3: pi d, or what gives the rated flow, with the sharp or
     rounded overlap law, or Eq. 3.11 when QUADRATIC_GAIN > 0.
     """
-    row = np.zeros(N_PARAMETERS)
-    for name, value in (_cylinder(machine) | _valve(machine) | _friction(machine.friction)).items():
-        row[name] = value
-    if machine.valve.flow_curve is not None:
-        points = flow_points(machine.valve)
-        row[P.FLOW_POINTS] = points.shape[1]
-        for k, start in enumerate((FLOW_TABLE, FLOW_TABLE + FLOW_POINTS)):
-            row[start : start + points.shape[1]] = points[k]
-    return np.tile(row, (machine.n_legs, 1))
+    rows = np.zeros((machine.n_legs, N_PARAMETERS))
+    for row, leg in zip(rows, machine.legs, strict=True):
+        for name, value in (_cylinder(machine, leg.cylinder) | _valve(machine, leg) | _friction(leg.friction)).items():
+            row[name] = value
+        if leg.valve.flow_curve is not None:
+            points = flow_points(leg.valve)
+            row[P.FLOW_POINTS] = points.shape[1]
+            for k, start in enumerate((FLOW_TABLE, FLOW_TABLE + FLOW_POINTS)):
+                row[start : start + points.shape[1]] = points[k]
+    return rows
 
 
-def _cylinder(machine: Machine) -> dict[P, float]:
+def _cylinder(machine: Machine, cylinder: Cylinder) -> dict[P, float]:
     """Supply, oil, cylinder and its leaks."""
-    cylinder = machine.cylinder
     values = {
         P.SUPPLY_PRESSURE: machine.supply.pressure_Pa,
         P.TANK_PRESSURE: machine.supply.tank_pressure_Pa,
@@ -155,9 +159,9 @@ def _cylinder(machine: Machine) -> dict[P, float]:
     }
 
 
-def _valve(machine: Machine) -> dict[P, float]:
+def _valve(machine: Machine, leg: Leg) -> dict[P, float]:
     """Valve and spool; edges of port B where the rod side hangs on it."""
-    valve = machine.valve
+    valve = leg.valve
     omega, damping, speed = valve.spool
     gradients, overlaps = valve.area_gradients_m(machine.oil.density_kg_m3), valve.overlaps_m
     values = {
@@ -178,7 +182,7 @@ def _valve(machine: Machine) -> dict[P, float]:
         P.NULL_OFFSET: valve.null_shift_percent / 100 * valve.voltage_max_V,
         P.HYSTERESIS: valve.hysteresis_percent / 200 * valve.voltage_max_V,  # half of the loop's width
     }
-    if machine.cylinder.rod_side == "valve":
+    if leg.cylinder.rod_side == "valve":
         values |= {
             P.OVERLAP_SUPPLY_TOP: overlaps[2],
             P.OVERLAP_TANK_TOP: overlaps[3],

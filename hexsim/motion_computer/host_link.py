@@ -5,6 +5,7 @@ The host keeps the link until no valid packet has come for `NEW_SESSION_S`. Anyt
 
 from __future__ import annotations
 
+import select
 import socket
 from typing import Any
 
@@ -53,10 +54,18 @@ class HostLink:
         return taken
 
     def send(self, reply: Reply) -> None:
+        self.send_packet(reply.pack())
+
+    def send_packet(self, data: bytes) -> None:
+        """To the present host; a packet that the network does not take is counted."""
         try:
-            self._socket.sendto(reply.pack(), self.peer)
+            self._socket.sendto(data, self.peer)
         except OSError:
             self.counts["not sent"] += 1
+
+    def wait(self, timeout_s: float) -> None:
+        """Until a packet is there, at most this long."""
+        select.select([self._socket], [], [], timeout_s)
 
 
 def _bind(host: str, port: int) -> socket.socket:

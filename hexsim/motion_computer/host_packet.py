@@ -15,7 +15,8 @@ Reply, machine to host, 136 bytes, after each tick in which a valid command came
     4       uint16    state: 0 off, 1 starting, 2 neutral, 3 manual, 4 normal, 5 settling, 6 fault
     6       uint16    errors, bits of `errors.Error`
     8       uint32    sequence of the newest command
-    12      uint32    bit 0: arrived (neutral reached, or at rest); bit 1: the last command was refused
+    12      uint32    bit 0: arrived (neutral reached, or at rest); bit 1: the last command was refused; bit 2: machine
+                      time follows the host's (lockstep); bit 3: telemetry is sent (`motion_computer.telemetry`)
     16      float64   machine time [s]
     24      float64   lag behind real time [s]
     32      float64   age of the newest setpoint [s]
@@ -81,9 +82,11 @@ class Reply:
     age_s: float
     pose: Six
     reference: Six
+    lockstep: bool = False
+    telemetry: bool = False
 
     def pack(self) -> bytes:
-        flags = int(self.arrived) | int(self.refused) << 1
+        flags = int(self.arrived) | int(self.refused) << 1 | int(self.lockstep) << 2 | int(self.telemetry) << 3
         return REPLY.pack(
             REPLY_MAGIC, int(self.state), int(self.errors), self.sequence, flags,
             self.time_s, self.behind_s, self.age_s, *self.pose, *self.reference,
@@ -102,4 +105,5 @@ def unpack_reply(data: bytes) -> Reply:
     return Reply(
         state=State(state), errors=Error(errors), sequence=sequence, arrived=bool(flags & 1), refused=bool(flags & 2),
         time_s=time_s, behind_s=behind_s, age_s=age_s, pose=tuple(poses[:6]), reference=tuple(poses[6:]),
+        lockstep=bool(flags & 4), telemetry=bool(flags & 8),
     )  # fmt: skip

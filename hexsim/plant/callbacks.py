@@ -17,6 +17,8 @@ from __future__ import annotations
 import ctypes
 import operator
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 
 import mujoco
@@ -201,7 +203,7 @@ _installing = threading.Lock()
 
 def installed() -> bool:
     """Whether MuJoCo calls the hydraulics at present."""
-    return all(_address_of(name) == made.address for name, made in zip(_CALLBACKS, native_callbacks(), strict=True))
+    return all(_callback(name).value == made.address for name, made in zip(_CALLBACKS, native_callbacks(), strict=True))
 
 
 def install_hydraulics() -> None:
@@ -212,7 +214,7 @@ def install_hydraulics() -> None:
     """
     with _installing:
         for name, made in zip(_CALLBACKS, native_callbacks(), strict=True):
-            if _address_of(name) not in (None, made.address):
+            if _callback(name).value not in (None, made.address):
                 raise HexsimError(
                     f"MuJoCo's callback {name} belongs to another program in this process: hexsim needs it; run hexsim "
                     "in a process of its own"
@@ -220,6 +222,29 @@ def install_hydraulics() -> None:
             getattr(mujoco, f"set_{name}")(made.ctypes)
 
 
-def _address_of(name: str) -> int | None:
-    """Address in one of MuJoCo's global callbacks; None = none."""
-    return ctypes.c_void_p.in_dll(ctypes.CDLL(mujoco._functions.__file__), name).value
+@cache
+def _callback(name: str) -> ctypes.c_void_p:
+    """One of MuJoCo's global callbacks, where MuJoCo has it."""
+    return ctypes.c_void_p.in_dll(ctypes.CDLL(mujoco._functions.__file__), name)
+
+
+_untimed: list[int | None] = []  # clock that MuJoCo had, one entry for each run that does without
+
+
+@contextmanager
+def without_timers() -> Iterator[None]:
+    """While a run lasts MuJoCo reads no clock for `mjData.timer`: thirty readings a step, a seventh of its time.
+
+    The clock comes back when the last of several runs (in threads) ends.
+    """
+    clock = _callback("mjcb_time")
+    with _installing:
+        _untimed.append(_untimed[0] if _untimed else clock.value)
+        clock.value = None
+    try:
+        yield
+    finally:
+        with _installing:
+            kept = _untimed.pop()
+            if not _untimed:
+                clock.value = kept

@@ -21,7 +21,6 @@ from hexsim.hydraulics.resolve import add_effects, resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.steps import StepRule, step_rule
 from hexsim.hydraulics.supply import POWER_UNIT, S, U, power_unit_start
-from hexsim.machine.geometry import mechanics_of
 from hexsim.plant import stepping
 from hexsim.plant.callbacks import POWER_UNIT_SCALE, MPa, install_hydraulics, installed
 from hexsim.plant.mjcf import ModelKind, build_spec
@@ -70,7 +69,7 @@ class Plant:
         install_hydraulics()
         self.machine = machine
         self.resolved: Resolved = resolve(machine)
-        self.kinematics = mechanics_of(machine)
+        self.kinematics = self.resolved.mechanics
         self.timestep = timestep
         self.model_kind: ModelKind = model if self.kinematics.has_platform else "full"
         final = resolve(machine)
@@ -320,6 +319,20 @@ class Plant:
         """P1 of each leg (n_legs,) [Pa]."""
         return self.data.act[self.pressure_places] * MPa
 
+    @property
+    def rod_side_places(self) -> NDArray[np.int64]:
+        """Where the pressures of rod sides that are chambers stand in the state (n_legs,); -1: on the supply."""
+        return self.layout[: self.n_legs, A.ROD_SIDE].astype(np.int64)
+
+    def rod_side_pressures(self) -> np.ndarray:
+        """P2 of each leg (n_legs,) [Pa]; Ps where the rod side is on the supply."""
+        return np.array([self.data.act[k] * MPa if k >= 0 else self.supply_pressure() for k in self.rod_side_places])
+
+    def instant_acceleration(self) -> np.ndarray:
+        """Generalised accelerations (nv,) of the present state under the present volts at the spools."""
+        mujoco.mj_forward(self.model, self.data)
+        return self.data.qacc.copy()
+
     def supply_pressure(self) -> float:
         """Ps [Pa]."""
         place = int(self.layout[0, A.SUPPLY])
@@ -337,8 +350,8 @@ class Plant:
         """Raise PlantError when MuJoCo warned, a state is not finite, or another program took MuJoCo's callbacks."""
         if not installed():
             raise PlantError("another program in this process replaced MuJoCo's callbacks")
-        counts = self.data.warning.number
-        bad = [w for w in mujoco.mjtWarning.__members__.values() if w.value < len(counts) and counts[w.value] > SILENT]
-        if bad or not (np.isfinite(self.data.act).all() and np.isfinite(self.data.qpos).all()):
-            what = bad[0].name.removeprefix("mjWARN_").lower() if bad else "state not finite"
-            raise PlantError(what)
+        bad = np.flatnonzero(self.data.warning.number > SILENT)
+        if len(bad):
+            raise PlantError(mujoco.mjtWarning(int(bad[0])).name.removeprefix("mjWARN_").lower())
+        if not (np.isfinite(self.data.act).all() and np.isfinite(self.data.qpos).all()):
+            raise PlantError("state not finite")

@@ -5,8 +5,8 @@
 The steps are RK4's, either constant or chosen anew at least every `steps.LONGEST_S` by the rule in `hydraulics.steps`.
 RK4 remembers nothing of its last step, so the step may change at any time.
 
-MuJoCo's own functions are called by their addresses, so that the tick is cached between sessions and needs no Python:
-a control tick in Python costs as much as the whole of the hydraulics.
+MuJoCo's own functions are called by their addresses, so that the tick is cached and needs no Python: a control tick in
+Python costs as much as the whole of the hydraulics.
 """
 
 from __future__ import annotations
@@ -31,31 +31,20 @@ from hexsim.plant.callbacks import leg_state, supply_pressure, supply_state
 from hexsim.plant.structs import timestep_view
 
 Array = NDArray[np.float64]
+RK4_STAGES = 4
+FROM_POSITION, ALL_SENSORS = 1, 0  # mjSTAGE_POS: what depends on positions alone is there; no sensor is left out
 
 
 @intrinsic
-def _call(typingctx, address, model, data):
-    """Call void f(mjModel*, mjData*) at an address."""
-    signature = types.void(types.uintp, types.uintp, types.uintp)
+def _call(typingctx, address, model, data, numbers):
+    """Call void f(mjModel*, mjData*, int ...) at an address; numbers: a tuple, maybe empty."""
+    signature = types.void(types.uintp, types.uintp, types.uintp, numbers)
 
     def codegen(context, builder, signature, args):
-        word = ir.IntType(64)
-        function = ir.PointerType(ir.FunctionType(ir.VoidType(), [word, word]))
-        builder.call(builder.inttoptr(args[0], function), [args[1], args[2]])
-        return context.get_dummy_value()
-
-    return signature, codegen
-
-
-@intrinsic
-def _call_stages(typingctx, address, model, data):
-    """Call void f(mjModel*, mjData*, int N) at an address, with the four stages of RK4."""
-    signature = types.void(types.uintp, types.uintp, types.uintp)
-
-    def codegen(context, builder, signature, args):
-        word, count = ir.IntType(64), ir.IntType(32)
-        function = ir.PointerType(ir.FunctionType(ir.VoidType(), [word, word, count]))
-        builder.call(builder.inttoptr(args[0], function), [args[1], args[2], ir.Constant(count, 4)])
+        word, number = ir.IntType(64), ir.IntType(32)
+        given = [builder.trunc(builder.extract_value(args[3], i), number) for i in range(len(numbers))]
+        kind = ir.FunctionType(ir.VoidType(), [word, word, *(number for _ in given)])
+        builder.call(builder.inttoptr(args[0], ir.PointerType(kind)), [args[1], args[2], *given])
         return context.get_dummy_value()
 
     return signature, codegen
@@ -72,12 +61,12 @@ class StepContext(NamedTuple):
 
     model: int
     data: int
-    step: int
+    step: int  # functions' addresses
     forward: int
+    position: int
+    forward_from: int
     check: int
     runge_kutta: int
-    kinematics: int
-    tendon: int
     is_tendon: bool
     is_recorded: bool
     is_chosen: bool  # whether `rule` chooses the steps
@@ -130,8 +119,8 @@ def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> St
     return StepContext(
         model=model._address, data=data._address,
         step=_address("mj_step"), forward=_address("mj_forward"),
+        position=_address("mj_fwdPosition"), forward_from=_address("mj_forwardSkip"),
         check=_address("mj_checkAcc"), runge_kutta=_address("mj_RungeKutta"),
-        kinematics=_address("mj_kinematics"), tendon=_address("mj_tendon"),
         is_tendon=plant.is_tendon, is_recorded=is_recorded, is_chosen=steps == 0, rule=plant.step_rule(), tick_s=tick_s,
         parts=parts, steps=np.array([steps]), timestep=timestep_view(model), calm_s=np.zeros(1),
         count=np.zeros(1, np.int64), user=model.actuator_user[: len(plant.layout)], leg_length=data.actuator_length[:n],
@@ -153,11 +142,10 @@ def new_record(plant: Any, ticks: int) -> Record:
 
 @compiled
 def sense(context, record):
-    """Write down the piston positions of the present state."""
+    """Write down the piston positions of the present state. Of tendons MuJoCo makes all that depends on positions alone."""
     row = context.count[0] if context.is_recorded else 0
     if context.is_tendon:
-        _call(context.kinematics, context.model, context.data)
-        _call(context.tendon, context.model, context.data)
+        _call(context.position, context.model, context.data, ())
         record.positions[row] = context.lengths - context.offsets
     else:
         for i in range(context.slides.shape[0]):
@@ -229,15 +217,19 @@ def choose_steps(context, span_s):
 
 
 @compiled
-def _evaluate(context):
+def _evaluate(context, is_located):
     """Derivatives of the present state, as `mj_step` begins with."""
-    _call(context.forward, context.model, context.data)
-    _call(context.check, context.model, context.data)
+    if is_located:
+        _call(context.forward_from, context.model, context.data, (FROM_POSITION, ALL_SENSORS))
+    else:
+        _call(context.forward, context.model, context.data, ())
+    _call(context.check, context.model, context.data, ())
 
 
 @compiled
-def advance(context, record):
-    """Write the state down, hand `spool_volts` to MuJoCo and step to the next tick.
+def advance(context, record, is_located=False):
+    """Write the state down, hand `spool_volts` to MuJoCo and step to the next tick. is_located: what depends
+    on positions alone is there, because `sense` came just before.
 
     Each part of the tick begins with the evaluation that its first step needs. Two accelerations come of it: `qacc` is
     the instant's, which a sensor without filter samples; `middle` gives the mean over one tick.
@@ -250,7 +242,7 @@ def advance(context, record):
         record.spool_volts[row] = context.spool_volts
         record.middle[row] = 0.0
     for part in range(context.parts):
-        _evaluate(context)
+        _evaluate(context, is_located and part == 0)
         if context.is_recorded and part == 0:
             record.qacc[row] = context.qacc
         if context.is_recorded and context.parts > 1 and 2 * part == context.parts:
@@ -262,9 +254,9 @@ def advance(context, record):
             if context.is_recorded and context.parts == 1:
                 _note_middle(context, record, row, k, steps)
             if k == 0:
-                _call_stages(context.runge_kutta, context.model, context.data)
+                _call(context.runge_kutta, context.model, context.data, (RK4_STAGES,))
             else:
-                _call(context.step, context.model, context.data)
+                _call(context.step, context.model, context.data, ())
         done += steps
     if context.is_recorded:
         record.steps[row] = done
@@ -274,10 +266,10 @@ def advance(context, record):
 
 
 @compiled
-def tick(context, record, volts):
+def tick(context, record, volts, is_located=False):
     """One tick under the volts (n_legs,) that the motion computer commands."""
     apply_valve_delay_and_hysteresis(context, record, volts)
-    advance(context, record)
+    advance(context, record, is_located)
 
 
 def mean_acceleration(record: Record, ticks: int, tick_s: float) -> Array:

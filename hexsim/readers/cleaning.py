@@ -15,6 +15,7 @@ class Cleaning:
     """A log on its way to a uniform table.
 
     row(i) is the file's row of sample i. foreign: of a machine of its own columns. repaired: see `Log`.
+    wanders: are the samples themselves off an even grid?
     """
 
     path: Path
@@ -23,6 +24,7 @@ class Cleaning:
     signals: dict[str, np.ndarray]
     losses: list[str]
     foreign: bool = False
+    wanders: bool = False
     kept: np.ndarray = field(init=False)
     repaired: dict[str, np.ndarray] = field(default_factory=dict)
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from hexsim.readers.cleaning import Cleaning, held, runs
+from hexsim.signals.log import hold_of
 
 FILL = 10  # samples: shorter gaps are filled, longer ones end a stretch
+SMOOTH = 2  # samples: up to here a cubic through four neighbours is as good as a sample, beyond it its slope is noise
 SHORTEST_S = 0.5  # [s] shorter logs are refused
 
 
@@ -24,28 +27,35 @@ def short_gaps(values: np.ndarray) -> np.ndarray:
 def held_values(x: np.ndarray) -> np.ndarray | None:
     """A signal (n,) that a computer holds between its ticks, with missing samples from the same tick; None for others.
 
-    A tick whose samples are all missing lies on the straight line between its neighbours.
+    A tick whose samples are all missing lies on a cubic spline through the others.
     """
     there = np.isfinite(x)
-    changes = np.flatnonzero((np.diff(x) != 0) & there[1:] & there[:-1]) + 1
-    hold = int(np.median(np.diff(changes))) if len(changes) > 50 else 1
-    if hold < 2:
+    found = hold_of(x)
+    if found is None:
         return None
-    phase = int(np.bincount(changes % hold).argmax())
-    if np.mean(changes % hold == phase) < 0.98:
-        return None
+    hold, phase = found
     tick = (np.arange(len(x)) - phase) // hold + 1
     known, first = np.unique(tick[there], return_index=True)
-    return np.interp(tick, known, x[there][first])
+    value = make_interp_spline(known, x[there][first], k=3)(tick)
+    value[np.isin(tick, known)] = x[there][first][np.searchsorted(known, tick[np.isin(tick, known)])]
+    return value
 
 
 def filled(name: str, x: np.ndarray, short: np.ndarray) -> tuple[np.ndarray, str]:
-    """(the signal with its short gaps filled, how): straight lines; a held signal by what was held."""
+    """(the signal with its short gaps filled, how): cubic splines, straight lines; a held signal by what was held."""
     good = ~np.isnan(x)
     new = held_values(x) if held(name) else None
-    how = "straight lines" if new is None else "the values held"
+    how = "the values held"
     if new is None:
-        new = np.interp(np.arange(len(x)), np.flatnonzero(good), x[good])
+        at, there, values = np.arange(len(x)), np.flatnonzero(good), x[good]
+        starts, stops = runs(short)
+        how = "straight lines" if np.any(stops - starts > SMOOTH) else "cubic splines"
+        new = np.interp(at, there, values)
+        for start, stop in zip(starts, stops, strict=True):
+            i = int(np.searchsorted(there, start))
+            near = slice(max(i - 2, 0), i + 2)
+            if stop - start <= SMOOTH and len(there[near]) == 4:
+                new[start:stop] = np.polyval(np.polyfit(there[near] - start, values[near], 3), at[start:stop] - start)
     return np.where(short, new, x), how
 
 

@@ -10,6 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 import polars as pl
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import binary_opening, maximum_filter1d
 
 from hexsim.errors import HexsimError
 from hexsim.signals.table import table
@@ -36,6 +38,7 @@ class Log:
     kind: "bench" (one leg), "hexapod" (six) or "own" (a machine of other columns). time: (n,) [s]. rate [Hz].
     columns: name -> (n,). losses: what a reader dropped, filled or converted, a sentence each.
     repaired: name -> (n,) bool, samples that were missing and filled; a column without such samples is not there.
+    They weigh nothing in a fit. offset_s: time from the beginning of its run to its first sample, of a part of a run.
     Signals may be given as arrays by their stem or attribute (`position=...`), and so they can be exchanged:
     `dataclasses.replace(log, volts=other)`; rows are legs or axes, (n_rows, n), or (n,) for one of the machine.
     """
@@ -48,11 +51,13 @@ class Log:
     losses: tuple[str, ...]
     repaired: Mapping[str, Array]
     path: Path | None
+    offset_s: float
 
     def __init__(
         self, *, name: str, kind: Kind, time: Array, rate: float | None = None,
         columns: Mapping[str, Array] | None = None, losses: tuple[str, ...] = (),
-        repaired: Mapping[str, Array] | None = None, path: Path | None = None, **signals: Array | None,
+        repaired: Mapping[str, Array] | None = None, path: Path | None = None, offset_s: float = 0.0,
+        **signals: Array | None,
     ) -> None:  # fmt: skip
         own = dict(columns or {})
         for key, rows in signals.items():
@@ -64,6 +69,7 @@ class Log:
         given = {
             "name": name, "kind": kind, "time": time, "columns": own, "losses": tuple(losses), "path": path,
             "repaired": dict(repaired or {}), "rate": _rate_of(name, time) if rate is None else rate,
+            "offset_s": offset_s,
         }  # fmt: skip
         for key, value in given.items():
             object.__setattr__(self, key, value)
@@ -159,6 +165,48 @@ class Log:
         """Is any leg near a standstill, by its measured position? (n,) bool. Where fits need short steps."""
         return np.any(np.abs(Window(self.rate).rate(self.position)) < REST_m_s, axis=0)
 
+    @cached_property
+    def run_time(self) -> Array:
+        """Time since the run began (n,) [s]."""
+        return self.time - self.time[0] + self.offset_s
+
+    def tick_phase(self, every: int) -> int:
+        """First sample of a controller's tick, of `every` samples each, by where held volts and setpoints change; 0 unseen."""
+        if every < 2:
+            return 0
+        held = [self.columns[name] for stem in ("valve", "setpoint") for name in self.names(stem)]
+        changes = [np.flatnonzero(np.diff(x)) + 1 for x in held]
+        counts = np.sum([np.bincount(at % every, minlength=every) for at in changes], axis=0) if changes else [0]
+        return int(np.argmax(counts))
+
+    def finer(self, factor: int) -> Log:
+        """The run with `factor` samples for each: smooth signals on a quintic spline, volts held. Made once.
+
+        What is faster than half the log's rate is not in it.
+        """
+        key = f"finer {factor}"
+        if key not in self._finer:
+            n, held = np.arange(self.n), {name for name in self.names("valve")}
+            at = np.arange(self.n * factor) / factor
+            columns = {
+                name: np.repeat(x, factor) if name in held else make_interp_spline(n, x, k=5)(np.minimum(at, n[-1]))
+                for name, x in self.columns.items()
+            }
+            time = self.time[0] + at / self.rate
+            self._finer[key] = replace(self, time=time, rate=self.rate * factor, columns=columns, repaired={})
+        return self._finer[key]
+
+    @cached_property
+    def _finer(self) -> dict[str, Log]:
+        return {}
+
+    def whole(self, reach_s: float, longest: int) -> Array:
+        """Samples (n,) bool further than reach_s from every repaired stretch of more than `longest` samples."""
+        reach, bad = round(reach_s * self.rate), np.zeros(self.n, dtype=bool)
+        for marks in self.repaired.values():
+            bad |= binary_opening(marks, np.ones(longest + 1))
+        return np.logical_not(maximum_filter1d(bad, 2 * reach + 1) if bad.any() else bad)
+
     def part(self, rows: slice, **changes: Any) -> Log:
         """Some of the samples, with other fields changed."""
         cut: dict[str, Any] = {
@@ -166,11 +214,23 @@ class Log:
             for key in ("columns", "repaired")
         }
         cut["repaired"] = {name: marks for name, marks in cut["repaired"].items() if marks.any()}
+        cut["offset_s"] = self.offset_s + (rows.start or 0) / self.rate
         return replace(self, time=np.ascontiguousarray(self.time[rows]), **cut, **changes)
 
     def head(self, duration_s: float) -> Log:
         """The first seconds."""
         return self.part(slice(0, min(int(duration_s * self.rate), self.n)))
+
+
+def hold_of(x: Array) -> tuple[int, int] | None:
+    """(samples of a tick, first sample of one) of a signal (n,) that a computer holds between its ticks; None for others."""
+    there = np.isfinite(x)
+    changes = np.flatnonzero((np.diff(x) != 0) & there[1:] & there[:-1]) + 1
+    hold = int(np.median(np.diff(changes))) if len(changes) > 50 else 1
+    if hold < 2:
+        return None
+    phase = int(np.bincount(changes % hold).argmax())
+    return (hold, phase) if np.mean(changes % hold == phase) >= 0.98 else None
 
 
 def _rate_of(name: str, time: Array) -> float:

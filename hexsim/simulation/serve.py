@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.geometry import mechanics_of
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import Error, Finding, labels
 from hexsim.motion_computer.host_link import HostLink
@@ -27,15 +26,19 @@ from hexsim.motion_computer.host_packet import HostCommand, Reply
 from hexsim.motion_computer.limits import CommandLimiter, Limits, leg_limits, pose_limits, soft_legs
 from hexsim.motion_computer.states import State
 from hexsim.plant import Plant
+from hexsim.plant.callbacks import without_timers
+from hexsim.plant.plant import whole_ratio
 from hexsim.scenarios import Scenario, load_scenario
 from hexsim.simulation.emergency_supply import EmergencySupply
-from hexsim.simulation.live_sensors import LiveSensors
+from hexsim.simulation.live_sensors import LiveSensors, Readings
 from hexsim.simulation.manual import SignalGenerator
 from hexsim.simulation.simulation import make_compensators
+from hexsim.simulation.telemetry import TelemetryRows
 
 Array = NDArray[np.float64]
 PORT = 47110
 MAX_LAG_S = 0.25  # a longer lag behind real time is skipped
+LONGEST_TICKS = 500  # that a packet may ask for in lockstep
 CHECK_TICKS = 50  # between checks for divergence, and updates of the oil's temperature
 
 
@@ -57,6 +60,8 @@ class Status:
 class Server:
     """The machine with its host interface. `with server: server.run(...)`, or `server.tick()` by hand.
 
+    telemetry: send what the sensors read at the log rate (`motion_computer.telemetry`).  lockstep: machine time follows the
+    host's packets, as fast as both can.
     start: "neutral" (pressure up, mid stroke) or "off" (on its stops, waiting for the host's start).
     scenario: what manual mode plays. limits: of the host's degrees of freedom, default `pose_limits`.
     """
@@ -64,7 +69,7 @@ class Server:
     def __init__(
         self, machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
         scenario: Scenario | None = None, limits: Limits | None = None, start: str = "neutral", timestep: float | None = None,
-        seed: int = 0,
+        seed: int = 0, telemetry: bool = False, lockstep: bool = False,
     ) -> None:  # fmt: skip
         if start not in ("neutral", "off"):
             raise HexsimError(f"start is {start!r}; give 'neutral' or 'off'")
@@ -77,22 +82,39 @@ class Server:
         self.generator = SignalGenerator(
             self.plant, scenario or load_scenario("heave"), self.tick_s, self.computer.preview
         )
-        self.kinematics = mechanics_of(machine)
+        self.kinematics = machine.mechanics
         self._dofs = self.kinematics.dof_places
         self._dof_limiter = CommandLimiter(limits or pose_limits(machine))
         self._leg_limiter = CommandLimiter(leg_limits(machine))
         self.limiter, self.mode = self._dof_limiter, 0
-        self.sensors = LiveSensors(self.plant, self.tick_s, seed)
+        self.lockstep = lockstep
+        self._offset_s: float | None = None  # machine time less the host's
+        self._session = 0
+        log_rate = (
+            max(machine.sensors.log_rate_Hz, machine.controller.rate_Hz) if telemetry else machine.controller.rate_Hz
+        )
+        self.samples = whole_ratio(log_rate, machine.controller.rate_Hz, "log rate and control rate")  # a control tick
+        self.plant.prepare(log_rate)
+        self.sensors = LiveSensors(self.plant, self.tick_s / self.samples, seed)
+        self.telemetry = TelemetryRows(self.plant, self.sensors, log_rate) if telemetry else None
         self.supply = EmergencySupply(self.plant)
         self.status = Status()
         self.ticks, self._busy_s = 0, 0.0
         self._refused = False
         self._pose, self._reference = np.zeros(6), np.zeros(6)
         self._positions = self.computer.neutral.copy()
+        self._compile()
         self.link = HostLink(host, port)
         self.address = self.link.address
         if start == "off":
             self._settle()
+
+    def _compile(self) -> None:
+        """Compile what a tick calls before a host is listened to."""
+        self.plant.tick(np.zeros(self.machine.n_legs))
+        self.plant.reset()
+        self.sensors.read(0)
+        self.sensors.restart()
 
     def __enter__(self) -> Server:
         return self
@@ -119,23 +141,62 @@ class Server:
     # one control tick
     def tick(self) -> None:
         """Take the host's packets, compute the volts, step the plant by one control period, answer."""
-        now, plant, computer, link = self.time_s, self.plant, self.computer, self.link
-        commands = link.receive(now)
+        commands = self._take()
+        self.advance()
+        if commands:
+            self.link.send(self._reply(self.time_s - self.tick_s))
+
+    def _take(self) -> list[HostCommand]:
+        commands = self.link.receive(self.time_s)
         for command in commands:
-            self._execute(command, now)
-        self._positions, pressures, supply_Pa = self.sensors.read(self.ticks)
+            self._execute(command, self.time_s)
+        return commands
+
+    def advance(self) -> None:
+        """Compute the volts and step the plant by one control period."""
+        now, plant, computer, link = self.time_s, self.plant, self.computer, self.link
+        readings = self.sensors.read(self.ticks * self.samples)
+        self._positions = readings[0]
         computer.pump_running = self.supply.running
         computer.oil_temperature_degC = plant.oil_temperature_degC
         if link.peer:
             computer.last_packet_s = max(link.buffer.last_packet_s, computer.last_packet_s or 0.0)
-        plant.tick(computer.tick(now, self._setpoints(now), self._positions, pressures, supply_Pa))
+        volts = computer.tick(now, self._setpoints(now), *readings)
+        self._step(volts, readings)
         self.supply.tick(computer.pump_on, self.tick_s)
         self.ticks += 1
         if self.ticks % CHECK_TICKS == 0:
             plant.check()
             plant.follow_oil_temperature()
+
+    def _step(self, volts: Array, readings: Readings) -> None:
+        """The plant's ticks of a control period; with telemetry a row of readings before each."""
+        for k in range(self.samples):
+            sample = self.ticks * self.samples + k
+            if self.telemetry:
+                readings = readings if k == 0 else self.sensors.read(sample)
+                now = sample * self.tick_s / self.samples
+                self.telemetry.add(now, sample, self.computer.setpoint, readings, volts)
+            self.plant.tick(volts)
+        if self.telemetry and self.link.peer:
+            for packet in self.telemetry.packets():
+                self.link.send_packet(packet)
+
+    def follow(self, timeout_s: float = 0.1) -> None:
+        """In lockstep: wait for a packet and run to the host's time, then answer. A packet that came twice is answered again."""
+        self.link.wait(timeout_s)
+        known = self.link.counts["received"]
+        commands = self._take()
         if commands:
-            link.send(self._reply(now))
+            host_s = max(command.time_s for command in commands)
+            if self._offset_s is None or self.link.buffer.counts["sessions"] != self._session:
+                self._offset_s, self._session = self.time_s - host_s, self.link.buffer.counts["sessions"]
+            for _ in range(min(max(round((host_s + self._offset_s - self.time_s) / self.tick_s), 0), LONGEST_TICKS)):
+                self.advance()
+        if self.link.peer and self.link.counts["received"] > known:
+            for packet in self.telemetry.packets(rest=True) if self.telemetry else ():
+                self.link.send_packet(packet)
+            self.link.send(self._reply(self.time_s))
 
     def _execute(self, command: HostCommand, now: float) -> None:
         """Give the host's command to the motion computer."""
@@ -194,9 +255,11 @@ class Server:
             state=self.computer.state, errors=self.computer.errors, sequence=newest.sequence % 2**32 if newest else 0,
             arrived=self.computer.arrived, refused=self._refused, time_s=now, behind_s=self.status.behind_s,
             age_s=now - self.link.buffer.last_packet_s, pose=tuple(self._pose), reference=tuple(self._reference),
+            lockstep=self.lockstep, telemetry=self.telemetry is not None,
         )  # fmt: skip
 
     # real time
+    @without_timers()
     def run(
         self, duration_s: float | None = None, stop: Event | None = None, report: Callable[[Status], None] | None = None
     ) -> Status:
@@ -208,6 +271,10 @@ class Server:
                 duration_s is None or (self.ticks - first) * self.tick_s < duration_s
             ):
                 before = clock.thread_time()
+                if self.lockstep:
+                    self.follow()
+                    self._busy_s += clock.thread_time() - before
+                    continue
                 self.tick()
                 self._busy_s += clock.thread_time() - before
                 after = clock.perf_counter()

@@ -26,7 +26,7 @@ NULL_SEEDS = 30
 NOISE_WINDOWS = ((1, 1.08), (25, 1.6), (400, 3.0))  # (samples averaged, largest rms over the noise of their mean);
 #   beyond 1 because the controller's own reading noise moves the machine and no simulation knows it
 LOGGED_VOLTS_MARGIN = 1.25  # on the noise that logged volts bring in: one realisation, and rounding is not random
-INPUT_SHARE = 0.1  # of the position's noise: how far off the setpoints of the declared loop are taken to be
+INPUT_SHARE = 1.0  # of the position's noise: the declared loop reads its positions with it, and no simulation knows it
 INPUT_SEEDS = 3  # simulations of it
 INPUT_WINDOW_S = 0.1  # [s] over which its spread is averaged
 BASE_TOLERANCE = 0.02  # the declared machine's refit stops when a step takes less than this share of the excess chi2

@@ -10,9 +10,11 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.signals.channels import SETTLE_S
 from hexsim.signals.log import Log
-from hexsim.tracing.balances.balance import Balance
+from hexsim.tracing.balances.balance import Balance, remembered
 
 Array = np.ndarray
+REACH_S = 0.06  # [s] of the widest window of a balance and what delays move it by
+FILLED_WELL = 2  # samples: so short a gap is filled as well as a sample is known
 END_S = 0.05  # [s] at the end of a run that windows do not see whole
 
 
@@ -30,6 +32,8 @@ def with_noise(log: Log, noise: dict[str, float], resolution: float, rng: np.ran
         log,
         position=position,
         pressure=noisy(log.pressure, "pressure_bottom_Pa"),
+        pressure_top=noisy(log.signal("pressure_top"), "pressure_top_Pa"),
+        pressure_difference=noisy(log.signal("pressure_difference"), "pressure_difference_Pa"),
         supply=noisy(log.supply, "pressure_supply_Pa"),
         acceleration=noisy(log.acceleration, "acceleration_m_s2"),
         angular=noisy(log.angular, "angular_acceleration_rad_s2"),
@@ -39,6 +43,16 @@ def with_noise(log: Log, noise: dict[str, float], resolution: float, rng: np.ran
 def used(log: Log, residual: Array) -> Array:
     """The samples of a residual that count."""
     return residual[..., int((SETTLE_S + 0.1) * log.rate) : log.n - int(END_S * log.rate)]
+
+
+def window_weights(log: Log) -> Array:
+    """Weights (n_used,) of a residual's samples: 0 where a window sees a repaired stretch, else as large as keeps the sum."""
+
+    def weights() -> Array:
+        good = used(log, log.whole(REACH_S, FILLED_WELL))
+        return good / np.sqrt(max(good.mean(), 1.0 / log.n))
+
+    return remembered(log, "weights", weights)
 
 
 def null_squares(

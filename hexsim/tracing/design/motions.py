@@ -59,7 +59,7 @@ class MotionFamily:
 
     def scenario(self, point: Array) -> dict[str, Any] | None:
         """Tables of the scenario; None where it cannot be made inside the limits."""
-        kind, axis, seed = KINDS[round(point[0])], round(point[1]), round(point[6])
+        kind, axis, seed = KINDS[round(point[0])], round(point[1]) % len(self.axes), round(point[6])
         size = SMALLEST_SHARE + (1.0 - SMALLEST_SHARE) * float(point[2])
         low, high = sorted(float(SLOWEST_Hz * (FASTEST_Hz / SLOWEST_Hz) ** x) for x in (point[3], point[4]))
         driven = self.axes if kind == "multisine" else self.axes[axis : axis + 1]

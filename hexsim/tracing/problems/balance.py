@@ -12,7 +12,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
 from hexsim.tracing.balances import Balance
-from hexsim.tracing.balances.null import used
+from hexsim.tracing.balances.null import used, window_weights
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
@@ -36,7 +36,7 @@ class BalanceRows:
         rows = list(self.rows)
         left = used(log, self.balance.residual(log, machine))
         left = left - self.clean[i] if self.clean else left
-        return -left[rows, ::every] / self.sigma[rows, None]
+        return -left[rows, ::every] / self.sigma[rows, None] * window_weights(log)[::every]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

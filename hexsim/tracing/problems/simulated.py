@@ -31,9 +31,21 @@ class SimulatedProblem(FitProblem):
     feedback: int = 0
     input_uncertainty: tuple[Array, ...] = ()
     measured: tuple[dict[str, Array], ...] = field(init=False)
+    weights: tuple[Array | float, ...] = field(
+        init=False
+    )  # a log: (n_channels, n_used), 1.0 where nothing was repaired
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "measured", tuple(channel_arrays(log) for log in self.logs))
+        object.__setattr__(self, "weights", tuple(self._weight(i) for i in range(len(self.logs))))
+
+    def _weight(self, i: int) -> Array | float:
+        """0 where a sample was repaired; the others of its channel weigh more, so that noise keeps its size."""
+        if not self.logs[i].repaired:
+            return 1.0
+        marks, n = self.logs[i].repaired, self.logs[i].n
+        rows = np.stack([~marks.get(name, np.zeros(n, bool)) for name in self.channels(i)])[:, self.settle(i) :]
+        return rows / np.sqrt(np.maximum(rows.mean(axis=1, keepdims=True), 1.0 / n))
 
     def head(self, duration_s: float) -> Self:
         if self.duration_s <= duration_s + 1e-6:
@@ -60,16 +72,11 @@ class SimulatedProblem(FitProblem):
 
     def simulated(self, machine: Machine, i: int) -> Log:
         """Log i as the machine would have written it, without noise; channels that it has not are left out."""
-        log, out = self.logs[i], simulate_log(machine, self.logs[i], self.feedback)
-        return replace(
-            log,
-            position=out["position"],
-            volts=out["volts"],
-            pressure=None if log.pressure is None else out["pressure"],
-            supply=None if log.supply is None else out["supply"],
-            acceleration=None if log.acceleration is None else out["acceleration"][:3],
-            angular=None if log.angular is None else out["acceleration"][3:],
-        )
+        log, out = self.logs[i], simulate_log(machine, self.logs[i], self.feedback, self.noise)
+        there = {
+            stem: rows for stem, rows in out.items() if stem in ("position", "valve") or log.signal(stem) is not None
+        }
+        return replace(log, **there)
 
     def sigma(self, i: int) -> Array:
         """What a channel may be off by: sensors' noise, and what no simulation can know. (n_channels, 1) or (n_channels, n)."""
@@ -78,7 +85,7 @@ class SimulatedProblem(FitProblem):
 
     def residual(self, machine: Machine, i: int) -> Array:
         measured = np.stack(list(self.measured[i].values()))
-        return ((measured - self.answer(machine, i)) / self.sigma(i))[:, self.settle(i) :]
+        return ((measured - self.answer(machine, i)) / self.sigma(i))[:, self.settle(i) :] * self.weights[i]
 
     def with_input_uncertainty(self, machine: Machine) -> Self:
         """The problem with what no simulation can know: the answer's spread when what drives the model is off a little.

@@ -30,6 +30,7 @@ def channel_errors(problem: SimulatedProblem, i: int, machine: Machine) -> dict[
         if not np.all(np.isfinite(difference)):
             errors[name] = float("inf")
             continue
+        difference[problem.logs[i].repaired.get(name, [])] = 0.0
         errors[name] = float(np.sqrt(np.mean(banded(name, time, difference)[start:] ** 2)))
     return errors
 

@@ -20,7 +20,7 @@ from hexsim.signals.weak_form import Window
 from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance, balance_named
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
-from hexsim.tracing.balances.null import END_S
+from hexsim.tracing.balances.null import END_S, FILLED_WELL, REACH_S
 from hexsim.tracing.dependence import dependence_of
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace, UnexplainedResidual, Violation
@@ -58,9 +58,10 @@ def signals_of(log: Log, machine: Machine, place: str) -> tuple[dict[str, Array]
     return smooth, smooth["velocity_m_s"]
 
 
-def kept(log: Log) -> slice:
-    """Samples of a log that count, thinned."""
-    return slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
+def kept(log: Log) -> Array:
+    """Samples of a log that count, thinned: their places. None of a window that sees a repaired stretch."""
+    places = np.arange(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), THIN)
+    return places[log.whole(REACH_S, FILLED_WELL)[places]]
 
 
 def late(channel: Array) -> Array:
@@ -112,17 +113,15 @@ def unexplained_of(balance: Balance, violation: Violation, logs: Sequence[Log]) 
 def unexplained_residuals(lines: Sequence[Violation], problem: SimulatedProblem) -> list[UnexplainedResidual]:
     """The violated balances with their dependence, the worst first; the worst of all when none is above its null."""
 
-    log = problem.logs[0]
-
     def rank(line: Violation) -> float:
-        first = balance_named(line.name, log).spoils_others and line.above_null > rules.SENSOR_FIRST
+        first = balance_named(line.name, line.machine).spoils_others and line.above_null > rules.SENSOR_FIRST
         return line.above_null + 1e6 * first
 
     worst = sorted(lines, key=rank, reverse=True)
     chosen = [line for line in worst if line.violated] or worst[:1]
     rests, seen = [], set()
     for line in chosen:
-        balance = balance_named(line.name, log)
+        balance = balance_named(line.name, line.machine)
         if (line.name, line.where.split()[0]) in seen and balance.one_cause:
             continue
         seen.add((line.name, line.where.split()[0]))

@@ -1,0 +1,61 @@
+"""`hexsim identify`: a machine behind its host interface, measured and traced until nothing more can be told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hexsim.cli import options
+from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted
+from hexsim.errors import HexsimError
+
+PORT = 47110  # of hexsim.simulation.serve
+
+
+def register(app: typer.Typer) -> None:
+    app.command("identify")(identify)
+
+
+def identify(
+    machine: Annotated[Path, typer.Argument(help="The machine as declared: name, folder or TOML file.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for logs, traces and the story; goes on in an old one.")
+    ],
+    host: Annotated[str, typer.Option(help="ADDRESS:PORT of the machine's host interface.")] = f"127.0.0.1:{PORT}",
+    minutes: Annotated[float, typer.Option(min=0.5, max=600.0, help="Machine time to use (min).")] = 5.0,
+    json: options.Json = False,
+) -> None:
+    """Measure the machine behind a host interface, trace it, design the next motion, until nothing more can be told."""
+    address = address_of(host)
+    from hexsim.identify import identify as run
+    from hexsim.identify.story import write_story
+
+    with progress() as bar, terminated_like_interrupted() as check:
+        task = bar.add_task("starting", total=1.0)
+
+        def show(doing: str, share: float) -> None:
+            check()
+            bar.update(task, description=doing, completed=share)
+
+        story = run(machine, address, minutes, out, show)
+        place = write_story(story)
+    if json:
+        print_json(story.to_json())
+        return
+    console = output()
+    for one in story.rounds:
+        console.print(
+            f"round {one.number}  {one.verdict}: {'; '.join(one.sentences) or 'nothing left open'}", soft_wrap=True
+        )
+    console.print(f"ended    {story.ended}", soft_wrap=True)
+    console.print(f"story    {place}")
+
+
+def address_of(text: str) -> tuple[str, int]:
+    """ADDRESS:PORT. Raises HexsimError for anything else."""
+    name, _, port = text.rpartition(":")
+    if not name or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise HexsimError(f"--host is {text!r}: give ADDRESS:PORT, such as 127.0.0.1:{PORT}")
+    return name, int(port)

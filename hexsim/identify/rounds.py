@@ -1,0 +1,247 @@
+"""Rounds of identification: measure, trace, design the next motion, measure it, until nothing more can be told.
+
+    round 1    a small motion, then a rich one; another kind of motion is kept to judge on
+    round k    the motion that `tracing.design` asks for after round k - 1
+
+A folder holds machine.toml as declared, `logs/`, a trace a round, and the story. Rounds that are there already are taken
+as they are, so that an interrupted identification goes on where it ended.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexsim.declaration import Machine
+from hexsim.errors import HexsimError
+from hexsim.files.json_files import write_json
+from hexsim.files.log_files import write_log
+from hexsim.identify.host import Host, MachineFault, PERIOD_s
+from hexsim.machine.files import find_machine_file, load_machine, save_machine
+from hexsim.motion_computer.states import State
+from hexsim.scenarios.scenario import DOF_NAMES, scenario_from_dict
+from hexsim.tracing.design import next_measurement
+from hexsim.tracing.design.motions import MotionFamily
+from hexsim.tracing.design.next_measurement import SHARP, surviving
+from hexsim.tracing.state import Trace
+from hexsim.tracing.trace import trace
+
+Array = NDArray[np.float64]
+Show = Callable[[str, float], None]
+MOTION_s = 20.0  # of a round
+SMALL_s = 5.0  # of the first, careful motion
+SMALL_SHARE = 0.2  # of the first motion
+ROUNDS = 6  # at most
+GUIDED_s = 12.0  # machine time of a round besides its motion: to neutral and back
+# kind, axis, size, two frequencies, slope, seed: see `MotionFamily.bounds`
+FIRST = np.array([0, 0, 0.9, 0.2, 0.75, 0.5, 1])
+HELD_OUT = np.array([2, 2, 0.8, 0.35, 0.6, 0.3, 2])
+HELD_OUT_AGAIN = np.array([0, 0, 0.7, 0.3, 0.7, 0.6, 11])
+NO_GAIN = 0.8  # a design that leaves the worst number this share of its error is not worth a run
+
+
+@dataclass(frozen=True, kw_only=True)
+class Round:
+    """A finished round in words and numbers for the story."""
+
+    number: int
+    purpose: str
+    log: str
+    verdict: str
+    sentences: tuple[str, ...]
+    effects: list[dict[str, Any]]
+    error: dict[str, Any]
+    expected: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(kw_only=True)
+class Story:
+    """What happened: the rounds, why it ended, the machine that it ended with."""
+
+    machine: Machine
+    folder: Path
+    rounds: list[Round] = field(default_factory=list)
+    ended: str = ""
+    fitted: Machine | None = None
+    machine_s: float = 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "machine": self.machine.name,
+            "ended": self.ended,
+            "machine_s": self.machine_s,
+            "verdict": self.rounds[-1].verdict if self.rounds else None,
+            "rounds": [vars(one) | {"sentences": list(one.sentences)} for one in self.rounds],
+        }
+
+
+def setpoints_of(machine: Machine, tables: dict[str, Any]) -> Array:
+    """A scenario as setpoints (m, 6) of packets that begin and end at neutral; a bench moves in z."""
+    scenario = scenario_from_dict(tables)
+    time = np.arange(0.0, scenario.duration_s, PERIOD_s)
+    values = scenario.evaluate(time)[0]
+    if not machine.is_hexapod:
+        along = np.zeros_like(values)
+        along[:, DOF_NAMES.index("z")] = values[:, 0]
+        values = along
+    left = np.clip((scenario.duration_s - time) / scenario.fade_s, 0.0, 1.0) if scenario.fade_s else np.ones(len(time))
+    return values * (left**3 * (10.0 - 15.0 * left + 6.0 * left**2))[:, None]
+
+
+def identify(
+    machine_file: Path | str, address: tuple[str, int], minutes: float, out: Path, show: Show | None = None
+) -> Story:
+    """Identify the machine behind `address` against its declaration; `out` gets logs, traces and the story.
+
+    minutes: machine time that may be used. Raises HexsimError where nobody answers or the measurement cannot be trusted;
+    a fault of the machine, or Ctrl-C, ends it with the rounds so far and the machine settled.
+    """
+    tell = show or (lambda doing, share: None)
+    out = Path(out)
+    (out / "logs").mkdir(parents=True, exist_ok=True)
+    place = find_machine_file(machine_file)
+    if not (out / "machine.toml").exists():
+        shutil.copy(place, out / "machine.toml")
+    machine = load_machine(out / "machine.toml")
+    story = Story(machine=machine, folder=out)
+    with Host(address) as host:
+        try:
+            _rounds(host, machine, 60.0 * minutes, story, tell)
+        except MachineFault as fault:
+            story.ended = str(fault)
+        except KeyboardInterrupt:
+            story.ended = "interrupted by the user"
+        finally:
+            _settle(host, tell)
+            story.machine_s = host.time_s
+    write_json(out / "story.json", story.to_json())
+    if story.fitted is not None:
+        save_machine(story.fitted, out / "fitted.toml")
+    return story
+
+
+def _settle(host: Host, tell: Show) -> None:
+    """Lower the machine; what cannot be reached any more is left as it is."""
+    if host.reply is None or host.reply.state in (State.OFF, State.FAULT):
+        return
+    tell("lowering the machine", 1.0)
+    with contextlib.suppress(HexsimError, KeyboardInterrupt):
+        if host.reply.state == State.NORMAL:
+            host.until(State.NEUTRAL, "return_neutral")
+        host.until(State.OFF, "settle")
+
+
+def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: Show) -> None:
+    first = host.exchange()
+    if first.state == State.OFF:
+        host.until(State.NEUTRAL, "start")
+    family = MotionFamily(machine, MOTION_s)
+    logs = story.folder / "logs"
+    if not (logs / "held_out.parquet").exists():
+        tell("a small motion", 0.0)
+        careful = MotionFamily(machine, SMALL_s).scenario(FIRST * np.array([1, 1, 0, 1, 1, 1, 1]))
+        assert careful is not None
+        _check_careful(machine, host.drive(SMALL_SHARE * setpoints_of(machine, careful)))
+        _measure(
+            host, machine, family.scenario(HELD_OUT), logs / "held_out.parquet", "measuring what is held out", tell
+        )
+        tables = family.scenario(HELD_OUT_AGAIN)
+        _measure(host, machine, tables, logs / "held_out_2.parquet", "measuring what is held out", tell)
+    tables, purpose, expected = family.scenario(FIRST), "a rich motion, to begin with", {}
+    fit: list[Path] = []
+    for number in range(1, ROUNDS + 1):
+        name = logs / f"round_{number}.parquet"
+        if not name.exists():
+            if host.time_s + MOTION_s + GUIDED_s > budget_s:
+                story.ended = f"the time is used: {host.time_s:.0f} of {budget_s:.0f} s"
+                return
+            _measure(host, machine, tables, name, f"round {number}: measuring", tell)
+        fit.append(name)
+        result = _trace(story, fit, number, tell)
+        story.rounds.append(_round(number, purpose, name.stem, result, expected))
+        story.fitted = result.fitted
+        write_json(story.folder / "story.json", story.to_json())
+        if not open_points(result):
+            story.ended = f"{result.verdict}: nothing is left to be told apart, and every number is sharp"
+            return
+        design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number))
+        if not worth_a_run(design.to_json()):
+            story.ended = "no motion inside the machine's limits tells more: " + "; ".join(open_points(result))
+            return
+        tables, purpose, expected = design.tables, design.purpose, design.to_json()
+    story.ended = f"{ROUNDS} rounds are done; still open: {'; '.join(open_points(result))}"
+
+
+def _measure(host: Host, machine: Machine, tables: dict[str, Any] | None, place: Path, doing: str, tell: Show) -> None:
+    if tables is None:
+        raise HexsimError(f"machine {machine.name}: no motion fits inside its limits; check stroke and cushions")
+    tell(doing, 0.0)
+    log = host.drive(setpoints_of(machine, tables), lambda share: tell(doing, share))
+    write_log(log, place)
+
+
+def _check_careful(machine: Machine, log: Any) -> None:
+    """The small motion: the machine that answers has the declared legs, and moves the way it is told."""
+    legs = [name for name in log.columns if name.startswith("position")]
+    if len(legs) != machine.n_legs:
+        raise HexsimError(f"the machine sends {len(legs)} legs, and {machine.name} is declared with {machine.n_legs}")
+    for name in legs:
+        told, done = log[name.replace("position", "setpoint")].to_numpy(), log[name].to_numpy()
+        if np.corrcoef(told, done)[0, 1] < 0.5:
+            raise HexsimError(
+                f"{name} does not follow its setpoint in a small motion: check wiring and signs before going on"
+            )
+
+
+def _trace(story: Story, fit: list[Path], number: int, tell: Show) -> Trace:
+    held_out = [story.folder / "logs" / f"{name}.parquet" for name in ("held_out", "held_out_2")]
+    return trace(
+        story.folder, [str(path) for path in fit], [str(path) for path in held_out], story.folder / f"round_{number}",
+        partial(_tell_round, tell, number),
+    )  # fmt: skip
+
+
+def _tell_round(tell: Show, number: int, doing: str, share: float) -> None:
+    tell(f"round {number}: {doing}", share)
+
+
+def _round(number: int, purpose: str, log: str, result: Trace, expected: dict[str, Any]) -> Round:
+    return Round(
+        number=number, purpose=purpose, log=log, verdict=result.verdict, sentences=tuple(open_points(result)),
+        effects=result.report.get("effects", []), error=result.report.get("error", {}), expected=expected,
+    )  # fmt: skip
+
+
+def open_points(result: Trace) -> list[str]:
+    """What a trace leaves open and a measurement may tell: ties, an unexplained rest, numbers that are not sharp."""
+    found = []
+    labels = [label for label, _ in surviving(result)]
+    if len(labels) > 1:
+        found.append(f"{' or '.join(labels)}")
+    elif result.verdict == "unexplained":
+        found.append("the rest is unexplained")
+    for effect in result.effects:
+        for name, value in effect.values.items():
+            error = effect.standard_errors.get(name, float("nan"))
+            if value and not error <= SHARP * abs(value):
+                found.append(f"{name} of {effect.candidate.label} is known to {100 * error / abs(value):.0f} %")
+    return found
+
+
+def worth_a_run(design: dict[str, Any]) -> bool:
+    """Does a design promise to separate something, or to sharpen a number that is not sharp?"""
+    if any(pair["chi2"] > 10.0 for pair in design["separations"]):
+        return True
+    return any(
+        number["expected"] < NO_GAIN * number["standard_error"]
+        and number["standard_error"] > SHARP * abs(number["value"] or 1.0)
+        for number in design["numbers"]
+    )

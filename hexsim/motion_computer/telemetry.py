@@ -1,0 +1,71 @@
+"""The telemetry of a machine, which it sends to its host: what its sensors read, at the log rate.
+
+Packet, machine to host, little endian, no padding
+    offset  type      field
+    0       4 bytes   b"HXT1"
+    4       uint16    legs n, 1 to 6
+    6       uint16    rows m, 1 to 4
+    8       uint32    sequence, one more at each telemetry packet, wraps
+    12      uint32    0
+    16      float64   machine time of the first row [s]
+    24      float64   rows a second [Hz]
+    32      m rows of 5 n + 7 float64; not-a-number where the machine has no such sensor:
+            n piston setpoints [m], n piston positions [m], n bottom pressures [Pa], n rod-side pressures [Pa],
+            n valve voltages [V], supply pressure [Pa], acceleration x y z [m/s2], angular acceleration x y z [rad/s2]
+            (of a bench x is the acceleration along the leg, and the others are not there)
+
+A row is taken before the valves' voltages of its time act. A lost packet shows in the sequence; it is not sent again.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexsim.errors import HexsimError
+
+HEADER = struct.Struct("<4sHHIIdd")
+MAGIC = b"HXT1"
+MOST_LEGS, MOST_ROWS = 6, 4
+FASTEST_Hz = 1e5
+LARGEST_PACKET = HEADER.size + MOST_ROWS * (5 * MOST_LEGS + 7) * 8
+Array = NDArray[np.float64]
+
+
+def width(n_legs: int) -> int:
+    """Numbers in a row."""
+    return 5 * n_legs + 7
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Telemetry:
+    """Rows (m, 5 n + 7) from machine time `time_s` on, `rate_Hz` a second."""
+
+    n_legs: int
+    sequence: int
+    time_s: float
+    rate_Hz: float
+    rows: Array
+
+    def pack(self) -> bytes:
+        m, n = len(self.rows), self.n_legs
+        if not 1 <= m <= MOST_ROWS or self.rows.shape[1] != width(n):
+            raise HexsimError(f"telemetry of shape {self.rows.shape}; give 1 to {MOST_ROWS} rows of {width(n)} numbers")
+        head = HEADER.pack(MAGIC, n, m, self.sequence % 2**32, 0, self.time_s, self.rate_Hz)
+        return head + np.ascontiguousarray(self.rows, dtype="<f8").tobytes()
+
+
+def unpack_telemetry(data: bytes) -> Telemetry | None:
+    """The telemetry, or None for anything that is none: wrong magic, size, counts, or a time or rate that cannot be."""
+    if len(data) < HEADER.size or data[:4] != MAGIC:
+        return None
+    _, n, m, sequence, reserved, time_s, rate_Hz = HEADER.unpack(data[: HEADER.size])
+    if not (1 <= n <= MOST_LEGS and 1 <= m <= MOST_ROWS) or reserved != 0:
+        return None
+    if len(data) != HEADER.size + 8 * m * width(n) or not np.isfinite(time_s) or not 0.0 < rate_Hz <= FASTEST_Hz:
+        return None
+    rows = np.frombuffer(data, dtype="<f8", offset=HEADER.size).reshape(m, width(n)).astype(float)
+    return Telemetry(n_legs=n, sequence=sequence, time_s=time_s, rate_Hz=rate_Hz, rows=rows)

@@ -1,0 +1,167 @@
+"""A foreign FMU as payload: one that this test compiles, a spring, against the library's effect `spring`."""
+
+import inspect
+import os
+import re
+import subprocess
+import sys
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hexsim.errors import HexsimError
+from hexsim.machine.files import changed
+from hexsim.scenarios import load_scenario
+from hexsim.simulation import simulate
+from hexsim.simulation.payload_fmu import PayloadFmu, parse_connections
+
+pytest.importorskip("ziglang", reason="the test compiles an FMU: pip install hexsim[fmu]")
+fmpy = pytest.importorskip("fmpy", reason="FMPy runs the FMU: pip install hexsim[fmu]")
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the FMU is compiled for Linux")
+
+SOURCE = """
+#include <stdlib.h>
+#include <string.h>
+typedef unsigned R;
+static double *new(void) { return calloc(2, sizeof(double)); } /* place, and minus the place after a step */
+static int get(double *c, const R r[], size_t n, double v[]) { for (size_t k = 0; k < n; k++) v[k] = c[r[k]]; return 0; }
+static int set(double *c, const R r[], size_t n, const double v[]) { for (size_t k = 0; k < n; k++) c[r[k]] = v[k]; return 0; }
+static int step(double *c) { c[1] = -c[0]; return c[0] > 10 ? 3 : 0; }
+#if FMI == 2
+#define F(name) fmi2##name
+void *F(Instantiate)(const char *a, int b, const char *c, const char *d, const void *e, int f, int g) { return new(); }
+int F(SetupExperiment)(void *c, int a, double b, double t, int d, double e) { return 0; }
+int F(EnterInitializationMode)(void *c) { return 0; }
+int F(GetReal)(void *c, const R r[], size_t n, double v[]) { return get(c, r, n, v); }
+int F(SetReal)(void *c, const R r[], size_t n, const double v[]) { return set(c, r, n, v); }
+int F(DoStep)(void *c, double t, double h, int a) { return step(c); }
+#else
+#define F(name) fmi3##name
+void *F(InstantiateCoSimulation)(const char *a, const char *b, const char *c, char d, char e, char f, char g, const R *h,
+                                 size_t i, void *j, void *k, void *l) { return new(); }
+int F(EnterInitializationMode)(void *c, char a, double b, double t, char d, double e) { return 0; }
+int F(GetFloat64)(void *c, const R r[], size_t n, double v[], size_t m) { return get(c, r, n, v); }
+int F(SetFloat64)(void *c, const R r[], size_t n, const double v[], size_t m) { return set(c, r, n, v); }
+int F(DoStep)(void *c, double t, double h, char a, char *b, char *d, char *e, double *last) {
+  *b = *d = *e = 0, *last = t + h;
+  return step(c);
+}
+#endif
+int F(ExitInitializationMode)(void *c) { return 0; }
+int F(SetDebugLogging)(void *c, int on, size_t n, const char *k[]) { return 0; }
+int F(Terminate)(void *c) { return 0; }
+void F(FreeInstance)(void *c) { free(c); }
+"""
+DESCRIPTION = {
+    2: """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="spring" guid="1"><CoSimulation modelIdentifier="spring"/><ModelVariables>
+<ScalarVariable name="place" valueReference="0" causality="input"><Real start="0"/></ScalarVariable>
+<ScalarVariable name="pull" valueReference="1" causality="output"><Real/></ScalarVariable></ModelVariables>
+<ModelStructure><Outputs><Unknown index="2"/></Outputs></ModelStructure></fmiModelDescription>""",
+    3: """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="3.0" modelName="spring" instantiationToken="1"><CoSimulation modelIdentifier="spring"/>
+<ModelVariables><Float64 name="place" valueReference="0" causality="input" start="0"/>
+<Float64 name="pull" valueReference="1" causality="output"/>
+<Float64 name="time" valueReference="9" causality="independent"/></ModelVariables>
+<ModelStructure><Output valueReference="1"/></ModelStructure></fmiModelDescription>""",
+}
+STIFFNESS = 2000.0  # [N/m]
+
+
+@pytest.fixture(scope="module", params=(2, 3))
+def spring(request, tmp_path_factory):
+    """An FMU whose output `pull` is minus its input `place`."""
+    folder, fmi = tmp_path_factory.mktemp("spring"), request.param
+    wanted = set(re.findall(rf'"(fmi{fmi}[A-Z]\w+)"', inspect.getsource(fmpy.fmi2 if fmi == 2 else fmpy.fmi3)))
+    others = wanted - {f"fmi{fmi}{name}" for name in re.findall(r"F\((\w+)\)", SOURCE)}
+    (folder / "spring.c").write_text(SOURCE + "".join(f"int {name}(void) {{ return 3; }}\n" for name in others))
+    command = [
+        sys.executable,
+        "-m",
+        "ziglang",
+        "cc",
+        "-target",
+        "x86_64-linux-gnu.2.17",
+        "-shared",
+        "-fPIC",
+        f"-DFMI={fmi}",
+    ]
+    subprocess.run(
+        [*command, "-o", str(folder / "spring.so"), str(folder / "spring.c")], check=True, capture_output=True,
+        env=os.environ | {"ZIG_LOCAL_CACHE_DIR": str(folder / "cache")},
+    )  # fmt: skip
+    place = {2: "linux64", 3: "x86_64-linux"}[fmi]
+    with zipfile.ZipFile(folder / "spring.fmu", "w") as archive:
+        archive.write(folder / "spring.so", f"binaries/{place}/spring.so")
+        archive.writestr("modelDescription.xml", DESCRIPTION[fmi])
+    return folder / "spring.fmu"
+
+
+def heave(machine, interventions=()):
+    scenario = replace(load_scenario("heave"), duration_s=3.0)
+    return simulate(machine, scenario, interventions=interventions).log
+
+
+def test_a_spring_as_fmu_is_the_spring_of_the_library(spring, bench):
+    """The piston's path with the FMU against that with the effect: what a late tick leaves is below 2 % of the effect."""
+    connected = parse_connections(["position_m=place", f"force_N=pull*{STIFFNESS}"])
+    payload = PayloadFmu(spring, connected, has_platform=False)
+    preload = 0.5 * bench.cylinder.stroke_m * STIFFNESS  # the library's spring rests at half stroke
+    with_effect = changed(bench, {"effects.spring.stiffness_N_m": STIFFNESS})
+    held = changed(bench, {"effects.constant_force.force_N": preload})
+    found, wanted, without = heave(held, [payload]), heave(with_effect), heave(bench)
+    later = found["time_s"].to_numpy() > 1.0  # the FMU's force is not in the static equilibrium at the start
+    size = np.abs(wanted["true_position_m"] - without["true_position_m"]).to_numpy()[later].max()
+    left = np.abs(found["true_position_m"] - wanted["true_position_m"]).to_numpy()[later].max()
+    assert size > 1e-5
+    assert left < 0.02 * size
+
+
+def test_a_payload_on_a_platform_pushes_where_it_should(spring, hexapod):
+    """A force along x at the platform's origin from an FMU whose input is height: the legs' forces change by its share."""
+    connected = parse_connections(["platform_z_m=place", "force_x_N=pull*1e4", "moment_z_N_m=pull*1e4"])
+    payload = PayloadFmu(spring, connected, has_platform=True)
+    scenario = replace(load_scenario("heave"), duration_s=1.0)
+    found = simulate(hexapod, scenario, fast=True, interventions=[payload]).log
+    without = simulate(hexapod, scenario, fast=True).log
+    moved = np.abs(found["platform_x_m"] - without["platform_x_m"]).max()
+    turned = np.abs(found["platform_yaw_rad"] - without["platform_yaw_rad"]).max()
+    assert moved > 1e-5
+    assert turned > 1e-5
+
+
+def test_what_is_not_connected_is_said(spring, tmp_path):
+    """No output by a name of a load; a name that neither has; text that is no connection; a file that is no FMU."""
+    with pytest.raises(
+        HexsimError, match="gives none of force_N: name an output for it with --connect, as force_N=theirs"
+    ):
+        PayloadFmu(spring, {}, has_platform=False)
+    with pytest.raises(HexsimError, match=r"spring\.fmu: there is no push; there are place, pull"):
+        PayloadFmu(spring, parse_connections(["force_N=push"]), has_platform=False)
+    with pytest.raises(HexsimError, match="there is no force_x_N; there are position_m, velocity_m_s"):
+        PayloadFmu(spring, parse_connections(["force_x_N=pull"]), has_platform=False)
+    with pytest.raises(HexsimError, match=r"'force_N' is not OURS=THEIRS"):
+        parse_connections(["force_N"])
+    (tmp_path / "no.fmu").write_text("no")
+    with pytest.raises(HexsimError, match="cannot be used as an FMU for co-simulation"):
+        PayloadFmu(tmp_path / "no.fmu", {}, has_platform=False)
+
+
+def test_a_payload_that_fails_at_once_is_a_sentence(spring, bench):
+    """Before anything was simulated there is no log to keep."""
+    payload = PayloadFmu(spring, parse_connections(["position_m=place*1e6", "force_N=pull"]), has_platform=False)
+    with pytest.raises(HexsimError, match=r"payload spring\.fmu: "):
+        heave(bench, [payload])
+
+
+def test_a_payload_that_fails_ends_the_run_with_its_log(spring, bench):
+    """An FMU that returns an error: the run is incomplete and says which payload."""
+    factor = 10 / (bench.cylinder.stroke_m / 2 + 0.03)  # it fails where its input passes 10
+    connected = parse_connections([f"position_m=place*{factor}", "force_N=pull*1e-6"])
+    scenario = replace(load_scenario("heave"), duration_s=3.0)
+    run = simulate(bench, scenario, interventions=[PayloadFmu(spring, connected, has_platform=False)])
+    assert not run.complete
+    assert run.log.height > 100
+    assert "payload spring.fmu" in run.reason
