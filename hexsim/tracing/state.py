@@ -75,7 +75,7 @@ class NamedEffect:
     d_bic: float
     held_out: tuple[float, ...] = ()  # fall of chi2 in each held-out run
     single_leg: bool = False
-    share: float = float("nan")  # of the rest's mean square that it takes in its balances, of a machine that is left unexplained beside it
+    share: float = float("nan")  # of the rest's mean square that it takes, of a machine that no model fits
 
 
 @dataclass(frozen=True, kw_only=True)

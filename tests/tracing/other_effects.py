@@ -372,6 +372,7 @@ EFFECTS: dict[str, Injected] = {
     ),
 }
 
+
 def lag(plant, legs, value):
     set_leg("spool_frequency", spool_damping=0.7)(plant, legs, value)
 
@@ -400,9 +401,7 @@ SMALL_REALITIES = {
         "ports differ", "valve", "1", add_leg(("gradient_supply", "gradient_tank"), (1.0, -1.0), relative=True)
     ),
     "hardening_spring": small("spring that hardens", "force", "N/m3", set_leg("hardening")),
-    "small_friction_of_position": small(
-        "friction ripples, 30 mm", "force", "N", set_leg("ripple", ripple_length=0.03)
-    ),
+    "small_friction_of_position": small("friction ripples, 30 mm", "force", "N", set_leg("ripple", ripple_length=0.03)),
 }
 
 # what the project's library calls the effects that it has under another name

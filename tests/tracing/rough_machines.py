@@ -1,6 +1,6 @@
 """Rough machines of the second plant: five or six small realities that no model holds, under one large effect or none.
 
-    draw(seed)                 -> (effects, dominant): what `other_plant.write_machine` takes, and the large one's name
+draw(seed)                 -> (effects, dominant): what `other_plant.write_machine` takes, and the large one's name
 """
 
 import numpy as np

@@ -73,5 +73,3 @@ def test_a_large_effect_is_named_over_five_small_ones_and_none_where_there_is_no
     if unit_value is not None:
         [number] = best.fit.values[best.fit.candidates.index(found[0].candidate)].values()
         assert number == pytest.approx(unit_value, rel=0.1)
-
-

@@ -208,7 +208,13 @@ def sensed_leg(log: Log, resolved: Resolved, leg: int) -> SensedLeg:
 
 
 def _sense(
-    log: Log, leg: int, position: Settings, pressure: Settings, top: Settings | None, motion: Settings, ticks: slice | None
+    log: Log,
+    leg: int,
+    position: Settings,
+    pressure: Settings,
+    top: Settings | None,
+    motion: Settings,
+    ticks: slice | None,
 ) -> SensedLeg:
     def true_of(shown: Array, settings: Settings) -> Array:
         offset, gain, delay = settings

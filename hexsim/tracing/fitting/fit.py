@@ -133,9 +133,8 @@ def effect_neighbours(fit: Fit, share: float, only: int | None = None) -> tuple[
             continue
         for parameter in candidate.free():
             here = to_coordinate(parameter, fit.values[k][parameter.name])
-            step = share * EFFECT_STEP * max(abs(here), 0.1)
-            if math.isinf(parameter.neutral):
-                step = max(step, share * INVERSE_STEP)
+            least = INVERSE_STEP if math.isinf(parameter.neutral) else 0.1 * EFFECT_STEP
+            step = share * max(EFFECT_STEP * abs(here), least)
             if here + step > coordinate_bounds(parameter)[1]:
                 step = -step
             values = dict(fit.values[k])
@@ -200,7 +199,7 @@ def refine(
         better, kept = None, 0.0
         for _ in range(6):
             coordinates, step = _step(fit, A, b, damping)
-            promise = _promise(A, b, step)
+            promise = float(2.0 * step @ b - step @ A @ step)  # fall of the cost by the linear model
             if promise < 0.2 * tolerance:
                 break
             trial = _evaluate(fit, coordinates, problem, share)
@@ -218,11 +217,6 @@ def refine(
         if fresh and (abs(kept - 1.0) > 1.0 - KEPT_SHARE or age > MAX_AGE):
             fit, age, damping = parameter_columns(fit, problem, share), 0, 0.0
     return replace(fit, covariance=covariance, neighbours=None)
-
-
-def _promise(A: Array, b: Array, step: Array) -> float:
-    """Fall of the cost that the linear model promises for a step."""
-    return float(2.0 * step @ b - step @ A @ step)
 
 
 def _system(fit: Fit, problem: FitProblem, share: float) -> tuple[Array, Array]:

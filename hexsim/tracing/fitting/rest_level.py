@@ -16,7 +16,15 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.fit import Fit, answered, bounds_of, coordinates_of, effect_columns, fit_at, parameter_columns
+from hexsim.tracing.fitting.fit import (
+    Fit,
+    answered,
+    bounds_of,
+    coordinates_of,
+    effect_columns,
+    fit_at,
+    parameter_columns,
+)
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
 from hexsim.tracing.problems.problem import FitProblem
 
@@ -189,9 +197,7 @@ def with_effect(base: RestFit, candidate: Candidate, problem: FitProblem, size: 
     return refined(fit, problem, columns) if np.isfinite(cost_of(fit, problem)) else None
 
 
-def asked_for(
-    fit: Fit, columns: list[Array], own: tuple[float, float], problem: FitProblem
-) -> tuple[float, float]:
+def asked_for(fit: Fit, columns: list[Array], own: tuple[float, float], problem: FitProblem) -> tuple[float, float]:
     """(coordinate that the last column asks for where the fit stands, what J's tangent promises for it). own: its bounds."""
     A, b = weighted_system(fit, columns, problem)
     here, (low, high) = coordinates_of(fit), bounds_of(fit)
@@ -236,7 +242,7 @@ def _curvature(
 def estimate(found: RestFit, place: int, problem: FitProblem, runs: Sequence[int]) -> tuple[float, float]:
     """(value, standard error) of one coordinate from these logs alone, linear about the fit of all of them."""
     fit = found.fit
-    H, P, scores = _curvature(fit, found.columns, problem, runs)
+    H, _, scores = _curvature(fit, found.columns, problem, runs)
     step = np.linalg.pinv(H, rcond=1e-12, hermitian=True) @ scores.sum(axis=0)
     covariance = sandwich(found, problem, runs)
     return float(coordinates_of(fit)[place] + step[place]), float(np.sqrt(max(covariance[place, place], 0.0)))

@@ -141,7 +141,9 @@ def sentence(result: Trace) -> str:
 def partly_sentence(result: Trace, before: str, after: str, signal: str) -> str:
     """What is sure of a machine that no model fits, and what is left."""
     first = result.effects[0]
-    tied = f" These runs cannot tell it from {' or '.join(first.tied_with).replace('_', ' ')}." if first.tied_with else ""
+    tied = (
+        f" These runs cannot tell it from {' or '.join(first.tied_with).replace('_', ' ')}." if first.tied_with else ""
+    )
     rests = unexplained_rows(result.report)
     left = f" What is left is in the {rests[0]['balance']} balance: {rests[0]['description']}." if rests else ""
     return (

@@ -19,9 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hexsim.tracing import rules
-from hexsim.tracing.balances import balance_named
 from hexsim.tracing.fitting import rest_level
-from hexsim.tracing.fitting.fit import Fit, answered, start_fit, start_fit_at
+from hexsim.tracing.fitting.fit import Fit, start_fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, named, to_coordinate
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.screening import columns_of
@@ -133,7 +132,9 @@ def invariant(found: Sequence[tuple[float, float]], size: float) -> bool:
     return all(abs(x - size) < max(3.0 * sd, rules.PARTLY_SPREAD * abs(size)) for x, sd in found)
 
 
-def grown_by_one(base: RestFit, trace: Trace, problem: BalanceProblem, unseen: BalanceProblem) -> tuple[RestFit, Judged] | None:
+def grown_by_one(
+    base: RestFit, trace: Trace, problem: BalanceProblem, unseen: BalanceProblem
+) -> tuple[RestFit, Judged] | None:
     """The base with the next sure effect, or None."""
     there = {c.label for c in base.fit.candidates if is_named(c)}
     possible = [c for c in trace.candidates if c.label not in there]
@@ -207,7 +208,9 @@ def name_the_sure(trace: Trace, tell: Tell) -> Trace:
     final = replace(start_fit_at(fit, trace.fit_problem), covariance=fit.covariance)
     gains = tuple(held_out_gains(final, trace.base, trace.validate_problem))
     effects = [named_effect(final, own, trace, gains) for own in found]
-    words = "; ".join(f"{own.candidate.label} takes {own.share:.0%} of the rest, {own.unseen:.0%} held out" for own in found)
+    words = "; ".join(
+        f"{own.candidate.label} takes {own.share:.0%} of the rest, {own.unseen:.0%} held out" for own in found
+    )
     return replace(trace, final=final, verdict="partly", effects=effects, ties=[{} for _ in effects], decided=words)
 
 

@@ -153,7 +153,7 @@ def beside_effects(trace: Trace) -> list[Violation]:
     """The violations of the machine with its sure effects: what is left beside them."""
     logs, machine, lines = trace.fit_problem.logs, trace.fitted, []
     for line in trace.violations:
-        rms = rms_of(balance_named(line.name, logs[0]), machine, logs)[line.place]
+        rms = rms_of(balance_named(line.name, machine), machine, logs)[line.place]
         lines.append(replace(line, rms=float(rms), machine=machine))
     return lines
 
