@@ -109,7 +109,7 @@ def candidates(machine: Machine, proposed: dict[str, dict[str, float]] | None = 
 
     found = []
     for effect in library().values():
-        if machine.machine.kind not in effect.kinds or not effect.parameters:
+        if not effect.fits(machine) or not effect.parameters:
             continue
         own = (proposed or {}).get(effect.name, {})
         for variant in components(effect):
