@@ -1,6 +1,7 @@
 """Tune a machine's controller: search over the linear model, then measure in the simulator.
 
-    feed-forward    k_v, k_a: least squares of T = piston/setpoint against the setpoint filter's own response, all loops
+    feed-forward    k_v, k_a: least squares of T = piston/setpoint against the setpoint filter's own response, all loops,
+                    weight 1/(1 + (f/FOLLOW_TO_Hz)^2)
     feedback        Kp, pressure gain, setpoint filter: the least mean |T - 1|^2 up to FOLLOW_TO_Hz, valve gain off by
                     +-GAIN_OFF, kept from breaking phase margin, gain margin and peak by a penalty (Nelder-Mead)
 
@@ -165,8 +166,9 @@ class Search:
         ratio = 1j * self.f / np.exp(x[2])
         target = np.tile(1.0 / (1.0 + np.sqrt(2) * ratio + ratio**2), len(self.loops))
         columns = np.column_stack([T[1] - T[0], T[2] - T[0]])
-        left, right = np.vstack([columns.real, columns.imag]), np.r_[(target - T[0]).real, (target - T[0]).imag]
-        return np.linalg.lstsq(left, right, rcond=None)[0]
+        weight = np.tile(1.0 / (1.0 + (self.f / FOLLOW_TO_Hz) ** 2), len(self.loops))
+        left, right = columns * weight[:, None], (target - T[0]) * weight
+        return np.linalg.lstsq(np.vstack([left.real, left.imag]), np.r_[right.real, right.imag], rcond=None)[0]
 
     def with_feed_forward(self, x: Array) -> Machine:
         return self.changed(x, *self.feed_forward(x))
