@@ -9,7 +9,8 @@ The worst loop counts: of every leg, mode of the load and direction (`loop_model
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,10 +88,19 @@ def first_below(f: Array, values: Array, level: float) -> float | None:
 def worst_figures(machine: Machine) -> LoopFigures:
     """The loop with the least phase margin, with the worst of every other figure among all loops."""
     found = [figures_of(loop) for loop in loops(machine)]
-    known = lambda name: [v for v in (getattr(one, name) for one in found) if v is not None]  # noqa: E731
     first = min(found, key=lambda one: (one.is_stable, 180.0 if one.phase_margin_deg is None else one.phase_margin_deg))
-    least = {name: min(known(name), default=None) for name in ("gain_margin_dB", "bandwidth_Hz", "quarter_Hz")}
-    return LoopFigures(**vars(first) | least | {"peak_dB": max(known("peak_dB")), "delay_s": max(known("delay_s"))})
+    return replace(
+        first,
+        gain_margin_dB=_least(one.gain_margin_dB for one in found),
+        bandwidth_Hz=_least(one.bandwidth_Hz for one in found),
+        quarter_Hz=_least(one.quarter_Hz for one in found),
+        peak_dB=max(one.peak_dB for one in found),
+        delay_s=max(one.delay_s for one in found),
+    )
+
+
+def _least(values: Iterable[float | None]) -> float | None:
+    return min((value for value in values if value is not None), default=None)
 
 
 def stability_sentence(figures: LoopFigures) -> str:
