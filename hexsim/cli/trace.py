@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as json_module
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -25,7 +25,9 @@ def register(app: typer.Typer) -> None:
 
 
 def trace(
-    machine: Annotated[Path, typer.Argument(help="Folder with machine.toml and the machine's logs.")],
+    machine: Annotated[
+        Path | None, typer.Argument(help="Folder with machine.toml, or balances.toml, and the machine's logs.")
+    ] = None,
     fit: Annotated[
         list[str] | None, typer.Option(help="Log to fit on, name or path; repeat for more. Default fit.")
     ] = None,
@@ -40,6 +42,10 @@ def trace(
         typer.Option("--next", help="Scenario file to write: the motion that tells most about what stays open."),
     ] = None,
     recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write recordings for Rerun.")] = True,
+    explain: Annotated[
+        str | None, typer.Option(help="What an effect is, its signature, what to check and how to mend it; then end.")
+    ] = None,
+    list_effects: Annotated[bool, typer.Option("--list", help="The library of effects with signatures; then end.")] = False,
     json: options.Json = False,
 ) -> None:
     """Hold measured logs against the declared machine and name the physical effect that it lacks, if it lacks one."""
@@ -47,6 +53,12 @@ def trace(
     from hexsim.machine.files import find_machine_file
     from hexsim.tracing.own.folder import is_own
 
+    if list_effects:
+        return print_library(json)
+    if explain is not None:
+        return print_explanation(explain, out, json)
+    if machine is None:
+        raise HexsimError("trace needs the folder of a machine; --list shows the effects, --explain EFFECT one of them")
     if is_own(machine):
         return trace_own_folder(machine, fit or [], validate or [], out, json)
     place = find_machine_file(machine)
@@ -89,6 +101,59 @@ def design_next(result: Trace, place: Path, show: Callable[[str, float], None]) 
     found = next_measurement(result, tell=show)
     write_text(place, found.text())
     return found.to_json() | {"lines": found.lines(), "file": str(place)}
+
+
+def print_library(json: bool) -> None:
+    """The library of effects, each with its balance and signature."""
+    from hexsim.hydraulics.advice import advice_of
+    from hexsim.hydraulics.effects import library
+
+    rows = [(effect.name, effect.balance, advice_of(effect.name).signature) for effect in library().values()]
+    if json:
+        return print_json([dict(zip(("name", "balance", "signature"), row, strict=True)) for row in rows])
+    output().print(_table("Effects", ("effect", "balance", "signature"), rows, last="left"))
+
+
+def print_explanation(name: str, out: Path | None, json: bool) -> None:
+    """One effect: what it is, its signature drawn, typical sizes, what to check, how to mend it; the figure into `out`."""
+    from rich.text import Text
+
+    from hexsim.hydraulics.advice import advice_of
+    from hexsim.hydraulics.effects import effect_named
+    from hexsim.recording.figure_style import png
+    from hexsim.tracing.signature import drawn, picture, signature
+
+    effect, said = effect_named(name, "--explain"), advice_of(name)
+    found = signature(name) if effect.parameters else None
+    place = None
+    if out is not None and found is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        place = out / f"{name}.png"
+        place.write_bytes(png(picture(found)))
+    sizes = [
+        {"name": p.name, "unit": p.unit, "typical": p.typical, "bounds": list(p.bounds)} for p in effect.parameters
+    ]
+    texts = {
+        "effect": effect.name, "balance": effect.balance, "what": effect.description, "source": effect.source,
+        "signature": said.signature, "check": said.check, "mend": said.mend,
+    }  # fmt: skip
+    if json:
+        return print_json(texts | {"parameters": sizes, "picture": None if place is None else str(place)})
+    console = output()
+    for key, text in texts.items():
+        console.print(Text.assemble((f"{key:<10}", "bold"), text))
+    for p in sizes:
+        text = f"{p['name']}: typical {p['typical']:g}, from {p['bounds'][0]:g} to {p['bounds'][1]:g}"
+        console.print(Text.assemble((f"{'size':<10}", "bold"), text))
+    if effect.shown_by:
+        console.print(Text.assemble((f"{'shown by':<10}", "bold"), effect.shown_by))
+    if found is not None:
+        console.print()
+        words = f"{found.balance.name} balance of {found.where} [{found.balance.unit}], {found.machine}: + moving out, o moving in"
+        for line in (words, *drawn(found)):
+            console.print(Text(line, no_wrap=True, overflow="crop"))
+    if place is not None:
+        console.print(f"picture   {place}")
 
 
 def trace_own_folder(folder: Path, fit: list[str], validate: list[str], out: Path | None, json: bool) -> None:
@@ -201,12 +266,12 @@ def markdown(report: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _table(title: str, header: tuple[str, ...], rows: list[tuple[str, ...]]):
+def _table(title: str, header: tuple[str, ...], rows: list[tuple[str, ...]], last: Literal["left", "right"] = "right"):
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
     for index, name in enumerate(header):
-        table.add_column(name, justify="left" if index < 2 else "right")
+        table.add_column(name, justify="left" if index < 2 else last)
     for row in rows:
         table.add_row(*row)
     return table
