@@ -5,12 +5,12 @@ from __future__ import annotations
 import json as json_module
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexsim.cli import options
-from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted
+from hexsim.cli import explain_effects, options, own_machine
+from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted, text_table
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
@@ -45,7 +45,9 @@ def trace(
     explain: Annotated[
         str | None, typer.Option(help="What an effect is, its signature, what to check and how to mend it; then end.")
     ] = None,
-    list_effects: Annotated[bool, typer.Option("--list", help="The library of effects with signatures; then end.")] = False,
+    list_effects: Annotated[
+        bool, typer.Option("--list", help="The library of effects with signatures; then end.")
+    ] = False,
     json: options.Json = False,
 ) -> None:
     """Hold measured logs against the declared machine and name the physical effect that it lacks, if it lacks one."""
@@ -54,13 +56,13 @@ def trace(
     from hexsim.tracing.own.folder import is_own
 
     if list_effects:
-        return print_library(json)
+        return explain_effects.print_library(json)
     if explain is not None:
-        return print_explanation(explain, out, json)
+        return explain_effects.print_explanation(explain, out, json)
     if machine is None:
         raise HexsimError("trace needs the folder of a machine; --list shows the effects, --explain EFFECT one of them")
     if is_own(machine):
-        return trace_own_folder(machine, fit or [], validate or [], out, json)
+        return own_machine.trace_own_folder(machine, fit or [], validate or [], out, json)
     place = find_machine_file(machine)
     held_out = validate or ["validate"]
     with (
@@ -103,123 +105,6 @@ def design_next(result: Trace, place: Path, show: Callable[[str, float], None]) 
     return found.to_json() | {"lines": found.lines(), "file": str(place)}
 
 
-def print_library(json: bool) -> None:
-    """The library of effects, each with its balance and signature."""
-    from hexsim.hydraulics.advice import advice_of
-    from hexsim.hydraulics.effects import library
-
-    rows = [(effect.name, effect.balance, advice_of(effect.name).signature) for effect in library().values()]
-    if json:
-        return print_json([dict(zip(("name", "balance", "signature"), row, strict=True)) for row in rows])
-    output().print(_table("Effects", ("effect", "balance", "signature"), rows, last="left"))
-
-
-def print_explanation(name: str, out: Path | None, json: bool) -> None:
-    """One effect: what it is, its signature drawn, typical sizes, what to check, how to mend it; the figure into `out`."""
-    from rich.text import Text
-
-    from hexsim.hydraulics.advice import advice_of
-    from hexsim.hydraulics.effects import effect_named
-    from hexsim.recording.figure_style import png
-    from hexsim.tracing.signature import drawn, picture, signature
-
-    effect, said = effect_named(name, "--explain"), advice_of(name)
-    found = signature(name) if effect.parameters else None
-    place = None
-    if out is not None and found is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        place = out / f"{name}.png"
-        place.write_bytes(png(picture(found)))
-    sizes = [
-        {"name": p.name, "unit": p.unit, "typical": p.typical, "bounds": list(p.bounds)} for p in effect.parameters
-    ]
-    texts = {
-        "effect": effect.name, "balance": effect.balance, "what": effect.description, "source": effect.source,
-        "signature": said.signature, "check": said.check, "mend": said.mend,
-    }  # fmt: skip
-    if json:
-        return print_json(texts | {"parameters": sizes, "picture": None if place is None else str(place)})
-    console = output()
-    for key, text in texts.items():
-        console.print(Text.assemble((f"{key:<10}", "bold"), text))
-    for p in sizes:
-        text = f"{p['name']}: typical {p['typical']:g}, from {p['bounds'][0]:g} to {p['bounds'][1]:g}"
-        console.print(Text.assemble((f"{'size':<10}", "bold"), text))
-    if effect.shown_by:
-        console.print(Text.assemble((f"{'shown by':<10}", "bold"), effect.shown_by))
-    if found is not None:
-        console.print()
-        words = f"{found.balance.name} balance of {found.where} [{found.balance.unit}], {found.machine}: + moving out, o moving in"
-        for line in (words, *drawn(found)):
-            console.print(Text(line, no_wrap=True, overflow="crop"))
-    if place is not None:
-        console.print(f"picture   {place}")
-
-
-def trace_own_folder(folder: Path, fit: list[str], validate: list[str], out: Path | None, json: bool) -> None:
-    """A machine with balances of its own: balances.toml or balances.py."""
-    from hexsim.files.run_folder import default_folder, run_folder
-    from hexsim.tracing.own.trace import trace_folder
-
-    with (
-        run_folder(out or default_folder(f"trace-{folder.resolve().name}")) as place,
-        progress() as bar,
-        terminated_like_interrupted() as check,
-    ):
-        task = bar.add_task("starting", total=1.0)
-
-        def show(step: str, fraction: float) -> None:
-            check()
-            bar.update(task, description=step, completed=fraction)
-
-        _, _, report = trace_folder(folder, fit, validate, place.path, show)
-        final = place.finish()
-    if json:
-        print_json(report)
-        return
-    console = output()
-    print_own(report, console)
-    console.print(f"files    {final}")
-
-
-def print_own(report: Mapping[str, Any], console: Any) -> None:
-    """Verdict, remarks, budget and numbers of each balance."""
-    from rich.text import Text
-
-    logs = [(run, one) for run, said in report["findings"].items() for one in said]
-    if logs:
-        console.print(_table("What was read, repaired and moved", ("run", ""), logs))
-    for balance in report["balances"]:
-        console.print()
-        console.print(Text.assemble((f"{balance['name']}  ", "bold"), balance["verdict"]))
-        pulses = [f"run {run}: {text}" for run, text in balance["pulses"].items()]
-        for line in (
-            *balance["remarks"],
-            *pulses,
-            *balance["extremes"],
-            *balance["refused"],
-            f"next: {balance['next']}",
-        ):
-            console.print(Text(f"  {line}"))
-        rows = [
-            (row["run"], " + ".join(row.get("chosen", [])) or "–", *(f"{row[key]:.3g}" for key in OWN_STEPS))
-            for row in balance["budget"]
-        ]
-        title = f"rms of the rest [{balance['unit']}], each run held out"
-        console.print(_table(title, ("run", "chosen without it", *(key.replace("_", " ") for key in OWN_STEPS)), rows))
-        numbers = []
-        for name, number in balance["coefficients"].items():
-            place = balance["places"].get(name)
-            declared = "–" if number["declared"] is None else f"{number['declared']:.5g}"
-            at = "" if place is None else f"{place['place']:.4g}"
-            value = f"{number['value']:.5g} ± {number['standard_error']:.2g}"
-            numbers.append((name, number["unit"], value, declared, at))
-        console.print(_table("Numbers", ("number", "unit", "value", "declared", "place"), numbers))
-
-
-OWN_STEPS = ("declared", "refit", "with_terms")
-
-
 def record(logs: Path, held_out: list[str], result: Trace, final: Path, text: str) -> None:
     """Recordings beside the report. HexsimError when interrupted: the report is whole all the same."""
     from hexsim.tracing.report.recording import write_trace_recordings
@@ -246,8 +131,11 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
         _errors(report),
     ):
         if rows:
-            console.print(_table(title, header, rows))
+            console.print(text_table(title, header, rows))
             console.print()
+    for effect in report.get("effects", []):
+        if effect.get("check_first"):
+            console.print(f"check    {effect['name'].replace('_', ' ')}: {effect['check_first']}")
     console.print(f"files    {place}")
 
 
@@ -264,17 +152,6 @@ def markdown(report: Mapping[str, Any]) -> str:
         for rest in unexplained_rows(report)
     ]
     return "\n".join(lines)
-
-
-def _table(title: str, header: tuple[str, ...], rows: list[tuple[str, ...]], last: Literal["left", "right"] = "right"):
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
-    for index, name in enumerate(header):
-        table.add_column(name, justify="left" if index < 2 else last)
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 def _findings(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:

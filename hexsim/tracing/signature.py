@@ -83,7 +83,9 @@ def on_machine(effect: Effect, machine: Machine, kind: str) -> tuple[float, Sign
             before, after = balance.residual(plain, machine), balance.residual(log, machine)
             for place in range(len(after)):
                 size = rms(used(plain, before)[place]) + 1e-9 * rms(used(log, after)[place]) + 1e-300
-                found.append((rms(used(log, after - before)[place]) / size, balance, place, before[place], after[place]))
+                found.append(
+                    (rms(used(log, after - before)[place]) / size, balance, place, before[place], after[place])
+                )
     ratio, balance, place, before, after = max(found, key=lambda one: one[0])
     if ratio < ROUGH:
         return None
@@ -145,7 +147,9 @@ def rms(x: Array) -> float:
 def picture(found: Signature) -> Figure:
     """The residual over its signal: with the effect, moving out and in, and without it."""
     label, scale, unit = SIGNALS.get(found.signal, (found.signal, 1.0, ""))
-    title = f"{found.effect.name.replace('_', ' ')} in the {found.balance.name} balance of {found.where}, {found.machine}"
+    title = (
+        f"{found.effect.name.replace('_', ' ')} in the {found.balance.name} balance of {found.where}, {found.machine}"
+    )
     figure, (plot,) = new_figure(1, title, height=4.2)
     x = scale * found.x
     plot.plot(x, found.without, ".", ms=2.0, color="0.75", label="without it")
