@@ -108,8 +108,9 @@ class Adaptive(Compensator):
         s.lead_taps[:] = lead(lag_s, tick_s, self.lead_smoothing, delay_s, shift)
         s.crossing_taps[:] = crossing_lead(lag_s, tick_s, delay_s, shift)
         s.crossing_path[:] = crossing_path(lag_s, tick_s, delay_s, shift)
+        late_s = min(round_lag(float(s.lateness.late_s)), delay_s)  # of the position; pressure is not late
         s.damping_taps[: self.damping_count] = damping_filter(
-            lag_s, tick_s, self.damping_low_Hz, self.damping_high_Hz, self.damping_count, delay_s
+            lag_s - late_s, tick_s, self.damping_low_Hz, self.damping_high_Hz, self.damping_count, delay_s - late_s
         )
         s.design_wanted = False
 
