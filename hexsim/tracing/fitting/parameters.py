@@ -36,7 +36,7 @@ def priors(machine: Machine) -> tuple[Prior, ...]:
     found = []
     for key, half_width in machine.uncertainty.items():
         for section, table in tables.items():
-            for name, value in table.items():
+            for name, value in table.items() if isinstance(table, dict) else ():
                 if key in (name, f"{section}_{name}") and isinstance(value, float) and half_width > 0:
                     found.append(Prior(key=key, dotted=f"{section}.{name}", declared=value, half_width=half_width))
     missing = set(machine.uncertainty) - {prior.key for prior in found}
