@@ -36,7 +36,7 @@ def priors(machine: Machine) -> tuple[Prior, ...]:
     found = []
     for key, half_width in machine.uncertainty.items():
         for section, table in tables.items():
-            for name, value in table.items():
+            for name, value in table.items() if isinstance(table, dict) else ():
                 if key in (name, f"{section}_{name}") and isinstance(value, float) and half_width > 0:
                     found.append(Prior(key=key, dotted=f"{section}.{name}", declared=value, half_width=half_width))
     missing = set(machine.uncertainty) - {prior.key for prior in found}
@@ -128,9 +128,10 @@ def components(effect: Effect) -> list[Effect]:
 
 def places(effect: Effect, machine: Machine) -> list[str]:
     """Where an effect can act on this machine."""
-    if effect.places != "leg" or machine.n_legs == 1:
-        return ["all legs"]
-    return ["all legs", *(f"leg {i + 1}" for i in range(machine.n_legs))]
+    legs = [f"leg {i + 1}" for i in range(machine.n_legs)]
+    if effect.places == "one leg":
+        return legs
+    return ["all legs", *legs] if effect.places == "leg" and machine.n_legs > 1 else ["all legs"]
 
 
 def shapes(effect: Effect) -> list[dict[str, float]]:
