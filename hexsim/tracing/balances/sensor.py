@@ -38,6 +38,9 @@ class Sensor(Balance):
     def residual(self, log: Log, machine: Machine) -> Array:
         return sensed_leg(log, resolved_machine(machine), 0).disagreement[None]
 
+    def sampling(self, log: Log, machine: Machine) -> Array:
+        return sensed_leg(log, resolved_machine(machine), 0).between_ticks[None]
+
 
 class Imu(Balance):
     """The legs' positions through the declared joints against the accelerometers of the platform."""

@@ -32,7 +32,7 @@ class Prior:
 
 def priors(machine: Machine) -> tuple[Prior, ...]:
     """The [uncertainty] table with the place of each key. Raises HexsimError for a key that is nowhere."""
-    tables = machine.model_dump(exclude={"uncertainty", "effects"}, exclude_none=True)
+    tables = machine.model_dump(exclude={"uncertainty", "effects", "leg"}, exclude_none=True)
     found = []
     for key, half_width in machine.uncertainty.items():
         for section, table in tables.items():
