@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexsim.cli import options
-from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted
+from hexsim.cli import explain_effects, options, own_machine
+from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted, text_table
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
@@ -25,7 +25,9 @@ def register(app: typer.Typer) -> None:
 
 
 def trace(
-    machine: Annotated[Path, typer.Argument(help="Folder with machine.toml and the machine's logs.")],
+    machine: Annotated[
+        Path | None, typer.Argument(help="Folder with machine.toml, or balances.toml, and the machine's logs.")
+    ] = None,
     fit: Annotated[
         list[str] | None, typer.Option(help="Log to fit on, name or path; repeat for more. Default fit.")
     ] = None,
@@ -40,6 +42,12 @@ def trace(
         typer.Option("--next", help="Scenario file to write: the motion that tells most about what stays open."),
     ] = None,
     recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write recordings for Rerun.")] = True,
+    explain: Annotated[
+        str | None, typer.Option(help="What an effect is, its signature, what to check and how to mend it; then end.")
+    ] = None,
+    list_effects: Annotated[
+        bool, typer.Option("--list", help="The library of effects with signatures; then end.")
+    ] = False,
     json: options.Json = False,
 ) -> None:
     """Hold measured logs against the declared machine and name the physical effect that it lacks, if it lacks one."""
@@ -47,8 +55,14 @@ def trace(
     from hexsim.machine.files import find_machine_file
     from hexsim.tracing.own.folder import is_own
 
+    if list_effects:
+        return explain_effects.print_library(json)
+    if explain is not None:
+        return explain_effects.print_explanation(explain, out, json)
+    if machine is None:
+        raise HexsimError("trace needs the folder of a machine; --list shows the effects, --explain EFFECT one of them")
     if is_own(machine):
-        return trace_own_folder(machine, fit or [], validate or [], out, json)
+        return own_machine.trace_own_folder(machine, fit or [], validate or [], out, json)
     place = find_machine_file(machine)
     held_out = validate or ["validate"]
     with (
@@ -91,70 +105,6 @@ def design_next(result: Trace, place: Path, show: Callable[[str, float], None]) 
     return found.to_json() | {"lines": found.lines(), "file": str(place)}
 
 
-def trace_own_folder(folder: Path, fit: list[str], validate: list[str], out: Path | None, json: bool) -> None:
-    """A machine with balances of its own: balances.toml or balances.py."""
-    from hexsim.files.run_folder import default_folder, run_folder
-    from hexsim.tracing.own.trace import trace_folder
-
-    with (
-        run_folder(out or default_folder(f"trace-{folder.resolve().name}")) as place,
-        progress() as bar,
-        terminated_like_interrupted() as check,
-    ):
-        task = bar.add_task("starting", total=1.0)
-
-        def show(step: str, fraction: float) -> None:
-            check()
-            bar.update(task, description=step, completed=fraction)
-
-        _, _, report = trace_folder(folder, fit, validate, place.path, show)
-        final = place.finish()
-    if json:
-        print_json(report)
-        return
-    console = output()
-    print_own(report, console)
-    console.print(f"files    {final}")
-
-
-def print_own(report: Mapping[str, Any], console: Any) -> None:
-    """Verdict, remarks, budget and numbers of each balance."""
-    from rich.text import Text
-
-    logs = [(run, one) for run, said in report["findings"].items() for one in said]
-    if logs:
-        console.print(_table("What was read, repaired and moved", ("run", ""), logs))
-    for balance in report["balances"]:
-        console.print()
-        console.print(Text.assemble((f"{balance['name']}  ", "bold"), balance["verdict"]))
-        pulses = [f"run {run}: {text}" for run, text in balance["pulses"].items()]
-        for line in (
-            *balance["remarks"],
-            *pulses,
-            *balance["extremes"],
-            *balance["refused"],
-            f"next: {balance['next']}",
-        ):
-            console.print(Text(f"  {line}"))
-        rows = [
-            (row["run"], " + ".join(row.get("chosen", [])) or "–", *(f"{row[key]:.3g}" for key in OWN_STEPS))
-            for row in balance["budget"]
-        ]
-        title = f"rms of the rest [{balance['unit']}], each run held out"
-        console.print(_table(title, ("run", "chosen without it", *(key.replace("_", " ") for key in OWN_STEPS)), rows))
-        numbers = []
-        for name, number in balance["coefficients"].items():
-            place = balance["places"].get(name)
-            declared = "–" if number["declared"] is None else f"{number['declared']:.5g}"
-            at = "" if place is None else f"{place['place']:.4g}"
-            value = f"{number['value']:.5g} ± {number['standard_error']:.2g}"
-            numbers.append((name, number["unit"], value, declared, at))
-        console.print(_table("Numbers", ("number", "unit", "value", "declared", "place"), numbers))
-
-
-OWN_STEPS = ("declared", "refit", "with_terms")
-
-
 def record(logs: Path, held_out: list[str], result: Trace, final: Path, text: str) -> None:
     """Recordings beside the report. HexsimError when interrupted: the report is whole all the same."""
     from hexsim.tracing.report.recording import write_trace_recordings
@@ -181,8 +131,11 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
         _errors(report),
     ):
         if rows:
-            console.print(_table(title, header, rows))
+            console.print(text_table(title, header, rows))
             console.print()
+    for effect in report.get("effects", []):
+        if effect.get("check_first"):
+            console.print(f"check    {effect['name'].replace('_', ' ')}: {effect['check_first']}")
     console.print(f"files    {place}")
 
 
@@ -199,17 +152,6 @@ def markdown(report: Mapping[str, Any]) -> str:
         for rest in unexplained_rows(report)
     ]
     return "\n".join(lines)
-
-
-def _table(title: str, header: tuple[str, ...], rows: list[tuple[str, ...]]):
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
-    for index, name in enumerate(header):
-        table.add_column(name, justify="left" if index < 2 else "right")
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 def _findings(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
