@@ -93,7 +93,9 @@ def update_engagement(state, setpoint_m_s2, position_m, control_V, behind_m):
 def _move_feed_forward(state, identified):
     """The share g, and the caution about the edges' rounding that goes with it."""
     engagement, reference, settings = state.engagement, state.reference, state.settings
-    if engagement.ramp == 0.0:
+    if settings.controller_feeds_forward != 0.0:  # plain control has no lag either
+        reference.feed_forward = 1.0
+    elif engagement.ramp == 0.0:
         reference.feed_forward = 0.0
     elif engagement.ramp == 1.0:
         coming = identified and engagement.excited
@@ -120,7 +122,8 @@ def _next_phase(state, identified):
     if engagement.excited:
         return COMPENSATED
     at_rest = abs(engagement.acceleration_m_s2) < AT_REST_M_S2
-    may_leave = state.reference.feed_forward == 0.0 and (engagement.after_reversal or at_rest)
+    lags = state.reference.feed_forward == 0.0 or state.settings.controller_feeds_forward != 0.0
+    may_leave = lags and (engagement.after_reversal or at_rest)
     return DISENGAGING if may_leave else FEED_FORWARD_OUT
 
 

@@ -204,7 +204,7 @@ SETTINGS = _record(  # configuration (`Adaptive`) and data sheet (`Context`)
     tick_s="f8", position_gain_V_per_m="f8", voltage_max_V="f8", stroke_m="f8", area_ratio="f8",
     pipeline_length_m="f8", bulk_modulus_Pa="f8", tank_pressure_Pa="f8", reference_drop_Pa="f8", jerk_m_s3="f8",
     step_min_s="f8", step_max_s="f8", presliding_m_s="f8", damping_1_s="f8", damping_count="i8",
-    damping_high_Hz="f8", damping_max_V="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8",
+    controller_feeds_forward="f8", damping_high_Hz="f8", damping_max_V="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8",
     max_stability_limit_m_s2="f8", min_excitation_m_s2="f8", learn="i8",
 )  # fmt: skip
 STATE = _record(

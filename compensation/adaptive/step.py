@@ -128,7 +128,7 @@ def _track_plain_control(state, bottom, supply):
     if state.mean_bottom_Pa == 0.0:
         state.mean_bottom_Pa, state.supply_Pa, state.mean_supply_Pa = bottom, supply, supply
     state.supply_Pa += SUPPLY_SHARE * (supply - state.supply_Pa)
-    if reference.feed_forward == 1.0:
+    if reference.feed_forward == 1.0 and settings.controller_feeds_forward == 0.0:
         return
     share = settings.tick_s / PRESSURE_MEAN_S
     state.mean_bottom_Pa += share * (bottom - state.mean_bottom_Pa)

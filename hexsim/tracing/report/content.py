@@ -78,6 +78,7 @@ def effect_entry(effect: NamedEffect) -> dict[str, Any]:
         "evidence": {
             "block_cv_gain": finite(effect.gain_cv),
             "blocks": effect.blocks,
+            "share_of_rest": finite(effect.share),
             "dBIC": finite(effect.d_bic),
             "held_out_gain": [finite(gain) for gain in effect.held_out],
         },
