@@ -39,6 +39,7 @@ def run(
     recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write run.rrd for Rerun.")] = True,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write figures and report.html.")] = True,
     log_format: Annotated[LogFormat, typer.Option(help="Format of the log file.")] = "parquet",
+    mcap: Annotated[bool, typer.Option("--mcap", help="Write run.mcap for Foxglove, PlotJuggler and ROS.")] = False,
     payload: Annotated[
         Path | None, typer.Option(help="An FMU on the platform: takes its motion, gives force and moment.")
     ] = None,
@@ -54,6 +55,10 @@ def run(
         print_what_there_is()
         raise typer.Exit(2)
     with_machine, what = options.prepare(scenario, motion, settings)
+    if mcap:
+        from hexsim.recording.mcap import check_library
+
+        check_library()
     with run_folder(out or default_folder(what.name)) as folder, progress() as bar, terminated_like_interrupted():
         from hexsim.scenarios.resources import check_resources
         from hexsim.scenarios.settings import machine_in
@@ -67,7 +72,7 @@ def run(
             with_machine, what, compensator=compensator, fast=fast, seed=seed, timestep=timestep,
             progress=fraction_of(bar, f"{what.name} on {with_machine.name}"), interventions=payloads,
         )  # fmt: skip
-        place = keep(done, folder, step_of(bar), log_format=log_format, recording=recording, report=report)
+        place = keep(done, folder, step_of(bar), log_format=log_format, recording=recording, report=report, mcap=mcap)
     if json:
         print_json(summary_of(done))
     else:
@@ -78,19 +83,18 @@ def run(
 
 def payload_on(machine: Machine, path: Path, connections: list[str]) -> list[PayloadFmu]:
     """The FMU as what acts on the machine."""
-    from hexsim.machine.geometry import mechanics_of
     from hexsim.simulation.payload_fmu import PayloadFmu, parse_connections
 
-    has_platform = mechanics_of(machine).has_platform
+    has_platform = machine.mechanics.has_platform
     return [PayloadFmu(path, parse_connections(connections), has_platform=has_platform)]
 
 
-def keep(run: Run, folder: RunFolder, step, *, log_format: LogFormat, recording: bool, report: bool) -> Path:
-    """Write and place the files of a run; whatever happens while plotting, what was simulated is kept."""
+def keep(run: Run, folder: RunFolder, step, *, log_format: LogFormat, **files: bool) -> Path:
+    """Write and place the files of a run (as `write_run`); whatever happens while plotting, what was simulated is kept."""
     from hexsim.recording.run_files import write_run
 
     try:
-        write_run(run, folder.path, log_format=log_format, recording=recording, report=report, step=step)
+        write_run(run, folder.path, log_format=log_format, step=step, **files)
     except (HexsimError, OSError) as error:  # the disk is full, or has gone
         if isinstance(error, OSError) and error.errno not in FULL:
             raise

@@ -5,8 +5,11 @@ Bounds run from a micro hydraulic stage to the largest test rigs: what lies outs
 """
 
 from hexsim.declaration.actuator import Cylinder, Friction
-from hexsim.declaration.load import Geometry, Load
-from hexsim.declaration.machine import Controller, EffectTable, Identity, Machine
+from hexsim.declaration.controller import Controller
+from hexsim.declaration.geometry import Geometry
+from hexsim.declaration.load import Load
+from hexsim.declaration.machine import EffectTable, Identity, Machine
+from hexsim.declaration.manifold import Manifold
 from hexsim.declaration.power_unit import PowerUnit
 from hexsim.declaration.section import Name, Section, between, section_of, values_of, zero_or
 from hexsim.declaration.sensors import Sensors
@@ -14,6 +17,6 @@ from hexsim.declaration.supply import ATMOSPHERE_Pa, Oil, Supply
 from hexsim.declaration.valve import Valve
 
 __all__ = [
-    "ATMOSPHERE_Pa", "Controller", "Cylinder", "EffectTable", "Friction", "Geometry", "Identity", "Load", "Machine",
+    "ATMOSPHERE_Pa", "Controller", "Cylinder", "EffectTable", "Friction", "Geometry", "Identity", "Load", "Machine", "Manifold",
     "Name", "Oil", "PowerUnit", "Section", "Sensors", "Supply", "Valve", "between", "section_of", "values_of", "zero_or",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""The tables [load] and [geometry]."""
+"""The table [load]."""
 
 from __future__ import annotations
 
@@ -35,15 +35,3 @@ class Load(Section):
                 "must be three positive moments from 1e-6 to 1e9, none larger than the sum of the other two"
             )
         return value
-
-
-class Geometry(Section):
-    """Six joints in pairs on two circles; legs 1..6 in pairs at base angles 0, 120, 240 deg."""
-
-    base_radius_m: float = between(1e-3, 100.0, "circle of the base joints [m]")
-    base_half_angle_deg: float = Field(
-        ge=0.01, lt=60.0, description="half the angle between the joints of a pair [deg]"
-    )
-    platform_radius_m: float = between(1e-3, 100.0, "circle of the platform joints [m]")
-    platform_half_angle_deg: float = Field(ge=0.01, lt=60.0, description="half the angle between a pair's joints [deg]")
-    neutral_leg_length_m: float = between(5e-3, 100.0, "joint to joint, all pistons at half stroke [m]")

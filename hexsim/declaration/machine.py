@@ -7,12 +7,18 @@ from typing import Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from hexsim.declaration.actuator import Cylinder, Friction
-from hexsim.declaration.load import Geometry, Load
+from hexsim.declaration.controller import Controller
+from hexsim.declaration.geometry import AnyGeometry
+from hexsim.declaration.leg import TABLES, Leg, LegTable, leg_of
+from hexsim.declaration.load import Load
+from hexsim.declaration.manifold import Manifold
+from hexsim.declaration.mechanics import declared_mechanics
 from hexsim.declaration.power_unit import PowerUnit
 from hexsim.declaration.section import Name, Section, between
 from hexsim.declaration.sensors import Sensors
 from hexsim.declaration.supply import Oil, Supply
 from hexsim.declaration.valve import Valve
+from hexsim.mechanics.mechanics import Mechanics
 
 EffectTable = dict[str, Any]
 
@@ -23,13 +29,6 @@ class Identity(Section):
     name: Name = Field(description="as it stands in tables and reports")
     kind: Literal["bench", "hexapod"] = Field(description="one vertical leg, or six under a platform")
     gravity_m_s2: float = between(0.0, 30.0, "gravity [m/s2]")
-
-
-class Controller(Section):
-    """Position loop of the motion computer (report 2.2.4)."""
-
-    gain_V_per_m: float = between(1e-3, 1e6, "proportional gain [V/m]")
-    rate_Hz: float = between(1.0, 10_000.0, "ticks of the motion computer a second [Hz]", default=500.0)
 
 
 class Machine(Section):
@@ -47,8 +46,10 @@ class Machine(Section):
         default={}, description="how far a declared value may be off: relative half width, below 1"
     )
     load: Load
-    geometry: Geometry | None = None
+    geometry: AnyGeometry | None = None
+    leg: tuple[LegTable, ...] = Field(default=(), strict=False, description="what single legs have otherwise")
     power_unit: PowerUnit | None = None
+    manifold: Manifold | None = None
     extra_sensors: dict[str, dict[str, float]] = Field(
         default={}, description="sensors beside the standard ones, a table each: hexsim/signals/sensor.py"
     )
@@ -66,6 +67,33 @@ class Machine(Section):
     def n_legs(self) -> int:
         return 6 if self.is_hexapod else 1
 
+    @property
+    def legs(self) -> tuple[Leg, ...]:
+        """All tables of every leg: the machine's, with the keys of its [[leg]]."""
+        shared = Leg(**{name: getattr(self, name) for name in TABLES})
+        return tuple(leg_of(number, shared, self.leg) for number in range(1, self.n_legs + 1))
+
+    @property
+    def mechanics(self) -> Mechanics:
+        """Legs, poses and limits. Raises HexsimError where the legs do not reach."""
+        geometry = self.geometry if self.is_hexapod else None
+        return declared_mechanics(geometry, tuple(self.of_legs("cylinder", "stroke_m")))  # pyright: ignore[reportArgumentType]
+
+    def of_legs(self, table: str, key: str) -> list[float]:
+        """A number of every leg."""
+        return [getattr(getattr(leg, table), key) for leg in self.legs]
+
+    @model_validator(mode="after")
+    def _legs_are_there(self) -> Machine:
+        numbers = [table.number for table in self.leg]
+        for number in numbers:
+            if number > self.n_legs:
+                raise ValueError(f"[[leg]] number = {number}: the machine has {self.n_legs} leg{'s' * self.is_hexapod}")
+            if numbers.count(number) > 1:
+                raise ValueError(f"[[leg]] number = {number} stands twice: put its keys into one table")
+        _ = self.legs  # raises ValueError where the tables of a leg do not go together
+        return self
+
     @model_validator(mode="after")
     def _kind_has_its_tables(self) -> Machine:
         if self.is_hexapod:
@@ -73,10 +101,11 @@ class Machine(Section):
                 raise ValueError("a hexapod needs a [geometry] table")
             if self.load.platform_mass_kg is None or self.load.platform_inertia_kg_m2 is None:
                 raise ValueError("a hexapod needs load.platform_mass_kg and load.platform_inertia_kg_m2")
-            if self.geometry.neutral_leg_length_m <= self.cylinder.stroke_m / 2:
+            stroke = max(self.of_legs("cylinder", "stroke_m"))
+            if self.geometry.neutral_leg_length_m <= stroke / 2:
                 raise ValueError(
                     f"geometry.neutral_leg_length_m = {self.geometry.neutral_leg_length_m:g} must be longer than half "
-                    f"of cylinder.stroke_m = {self.cylinder.stroke_m:g}"
+                    f"of cylinder.stroke_m = {stroke:g}"
                 )
         elif self.load.moving_mass_kg is None:
             raise ValueError("a bench needs load.moving_mass_kg")
@@ -89,21 +118,23 @@ class Machine(Section):
                 f'valve.kind = "{self.valve.kind}" does not go with cylinder.rod_side = "{self.cylinder.rod_side}": a '
                 'four-way valve needs rod_side = "valve", and the other way round'
             )
-        if self.cylinder.rod_leakage_m3_s_Pa > 0 and self.cylinder.rod_side != "valve":
+        if max(self.of_legs("cylinder", "rod_leakage_m3_s_Pa")) > 0 and self.cylinder.rod_side != "valve":
             raise ValueError('cylinder.rod_leakage_m3_s_Pa needs rod_side = "valve": set it to 0')
         return self
 
     @model_validator(mode="after")
     def _pressure_moves_the_piston(self) -> Machine:
         """Friction beyond the largest force of the oil, or a case drain beyond the pump's flow: nothing would move."""
-        force = self.supply.pressure_Pa * self.cylinder.area_bottom_m2
-        for key in ("coulomb_extend_N", "coulomb_retract_N"):
-            friction: float = getattr(self.friction, key)
-            if friction >= force:
-                raise ValueError(
-                    f"friction.{key} = {friction:g} must be below the largest force of the oil, supply pressure times "
-                    f"piston area = {force:.3g} N"
-                )
+        for number, leg in enumerate(self.legs, start=1):
+            place = f"leg {number}: " if self.leg else ""
+            force = self.supply.pressure_Pa * leg.cylinder.area_bottom_m2
+            for key in ("coulomb_extend_N", "coulomb_retract_N"):
+                friction: float = getattr(leg.friction, key)
+                if friction >= force:
+                    raise ValueError(
+                        f"{place}friction.{key} = {friction:g} must be below the largest force of the oil, supply pressure "
+                        f"times piston area = {force:.3g} N"
+                    )
         if self.power_unit is not None:
             drained = self.power_unit.pump_leakage_m3_s_Pa * self.supply.pressure_Pa
             if drained >= self.power_unit.pump_flow_max_m3_s:

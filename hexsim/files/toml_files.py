@@ -75,6 +75,8 @@ def validation_sentence(error: ValidationError, model: Any) -> str:
     a_table = hasattr(at, "model_fields") and kind != "extra_forbidden"
     if len(where) == 1 and (a_table or (isinstance(given, dict) and kind != "missing")):
         place = f"[{place}]"
+    if kind == "missing" and isinstance(first["loc"][-1], int):
+        return f"{place} = {shortened(repr(given))}: entry {first['loc'][-1] + 1} is missing{more}"
     if kind == "missing" and isinstance(first["loc"][-1], str):
         return f"{place} is missing: add it (SI units){more}"
     if kind == "extra_forbidden":
@@ -101,7 +103,7 @@ def _where(model: Any, loc: tuple[int | str, ...]) -> tuple[list[str], Any, str]
             model = next(iter(_candidates(model, inside=True)), model)
             continue
         candidates = _candidates(model)
-        tagged = [c for c in candidates if part in _kinds(c)]
+        tagged = [c for c in candidates if part in _kinds(c) or part == getattr(c, "__name__", "")]
         if tagged:
             model = tagged[0]
             continue

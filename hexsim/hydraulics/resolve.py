@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hexsim.declaration import Machine
+from hexsim.declaration.leg import OF_SENSOR
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects import Effect, effect_settings
 from hexsim.hydraulics.oil import LEG_POWERS, row_factors
@@ -18,23 +19,14 @@ from hexsim.hydraulics.supply import POWER_UNIT, SUPPLY_POWERS, S, declared_supp
 
 def resolve(machine: Machine) -> Resolved:
     """Declared rows, then each effect of the machine's file in turn."""
-    sensors = machine.sensors
-    per_leg = {
-        "position_gain": sensors.position_gain,
-        "position_offset_m": sensors.position_offset_m,
-        "position_delay_s": sensors.position_delay_s,
-        "pressure_gain": sensors.pressure_gain,
-        "pressure_offset_Pa": sensors.pressure_offset_Pa,
-        "pressure_delay_s": sensors.pressure_delay_s,
-    }
     resolved = Resolved(
         machine=machine,
         rows=declared_rows(machine),
         supply=declared_supply(machine),
         load=machine.load,
-        sensors=sensors,
+        sensors=machine.sensors,
         gravity_m_s2=np.array([0.0, 0.0, -machine.machine.gravity_m_s2]),
-        leg_sensors={name: np.full(machine.n_legs, value) for name, value in per_leg.items()},
+        leg_sensors={key: np.array(machine.of_legs("sensors", key)) for key in OF_SENSOR},
     )
     add_effects(resolved, effect_settings(machine))
     if machine.power_unit is not None:

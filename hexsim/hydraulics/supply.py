@@ -250,7 +250,11 @@ def declared_supply(machine: Machine) -> np.ndarray:
     bore = math.pi / 4 * unit.line_diameter_m**2
     viscosity = dynamic_viscosity(oil.temperature_degC, machine.supply.pressure_Pa, oil.density_kg_m3, oil.properties)
     hose = 128 * viscosity * unit.line_length_m / (math.pi * unit.line_diameter_m**4)  # Hagen-Poiseuille
-    annuli = machine.n_legs * cylinder.area_top_m2 * cylinder.stroke_m / 2 if cylinder.rod_side == "supply" else 0.0
+    annuli = 0.0
+    if cylinder.rod_side == "supply":
+        annuli = machine.n_legs * cylinder.area_top_m2 * cylinder.stroke_m / 2
+        half = [leg.cylinder.area_top_m2 * leg.cylinder.stroke_m / 2 for leg in machine.legs]
+        annuli += sum(own - cylinder.area_top_m2 * cylinder.stroke_m / 2 for own in half)
     values = {
         S.MODEL: POWER_UNIT,
         S.MOTOR_POWER: unit.motor_power_W,

@@ -85,7 +85,7 @@ def changed(machine: Machine, changes: dict[str, Any], source: str = "changes") 
 def machine_tables(machine: Machine) -> dict[str, Any]:
     """Plain tables for TOML, without empty ones."""
     tables = machine.model_dump(exclude_none=True, mode="json")
-    return {name: table for name, table in tables.items() if table != {}}
+    return {name: table for name, table in tables.items() if table not in ({}, [])}
 
 
 def save_machine(machine: Machine, path: Path) -> None:

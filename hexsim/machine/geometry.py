@@ -3,44 +3,33 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
 
-from hexsim.declaration import Machine
+from hexsim.declaration import Cylinder, Load, Machine
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolved import PayloadMode, Resolved
 from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.mechanics.leg_inertia import LegBodies, lumped_legs
-from hexsim.mechanics.mechanics import Mechanics
 from hexsim.mechanics.rigid_body import RigidBody, Suspension, joined, rigid_body
-from hexsim.mechanics.single_leg import SingleLegKinematics
 
 LEAST_LEG_FRACTION = 1e-3  # a machine without leg mass gets full legs of this share of the platform's mass each
 
 
 def machine_kinematics(machine: Machine) -> HexapodKinematics:
-    """Joints, lengths and limits from the [geometry] and [cylinder] tables, kept between calls. Raises HexsimError for a bench."""
-    if machine.geometry is None:
+    """Joints, lengths and limits of a hexapod as declared. Raises HexsimError for a bench."""
+    mechanics = machine.mechanics
+    if not isinstance(mechanics, HexapodKinematics):
         raise HexsimError(f"machine {machine.name} is a bench and has no hexapod geometry: use a hexapod machine")
-    return _kinematics(tuple(machine.geometry.model_dump().items()), machine.cylinder.stroke_m)
+    return mechanics
 
 
-def mechanics_of(machine: Machine) -> Mechanics:
-    """Legs, poses and limits of a hexapod or of a bench."""
-    if machine.geometry is None:
-        return SingleLegKinematics.of_stroke(machine.cylinder.stroke_m)
-    return machine_kinematics(machine)
+def leg_bodies(resolved: Resolved, neutral_length: float) -> list[LegBodies]:
+    """Cylinder and rod of each leg as slender rods: the cylinder spans 60 % of the neutral leg, the rod 55 % (they overlap)."""
+    return [_leg_bodies(resolved.load, leg.cylinder, neutral_length) for leg in resolved.machine.legs]
 
 
-@lru_cache(maxsize=8)
-def _kinematics(geometry: tuple[tuple[str, float], ...], stroke: float) -> HexapodKinematics:
-    return HexapodKinematics.from_geometry(**dict(geometry), stroke_m=stroke)
-
-
-def leg_bodies(resolved: Resolved, neutral_length: float) -> LegBodies:
-    """Cylinder and rod as slender rods: the cylinder spans 60 % of the neutral leg, the rod 55 % (they overlap)."""
-    load, cylinder = resolved.load, resolved.machine.cylinder
+def _leg_bodies(load: Load, cylinder: Cylinder, neutral_length: float) -> LegBodies:
     mass = load.leg_mass_kg or LEAST_LEG_FRACTION * (load.platform_mass_kg or 0.0)
     rod_mass = load.rod_mass_fraction * mass
     cylinder_mass = mass - rod_mass
@@ -62,7 +51,7 @@ def moving_body(resolved: Resolved) -> RigidBody:
     """A bench's mass; or platform and, at its joints, the legs as far as they have mass (as in the tendon model)."""
     load = resolved.load
     sprung = sum(mode.mass_kg for mode in resolved.payload_modes)
-    kinematics = mechanics_of(resolved.machine)
+    kinematics = resolved.mechanics
     if not kinematics.has_platform:
         mass = load.moving_mass_kg or 0.0
         return rigid_body(mass, np.zeros(3), np.zeros((3, 3)), carried=mass, sprung=sprung)

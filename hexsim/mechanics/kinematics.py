@@ -19,6 +19,7 @@ from hexsim.mechanics.mechanics import DOF_NAMES, Mechanics
 NEWTON_MAX_ITERATIONS = 50  # quadratic convergence needs 4 to 6; more only where steps are shortened
 NEWTON_TOLERANCE_M = 1e-13  # residual length at which the iteration stops: 1e-13 m, about 450 ulp of a 1 m leg
 
+NEUTRAL_TOLERANCE_M = 1e-14
 N_LEGS = 6
 Array = NDArray[np.float64]
 
@@ -27,6 +28,40 @@ def pair_joints(radius_m: float, angles_deg: ArrayLike) -> Array:
     """Six joints (6, 3) on a horizontal circle: two angles (legs 1 and 2) [deg], repeated at +120 and +240 deg."""
     angles = np.radians(np.add.outer([0.0, 120.0, 240.0], np.asarray(angles_deg, dtype=float)).ravel())
     return radius_m * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=-1)
+
+
+def joints_on_circles(
+    base_radius_m: float, base_half_angle_deg: float, platform_radius_m: float, platform_half_angle_deg: float
+) -> tuple[Array, Array]:
+    """Base and platform joints (6, 3) [m] in pairs.
+
+    Legs 1, 2 at base angles +half, -half and platform angles 60 - half, -60 + half [deg]; legs 3, 4 and 5, 6 the
+    same turned by 120 and 240 deg.
+    """
+    base = pair_joints(base_radius_m, [base_half_angle_deg, -base_half_angle_deg])
+    platform = pair_joints(platform_radius_m, [60.0 - platform_half_angle_deg, platform_half_angle_deg - 60.0])
+    return base, platform
+
+
+def neutral_height(base: Array, platform: Array, mean_length_m: float) -> float:
+    """h at which the legs from base to platform joints (6, 3) are `mean_length_m` long in the mean: from leg 1, then Newton."""
+    level = (platform - base) * [1.0, 1.0, 0.0]
+    across = [float(np.linalg.norm(arm)) for arm in level]
+    rise = platform[:, 2] - base[:, 2]
+    leg = int(np.argmax(np.round(across, 9)))
+    if not mean_length_m > across[leg]:
+        raise HexsimError(
+            f"neutral_leg_length_m is {mean_length_m}, but the joints of leg {leg + 1} are {across[leg]:.4f} m apart in "
+            f"plan; make it longer than that, or bring the joints closer."
+        )
+    height = float(np.sqrt(mean_length_m**2 - across[0] ** 2)) - float(rise[0])
+    for _ in range(NEWTON_MAX_ITERATIONS):
+        lengths = np.hypot(across, height + rise)
+        missing = mean_length_m - float(lengths.mean())
+        if abs(missing) < NEUTRAL_TOLERANCE_M:
+            break
+        height += missing / float(np.mean((height + rise) / lengths))
+    return height
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,26 +83,32 @@ class HexapodKinematics(Mechanics):
         neutral_leg_length_m: float,
         stroke_m: float,
     ) -> HexapodKinematics:
-        """Joints in pairs on two circles; in the neutral pose all legs are alike and all pistons at half stroke.
+        """`from_joints` of `joints_on_circles`; in the neutral pose all legs are alike and all pistons at half stroke."""
+        joints = joints_on_circles(base_radius_m, base_half_angle_deg, platform_radius_m, platform_half_angle_deg)
+        return cls.from_joints(*joints, neutral_leg_length_m, stroke_m)
 
-        Legs 1, 2 at base angles +half, -half and platform angles 60 - half, -60 + half [deg]; legs 3, 4 and 5, 6 the
-        same turned by 120 and 240 deg. Raises HexsimError if the neutral leg cannot span the circles, or if it is
-        shorter than half its stroke.
+    @classmethod
+    def from_joints(
+        cls,
+        base_joints_m: ArrayLike,
+        platform_joints_m: ArrayLike,
+        neutral_leg_length_m: float,
+        stroke_m: ArrayLike,
+        leg_zero_offsets_m: ArrayLike = 0.0,
+    ) -> HexapodKinematics:
+        """Joints (6, 3) [m] where they are. In the neutral pose the platform is level over the base, without turn or shift,
+        at the height where the legs are `neutral_leg_length_m` long in the mean.
+
+        A piston at half its stroke makes a leg of that length, plus the leg's zero offset [m].
+        Raises HexsimError if the neutral leg cannot span the joints, or if it is shorter than half its stroke.
         """
-        base = pair_joints(base_radius_m, [base_half_angle_deg, -base_half_angle_deg])
-        platform = pair_joints(platform_radius_m, [60.0 - platform_half_angle_deg, platform_half_angle_deg - 60.0])
-        across = float(np.linalg.norm(platform[0] - base[0]))
-        if not neutral_leg_length_m > across:
-            raise HexsimError(
-                f"neutral_leg_length_m is {neutral_leg_length_m}, but the joints of leg 1 are {across:.4f} m apart in "
-                f"plan; make it longer than that, or bring the joints closer."
-            )
+        base, platform = np.array(base_joints_m, dtype=float), np.array(platform_joints_m, dtype=float)
         return cls(
             base_joints=base,
             platform_joints=platform,
-            retracted_length_m=neutral_leg_length_m - 0.5 * stroke_m,
-            stroke_m=stroke_m,
-            neutral_height_m=float(np.sqrt(neutral_leg_length_m**2 - across**2)),
+            retracted_length_m=neutral_leg_length_m - 0.5 * np.asarray(stroke_m) + np.asarray(leg_zero_offsets_m),
+            stroke_m=np.asarray(stroke_m, dtype=float),
+            neutral_height_m=neutral_height(base, platform, neutral_leg_length_m),
         )
 
     def forward(self, piston_positions: ArrayLike, guess: ArrayLike | None = None) -> Array:

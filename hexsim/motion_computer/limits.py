@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.geometry import mechanics_of
 from hexsim.mechanics.mechanics import Mechanics
 from hexsim.mechanics.workspace import excursions
 
@@ -59,7 +58,7 @@ def dof_limits(kinematics: Mechanics) -> Limits:
 
 def pose_limits(machine: Machine) -> Limits:
     """Of the degrees of freedom that a host moves: `dof_limits` of a hexapod, `leg_limits` of a bench."""
-    mechanics = mechanics_of(machine)
+    mechanics = machine.mechanics
     return dof_limits(mechanics) if mechanics.has_platform else leg_limits(machine)
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from hexsim.declaration import Cylinder, Machine
+from hexsim.declaration import Cylinder
 from hexsim.mechanics.mechanics import Mechanics
 
 MATERIALS = {
@@ -102,9 +102,9 @@ def bench_load_height(stroke: float) -> float:
     return 2.6 * stroke
 
 
-def add_bench_frame(spec: mujoco.MjSpec, world: mujoco.MjsBody, machine: Machine) -> None:
+def add_bench_frame(spec: mujoco.MjSpec, world: mujoco.MjsBody, cylinder: Cylinder) -> None:
     """The fixed cylinder of a bench on its foot."""
-    stroke, radius = machine.cylinder.stroke_m, 0.75 * machine.cylinder.piston_diameter_m
+    stroke, radius = cylinder.stroke_m, 0.75 * cylinder.piston_diameter_m
     _geom(
         spec,
         world,
@@ -118,8 +118,8 @@ def add_bench_frame(spec: mujoco.MjSpec, world: mujoco.MjsBody, machine: Machine
     _cylinder(spec, world, "head_1", 1.4 * stroke, 1.515 * stroke, 1.25 * radius, "joint_paint")
 
 
-def add_bench_load(spec: mujoco.MjSpec, body: mujoco.MjsBody, machine: Machine) -> None:
+def add_bench_load(spec: mujoco.MjSpec, body: mujoco.MjsBody, cylinder: Cylinder) -> None:
     """Rod and the mass on it."""
-    stroke, side = machine.cylinder.stroke_m, 1.7 * machine.cylinder.piston_diameter_m
-    _cylinder(spec, body, "rod_shaft_1", -1.8 * stroke, 0.0, machine.cylinder.rod_diameter_m / 2, "chrome")
+    stroke, side = cylinder.stroke_m, 1.7 * cylinder.piston_diameter_m
+    _cylinder(spec, body, "rod_shaft_1", -1.8 * stroke, 0.0, cylinder.rod_diameter_m / 2, "chrome")
     _geom(spec, body, "payload", "box", "platform_paint", pos=[0, 0, side], size=[side, side, side])

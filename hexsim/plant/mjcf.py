@@ -11,11 +11,13 @@ act = the leg's states; then `supply` where it has states: ctrl = pump on, act =
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import mujoco
 import numpy as np
 
+from hexsim.declaration import Cylinder
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import PayloadMode, Resolved
@@ -64,13 +66,13 @@ def build_spec(
 
 def _add_bench(spec: mujoco.MjSpec, resolved: Resolved) -> None:
     """One vertical cylinder with the moving mass on its rod."""
-    stroke = resolved.machine.cylinder.stroke_m
+    cylinder = resolved.machine.legs[0].cylinder
     mass = resolved.load.moving_mass_kg or 0.0
-    looks.add_bench_frame(spec, spec.worldbody, resolved.machine)
-    load = spec.worldbody.add_body(name="load", pos=[0, 0, looks.bench_load_height(stroke)])
+    looks.add_bench_frame(spec, spec.worldbody, cylinder)
+    load = spec.worldbody.add_body(name="load", pos=[0, 0, looks.bench_load_height(cylinder.stroke_m)])
     load.add_joint(name="slide_1", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
     load.mass, load.ipos, load.inertia, load.explicitinertial = mass, [0, 0, 0], [mass * 0.01] * 3, True
-    looks.add_bench_load(spec, load, resolved.machine)
+    looks.add_bench_load(spec, load, cylinder)
     load.add_site(name="accelerometer", pos=[0, 0, 0])
     for mode_number, mode in enumerate(resolved.payload_modes, start=1):
         _add_payload_mode(load, mode, mode_number, resolved.gravity_m_s2)
@@ -86,7 +88,9 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: Mechanics,
         looks.add_base(spec, spec.worldbody, kinematics)
     platform = spec.worldbody.add_body(name="platform", pos=[0, 0, kinematics.neutral_height_m])
     platform.add_freejoint(name="platform_free")
-    mass = (load.platform_mass_kg or 0.0) - (6 * bodies.rod_mass if full and load.leg_mass_kg == 0.0 else 0.0)
+    mass = (load.platform_mass_kg or 0.0) - (
+        math.fsum(leg.rod_mass for leg in bodies) if full and load.leg_mass_kg == 0.0 else 0.0
+    )
     platform.mass, platform.ipos, platform.inertia = mass, load.centre_of_mass_m, load.platform_inertia_kg_m2
     platform.explicitinertial = True
     if full:
@@ -98,7 +102,7 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: Mechanics,
         platform.add_site(name=f"platform_joint_{i + 1}", pos=kinematics.platform_joints[i], size=[0.012] * 3)
         spec.worldbody.add_site(name=f"base_joint_{i + 1}", pos=kinematics.base_joints[i], size=[0.012] * 3)
         if full:
-            _add_full_leg(spec, kinematics, bodies, i, resolved)
+            _add_full_leg(spec, kinematics, bodies[i], i, resolved.machine.legs[i].cylinder)
         else:
             tendon = spec.add_tendon(name=f"tendon_{i + 1}", width=0.015)
             tendon.wrap_site(f"base_joint_{i + 1}")
@@ -107,7 +111,7 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: Mechanics,
         _add_lumped_legs(platform, kinematics, bodies)
 
 
-def _add_full_leg(spec: mujoco.MjSpec, kinematics: Mechanics, bodies: LegBodies, i: int, resolved: Resolved) -> None:
+def _add_full_leg(spec: mujoco.MjSpec, kinematics: Mechanics, bodies: LegBodies, i: int, declared: Cylinder) -> None:
     """Universal joint at the base, cylinder, rod on a slide joint, ball end on the platform."""
     number = i + 1
     base = kinematics.base_joints[i]
@@ -119,13 +123,13 @@ def _add_full_leg(spec: mujoco.MjSpec, kinematics: Mechanics, bodies: LegBodies,
     across, along = bodies.cylinder_inertia
     cylinder.mass, cylinder.ipos = bodies.cylinder_mass, [0, 0, bodies.cylinder_centre]
     cylinder.inertia, cylinder.explicitinertial = [across, across, along], True
-    looks.add_cylinder(spec, cylinder, length, resolved.machine.cylinder, number)
+    looks.add_cylinder(spec, cylinder, length, declared, number)
     rod = cylinder.add_body(name=f"rod_{number}", pos=[0, 0, length])
     rod.add_joint(name=f"slide_{number}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
     across, along = bodies.rod_inertia
     rod.mass, rod.ipos = bodies.rod_mass, [0, 0, -bodies.rod_centre]
     rod.inertia, rod.explicitinertial = [across, across, along], True
-    looks.add_rod(spec, rod, length, resolved.machine.cylinder, number)
+    looks.add_rod(spec, rod, length, declared, number)
     ball = spec.add_equality(
         name=f"ball_{number}",
         type=mujoco.mjtEq.mjEQ_CONNECT,
@@ -138,7 +142,7 @@ def _add_full_leg(spec: mujoco.MjSpec, kinematics: Mechanics, bodies: LegBodies,
     ball.data[:3] = 0.0  # the anchor is the rod's end
 
 
-def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: Mechanics, bodies: LegBodies) -> None:
+def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: Mechanics, bodies: list[LegBodies]) -> None:
     """The legs of the tendon model as one body, see `lumped_legs`."""
     legs = lumped_legs(kinematics, bodies)
     inertia = np.diag(legs.inertia)
@@ -181,7 +185,7 @@ def _add_actuators(
     """One prismatic actuator a leg on joint or tendon `target`1.., and one for the supply when it has states."""
     resolved.rows[:, P.LENGTH_OFFSET] = length_offset
     transmission = mujoco.mjtTrn.mjTRN_JOINT if target == "slide_" else mujoco.mjtTrn.mjTRN_TENDON
-    volts = resolved.machine.valve.voltage_max_V
+    volts = resolved.machine.of_legs("valve", "voltage_max_V")
     for i, place in enumerate(layout[:, A.PRESSURE]):
         is_leg = i < resolved.machine.n_legs
         actuator = spec.add_actuator(
@@ -192,7 +196,7 @@ def _add_actuators(
             gaintype=mujoco.mjtGain.mjGAIN_FIXED,
             biastype=mujoco.mjtBias.mjBIAS_USER,
             ctrllimited=True,
-            ctrlrange=[-volts, volts] if is_leg else [0, 1],
+            ctrlrange=[-volts[i], volts[i]] if is_leg else [0, 1],
         )
         actuator.actdim = int(place - (layout[i - 1, A.PRESSURE] if i else -1))
         gain = np.zeros(10)

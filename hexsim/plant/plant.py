@@ -21,7 +21,6 @@ from hexsim.hydraulics.resolve import add_effects, resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.steps import StepRule, step_rule
 from hexsim.hydraulics.supply import POWER_UNIT, S, U, power_unit_start
-from hexsim.machine.geometry import mechanics_of
 from hexsim.plant import stepping
 from hexsim.plant.callbacks import POWER_UNIT_SCALE, MPa, install_hydraulics, installed
 from hexsim.plant.mjcf import ModelKind, build_spec
@@ -70,7 +69,7 @@ class Plant:
         install_hydraulics()
         self.machine = machine
         self.resolved: Resolved = resolve(machine)
-        self.kinematics = mechanics_of(machine)
+        self.kinematics = self.resolved.mechanics
         self.timestep = timestep
         self.model_kind: ModelKind = model if self.kinematics.has_platform else "full"
         final = resolve(machine)
@@ -320,10 +319,14 @@ class Plant:
         """P1 of each leg (n_legs,) [Pa]."""
         return self.data.act[self.pressure_places] * MPa
 
+    @property
+    def rod_side_places(self) -> NDArray[np.int64]:
+        """Where the pressures of rod sides that are chambers stand in the state (n_legs,); -1: on the supply."""
+        return self.layout[: self.n_legs, A.ROD_SIDE].astype(np.int64)
+
     def rod_side_pressures(self) -> np.ndarray:
         """P2 of each leg (n_legs,) [Pa]; Ps where the rod side is on the supply."""
-        places = self.layout[: self.n_legs, A.ROD_SIDE].astype(int)
-        return np.array([self.data.act[k] * MPa if k >= 0 else self.supply_pressure() for k in places])
+        return np.array([self.data.act[k] * MPa if k >= 0 else self.supply_pressure() for k in self.rod_side_places])
 
     def instant_acceleration(self) -> np.ndarray:
         """Generalised accelerations (nv,) of the present state under the present volts at the spools."""

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, supply
 from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant.callbacks import leg_state, supply_pressure, supply_state
 from hexsim.plant.plant import Plant
@@ -56,7 +58,7 @@ def _leg_rows(rows, layout, which, act, y, v, volts, time, out):
             x = leg.metering_spool(p, volts[k, i], time[k], place)
             out[0, k, i], out[1, k, i], out[2, k, i], out[6, k, i] = P1, P2, x, Ps
             out[3, k, i] = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k])
-            out[4, k, i] = leg.friction_force(p, y[k, i], v[k, i], P1, z)
+            out[4, k, i] = leg.friction_force(p, y[k, i], v[k, i], P1, z, P2)
             out[5, k, i] = leg.leg_force(p, y[k, i], v[k, i], volts[k, i], P1, P2, Ps, z, time[k])
 
 
@@ -120,6 +122,20 @@ def platform_signals(plant: Plant, qpos: Array, qvel: Array, qacc: Array) -> Pla
     )
 
 
+def imu_motion(resolved: Resolved, instant: PlatformSignals, omega: Array) -> tuple[Array, Array]:
+    """Accelerations (m, 3) that the IMU feels where it is mounted: R' (a + alpha x r + omega x (omega x r)) and R' alpha.
+
+    omega (m, 3) [rad/s] in the platform frame.
+    """
+    a, turning, place = instant.acceleration, instant.angular_acceleration, resolved.imu_place_m
+    if place.any():
+        a = a + np.cross(turning, place) + np.cross(omega, np.cross(omega, place))
+    if resolved.imu_turn_rad.any():
+        mounted = Rotation.from_rotvec(resolved.imu_turn_rad).inv()
+        a, turning = mounted.apply(a), mounted.apply(turning)
+    return a, turning
+
+
 # Columns of a power unit. Flows and powers of all legs together.
 POWER_UNIT_COLUMNS = (
     "motor_speed",
@@ -154,7 +170,8 @@ def _power_unit_rows(supplies, rows, layout, h, which, act, y, v, volts, time, o
             asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, P2, Ps, h[k])
             demand += asked
             heat += leg.heat(p, y[k, i], v[k, i], x, P1, P2, Ps, z, inflow, asked, h[k])
-            force = P1 * p[P.AREA_BOTTOM] - P2 * p[P.AREA_TOP] - leg.friction_force(p, y[k, i], v[k, i], P1, z)
+            friction = leg.friction_force(p, y[k, i], v[k, i], P1, z, P2)
+            force = P1 * p[P.AREA_BOTTOM] - P2 * p[P.AREA_TOP] - friction
             work += force * v[k, i]
         out[0, k], out[1, k], out[2, k], out[3, k], out[4, k] = speed, flow, line_flow, pump_pressure, temperature
         out[5, k] = supply.relief_flow(s, pump_pressure)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.geometry import mechanics_of
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.scenario import DOF_NAMES
 from hexsim.signals.table import motion_column, pose_column, table
@@ -52,7 +51,7 @@ class MachineRig:
     def __init__(self, machine: Machine, compensator: str | Compensator = "none") -> None:
         self.machine, self.compensator = machine, compensator
         self.name = machine.name
-        self.mechanics = mechanics_of(machine)
+        self.mechanics = machine.mechanics
         self.model = "tendon" if self.mechanics.has_platform else "full"
         self.axes: tuple[str, ...] = self.mechanics.dofs
 

@@ -97,7 +97,7 @@ def _log_platform(recording: rr.RecordingStream, path: str, motion: Motion, sign
 
 
 def _log_leg(recording: rr.RecordingStream, path: str, motion: Motion, leg: int, signals: Signals) -> None:
-    cylinder = signals.machine.cylinder
+    cylinder = signals.machine.legs[leg].cylinder
     body = 0.9 * motion.retracted_m
     rod = 0.1 * motion.retracted_m + 1.02 * cylinder.stroke_m
     shapes = {

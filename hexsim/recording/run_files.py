@@ -16,6 +16,7 @@ from hexsim.files.log_files import write_log
 from hexsim.recording.config import config_tables, summary_of
 from hexsim.recording.figure_style import png
 from hexsim.recording.figures import run_figures
+from hexsim.recording.mcap import write_mcap
 from hexsim.recording.report import run_report
 from hexsim.recording.rerun_recording import write_recording
 from hexsim.recording.signals import Signals
@@ -32,11 +33,16 @@ def write_run(
     log_format: LogFormat = "parquet",
     recording: bool = True,
     report: bool = True,
+    mcap: bool = False,
     step: Callable[[str], None] = lambda name: None,
 ) -> list[Path]:
     """Write the files of a run into `folder`; `step(name)` is called before each. A very short run has no plots."""
     step("log")
     written = [folder / name for name in write_essentials(run, folder, log_format)]
+    if mcap:
+        step("mcap")
+        written.append(folder / "run.mcap")
+        write_mcap(run, written[-1])
     if run.log.height >= MIN_ROWS:
         written += _write_plots(run, folder, recording=recording, report=report, step=step)
     return written

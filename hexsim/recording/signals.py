@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine
-from hexsim.machine.geometry import mechanics_of
 from hexsim.mechanics.mechanics import Mechanics
 from hexsim.recording.deviation import Deviation, axis_deviation, given_deviation
 from hexsim.signals.log import Log
@@ -147,7 +146,7 @@ class Signals:
     @cached_property
     def kinematics(self) -> Mechanics:
         """Legs and poses."""
-        return mechanics_of(self.machine)
+        return self.machine.mechanics
 
     @cached_property
     def _measured_pose(self) -> Array | None:

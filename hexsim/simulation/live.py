@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine
-from hexsim.machine.geometry import mechanics_of
 from hexsim.mechanics.workspace import excursions
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
@@ -54,7 +53,7 @@ class Follower:
 
 def add_floor_and_light(spec: Any, machine: Machine) -> None:
     """Floor, sky and light for a machine of any size, without contact."""
-    mechanics = mechanics_of(machine)
+    mechanics = machine.mechanics
     size = mechanics.radius_m
     spec.stat.extent = 1.6 * size
     spec.stat.center = [0.0, 0.0, 0.6 * mechanics.longest_leg_m]
@@ -73,12 +72,12 @@ def add_floor_and_light(spec: Any, machine: Machine) -> None:
 
 def slider_limits(machine: Machine) -> list[float]:
     """How far each slider goes, m or rad."""
-    return [SLIDER_SHARE * min(-e.minimum, e.maximum) for e in excursions(mechanics_of(machine))]
+    return [SLIDER_SHARE * min(-e.minimum, e.maximum) for e in excursions(machine.mechanics)]
 
 
 def add_sliders(spec: Any, machine: Machine) -> None:
     """One actuator without force a degree of freedom, behind those of the plant."""
-    for dof, limit in zip(mechanics_of(machine).dofs, slider_limits(machine), strict=True):
+    for dof, limit in zip(machine.mechanics.dofs, slider_limits(machine), strict=True):
         name, unit = SLIDERS[dof]
         spec.add_actuator(
             name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target="slide_1",
@@ -98,7 +97,7 @@ class LiveMachine:
         if scenario is not None and scenario.mode != "dof":
             raise HexsimError(f"scenario {scenario.name} drives single actuators: live takes scenarios in mode 'dof'")
         self.machine, self.scenario = machine, scenario
-        self.kinematics = mechanics_of(machine)
+        self.kinematics = machine.mechanics
         self.dofs = self.kinematics.dofs
 
         def add_scene(spec: Any) -> None:

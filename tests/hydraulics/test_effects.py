@@ -11,12 +11,12 @@ from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine, machine_from_dict
 
-BENCH, HEXAPOD = load_machine("bench"), load_machine("micro_motion_system")
+BENCH, HEXAPOD, FOUR_WAY = (load_machine(name) for name in ("bench", "micro_motion_system", "servo_bench"))
 NAMED = [name for name, effect in library().items() if effect.parameters]
 
 
 def machine_for(effect):
-    return BENCH if "bench" in effect.kinds else HEXAPOD
+    return FOUR_WAY if effect.four_way else BENCH if "bench" in effect.kinds else HEXAPOD
 
 
 def with_effect(machine, name, values):
@@ -34,7 +34,11 @@ def numbers(machine):
     plain = [v for v in (*load.values(), *sensors.values()) if isinstance(v, float)]
     tuples = [x for v in load.values() if isinstance(v, tuple) for x in v]
     legs = np.concatenate(list(resolved.leg_sensors.values()))
-    return np.concatenate([resolved.rows.ravel(), resolved.supply, legs, resolved.gravity_m_s2, plain, tuples, modes])
+    built = [resolved.mechanics.base_joints, resolved.mechanics.platform_joints, resolved.mechanics.retracted_length_m]
+    built = np.concatenate([np.ravel(array) for array in (*built, resolved.imu_turn_rad, resolved.imu_place_m)])
+    return np.concatenate(
+        [resolved.rows.ravel(), resolved.supply, legs, resolved.gravity_m_s2, plain, tuples, modes, built]
+    )
 
 
 def values_of(effect, size):

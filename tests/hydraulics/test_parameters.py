@@ -8,6 +8,7 @@ import pytest
 from hexsim.hydraulics.effects import library
 from hexsim.hydraulics.parameters import LEARNED_TABLE, N_PARAMETERS, P, declared_rows
 from hexsim.hydraulics.resolve import resolve
+from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 
 PLACES = [  # key, a value that no other key has, place in the row, what must stand there
@@ -30,7 +31,8 @@ PLACES = [  # key, a value that no other key has, place in the row, what must st
     ("valve.spool_diameter_m", 0.012, P.AREA_GRADIENT_TANK, math.pi * 0.012),
     ("valve.overlap_m", 20e-6, P.OVERLAP_SUPPLY, 20e-6),
     ("valve.overlap_m", 20e-6, P.OVERLAP_TANK, 20e-6),
-    ("valve.edge_rounding_m", 1.5e-6, P.EDGE_ROUNDING, 1.5e-6),
+    ("valve.edge_rounding_m", 1.5e-6, P.ROUNDING_SUPPLY, 1.5e-6),
+    ("valve.edge_rounding_m", 1.5e-6, P.ROUNDING_TANK, 1.5e-6),
     ("valve.discharge_coefficient", 0.7, P.DISCHARGE, 0.7),
     ("valve.pressure_width_Pa", 2e4, P.PRESSURE_WIDTH, 2e4),
     ("valve.flow_area", "quadratic", P.QUADRATIC_GAIN, 300.0),
@@ -111,6 +113,7 @@ def test_most_effects_of_the_row_have_a_neutral_value_in_reach():
 def test_neutral_effect_leaves_the_rows_untouched(bench, name):
     """Switched on at its neutral value, an effect that adds to the row's places leaves every number as declared."""
     effect = library()[name]
+    bench = load_machine("servo_bench") if effect.four_way else bench
     with_effect = resolve(changed(bench, {f"effects.{name}": neutral_settings(effect)}))
     scaled = [p.slot for p in effect.parameters if p.slot is not None and p.default is None]
     assert scaled, "an effect of the row has a place that scales it"
@@ -120,7 +123,16 @@ def test_neutral_effect_leaves_the_rows_untouched(bench, name):
 def everything(machine):
     """All that an effect may change, as one list of numbers and tables."""
     made = resolve(machine)
-    numbers = [made.rows, made.supply, made.gravity_m_s2, *made.leg_sensors.values()]
+    legs = made.mechanics
+    numbers = [
+        made.rows,
+        made.supply,
+        made.gravity_m_s2,
+        *made.leg_sensors.values(),
+        made.imu_turn_rad,
+        made.imu_place_m,
+    ]
+    numbers += [legs.base_joints, legs.platform_joints, legs.retracted_length_m]
     return [n.tolist() for n in numbers], made.load, made.sensors, made.payload_modes
 
 
@@ -128,6 +140,7 @@ def everything(machine):
 def test_believable_effect_changes_something_and_only_its_legs(hexapod, bench, name):
     """Every effect shows at its typical strength; in leg 2 it leaves the other legs' rows as declared."""
     effect = library()[name]
+    hexapod = load_machine("servo_hexapod") if effect.four_way else hexapod
     machine = hexapod if "hexapod" in effect.kinds else bench
     table = {parameter.name: parameter.typical for parameter in effect.parameters}
     assert everything(changed(machine, {f"effects.{name}": table})) != everything(machine)

@@ -11,11 +11,10 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import RawTable, Reader, first_line
+from hexsim.readers.topics import Channel, on_fastest
 
 
 class MdfReader(Reader):
@@ -31,34 +30,23 @@ class MdfReader(Reader):
         found = channels(path)
         if not found:
             raise HexsimError(f"{path} holds no channel of numbers")
-        time = np.asarray(max((signal.timestamps for *_, signal in found), key=len), dtype=float)
-        raw, units = RawTable(columns={"time_s": time}), {}
+        losses: list[str] = []
         signals: dict[str, Any] = {}
         for group, name, signal in found:
             key = name if name not in signals else f"{group}.{name}"
             if key in signals:
                 key = f"{key} {len(signals)}"
             if key != name:
-                raw.losses.append(f"another channel is called {name} too: it is {key} here, the first one is {name}")
+                losses.append(f"another channel is called {name} too: it is {key} here, the first one is {name}")
             signals[key] = signal
-        for name, signal in signals.items():
-            stamps, values = np.asarray(signal.timestamps, dtype=float), signal.samples.astype(float)
-            if not np.array_equal(stamps, time):
-                raw.losses.append(
-                    f"channel {name} has {len(stamps)} samples, the fastest {len(time)}: linear between them"
-                )
-                ends = 1.5 * float(np.median(np.diff(stamps)))
-                outside = (time < stamps[0] - ends) | (time > stamps[-1] + ends)
-                values = np.interp(time, stamps, values)
-                values[outside] = np.nan
-                if outside.any():
-                    raw.losses.append(
-                        f"channel {name} lasts from {stamps[0]:.3f} to {stamps[-1]:.3f} s: missing before and after"
-                    )
-            raw.columns[name] = values
-            if signal.unit:
-                units[name] = str(signal.unit)
-        raw.units = units
+        raw = on_fastest(
+            path,
+            (
+                Channel(name=name, time_s=s.timestamps, values=s.samples, unit=str(s.unit or ""))
+                for name, s in signals.items()
+            ),
+        )
+        raw.losses[:0] = losses
         return raw
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.signals.log import Log
-from hexsim.signals.table import table
+from hexsim.signals.table import places, table
 from hexsim.signals.units import UNITS
 from hexsim.tracing.checks.finding import Finding, loss, notice, refusal
 from hexsim.tracing.checks.sensor_agreement import Agreement, acceleration_agreement, order_that_fits, staircase_bias
@@ -78,7 +78,8 @@ WRONG_UNITS = {"m": ("mm", "cm", "in", "um"), "Pa": ("bar", "psi", "kPa", "MPa")
 
 def possible_values(machine: Machine) -> dict[str, tuple[float, float, float]]:
     """Signal -> low, high, and the least size of its largest value."""
-    L, P, u = machine.cylinder.stroke_m, machine.supply.pressure_Pa, machine.valve.voltage_max_V
+    L, u = max(machine.of_legs("cylinder", "stroke_m")), max(machine.of_legs("valve", "voltage_max_V"))
+    P = machine.supply.pressure_Pa
     return {
         "position": (-0.02 * L, 1.02 * L, 0.02 * L),
         "setpoint": (-0.5 * L, 1.5 * L, 0.02 * L),
@@ -138,8 +139,8 @@ def motion(log: Log, machine: Machine) -> list[Finding]:
                 description=f"the machine stands still: positions move by {travel * 1e6:.0f} um; give a log of motion",
             )
         )
-    limit = machine.valve.voltage_max_V
     for name in log.names("valve"):
+        limit = machine.legs[places()[name][1]].valve.voltage_max_V
         share = float(np.mean(np.abs(log.columns[name]) >= 0.999 * limit))
         if share > 1e-3:
             description = f"column {name} is at its stop of {limit:g} V for {share:.1%} of the time"
@@ -150,11 +151,11 @@ def motion(log: Log, machine: Machine) -> list[Finding]:
 def controller(log: Log, machine: Machine) -> list[Finding]:
     """u = K (setpoint - position) with one delay: where it breaks, a column is damaged or the controller another."""
     found = []
-    K, limit = machine.controller.gain_V_per_m, machine.valve.voltage_max_V
     hold = max(1, round(log.rate / machine.controller.rate_Hz))
-    for setpoint, position, valve in zip(
-        *(table()[stem].columns(log.n_legs) for stem in ("setpoint", "position", "valve")), strict=True
+    for leg, setpoint, position, valve in zip(
+        machine.legs, *(table()[stem].columns(log.n_legs) for stem in ("setpoint", "position", "valve")), strict=True
     ):
+        K, limit = leg.controller.gain_V_per_m, leg.valve.voltage_max_V
         if not all(name in log.columns for name in (setpoint, position, valve)):
             continue
         asked = np.clip(K * (log.columns[setpoint] - log.columns[position]), -limit, limit)

@@ -32,11 +32,11 @@ class Prior:
 
 def priors(machine: Machine) -> tuple[Prior, ...]:
     """The [uncertainty] table with the place of each key. Raises HexsimError for a key that is nowhere."""
-    tables = machine.model_dump(exclude={"uncertainty", "effects"}, exclude_none=True)
+    tables = machine.model_dump(exclude={"uncertainty", "effects", "leg"}, exclude_none=True)
     found = []
     for key, half_width in machine.uncertainty.items():
         for section, table in tables.items():
-            for name, value in table.items():
+            for name, value in table.items() if isinstance(table, dict) else ():
                 if key in (name, f"{section}_{name}") and isinstance(value, float) and half_width > 0:
                     found.append(Prior(key=key, dotted=f"{section}.{name}", declared=value, half_width=half_width))
     missing = set(machine.uncertainty) - {prior.key for prior in found}
@@ -109,7 +109,7 @@ def candidates(machine: Machine, proposed: dict[str, dict[str, float]] | None = 
 
     found = []
     for effect in library().values():
-        if machine.machine.kind not in effect.kinds or not effect.parameters:
+        if not effect.fits(machine) or not effect.parameters:
             continue
         own = (proposed or {}).get(effect.name, {})
         for variant in components(effect):
@@ -128,9 +128,10 @@ def components(effect: Effect) -> list[Effect]:
 
 def places(effect: Effect, machine: Machine) -> list[str]:
     """Where an effect can act on this machine."""
-    if effect.places != "leg" or machine.n_legs == 1:
-        return ["all legs"]
-    return ["all legs", *(f"leg {i + 1}" for i in range(machine.n_legs))]
+    legs = [f"leg {i + 1}" for i in range(machine.n_legs)]
+    if effect.places == "one leg":
+        return legs
+    return ["all legs", *legs] if effect.places == "leg" and machine.n_legs > 1 else ["all legs"]
 
 
 def shapes(effect: Effect) -> list[dict[str, float]]:

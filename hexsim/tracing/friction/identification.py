@@ -162,11 +162,11 @@ def force_data(log: Log, machine: Machine, leg: int) -> ForceData:
     for name in need:
         if name not in log.columns:
             raise HexsimError(f"log {log.name} has no column {name}: friction cannot be identified without it")
-    cylinder, sensors = machine.cylinder, machine.sensors
+    cylinder, sensors = machine.legs[leg - 1].cylinder, machine.sensors
     A1, A2 = cylinder.area_bottom_m2, cylinder.area_top_m2
     y = log.columns[need[0]]
     oil = log.columns[need[1]] * A1 - log.columns[need[2]] * A2
-    noise = sensors.pressure_noise_Pa * float(np.hypot(A1, A2))
+    noise = machine.legs[leg - 1].sensors.pressure_noise_Pa * float(np.hypot(A1, A2))
     if log.n_legs == 1:
         a = log.columns["acceleration_m_s2"]
         mass = float(machine.load.moving_mass_kg or 0.0)
@@ -194,7 +194,7 @@ def identify_friction(log: Log, machine: Machine, leg: int = 1) -> FrictionResul
         raise HexsimError(f"leg {leg} does not exist: {machine.name} has legs 1 to {machine.n_legs}")
     data = force_data(log, machine, leg)
     look = Window(log.rate, max(WINDOW_s, 3.0 / log.rate))
-    slow = SLOW * max(machine.friction.sharpness_m_s, 1e-4)
+    slow = SLOW * max(machine.legs[leg - 1].friction.sharpness_m_s, 1e-4)
     step = max(1, look.half)
     keep = np.zeros(len(data.v), dtype=bool)
     keep[look.half + round(0.05 * log.rate) : len(keep) - look.half - round(0.05 * log.rate) : step] = True
@@ -212,7 +212,7 @@ def identify_friction(log: Log, machine: Machine, leg: int = 1) -> FrictionResul
 
 def fit(log: Log, machine: Machine, leg: int, data: ForceData, look: Window, keep: Array) -> FrictionResult:
     """Least squares of the windowed friction; standard errors from blocks in time."""
-    f = machine.friction
+    f = machine.legs[leg - 1].friction
     declared = np.array([f.viscous_extend_N_s_m, f.coulomb_extend_N, f.static_extend_N, f.stribeck_velocity_m_s,
                          f.viscous_retract_N_s_m, f.coulomb_retract_N, f.static_retract_N,
                          f.stribeck_velocity_m_s])  # fmt: skip

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolve import resolve
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.steps import StepRule, step_rule
-from hexsim.machine.geometry import mechanics_of, moving_body, suspension
+from hexsim.machine.geometry import moving_body, suspension
 from hexsim.mechanics.rigid_body import RigidBody, Suspension, Vector, mass_matrix
 
 Array = np.ndarray
@@ -29,12 +30,19 @@ class Load(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """y_m = gain y(t - delay) + offset: rows (gain, offset, delay [s]) of a leg, (n_legs, 3), and of an accelerometer."""
+    """y_m = gain y(t - delay) + offset: rows (gain, offset, delay [s]) of a leg, (n_legs, 3), and of an accelerometer.
+
+    pressure: of the bottom chambers; top: of the rod sides.  imu_place [m], imu_rotation (3, 3): of the accelerometers in
+    the platform frame.
+    """
 
     position: Array
     pressure: Array
+    top: Array
     acceleration: Array
     supply_gain: float
+    imu_place: Vector
+    imu_rotation: Array
 
 
 class Controller(NamedTuple):
@@ -68,27 +76,27 @@ def rig_of(machine: Machine, feedback: int = 0) -> tuple[Rig, Resolved]:
     load = load_of(resolved)
     rig = Rig(
         legs=resolved.rows,
-        geometry=geometry_of(machine),
+        geometry=geometry_of(resolved),
         supply=resolved.supply,
         load=load,
         sensors=sensors_of(resolved),
         controller=Controller(
             controller.gain_V_per_m, float(controller.rate_Hz), machine.valve.voltage_max_V, bool(feedback)
         ),
-        rule=step_rule(resolved.rows, resolved.supply, leg_compliance(machine, load), load.spring.omega),
+        rule=step_rule(resolved.rows, resolved.supply, leg_compliance(resolved, load), load.spring.omega),
     )
     return rig, resolved
 
 
-def leg_compliance(machine: Machine, load: Load) -> Array:
+def leg_compliance(resolved: Resolved, load: Load) -> Array:
     """Acceleration of each leg for a force on each, at mid stroke (n_legs, n_legs) [1/kg]: J M^-1 J'."""
-    jacobian = mechanics_of(machine).jacobian(np.zeros(6))
+    jacobian = resolved.mechanics.jacobian(np.zeros(6))
     return jacobian @ load.compliance @ jacobian.T
 
 
-def geometry_of(machine: Machine) -> Array:
+def geometry_of(resolved: Resolved) -> Array:
     """(n_legs, 7), see `Rig`."""
-    kinematics = mechanics_of(machine)
+    kinematics = resolved.mechanics
     return np.column_stack([kinematics.base_joints, kinematics.platform_joints, kinematics.retracted_length_m])
 
 
@@ -111,9 +119,14 @@ def sensors_of(resolved: Resolved) -> Sensors:
     else:
         across, turning = [along[0], 0.0, along[2]], [1.0, 0.0, along[2]]
         acceleration = np.array([across, across, along, turning, turning, turning], dtype=float)
+    x, y, z = resolved.imu_place_m
+    pressure = np.column_stack([legs["pressure_gain"], legs["pressure_offset_Pa"], legs["pressure_delay_s"]])
     return Sensors(
         position=np.column_stack([legs["position_gain"], legs["position_offset_m"], legs["position_delay_s"]]),
-        pressure=np.column_stack([legs["pressure_gain"], legs["pressure_offset_Pa"], legs["pressure_delay_s"]]),
+        pressure=pressure,
+        top=pressure,
         acceleration=acceleration,
         supply_gain=float(shared.supply_pressure_gain),
+        imu_place=(float(x), float(y), float(z)),
+        imu_rotation=Rotation.from_rotvec(resolved.imu_turn_rad).as_matrix(),
     )

@@ -32,10 +32,10 @@ def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str
     """Effect name -> numbers of its shape. machine: with the parameters at which the residual is looked at."""
     keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), 5) for log in logs]
     platform, force = Platform(), Force()
-    if all(platform.wants(log) for log in logs):
+    if all(platform.wants(log, machine) for log in logs):
         heave = [platform.residual(log, machine)[ROWS.index("z"), k] for log, k in zip(logs, keep, strict=True)]
         return {"flexible_payload": {"frequency_Hz": _payload_frequency(logs, keep, heave)}}
-    if not all(force.wants(log) for log in logs):
+    if not all(force.wants(log, machine) for log in logs):
         return {}
     residuals = [force.residual(log, machine)[0, k] for log, k in zip(logs, keep, strict=True)]
     return {
@@ -91,14 +91,17 @@ def _payload_frequency(logs: Sequence[Log], keep: list[slice], residuals: list[A
 def worth_screening(
     machine: Machine, lines: Sequence[Violation], proposed: dict[str, dict[str, float]]
 ) -> list[Candidate]:
-    """All effects on a bench. On a hexapod: in all legs alike, and in the legs that are violated, the worst at least."""
+    """All effects on a bench. On a hexapod: in all legs alike, and in the legs that are violated, the worst at least.
+
+    What is built wrong in one leg tilts the platform and shows in all of them: it is looked for in each.
+    """
     everything = candidates(machine, proposed)
     legs = [line for line in lines if line.where.startswith("leg ")]
     if machine.n_legs == 1 or not legs:
         return everything
     worst = max(legs, key=lambda line: line.violation / line.null)
     there = {line.where for line in legs if line.violated} | {worst.where}
-    return [c for c in everything if not c.where.startswith("leg ") or c.where in there]
+    return [c for c in everything if not c.where.startswith("leg ") or c.where in there or c.effect.places == "one leg"]
 
 
 def propose(trace: Trace, tell: Tell) -> Trace:
