@@ -14,7 +14,8 @@ MACHINE = load_machine("micro_motion_system")
 WITH = changed(MACHINE, {"manifold": {}})
 TIME_s, LIMIT_m_s2, REST_s = 3.3, 0.8 * 9.81, 6.0
 HARD = [dict(kind="valve_stuck", leg=1, at="open"), dict(kind="power_loss", buffered=False)]
-CASES = HARD + [
+CASES = [
+    *HARD,
     dict(kind="valve_stuck", leg=1, at=-10.0), dict(kind="valve_stuck", leg=1, at=2.0),
     dict(kind="valve_stuck", leg=1, at="present"), dict(kind="valve_stuck", leg=1, at="shut"),
     dict(kind="spool_lag", leg=1), dict(kind="position_sensor", leg=1, how="nan"),
