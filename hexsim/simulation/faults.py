@@ -230,7 +230,12 @@ class EffectFault(Fault):
 
     def setting(self, machine: Machine, place: str) -> Setting:
         """(effect, 0-based legs, values). Raises HexsimError that begins with `place`."""
-        return effect_setting(machine, self.effect, {"where": self.where, **(self.parameters or {})}, place)
+        setting = effect_setting(machine, self.effect, {"where": self.where, **(self.parameters or {})}, place)
+        if setting[0].built_in:
+            raise HexsimError(
+                f"{place} {self.effect} is how the machine is built and cannot begin in a run: put it into [effects]"
+            )
+        return setting
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
         if self not in bench.memory:

@@ -123,7 +123,16 @@ def test_neutral_effect_leaves_the_rows_untouched(bench, name):
 def everything(machine):
     """All that an effect may change, as one list of numbers and tables."""
     made = resolve(machine)
-    numbers = [made.rows, made.supply, made.gravity_m_s2, *made.leg_sensors.values()]
+    legs = made.mechanics
+    numbers = [
+        made.rows,
+        made.supply,
+        made.gravity_m_s2,
+        *made.leg_sensors.values(),
+        made.imu_turn_rad,
+        made.imu_place_m,
+    ]
+    numbers += [legs.base_joints, legs.platform_joints, legs.retracted_length_m]
     return [n.tolist() for n in numbers], made.load, made.sensors, made.payload_modes
 
 

@@ -128,9 +128,10 @@ def components(effect: Effect) -> list[Effect]:
 
 def places(effect: Effect, machine: Machine) -> list[str]:
     """Where an effect can act on this machine."""
-    if effect.places != "leg" or machine.n_legs == 1:
-        return ["all legs"]
-    return ["all legs", *(f"leg {i + 1}" for i in range(machine.n_legs))]
+    legs = [f"leg {i + 1}" for i in range(machine.n_legs)]
+    if effect.places == "one leg":
+        return legs
+    return ["all legs", *legs] if effect.places == "leg" and machine.n_legs > 1 else ["all legs"]
 
 
 def shapes(effect: Effect) -> list[dict[str, float]]:
