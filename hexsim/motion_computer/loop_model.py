@@ -119,6 +119,7 @@ def controller_matrices(control: Control, mass: float) -> Matrices:
     """m_+ = A m + B (r, y, p), u = C m + D (r, y, p) of one leg in a mode of `mass`, read off the compiled controller."""
     row = control.rows[:1].copy()
     row[:, C.LIMIT], row[:, C.EVERY] = np.inf, 1.0
+    row[:, [C.COULOMB_EXTEND, C.COULOMB_RETRACT]] = 0.0
     alone = Control(row, np.array([[mass if row[0, C.LOAD_FORWARD] > 0.0 else 0.0]]))
 
     def step(memory: Array, inputs: Array) -> Array:
