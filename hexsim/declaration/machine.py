@@ -11,6 +11,7 @@ from hexsim.declaration.controller import Controller
 from hexsim.declaration.geometry import AnyGeometry
 from hexsim.declaration.leg import TABLES, Leg, LegTable, leg_of
 from hexsim.declaration.load import Load
+from hexsim.declaration.manifold import Manifold
 from hexsim.declaration.mechanics import declared_mechanics
 from hexsim.declaration.power_unit import PowerUnit
 from hexsim.declaration.section import Name, Section, between
@@ -48,6 +49,7 @@ class Machine(Section):
     geometry: AnyGeometry | None = None
     leg: tuple[LegTable, ...] = Field(default=(), strict=False, description="what single legs have otherwise")
     power_unit: PowerUnit | None = None
+    manifold: Manifold | None = None
     extra_sensors: dict[str, dict[str, float]] = Field(
         default={}, description="sensors beside the standard ones, a table each: hexsim/signals/sensor.py"
     )

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, supply
 from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant.callbacks import leg_state, supply_pressure, supply_state
 from hexsim.plant.plant import Plant
@@ -118,6 +120,20 @@ def platform_signals(plant: Plant, qpos: Array, qvel: Array, qacc: Array) -> Pla
         acceleration=np.einsum("kji,kj->ki", rotation, qacc[:, :3]),
         angular_acceleration=qacc[:, 3:6],
     )
+
+
+def imu_motion(resolved: Resolved, instant: PlatformSignals, omega: Array) -> tuple[Array, Array]:
+    """Accelerations (m, 3) that the IMU feels where it is mounted: R' (a + alpha x r + omega x (omega x r)) and R' alpha.
+
+    omega (m, 3) [rad/s] in the platform frame.
+    """
+    a, turning, place = instant.acceleration, instant.angular_acceleration, resolved.imu_place_m
+    if place.any():
+        a = a + np.cross(turning, place) + np.cross(omega, np.cross(omega, place))
+    if resolved.imu_turn_rad.any():
+        mounted = Rotation.from_rotvec(resolved.imu_turn_rad).inv()
+        a, turning = mounted.apply(a), mounted.apply(turning)
+    return a, turning
 
 
 # Columns of a power unit. Flows and powers of all legs together.

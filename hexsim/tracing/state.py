@@ -20,7 +20,7 @@ from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
-Verdict = Literal["explained", "unexplained", "nothing missing"]
+Verdict = Literal["explained", "partly", "unexplained", "nothing missing"]
 Tell = Callable[[str], None]  # what a long step is at, for the progress bar
 
 
@@ -75,6 +75,7 @@ class NamedEffect:
     d_bic: float
     held_out: tuple[float, ...] = ()  # fall of chi2 in each held-out run
     single_leg: bool = False
+    share: float = float("nan")  # of the rest's mean square that it takes, of a machine that no model fits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,6 +116,7 @@ class Trace:
     experiments: list[dict[str, Any]] = field(default_factory=list)
     scenarios: dict[str, str] = field(default_factory=dict)
     error: dict[str, dict[str, dict[str, float]]] = field(default_factory=dict)
+    budget: list[dict[str, Any]] = field(default_factory=list)
     steps: tuple[StepRecord, ...] = ()
     decided: str = ""
     report: dict[str, Any] = field(default_factory=dict)

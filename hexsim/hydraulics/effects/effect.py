@@ -45,8 +45,10 @@ class EffectParameter:
 class Effect:
     """A named extension of one balance.
 
-    places: where it can act ("leg": one leg or all; "platform"; "machine": shared by all, such as the supply).
+    places: where it can act ("leg": one leg or all; "one leg": alike in all it does nothing;
+         "platform"; "machine": shared by all, such as the supply).
     kinds: machine kinds that can have it.  four_way: whether only machines whose rod side is on the valve have it.
+    built_in: stands in how the machine is built, so that it cannot begin in a run.
     shown_by: the input that would show an effect that slow motion does not show.
     generic: stands for any cause of its form; of a tie, the other is named.
     vector: its numbers are components of one thing: any of them may be the one that is there.
@@ -59,9 +61,10 @@ class Effect:
     source: str
     parameters: tuple[EffectParameter, ...]
     apply: Callable[[Resolved, tuple[int, ...], dict[str, float]], None] | None = None
-    places: Literal["leg", "platform", "machine"] = "leg"
+    places: Literal["leg", "one leg", "platform", "machine"] = "leg"
     kinds: tuple[str, ...] = ("bench", "hexapod")
     four_way: bool = False
+    built_in: bool = False
     shown_by: str = ""
     generic: bool = False
     vector: bool = False

@@ -32,7 +32,7 @@ class Prior:
 
 def priors(machine: Machine) -> tuple[Prior, ...]:
     """The [uncertainty] table with the place of each key. Raises HexsimError for a key that is nowhere."""
-    tables = machine.model_dump(exclude={"uncertainty", "effects"}, exclude_none=True)
+    tables = machine.model_dump(exclude={"uncertainty", "effects", "leg"}, exclude_none=True)
     found = []
     for key, half_width in machine.uncertainty.items():
         for section, table in tables.items():
@@ -128,9 +128,10 @@ def components(effect: Effect) -> list[Effect]:
 
 def places(effect: Effect, machine: Machine) -> list[str]:
     """Where an effect can act on this machine."""
-    if effect.places != "leg" or machine.n_legs == 1:
-        return ["all legs"]
-    return ["all legs", *(f"leg {i + 1}" for i in range(machine.n_legs))]
+    legs = [f"leg {i + 1}" for i in range(machine.n_legs)]
+    if effect.places == "one leg":
+        return legs
+    return ["all legs", *legs] if effect.places == "leg" and machine.n_legs > 1 else ["all legs"]
 
 
 def shapes(effect: Effect) -> list[dict[str, float]]:

@@ -12,11 +12,13 @@ from hexsim.recording.report import data_url, render
 from hexsim.signals.channels import kind_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import caption_of
-from hexsim.tracing.report import balance_figure, figures
+from hexsim.tracing.report import balance_figure, budget, figures
 from hexsim.tracing.report.signals import SCALE, SIGNALS, channel_words
 from hexsim.tracing.state import NamedEffect, Trace, Violation
 
 CAPTIONS = {
+    "budget": "Error budget on held-out motion: what each step leaves of the signal of each kind that the refitted model gets most "
+    "wrong, and in times its sensor's noise (dotted).",
     "comparison": "Held-out run {run}: of each kind of signal the one that the refitted model gets most wrong. Left: measured "
     "and simulated. Right: what each model leaves; one that lacks nothing stays in the blue band.",
     "balances": "The residual of each balance in the fit runs, at its worst place, over the signal that it depends on. A curve "
@@ -46,6 +48,7 @@ def report_page(result: Trace) -> str:
     report, run = result.report, result.validate_problem.logs[0].name
     leg = figures.portrait_leg(result).capitalize() if result.machine.is_hexapod else "The leg"
     makers = {
+        "budget": budget.waterfall,
         "comparison": figures.comparison,
         **({"balances": balance_figure.balances} if result.violations else {}),
         "portraits": figures.portraits,
@@ -90,7 +93,8 @@ def worst_error(report: Mapping[str, Any], model: str) -> tuple[float, str]:
 def verdict_line(result: Trace) -> str:
     """The answer in one line."""
     if result.effects:
-        return "The model lacks: " + "; ".join(effect_words(effect) for effect in result.effects)
+        beside = ", and something is left beside it" if result.verdict == "partly" else ""
+        return "The model lacks: " + "; ".join(effect_words(effect) for effect in result.effects) + beside
     if result.verdict == "nothing missing":
         return "Nothing is missing from the model"
     return "Something is missing, and no effect of the library explains it"
@@ -115,6 +119,8 @@ def sentence(result: Trace) -> str:
             "With its parameters inside their declared uncertainty the declared machine answers all runs down to the "
             f"sensors' noise in {seen}: at most {plain(before)} times the noise on held-out motion."
         )
+    if result.verdict == "partly":
+        return partly_sentence(result, plain(before), plain(after), signal)
     if result.effects:
         ties = sorted({tied.replace("_", " ") for e in result.effects for tied in e.tied_with})
         tied = f" These runs cannot tell it from {' or '.join(ties)}." if ties else ""
@@ -132,6 +138,21 @@ def sentence(result: Trace) -> str:
     return (
         f"However the declared parameters are fitted, the {signal} stays {plain(before)} times its sensor's noise off on "
         f"held-out motion.{where}{learned}"
+    )
+
+
+def partly_sentence(result: Trace, before: str, after: str, signal: str) -> str:
+    """What is sure of a machine that no model fits, and what is left."""
+    first = result.effects[0]
+    tied = (
+        f" These runs cannot tell it from {' or '.join(first.tied_with).replace('_', ' ')}." if first.tied_with else ""
+    )
+    rests = unexplained_rows(result.report)
+    left = f" What is left is in the {rests[0]['balance']} balance: {rests[0]['description']}." if rests else ""
+    return (
+        f"It takes {first.share:.0%} of the mean square that the balances leave on the fit runs and {first.gain_cv:.0%} on the "
+        f"held-out ones, with the same number in each run.{tied} The {signal} goes from {before} to {after} times its sensor's "
+        f"noise on held-out motion.{left}"
     )
 
 
