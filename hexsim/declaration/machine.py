@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 from hexsim.declaration.actuator import Cylinder, Friction
 from hexsim.declaration.geometry import AnyGeometry
 from hexsim.declaration.leg import TABLES, Leg, LegTable, leg_of
-from hexsim.declaration.load import Load
+from hexsim.declaration.load import Load, Payload
 from hexsim.declaration.mechanics import declared_mechanics
 from hexsim.declaration.power_unit import PowerUnit
 from hexsim.declaration.section import Name, Section, between
@@ -19,6 +19,7 @@ from hexsim.declaration.valve import Valve
 from hexsim.mechanics.mechanics import Mechanics
 
 EffectTable = dict[str, Any]
+LENGTHS = ("base_joints_m", "platform_joints_m", "leg_zero_offsets_m")  # of [geometry]: uncertain by so many metres
 
 
 class Identity(Section):
@@ -48,10 +49,12 @@ class Machine(Section):
     controller: Controller
     sensors: Sensors = Sensors()
     uncertainty: dict[str, float] = Field(
-        default={}, description="how far a declared value may be off: relative half width, below 1"
+        default={},
+        description="how far a declared value may be off: relative half width, below 1; joints and leg zero offsets in m",
     )
     load: Load
     geometry: AnyGeometry | None = None
+    payload: tuple[Payload, ...] = Field(default=(), strict=False, description="bodies bolted to the platform")
     leg: tuple[LegTable, ...] = Field(default=(), strict=False, description="what single legs have otherwise")
     power_unit: PowerUnit | None = None
     extra_sensors: dict[str, dict[str, float]] = Field(
@@ -113,6 +116,8 @@ class Machine(Section):
                 )
         elif self.load.moving_mass_kg is None:
             raise ValueError("a bench needs load.moving_mass_kg")
+        elif self.payload:
+            raise ValueError("[[payload]] is bolted to a hexapod's platform: count it with load.moving_mass_kg")
         return self
 
     @model_validator(mode="after")
@@ -153,6 +158,8 @@ class Machine(Section):
     @classmethod
     def _uncertainty_is_relative(cls, value: dict[str, float]) -> dict[str, float]:
         for key, half_width in value.items():
+            if key in LENGTHS and not 0 <= half_width <= 0.1:
+                raise ValueError(f"{key} = {half_width} must be a half width in metres, 0 to 0.1")
             if not 0 <= half_width < 1:
                 raise ValueError(f"{key} = {half_width} must be a relative half width in [0, 1)")
         return value

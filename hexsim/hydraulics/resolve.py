@@ -25,6 +25,7 @@ def resolve(machine: Machine) -> Resolved:
         supply=declared_supply(machine),
         load=machine.load,
         sensors=machine.sensors,
+        mechanics=machine.mechanics,
         gravity_m_s2=np.array([0.0, 0.0, -machine.machine.gravity_m_s2]),
         leg_sensors={key: np.array(machine.of_legs("sensors", key)) for key in OF_SENSOR},
     )

@@ -37,10 +37,7 @@ class Resolved:
     load: Load
     sensors: Sensors
     gravity_m_s2: np.ndarray
+    mechanics: Mechanics
     payload_modes: list[PayloadMode] = field(default_factory=list)
     leg_sensors: dict[str, np.ndarray] = field(default_factory=dict)
     oil_temperature_degC: float = 35.0
-    mechanics: Mechanics = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.mechanics = self.machine.mechanics

@@ -221,7 +221,10 @@ class EffectFault(Fault):
 
     def setting(self, machine: Machine, place: str) -> Setting:
         """(effect, 0-based legs, values). Raises HexsimError that begins with `place`."""
-        return effect_setting(machine, self.effect, {"where": self.where, **(self.parameters or {})}, place)
+        found = effect_setting(machine, self.effect, {"where": self.where, **(self.parameters or {})}, place)
+        if found[0].of_build:
+            raise HexsimError(f"{place} {self.effect} is how a machine is built: put it into the machine's [effects]")
+        return found
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
         if self not in bench.memory:

@@ -119,7 +119,7 @@ def _sampled(sensors: SensorBank, true: Array, recorded: Recorded) -> Array:
 
 def _commanded(plant: Plant, scenario: Scenario, recorded: Recorded) -> tuple[Array, Array, Array]:
     """Commanded pose, twist and its rate (m, 6), the latter two in the commanded platform's frame; along a leg (m, 1)."""
-    kinematics = plant.kinematics
+    kinematics = plant.machine.mechanics
     if not kinematics.has_platform:
         _, velocity, acceleration = bench_motion(scenario, recorded.time)
         return kinematics.forward(recorded.setpoints), velocity[:, None], acceleration[:, None]

@@ -49,6 +49,7 @@ class Effect:
     shown_by: the input that would show an effect that slow motion does not show.
     generic: stands for any cause of its form; of a tie, the other is named.
     vector: its numbers are components of one thing: any of them may be the one that is there.
+    of_build: it is in the machine from the start; no fault brings it, and the search of the tracer does not try it.
     nonlinear_response: a softer chamber moves the oil's resonance, so that the answer is far from proportional to its size.
     """
 
@@ -64,6 +65,7 @@ class Effect:
     generic: bool = False
     vector: bool = False
     nonlinear_response: bool = False
+    of_build: bool = False
 
     def add_to(self, resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
         """Switch the effect on in `legs` (0-based): by its own `apply`, or value by value into the slots."""
