@@ -22,7 +22,7 @@ from hexsim.mechanics.rigid_body import (
     spring_acceleration,
 )
 from hexsim.tracing.simulation.rig import rig_of
-from hexsim.tracing.simulation.simulator import load_at
+from hexsim.tracing.simulation.start import load_at
 
 G = 9.81
 POINTS = np.array([[0.3, 0.1, 0.2], [-0.4, 0.5, 0.6], [0.2, -0.6, 0.1], [0.1, 0.2, -0.5]])  # [m]

@@ -5,9 +5,10 @@ Bounds run from a micro hydraulic stage to the largest test rigs: what lies outs
 """
 
 from hexsim.declaration.actuator import Cylinder, Friction
+from hexsim.declaration.controller import Controller
 from hexsim.declaration.geometry import Geometry
 from hexsim.declaration.load import Load
-from hexsim.declaration.machine import Controller, EffectTable, Identity, Machine
+from hexsim.declaration.machine import EffectTable, Identity, Machine
 from hexsim.declaration.power_unit import PowerUnit
 from hexsim.declaration.section import Name, Section, between, section_of, values_of, zero_or
 from hexsim.declaration.sensors import Sensors

@@ -7,6 +7,7 @@ from typing import Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from hexsim.declaration.actuator import Cylinder, Friction
+from hexsim.declaration.controller import Controller
 from hexsim.declaration.geometry import AnyGeometry
 from hexsim.declaration.leg import TABLES, Leg, LegTable, leg_of
 from hexsim.declaration.load import Load, Payload
@@ -28,13 +29,6 @@ class Identity(Section):
     name: Name = Field(description="as it stands in tables and reports")
     kind: Literal["bench", "hexapod"] = Field(description="one vertical leg, or six under a platform")
     gravity_m_s2: float = between(0.0, 30.0, "gravity [m/s2]")
-
-
-class Controller(Section):
-    """Position loop of the motion computer (report 2.2.4)."""
-
-    gain_V_per_m: float = between(1e-3, 1e6, "proportional gain [V/m]")
-    rate_Hz: float = between(1.0, 10_000.0, "ticks of the motion computer a second [Hz]", default=500.0)
 
 
 class Machine(Section):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pydantic import Field
+
 from hexsim.declaration.section import Section, between, zero_or
 
 LATE = "how late it reads [s]"
+CUT_OFF, ORDER = "cut-off of its low-pass; 0 = none [Hz]", "order of its low-pass, Butterworth"
 
 
 class Sensors(Section):
@@ -14,17 +17,23 @@ class Sensors(Section):
     position_noise_m: float = between(0.0, 0.1, "noise of the position [m]", default=0.0)
     position_resolution_m: float = zero_or(1e-12, 0.1, "one count of the position [m]")
     position_delay_s: float = between(0.0, 1.0, LATE, default=0.0)
+    position_filter_Hz: float = zero_or(0.1, 1e5, CUT_OFF)
+    position_filter_order: int = Field(default=2, ge=1, le=8, description=ORDER)
     position_gain: float = between(0.01, 100.0, "read over true [-]", default=1.0)
     position_offset_m: float = between(-10.0, 10.0, "read less true [m]", default=0.0)
     pressure_noise_Pa: float = between(0.0, 1e7, "noise of the pressures [Pa]", default=0.0)
     pressure_resolution_Pa: float = zero_or(1e-6, 1e7, "one count of the pressures [Pa]")
     pressure_delay_s: float = between(0.0, 1.0, LATE, default=0.0)
+    pressure_filter_Hz: float = zero_or(0.1, 1e5, CUT_OFF)
+    pressure_filter_order: int = Field(default=2, ge=1, le=8, description=ORDER)
     pressure_gain: float = between(0.01, 100.0, "read over true [-]", default=1.0)
     pressure_offset_Pa: float = between(-1e8, 1e8, "read less true [Pa]", default=0.0)
     supply_pressure_gain: float = between(0.01, 100.0, "read over true [-]", default=1.0)
     acceleration_noise_m_s2: float = between(0.0, 1e3, "noise of the accelerations [m/s2]", default=0.0)
     acceleration_resolution_m_s2: float = zero_or(1e-9, 1e3, "one count of the accelerations [m/s2]")
     acceleration_delay_s: float = between(0.0, 1.0, LATE, default=0.0)
+    acceleration_filter_Hz: float = zero_or(0.1, 1e5, CUT_OFF)
+    acceleration_filter_order: int = Field(default=2, ge=1, le=8, description=ORDER)
     acceleration_gain: float = between(0.01, 100.0, "read over true [-]", default=1.0)
     acceleration_offset_m_s2: float = between(-1e3, 1e3, "read less true [m/s2]", default=0.0)
     angular_acceleration_noise_rad_s2: float = between(0.0, 1e4, "noise, angular [rad/s2]", default=0.0)

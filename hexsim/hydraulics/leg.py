@@ -155,7 +155,8 @@ def rod_side_flow(p, P2, Ps):
 def rod_side_room(p, y, P2):
     """Hydraulic capacity of the rod side [m3/Pa]; it shrinks as the piston extends."""
     oil = chamber.volume(p[P.STROKE] - y, p[P.AREA_TOP], p[P.ROD_SIDE_VOLUME])
-    return chamber.capacity(oil, P2, p[P.BULK_MODULUS], p[P.AIR_FRACTION], 0.0)
+    air = max(p[P.AIR_FRACTION] + p[P.AIR_FRACTION_TOP], 0.0)
+    return chamber.capacity(oil, P2, p[P.BULK_MODULUS], air, 0.0)
 
 
 @compiled
@@ -208,13 +209,18 @@ def supply_demand_in_step(p, y, v, x, P1, P2, Ps, h=0.0):
 
 
 @compiled
-def friction_level(p, y, v, P1):
-    """g(v) = F_c + F_s exp(-|v|/c_s) [N] of the direction of motion, with seal and position-dependent parts."""
+def friction_level(p, y, v, P1, P2=0.0):
+    """g(v) = F_c + F_s exp(-|v|/c_s) [N] of the direction of motion, with seal and position-dependent parts.
+
+    P2: asked for by seals of a rod side on the valve alone.
+    """
     coulomb, static = p[P.COULOMB_EXTEND], p[P.STATIC_EXTEND]
     if v < 0.0:
         coulomb, static = p[P.COULOMB_RETRACT], p[P.STATIC_RETRACT]
     if p[P.SEAL_FRICTION] != 0.0:
         coulomb += p[P.SEAL_FRICTION] * max(P1, 0.0)
+    if p[P.SEAL_FRICTION_TOP] != 0.0 or p[P.SEAL_FRICTION_ACROSS] != 0.0:
+        coulomb += p[P.SEAL_FRICTION_TOP] * max(P2, 0.0) + p[P.SEAL_FRICTION_ACROSS] * abs(P1 - P2)
     if p[P.RIPPLE_FORCE] != 0.0:
         coulomb += p[P.RIPPLE_FORCE] * math.sin(2.0 * math.pi * y / p[P.RIPPLE_LENGTH] + p[P.RIPPLE_PHASE])
     level = friction.stribeck_level(v, max(coulomb, 0.0), static, p[P.STRIBECK_VELOCITY])
@@ -222,19 +228,20 @@ def friction_level(p, y, v, P1):
 
 
 @compiled
-def bristle_rate(p, y, v, P1, z):
+def bristle_rate(p, y, v, P1, z, P2=0.0):
     """dz/dt of the presliding bristle [m/s]."""
-    return friction.bristle_rate(v, z, friction_level(p, y, v, P1), p[P.BRISTLE_STIFFNESS])
+    return friction.bristle_rate(v, z, friction_level(p, y, v, P1, P2), p[P.BRISTLE_STIFFNESS])
 
 
 @compiled
-def friction_force(p, y, v, P1, z):
+def friction_force(p, y, v, P1, z, P2=0.0):
     """Friction [N] against the motion, Eq. 2.4 / 3.9, or LuGre when the leg has a bristle z [m]."""
     viscous = p[P.VISCOUS_RETRACT] if v < 0.0 else p[P.VISCOUS_EXTEND]
     if p[P.BRISTLE_STIFFNESS] > 0.0:
-        rate = bristle_rate(p, y, v, P1, z)
+        rate = bristle_rate(p, y, v, P1, z, P2)
         return viscous * v + p[P.BRISTLE_STIFFNESS] * z + p[P.BRISTLE_DAMPING] * rate
-    return viscous * v + friction.direction(v, p[P.SHARPNESS], p[P.ARCTAN_SLOPE]) * friction_level(p, y, v, P1)
+    level = friction_level(p, y, v, P1, P2)
+    return viscous * v + friction.direction(v, p[P.SHARPNESS], p[P.ARCTAN_SLOPE]) * level
 
 
 @compiled
@@ -250,13 +257,13 @@ def heat(p, y, v, x, P1, P2, Ps, z, flow, demand, h=0.0):
         throttled -= P2 * rod_side_intake(p, y, v, P2, Ps, h)
     else:
         throttled += Ps * p[P.AREA_TOP] * v
-    return throttled + friction_force(p, y, v, P1, z) * v
+    return throttled + friction_force(p, y, v, P1, z, P2) * v
 
 
 @compiled
 def force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t):
     """What acts along the leg besides P1 A1 [N]: rod side, friction, end stops and the effects of the force balance."""
-    force = -P2 * p[P.AREA_TOP] - friction_force(p, y, v, P1, z)
+    force = -P2 * p[P.AREA_TOP] - friction_force(p, y, v, P1, z, P2)
     force += friction.end_stop_force(
         y, v, p[P.STROKE], p[P.CUSHION_LENGTH], p[P.CUSHION_STIFFNESS], p[P.CUSHION_DAMPING]
     )
@@ -297,8 +304,8 @@ def leg_derivatives(p, y, v, volts, t, Ps, state, h):
             place, speed, command, p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING], p[P.SPOOL_RATE]
         )
     if p[P.BRISTLE_STIFFNESS] > 0.0:
-        stiff = p[P.BRISTLE_STIFFNESS] * abs(v) / friction_level(p, y, v, P1)
-        dz = bristle_rate(p, y, v, P1, z) / max(1.0, 0.5 * h * stiff)
+        stiff = p[P.BRISTLE_STIFFNESS] * abs(v) / friction_level(p, y, v, P1, P2)
+        dz = bristle_rate(p, y, v, P1, z, P2) / max(1.0, 0.5 * h * stiff)
     return (dP1, dP2, dx, acceleration, dz), x, flow
 
 

@@ -101,6 +101,9 @@ class P(IntEnum):
     LEAK_PISTON = 68
     LEAK_TOP_TANK = 69
     FLOW_POINTS = 70  # points of the flow curve; 0: the openings follow the overlaps
+    AIR_FRACTION_TOP = 71  # in the oil of the rod side beyond AIR_FRACTION
+    SEAL_FRICTION_TOP = 72
+    SEAL_FRICTION_ACROSS = 73
 
 
 ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B

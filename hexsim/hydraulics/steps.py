@@ -97,7 +97,8 @@ def friction_slope(p):
     if p[P.BRISTLE_STIFFNESS] > 0.0:
         return p[P.BRISTLE_DAMPING]
     level = max(p[P.COULOMB_EXTEND], p[P.COULOMB_RETRACT]) + max(p[P.STATIC_EXTEND], p[P.STATIC_RETRACT])
-    return (level + p[P.SEAL_FRICTION] * p[P.SUPPLY_PRESSURE] + abs(p[P.RIPPLE_FORCE])) / friction_width(p)
+    seals = p[P.SEAL_FRICTION] + p[P.SEAL_FRICTION_TOP] + p[P.SEAL_FRICTION_ACROSS]
+    return (level + seals * p[P.SUPPLY_PRESSURE] + abs(p[P.RIPPLE_FORCE])) / friction_width(p)
 
 
 def _fastest(compliance: Array, coefficients: Array) -> float:
@@ -140,8 +141,8 @@ def leg_steps(rule, p, y, v, x, P1, P2, Ps, z):
         room = leg.rod_side_room(p, y, P2)
         law = max(law, -top_slope(p, x, P2, Ps) / (room * FLOW))
         springs += (p[P.AREA_TOP] / p[P.AREA_BOTTOM]) ** 2 / room
-    if p[P.BRISTLE_STIFFNESS] > 0.0 and abs(leg.bristle_rate(p, y, v, P1, z)) > SETTLED * abs(v):
-        law = max(law, p[P.BRISTLE_STIFFNESS] * abs(v) / (leg.friction_level(p, y, v, P1) * FLOW))
+    if p[P.BRISTLE_STIFFNESS] > 0.0 and abs(leg.bristle_rate(p, y, v, P1, z, P2)) > SETTLED * abs(v):
+        law = max(law, p[P.BRISTLE_STIFFNESS] * abs(v) / (leg.friction_level(p, y, v, P1, P2) * FLOW))
     steps = max(math.sqrt(rule.springs * springs) / RING, min(law, 1.0 / FASTEST_LAW_S))
     if min(P1, P2, Ps) + ATMOSPHERE < NEAR * CAVITATION_SOFT:
         steps = max(steps, 1.0 / FASTEST_LAW_S)

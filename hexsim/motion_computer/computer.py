@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
+from hexsim.motion_computer.controller import Control
 from hexsim.motion_computer.errors import PUMP_STOPS, WARNINGS, Error, Finding
 from hexsim.motion_computer.guidance import Guidance, GuidedSetpoints
 from hexsim.motion_computer.monitors import LegMonitor, LoadMonitor, SupplyMonitor, Tolerances
@@ -84,8 +85,16 @@ class MotionComputer:
         return self.loop.preview
 
     @property
-    def gain(self) -> float:
-        return self.loop.gain
+    def control(self) -> Control:
+        return self.loop.control
+
+    @property
+    def memory(self) -> Array:
+        return self.loop.memory
+
+    @property
+    def feels_load(self) -> bool:
+        return self.loop.feels_load
 
     @property
     def limit(self) -> float:
@@ -145,8 +154,9 @@ class MotionComputer:
 
     # one tick
     def tick(
-        self, time_s: float, external: Array | None, positions: Array, pressures: Array | None, supply_Pa: float
-    ) -> Array:
+        self, time_s: float, external: Array | None, positions: Array, pressures: Array | None, supply_Pa: float,
+        top_pressures: Array | None = None,
+    ) -> Array:  # fmt: skip
         """Volts (n_legs,). external: (preview, n_legs) piston setpoints of manual or normal mode, this tick's first.
 
         None in normal mode: the host is silent; the last motion is braked, and the timeout runs.
@@ -168,7 +178,7 @@ class MotionComputer:
             share = self.loop.compensation_share - self.tick_s / self.guidance.fade_compensation_s
             self.loop.compensation_share = max(0.0, share)
         guided.store(setpoints[0])
-        self.valve = self.loop.tick(time_s, setpoints, feedback, pressures, supply_Pa)
+        self.valve = self.loop.tick(time_s, setpoints, feedback, pressures, supply_Pa, top_pressures)
         self._limit_extension()
         self._follow_path(time_s)
         return self.valve
@@ -182,6 +192,7 @@ class MotionComputer:
             self._extend_share, self._extend_V = 1.0, np.maximum(self.valve, 0.0)
 
     def _close_valves(self) -> Array:
+        self.loop.restart()
         self.valve = np.zeros(len(self.setpoint))
         return self.valve
 
@@ -210,7 +221,7 @@ class MotionComputer:
         self, time_s: float, setpoint: Array, positions: Array, pressures: Array | None, supply_Pa: float
     ) -> Array:
         """Run the monitors; returns the positions (n_legs,) for the position loop."""
-        feedback, findings = self.legs.tick(setpoint, positions, pressures)
+        feedback, findings = self.legs.tick(setpoint, self.loop.feed_forward, positions, pressures)
         if self.state in MOVING and not (self.state == State.STARTING and self.guided.path is None):
             findings = findings + self.supply.tick(supply_Pa)
             if self.state != State.STARTING and self.state != State.SETTLING:

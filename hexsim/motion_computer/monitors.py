@@ -101,12 +101,13 @@ def velocity_gain(machine: Machine) -> float:
 
 
 @compiled
-def _check_legs(setpoint, measured, pressures, model, last, counts, usable, p):
+def _check_legs(setpoint, forward, measured, pressures, model, last, counts, usable, p):
     """Update model, last good readings and counters; return a code for each leg. counts: (4, n), rows as `Count`."""
     n = setpoint.shape[0]
     codes = np.zeros(n, np.int64)
     for i in range(n):
-        speed = p.velocity_gain * min(max(p.position_gain * (setpoint[i] - model[i]), -p.volts_max), p.volts_max)
+        volts = p.position_gain * (setpoint[i] - model[i]) + forward[i]
+        speed = p.velocity_gain * min(max(volts, -p.volts_max), p.volts_max)
         model[i] += p.tick_s * speed
         counts[Count.PRESSURE, i] = (
             counts[Count.PRESSURE, i] + 1 if pressures[i] < p.leg_pressure and measured[i] > p.clear_of_stops else 0
@@ -178,12 +179,16 @@ class LegMonitor:
         self.usable[:] = True
         self._started = True
 
-    def tick(self, setpoint: Array, measured: Array, pressures: Array | None) -> tuple[Array, list[Finding]]:
-        """(positions for the position loop, findings). Call at each control tick."""
+    def tick(
+        self, setpoint: Array, forward: Array, measured: Array, pressures: Array | None
+    ) -> tuple[Array, list[Finding]]:
+        """(positions for the position loop, findings). Call at each control tick. forward: volts fed forward (n_legs,)."""
         if not self._started:
             self.start(measured)
         known = np.full(len(setpoint), np.nan) if pressures is None else pressures
-        codes = _check_legs(setpoint, measured, known, self.model, self._last, self._counts, self.usable, self._limits)
+        codes = _check_legs(
+            setpoint, forward, measured, known, self.model, self._last, self._counts, self.usable, self._limits
+        )
         findings = []
         for i in np.flatnonzero(codes):
             error, text = LEG_FINDINGS[int(codes[i])]

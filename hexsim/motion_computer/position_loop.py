@@ -1,6 +1,6 @@
-"""The position loop of the motion computer: six proportional controllers and a compensator slot each.
+"""The position loop of the motion computer: the declared controllers and a compensator slot each.
 
-    u = sat(Kp (setpoint - position) + u_c)          report 2.2.4, compensation of chapter 5 added
+    u = sat(controller + u_c)          `controller.py`; by default Kp (setpoint - position), report 2.2.4
 
 Runs at the controller's rate; the volts are held in between (zero-order hold).
 """
@@ -14,19 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensation import Compensator, Context, Sample, preview_count
-from hexsim.compiled import compiled
 from hexsim.declaration import Machine
+from hexsim.motion_computer import controller
+from hexsim.motion_computer.controller import C
+from hexsim.motion_computer.declared_control import control_of
 
 Array = NDArray[np.float64]
-
-
-@compiled
-def proportional(setpoint, position, gain, limit):
-    """Saturated volts (n,) of the proportional controllers."""
-    out = np.empty(setpoint.shape[0])
-    for i in range(setpoint.shape[0]):
-        out[i] = min(max(gain * (setpoint[i] - position[i]), -limit), limit)
-    return out
 
 
 def compensator_context(machine: Machine, period_s: float | None) -> Context:
@@ -62,7 +55,7 @@ def compensator_context(machine: Machine, period_s: float | None) -> Context:
 
 
 class PositionLoop:
-    """Kp and compensators of all actuators.
+    """Controllers and compensators of all actuators.
 
     compensators: one a leg, or empty for plain control. `preview` is how many setpoints ahead `tick` must be given.
     on_message(time_s, leg, sentence): called at each change of a compensator's status (leg counts from 1).
@@ -75,7 +68,8 @@ class PositionLoop:
         period_s: float | None,
         on_message: Callable[[float, int, str], None] = lambda time_s, leg, text: None,
     ) -> None:
-        self.gain = machine.controller.gain_V_per_m
+        n = machine.n_legs
+        self.control, self.memory = control_of(machine), controller.new_memory(n)
         self.limit = machine.valve.voltage_max_V
         self.compensators = list(compensators)
         self.on_message = on_message
@@ -83,40 +77,71 @@ class PositionLoop:
         self.states: list[Any] = [c.start(self.context) for c in self.compensators]
         self.previews = [preview_count(c, self.context) for c in self.compensators]
         self.preview = max(self.previews, default=1)
-        self.valve = np.zeros(machine.n_legs)
-        self.compensation = np.zeros(machine.n_legs)
-        self.setpoint = np.zeros(machine.n_legs)
+        self.valve = np.zeros(n)  # volts that leave the motion computer
+        self.compensation = np.zeros(n)
+        self.setpoint = np.zeros(n)
+        self.feed_forward = np.zeros(n)
         self.compensation_share = 1.0  # that reaches the valve; a fault fades it to 0
+        self._commanded = np.zeros(n)  # volts before the computing delay
+        self._running = False
         self._status = [""] * len(self.compensators)
 
+    @property
+    def feels_load(self) -> bool:
+        """Whether pressures are fed back."""
+        return bool(np.any(self.control.rows[:, C.PRESSURE_GAIN]))
+
+    def restart(self) -> None:
+        """Begin anew at the next tick: the valves were shut in between."""
+        self._running = False
+
+    def load_pressures(self, bottom: Array | None, top: Array | None) -> Array:
+        """p = P1 - P2 A2/A1 (n_legs,) [Pa] that the pressure feedback takes; NaN where a reading is missing."""
+        if bottom is None:
+            return np.full(len(self.valve), np.nan)
+        return bottom if top is None else bottom - self.control.rows[:, C.AREA_RATIO] * top
+
     def tick(
-        self, time_s: float, setpoints: Array, positions: Array, pressures: Array | None, supply_Pa: float
-    ) -> Array:
-        """Volts (n_legs,) for this tick. setpoints: (preview, n_legs), this tick's first; the rest SI, measured."""
-        self.setpoint = setpoints[0]
-        volts = proportional(setpoints[0], positions, self.gain, self.limit)
+        self, time_s: float, setpoints: Array, positions: Array, pressures: Array | None, supply_Pa: float,
+        top_pressures: Array | None = None,
+    ) -> Array:  # fmt: skip
+        """Volts (n_legs,) for this tick. setpoints: (preview, n_legs), this tick's first; the rest SI, measured.
+
+        top_pressures: of rod sides on a four-way valve.
+        """
+        control, memory = self.control, self.memory
+        self.setpoint, load = setpoints[0], self.load_pressures(pressures, top_pressures)
+        if not self._running:
+            controller.begin(control, memory, setpoints[0], positions, load)
+            self._running = True
+        asked, path = np.empty(len(positions)), np.empty_like(setpoints)
+        controller.leg_path(control, memory, setpoints, path)
+        controller.feed_forward(control, memory, path[0], self.feed_forward)
+        controller.feedback(control, memory, path[0], positions, load, asked)
+        asked += self.feed_forward
         if self.compensators and pressures is not None:
-            control = self.gain * (setpoints[0] - positions)
             for i, compensator in enumerate(self.compensators):
                 sample = Sample(
                     time_s=time_s,
-                    setpoint_m=float(setpoints[0, i]),
-                    preview_m=setpoints[: self.previews[i], i],
+                    setpoint_m=float(path[0, i]),
+                    preview_m=path[: self.previews[i], i],
                     position_m=float(positions[i]),
-                    control_V=float(control[i]),
-                    valve_V=float(self.valve[i]),
+                    control_V=float(asked[i]),
+                    valve_V=float(self._commanded[i]),
                     pressure_bottom_Pa=float(pressures[i]),
                     pressure_supply_Pa=supply_Pa,
                 )
                 added, self.states[i] = compensator.step(self.states[i], sample)
                 added *= self.compensation_share
                 self.compensation[i] = added
-                volts[i] = min(max(sample.control_V + added, -self.limit), self.limit)
+                asked[i] += added
                 status = compensator.status(self.states[i])
                 if status != self._status[i]:
                     self._status[i] = status
                     self.on_message(time_s, i + 1, f"{compensator.name}: {status or 'normal again'}")
-        self.valve = np.where(np.isfinite(volts), volts, 0.0)  # a loop without position signal closes the valve
+        controller.saturated(control, memory, asked, self._commanded)  # without position signal: 0, the valve shut
+        self.valve = np.empty_like(self._commanded)
+        controller.computed(control, memory, self._commanded, self.valve)
         return self.valve
 
     def learned(self) -> list[dict[str, Any]]:

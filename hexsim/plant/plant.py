@@ -319,10 +319,14 @@ class Plant:
         """P1 of each leg (n_legs,) [Pa]."""
         return self.data.act[self.pressure_places] * MPa
 
+    @property
+    def rod_side_places(self) -> NDArray[np.int64]:
+        """Where the pressures of rod sides that are chambers stand in the state (n_legs,); -1: on the supply."""
+        return self.layout[: self.n_legs, A.ROD_SIDE].astype(np.int64)
+
     def rod_side_pressures(self) -> np.ndarray:
         """P2 of each leg (n_legs,) [Pa]; Ps where the rod side is on the supply."""
-        places = self.layout[: self.n_legs, A.ROD_SIDE].astype(int)
-        return np.array([self.data.act[k] * MPa if k >= 0 else self.supply_pressure() for k in places])
+        return np.array([self.data.act[k] * MPa if k >= 0 else self.supply_pressure() for k in self.rod_side_places])
 
     def instant_acceleration(self) -> np.ndarray:
         """Generalised accelerations (nv,) of the present state under the present volts at the spools."""

@@ -1,6 +1,7 @@
-"""The sensors of a machine in a run: gain, offset, delay, white noise and quantisation, drawn from a seed before the run.
+"""The sensors of a machine in a run: gain, offset, delay, filter, white noise and quantisation, drawn from a seed before it.
 
-The same function measures one tick for the motion computer and a whole column for the log, so the log holds what the
+A filter is a Butterworth low-pass of the declared order and cut-off, by the bilinear rule at the rate of the ticks. The same
+function measures one tick for the motion computer and a whole column for the log, so the log holds what the
 motion computer saw.
 """
 
@@ -11,8 +12,10 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from hexsim.compiled import compiled
+from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.sensor import ERRORS, Sensor
 from hexsim.signals.table import STANDARD, sensors
@@ -62,25 +65,69 @@ class Transducers:
         self.gain, self.offset, self.delay = errors["gain"], errors["offset"], errors["delay"]
         self.resolution = errors["resolution"]
         self.noise = errors["noise"] * random.standard_normal((ticks, n))
+        self.sections = _low_pass(sensor, resolved, tick_s)
+        self._memory: Array | None = None  # of the filter
+        self._next = 0  # tick that the filter has not seen yet
+
+    @property
+    def is_direct(self) -> bool:
+        """Whether they read the present value, without delay or filter."""
+        return not self.delay.any() and self.sections is None
 
     def at(self, tick: int, history: Array) -> Array:
-        """What they read (n,) at a tick, from the true values so far (tick + 1, n)."""
-        true = history[tick]
+        """What they read (n,) at a tick, from the true values so far (tick + 1, n). Ticks in rising order."""
+        first = tick if self.sections is None else self._next
+        true = history[first : tick + 1]
         if self.delay.any():
-            places = np.maximum(tick - self.delay / self.tick_s, 0.0)
+            places = np.maximum(np.arange(first, tick + 1)[:, None] - self.delay / self.tick_s, 0.0)
             low = places.astype(int)
             share, columns = places - low, np.arange(history.shape[1])
             true = (1 - share) * history[low, columns] + share * history[np.minimum(low + 1, tick), columns]
-        return self.read(true, tick)
+        self._next = tick + 1
+        return self.read(self.filtered(true)[-1], tick)
+
+    def restart(self) -> None:
+        """Forget what the filter has seen."""
+        self._memory, self._next = None, 0
+
+    def filtered(self, rows: Array) -> Array:
+        """The next true rows (m, n) behind the filter; it begins at rest at the first row of all."""
+        if self.sections is None:
+            return rows
+        if self._memory is None:
+            self._memory = sosfilt_zi(self.sections)[:, :, None] * rows[0]
+        out, self._memory = sosfilt(self.sections, rows, axis=0, zi=self._memory)
+        return out
 
     def read(self, true: Array, tick: int) -> Array:
-        """The same without a delay; noise of that tick."""
+        """The same without delay and filter; noise of that tick."""
         return measure(true, self.noise[tick], self.gain, self.offset, self.resolution)
 
-    def rows(self, true: Array) -> Array:
-        """What they read in a whole run (m, n)."""
-        true = delayed(true, self.delay, self.tick_s)
-        return measure_rows(true, self.noise[: len(true)], self.gain, self.offset, self.resolution)
+    def next(self, true: Array, tick: int) -> Array:
+        """What they read of the next true values (n,), without delay; noise of that tick."""
+        return self.read(self.filtered(true[None])[0], tick)
+
+    def rows(self, true: Array, every: int = 1) -> Array:
+        """What they read in a whole run (m, n), at every `every`-th tick."""
+        true = delayed(true, self.delay, every * self.tick_s)
+        if self.sections is not None:
+            start = sosfilt_zi(self.sections)[:, :, None] * true[0]
+            true = sosfilt(self.sections, true, axis=0, zi=start)[0]
+        return measure_rows(true, self.noise[::every][: len(true)], self.gain, self.offset, self.resolution)
+
+
+def _low_pass(sensor: Sensor, resolved: Resolved, tick_s: float) -> Array | None:
+    """Second-order sections of the transducer's filter, None without one."""
+    cut_off = getattr(resolved.sensors, f"{sensor.filter}_Hz") if sensor.filter else 0.0
+    if cut_off <= 0.0:
+        return None
+    if cut_off * tick_s >= 0.5:
+        raise HexsimError(
+            f"sensors.{sensor.filter}_Hz = {cut_off:g} must be below half of the rate of {1 / tick_s:g} Hz at which "
+            "the transducer is read: lower it, or raise sensors.log_rate_Hz"
+        )
+    order = getattr(resolved.sensors, f"{sensor.filter}_order")
+    return np.asarray(butter(order, cut_off, fs=1.0 / tick_s, output="sos"))
 
 
 def _errors(sensor: Sensor, resolved: Resolved) -> dict[str, Array | float]:
@@ -107,6 +154,12 @@ class SensorBank:
         self.tick_s, self.resolved, self.seed = tick_s, resolved, seed
         random = np.random.default_rng(seed)
         self._standard = {stem: Transducers(sensors()[stem], resolved, ticks, tick_s, random) for stem in STANDARD}
+        if resolved.machine.cylinder.rod_side == "valve":
+            stem = "pressure_top"
+            self._standard[stem] = Transducers(sensors()[stem], resolved, ticks, tick_s, self._own_random(stem))
+
+    def _own_random(self, stem: str) -> np.random.Generator:
+        return np.random.default_rng([self.seed, zlib.crc32(stem.encode())])
 
     def __getitem__(self, stem: str) -> Transducers:
         return self._standard[stem]
@@ -119,6 +172,10 @@ class SensorBank:
         """Measured chamber pressures (n,) [Pa] at a tick."""
         return self["pressure_bottom"].at(tick, history)
 
+    def pressure_top(self, tick: int, history: Array) -> Array | None:
+        """Measured pressures (n,) [Pa] of rod sides on a valve at a tick; None where there are none."""
+        return self["pressure_top"].at(tick, history) if "pressure_top" in self._standard else None
+
     def supply(self, tick: int, true: float) -> float:
         """Measured supply pressure [Pa]."""
         return float(self["pressure_supply"].read(np.array([true]), tick)[0])
@@ -130,12 +187,11 @@ class SensorBank:
     def extra(self, truth: Mapping[str, Array], log_s: float) -> dict[str, Array]:
         """Stem -> readings (m, n) of the machine's other sensors at the log's rows, `log_s` apart, from the true signals."""
         read = {}
-        machine = self.resolved.machine
-        of_rod_side = ("pressure_top",) if machine.cylinder.rod_side == "valve" else ()
-        for stem in (*of_rod_side, *machine.extra_sensors):
+        if "pressure_top" in self._standard:
+            read["pressure_top"] = self["pressure_top"].rows(truth["true_pressure_top"], round(log_s / self.tick_s))
+        for stem in self.resolved.machine.extra_sensors:
             sensor = sensors()[stem]
             if sensor.source in truth:
                 true = truth[sensor.source]
-                random = np.random.default_rng([self.seed, zlib.crc32(stem.encode())])
-                read[stem] = Transducers(sensor, self.resolved, len(true), log_s, random).rows(true)
+                read[stem] = Transducers(sensor, self.resolved, len(true), log_s, self._own_random(stem)).rows(true)
         return read

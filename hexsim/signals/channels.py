@@ -6,17 +6,21 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
-from hexsim.signals.table import STANDARD, kind_of, sensors, table
+from hexsim.signals.table import kind_of, sensors, table
 
 __all__ = ["SETTLE_S", "channel_arrays", "declared_noise", "kind_of", "measured_noise", "noise_of"]
 Array = np.ndarray
+COMPARED = (
+    "position", "pressure_bottom", "pressure_top", "pressure_difference", "pressure_supply", "acceleration",
+    "angular_acceleration",
+)  # fmt: skip
 SETTLE_S = 0.3  # [s] at the start of a run that no fit looks at: the unknown initial pressure
 
 
 def declared_noise(machine: Machine) -> dict[str, float]:
     """One standard deviation a sample, noise and quantisation together, by kind of channel; 0 where nothing is declared."""
     noise = {}
-    for stem in STANDARD:
+    for stem in COMPARED:
         sensor = sensors()[stem]
         resolution = getattr(machine.sensors, sensor.resolution) if sensor.resolution else 0.0
         noise[sensor.signal.kind] = float(np.hypot(getattr(machine.sensors, sensor.noise), resolution / np.sqrt(12)))
@@ -32,7 +36,7 @@ def measured_noise(x: Array) -> float:
 def channel_arrays(log: Log) -> dict[str, Array]:
     """The compared channels by column, of signals that are there for all legs or axes."""
     found: dict[str, Array] = {}
-    for stem in STANDARD:
+    for stem in COMPARED:
         rows = log.signal(stem)
         if rows is not None:
             found |= zip(table()[stem].columns(log.n_legs), np.atleast_2d(rows), strict=True)

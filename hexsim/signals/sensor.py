@@ -17,7 +17,8 @@ class Sensor:
     """A sensor is one file of `hexsim/signals/sensors` that defines SENSOR, or an entry point `hexsim.sensors`.
 
     signal: what it writes into the log. source: stem of the true signal that it measures.
-    gain .. resolution: keys of the machine file's [sensors], of the standard sensors only. Any other sensor is on the
+    gain .. resolution: keys of the machine file's [sensors], of the standard sensors only; filter: of its low-pass, there
+    as <filter>_Hz and <filter>_order. Any other sensor is on the
     machines that declare it, by a table [extra_sensors.<stem>] with the keys of `extra_keys`, all optional.
     """
 
@@ -28,6 +29,7 @@ class Sensor:
     delay: str = ""
     noise: str = ""
     resolution: str = ""
+    filter: str = ""
 
     @property
     def extra_keys(self) -> dict[str, str]:

@@ -30,7 +30,7 @@ from hexsim.plant.callbacks import without_timers
 from hexsim.plant.plant import whole_ratio
 from hexsim.scenarios import Scenario, load_scenario
 from hexsim.simulation.emergency_supply import EmergencySupply
-from hexsim.simulation.live_sensors import LiveSensors
+from hexsim.simulation.live_sensors import LiveSensors, Readings
 from hexsim.simulation.manual import SignalGenerator
 from hexsim.simulation.simulation import make_compensators
 from hexsim.simulation.telemetry import TelemetryRows
@@ -155,20 +155,21 @@ class Server:
     def advance(self) -> None:
         """Compute the volts and step the plant by one control period."""
         now, plant, computer, link = self.time_s, self.plant, self.computer, self.link
-        self._positions, pressures, supply_Pa = self.sensors.read(self.ticks * self.samples)
+        readings = self.sensors.read(self.ticks * self.samples)
+        self._positions = readings[0]
         computer.pump_running = self.supply.running
         computer.oil_temperature_degC = plant.oil_temperature_degC
         if link.peer:
             computer.last_packet_s = max(link.buffer.last_packet_s, computer.last_packet_s or 0.0)
-        volts = computer.tick(now, self._setpoints(now), self._positions, pressures, supply_Pa)
-        self._step(volts, (self._positions, pressures, supply_Pa))
+        volts = computer.tick(now, self._setpoints(now), *readings)
+        self._step(volts, readings)
         self.supply.tick(computer.pump_on, self.tick_s)
         self.ticks += 1
         if self.ticks % CHECK_TICKS == 0:
             plant.check()
             plant.follow_oil_temperature()
 
-    def _step(self, volts: Array, readings: tuple[Array, Array, float]) -> None:
+    def _step(self, volts: Array, readings: Readings) -> None:
         """The plant's ticks of a control period; with telemetry a row of readings before each."""
         for k in range(self.samples):
             sample = self.ticks * self.samples + k

@@ -30,7 +30,7 @@ from hexsim.scenarios.settings import machine_in
 from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.fault_run import FaultRun, FaultySensors
 from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
-from hexsim.simulation.plain_loop import Control, run_plain
+from hexsim.simulation.plain_loop import PlainLoop, Transducer, run_plain
 from hexsim.simulation.run_log import Recorded, run_log, run_summary
 
 Array = NDArray[np.float64]
@@ -171,6 +171,7 @@ class TickLoop:
         plant.prepare(rate, self.ticks)
         self.record = plant.record
         self.pressures = np.zeros((self.ticks, machine.n_legs))
+        self.rod_sides = np.zeros((self.ticks if machine.cylinder.rod_side == "valve" else 0, machine.n_legs))
         self.compensation = np.zeros((self.ticks, machine.n_legs))
         self.faults: FaultRun | None = None
         self.done = 0
@@ -178,14 +179,14 @@ class TickLoop:
     @without_timers()
     def go(self, progress: Callable[[float], None], interventions: Sequence[Any]) -> str:
         """Run to the end; returns "" or why it ended early."""
-        plain = not (self.loop.compensators or interventions or self.sensors["position"].delay.any())
-        control = self._plain_control()
+        direct = all(self.sensors[stem].is_direct for stem in self._sensed())
+        plain = self._plain_loop() if direct and not (self.loop.compensators or interventions) else None
         chunk = max(1, round(CHECK_EVERY_S / self.tick_s))
         try:
             for first in range(0, self.ticks, chunk):
                 last = min(first + chunk, self.ticks)
-                if plain:
-                    run_plain(self.plant.context, self.record, control, first, last)
+                if plain is not None:
+                    run_plain(self.plant.context, self.record, plain, first, last)
                     self.done = last
                 else:
                     self._ticks(first, last, interventions)
@@ -214,12 +215,23 @@ class TickLoop:
             "or a machine whose volumes and masses are not near zero"
         )
 
-    def _plain_control(self) -> Control:
-        position = self.sensors["position"]
-        return Control(
-            setpoints=self.setpoints, every=self.control_every, gain=self.loop.gain, limit=self.loop.limit,
-            noise=position.noise, sensor_gain=position.gain, sensor_offset=position.offset,
-            resolution=position.resolution,
+    def _sensed(self) -> list[str]:
+        """The transducers that the controllers read."""
+        if not self.loop.feels_load:
+            return ["position"]
+        return ["position", "pressure_bottom", *(["pressure_top"] if len(self.rod_sides) else [])]
+
+    def _plain_loop(self) -> PlainLoop:
+        def transducer(stem: str) -> Transducer:
+            found = self.sensors[stem]
+            return Transducer(found.noise, found.gain, found.offset, found.resolution)
+
+        sensed, plant = self._sensed(), self.plant
+        return PlainLoop(
+            setpoints=self.setpoints, every=self.control_every, control=self.loop.control, memory=self.loop.memory,
+            position=transducer("position"), bottom=transducer("pressure_bottom"), top=transducer(sensed[-1]),
+            bottom_places=plant.pressure_places,
+            top_places=plant.rod_side_places if "pressure_top" in sensed else np.zeros(0, np.int64),
         )  # fmt: skip
 
     def _ticks(self, first: int, last: int, interventions: Sequence[Any]) -> None:
@@ -227,6 +239,8 @@ class TickLoop:
         for tick in range(first, last):
             self.plant.sense()
             self.pressures[tick] = self.plant.bottom_pressures()
+            if len(self.rod_sides):
+                self.rod_sides[tick] = self.plant.rod_side_pressures()
             if tick % self.control_every == 0:
                 self._control(tick)
             self.compensation[tick] = self.loop.compensation
@@ -249,6 +263,7 @@ class TickLoop:
             sensors.position(tick, self.record.positions),
             sensors.pressure(tick, self.pressures),
             sensors.supply(tick, self.plant.supply_pressure()),
+            sensors.pressure_top(tick, self.rod_sides),
         )
         self.setpoints[step] = self.loop.setpoint  # a motion computer that guides the machine has its own
 

@@ -8,9 +8,7 @@ from numpy.typing import NDArray
 from hexsim.motion_computer.telemetry import MOST_ROWS, Telemetry, width
 from hexsim.plant import Plant
 from hexsim.plant.readout import platform_signals
-from hexsim.sensors.bank import Transducers
-from hexsim.signals.table import sensors as table_of_sensors
-from hexsim.simulation.live_sensors import LiveSensors
+from hexsim.simulation.live_sensors import LiveSensors, Readings
 
 Array = NDArray[np.float64]
 
@@ -21,22 +19,14 @@ class TelemetryRows:
     def __init__(self, plant: Plant, sensors: LiveSensors, rate_Hz: float) -> None:
         self.plant, self.sensors, self.rate_Hz = plant, sensors, rate_Hz
         self.sequence, self._first_s = 0, 0.0
-        random = np.random.default_rng([sensors.bank.seed, 1])
-        self._rod_side = Transducers(
-            table_of_sensors()["pressure_top"], plant.resolved, sensors.noise_ticks, 1.0 / rate_Hz, random
-        )
         self._rows: list[Array] = []
 
-    def add(
-        self, time_s: float, tick: int, setpoint: Array, readings: tuple[Array, Array, float], volts: Array
-    ) -> None:
-        """One row. setpoint, volts (n_legs,); readings: positions, bottom pressures, supply pressure of this tick."""
+    def add(self, time_s: float, tick: int, setpoint: Array, readings: Readings, volts: Array) -> None:
+        """One row. setpoint, volts (n_legs,); readings: of this tick."""
         if not self._rows:
             self._first_s = time_s
-        position, pressure, supply = readings
-        rod_side = np.full(self.plant.n_legs, np.nan)
-        if self.plant.machine.cylinder.rod_side == "valve":
-            rod_side = self._rod_side.read(self.plant.rod_side_pressures(), tick % self.sensors.noise_ticks)
+        position, pressure, supply, top = readings
+        rod_side = np.full(self.plant.n_legs, np.nan) if top is None else top
         row = np.concatenate([setpoint, position, pressure, rod_side, volts, [supply], *self._accelerations(tick)])
         self._rows.append(row)
 
@@ -45,11 +35,11 @@ class TelemetryRows:
         plant, k, bank = self.plant, tick % self.sensors.noise_ticks, self.sensors.bank
         acceleration = plant.instant_acceleration()
         if not plant.machine.is_hexapod:
-            return np.array([bank["acceleration"].read(acceleration[:1], k)[0], np.nan, np.nan]), np.full(3, np.nan)
+            return np.array([bank["acceleration"].next(acceleration[:1], k)[0], np.nan, np.nan]), np.full(3, np.nan)
         data = plant.data
         true = platform_signals(plant, data.qpos[None], data.qvel[None], acceleration[None])
-        linear = bank["acceleration"].read(true.acceleration[0], k)
-        return linear, bank["angular_acceleration"].read(true.angular_acceleration[0], k)
+        linear = bank["acceleration"].next(true.acceleration[0], k)
+        return linear, bank["angular_acceleration"].next(true.angular_acceleration[0], k)
 
     def packets(self, rest: bool = False) -> list[bytes]:
         """Packets of full size that are due; with `rest` all that is left."""

@@ -11,12 +11,12 @@ from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine, machine_from_dict
 
-BENCH, HEXAPOD = load_machine("bench"), load_machine("micro_motion_system")
+BENCH, HEXAPOD, FOUR_WAY = (load_machine(name) for name in ("bench", "micro_motion_system", "servo_bench"))
 NAMED = [name for name, effect in library().items() if effect.parameters]
 
 
 def machine_for(effect):
-    return BENCH if "bench" in effect.kinds else HEXAPOD
+    return FOUR_WAY if effect.four_way else BENCH if "bench" in effect.kinds else HEXAPOD
 
 
 def with_effect(machine, name, values):

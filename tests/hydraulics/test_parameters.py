@@ -8,6 +8,7 @@ import pytest
 from hexsim.hydraulics.effects import library
 from hexsim.hydraulics.parameters import LEARNED_TABLE, N_PARAMETERS, P, declared_rows
 from hexsim.hydraulics.resolve import resolve
+from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 
 PLACES = [  # key, a value that no other key has, place in the row, what must stand there
@@ -111,6 +112,7 @@ def test_most_effects_of_the_row_have_a_neutral_value_in_reach():
 def test_neutral_effect_leaves_the_rows_untouched(bench, name):
     """Switched on at its neutral value, an effect that adds to the row's places leaves every number as declared."""
     effect = library()[name]
+    bench = load_machine("servo_bench") if effect.four_way else bench
     with_effect = resolve(changed(bench, {f"effects.{name}": neutral_settings(effect)}))
     scaled = [p.slot for p in effect.parameters if p.slot is not None and p.default is None]
     assert scaled, "an effect of the row has a place that scales it"
@@ -128,6 +130,7 @@ def everything(machine):
 def test_believable_effect_changes_something_and_only_its_legs(hexapod, bench, name):
     """Every effect shows at its typical strength; in leg 2 it leaves the other legs' rows as declared."""
     effect = library()[name]
+    hexapod = load_machine("servo_hexapod") if effect.four_way else hexapod
     machine = hexapod if "hexapod" in effect.kinds else bench
     table = {parameter.name: parameter.typical for parameter in effect.parameters}
     assert everything(changed(machine, {f"effects.{name}": table})) != everything(machine)

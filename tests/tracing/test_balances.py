@@ -30,8 +30,8 @@ class Loop(Balance):
     name, unit, caption, order = "loop", "V", "volts = gain times error", 15
     signals = ("valve_V", "position_m")
 
-    def wants(self, log):
-        return log.setpoint is not None and log.volts is not None
+    def needs(self, machine):
+        return (("setpoint", "valve"),)
 
     def places(self, log):
         return [f"leg {i + 1}" for i in range(log.n_legs)]
@@ -76,7 +76,7 @@ def test_a_file_in_the_folder_is_a_balance_that_is_traced_and_reported(a_folder_
 def test_without_the_file_there_is_no_such_balance():
     """The balances of the package, in the order of tracing; valve is a name of continuity."""
     assert [balance.name for balance in balances.library()] == [
-        "sensor", "supply", "continuity", "force", "force", "platform",
+        "sensor", "supply", "continuity", "continuity of the rod side", "force", "force", "platform",
     ]  # fmt: skip
     assert balances.family("valve") == "continuity"
     assert all(balance.caption for balance in balances.library())

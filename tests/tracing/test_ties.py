@@ -13,7 +13,7 @@ from hexsim.signals.channels import noise_of
 from hexsim.tracing.fitting.fit import start_fit, with_candidate
 from hexsim.tracing.fitting.parameters import candidates, named, priors
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.simulation.simulator import start_of
+from hexsim.tracing.simulation.start import start_of
 from hexsim.tracing.steps.ties import stand_ins
 
 DATA = Path(__file__).parents[1] / "data"

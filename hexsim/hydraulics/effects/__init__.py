@@ -62,6 +62,8 @@ def effect_setting(
     effect = effect_named(name, place)
     if machine.machine.kind not in effect.kinds:
         raise HexsimError(f"{place} is for a {' or '.join(effect.kinds)}, not a {machine.machine.kind}")
+    if not effect.fits(machine):
+        raise HexsimError(f'{place} is for a cylinder with both chambers on the valve: [cylinder] rod_side = "valve"')
     return effect, _legs(table.get("where", "all legs"), machine.n_legs, place), _values(effect, table, place)
 
 

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from hexsim.declaration import Machine
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
 
@@ -45,7 +46,7 @@ class Effect:
     """A named extension of one balance.
 
     places: where it can act ("leg": one leg or all; "platform"; "machine": shared by all, such as the supply).
-    kinds: machine kinds that can have it.
+    kinds: machine kinds that can have it.  four_way: whether only machines whose rod side is on the valve have it.
     shown_by: the input that would show an effect that slow motion does not show.
     generic: stands for any cause of its form; of a tie, the other is named.
     vector: its numbers are components of one thing: any of them may be the one that is there.
@@ -61,11 +62,17 @@ class Effect:
     apply: Callable[[Resolved, tuple[int, ...], dict[str, float]], None] | None = None
     places: Literal["leg", "platform", "machine"] = "leg"
     kinds: tuple[str, ...] = ("bench", "hexapod")
+    four_way: bool = False
     shown_by: str = ""
     generic: bool = False
     vector: bool = False
     nonlinear_response: bool = False
     of_build: bool = False
+
+    def fits(self, machine: Machine) -> bool:
+        """Can this machine have it?"""
+        of_valve = machine.cylinder.rod_side == "valve"
+        return machine.machine.kind in self.kinds and (of_valve or not self.four_way)
 
     def add_to(self, resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
         """Switch the effect on in `legs` (0-based): by its own `apply`, or value by value into the slots."""

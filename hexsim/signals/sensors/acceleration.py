@@ -14,4 +14,5 @@ SENSOR = Sensor(
     gain="acceleration_gain",
     offset="acceleration_offset_m_s2",
     delay="acceleration_delay_s",
+    filter="acceleration_filter",
 )

@@ -11,4 +11,5 @@ SENSOR = Sensor(
     gain="position_gain",
     offset="position_offset_m",
     delay="position_delay_s",
+    filter="position_filter",
 )

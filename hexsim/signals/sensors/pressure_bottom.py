@@ -11,4 +11,5 @@ SENSOR = Sensor(
     gain="pressure_gain",
     offset="pressure_offset_Pa",
     delay="pressure_delay_s",
+    filter="pressure_filter",
 )

@@ -11,7 +11,7 @@ import pkgutil
 from functools import cache
 from importlib.metadata import entry_points
 
-from hexsim.signals.log import Log
+from hexsim.declaration import Machine
 from hexsim.tracing.balances.balance import Balance
 
 HELPERS = ("balance", "null")  # modules of this folder that define no balance
@@ -28,9 +28,9 @@ def library() -> tuple[Balance, ...]:
     return tuple(sorted(found, key=lambda balance: balance.order))
 
 
-def balance_named(name: str, log: Log) -> Balance:
-    """The balance of a violation of this log, by its name or by one that it is reported under."""
-    return next(b for b in library() if name in (b.name, *b.other_names) and b.wants(log))
+def balance_named(name: str, machine: Machine) -> Balance:
+    """The balance of a violation of this machine, by its name or by one that it is reported under."""
+    return next(b for b in library() if name in (b.name, *b.other_names) and b.needs(machine))
 
 
 def family(name: str) -> str:

@@ -15,7 +15,7 @@ from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics import valve
-from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.parameters import ROD_SIDE_SUPPLY, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
@@ -54,8 +54,12 @@ class Balance(ABC):
     shared_out: ClassVar[bool] = False
 
     @abstractmethod
-    def wants(self, log: Log) -> bool:
-        """Has the log the channels?"""
+    def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
+        """Signals that a log must hold; of several sets any one does. () where such a machine has no such balance."""
+
+    def wants(self, log: Log, machine: Machine) -> bool:
+        """Has the machine this balance, and the log the channels?"""
+        return any(all(log.signal(stem) is not None for stem in stems) for stems in self.needs(machine))
 
     @abstractmethod
     def places(self, log: Log) -> list[str]:
@@ -77,6 +81,8 @@ class SensedLeg:
     y: Array
     v: Array
     P1: Array | None
+    P2: Array | None  # of a rod side on the valve
+    difference: Array | None  # P1 - P2, of a transducer across both
     acceleration: Array | None  # of a bench
     window: Window
 
@@ -95,6 +101,11 @@ class SensedLeg:
         return self.window.mean(self.P1)
 
     @cached_property
+    def mean_P2(self) -> Array:
+        assert self.P2 is not None
+        return self.window.mean(self.P2)
+
+    @cached_property
     def disagreement(self) -> Array:
         """d2y/dt2 less what the accelerometer shows, under a wider window [m/s2]."""
         assert self.acceleration is not None
@@ -109,6 +120,7 @@ class MeasuredPoint:
     sensed: SensedLeg
     volts: Array
     x: Array
+    P2: Array | None
     Ps: Array
     t: Array
 
@@ -149,11 +161,16 @@ def sensed_leg(log: Log, resolved: Resolved, leg: int) -> SensedLeg:
     """What the sensors of a leg say, computed once for a log and its sensors' settings."""
     shared, position = resolved.sensors, position_settings(resolved, leg)
     pressure = tuple(float(resolved.leg_sensors[f"pressure_{key}"][leg]) for key in ("offset_Pa", "gain", "delay_s"))
+    on_valve = resolved.rows[leg, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
+    top = pressure if on_valve else None
     motion = (shared.acceleration_offset_m_s2, shared.acceleration_gain, shared.acceleration_delay_s)
-    return remembered(log, (leg, position, pressure, motion), lambda: _sense(log, leg, position, pressure, motion))
+    settings = (position, pressure, top, motion)
+    return remembered(log, (leg, *settings), lambda: _sense(log, leg, *settings))
 
 
-def _sense(log: Log, leg: int, position: Settings, pressure: Settings, motion: Settings) -> SensedLeg:
+def _sense(
+    log: Log, leg: int, position: Settings, pressure: Settings, top: Settings | None, motion: Settings
+) -> SensedLeg:
     def true_of(shown: Array, settings: Settings) -> Array:
         offset, gain, delay = settings
         return advanced((shown - offset) / gain, delay * log.rate)
@@ -163,8 +180,19 @@ def _sense(log: Log, leg: int, position: Settings, pressure: Settings, motion: S
     if log.n_legs == 1 and log.acceleration is not None:
         acceleration = true_of(log.acceleration[0], motion)
     P1 = None if log.pressure is None else true_of(log.pressure[leg], pressure)
+    rod_side = log.signal("pressure_top")
+    difference = log.signal("pressure_difference")
+    P2 = None if top is None or rod_side is None else true_of(rod_side[leg], top)
     v = velocity(y, acceleration, log.rate)
-    return SensedLeg(y=y, v=v, P1=P1, acceleration=acceleration, window=Window(log.rate))
+    return SensedLeg(
+        y=y,
+        v=v,
+        P1=P1,
+        P2=P2,
+        difference=None if difference is None else difference[leg],
+        acceleration=acceleration,
+        window=Window(log.rate),
+    )
 
 
 def measured_point(log: Log, machine: Machine, resolved: Resolved, leg: int) -> MeasuredPoint:
@@ -178,7 +206,9 @@ def measured_point(log: Log, machine: Machine, resolved: Resolved, leg: int) -> 
     supply = np.full(log.n, row[P.SUPPLY_PRESSURE])
     if log.supply is not None:
         supply = log.supply / resolved.sensors.supply_pressure_gain
-    return MeasuredPoint(sensed=sensed_leg(log, resolved, leg), volts=held, x=x, Ps=supply, t=t)
+    sensed = sensed_leg(log, resolved, leg)
+    P2 = sensed.P2 if row[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE else supply
+    return MeasuredPoint(sensed=sensed, volts=held, x=x, P2=P2, Ps=supply, t=t)
 
 
 def advanced(signal: Array, samples: float) -> Array:
@@ -217,7 +247,8 @@ def spool_positions(p, volts, t):
 
 
 def resolved_machine(machine: Machine) -> Resolved:
-    """A machine with its effects, the rod side at supply pressure."""
+    """A machine with its effects, a rod side that is not on the valve at supply pressure."""
     resolved = resolve(machine)
-    resolved.rows[:, P.ROD_SIDE_CHAMBER] = 0.0
+    on_valve = resolved.rows[:, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
+    resolved.rows[~on_valve, P.ROD_SIDE_CHAMBER] = ROD_SIDE_SUPPLY
     return resolved

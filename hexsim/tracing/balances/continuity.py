@@ -1,7 +1,12 @@
-"""Continuity of the bottom chamber: r_Q = phi(u, P1, Ps) - A1 v - C(y, P1) dP1/dt  [m3/s], Eq. 3.7 rearranged."""
+"""Continuity of the chambers: what flows in = what the piston sweeps + what compresses  [m3/s], Eq. 3.7 rearranged.
+
+bottom   r_Q = phi(u, P1, Ps) - A1 v - C(y, P1) dP1/dt
+top      r_Q = phi_B(u, P2, Ps) + A2 v - C_B(y, P2) dP2/dt       of a rod side on the valve
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -10,6 +15,7 @@ from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.ports import top_inflow
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import Balance, MeasuredPoint, measured_point, resolved_machine
@@ -18,33 +24,65 @@ Array = np.ndarray
 
 
 @compiled
-def inflows(p, y, v, volts, x, P1, Ps, t):
+def inflows(p, y, v, volts, x, P1, P2, Ps, t):
     """phi of every sample [m3/s]."""
     flow = np.empty(y.shape[0])
     for i in range(y.shape[0]):
-        flow[i] = leg_equations.inflow(p, y[i], v[i], volts[i], x[i], P1[i], Ps[i], t[i])
+        flow[i] = leg_equations.inflow_bottom(p, y[i], v[i], volts[i], x[i], P1[i], P2[i], Ps[i], t[i])
+    return flow
+
+
+@compiled
+def top_inflows(p, x, P1, P2, Ps):
+    """phi_B of every sample [m3/s]."""
+    flow = np.empty(x.shape[0])
+    for i in range(x.shape[0]):
+        flow[i] = top_inflow(p, x[i], P1[i], P2[i], Ps[i])
     return flow
 
 
 @compiled
 def capacities(p, y, P1):
-    """Hydraulic capacity of every sample [m3/Pa]."""
+    """Hydraulic capacity of the bottom chamber of every sample [m3/Pa]."""
     capacity = np.empty(y.shape[0])
     for i in range(y.shape[0]):
         capacity[i] = leg_equations.chamber_capacity(p, y[i], P1[i])
     return capacity
 
 
+@compiled
+def top_capacities(p, y, P2):
+    """Hydraulic capacity of the rod side of every sample [m3/Pa]."""
+    capacity = np.empty(y.shape[0])
+    for i in range(y.shape[0]):
+        capacity[i] = leg_equations.rod_side_room(p, y[i], P2[i])
+    return capacity
+
+
+def compression(capacity: Array, pressure: Array, mean: Array, window: Window) -> Array:
+    """<w, C dP/dt> (n,) [m3/s] without a derivative of the pressure; mean: of the pressure under the window."""
+    about = pressure - mean.mean()
+    return window.rate(capacity * about) - window.mean(np.gradient(capacity, window.dt) * about)
+
+
 def residual_of(p: Array, point: MeasuredPoint, window: Window) -> Array:
-    """Net inflow, less what the piston sweeps, less what compresses, under the window (n,) [m3/s]."""
+    """Of the bottom chamber (n,) [m3/s]. Without a pressure on the rod side nothing leaks across the piston."""
     assert point.P1 is not None
-    flow = inflows(p, point.y, point.v, point.volts, point.x, point.P1, point.Ps, point.t)
+    sensed, across = point.sensed, point.P1 if point.P2 is None else point.P2
+    flow = inflows(p, point.y, point.v, point.volts, point.x, point.P1, across, point.Ps, point.t)
+    capacity = capacities(p, sensed.mean_y, sensed.mean_P1)
+    compressed = compression(capacity, point.P1, sensed.mean_P1, window)
+    return window.mean(flow) - p[P.AREA_BOTTOM] * sensed.mean_v - compressed
+
+
+def top_residual_of(p: Array, point: MeasuredPoint, window: Window) -> Array:
+    """Of a rod side on the valve (n,) [m3/s]."""
+    assert point.P1 is not None and point.P2 is not None
     sensed = point.sensed
-    y, P1 = sensed.mean_y, sensed.mean_P1
-    capacity = capacities(p, y, P1)
-    about = point.P1 - P1.mean()
-    compression = window.rate(capacity * about) - window.mean(np.gradient(capacity, window.dt) * about)
-    return window.mean(flow) - p[P.AREA_BOTTOM] * sensed.mean_v - compression
+    flow = top_inflows(p, point.x, point.P1, point.P2, point.Ps)
+    capacity = top_capacities(p, sensed.mean_y, sensed.mean_P2)
+    compressed = compression(capacity, point.P2, sensed.mean_P2, window)
+    return window.mean(flow) + p[P.AREA_TOP] * sensed.mean_v - compressed
 
 
 class Continuity(Balance):
@@ -61,8 +99,8 @@ class Continuity(Balance):
     learned_as = "continuity"
     other_names: ClassVar = {"valve": "the same, put down to the valve where the valve explains it"}
 
-    def wants(self, log: Log) -> bool:
-        return log.volts is not None and log.pressure is not None
+    def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
+        return (("valve", "pressure_bottom"),)
 
     def places(self, log: Log) -> list[str]:
         return [f"leg {i + 1}" for i in range(log.n_legs)]
@@ -71,13 +109,35 @@ class Continuity(Balance):
         return "valve" if signal == "valve_V" else self.name
 
     def residual(self, log: Log, machine: Machine) -> Array:
+        return self.of_legs(residual_of, log, machine)
+
+    @staticmethod
+    def of_legs(of_leg: Callable[[Array, MeasuredPoint, Window], Array], log: Log, machine: Machine) -> Array:
+        """The residual of each leg, a row a leg."""
         resolved, window = resolved_machine(machine), Window(log.rate)
-        return np.stack(
-            [
-                residual_of(resolved.rows[i], measured_point(log, machine, resolved, i), window)
-                for i in range(log.n_legs)
-            ]
-        )
+        points = [measured_point(log, machine, resolved, i) for i in range(log.n_legs)]
+        return np.stack([of_leg(row, point, window) for row, point in zip(resolved.rows, points, strict=True)])
 
 
-BALANCES = (Continuity(),)
+class TopContinuity(Continuity):
+    """Continuity of each leg's rod side, where it is on the valve."""
+
+    name = "continuity of the rod side"
+    caption = "the same of the rod side"
+    order = 35
+    learned_as = None
+    other_names: ClassVar = {}
+
+    def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
+        if machine.cylinder.rod_side != "valve":
+            return ()
+        return (("valve", "pressure_bottom", "pressure_top"),)
+
+    def reported_as(self, signal: str) -> str:
+        return self.name
+
+    def residual(self, log: Log, machine: Machine) -> Array:
+        return self.of_legs(top_residual_of, log, machine)
+
+
+BALANCES = (Continuity(), TopContinuity())

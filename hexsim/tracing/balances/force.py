@@ -1,4 +1,8 @@
-"""Force on the moving mass of a bench: r_F = P1 A1 - Ps A2 - m g - m a - F_f(v) + ...  [N]."""
+"""Force on the moving mass of a bench: r_F = P1 A1 - P2 A2 - m g - m a - F_f(v) + ...  [N].
+
+P2: measured where the rod side is on the valve, else the supply's. Of a cylinder with equal areas the difference of the
+pressures does as well; what depends on P1 alone (seals) then sees half of Ps + Pt + (P1 - P2).
+"""
 
 from __future__ import annotations
 
@@ -13,25 +17,44 @@ from hexsim.machine.geometry import suspension
 from hexsim.mechanics.rigid_body import pushed_back
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances.balance import Balance, measured_point, resolved_machine
+from hexsim.tracing.balances.balance import Balance, MeasuredPoint, measured_point, resolved_machine
 
 Array = np.ndarray
 
 
 @compiled
-def forces_beyond_pressure(p, y, v, volts, P1, Ps, t):
+def forces_beyond_pressure(p, y, v, volts, P1, P2, Ps, t):
     """What acts along the leg besides P1 A1, every sample [N]; the bristle runs along where the leg has one."""
     n = y.shape[0]
     force = np.empty(n)
     z = 0.0
     for i in range(n):
-        force[i] = leg_equations.force_beyond_pressure(p, y[i], v[i], volts[i], P1[i], Ps[i], Ps[i], z, t[i])
+        force[i] = leg_equations.force_beyond_pressure(p, y[i], v[i], volts[i], P1[i], P2[i], Ps[i], z, t[i])
         if p[P.BRISTLE_STIFFNESS] > 0.0 and i + 1 < n:
             h = (t[i + 1] - t[i]) / 10.0
-            stiff = p[P.BRISTLE_STIFFNESS] * abs(v[i]) / leg_equations.friction_level(p, y[i], v[i], P1[i])
+            stiff = p[P.BRISTLE_STIFFNESS] * abs(v[i]) / leg_equations.friction_level(p, y[i], v[i], P1[i], P2[i])
             for _ in range(10):
-                z += h * leg_equations.bristle_rate(p, y[i], v[i], P1[i], z) / (1.0 + h * stiff)
+                z += h * leg_equations.bristle_rate(p, y[i], v[i], P1[i], z, P2[i]) / (1.0 + h * stiff)
     return force
+
+
+def force_pressures(machine: Machine) -> tuple[tuple[str, ...], ...]:
+    """Pressures that a log must hold for the force of a leg, see `Balance.needs`."""
+    if machine.cylinder.rod_side != "valve":
+        return (("pressure_bottom",),)
+    both = ("pressure_bottom", "pressure_top")
+    area_bottom, area_top = machine.cylinder.area_bottom_m2, machine.cylinder.area_top_m2
+    return (both, ("pressure_difference",)) if np.isclose(area_bottom, area_top, rtol=1e-6) else (both,)
+
+
+def leg_thrust(p: Array, point: MeasuredPoint) -> Array:
+    """Force (n,) [N] of a leg on its load at the measured point."""
+    P1, P2 = point.P1, point.P2
+    if P1 is None or P2 is None:
+        assert point.sensed.difference is not None
+        half = 0.5 * (point.Ps + p[P.TANK_PRESSURE])
+        P1, P2 = half + 0.5 * point.sensed.difference, half - 0.5 * point.sensed.difference
+    return P1 * p[P.AREA_BOTTOM] + forces_beyond_pressure(p, point.y, point.v, point.volts, P1, P2, point.Ps, point.t)
 
 
 def push_of_payloads(resolved: Resolved, felt: Array, rate: float) -> Array:
@@ -49,8 +72,8 @@ class Force(Balance):
     order = 40
     learned_as = "force"
 
-    def wants(self, log: Log) -> bool:
-        return log.n_legs == 1 and log.pressure is not None and log.acceleration is not None
+    def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
+        return () if machine.is_hexapod else tuple((*stems, "acceleration") for stems in force_pressures(machine))
 
     def places(self, log: Log) -> list[str]:
         return ["leg 1"]
@@ -58,11 +81,10 @@ class Force(Balance):
     def residual(self, log: Log, machine: Machine) -> Array:
         resolved, window = resolved_machine(machine), Window(log.rate)
         point, p = measured_point(log, machine, resolved, 0), resolved.rows[0]
-        assert point.P1 is not None and point.sensed.acceleration is not None
-        beyond = forces_beyond_pressure(p, point.y, point.v, point.volts, point.P1, point.Ps, point.t)
+        assert point.sensed.acceleration is not None
         mass, gravity = resolved.load.moving_mass_kg, -resolved.gravity_m_s2[2]
         felt = point.sensed.acceleration + gravity
-        net = point.P1 * p[P.AREA_BOTTOM] + beyond - mass * felt
+        net = leg_thrust(p, point) - mass * felt
         return window.mean(net - push_of_payloads(resolved, felt, log.rate))[None]
 
 

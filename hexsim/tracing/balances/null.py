@@ -32,6 +32,8 @@ def with_noise(log: Log, noise: dict[str, float], resolution: float, rng: np.ran
         log,
         position=position,
         pressure=noisy(log.pressure, "pressure_bottom_Pa"),
+        pressure_top=noisy(log.signal("pressure_top"), "pressure_top_Pa"),
+        pressure_difference=noisy(log.signal("pressure_difference"), "pressure_difference_Pa"),
         supply=noisy(log.supply, "pressure_supply_Pa"),
         acceleration=noisy(log.acceleration, "acceleration_m_s2"),
         angular=noisy(log.angular, "angular_acceleration_rad_s2"),

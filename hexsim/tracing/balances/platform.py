@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexsim.declaration import Machine
-from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.machine.geometry import machine_kinematics, moving_body
 from hexsim.mechanics.rigid_body import centre_accelerations, joint_wrenches
@@ -27,7 +26,7 @@ from hexsim.tracing.balances.balance import (
     remembered,
     resolved_machine,
 )
-from hexsim.tracing.balances.force import Force, forces_beyond_pressure, push_of_payloads
+from hexsim.tracing.balances.force import Force, force_pressures, leg_thrust, push_of_payloads
 
 Array = np.ndarray
 ROWS = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -42,8 +41,9 @@ class Platform(Balance):
     order = 60
     one_cause = True
 
-    def wants(self, log: Log) -> bool:
-        return log.n_legs == 6 and log.pressure is not None and log.acceleration is not None and log.angular is not None
+    def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
+        motion = ("acceleration", "angular_acceleration")
+        return tuple((*stems, *motion) for stems in force_pressures(machine)) if machine.is_hexapod else ()
 
     def places(self, log: Log) -> list[str]:
         return [f"platform {row}" for row in ROWS]
@@ -62,8 +62,8 @@ class LegForce(Balance):
     learned_as = "force"
     shared_out = True
 
-    def wants(self, log: Log) -> bool:
-        return Platform().wants(log)
+    def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
+        return Platform().needs(machine)
 
     def places(self, log: Log) -> list[str]:
         return [f"leg {i + 1}" for i in range(6)]
@@ -111,9 +111,7 @@ def wrench_residual(log: Log, machine: Machine) -> tuple[Array, Array]:
     motion = platform_motion(log, resolved, [point.sensed for point in points])
     thrusts = np.empty((log.n, 6))
     for i, (row, point) in enumerate(zip(resolved.rows, points, strict=True)):
-        assert point.P1 is not None
-        beyond = forces_beyond_pressure(row, point.y, point.v, point.volts, point.P1, point.Ps, point.t)
-        thrusts[:, i] = point.P1 * row[P.AREA_BOTTOM] + beyond
+        thrusts[:, i] = leg_thrust(row, point)
     wrench = (thrusts[:, None] @ motion.lines)[:, 0].T
     assert log.acceleration is not None and log.angular is not None
     shown = log.acceleration - np.array([0.0, 0.0, sensors.acceleration_offset_m_s2])[:, None]

@@ -22,8 +22,8 @@ class Sensor(Balance):
     usual_signal = "acceleration_m_s2"
     spoils_others = True
 
-    def wants(self, log: Log) -> bool:
-        return log.n_legs == 1 and log.acceleration is not None
+    def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
+        return () if machine.is_hexapod else (("acceleration",),)
 
     def places(self, log: Log) -> list[str]:
         return ["leg 1"]

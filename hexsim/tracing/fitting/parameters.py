@@ -111,7 +111,7 @@ def candidates(machine: Machine, proposed: dict[str, dict[str, float]] | None = 
 
     found = []
     for effect in library().values():
-        if machine.machine.kind not in effect.kinds or not effect.parameters or effect.of_build:
+        if not effect.fits(machine) or not effect.parameters or effect.of_build:
             continue
         own = (proposed or {}).get(effect.name, {})
         for variant in components(effect):

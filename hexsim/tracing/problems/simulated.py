@@ -72,16 +72,11 @@ class SimulatedProblem(FitProblem):
 
     def simulated(self, machine: Machine, i: int) -> Log:
         """Log i as the machine would have written it, without noise; channels that it has not are left out."""
-        log, out = self.logs[i], simulate_log(machine, self.logs[i], self.feedback)
-        return replace(
-            log,
-            position=out["position"],
-            volts=out["volts"],
-            pressure=None if log.pressure is None else out["pressure"],
-            supply=None if log.supply is None else out["supply"],
-            acceleration=None if log.acceleration is None else out["acceleration"][:3],
-            angular=None if log.angular is None else out["acceleration"][3:],
-        )
+        log, out = self.logs[i], simulate_log(machine, self.logs[i], self.feedback, self.noise)
+        there = {
+            stem: rows for stem, rows in out.items() if stem in ("position", "valve") or log.signal(stem) is not None
+        }
+        return replace(log, **there)
 
     def sigma(self, i: int) -> Array:
         """What a channel may be off by: sensors' noise, and what no simulation can know. (n_channels, 1) or (n_channels, n)."""

@@ -40,7 +40,7 @@ class Explained:
 def explained_by(result: Trace, line: Violation) -> Explained:
     """What the residual depends on, where the balance is violated; else what it usually depends on."""
     line, logs = replace(line, name=family(line.name)), result.fit_problem.logs
-    balance = balance_named(line.name, logs[0])
+    balance = balance_named(line.name, line.machine)
     known = [r for r in result.unexplained if (r.violation.name, r.violation.where) == (line.name, line.where)]
     if not line.violated and not known:
         return Explained(signal=balance.usual_signal, form="plain")
@@ -66,7 +66,7 @@ def unit_of(line: Violation) -> str:
 
 def residual_points(result: Trace, line: Violation, machine: Machine, signal: str) -> tuple[Array, Array, Array]:
     """(signal, residual, velocity) of a balance over the fit runs."""
-    balance, found = balance_named(line.name, result.fit_problem.logs[0]), []
+    balance, found = balance_named(line.name, line.machine), []
     for log in result.fit_problem.logs:
         own, v = signals_of(log, machine, line.where)
         found.append((own[signal], balance.residual(log, machine)[line.place, kept(log)], v))

@@ -9,6 +9,8 @@ from hexsim.signals.channels import kind_of
 SCALE = {
     "position_m": ("position", 1e3, "mm", 1e6, "µm"),
     "pressure_bottom_Pa": ("chamber pressure", 1e-5, "bar", 1e-5, "bar"),
+    "pressure_top_Pa": ("rod side pressure", 1e-5, "bar", 1e-5, "bar"),
+    "pressure_difference_Pa": ("pressure difference", 1e-5, "bar", 1e-5, "bar"),
     "pressure_supply_Pa": ("supply pressure", 1e-5, "bar", 1e-5, "bar"),
     "acceleration_m_s2": ("acceleration, 50 Hz band", 1.0, "m/s²", 1.0, "m/s²"),
     "angular_acceleration_rad_s2": ("angular acceleration, 50 Hz band", 1.0, "rad/s²", 1.0, "rad/s²"),
@@ -19,6 +21,8 @@ SIGNALS = {
     "valve_V": ("valve voltage", 1.0, "V"),
     "time_s": ("time", 1.0, "s"),
     "pressure_bottom_Pa": ("chamber pressure", 1e-5, "bar"),
+    "pressure_top_Pa": ("rod side pressure", 1e-5, "bar"),
+    "pressure_difference_Pa": ("pressure difference", 1e-5, "bar"),
     "pressure_supply_Pa": ("supply pressure", 1e-5, "bar"),
     "acceleration_m_s2": ("acceleration", 1.0, "m/s²"),
 }

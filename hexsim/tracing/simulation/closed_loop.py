@@ -21,6 +21,7 @@ from hexsim.tracing.simulation.motion import (
     SUPPLY,
     integrate,
     rates,
+    rod_side_pressure,
     steps_of_sample,
     write_leg_motion,
 )
@@ -31,7 +32,7 @@ DIVERGENCE_LIMIT = 1e3  # [m], [m/s], [rad/s] a load beyond it has diverged
 
 
 class Inputs(NamedTuple):
-    """What drives the simulation: (n_legs, n) setpoints, logged volts and positions; (n,) supply pressure, or (0,) if simulated.
+    """What drives the simulation: (n_legs, n) setpoints, logged volts and positions.
 
     near_rest (n,): where any leg is near standstill by its measured position, so that variants of a model step alike and
     their differences are smooth; a model that stands still where the machine moved is seen by its own speed.
@@ -41,18 +42,21 @@ class Inputs(NamedTuple):
     setpoint: np.ndarray
     volts: np.ndarray
     position: np.ndarray
-    supply: np.ndarray
     near_rest: np.ndarray
     rate_Hz: float
     first_tick: int
     start_s: float
 
 
+SIGNALS = ("setpoint", "volts", "position", "near_rest")  # of the inputs, sample by sample
+
+
 class Room(NamedTuple):
     """Arrays that the simulation works in. state (n_states,); slopes: four, and a state to try; y, v, v a sample ago, held volts
     (n_legs,).
 
-    positions, pressures, volts (n_legs, n), accelerations (n_axes, n): what happened, for sensors and valves with a delay.
+    positions, pressures of the bottom chambers and of the rod sides, volts (n_legs, n), accelerations (n_axes, n): what
+    happened, for sensors and valves with a delay.
     """
 
     state: np.ndarray
@@ -60,6 +64,7 @@ class Room(NamedTuple):
     legs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     positions: np.ndarray
     pressures: np.ndarray
+    tops: np.ndarray
     volts: np.ndarray
     accelerations: np.ndarray
 
@@ -67,9 +72,10 @@ class Room(NamedTuple):
 def room_for(start: np.ndarray, n_legs: int, n_axes: int, n: int) -> Room:
     """Room for n samples from a state."""
     s, y = np.zeros_like, np.zeros(n_legs)
-    legs = np.empty((3, n_legs, n))
+    bottom, top = np.empty((2, n_legs, n))
+    moved, asked = np.empty((2, n_legs, n))
     slopes = (s(start), s(start), s(start), s(start), s(start))
-    return Room(start.copy(), slopes, (y, s(y), s(y), s(y)), legs[0], legs[1], legs[2], np.empty((n_axes, n)))
+    return Room(start.copy(), slopes, (y, s(y), s(y), s(y)), moved, bottom, top, asked, np.empty((n_axes, n)))
 
 
 @compiled
@@ -105,63 +111,76 @@ def asked_volts(controller, inputs, j, i, position):
 def lent(rig, inputs, room):
     """The same numbers without reference counts."""
     legs, geometry, s, load, sensors, controller, rule = rig
-    position, pressure, acceleration, supply_gain = sensors
+    position, pressure, top, acceleration, supply_gain = sensors
     k1, k2, k3, k4, there = room.slopes
     y, v, before, held = room.legs
     return (
         Rig(
             borrowed(legs), borrowed(geometry), borrowed(s),
             Load(load.body, borrowed(load.compliance), load.gravity, load.spring),
-            Sensors(borrowed(position), borrowed(pressure), borrowed(acceleration), supply_gain), controller, rule,
+            Sensors(borrowed(position), borrowed(pressure), borrowed(top), borrowed(acceleration), supply_gain), controller,
+            rule,
         ),
         Inputs(
-            borrowed(inputs.setpoint), borrowed(inputs.volts), borrowed(inputs.position), borrowed(inputs.supply),
-            borrowed(inputs.near_rest), inputs.rate_Hz, inputs.first_tick, inputs.start_s,
+            borrowed(inputs.setpoint), borrowed(inputs.volts), borrowed(inputs.position), borrowed(inputs.near_rest),
+            inputs.rate_Hz, inputs.first_tick, inputs.start_s,
         ),
         Room(
             borrowed(room.state), (borrowed(k1), borrowed(k2), borrowed(k3), borrowed(k4), borrowed(there)),
             (borrowed(y), borrowed(v), borrowed(before), borrowed(held)), borrowed(room.positions), borrowed(room.pressures),
-            borrowed(room.volts), borrowed(room.accelerations),
+            borrowed(room.tops), borrowed(room.volts), borrowed(room.accelerations),
         ),
     )  # fmt: skip
 
 
+def answer(rig: Rig, inputs: Inputs, start: np.ndarray) -> np.ndarray:
+    """Measured outputs without noise (rows as in `run`, n) from a start state; NaN after a divergence."""
+    n_legs, n_axes = len(rig.legs), len(rig.sensors.acceleration)
+    out = np.empty((4 * n_legs + 1 + n_axes, inputs.setpoint.shape[1]))
+    run(rig, inputs, room_for(start, n_legs, n_axes, out.shape[1]), out)
+    return out
+
+
 @compiled
 def run(owned_rig, owned_inputs, owned_room, owned_out):
-    """Simulate and write the measured outputs, without noise, into out (rows as in `simulate_log`, n). False after a divergence."""
+    """Simulate and write the measured outputs, without noise, into out. False after a divergence.
+
+    out: rows of positions, volts, pressures of the bottom chambers and of the rod sides, supply, accelerations; (., n).
+    """
     rig, inputs, room = lent(owned_rig, owned_inputs, owned_room)
     out = borrowed(owned_out)
     legs, geometry, s, load, sensors, controller, rule = rig
-    position, pressure, acceleration, supply_gain = sensors
-    state, slopes, (y, v, before, held), y_true, p_true, u_true, a_true = room
+    position, pressure, top, acceleration, supply_gain = sensors
+    state, slopes, (y, v, before, held), y_true, p_true, top_true, u_true, a_true = room
     n_legs, n, rate = legs.shape[0], inputs.setpoint.shape[1], inputs.rate_Hz
     dt, axes = 1.0 / rate, acceleration.shape[0]
     every = max(round(rate / controller.rate_Hz), 1)
     calm_s = 0.0
     for i in range(n):
         t = inputs.start_s + i * dt
-        if inputs.supply.shape[0] == n:
-            state[SUPPLY] = inputs.supply[i]
         write_leg_motion(geometry, state, y, v)
         tick = i == 0 or (i - inputs.first_tick) % every == 0
         for j in range(n_legs):
-            y_true[j, i], p_true[j, i] = y[j], state[LEGS + j * LEG_STATES + LEG_P1]
+            k = LEGS + j * LEG_STATES
+            y_true[j, i], p_true[j, i] = y[j], state[k + LEG_P1]
+            top_true[j, i] = rod_side_pressure(legs[j], state, k)
             out[j, i] = shown(y_true[j], i, position[j], rate)
             u_true[j, i] = asked_volts(controller, inputs, j, i, out[j, i]) if tick else u_true[j, i - 1]
             held[j] = valve.play(delayed(u_true[j], i, legs[j, P.VALVE_DELAY] * rate), held[j], legs[j, P.HYSTERESIS])
             out[n_legs + j, i] = u_true[j, i]
             out[2 * n_legs + j, i] = shown(p_true[j], i, pressure[j], rate)
-        out[3 * n_legs, i] = supply_gain * state[SUPPLY]
+            out[3 * n_legs + j, i] = shown(top_true[j], i, top[j], rate)
+        out[4 * n_legs, i] = supply_gain * state[SUPPLY]
         calm_s = 0.0 if inputs.near_rest[i] else calm_s + dt
         for j in range(n_legs):
             if near_standstill(legs[j], v[j], before[j]):
                 calm_s = 0.0
             before[j] = v[j]
-        steps = steps_of_sample(legs, rule, state, y, v, held, t, calm_s, dt)
+        steps = steps_of_sample(legs, s, rule, state, y, v, held, t, calm_s, dt)
         a, turning = rates(legs, geometry, s, load, held, t, dt / steps, state, slopes[0])
         for k in range(axes):
             a_true[k, i] = a[2] if axes == 1 else a[k] if k < 3 else turning[k - 3]
-            out[3 * n_legs + 1 + k, i] = shown(a_true[k], i, acceleration[k], rate)
+            out[4 * n_legs + 1 + k, i] = shown(a_true[k], i, acceleration[k], rate)
         integrate(legs, geometry, s, load, held, t, dt, steps, state, slopes)
         if diverged(state, LEGS + n_legs * LEG_STATES):
             out[:, i + 1 :] = math.nan

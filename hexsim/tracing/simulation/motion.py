@@ -5,7 +5,8 @@ mass on the axis of one leg, or a platform on six,
 
     wrench = sum f_i (u_i, r_i x u_i),   u_i, r_i: direction of a leg and its joint from the origin
 
-The time step is the plant's (`hydraulics.steps`), chosen at every sample of the log.
+The time step is the plant's (`hydraulics.steps`), chosen at every sample of the log. The oil of a power unit keeps its
+temperature: a log of a minute warms it by tenths of a degree.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from __future__ import annotations
 from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, supply
 from hexsim.hydraulics.parameters import P
-from hexsim.hydraulics.steps import count_steps, leg_steps
+from hexsim.hydraulics.steps import count_steps, leg_steps, power_unit_steps
 from hexsim.hydraulics.supply import S
 from hexsim.mechanics.leg_geometry import leg_line
 from hexsim.mechanics.rigid_body import (
@@ -29,8 +30,8 @@ from hexsim.mechanics.rigid_body import (
     triple,
 )
 
-# states: supply pressure, payload on its spring; then those of each leg; then those of the load
-SUPPLY, TRAVEL, TRAVEL_RATE, LEGS = range(4)
+# states: supply pressure, payload on its spring, power unit; then those of each leg; then those of the load
+SUPPLY, TRAVEL, TRAVEL_RATE, MOTOR, PUMP_FLOW, LINE_FLOW, PUMP_PRESSURE, LEGS = range(8)
 LEG_P1, LEG_P2, LEG_X, LEG_XD, LEG_Z, LEG_STATES = range(6)
 POSITION, SPEED, N_AXIS = range(3)  # of a mass on an axis
 PLACE, QUATERNION, VELOCITY, OMEGA, N_PLATFORM = (
@@ -79,7 +80,7 @@ def leg_rates(p, y, v, volts, t, ps, state, k, h, rate):
     slopes, x, _ = leg.leg_derivatives(p, y, v, volts, t, ps, own, h)
     for q in range(LEG_STATES):
         rate[k + q] = slopes[q]
-    p2 = own[1] if p[P.ROD_SIDE_CHAMBER] > 0.0 else ps
+    p2 = rod_side_pressure(p, state, k)
     return leg.leg_force(p, y, v, volts, own[0], p2, ps, own[4], t), x, p2
 
 
@@ -104,6 +105,25 @@ def write_platform_rates(load, state, at, rotation, wrench, pull, rate):
 
 
 @compiled
+def rod_side_pressure(p, state, k):
+    """P2 [Pa] of the leg whose states begin at place k."""
+    return state[k + LEG_P2] if p[P.ROD_SIDE_CHAMBER] > 0.0 else state[SUPPLY]
+
+
+@compiled
+def write_supply_rates(s, state, demand, h, rate):
+    """Write the rates of a supply that has states, for the flow that all legs take [m3/s]. The motor is on."""
+    if s[S.MODEL] == supply.LINE:
+        rate[SUPPLY] = supply.line_rate(s, state[SUPPLY], demand, s[S.PRESSURE], h)
+    elif s[S.MODEL] == supply.POWER_UNIT:
+        oil = s[S.START_TEMPERATURE]
+        unit = (state[MOTOR], state[PUMP_FLOW], state[LINE_FLOW], state[PUMP_PRESSURE], oil, state[SUPPLY])
+        of_unit = supply.power_unit_rates(s, unit, 1.0, demand, 0.0)
+        rate[MOTOR], rate[PUMP_FLOW], rate[LINE_FLOW] = of_unit[0], of_unit[1], of_unit[2]
+        rate[PUMP_PRESSURE], rate[SUPPLY] = of_unit[3], of_unit[5]
+
+
+@compiled
 def rates(legs, geometry, s, load, held, t, h, state, rate):
     """Write d state/dt at time t into `rate`; return (a, w') of the load. held: volts at the valves; h: step, for stiff laws."""
     n_legs, ps, spring = legs.shape[0], state[SUPPLY], load.spring
@@ -118,12 +138,11 @@ def rates(legs, geometry, s, load, held, t, h, state, rate):
             y, v, line, moment = leg_on_platform(pose, geometry, i)
         p, k = legs[i], LEGS + i * LEG_STATES
         force, x, p2 = leg_rates(p, y, v, held[i], t, ps, state, k, h, rate)
-        if s[S.MODEL] == supply.LINE:
+        if s[S.MODEL] != supply.CONSTANT:
             demand += leg.supply_demand_in_step(p, y, v, x, state[k + LEG_P1], p2, ps, h)
         f0, f1, f2 = f0 + force * line[0], f1 + force * line[1], f2 + force * line[2]
         m0, m1, m2 = m0 + force * moment[0], m1 + force * moment[1], m2 + force * moment[2]
-    if s[S.MODEL] == supply.LINE:
-        rate[SUPPLY] = supply.line_rate(s, ps, demand, s[S.PRESSURE], h)
+    write_supply_rates(s, state, demand, h, rate)
     pull = spring_acceleration(spring, state[TRAVEL], state[TRAVEL_RATE])
     if alone:
         a, turning = (0.0, 0.0, axial_acceleration(load.body, f2, load.gravity[2], -spring.mass * pull)), none
@@ -162,22 +181,22 @@ def integrate(legs, geometry, s, load, held, t, dt, steps, state, slopes):
 
 
 @compiled
-def steps_of_sample(legs, rule, state, y, v, held, t, calm_s, dt):
+def steps_of_sample(legs, s, rule, state, y, v, held, t, calm_s, dt):
     """Time steps of the sample that begins with this state, calm_s after a leg was last near standstill."""
-    asked = 0.0
+    asked = power_unit_steps(s, state[PUMP_PRESSURE]) if s[S.MODEL] == supply.POWER_UNIT else 0.0
     for j in range(y.shape[0]):
         k = LEGS + j * LEG_STATES
         x = leg.metering_spool(legs[j], held[j], t, state[k + LEG_X])
-        p2 = state[k + LEG_P2] if legs[j, P.ROD_SIDE_CHAMBER] > 0.0 else state[SUPPLY]
+        p2 = rod_side_pressure(legs[j], state, k)
         steps = leg_steps(rule, legs[j], y[j], v[j], x, state[k + LEG_P1], p2, state[SUPPLY], state[k + LEG_Z])
         asked = max(asked, steps)
     return count_steps(rule, asked, calm_s, dt)
 
 
 @compiled
-def carrying_pressure(p, y, v, ps, thrust):
+def carrying_pressure(p, y, v, p2, ps, thrust):
     """Pressure [Pa] of the bottom chamber that gives the thrust [N] in steady motion: friction may depend on it."""
     p1 = 0.5 * ps
     for _ in range(20):
-        p1 = (thrust - leg.force_beyond_pressure(p, y, v, 0.0, p1, ps, ps, 0.0, 0.0)) / p[P.AREA_BOTTOM]
+        p1 = (thrust - leg.force_beyond_pressure(p, y, v, 0.0, p1, p2, ps, 0.0, 0.0)) / p[P.AREA_BOTTOM]
     return p1

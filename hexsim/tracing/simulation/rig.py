@@ -29,10 +29,14 @@ class Load(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """y_m = gain y(t - delay) + offset: rows (gain, offset, delay [s]) of a leg, (n_legs, 3), and of an accelerometer."""
+    """y_m = gain y(t - delay) + offset: rows (gain, offset, delay [s]) of a leg, (n_legs, 3), and of an accelerometer.
+
+    pressure: of the bottom chambers; top: of the rod sides.
+    """
 
     position: Array
     pressure: Array
+    top: Array
     acceleration: Array
     supply_gain: float
 
@@ -111,9 +115,11 @@ def sensors_of(resolved: Resolved) -> Sensors:
     else:
         across, turning = [along[0], 0.0, along[2]], [1.0, 0.0, along[2]]
         acceleration = np.array([across, across, along, turning, turning, turning], dtype=float)
+    pressure = np.column_stack([legs["pressure_gain"], legs["pressure_offset_Pa"], legs["pressure_delay_s"]])
     return Sensors(
         position=np.column_stack([legs["position_gain"], legs["position_offset_m"], legs["position_delay_s"]]),
-        pressure=np.column_stack([legs["pressure_gain"], legs["pressure_offset_Pa"], legs["pressure_delay_s"]]),
+        pressure=pressure,
+        top=pressure,
         acceleration=acceleration,
         supply_gain=float(shared.supply_pressure_gain),
     )

@@ -31,11 +31,11 @@ def joint_problem(problem: SimulatedProblem, lines: Sequence[Violation], machine
     """All balances of all logs as one problem. machine: what the noise-free simulation runs on."""
     log = problem.logs[0]
     names = list(dict.fromkeys(line.name for line in lines))
-    names = [name for name in names if not balance_named(name, log).shared_out]
+    names = [name for name in names if not balance_named(name, machine).shared_out]
     quiet = [problem.simulated(machine, i) for i in range(len(problem.logs))]
     parts = []
     for name in names:
-        balance = balance_named(name, log)
+        balance = balance_named(name, machine)
         sigma = next(line.all_sigma for line in lines if line.name == name)
         clean = tuple(np.nan_to_num(used(own, balance.residual(own, machine))) for own in quiet)
         rows = tuple(range(len(balance.places(log))))

@@ -101,6 +101,7 @@ def setpoint_log(machine: Machine, tables: dict[str, Any], rate_Hz: float = RATE
         position=setpoint.copy(),
         volts=zeros,
         pressure=zeros,
+        pressure_top=zeros if machine.cylinder.rod_side == "valve" else None,
         supply=np.zeros(len(time)),
         acceleration=axes,
         angular=axes if machine.is_hexapod else None,

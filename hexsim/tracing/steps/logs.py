@@ -35,6 +35,8 @@ def read_runs(folder: Path, names: Sequence[str], machine: Machine) -> tuple[lis
         logs += [
             one if k == 0 else replace(one, name=f"{one.name} from {one.offset_s:.1f} s") for k, one in enumerate(parts)
         ]
+    if machine.cylinder.rod_side != "valve":  # no transducer: what a simulation writes there is the truth
+        logs = [replace(log, pressure_top=None) for log in logs]
     return logs, {log.name: refuse_misleading(log, machine) for log in logs}
 
 

@@ -113,17 +113,15 @@ def unexplained_of(balance: Balance, violation: Violation, logs: Sequence[Log]) 
 def unexplained_residuals(lines: Sequence[Violation], problem: SimulatedProblem) -> list[UnexplainedResidual]:
     """The violated balances with their dependence, the worst first; the worst of all when none is above its null."""
 
-    log = problem.logs[0]
-
     def rank(line: Violation) -> float:
-        first = balance_named(line.name, log).spoils_others and line.above_null > rules.SENSOR_FIRST
+        first = balance_named(line.name, line.machine).spoils_others and line.above_null > rules.SENSOR_FIRST
         return line.above_null + 1e6 * first
 
     worst = sorted(lines, key=rank, reverse=True)
     chosen = [line for line in worst if line.violated] or worst[:1]
     rests, seen = [], set()
     for line in chosen:
-        balance = balance_named(line.name, log)
+        balance = balance_named(line.name, line.machine)
         if (line.name, line.where.split()[0]) in seen and balance.one_cause:
             continue
         seen.add((line.name, line.where.split()[0]))

@@ -32,10 +32,10 @@ def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str
     """Effect name -> numbers of its shape. machine: with the parameters at which the residual is looked at."""
     keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), 5) for log in logs]
     platform, force = Platform(), Force()
-    if all(platform.wants(log) for log in logs):
+    if all(platform.wants(log, machine) for log in logs):
         heave = [platform.residual(log, machine)[ROWS.index("z"), k] for log, k in zip(logs, keep, strict=True)]
         return {"flexible_payload": {"frequency_Hz": _payload_frequency(logs, keep, heave)}}
-    if not all(force.wants(log) for log in logs):
+    if not all(force.wants(log, machine) for log in logs):
         return {}
     residuals = [force.residual(log, machine)[0, k] for log, k in zip(logs, keep, strict=True)]
     return {

@@ -16,6 +16,7 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
+from hexsim.signals.table import table
 from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance, library
 from hexsim.tracing.balances.null import null_squares, used, window_weights
@@ -28,10 +29,6 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace, Violation
 
 Array = np.ndarray
-CHANNELS = {
-    "volts": "valve_V", "pressure": "pressure_bottom_Pa", "supply": "pressure_supply_Pa",
-    "acceleration": "acceleration_m_s2", "angular": "angular_acceleration_rad_s2",
-}  # fmt: skip
 
 
 def own_priors(balance: Balance, priors: tuple[Prior, ...], machine: Machine, logs: Sequence[Log]) -> tuple[Prior, ...]:
@@ -50,7 +47,7 @@ def own_priors(balance: Balance, priors: tuple[Prior, ...], machine: Machine, lo
 def violations(declared: Machine, simulated: Machine, problem: SimulatedProblem) -> list[Violation]:
     """Every balance at every place. simulated: the machine that the null runs come from."""
     lines = []
-    balances = [balance for balance in library() if all(balance.wants(log) for log in problem.logs)]
+    balances = [balance for balance in library() if all(balance.wants(log, declared) for log in problem.logs)]
     for balance, (sigma, null) in zip(balances, null_sizes(balances, simulated, problem), strict=True):
         machine = own_fit(balance, declared, problem.logs, sigma).fitted_machine()
         rms = rms_of(balance, machine, problem.logs)
@@ -113,22 +110,15 @@ def own_machine(machine: Machine, lines: Sequence[Violation]) -> Machine:
     return next((line.machine for line in lines if line.name == "force"), machine)
 
 
-def lost_balances(logs: Sequence[Log]) -> list[Finding]:
-    """What cannot be said: the balances that a log with all channels would allow, and the channels that they lack."""
-    log = logs[0]
-    rows = np.zeros((log.n_legs, log.n))
-    axes = rows if log.n_legs == 1 else rows[:3]
-    whole = {"volts": rows, "pressure": rows, "supply": rows[0], "acceleration": axes}
-    whole |= {"angular": axes} if log.n_legs > 1 else {}
-    full = replace(log, **whole)
-    lost = {b.name for b in library() if b.wants(full)} - {
-        b.name for b in library() if all(b.wants(one) for one in logs)
-    }
+def lost_balances(logs: Sequence[Log], machine: Machine) -> list[Finding]:
+    """What cannot be said: the balances of the machine that these logs do not allow, and the channels that they lack."""
+    lost = [b for b in library() if b.needs(machine) and not all(b.wants(log, machine) for log in logs)]
+    asked = dict.fromkeys(stem for balance in lost for stem in balance.needs(machine)[0])
+    missing = [table()[stem].kind for stem in asked if any(log.signal(stem) is None for log in logs)]
     if not lost:
         return []
-    missing = [CHANNELS[name] for name in whole if any(getattr(one, name) is None for one in logs)]
     description = (
-        f"without {' and '.join(missing)} the balances {', '.join(sorted(lost))} cannot be formed: "
+        f"without {' and '.join(missing)} the balances {', '.join(sorted({b.name for b in lost}))} cannot be formed: "
         "what is missing there shows only by what it does to the other signals"
     )
     return [loss(channel=missing[0], description=description)]
@@ -139,7 +129,7 @@ def hold_balances(trace: Trace, tell: Tell) -> Trace:
     lines = violations(trace.machine, trace.machine, trace.fit_problem)
     off = [f"{line.name} of {line.where}" for line in lines if line.violated]
     decided = f"violated: {', '.join(off)}" if off else f"all {len(lines)} hold"
-    lost = lost_balances(trace.fit_problem.logs)
+    lost = lost_balances(trace.fit_problem.logs, trace.machine)
     findings = trace.findings | {"all logs": [*trace.findings.get("all logs", []), *lost]}
     return replace(
         trace, violations=lines, findings=findings, decided=decided if lines else "the logs allow no balance"

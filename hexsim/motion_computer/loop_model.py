@@ -1,0 +1,223 @@
+"""The declared loop as a linear one: legs about neutral, controllers as they are, and what follows for stability.
+
+A leg (hydraulics of `leg.leg_derivatives`, differentiated numerically) pushes a mass m along its axis:
+    s = (P1, P2, x, x', y, v),  v' = F(s)/m,      Coulomb and static friction left out: they damp
+It stands open by OPEN of its travel beyond the lap, once either way: shut, an overlapped valve has no gain at all, and
+wide open it damps more. Equal legs on a platform part into as many single loops as there are legs: the modes of
+A = J M^-1 J', each with the mass 1/eigenvalue. A machine whose legs differ is judged by each leg in each mode.
+
+Sampled exactly (zero-order hold, matrix exponential). The controller's matrices are read off
+`controller.py` itself, which is linear where nothing saturates: unit memory or unit input in, next memory and volts out.
+Left out: hysteresis, slew of the spool, supply as it droops, sensor noise and resolution.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.signal import butter, tf2ss
+
+from hexsim.declaration import Machine
+from hexsim.hydraulics import leg, ports
+from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
+from hexsim.hydraulics.resolve import resolve
+from hexsim.motion_computer import controller
+from hexsim.motion_computer.controller import N_MEMORY, C, Control
+from hexsim.motion_computer.declared_control import control_of
+from hexsim.motion_computer.leg_load import holding_forces, leg_compliance
+
+Array = NDArray[np.float64]
+OPEN = 0.01  # of the spool's travel, beyond the lap
+P1, P2, X, RATE, Y, V, VOLTS = range(7)
+Matrices = tuple[Any, Any, Any, Any]  # A, B, C, D: arrays
+STEPS = (1e3, 1e3, 1e-8, 1e-4, 1e-6, 1e-5, 1e-5)  # of the numerical derivative: Pa, Pa, m, m/s, m, m/s, V
+EQUAL = 1e-6  # relative difference of modes that count as one
+
+
+def leg_at(p: Array, force: float, supply_Pa: float, sign: float) -> tuple[Array, Array]:
+    """A leg's state and volts (7,) in steady motion with its valve open one way, and its row without dry friction."""
+    p = p.copy()
+    for place in (P.COULOMB_EXTEND, P.COULOMB_RETRACT, P.STATIC_EXTEND, P.STATIC_RETRACT, P.BRISTLE_STIFFNESS):
+        p[place] = 0.0
+    viscous = 0.5 * (p[P.VISCOUS_EXTEND] + p[P.VISCOUS_RETRACT])
+    p[P.VISCOUS_EXTEND] = p[P.VISCOUS_RETRACT] = viscous
+    four_way = p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
+    bottom, top, tank = p[P.AREA_BOTTOM], p[P.AREA_TOP], p[P.TANK_PRESSURE]
+    at = np.zeros(7)
+    at[P1] = (force + supply_Pa * top) / bottom
+    at[P2] = supply_Pa
+    if four_way:
+        at[P1] = (force + (supply_Pa + tank) * top) / (bottom + top)
+        at[P2] = supply_Pa + tank - at[P1]
+    laps = [p[P.OVERLAP_SUPPLY], p[P.OVERLAP_TANK]]
+    laps += [p[P.OVERLAP_SUPPLY_TOP], p[P.OVERLAP_TANK_TOP]] if four_way else []
+    at[X] = sign * (max(0.0, *laps) + OPEN * p[P.SPOOL_TRAVEL])
+    at[VOLTS] = at[X] / p[P.SPOOL_GAIN] + p[P.NULL_OFFSET]
+    at[Y] = 0.5 * p[P.STROKE]
+    opening = leg.flow_curve(p, at[X]) if p[P.FLOW_POINTS] > 0.0 else at[X]
+    at[V] = ports.supply_edge_flow(p, opening, at[P1], supply_Pa) - ports.tank_edge_flow(p, opening, at[P1])
+    at[V] /= bottom
+    return at, p
+
+
+def leg_matrices(p: Array, mass: float, force: float, supply_Pa: float, sign: float) -> Matrices:
+    """x' = A x + B u, (y, p) = C x + D u of one leg that pushes `mass`; u: valve volts, p = P1 - P2 A2/A1 [Pa]."""
+    at, p = leg_at(p, force, supply_Pa, sign)
+
+    def rates(s: Array) -> Array:
+        state = (s[P1], s[P2], s[X], s[RATE], 0.0)
+        (d1, d2, dx, dr, _), _, _ = leg.leg_derivatives(p, s[Y], s[V], s[VOLTS], 0.0, supply_Pa, state, 0.0)
+        pushed = leg.leg_force(p, s[Y], s[V], s[VOLTS], s[P1], s[P2], supply_Pa, 0.0, 0.0)
+        return np.array([d1, d2, dx, dr, s[V], pushed / mass])
+
+    slopes = np.column_stack(
+        [(rates(at + h * e) - rates(at - h * e)) / (2 * h) for h, e in zip(STEPS, np.eye(7), strict=True)]
+    )
+    there = [P1, Y, V]
+    if p[P.ROD_SIDE_CHAMBER] > 0.0:
+        there.insert(1, P2)
+    if p[P.SPOOL_OMEGA] > 0.0:
+        there += [X, RATE]
+    ratio = p[P.AREA_TOP] / p[P.AREA_BOTTOM] if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE else 0.0
+    read = np.zeros((2, 6))
+    read[0, Y], read[1, P1], read[1, P2] = 1.0, 1.0, -ratio
+    return slopes[np.ix_(there, there)], slopes[there][:, [VOLTS]], read[:, there], np.zeros((2, 1))
+
+
+def with_filters(plant: Matrices, orders: tuple[int, int], cut_offs_Hz: tuple[float, float]) -> Matrices:
+    """The same behind the transducers' Butterworth low-passes, of y and of p; cut-off 0: none."""
+    for output, (order, cut_off) in enumerate(zip(orders, cut_offs_Hz, strict=True)):
+        if cut_off > 0.0:
+            plant = _filtered(plant, output, butter(order, 2 * np.pi * cut_off, analog=True))
+    return plant
+
+
+def _filtered(plant: Matrices, output: int, fraction: Any) -> Matrices:
+    A, B, read, _ = plant
+    F, G, H, _ = tf2ss(*fraction)
+    n = len(A)
+    whole = np.block([[A, np.zeros((n, len(F)))], [G @ read[[output]], F]])
+    out = np.hstack([read, np.zeros((2, len(F)))])
+    out[output] = np.r_[np.zeros(n), H[0]]
+    return whole, np.vstack([B, np.zeros((len(F), 1))]), out, np.zeros((2, 1))
+
+
+def sampled(plant: Matrices, tick_s: float) -> Matrices:
+    """The same from tick to tick, u held in between."""
+    A, B, read, through = plant
+    n = len(A)
+    whole = expm(np.block([[A, B], [np.zeros((1, n + 1))]]) * tick_s)
+    return whole[:n, :n], whole[:n, n:], read, through
+
+
+def controller_matrices(control: Control, mass: float) -> Matrices:
+    """m_+ = A m + B (r, y, p), u = C m + D (r, y, p) of one leg in a mode of `mass`, read off the compiled controller."""
+    row = control.rows[:1].copy()
+    row[:, C.LIMIT], row[:, C.EVERY] = np.inf, 1.0
+    alone = Control(row, np.array([[mass if row[0, C.LOAD_FORWARD] > 0.0 else 0.0]]))
+
+    def step(memory: Array, inputs: Array) -> Array:
+        after, volts = memory[None].copy(), np.empty(1)
+        controller.tick(alone, after, inputs[:1], inputs[1:2], inputs[2:], volts)
+        return np.r_[after[0], volts]
+
+    units = np.eye(N_MEMORY + 3)
+    whole = np.column_stack([step(unit[:N_MEMORY], unit[N_MEMORY:]) for unit in units])
+    n = N_MEMORY
+    return whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
+
+
+def reduced(system: Matrices) -> Matrices:
+    """Without memory that nothing reads: as far as the output or a kept place depends on it."""
+    A, B, read, through = system
+    kept = np.any(read != 0.0, axis=0)
+    while (more := kept | np.any(A[kept] != 0.0, axis=0)).sum() > kept.sum():
+        kept = more
+    return A[np.ix_(kept, kept)], B[kept], read[:, kept], through
+
+
+def response(system: Matrices, frequency_Hz: Array, tick_s: float) -> Array:
+    """C (z - A)^-1 B + D at z = exp(j w T), (n_frequencies, outputs, inputs)."""
+    A, B, read, through = system
+    z = np.exp(2j * np.pi * frequency_Hz * tick_s)
+    return (
+        read @ np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape))) + through
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loop:
+    """One leg's loop in one mode of the load. plant: u to (y, p), controller: (r, y, p) to u, both sampled."""
+
+    leg: int  # from 1
+    mode: int  # from 1, the heaviest first
+    mass_kg: float
+    extends: bool
+    tick_s: float
+    plant: Matrices
+    controller: Matrices
+
+    @cached_property
+    def closed(self) -> Matrices:
+        """From the setpoint to the piston (y) of the loop closed."""
+        A, B, read, _ = self.plant
+        F, G, H, K = self.controller
+        whole = np.block([[A + B @ K[:, 1:] @ read, B @ H], [G[:, 1:] @ read, F]])
+        return whole, np.vstack([B @ K[:, :1], G[:, :1]]), np.r_[read[0], np.zeros(len(F))][None], np.zeros((1, 1))
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether every eigenvalue of the closed loop lies within the unit circle."""
+        return bool(np.abs(np.linalg.eigvals(self.closed[0])).max() < 1.0 - 1e-9)
+
+    def open_response(self, frequency_Hz: Array) -> Array:
+        """L (n,): volts that come back for volts sent, broken at the valve's command, sign turned."""
+        sensed = response(self.plant, frequency_Hz, self.tick_s)
+        volts = response(self.controller, frequency_Hz, self.tick_s)
+        return -(volts[:, :, 1:] @ sensed)[:, 0, 0]
+
+    def closed_response(self, frequency_Hz: Array) -> Array:
+        """Piston over setpoint (n,)."""
+        return response(self.closed, frequency_Hz, self.tick_s)[:, 0, 0]
+
+
+def loops(machine: Machine) -> list[Loop]:
+    """Every leg in every mode, extending and retracting; equal ones once."""
+    resolved, tick_s = resolve(machine), 1.0 / machine.controller.rate_Hz
+    sensors, control = resolved.sensors, control_of(machine)
+    masses = 1.0 / np.linalg.eigvalsh(leg_compliance(resolved))
+    forces = holding_forces(resolved)
+    found: list[Loop] = []
+    seen: list[Array] = []
+    for i, p in enumerate(resolved.rows):
+        late = p[P.VALVE_DELAY] + float(resolved.leg_sensors["position_delay_s"][i])
+        own = Control(control.rows[i : i + 1].copy(), control.inertia)
+        own.rows[:, C.DELAY] += late / tick_s
+        for mode, mass in enumerate(masses):
+            what = np.r_[p, own.rows[0], mass, forces[i] / max(abs(forces).max(), 1.0)]
+            if any(np.allclose(what, other, rtol=EQUAL, atol=0.0) for other in seen):
+                continue
+            seen.append(what)
+            for sign in (1.0, -1.0):
+                plant = leg_matrices(p, mass, forces[i], machine.supply.pressure_Pa, sign)
+                plant = with_filters(
+                    plant, (sensors.position_filter_order, sensors.pressure_filter_order),
+                    (sensors.position_filter_Hz, sensors.pressure_filter_Hz),
+                )  # fmt: skip
+                found.append(
+                    Loop(
+                        leg=i + 1,
+                        mode=mode + 1,
+                        mass_kg=float(mass),
+                        extends=sign > 0,
+                        tick_s=tick_s,
+                        plant=sampled(plant, tick_s),
+                        controller=reduced(controller_matrices(own, float(mass))),
+                    )
+                )
+    return found
