@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from hexsim.declaration.actuator import Cylinder, Friction
@@ -78,11 +80,11 @@ class Machine(Section):
     def mechanics(self) -> Mechanics:
         """Legs, poses and limits. Raises HexsimError where the legs do not reach."""
         geometry = self.geometry if self.is_hexapod else None
-        return declared_mechanics(geometry, tuple(self.of_legs("cylinder", "stroke_m")))  # pyright: ignore[reportArgumentType]
+        return declared_mechanics(geometry, tuple(self.of_legs("cylinder", "stroke_m").tolist()))  # pyright: ignore[reportArgumentType]
 
-    def of_legs(self, table: str, key: str) -> list[float]:
-        """A number of every leg."""
-        return [getattr(getattr(leg, table), key) for leg in self.legs]
+    def of_legs(self, table: str, key: str) -> NDArray[np.float64]:
+        """A number of every leg, (n_legs,)."""
+        return np.array([getattr(getattr(leg, table), key) for leg in self.legs])
 
     @model_validator(mode="after")
     def _legs_are_there(self) -> Machine:

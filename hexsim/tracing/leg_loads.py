@@ -20,7 +20,7 @@ def oil_forces(log: Log, machine: Machine) -> Array | None:
     top = log.signal("pressure_top") if machine.cylinder.rod_side == "valve" else log.supply
     if log.pressure is None or top is None:
         return None
-    bottom, rod = (np.array(machine.of_legs("cylinder", key))[:, None] for key in ("area_bottom_m2", "area_top_m2"))
+    bottom, rod = (machine.of_legs("cylinder", key)[:, None] for key in ("area_bottom_m2", "area_top_m2"))
     return log.pressure * bottom - top * rod
 
 

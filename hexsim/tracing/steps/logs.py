@@ -42,8 +42,8 @@ def read_runs(folder: Path, names: Sequence[str], machine: Machine) -> tuple[lis
 
 def feedback_of(machine: Machine, logs: Sequence[Log], noise: dict[str, float]) -> int:
     """0 when the logged volts are those of the declared position loop, 1 when another controller was at work."""
-    K = np.array(machine.of_legs("controller", "gain_V_per_m"))[:, None]
-    limit = np.array(machine.of_legs("valve", "voltage_max_V"))[:, None]
+    K = machine.of_legs("controller", "gain_V_per_m")[:, None]
+    limit = machine.of_legs("valve", "voltage_max_V")[:, None]
     for log in logs:
         if log.setpoint is None:
             return 1
