@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from hexsim.declaration.actuator import Cylinder, Friction
 from hexsim.declaration.controller import Controller
@@ -16,12 +16,13 @@ from hexsim.declaration.load import Load, Payload
 from hexsim.declaration.mechanics import declared_mechanics
 from hexsim.declaration.power_unit import PowerUnit
 from hexsim.declaration.section import Name, Section, between
-from hexsim.declaration.sensors import Sensors
+from hexsim.declaration.sensors import Place, Sensors
 from hexsim.declaration.supply import Oil, Supply
 from hexsim.declaration.valve import Valve
 from hexsim.mechanics.mechanics import Mechanics
 
 EffectTable = dict[str, Any]
+PointName = Annotated[str, StringConstraints(pattern="^[a-z][a-z0-9_]{0,39}$")]
 LENGTHS = ("base_joints_m", "platform_joints_m", "leg_zero_offsets_m")  # of [geometry]: uncertain by so many metres
 
 
@@ -52,6 +53,11 @@ class Machine(Section):
     geometry: AnyGeometry | None = None
     payload: tuple[Payload, ...] = Field(default=(), strict=False, description="bodies bolted to the platform")
     leg: tuple[LegTable, ...] = Field(default=(), strict=False, description="what single legs have otherwise")
+    points: dict[PointName, Annotated[Place, Field(strict=False)]] = Field(
+        default={},
+        strict=False,
+        description="places [x, y, z] in the platform's frame whose acceleration is of interest [m]",
+    )
     power_unit: PowerUnit | None = None
     extra_sensors: dict[str, dict[str, float]] = Field(
         default={}, description="sensors beside the standard ones, a table each: hexsim/signals/sensor.py"
@@ -112,6 +118,10 @@ class Machine(Section):
                 )
         elif self.load.moving_mass_kg is None:
             raise ValueError("a bench needs load.moving_mass_kg")
+        elif self.points or any(self.sensors.imu_position_m) or any(self.sensors.imu_orientation_deg):
+            raise ValueError(
+                "[points] and the place of an IMU are on a hexapod's platform: a bench moves along its leg alone"
+            )
         elif self.payload:
             raise ValueError("[[payload]] is bolted to a hexapod's platform: count it with load.moving_mass_kg")
         return self

@@ -11,6 +11,7 @@ from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, supply
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.supply import POWER_UNIT, S
+from hexsim.mechanics.mechanics import Mechanics
 from hexsim.plant.callbacks import leg_state, supply_pressure, supply_state
 from hexsim.plant.plant import Plant
 
@@ -43,6 +44,14 @@ class PlatformSignals:
     twist: Array
     acceleration: Array
     angular_acceleration: Array
+
+    @property
+    def is_platform(self) -> bool:
+        return self.angular_acceleration.shape[1] == 3
+
+    def omega(self, kinematics: Mechanics) -> Array:
+        """Angular velocity (m, 3) along the platform's axes."""
+        return kinematics.to_platform_frame(self.pose, self.twist)[:, 3:]
 
 
 @compiled
