@@ -33,10 +33,11 @@ class Sample:
     setpoint_m: float  # demanded piston position, 0 at full retraction
     preview_m: np.ndarray  # (n,) setpoints of this tick and the next n - 1 ticks, n = 1 + round(preview_s * rate)
     position_m: float  # measured, with noise and quantisation
-    control_V: float  # output of the position loop at this tick, Kp (setpoint - position)
+    control_V: float  # output of the controller at this tick, Kp (setpoint - position) and what else it has
     valve_V: float  # total sent to the valve at the previous tick, after saturation
     pressure_bottom_Pa: float  # measured, P1 of the report
     pressure_supply_Pa: float  # measured, Ps
+    feed_forward_V: float = 0.0  # part of control_V that the controller feeds forward from the setpoint
 
     def __post_init__(self) -> None:
         floats = (
@@ -69,6 +70,7 @@ class Context:
     position_noise_m: float = 3.0e-6
     position_resolution_m: float = 3.0e-6
     pressure_noise_Pa: float = 4.0e3
+    controller_feeds_forward: bool = False  # the plain controller follows the setpoint without the lag of its gain
     period_s: float | None = None
 
     def __post_init__(self) -> None:

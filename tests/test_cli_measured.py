@@ -153,3 +153,26 @@ def test_qualify_prints_what_was_judged(monkeypatch, tmp_path):
     assert "NOT passed" in shown and "turn-around heave z deviation 0.836 0.490 m/s² fail" in shown
     assert "1 more figures without a limit" in shown
     assert (tmp_path / "q" / "qualify.json").exists()
+
+
+def test_trace_lists_the_library_with_signatures():
+    """Every effect of the library has a signature, a check and a way to mend it; the table has no others."""
+    from hexsim.hydraulics.advice import advice
+    from hexsim.hydraulics.effects import library
+
+    assert set(advice()) == set(library())
+    assert all(said.signature and said.check and said.mend for said in advice().values())
+    shown = CliRunner().invoke(app, ["trace", "--list", "--json"])
+    assert shown.exit_code == 0
+    assert {row["name"] for row in json.loads(shown.stdout)} == set(library())
+
+
+def test_trace_explains_an_effect_with_a_picture(tmp_path):
+    """Coulomb friction: its texts, a step over the velocity in the force balance drawn in characters, and a figure."""
+    shown = CliRunner().invoke(app, ["trace", "--explain", "coulomb_friction_change", "--out", str(tmp_path)])
+    assert shown.exit_code == 0, shown.output
+    for words in ("Coulomb friction differs", "force balance of leg 1", "velocity", "check", "mend"):
+        assert words in shown.output
+    assert (tmp_path / "coulomb_friction_change.png").stat().st_size > 10_000
+    wrong = CliRunner().invoke(app, ["trace", "--explain", "gremlins"])
+    assert wrong.exit_code != 0

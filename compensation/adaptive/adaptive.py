@@ -108,15 +108,16 @@ class Adaptive(Compensator):
         s.lead_taps[:] = lead(lag_s, tick_s, self.lead_smoothing, delay_s, shift)
         s.crossing_taps[:] = crossing_lead(lag_s, tick_s, delay_s, shift)
         s.crossing_path[:] = crossing_path(lag_s, tick_s, delay_s, shift)
+        late_s = min(round_lag(float(s.lateness.late_s)), delay_s)  # of the position; pressure is not late
         s.damping_taps[: self.damping_count] = damping_filter(
-            lag_s, tick_s, self.damping_low_Hz, self.damping_high_Hz, self.damping_count, delay_s
+            lag_s - late_s, tick_s, self.damping_low_Hz, self.damping_high_Hz, self.damping_count, delay_s - late_s
         )
         s.design_wanted = False
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
         volts, state.told = tick(
             state.states, prediction_table(), sample.preview_m, sample.setpoint_m, sample.position_m, sample.control_V,
-            sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_supply_Pa, self.extra(state, sample),
+            sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_supply_Pa, self.extra(state, sample) - sample.feed_forward_V,
         )  # fmt: skip
         if state.told & DESIGN_WANTED:
             self._design(state)

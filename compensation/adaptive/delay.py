@@ -19,7 +19,7 @@ import numpy as np
 
 from ..compensator import Parameters
 from ..compiled import compiled
-from .arithmetic import clip, push
+from .arithmetic import clip, dot, push
 from .layout import AFTER, BEFORE, LATE_TICKS, PAST_VOLTS, SPOOLS, Record
 from .spool import SPOOL_DAMPING
 
@@ -33,6 +33,8 @@ ERRORS, ERRORS_FIRST = 0.2, 1.3  # standard deviations added to the delay at las
 MODEL_SUM = 0.3  # of a reversal, which errors of the rest of the model may make
 MAX_SUM = 40.0  # that one reversal may add
 
+SOFTNESS_MEMORY, SOFTNESS_REVERSALS, SOFTNESS_ERRORS = 0.95, 4, 1.0  # a reversal; before it is used; taken off
+MAX_SOFTNESS_M_PA = 1e-10
 LATE_SHARE = 0.3  # of its correction that lateness takes at a reversal
 
 
@@ -45,13 +47,14 @@ NUISANCE = _nuisance()  # Q (BEFORE + AFTER + 1, 3)
 
 
 @compiled
-def add_to_delay(delay, z_m, volts_V, flow_m_s, roots, valve, compensated):
+def add_to_delay(delay, z_m, pressure_Pa, volts_V, flow_m_s, roots, valve, compensated):
     """One tick: oil displacement now, volts of the tick past, demanded flow now. True when a reversal was judged.
 
     compensated: whether the reversal that lies AFTER ticks back, if one does, was.
     """
     _append(delay.volts_V, volts_V)
     _append(delay.oil_m, z_m)
+    _append(delay.pressures_Pa, pressure_Pa)
     if flow_m_s * delay.direction < 0.0:
         delay.ticks = 0
     if flow_m_s != 0.0:
@@ -100,7 +103,8 @@ def _prepare(delay, roots, valve):
     for i in range(len(volts)):
         volts[i] = delay.volts_V[i]
     for i in range(len(delay.oil_m)):
-        delay.task_oil_m[i] = delay.oil_m[i]
+        delay.task_oil_m[i], delay.task_pressures_Pa[i] = delay.oil_m[i], delay.pressures_Pa[i]
+    _without_nuisance(delay.task_pressures_Pa)
     if valve.with_backlash:
         half, follower = valve.edges[1 if volts[-1] > 0.0 else 0].backlash_V, volts[0]
         for i in range(len(volts)):
@@ -147,20 +151,36 @@ def _modelled_oil(delay, spool_s):
 
 
 @compiled
+def softness_m_Pa(delay):
+    """Compliance of the oil beyond the data sheet's: oil that is missing at reversals over the pressure that steps
+    there, less a standard error."""
+    if delay.reversals < SOFTNESS_REVERSALS or delay.pressure_square <= 0.0:
+        return 0.0
+    error = SOFTNESS_ERRORS * NOISE_M / math.sqrt(delay.pressure_square)
+    return clip(delay.pressure_product / delay.pressure_square - error, 0.0, MAX_SOFTNESS_M_PA)
+
+
+@compiled
+def _without_nuisance(history):
+    """Takes off what a constant, a slope and a kink explain."""
+    for column in range(NUISANCE.shape[1]):
+        share = 0.0
+        for k in range(len(history)):
+            share += NUISANCE[k, column] * history[k]
+        for k in range(len(history)):
+            history[k] -= NUISANCE[k, column] * share
+
+
+@compiled
 def _compare(delay):
     """The next spool of the bank against the reversal; True after the last."""
     error = delay.error_m
     _modelled_oil(delay, min(SPOOL_LAGS_S[delay.tested], delay.lag_s))
-    for column in range(NUISANCE.shape[1]):
-        share = 0.0
-        for k in range(len(error)):
-            share += NUISANCE[k, column] * error[k]
-        for k in range(len(error)):
-            error[k] -= NUISANCE[k, column] * share
-    square = 0.0
-    for k in range(len(error)):
-        square += error[k] * error[k]
+    _without_nuisance(error)
+    square = dot(error, error, len(error))
     delay.found[delay.tested] = square / NOISE_M**2
+    if delay.tested == 0 or square < delay.least_m2:
+        delay.least_m2, delay.best_product = square, dot(error, delay.task_pressures_Pa, len(error))
     delay.tested += 1
     if delay.tested < SPOOLS:
         return False
@@ -169,6 +189,9 @@ def _compare(delay):
     for i in range(SPOOLS):
         delay.sums[i] = MEMORY * delay.sums[i] + clip((delay.found[i] - least) / scale - MODEL_SUM, 0.0, MAX_SUM)
     delay.reversals, delay.tested = delay.reversals + 1, -1
+    pressures = delay.task_pressures_Pa
+    delay.pressure_square = SOFTNESS_MEMORY * delay.pressure_square + dot(pressures, pressures, len(pressures))
+    delay.pressure_product = SOFTNESS_MEMORY * delay.pressure_product - delay.best_product
     return True
 
 

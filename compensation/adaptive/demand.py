@@ -6,12 +6,13 @@ from ..compiled import compiled
 
 
 @compiled
-def append_demand(demands, pressure, share, acceleration, position, oil, velocity):
+def append_demand(demands, pressure, share, acceleration, position, oil, velocity, sign, step):
     """The demand for the boundary looked at now goes to the end of the queue."""
     n = demands.count
     demands.pressure_Pa[n], demands.stribeck_share[n] = pressure, share
     demands.acceleration_m_s2[n], demands.position_m[n] = acceleration, position
     demands.oil_m[n], demands.velocity_m_s[n] = oil, velocity
+    demands.sign[n], demands.step_Pa[n] = sign, step
     demands.count = n + 1
 
 
@@ -23,7 +24,8 @@ def drop_demand(demands):
         demands.pressure_Pa[i], demands.stribeck_share[i] = demands.pressure_Pa[i + 1], demands.stribeck_share[i + 1]
         demands.acceleration_m_s2[i] = demands.acceleration_m_s2[i + 1]
         demands.position_m[i], demands.oil_m[i] = demands.position_m[i + 1], demands.oil_m[i + 1]
-        demands.velocity_m_s[i] = demands.velocity_m_s[i + 1]
+        demands.velocity_m_s[i], demands.sign[i] = demands.velocity_m_s[i + 1], demands.sign[i + 1]
+        demands.step_Pa[i] = demands.step_Pa[i + 1]
 
 
 @compiled
@@ -34,7 +36,7 @@ def stretch_demands(state, shift):
         n = d.count - 1
         append_demand(
             d, d.pressure_Pa[n], d.stribeck_share[n], d.acceleration_m_s2[n], d.position_m[n], d.oil_m[n],
-            d.velocity_m_s[n],
+            d.velocity_m_s[n], d.sign[n], d.step_Pa[n],
         )  # fmt: skip
         state.shift += 1
     if state.shift > shift:

@@ -10,7 +10,7 @@ feed-forward in the reference (reference.py). Phases and transitions:
 | COMPENSATED | ramp = 1 and excited | 1 | up to 1 in `feed_forward_s` |
 | FEED_FORWARD_OUT | ramp = 1 and no longer excited | 1 | down to 0 in `disengage_s` |
 | DISENGAGING | g = 0, after a reversal or at rest | down, within a half stroke | 0 |
-| TRIPPED | valve no longer identified, or lockout by the monitor | down in `engage_s` / 4 | held, 0 at the end |
+| TRIPPED | valve no longer identified, between two reversals; or lockout by the monitor | down in `engage_s` / 4 | held, 0 at the end |
 
 On entry to ENGAGING the reference joins the piston, so that the volts begin without a step. ENGAGING and DISENGAGING
 change into each other while the ramp moves, as the excitation comes and goes.
@@ -46,6 +46,7 @@ ENABLE_RATIO = 1.3  # enable/disable hysteresis ratio of the excitation
 MAX_CLOSED_SHARE = 0.25  # of a half stroke; with more, plain control's motion is not the reference's
 LOCKOUT_S, LOCKOUT_RATIO = 4.0, 4.0  # after the first trip, and how many times longer after each further one
 REVERSALS_TO_FORGIVE = 20  # good ones, after which one trip is forgotten
+MAX_WAIT_S = 1.0  # for the middle of a half stroke, to leave a valve that is no longer identified
 MIN_OPEN_S = 0.08  # time the valve has been open under plain control before engaging
 TRIP_SPEED = 4.0  # of the ramp when tripped, over that of engaging
 
@@ -92,7 +93,9 @@ def update_engagement(state, setpoint_m_s2, position_m, control_V, behind_m):
 def _move_feed_forward(state, identified):
     """The share g, and the caution about the edges' rounding that goes with it."""
     engagement, reference, settings = state.engagement, state.reference, state.settings
-    if engagement.ramp == 0.0:
+    if settings.controller_feeds_forward != 0.0:  # plain control has no lag either
+        reference.feed_forward = 1.0
+    elif engagement.ramp == 0.0:
         reference.feed_forward = 0.0
     elif engagement.ramp == 1.0:
         coming = identified and engagement.excited
@@ -107,7 +110,9 @@ def _move_feed_forward(state, identified):
 def _next_phase(state, identified):
     """The table's second column."""
     engagement = state.engagement
-    if not identified or engagement.lockout_s > 0.0:
+    engagement.lost_ticks = 0 if identified else engagement.lost_ticks + 1
+    waited = engagement.between or engagement.lost_ticks * state.settings.tick_s > MAX_WAIT_S
+    if engagement.lockout_s > 0.0 or not (identified or (engagement.ramp == 1.0 and not waited)):
         return TRIPPED if engagement.ramp > 0.0 else PLAIN
     if engagement.ramp == 0.0:
         allowed = engagement.excited and engagement.friction_share == 1.0 and engagement.engage_window
@@ -117,7 +122,8 @@ def _next_phase(state, identified):
     if engagement.excited:
         return COMPENSATED
     at_rest = abs(engagement.acceleration_m_s2) < AT_REST_M_S2
-    may_leave = state.reference.feed_forward == 0.0 and (engagement.after_reversal or at_rest)
+    lags = state.reference.feed_forward == 0.0 or state.settings.controller_feeds_forward != 0.0
+    may_leave = lags and (engagement.after_reversal or at_rest)
     return DISENGAGING if may_leave else FEED_FORWARD_OUT
 
 
@@ -227,12 +233,13 @@ def _track_reversals(state, velocity_m_s):
     if velocity_m_s != 0.0:
         engagement.direction = velocity_m_s
     half, ticks = engagement.half_ticks, engagement.reversal_ticks - LEAD_TICKS - state.shift
-    engagement.after_reversal = engagement.engage_window = False
+    engagement.after_reversal = engagement.engage_window = engagement.between = False
     if half == 0 or ticks > 0.55 * half:
         return
     if ticks == 2 * half // 5:
         _judge_reversal(engagement, state.monitor, velocity_m_s > 0.0)
     engagement.engage_window = ticks >= 0.4 * half and engagement.open_ticks * settings.tick_s > MIN_OPEN_S
+    engagement.between = ticks >= half // 5
     if ticks == half // 5:
         engagement.after_reversal = True
         engagement.ramp_step = 1.0 / clip(0.4 * half, 10.0, settings.engage_s / settings.tick_s)

@@ -17,6 +17,7 @@ from ..compensator import Parameters
 from ..compiled import compiled
 from .arithmetic import clip
 from .layout import Record
+from .presliding import bristle
 from .recursive_least_squares import start_fit, update_fit
 from .stribeck import MIN_RATE
 
@@ -141,12 +142,13 @@ def stribeck_share(velocity_m_s):
 
 @compiled
 def demanded_pressure(reference, friction, weight, settings):
-    """P1 - Ps A2/A1 [Pa] that the reference needs, and the signed share of the Stribeck pressure in it.
+    """P1 - Ps A2/A1 [Pa] that the reference needs, its step at a reversal, the signed share of the Stribeck pressure
+    in it, and the sign that friction goes to.
 
     weight: of friction. Its step at a reversal is spread as the settings say.
     """
     if weight == 0.0:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0
     v, a = reference.velocity_m_s, reference.acceleration_m_s2
     sign = 1.0 if v > 0.0 else -1.0
     if abs(v) < abs(a) * settings.step_max_s + settings.presliding_m_s:
@@ -154,6 +156,8 @@ def demanded_pressure(reference, friction, weight, settings):
         x = v / (abs(a) * width_s + settings.presliding_m_s)
         if -1.0 < x < 1.0:
             sign = x * (2.0 - abs(x))
-    share = sign * stribeck_share(v)
-    step = sign * friction.half_step_Pa + share * friction.stribeck.pressure_Pa
-    return weight * (smooth_pressure_Pa(friction, reference.position_m, v, a) + step), share
+    p = friction.presliding
+    p.bristle = bristle(p.bristle, sign, abs(v) * settings.tick_s, p.length_m)
+    share = p.bristle * stribeck_share(v)
+    step = p.bristle * friction.half_step_Pa + share * friction.stribeck.pressure_Pa
+    return weight * (smooth_pressure_Pa(friction, reference.position_m, v, a) + step), step, share, sign

@@ -27,6 +27,7 @@ BEFORE, AFTER, PAST_VOLTS = 14, 16, 12  # ticks about a reversal that are compar
 TRIM_TICKS = 8  # on either side of a compensated reversal
 LATE_TICKS = 9  # by which a position may be late, and two
 REACH = 16  # ticks on either side of a reversal in which Stribeck friction is looked for
+LENGTHS = 12  # of bristles, of the bank
 BLOCK, APART = 5, 20  # ticks of the performance monitor
 PREDICTORS = 10
 PAST_SETPOINTS = 97
@@ -74,8 +75,16 @@ STRIBECK = _record(  # stribeck.py
     ticks="i8",  # since the velocity changed sign
     deviation_Pa=("f8", (2 * REACH + 1,)), position_error_m=("f8", (2 * REACH + 1,)), share=("f8", (2 * REACH + 1,)),
 )  # fmt: skip
+PRESLIDING = _record(  # presliding.py
+    length_m="f8",  # L
+    bristle="f8",  # s of the reference
+    sign=("f8", (2 * REACH + 1,)), travel_m=("f8", (2 * REACH + 1,)), share=("f8", (2 * REACH + 1,)),
+    step_Pa=("f8", (2 * REACH + 1,)),
+    squares=("f8", (LENGTHS,)), products=("f8", (LENGTHS,)), shapes=("f8", (LENGTHS,)), weight="f8",
+    missing=("f8", (6,)), shape=("f8", (6,)), left=("f8", (LENGTHS,)),  # work
+)  # fmt: skip
 FRICTION = _record(  # friction.py
-    fit=FIT, stribeck=STRIBECK, tick_s="f8", stroke_m="f8", window="i8", min_speed_m_s="f8", position_weight="f8",
+    fit=FIT, stribeck=STRIBECK, presliding=PRESLIDING, tick_s="f8", stroke_m="f8", window="i8", min_speed_m_s="f8", position_weight="f8",
     count="i8", start_m="f8", sum_load="f8", sum_a="f8",
     windows=("i8", (2,)),  # retracting, extending
     half_step_Pa="f8", phi=("f8", (FIT_SIZE,)),
@@ -130,6 +139,8 @@ DELAY = _record(  # delay.py
     tested="i8",  # spools compared with the reversal in hand; -1 = none is
     task_volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), task_oil_m=("f8", (BEFORE + AFTER + 1,)),
     gains_m_s_V=("f8", (2,)), dead_bands_V=("f8", (2,)), lag_s="f8", found=("f8", (SPOOLS,)),
+    pressures_Pa=("f8", (BEFORE + AFTER + 1,)), task_pressures_Pa=("f8", (BEFORE + AFTER + 1,)),  # oldest first
+    least_m2="f8", best_product="f8", pressure_square="f8", pressure_product="f8",  # of pressure and oil that is missing
     error_m=("f8", (BEFORE + AFTER + 1,)), pulse=("f8", (5 * (PAST_VOLTS + 2),)),  # work
 )  # fmt: skip
 LATENESS = _record(  # delay.py
@@ -144,7 +155,7 @@ MONITOR = _record(  # monitor.py
     positions_m=("f8", (3 * BLOCK,)), sums_m=("f8", (3,)), accelerations_m_s2=("f8", (2 * APART + 1,)),
     count="i8",  # ticks, until the filter is filled
     low_m_s2="f8", high_m_s2="f8",
-    baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,)),  # retracting after it first, then extending
+    baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,)), excess_m_s2=("f8", (2,)),  # retracting after it first, then extending
 )  # fmt: skip
 ENGAGEMENT = _record(  # engagement.py
     phase="i8",
@@ -158,6 +169,8 @@ ENGAGEMENT = _record(  # engagement.py
     reversal_ticks="i8",  # since its last reversal
     half_ticks="i8",  # between the last two: the half stroke
     after_reversal="i8",  # a fifth into a half stroke: a reversal can be judged, disengaging may begin
+    between="i8",  # from there to the middle of it: far from either reversal
+    lost_ticks="i8",  # for which the valve has not been identified
     engage_window="i8",  # two fifths into it, the valve having been open for long enough
     open_ticks="i8",  # for which plain control has held the valve open
     closed_ticks="i8",  # for which the overlap closed it, at the last reversal
@@ -185,13 +198,13 @@ DEMAND = _record(  # demand.py: of the tick boundaries to come, the nearest firs
     count="i8", pressure_Pa=("f8", (DEMANDS,)),  # P1 - Ps A2/A1
     stribeck_share=("f8", (DEMANDS,)),  # of the Stribeck pressure in it, signed
     acceleration_m_s2=("f8", (DEMANDS,)), position_m=("f8", (DEMANDS,)), oil_m=("f8", (DEMANDS,)),
-    velocity_m_s=("f8", (DEMANDS,)),
+    velocity_m_s=("f8", (DEMANDS,)), sign=("f8", (DEMANDS,)), step_Pa=("f8", (DEMANDS,)),  # of friction
 )  # fmt: skip
 SETTINGS = _record(  # configuration (`Adaptive`) and data sheet (`Context`)
     tick_s="f8", position_gain_V_per_m="f8", voltage_max_V="f8", stroke_m="f8", area_ratio="f8",
     pipeline_length_m="f8", bulk_modulus_Pa="f8", tank_pressure_Pa="f8", reference_drop_Pa="f8", jerk_m_s3="f8",
     step_min_s="f8", step_max_s="f8", presliding_m_s="f8", damping_1_s="f8", damping_count="i8",
-    damping_high_Hz="f8", damping_max_V="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8",
+    controller_feeds_forward="f8", damping_high_Hz="f8", damping_max_V="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8",
     max_stability_limit_m_s2="f8", min_excitation_m_s2="f8", learn="i8",
 )  # fmt: skip
 STATE = _record(

@@ -6,7 +6,8 @@ Acceleration from positions, over blocks of BLOCK ticks, high-passed over APART 
 
 m_i are means of successive blocks. h passes about 3 to 40 Hz, so that it hardly holds the motion itself. Its range
 over a reversal is the bump. The baseline is plain control's last bump of either direction, with the acceleration asked
-for at that reversal. A compensated bump beyond it by more than noise is worse, whatever its cause. Of two unlike
+for at that reversal. What compensated bumps exceed it by is
+summed over the reversals (CUSUM): one that is much worse, or several that are a little, end compensation. Of two unlike
 reversals, the one with more acceleration may have the larger bump, and more is allowed.
 """
 
@@ -21,7 +22,7 @@ from .layout import APART, BLOCK, Record
 FIRST, SECOND, THIRD = BLOCK - 1, 2 * BLOCK - 1, 3 * BLOCK - 1  # oldest position of each block
 FILLED = 3 * BLOCK + 2 * APART  # ticks until the filter is filled
 RATIO_ALIKE, RATIO_UNLIKE = 1.05, 1.5  # allowed bump over the baseline, at a reversal like the baseline's or unlike it
-STANDARD_ERRORS = 3.0  # of h, allowed beyond
+STANDARD_ERRORS, DRIFT_ERRORS = 2.5, 0.5  # of h: of the excess of several reversals; and allowed at each of them
 ALIKE = 0.05  # relative difference in acceleration up to which reversals are alike
 BASELINE_SHARE = 0.5  # low-pass of the baseline, a reversal
 
@@ -70,8 +71,13 @@ def worse_than_baseline(monitor, extending, reversal_m_s2, ramp):
         monitor.reversal_m_s2[i] = reversal_m_s2
         return False
     unlike = RATIO_UNLIKE * baseline * max(1.0, reversal_m_s2 / max(reversal, 1e-9))
-    allowed = RATIO_ALIKE * baseline if alike else unlike
-    return baseline > 0.0 and bump > allowed + STANDARD_ERRORS * bump_noise_m_s2(monitor)
+    noise = bump_noise_m_s2(monitor)
+    over = bump - (RATIO_ALIKE * baseline if alike else unlike) - DRIFT_ERRORS * noise
+    monitor.excess_m_s2[i] = max(0.0, monitor.excess_m_s2[i] + over)
+    if baseline == 0.0 or monitor.excess_m_s2[i] <= STANDARD_ERRORS * noise:
+        return False
+    monitor.excess_m_s2[0] = monitor.excess_m_s2[1] = 0.0
+    return True
 
 
 @compiled

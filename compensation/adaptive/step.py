@@ -22,16 +22,17 @@ from math import sqrt
 
 from ..compiled import compiled
 from .arithmetic import clip, dot, push
-from .delay import add_to_delay, add_to_lateness, due_pressure_Pa, found_delay_s, pressure_then_Pa
+from .delay import add_to_delay, add_to_lateness, due_pressure_Pa, found_delay_s, pressure_then_Pa, softness_m_Pa
 from .demand import append_demand, drop_demand, stretch_demands
 from .edge_rounding import add_to_rounding, add_to_trim, lower_bound_V
 from .engagement import update_engagement, weight
 from .feedback import backlash_inverse, damping
-from .friction import add_to_friction, demanded_pressure
+from .friction import add_to_friction, demanded_pressure, inertia_Pa, stribeck_share
 from .inverse import advance_inverse
 from .layout import LEAD_TAPS, PREVIEW_TICKS
 from .leak import start_leak, tell_leak
 from .prediction import predict, watch_setpoint
+from .presliding import add_to_presliding, update_presliding
 from .reference import advance_reference
 from .spool import look_ahead_shift, round_lag
 from .stribeck import add_to_stribeck, update_stribeck
@@ -77,12 +78,13 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
     advance_reference(reference, behind, here, ahead)
 
     compliance = compliance_m_Pa(settings, reference.position_m)
-    pressure, share = demanded_pressure(reference, state.friction, state.engagement.friction_share, settings)
+    friction_share = state.engagement.friction_share
+    pressure, friction_step, share, sign = demanded_pressure(reference, state.friction, friction_share, settings)
     oil, a, v = reference.position_m + compliance * pressure, reference.acceleration_m_s2, reference.velocity_m_s
-    append_demand(demands, pressure, share, a, reference.position_m, oil, v)
+    append_demand(demands, pressure, share, a, reference.position_m, oil, v, sign, friction_step)
     now = (
         demands.pressure_Pa[0], demands.stribeck_share[0], demands.acceleration_m_s2[0], demands.position_m[0],
-        demands.oil_m[0], demands.velocity_m_s[0],
+        demands.oil_m[0], demands.velocity_m_s[0], demands.sign[0], demands.step_Pa[0],
     )  # fmt: skip
     drop_demand(demands)
     lag = setpoint_m - now[3]
@@ -93,6 +95,7 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
 
     bottom = pressure + state.mean_deviation_Pa + state.supply_Pa * settings.area_ratio
     roots = _roots(settings, state.supply_Pa, bottom)
+    oil += softness_m_Pa(state.delay) * friction_share * friction_step
     flow, dead_band = advance_inverse(
         state.inverse, oil, roots, state.valve, state.trim, state.crossing_path, state.valve.leak_m_s
     )
@@ -125,7 +128,7 @@ def _track_plain_control(state, bottom, supply):
     if state.mean_bottom_Pa == 0.0:
         state.mean_bottom_Pa, state.supply_Pa, state.mean_supply_Pa = bottom, supply, supply
     state.supply_Pa += SUPPLY_SHARE * (supply - state.supply_Pa)
-    if reference.feed_forward == 1.0:
+    if reference.feed_forward == 1.0 and settings.controller_feeds_forward == 0.0:
         return
     share = settings.tick_s / PRESSURE_MEAN_S
     state.mean_bottom_Pa += share * (bottom - state.mean_bottom_Pa)
@@ -151,7 +154,7 @@ def _roots(settings, supply_Pa, bottom_Pa):
 def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     """One tick of valve, edge rounding, delay and friction. now: the demand for this tick."""
     settings, v, valve = state.settings, valve_V - state.valve.null_V, state.valve
-    _, stribeck_share, acceleration_m_s2, reference_m, oil_m, velocity_m_s = now
+    _, share, acceleration_m_s2, reference_m, oil_m, velocity_m_s, sign, friction_step = now
     compensated, engaged = state.engagement.ramp == 1.0, state.engagement.ramp > 0.0
     root = _roots(settings, supply_Pa, 0.5 * (p + state.last_bottom_Pa))[1 if v > 0 else 0]
     state.last_bottom_Pa = p
@@ -166,7 +169,7 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     deviation = state.deviation_Pa[0] - state.mean_deviation_Pa
     add_to_lateness(state.lateness, deviation, compensated and state.engagement.after_reversal != 0, state.lag_s)
     roots = _roots(settings, supply_Pa, p)
-    judged = add_to_delay(state.delay, z, v, velocity_m_s - valve.leak_m_s, roots, valve, compensated)
+    judged = add_to_delay(state.delay, z, p_late, v, velocity_m_s - valve.leak_m_s, roots, valve, compensated)
     if judged and abs(found_delay_s(state.delay, state.lag_s) - state.delay_s) > DELAY_TOLERANCE_S:
         want_design(state, state.lag_s)
     if compensated:
@@ -183,9 +186,16 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
             stretch_demands(state, look_ahead_shift(valve.lag_s, settings.tick_s))
         want_design(state, round_lag(valve.lag_s))
     friction, late = state.friction, position_m - reference_m
-    complete = add_to_stribeck(friction.stribeck, velocity_m_s, state.deviation_Pa[0], late, stribeck_share)
+    stribeck, presliding, inertia = friction.stribeck, friction.presliding, inertia_Pa(friction)
+    complete = add_to_stribeck(stribeck, velocity_m_s, state.deviation_Pa[0], late, share)
+    travel_m = abs(velocity_m_s) * settings.tick_s
+    add_to_presliding(presliding, sign, travel_m, stribeck_share(velocity_m_s), friction_step)
     if complete and compensated:
-        update_stribeck(friction.stribeck, 1e6 * friction.fit.theta[1], 2.0 * friction.half_step_Pa)
+        update_presliding(
+            presliding, stribeck.deviation_Pa, stribeck.position_error_m, inertia, friction.half_step_Pa,
+            settings.tick_s,
+        )  # fmt: skip
+        update_stribeck(stribeck, inertia, 2.0 * friction.half_step_Pa)
 
 
 @compiled

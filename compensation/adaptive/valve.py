@@ -42,7 +42,7 @@ from .valve_edge import (
     update_edge,
 )
 
-MAX_LAG_OIL_M = 20e-6  # oil at a crossing of the overlap by which the lags of both edges may differ: one spool, one lag
+MAX_LAG_OIL_M = 15e-6  # oil at a crossing of the overlap by which the lags of both edges may differ: one spool, one lag
 NULL_TOLERANCE_V = 5e-3  # by which the null may be off the middle of the edges
 NULL_ALPHA, NULL_BETA = 0.08, 0.003  # with which the null and its rate follow, a window
 NULL_ERROR_V, NULL_RATE_V_S, NULL_TICKS = 5e-3, 0.03, 100  # bounds: an error, the rate, ticks between windows

@@ -4,7 +4,22 @@ from __future__ import annotations
 
 import typer
 
-from hexsim.cli import compare, export, identify, lists, live, qualify, run, schema, serve, sweep, trace, valve, view
+from hexsim.cli import (
+    compare,
+    export,
+    identify,
+    lists,
+    live,
+    qualify,
+    run,
+    schema,
+    serve,
+    sweep,
+    trace,
+    tune_loop,
+    valve,
+    view,
+)
 from hexsim.cli.errors import SentenceGroup
 
 app = typer.Typer(
@@ -16,7 +31,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (run, compare, view, live, trace, qualify, valve, identify, sweep, serve, export, lists, schema):
+for command in (
+    run,
+    compare,
+    view,
+    live,
+    trace,
+    qualify,
+    valve,
+    tune_loop,
+    identify,
+    sweep,
+    serve,
+    export,
+    lists,
+    schema,
+):
     command.register(app)
 
 

@@ -6,13 +6,14 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
+    from rich.table import Table
 
 
 def output() -> Console:
@@ -89,3 +90,17 @@ def terminated_like_interrupted() -> Iterator[Callable[[], None]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def text_table(
+    title: str, header: tuple[str, ...], rows: list[tuple[str, ...]], last: Literal["left", "right"] = "right"
+) -> Table:
+    """A table of a report: the first two columns begin at the left, the others end at the right, or as `last`."""
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
+    for index, name in enumerate(header):
+        table.add_column(name, justify="left" if index < 2 else last)
+    for row in rows:
+        table.add_row(*row)
+    return table

@@ -13,6 +13,7 @@ from hexsim.cli.console import fraction_of, output, print_json, progress, termin
 
 def register(app: typer.Typer) -> None:
     app.command("qualify")(qualify)
+    app.command("measure")(measure)
 
 
 def qualify(
@@ -43,6 +44,58 @@ def qualify(
         print_qualification(result, place)
 
 
+def measure(
+    log: Annotated[Path, typer.Argument(help="Log of one run: CSV, Parquet, MAT, MDF, MCAP, ROS 2 bag.")],
+    machine: options.MachineName = None,
+    mapping: Annotated[Path | None, typer.Option(help="Mapping file for foreign names and units.")] = None,
+    imu_offset: Annotated[
+        str, typer.Option(help="Place of the accelerometers from the platform's origin (m).")
+    ] = "0,0,0",
+    imu_turn: Annotated[str, typer.Option(help="Roll, pitch and yaw of their axes (deg).")] = "0,0,0",
+    imu_gravity: Annotated[bool, typer.Option("--imu-gravity", help="They measure gravity too.")] = False,
+    imu_bandwidth: Annotated[float | None, typer.Option(min=1.0, help="Their bandwidth (Hz).")] = None,
+    sensors: Annotated[bool, typer.Option("--sensors", help="Judge a simulated log by its sensors.")] = False,
+    out: options.Out = None,
+    settings: options.Set = None,
+    json: options.Json = False,
+) -> None:
+    """The figures of `qualify` from a log: noise, turn-around, leg balance, perception, describing function."""
+    import math
+
+    from hexsim.files.run_folder import default_folder, run_folder
+    from hexsim.qualify import Imu
+    from hexsim.qualify import measure as run
+    from hexsim.readers import read_log
+
+    record = read_log(log, mapping)
+    kind = {"bench": "bench", "hexapod": "micro_motion_system"}.get(record.kind, "bench")
+    with_machine, _ = options.prepare("heave", options.Motion(machine=machine or kind), settings)
+    imu = Imu(
+        offset_m=_three(imu_offset, "--imu-offset"), turn_deg=_three(imu_turn, "--imu-turn"), has_gravity=imu_gravity,
+        bandwidth_Hz=imu_bandwidth or math.inf,
+    )  # fmt: skip
+    with run_folder(out or default_folder(f"measure-{record.name}")) as folder, terminated_like_interrupted():
+        result = run(record, with_machine, folder.path, imu if sensors or imu != Imu() else None)
+        place = folder.finish()
+    if json:
+        print_json(result)
+    else:
+        print_qualification(result, place)
+        for note in result["notes"]:
+            typer.echo(note)
+
+
+def _three(text: str, option: str) -> tuple[float, float, float]:
+    """Three numbers with commas between them."""
+    from hexsim.errors import HexsimError
+
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise HexsimError(f"{option} {text!r}: three numbers are needed, as 0,0,0.15") from None
+    return x, y, z
+
+
 def print_qualification(result: dict[str, Any], place: Path) -> None:
     """Every row that has a limit, then how many were reported without one."""
     from rich.table import Table
@@ -50,9 +103,8 @@ def print_qualification(result: dict[str, Any], place: Path) -> None:
     from hexsim.recording.summary_table import number
 
     console = output()
-    title = (
-        f"{result['machine']}, compensator {result['compensator']}: {'passed' if result['passed'] else 'NOT passed'}"
-    )
+    what = f"compensator {result['compensator']}" if "compensator" in result else f"log {result['log']}"
+    title = f"{result['machine']}, {what}: {'passed' if result['passed'] else 'NOT passed'}"
     table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
     for index, name in enumerate(("test", "axis", "figure", "value", "limit", "unit", "")):
         table.add_column(name, justify="right" if index in (3, 4) else "left")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexsim.cli import options
-from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted
+from hexsim.cli import explain_effects, options, own_machine
+from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted, text_table
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
@@ -25,7 +25,9 @@ def register(app: typer.Typer) -> None:
 
 
 def trace(
-    machine: Annotated[Path, typer.Argument(help="Folder with machine.toml and the machine's logs.")],
+    machine: Annotated[
+        Path | None, typer.Argument(help="Folder with machine.toml, or balances.toml, and the machine's logs.")
+    ] = None,
     fit: Annotated[
         list[str] | None, typer.Option(help="Log to fit on, name or path; repeat for more. Default fit.")
     ] = None,
@@ -40,12 +42,27 @@ def trace(
         typer.Option("--next", help="Scenario file to write: the motion that tells most about what stays open."),
     ] = None,
     recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write recordings for Rerun.")] = True,
+    explain: Annotated[
+        str | None, typer.Option(help="What an effect is, its signature, what to check and how to mend it; then end.")
+    ] = None,
+    list_effects: Annotated[
+        bool, typer.Option("--list", help="The library of effects with signatures; then end.")
+    ] = False,
     json: options.Json = False,
 ) -> None:
     """Hold measured logs against the declared machine and name the physical effect that it lacks, if it lacks one."""
     from hexsim.files.run_folder import default_folder, run_folder
     from hexsim.machine.files import find_machine_file
+    from hexsim.tracing.own.folder import is_own
 
+    if list_effects:
+        return explain_effects.print_library(json)
+    if explain is not None:
+        return explain_effects.print_explanation(explain, out, json)
+    if machine is None:
+        raise HexsimError("trace needs the folder of a machine; --list shows the effects, --explain EFFECT one of them")
+    if is_own(machine):
+        return own_machine.trace_own_folder(machine, fit or [], validate or [], out, json)
     place = find_machine_file(machine)
     held_out = validate or ["validate"]
     with (
@@ -114,8 +131,11 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
         _errors(report),
     ):
         if rows:
-            console.print(_table(title, header, rows))
+            console.print(text_table(title, header, rows))
             console.print()
+    for effect in report.get("effects", []):
+        if effect.get("check_first"):
+            console.print(f"check    {effect['name'].replace('_', ' ')}: {effect['check_first']}")
     console.print(f"files    {place}")
 
 
@@ -132,17 +152,6 @@ def markdown(report: Mapping[str, Any]) -> str:
         for rest in unexplained_rows(report)
     ]
     return "\n".join(lines)
-
-
-def _table(title: str, header: tuple[str, ...], rows: list[tuple[str, ...]]):
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
-    for index, name in enumerate(header):
-        table.add_column(name, justify="left" if index < 2 else "right")
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 def _findings(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:

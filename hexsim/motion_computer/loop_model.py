@@ -159,6 +159,7 @@ class Loop:
     mass_kg: float
     extends: bool
     tick_s: float
+    extra_ticks: float  # delay of valve and transducer, beside the computer's
     plant: Matrices
     controller: Matrices
 
@@ -216,6 +217,7 @@ def loops(machine: Machine) -> list[Loop]:
                         mass_kg=float(mass),
                         extends=sign > 0,
                         tick_s=tick_s,
+                        extra_ticks=late / tick_s,
                         plant=sampled(plant, tick_s),
                         controller=reduced(controller_matrices(own, float(mass))),
                     )

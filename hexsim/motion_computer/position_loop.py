@@ -51,6 +51,7 @@ def compensator_context(machine: Machine, period_s: float | None, leg: int = 1) 
         position_noise_m=sensors.position_noise_m,
         position_resolution_m=sensors.position_resolution_m,
         pressure_noise_Pa=sensors.pressure_noise_Pa,
+        controller_feeds_forward=machine.controller.velocity_feed_forward_V_s_per_m > 0.0,
         period_s=period_s,
     )
 
@@ -132,6 +133,7 @@ class PositionLoop:
                     valve_V=float(self._commanded[i]),
                     pressure_bottom_Pa=float(pressures[i]),
                     pressure_supply_Pa=supply_Pa,
+                    feed_forward_V=float(self.feed_forward[i]),
                 )
                 added, self.states[i] = compensator.step(self.states[i], sample)
                 added *= self.compensation_share

@@ -1,7 +1,4 @@
-"""The battery of motion tests: plays them on a rig, measures, and judges by limits whose source is named.
-
-Sources: [S] read in a source, [K] commonly used and not confirmed from a source, none: reported without a limit.
-"""
+"""The battery of motion tests: plays them on a rig and measures."""
 
 from __future__ import annotations
 
@@ -13,50 +10,25 @@ from typing import Any
 from hexsim.errors import HexsimError
 from hexsim.qualify import measures
 from hexsim.qualify.rig import Motion, Rig
+from hexsim.qualify.rows import (
+    APPLICANT,
+    NO_LIMIT,
+    PART_60,
+    ROTATIONS,
+    Row,
+    g0,
+    half_hertz_curve,
+    half_hertz_rows,
+    leg_balance_row,
+    row_of,
+    turn_around_curve,
+    turn_around_row,
+)
 from hexsim.scenarios import Scenario
 from hexsim.setpoints.signals import Signal, Sine, Triangle
-from hexsim.smoothness import (
-    band_limit,
-    describing_function,
-    half_hertz_noise,
-    harmonic_deviation,
-    parasitic,
-    turn_around_check,
-)
-from hexsim.smoothness.summary import PERCEPTION_m_s2
+from hexsim.smoothness import band_limit, describing_function
 
-ROTATIONS = ("roll", "pitch", "yaw")
-NAMES = {"x": "surge x", "y": "sway y", "z": "heave z"}
-g0 = 9.81
 LEAST_GAIN = 3e-3  # below -50 dB the command stays in the dead band and has no phase
-
-# where each limit comes from
-PART_60 = "[S] 14 CFR Part 60, app. A: within +-0.05 g"
-APPLICANT = "[S] 14 CFR Part 60: tolerance is the applicant's; reported"
-BENSON = "[S] threshold of perception, Benson 1986 (3 s bell)"
-COMMON_TURN = "[K] commonly used: +-0.05 g, 150 mm p-p at 0.5 Hz"
-COMMON_BALANCE = "[K] commonly used: 1.5 deg"
-AGARD = "figure after AGARD-AR-144 (formulas [K]); reported"
-NO_LIMIT = "no limit known; reported"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Row:
-    """One line of the table. limit None: reported only, and passed is None."""
-
-    test: str
-    axis: str
-    figure: str
-    value: float | None
-    unit: str
-    limit: float | None = None
-    source: str = NO_LIMIT
-
-    @property
-    def passed(self) -> bool | None:
-        if self.limit is None or self.value is None:
-            return None
-        return abs(self.value) <= self.limit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,13 +103,8 @@ class Battery:
         duration = start + periods * period + 0.02
         return self._play(name, axis, Sine(amplitude=amplitude, frequency_Hz=frequency), fade, duration, seed), start
 
-    def _add(self, test: str, axis: str, figure: str, value: float | None, unit: str, limit: float | None = None,
-             source: str = NO_LIMIT) -> None:  # fmt: skip
-        self.found.rows.append(
-            Row(
-                test=test, axis=NAMES.get(axis, axis), figure=figure, value=value, unit=unit, limit=limit, source=source
-            )
-        )
+    def _add(self, *row: Any, source: str = NO_LIMIT) -> None:
+        self.found.rows.append(row_of(*row, source=source))
 
     # the tests
     def _axis(self, axis: str) -> None:
@@ -172,25 +139,8 @@ class Battery:
         self._add("describing function", axis, "phase passes -90 deg at", quarter, "Hz", source=APPLICANT)
 
     def _half_hertz(self, axis: str, motion: Motion, start: float) -> None:
-        unit = "rad/s²" if axis in ROTATIONS else "m/s²"
-        noise = half_hertz_noise(motion.time_s, motion.acceleration[axis], 0.5, start_s=start)
-        limit = PERCEPTION_m_s2.get(axis)
-        self._add("half-hertz noise", axis, "noise ratio r_n", noise.ratio_n, "1", source=AGARD)
-        self._add("half-hertz noise", axis, "low harmonics r_lf", noise.ratio_lf, "1", source=AGARD)
-        self._add("half-hertz noise", axis, "high harmonics r_hf", noise.ratio_hf, "1", source=AGARD)
-        self._add(
-            "half-hertz noise", axis, "peak, 50 Hz band", noise.peak_band, unit, limit, BENSON if limit else AGARD
-        )
-        like = [other for other in self.rig.axes if other != axis and (other in ROTATIONS) == (axis in ROTATIONS)]
-        side = {other: parasitic(motion.time_s, motion.acceleration[other], start_s=start).peak_band for other in like}
-        if side:
-            worst = max(side, key=side.__getitem__)
-            where = f"parasitic peak, in {NAMES.get(worst, worst)}"
-            self._add("half-hertz noise", axis, where, side[worst], unit, source=AGARD)
-        part = harmonic_deviation(motion.time_s, motion.acceleration[axis], 0.5, start_s=start)
-        self.found.curves.setdefault("half_hertz", {})[axis] = {
-            "time_s": part.time_s, "acceleration": part.harmonic + part.band, "deviation": part.band,
-        }  # fmt: skip
+        self.found.rows += half_hertz_rows(axis, motion, start)
+        self.found.curves.setdefault("half_hertz", {})[axis] = half_hertz_curve(axis, motion, start)
 
     def _linearity(self) -> None:
         gains = []
@@ -250,15 +200,8 @@ class Battery:
 
     def _turn_around(self) -> None:
         motion, start = self._sine("turn-around", "z", self.plan.turn_around_m, 0.5)
-        check = turn_around_check(motion.time_s, motion.acceleration["z"], 0.5, start_s=start)
-        self._add(
-            "turn-around", "z", "largest deviation, 50 Hz band", check.peak_m_s2, "m/s²", check.limit_m_s2, COMMON_TURN
-        )
-        part = harmonic_deviation(motion.time_s, motion.acceleration["z"], 0.5, start_s=start)
-        self.found.curves["turn_around"] = {
-            "time_s": part.time_s, "harmonic": part.harmonic, "acceleration": part.harmonic + part.band,
-            "limit": check.limit_m_s2,
-        }  # fmt: skip
+        self.found.rows.append(turn_around_row("z", motion, start))
+        self.found.curves["turn_around"] = turn_around_curve("z", motion, start)
 
     def _repeatability(self) -> None:
         """The half-hertz heave once more, with other sensor noise; and the legs' phases in the first one."""
@@ -266,9 +209,15 @@ class Battery:
         second, _ = self._sine("repeatability", "z", self.plan.half_hertz_m, 0.5, seed=1)
         largest = measures.repeatability(first.time_s, first.acceleration["z"], second.acceleration["z"], start)
         self._add(
-            "repeatability", "z", "largest difference of two runs, 50 Hz band", largest, "m/s²", 0.05 * g0, PART_60
+            "repeatability",
+            "z",
+            "largest difference of two runs, 50 Hz band",
+            largest,
+            "m/s²",
+            0.05 * g0,
+            source=PART_60,
         )
         if first.leg_positions.shape[1] > 1:
-            spread, phases = measures.leg_balance(first.time_s, first.leg_setpoints, first.leg_positions, 0.5, start)
-            self._add("leg balance", "z", "largest difference of phase", spread, "deg", 1.5, COMMON_BALANCE)
+            row, phases = leg_balance_row("z", first, start)
+            self.found.rows.append(row)
             self.found.curves["leg_balance"] = {"phase_deg": list(phases)}

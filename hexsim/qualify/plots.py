@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hexsim.qualify.battery import NAMES, ROTATIONS
 from hexsim.qualify.measures import STEP_SHARE
+from hexsim.qualify.rows import NAMES, ROTATIONS
 from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, new_figure, png, small_multiples, styled
 
@@ -31,15 +31,18 @@ CAPTIONS = {
 def pictures(curves: Mapping[str, Any]) -> dict[str, bytes]:
     """All plots for which there are curves."""
     made = {
-        "half-hertz": half_hertz(curves["half_hertz"]),
-        "frequency response": frequency_response(curves["describing_function"]),
-        "turn-around": turn_around(curves["turn_around"]),
-        "dynamic threshold": dynamic_threshold(curves["dynamic_threshold"]),
-        "linearity and hysteresis": linearity_and_hysteresis(curves["linearity"], curves["hysteresis"]),
+        "half-hertz": (half_hertz, "half_hertz"),
+        "frequency response": (frequency_response, "describing_function"),
+        "turn-around": (turn_around, "turn_around"),
+        "dynamic threshold": (dynamic_threshold, "dynamic_threshold"),
+        "linearity and hysteresis": (linearity_and_hysteresis, "linearity", "hysteresis"),
+        "leg balance": (leg_balance, "leg_balance"),
     }
-    if "leg_balance" in curves:
-        made["leg balance"] = leg_balance(curves["leg_balance"])
-    return made
+    return {
+        name: draw(*(curves[key] for key in keys))
+        for name, (draw, *keys) in made.items()
+        if all(key in curves for key in keys)
+    }
 
 
 @styled

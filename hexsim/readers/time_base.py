@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 from scipy.ndimage import median_filter
 
 from hexsim.errors import HexsimError
@@ -111,14 +112,14 @@ def uniform(log: Cleaning) -> float:
     jitter = np.abs(place - np.round(place))
     if np.max(jitter) >= 0.1:
         log.losses.append(
-            f"time stamps wander by up to {np.max(jitter) / rate * 1e3:.3g} ms: signals put on an even grid, linearly"
+            f"time stamps wander by up to {np.max(jitter) / rate * 1e3:.3g} ms: signals put on an even grid"
         )
     before = np.clip(np.searchsorted(place, grid, side="right") - 1, 0, len(t) - 1)
     after = np.minimum(before + 1, len(t) - 1)
     inside = (place[after] - place[before]) < hole
     on_stamp = np.abs(place[before] - grid) < 0.1
     for name, values in log.signals.items():
-        new = np.interp(grid, place, values)
+        new = between(grid, place, values, smooth=log.wanders and not held(name))
         nearest = np.where(np.abs(place[after] - grid) < np.abs(place[before] - grid), after, before)
         exact = np.abs(place[nearest] - grid) < 0.1
         new[exact] = values[nearest[exact]]
@@ -129,6 +130,16 @@ def uniform(log: Cleaning) -> float:
     log.kept = log.kept[np.minimum(before, len(log.kept) - 1)]
     log.time = t[0] + grid / rate
     return rate
+
+
+def between(grid: np.ndarray, place: np.ndarray, x: np.ndarray, smooth: bool) -> np.ndarray:
+    """x (n,) at places, on the grid (m,): straight lines, or a cubic spline, which keeps what is fast. NaN spreads."""
+    good = np.isfinite(x)
+    if not smooth or good.sum() < 8:
+        return np.interp(grid, place, x)
+    new = make_interp_spline(place[good], x[good], k=3)(np.clip(grid, place[good][0], place[good][-1]))
+    new[np.isnan(np.interp(grid, place, x))] = np.nan
+    return new
 
 
 def held_between_ticks(place: np.ndarray, x: np.ndarray, grid: np.ndarray) -> np.ndarray | None:

@@ -12,6 +12,7 @@ import jinja2
 import tomli_w
 
 from hexsim import __version__
+from hexsim.motion_computer.margins import stability_sentence, worst_figures
 from hexsim.recording.config import config_tables
 from hexsim.recording.quantity import plain, quantity, share, spelled
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit, axis_unit_text
@@ -65,6 +66,8 @@ def run_report(run: Run, pictures: Mapping[str, bytes]) -> str:
         run=run,
         sentence=run_sentence(run.summary, driven),
         cards=cards(run.summary, driven),
+        loop=worst_figures(run.machine),
+        loop_sentence=stability_sentence,
         header=axis_header(run.summary),
         rows=axis_rows(run.summary, driven),
         facts=facts(run.summary, run),

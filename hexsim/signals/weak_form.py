@@ -50,6 +50,12 @@ class Window:
         reference = x[..., :1]
         return self._apply(x - reference, -_kernels(self.half, self.dt)[1][::-1])
 
+    @property
+    def roughness(self) -> float:
+        """Noise of `rate` over noise of `mean`, of a white signal [1/s]."""
+        w, first, _ = _kernels(self.half, self.dt)
+        return float(np.sqrt(np.sum(first**2) / np.sum(w**2)))
+
     def second_rate(self, x: Array) -> Array:
         """<w, d2x/dt2> = <w'', x>."""
         reference = x[..., :1]

@@ -37,6 +37,34 @@ CONTENDERS = 2  # at most so many
 SENSOR_FIRST = 1.5  # a sensor balance this far above its null is looked at first: it spoils the others
 RESTORED = 1.4  # rows of the balances hold again when their rms is below so many times its null size
 LEARNED_R2 = 0.5  # a residual with at least this R^2 on unseen blocks may become a learned term
+PARTLY_SHARE = 0.4  # an effect is sure when it takes this share of the rest's mean square
+PARTLY_SHARE_UNSEEN = 0.2  # and this on held-out runs
+PARTLY_BLOCK_S = 2.0  # [s] blocks that are resampled: longer than the rest's correlation
+PARTLY_DRAWS = 200
+PARTLY_DOUBT = 0.025  # share of the resamples that may say otherwise
+PARTLY_SPREAD = 0.2  # runs may differ in an effect's number by this share, or three standard errors
+PARTLY_REFITTED = 16  # candidates that are refitted beside the small realities, by what their columns promise
+PARTLY_TRIED = 3  # rivals that are judged, the best first
+REMARKABLE = 1.5  # times its ordinary size: below that a machine is not remarkable for the effect
+REMARKABLE_SHARE = 0.4  # of the typical size, for an effect without an ordinary size
+REST_TIME_S = 0.2  # [s] correlation time of what is left: that far apart its samples count as independent
+ORDINARY = {  # what a machine has of an effect without being remarkable: fitted beside every effect, never named
+    "accelerometer_delay": 6.0e-4,
+    "accelerometer_gain": 0.006,
+    "entrained_air": 0.005,
+    "leakage_chamber_to_tank": 2.0e-13,
+    "leakage_supply_to_chamber": 2.0e-13,
+    "null_drift": 5.0e-4,
+    "null_offset": 0.008,
+    "overlap_change": 5.0e-7,
+    "position_delay": 6.0e-4,
+    "pressure_dependent_friction": 3.0e-6,
+    "return_line_back_pressure": 1.0e8,
+    "spool_lag": 100.0,
+    "spring": 250.0,
+    "supply_pressure_gain": 0.004,
+    "unequal_ports": 0.012,
+}
 
 
 def alarm(n: int) -> float:

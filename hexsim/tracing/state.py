@@ -20,7 +20,7 @@ from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
-Verdict = Literal["explained", "unexplained", "nothing missing"]
+Verdict = Literal["explained", "partly", "unexplained", "nothing missing"]
 Tell = Callable[[str], None]  # what a long step is at, for the progress bar
 
 
@@ -75,6 +75,7 @@ class NamedEffect:
     d_bic: float
     held_out: tuple[float, ...] = ()  # fall of chi2 in each held-out run
     single_leg: bool = False
+    share: float = float("nan")  # of the rest's mean square that it takes, of a machine that no model fits
 
 
 @dataclass(frozen=True, kw_only=True)

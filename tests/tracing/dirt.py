@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import polars as pl
+from scipy.interpolate import make_interp_spline
 
 Dirt = Callable[[pl.DataFrame, np.random.Generator], pl.DataFrame]
 
@@ -41,7 +42,7 @@ def sampling_jitter(table: pl.DataFrame, rng: np.random.Generator, size_s: float
         values = table[name].to_numpy()
         held = name.startswith(("setpoint", "valve"))
         last = np.clip(np.searchsorted(time, real + 1e-9, side="right") - 1, 0, len(time) - 1)
-        own[name] = values[last] if held else np.interp(real, time, values)
+        own[name] = values[last] if held else make_interp_spline(time, values, k=3)(real)
     return pl.DataFrame(own | {"time_s": real})
 
 

@@ -372,6 +372,38 @@ EFFECTS: dict[str, Injected] = {
     ),
 }
 
+
+def lag(plant, legs, value):
+    set_leg("spool_frequency", spool_damping=0.7)(plant, legs, value)
+
+
+def small(says, balance, unit, change, **more):
+    """One of the small realities of `rough_machines`, which draws its size."""
+    return Injected(
+        description=says, balance=balance, typical=0.0, unit=unit, change=change, in_library=False, kinds=(), **more
+    )
+
+
+SMALL_REALITIES = {
+    "scale_ripple": small("the scale errs along the stroke", "sensor", "m", set_leg("scale_error", scale_length=1e-3)),
+    "small_spool_lag": small("spool at", "valve", "Hz", lag),
+    "small_accelerometer_gain": small("accelerometer reads more by", "sensor", "1", scale_rig("acceleration_gain")),
+    "small_position_delay": small("position late by", "sensor", "ms", set_leg("position_delay_ms")),
+    "friction_warm_up": small("friction fades by", "force", "1", set_leg("warm_up", warm_up_s=8.0)),
+    "small_seal_friction": small("friction grows with pressure", "force", "N/Pa", set_leg("seal")),
+    "small_air": small("free air", "continuity", "1", set_leg("air")),
+    "small_null_offset": small("null of the spool", "valve", "V", set_leg("null_offset")),
+    "small_null_drift": small("null wanders", "valve", "V/s", set_leg("null_drift")),
+    "worn_bore": small("leak at 92 mm", "continuity", "m3/s/Pa", set_leg("wear", wear_place=0.092, wear_width=0.008)),
+    "small_return_line": small("return line backs up", "continuity", "Pa s/m3", set_leg("return_resistance")),
+    "pump_ripple": small("pump ripple at 31 Hz", "supply", "Pa", set_rig("pump_ripple", pump_frequency=31.0)),
+    "small_unequal_ports": small(
+        "ports differ", "valve", "1", add_leg(("gradient_supply", "gradient_tank"), (1.0, -1.0), relative=True)
+    ),
+    "hardening_spring": small("spring that hardens", "force", "N/m3", set_leg("hardening")),
+    "small_friction_of_position": small("friction ripples, 30 mm", "force", "N", set_leg("ripple", ripple_length=0.03)),
+}
+
 # what the project's library calls the effects that it has under another name
 LIBRARY_NAMES = {
     "pump_limit": "pump_flow_limit",

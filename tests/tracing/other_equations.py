@@ -23,13 +23,14 @@ spool_damping spool_rate hysteresis valve_delay_ms air hose bristle_stiffness br
 ripple_length spring force tone tone_frequency
 cubic gain_position gain_voltage gain_pressure stick stick_place stick_width cooling rod_air line_inertia
 line_loss memory
-position_gain position_delay_ms position_play pressure_gain pressure_offset pressure_delay_ms hum hum_frequency
+warm_up warm_up_s wear wear_place wear_width hardening
+position_gain position_delay_ms position_play scale_error scale_length pressure_gain pressure_offset pressure_delay_ms hum hum_frequency
 """
 FIELDS_RIG = """
 n_legs hexapod gravity mass incline supply_pressure line_resistance line_capacity pump_flow gas_volume
 gas_exponent payload_mass payload_omega payload_damping payload_gap payload_stop inertia_x inertia_y inertia_z
 com_x com_y com_z floor floor_frequency jitter_s acceleration_gain acceleration_offset acceleration_delay_ms
-supply_gain neutral_length gain_V_per_m
+supply_gain neutral_length gain_V_per_m pump_ripple pump_frequency
 """
 LEG_TYPE = np.dtype([(name, "f8") for name in FIELDS_LEG.split()])
 RIG_TYPE = np.dtype([(name, "f8") for name in FIELDS_RIG.split()])
@@ -98,6 +99,9 @@ def friction(leg, y, v, P1, z, memory, t):
     coulomb *= 1.0 + leg.memory * memory / 0.05
     level = max(coulomb, 0.0) + static * math.exp(-abs(v) / leg.stribeck)
     viscous *= 1.0 - leg.cooling * t
+    if leg.warm_up != 0.0:  # oil and seals warm up: all friction fades
+        fade = 1.0 - leg.warm_up * (1.0 - math.exp(-t / leg.warm_up_s))
+        viscous, level = viscous * fade, level * fade
     if leg.bristle_stiffness > 0.0:
         rate = v - leg.bristle_stiffness * abs(v) / level * z
         return viscous * v + leg.bristle_stiffness * z + leg.bristle_damping * rate + leg.cubic * v**3, rate
@@ -122,6 +126,8 @@ def leg_step(leg, s, y, v, volts, Ps, t, ds):
         x = asked
     into, out = valve_flows(leg, x, volts, y, P1, Ps)
     seep = leg.leak_supply * (Ps - P1)
+    if leg.wear > 0.0:  # the bore is worn at one place: its seal lets the rod side's oil through there
+        seep += leg.wear * (Ps - P1) * math.exp(-(((y - leg.wear_place) / leg.wear_width) ** 2))
     net = into + seep - out - leg.leak_tank * (P1 - leg.tank_pressure) - leg.area1 * v
     ds[0] = net / ((leg.area1 * y + leg.pipe_volume) / stiffness_of_oil(leg, P1) + leg.hose)
     rub, ds[3] = friction(leg, y, v, P1, z, memory, t)
@@ -134,7 +140,8 @@ def leg_step(leg, s, y, v, volts, Ps, t, ds):
     elif leg.line_loss > 0.0 and v > 0.0:  # a check valve takes the other direction
         back = Ps + leg.line_loss * (leg.area2 * v) ** 2
     force = P1 * leg.area1 - back * leg.area2 - rub
-    force += leg.force - leg.spring * (y - 0.5 * leg.stroke)
+    off = y - 0.5 * leg.stroke
+    force += leg.force - leg.spring * off - leg.hardening * off**3
     if leg.tone != 0.0:
         force += leg.tone * math.sin(2.0 * math.pi * leg.tone_frequency * t)
     return force, into + seep - leg.area2 * v, out
@@ -156,6 +163,12 @@ def supply_rate(rig, Ps, demand):
 
 
 @fast
+def pump_wave(rig, t):
+    """What the pump's pistons add to the supply pressure [Pa]."""
+    return rig.pump_ripple * math.sin(2.0 * math.pi * rig.pump_frequency * t)
+
+
+@fast
 def payload_force(rig, q, q_rate):
     """Force [N] of the payload's suspension on the machine at travel q: soft spring, then stops."""
     force = rig.payload_mass * (rig.payload_omega**2 * q + 2.0 * rig.payload_damping * rig.payload_omega * q_rate)
@@ -169,10 +182,10 @@ def payload_force(rig, q, q_rate):
 @fast
 def bench_rates(rig, legs, X, volts, t, dX, a_out):
     """Right-hand side of the single leg; a_out[0] = absolute acceleration of the load along the leg [m/s2]."""
-    Ps, q, q_rate, y, v = X[6], X[7], X[8], X[9], X[10]
+    Ps, q, q_rate, y, v = X[6] + pump_wave(rig, t), X[7], X[8], X[9], X[10]
     leg = legs[0]
     force, demand, _ = leg_step(leg, X[:6], y, v, volts[0], Ps, t, dX[:6])
-    dX[6] = supply_rate(rig, Ps, demand)
+    dX[6] = supply_rate(rig, X[6], demand)
     ride = payload_force(rig, q, q_rate) if rig.payload_mass > 0.0 else 0.0
     mass = rig.mass + (leg.line_inertia * leg.area2**2 if v > 0.0 else 0.0)
     ground = rig.floor * math.sin(2.0 * math.pi * rig.floor_frequency * t)
@@ -339,7 +352,7 @@ def integrate(rig_box, legs, base, joints, X, reference, late_s, substeps):
                 for i in range(n_legs):
                     y_log[k, i] = y[i]
                     P_log[k, i] = X[i * PER_LEG]
-                S_log[k] = X[n_legs * PER_LEG]
+                S_log[k] = X[n_legs * PER_LEG] + pump_wave(rig, k * 1e-3)
                 for j in range(n_acc):
                     a_log[k, j] = acc[j]
             X[:] = X + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)

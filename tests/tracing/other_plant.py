@@ -14,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from other_effects import EFFECTS
+from other_effects import EFFECTS, SMALL_REALITIES
 from other_equations import LEG_TYPE, PER_LEG, RIG_TYPE, integrate, leg_lengths, rotation
 
 BENCH_RUNS = ("fit", "sweep", "validate")
 HEXAPOD_RUNS = ("fit", "validate_heave", "validate_roll")
+KNOWN = EFFECTS | SMALL_REALITIES
 SUBSTEPS = {"bench": 20, "hexapod": 20}  # RK4 steps a millisecond; convergence is tested
 UNCERTAINTY = {
     "discharge_coefficient": 0.04,
@@ -57,6 +58,9 @@ DECLARED_LEG = {
     "sharpness": 2e-4,
     "position_gain": 1.0,
     "pressure_gain": 1.0,
+    "scale_length": 1e-3,
+    "warm_up_s": 10.0,
+    "wear_width": 0.01,
 }
 UNCERTAIN_LEG = {
     "discharge": "discharge_coefficient",
@@ -242,9 +246,9 @@ def simulate(
 
 
 def delayed(values: np.ndarray, delay_ms: float) -> np.ndarray:
-    """Later by whole samples; the first value holds."""
-    k = round(float(delay_ms))
-    return values if k == 0 else np.concatenate([np.full(k, values[0]), values[:-k]])
+    """Later by so many samples; the first value holds."""
+    place = np.arange(len(values))
+    return values if delay_ms == 0 else np.interp(place - float(delay_ms), place, values)
 
 
 def played(values: np.ndarray, half_width: float) -> np.ndarray:
@@ -270,6 +274,7 @@ def measured(plant: Plant, true: dict[str, np.ndarray], rng: np.random.Generator
             if leg["position_play"] == 0
             else played(true["position"][:, i], leg["position_play"])
         )
+        y = y + leg["scale_error"] * np.sin(2 * np.pi * y / leg["scale_length"])
         y = delayed(y * leg["position_gain"], leg["position_delay_ms"]) + 3e-6 * rng.standard_normal(n)
         columns[f"position{mark}_m"] = (np.round(y / 3e-6) * 3e-6 if bench else y).round(7)
     for i, mark in enumerate(marks):
@@ -300,8 +305,8 @@ def true_machine(
     where = range(len(plant.legs)) if leg is None else [leg - 1]
     values = {}
     for name, value in effects.items():
-        effect = EFFECTS[name]
-        if kind not in effect.kinds:
+        effect = KNOWN[name]
+        if name in EFFECTS and kind not in effect.kinds:
             raise ValueError(f"{name} is for {effect.kinds}, not for a {kind}")
         values[name] = effect.size(kind) if value is None else float(value)
         effect.change(plant, where, values[name])
@@ -329,12 +334,12 @@ def write_machine(
     truth = {
         "undeclared": values,
         "where": {
-            k: EFFECTS[k].place if EFFECTS[k].place != "leg" else ("all legs" if leg is None else f"leg {leg}")
+            k: KNOWN[k].place if KNOWN[k].place != "leg" else ("all legs" if leg is None else f"leg {leg}")
             for k in values
         },
-        "balance": {k: EFFECTS[k].balance for k in values},
-        "in_library": {k: EFFECTS[k].in_library for k in values},
-        "description": [f"{EFFECTS[k].description} ({v:g} {EFFECTS[k].unit})" for k, v in values.items()]
+        "balance": {k: KNOWN[k].balance for k in values},
+        "in_library": {k: KNOWN[k].in_library for k in values},
+        "description": [f"{KNOWN[k].description} ({v:g} {KNOWN[k].unit})" for k, v in values.items()]
         or ["nothing beyond parameter error"],
         "legs": [{name: float(row[name]) for name in LEG_TYPE.names} for row in plant.legs],
         "rig": {name: float(plant.rig[name][0]) for name in RIG_TYPE.names},

@@ -16,8 +16,9 @@ from hexsim.signals.channels import noise_of
 from hexsim.tracing.design import next_measurement
 from hexsim.tracing.design.information import hypothesis, promise
 from hexsim.tracing.design.motions import KINDS, STEP_SHARE, MotionFamily
-from hexsim.tracing.fitting.fit import refine, start_fit, with_candidate
+from hexsim.tracing.fitting.fit import refine, start_fit
 from hexsim.tracing.fitting.parameters import named, priors
+from hexsim.tracing.fitting.selection import with_candidate
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.experiments import setpoint_log
 

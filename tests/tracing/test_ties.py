@@ -10,8 +10,9 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.signals.channels import noise_of
-from hexsim.tracing.fitting.fit import start_fit, with_candidate
+from hexsim.tracing.fitting.fit import start_fit
 from hexsim.tracing.fitting.parameters import candidates, named, priors
+from hexsim.tracing.fitting.selection import with_candidate
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.simulation.start import start_of
 from hexsim.tracing.steps.ties import stand_ins

@@ -31,5 +31,8 @@ class Sensor(Balance):
     def residual(self, log: Log, machine: Machine) -> Array:
         return sensed_leg(log, resolved_machine(machine), 0).disagreement[None]
 
+    def sampling(self, log: Log, machine: Machine) -> Array:
+        return sensed_leg(log, resolved_machine(machine), 0).between_ticks[None]
+
 
 BALANCES = (Sensor(),)

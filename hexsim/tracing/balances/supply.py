@@ -1,11 +1,12 @@
 """Supply: what it gives for the flow taken, against the measured supply pressure  [Pa].
 
     constant     r_S = P0 - Ps
-    line         r_S = R (min((P0 - Ps)/R, Q_max) - q - C dPs/dt)
+    line         r_S = (min((P0 - Ps)/R, Q_max) - q - C dPs/dt) / hypot(slope, C k),  slope 1/R below Q_max, 0 at it
     power unit   r_S = Ps - that of the unit's own equations under the flow q
 
-q is the demand of all legs at the measured point. A rod side on the valve whose pressure is not measured is taken at
-Ps + Pt - P1, as between matched edges.
+The divisor is what noise of the pressure makes of the flow: neither a vanishing R nor a large C makes the residual small.
+k [1/s]: noise of the window's rate over that of its mean. q is the demand of all legs at the measured point. A rod side
+on the valve whose pressure is not measured is taken at Ps + Pt - P1, as between matched edges.
 """
 
 from __future__ import annotations
@@ -109,11 +110,13 @@ class Supply(Balance):
         if supply[S.MODEL] == POWER_UNIT:
             start = float(Ps[: max(int(START_S * log.rate), 4)].mean())
             return window.mean(Ps - power_unit_pressures(supply, start, demand, 1.0 / log.rate))[None]
-        delivered = lacking / supply[S.RESISTANCE]
+        delivered, slope = lacking / supply[S.RESISTANCE], np.full(log.n, 1.0 / supply[S.RESISTANCE])
         if supply[S.FLOW_MAX] > 0:
+            slope = np.where(delivered < supply[S.FLOW_MAX], slope, 0.0)
             delivered = np.minimum(delivered, supply[S.FLOW_MAX])
-        net = window.mean(delivered - demand) - capacities(supply, window.mean(Ps)) * window.rate(Ps)
-        return supply[S.RESISTANCE] * net[None]
+        capacity = capacities(supply, window.mean(Ps))
+        net = window.mean(delivered - demand) - capacity * window.rate(Ps)
+        return (net / np.hypot(window.mean(slope), capacity * window.roughness))[None]
 
 
 BALANCES = (Supply(),)

@@ -9,6 +9,7 @@ reduced misfit where the model does not reach the noise.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +31,7 @@ MAX_STEPS = 14
 KEPT_SHARE = 0.8  # columns are made anew when what a step gives is off its promise by more than the rest of 1
 MAX_AGE = 4  # or when they are so many steps old
 PARAMETER_STEP = 0.01  # finite difference of a declared parameter, in half widths
+INVERSE_STEP = 0.01  # at least this, of an effect that vanishes at infinity: a spool of 6 kHz
 EFFECT_STEP = 0.005  # finite difference of an effect's number about a fitted value, relative
 
 
@@ -123,13 +125,16 @@ def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
     return replace(fit, columns=[(base - v) / steps for base, v in zip(fit.misfit, varied, strict=True)])
 
 
-def effect_neighbours(fit: Fit, share: float) -> tuple[list[Machine], list[float]]:
-    """Machines with one effect number a small step off, and the steps in coordinates."""
+def effect_neighbours(fit: Fit, share: float, only: int | None = None) -> tuple[list[Machine], list[float]]:
+    """Machines with one effect number a small step off, and the steps in coordinates. only: of this effect."""
     machines, steps = [], []
     for k, candidate in enumerate(fit.candidates):
+        if only is not None and k != only:
+            continue
         for parameter in candidate.free():
             here = to_coordinate(parameter, fit.values[k][parameter.name])
-            step = share * EFFECT_STEP * max(abs(here), 0.1)
+            least = INVERSE_STEP if math.isinf(parameter.neutral) else 0.1 * EFFECT_STEP
+            step = share * max(EFFECT_STEP * abs(here), least)
             if here + step > coordinate_bounds(parameter)[1]:
                 step = -step
             values = dict(fit.values[k])
@@ -140,12 +145,12 @@ def effect_neighbours(fit: Fit, share: float) -> tuple[list[Machine], list[float
     return machines, steps
 
 
-def effect_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> list[Array]:
+def effect_columns(fit: Fit, problem: FitProblem, share: float = 1.0, only: int | None = None) -> list[Array]:
     """Columns of every effect number about where the fit stands (per coordinate), a log: (n_numbers, channels, n).
 
     A number whose neighbour's simulation diverges gets no column: it stays where it is.
     """
-    machines, steps = effect_neighbours(fit, share)
+    machines, steps = effect_neighbours(fit, share, only)
     varied = fit.neighbours or problem.misfit(machines)
     columns = [(base - v) / np.array(steps)[:, None, None] for base, v in zip(fit.misfit, varied, strict=True)]
     alive = np.all([np.isfinite(c).all(axis=(1, 2)) for c in columns], axis=0)
@@ -194,7 +199,7 @@ def refine(
         better, kept = None, 0.0
         for _ in range(6):
             coordinates, step = _step(fit, A, b, damping)
-            promise = _promise(A, b, step)
+            promise = float(2.0 * step @ b - step @ A @ step)  # fall of the cost by the linear model
             if promise < 0.2 * tolerance:
                 break
             trial = _evaluate(fit, coordinates, problem, share)
@@ -212,11 +217,6 @@ def refine(
         if fresh and (abs(kept - 1.0) > 1.0 - KEPT_SHARE or age > MAX_AGE):
             fit, age, damping = parameter_columns(fit, problem, share), 0, 0.0
     return replace(fit, covariance=covariance, neighbours=None)
-
-
-def _promise(A: Array, b: Array, step: Array) -> float:
-    """Fall of the cost that the linear model promises for a step."""
-    return float(2.0 * step @ b - step @ A @ step)
 
 
 def _system(fit: Fit, problem: FitProblem, share: float) -> tuple[Array, Array]:
@@ -243,14 +243,14 @@ def _inverse(A: Array) -> Array:
     return np.linalg.pinv(A * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale
 
 
-def _here(fit: Fit) -> Array:
+def coordinates_of(fit: Fit) -> Array:
     """Coordinates: deviations in half widths, then effect numbers."""
     half_widths = np.array([prior.half_width for prior in fit.priors])
     numbers = [to_coordinate(p, v[p.name]) for c, v in zip(fit.candidates, fit.values, strict=True) for p in c.free()]
     return np.concatenate([fit.deviations / half_widths if len(fit.priors) else fit.deviations, numbers])
 
 
-def _bounds(fit: Fit) -> tuple[Array, Array]:
+def bounds_of(fit: Fit) -> tuple[Array, Array]:
     effect = [coordinate_bounds(p) for c in fit.candidates for p in c.free()]
     pairs = [(-1.0, 1.0)] * len(fit.priors) + effect
     return np.array([p[0] for p in pairs]), np.array([p[1] for p in pairs])
@@ -258,7 +258,7 @@ def _bounds(fit: Fit) -> tuple[Array, Array]:
 
 def _step(fit: Fit, A: Array, b: Array, damping: float) -> tuple[Array, Array]:
     """Bounded step: new coordinates and the step taken. An effect's number changes at most threefold at once."""
-    here, (low, high) = _here(fit), _bounds(fit)
+    here, (low, high) = coordinates_of(fit), bounds_of(fit)
     scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
     scaled = A / scale[:, None] / scale + (1e-10 + damping) * np.eye(len(b))
     root = np.linalg.cholesky(scaled)
@@ -273,8 +273,8 @@ def _step(fit: Fit, A: Array, b: Array, damping: float) -> tuple[Array, Array]:
     return here + step, step
 
 
-def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem, share: float) -> Fit:
-    """The fit at other coordinates. Where a core would idle its neighbours are simulated with it: the next step needs them."""
+def fit_at(fit: Fit, coordinates: Array) -> Fit:
+    """The fit at other coordinates; its misfit is still the old one."""
     half_widths = np.array([prior.half_width for prior in fit.priors])
     m = len(fit.priors)
     values, place = [], m
@@ -284,16 +284,14 @@ def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem, share: float) -
             own[parameter.name] = to_value(parameter, float(coordinates[place]))
             place += 1
         values.append(own)
-    trial = replace(fit, deviations=coordinates[:m] * half_widths if m else fit.deviations, values=tuple(values))
+    return replace(fit, deviations=coordinates[:m] * half_widths if m else fit.deviations, values=tuple(values))
+
+
+def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem, share: float) -> Fit:
+    """The fit at other coordinates. Where a core would idle its neighbours are simulated with it: the next step needs them."""
+    trial = fit_at(fit, coordinates)
     if not trial.candidates or in_job() or len(problem.logs) >= N_CORES:
         return answered(trial, problem)
     found = problem.misfit([trial.fitted_machine(), *effect_neighbours(trial, share)[0]])
     misfit = [own[0] for own in found]
     return replace(trial, misfit=misfit, chi2=chi2_of(misfit), neighbours=[own[1:] for own in found])
-
-
-def with_candidate(fit: Fit, candidate: Candidate, coordinate: float, problem: FitProblem) -> Fit:
-    """The fit with one more effect at a size, not yet refined."""
-    size = candidate.effect.parameters[0]
-    values = candidate.start() | {size.name: to_value(size, coordinate)}
-    return answered(replace(fit, candidates=(*fit.candidates, candidate), values=(*fit.values, values)), problem)

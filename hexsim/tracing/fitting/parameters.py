@@ -33,13 +33,12 @@ class Prior:
 
 def priors(machine: Machine) -> tuple[Prior, ...]:
     """The [uncertainty] table with the place of each key. Raises HexsimError for a key that is nowhere."""
-    dumped = machine.model_dump(exclude={"uncertainty", "effects"}, exclude_none=True)
-    tables = {name: table for name, table in dumped.items() if isinstance(table, dict)}
+    tables = machine.model_dump(exclude={"uncertainty", "effects", "leg"}, exclude_none=True)
     found = []
     relative = {key: half_width for key, half_width in machine.uncertainty.items() if key not in LENGTHS}
     for key, half_width in relative.items():
         for section, table in tables.items():
-            for name, value in table.items():
+            for name, value in table.items() if isinstance(table, dict) else ():
                 if key in (name, f"{section}_{name}") and isinstance(value, float) and half_width > 0:
                     found.append(Prior(key=key, dotted=f"{section}.{name}", declared=value, half_width=half_width))
     missing = set(relative) - {prior.key for prior in found} - {key for key, width in relative.items() if width == 0}

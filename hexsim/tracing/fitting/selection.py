@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.fit import Fit, parameter_columns, refine, start_fit_at, with_candidate
-from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
+from hexsim.tracing.fitting.fit import Fit, answered, parameter_columns, refine, start_fit_at
+from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
 from hexsim.tracing.fitting.screening import Screened, screen
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
 
@@ -69,6 +69,13 @@ def cut(fit: Fit, whole: FitProblem, part: FitProblem) -> Fit:
     columns = None if fit.columns is None else [c[:, :, :n] for c, n in zip(fit.columns, lengths, strict=True)]
     chi2 = float(sum(np.sum(np.square(m)) for m in misfit))
     return replace(fit, misfit=misfit, columns=columns, chi2=chi2, n=sum(m.size for m in misfit))
+
+
+def with_candidate(fit: Fit, candidate: Candidate, coordinate: float, problem: FitProblem) -> Fit:
+    """The fit with one more effect at a size, not yet refined."""
+    size = candidate.effect.parameters[0]
+    values = candidate.start() | {size.name: to_value(size, coordinate)}
+    return answered(replace(fit, candidates=(*fit.candidates, candidate), values=(*fit.values, values)), problem)
 
 
 def try_candidate(fit: Fit, candidate: Candidate, size: float, problem: FitProblem, steps: int) -> Fit | None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from hexsim.files.json_files import write_json
+from hexsim.hydraulics.advice import advice_of
 from hexsim.machine import save_machine
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.parameters import to_value
@@ -77,10 +78,12 @@ def effect_entry(effect: NamedEffect) -> dict[str, Any]:
         "evidence": {
             "block_cv_gain": finite(effect.gain_cv),
             "blocks": effect.blocks,
+            "share_of_rest": finite(effect.share),
             "dBIC": finite(effect.d_bic),
             "held_out_gain": [finite(gain) for gain in effect.held_out],
         },
         "description": candidate.effect.description,
+        "check_first": advice_of(candidate.effect.name).check,
     }
 
 

@@ -90,7 +90,8 @@ def worst_error(report: Mapping[str, Any], model: str) -> tuple[float, str]:
 def verdict_line(result: Trace) -> str:
     """The answer in one line."""
     if result.effects:
-        return "The model lacks: " + "; ".join(effect_words(effect) for effect in result.effects)
+        beside = ", and something is left beside it" if result.verdict == "partly" else ""
+        return "The model lacks: " + "; ".join(effect_words(effect) for effect in result.effects) + beside
     if result.verdict == "nothing missing":
         return "Nothing is missing from the model"
     return "Something is missing, and no effect of the library explains it"
@@ -115,6 +116,8 @@ def sentence(result: Trace) -> str:
             "With its parameters inside their declared uncertainty the declared machine answers all runs down to the "
             f"sensors' noise in {seen}: at most {plain(before)} times the noise on held-out motion."
         )
+    if result.verdict == "partly":
+        return partly_sentence(result, plain(before), plain(after), signal)
     if result.effects:
         ties = sorted({tied.replace("_", " ") for e in result.effects for tied in e.tied_with})
         tied = f" These runs cannot tell it from {' or '.join(ties)}." if ties else ""
@@ -132,6 +135,21 @@ def sentence(result: Trace) -> str:
     return (
         f"However the declared parameters are fitted, the {signal} stays {plain(before)} times its sensor's noise off on "
         f"held-out motion.{where}{learned}"
+    )
+
+
+def partly_sentence(result: Trace, before: str, after: str, signal: str) -> str:
+    """What is sure of a machine that no model fits, and what is left."""
+    first = result.effects[0]
+    tied = (
+        f" These runs cannot tell it from {' or '.join(first.tied_with).replace('_', ' ')}." if first.tied_with else ""
+    )
+    rests = unexplained_rows(result.report)
+    left = f" What is left is in the {rests[0]['balance']} balance: {rests[0]['description']}." if rests else ""
+    return (
+        f"It takes {first.share:.0%} of the mean square that the balances leave on the fit runs and {first.gain_cv:.0%} on the "
+        f"held-out ones, with the same number in each run.{tied} The {signal} goes from {before} to {after} times its sensor's "
+        f"noise on held-out motion.{left}"
     )
 
 

@@ -3,6 +3,7 @@
 from hexsim.tracing.steps import (
     balance_search,
     declared_refit,
+    dominant,
     experiments,
     held_out_errors,
     hypotheses,
@@ -21,6 +22,7 @@ STEPS = (
     balance_search.STEP,
     declared_refit.STEP,
     hypotheses.STEP,
+    dominant.STEP,
     simulated_search.STEP,
     verdict.STEP,
     ties.STEP,

@@ -83,7 +83,7 @@ def learned_fit(
 
 def learn(trace: Trace, tell: Tell) -> Trace:
     """The worst unexplained residual as a learned term, if it holds up."""
-    if not trace.unexplained:
+    if not trace.unexplained or trace.verdict == "partly":
         return replace(trace, decided="not needed: no residual to learn")
     found = learned_fit(trace.unexplained[0], trace.base, trace.fit_problem, trace.validate_problem)
     if found is None:

@@ -24,6 +24,7 @@ from hexsim.tracing.balances.null import END_S, FILLED_WELL, REACH_S
 from hexsim.tracing.dependence import dependence_of
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace, UnexplainedResidual, Violation
+from hexsim.tracing.steps.violations import rms_of
 
 Array = np.ndarray
 THIN = 5  # every fifth sample: the window is 40 samples wide
@@ -148,15 +149,28 @@ def attributed(
     return out
 
 
+def beside_effects(trace: Trace) -> list[Violation]:
+    """The violations of the machine with its sure effects: what is left beside them."""
+    logs, machine, lines = trace.fit_problem.logs, trace.fitted, []
+    for line in trace.violations:
+        rms = rms_of(balance_named(line.name, machine), machine, logs)[line.place]
+        lines.append(replace(line, rms=float(rms), machine=machine))
+    return lines
+
+
 def look_at_residuals(trace: Trace, tell: Tell) -> Trace:
-    """Of an unexplained machine: every violated balance with its size and its strongest dependence."""
-    rests = unexplained_residuals(trace.violations, trace.fit_problem) if trace.verdict == "unexplained" else []
+    """Of a machine that is not explained: every violated balance with its size and its strongest dependence."""
+    if trace.verdict not in ("unexplained", "partly"):
+        return replace(
+            trace,
+            violations=attributed(trace.violations, trace.effects, []),
+            decided="not needed: nothing but noise is left",
+        )
+    left = beside_effects(trace) if trace.verdict == "partly" else trace.violations
+    rests = unexplained_residuals(left, trace.fit_problem)
     lines = attributed(trace.violations, trace.effects, rests)
-    decided = "not needed: nothing but noise is left"
-    if trace.verdict == "unexplained":
-        found = [f"{r.balance} of {r.violation.where} over {r.dependence.signal} ({r.dependence.form})" for r in rests]
-        decided = "; ".join(found) or "no balance to look at"
-    return replace(trace, violations=lines, unexplained=rests, decided=decided)
+    found = [f"{r.balance} of {r.violation.where} over {r.dependence.signal} ({r.dependence.form})" for r in rests]
+    return replace(trace, violations=lines, unexplained=rests, decided="; ".join(found) or "no balance to look at")
 
 
 STEP = Step(name="unexplained residuals", doing="looking at unexplained residuals", share=0.03, run=look_at_residuals)

@@ -40,6 +40,8 @@ def simulated_search(trace: Trace, tell: Tell) -> Search:
 def search_by_simulation(trace: Trace, tell: Tell) -> Trace:
     """Needed where more than noise is left; on a bench also where nothing is, because an effect may hide in the noise."""
     final = trace.final
+    if trace.verdict == "partly":
+        return replace(trace, decided="not needed: an effect is sure, and no other brings this machine to the noise")
     if residual_at_noise_level(final.misfit) and (final.candidates or trace.machine.is_hexapod):
         return replace(trace, decided="not needed: nothing but noise is left")
     found = simulated_search(trace, tell)

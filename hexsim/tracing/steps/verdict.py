@@ -63,6 +63,8 @@ def judged(base: Fit, final: Fit, problem: SimulatedProblem, held_out: Simulated
 def judge(trace: Trace, tell: Tell) -> Trace:
     """A last refit with finer differences, the declared machine refitted beside it, then the verdict."""
     problem, final = trace.fit_problem, trace.final
+    if trace.verdict == "partly":
+        return replace(trace, decided="partly: what is left beside the sure effects is more than noise")
     if final.candidates and residual_at_noise_level(final.misfit):
         tell("last refit")
         final = polished(final, problem)

@@ -50,7 +50,7 @@ def violations(declared: Machine, simulated: Machine, problem: SimulatedProblem)
     balances = [balance for balance in library() if all(balance.wants(log, declared) for log in problem.logs)]
     for balance, (sigma, null) in zip(balances, null_sizes(balances, simulated, problem), strict=True):
         machine = own_fit(balance, declared, problem.logs, sigma).fitted_machine()
-        rms = rms_of(balance, machine, problem.logs)
+        rms, null = rms_of(balance, machine, problem.logs), null + sampling_of(balance, machine, problem.logs)
         for place, where in enumerate(balance.places(problem.logs[0])):
             lines.append(
                 Violation(
@@ -88,6 +88,12 @@ def rms_of(balance: Balance, machine: Machine, logs: Sequence[Log]) -> Array:
     """rms of the residual over all logs, a row (n_places,)."""
     rest = [used(log, balance.residual(log, machine)) * window_weights(log) for log in logs]
     return np.sqrt(sum(np.sum(r**2, axis=-1) for r in rest) / sum(r.shape[-1] for r in rest))
+
+
+def sampling_of(balance: Balance, machine: Machine, logs: Sequence[Log]) -> float:
+    """rms of what of a residual rests on the instants of its samples: a tick between them leaves up to that much."""
+    rows = [own for log in logs if (own := balance.sampling(log, machine)) is not None]
+    return float(np.sqrt(np.mean(np.concatenate([row.ravel() for row in rows]) ** 2))) if rows else 0.0
 
 
 def own_fit(balance: Balance, machine: Machine, logs: Sequence[Log], sigma: Array) -> Fit:

@@ -1,0 +1,130 @@
+# pyright: reportAttributeAccessIssue=false
+# (MuJoCo's bindings carry no types)
+"""Many machines at once on MuJoCo's thread pool: each has its own numbers in `actuator_user`, masses and states.
+
+The compiled hydraulics run as MuJoCo's callbacks in all threads, without Python. Steps are constant here, so the shortest
+one that any machine asks for near standstill counts.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from mujoco.batch import Batch
+
+from hexsim.declaration import Machine
+from hexsim.errors import HexsimError
+from hexsim.gym.environment import legs_of
+from hexsim.gym.task import LARGEST, N_SEEN, SHARPEST_STEPS_A_SECOND, Episodes, Task, task_of
+from hexsim.hydraulics.parameters import P
+from hexsim.plant import Plant
+from hexsim.plant.callbacks import MPa
+from hexsim.plant.mjcf import ModelKind
+
+
+class HexsimVectorEnv(gymnasium.vector.VectorEnv):
+    """`HexsimEnv` n times. Machines are drawn once, at the first reset; motions at each reset.
+
+    threads: of MuJoCo's pool, 0 = all processors. timestep [s]: constant; None: that of the sharpest machine. An episode
+    that ends is begun anew in the same step (autoreset mode SAME_STEP).
+    """
+
+    metadata = {"autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP}  # noqa: RUF012 (Gymnasium's own form)
+
+    def __init__(
+        self, num_envs: int, task: Task | None = None, *, machine: str | Machine | None = None, threads: int = 0,
+        model: ModelKind = "tendon", timestep: float | None = None, **changes: Any,
+    ) -> None:  # fmt: skip
+        self.num_envs, self.task = num_envs, task_of(task, machine, **changes)
+        self.threads, self.timestep = threads, timestep
+        self.model: ModelKind = model
+        self.episodes = Episodes(self.task, num_envs)
+        box, n_legs = gymnasium.spaces.Box, self.task.machine.n_legs
+        self.single_observation_space = box(-LARGEST, LARGEST, (n_legs * N_SEEN,), np.float32)
+        self.single_action_space = box(-1.0, 1.0, (n_legs,), np.float32)
+        self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
+        self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.machines: list[Machine] = []
+
+    def _build(self) -> None:
+        """Draw the machines and put them side by side."""
+        self.machines = [self.task.drawn_machine(self.np_random) for _ in range(self.num_envs)]
+        first = Plant(self.machines[0], model=self.model)
+        plants = [first, *(Plant(machine, model=self.model) for machine in self.machines[1:])]
+        sharpest = max(max(plant.step_rule().standstill, plant.step_rule().steady) for plant in plants)
+        if not sharpest < SHARPEST_STEPS_A_SECOND:
+            raise HexsimError("one of the drawn machines asks for steps below 10 us: narrow the ranges")
+        step = self.timestep or self.task.tick_s / np.ceil(sharpest * self.task.tick_s)
+        self.substeps = round(self.task.tick_s / step)
+        if any(not np.array_equal(plant.layout, first.layout) for plant in plants):
+            raise HexsimError("the drawn machines have other states each: leave out effects that add states at 0")
+        for plant in plants:
+            plant.model.opt.timestep = self.task.tick_s / self.substeps
+        self.plant, self.models = first, [plant.model for plant in plants]
+        self.starts = {
+            name: np.stack([getattr(plant.data, name) for plant in plants]) for name in ("qpos", "qvel", "act", "ctrl")
+        }
+        self.backlash = np.stack([plant.rows[:, P.HYSTERESIS] for plant in plants])
+        self.delay = np.stack(
+            [np.rint(plant.rows[:, P.VALVE_DELAY] / self.task.tick_s).astype(int) for plant in plants]
+        )
+        self.past = np.zeros((int(self.delay.max()) + 1, self.num_envs, first.n_legs))
+        self.spool_volts = np.zeros((self.num_envs, first.n_legs))
+        self.batch = Batch(first.model, self.num_envs, self.threads)
+        self.batch.set_models(self.models)
+        self.state = {name: self.batch.bind(name) for name in ("qpos", "qvel", "act", "ctrl", "time")}
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+        super().reset(seed=seed)
+        if seed is not None:
+            self._np_random = np.random.default_rng(seed)
+        if not self.machines or seed is not None:
+            self._build()
+        self._begin(np.arange(self.num_envs))
+        return self.episodes.observations(self._pressure()), {}
+
+    def _begin(self, which: np.ndarray) -> None:
+        """Episodes `which` from rest, with motions drawn anew."""
+        for name, values in self.starts.items():
+            self.state[name][which] = values[which]
+        self.state["time"][which] = 0.0
+        self.spool_volts[which], self.past[:, which] = 0.0, 0.0
+        setpoints = np.stack([self.task.setpoints(self.task.drawn_motion(self.np_random)) for _ in which], axis=2)
+        position, velocity = self._legs()
+        pressure = self._pressure()[which]
+        self.episodes.begin(which, setpoints, position[which], velocity[which], pressure)
+
+    def step(self, actions):
+        """Next observations, rewards, terminations, truncations (n, ...), and infos."""
+        episodes, n_legs = self.episodes, self.plant.n_legs
+        command = self._delayed(episodes.volts(actions))
+        self.spool_volts = np.clip(self.spool_volts, command - self.backlash, command + self.backlash)
+        self.state["ctrl"][:, :n_legs] = self.spool_volts
+        self.batch.step(nstep=self.substeps)
+        rewards = episodes.advance(*self._legs())
+        failed = ~np.isfinite(self.state["act"]).all(axis=1) | ~np.isfinite(rewards)
+        seen = np.nan_to_num(episodes.observations(self._pressure()))
+        infos: dict[str, Any] = {"deviation_m_s2": episodes.deviation.copy()}
+        over = episodes.is_over
+        if (ended := over | failed).any():
+            infos |= {"final_obs": seen.copy(), "_final_obs": ended.copy()}
+            self._begin(np.flatnonzero(ended))
+            seen[ended] = episodes.observations(self._pressure())[ended]
+        return seen, np.nan_to_num(rewards), failed, over, infos
+
+    def _delayed(self, volts: np.ndarray) -> np.ndarray:
+        """Volts of so many ticks ago as each valve is late; before the first tick those of the first."""
+        step, size = self.episodes.step, len(self.past)
+        every = np.arange(self.num_envs)
+        fresh = step == 0
+        self.past[:, fresh] = volts[fresh]
+        self.past[step % size, every] = volts
+        return self.past[(step[:, None] - self.delay) % size, every[:, None], np.arange(volts.shape[1])]
+
+    def _legs(self) -> tuple[np.ndarray, np.ndarray]:
+        return legs_of(self.plant, self.state["qpos"], self.state["qvel"])
+
+    def _pressure(self) -> np.ndarray:
+        return self.state["act"][:, self.plant.pressure_places] * MPa

@@ -1,0 +1,116 @@
+"""Figures of the declared loop: stability margins at the valve's command, and what the closed loop does.
+
+    crossover        |L| = 1; phase margin: least angle of L to -180 deg there (pressure feedback gives more than one)
+    gain margin      1/|L| where L is real, negative and above -1
+    closed loop      piston over setpoint: -3 dB, -90 deg, peak, delay = -phase/(360 f) at DELAY_AT_Hz
+
+The worst loop counts: of every leg, mode of the load and direction (`loop_model`, which says what is left out).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexsim.declaration import Machine
+from hexsim.motion_computer.loop_model import Loop, loops
+
+Array = NDArray[np.float64]
+LOW_PHASE_MARGIN_deg = 30.0  # below: a warning
+DELAY_AT_Hz = 1.0
+POINTS = 400
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopFigures:
+    """None where there is no such frequency. leg, mode from 1; mass_kg that the leg moves in that mode."""
+
+    leg: int
+    mode: int
+    mass_kg: float
+    extends: bool
+    is_stable: bool
+    gain_margin_dB: float | None
+    phase_margin_deg: float | None
+    crossover_Hz: float | None  # the highest
+    bandwidth_Hz: float | None
+    quarter_Hz: float | None
+    peak_dB: float
+    delay_s: float
+
+
+def frequencies(rate_Hz: float, points: int = POINTS) -> Array:
+    """From 0.05 Hz to just below half of the rate."""
+    return np.geomspace(0.05, 0.499 * rate_Hz, points)
+
+
+def figures_of(loop: Loop, points: int = POINTS) -> LoopFigures:
+    """All figures of one loop."""
+    f = frequencies(1.0 / loop.tick_s, points)
+    opened, closed = loop.open_response(f), loop.closed_response(f)
+    size = np.log(np.maximum(np.abs(opened), 1e-12))
+    crossings = _where_zero(f, size)
+    angles = np.degrees(np.angle(loop.open_response(crossings))) if len(crossings) else np.zeros(0)
+    real = _where_zero(f, opened.imag)
+    at_real = loop.open_response(real).real if len(real) else np.zeros(0)
+    inside = at_real[(at_real < 0.0) & (at_real > -1.0)]
+    gain = 20 * np.log10(np.abs(closed))
+    phase = np.degrees(np.unwrap(np.angle(closed)))
+    return LoopFigures(
+        leg=loop.leg, mode=loop.mode, mass_kg=loop.mass_kg, extends=loop.extends, is_stable=loop.is_stable,
+        gain_margin_dB=float(-20 * np.log10(-inside.min())) if len(inside) else None,
+        phase_margin_deg=float((180.0 - np.abs(angles)).min()) if len(angles) else None,
+        crossover_Hz=float(crossings[-1]) if len(crossings) else None,
+        bandwidth_Hz=first_below(f, gain, -3.0), quarter_Hz=first_below(f, phase, -90.0), peak_dB=float(gain.max()),
+        delay_s=float(-np.interp(DELAY_AT_Hz, f, phase) / 360.0 / DELAY_AT_Hz),
+    )  # fmt: skip
+
+
+def _where_zero(f: Array, values: Array) -> Array:
+    """Where `values` change their sign, linear in between."""
+    k = np.flatnonzero(np.diff(np.sign(values)) != 0)
+    share = values[k] / (values[k] - values[k + 1])
+    return f[k] * (f[k + 1] / f[k]) ** share
+
+
+def first_below(f: Array, values: Array, level: float) -> float | None:
+    """The first frequency at which `values` fall below `level`."""
+    k = np.flatnonzero((values[:-1] >= level) & (values[1:] < level))
+    if not len(k):
+        return None
+    share = (values[k[0]] - level) / (values[k[0]] - values[k[0] + 1])
+    return float(f[k[0]] * (f[k[0] + 1] / f[k[0]]) ** share)
+
+
+def worst_figures(machine: Machine) -> LoopFigures:
+    """The loop with the least phase margin, with the worst of every other figure among all loops."""
+    found = [figures_of(loop) for loop in loops(machine)]
+    first = min(found, key=lambda one: (one.is_stable, 180.0 if one.phase_margin_deg is None else one.phase_margin_deg))
+    return replace(
+        first,
+        gain_margin_dB=_least(one.gain_margin_dB for one in found),
+        bandwidth_Hz=_least(one.bandwidth_Hz for one in found),
+        quarter_Hz=_least(one.quarter_Hz for one in found),
+        peak_dB=max(one.peak_dB for one in found),
+        delay_s=max(one.delay_s for one in found),
+    )
+
+
+def _least(values: Iterable[float | None]) -> float | None:
+    return min((value for value in values if value is not None), default=None)
+
+
+def stability_sentence(figures: LoopFigures) -> str:
+    """A warning where the loop is unstable or has little phase margin; else empty."""
+    where = f"leg {figures.leg}, {'extending' if figures.extends else 'retracting'}, moving {figures.mass_kg:.0f} kg"
+    if not figures.is_stable:
+        return f"the declared loop is unstable about neutral ({where}): lower its gains, see hexsim tune-loop"
+    if figures.phase_margin_deg is not None and figures.phase_margin_deg < LOW_PHASE_MARGIN_deg:
+        return (
+            f"the declared loop has a phase margin of {figures.phase_margin_deg:.0f} deg, below "
+            f"{LOW_PHASE_MARGIN_deg:g} deg ({where}): lower its gains, see hexsim tune-loop"
+        )
+    return ""

@@ -1,0 +1,254 @@
+"""Least squares where no model reaches the noise: rows of the balances in units of what is left in them.
+
+    minimise  J = N sum over rows log(max(mean square of the row, 1)) + sum (deviation/prior sd)^2
+
+With noise as the unit the row that is violated most drowns the others, and with 60,000 samples every column is
+significant. Here each balance counts by the share of its rest, and N is the number of rest's correlation times in the
+logs. Small realities (`rules.ORDINARY`) are fitted beside every hypothesis, each held to its ordinary size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from hexsim.tracing import rules
+from hexsim.tracing.fitting.fit import (
+    Fit,
+    answered,
+    bounds_of,
+    coordinates_of,
+    effect_columns,
+    fit_at,
+    parameter_columns,
+)
+from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
+from hexsim.tracing.problems.problem import FitProblem
+
+Array = np.ndarray
+STEPS = 8
+DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
+SPOOL_START = 0.2  # coordinate at which what vanishes at infinity starts: nothing can be differentiated at 0
+LEAST_FALL = 0.3  # of J, for another step
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RestFit:
+    """A hypothesis at the level of the rest. columns: of every coordinate, a log (k, n_rows, n). cost: J."""
+
+    fit: Fit
+    columns: list[Array]
+    cost: float
+
+    @property
+    def sizes(self) -> Array:
+        """rms of every row (n_rows,), in units of its noise."""
+        return row_sizes(self.fit.misfit)
+
+
+def row_sizes(misfit: Sequence[Array]) -> Array:
+    """rms of every row over all logs, (n_rows,)."""
+    return np.sqrt(sum(np.sum(m**2, axis=1) for m in misfit) / sum(m.shape[1] for m in misfit))
+
+
+def cost_of(fit: Fit, problem: FitProblem) -> float:
+    """J of a fit."""
+    sizes = row_sizes(fit.misfit)
+    if not np.all(np.isfinite(sizes)):
+        return np.inf
+    k = len(fit.priors)
+    return float(
+        2.0 * independent(problem) * np.sum(np.log(np.maximum(sizes, 1.0))) + 3.0 * np.sum(coordinates_of(fit)[:k] ** 2)
+    )
+
+
+def independent(problem: FitProblem) -> float:
+    """Correlation times of a rest in the logs."""
+    return sum(float(log.time[-1] - log.time[0]) for log in problem.logs) / rules.REST_TIME_S
+
+
+def ordinary_effects(possible: Sequence[Candidate]) -> list[Candidate]:
+    """The small realities among these candidates, one number each, held to its ordinary size."""
+    found = {}
+    for candidate in possible:
+        effect = candidate.effect
+        if effect.name in rules.ORDINARY and candidate.where == "all legs":
+            size, most = effect.parameters[0], rules.ORDINARY[effect.name]
+            low, high = size.bounds
+            bounds = (most, high) if np.isinf(size.neutral) else (max(low, -most), min(high, most))
+            small = replace(effect, parameters=(replace(size, bounds=bounds),))
+            found[effect.name] = replace(candidate, effect=small, shape={})
+    return list(found.values())
+
+
+def start_rest_fit(bare: Fit, small: Sequence[Candidate], problem: FitProblem) -> RestFit:
+    """The declared machine with its small realities, refitted at the level of the rest.
+
+    A spool that is there and one that is not are far apart: both are tried.
+    """
+    at_once = [candidate for candidate in small if not np.isinf(candidate.effect.parameters[0].neutral)]
+    tried = [begun(bare, own, problem) for own in ((at_once, small) if len(at_once) < len(small) else (small,))]
+    return min(tried, key=lambda found: found.cost)
+
+
+def begun(bare: Fit, small: Sequence[Candidate], problem: FitProblem) -> RestFit:
+    """The declared machine with these small realities, refitted."""
+    values = []
+    for candidate in small:
+        size = candidate.effect.parameters[0]
+        values.append({size.name: to_value(size, SPOOL_START if np.isinf(size.neutral) else 0.0)})
+    fit = replace(bare, candidates=tuple(small), values=tuple(values), columns=None)
+    return refined(answered(fit, problem), problem)
+
+
+def all_columns(fit: Fit, problem: FitProblem) -> list[Array]:
+    """Columns of every coordinate where the fit stands."""
+    declared = parameter_columns(fit, problem).columns
+    assert declared is not None
+    return [np.concatenate(pair) for pair in zip(declared, effect_columns(fit, problem), strict=True)]
+
+
+def refined(fit: Fit, problem: FitProblem, columns: list[Array] | None = None, steps: int = STEPS) -> RestFit:
+    """Gauss-Newton on J, weights of the rows anew at every step.
+
+    columns: of all coordinates but the last effect's, kept as they are; without them all are made anew at every step.
+    """
+    cost = cost_of(fit, problem)
+    whole: list[Array] = []
+    for _ in range(steps):
+        whole = _columns(fit, problem, columns)
+        trial, fall = _step(fit, cost, whole, problem)
+        if trial is None:
+            break
+        fit, cost = trial, cost - fall
+        if fall < LEAST_FALL:
+            break
+    return RestFit(fit=fit, columns=whole, cost=cost)
+
+
+def _columns(fit: Fit, problem: FitProblem, kept: list[Array] | None) -> list[Array]:
+    if kept is None:
+        return all_columns(fit, problem)
+    own = effect_columns(fit, problem, only=len(fit.candidates) - 1)
+    return [np.concatenate(pair) for pair in zip(kept, own, strict=True)]
+
+
+def _step(fit: Fit, cost: float, columns: list[Array], problem: FitProblem) -> tuple[Fit | None, float]:
+    """The first bounded step, damped more and more, with which J falls; None when it does not."""
+    A, b = weighted_system(fit, columns, problem)
+    here, (low, high) = coordinates_of(fit), bounds_of(fit)
+    for damping in DAMPINGS:
+        step = bounded(A + damping * np.diag(np.diag(A)), b, low - here, high - here)
+        trial = answered(fit_at(fit, np.clip(here + step, low, high)), problem)
+        fall = cost - cost_of(trial, problem)
+        if fall > 0.0:
+            return trial, fall
+    return None, 0.0
+
+
+def weighted_system(fit: Fit, columns: list[Array], problem: FitProblem) -> tuple[Array, Array]:
+    """Normal equations of J's tangent: rows over their mean square, N samples in all, priors included."""
+    k, m = columns[0].shape[0], len(fit.priors)
+    weights = independent(problem) / (np.maximum(row_sizes(fit.misfit), 1.0) ** 2 * sum(r.shape[1] for r in fit.misfit))
+    A, b = np.zeros((k, k)), np.zeros(k)
+    for X, r in zip(columns, fit.misfit, strict=True):
+        scaled = X * weights[None, :, None]
+        A += scaled.reshape(k, -1) @ X.reshape(k, -1).T
+        b += scaled.reshape(k, -1) @ r.ravel()
+    A[range(m), range(m)] += 3.0
+    b[:m] -= 3.0 * coordinates_of(fit)[:m]
+    return A, b
+
+
+def bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
+    """argmin x'Ax/2 - b'x inside bounds; a coordinate without a column stays."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
+    flat = np.diag(A) < 1e-200
+    scale[flat] = 1.0
+    root = np.linalg.cholesky(A * scale[:, None] * scale + 1e-9 * np.eye(len(b)))
+    low, high = low / scale, np.maximum(high / scale, low / scale + 1e-9)
+    low[flat], high[flat] = -1e-9, 1e-9
+    found = lsq_linear(root.T, np.linalg.solve(root, b * scale), bounds=(low, high), method="bvls", tol=1e-9)
+    return found.x * scale
+
+
+def released(base: RestFit, candidate: Candidate) -> tuple[Fit, list[Array]]:
+    """The base without the small reality of the same effect, and its columns."""
+    fit, m = base.fit, len(base.fit.priors)
+    keep = [k for k, own in enumerate(fit.candidates) if own.label != candidate.label]
+    places = list(range(m))
+    at = m
+    for k, own in enumerate(fit.candidates):
+        places += list(range(at, at + len(own.free()))) if k in keep else []
+        at += len(own.free())
+    bare = replace(fit, candidates=tuple(fit.candidates[k] for k in keep), values=tuple(fit.values[k] for k in keep))
+    return bare, [X[places] for X in base.columns]
+
+
+def with_effect(base: RestFit, candidate: Candidate, problem: FitProblem, size: float) -> RestFit | None:
+    """The base with one more effect, begun at a size and refitted, the base's columns kept; None when nothing is left."""
+    bare, columns = released(base, candidate)
+    number = candidate.effect.parameters[0]
+    values = candidate.start() | {number.name: to_value(number, size)}
+    fit = answered(replace(bare, candidates=(*bare.candidates, candidate), values=(*bare.values, values)), problem)
+    return refined(fit, problem, columns) if np.isfinite(cost_of(fit, problem)) else None
+
+
+def asked_for(fit: Fit, columns: list[Array], own: tuple[float, float], problem: FitProblem) -> tuple[float, float]:
+    """(coordinate that the last column asks for where the fit stands, what J's tangent promises for it). own: its bounds."""
+    A, b = weighted_system(fit, columns, problem)
+    here, (low, high) = coordinates_of(fit), bounds_of(fit)
+    x = bounded(A, b, np.append(low - here, own[0]), np.append(high - here, own[1]))
+    return float(x[-1]), float(2.0 * b @ x - x @ A @ x)
+
+
+def sandwich(found: RestFit, problem: FitProblem, runs: Sequence[int] | None = None) -> Array:
+    """Covariance of all coordinates from the scatter of blocks, with the priors' freedom inside: H^-1 (S + P) H^-1.
+
+    runs: only these logs. A small reality counts as known to its ordinary size.
+    """
+    fit = found.fit
+    H, P, scores = _curvature(fit, found.columns, problem, runs)
+    S = scores.T @ scores
+    inverse = np.linalg.pinv(H, rcond=1e-12, hermitian=True)
+    return inverse @ (S + P) @ inverse
+
+
+def _curvature(
+    fit: Fit, columns: list[Array], problem: FitProblem, runs: Sequence[int] | None
+) -> tuple[Array, Array, Array]:
+    """(normal matrix with priors, priors alone, score of each block (n_blocks, k))."""
+    k, m = columns[0].shape[0], len(fit.priors)
+    size = np.maximum(row_sizes(fit.misfit), 1.0)
+    low, high = bounds_of(fit)
+    reach = np.where(np.arange(k) < m, 1.0, 0.5 * (high - low))
+    free = np.arange(k) >= m + sum(len(c.free()) for c in fit.candidates if c.effect.name in rules.ORDINARY)
+    P = np.diag(np.where(free, 0.0, 3.0 / np.maximum(reach, 1e-9) ** 2))
+    H, scores = P.copy(), []
+    for i, (X, r) in enumerate(zip(columns, fit.misfit, strict=True)):
+        if runs is not None and i not in runs:
+            continue
+        count = max(int((problem.logs[i].time[-1] - problem.logs[i].time[0]) / rules.PARTLY_BLOCK_S), 2)
+        for part in np.array_split(np.arange(r.shape[1]), count):
+            scaled = (X[:, :, part] / size[None, :, None] ** 2).reshape(k, -1)
+            H += scaled @ X[:, :, part].reshape(k, -1).T
+            scores.append(scaled @ r[:, part].ravel())
+    return H, P, np.array(scores)
+
+
+def estimate(found: RestFit, place: int, problem: FitProblem, runs: Sequence[int]) -> tuple[float, float]:
+    """(value, standard error) of one coordinate from these logs alone, linear about the fit of all of them."""
+    fit = found.fit
+    H, _, scores = _curvature(fit, found.columns, problem, runs)
+    step = np.linalg.pinv(H, rcond=1e-12, hermitian=True) @ scores.sum(axis=0)
+    covariance = sandwich(found, problem, runs)
+    return float(coordinates_of(fit)[place] + step[place]), float(np.sqrt(max(covariance[place, place], 0.0)))
+
+
+def size_of(fit: Fit, k: int = -1) -> float:
+    """Coordinate of an effect's first number."""
+    number = fit.candidates[k].effect.parameters[0]
+    return to_coordinate(number, fit.values[k][number.name])

@@ -1,0 +1,237 @@
+"""A machine of one's own as a folder: balances.toml (or balances.py) with its balances, mapping.toml, logs.
+
+What balances.toml may say: see `hexsim.tracing.own.declaration`.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from hexsim.errors import HexsimError
+from hexsim.files.toml_files import read_toml, validation_sentence
+from hexsim.readers import load_mapping, log_files, read_stretches
+from hexsim.readers.files import log_name, readers, suffix_of
+from hexsim.signals.log import Log
+from hexsim.signals.weak_form import Window
+from hexsim.tracing.own.declaration import BalanceTable, Declaration, TermTable
+from hexsim.tracing.own.expressions import formula, plain
+from hexsim.tracing.term_columns import Expression, OwnBalance, Point, Term, aligned
+
+FILE, MODULE = "balances.toml", "balances.py"
+LEAST_RUNS = 3
+PARTS = 6  # that fewer runs are cut into
+NUDGE_SAMPLES = 1.0  # of a channel whose delay is a candidate
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OwnMachine:
+    """Balances and runs of a folder. sentences: a run -> what was repaired and moved."""
+
+    name: str
+    balances: tuple[OwnBalance, ...]
+    fit: tuple[Point, ...]
+    validate: tuple[Point, ...]
+    sentences: dict[str, list[str]]
+    declaration: Declaration | None = None
+
+
+def is_own(folder: Path) -> bool:
+    """Has the folder balances of its own?"""
+    return (folder / FILE).is_file() or (folder / MODULE).is_file()
+
+
+def load_own(folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = ()) -> OwnMachine:
+    """The machine of a folder with its runs read and aligned. HexsimError for what cannot be used."""
+    if not (folder / FILE).is_file():
+        return of_module(folder, fit, validate)
+    where = folder / FILE
+    try:
+        asked = Declaration.model_validate(read_toml(where))
+    except ValidationError as error:
+        raise HexsimError(f"{where}: {validation_sentence(error, Declaration)}") from None
+    names = {key: str(value) if isinstance(value, str) else repr(value) for key, value in asked.constants.items()}
+    logs, held_out = logs_of(
+        folder / asked.runs.folder, folder, fit or asked.runs.fit, validate or asked.runs.validate_on
+    )
+    sentences: dict[str, list[str]] = {}
+    points = [point_of(log, asked, names, sentences) for log in logs]
+    scored = [point_of(log, asked, names, sentences) for log in held_out]
+    balances = tuple(balance_of(table, names, str(where)) for table in asked.balances)
+    return OwnMachine(
+        name=asked.name or folder.resolve().name, balances=balances, fit=in_parts(points, sentences),
+        validate=tuple(scored), sentences=sentences, declaration=asked,
+    )  # fmt: skip
+
+
+def logs_of(data: Path, folder: Path, fit: Sequence[str], validate: Sequence[str]) -> tuple[list[Log], list[Log]]:
+    """Runs to fit and held out, every stretch between gaps one of them."""
+    held_out = [log_files(data, name) for name in validate]
+    paths = [log_files(data, name) for name in fit]
+    if not paths:
+        files = sorted(path for path in data.iterdir() if path.is_file()) if data.is_dir() else []
+        paths = [path for path in files if suffix_of(path) in readers() and path not in held_out]
+    both = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
+    if both:
+        name = log_name(min(both))
+        raise HexsimError(f"log {name} is given to fit and to validate: judge on another run that no fit has seen")
+    if not paths:
+        raise HexsimError(f"there is no log in {data}: name its folder under [runs] of {FILE}")
+    mapping = folder / "mapping.toml"
+    chosen = load_mapping(mapping if mapping.is_file() else None)
+    read = []
+    for path in (*paths, *held_out):
+        parts = read_stretches(path, chosen)
+        read.append(parts[:1])  # the longest: alignment needs all of its parts
+    logs = [part for parts in read[: len(paths)] for part in parts]
+    return logs, [part for parts in read[len(paths) :] for part in parts]
+
+
+def point_of(log: Log, asked: Declaration, names: dict[str, str], sentences: dict[str, list[str]]) -> Point:
+    """The run with its late channels moved, and what is to be said of it."""
+    said = sentences.setdefault(log.name, list(log.losses))
+    bare = Point(log=log, window=Window(log.rate, asked.runs.window_s), short=short_window(log, asked))
+    shifts = {}
+    for channel, align in asked.align.items():
+        if channel not in log.columns:
+            said.append(f"{channel} is not in this run: nothing to align")
+            continue
+        look, where = Window(log.rate, align.window_s), f"[align.{channel}]"
+        seen = plain(align.channel or channel, where, names)(Point(log=log, window=look, short=look))
+        if not np.ptp(seen) > 0:
+            said.append(f"{channel} stands still: nothing to align")
+            continue
+        reference = plain(align.reference, where, names)(Point(log=log, window=look, short=look))
+        found = aligned(look, f"{channel} of run {log.name}", seen, reference, align.constant)
+        shifts[channel] = found.delay_s
+        said.append(found.sentence)
+    return Point(log=bare.log, window=bare.window, short=bare.short, shifts_s=shifts)
+
+
+def short_window(log: Log, asked: Declaration) -> Window:
+    return Window(log.rate, asked.runs.short_window_s or asked.runs.window_s)
+
+
+def in_parts(points: Sequence[Point], sentences: dict[str, list[str]]) -> tuple[Point, ...]:
+    """Three runs or more as they are; fewer cut into contiguous parts, which stand for runs."""
+    if len(points) >= LEAST_RUNS:
+        return tuple(points)
+    found = []
+    for point in points:
+        n, name = len(point.log.time), point.log.name
+        sentences[name].append(
+            f"{len(points)} runs are too few to hold one out twice: {name} is cut into {PARTS} parts"
+        )
+        for k in range(PARTS):
+            rows = slice(k * n // PARTS, (k + 1) * n // PARTS)
+            whole = Log(name=f"{name} part {k + 1}", kind=point.log.kind, time=point.log.time, rate=point.log.rate,
+                        columns=point.log.columns, repaired=point.log.repaired)  # fmt: skip
+            found.append(Point(log=whole, window=point.window, short=point.short, shifts_s=point.shifts_s, rows=rows))
+    return tuple(found)
+
+
+def balance_of(table: BalanceTable, names: dict[str, str], where: str) -> OwnBalance:
+    """Functions of a point for the formulas of a balance."""
+    place = f"{where} balance {table.name}"
+    target = formula(table.target, place, names)
+    terms = tuple(term_of(one, names, place) for one in table.terms)
+    declared = [(one.declared or 0.0, term) for one, term in zip(table.terms, terms, strict=True)]
+
+    def left(point: Point) -> np.ndarray:
+        return target(point) - sum((c * term.column(point) for c, term in declared), np.zeros(len(point.log.time)))
+
+    candidates = tuple(late_term(one, left) if one.late else term_of(one, names, place) for one in table.candidates)
+    valid = None
+    if table.valid is not None:
+        inside = plain(table.valid, place, names)
+        valid = lambda point: inside(point) > 0.0  # noqa: E731
+    return OwnBalance(name=table.name, unit=table.unit, target=target, terms=terms, candidates=candidates, valid=valid)
+
+
+def term_of(table: TermTable, names: dict[str, str], where: str) -> Term:
+    """A term; a hinge or a threshold with its place to be found, or given."""
+    where = f"{where} term {table.name}"
+    common = {"name": table.name, "unit": table.unit, "declared": table.declared, "uncertainty": table.uncertainty,
+              "sign": table.sign}  # fmt: skip
+    axes = {"above": table.above, "below": table.below, "step": table.step}
+    given = [key for key, text in axes.items() if text is not None]
+    if not given:
+        return Term(column=formula(table.column, where, names), **common)
+    if len(given) > 1:
+        raise HexsimError(f"{where}: give one of above, below and step")
+    over, factor = plain(axes[given[0]] or "", where, names), plain(table.column, where, names)
+
+    def column_at(point: Point, place: float) -> np.ndarray:
+        x = over(point) - place
+        shape = {"above": np.maximum(x, 0.0), "below": np.maximum(-x, 0.0), "step": (x > 0).astype(float)}[given[0]]
+        return point.mean(factor(point) * shape)
+
+    if table.place is not None:
+        at = table.place
+        return Term(column=lambda p: column_at(p, at), **common)
+    return Term(over=over, column_at=column_at, **common)
+
+
+def late_term(table: TermTable, left: Expression) -> Term:
+    """What a delay of a channel does to the balance: the change of target less declared terms with it."""
+    channel = table.late or ""
+
+    def column(point: Point) -> np.ndarray:
+        step = NUDGE_SAMPLES / point.log.rate
+        return (left(point.late(channel, -step)) - left(point.late(channel, step))) / (2.0 * step)
+
+    return Term(name=table.name, unit=table.unit, column=column, sign=table.sign)
+
+
+def of_module(folder: Path, fit: Sequence[str], validate: Sequence[str]) -> OwnMachine:
+    """A folder with balances.py: BALANCES, point(path) -> Point, and perhaps FOLDER, FIT and VALIDATE."""
+    module = loaded(folder / MODULE)
+    balances: Any = getattr(module, "BALANCES", None)
+    make: Any = getattr(module, "point", None)
+    if not balances or not callable(make):
+        raise HexsimError(
+            f"{folder / MODULE} must define BALANCES (OwnBalance, ...) and point(path), which gives a Point"
+        )
+    data = folder / getattr(module, "FOLDER", ".")
+    held_out = [log_files(data, name) for name in validate or getattr(module, "VALIDATE", ())]
+    paths = [log_files(data, name) for name in fit or getattr(module, "FIT", ())]
+    paths = paths or sorted(
+        p for p in data.iterdir() if p.is_file() and suffix_of(p) in readers() and p not in held_out
+    )
+    points: list[Point] = [make(path) for path in paths]
+    scored: list[Point] = [make(path) for path in held_out]
+    sentences: dict[str, list[str]] = {}
+    for point in (*points, *scored):
+        moved = [
+            f"{name} is late by {1e3 * np.min(s):.0f} to {1e3 * np.max(s):.0f} ms: moved"
+            for name, s in point.shifts_s.items()
+        ]
+        sentences[point.log.name] = [*point.log.losses, *moved]
+    return OwnMachine(
+        name=folder.resolve().name, balances=tuple(balances), fit=in_parts(points, sentences), validate=tuple(scored),
+        sentences=sentences,
+    )  # fmt: skip
+
+
+def loaded(path: Path) -> ModuleType:
+    """The module of a file, of a name that no other has."""
+    spec = importlib.util.spec_from_file_location(f"own_balances_{abs(hash(path.resolve()))}", path)
+    if spec is None or spec.loader is None:
+        raise HexsimError(f"there is no {FILE} and no {MODULE} in {path.parent}")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except HexsimError:
+        raise
+    except Exception as error:
+        raise HexsimError(f"{path} cannot be run: {type(error).__name__}: {str(error)[:160]}") from None
+    return module

@@ -1,0 +1,105 @@
+"""report.html of a machine with balances of its own: self-contained, the error budget first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from hexsim.recording.figure_style import legend, new_figure, png, styled
+from hexsim.recording.report import data_url, render
+from hexsim.tracing.own.analysis import OwnTrace
+from hexsim.tracing.own.folder import OwnMachine
+
+SHOWN_S = 30.0  # of a run
+MOST_POINTS = 4000
+STEPS = (("declared", "as declared"), ("refit", "refitted"), ("with_terms", "with the terms"))
+SHADES = {"declared": "0.75", "refit": "0.5", "with_terms": "#1f5fa8"}
+
+
+def own_page(machine: OwnMachine, traces: Sequence[OwnTrace], report: Mapping[str, Any]) -> str:
+    """The whole page."""
+    return render(
+        "own.html.j2",
+        title=f"Trace of {machine.name}",
+        report=report,
+        runs=", ".join(point.log.name for point in machine.fit),
+        pictures=[
+            [(data_url(png(draw(trace))), caption) for draw, caption in ((budget, BUDGET), (rest_in_time, TIME), (rest_over, OVER))]
+            for trace in traces
+        ],
+    )  # fmt: skip
+
+
+BUDGET = (
+    "Error budget: rms of what the balance leaves on each run that was held out, as declared, with the declared numbers "
+    "refitted, and with the terms that were chosen without that run. A good step makes every run's bar shorter."
+)
+TIME = "The balance in time, on one run: what must be explained, and what is left. Pale bands are pulses found in the rest."
+OVER = "What is left over the signal that it depends on most; the line is the mean of narrow bins."
+
+
+@styled
+def budget(trace: OwnTrace) -> Figure:
+    """Bars a run: declared, refitted, with the terms."""
+    rows = [
+        (f.held_out, {"declared": f.declared, "refit": f.refit, "with_terms": f.with_terms})
+        for f in trace.verdict.folds
+    ]
+    rows += [(f"{run} (held out)", dict(row)) for run, row in trace.held_out.items()]
+    figure, (plot,) = new_figure(1, f"Error budget of the {trace.balance.name} balance", height=1.4 + 0.42 * len(rows))
+    for k, (key, label) in enumerate(STEPS):
+        at = np.arange(len(rows)) + 0.26 * (k - 1)
+        plot.barh(at, [row[key] for _, row in rows], height=0.24, color=SHADES[key], label=label)
+    plot.set_yticks(np.arange(len(rows)), [name[:40] for name, _ in rows])
+    plot.invert_yaxis()
+    plot.set_xlabel(f"rms of the rest [{trace.balance.unit}]")
+    legend(plot)
+    return figure
+
+
+@styled
+def rest_in_time(trace: OwnTrace) -> Figure:
+    """Target and rest of one run: the one with events, else the first."""
+    name = next((run for run, found in trace.events.items() if found), next(iter(trace.rests)))
+    time, target, before, after = trace.rests[name]
+    found = trace.events[name]
+    first = max(found[0].start_s - 2.0, 0.0) if found else 0.0
+    rows = (time >= first) & (time < first + SHOWN_S)
+    thin = slice(None, None, max(int(rows.sum()) // MOST_POINTS, 1))
+    figure, (upper, lower) = new_figure(2, f"{trace.balance.name} balance on {name}", height=5.0)
+    upper.plot(time[rows][thin], target[rows][thin], color="0.4", label="target")
+    upper.plot(time[rows][thin], (target - after)[rows][thin], color="#1f5fa8", label="terms")
+    lower.plot(time[rows][thin], before[rows][thin], color="0.65", label="rest, refitted")
+    lower.plot(time[rows][thin], after[rows][thin], color="#1f5fa8", label="rest, with the terms")
+    for event in found:
+        if event.start_s < first + SHOWN_S:
+            lower.axvspan(event.start_s, min(event.stop_s, first + SHOWN_S), color="#f0b429", alpha=0.25, lw=0)
+    for plot in (upper, lower):
+        plot.set_ylabel(f"[{trace.balance.unit}]")
+        legend(plot)
+    lower.set_xlabel("time [s]")
+    return figure
+
+
+@styled
+def rest_over(trace: OwnTrace) -> Figure:
+    """The rest over the signal of its strongest dependence."""
+    signal = trace.verdict.depends_on[0]
+    signal = "time_s" if signal == "none" else signal
+    x, y = trace.spread[signal]
+    figure, (plot,) = new_figure(1, f"Rest of the {trace.balance.name} balance over {signal}", height=3.4)
+    thin = slice(None, None, max(len(x) // MOST_POINTS, 1))
+    plot.plot(x[thin], y[thin], ".", ms=2.0, color="0.7", label="samples of all runs")
+    edges = np.unique(np.quantile(x, np.linspace(0, 1, 41)))
+    edges = edges if len(edges) > 1 else np.append(edges, edges[0] + 1.0)
+    place = np.clip(np.searchsorted(edges, x) - 1, 0, len(edges) - 2)
+    count = np.maximum(np.bincount(place, minlength=len(edges) - 1), 1)
+    middle, mean = (np.bincount(place, v, minlength=len(edges) - 1) / count for v in (x, y))
+    plot.plot(middle, mean, color="#b3261e", label="mean of bins")
+    plot.set_xlabel(signal)
+    plot.set_ylabel(f"rest [{trace.balance.unit}]")
+    legend(plot)
+    return figure

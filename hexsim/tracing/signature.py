@@ -1,0 +1,187 @@
+"""The signature of an effect: what the declared machine's balances leave of runs in which the effect acts at typical size.
+
+A machine that travels with hexsim is simulated without noise on a motion of many frequencies, with the effect and without
+it. Shown is the balance that the effect violates most, over the signal whose curve explains most of its residual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from hexsim.declaration import Machine
+from hexsim.errors import HexsimError
+from hexsim.hydraulics.effects import Effect, effect_named
+from hexsim.machine import load_machine
+from hexsim.machine.geometry import machine_kinematics
+from hexsim.recording.figure_style import legend, new_figure, styled
+from hexsim.signals.log import Log
+from hexsim.signals.table import table
+from hexsim.tracing.balances import Balance, library
+from hexsim.tracing.balances.null import used
+from hexsim.tracing.fitting.parameters import Candidate, with_settings
+from hexsim.tracing.report.signals import SIGNALS
+from hexsim.tracing.simulation.simulator import simulate_log
+from hexsim.tracing.steps.residuals import kept, signals_of
+
+Array = np.ndarray
+MACHINES = {"bench": ("bench", "servo_bench"), "hexapod": ("micro_motion_system", "servo_hexapod")}
+DURATION_S = {"bench": 10.0, "hexapod": 6.0}
+RATE_Hz = 1000.0
+TONES = ((0.3, 0.35), (0.7, 0.2), (1.6, 0.1), (3.1, 0.04), (6.3, 0.01))  # (Hz, share of a quarter of the stroke)
+ALIKE = 0.05  # of R2: of signals that do so alike the balance's own order decides
+ROUGH = 0.02  # of a run without the effect: what sampling alone leaves
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Signature:
+    """Residual (m,) of a balance over a signal (m,), with the effect (and without it), moving out or in (m,) bool."""
+
+    effect: Effect
+    values: dict[str, float]
+    machine: str
+    balance: Balance
+    where: str
+    signal: str
+    x: Array
+    residual: Array
+    without: Array
+    outward: Array
+
+
+def signature(name: str) -> Signature:
+    """Simulate and choose balance and signal. HexsimError for an unknown effect, or one of no size."""
+    effect = effect_named(name)
+    if not effect.parameters:
+        raise HexsimError(f"{name} has no size of its own: it is learned from logs, so that it has no signature")
+    kind = "bench" if "bench" in effect.kinds else "hexapod"
+    best: tuple[float, Signature] | None = None
+    for place in MACHINES[kind]:
+        found = on_machine(effect, load_machine(place), kind)
+        if found is not None and (best is None or found[0] > 3.0 * best[0]):
+            best = found
+    if best is None:
+        raise HexsimError(f"{name} does not act on {' or '.join(MACHINES[kind])} at its typical size")
+    return best[1]
+
+
+def on_machine(effect: Effect, machine: Machine, kind: str) -> tuple[float, Signature] | None:
+    """(times the residual without it, signature) on one machine; None where nothing changes or nothing simulates."""
+    candidate = Candidate(effect=effect)
+    values = candidate.start() | {p.name: p.typical for p in effect.parameters[: 3 if effect.vector else 1]}
+    changed = with_settings(machine, {}, [(candidate, values)])
+    asked = asked_log(machine, kind)
+    plain, log = (answered(one, asked) for one in (machine, changed))
+    if not np.all(np.isfinite(log.position)):
+        return None
+    found: list[tuple[float, Balance, int, Array, Array]] = []
+    for balance in library():
+        if balance.wants(log, machine) and not (balance.shared_out and kind == "hexapod"):
+            before, after = balance.residual(plain, machine), balance.residual(log, machine)
+            for place in range(len(after)):
+                size = rms(used(plain, before)[place]) + 1e-9 * rms(used(log, after)[place]) + 1e-300
+                found.append(
+                    (rms(used(log, after - before)[place]) / size, balance, place, before[place], after[place])
+                )
+    ratio, balance, place, before, after = max(found, key=lambda one: one[0])
+    if ratio < ROUGH:
+        return None
+    where = balance.places(log)[place]
+    signals, v = signals_of(log, machine, where)
+    rest, own = after[kept(log)], {name: x for name, x in signals.items() if name in balance.signals}
+    shares = {name: explained(own[name], rest) for name in balance.signals if name in own}
+    name = next(name for name, share in shares.items() if share > max(shares.values()) - ALIKE)
+    return ratio, Signature(
+        effect=effect, values=values, machine=machine.machine.name, balance=balance, where=where, signal=name, x=own[name],
+        residual=rest, without=before[kept(log)], outward=v > 0,
+    )  # fmt: skip
+
+
+def asked_log(machine: Machine, kind: str) -> Log:
+    """A log that holds setpoints alone: heave and, of a hexapod, roll and pitch of many frequencies."""
+    n = int(DURATION_S[kind] * RATE_Hz)
+    t = np.arange(n) / RATE_Hz
+    fade = np.clip(t, 0.0, 1.0) ** 2 * (3.0 - 2.0 * np.clip(t, 0.0, 1.0))
+    reach = 0.25 * machine.cylinder.stroke_m
+    waves = [fade * sum(a * np.sin(2 * np.pi * f * t + k * f) for f, a in TONES) for k in range(3)]
+    if kind == "bench":
+        setpoint = 0.5 * machine.cylinder.stroke_m + reach * waves[0][None]
+    else:
+        kinematics = machine_kinematics(machine)
+        pose = np.zeros((n, 6))
+        pose[:, 2], pose[:, 3], pose[:, 4] = 0.5 * reach * waves[0], 0.05 * waves[1], 0.05 * waves[2]
+        setpoint = np.stack([kinematics.piston_positions(one) for one in pose]).T
+    every = max(round(RATE_Hz / machine.controller.rate_Hz), 1)
+    held = np.repeat(setpoint[:, ::every], every, axis=1)[:, :n]
+    return Log(name="signature", kind=machine.machine.kind, time=t, rate=RATE_Hz, setpoint=held, position=setpoint)
+
+
+def answered(machine: Machine, asked: Log) -> Log:
+    """What the sensors would show, without noise."""
+    out = simulate_log(machine, asked, 0, {})
+    columns = dict(asked.columns)
+    for stem, rows in out.items():
+        if stem in table():
+            columns |= zip(table()[stem].columns(asked.n_legs), np.atleast_2d(rows), strict=False)
+    return Log(name=asked.name, kind=asked.kind, time=asked.time, rate=asked.rate, columns=columns)
+
+
+def explained(x: Array, y: Array) -> float:
+    """R2 of the curve of y over x in 30 bins."""
+    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, 31)))
+    if len(edges) < 4:
+        return 0.0
+    place = np.clip(np.searchsorted(edges, x) - 1, 0, len(edges) - 2)
+    mean = np.bincount(place, y, minlength=len(edges)) / np.maximum(np.bincount(place, minlength=len(edges)), 1)
+    return 1.0 - float(np.var(y - mean[place])) / max(float(np.var(y)), 1e-300)
+
+
+def rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(x))))
+
+
+@styled
+def picture(found: Signature) -> Figure:
+    """The residual over its signal: with the effect, moving out and in, and without it."""
+    label, scale, unit = SIGNALS.get(found.signal, (found.signal, 1.0, ""))
+    title = (
+        f"{found.effect.name.replace('_', ' ')} in the {found.balance.name} balance of {found.where}, {found.machine}"
+    )
+    figure, (plot,) = new_figure(1, title, height=4.2)
+    x = scale * found.x
+    plot.plot(x, found.without, ".", ms=2.0, color="0.75", label="without it")
+    for rows, color, words in ((found.outward, "#1f5fa8", "moving out"), (~found.outward, "#b3261e", "moving in")):
+        plot.plot(x[rows], found.residual[rows], ".", ms=2.0, color=color, label=f"with it, {words}")
+    plot.set_xlabel(f"{label} [{unit}]")
+    plot.set_ylabel(f"residual [{found.balance.unit}]")
+    legend(plot)
+    return figure
+
+
+def drawn(found: Signature, width: int = 61, height: int = 13) -> Sequence[str]:
+    """The same in characters: + moving out, o moving in, mean of columns; the axis is the residual's zero."""
+    x, y = found.x, found.residual
+    edges = np.linspace(np.min(x), np.max(x) + 1e-300, width + 1)
+    column = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, width - 1)
+    rows = [[" "] * width for _ in range(height)]
+    means = {}
+    for mark, side in (("+", found.outward), ("o", ~found.outward)):
+        for k in range(width):
+            own = y[side & (column == k)]
+            if len(own):
+                means[mark, k] = float(own.mean())
+    low, high = min(0.0, *means.values()), max(0.0, *means.values())
+    span = max(high - low, 1e-300)
+    zero = round((high - 0.0) / span * (height - 1))
+    rows[zero] = ["-"] * width
+    for (mark, k), value in means.items():
+        rows[round((high - value) / span * (height - 1))][k] = mark
+    label, scale, unit = SIGNALS.get(found.signal, (found.signal, 1.0, ""))
+    left = [f"{high:.2g}", *[""] * (height - 2), f"{low:.2g}"]
+    left[zero] = left[zero] or "0"
+    lines = [f"{text:>9} |{''.join(row)}" for text, row in zip(left, rows, strict=True)]
+    ends = f"{scale * edges[0]:.3g}", f"{scale * edges[-1]:.3g} {unit}"
+    return [*lines, " " * 11 + ends[0] + label.center(width - len(ends[0]) - len(ends[1])) + ends[1]]
