@@ -67,7 +67,7 @@ def facts(summary: Mapping[str, Any], run: Any = None) -> list[tuple[str, str]]:
             f"{axis} {number(figures['peak_band_m_s2'])} m/s² ({number(figures['peak_over_threshold'], 2)} x perception)"
             for axis, figures in axes.items()
         )
-        lines.append((f"peak at {point}", peaks))
+        lines.append(("point", f"{point}: peak {peaks}"))
     if run is not None:
         lines.append(("model", f"{MODELS.get(run.model, run.model)}, {scheme_text(run.timestep, summary)}"))
         lines.append(("seed", str(run.seed)))

@@ -122,7 +122,7 @@ def test_figures_and_words_of_a_point(run):
     for axes in figures.values():
         for axis, threshold in (("x", 0.063), ("y", 0.057), ("z", 0.154)):
             assert axes[axis]["peak_over_threshold"] == pytest.approx(axes[axis]["peak_band_m_s2"] / threshold)
-    assert [name for name, _ in facts(run.summary) if "driver_head" in name] == ["peak at driver_head"]
+    assert [text.split(":")[0] for name, text in facts(run.summary) if name == "point"] == ["driver_head", "below"]
     figure = points(Signals.of_run(run))
     assert figure is not None
     assert {line.get_label() for line in figure.axes[0].lines} >= {"driver_head", "below"}
