@@ -1,6 +1,7 @@
 """The table of docs/faults.md: every fault on the 600 kg machine in heave, what the motion computer saw and did.
 
-    python benchmarks/fault_table.py            writes docs/results/faults.json and docs/results/faults.md
+    python benchmarks/fault_table.py               writes docs/results/faults.json and docs/results/faults.md
+    python benchmarks/fault_table.py --manifold    faults_manifold.json and faults_manifold.md: with a safety manifold
 
 Heave of 0.05 m at 0.5 Hz; the fault comes at t = 3.3 s, in the middle of a downward stroke. Full legs (--fast:
 tendon model). Sensor noise of seed 0.
@@ -15,13 +16,14 @@ from pathlib import Path
 from typing import Any
 
 from hexsim.machine import load_machine
+from hexsim.machine.files import changed
 from hexsim.qualify.outcome import Outcome, outcome
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 TIME_s = 3.3
-BEGIN, END = "<!-- written by benchmarks/fault_table.py -->", "<!-- end -->"
+BEGIN, END = "<!-- written by benchmarks/fault_table.py: {} -->", "<!-- end -->"
 CASES: tuple[tuple[str, dict[str, Any]], ...] = (
     ("valve stuck fully open, up", {"kind": "valve_stuck", "leg": 1, "at": "open"}),
     ("valve stuck fully open, down", {"kind": "valve_stuck", "leg": 1, "at": -10.0}),
@@ -66,21 +68,24 @@ def line(name: str, found: Outcome, stroke_m: float, cushion_m: float) -> str:
     )
 
 
-def into_document(table: str) -> None:
-    """Put the table between the marks of docs/faults.md."""
-    document = RESULTS.parent / "faults.md"
-    before, _, rest = document.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, after = rest.partition(END)
-    document.write_text(f"{before}{BEGIN}\n{table}{END}{after}", encoding="utf-8")
+def into_document(table: str, name: str) -> None:
+    """Put the table between its marks in docs/faults.md, where that has them."""
+    document, begin = RESULTS.parent / "faults.md", BEGIN.format(name)
+    before, mark, rest = document.read_text(encoding="utf-8").partition(begin)
+    if mark:
+        _, _, after = rest.partition(END)
+        document.write_text(f"{before}{begin}\n{table}{END}{after}", encoding="utf-8")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--fast", action="store_true", help="tendon model")
     parser.add_argument("--machine", default="micro_motion_system")
-    parser.add_argument("--name", default="faults", help="of the files in docs/results")
+    parser.add_argument("--manifold", action="store_true", help="with a safety manifold of default sizes")
+    parser.add_argument("--name", help="of the files in docs/results")
     arguments = parser.parse_args()
-    machine = load_machine(arguments.machine)
+    file_name = arguments.name or ("faults_manifold" if arguments.manifold else "faults")
+    machine = changed(load_machine(arguments.machine), {"manifold": {}} if arguments.manifold else {})
     cylinder = machine.cylinder
     rows, data = [], {}
     for name, fault in CASES:
@@ -93,11 +98,10 @@ def main() -> None:
         f"into the cushion of {1e3 * cylinder.cushion_length_m:g} mm [mm] |\n|---|---|---|---|---|---|---|\n"
     )
     RESULTS.mkdir(parents=True, exist_ok=True)
-    (RESULTS / f"{arguments.name}.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    (RESULTS / f"{file_name}.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     table = head + "\n".join(rows) + "\n"
-    (RESULTS / f"{arguments.name}.md").write_text(table, encoding="utf-8")
-    if arguments.name == "faults":
-        into_document(table)
+    (RESULTS / f"{file_name}.md").write_text(table, encoding="utf-8")
+    into_document(table, file_name)
 
 
 if __name__ == "__main__":

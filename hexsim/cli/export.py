@@ -22,7 +22,12 @@ def register(app: typer.Typer) -> None:
 def fmu(
     machine: Annotated[str, typer.Argument(help="Name, folder or TOML file of a machine.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write, MACHINE.fmu.")],
-    what: Annotated[Literal["plant"], typer.Option(help="plant: valve volts in, motion and pressures out.")] = "plant",
+    what: Annotated[
+        Literal["plant", "machine"],
+        typer.Option(
+            help="plant: valve volts in, motion and pressures out; machine: setpoints in, controllers inside."
+        ),
+    ] = "plant",
     tendon: Annotated[
         bool, typer.Option("--tendon", help="The tendon equal of the legs: faster, peaks to 0.1 %.")
     ] = False,

@@ -9,6 +9,7 @@ from hexsim.declaration.controller import Controller
 from hexsim.declaration.geometry import Geometry
 from hexsim.declaration.load import Load
 from hexsim.declaration.machine import EffectTable, Identity, Machine
+from hexsim.declaration.manifold import Manifold
 from hexsim.declaration.power_unit import PowerUnit
 from hexsim.declaration.section import Name, Section, between, section_of, values_of, zero_or
 from hexsim.declaration.sensors import Sensors
@@ -16,6 +17,6 @@ from hexsim.declaration.supply import ATMOSPHERE_Pa, Oil, Supply
 from hexsim.declaration.valve import Valve
 
 __all__ = [
-    "ATMOSPHERE_Pa", "Controller", "Cylinder", "EffectTable", "Friction", "Geometry", "Identity", "Load", "Machine",
+    "ATMOSPHERE_Pa", "Controller", "Cylinder", "EffectTable", "Friction", "Geometry", "Identity", "Load", "Machine", "Manifold",
     "Name", "Oil", "PowerUnit", "Section", "Sensors", "Supply", "Valve", "between", "section_of", "values_of", "zero_or",
 ]  # fmt: skip

@@ -13,6 +13,7 @@ from hexsim.declaration.controller import Controller
 from hexsim.declaration.geometry import AnyGeometry
 from hexsim.declaration.leg import TABLES, Leg, LegTable, leg_of
 from hexsim.declaration.load import Load, Payload
+from hexsim.declaration.manifold import Manifold
 from hexsim.declaration.mechanics import declared_mechanics
 from hexsim.declaration.power_unit import PowerUnit
 from hexsim.declaration.section import Name, Section, between
@@ -59,6 +60,7 @@ class Machine(Section):
         description="places [x, y, z] in the platform's frame whose acceleration is of interest [m]",
     )
     power_unit: PowerUnit | None = None
+    manifold: Manifold | None = None
     extra_sensors: dict[str, dict[str, float]] = Field(
         default={}, description="sensors beside the standard ones, a table each: hexsim/signals/sensor.py"
     )

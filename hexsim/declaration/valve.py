@@ -12,6 +12,7 @@ from hexsim.declaration.section import Section, between, zero_or
 
 Gain = Annotated[float, Field(ge=0.0, le=100.0)]
 Length = Annotated[float, Field(ge=-0.1, le=0.1)]
+Rounding = Annotated[float, Field(ge=0.0, le=1e-2)]
 FourEdges = tuple[float, float, float, float]
 FLOW_POINTS = 24  # of a flow curve with both signs
 EDGES = ("PA", "AT", "PB", "BT")
@@ -70,6 +71,9 @@ class Valve(Section):
         (1.0, 1.0, 1.0, 1.0), strict=False, description="openings P-A, A-T, P-B, B-T over the declared one; 1: matched"
     )
     edge_rounding_m: float = zero_or(1e-9, 1e-2, "rounding of the metering edges; 0 = sharp (report) [m]")
+    edge_roundings_m: tuple[Rounding, Rounding, Rounding, Rounding] | None = Field(
+        None, strict=False, description="roundings of the edges P-A, A-T, P-B, B-T in place of edge_rounding_m [m]"
+    )
     discharge_coefficient: float = between(
         0.05, 1.0, "discharge coefficient; of no effect where the rated flow is given [-]", default=0.611
     )
@@ -101,6 +105,12 @@ class Valve(Section):
             return self.overlap_edges_m
         overlap = self.overlap_m or (self.overlap_percent or 0.0) / 100 * self.spool_travel_max_m
         return (overlap, overlap, overlap, overlap)
+
+    @property
+    def roundings_m(self) -> FourEdges:
+        """Roundings of the edges P-A, A-T, P-B, B-T [m]; a three-way valve has the first two."""
+        size = self.edge_rounding_m
+        return self.edge_roundings_m or (size, size, size, size)
 
     def area_gradients_m(self, density_kg_m3: float) -> FourEdges:
         """Area over opening of the edges P-A, A-T, P-B, B-T [m].
@@ -176,6 +186,10 @@ class Valve(Section):
 
     @model_validator(mode="after")
     def _overlap_within_travel(self) -> Valve:
+        if self.edge_roundings_m is not None and self.edge_rounding_m > 0:
+            raise ValueError(
+                "give edge_rounding_m or edge_roundings_m = [PA, AT, PB, BT], and not both: they say the same"
+            )
         given = [v is not None for v in (self.overlap_m, self.overlap_percent, self.overlap_edges_m)]
         if sum(given) != 1 and not (self.flow_curve is not None and not any(given)):
             raise ValueError(

@@ -24,23 +24,28 @@ from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.export import mujoco_library, native
 from hexsim.export.model_description import model_description
-from hexsim.export.variables import OUTPUT_KINDS, Variables, mass_body, mass_key, mass_offset, plant_variables
+from hexsim.export.variables import OUTPUT_KINDS, Variables, mass_body, mass_key, mass_offset, variables_of
 from hexsim.files.atomic import written_whole
 from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.steps import LONGEST_S
+from hexsim.motion_computer.controller import N_MEMORY
 from hexsim.plant import Plant
 from hexsim.plant.mjcf import ModelKind
 from hexsim.plant.states import ROW, A
 
 DELAYED_COMMANDS = 1024  # that an instance remembers where a valve is late
 COMMUNICATION_STEP_S = 0.002  # proposed to the tool
+TAKES = {
+    "plant": "Valve volts in, motion and pressures out",
+    "machine": "Setpoints in, motion, pressures and valve volts out: the motion computer with its declared controllers inside",
+}
 
 
 def export_fmu(
     machine: Machine, out: Path, *, model: ModelKind = "full", timestep: float | None = None, fmi: Literal[2, 3] = 2,
-    windows: bytes | None = None,
+    windows: bytes | None = None, what: Literal["plant", "machine"] = "plant",
 ) -> Variables:  # fmt: skip
-    """Write the plant of `machine` as an FMU; return its variables.
+    """Write `machine` as an FMU; return its variables. what: the plant alone, or with the motion computer's controllers.
 
     model: full legs, or their tendon equal. timestep [s] of the integration, constant; None: chosen as `Plant.tick` does.
     windows: MuJoCo's library for Windows (`mujoco_library.windows_library`); None: for Linux alone. Raises HexsimError
@@ -49,21 +54,27 @@ def export_fmu(
     if timestep is not None and not 1e-6 <= timestep <= 1e-3:
         raise HexsimError(f"a time step of {timestep:g} s: 1e-6 to 1e-3 is possible")
     plant = Plant(machine, model=model, timestep=timestep)
-    variables = plant_variables(plant)
+    variables = variables_of(plant, what)
     identifier = re.sub(r"\W", "_", f"hexsim_{machine.name}", flags=re.ASCII)
     library = mujoco_library.linux_library()
     systems = [native.SYSTEMS[name] for name in ("linux64", "win64")[: 1 if windows is None else 2]]
     with tempfile.TemporaryDirectory(prefix="hexsim-fmu-") as name:
         folder = Path(name)
         mujoco.mj_saveModel(plant.model, str(folder / "model.mjb"), None)
-        equations = native.equations(plant)
+        equations = native.equations(plant) | (native.loop_equations(plant) if what == "machine" else {})
         compiled = [native.objects(equations, system, folder) for system in systems]
-        header = machine_header(plant, variables, sorted({name for _, missing in compiled for name in missing}))
+        header = machine_header(plant, variables, what, sorted({name for _, missing in compiled for name in missing}))
         made = [path.read_bytes() for objects, _ in compiled for path in objects]
         digest = hashlib.sha256(b"".join([header.encode(), (folder / "model.mjb").read_bytes(), *made])).hexdigest()
         (folder / "machine.h").write_text(f'#define TOKEN "{digest}"\n{header}')
         description = model_description(
-            variables, name=machine.name, identifier=identifier, guid=digest, step_s=COMMUNICATION_STEP_S, fmi=fmi
+            variables,
+            name=machine.name,
+            identifier=identifier,
+            guid=digest,
+            step_s=COMMUNICATION_STEP_S,
+            fmi=fmi,
+            description=TAKES[what],
         )
         own = folder / mujoco_library.own_name(library, digest)
         own.write_bytes(mujoco_library.renamed(library, own.name))
@@ -87,13 +98,15 @@ def _write(out: Path, contents: dict[str, bytes]) -> None:
             archive.writestr(name, content)
 
 
-def machine_header(plant: Plant, variables: Variables, missing: list[str]) -> str:
+def machine_header(plant: Plant, variables: Variables, what: str, missing: list[str]) -> str:
     """machine.h: what the C source must know of this machine. missing: functions of numba's error paths."""
     delay, supply, rule = plant.rows[:, P.VALVE_DELAY], plant.resolved.supply, plant.step_rule()
     along = np.take(plant.kinematics.jacobian(np.zeros(6)), plant.kinematics.dof_places, axis=1)
     changes = [(k, c) for k, p in enumerate(variables.parameters) for c in p.changes if c.actuator < len(plant.layout)]
     numbers = _places(plant, variables) | {
-        "RING": DELAYED_COMMANDS if delay.any() else 2, "LONGEST_DELAY": float(delay.max()), "N_CHANGES": len(changes),
+        "IS_MACHINE": int(what == "machine"), "TICK": 1.0 / plant.machine.controller.rate_Hz, "N_MEMORY": N_MEMORY,
+        "N_INPUTS": len(variables.inputs), "RING": DELAYED_COMMANDS if delay.any() else 2,
+        "LONGEST_DELAY": float(delay.max()), "N_CHANGES": len(changes),
     }  # fmt: skip
     kinds = ", ".join(OUTPUT_KINDS.values())
     lines = [
@@ -121,6 +134,7 @@ def machine_header(plant: Plant, variables: Variables, missing: list[str]) -> st
                 ("START_RULE", rule),
                 ("SUPPLY_ROW", supply),
                 ("ALONG", along),
+                ("INPUT_START", [start for *_, start in variables.inputs]),
             )
         ),
         _array("unsigned char MODEL", ['\n#embed "model.mjb"\n']),

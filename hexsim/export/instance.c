@@ -9,6 +9,7 @@
 void set_start_values(Instance *c) {
   memset(&c->now, 0, sizeof c->now);
   for (int k = 0; k < N_PARAMETERS; k++) c->now.parameters[k] = PARAMETERS[k].start;
+  memcpy(c->now.inputs, INPUT_START, sizeof INPUT_START);
   c->is_initialised = c->outputs_hold = false;
 }
 
@@ -53,7 +54,7 @@ Status get_values(Instance *c, const Reference which[], size_t n, double values[
   for (size_t k = 0; k < n; k++) {
     Reference r = which[k];
     if (r > TIME) return refuse(c, "there is no variable with value reference %u", r);
-    if (r < FIRST_OUTPUT) values[k] = c->now.volts[r];
+    if (r < FIRST_OUTPUT) values[k] = c->now.inputs[r];
     else if (r == TIME) values[k] = c->now.start_time + c->data->time;
     else if (r >= FIRST_PARAMETER) values[k] = c->now.parameters[r - FIRST_PARAMETER];
     else {
@@ -83,8 +84,10 @@ Status set_values(Instance *c, const Reference which[], size_t n, const double v
     if (r >= TIME || (r >= FIRST_OUTPUT && r < FIRST_PARAMETER))
       status = refuse(c, "value reference %u is no input and no parameter", r);
     else if (r >= FIRST_PARAMETER) status = set_parameter(c, &PARAMETERS[r - FIRST_PARAMETER], values[k]);
-    else if (!isfinite(values[k])) status = refuse(c, "volts of valve %u are %g: a finite number is needed", r + 1, values[k]);
-    else c->now.volts[r] = values[k];
+    else if (!isfinite(values[k]))
+      status = refuse(c, "%s %u %s %g: a finite number is needed", IS_MACHINE ? "setpoint" : "volts of valve", r + 1,
+                      IS_MACHINE ? "is" : "are", values[k]);
+    else c->now.inputs[r] = values[k];
     if (status != OK) return status;
   }
   return OK;

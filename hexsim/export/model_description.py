@@ -40,14 +40,21 @@ def unit_of(name: str) -> str | None:
 
 
 def model_description(
-    variables: Variables, *, name: str, identifier: str, guid: str, step_s: float, fmi: Literal[2, 3]
+    variables: Variables,
+    *,
+    name: str,
+    identifier: str,
+    guid: str,
+    step_s: float,
+    fmi: Literal[2, 3],
+    description: str,
 ) -> bytes:
     """The XML. identifier: name of the binaries; guid: what the binary answers to; step_s: communication step to begin with."""
     root = xml.Element(
         "fmiModelDescription",
         {
             "fmiVersion": f"{fmi}.0", "modelName": name, "guid" if fmi == 2 else "instantiationToken": guid,
-            "generationTool": f"hexsim {version('hexsim')}", "description": "Valve volts in, motion and pressures out",
+            "generationTool": f"hexsim {version('hexsim')}", "description": description,
             "variableNamingConvention": "structured",
         },
     )  # fmt: skip
@@ -55,7 +62,7 @@ def model_description(
     able = ("canHandleVariableCommunicationStepSize", f"canGetAndSet{state}", f"canSerialize{state}")
     xml.SubElement(root, "CoSimulation", {"modelIdentifier": identifier, **dict.fromkeys(able, "true")})
     units = xml.SubElement(root, "UnitDefinitions")
-    names = [*(n for n, _ in variables.inputs), *(v.name for v in (*variables.outputs, *variables.parameters))]
+    names = [*(n for n, *_ in variables.inputs), *(v.name for v in (*variables.outputs, *variables.parameters))]
     for key in sorted({unit for name in names if (unit := unit_of(name))} | ({"s"} if fmi == 3 else set())):
         unit = xml.SubElement(units, "Unit", name=UNITS[key][0])
         xml.SubElement(unit, "BaseUnit", {base: str(power) for base, power in UNITS[key][1].items()})
@@ -87,8 +94,8 @@ def model_description(
 
 def _reals(variables: Variables, fmi: int) -> Iterator[tuple[str, dict[str, str], dict[str, str]]]:
     """Name, kind and numbers of all variables in the order of their references."""
-    for name, text in variables.inputs:
-        yield name, {"description": text, "causality": "input", "variability": "continuous"}, {"start": "0"}
+    for name, text, start in variables.inputs:
+        yield name, {"description": text, "causality": "input", "variability": "continuous"}, {"start": repr(start)}
     kind = {"causality": "output", "variability": "continuous", "initial": "calculated"}
     for output in variables.outputs:
         yield output.name, {"description": output.description, **kind}, {}

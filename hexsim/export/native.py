@@ -15,22 +15,34 @@ from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 import mujoco
-from numba import carray, cfunc, types
+import numpy as np
+from numba import carray, cfunc, njit, types
 
+from hexsim.compiled import compiled
 from hexsim.errors import HexsimError, shortened
 from hexsim.hydraulics import steps, valve
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.steps import StepRule
+from hexsim.mechanics.leg_geometry import lengths_of_rows
+from hexsim.motion_computer.controller import N_MEMORY, C, Control, begin
+from hexsim.motion_computer.controller import tick as control_step
+from hexsim.motion_computer.declared_control import control_of
 from hexsim.plant import Plant
 from hexsim.plant.callbacks import native_callbacks
 from hexsim.plant.states import ROW
 from hexsim.plant.stepping import choose_steps
+from hexsim.sensors.bank import SensorBank, measure
 
 HEADERS = Path(mujoco.__path__[0]) / "include"
 ERROR_PATHS = ("Py", "NRT_", "numba_")  # what numba calls when Python raises: never from strict native code
-SOURCES = ("plant.c", "instance.c", "mujoco.c")
+SOURCES = ("plant.c", "instance.c", "mujoco.c", "memory.c")
 N_STIFF = 6  # coefficients of `steps.stiffness`
 PREFIX = "cfunc."
+MEMORY = (
+    *(f"NRT_{name}" for name in ("Allocate", "Free", "MemInfo_alloc", "MemInfo_alloc_aligned", "MemInfo_call_dtor")),
+    "NRT_MemInfo_alloc_safe_aligned", "NRT_MemInfo_data_fast", "numba_attempt_nocopy_reshape",
+)  # fmt: skip
+compiled_here = njit(error_model="numpy")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,13 +127,65 @@ def equations(plant: Plant) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def objects(compiled: dict[str, Any], system: System, folder: Path) -> tuple[list[Path], list[str]]:
+def loop_equations(plant: Plant) -> dict[str, Any]:
+    """What the motion computer of the plant's machine adds: legs from setpoints, and its declared controllers.
+
+    Position and pressure are read with the declared gain, offset and resolution, without noise.
+    """
+    number, pointer = types.float64, types.CPointer(types.float64)
+    n_legs, control, n_inputs = plant.n_legs, control_of(plant.machine), len(plant.kinematics.dofs)
+    sensors = SensorBank(plant.resolved, 1, 1.0 / plant.machine.controller.rate_Hz, 0)
+    position, bottom = (_reading(sensors[stem]) for stem in ("position", "pressure_bottom"))
+    piston_positions, ratio = _setpoints_of(plant), control.rows[:, C.AREA_RATIO].copy()
+    rows, inertia, size = control.rows, control.inertia, N_MEMORY
+
+    @cfunc(number(*[pointer] * 7, number), error_model="numpy")
+    def control_tick(inputs, places, pressures, tops, memory, setpoints, volts, is_first):
+        setpoint, out = carray(setpoints, (n_legs,)), carray(volts, (n_legs,))
+        setpoint[:] = piston_positions(carray(inputs, (n_inputs,)))
+        measured, load = read(carray(places, (n_legs,)), position), read(carray(pressures, (n_legs,)), bottom)
+        top, kept = carray(tops, (n_legs,)), carray(memory, (n_legs, size))
+        for i in range(n_legs):
+            load[i] -= ratio[i] * top[i]
+        declared = Control(rows, inertia)
+        if is_first > 0.0:
+            begin(declared, kept, setpoint, measured, load)
+        control_step(declared, kept, setpoint, measured, load, out)
+        return 0.0
+
+    return {"control": control_tick}
+
+
+def _reading(sensor: Any) -> tuple[Any, ...]:
+    """Noise, gain, offset and resolution (n_legs,) of transducers, without noise."""
+    if not sensor.is_direct:
+        raise HexsimError("a sensor of the machine is late or filtered: the motion computer in an FMU reads it at once")
+    return np.zeros(len(sensor.gain)), sensor.gain, sensor.offset, sensor.resolution
+
+
+@compiled
+def read(true, sensor):
+    noise, gain, offset, resolution = sensor
+    return measure(true, noise, gain, offset, resolution)
+
+
+def _setpoints_of(plant: Plant) -> Any:
+    """Compiled: piston positions (n_legs,) [m] of the pose (6,), or of a bench's piston (1,) itself."""
+    legs = plant.kinematics
+    if not legs.has_platform:
+        return compiled_here(lambda inputs: inputs)
+    base, platform, height = legs.base_joints, legs.platform_joints, legs.neutral_height_m
+    retracted = np.ascontiguousarray(np.broadcast_to(legs.retracted_length_m, (plant.n_legs,)))
+    return compiled_here(lambda pose: lengths_of_rows(pose.reshape(1, -1), base, platform, height)[0] - retracted)
+
+
+def objects(functions: dict[str, Any], system: System, folder: Path) -> tuple[list[Path], list[str]]:
     """Object files of the `equations` in `folder`; and the error paths to leave empty."""
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple(system.triple).create_target_machine(cpu="x86-64", opt=2, reloc="pic")
     made, missing = [], set()
-    for name, function in compiled.items():
+    for name, function in functions.items():
         module = llvm.parse_assembly(function.inspect_llvm())
         module.triple, module.data_layout = system.triple, str(machine.target_data)
         for part in module.functions:
@@ -133,7 +197,7 @@ def objects(compiled: dict[str, Any], system: System, folder: Path) -> tuple[lis
         missing |= {part.name for part in undefined if part.is_declaration and part.name.startswith(ERROR_PATHS)}
         made.append(folder / f"{name}.{system.name}.o")
         made[-1].write_bytes(machine.emit_object(module))
-    return made, sorted(missing)
+    return made, sorted(missing - set(MEMORY))
 
 
 def link(folder: Path, system: System, fmi: int, given: list[Path], out: Path) -> None:

@@ -161,6 +161,7 @@ Status start(Instance *c) {
   mj.forward(c->model, c->data);
   memset(c->now.spool_volts, 0, sizeof c->now.spool_volts);
   memset(c->now.velocity_before, 0, sizeof c->now.velocity_before);
+  memset(c->now.volts, 0, sizeof c->now.volts);
   c->now.commands = c->now.calm_s[0] = 0;
   c->now.is_started = 1;
   c->outputs_hold = false;
@@ -216,19 +217,6 @@ static void advance_part(Instance *c, double span) {
   for (int k = 1; k < steps; k++) mj.step(c->model, c->data);
 }
 
-/* By `span` under the present volts: in constant steps, or in an even number of parts with chosen ones. */
-Status advance(Instance *c, double span) {
-  double parts = TIMESTEP > 0 ? round(span / TIMESTEP) : span < 1.001 * LONGEST_PART ? 1 : 2 * ceil(span / LONGEST_PART / 2 - 1e-6);
-  if (!(span > 0 && parts >= 1 && (TIMESTEP <= 0 || fabs(span / TIMESTEP - parts) < 1e-6 * parts)))
-    return refuse(c, TIMESTEP > 0 ? "communication step %g s is not a whole multiple of the time step %g s"
-                                  : "a communication step of %g s: above 0 is possible", span, TIMESTEP);
-  if (note_command(c) != OK) return ERROR;
-  for (double k = 0; k < parts; k++) advance_part(c, TIMESTEP > 0 ? TIMESTEP : span / parts);
-  c->outputs_hold = false;
-  if (is_finite(c)) return OK;
-  return refuse(c, "the state left the finite numbers before %g s: the motion is beyond the machine", c->now.start_time + c->data->time);
-}
-
 static double pose(const Instance *c, int axis) {
   const double *q = c->data->qpos + 3, w = q[0], x = q[1], y = q[2], z = q[3];
   switch (axis) {
@@ -251,6 +239,8 @@ static double output(const Instance *c, OutputKind kind, int i) {
     case SUPPLY: return places[SUPPLY_PLACE] >= 0 ? act[(int)places[SUPPLY_PLACE]] * MPa
                                                   : c->model->actuator_user[ROW_SUPPLY_PRESSURE];
     case POSE: return pose(c, i);
+    case VALVE: return c->now.volts[i];
+    case SETPOINT: return c->now.setpoints[i];
     case ACCELERATION: return N_LEGS == 1 ? qacc[0] : turn[i] * qacc[0] + turn[3 + i] * qacc[1] + turn[6 + i] * qacc[2];
     default: return qacc[3 + i]; /* ANGULAR_ACCELERATION; MuJoCo gives a free joint's in the body's frame */
   }
@@ -264,6 +254,51 @@ void evaluate(Instance *c) {
   memcpy(c->data->qacc_warmstart, warm, sizeof warm);
   for (int k = 0; k < N_OUTPUTS; k++) c->outputs[k] = output(c, OUTPUTS[k].kind, OUTPUTS[k].index);
   c->outputs_hold = true;
+}
+
+/* By `span` under the present volts: in constant steps, or in an even number of parts with chosen ones. */
+static Status hold(Instance *c, double span) {
+  double parts = TIMESTEP > 0         ? round(span / TIMESTEP)
+                 : span < 1.001 * LONGEST_PART ? 1
+                                      : 2 * ceil(span / LONGEST_PART / 2 - 1e-6);
+  if (!(span > 0 && parts >= 1 && (TIMESTEP <= 0 || fabs(span / TIMESTEP - parts) < 1e-6 * parts)))
+    return refuse(c, TIMESTEP > 0 ? "communication step %g s is not a whole multiple of the time step %g s"
+                                  : "a communication step of %g s: above 0 is possible", span, TIMESTEP);
+  if (note_command(c) != OK) return ERROR;
+  for (double k = 0; k < parts; k++) advance_part(c, TIMESTEP > 0 ? TIMESTEP : span / parts);
+  c->outputs_hold = false;
+  return OK;
+}
+
+#if IS_MACHINE
+/* One tick of the motion computer: from the present positions and pressures to volts. */
+static void control(Instance *c) {
+  double position[N_LEGS], bottom[N_LEGS], top[N_LEGS];
+  if (!c->outputs_hold) evaluate(c);
+  for (int i = 0; i < N_LEGS; i++) {
+    position[i] = output(c, POSITION, i);
+    bottom[i] = output(c, BOTTOM, i);
+    top[i] = layout(c, i)[ROD_SIDE] >= 0 ? output(c, TOP, i) : 0;
+  }
+  hexsim_control(c->now.inputs, position, bottom, top, c->now.memory, c->now.setpoints, c->now.volts, c->now.commands == 0);
+}
+
+Status advance(Instance *c, double span) {
+  double ticks = round(span / TICK);
+  if (!(ticks >= 1 && fabs(span / TICK - ticks) < 1e-6 * ticks))
+    return refuse(c, "communication step %g s is not a whole multiple of the motion computer's tick of %g s", span, TICK);
+  for (double k = 0; k < ticks; k++) {
+    control(c);
+    if (hold(c, TICK) != OK) return ERROR;
+  }
+#else
+Status advance(Instance *c, double span) {
+  memcpy(c->now.volts, c->now.inputs, sizeof c->now.volts);
+  if (hold(c, span) != OK) return ERROR;
+#endif
+  if (is_finite(c)) return OK;
+  return refuse(c, "the state left the finite numbers before %g s: the motion is beyond the machine",
+                c->now.start_time + c->data->time);
 }
 
 /* Error paths of the compiled hydraulics that are never taken. */

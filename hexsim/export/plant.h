@@ -36,14 +36,17 @@ extern Mujoco mj;
 bool find_mujoco(void); /* whether `mj` is filled */
 
 #define MPa 1e6
-#define FIRST_OUTPUT N_LEGS
+#define FIRST_OUTPUT N_INPUTS
 #define FIRST_PARAMETER (FIRST_OUTPUT + N_OUTPUTS)
 #define TIME (FIRST_PARAMETER + N_PARAMETERS) /* FMI 3.0's independent variable */
 
 /* All of an instance that MuJoCo does not hold; a plain block of numbers, so that it can be kept and written out. */
 typedef struct {
   double parameters[N_PARAMETERS + 1];
+  double inputs[N_INPUTS];     /* volts, or setpoints of the motion computer */
   double volts[N_LEGS];        /* commanded */
+  double setpoints[N_LEGS];    /* of the legs, and */
+  double memory[IS_MACHINE ? N_LEGS * N_MEMORY : 1]; /* what the controllers remember */
   double spool_volts[N_LEGS];  /* after delay and hysteresis */
   double past[RING][N_LEGS];   /* the last commands that differ, */
   double since[RING];          /* and the time from which each holds [s] */
@@ -75,6 +78,9 @@ double hexsim_rule(const double *fastest, const double *supply_row, double *rule
 double hexsim_choose(const double *user, const double *act, const double *ctrl, const double *length, const double *velocity,
                      double *velocity_before, double *calm_s, const double *rule, double *timestep, double ticks, double span);
                      /* gives the steps */
+
+double hexsim_control(const double *inputs, const double *position, const double *bottom, const double *top, double *memory,
+                      double *setpoints, double *volts, double is_first);
 
 /* plant.c */
 Status refuse(const Instance *c, const char *format, ...); /* through the logger; gives ERROR */

@@ -12,7 +12,7 @@ stay in force. A key that acts in another way (a diameter, the geometry) is no p
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from hexsim.declaration.section import ZERO_OR
 from hexsim.hydraulics.resolve import resolve
 from hexsim.plant import Plant
 from hexsim.plant.states import A
+from hexsim.setpoints.signal_file import BENCH_COLUMN, DOF_COLUMNS
+from hexsim.signals.signal import HEXAPOD_AXES
 from hexsim.signals.table import label_of, table
 
 # Keys of machine.toml that may become parameters. An earlier one has the number of the row that two of them share.
@@ -45,7 +47,10 @@ OUTPUT_KINDS = {
     "platform": "POSE",
     "acceleration": "ACCELERATION",
     "angular_acceleration": "ANGULAR_ACCELERATION",
+    "valve": "VALVE",
+    "setpoint": "SETPOINT",
 }
+LOOP_KINDS = ("VALVE", "SETPOINT")  # of a motion computer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,21 +91,30 @@ class Parameter:
 class Variables:
     """All variables in the order of their value references."""
 
-    inputs: tuple[tuple[str, str], ...]  # name, description
+    inputs: tuple[tuple[str, str, float], ...]  # name, description, value at the start
     outputs: tuple[Output, ...]
     parameters: tuple[Parameter, ...]
 
 
-def plant_variables(plant: Plant) -> Variables:
-    """Of this machine: what it has not (a rod side of its own, a platform) is no output."""
+def variables_of(plant: Plant, what: Literal["plant", "machine"]) -> Variables:
+    """Of this machine: what it has not (a rod side of its own, a platform) is no output.
+
+    plant: volts in. machine: the pose from neutral in, or the position of a bench's piston; volts and the legs' setpoints
+    are outputs.
+    """
     has_top = bool((plant.layout[: plant.n_legs, A.ROD_SIDE] >= 0).all())
     outputs = [
         Output(name=name, description=label_of(name), kind=kind, index=index)
         for stem, kind in OUTPUT_KINDS.items()
-        if has_top or kind != "TOP"
+        if (has_top or kind != "TOP") and (what == "machine" or kind not in LOOP_KINDS)
         for index, name in enumerate(table()[stem].columns(plant.n_legs))
     ]
-    inputs = [(name, label_of(name)) for name in table()["valve"].columns(plant.n_legs)]
+    inputs = [(name, label_of(name), 0.0) for name in table()["valve"].columns(plant.n_legs)]
+    if what == "machine" and plant.kinematics.has_platform:
+        inputs = [(name, f"setpoint {axis}", 0.0) for name, axis in zip(DOF_COLUMNS, HEXAPOD_AXES, strict=True)]
+    elif what == "machine":
+        inputs = [(BENCH_COLUMN, label_of(BENCH_COLUMN), float(plant.kinematics.neutral_positions[0]))]
+        outputs = [output for output in outputs if output.kind != "SETPOINT"]
     return Variables(inputs=tuple(inputs), outputs=tuple(outputs), parameters=_parameters(plant))
 
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from hexsim.compiled import compiled
-from hexsim.hydraulics import chamber, friction, valve
+from hexsim.hydraulics import chamber, friction, manifold, valve
 from hexsim.hydraulics.parameters import FLOW_POINTS, FLOW_TABLE, LEARNED_KNOTS, LEARNED_TABLE, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.ports import (
     flow_slope,
@@ -93,6 +93,8 @@ def inflow(p, y, v, volts, x, P1, Ps, t):
     """Net flow into the bottom chamber through valve and leaks [m3/s]: phi_1 of Eq. 3.4 and what extends it."""
     flow = supply_edge_flow(p, x, P1, Ps) - tank_edge_flow(p, x, P1)
     flow += p[P.LEAK_SUPPLY_CHAMBER] * (Ps - P1) - p[P.LEAK_CHAMBER_TANK] * (P1 - p[P.TANK_PRESSURE])
+    if p[P.CHECK_GAIN] > 0.0:
+        flow += manifold.inflow(p, P1, Ps, manifold.taper(p, y))
     if p[P.LEARNED_BALANCE] == LEARNED_CONTINUITY:
         flow += learned_term(p, y, v, volts, P1, Ps, t)
     return flow
@@ -192,8 +194,11 @@ def top_rate(p, y, v, x, P1, P2, Ps, h):
 def supply_demand(p, v, x, P1, P2, Ps):
     """Flow that the leg takes from the supply [m3/s]: valve, leak, and rod side (on the supply: given back on extension)."""
     flow = supply_edge_flow(p, x, P1, Ps) + p[P.LEAK_SUPPLY_CHAMBER] * (Ps - P1)
+    if p[P.CHECK_GAIN] > 0.0:
+        flow -= manifold.returned_flow(p, P1, Ps)
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
-        return flow + top_supply_flow(p, x, P2, Ps)
+        returned = manifold.returned_flow(p, P2, Ps) if p[P.CHECK_GAIN] > 0.0 else 0.0
+        return flow + top_supply_flow(p, x, P2, Ps) - returned
     if p[P.ROD_SIDE_CHAMBER] > 0.0:
         return flow + rod_side_flow(p, P2, Ps)
     return flow - p[P.AREA_TOP] * v

@@ -11,7 +11,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from hexsim.declaration import Cylinder, Friction, Machine, Valve
+from hexsim.declaration import Cylinder, Friction, Machine, Manifold, Valve
 from hexsim.declaration.leg import Leg
 from hexsim.declaration.valve import FLOW_POINTS
 from hexsim.signals.units import unit_to_si
@@ -53,7 +53,7 @@ class P(IntEnum):
     NULL_DRIFT = 24
     OVERLAP_SUPPLY = 25
     OVERLAP_TANK = 26
-    EDGE_ROUNDING = 27
+    ROUNDING_SUPPLY = 27
     AREA_GRADIENT_SUPPLY = 28
     AREA_GRADIENT_TANK = 29
     QUADRATIC_GAIN = 30
@@ -64,46 +64,54 @@ class P(IntEnum):
     SPOOL_RATE = 35
     HYSTERESIS = 36
     VALVE_DELAY = 37
+    ROUNDING_TANK = 38
     # friction
-    VISCOUS_EXTEND = 38
-    VISCOUS_RETRACT = 39
-    COULOMB_EXTEND = 40
-    COULOMB_RETRACT = 41
-    STATIC_EXTEND = 42
-    STATIC_RETRACT = 43
-    STRIBECK_VELOCITY = 44
-    SHARPNESS = 45
-    ARCTAN_SLOPE = 46
-    SEAL_FRICTION = 47
-    RIPPLE_FORCE = 48
-    RIPPLE_LENGTH = 49
-    RIPPLE_PHASE = 50
-    BRISTLE_STIFFNESS = 51
-    BRISTLE_DAMPING = 52
+    VISCOUS_EXTEND = 39
+    VISCOUS_RETRACT = 40
+    COULOMB_EXTEND = 41
+    COULOMB_RETRACT = 42
+    STATIC_EXTEND = 43
+    STATIC_RETRACT = 44
+    STRIBECK_VELOCITY = 45
+    SHARPNESS = 46
+    ARCTAN_SLOPE = 47
+    SEAL_FRICTION = 48
+    RIPPLE_FORCE = 49
+    RIPPLE_LENGTH = 50
+    RIPPLE_PHASE = 51
+    BRISTLE_STIFFNESS = 52
+    BRISTLE_DAMPING = 53
     # forces on the leg's axis that the mechanical model does not carry
-    EXTRA_FORCE = 53
-    EXTRA_SPRING = 54
-    EXTRA_DAMPING = 55
-    TONE_FORCE = 56
-    TONE_FREQUENCY = 57
-    TONE_PHASE = 58
+    EXTRA_FORCE = 54
+    EXTRA_SPRING = 55
+    EXTRA_DAMPING = 56
+    TONE_FORCE = 57
+    TONE_FREQUENCY = 58
+    TONE_PHASE = 59
     # learned term
-    LEARNED_BALANCE = 59
-    LEARNED_SIGNAL = 60
-    LEARNED_START = 61
-    LEARNED_STEP = 62
+    LEARNED_BALANCE = 60
+    LEARNED_SIGNAL = 61
+    LEARNED_START = 62
+    LEARNED_STEP = 63
     # rod side; the edges P-B and B-T and the leaks are those of a four-way valve
-    ROD_SIDE_CHAMBER = 63  # one of ROD_SIDE_*
-    OVERLAP_SUPPLY_TOP = 64
-    OVERLAP_TANK_TOP = 65
-    AREA_GRADIENT_SUPPLY_TOP = 66
-    AREA_GRADIENT_TANK_TOP = 67
-    LEAK_PISTON = 68
-    LEAK_TOP_TANK = 69
-    FLOW_POINTS = 70  # points of the flow curve; 0: the openings follow the overlaps
-    AIR_FRACTION_TOP = 71  # in the oil of the rod side beyond AIR_FRACTION
-    SEAL_FRICTION_TOP = 72
-    SEAL_FRICTION_ACROSS = 73
+    ROD_SIDE_CHAMBER = 64  # one of ROD_SIDE_*
+    OVERLAP_SUPPLY_TOP = 65
+    OVERLAP_TANK_TOP = 66
+    AREA_GRADIENT_SUPPLY_TOP = 67
+    AREA_GRADIENT_TANK_TOP = 68
+    LEAK_PISTON = 69
+    LEAK_TOP_TANK = 70
+    ROUNDING_SUPPLY_TOP = 71
+    ROUNDING_TANK_TOP = 72
+    AIR_FRACTION_TOP = 73  # in the oil of the rod side beyond AIR_FRACTION
+    SEAL_FRICTION_TOP = 74
+    SEAL_FRICTION_ACROSS = 75
+    # safety manifold
+    PORT_RESISTANCE = 76  # of orifice and blocking valve between each port and its chamber [Pa s2/m6]; 0: none
+    SETTLING_GAIN = 77  # orifice from a chamber to the tank [m3/s/sqrt(Pa)]
+    SETTLING_TAPER = 78  # the orifice narrows over this much stroke above the stop [m]
+    CHECK_GAIN = 79  # check valves from chamber to supply and from tank to chamber [m3/s/sqrt(Pa)]
+    FLOW_POINTS = 80  # points of the flow curve; 0: the openings follow the overlaps
 
 
 ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B
@@ -122,7 +130,8 @@ def declared_rows(machine: Machine) -> np.ndarray:
     """
     rows = np.zeros((machine.n_legs, N_PARAMETERS))
     for row, leg in zip(rows, machine.legs, strict=True):
-        for name, value in (_cylinder(machine, leg.cylinder) | _valve(machine, leg) | _friction(leg.friction)).items():
+        parts = _cylinder(machine, leg.cylinder) | _valve(machine, leg) | _friction(leg.friction)
+        for name, value in (parts | _manifold(machine.manifold)).items():
             row[name] = value
         if leg.valve.flow_curve is not None:
             points = flow_points(leg.valve)
@@ -163,6 +172,7 @@ def _valve(machine: Machine, leg: Leg) -> dict[P, float]:
     """Valve and spool; edges of port B where the rod side hangs on it."""
     valve = leg.valve
     omega, damping, speed = valve.spool
+    roundings = valve.roundings_m
     gradients, overlaps = valve.area_gradients_m(machine.oil.density_kg_m3), valve.overlaps_m
     values = {
         P.CLEARANCE_LENGTH: 3.0e-6,  # [m] assumed radial clearance scale of the land
@@ -170,7 +180,8 @@ def _valve(machine: Machine, leg: Leg) -> dict[P, float]:
         P.SPOOL_TRAVEL: valve.spool_travel_max_m,
         P.OVERLAP_SUPPLY: overlaps[0],
         P.OVERLAP_TANK: overlaps[1],
-        P.EDGE_ROUNDING: valve.edge_rounding_m,
+        P.ROUNDING_SUPPLY: roundings[0],
+        P.ROUNDING_TANK: roundings[1],
         P.AREA_GRADIENT_SUPPLY: gradients[0],
         P.AREA_GRADIENT_TANK: gradients[1],
         P.QUADRATIC_GAIN: valve.quadratic_gain if valve.flow_area == "quadratic" else 0.0,
@@ -188,8 +199,21 @@ def _valve(machine: Machine, leg: Leg) -> dict[P, float]:
             P.OVERLAP_TANK_TOP: overlaps[3],
             P.AREA_GRADIENT_SUPPLY_TOP: gradients[2],
             P.AREA_GRADIENT_TANK_TOP: gradients[3],
+            P.ROUNDING_SUPPLY_TOP: roundings[2],
+            P.ROUNDING_TANK_TOP: roundings[3],
         }
     return values
+
+
+def _manifold(manifold: Manifold | None) -> dict[P, float]:
+    """Lines and check valves of a safety manifold; its settling orifices are shut."""
+    if manifold is None:
+        return {}
+    return {
+        P.PORT_RESISTANCE: manifold.port_resistance_Pa_s2_m6,
+        P.SETTLING_TAPER: manifold.settling_taper_m,
+        P.CHECK_GAIN: manifold.check_gain_m3_s_sqrtPa,
+    }
 
 
 def _friction(friction: Friction) -> dict[P, float]:

@@ -36,13 +36,14 @@ def mounting(orientation_deg: ArrayLike) -> Array:
 
 
 def imu_reading(
-    acceleration: Array, turning: Array, omega: Array, position_m: ArrayLike, orientation_deg: ArrayLike
+    acceleration: Array, turning: Array, omega: Array, position_m: ArrayLike, rotation: Array
 ) -> tuple[Array, Array]:
-    """(a, w') (n, 3) along the axes of an IMU from those of the platform's origin; unchanged where it sits there."""
-    if not np.any(position_m) and not np.any(orientation_deg):
+    """(a, w') (n, 3) along the axes of an IMU, R (3, 3), from those of the platform's origin; unchanged where it sits there."""
+    if np.any(position_m):
+        acceleration = point_acceleration(acceleration, turning, omega, position_m)
+    if np.array_equal(rotation, np.eye(3)):
         return acceleration, turning
-    rotation = mounting(orientation_deg)
-    return point_acceleration(acceleration, turning, omega, position_m) @ rotation, turning @ rotation
+    return acceleration @ rotation, turning @ rotation
 
 
 def origin_motion(

@@ -6,12 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, supply
 from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.mechanics.mechanics import Mechanics
+from hexsim.mechanics.points import imu_reading, mounting
 from hexsim.plant.callbacks import leg_state, supply_pressure, supply_state
 from hexsim.plant.plant import Plant
 
@@ -44,10 +47,6 @@ class PlatformSignals:
     twist: Array
     acceleration: Array
     angular_acceleration: Array
-
-    @property
-    def is_platform(self) -> bool:
-        return self.angular_acceleration.shape[1] == 3
 
     def omega(self, kinematics: Mechanics) -> Array:
         """Angular velocity (m, 3) along the platform's axes."""
@@ -127,6 +126,17 @@ def platform_signals(plant: Plant, qpos: Array, qvel: Array, qacc: Array) -> Pla
         acceleration=np.einsum("kji,kj->ki", rotation, qacc[:, :3]),
         angular_acceleration=qacc[:, 3:6],
     )
+
+
+def imu_motion(resolved: Resolved, instant: PlatformSignals, omega: Array) -> tuple[Array, Array]:
+    """Accelerations (m, 3) that the IMU feels where it is mounted: R' (a + alpha x r + omega x (omega x r)) and R' alpha.
+
+    omega (m, 3) [rad/s] in the platform frame.
+    """
+    imu = resolved.sensors
+    rotation = Rotation.from_rotvec(resolved.imu_turn_rad).as_matrix() @ mounting(imu.imu_orientation_deg)
+    place = resolved.imu_place_m + np.array(imu.imu_position_m)
+    return imu_reading(instant.acceleration, instant.angular_acceleration, omega, place, rotation)
 
 
 # Columns of a power unit. Flows and powers of all legs together.

@@ -8,6 +8,7 @@ from hexsim.errors import HexsimError
 from hexsim.readers.cleaning import Cleaning, held, runs
 
 RESTING_s = 0.25  # a quantised signal may stand still for longer when nothing moves
+DWELLS = 0.1  # of the usual step between samples: a signal that comes slower to its limit stops there
 LARGEST = 1e30  # in any SI unit: beyond it a number is damage
 
 
@@ -85,9 +86,19 @@ def saturated(x: np.ndarray) -> tuple[float, np.ndarray] | None:
     for limit in (high, low):
         at = x == limit
         near = (np.abs(x - limit) < 0.01 * (high - low)) & ~at
-        if at.sum() > max(near.sum(), 20) and longest_run(at) >= 10 and len(np.unique(x[~at])) > 50:
+        if at.sum() > max(near.sum(), 20) and longest_run(at) >= 10 and len(np.unique(x[~at])) > 50 and cut_off(x, at):
             return float(limit), at
     return None
+
+
+def cut_off(x: np.ndarray, at: np.ndarray) -> bool:
+    """Does the signal run into its limit at speed? One that comes to rest there dwells, at an end stop for example."""
+    starts, stops = runs(at)
+    usual = np.nanmedian(np.abs(np.diff(x))[~at[1:] & ~at[:-1]])
+    into = [abs(x[start] - x[max(start - 3, 0)]) / 3 for start in starts if start > 0]
+    out_of = [abs(x[min(stop + 2, len(x) - 1)] - x[stop - 1]) / 3 for stop in stops if stop < len(x)]
+    steps = np.array([step for step in (*into, *out_of) if np.isfinite(step)])
+    return bool(len(steps) == 0 or np.median(steps) > DWELLS * max(float(usual), 1e-300))
 
 
 def longest_run(mask: np.ndarray) -> int:

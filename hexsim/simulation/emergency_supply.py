@@ -2,7 +2,8 @@
 
 Substitute, for machines whose supply is a constant: P = P0 (V_g/(V_g + dV))^n while the accumulator holds oil, with dV
 what the legs have taken (retraction takes A2 v, extension (A1 - A2) v), and once it is empty the line pressure
-decays in `LINE_DECAY_S`; when the pump runs again it comes back as fast. Assumed sizes: 4 l, precharge 0.8 P0, n = 1.3.
+decays in `LINE_DECAY_S`; when the pump runs again it comes back as fast. Sizes: those of [manifold], or its defaults,
+4 l and precharge 0.8 P0; n = 1.3.
 """
 
 from __future__ import annotations
@@ -11,12 +12,11 @@ import math
 
 import numpy as np
 
+from hexsim.declaration import Manifold
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant import Plant
 
-VOLUME_m3 = 4.0e-3
-PRECHARGE = 0.8
 EXPONENT = 1.3
 IDLE_LEAKAGE_m3_s = 5.0e-6  # valves, pump and drain, 0.3 l/min
 LINE_DECAY_S = 0.3
@@ -37,7 +37,9 @@ class EmergencySupply:
         self.ceiling_Pa = math.inf
         self.running = True
         self.power_unit = plant.has_supply_states and int(plant.resolved.supply[S.MODEL]) == POWER_UNIT
-        self._gas = VOLUME_m3 * PRECHARGE ** (1.0 / EXPONENT)
+        sizes = plant.machine.manifold or Manifold()
+        self._precharge = sizes.accumulator_precharge_fraction
+        self._gas = sizes.accumulator_volume_m3 * self._precharge ** (1.0 / EXPONENT)
         self._taken = 0.0
         self._pressure = self.nominal
         self._positions = np.zeros(plant.n_legs)
@@ -74,6 +76,6 @@ class EmergencySupply:
         self._taken += float(np.sum(row[P.AREA_BOTTOM] * np.maximum(step, 0.0) + rod_side))
         self._taken += IDLE_LEAKAGE_m3_s * dt
         gas = self.nominal * (self._gas / (self._gas + max(self._taken, 0.0))) ** EXPONENT
-        if gas > PRECHARGE * self.nominal:
+        if gas > self._precharge * self.nominal:
             return gas
         return self._pressure * math.exp(-dt / LINE_DECAY_S)

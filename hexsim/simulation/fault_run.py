@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -16,8 +17,10 @@ from hexsim.plant import Plant
 from hexsim.sensors.bank import SensorBank, Transducers
 from hexsim.simulation.emergency_supply import EmergencySupply
 from hexsim.simulation.faults import Fault, HostSilence, LegBlind, PositionSensor, Workbench
+from hexsim.simulation.safety_manifold import SafetyManifold
 
 Array = NDArray[np.float64]
+FASTEST_m_s = 0.08  # down to the stops
 
 
 class FaultySensors(SensorBank):
@@ -87,13 +90,20 @@ class FaultRun:
         self.computer = computer
         self.supply = EmergencySupply(plant)
         self.bench = Workbench(
-            plant=plant, computer=computer, supply=self.supply, sensors=sensors, tick_s=sensors.tick_s
-        )
+            plant=plant, computer=computer, supply=self.supply, manifold=SafetyManifold(plant), sensors=sensors,
+            tick_s=sensors.tick_s,
+        )  # fmt: skip
         self._silent_s = min((f.time_s for f in self.faults if isinstance(f, HostSilence)), default=math.inf)
         self.hosted = math.isfinite(self._silent_s)
 
     def begin(self) -> None:
-        """From neutral into manual, or into normal where a host is to fall silent."""
+        """From neutral into manual, or into normal where a host is to fall silent.
+
+        With a manifold the legs on their valves are lowered as fast as those on their orifices, within reason.
+        """
+        if (speed := self.bench.manifold.settling_velocity_m_s()) > 0.0:
+            guided = self.computer.guided
+            guided.guidance = dataclasses.replace(guided.guidance, settle_velocity_m_s=min(speed, FASTEST_m_s))
         self.computer.command("run_normal" if self.hosted else "run_manual", 0.0)
 
     def host_setpoints(self, time_s: float, setpoints: Array) -> Array | None:
@@ -110,6 +120,7 @@ class FaultRun:
             if time_s >= fault.time_s - 1e-9:
                 volts = fault.act(self.bench, time_s, volts)
         self.supply.tick(self.computer.pump_on, self.bench.tick_s)
+        self.bench.manifold.tick(self.computer, self.bench.tick_s)
         self.computer.pump_running = self.supply.running
         self.computer.oil_temperature_degC = plant.oil_temperature_degC
         return volts

@@ -12,9 +12,11 @@ position_sensor  leg, how ("nan" | "frozen" | "jump"), jump_m (0.02)   the measu
 leg_blind        leg                                                   position and pressure of one leg are lost
 pressure_loss    pressure_Pa (2e6), within_s (0.3)                     the supply falls to this pressure
 pump_trip                                                              the pump stops; the accumulator still supplies
-hose_burst       leg, conductance_m3_s_Pa (5e-11)                      the bottom chamber leaks to the tank
+hose_burst       leg, conductance_m3_s_Pa (5e-11)                      the bottom chamber leaks to the tank, through the
+                                                                       blocking valve of a [manifold]
 power_loss       buffered (true)                                       mains lost: pump off, the cabinet on its battery,
-                                                                       or else the spools centre and stay there
+                                                                       or else the spools centre and stay there, and
+                                                                       a [manifold] lowers all legs
 payload_shift    mass_kg (150), x_m (0.4), y_m, z_m, within_s (0.5)    part of the load slides over the platform
 host_silence                                                           the host stops sending
 effect           effect, where ("all legs"), parameters ({})           an effect of the library begins: leakage, wear, ...
@@ -46,6 +48,7 @@ from hexsim.motion_computer.computer import MotionComputer
 from hexsim.plant import Plant
 from hexsim.plant.plant import Setting
 from hexsim.simulation.emergency_supply import EmergencySupply
+from hexsim.simulation.safety_manifold import SafetyManifold, smooth
 
 Array = NDArray[np.float64]
 Position = Annotated[float, between(-50.0, 50.0, "[m]")]
@@ -82,6 +85,7 @@ class Workbench:
     plant: Plant
     computer: MotionComputer
     supply: EmergencySupply
+    manifold: SafetyManifold
     sensors: ChangingSensors
     tick_s: float
     memory: dict[Fault, Any] = dataclasses.field(default_factory=dict)
@@ -94,11 +98,7 @@ class ValveStuck(LegFault):
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
         if self not in bench.memory:
-            named = {
-                "open": float(bench.computer.limit[self.leg - 1]),
-                "shut": 0.0,
-                "present": float(volts[self.leg - 1]),
-            }
+            named = {"open": bench.computer.limit, "shut": 0.0, "present": float(volts[self.leg - 1])}
             bench.memory[self] = named[self.at] if isinstance(self.at, str) else float(self.at)
         volts = volts.copy()
         volts[self.leg - 1] = bench.memory[self]
@@ -170,10 +170,9 @@ class HoseBurst(LegFault):
     conductance_m3_s_Pa: Annotated[float, between(0.0, 1e-6, "[m3/(s Pa)]")] = 5.0e-11
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
-        if self not in bench.memory:
-            bench.memory[self] = True
-            before = bench.plant.rows[self.leg - 1, P.LEAK_CHAMBER_TANK]
-            bench.plant.change_row(self.leg - 1, P.LEAK_CHAMBER_TANK, before + self.conductance_m3_s_Pa)
+        before = bench.memory.setdefault(self, float(bench.plant.rows[self.leg - 1, P.LEAK_CHAMBER_TANK]))
+        leak = self.conductance_m3_s_Pa * bench.manifold.open_share[self.leg - 1]
+        bench.plant.change_row(self.leg - 1, P.LEAK_CHAMBER_TANK, before + leak)
         return volts
 
 
@@ -185,7 +184,14 @@ class PowerLoss(Fault):
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
         bench.supply.tripped = True
         bench.computer.mains = False
-        return volts if self.buffered else np.zeros_like(volts)
+        if self.buffered:
+            return volts
+        bench.manifold.dead = True
+        declared = bench.plant.machine.manifold
+        if declared is None:
+            return np.zeros_like(volts)
+        held = bench.memory.setdefault(self, volts.copy())
+        return held * (1.0 - smooth(min(1.0, (time_s - self.time_s) / declared.centring_time_s)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,9 +209,8 @@ class PayloadShift(Fault):
         mass, centre = bench.plant.platform_mass_and_centre()
         before = bench.memory.setdefault(self, centre)
         share = min(1.0, (time_s - self.time_s) / max(self.within_s, bench.tick_s))
-        smooth = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
         shift = self.mass_kg / mass * np.array([self.x_m, self.y_m, self.z_m])
-        bench.plant.move_centre_of_mass(before + smooth * shift)
+        bench.plant.move_centre_of_mass(before + smooth(share) * shift)
         return volts
 
 
@@ -225,10 +230,12 @@ class EffectFault(Fault):
 
     def setting(self, machine: Machine, place: str) -> Setting:
         """(effect, 0-based legs, values). Raises HexsimError that begins with `place`."""
-        found = effect_setting(machine, self.effect, {"where": self.where, **(self.parameters or {})}, place)
-        if found[0].of_build:
-            raise HexsimError(f"{place} {self.effect} is how a machine is built: put it into the machine's [effects]")
-        return found
+        setting = effect_setting(machine, self.effect, {"where": self.where, **(self.parameters or {})}, place)
+        if setting[0].built_in:
+            raise HexsimError(
+                f"{place} {self.effect} is how the machine is built and cannot begin in a run: put it into [effects]"
+            )
+        return setting
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
         if self not in bench.memory:

@@ -9,9 +9,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from hexsim.mechanics.points import imu_reading, point_acceleration, point_velocity
+from hexsim.mechanics.points import point_acceleration, point_velocity
 from hexsim.plant import Plant
-from hexsim.plant.readout import leg_signals, platform_signals, power_unit_signals
+from hexsim.plant.readout import imu_motion, leg_signals, platform_signals, power_unit_signals
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.sensors.bank import SensorBank
@@ -57,13 +57,9 @@ def run_log(plant: Plant, scenario: Scenario, recorded: Recorded, sensors: Senso
         "pressure_supply": sensors.rows("pressure_supply", supply[:, None])[rows],
     }
     instant = platform_signals(plant, recorded.qpos, recorded.qvel, recorded.qacc)
-    linear, angular = instant.acceleration, instant.angular_acceleration
-    if instant.is_platform:
-        imu = plant.resolved.sensors
-        omega = instant.omega(plant.kinematics)
-        linear, angular = imu_reading(linear, angular, omega, imu.imu_position_m, imu.imu_orientation_deg)
-    measured["acceleration"] = _sampled(sensors, linear, recorded)
-    measured["angular_acceleration"] = sensors.rows("angular_acceleration", angular)
+    felt, turning = imu_motion(plant.resolved, instant, recorded.qvel[:, 3:6])
+    measured["acceleration"] = _sampled(sensors, felt, recorded)
+    measured["angular_acceleration"] = sensors.rows("angular_acceleration", turning)
     pose, motion = _motion(plant, scenario, recorded)
     poses = {"platform": instant.pose, "commanded": pose}
     # a transducer sits on a rod side that is a chamber of the valve; on the supply it needs none

@@ -1,7 +1,7 @@
 """Machines as they may be built: the declared one with its [uncertainty] drawn. The motion computer keeps the declared one.
 
 Relative widths act on the numbers of the file. Joints and leg zero offsets are off in the built machine alone, as the effects
-`joint_displacement` and `leg_zero_offset`: what the motion computer does not know.
+`base_joint_offset`, `platform_joint_offset` and `leg_zero_offset`: what the motion computer does not know.
 """
 
 from __future__ import annotations
@@ -14,7 +14,11 @@ from hexsim.declaration.machine import LENGTHS
 from hexsim.machine import Machine
 from hexsim.machine.files import number_at
 
-ENDS = {"base_joints_m": "base", "platform_joints_m": "platform"}
+EFFECTS = {
+    "base_joints_m": ("base_joint_offset", ("x_m", "y_m", "z_m")),
+    "platform_joints_m": ("platform_joint_offset", ("x_m", "y_m", "z_m")),
+    "leg_zero_offsets_m": ("leg_zero_offset", ("length_m",)),
+}
 
 
 def drawn(machine: Machine, seed: int) -> dict[str, Any]:
@@ -31,21 +35,12 @@ def drawn(machine: Machine, seed: int) -> dict[str, Any]:
         settings[dotted] = float(value * (1.0 + width * random.uniform(-1.0, 1.0)))
     if not machine.is_hexapod:
         return settings
-    moved, longer = [], []
-    for leg in range(1, machine.n_legs + 1):
-        by = {
-            f"{end}_{axis}_m": widths.get(key, 0.0) * random.uniform(-1.0, 1.0)
-            for key, end in ENDS.items()
-            for axis in "xyz"
-        }
-        moved.append({"where": f"leg {leg}"} | by)
-        longer.append({"where": f"leg {leg}", "offset_m": widths.get(LENGTHS[2], 0.0) * random.uniform(-1.0, 1.0)})
-    effects: dict[str, list[dict[str, Any]]] = {}
-    if any(widths.get(key, 0.0) for key in ENDS):
-        effects["joint_displacement"] = moved
-    if widths.get(LENGTHS[2], 0.0):
-        effects["leg_zero_offset"] = longer
-    for name, tables in effects.items():
-        own = machine.effects.get(name, [])
-        settings[f"effects.{name}"] = [*(own if isinstance(own, list) else [own]), *tables]
+    for key, (name, parameters) in EFFECTS.items():
+        if width := widths.get(key, 0.0):
+            own = machine.effects.get(name, [])
+            tables = [
+                {"where": f"leg {leg}"} | {one: width * random.uniform(-1.0, 1.0) for one in parameters}
+                for leg in range(1, machine.n_legs + 1)
+            ]
+            settings[f"effects.{name}"] = [*(own if isinstance(own, list) else [own]), *tables]
     return settings

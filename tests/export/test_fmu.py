@@ -26,7 +26,7 @@ from fmpy.fmi2 import FMU2Slave  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
 from hexsim.export import export_fmu, native  # noqa: E402
-from hexsim.export.variables import plant_variables  # noqa: E402
+from hexsim.export.variables import variables_of  # noqa: E402
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the export needs MuJoCo's Linux library")
 STEP = 0.002  # [s] communication step
@@ -229,7 +229,7 @@ def test_each_parameter_is_the_key_of_the_machine_file(fmus, name):
     """
     source, model, _, _ = MACHINES[name]
     plant = Plant(load_machine(source), model=model, timestep=1e-4)
-    parameters = plant_variables(plant).parameters
+    parameters = variables_of(plant, "plant").parameters
     assert len(parameters) >= 20
     for parameter in parameters[:-1]:  # the last one is the mass, which is in no row
         value = parameter.start * 1.01 or 0.01 * parameter.high

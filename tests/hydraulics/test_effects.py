@@ -34,7 +34,11 @@ def numbers(machine):
     plain = [v for v in (*load.values(), *sensors.values()) if isinstance(v, float)]
     tuples = [x for v in load.values() if isinstance(v, tuple) for x in v]
     legs = np.concatenate(list(resolved.leg_sensors.values()))
-    return np.concatenate([resolved.rows.ravel(), resolved.supply, legs, resolved.gravity_m_s2, plain, tuples, modes])
+    built = [resolved.mechanics.base_joints, resolved.mechanics.platform_joints, resolved.mechanics.retracted_length_m]
+    built = np.concatenate([np.ravel(array) for array in (*built, resolved.imu_turn_rad, resolved.imu_place_m)])
+    return np.concatenate(
+        [resolved.rows.ravel(), resolved.supply, legs, resolved.gravity_m_s2, plain, tuples, modes, built]
+    )
 
 
 def values_of(effect, size):

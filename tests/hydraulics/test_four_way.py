@@ -88,6 +88,17 @@ def test_edge_gains_scale_their_own_edge(servo):
         assert np.divide(flows(row, x, 6e6, 9e6), flows(plain, x, 6e6, 9e6)) == pytest.approx(gains, rel=1e-12)
 
 
+def test_each_edge_has_its_own_rounding(servo):
+    """At its corner an edge passes K s ln 2: roundings (1, 2, 3, 4) um give flows in that ratio, four times."""
+    sizes = (1e-6, 2e-6, 3e-6, 4e-6)
+    p = declared_rows(changed(servo, {"valve.edge_rounding_m": 0.0, "valve.edge_roundings_m": sizes}))[0]
+    dp, full = servo.valve.rated_pressure_drop_Pa, servo.valve.rated_flow_m3_s / servo.valve.spool_travel_max_m
+    edges = (ports.edge_PA(p), ports.edge_AT(p), ports.edge_PB(p), ports.edge_BT(p))
+    for edge, size, flow in zip(edges, sizes, (ports.supply_edge, ports.tank_edge) * 2, strict=True):
+        at_corner = flow(p, edge[0], dp, edge) * (1.0 - edge[0] / servo.valve.spool_travel_max_m)
+        assert at_corner == pytest.approx(full * size * math.log(2.0), rel=1e-3)
+
+
 def test_leakage_across_the_piston_and_along_the_rod(row):
     """Valve shut: G_p (P1 - P2) leaves one chamber for the other, G_r (P2 - Pt) leaves the machine."""
     row[P.LEAK_PISTON], row[P.LEAK_TOP_TANK] = 2e-12, 3e-13

@@ -69,7 +69,7 @@ def test_null_offset_and_drift_shift_the_curve(row):
 
 VARIANTS = {
     "report": {},
-    "rounded": {P.EDGE_ROUNDING: 2e-6},
+    "rounded": {P.ROUNDING_SUPPLY: 2e-6, P.ROUNDING_TANK: 2e-6},
     "quadratic": {P.QUADRATIC_GAIN: 300.0},
     "leaks": {P.LEAK_SUPPLY_CHAMBER: 2e-10, P.LEAK_CHAMBER_TANK: 3e-10},
     "clearance": {P.CLEARANCE_CONDUCTANCE: 1e-10, P.CLEARANCE_LENGTH: 3e-6},
@@ -275,7 +275,8 @@ def test_the_quick_answer_on_stiffness_is_never_wrong(name):
     Ps, sound = machine_row[P.SUPPLY_PRESSURE], []
     for _ in range(trials):
         row = machine_row.copy()
-        row[P.EDGE_ROUNDING], row[P.LEAK_CHAMBER_TANK] = rng.choice([0.0, 1e-6, 5e-6]), rng.choice([0.0, 1e-11])
+        row[P.ROUNDING_SUPPLY] = row[P.ROUNDING_TANK] = rng.choice([0.0, 1e-6, 5e-6])
+        row[P.LEAK_CHAMBER_TANK] = rng.choice([0.0, 1e-11])
         pressure = rng.choice([rng.uniform(0.0, Ps), Ps - 10 ** rng.uniform(0.0, 6.0), 10 ** rng.uniform(0.0, 6.0)])
         x, h = rng.normal() * 10 ** rng.uniform(-7.0, -3.0), 10 ** rng.uniform(-5.0, -2.5)
         limit = 2.0 * leg.chamber_capacity(row, rng.uniform(0.0, row[P.STROKE]), pressure)

@@ -31,7 +31,8 @@ PLACES = [  # key, a value that no other key has, place in the row, what must st
     ("valve.spool_diameter_m", 0.012, P.AREA_GRADIENT_TANK, math.pi * 0.012),
     ("valve.overlap_m", 20e-6, P.OVERLAP_SUPPLY, 20e-6),
     ("valve.overlap_m", 20e-6, P.OVERLAP_TANK, 20e-6),
-    ("valve.edge_rounding_m", 1.5e-6, P.EDGE_ROUNDING, 1.5e-6),
+    ("valve.edge_rounding_m", 1.5e-6, P.ROUNDING_SUPPLY, 1.5e-6),
+    ("valve.edge_rounding_m", 1.5e-6, P.ROUNDING_TANK, 1.5e-6),
     ("valve.discharge_coefficient", 0.7, P.DISCHARGE, 0.7),
     ("valve.pressure_width_Pa", 2e4, P.PRESSURE_WIDTH, 2e4),
     ("valve.flow_area", "quadratic", P.QUADRATIC_GAIN, 300.0),
@@ -122,7 +123,16 @@ def test_neutral_effect_leaves_the_rows_untouched(bench, name):
 def everything(machine):
     """All that an effect may change, as one list of numbers and tables."""
     made = resolve(machine)
-    numbers = [made.rows, made.supply, made.gravity_m_s2, *made.leg_sensors.values()]
+    legs = made.mechanics
+    numbers = [
+        made.rows,
+        made.supply,
+        made.gravity_m_s2,
+        *made.leg_sensors.values(),
+        made.imu_turn_rad,
+        made.imu_place_m,
+    ]
+    numbers += [legs.base_joints, legs.platform_joints, legs.retracted_length_m]
     return [n.tolist() for n in numbers], made.load, made.sensors, made.payload_modes
 
 

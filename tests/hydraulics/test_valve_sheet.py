@@ -98,7 +98,7 @@ def test_pressure_gain_at_null():
     """Rounded edges without lap: dP_L/dx = (Ps - Pt)/(s ln 2), from P_A = (r^2 Ps + Pt)/(1 + r^2), r = o(x)/o(-x)."""
     machine = load_machine("servo_bench")
     p, travel = declared_rows(machine)[0], machine.valve.spool_travel_max_m
-    by_hand = (p[P.SUPPLY_PRESSURE] - p[P.TANK_PRESSURE]) / (p[P.EDGE_ROUNDING] * math.log(2.0)) * travel
+    by_hand = (p[P.SUPPLY_PRESSURE] - p[P.TANK_PRESSURE]) / (p[P.ROUNDING_SUPPLY] * math.log(2.0)) * travel
     found = valve_test(machine).figures["pressure_gain_percent"] * p[P.SUPPLY_PRESSURE]
     assert p[P.OVERLAP_SUPPLY] == 0.0 and found == pytest.approx(by_hand, rel=2e-3)  # steps of 0.01 % of the signal
 

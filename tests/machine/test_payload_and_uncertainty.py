@@ -6,14 +6,12 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolve import resolve
-from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.machine.geometry import moving_body, platform_body
 from hexsim.plant import Plant
 from hexsim.scenarios import load_scenario
 from hexsim.scenarios.settings import apply_settings
 from hexsim.simulation import simulate
-from hexsim.simulation.faults import read_faults
 from hexsim.studies.sweep import cases
 from hexsim.studies.uncertainty import drawn
 
@@ -67,8 +65,8 @@ def test_drawn_machines_lie_within_their_widths(hexapod):
     machine = changed(hexapod, {"uncertainty": WIDTHS})
     draws = [drawn(machine, seed) for seed in range(60)]
     moduli = np.array([draw["oil.bulk_modulus_Pa"] for draw in draws]) / machine.oil.bulk_modulus_Pa - 1
-    offsets = np.array([[leg["offset_m"] for leg in draw["effects.leg_zero_offset"]] for draw in draws])
-    joints = np.array([[leg["base_x_m"] for leg in draw["effects.joint_displacement"]] for draw in draws])
+    offsets = np.array([[leg["length_m"] for leg in draw["effects.leg_zero_offset"]] for draw in draws])
+    joints = np.array([[leg["x_m"] for leg in draw["effects.base_joint_offset"]] for draw in draws])
     for values, width in ((moduli, 0.1), (offsets, 5e-4), (joints, 1e-3)):
         assert 0.5 * width < np.abs(values).max() <= width
         assert len(np.unique(values)) == values.size
@@ -77,7 +75,7 @@ def test_drawn_machines_lie_within_their_widths(hexapod):
 
 def test_a_displaced_joint_is_unknown_to_the_motion_computer(hexapod):
     """Base joint 1 built 2 mm off: setpoints as declared, pose such that the displaced kinematics give the pistons, within 1 um."""
-    displaced = {"effects.joint_displacement": {"where": "leg 1", "base_x_m": 2e-3}}
+    displaced = {"effects.base_joint_offset": {"where": "leg 1", "x_m": 2e-3}}
     scenario, machine = apply_settings(
         load_scenario("combined", duration_s=0.3), hexapod, {"scenario.fade_s": 0.0, **displaced}, "test"
     )
@@ -103,16 +101,3 @@ def test_joint_uncertainty_is_in_metres(hexapod):
     """0.2 would be 200 mm."""
     with pytest.raises(HexsimError, match=r"base_joints_m = 0.2 must be a half width in metres"):
         changed(hexapod, {"uncertainty.base_joints_m": 0.2})
-
-
-def test_no_fault_moves_a_joint():
-    """How a machine is built cannot change in flight: the sentence says where it belongs."""
-    fault = {
-        "kind": "effect",
-        "time_s": 1.0,
-        "effect": "leg_zero_offset",
-        "where": "leg 1",
-        "parameters": {"offset_m": 1e-3},
-    }
-    with pytest.raises(HexsimError, match="leg_zero_offset is how a machine is built"):
-        read_faults([fault], load_machine("micro_motion_system"), "test")

@@ -94,7 +94,7 @@ def test_an_imu_reads_along_its_own_axes():
 def test_reading_and_way_back():
     """`origin_motion` undoes `imu_reading` to rounding, for any place, turn and motion."""
     a, turning, omega = np.random.default_rng(2).normal(size=(3, 50, 3))
-    reading = imu_reading(a, turning, omega, HEAD, [10.0, -20.0, 120.0])
+    reading = imu_reading(a, turning, omega, HEAD, mounting([10.0, -20.0, 120.0]))
     back = origin_motion(*reading, omega, HEAD, [10.0, -20.0, 120.0])
     assert back[0] == pytest.approx(a, abs=1e-12)
     assert back[1] == pytest.approx(turning, abs=1e-12)

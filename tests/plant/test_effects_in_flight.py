@@ -15,7 +15,8 @@ from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
 BEGIN_S = 0.6
-NAMES = [name for name in library() if name != "learned_term"]  # it has a curve, no strength
+# a learned term has a curve, no strength
+NAMES = [name for name, effect in library().items() if name != "learned_term" and not effect.built_in]
 
 
 def typical(name: str) -> dict:
@@ -23,6 +24,8 @@ def typical(name: str) -> dict:
 
 
 def machine_for(name: str):
+    if library()[name].four_way:
+        return load_machine("servo_bench")
     return load_machine("bench" if "bench" in library()[name].kinds else "micro_motion_system")
 
 
@@ -65,7 +68,7 @@ def log_with(name: str, machine, **fault):
 @pytest.fixture(scope="module")
 def without():
     """Logs without an effect, under the motion computer: an effect that begins after the end."""
-    machines = {name: load_machine(name) for name in ("bench", "micro_motion_system")}
+    machines = {name: load_machine(name) for name in ("bench", "micro_motion_system", "servo_bench")}
     return {name: log_with("null_offset", machine, time_s=1e3) for name, machine in machines.items()}
 
 
@@ -105,6 +108,7 @@ def test_an_effect_begins_in_its_leg_only():
         ({"effect": "null_offset", "parameters": {}}, "offset_V is missing"),
         ({"effect": "null_offset", "parameters": {"offset_V": 0.1}, "where": "leg 7"}, "where = 'leg 7' must be"),
         ({"effect": "incline", "oil": 3.0}, "oil"),
+        ({"effect": "leakage_across_piston", "parameters": {"conductance_m3_s_Pa": 1e-13}}, 'rod_side = "valve"'),
     ],
 )
 def test_a_wrong_effect_is_refused_before_the_run(fault, sentence):

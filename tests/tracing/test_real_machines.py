@@ -140,6 +140,38 @@ def test_servo_valve():
     assert flow["rest_with_hysteresis_gpm"] < 0.9 * flow["rest_with_gain_gpm"]
     assert 0.1 < flow["hysteresis_half_width_mA"] < 0.5
     assert 3000 < verdicts["pressure gain"]["psi_per_mA"] < 6000
+    one = verdicts["one hysteresis"]
+    assert 0.1 < one["half_width_mA"] < 0.2 and one["error_mA"] < 0.25 * one["half_width_mA"]
+    assert flow["hysteresis_half_width_mA"] > one["half_width_mA"] + 3 * one["error_mA"]
+
+
+emps_records = pytest.mark.skipif(
+    not (MEASURED / "emps").is_dir(), reason="the records of the positioning system are not beside the repository"
+)
+
+
+@emps_records
+def test_positioning_system(tmp_path):
+    """Friction from the first record within 3 % of the published numbers; in the second one the 25 pulses of 5 that the
+    model is not told of: each begins within 10 ms, their size within 10 %.
+    """
+    import shutil
+
+    from hexsim.tracing.own.trace import trace_folder
+
+    shutil.copytree(REPOSITORY / "examples" / "own_machines" / "emps", tmp_path / "emps")
+    declared = tmp_path / "emps" / "balances.toml"
+    own = declared.read_text().replace("../../../../shared/measured/emps", str(MEASURED / "emps"))
+    declared.write_text(own)
+    _, (force, controller), report = trace_folder(tmp_path / "emps")
+    assert set(force.verdict.named) == {"Coulomb friction", "viscous friction"}
+    for name, published in (("viscous friction", 203.5), ("Coulomb friction", 20.39), ("mass", 95.11)):
+        assert force.verdict.coefficients[name][0] == pytest.approx(published, rel=0.03)
+    pulses = controller.events["DATA_EMPS_PULSES"]
+    assert len(pulses) == 25
+    assert max(abs(pulse.start_s - (0.344 + k)) for k, pulse in enumerate(pulses)) < 0.01
+    assert all(pulse.size == pytest.approx(5.0, rel=0.1) for pulse in pulses)
+    assert "pulses_N" in str(report["findings"]) and "pulses_N" not in own
 
 
 def test_absent_data_are_said_to_be_absent(tmp_path):

@@ -45,12 +45,13 @@ class EffectParameter:
 class Effect:
     """A named extension of one balance.
 
-    places: where it can act ("leg": one leg or all; "platform"; "machine": shared by all, such as the supply).
+    places: where it can act ("leg": one leg or all; "one leg": alike in all it does nothing;
+         "platform"; "machine": shared by all, such as the supply).
     kinds: machine kinds that can have it.  four_way: whether only machines whose rod side is on the valve have it.
+    built_in: stands in how the machine is built, so that it cannot begin in a run.
     shown_by: the input that would show an effect that slow motion does not show.
     generic: stands for any cause of its form; of a tie, the other is named.
     vector: its numbers are components of one thing: any of them may be the one that is there.
-    of_build: it is in the machine from the start; no fault brings it, and the search of the tracer does not try it.
     nonlinear_response: a softer chamber moves the oil's resonance, so that the answer is far from proportional to its size.
     """
 
@@ -60,14 +61,14 @@ class Effect:
     source: str
     parameters: tuple[EffectParameter, ...]
     apply: Callable[[Resolved, tuple[int, ...], dict[str, float]], None] | None = None
-    places: Literal["leg", "platform", "machine"] = "leg"
+    places: Literal["leg", "one leg", "platform", "machine"] = "leg"
     kinds: tuple[str, ...] = ("bench", "hexapod")
     four_way: bool = False
+    built_in: bool = False
     shown_by: str = ""
     generic: bool = False
     vector: bool = False
     nonlinear_response: bool = False
-    of_build: bool = False
 
     def fits(self, machine: Machine) -> bool:
         """Can this machine have it?"""

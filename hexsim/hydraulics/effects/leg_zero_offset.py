@@ -1,29 +1,28 @@
-"""A leg longer than its piston says: the transducer's zero, or the rod's end screwed out."""
+"""Leg zero: the leg is longer or shorter than declared at the same piston position."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-
-import numpy as np
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
-    """Lengthen the legs of the built machine."""
-    retracted = np.array(resolved.mechanics.retracted_length_m)
-    retracted[list(legs)] += values["offset_m"]
-    resolved.mechanics = replace(resolved.mechanics, retracted_length_m=retracted)
+    """As [geometry] leg_zero_offsets_m of these legs."""
+    lengths = resolved.mechanics.retracted_length_m.copy()
+    lengths[list(legs)] += values["length_m"]
+    resolved.mechanics = replace(resolved.mechanics, retracted_length_m=lengths)
 
 
 EFFECT = Effect(
     name="leg_zero_offset",
     balance="platform",
-    description="a leg is longer than its piston's position says",
-    source="zero of a transducer after mounting: 0.1-1 mm",
-    parameters=(EffectParameter(name="offset_m", unit="m", bounds=(-0.1, 0.1), typical=5e-4),),
+    description="the leg is longer than declared at the same reading of its transducer",
+    source="a transducer that was not zeroed with the leg, a turned rod eye: 0.2-2 mm",
+    parameters=(EffectParameter(name="length_m", unit="m", bounds=(-0.2, 0.2), typical=1.0e-3),),
     apply=apply,
+    places="one leg",
     kinds=("hexapod",),
-    of_build=True,
+    built_in=True,
 )

@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolved import Resolved
-from hexsim.machine.geometry import machine_kinematics, moving_body
+from hexsim.machine.geometry import moving_body
 from hexsim.mechanics.rigid_body import centre_accelerations, joint_wrenches
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
@@ -78,9 +79,10 @@ class PlatformMotion:
     """How the platform moved, from the pistons' positions alone; all in the platform frame.
 
     lines (n, 6, 6): rows (u_i, r_i x u_i) of the legs, wrench = thrusts . lines; rotation (n, 3, 3) to the world frame;
-    omega (n, 3) [rad/s].
+    omega (n, 3) [rad/s]; poses (n, 6).
     """
 
+    poses: Array
     lines: Array
     rotation: Array
     omega: Array
@@ -88,7 +90,10 @@ class PlatformMotion:
 
 def platform_motion(log: Log, resolved: Resolved, sensed: Sequence[SensedLeg]) -> PlatformMotion:
     """Forward kinematics and velocities of every sample under the window, once for a log and its position sensors."""
-    kinematics = machine_kinematics(resolved.machine)
+    kinematics = resolved.mechanics
+    built = tuple(
+        array.tobytes() for array in (kinematics.base_joints, kinematics.platform_joints, kinematics.retracted_length_m)
+    )
     settings = tuple(position_settings(resolved, i) for i in range(6))
 
     def moved() -> PlatformMotion:
@@ -98,26 +103,43 @@ def platform_motion(log: Log, resolved: Resolved, sensed: Sequence[SensedLeg]) -
         arms = np.cross(kinematics.platform_joints, directions)
         twist = np.linalg.solve(jacobian, np.stack([leg.mean_v for leg in sensed]).T[..., None])[..., 0]
         omega = np.einsum("nba,nb->na", rotation, twist[:, 3:])
-        return PlatformMotion(lines=np.concatenate([directions, arms], axis=-1), rotation=rotation, omega=omega)
+        return PlatformMotion(
+            poses=poses, lines=np.concatenate([directions, arms], axis=-1), rotation=rotation, omega=omega
+        )
 
-    return remembered(log, ("platform", kinematics, settings), moved)
+    return remembered(log, ("platform", built, settings), moved)
+
+
+def felt_by_imu(log: Log, resolved: Resolved, omega: Array) -> Array:
+    """Accelerations (n, 6) of the platform's origin, in its frame, from what the IMU reads where it is mounted.
+
+    omega (n, 3) [rad/s]: of the platform, in its frame.
+    """
+    assert log.acceleration is not None and log.angular is not None
+    sensors = resolved.sensors
+    shown = log.acceleration - np.array([0.0, 0.0, sensors.acceleration_offset_m_s2])[:, None]
+    moved = [*(shown / sensors.acceleration_gain), *log.angular]
+    read = np.stack([advanced(row, sensors.acceleration_delay_s * log.rate) for row in moved], axis=-1)
+    if not (resolved.imu_turn_rad.any() or resolved.imu_place_m.any()):
+        return read
+    turned = Rotation.from_rotvec(resolved.imu_turn_rad)
+    a, turning = turned.apply(read[:, :3]), turned.apply(read[:, 3:])
+    place = resolved.imu_place_m
+    a = a - np.cross(turning, place) - np.cross(omega, np.cross(omega, place))
+    return np.concatenate([a, turning], axis=1)
 
 
 def wrench_residual(log: Log, machine: Machine) -> tuple[Array, Array]:
     """r_J (6, n) under the window, and the legs' lines (n, 6, 6) in the platform frame: wrench = thrusts . lines."""
     resolved, window = resolved_machine(machine), Window(log.rate)
-    body, sensors = moving_body(resolved), resolved.sensors
+    body = moving_body(resolved)
     points = [measured_point(log, machine, resolved, i) for i in range(6)]
     motion = platform_motion(log, resolved, [point.sensed for point in points])
     thrusts = np.empty((log.n, 6))
     for i, (row, point) in enumerate(zip(resolved.rows, points, strict=True)):
         thrusts[:, i] = leg_thrust(row, point)
     wrench = (thrusts[:, None] @ motion.lines)[:, 0].T
-    assert log.acceleration is not None and log.angular is not None
-    shown = log.acceleration - np.array([0.0, 0.0, sensors.acceleration_offset_m_s2])[:, None]
-    late = sensors.acceleration_delay_s * log.rate
-    moved = [*(shown / sensors.acceleration_gain), *log.angular]
-    acceleration = np.ascontiguousarray(np.stack([advanced(row, late) for row in moved], axis=-1))
+    acceleration = np.ascontiguousarray(felt_by_imu(log, resolved, motion.omega))
     gravity = resolved.gravity_m_s2 @ motion.rotation
     felt = (centre_accelerations(body, acceleration, motion.omega) - gravity)[:, 2]
     asked = joint_wrenches(body, acceleration, motion.omega, gravity, push_of_payloads(resolved, felt, log.rate))

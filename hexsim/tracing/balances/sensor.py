@@ -1,4 +1,8 @@
-"""Sensors against each other: r_m = d2y/dt2 - a  [m/s2]."""
+"""Sensors against each other: r_m = d2y/dt2 - a  [m/s2].
+
+Of a hexapod six numbers: the platform's accelerations by forward kinematics of the legs' positions less what the IMU reads
+where it is mounted. A common rigid motion of all joints of the base, or of the platform with the IMU, leaves them alike.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,12 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
+from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import Balance, resolved_machine, sensed_leg
+from hexsim.tracing.balances.platform import ROWS, felt_by_imu, platform_motion
 
 Array = np.ndarray
+LOOK_S = 0.04  # [s] half width: d2y/dt2 of a position of 3 um noise is about as quiet as the IMU
 
 
 class Sensor(Balance):
@@ -35,4 +42,32 @@ class Sensor(Balance):
         return sensed_leg(log, resolved_machine(machine), 0).between_ticks[None]
 
 
-BALANCES = (Sensor(),)
+class Imu(Balance):
+    """The legs' positions through the declared joints against the accelerometers of the platform."""
+
+    name = "sensor"
+    unit = "m/s2, rad/s2"
+    caption = "acceleration by the legs' positions = what the IMU reads where it is mounted"
+    order = 10
+    signals = ("acceleration_m_s2", "time_s", "position_m", "velocity_m_s")
+    usual_signal = "acceleration_m_s2"
+    one_cause = True
+
+    def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
+        return (("acceleration", "angular_acceleration"),) if machine.is_hexapod else ()
+
+    def places(self, log: Log) -> list[str]:
+        return [f"platform {row}" for row in ROWS]
+
+    def residual(self, log: Log, machine: Machine) -> Array:
+        resolved, look, window = resolved_machine(machine), Window(log.rate, LOOK_S), Window(log.rate)
+        motion = platform_motion(log, resolved, [sensed_leg(log, resolved, i) for i in range(6)])
+        legs, poses = resolved.mechanics, motion.poses.T
+        pose, rate, second = look.mean(poses).T, look.rate(poses).T, look.second_rate(poses).T
+        moved = legs.to_platform_frame(pose, legs.twist_rate(pose, rate, second))
+        residual = moved.T - look.mean(window.mean(felt_by_imu(log, resolved, motion.omega).T))
+        residual[:, -(look.half + window.half) :] = 0.0  # what windows do not see whole
+        return residual
+
+
+BALANCES = (Sensor(), Imu())

@@ -110,7 +110,7 @@ def candidates(machine: Machine, proposed: dict[str, dict[str, float]] | None = 
 
     found = []
     for effect in library().values():
-        if not effect.fits(machine) or not effect.parameters or effect.of_build:
+        if not effect.fits(machine) or not effect.parameters:
             continue
         own = (proposed or {}).get(effect.name, {})
         for variant in components(effect):
@@ -129,9 +129,10 @@ def components(effect: Effect) -> list[Effect]:
 
 def places(effect: Effect, machine: Machine) -> list[str]:
     """Where an effect can act on this machine."""
-    if effect.places != "leg" or machine.n_legs == 1:
-        return ["all legs"]
-    return ["all legs", *(f"leg {i + 1}" for i in range(machine.n_legs))]
+    legs = [f"leg {i + 1}" for i in range(machine.n_legs)]
+    if effect.places == "one leg":
+        return legs
+    return ["all legs", *legs] if effect.places == "leg" and machine.n_legs > 1 else ["all legs"]
 
 
 def shapes(effect: Effect) -> list[dict[str, float]]:

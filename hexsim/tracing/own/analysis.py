@@ -11,7 +11,8 @@ import numpy as np
 from hexsim.tracing.own.events import Event, events, said
 from hexsim.tracing.own.folder import OwnMachine
 from hexsim.tracing.term_columns import OwnBalance, Point, RunData, outside, run_data
-from hexsim.tracing.term_regression import Chosen, OwnVerdict, residual, rms, solve, trace_own
+from hexsim.tracing.term_regression import OwnVerdict, trace_own
+from hexsim.tracing.term_selection import Chosen, residual, rms, solve
 
 Array = np.ndarray
 FAR = 2.0  # standard deviations of its declaration beyond which a fitted number is remarked

@@ -14,10 +14,13 @@ from hexsim.compiled import borrowed, compiled
 from hexsim.hydraulics import valve
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.steps import near_standstill
+from hexsim.mechanics.rigid_body import cross, triple
 from hexsim.tracing.simulation.motion import (
     LEG_P1,
     LEG_STATES,
     LEGS,
+    N_PLATFORM,
+    OMEGA,
     SUPPLY,
     integrate,
     rates,
@@ -111,14 +114,17 @@ def asked_volts(controller, inputs, j, i, position):
 def lent(rig, inputs, room):
     """The same numbers without reference counts."""
     legs, geometry, s, load, sensors, controller, rule = rig
-    position, pressure, top, acceleration, supply_gain = sensors
+    position, pressure, top, acceleration, supply_gain, place, turned = sensors
     k1, k2, k3, k4, there = room.slopes
     y, v, before, held = room.legs
     return (
         Rig(
             borrowed(legs), borrowed(geometry), borrowed(s),
             Load(load.body, borrowed(load.compliance), load.gravity, load.spring),
-            Sensors(borrowed(position), borrowed(pressure), borrowed(top), borrowed(acceleration), supply_gain),
+            Sensors(
+                borrowed(position), borrowed(pressure), borrowed(top), borrowed(acceleration), supply_gain, place,
+                borrowed(turned),
+            ),
             Controller(borrowed(controller.gain_V_per_m), controller.rate_Hz, borrowed(controller.limit_V), controller.follows),
             rule,
         ),
@@ -151,7 +157,7 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
     rig, inputs, room = lent(owned_rig, owned_inputs, owned_room)
     out = borrowed(owned_out)
     legs, geometry, s, load, sensors, controller, rule = rig
-    position, pressure, top, acceleration, supply_gain = sensors
+    position, pressure, top, acceleration, supply_gain, place, turned = sensors
     state, slopes, (y, v, before, held), y_true, p_true, top_true, u_true, a_true = room
     n_legs, n, rate = legs.shape[0], inputs.setpoint.shape[1], inputs.rate_Hz
     dt, axes = 1.0 / rate, acceleration.shape[0]
@@ -179,14 +185,29 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
             before[j] = v[j]
         steps = steps_of_sample(legs, s, rule, state, y, v, held, t, calm_s, dt)
         a, turning = rates(legs, geometry, s, load, held, t, dt / steps, state, slopes[0])
+        write_accelerations(state, a, turning, place, turned, a_true[:, i])
         for k in range(axes):
-            a_true[k, i] = a[2] if axes == 1 else a[k] if k < 3 else turning[k - 3]
             out[4 * n_legs + 1 + k, i] = shown(a_true[k], i, acceleration[k], rate)
         integrate(legs, geometry, s, load, held, t, dt, steps, state, slopes)
         if diverged(state, LEGS + n_legs * LEG_STATES):
             out[:, i + 1 :] = math.nan
             return False
     return True
+
+
+@compiled
+def write_accelerations(state, a, turning, place, turned, at):
+    """What accelerometers at `place`, their axes the columns of `turned`, feel: (1,) of a bench, (6,) of a platform."""
+    if at.shape[0] == 1:
+        at[0] = a[2]
+        return
+    omega = triple(state, state.shape[0] - N_PLATFORM + OMEGA)
+    swing, pull = cross(turning, place), cross(omega, cross(omega, place))
+    for k in range(3):
+        at[k] = at[k + 3] = 0.0
+        for j in range(3):
+            at[k] += turned[j, k] * (a[j] + swing[j] + pull[j])
+            at[k + 3] += turned[j, k] * turning[j]
 
 
 @compiled

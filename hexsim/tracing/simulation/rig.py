@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolve import resolve
@@ -31,7 +32,8 @@ class Load(NamedTuple):
 class Sensors(NamedTuple):
     """y_m = gain y(t - delay) + offset: rows (gain, offset, delay [s]) of a leg, (n_legs, 3), and of an accelerometer.
 
-    pressure: of the bottom chambers; top: of the rod sides.
+    pressure: of the bottom chambers; top: of the rod sides.  imu_place [m], imu_rotation (3, 3): of the accelerometers in
+    the platform frame.
     """
 
     position: Array
@@ -39,6 +41,8 @@ class Sensors(NamedTuple):
     top: Array
     acceleration: Array
     supply_gain: float
+    imu_place: Vector
+    imu_rotation: Array
 
 
 class Controller(NamedTuple):
@@ -121,6 +125,7 @@ def sensors_of(resolved: Resolved) -> Sensors:
     else:
         across, turning = [along[0], 0.0, along[2]], [1.0, 0.0, along[2]]
         acceleration = np.array([across, across, along, turning, turning, turning], dtype=float)
+    x, y, z = resolved.imu_place_m
     pressure = np.column_stack([legs["pressure_gain"], legs["pressure_offset_Pa"], legs["pressure_delay_s"]])
     return Sensors(
         position=np.column_stack([legs["position_gain"], legs["position_offset_m"], legs["position_delay_s"]]),
@@ -128,4 +133,6 @@ def sensors_of(resolved: Resolved) -> Sensors:
         top=pressure,
         acceleration=acceleration,
         supply_gain=float(shared.supply_pressure_gain),
+        imu_place=(float(x), float(y), float(z)),
+        imu_rotation=Rotation.from_rotvec(resolved.imu_turn_rad).as_matrix(),
     )

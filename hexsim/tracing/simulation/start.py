@@ -16,7 +16,6 @@ from hexsim.hydraulics import leg as equations
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S, pump_flow_command
-from hexsim.machine.geometry import machine_kinematics
 from hexsim.mechanics.rigid_body import joint_wrenches
 from hexsim.signals.channels import COMPARED
 from hexsim.signals.log import Log
@@ -124,7 +123,7 @@ def load_at(rig: Rig, resolved: Resolved, y: Array, v: Array) -> tuple[Array, fl
     body, gravity = rig.load.body, np.array(rig.load.gravity)
     if len(y) == 1:
         return -(body.carried + body.sprung) * gravity[2:], float(gravity[2]), np.array([y[0], v[0]])
-    kinematics = machine_kinematics(resolved.machine)
+    kinematics = resolved.mechanics
     pose = kinematics.forward(y)
     rotation, jacobian = kinematics.rotation(pose), kinematics.jacobian(pose)
     twist, own = np.linalg.solve(jacobian, v), rotation.T @ gravity

@@ -91,14 +91,17 @@ def _payload_frequency(logs: Sequence[Log], keep: list[slice], residuals: list[A
 def worth_screening(
     machine: Machine, lines: Sequence[Violation], proposed: dict[str, dict[str, float]]
 ) -> list[Candidate]:
-    """All effects on a bench. On a hexapod: in all legs alike, and in the legs that are violated, the worst at least."""
+    """All effects on a bench. On a hexapod: in all legs alike, and in the legs that are violated, the worst at least.
+
+    What is built wrong in one leg tilts the platform and shows in all of them: it is looked for in each.
+    """
     everything = candidates(machine, proposed)
     legs = [line for line in lines if line.where.startswith("leg ")]
     if machine.n_legs == 1 or not legs:
         return everything
     worst = max(legs, key=lambda line: line.violation / line.null)
     there = {line.where for line in legs if line.violated} | {worst.where}
-    return [c for c in everything if not c.where.startswith("leg ") or c.where in there]
+    return [c for c in everything if not c.where.startswith("leg ") or c.where in there or c.effect.places == "one leg"]
 
 
 def propose(trace: Trace, tell: Tell) -> Trace:

@@ -1,0 +1,147 @@
+"""Forward selection of the terms of a balance of one's own, scored on runs that the numbers have not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.stats import wilcoxon
+
+from hexsim.tracing.term_columns import BLOCKS, OwnBalance, RunData, Term, at_place, variants
+
+Array = np.ndarray
+Chosen = tuple[Term, ...]
+GAIN = 0.03  # least relative gain of the held-out loss for a term
+MOST_TERMS = 3
+TIE = 0.10  # candidates within this of the best gain are a tie
+RARE = 0.15  # share of the samples below which a term acts rarely
+ACTS = 0.05  # of a column's largest value: beyond it the term acts
+OCCASIONS = 6  # least number of occasions on which a rare term acts
+RARE_GAIN = 0.1  # least fall of the loss where a rare term acts
+CHANCE = 0.01  # of signed ranks
+
+
+def solve(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> Array:
+    """Coefficients of declared terms (pulled to their declared values by their uncertainty) and chosen candidates."""
+    A = np.vstack([run.matrix(chosen) for run in runs])
+    b = np.concatenate([run.target for run in runs])
+    pulls = [(i, t) for i, t in enumerate(balance.terms) if t.declared is not None and t.uncertainty > 0]
+    scale = np.sqrt(np.mean(A**2, axis=0))
+    for i, term in pulls:  # a term that a run does not have stays where it is declared
+        scale[i] = scale[i] or 1.0 / term.uncertainty
+    scale = np.maximum(scale, 1e-300)
+    rough = b - A @ (np.linalg.lstsq(A / scale, b, rcond=None)[0] / scale)
+    sigma = max(float(np.std(rough)), 1e-300)
+    rows, right = [A / sigma], [b / sigma]
+    for i, term in pulls:
+        prior = np.zeros((1, A.shape[1]))
+        prior[0, i] = 1.0 / term.uncertainty
+        rows.append(prior)
+        right.append(np.array([(term.declared or 0.0) / term.uncertainty]))
+    return np.linalg.lstsq(np.vstack(rows) / scale, np.concatenate(right), rcond=None)[0] / scale
+
+
+def residual(run: RunData, coefficients: Array, chosen: Chosen) -> Array:
+    return run.target - run.matrix(chosen) @ coefficients
+
+
+def losses_of(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> list[Array]:
+    """Squared residual of every run (m,), predicted from the other runs, by its target's variance."""
+    losses = []
+    for i, run in enumerate(runs):
+        others = [other for j, other in enumerate(runs) if j != i]
+        left = residual(run, solve(balance, others, chosen), chosen)
+        losses.append(left**2 / (float(np.var(run.target)) or 1.0))
+    return losses
+
+
+def physical(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> bool:
+    """Every chosen candidate has the sign that physics asks for."""
+    coefficients = solve(balance, runs, chosen)[len(balance.terms) :]
+    return all(term.sign * value >= 0 for term, value in zip(chosen, coefficients, strict=True))
+
+
+def acts(run: RunData, term: Term) -> Array:
+    """Where a term acts (m,) bool."""
+    size = np.abs(run.column(term))
+    return size > ACTS * max(float(size.max()), 1e-300)
+
+
+def gain_of(before: Sequence[Array], after: Sequence[Array], runs: Sequence[RunData], term: Term) -> float:
+    """Mean fall of the loss by a term if it earns its place, else 0: more than GAIN and two standard errors over blocks; or,
+    where it acts rarely, RARE_GAIN of the loss there, on occasions that chance does not give."""
+    blocks = [
+        np.array([block.mean() for block in np.array_split(b - a, BLOCKS)]) for b, a in zip(before, after, strict=True)
+    ]
+    gains, whole = np.concatenate(blocks), float(np.mean([b.mean() for b in before]))
+    mean, error = float(gains.mean()), float(np.std(gains)) / np.sqrt(len(gains))
+    if mean > max(GAIN * whole, 2 * error):
+        return mean
+    active = [acts(run, term) for run in runs]
+    if not 0 < np.mean(np.concatenate(active)) < RARE or mean <= 0:
+        return 0.0
+    occasions, there = [], 0.0
+    for b, a, on in zip(before, after, active, strict=True):
+        at = np.flatnonzero(on)
+        there += float(b[at].sum())
+        for group in np.split(at, np.flatnonzero(np.diff(at) > 2) + 1):
+            if len(group):
+                occasions.append(float((b - a)[group].sum()))
+    enough = len(occasions) >= OCCASIONS and sum(occasions) > RARE_GAIN * there
+    by_chance = float(np.asarray(wilcoxon(occasions, alternative="greater"))[1]) if enough else 1.0
+    return mean if by_chance < CHANCE else 0.0
+
+
+def select(balance: OwnBalance, runs: Sequence[RunData]) -> tuple[Chosen, list[str]]:
+    """Forward selection by leave-one-run-out; also the candidates that tie with the first chosen one."""
+    chosen: Chosen = ()
+    tied: list[str] = []
+    losses = losses_of(balance, runs, chosen)
+    trials_of = [one for term in balance.candidates for one in variants(term, runs)]
+    while len(chosen) < MOST_TERMS:
+        trials = []
+        for k, term in enumerate(trials_of):
+            if term.name in {one.name for one in chosen} or not physical(balance, runs, (*chosen, term)):
+                continue
+            gain = gain_of(losses, losses_of(balance, runs, (*chosen, term)), runs, term)
+            if gain > 0:
+                trials.append((gain, k))
+        if not trials:
+            break
+        best, index = max(trials)
+        name = trials_of[index].name
+        if not chosen:
+            near = [trials_of[k].name for gain, k in trials if gain > (1 - TIE) * best]
+            tied = sorted({one for one in near if one != name})
+        chosen = (*chosen, placed(balance, runs, chosen, trials_of[index]))
+        losses = losses_of(balance, runs, chosen)
+    return chosen, tied
+
+
+def placed(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen, term: Term) -> Term:
+    """A hinge at the place that leaves least, between its neighbours on the grid of places."""
+    if term.over is None or term.place is None:
+        return term
+    plain = at_place(term, term.place)
+    grid = [one.place for one in variants(_anywhere(plain), runs)]
+    k = int(np.argmin([abs(place - term.place) for place in grid if place is not None]))
+    low, high = grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)]
+
+    def left(place: float) -> float:
+        trial = (*chosen, at_place(term, float(place)))
+        coefficients = solve(balance, runs, trial)
+        return sum(float(np.sum(residual(run, coefficients, trial) ** 2)) for run in runs)
+
+    if low is None or high is None or not high > low:
+        return term
+    found = minimize_scalar(left, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * (high - low)})
+    return at_place(term, float(found.x)) if found.fun < left(term.place) else term
+
+
+def _anywhere(term: Term) -> Term:
+    return Term(name=term.name, unit=term.unit, sign=term.sign, over=term.over, column_at=term.column_at)
+
+
+def rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(x))))

@@ -1,0 +1,115 @@
+"""The machine with its motion computer as an FMU: setpoints in, what a run without sensor noise gives out."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hexsim.errors import HexsimError
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.scenarios import load_scenario
+from hexsim.simulation import simulate
+
+pytest.importorskip("ziglang", reason="the export compiles C with the wheel `ziglang`: pip install hexsim[fmu]")
+fmpy = pytest.importorskip("fmpy", reason="FMPy runs the FMU: pip install hexsim[fmu]")
+from fmpy.fmi1 import FMICallException  # noqa: E402
+from fmpy.fmi2 import FMU2Slave  # noqa: E402
+from fmpy.validation import validate_fmu  # noqa: E402
+
+from hexsim.export import export_fmu  # noqa: E402
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the export needs MuJoCo's Linux library")
+TICK = 0.002
+SILENT = {f"sensors.{name}": 0.0 for name in ("position_noise_m", "pressure_noise_Pa", "acceleration_noise_m_s2")}
+CONTROL = {
+    "controller.velocity_feed_forward_V_s_per_m": 5.0,
+    "controller.integral_time_s": 2.0,
+    "controller.pressure_feedback_V_per_Pa": 1e-8,
+}
+CASES = {
+    "bench": ("bench", {}),
+    "hexapod": ("micro_motion_system", {}),
+    "controllers": ("servo_hexapod", CONTROL),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_it_is_a_run_without_noise(name, tmp_path):
+    """Heave and roll together on a hexapod: legs' setpoints, volts, positions and pressures are those of `simulate` within
+    1e-12 of their size."""
+    source, changes = CASES[name]
+    machine = changed(load_machine(source), SILENT | changes | {"sensors.position_resolution_m": 0.0})
+    path, n = tmp_path / "machine.fmu", machine.n_legs
+    export_fmu(machine, path, what="machine", model="tendon")
+    assert validate_fmu(str(path)) == []
+    scenario = replace(load_scenario("combined" if machine.is_hexapod else "heave"), duration_s=0.6, fade_s=0.2)
+    log = simulate(machine, scenario, fast=True).log
+    every = round(TICK / (log["time_s"][1] - log["time_s"][0]))
+    rows = log.gather_every(every)
+    fmu = Slave(path, tmp_path / "unpacked")
+    poses = scenario.evaluate(rows["time_s"].to_numpy())[0]
+    inputs = poses if machine.is_hexapod else rows["setpoint_m"].to_numpy()[:, None]
+    before, after = fmu.run(inputs)
+    legs = [""] if n == 1 else [f"_{i}" for i in range(1, n + 1)]
+    compared = [(before, f"position{i}_m", f"true_position{i}_m") for i in legs]
+    compared += [(before, f"pressure_bottom{i}_Pa", f"true_pressure_bottom{i}_Pa") for i in legs]
+    compared += [(after, f"valve{i}_V", f"valve{i}_V") for i in legs]
+    compared += [(after, f"setpoint{i}_m", f"setpoint{i}_m") for i in legs if n > 1]
+    for found, ours, theirs in compared:
+        wanted = rows[theirs].to_numpy()
+        assert np.ptp(wanted) > 0
+        assert np.abs(found[ours] - wanted).max() < 1e-12 * np.abs(wanted).max(), ours
+
+
+class Slave:
+    """An instance that is initialised, and its variables by name."""
+
+    def __init__(self, path, folder) -> None:
+        unpacked = fmpy.extract(str(path), unzipdir=str(folder))
+        description = fmpy.read_model_description(unpacked)
+        self.variables = {v.name: v for v in description.modelVariables}
+        self.fmu = FMU2Slave(
+            guid=description.guid, unzipDirectory=unpacked, instanceName="one",
+            modelIdentifier=description.coSimulation.modelIdentifier,
+        )  # fmt: skip
+        self.fmu.instantiate()
+        self.fmu.setupExperiment()
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+
+    def run(self, inputs: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Outputs before and after each tick."""
+        outputs = {name: v.valueReference for name, v in self.variables.items() if v.causality == "output"}
+        taken = [v.valueReference for v in self.variables.values() if v.causality == "input"]
+        seen = [self.fmu.getReal(list(outputs.values()))]
+        for k, values in enumerate(inputs.tolist()):
+            self.fmu.setReal(taken, values)
+            self.fmu.doStep(k * TICK, TICK)
+            seen.append(self.fmu.getReal(list(outputs.values())))
+        columns = np.array(seen).T
+        before, after = columns[:, :-1], columns[:, 1:]
+        return dict(zip(outputs, before, strict=True)), dict(zip(outputs, after, strict=True))
+
+
+def test_states_steps_and_sensors_of_a_motion_computer(bench, tmp_path):
+    """A state kept in mid-motion goes on to the bit, the controllers' memory with it; half a tick is refused; so is a
+    machine whose sensor is late."""
+    path = tmp_path / "machine.fmu"
+    export_fmu(changed(bench, {"controller.integral_time_s": 1.0}), path, what="machine")
+    fmu = Slave(path, tmp_path / "unpacked")
+    start = float(fmu.variables["setpoint_m"].start)
+    inputs = start + 0.02 * np.sin(0.1 * np.arange(60))[:, None]
+    fmu.run(inputs[:20])
+    state = fmu.fmu.getFMUstate()
+    first = fmu.run(inputs[20:])[1]
+    fmu.fmu.setFMUstate(state)
+    again = fmu.run(inputs[20:])[1]
+    assert all(np.array_equal(first[name], again[name]) for name in first)
+    fmu.fmu.freeFMUstate(state)
+    with pytest.raises(FMICallException):
+        fmu.fmu.doStep(1.0, 0.5 * TICK)
+    late = changed(bench, {"effects.position_delay.delay_s": 0.002})
+    with pytest.raises(HexsimError, match="late or filtered"):
+        export_fmu(late, path, what="machine")
