@@ -84,7 +84,7 @@ def test_an_imu_reads_along_its_own_axes():
     """Turned by 90 deg of yaw: what is along y of the platform is along its x, and what is along x along its -y."""
     still = np.zeros((1, 3))
     reading, turned = imu_reading(
-        np.array([[1.0, 2.0, 3.0]]), np.array([[0.1, 0.2, 0.3]]), still, [0, 0, 0], [0, 0, 90.0]
+        np.array([[1.0, 2.0, 3.0]]), np.array([[0.1, 0.2, 0.3]]), still, [0, 0, 0], mounting([0, 0, 90.0])
     )
     assert reading == pytest.approx(np.array([[2.0, -1.0, 3.0]]))
     assert turned == pytest.approx(np.array([[0.2, -0.1, 0.3]]))
