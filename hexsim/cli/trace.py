@@ -122,12 +122,15 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
     console = output()
     verdict = report["verdict"]
     console.print(Text.assemble("verdict  ", (verdict, f"bold {VERDICT_STYLE.get(verdict, '')}".strip())))
+    for remark in report.get("remarks", []):
+        console.print(f"note     {remark}")
     console.print()
     for title, header, rows in (
         _findings(report),
         _steps(report),
         _effects(report),
         _unexplained(report),
+        _budget(report),
         _errors(report),
     ):
         if rows:
@@ -191,6 +194,20 @@ def _unexplained(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[
         for item in report.get("unexplained", [])
     ]  # fmt: skip
     return "Unexplained residuals", ("balance", "where", "rms", "depends on", "R²"), rows
+
+
+def _budget(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
+    """Step by step the largest multiple of the noise of each kind of signal."""
+    from hexsim.signals.channels import kind_of
+
+    table: dict[str, dict[str, float]] = {}
+    for row in report.get("budget", []):
+        own, kind = table.setdefault(row["step"], {}), kind_of(row["channel"])
+        value = row["multiple_of_noise"]
+        own[kind] = max(own.get(kind, 0.0), float("inf") if value is None else value)
+    kinds = list(dict.fromkeys(kind for own in table.values() for kind in own))
+    rows = [(step, *(f"{own.get(kind, float('nan')):.3g}" for kind in kinds)) for step, own in table.items()]
+    return "Error budget on held-out motion, times the noise", ("step", *kinds), rows
 
 
 def _errors(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:

@@ -45,6 +45,7 @@ PARTLY_DOUBT = 0.025  # share of the resamples that may say otherwise
 PARTLY_SPREAD = 0.2  # runs may differ in an effect's number by this share, or three standard errors
 PARTLY_REFITTED = 16  # candidates that are refitted beside the small realities, by what their columns promise
 PARTLY_TRIED = 3  # rivals that are judged, the best first
+MOST_UNREMARKABLE = 2  # sure effects that are fitted and not named, because any machine may have so much of them
 REMARKABLE = 1.5  # times its ordinary size: below that a machine is not remarkable for the effect
 REMARKABLE_SHARE = 0.4  # of the typical size, for an effect without an ordinary size
 REST_TIME_S = 0.2  # [s] correlation time of what is left: that far apart its samples count as independent

@@ -116,6 +116,7 @@ class Trace:
     experiments: list[dict[str, Any]] = field(default_factory=list)
     scenarios: dict[str, str] = field(default_factory=dict)
     error: dict[str, dict[str, dict[str, float]]] = field(default_factory=dict)
+    budget: list[dict[str, Any]] = field(default_factory=list)
     steps: tuple[StepRecord, ...] = ()
     decided: str = ""
     report: dict[str, Any] = field(default_factory=dict)

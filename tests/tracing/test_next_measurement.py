@@ -14,7 +14,7 @@ from hexsim.readers import read_log
 from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.signals.channels import noise_of
 from hexsim.tracing.design import next_measurement
-from hexsim.tracing.design.information import hypothesis, promise
+from hexsim.tracing.design.information import Hypothesis, hypothesis, promise
 from hexsim.tracing.design.motions import KINDS, STEP_SHARE, MotionFamily
 from hexsim.tracing.fitting.fit import refine, start_fit
 from hexsim.tracing.fitting.parameters import named, priors
@@ -99,6 +99,16 @@ def test_the_same_run_again_halves_the_variance(bench, leaking):
     assert found.errors[0] == pytest.approx(calm[0].numbers[0].standard_error / np.sqrt(2.0), rel=0.03)
 
 
+def test_small_realities_are_not_asked_for(bench, leaking):
+    """Of a machine with a leak and a small delay beside it the leak alone is to be sharpened, at its own coordinate."""
+    _, _, problem = bench
+    beside = dataclasses.replace(with_candidate(leaking, named("position_delay"), 0.1, problem), covariance=None)
+    beside = dataclasses.replace(beside, candidates=beside.candidates[::-1], values=beside.values[::-1])
+    k = len(beside.priors)
+    asked = Hypothesis(label="", fit=beside, known=np.eye(k + 2), named=frozenset({"leakage_supply_to_chamber"}))
+    assert [(number.effect, number.place) for number in asked.numbers] == [("leakage_supply_to_chamber", k + 1)]
+
+
 def test_a_tie_is_answered_by_a_scenario_file(bench, leaking):
     """For two hypotheses the file says which it separates and how far, and `hexsim run` can read it."""
     machine, _, problem = bench
@@ -106,7 +116,7 @@ def test_a_tie_is_answered_by_a_scenario_file(bench, leaking):
     rival = refine(with_candidate(base, named("dead_volume"), 0.3, problem), problem, steps=3)
     trace = SimpleNamespace(
         machine=machine, fit_problem=problem, final=leaking, ties=[{"dead_volume": rival}], verdict="explained",
-        unexplained=[], search=SimpleNamespace(stages=[]),
+        effects=[], unexplained=[], search=SimpleNamespace(stages=[]),
     )  # fmt: skip
     found = next_measurement(trace, duration_s=5.0, first=8, rounds=0)
     text = found.text()

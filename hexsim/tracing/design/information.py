@@ -43,17 +43,24 @@ class Number:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hypothesis:
-    """A fitted machine that the logs do not rule out, with what they know of its coordinates: normal matrix (k, k)."""
+    """A fitted machine that the logs do not rule out, with what they know of its coordinates: normal matrix (k, k).
+
+    named: labels of the effects whose numbers are asked for; empty: all. Small realities beside them are not.
+    """
 
     label: str
     fit: Fit
     known: Array
+    named: frozenset[str] = frozenset()
 
     @property
     def numbers(self) -> list[Number]:
         """The numbers of its effects."""
         errors, place, found = self.fit.standard_errors(), len(self.fit.priors), []
         for candidate, values, own in zip(self.fit.candidates, self.fit.values, errors, strict=True):
+            if self.named and candidate.label not in self.named:
+                place += len(candidate.free())
+                continue
             for parameter in candidate.free():
                 error = own.get(parameter.name, float("nan"))
                 found.append(
@@ -84,12 +91,12 @@ def normal_matrix(columns: list[Array]) -> Array:
     return np.sum([(flat := own.reshape(own.shape[0], -1)) @ flat.T for own in columns], axis=0)
 
 
-def hypothesis(label: str, fit: Fit, problem: SimulatedProblem) -> Hypothesis:
+def hypothesis(label: str, fit: Fit, problem: SimulatedProblem, named: frozenset[str] = frozenset()) -> Hypothesis:
     """With what the logs of the problem know of it, and the declared uncertainty of its parameters."""
     known = normal_matrix(sensitivities(fit, problem))
     m = len(fit.priors)
     known[range(m), range(m)] += prior_terms(fit)[0]
-    return Hypothesis(label=label, fit=fit, known=known)
+    return Hypothesis(label=label, fit=fit, known=known, named=named)
 
 
 def at_the_rest(problem: SimulatedProblem, fit: Fit) -> SimulatedProblem:

@@ -106,7 +106,10 @@ def next_measurement(
     say("what is left open", 0.0)
     problem = at_the_rest(trace.fit_problem, trace.final)
     jobs = surviving(trace)
-    hypotheses = [hypothesis(label, fit, problem) for label, fit in jobs]
+    named = frozenset(effect.candidate.label for effect in trace.effects)
+    hypotheses = [
+        hypothesis(label, fit, problem, named if k == 0 else frozenset()) for k, (label, fit) in enumerate(jobs)
+    ]
     numbers = tuple(hypotheses[0].numbers)
     wanted = worst(numbers) if len(hypotheses) == 1 else None
     family = MotionFamily(trace.machine, duration_s)
@@ -149,7 +152,8 @@ def checked(
 
 def surviving(trace: Trace) -> list[tuple[str, Fit]]:
     """Hypotheses that the logs leave, the best first: of a tie its members, of an unexplained machine the best rivals."""
-    found = [(_label(trace.final), trace.final)]
+    effects = [effect.candidate.label for effect in trace.effects]
+    found = [(" and ".join(effects) or _label(trace.final), trace.final)]
     for tied in trace.ties:
         found += [(label, rival) for label, rival in tied.items()]
     if trace.verdict == "unexplained" and trace.search.stages:

@@ -32,6 +32,7 @@ Array = np.ndarray
 STEPS = 8
 DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
 SPOOL_START = 0.2  # coordinate at which what vanishes at infinity starts: nothing can be differentiated at 0
+STARTS = (0.4, 1.0, 2.0)  # sizes at which an effect may begin, besides that of its column
 LEAST_FALL = 0.3  # of J, for another step
 
 
@@ -189,11 +190,19 @@ def released(base: RestFit, candidate: Candidate) -> tuple[Fit, list[Array]]:
 
 
 def with_effect(base: RestFit, candidate: Candidate, problem: FitProblem, size: float) -> RestFit | None:
-    """The base with one more effect, begun at a size and refitted, the base's columns kept; None when nothing is left."""
+    """The base with one more effect, refitted, the base's columns kept; None when nothing is left.
+
+    Begun at this size or at a larger one, whatever leaves least: a delay's column tells little of a delay ten times as long.
+    """
     bare, columns = released(base, candidate)
     number = candidate.effect.parameters[0]
-    values = candidate.start() | {number.name: to_value(number, size)}
-    fit = answered(replace(bare, candidates=(*bare.candidates, candidate), values=(*bare.values, values)), problem)
+
+    def begun_at(start: float) -> Fit:
+        values = candidate.start() | {number.name: to_value(number, start)}
+        return answered(replace(bare, candidates=(*bare.candidates, candidate), values=(*bare.values, values)), problem)
+
+    starts = [begun_at(start) for start in (size, *(float(np.copysign(most, size)) for most in STARTS))]
+    fit = min(starts, key=lambda fit: cost_of(fit, problem))
     return refined(fit, problem, columns) if np.isfinite(cost_of(fit, problem)) else None
 
 

@@ -17,6 +17,8 @@ from hexsim.tracing.fitting.screening import Screened
 from hexsim.tracing.report.page import report_page
 from hexsim.tracing.state import NamedEffect, Trace, UnexplainedResidual, Violation
 
+WORSE = 1.1  # times its rms as declared: a held-out signal that the refit makes worse
+
 
 def finite(x: float | None) -> float | None:
     """A number that JSON knows."""
@@ -28,11 +30,16 @@ def report_of(result: Trace) -> dict[str, Any]:
     return {
         "verdict": result.verdict,
         "machine": result.machine.name,
+        "remarks": remarks(result),
         "balances": [balance_entry(line) for line in result.violations],
         "effects": [effect_entry(effect) for effect in result.effects] + [rest for rest in result.learned],
         "unexplained": [unexplained_entry(rest) for rest in result.unexplained],
         "detectable": detectable(result.screening, rules.alarm(result.screened)),
         "parameters": parameter_entries(result),
+        "budget": [
+            row | {"rms": finite(row["rms"]), "multiple_of_noise": finite(row["multiple_of_noise"])}
+            for row in result.budget
+        ],
         "error": {
             log: {name: {kind: finite(value) for kind, value in row.items()} for name, row in channels.items()}
             for log, channels in result.error.items()
@@ -44,6 +51,31 @@ def report_of(result: Trace) -> dict[str, Any]:
         "separating_experiments": result.experiments,
         "steps": [{"name": s.name, "seconds": round(s.seconds, 2), "sentence": s.sentence} for s in result.steps],
     }
+
+
+def remarks(result: Trace) -> list[str]:
+    """What must be known before a verdict is believed: numbers that the refit drives to their limit, runs that it makes worse."""
+    found = []
+    for prior, deviation in zip(result.base.priors, result.base.deviations, strict=True):
+        if abs(deviation) > 0.999 * prior.half_width:
+            fitted = prior.declared * (1 + deviation)
+            found.append(
+                f"the refit drives {prior.key} from {prior.declared:g} to its limit {fitted:g}: its uncertainty may be "
+                "too small, or it stands for what is missing"
+            )
+    for run, channels in result.error.items():
+        worse = {
+            name: row["refit"] / max(row["declared"], 1e-300)
+            for name, row in channels.items()
+            if row["refit"] > max(WORSE * row["declared"], WORSE * row["noise"])
+        }
+        if worse:
+            name = max(worse, key=lambda one: worse[one])
+            found.append(
+                f"the refit makes held-out run {run} worse in {name}: {channels[name]['declared']:.3g} -> "
+                f"{channels[name]['refit']:.3g}"
+            )
+    return found
 
 
 def place_name(where: str) -> str:

@@ -12,11 +12,13 @@ from hexsim.recording.report import data_url, render
 from hexsim.signals.channels import kind_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import caption_of
-from hexsim.tracing.report import balance_figure, figures
+from hexsim.tracing.report import balance_figure, budget, figures
 from hexsim.tracing.report.signals import SCALE, SIGNALS, channel_words
 from hexsim.tracing.state import NamedEffect, Trace, Violation
 
 CAPTIONS = {
+    "budget": "Error budget on held-out motion: what each step leaves of the signal of each kind that the refitted model gets most "
+    "wrong, and in times its sensor's noise (dotted).",
     "comparison": "Held-out run {run}: of each kind of signal the one that the refitted model gets most wrong. Left: measured "
     "and simulated. Right: what each model leaves; one that lacks nothing stays in the blue band.",
     "balances": "The residual of each balance in the fit runs, at its worst place, over the signal that it depends on. A curve "
@@ -46,6 +48,7 @@ def report_page(result: Trace) -> str:
     report, run = result.report, result.validate_problem.logs[0].name
     leg = figures.portrait_leg(result).capitalize() if result.machine.is_hexapod else "The leg"
     makers = {
+        "budget": budget.waterfall,
         "comparison": figures.comparison,
         **({"balances": balance_figure.balances} if result.violations else {}),
         "portraits": figures.portraits,

@@ -143,7 +143,7 @@ def grown_by_one(
         better = rest_level.refined(rival.fit, problem)
         found = judged(base, better if better.cost < rival.cost else rival, rivals, problem, unseen)
         if found is not None:
-            return found
+            return found if remarkable(found[0], -1) else (found[0], None)
     return None
 
 
@@ -155,10 +155,10 @@ def is_named(candidate: Candidate) -> bool:
 def judged(
     base: RestFit, rival: RestFit, rivals: Sequence[RestFit], problem: BalanceProblem, unseen: BalanceProblem
 ) -> tuple[RestFit, Judged] | None:
-    """The rival with its evidence when every rule holds, else None."""
+    """The rival with its evidence when every rule but that of size holds, else None."""
     candidate, thin = rival.fit.candidates[-1], problem.thin_s
     share, resampled = shares_of(base.fit.misfit, rival.fit.misfit, thin)
-    if share < rules.PARTLY_SHARE or not surely(resampled) or not remarkable(rival, -1):
+    if share < rules.PARTLY_SHARE or not surely(resampled):
         return None
     if not takes_its_own(base, rival, candidate, problem):
         return None
@@ -187,13 +187,13 @@ def sure_effects(trace: Trace, tell: Tell) -> tuple[RestFit, list[Judged], Balan
     small = rest_level.ordinary_effects(trace.candidates)
     base = rest_level.start_rest_fit(start_fit(trace.machine, trace.base.priors, problem), small, problem)
     found: list[Judged] = []
-    while len(found) < rules.MOST_EFFECTS:
+    for _ in range(rules.MOST_EFFECTS + rules.MOST_UNREMARKABLE):
         tell(f"looking for sure effects, {len(found)} found")
-        step = grown_by_one(base, trace, problem, unseen)
+        step = grown_by_one(base, trace, problem, unseen) if len(found) < rules.MOST_EFFECTS else None
         if step is None:
             break
-        base, own = step
-        found.append(own)
+        base = step[0]
+        found += [] if step[1] is None else [step[1]]
     return base, found, problem
 
 

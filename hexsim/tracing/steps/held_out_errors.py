@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -63,11 +64,47 @@ def error_table(
     return table
 
 
+def budget_machines(trace: Trace) -> dict[str, Machine]:
+    """The models of the error budget: step -> machine, from the declared one to the last."""
+    machines = {"as declared": trace.machine, "parameters refitted": trace.base.fitted_machine()}
+    named, final = [effect.candidate for effect in trace.effects], trace.final
+    for k in range(1, len(named) + 1):
+        kept = [j for j, own in enumerate(final.candidates) if own in named[:k]]
+        part = replace(
+            final, candidates=tuple(final.candidates[j] for j in kept), values=tuple(final.values[j] for j in kept)
+        )
+        machines[f"with {named[k - 1].label.replace('_', ' ')}"] = part.fitted_machine()
+    if trace.verdict == "partly":
+        machines["and small realities"] = trace.fitted
+    if trace.learned:
+        machines["with the learned curve"] = trace.fitted
+    return machines
+
+
+def budget_of(trace: Trace) -> list[dict[str, Any]]:
+    """Rows (channel, run, step, rms, multiple of noise) on held-out motion."""
+    problem, rows = trace.validate_problem, []
+    for i, log in enumerate(problem.logs):
+        floor = noise_floor(problem, i)
+        for step, machine in budget_machines(trace).items():
+            for channel, rms in channel_errors(problem, i, machine).items():
+                multiple = rms / max(floor[channel], 1e-300)
+                rows.append(
+                    {"channel": channel, "run": log.name, "step": step, "rms": rms, "multiple_of_noise": multiple}
+                )
+    return rows
+
+
 def held_out_errors(trace: Trace, tell: Tell) -> Trace:
     """Error of each model on the held-out logs, a signal a line."""
     table = error_table(trace.validate_problem, trace.machine, trace.base.fitted_machine(), trace.fitted)
     worst = max((row["with_effect"] / row["noise"] for rows in table.values() for row in rows.values()), default=0.0)
-    return replace(trace, error=table, decided=f"largest error of the last model: {worst:.3g} times the noise")
+    return replace(
+        trace,
+        error=table,
+        budget=budget_of(trace),
+        decided=f"largest error of the last model: {worst:.3g} times the noise",
+    )
 
 
 STEP = Step(name="held-out errors", doing="errors on held-out motion", share=0.01, run=held_out_errors)

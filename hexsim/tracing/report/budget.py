@@ -1,0 +1,61 @@
+"""The error budget: what is left on held-out motion after each step, from the declared machine down to the noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from hexsim.recording import palette
+from hexsim.recording.figure_style import WIDTH_IN, png, styled
+from hexsim.recording.quantity import plain
+from hexsim.signals.channels import kind_of
+from hexsim.tracing.report.signals import SCALE, channel_words
+from hexsim.tracing.state import Trace
+
+STEP_COLOURS = (palette.DEVIATION, palette.MARK, palette.RESPONSE)  # declared, refitted, with effects
+ROOM = 1.5  # of the axis beyond the longest bar, for its figure
+
+
+def worst_of_kinds(result: Trace) -> list[tuple[str, str]]:
+    """(run, channel) of each kind of signal that the refitted machine gets most wrong."""
+    refitted = [row for row in result.budget if row["step"] == "parameters refitted" and np.isfinite(row["rms"])]
+    best: dict[str, tuple[float, str, str]] = {}
+    for row in refitted:
+        own = (row["multiple_of_noise"], row["run"], row["channel"])
+        kind = kind_of(row["channel"])
+        best[kind] = max(best.get(kind, own), own)
+    return [(run, channel) for _, run, channel in best.values()]
+
+
+@styled
+def waterfall(result: Trace) -> bytes:
+    """One panel a kind of signal: rms after each step in its unit, logarithmic, the sensor's noise dotted."""
+    shown = worst_of_kinds(result)
+    steps = list(dict.fromkeys(row["step"] for row in result.budget))
+    rows = (len(shown) + 1) // 2
+    figure = Figure(figsize=(WIDTH_IN, rows * (0.75 + 0.27 * len(steps))), layout="constrained")
+    axes = figure.subplots(rows, 2, squeeze=False)
+    for plot, (run, channel) in zip(axes.ravel(), shown, strict=False):
+        scale, unit = SCALE[kind_of(channel)][3:]
+        own = [row for row in result.budget if (row["run"], row["channel"]) == (run, channel)]
+        rms = np.array([row["rms"] for row in own])
+        noise = rms[0] / own[0]["multiple_of_noise"]
+        colours = [STEP_COLOURS[min(k, 2)] for k in range(len(own))]
+        finite = rms[np.isfinite(rms)]
+        low, high = scale * min(noise, finite.min()) / 2.0, scale * finite.max()
+        drawn = np.where(np.isfinite(rms), scale * rms, high)
+        plot.barh(range(len(own)), drawn - low, left=low, color=colours, height=0.62)
+        plot.axvline(scale * noise, color=palette.INK, lw=1.0, ls=":")
+        plot.set_xscale("log")
+        plot.set_xlim(low, high * (high / low) ** (ROOM - 1.0))
+        for k, (value, row) in enumerate(zip(drawn, own, strict=True)):
+            plot.annotate(f"{plain(value)} {unit}, {plain(row['multiple_of_noise'])} ×", (value, k), (4, 0),
+                          textcoords="offset points", va="center", fontsize="small")  # fmt: skip
+        plot.set_yticks(range(len(own)), steps if plot in axes[:, 0] else [""] * len(own))
+        plot.invert_yaxis()
+        plot.tick_params(axis="x", which="both", length=0, labelbottom=False)
+        plot.grid(visible=False)
+        plot.set_title(f"{channel_words(channel)}, run {run}", loc="left")
+    for plot in axes.ravel()[len(shown) :]:
+        plot.set_visible(False)
+    return png(figure)
