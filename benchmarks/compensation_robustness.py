@@ -204,8 +204,8 @@ def page(done: list[Case], seeds: str, commit: str) -> str:
         f"Commit {commit}, `python benchmarks/compensation_robustness.py`, seeds {seeds}. Legs of tests/compensation/leg_plant.py.", "",
         f"{len(done)} runs, {total} reversals, **{worse} worse** than plain control by 5 % and 0.03 m/s2: a share below "
         f"{upper_bound(worse, total):.1e} with 95 % confidence. {missed} of the reversals plain control did not make: its lag and its",
-        f"dead band swallowed the small turn that was asked for. There the largest acceleration is compared, {worse - made} are worse;",
-        f"by bumps, of a turn against none, {bump - made} are.", "",
+        "dead band swallowed the small turn that was asked for. There the largest deviation from the command is compared:",
+        f"{worse - made} are worse; by bumps, of a turn against none, {bump - made} are.", "",
         "| condition | bench sine: plain | adaptive | target | all runs | engaged | reversals | worse | largest growth [m/s2] |",
         "|---|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip

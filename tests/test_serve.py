@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from hexsim.errors import HexsimError
@@ -18,6 +19,7 @@ from hexsim.machine.files import changed
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_packet import REPLY, HostCommand, Reply, unpack_reply
 from hexsim.motion_computer.states import State
+from hexsim.recording.run_files import write_essentials
 from hexsim.simulation.serve import Server, serve
 
 MACHINE = load_machine("micro_motion_system")
@@ -241,3 +243,25 @@ def test_a_bench_reports_its_pose_and_its_reference() -> None:
             host.run(2.0, lambda t: (0, 0, 0.01 * smooth(t - start), 0, 0, 0))
         assert host.reply.reference == pytest.approx((0, 0, 0.01, 0, 0, 0), abs=1e-6)
         assert host.reply.pose == pytest.approx((0, 0, 0.01, 0, 0, 0), abs=1.5e-3)
+
+
+def test_a_served_run_leaves_a_folder_like_any_other(tmp_path: Path) -> None:
+    """Half a second at rest and half a second of manual mode, of which 0.8 s are kept: log, configuration and summary
+    are written; the log has every tick of them, its setpoints those of the motion computer."""
+    with Server(MACHINE, port=0, record_s=0.8) as server:
+        for _ in range(250):
+            server.tick()
+        server.computer.command("run_manual", server.time_s)
+        for _ in range(150):
+            server.tick()
+        setpoint = server.computer.setpoint.copy()
+        for _ in range(100):
+            server.tick()
+        assert server.record is not None
+        run = server.record.run()
+    names = write_essentials(run, tmp_path, "parquet")
+    assert {"log.parquet", "config.toml", "summary.json"} <= set(names)
+    log = pl.read_parquet(tmp_path / "log.parquet")
+    assert log.height == 400
+    legs = [name for name in log.columns if name.startswith("setpoint")]
+    assert log.select(legs).row(399) == pytest.approx(setpoint, abs=1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -12,6 +13,7 @@ from hexsim.cli.console import output, print_json, terminated_like_interrupted
 if TYPE_CHECKING:
     from hexsim.simulation.serve import Status
 
+LONGEST_LOG_S = 600.0
 PORT = 47110  # of hexsim.simulation.serve; a test holds them together, because importing it loads the simulator
 
 
@@ -36,6 +38,10 @@ def serve(
         bool, typer.Option("--lockstep", help="Machine time follows the host's packets, not the clock.")
     ] = False,
     duration: Annotated[float | None, typer.Option(help="Stop after this time (s); default: Ctrl-C.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Folder to write at the end, as `run` does: the first 10 minutes."),
+    ] = None,
     json: options.Json = False,
 ) -> None:
     """Run the machine in real time with its host interface over UDP; shows its lag behind real time."""
@@ -44,12 +50,21 @@ def serve(
 
     server = Server(
         with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep,
-        telemetry=telemetry, lockstep=lockstep,
+        telemetry=telemetry, lockstep=lockstep, record_s=min(duration or LONGEST_LOG_S, LONGEST_LOG_S) if out else 0.0,
     )  # fmt: skip
     address = f"{server.address[0]}:{server.address[1]}"
     typer.echo(f"{with_machine.name} listens on udp://{address}, state {start}; Ctrl-C stops it", err=True)
     with server, terminated_like_interrupted():
         status = server.run(duration, report=lambda now: typer.echo(line(now), err=True))
+    if out and server.record:
+        from hexsim.cli.run import keep
+        from hexsim.files.run_folder import run_folder
+
+        with run_folder(out) as folder:
+            place = keep(
+                server.record.run(), folder, lambda name: None, log_format="parquet", recording=True, report=True
+            )
+        typer.echo(f"written to {place}", err=True)
     if json:
         from dataclasses import asdict
 

@@ -32,6 +32,7 @@ from hexsim.scenarios import Scenario, load_scenario
 from hexsim.simulation.emergency_supply import EmergencySupply
 from hexsim.simulation.live_sensors import LiveSensors, Readings
 from hexsim.simulation.manual import SignalGenerator
+from hexsim.simulation.serve_record import ServeRecord
 from hexsim.simulation.simulation import make_compensators
 from hexsim.simulation.telemetry import TelemetryRows
 
@@ -61,7 +62,7 @@ class Server:
     """The machine with its host interface. `with server: server.run(...)`, or `server.tick()` by hand.
 
     telemetry: send what the sensors read at the log rate (`motion_computer.telemetry`).  lockstep: machine time follows the
-    host's packets, as fast as both can.
+    host's packets, as fast as both can. record_s: so much from the start on is kept in `record`, for a run folder.
     start: "neutral" (pressure up, mid stroke) or "off" (on its stops, waiting for the host's start).
     scenario: what manual mode plays. limits: of the host's degrees of freedom, default `pose_limits`.
     """
@@ -69,7 +70,7 @@ class Server:
     def __init__(
         self, machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
         scenario: Scenario | None = None, limits: Limits | None = None, start: str = "neutral", timestep: float | None = None,
-        seed: int = 0, telemetry: bool = False, lockstep: bool = False,
+        seed: int = 0, telemetry: bool = False, lockstep: bool = False, record_s: float = 0.0,
     ) -> None:  # fmt: skip
         if start not in ("neutral", "off"):
             raise HexsimError(f"start is {start!r}; give 'neutral' or 'off'")
@@ -85,6 +86,7 @@ class Server:
         self.kinematics = machine.mechanics
         self._dofs = self.kinematics.dof_places
         self._dof_limiter = CommandLimiter(limits or pose_limits(machine))
+        self._cushions = machine.of_legs("cylinder", "cushion_length_m")
         self._leg_limiter = CommandLimiter(leg_limits(machine))
         self.limiter, self.mode = self._dof_limiter, 0
         self.lockstep = lockstep
@@ -106,6 +108,7 @@ class Server:
         self._compile()
         self.link = HostLink(host, port)
         self.address = self.link.address
+        self.record = ServeRecord(self, record_s, log_rate, seed) if record_s else None
         if start == "off":
             self._settle()
 
@@ -125,6 +128,11 @@ class Server:
     @property
     def time_s(self) -> float:
         return self.ticks * self.tick_s
+
+    @property
+    def margin(self) -> float:
+        """Simulated seconds a second of processor time."""
+        return self.ticks * self.tick_s / self._busy_s if self._busy_s else 0.0
 
     def _settle(self) -> None:
         """Lower the platform before the first packet."""
@@ -177,6 +185,8 @@ class Server:
                 readings = readings if k == 0 else self.sensors.read(sample)
                 now = sample * self.tick_s / self.samples
                 self.telemetry.add(now, sample, self.computer.setpoint, readings, volts)
+            if self.record:
+                self.record.before_tick()
             self.plant.tick(volts)
         if self.telemetry and self.link.peer:
             for packet in self.telemetry.packets():
@@ -237,7 +247,6 @@ class Server:
 
     def _legs(self, command: Array) -> tuple[Array, bool]:
         """Piston setpoints (n_legs,) clear of the cushions, and whether that took a change."""
-        cylinder = self.machine.cylinder
         if self.mode == 0:
             pose = np.zeros(6)
             pose[self._dofs] = command
@@ -245,7 +254,7 @@ class Server:
             positions = self.kinematics.piston_positions(pose)
         else:
             positions = self.kinematics.neutral_positions + command
-        return soft_legs(positions, cylinder.stroke_m, cylinder.cushion_length_m)
+        return soft_legs(positions, self.kinematics.stroke_m, self._cushions)
 
     def _reply(self, now: float) -> Reply:
         with contextlib.suppress(HexsimError):  # readings that belong to no pose: the last pose is kept
@@ -297,7 +306,7 @@ class Server:
     def _present_status(self) -> Status:
         status, computer = self.status, self.computer
         status.time_s, status.state, status.errors = self.time_s, computer.state.name.lower(), labels(computer.errors)
-        status.margin = self.ticks * self.tick_s / self._busy_s if self._busy_s else 0.0
+        status.margin = self.margin
         status.packets = {**self.link.counts, **self.link.buffer.counts}
         status.messages = list(self.messages)
         return status

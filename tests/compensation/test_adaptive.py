@@ -649,7 +649,7 @@ def test_an_hour_at_rest(adapted) -> None:
 def test_no_period_is_worse_than_plain_control(amplitude_m, frequency_Hz) -> None:
     """From 2 s on, learning and engaging included, the peak of each period is at most 10 % above plain control's.
 
-    5 % is meant for single reversals (docs/results/compensation_safety.md); a period during which the amplitude changes
+    5 % is meant for single reversals (docs/results/compensation_robustness.md); a period during which the amplitude changes
     is no pure harmonic, which adds to the figure here.
     """
     period = 1 / frequency_Hz

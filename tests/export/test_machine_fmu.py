@@ -30,7 +30,6 @@ CONTROL = {
 }
 CASES = {
     "bench": ("bench", {}),
-    "hexapod": ("micro_motion_system", {}),
     "controllers": ("servo_hexapod", CONTROL),
 }
 
