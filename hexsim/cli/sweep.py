@@ -33,6 +33,9 @@ def sweep(
     motion: options.Motion = options.AS_DECLARED,
     full: Annotated[bool, typer.Option("--full", help="Full legs instead of the tendon model.")] = False,
     timestep: options.TimeStep = None,
+    draws: Annotated[
+        int, typer.Option(min=0, help="Each run on so many machines drawn from [uncertainty]; 0: as declared.")
+    ] = 0,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes here; default one a processor.")] = None,
     scheduler: Annotated[str | None, typer.Option(help="Dask scheduler, tcp://host:port, to run on a cluster.")] = None,
     json: options.Json = False,
@@ -46,7 +49,7 @@ def sweep(
     grid = {key: parse_values(text) for key, text in options.parse_changes(settings).items()}
     grid_cases = cases(
         what, with_machine, settings=grid, seeds=parse_seeds(seeds), compensators=names_of(compensators), fast=not full,
-        timestep=timestep,
+        timestep=timestep, draws=draws,
     )  # fmt: skip
     counted = {"runs": len(grid_cases), "failed": 0}
 

@@ -237,11 +237,12 @@ def friction(
     from hexsim.files.run_folder import run_folder
     from hexsim.machine import load_machine
     from hexsim.readers import read_log
+    from hexsim.tracing.checks.imu import at_origin
     from hexsim.tracing.friction.figure import friction_figure, friction_table
     from hexsim.tracing.friction.identification import identify_friction
 
-    measured = read_log(log)
-    result = identify_friction(measured, load_machine(machine or beside(log)), leg)
+    declared = load_machine(machine or beside(log))
+    result = identify_friction(at_origin(read_log(log), declared), declared, leg)
     if out is not None:
         from hexsim.files.json_files import write_json
         from hexsim.machine import save_machine

@@ -36,7 +36,7 @@ class Controller(Section):
         -1e4, 1e4, "on the setpoint's acceleration [V s2/m]", default=0.0
     )
     load_feed_forward: bool = Field(
-        False, description="what masses and viscous friction ask for is fed forward: oil compression and pressure"
+        False, description="what masses and friction ask for is fed forward: oil compression and pressure"
     )
     pressure_feedback_V_per_Pa: float = between(
         0.0, 1.0, "on the high-passed pressure of the chamber, or of both on a four-way valve [V/Pa]", default=0.0

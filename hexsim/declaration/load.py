@@ -6,9 +6,10 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from hexsim.declaration.section import Section, between, zero_or
+from hexsim.declaration.section import Name, Section, between, zero_or
 
 Moment = Annotated[float, Field(le=1e9)]
+OwnMoment = Annotated[float, Field(ge=0.0, le=1e9)]
 Offset = Annotated[float, Field(ge=-50.0, le=50.0)]
 
 
@@ -23,7 +24,9 @@ class Load(Section):
         default=None, strict=False, description="hexapod: moments about x, y, z through the centre of mass [kg m2]"
     )
     centre_of_mass_m: tuple[Offset, Offset, Offset] = Field(
-        default=(0.0, 0.0, 0.0), strict=False, description="hexapod: from the middle of the platform's joints [m]"
+        default=(0.0, 0.0, 0.0),
+        strict=False,
+        description="hexapod: from the origin of the platform's frame [m]",
     )
 
     @field_validator("platform_inertia_kg_m2")
@@ -34,4 +37,24 @@ class Load(Section):
             raise ValueError(
                 "must be three positive moments from 1e-6 to 1e9, none larger than the sum of the other two"
             )
+        return value
+
+
+class Payload(Section):
+    """A body that is bolted to a hexapod's platform: a cabin, a seat with its driver, ballast."""
+
+    name: Name = Field("payload", description="as people call it")
+    mass_kg: float = between(1e-3, 1e6, "its mass [kg]")
+    position_m: tuple[Offset, Offset, Offset] = Field(
+        strict=False, description="its centre of mass from the origin of the platform's frame [m]"
+    )
+    inertia_kg_m2: tuple[OwnMoment, OwnMoment, OwnMoment] = Field(
+        (0.0, 0.0, 0.0), strict=False, description="moments about x, y, z through its own centre; 0: a point [kg m2]"
+    )
+
+    @field_validator("inertia_kg_m2")
+    @classmethod
+    def _inertia_is_physical(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
+        if 2 * max(value) > sum(value) * (1 + 1e-9):
+            raise ValueError("must be three moments, none larger than the sum of the other two")
         return value

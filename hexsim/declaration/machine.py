@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from hexsim.declaration.actuator import Cylinder, Friction
 from hexsim.declaration.controller import Controller
 from hexsim.declaration.geometry import AnyGeometry
 from hexsim.declaration.leg import TABLES, Leg, LegTable, leg_of
-from hexsim.declaration.load import Load
+from hexsim.declaration.load import Load, Payload
 from hexsim.declaration.manifold import Manifold
 from hexsim.declaration.mechanics import declared_mechanics
 from hexsim.declaration.power_unit import PowerUnit
 from hexsim.declaration.section import Name, Section, between
-from hexsim.declaration.sensors import Sensors
+from hexsim.declaration.sensors import Place, Sensors
 from hexsim.declaration.supply import Oil, Supply
 from hexsim.declaration.valve import Valve
 from hexsim.mechanics.mechanics import Mechanics
 
 EffectTable = dict[str, Any]
+PointName = Annotated[str, StringConstraints(pattern="^[a-z][a-z0-9_]{0,39}$")]
+LENGTHS = ("base_joints_m", "platform_joints_m", "leg_zero_offsets_m")  # of [geometry]: uncertain by so many metres
 
 
 class Identity(Section):
@@ -43,11 +47,18 @@ class Machine(Section):
     controller: Controller
     sensors: Sensors = Sensors()
     uncertainty: dict[str, float] = Field(
-        default={}, description="how far a declared value may be off: relative half width, below 1"
+        default={},
+        description="how far a declared value may be off: relative half width, below 1; joints and leg zero offsets in m",
     )
     load: Load
     geometry: AnyGeometry | None = None
+    payload: tuple[Payload, ...] = Field(default=(), strict=False, description="bodies bolted to the platform")
     leg: tuple[LegTable, ...] = Field(default=(), strict=False, description="what single legs have otherwise")
+    points: dict[PointName, Annotated[Place, Field(strict=False)]] = Field(
+        default={},
+        strict=False,
+        description="places [x, y, z] in the platform's frame whose acceleration is of interest [m]",
+    )
     power_unit: PowerUnit | None = None
     manifold: Manifold | None = None
     extra_sensors: dict[str, dict[str, float]] = Field(
@@ -77,11 +88,11 @@ class Machine(Section):
     def mechanics(self) -> Mechanics:
         """Legs, poses and limits. Raises HexsimError where the legs do not reach."""
         geometry = self.geometry if self.is_hexapod else None
-        return declared_mechanics(geometry, tuple(self.of_legs("cylinder", "stroke_m")))  # pyright: ignore[reportArgumentType]
+        return declared_mechanics(geometry, tuple(self.of_legs("cylinder", "stroke_m").tolist()))  # pyright: ignore[reportArgumentType]
 
-    def of_legs(self, table: str, key: str) -> list[float]:
-        """A number of every leg."""
-        return [getattr(getattr(leg, table), key) for leg in self.legs]
+    def of_legs(self, table: str, key: str) -> NDArray[np.float64]:
+        """A number of every leg, (n_legs,)."""
+        return np.array([getattr(getattr(leg, table), key) for leg in self.legs])
 
     @model_validator(mode="after")
     def _legs_are_there(self) -> Machine:
@@ -109,6 +120,12 @@ class Machine(Section):
                 )
         elif self.load.moving_mass_kg is None:
             raise ValueError("a bench needs load.moving_mass_kg")
+        elif self.points or any(self.sensors.imu_position_m) or any(self.sensors.imu_orientation_deg):
+            raise ValueError(
+                "[points] and the place of an IMU are on a hexapod's platform: a bench moves along its leg alone"
+            )
+        elif self.payload:
+            raise ValueError("[[payload]] is bolted to a hexapod's platform: count it with load.moving_mass_kg")
         return self
 
     @model_validator(mode="after")
@@ -149,6 +166,8 @@ class Machine(Section):
     @classmethod
     def _uncertainty_is_relative(cls, value: dict[str, float]) -> dict[str, float]:
         for key, half_width in value.items():
+            if key in LENGTHS and not 0 <= half_width <= 0.1:
+                raise ValueError(f"{key} = {half_width} must be a half width in metres, 0 to 0.1")
             if not 0 <= half_width < 1:
                 raise ValueError(f"{key} = {half_width} must be a relative half width in [0, 1)")
         return value

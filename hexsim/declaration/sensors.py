@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import Field
 
 from hexsim.declaration.section import Section, between, zero_or
 
 LATE = "how late it reads [s]"
 CUT_OFF, ORDER = "cut-off of its low-pass; 0 = none [Hz]", "order of its low-pass, Butterworth"
+
+
+Coordinate = Annotated[float, Field(ge=-50.0, le=50.0)]
+Place = tuple[Coordinate, Coordinate, Coordinate]
+Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
+Turn = tuple[Angle, Angle, Angle]
 
 
 class Sensors(Section):
@@ -36,4 +44,14 @@ class Sensors(Section):
     acceleration_filter_order: int = Field(default=2, ge=1, le=8, description=ORDER)
     acceleration_gain: float = between(0.01, 100.0, "read over true [-]", default=1.0)
     acceleration_offset_m_s2: float = between(-1e3, 1e3, "read less true [m/s2]", default=0.0)
+    imu_position_m: Place = Field(
+        default=(0.0, 0.0, 0.0),
+        strict=False,
+        description="hexapod: accelerometers from the origin of the platform's frame [m]",
+    )
+    imu_orientation_deg: Turn = Field(
+        default=(0.0, 0.0, 0.0),
+        strict=False,
+        description="hexapod: roll, pitch, yaw of the accelerometers in that frame [deg]",
+    )
     angular_acceleration_noise_rad_s2: float = between(0.0, 1e4, "noise, angular [rad/s2]", default=0.0)

@@ -25,8 +25,9 @@ def resolve(machine: Machine) -> Resolved:
         supply=declared_supply(machine),
         load=machine.load,
         sensors=machine.sensors,
+        mechanics=machine.mechanics,
         gravity_m_s2=np.array([0.0, 0.0, -machine.machine.gravity_m_s2]),
-        leg_sensors={key: np.array(machine.of_legs("sensors", key)) for key in OF_SENSOR},
+        leg_sensors={key: machine.of_legs("sensors", key) for key in OF_SENSOR},
     )
     add_effects(resolved, effect_settings(machine))
     if machine.power_unit is not None:

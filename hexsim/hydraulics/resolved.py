@@ -28,7 +28,7 @@ class Resolved:
     rows: (n_legs, N_PARAMETERS) hydraulics; supply: (N_SUPPLY,); load and sensors as declared or changed;
     gravity_m_s2: (3,) in the world frame; leg_sensors: per-leg gains, offsets and delays, name -> (n_legs,).
     mechanics: legs as they are built; the motion computer has those of the machine file.
-    imu_turn_rad, imu_place_m (3,): rotation vector and place of the accelerometers in the platform frame, as mounted.
+    imu_turn_rad, imu_place_m (3,): how the accelerometers are turned (rotation vector) and shifted against [sensors].
     oil_temperature_degC: temperature for which rows and supply hold (only a power unit changes it).
     """
 
@@ -38,12 +38,9 @@ class Resolved:
     load: Load
     sensors: Sensors
     gravity_m_s2: np.ndarray
+    mechanics: Mechanics
     payload_modes: list[PayloadMode] = field(default_factory=list)
     leg_sensors: dict[str, np.ndarray] = field(default_factory=dict)
     oil_temperature_degC: float = 35.0
     imu_turn_rad: np.ndarray = field(default_factory=lambda: np.zeros(3))
     imu_place_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    mechanics: Mechanics = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.mechanics = self.machine.mechanics

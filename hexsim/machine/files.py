@@ -82,6 +82,18 @@ def changed(machine: Machine, changes: dict[str, Any], source: str = "changes") 
     return machine_from_dict(tables, source)
 
 
+def number_at(machine: Machine, key: str) -> tuple[str, float]:
+    """Dotted place and value of the number that `key` of [uncertainty] means: a key, or table and key, supply_pressure_Pa.
+
+    Raises HexsimError where there is none.
+    """
+    for section, table in machine.model_dump(exclude={"uncertainty", "effects"}, exclude_none=True).items():
+        for name, value in table.items() if isinstance(table, dict) else ():
+            if key in (name, f"{section}_{name}") and isinstance(value, float):
+                return f"{section}.{name}", value
+    raise HexsimError(f"[uncertainty] {key} is no number of the machine file: use the key of its table")
+
+
 def machine_tables(machine: Machine) -> dict[str, Any]:
     """Plain tables for TOML, without empty ones."""
     tables = machine.model_dump(exclude_none=True, mode="json")

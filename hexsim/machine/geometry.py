@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from hexsim.declaration import Cylinder, Load, Machine
+from hexsim.declaration.load import Payload
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolved import PayloadMode, Resolved
 from hexsim.mechanics.kinematics import HexapodKinematics
@@ -55,12 +57,22 @@ def moving_body(resolved: Resolved) -> RigidBody:
     if not kinematics.has_platform:
         mass = load.moving_mass_kg or 0.0
         return rigid_body(mass, np.zeros(3), np.zeros((3, 3)), carried=mass, sprung=sprung)
-    mass, inertia = load.platform_mass_kg or 0.0, np.diag(load.platform_inertia_kg_m2 or (0.0, 0.0, 0.0))
-    platform = rigid_body(mass, load.centre_of_mass_m, inertia, carried=mass, sprung=sprung)
+    platform = platform_body(load, resolved.machine.payload, sprung)
     if load.leg_mass_kg <= 0:
         return platform
     neutral = float(kinematics.leg_lengths(np.zeros(6))[0])
     return joined(platform, lumped_legs(kinematics, leg_bodies(resolved, neutral)))
+
+
+def platform_body(load: Load, payload: Sequence[Payload] = (), sprung: float = 0.0) -> RigidBody:
+    """A hexapod's platform with what is bolted to it, as one body; sprung [kg] rides on springs along z."""
+    mass, inertia = load.platform_mass_kg or 0.0, np.diag(load.platform_inertia_kg_m2 or (0.0, 0.0, 0.0))
+    body = rigid_body(mass, load.centre_of_mass_m, inertia, carried=mass, sprung=sprung)
+    for part in payload:
+        body = joined(
+            body, rigid_body(part.mass_kg, part.position_m, np.diag(part.inertia_kg_m2), carried=part.mass_kg)
+        )
+    return body
 
 
 def suspension(mode: PayloadMode) -> Suspension:

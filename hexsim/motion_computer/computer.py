@@ -67,9 +67,7 @@ class MotionComputer:
         self.oil_temperature_degC: float | None = None
         self.last_packet_s: float | None = None  # when the host's last valid packet came
         down = state in (State.OFF, State.STARTING)
-        stroke_m = machine.cylinder.stroke_m
-        setpoint = np.full(machine.n_legs, 0.0 if down else 0.5 * stroke_m)
-        self.guided = GuidedSetpoints(guidance, setpoint, self.tick_s, stroke_m)
+        self.guided = GuidedSetpoints(guidance, machine.mechanics, self.tick_s, at_neutral=not down)
         self.valve = np.zeros(machine.n_legs)
         self._pump_on_s = PUMP_START_s if self.pump_on else 0.0
         self._state_since_s = 0.0
@@ -97,7 +95,7 @@ class MotionComputer:
         return self.loop.feels_load
 
     @property
-    def limit(self) -> float:
+    def limit(self) -> Array:
         return self.loop.limit
 
     @property
@@ -113,7 +111,7 @@ class MotionComputer:
 
     @property
     def neutral(self) -> Array:
-        """Mid stroke (n_legs,) [m]."""
+        """Where the pistons stand in the neutral pose (n_legs,) [m]."""
         return self.guided.neutral
 
     @property

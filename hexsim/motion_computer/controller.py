@@ -2,7 +2,7 @@
 
     r = low-passed setpoint                                  Butterworth of second order (setpoint_filter_Hz)
     v = (r - r_1)/T,  a = (v - v_1)/T                        its velocity and acceleration, differences of the past
-    F = sum_j M_ij a_j + b v                                 what the load asks of the leg (load_feed_forward), else 0
+    F = sum_j M_ij a_j + b v + F_c tanh(v/TURN)              what load and friction ask of the leg (load_feed_forward)
     z = r + F/k                                              oil travel: the piston's and what the oil spring k gives
     u_f = k_v z' + k_a z''                                   feed-forward
     v_m = w s/(s + w) y                                      velocity of the position that is read
@@ -59,7 +59,9 @@ class C(IntEnum):
     NOTCH = 20  # 1: there is one; b0, b1, b2, a1, a2 stand behind it
     SMOOTHING = 26  # of the setpoint, likewise
     EVERY = 32  # ticks between setpoints
-    END = 33
+    COULOMB_EXTEND = 33  # F_c [N]
+    COULOMB_RETRACT = 34
+    END = 35
 
 
 class M(IntEnum):
@@ -86,6 +88,9 @@ class M(IntEnum):
 
 N_CONSTANTS = int(C.END)
 N_MEMORY = M.LINE + LONGEST_DELAY_TICKS + 2
+
+
+TURN_m_s = 2e-3  # speed within which dry friction changes its sign
 
 
 class Control(NamedTuple):
@@ -173,7 +178,9 @@ def feed_forward(control, memory, setpoint, out):
         c, m = rows[i], memory[i]
         force = 0.0
         if c[C.LOAD_FORWARD] > 0.0:
-            force = c[C.VISCOUS] * m[M.VELOCITY]
+            v = m[M.VELOCITY]
+            coulomb = c[C.COULOMB_EXTEND] if v > 0.0 else c[C.COULOMB_RETRACT]
+            force = c[C.VISCOUS] * v + coulomb * math.tanh(v / TURN_m_s)
             for j in range(n):
                 force += inertia[i, j] * memory[j, M.ACCELERATION]
         rate = m[M.VELOCITY] + c[C.FLEXIBILITY] * (force - m[M.FORCE]) / T

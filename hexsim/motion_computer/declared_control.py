@@ -44,6 +44,7 @@ def _row(declared: Controller, limit_V: float, p: Array) -> Array:
     c[C.ACCELERATION_FORWARD] = declared.acceleration_feed_forward_V_s2_per_m
     c[C.LOAD_FORWARD], c[C.FLEXIBILITY] = float(declared.load_feed_forward), 1.0 / oil_stiffness(p)
     c[C.VISCOUS] = 0.5 * (p[P.VISCOUS_EXTEND] + p[P.VISCOUS_RETRACT])
+    c[C.COULOMB_EXTEND], c[C.COULOMB_RETRACT] = p[P.COULOMB_EXTEND], p[P.COULOMB_RETRACT]
     c[C.AREA] = p[P.AREA_BOTTOM]
     c[C.AREA_RATIO] = p[P.AREA_TOP] / p[P.AREA_BOTTOM] if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE else 0.0
     c[C.PRESSURE_GAIN] = declared.pressure_feedback_V_per_Pa

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hexsim.mechanics.mechanics import Mechanics
 from hexsim.motion_computer.paths import Path, stop_and_move
 
 Array = NDArray[np.float64]
@@ -35,10 +36,10 @@ class GuidedSetpoints:
     The last three setpoints give the velocity and acceleration with which a path begins.
     """
 
-    def __init__(self, guidance: Guidance, setpoint: Array, tick_s: float, stroke_m: float) -> None:
-        self.guidance, self.tick_s, self.stroke_m = guidance, tick_s, stroke_m
-        self.neutral = np.full(len(setpoint), 0.5 * stroke_m)
-        self.setpoint = setpoint
+    def __init__(self, guidance: Guidance, mechanics: Mechanics, tick_s: float, at_neutral: bool) -> None:
+        self.guidance, self.tick_s, self.stroke_m = guidance, tick_s, mechanics.stroke_m
+        self.neutral = mechanics.neutral_positions
+        self.setpoint = setpoint = self.neutral.copy() if at_neutral else np.zeros(mechanics.n_legs)
         self.path: Path | None = None
         self._before, self._older = setpoint.copy(), setpoint.copy()
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
@@ -63,10 +63,11 @@ def pose_limits(machine: Machine) -> Limits:
 
 
 def leg_limits(machine: Machine) -> Limits:
-    """Of single actuators, from mid stroke: clear of the cushions; 0.3 m/s and 3 m/s2."""
-    n, cylinder = machine.n_legs, machine.cylinder
-    excursion = 0.5 * cylinder.stroke_m - cylinder.cushion_length_m - LEG_MARGIN_m
-    return Limits(excursion=np.full(n, excursion), velocity=np.full(n, 0.3), acceleration=np.full(n, 3.0))
+    """Of single actuators, from the neutral pose: clear of the cushions; 0.3 m/s and 3 m/s2."""
+    n, neutral = machine.n_legs, machine.mechanics.neutral_positions
+    reach = np.minimum(neutral, machine.mechanics.stroke_m - neutral)
+    excursion = reach - machine.of_legs("cylinder", "cushion_length_m") - LEG_MARGIN_m
+    return Limits(excursion=excursion, velocity=np.full(n, 0.3), acceleration=np.full(n, 3.0))
 
 
 @compiled
@@ -114,13 +115,13 @@ class CommandLimiter:
         return self.position.copy()
 
 
-def soft_legs(positions: Array, stroke_m: float, cushion_m: float) -> tuple[Array, bool]:
+def soft_legs(positions: Array, stroke_m: ArrayLike, cushion_m: ArrayLike) -> tuple[Array, bool]:
     """Piston setpoints held clear of the cushions, and whether any had to be: tanh within the last `LEG_SOFT_m`.
 
     Poses that are each within their limits can together exceed the stroke of a leg.
     """
-    half = 0.5 * stroke_m
-    linear = half - cushion_m - LEG_MARGIN_m - LEG_SOFT_m
+    half = 0.5 * np.asarray(stroke_m)
+    linear = half - np.asarray(cushion_m) - LEG_MARGIN_m - LEG_SOFT_m
     offset = positions - half
     over = np.abs(offset) - linear
     if not (over > 0.0).any():

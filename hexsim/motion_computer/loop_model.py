@@ -66,7 +66,7 @@ def leg_at(p: Array, force: float, supply_Pa: float, sign: float) -> tuple[Array
 
 
 def leg_matrices(p: Array, mass: float, force: float, supply_Pa: float, sign: float) -> Matrices:
-    """x' = A x + B u, (y, p) = C x + D u of one leg that pushes `mass`; u: valve volts, p = P1 - P2 A2/A1 [Pa]."""
+    """x' = A x + B u, (y, p, y) = C x + D u of one leg that pushes `mass`; u: valve volts, p = P1 - P2 A2/A1 [Pa]."""
     at, p = leg_at(p, force, supply_Pa, sign)
 
     def rates(s: Array) -> Array:
@@ -84,13 +84,16 @@ def leg_matrices(p: Array, mass: float, force: float, supply_Pa: float, sign: fl
     if p[P.SPOOL_OMEGA] > 0.0:
         there += [X, RATE]
     ratio = p[P.AREA_TOP] / p[P.AREA_BOTTOM] if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE else 0.0
-    read = np.zeros((2, 6))
-    read[0, Y], read[1, P1], read[1, P2] = 1.0, 1.0, -ratio
-    return slopes[np.ix_(there, there)], slopes[there][:, [VOLTS]], read[:, there], np.zeros((2, 1))
+    read = np.zeros((3, 6))
+    read[[0, 2], Y], read[1, P1], read[1, P2] = 1.0, 1.0, -ratio
+    return slopes[np.ix_(there, there)], slopes[there][:, [VOLTS]], read[:, there], np.zeros((3, 1))
 
 
 def with_filters(plant: Matrices, orders: tuple[int, int], cut_offs_Hz: tuple[float, float]) -> Matrices:
-    """The same behind the transducers' Butterworth low-passes, of y and of p; cut-off 0: none."""
+    """The same behind the transducers' Butterworth low-passes, of y and of p as they are read; cut-off 0: none.
+
+    The third output stays the piston itself.
+    """
     for output, (order, cut_off) in enumerate(zip(orders, cut_offs_Hz, strict=True)):
         if cut_off > 0.0:
             plant = _filtered(plant, output, butter(order, 2 * np.pi * cut_off, analog=True))
@@ -102,9 +105,9 @@ def _filtered(plant: Matrices, output: int, fraction: Any) -> Matrices:
     F, G, H, _ = tf2ss(*fraction)
     n = len(A)
     whole = np.block([[A, np.zeros((n, len(F)))], [G @ read[[output]], F]])
-    out = np.hstack([read, np.zeros((2, len(F)))])
+    out = np.hstack([read, np.zeros((3, len(F)))])
     out[output] = np.r_[np.zeros(n), H[0]]
-    return whole, np.vstack([B, np.zeros((len(F), 1))]), out, np.zeros((2, 1))
+    return whole, np.vstack([B, np.zeros((len(F), 1))]), out, np.zeros((3, 1))
 
 
 def sampled(plant: Matrices, tick_s: float) -> Matrices:
@@ -119,6 +122,7 @@ def controller_matrices(control: Control, mass: float) -> Matrices:
     """m_+ = A m + B (r, y, p), u = C m + D (r, y, p) of one leg in a mode of `mass`, read off the compiled controller."""
     row = control.rows[:1].copy()
     row[:, C.LIMIT], row[:, C.EVERY] = np.inf, 1.0
+    row[:, [C.COULOMB_EXTEND, C.COULOMB_RETRACT]] = 0.0
     alone = Control(row, np.array([[mass if row[0, C.LOAD_FORWARD] > 0.0 else 0.0]]))
 
     def step(memory: Array, inputs: Array) -> Array:
@@ -152,7 +156,7 @@ def response(system: Matrices, frequency_Hz: Array, tick_s: float) -> Array:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loop:
-    """One leg's loop in one mode of the load. plant: u to (y, p), controller: (r, y, p) to u, both sampled."""
+    """One leg's loop in one mode of the load. plant: u to (y, p) as read and y, controller: (r, y, p) to u, both sampled."""
 
     leg: int  # from 1
     mode: int  # from 1, the heaviest first
@@ -166,10 +170,11 @@ class Loop:
     @cached_property
     def closed(self) -> Matrices:
         """From the setpoint to the piston (y) of the loop closed."""
-        A, B, read, _ = self.plant
+        A, B, (y, p, piston), _ = self.plant
+        read = np.stack([y, p])
         F, G, H, K = self.controller
         whole = np.block([[A + B @ K[:, 1:] @ read, B @ H], [G[:, 1:] @ read, F]])
-        return whole, np.vstack([B @ K[:, :1], G[:, :1]]), np.r_[read[0], np.zeros(len(F))][None], np.zeros((1, 1))
+        return whole, np.vstack([B @ K[:, :1], G[:, :1]]), np.r_[piston, np.zeros(len(F))][None], np.zeros((1, 1))
 
     @property
     def is_stable(self) -> bool:
@@ -178,7 +183,7 @@ class Loop:
 
     def open_response(self, frequency_Hz: Array) -> Array:
         """L (n,): volts that come back for volts sent, broken at the valve's command, sign turned."""
-        sensed = response(self.plant, frequency_Hz, self.tick_s)
+        sensed = response(self.plant, frequency_Hz, self.tick_s)[:, :2]
         volts = response(self.controller, frequency_Hz, self.tick_s)
         return -(volts[:, :, 1:] @ sensed)[:, 0, 0]
 

@@ -9,7 +9,7 @@ The worst loop counts: of every leg, mode of the load and direction (`loop_model
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 LOW_PHASE_MARGIN_deg = 30.0  # below: a warning
 DELAY_AT_Hz = 1.0
 POINTS = 400
+BISECTIONS = 12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,10 +52,9 @@ def figures_of(loop: Loop, points: int = POINTS) -> LoopFigures:
     """All figures of one loop."""
     f = frequencies(1.0 / loop.tick_s, points)
     opened, closed = loop.open_response(f), loop.closed_response(f)
-    size = np.log(np.maximum(np.abs(opened), 1e-12))
-    crossings = _where_zero(f, size)
+    crossings = _where_zero(f, np.abs(opened) - 1.0, lambda at: np.abs(loop.open_response(at)) - 1.0)
     angles = np.degrees(np.angle(loop.open_response(crossings))) if len(crossings) else np.zeros(0)
-    real = _where_zero(f, opened.imag)
+    real = _where_zero(f, opened.imag, lambda at: loop.open_response(at).imag)
     at_real = loop.open_response(real).real if len(real) else np.zeros(0)
     inside = at_real[(at_real < 0.0) & (at_real > -1.0)]
     gain = 20 * np.log10(np.abs(closed))
@@ -69,11 +69,15 @@ def figures_of(loop: Loop, points: int = POINTS) -> LoopFigures:
     )  # fmt: skip
 
 
-def _where_zero(f: Array, values: Array) -> Array:
-    """Where `values` change their sign, linear in between."""
+def _where_zero(f: Array, values: Array, of: Callable[[Array], Array]) -> Array:
+    """Where `of` changes its sign, from its `values` at f: bisection, for a resonance turns quickly."""
     k = np.flatnonzero(np.diff(np.sign(values)) != 0)
-    share = values[k] / (values[k] - values[k + 1])
-    return f[k] * (f[k + 1] / f[k]) ** share
+    low, high, sign = f[k], f[k + 1], np.sign(values[k])
+    for _ in range(BISECTIONS if len(k) else 0):
+        middle = np.sqrt(low * high)
+        same = np.sign(of(middle)) == sign
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return np.sqrt(low * high)
 
 
 def first_below(f: Array, values: Array, level: float) -> float | None:

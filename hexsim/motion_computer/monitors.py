@@ -44,13 +44,13 @@ class Count(IntEnum):
 
 
 class LegLimits(NamedTuple):
-    """Numbers of a leg's monitor, SI; times in control ticks."""
+    """Numbers of the legs' monitor, SI; arrays (n_legs,); times in control ticks."""
 
     tick_s: float
-    velocity_gain: float  # K_v [m/s/V]
-    position_gain: float  # Kp [V/m]
-    volts_max: float
-    stroke: float
+    velocity_gain: Array  # K_v [m/s/V]
+    position_gain: Array  # Kp [V/m]
+    volts_max: Array
+    stroke: Array
     leg_error: float
     leg_error_share: float
     leg_error_ticks: float
@@ -61,7 +61,7 @@ class LegLimits(NamedTuple):
     frozen_velocity: float
     leg_pressure: float
     leg_pressure_ticks: float
-    clear_of_stops: float  # a leg on its stop needs no pressure
+    clear_of_stops: Array  # a leg on its stop needs no pressure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,16 +88,19 @@ class Tolerances:
     load_learn_s: float = 2.0
 
 
-def velocity_gain(machine: Machine) -> float:
-    """K_v [m/s/V] of the loop model: the valve at half the supply pressure over the bottom area, both ways alike.
+def velocity_gain(machine: Machine) -> Array:
+    """K_v (n_legs,) [m/s/V] of the loop model: the valve at half the supply pressure over the bottom area, both ways alike.
 
     C_d pi d (x_max/u_max) sqrt(P_s / rho) / A1; measured machines are within a third of it, which the tolerance allows.
     """
-    valve, oil = machine.valve, machine.oil
-    gradient = valve.area_gradients_m(oil.density_kg_m3)[0] * valve.spool_travel_max_m / valve.voltage_max_V
+    density, gains = machine.oil.density_kg_m3, []
     head = machine.supply.pressure_Pa - machine.supply.tank_pressure_Pa
-    flow = valve.discharge_coefficient * gradient * np.sqrt(head / oil.density_kg_m3)
-    return float(flow / machine.cylinder.area_bottom_m2)
+    for leg in machine.legs:
+        valve = leg.valve
+        gradient = valve.area_gradients_m(density)[0] * valve.spool_travel_max_m / valve.voltage_max_V
+        flow = valve.discharge_coefficient * gradient * np.sqrt(head / density)
+        gains.append(float(flow / leg.cylinder.area_bottom_m2))
+    return np.array(gains)
 
 
 @compiled
@@ -106,11 +109,11 @@ def _check_legs(setpoint, forward, measured, pressures, model, last, counts, usa
     n = setpoint.shape[0]
     codes = np.zeros(n, np.int64)
     for i in range(n):
-        volts = p.position_gain * (setpoint[i] - model[i]) + forward[i]
-        speed = p.velocity_gain * min(max(volts, -p.volts_max), p.volts_max)
+        volts = p.position_gain[i] * (setpoint[i] - model[i]) + forward[i]
+        speed = p.velocity_gain[i] * min(max(volts, -p.volts_max[i]), p.volts_max[i])
         model[i] += p.tick_s * speed
         counts[Count.PRESSURE, i] = (
-            counts[Count.PRESSURE, i] + 1 if pressures[i] < p.leg_pressure and measured[i] > p.clear_of_stops else 0
+            counts[Count.PRESSURE, i] + 1 if pressures[i] < p.leg_pressure and measured[i] > p.clear_of_stops[i] else 0
         )
         if counts[Count.PRESSURE, i] >= p.leg_pressure_ticks:
             codes[i] = LEG_PRESSURE
@@ -120,7 +123,7 @@ def _check_legs(setpoint, forward, measured, pressures, model, last, counts, usa
         bad = OK
         if not np.isfinite(reading):
             bad = LOST
-        elif reading < -p.range or reading > p.stroke + p.range:
+        elif reading < -p.range or reading > p.stroke[i] + p.range:
             bad = OUT_OF_RANGE
         elif abs(reading - last[i]) > p.tick_s * (p.jump + counts[Count.BAD, i] * abs(speed)):
             bad = JUMP
@@ -130,7 +133,7 @@ def _check_legs(setpoint, forward, measured, pressures, model, last, counts, usa
                 codes[i] = bad
             continue
         counts[Count.BAD, i] = 0
-        driven = abs(speed) > p.frozen_velocity and p.clear_of_stops < reading < p.stroke - p.clear_of_stops
+        driven = abs(speed) > p.frozen_velocity and p.clear_of_stops[i] < reading < p.stroke[i] - p.clear_of_stops[i]
         counts[Count.EQUAL, i] = counts[Count.EQUAL, i] + 1 if reading == last[i] and driven else 0
         last[i] = reading
         if counts[Count.EQUAL, i] >= p.frozen_ticks:
@@ -157,12 +160,13 @@ class LegMonitor:
         t = tolerances
         ticks = lambda seconds: max(1.0, np.ceil(seconds / tick))  # noqa: E731
         self._limits = LegLimits(
-            tick_s=tick, velocity_gain=velocity_gain(machine), position_gain=machine.controller.gain_V_per_m,
-            volts_max=machine.valve.voltage_max_V, stroke=machine.cylinder.stroke_m,
+            tick_s=tick, velocity_gain=velocity_gain(machine),
+            position_gain=machine.of_legs("controller", "gain_V_per_m"),
+            volts_max=machine.of_legs("valve", "voltage_max_V"), stroke=machine.of_legs("cylinder", "stroke_m"),
             leg_error=t.leg_error_m, leg_error_share=t.leg_error_share, leg_error_ticks=ticks(t.leg_error_s),
             range=t.range_m, jump=t.jump_m_s, bad_readings=float(t.bad_readings), frozen_ticks=ticks(t.frozen_s),
             frozen_velocity=t.frozen_velocity_m_s, leg_pressure=t.leg_pressure_low * machine.supply.pressure_Pa,
-            leg_pressure_ticks=ticks(t.leg_pressure_s), clear_of_stops=2.0 * machine.cylinder.cushion_length_m,
+            leg_pressure_ticks=ticks(t.leg_pressure_s), clear_of_stops=2.0 * machine.of_legs("cylinder", "cushion_length_m"),
         )  # fmt: skip
         self.model = np.zeros(n)
         self.usable = np.ones(n, dtype=bool)
@@ -238,7 +242,8 @@ class LoadMonitor:
 
     def __init__(self, machine: Machine, kinematics: Mechanics, tolerances: Tolerances) -> None:
         self.kinematics, self.tolerances = kinematics, tolerances
-        self.area_bottom, self.area_top = machine.cylinder.area_bottom_m2, machine.cylinder.area_top_m2
+        self.area_bottom = machine.of_legs("cylinder", "area_bottom_m2")
+        self.area_top = machine.of_legs("cylinder", "area_top_m2")
         self.tank_Pa = machine.supply.tank_pressure_Pa if machine.cylinder.rod_side == "valve" else None
         step = self.EVERY / machine.controller.rate_Hz
         self._share = step / (step + tolerances.load_filter_s)

@@ -22,14 +22,15 @@ from hexsim.motion_computer.declared_control import control_of
 Array = NDArray[np.float64]
 
 
-def compensator_context(machine: Machine, period_s: float | None) -> Context:
-    """What an engineer reads off the machine's data sheet. Not the overlap, the friction or the discharge coefficient.
+def compensator_context(machine: Machine, period_s: float | None, leg: int = 1) -> Context:
+    """Of a leg, from 1: what an engineer reads off the machine's data sheet. Not the overlap, the friction or the discharge coefficient.
 
     Compensators know one chamber, F/A1 = P1 - Ps A2/A1. Two chambers on a four-way valve look like that: with r = A2/A1
     the valve's edges hold P1 (1 + r^3) = F/A1 + (Ps + Pt) (r + r^3)/2 -+ (Ps - Pt) (r - r^3)/2, extending or retracting.
     The last term, 0 for a symmetric cylinder, is a step at each turn that they have to learn.
     """
-    cylinder, sensors = machine.cylinder, machine.sensors
+    own = machine.legs[leg - 1]
+    cylinder, sensors = own.cylinder, own.sensors
     bottom, top = cylinder.area_bottom_m2, cylinder.area_top_m2
     share = 1.0
     if cylinder.rod_side == "valve":
@@ -38,8 +39,8 @@ def compensator_context(machine: Machine, period_s: float | None) -> Context:
         top = bottom * (r + r**3) / 2
     return Context(
         rate_Hz=machine.controller.rate_Hz,
-        position_gain_V_per_m=machine.controller.gain_V_per_m,
-        voltage_max_V=machine.valve.voltage_max_V,
+        position_gain_V_per_m=own.controller.gain_V_per_m,
+        voltage_max_V=own.valve.voltage_max_V,
         stroke_m=cylinder.stroke_m,
         area_bottom_m2=share * bottom,
         area_top_m2=top,
@@ -71,12 +72,13 @@ class PositionLoop:
     ) -> None:
         n = machine.n_legs
         self.control, self.memory = control_of(machine), controller.new_memory(n)
-        self.limit = machine.valve.voltage_max_V
+        self.limit = machine.of_legs("valve", "voltage_max_V")
         self.compensators = list(compensators)
         self.on_message = on_message
-        self.context = compensator_context(machine, period_s)
-        self.states: list[Any] = [c.start(self.context) for c in self.compensators]
-        self.previews = [preview_count(c, self.context) for c in self.compensators]
+        contexts = [compensator_context(machine, period_s, leg) for leg in range(1, n + 1)]
+        made = list(zip(self.compensators, contexts, strict=False))
+        self.states: list[Any] = [c.start(context) for c, context in made]
+        self.previews = [preview_count(c, context) for c, context in made]
         self.preview = max(self.previews, default=1)
         self.valve = np.zeros(n)  # volts that leave the motion computer
         self.compensation = np.zeros(n)

@@ -77,6 +77,11 @@ def add_platform(spec: mujoco.MjSpec, platform: mujoco.MjsBody, kinematics: Mech
           size=[0.5 * scale, 0.4 * scale, 0.24 * scale])  # fmt: skip
 
 
+def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, mass: float) -> None:
+    """A cube about as large as what is bolted to a platform, 500 kg/m3."""
+    _geom(spec, body, f"{body.name}_looks", "box", "payload_paint", size=[0.5 * (mass / 500.0) ** (1 / 3)] * 3)
+
+
 def add_cylinder(spec: mujoco.MjSpec, body: mujoco.MjsBody, length: float, cylinder: Cylinder, number: int) -> None:
     """Barrel from the base joint, a head, and the valve block at its foot."""
     radius = 0.75 * cylinder.piston_diameter_m

@@ -95,6 +95,11 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: Mechanics,
     platform.explicitinertial = True
     if full:
         looks.add_platform(spec, platform, kinematics)
+    for number, part in enumerate(resolved.machine.payload, start=1):
+        body = platform.add_body(name=f"payload_{number}", pos=part.position_m)
+        body.mass, body.ipos, body.inertia, body.explicitinertial = part.mass_kg, [0, 0, 0], part.inertia_kg_m2, True
+        if full:
+            looks.add_part(spec, body, part.mass_kg)
     platform.add_site(name="accelerometer", pos=[0, 0, 0])
     for mode_number, mode in enumerate(resolved.payload_modes, start=1):
         _add_payload_mode(platform, mode, mode_number, resolved.gravity_m_s2)

@@ -13,6 +13,8 @@ from hexsim.hydraulics import leg, supply
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S
+from hexsim.mechanics.mechanics import Mechanics
+from hexsim.mechanics.points import imu_reading, mounting
 from hexsim.plant.callbacks import leg_state, supply_pressure, supply_state
 from hexsim.plant.plant import Plant
 
@@ -45,6 +47,10 @@ class PlatformSignals:
     twist: Array
     acceleration: Array
     angular_acceleration: Array
+
+    def omega(self, kinematics: Mechanics) -> Array:
+        """Angular velocity (m, 3) along the platform's axes."""
+        return kinematics.to_platform_frame(self.pose, self.twist)[:, 3:]
 
 
 @compiled
@@ -127,13 +133,10 @@ def imu_motion(resolved: Resolved, instant: PlatformSignals, omega: Array) -> tu
 
     omega (m, 3) [rad/s] in the platform frame.
     """
-    a, turning, place = instant.acceleration, instant.angular_acceleration, resolved.imu_place_m
-    if place.any():
-        a = a + np.cross(turning, place) + np.cross(omega, np.cross(omega, place))
-    if resolved.imu_turn_rad.any():
-        mounted = Rotation.from_rotvec(resolved.imu_turn_rad).inv()
-        a, turning = mounted.apply(a), mounted.apply(turning)
-    return a, turning
+    imu = resolved.sensors
+    rotation = Rotation.from_rotvec(resolved.imu_turn_rad).as_matrix() @ mounting(imu.imu_orientation_deg)
+    place = resolved.imu_place_m + np.array(imu.imu_position_m)
+    return imu_reading(instant.acceleration, instant.angular_acceleration, omega, place, rotation)
 
 
 # Columns of a power unit. Flows and powers of all legs together.

@@ -14,6 +14,7 @@ import numpy as np
 from hexsim.qualify import measures
 from hexsim.qualify.rig import Motion
 from hexsim.smoothness import half_hertz_noise, harmonic_deviation, parasitic, turn_around_check
+from hexsim.smoothness.summary import PERCEPTION_m_s2
 
 ROTATIONS = ("roll", "pitch", "yaw")
 NAMES = {"x": "surge x", "y": "sway y", "z": "heave z"}
@@ -27,7 +28,6 @@ COMMON_TURN = "[K] commonly used: +-0.05 g, 150 mm p-p at 0.5 Hz"
 COMMON_BALANCE = "[K] commonly used: 1.5 deg"
 AGARD = "figure after AGARD-AR-144 (formulas [K]); reported"
 NO_LIMIT = "no limit known; reported"
-PERCEPTION_m_s2 = {"x": 0.063, "y": 0.057, "z": 0.154}
 
 
 @dataclass(frozen=True, kw_only=True)

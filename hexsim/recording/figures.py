@@ -35,6 +35,7 @@ from hexsim.recording.figure_style import (
     styled,
     symmetric,
 )
+from hexsim.recording.points import points
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit_text
 from hexsim.recording.summary_table import number
 from hexsim.signals.signal import ROTATIONS
@@ -55,6 +56,7 @@ def run_figures(signals: Signals) -> dict[str, Figure]:
         "flow_curve": flow_curve,
         "pressures": pressures,
         "spectrum": spectrum,
+        "points": points,
     }
     made = {name: maker(signals) for name, maker in makers.items()}
     return {name: figure for name, figure in made.items() if figure is not None}

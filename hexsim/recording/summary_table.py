@@ -62,6 +62,12 @@ def facts(summary: Mapping[str, Any], run: Any = None) -> list[tuple[str, str]]:
         ("duration", f"{number(summary['duration_s'], 4)} s"),
         ("tracking rms", tracking_text(tracking)),
     ]
+    for point, axes in summary.get("points", {}).items():
+        peaks = ", ".join(
+            f"{axis} {number(figures['peak_band_m_s2'])} m/s² ({number(figures['peak_over_threshold'], 2)} x perception)"
+            for axis, figures in axes.items()
+        )
+        lines.append(("point", f"{point}: peak {peaks}"))
     if run is not None:
         lines.append(("model", f"{MODELS.get(run.model, run.model)}, {scheme_text(run.timestep, summary)}"))
         lines.append(("seed", str(run.seed)))

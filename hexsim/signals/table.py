@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 
 from hexsim.declaration import Machine
@@ -99,15 +100,32 @@ def accelerations_of(n_legs: int) -> tuple[str, ...]:
     return tuple(n for stem in ("acceleration", "angular_acceleration") for n in table()[stem].columns(n_legs))
 
 
+def point_signal(point: str) -> Signal:
+    """Acceleration at a point that a machine declares under [points], along the platform's axes."""
+    return Signal(stem=f"acceleration_at_{point}", unit="m_s2", label=f"acceleration at {point}", scope="translation")
+
+
+class Places(dict[str, tuple[Signal, int]]):
+    """Column -> its signal and its place among the legs or axes. Asked for one, it knows those of any point too."""
+
+    def __missing__(self, column: str) -> tuple[Signal, int]:
+        match = re.fullmatch(r"acceleration_at_(.+)_([xyz])_m_s2", column)
+        if match is None:
+            raise KeyError(column)
+        return point_signal(match[1]), TRANSLATIONS.index(match[2])
+
+
 @cache
-def places() -> dict[str, tuple[Signal, int]]:
-    """Column -> its signal and its place among the legs or axes, of benches and hexapods."""
-    return {
-        name: (signal, place)
-        for signal in table().values()
-        for n_legs in (1, 6)
-        for place, name in enumerate(signal.columns(n_legs))
-    }
+def places() -> Places:
+    """Of benches and hexapods."""
+    return Places(
+        {
+            name: (signal, place)
+            for signal in table().values()
+            for n_legs in (1, 6)
+            for place, name in enumerate(signal.columns(n_legs))
+        }
+    )
 
 
 def kind_of(column: str) -> str:

@@ -116,8 +116,8 @@ class LiveMachine:
         )
         self.tick_s = 1.0 / machine.controller.rate_Hz
         self.sensors = LiveSensors(self.plant, self.tick_s, seed)
-        margin = machine.cylinder.cushion_length_m
-        self.reach = margin, machine.cylinder.stroke_m - margin
+        margin = machine.of_legs("cylinder", "cushion_length_m")
+        self.reach = margin, machine.of_legs("cylinder", "stroke_m") - margin
         self.disturbance = np.zeros(6)  # force and torque on the platform, from the mouse
         self.body = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, self.kinematics.moving_body)
         self.paused, self.out_of_reach = False, False

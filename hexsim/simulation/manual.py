@@ -21,7 +21,7 @@ class SignalGenerator:
     """
 
     def __init__(self, plant: Plant, scenario: Scenario, tick_s: float, preview: int) -> None:
-        self._evaluate = lambda time: setpoints(plant.machine, scenario, plant.kinematics, time)
+        self._evaluate = lambda time: setpoints(plant.machine, scenario, plant.machine.mechanics, time)
         self.scenario, self.tick_s, self.preview = scenario, tick_s, preview
         if scenario.duration_s < tick_s:
             raise HexsimError(f"scenario {scenario.name} is shorter than one control tick of {tick_s:g} s")

@@ -9,13 +9,15 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from hexsim.mechanics.points import point_acceleration, point_velocity
 from hexsim.plant import Plant
 from hexsim.plant.readout import imu_motion, leg_signals, platform_signals, power_unit_signals
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.sensors.bank import SensorBank
-from hexsim.signals.table import motion_column, places, table
+from hexsim.signals.table import motion_column, places, point_signal, table
 from hexsim.smoothness import AxisMotion, BANDWIDTH_Hz, summary_axes
+from hexsim.smoothness.summary import PERCEPTION_m_s2
 
 Array = NDArray[np.float64]
 
@@ -83,6 +85,10 @@ def run_log(plant: Plant, scenario: Scenario, recorded: Recorded, sensors: Senso
     named = _columns(measured | poses, plant.n_legs)
     named += sorted(_columns(motion, plant.n_legs), key=lambda column: column[0])  # x of all, then y, then z
     named += _columns(truth | extra, plant.n_legs)
+    for point, place in plant.machine.points.items():
+        omega = instant.omega(plant.kinematics)
+        felt = point_acceleration(motion["true_acceleration"], motion["true_angular_acceleration"], omega, place)
+        named += [(k, name, felt[:, k]) for k, name in enumerate(point_signal(point).columns(plant.n_legs))]
     return pl.DataFrame({"time_s": recorded.time} | {name: values for _, name, values in named})
 
 
@@ -120,7 +126,7 @@ def _sampled(sensors: SensorBank, true: Array, recorded: Recorded) -> Array:
 
 def _commanded(plant: Plant, scenario: Scenario, recorded: Recorded) -> tuple[Array, Array, Array]:
     """Commanded pose, twist and its rate (m, 6), the latter two in the commanded platform's frame; along a leg (m, 1)."""
-    kinematics = plant.kinematics
+    kinematics = plant.machine.mechanics
     if not kinematics.has_platform:
         _, velocity, acceleration = bench_motion(scenario, recorded.time)
         return kinematics.forward(recorded.setpoints), velocity[:, None], acceleration[:, None]
@@ -154,6 +160,7 @@ def run_summary(
         "bandwidth_Hz": BANDWIDTH_Hz,
         "figures_from_s": start,
         "axes": _axes(plant, scenario, log, start),
+        **({"points": _points(plant, scenario, log, start)} if plant.machine.points else {}),
         "tracking_rms_m": [float(np.sqrt(np.mean(error.to_numpy()[late] ** 2))) for error in errors if late.any()],
         "realtime_factor": realtime,
         "timestep_mean_s": float(1.0 / np.mean(1.0 / recorded.timestep)),
@@ -188,3 +195,31 @@ def _axes(plant: Plant, scenario: Scenario, log: pl.DataFrame, start_s: float) -
         return {}
     motions = axis_motions(log, scenario, plant.kinematics.axes)
     return summary_axes(log["time_s"].to_numpy(), motions, start_s=start_s)
+
+
+def _points(plant: Plant, scenario: Scenario, log: pl.DataFrame, start_s: float) -> dict[str, Any]:
+    """Point -> axis -> figures as in `axes`, against the command at that point; peak_over_threshold: of the deviation in
+    the band over the threshold of perception of a motion along that axis."""
+    if log.height < 100:
+        return {}
+    time, n, found = log["time_s"].to_numpy(), plant.n_legs, {}
+    velocity, omega, acceleration, turning = (
+        log.select(table()[f"commanded_{what}"].columns(n)).to_numpy()
+        for what in ("velocity", "angular_velocity", "acceleration", "angular_acceleration")
+    )
+    driven = bool(scenario.signals)
+    for point, place in plant.machine.points.items():
+        asked = point_acceleration(acceleration, turning, omega, place)
+        moved = point_velocity(velocity, omega, place)
+        motions = {
+            axis: AxisMotion(
+                acceleration=log[name].to_numpy(),
+                commanded_velocity=moved[:, k] if driven else None,
+                commanded_acceleration=asked[:, k] if driven else None,
+            )
+            for k, (axis, name) in enumerate(zip("xyz", point_signal(point).columns(n), strict=True))
+        }
+        found[point] = summary_axes(time, motions, start_s=start_s)
+        for axis, figures in found[point].items():
+            figures["peak_over_threshold"] = (figures["peak_band_m_s2"] or 0.0) / PERCEPTION_m_s2[axis]
+    return found

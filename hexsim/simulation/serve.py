@@ -86,6 +86,7 @@ class Server:
         self.kinematics = machine.mechanics
         self._dofs = self.kinematics.dof_places
         self._dof_limiter = CommandLimiter(limits or pose_limits(machine))
+        self._cushions = machine.of_legs("cylinder", "cushion_length_m")
         self._leg_limiter = CommandLimiter(leg_limits(machine))
         self.limiter, self.mode = self._dof_limiter, 0
         self.lockstep = lockstep
@@ -246,7 +247,6 @@ class Server:
 
     def _legs(self, command: Array) -> tuple[Array, bool]:
         """Piston setpoints (n_legs,) clear of the cushions, and whether that took a change."""
-        cylinder = self.machine.cylinder
         if self.mode == 0:
             pose = np.zeros(6)
             pose[self._dofs] = command
@@ -254,7 +254,7 @@ class Server:
             positions = self.kinematics.piston_positions(pose)
         else:
             positions = self.kinematics.neutral_positions + command
-        return soft_legs(positions, cylinder.stroke_m, cylinder.cushion_length_m)
+        return soft_legs(positions, self.kinematics.stroke_m, self._cushions)
 
     def _reply(self, now: float) -> Reply:
         with contextlib.suppress(HexsimError):  # readings that belong to no pose: the last pose is kept

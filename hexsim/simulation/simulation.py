@@ -166,7 +166,7 @@ class TickLoop:
         ahead = (
             np.arange(0, self.ticks + self.control_every * loop.preview, self.control_every, dtype=float) * self.tick_s
         )
-        self.setpoints = setpoints(machine, scenario, plant.kinematics, ahead)
+        self.setpoints = setpoints(machine, scenario, machine.mechanics, ahead)
         self.sensors = SensorBank(plant.resolved, self.ticks, self.tick_s, seed)
         plant.prepare(rate, self.ticks)
         self.record = plant.record

@@ -31,6 +31,7 @@ from hexsim.scenarios import Scenario, scenario_from_dict
 from hexsim.scenarios.settings import apply_settings
 from hexsim.simulation import simulate
 from hexsim.studies.journal import Journal
+from hexsim.studies.uncertainty import drawn
 
 _ONE_A_PROCESS = threading.Lock()  # MuJoCo's callbacks are global: threads of a worker take turns
 MOST_CASES = 100_000  # each is held in memory, and as a row of the table
@@ -65,13 +66,22 @@ def cases(
     compensators: Iterable[str] = ("none",),
     fast: bool = True,
     timestep: float | None = None,
+    draws: int = 0,
 ) -> list[Case]:
-    """The product of all settings, compensators and seeds. Raises HexsimError where a setting is refused."""
+    """The product of all settings, compensators and seeds. Raises HexsimError where a setting is refused.
+
+    draws: every point of the grid on so many machines within [uncertainty] (`studies.uncertainty`), the same for all.
+    """
     settings, seeds, compensators = dict(settings or {}), _sequence(seeds), _sequence(compensators)
-    count = math.prod(len(values) for values in (*settings.values(), seeds, compensators))
+    built = [drawn(machine, draw) for draw in range(draws)] or [{}]
+    count = math.prod(len(values) for values in (*settings.values(), seeds, compensators, built))
     if count > MOST_CASES:
         raise HexsimError(f"a sweep of {count} runs: give at most {MOST_CASES}, fewer seeds or values")
-    grid = [dict(zip(settings, values, strict=True)) for values in itertools.product(*settings.values())]
+    grid = [
+        machine_of | dict(zip(settings, values, strict=True))
+        for machine_of in built
+        for values in itertools.product(*settings.values())
+    ]
     for point in grid:
         apply_settings(scenario, machine, point, "sweep")  # refuse what cannot be before the first run
     tables = {"scenario": scenario.to_dict(), "machine": machine_tables(machine)}

@@ -6,8 +6,8 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.geometry import machine_kinematics
-from hexsim.mechanics.rigid_body import joint_wrenches, rigid_body
+from hexsim.machine.geometry import machine_kinematics, platform_body
+from hexsim.mechanics.rigid_body import joint_wrenches
 from hexsim.signals.log import Log
 from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window
@@ -20,7 +20,7 @@ def oil_forces(log: Log, machine: Machine) -> Array | None:
     top = log.signal("pressure_top") if machine.cylinder.rod_side == "valve" else log.supply
     if log.pressure is None or top is None:
         return None
-    bottom, rod = (np.array(machine.of_legs("cylinder", key))[:, None] for key in ("area_bottom_m2", "area_top_m2"))
+    bottom, rod = (machine.of_legs("cylinder", key)[:, None] for key in ("area_bottom_m2", "area_top_m2"))
     return log.pressure * bottom - top * rod
 
 
@@ -32,8 +32,7 @@ def leg_loads(log: Log, machine: Machine) -> tuple[Array, Array]:
     load = machine.load
     if machine.geometry is None or load.platform_mass_kg is None or load.platform_inertia_kg_m2 is None:
         raise HexsimError(f"machine {machine.name} has no [geometry] or platform: the legs' loads cannot be computed")
-    legs, mass = machine_kinematics(machine), load.platform_mass_kg
-    body = rigid_body(mass, load.centre_of_mass_m, np.diag(load.platform_inertia_kg_m2), carried=mass)
+    legs, body = machine_kinematics(machine), platform_body(load, machine.payload)
     look = Window(log.rate, 0.04)
     positions = np.stack([look.mean(log.columns[f"position_{i}_m"]) for i in range(1, 7)])
     pose = legs.forward(positions.T)

@@ -8,6 +8,9 @@ import pytest
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine, machine_from_dict
 from hexsim.machine.files import changed, machine_tables
+from hexsim.motion_computer.computer import MotionComputer
+from hexsim.motion_computer.limits import LEG_MARGIN_m, leg_limits
+from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
 from hexsim.scenarios import load_scenario
 from hexsim.scenarios.settings import apply_settings
@@ -171,3 +174,24 @@ def test_declared_tables_survive_a_file():
     machine = with_toml("[[leg]]\nnumber = 2\n[leg.valve]\noverlap_percent = 3.0")
     assert machine_from_dict(machine_tables(machine)) == machine
     assert machine_from_dict(machine_tables(with_joints())) == with_joints()
+
+
+def test_each_leg_has_its_own_gain_and_limit():
+    """Half the gain on leg 2, a valve of 5 V on leg 3: volts of the same error, by hand."""
+    machine = with_toml(
+        "[[leg]]\nnumber = 2\n[leg.controller]\ngain_V_per_m = 25.0\n[[leg]]\nnumber = 3\n[leg.valve]\nvoltage_max_V = 5.0"
+    )
+    loop = PositionLoop(machine, [], None)
+    middle = machine.mechanics.neutral_positions
+    assert loop.tick(0.0, middle[None] + 0.004, middle, None, 7e6) == pytest.approx([0.2, 0.1, *[0.2] * 4])
+    assert loop.tick(0.0, middle[None] + 0.5, middle, None, 7e6) == pytest.approx([10.0, 10.0, 5.0, 10.0, 10.0, 10.0])
+
+
+def test_the_motion_computer_takes_each_leg_to_its_own_neutral():
+    """A longer stroke and a zero offset: the neutral pose, and clear of every leg's own cushions."""
+    machine = with_joints(leg_zero_offsets_m=[0.0, 2e-3, 0.0, 0.0, 0.0, 0.0])
+    machine = changed(machine, {"leg": [{"number": 5, "cylinder": {"stroke_m": 0.3}}]})
+    by_hand = np.array([0.1, 0.1 - 2e-3, 0.1, 0.1, 0.15, 0.1])
+    assert MotionComputer(machine).neutral == pytest.approx(by_hand, abs=1e-12)
+    room = np.minimum(by_hand, machine.mechanics.stroke_m - by_hand) - machine.cylinder.cushion_length_m - LEG_MARGIN_m
+    assert leg_limits(machine).excursion == pytest.approx(room, abs=1e-12)

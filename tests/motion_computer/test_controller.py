@@ -176,8 +176,10 @@ def test_feed_forward_of_a_parabola_and_a_cubic(bench):
     m, b, flexible = bench.load.moving_mass_kg, row[C.VISCOUS], row[C.FLEXIBILITY]
     assert with_load.inertia[0, 0] == pytest.approx(m)
     assert memory.shape == (1, controller.N_MEMORY)
-    # F = m r'' + b r' from differences; its own difference over one tick: m r''' + b r'' one tick and a half ago
-    assert difference == pytest.approx(8.0 * flexible * (m + b * (t - T)), rel=1e-6)
+    # F = m r'' + b r' + F_c tanh(r'/TURN) from differences; its own difference over one tick
+    speed = np.diff(cubic)[-2:] / T
+    dry = bench.friction.coulomb_extend_N * np.diff(np.tanh(speed / controller.TURN_m_s))[0] / T
+    assert difference == pytest.approx(8.0 * flexible * (m + b * (t - T) + dry), rel=1e-6)
 
 
 def test_pressure_feedback_leaves_the_demanded_pressure_alone(bench):

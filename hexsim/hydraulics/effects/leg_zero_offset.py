@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
     """As [geometry] leg_zero_offsets_m of these legs."""
-    lengths = resolved.mechanics.retracted_length_m.copy()
+    lengths = np.array(resolved.mechanics.retracted_length_m)
     lengths[list(legs)] += values["length_m"]
     resolved.mechanics = replace(resolved.mechanics, retracted_length_m=lengths)
 

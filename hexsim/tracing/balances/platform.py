@@ -92,7 +92,8 @@ def platform_motion(log: Log, resolved: Resolved, sensed: Sequence[SensedLeg]) -
     """Forward kinematics and velocities of every sample under the window, once for a log and its position sensors."""
     kinematics = resolved.mechanics
     built = tuple(
-        array.tobytes() for array in (kinematics.base_joints, kinematics.platform_joints, kinematics.retracted_length_m)
+        np.asarray(array).tobytes()
+        for array in (kinematics.base_joints, kinematics.platform_joints, kinematics.retracted_length_m)
     )
     settings = tuple(position_settings(resolved, i) for i in range(6))
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from hexsim.declaration import Machine
+from hexsim.declaration.machine import LENGTHS
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects import Effect, EffectParameter, effect_named, library
 
@@ -34,13 +35,13 @@ def priors(machine: Machine) -> tuple[Prior, ...]:
     """The [uncertainty] table with the place of each key. Raises HexsimError for a key that is nowhere."""
     tables = machine.model_dump(exclude={"uncertainty", "effects", "leg"}, exclude_none=True)
     found = []
-    for key, half_width in machine.uncertainty.items():
+    relative = {key: half_width for key, half_width in machine.uncertainty.items() if key not in LENGTHS}
+    for key, half_width in relative.items():
         for section, table in tables.items():
             for name, value in table.items() if isinstance(table, dict) else ():
                 if key in (name, f"{section}_{name}") and isinstance(value, float) and half_width > 0:
                     found.append(Prior(key=key, dotted=f"{section}.{name}", declared=value, half_width=half_width))
-    missing = set(machine.uncertainty) - {prior.key for prior in found}
-    missing -= {key for key, half_width in machine.uncertainty.items() if half_width == 0}
+    missing = set(relative) - {prior.key for prior in found} - {key for key, width in relative.items() if width == 0}
     if missing:
         raise HexsimError(f"[uncertainty] {min(missing)} is no number of the machine file: use the key of its table")
     return tuple(found)

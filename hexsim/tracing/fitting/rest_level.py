@@ -201,7 +201,8 @@ def with_effect(base: RestFit, candidate: Candidate, problem: FitProblem, size: 
         values = candidate.start() | {number.name: to_value(number, start)}
         return answered(replace(bare, candidates=(*bare.candidates, candidate), values=(*bare.values, values)), problem)
 
-    starts = [begun_at(start) for start in (size, *(float(np.copysign(most, size)) for most in STARTS))]
+    side = -1.0 if size < 0.0 and number.bounds[0] < 0.0 else 1.0
+    starts = [begun_at(start) for start in (size, *(side * start for start in STARTS))]
     fit = min(starts, key=lambda fit: cost_of(fit, problem))
     return refined(fit, problem, columns) if np.isfinite(cost_of(fit, problem)) else None
 

@@ -28,7 +28,7 @@ from hexsim.tracing.simulation.motion import (
     steps_of_sample,
     write_leg_motion,
 )
-from hexsim.tracing.simulation.rig import Load, Rig, Sensors
+from hexsim.tracing.simulation.rig import Controller, Load, Rig, Sensors
 
 FOLLOW = 0.3  # of the gain: with all of it the noise of the logged position rings the oil, with less rounded volts let it drift
 DIVERGENCE_LIMIT = 1e3  # [m], [m/s], [rad/s] a load beyond it has diverged
@@ -104,10 +104,10 @@ def shown(history, i, sensor, rate):
 def asked_volts(controller, inputs, j, i, position):
     """Volts of leg j's loop at sample i for the position that its sensor shows."""
     if controller.follows:
-        volts = inputs.volts[j, i] + FOLLOW * controller.gain_V_per_m * (inputs.position[j, i] - position)
+        volts = inputs.volts[j, i] + FOLLOW * controller.gain_V_per_m[j] * (inputs.position[j, i] - position)
     else:
-        volts = controller.gain_V_per_m * (inputs.setpoint[j, i] - position)
-    return min(max(volts, -controller.limit_V), controller.limit_V)
+        volts = controller.gain_V_per_m[j] * (inputs.setpoint[j, i] - position)
+    return min(max(volts, -controller.limit_V[j]), controller.limit_V[j])
 
 
 @compiled
@@ -125,7 +125,8 @@ def lent(rig, inputs, room):
                 borrowed(position), borrowed(pressure), borrowed(top), borrowed(acceleration), supply_gain, place,
                 borrowed(turned),
             ),
-            controller, rule,
+            Controller(borrowed(controller.gain_V_per_m), controller.rate_Hz, borrowed(controller.limit_V), controller.follows),
+            rule,
         ),
         Inputs(
             borrowed(inputs.setpoint), borrowed(inputs.volts), borrowed(inputs.position), borrowed(inputs.near_rest),

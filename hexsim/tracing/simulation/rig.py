@@ -46,11 +46,14 @@ class Sensors(NamedTuple):
 
 
 class Controller(NamedTuple):
-    """u = K (s - y_m) every 1/rate_Hz, at most limit_V. follows: the logged volts, held to the logged position, instead."""
+    """u = K (s - y_m) every 1/rate_Hz, at most limit_V, both (n_legs,).
 
-    gain_V_per_m: float
+    follows: the logged volts, held to the logged position, instead.
+    """
+
+    gain_V_per_m: Array
     rate_Hz: float
-    limit_V: float
+    limit_V: Array
     follows: bool
 
 
@@ -81,7 +84,10 @@ def rig_of(machine: Machine, feedback: int = 0) -> tuple[Rig, Resolved]:
         load=load,
         sensors=sensors_of(resolved),
         controller=Controller(
-            controller.gain_V_per_m, float(controller.rate_Hz), machine.valve.voltage_max_V, bool(feedback)
+            machine.of_legs("controller", "gain_V_per_m"),
+            float(controller.rate_Hz),
+            machine.of_legs("valve", "voltage_max_V"),
+            bool(feedback),
         ),
         rule=step_rule(resolved.rows, resolved.supply, leg_compliance(resolved, load), load.spring.omega),
     )

@@ -16,6 +16,7 @@ from hexsim.hydraulics import leg as equations
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S, pump_flow_command
+from hexsim.mechanics.kinematics import HexapodKinematics
 from hexsim.mechanics.rigid_body import joint_wrenches
 from hexsim.signals.channels import COMPARED
 from hexsim.signals.log import Log
@@ -124,6 +125,7 @@ def load_at(rig: Rig, resolved: Resolved, y: Array, v: Array) -> tuple[Array, fl
     if len(y) == 1:
         return -(body.carried + body.sprung) * gravity[2:], float(gravity[2]), np.array([y[0], v[0]])
     kinematics = resolved.mechanics
+    assert isinstance(kinematics, HexapodKinematics)
     pose = kinematics.forward(y)
     rotation, jacobian = kinematics.rotation(pose), kinematics.jacobian(pose)
     twist, own = np.linalg.solve(jacobian, v), rotation.T @ gravity

@@ -16,6 +16,7 @@ from hexsim.signals.channels import noise_of
 from hexsim.signals.log import Log
 from hexsim.tracing.checks.checks import refuse_misleading
 from hexsim.tracing.checks.finding import Finding
+from hexsim.tracing.checks.imu import at_origin
 from hexsim.tracing.checks.same_machine import check_same_machine
 from hexsim.tracing.fitting.fit import start_fit
 from hexsim.tracing.fitting.parameters import priors
@@ -37,13 +38,14 @@ def read_runs(folder: Path, names: Sequence[str], machine: Machine) -> tuple[lis
         ]
     if machine.cylinder.rod_side != "valve":  # no transducer: what a simulation writes there is the truth
         logs = [replace(log, pressure_top=None) for log in logs]
+    logs = [at_origin(log, machine) for log in logs]
     return logs, {log.name: refuse_misleading(log, machine) for log in logs}
 
 
 def feedback_of(machine: Machine, logs: Sequence[Log], noise: dict[str, float]) -> int:
     """0 when the logged volts are those of the declared position loop, 1 when another controller was at work."""
-    K = np.array(machine.of_legs("controller", "gain_V_per_m"))[:, None]
-    limit = np.array(machine.of_legs("valve", "voltage_max_V"))[:, None]
+    K = machine.of_legs("controller", "gain_V_per_m")[:, None]
+    limit = machine.of_legs("valve", "voltage_max_V")[:, None]
     for log in logs:
         if log.setpoint is None:
             return 1

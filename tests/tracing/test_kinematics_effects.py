@@ -1,0 +1,64 @@
+"""Joints, leg zeros, IMU mounting and gravity's direction: the simulation and the balances of a hexapod agree on them."""
+
+import numpy as np
+import pytest
+
+from hexsim.errors import HexsimError
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.signals.channels import SETTLE_S
+from hexsim.simulation.faults import EffectFault
+from hexsim.tracing.balances.platform import Platform
+from hexsim.tracing.balances.sensor import Imu
+from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.steps.experiments import setpoint_log
+
+NOISE = {
+    "position_m": 3e-6, "pressure_bottom_Pa": 4e3, "pressure_supply_Pa": 4e3, "acceleration_m_s2": 0.02,
+    "angular_acceleration_rad_s2": 0.03,
+}  # fmt: skip
+MOTION = {
+    "name": "all axes", "mode": "dof", "duration_s": 4.0, "fade_s": 1.0,
+    "axes": {
+        axis: {"kind": "sine", "amplitude": size, "frequency_Hz": f}
+        for axis, size, f in (("x", 0.02, 0.7), ("z", 0.02, 1.1), ("roll", 0.06, 0.9), ("yaw", 0.06, 0.6))
+    },
+}  # fmt: skip
+CASES = {
+    "base_joint_offset": ({"x_m": 1e-3, "where": "leg 3"}, Platform),
+    "platform_joint_offset": ({"z_m": 1e-3, "where": "leg 3"}, Platform),
+    "leg_zero_offset": ({"length_m": 5e-4, "where": "leg 3"}, Platform),
+    "gravity_direction": ({"about_x_rad": 2e-3}, Platform),
+    "imu_orientation": ({"y_rad": 0.0175}, Imu),
+    "imu_position": ({"x_m": 0.05, "z_m": 0.02}, Imu),
+}
+
+
+@pytest.fixture(scope="module")
+def hexapod():
+    """The micro motion system with massless legs, ideal sensors and a constant supply."""
+    tables = load_machine("micro_motion_system").model_dump(exclude_none=True)
+    tables.pop("power_unit", None)
+    tables["sensors"], tables["load"]["leg_mass_kg"] = {}, 0.0
+    return type(load_machine("bench")).model_validate(tables)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_balance_holds_again_with_the_effect(hexapod, name):
+    """A noise-free log of the machine that is built so: what the effect leaves in its balance falls below a fifth of what it
+    makes there; the rest (held volts, reversals) is in both."""
+    table, balance = CASES[name]
+    built = changed(hexapod, {f"effects.{name}": table})
+    problem = SimulatedProblem(logs=(setpoint_log(hexapod, MOTION).head(4.0),), noise=NOISE)
+    usual, log = problem.simulated(hexapod, 0), problem.simulated(built, 0)
+    first = int((SETTLE_S + 0.1) * log.rate)
+    floor = balance().residual(usual, hexapod)[:, first:-100]
+    without, with_it = (balance().residual(log, machine)[:, first:-100] for machine in (hexapod, built))
+    assert np.linalg.norm(with_it - floor) < 0.2 * np.linalg.norm(without - floor)
+
+
+def test_how_a_machine_is_built_cannot_begin_in_a_run(hexapod):
+    """A joint does not move at a time of a run: refused with a sentence that says where it belongs."""
+    fault = EffectFault(time_s=1.0, effect="leg_zero_offset", parameters={"length_m": 1e-3}, where="leg 2")
+    with pytest.raises(HexsimError, match=r"leg_zero_offset is how the machine is built.*\[effects\]"):
+        fault.setting(hexapod, "fault:")
