@@ -33,7 +33,7 @@ ERRORS, ERRORS_FIRST = 0.2, 1.3  # standard deviations added to the delay at las
 MODEL_SUM = 0.3  # of a reversal, which errors of the rest of the model may make
 MAX_SUM = 40.0  # that one reversal may add
 
-SOFTNESS_MEMORY, SOFTNESS_REVERSALS, SOFTNESS_ERRORS = 0.95, 4, 1.0  # a reversal; before it is used; taken off
+SOFTNESS_MEMORY, SOFTNESS_REVERSALS, SOFTNESS_ERRORS = 0.95, 4, 2.0  # a reversal; before it is used; taken off
 MAX_SOFTNESS_M_PA = 1e-10
 LATE_SHARE = 0.3  # of its correction that lateness takes at a reversal
 
@@ -153,7 +153,7 @@ def _modelled_oil(delay, spool_s):
 @compiled
 def softness_m_Pa(delay):
     """Compliance of the oil beyond the data sheet's: oil that is missing at reversals over the pressure that steps
-    there, less a standard error."""
+    there, less two standard errors."""
     if delay.reversals < SOFTNESS_REVERSALS or delay.pressure_square <= 0.0:
         return 0.0
     error = SOFTNESS_ERRORS * NOISE_M / math.sqrt(delay.pressure_square)
