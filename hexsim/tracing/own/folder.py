@@ -196,7 +196,7 @@ def of_module(folder: Path, fit: Sequence[str], validate: Sequence[str]) -> OwnM
     module = loaded(folder / MODULE)
     balances: Any = getattr(module, "BALANCES", None)
     make: Any = getattr(module, "point", None)
-    if not balances or not callable(make):
+    if not balances or make is None:
         raise HexsimError(
             f"{folder / MODULE} must define BALANCES (OwnBalance, ...) and point(path), which gives a Point"
         )

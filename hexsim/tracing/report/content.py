@@ -56,7 +56,7 @@ def report_of(result: Trace) -> dict[str, Any]:
 def remarks(result: Trace) -> list[str]:
     """What must be known before a verdict is believed: numbers that the refit drives to their limit, runs that it makes worse."""
     found = []
-    for prior, deviation in zip(result.base.priors, result.base.deviations, strict=True):
+    for prior, deviation in zip(result.final.priors, result.final.deviations, strict=True):
         if abs(deviation) > 0.999 * prior.half_width:
             fitted = prior.declared * (1 + deviation)
             found.append(

@@ -8,7 +8,6 @@ An effect is named if all of this holds; docs/tracing.md has the measured operat
     unseen       it does so on the held-out runs, whole and in all but few of the resamples of their blocks
     invariant    each run alone gives the same number, within its errors or a fifth
     rivals       no other effect does as well within the scatter of blocks; those that do are a tie
-    needed       taken away again, with everything else refitted, as much comes back
 """
 
 from __future__ import annotations
@@ -134,8 +133,8 @@ def invariant(found: Sequence[tuple[float, float]], size: float) -> bool:
 
 def grown_by_one(
     base: RestFit, trace: Trace, problem: BalanceProblem, unseen: BalanceProblem
-) -> tuple[RestFit, Judged] | None:
-    """The base with the next sure effect, or None."""
+) -> tuple[RestFit, Judged | None] | None:
+    """The base with the next sure effect, and its evidence where it is larger than what any machine has; else None."""
     there = {c.label for c in base.fit.candidates if is_named(c)}
     possible = [c for c in trace.candidates if c.label not in there]
     rivals = rivals_of(base, possible, problem, bool(there))
