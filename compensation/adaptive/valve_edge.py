@@ -16,7 +16,8 @@ MAX_LAG_S = 0.014
 MAX_BACKLASH_V = 0.3
 MIN_BACKLASH_V = 2e-3  # a narrower one is not told from noise of the volts by where they reverse
 WINDOW_NOISE_M = 5e-6  # displacement noise of a window: two positions with 3 um noise and 3 um resolution
-GAIN_ERROR, DEAD_BAND_ERROR_V, LAG_ERROR_S, LAG_ERROR_BACKLASH_S = 0.10, 1e-3, 6.5e-4, 8e-4  # standard errors below which an edge is ready
+# standard errors below which an edge is ready; of the lag without and with backlash
+GAIN_ERROR, DEAD_BAND_ERROR_V, LAG_ERROR_S, LAG_ERROR_BACKLASH_S = 0.10, 1e-3, 6.5e-4, 8e-4
 REJECT_MISFIT, ACCEPT_MISFIT = 3.0, 1.7  # residual over noise from which a fit is rejected, up to which it is accepted
 BACKLASH_MISFIT = 4.0  # times the squared misfit allowed with backlash: where the volts reverse is roughly known
 MIN_MEMORY_WINDOWS = 30.0  # of the fit with backlash; until it is ready its memory is the number of windows so far
