@@ -241,8 +241,9 @@ def friction(
     from hexsim.tracing.friction.figure import friction_figure, friction_table
     from hexsim.tracing.friction.identification import identify_friction
 
+    measured = read_log(log)
     declared = load_machine(machine or beside(log))
-    result = identify_friction(at_origin(read_log(log), declared), declared, leg)
+    result = identify_friction(at_origin(measured, declared), declared, leg)
     if out is not None:
         from hexsim.files.json_files import write_json
         from hexsim.machine import save_machine

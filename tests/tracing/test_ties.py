@@ -10,6 +10,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.signals.channels import noise_of
+from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import start_fit
 from hexsim.tracing.fitting.parameters import candidates, named, priors
 from hexsim.tracing.fitting.selection import with_candidate
@@ -43,15 +44,21 @@ def test_more_oil_can_stand_for_a_softer_hose(bench):
     )  # tangents; E itself is free beside it
 
 
-def test_what_no_simulation_can_know(bench):
+def test_what_no_simulation_can_know(bench, monkeypatch):
     """On the declared loop a tenth of the position's noise moves no channel by more than a third of its noise in the median,
-    and what is counted never falls below the sensors' noise."""
+    and what is counted never falls below the sensors' noise. All of the noise moves the acceleration ten times as much, but
+    for what friction bends of it (a fifth)."""
     machine, log = bench
+    monkeypatch.setattr(rules, "INPUT_SHARE", 0.1)
     problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
     plain, wide = problem.sigma(0), problem.with_input_uncertainty(machine).sigma(0)
     assert np.all(wide >= plain)
     assert np.all(wide[problem.channels(0).index("acceleration_m_s2")] > plain[-1])  # every difference moves the load
     assert np.all(np.median(wide, axis=1) < np.hypot(1.0, 1 / 3) * plain[:, 0])
+    monkeypatch.setattr(rules, "INPUT_SHARE", 1.0)
+    all_of_it = problem.with_input_uncertainty(machine).sigma(0)
+    spread, tenth = (np.median(np.sqrt(s[-1] ** 2 - plain[-1] ** 2)) for s in (all_of_it, wide))
+    assert spread == pytest.approx(10.0 * tenth, rel=0.2)
 
 
 def test_coarser_volts_are_known_less(bench):
