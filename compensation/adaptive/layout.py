@@ -81,7 +81,7 @@ PRESLIDING = _record(  # presliding.py
     sign=("f8", (2 * REACH + 1,)), travel_m=("f8", (2 * REACH + 1,)), share=("f8", (2 * REACH + 1,)),
     step_Pa=("f8", (2 * REACH + 1,)),
     squares=("f8", (LENGTHS,)), products=("f8", (LENGTHS,)), shapes=("f8", (LENGTHS,)), weight="f8",
-    missing=("f8", (6,)), shape=("f8", (6,)), left=("f8", (LENGTHS,)),  # work
+    missing=("f8", (6,)), profile=("f8", (6,)), left=("f8", (LENGTHS,)),  # work
 )  # fmt: skip
 FRICTION = _record(  # friction.py
     fit=FIT, stribeck=STRIBECK, presliding=PRESLIDING, tick_s="f8", stroke_m="f8", window="i8", min_speed_m_s="f8", position_weight="f8",

@@ -67,23 +67,23 @@ def update_presliding(p, deviation_Pa, position_error_m, inertia_Pa, half_step_P
     for i in range(LENGTHS):
         s = p.sign[2 * REACH]
         for k in range(count):
-            p.missing[k] = p.shape[k] = 0.0
+            p.missing[k] = p.profile[k] = 0.0
         for j in range(2 * REACH, -1, -1):
             s = bristle(s, p.sign[j], p.travel_m[j], LENGTHS_M[i])
             f = deviation_Pa[j] + p.step_Pa[j] - half_step_Pa * s
             late = inertia_Pa * position_error_m[j] / tick_s**2
             for k in range(count):
                 p.missing[k] += (PHI[k, j] * f - PHI_SECOND[k, j] * late) / noise
-                p.shape[k] += PHI[k, j] * s * p.share[j] / noise
+                p.profile[k] += PHI[k, j] * s * p.share[j] / noise
         _without_constant(p.missing, count)
-        _without_constant(p.shape, count)
+        _without_constant(p.profile, count)
         p.squares[i] *= MEMORY
         p.products[i] *= MEMORY
         p.shapes[i] *= MEMORY
         for k in range(count):
             p.squares[i] += p.missing[k] * p.missing[k]
-            p.products[i] += p.missing[k] * p.shape[k]
-            p.shapes[i] += p.shape[k] * p.shape[k]
+            p.products[i] += p.missing[k] * p.profile[k]
+            p.shapes[i] += p.profile[k] * p.profile[k]
     p.weight = MEMORY * p.weight + count - 2.0
     p.length_m = _length_m(p, 2.0 * half_step_Pa)
 
