@@ -98,7 +98,11 @@ class ValveStuck(LegFault):
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
         if self not in bench.memory:
-            named = {"open": float(bench.computer.limit[self.leg - 1]), "shut": 0.0, "present": float(volts[self.leg - 1])}
+            named = {
+                "open": float(bench.computer.limit[self.leg - 1]),
+                "shut": 0.0,
+                "present": float(volts[self.leg - 1]),
+            }
             bench.memory[self] = named[self.at] if isinstance(self.at, str) else float(self.at)
         volts = volts.copy()
         volts[self.leg - 1] = bench.memory[self]
