@@ -27,6 +27,8 @@ LENGTHS_M = 1e-6 * np.array([0.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0, 38.0, 52.0, 
 CENTRES, HALF_WIDTH = (-10, -6, -2, 2, 6, 10), 6  # ticks, of phi_k about the reversal
 MEMORY = 0.93  # of the sums, a reversal
 EVIDENCE = 60.0  # log-likelihood ratio, doubled, from which there are bristles
+MISFIT = 10.0  # times the noise that the best L may leave: more is another cause, such as load from the other legs (40 to 170)
+LEAST_WEIGHT = 20.0  # of the sums: six reversals
 NOISE_M, NOISE_PA = 3.3e-6, 4e3
 
 
@@ -99,14 +101,14 @@ def _without_constant(projected, count):
 
 @compiled
 def _length_m(p, highest_Pa):
-    """Mean of L by its likelihood; 0 without evidence."""
+    """Mean of L by its likelihood; 0 without evidence, and where no L fits."""
     least = math.inf
     for i in range(LENGTHS):
         best = min(max(p.products[i] / max(p.shapes[i], 1e-12), 0.0), highest_Pa)
         p.left[i] = p.squares[i] - 2.0 * best * p.products[i] + best * best * p.shapes[i]
         least = min(least, p.left[i])
     scale = max(1.0, least / p.weight)
-    if p.left[0] - least < EVIDENCE * scale:
+    if p.weight < LEAST_WEIGHT or scale > MISFIT or p.left[0] - least < EVIDENCE * scale:
         return 0.0
     total = length = 0.0
     for i in range(LENGTHS):
