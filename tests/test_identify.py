@@ -8,7 +8,8 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.identify.host import Host, PERIOD_s, log_of
-from hexsim.identify.rounds import setpoints_of
+from hexsim.identify.rounds import Round, Story, setpoints_of
+from hexsim.identify.story import errors_by_kind, write_story
 from hexsim.machine import load_machine
 from hexsim.motion_computer.telemetry import MOST_ROWS, Telemetry, unpack_telemetry, width
 from hexsim.scenarios import load_scenario
@@ -108,3 +109,27 @@ def test_a_driven_machine_sends_the_log_of_a_run(served):
     off = [np.abs(there[k:][inside] - reference[inside]).max() for k in shifts]
     assert min(off) < 2e-4
     assert int(np.argmin(off)) / machine.sensors.log_rate_Hz < 5 * PERIOD_s
+
+
+def test_the_story_names_what_is_named(tmp_path):
+    """One page: the effect with its number, a curve without a name left out, the error of each round in the picture."""
+    error = {"held_out": {"position_m": {"declared": 9e-4, "refit": 8e-4, "with_effect": 4e-6, "noise": 3e-6}}}
+    leak = {
+        "name": "leakage_supply_to_chamber", "where": "leg 1", "parameters": {"conductance_m3_s_Pa": 2e-12},
+        "standard_error": {"conductance_m3_s_Pa": 1e-14}, "tied_with": [],
+    }  # fmt: skip
+    curve = {"name": None, "where": "leg 1"}
+    only = Round(
+        number=1,
+        purpose="a rich motion",
+        log="round_1",
+        verdict="explained",
+        sentences=(),
+        effects=[leak, curve],
+        error=error,
+    )
+    story = Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended="done", machine_s=72.0)
+    page = write_story(story).read_text(encoding="utf-8")
+    assert "What the declared machine lacks: leakage supply to chamber (explained)." in page
+    assert "1 round, 1.2 minutes" in page
+    assert errors_by_kind(error, "declared") == {"position_m": pytest.approx(300.0)}

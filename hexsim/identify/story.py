@@ -12,7 +12,7 @@ from hexsim.files.atomic import write_text
 from hexsim.hydraulics.effects import effect_named
 from hexsim.identify.rounds import Story
 from hexsim.recording import palette
-from hexsim.recording.figure_style import WIDTH_IN, png, styled
+from hexsim.recording.figure_style import WIDTH_IN, plain_powers, png, styled
 from hexsim.recording.quantity import quantity, split_key
 from hexsim.recording.report import data_url, render
 from hexsim.signals.table import kind_of, places
@@ -49,7 +49,8 @@ def sentence(story: Story) -> str:
 def effects(story: Story) -> list[dict[str, Any]]:
     """Rows of the last round's effects with numbers in engineering units."""
     rows = []
-    for effect in story.rounds[-1].effects if story.rounds else []:
+    named = [effect for effect in story.rounds[-1].effects if effect["name"]] if story.rounds else []
+    for effect in named:
         errors = effect.get("standard_error", {})
         numbers = []
         for key, value in effect.get("parameters", {}).items():
@@ -57,10 +58,10 @@ def effects(story: Story) -> list[dict[str, Any]]:
             numbers.append((name, quantity(value, unit), quantity(errors.get(key, float("nan")), unit)))
         rows.append(
             {
-                "title": (effect["name"] or "learned term").replace("_", " "),
+                "title": effect["name"].replace("_", " "),
                 "where": effect["where"],
                 "numbers": numbers,
-                "description": effect_named(effect["name"]).description if effect["name"] else "",
+                "description": effect_named(effect["name"]).description,
                 "tied": ", ".join(effect.get("tied_with", [])),
             }
         )
@@ -97,6 +98,7 @@ def budget_figure(story: Story) -> Figure:
         bars = plot.bar(x, heights, 0.92 * width, label=label, color=color)
         plot.bar_label(bars, [f"{height:.3g}" for height in heights], fontsize=7, padding=1)
     plot.set_yscale("log")
+    plain_powers(plot)
     plot.axhline(1.0, color=palette.INK, linestyle=":", linewidth=1.0)
     labels = {place.kind: place.label for place, _ in places().values()}
     plot.set_xticks(np.arange(len(kinds)), [labels.get(kind, kind) for kind in kinds])
