@@ -123,6 +123,8 @@ def plain_powers(plot: Axes) -> None:
     if high < 50.0 * low:
         ticks = [d * 10.0**power for power in range(-12, 9) for d in (1, 2, 5) if low <= d * 10.0**power <= high]
         plot.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    else:
+        plot.yaxis.set_major_formatter(lambda value, place: f"{value:g}")  # mathematics is not parsed here, see STYLE
     plot.yaxis.set_minor_formatter(NullFormatter())
 
 

@@ -31,6 +31,7 @@ from hexsim.recording.figure_style import (
     legend,
     new_figure,
     plain_frequencies,
+    plain_powers,
     small_multiples,
     styled,
     symmetric,
@@ -219,6 +220,7 @@ def spectrum(signals: Signals) -> Figure | None:
         plot.loglog(frequency[inside], np.sqrt(density[inside]), color=color, lw=1.2, label=label)
     plot.axvline(found.bandwidth_Hz, color=palette.REFERENCE, lw=1.0, ls=":", label=f"band {found.bandwidth_Hz:g} Hz")
     plain_frequencies(plot)
+    plain_powers(plot)
     plot.set_xlabel("frequency [Hz]")
     plot.set_ylabel(f"amplitude density [({unit})/√Hz]")
     legend(plot)
