@@ -4,11 +4,12 @@ import threading
 import time
 
 import numpy as np
+import polars as pl
 import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.identify.host import Host, PERIOD_s, log_of
-from hexsim.identify.rounds import Round, Story, setpoints_of
+from hexsim.identify.rounds import Round, Story, check_careful, setpoints_of
 from hexsim.identify.story import errors_by_kind, write_story
 from hexsim.machine import load_machine
 from hexsim.motion_computer.telemetry import MOST_ROWS, Telemetry, unpack_telemetry, width
@@ -133,3 +134,13 @@ def test_the_story_names_what_is_named(tmp_path):
     assert "What the declared machine lacks: leakage supply to chamber (explained)." in page
     assert "1 round, 1.2 minutes" in page
     assert errors_by_kind(error, "declared") == {"position_m": pytest.approx(300.0)}
+
+
+def test_a_leg_that_does_not_follow_is_refused():
+    """Against its setpoint, and a reading that never changes: the small motion ends in a sentence; one that follows passes."""
+    setpoint = 0.1 + 0.01 * np.sin(np.linspace(0.0, 10.0, 500))
+    machine = load_machine("bench")
+    for position in (0.2 - setpoint, np.full(500, 0.1)):
+        with pytest.raises(HexsimError, match="position_m does not follow"):
+            check_careful(machine, pl.DataFrame({"setpoint_m": setpoint, "position_m": position}))
+    check_careful(machine, pl.DataFrame({"setpoint_m": setpoint, "position_m": np.roll(setpoint, 20)}))

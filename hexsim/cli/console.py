@@ -64,6 +64,17 @@ def step_of(bar: Progress) -> Callable[[str], None]:
     return lambda name: bar.update(task, description=f"writing {name}")
 
 
+def doing_of(bar: Progress, check: Callable[[], None]) -> Callable[[str, float], None]:
+    """A new task of the display, as a callback (what is being done, fraction done) that first lets `check` interrupt."""
+    task = bar.add_task("starting", total=1.0)
+
+    def show(doing: str, fraction: float) -> None:
+        check()
+        bar.update(task, description=doing, completed=fraction)
+
+    return show
+
+
 @contextmanager
 def terminated_like_interrupted() -> Iterator[Callable[[], None]]:
     """SIGTERM, and the terminal's end (SIGHUP), end a run as Ctrl-C does, so that its partial log is kept.

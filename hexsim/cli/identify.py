@@ -8,10 +8,9 @@ from typing import Annotated
 import typer
 
 from hexsim.cli import options
-from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted
+from hexsim.cli.console import doing_of, output, print_json, progress, terminated_like_interrupted
+from hexsim.cli.serve import PORT
 from hexsim.errors import HexsimError
-
-PORT = 47110  # of hexsim.simulation.serve
 
 
 def register(app: typer.Typer) -> None:
@@ -33,13 +32,7 @@ def identify(
     from hexsim.identify.story import write_story
 
     with progress() as bar, terminated_like_interrupted() as check:
-        task = bar.add_task("starting", total=1.0)
-
-        def show(doing: str, share: float) -> None:
-            check()
-            bar.update(task, description=doing, completed=share)
-
-        story = run(machine, address, minutes, out, show)
+        story = run(machine, address, minutes, out, doing_of(bar, check))
         place = write_story(story)
     if json:
         print_json(story.to_json())

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted, text_table
+from hexsim.cli.console import doing_of, output, print_json, progress, terminated_like_interrupted, text_table
 
 
 def trace_own_folder(folder: Path, fit: list[str], validate: list[str], out: Path | None, json: bool) -> None:
@@ -19,13 +19,7 @@ def trace_own_folder(folder: Path, fit: list[str], validate: list[str], out: Pat
         progress() as bar,
         terminated_like_interrupted() as check,
     ):
-        task = bar.add_task("starting", total=1.0)
-
-        def show(step: str, fraction: float) -> None:
-            check()
-            bar.update(task, description=step, completed=fraction)
-
-        _, _, report = trace_folder(folder, fit, validate, place.path, show)
+        _, _, report = trace_folder(folder, fit, validate, place.path, doing_of(bar, check))
         final = place.finish()
     if json:
         print_json(report)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexsim.cli import explain_effects, options, own_machine
-from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted, text_table
+from hexsim.cli.console import doing_of, output, print_json, progress, terminated_like_interrupted, text_table
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
@@ -70,12 +70,7 @@ def trace(
         progress() as bar,
         terminated_like_interrupted() as check,
     ):
-        task = bar.add_task("starting", total=1.0)
-
-        def show(step: str, fraction: float) -> None:
-            check()
-            bar.update(task, description=step, completed=fraction)
-
+        show = doing_of(bar, check)
         from hexsim.tracing.trace import trace as run
 
         result = run(machine, fit or ["fit"], held_out, folder.path, show)
@@ -83,7 +78,7 @@ def trace(
         report = json_module.loads((folder.path / "report.json").read_text(encoding="utf-8"))
         final = folder.finish()  # what was found is safe; recordings come to it
         if recording:
-            bar.update(task, description="recording", completed=0.98)
+            show("recording", 0.98)
             record(place.parent, held_out, result, final, markdown(report))
         if next_file is not None:
             report["next"] = design_next(result, next_file, show)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexsim.cli import options
-from hexsim.cli.console import fraction_of, output, print_json, progress, terminated_like_interrupted
+from hexsim.cli.console import fraction_of, output, print_json, progress, terminated_like_interrupted, text_table
 
 if TYPE_CHECKING:
     from hexsim.studies.tune_loop import Tuning
@@ -47,20 +47,11 @@ def tune_loop(
 
 def _print(tuning: Tuning) -> None:
     """Margins of the linear model, then the measured response of every axis, before and after."""
-    from rich.table import Table
-
     from hexsim.motion_computer.margins import stability_sentence
     from hexsim.studies.tune_report import tables
 
     for title, header, rows in tables(tuning):
-        table = Table(
-            title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim"
-        )
-        for k, name in enumerate(header):
-            table.add_column(name, justify="right" if k else "left")
-        for row in rows:
-            table.add_row(*row)
-        output().print(table)
+        output().print(text_table(title, header, rows))
         output().print()
     for name, figures in zip(("before", "after"), tuning.margins, strict=True):
         if sentence := stability_sentence(figures):

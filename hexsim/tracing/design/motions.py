@@ -93,12 +93,12 @@ class MotionFamily:
 
     def _beyond(self, tables: dict[str, Any], jumps: bool) -> float:
         """Largest share of a leg's limits that the motion takes; of a step only its size."""
-        rate, middle = 200.0, 0.5 * self.machine.cylinder.stroke_m
+        rate, mechanics = 200.0, self.machine.mechanics
         legs = setpoint_log(self.machine, tables, rate).setpoint
         assert legs is not None
-        excursion = np.abs(legs - middle).max(axis=1)
+        excursion = np.abs(legs - mechanics.neutral_positions[:, None]).max(axis=1)
         if jumps:
-            return float(np.max(excursion / (STEP_SHARE * self.machine.cylinder.stroke_m)))
+            return float(np.max(excursion / (STEP_SHARE * np.asarray(mechanics.stroke_m))))
         speed = np.abs(np.diff(legs, axis=1)).max(axis=1) * rate
         acceleration = np.abs(np.diff(legs, 2, axis=1)).max(axis=1) * rate**2
         limits = self.limits

@@ -16,7 +16,6 @@ import tomli_w
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.scenarios.scenario import Scenario, scenario_from_dict
 from hexsim.tracing import rules
@@ -34,12 +33,11 @@ from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import Trace
-from hexsim.tracing.steps.experiments import setpoint_log
+from hexsim.tracing.steps.experiments import heavier_load, setpoint_log
 
 DURATION_s = 20.0
 FIRST, ROUNDS = 32, 2  # motions tried at first, and rounds of as many that come from the best of them
 CONTENDERS = 3  # of a machine that is not explained
-HEAVIER = 1.5  # load of the heavier variant
 SHARP = 0.1  # a number known to this share is sharp
 SEPARATED = 4 * rules.TIE_CHI2  # least chi2 that separates two hypotheses
 Tell = Callable[[str, float], None]
@@ -128,12 +126,6 @@ def next_measurement(
     return NextMeasurement(
         tables=tables, purpose=purpose, promise=found, numbers=numbers, cannot=_cannot(trace, found, numbers)
     )
-
-
-def heavier_load(machine: Machine) -> dict[str, float]:
-    """What a person may change where no motion separates: an incline grows with the mass, a constant force does not."""
-    key = "platform_mass_kg" if machine.is_hexapod else "moving_mass_kg"
-    return {f"load.{key}": HEAVIER * float(getattr(machine.load, key))}
 
 
 def checked(

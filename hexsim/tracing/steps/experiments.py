@@ -89,7 +89,7 @@ def setpoint_log(machine: Machine, tables: dict[str, Any], rate_Hz: float = RATE
     if machine.is_hexapod:
         setpoint = machine_kinematics(machine).piston_positions(value).T.copy()
     else:
-        setpoint = value[:, 0][None] + machine.cylinder.stroke_m / 2
+        setpoint = value[:, 0][None] + machine.mechanics.neutral_positions[:, None]
     zeros = np.zeros_like(setpoint)
     axes = np.zeros((3 if machine.is_hexapod else 1, len(time)))
     return Log(
@@ -117,17 +117,20 @@ def separation(first: Machine, second: Machine, noise: dict[str, float], tables:
     return chi2 if np.isfinite(chi2) else 0.0
 
 
+def heavier_load(machine: Machine) -> dict[str, float]:
+    """What a person may change where no motion separates: an incline grows with the mass, a constant force does not."""
+    key = "platform_mass_kg" if machine.is_hexapod else "moving_mass_kg"
+    return {f"load.{key}": HEAVIER * float(getattr(machine.load, key))}
+
+
 def experiment_for(first: Fit, second: Fit, names: tuple[str, str], noise: dict[str, float]) -> Experiment:
     """The best of the motions, with the load as it is, or heavier where that is needed."""
     a, b, machine = first.fitted_machine(), second.fitted_machine(), first.machine
     tried = [(separation(a, b, noise, tables), tables) for tables in motions(machine)]
     best = max(tried, key=lambda item: item[0])
     if best[0] < 4 * rules.TIE_CHI2:
-        key = "platform_mass_kg" if machine.is_hexapod else "moving_mass_kg"
-        mass = HEAVIER * float(getattr(machine.load, key))
-        heavier = [tables | {"machine": {"load": {key: mass}}} for tables in motions(machine)]
-        flat = [(separation(a, b, noise, t | {"machine": {f"load.{key}": mass}}), t) for t in heavier]
-        best = max([best, *flat], key=lambda item: item[0])
+        heavier = [tables | {"machine": heavier_load(machine)} for tables in motions(machine)]
+        best = max([best, *((separation(a, b, noise, tables), tables) for tables in heavier)], key=lambda item: item[0])
     tables = dict(best[1])
     tables["name"] = f"separate-{names[0]}-from-{names[1]}".replace("_", "-").replace(" ", "-")
     load = " with a heavier load" if "machine" in tables else ""
