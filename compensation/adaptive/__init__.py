@@ -12,6 +12,7 @@
 | `valve_edge`, `leak`, `delay` | one direction of the valve; its leak; how much of its lag is delay |
 | `prediction` | setpoint ahead where no preview is given |
 | `demand`, `feedback` | what is asked for at a tick; pressure damping and backlash inverse |
+| `damping_design`, `lateness` | filter of the pressure damping, stable at the load's resonance; a late position transducer |
 | `friction`, `stribeck` | identification of load and friction from pressure |
 | `spool`, `inverse` | lead for the spool's lag; inverse of the valve |
 | `recursive_least_squares`, `arithmetic` | the estimator that all identification uses; bounds and histories |

@@ -8,6 +8,7 @@ from math import hypot, sqrt
 import numpy as np
 
 from ..compensator import Compensator, Context, Parameters, Sample
+from .damping_design import damping_filter
 from .delay import delay_parameters, restore_delay
 from .demand import stretch_demands
 from .edge_rounding import restore_rounding, start_rounding
@@ -17,7 +18,7 @@ from .layout import PREVIEW_TICKS, STATE, Record
 from .leak import restore_leak, start_leak
 from .monitor import start_monitor
 from .prediction import prediction_table, start_prediction
-from .spool import crossing_lead, crossing_path, damping_filter, lead, look_ahead_shift, round_lag
+from .spool import crossing_lead, crossing_path, lead, look_ahead_shift, round_lag
 from .step import DESIGN_WANTED, REJECTED, WORSE, tick, want_design
 from .valve import restore_valve, start_valve, valve_parameters, valve_ready
 
@@ -110,8 +111,9 @@ class Adaptive(Compensator):
         s.crossing_path[:] = crossing_path(lag_s, tick_s, delay_s, shift)
         late_s = min(round_lag(float(s.lateness.late_s)), delay_s)  # of the position; pressure is not late
         s.damping_taps[: self.damping_count] = damping_filter(
-            lag_s - late_s, tick_s, self.damping_low_Hz, self.damping_high_Hz, self.damping_count, delay_s - late_s
-        )
+            lag_s - late_s, tick_s, self.damping_low_Hz, self.damping_high_Hz, self.damping_count, delay_s - late_s,
+            float(s.resonance_Hz), float(s.viscous_share),
+        )  # fmt: skip
         s.design_wanted = False
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:

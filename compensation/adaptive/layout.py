@@ -25,7 +25,8 @@ MAX_DAMPING_TAPS = 16
 SPOOLS = 17  # of the bank that tells delay from spool
 BEFORE, AFTER, PAST_VOLTS = 14, 16, 12  # ticks about a reversal that are compared, and of volts before them
 TRIM_TICKS = 8  # on either side of a compensated reversal
-LATE_TICKS = 9  # by which a position may be late, and two
+LATES = 15  # half ticks by which a position may be late, and none
+LATE_TICKS = 7
 REACH = 16  # ticks on either side of a reversal in which Stribeck friction is looked for
 LENGTHS = 12  # of bristles, of the bank
 BLOCK, APART = 5, 20  # ticks of the performance monitor
@@ -132,23 +133,20 @@ TRIM = _record(  # edge_rounding.py
     before_m="f8",  # by how much it had grown before, against the new direction
 )  # fmt: skip
 DELAY = _record(  # delay.py
-    tick_s="f8", sums=("f8", (SPOOLS,)), reversals="i8",
+    tick_s="f8", sums=("f8", (SPOOLS, LATES)), reversals="i8",
     volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), oil_m=("f8", (BEFORE + AFTER + 1,)),  # oldest first
     direction="f8",
     ticks="i8",  # since the demanded flow reversed
     tested="i8",  # spools compared with the reversal in hand; -1 = none is
     task_volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), task_oil_m=("f8", (BEFORE + AFTER + 1,)),
-    gains_m_s_V=("f8", (2,)), dead_bands_V=("f8", (2,)), lag_s="f8", found=("f8", (SPOOLS,)),
-    pressures_Pa=("f8", (BEFORE + AFTER + 1,)), task_pressures_Pa=("f8", (BEFORE + AFTER + 1,)),  # oldest first
-    least_m2="f8", best_product="f8", pressure_square="f8", pressure_product="f8",  # of pressure and oil that is missing
+    gains_m_s_V=("f8", (2,)), dead_bands_V=("f8", (2,)), lag_s="f8", found=("f8", (SPOOLS, LATES)), compliance_m_Pa="f8",
+    pressures_Pa=("f8", (BEFORE + AFTER + 1 + LATE_TICKS,)),  # oldest first
+    task_pressures_Pa=("f8", (LATES, BEFORE + AFTER + 1)),  # by how late the position is
+    least_m2="f8", best_product="f8", best_square="f8",
+    pressure_square="f8", pressure_product="f8",  # of pressure and oil that is missing
     error_m=("f8", (BEFORE + AFTER + 1,)), pulse=("f8", (5 * (PAST_VOLTS + 2),)),  # work
 )  # fmt: skip
-LATENESS = _record(  # delay.py
-    tick_s="f8", late_s="f8",
-    rate_Pa="f8",  # of the demand, a tick
-    product="f8", square="f8",  # sums of a half stroke
-    pressures_Pa=("f8", (LATE_TICKS,)),
-)  # fmt: skip
+LATENESS = _record(tick_s="f8", late_s="f8", pressures_Pa=("f8", (LATE_TICKS + 2,)))  # lateness.py  # fmt: skip
 MONITOR = _record(  # monitor.py
     tick_s="f8",
     noise_m="f8",  # standard deviation of a position
@@ -212,6 +210,8 @@ STATE = _record(
     monitor=MONITOR, rounding=ROUNDING, leak=LEAK, trim=TRIM, delay=DELAY, lateness=LATENESS, prediction=PREDICTION,
     demands=DEMAND,
     lag_s="f8", delay_s="f8",  # spool lag that the taps were designed for, and how much of it is delay and no spool
+    resonance_Hz="f8",  # of the load on the oil, for the damping; 0 = unknown
+    viscous_share="f8",  # rate at which viscous friction damps it, over `damping_1_s`
     shift="i8",  # ticks that the taps lie earlier
     lead_taps=("f8", (LEAD_TAPS,)), crossing_taps=("f8", (LEAD_TAPS,)), crossing_path=("f8", (PATH,)),
     damping_taps=("f8", (MAX_DAMPING_TAPS,)),

@@ -1,4 +1,4 @@
-"""FIR filters for the spool's lag: leads for the flow and for the dead band, and a damping filter through the spool.
+"""FIR filters for the spool's lag: leads for the flow and for the dead band.
 
 The spool is taken as second order with damping 0.7, so that one number describes it, its lag tau = 2 zeta / omega [s].
 The response of the spool to the volts of one tick (held over the tick), averaged over each following tick, is
@@ -24,7 +24,6 @@ SHIFT_TICKS = 2.2  # of lag that LEAD_TICKS are enough for
 FREE_TICKS = 0.75  # on either side of the crossing in which the spool's path is nearly free, with FREE_WEIGHT
 FREE_WEIGHT = 0.3
 CROSSING_SMOOTHING = 1e-5  # of the crossing lead
-MAX_WRONG_SHARE = 1.2  # of a pressure oscillation that the damping may feed at any frequency, over what it damps
 
 
 def step_response(t_s: np.ndarray, lag_s: float, delay_s: float = 0.0) -> np.ndarray:
@@ -153,35 +152,3 @@ def blocked_flow(path, share, slope_V, half_V):
         else:
             after += demanded - through
     return before / PATH_FINE, after / PATH_FINE
-
-
-@lru_cache(maxsize=128)
-def damping_filter(
-    lag_s: float, tick_s: float, low_Hz: float, high_Hz: float, count: int, delay_s: float = 0.0
-) -> tuple[float, ...]:
-    """Taps (count,) on the newest pressures: the flow through the lagging valve opposes the pressure's oscillation.
-
-    Least squares in frequency: taps times the valve's response is to be 1 between `low_Hz` and `high_Hz`, small above
-    and 0 at rest (the taps sum to zero).
-    """
-    nyquist = 0.5 / tick_s
-    f = np.concatenate([np.linspace(low_Hz, high_Hz, 40), np.linspace(1.6 * high_Hz, nyquist, 30)])
-    demanded = np.where(f <= high_Hz, 1.0, 0.0)
-    weight = np.where(f <= high_Hz, 1.0, 0.15)
-    w = 2 * math.pi * f
-    lag_s -= delay_s
-    spool = 1.0 / (1 + 1j * w * lag_s - (w * lag_s / (2 * SPOOL_DAMPING)) ** 2) if lag_s > 0 else np.ones_like(w) + 0j
-    valve = spool * np.exp(-0.5j * w * tick_s - 1j * w * delay_s) * np.sinc(f * tick_s)
-    delays = np.exp(-1j * np.outer(w, np.arange(count)) * tick_s)
-    matrix = (weight * valve)[:, None] * delays
-    target = weight * demanded
-    rows = [matrix.real, matrix.imag, 1e2 * np.ones((1, count)), 0.03 * np.eye(count)]
-    right = [target, np.zeros_like(target), np.zeros(1), np.zeros(count)]
-    taps = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
-    taps -= taps.mean()
-    f = np.linspace(low_Hz, nyquist, 60)
-    w = 2 * math.pi * f
-    valve = np.exp(-1j * w * (0.5 * tick_s + delay_s)) * np.sinc(f * tick_s)
-    valve /= 1 + 1j * w * lag_s - (w * lag_s / (2 * SPOOL_DAMPING)) ** 2
-    wrong = -float((valve * (np.exp(-1j * np.outer(w, np.arange(count)) * tick_s) @ taps)).real.min())
-    return tuple(float(x) for x in taps * min(1.0, MAX_WRONG_SHARE / max(wrong, 1e-9)))

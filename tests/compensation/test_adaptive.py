@@ -14,6 +14,7 @@ from leg_plant import Record as Run
 import compensation
 from compensation import Context
 from compensation.adaptive import Adaptive, AdaptiveState
+from compensation.adaptive.damping_design import damping_filter
 from compensation.adaptive.delay import SPOOL_LAGS_S
 from compensation.adaptive.edge_rounding import (
     add_to_rounding,
@@ -50,7 +51,6 @@ from compensation.adaptive.spool import (
     blocked_flow,
     crossing_lead,
     crossing_path,
-    damping_filter,
     lead,
     set_spool_model,
     step_response,
