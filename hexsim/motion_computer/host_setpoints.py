@@ -29,15 +29,19 @@ class HostSetpoints:
     def __init__(
         self, machine: Machine, preview: int, limits: Limits | None = None, buffer_s: float | None = None
     ) -> None:
-        self.kinematics, self.preview, self.tick_s = machine.mechanics, preview, 1.0 / machine.controller.rate_Hz
-        self.buffer = HostBuffer(
-            machine.controller.host_buffer_s if buffer_s is None else buffer_s, (preview - 1) * self.tick_s
-        )
+        self.kinematics, self.tick_s = machine.mechanics, 1.0 / machine.controller.rate_Hz
+        self.buffer = HostBuffer(machine.controller.host_buffer_s if buffer_s is None else buffer_s)
         self._dofs = self.kinematics.dof_places
         self._limiters = CommandLimiter(limits or pose_limits(machine)), CommandLimiter(leg_limits(machine))
         self._cushions = machine.of_legs("cylinder", "cushion_length_m")
-        self._legs, self._poses = np.zeros((preview, machine.n_legs)), np.zeros((preview, 6))
-        self.start(0)
+        self.mode, self.limited = 0, False
+        self.look(preview)
+
+    def look(self, preview: int) -> None:
+        """So many ticks ahead from now on, from rest at neutral."""
+        self.buffer.ahead_s = (preview - 1) * self.tick_s
+        self._legs, self._poses = np.zeros((preview, self.kinematics.n_legs)), np.zeros((preview, 6))
+        self.start(self.mode)
 
     def start(self, mode: int) -> None:
         """Begin at rest at neutral."""
