@@ -18,6 +18,7 @@ from hexsim.recording.report import data_url, render
 from hexsim.signals.table import kind_of, places
 
 CAPTION = (
+    "How far is the model off, from round to round? "
     "Rms error on motion that no fit has seen, in multiples of the sensor's noise, of the worst channel of each kind. "
     "First bar: the machine as declared. Then what the model leaves after each round. Dotted: the noise."
 )
