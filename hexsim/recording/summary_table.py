@@ -91,7 +91,7 @@ def tracking_text(tracking: Sequence[float]) -> str:
     return f"{', '.join(shown)} mm (legs 1 to {len(shown)})"
 
 
-MODELS = {"full": "full legs", "tendon": "tendon equal"}
+MODELS = {"full": "full legs", "tendon": "tendon model"}
 
 
 def scheme_text(timestep_s: float | None, summary: Mapping[str, Any]) -> str:
