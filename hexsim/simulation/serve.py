@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
+from hexsim.motion_computer.compensator_packet import AskedCompensator
 from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import Error, Finding, labels
 from hexsim.motion_computer.host_link import HostLink
@@ -29,6 +30,7 @@ from hexsim.plant import Plant
 from hexsim.plant.callbacks import without_timers
 from hexsim.plant.plant import whole_ratio
 from hexsim.scenarios import Scenario, load_scenario
+from hexsim.simulation.asked_compensators import AskedCompensators
 from hexsim.simulation.emergency_supply import EmergencySupply
 from hexsim.simulation.live_sensors import LiveSensors, Readings
 from hexsim.simulation.manual import SignalGenerator
@@ -100,6 +102,7 @@ class Server:
         self.sensors = LiveSensors(self.plant, self.tick_s / self.samples, seed)
         self.telemetry = TelemetryRows(self.plant, self.sensors, log_rate) if telemetry else None
         self.supply = EmergencySupply(self.plant)
+        self.asked = AskedCompensators(machine)
         self.status = Status()
         self.ticks, self._busy_s = 0, 0.0
         self._refused = False
@@ -158,6 +161,8 @@ class Server:
         commands = self.link.receive(self.time_s)
         for command in commands:
             self._execute(command, self.time_s)
+        while self.link.asked:
+            self._compensate(self.link.asked.pop(0), self.time_s)
         return commands
 
     def advance(self) -> None:
@@ -228,6 +233,22 @@ class Server:
         elif command.command == "run_manual":
             self.generator.restart()
 
+    def _compensate(self, asked: AskedCompensator, now: float) -> None:
+        """Take the host's compensator, while nothing moves."""
+        try:
+            found = self.asked.take(asked)
+            if found is None:
+                return
+            if self.computer.state not in (State.OFF, State.NEUTRAL) or not self.computer.arrived:
+                raise HexsimError("a compensator is taken in off, or standing in neutral")
+        except HexsimError as error:
+            self._refused = True
+            self.messages.append((now, 0, f"refused: {error}"))
+            return
+        self._refused = False
+        self.computer.loop.compensate(found)
+        self.compensator, self.generator.preview = found[0].name if found else "none", self.computer.preview
+
     def _setpoints(self, now: float) -> Array | None:
         """Piston setpoints (preview, n_legs) of manual or normal mode."""
         if self.computer.state == State.MANUAL:
@@ -264,7 +285,7 @@ class Server:
             state=self.computer.state, errors=self.computer.errors, sequence=newest.sequence % 2**32 if newest else 0,
             arrived=self.computer.arrived, refused=self._refused, time_s=now, behind_s=self.status.behind_s,
             age_s=now - self.link.buffer.last_packet_s, pose=tuple(self._pose), reference=tuple(self._reference),
-            lockstep=self.lockstep, telemetry=self.telemetry is not None,
+            lockstep=self.lockstep, telemetry=self.telemetry is not None, compensated=bool(self.computer.compensators),
         )  # fmt: skip
 
     # real time
