@@ -14,83 +14,134 @@ more is taken.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
-import numpy as np
-
+from ..compiled import compiled
+from .least_squares import add_row, solve, start_least_squares
 from .spool import SPOOL_DAMPING
 
 MAX_WRONG_SHARE = 1.2  # of a pressure oscillation that the damping may feed at any frequency, over what it damps
 GROWTH_SHARE = 0.5  # of the viscous damping of a mode that the filter may take away
 LOWEST_MODE, HIGHEST_MODE = 0.7, 1.5  # over the identified resonance: the oil's volume changes with the stroke
-OWN_LOW, OWN_HIGH = 0.7, 1.3  # band of the filter made for the resonance
-OWN_BELOW, OWN_ABOVE = 0.3, 0.5  # weights beside that band
+OWN_LOW, OWN_HIGH = 0.7, 1.3  # band of the filter made for the resonance, over it
+OWN_BELOW, OWN_ABOVE, OWN_FAR = 0.3, 0.5, 1.8  # weights beside that band; above it up to OWN_FAR
+OWN_WEIGHT, OWN_STEPS = 1.2, 150
 PREFERENCE = 1.5  # how many times as much that one must damp to be taken
+NEAR, NEAR_STEPS = 0.15, 7  # about the resonance, where they are compared
+ABOVE, AT_REST, SIZE = 0.15, 1e2, 0.03  # weights: above the band, at rest, of the taps' size
+BAND_STEPS, ABOVE_STEPS, ABOVE_BAND, CHECK_STEPS = 40, 30, 1.6, 120  # frequencies in the band, above 1.6 times its end
 
 
-def valve_response(f_Hz: np.ndarray, lag_s: float, tick_s: float, delay_s: float) -> np.ndarray:
-    """Hold, delay and spool (n,), complex."""
-    w, lag_s = 2 * math.pi * f_Hz, lag_s - delay_s
-    held = np.exp(-1j * w * (0.5 * tick_s + delay_s)) * np.sinc(f_Hz * tick_s)
-    return held / (1 + 1j * w * lag_s - (w * lag_s / (2 * SPOOL_DAMPING)) ** 2) if lag_s > 0 else held
+@compiled
+def damping_filter(work, taps, lag_s, delay_s, load, settings):
+    """Taps on the newest pressures: the flow through the lagging valve opposes the pressure's oscillation.
 
-
-def damped_share(taps: np.ndarray, f_Hz: np.ndarray, lag_s: float, tick_s: float, delay_s: float) -> np.ndarray:
-    """Re F (n,): share of the oscillation that is damped; negative where it is fed."""
-    ticks = np.exp(-2j * math.pi * tick_s * np.outer(f_Hz, np.arange(len(taps))))
-    return (valve_response(f_Hz, lag_s, tick_s, delay_s) * (ticks @ taps)).real
-
-
-@lru_cache(maxsize=128)
-def damping_filter(
-    lag_s: float, tick_s: float, low_Hz: float, high_Hz: float, count: int, delay_s: float = 0.0,
-    resonance_Hz: float = 0.0, viscous_share: float = 0.0,
-) -> tuple[float, ...]:  # fmt: skip
-    """Taps (count,) on the newest pressures: the flow through the lagging valve opposes the pressure's oscillation.
-
-    resonance_Hz: of the load on the oil, 0 = unknown: then the filter is made for `low_Hz` to `high_Hz`; viscous_share:
-    b/m of the load over the damping's rate gamma. The taps sum to zero.
+    load: resonance of the load on the oil [Hz], 0 = unknown, and b/m of it over the damping's rate gamma. The taps sum
+    to zero.
     """
-    nyquist, valve = 0.5 / tick_s, (lag_s, tick_s, delay_s)
-    f = np.concatenate([np.linspace(low_Hz, high_Hz, 40), np.linspace(1.6 * high_Hz, nyquist, 30)])
-    wide = _least_squares(f, np.where(f <= high_Hz, 1.0, 0.15), f <= high_Hz, count, valve)
-    wide = _scaled(wide, low_Hz, resonance_Hz, viscous_share, valve)
+    n, low_Hz, high_Hz = int(settings.damping_count), settings.damping_low_Hz, settings.damping_high_Hz
+    valve = settings.tick_s, lag_s, delay_s
+    nyquist, resonance_Hz = 0.5 / settings.tick_s, load[0]
+    start_least_squares(work, n)
+    for k in range(BAND_STEPS):
+        _add_frequency(work, n, low_Hz + k * (high_Hz - low_Hz) / (BAND_STEPS - 1), 1.0, 1.0, valve)
+    for k in range(ABOVE_STEPS):
+        f = ABOVE_BAND * high_Hz + k * (nyquist - ABOVE_BAND * high_Hz) / (ABOVE_STEPS - 1)
+        _add_frequency(work, n, f, ABOVE, 0.0, valve)
+    _solve(work, taps, n)
+    _scale(taps, n, low_Hz, load, valve)
     if resonance_Hz == 0.0:
-        return tuple(wide.tolist())
-    f = np.linspace(0.8 * low_Hz, nyquist, 200)
-    inside = (f > OWN_LOW * resonance_Hz) & (f < OWN_HIGH * resonance_Hz)
-    below, above = f <= OWN_LOW * resonance_Hz, f < 1.8 * resonance_Hz
-    weight = np.where(inside, 1.0, np.where(below, OWN_BELOW, np.where(above, OWN_ABOVE, 0.15)))
-    own = _least_squares(f, 1.2 * weight, inside | (below & (f >= low_Hz)), count, valve)
-    own = _scaled(own, low_Hz, resonance_Hz, viscous_share, valve)
-    near = np.linspace(0.85, 1.15, 7) * resonance_Hz
-    damped = [float(damped_share(taps, near, *valve).min()) for taps in (wide, own)]
-    return tuple((own if damped[1] > PREFERENCE * max(damped[0], 0.0) else wide).tolist())
+        return
+    start_least_squares(work, n)
+    first = 0.8 * low_Hz
+    for k in range(OWN_STEPS):
+        f = first + k * (nyquist - first) / (OWN_STEPS - 1)
+        below, beyond = f <= OWN_LOW * resonance_Hz, f >= OWN_HIGH * resonance_Hz
+        above = OWN_ABOVE if f < OWN_FAR * resonance_Hz else ABOVE
+        weight = OWN_BELOW if below else (above if beyond else 1.0)
+        _add_frequency(work, n, f, OWN_WEIGHT * weight, 0.0 if beyond or f < low_Hz else 1.0, valve)
+    own = work.own_taps
+    _solve(work, own, n)
+    _scale(own, n, low_Hz, load, valve)
+    if _least_share(own, n, resonance_Hz, valve) > PREFERENCE * max(_least_share(taps, n, resonance_Hz, valve), 0.0):
+        for i in range(n):
+            taps[i] = own[i]
 
 
-def _least_squares(
-    f_Hz: np.ndarray, weight: np.ndarray, damped: np.ndarray, count: int, valve: tuple[float, float, float]
-) -> np.ndarray:
-    """Taps whose flow through the valve is 1 at the frequencies that are to be damped, and 0 at the others."""
-    ticks = np.exp(-2j * math.pi * valve[1] * np.outer(f_Hz, np.arange(count)))
-    matrix = (weight * valve_response(f_Hz, *valve))[:, None] * ticks
-    target = weight * np.where(damped, 1.0, 0.0)
-    rows = [matrix.real, matrix.imag, 1e2 * np.ones((1, count)), 0.03 * np.eye(count)]
-    right = [target, np.zeros_like(target), np.zeros(1), np.zeros(count)]
-    taps = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
-    return taps - taps.mean()
+@compiled
+def _add_frequency(work, n, f_Hz, weight, share, valve):
+    """Two rows: real and imaginary part of the taps through the valve are to be `share` and 0."""
+    for part in range(2):
+        for i in range(n):
+            work.row[i] = weight * _valve_response(f_Hz, valve, i)[part]
+        work.row[n] = weight * share if part == 0 else 0.0
+        add_row(work, n)
 
 
-def _scaled(
-    taps: np.ndarray, low_Hz: float, resonance_Hz: float, viscous_share: float, valve: tuple[float, float, float]
-) -> np.ndarray:
-    """The taps, made smaller until they feed no mode of the load more than they may.
+@compiled
+def _solve(work, taps, n):
+    """The taps of the rows so far, small and with sum zero."""
+    for i in range(n):
+        work.row[i] = AT_REST
+    work.row[n] = 0.0
+    add_row(work, n)
+    for i in range(n):
+        work.row[:] = 0.0
+        work.row[i] = SIZE
+        add_row(work, n)
+    solve(work, n, taps)
+    mean = 0.0
+    for i in range(n):
+        mean += taps[i] / n
+    for i in range(n):
+        taps[i] -= mean
+
+
+@compiled
+def _scale(taps, n, low_Hz, load, valve):
+    """Makes the taps smaller until they feed no mode of the load more than they may.
 
     A mode at f is lighter than the identified one by (f_r/f)^2, so that viscous friction damps it more.
     """
-    f = np.linspace(low_Hz, 0.5 / valve[1], 120)
-    fed, allowed = -damped_share(taps, f, *valve), np.full_like(f, MAX_WRONG_SHARE)
-    if resonance_Hz > 0.0:
-        mode = (f > LOWEST_MODE * resonance_Hz) & (f < HIGHEST_MODE * resonance_Hz)
-        allowed[mode] = np.minimum(GROWTH_SHARE * viscous_share * (f[mode] / resonance_Hz) ** 2, MAX_WRONG_SHARE)
-    return taps * min(1.0, float(np.min(allowed[fed > 0.0] / fed[fed > 0.0], initial=1.0)))
+    resonance_Hz, viscous_share, share = load[0], load[1], 1.0
+    for k in range(CHECK_STEPS):
+        f, allowed = low_Hz + k * (0.5 / valve[0] - low_Hz) / (CHECK_STEPS - 1), MAX_WRONG_SHARE
+        if LOWEST_MODE * resonance_Hz < f < HIGHEST_MODE * resonance_Hz:
+            allowed = min(GROWTH_SHARE * viscous_share * (f / resonance_Hz) ** 2, MAX_WRONG_SHARE)
+        fed = -damped_share(taps, n, f, valve)
+        if fed * share > allowed:
+            share = allowed / fed
+    for i in range(n):
+        taps[i] *= share
+
+
+@compiled
+def _least_share(taps, n, resonance_Hz, valve):
+    """Re F near the resonance."""
+    least = math.inf
+    for k in range(NEAR_STEPS):
+        f = resonance_Hz * (1.0 - NEAR + 2.0 * NEAR * k / (NEAR_STEPS - 1))
+        least = min(least, damped_share(taps, n, f, valve))
+    return least
+
+
+@compiled
+def damped_share(taps, n, f_Hz, valve):
+    """Re F: share of the oscillation that is damped, negative where it is fed. valve: tick, lag and delay [s]."""
+    through = 0.0
+    for i in range(n):
+        through += taps[i] * _valve_response(f_Hz, valve, i)[0]
+    return through
+
+
+@compiled
+def _valve_response(f_Hz, valve, ticks):
+    """Real and imaginary part of spool, hold, delay and `ticks` more at a frequency."""
+    tick_s, lag_s, delay_s = valve
+    w = 2 * math.pi * f_Hz
+    lag_s = max(lag_s - delay_s, 0.0)
+    real, imaginary = 1.0 - (w * lag_s / (2 * SPOOL_DAMPING)) ** 2, w * lag_s
+    half = 0.5 * w * tick_s
+    size = math.sin(half) / half / (real * real + imaginary * imaginary)
+    phase = w * ((0.5 + ticks) * tick_s + delay_s)
+    cosine, sine = math.cos(phase), math.sin(phase)
+    return size * (real * cosine - imaginary * sine), -size * (real * sine + imaginary * cosine)
