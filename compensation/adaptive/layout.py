@@ -122,7 +122,7 @@ ROUNDING = _record(  # edge_rounding.py
     closed_ticks="i8",  # for which the overlap closed the valve
 )  # fmt: skip
 LEAK = _record(  # leak.py
-    leak_m_s="f8", variance="f8", passages="i8", misfit="f8",
+    leak_m_s="f8", variance="f8", passages="i8", misfit="f8", restarts="i8",
     positive="i8",  # the passage came from there
     excess_m="f8", closed_s="f8",
 )  # fmt: skip
