@@ -111,8 +111,29 @@ def rendered(name: str) -> bytes:
     return buffer.getvalue()
 
 
+def live_web() -> Pictures:
+    """The page of `hexsim live --web`, after the slider of the overlap went from 5 to 20 um."""
+    import threading
+
+    from hexsim.web import Page, Session
+    from hexsim.web.browser import move_slider, opened, screenshot, wait_for_figures
+
+    page = Page(Session(load_machine("micro_motion_system"), load_scenario("heave")), "micro_motion_system", "heave")
+    running = threading.Thread(target=page.run)
+    running.start()
+    try:
+        with opened(page.address) as browser:
+            wait_for_figures(browser)
+            move_slider(browser, "Overlap [µm]", 15)
+            wait_for_figures(browser, "valve.overlap_m=2e-05")
+            return {"live_web": screenshot(browser)}
+    finally:
+        page.close()
+        running.join()
+
+
 GROUPS: dict[str, Callable[[], Pictures]] = {
-    f.__name__: f for f in (heave, trace, effects, valve, qualify, chapter4, machines)
+    f.__name__: f for f in (heave, trace, effects, valve, qualify, chapter4, machines, live_web)
 }
 
 
