@@ -28,7 +28,7 @@ def opened(address: str) -> Iterator[Any]:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox", *DRAWS_WITHOUT_GPU])
         try:
-            page = browser.new_page(viewport={"width": SIZE_PX[0], "height": SIZE_PX[1]})
+            page: Any = browser.new_page(viewport={"width": SIZE_PX[0], "height": SIZE_PX[1]})
             page.set_default_timeout(SLOWEST_MS)
             page.asked_for = []  # addresses of everything that it loads
             page.on("request", lambda request: page.asked_for.append(request.url))
