@@ -2,7 +2,8 @@
 
     python examples/close_the_loop.py --minutes 5 --out runs/close-the-loop
 
-The machine runs in a process of its own and shows nothing but telemetry. `hexsim identify` finds what its declaration lacks.
+The machine runs in a process of its own and shows nothing but telemetry. `identify` finds what its declaration lacks,
+and shows the machine's bump before and after a compensator that starts with what was found.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def close_the_loop(machine: str, minutes: float, out: Path) -> Story:
     process = multiprocessing.get_context("spawn").Process(target=hidden_machine, args=(machine, there), daemon=True)
     process.start()
     try:
-        return identify(machine, ("127.0.0.1", here.recv()), minutes, out, lambda doing, share: None)
+        return identify(machine, ("127.0.0.1", here.recv()), minutes, out, lambda doing, share: None, compensate=True)
     finally:
         process.terminate()
         process.join()
@@ -50,6 +51,8 @@ def main() -> None:
     for one in story.rounds:
         print(f"round {one.number}: {one.verdict}; {'; '.join(one.sentences) or 'nothing left open'}")
     print(f"ended: {story.ended}")
+    if story.bump:
+        print(f"bump: {story.bump.before:.3f} m/s2 as it was, {story.bump.after:.3f} m/s2 compensated")
     print(f"story: {write_story(story)}")
 
 
