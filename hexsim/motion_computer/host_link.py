@@ -23,9 +23,9 @@ class HostLink:
     Raises HexsimError where the address cannot be had.
     """
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, buffer: HostBuffer) -> None:
         self.counts = {"received": 0, "malformed": 0, "other host": 0, "not sent": 0}
-        self.buffer = HostBuffer()
+        self.buffer = buffer
         self.peer: Any = None  # address of the host
         self.asked: list[AskedCompensator] = []  # that it has asked for and nobody has taken yet
         self._socket = _bind(host, port)

@@ -59,6 +59,10 @@ class Balance(ABC):
         """Signals that a log must hold; of several sets any one does. () where such a machine has no such balance."""
 
     def wants(self, log: Log, machine: Machine) -> bool:
+        """Is it formed of this log?"""
+        return self.measurable(log, machine)
+
+    def measurable(self, log: Log, machine: Machine) -> bool:
         """Has the machine this balance, and the log the channels?"""
         return any(all(log.signal(stem) is not None for stem in stems) for stems in self.needs(machine))
 
@@ -266,7 +270,7 @@ def advanced(signal: Array, samples: float) -> Array:
 
 def spool_state(row: Array, volts: Array, t: Array, rate: float) -> tuple[Array, Array]:
     """Volts that reach the spool, and the spool's position: the recursions of delay, play and spool on measured volts."""
-    held = leg_equations.valve_volts(volts, row[P.HYSTERESIS], round(row[P.VALVE_DELAY] * rate))
+    held = leg_equations.valve_volts(volts, row[P.HYSTERESIS], row[P.VALVE_DELAY] * rate)
     return held, spool_positions(row, held, t)
 
 
