@@ -20,6 +20,7 @@ from hexsim.recording.signals import Signals
 from hexsim.tracing.report.recording import write_trace_recordings
 
 BUDGET = (
+    "What does each step leave? "
     "Rms error in multiples of the sensor's noise, of the channel of each kind that the refitted model gets most wrong. "
     "Each bar is a step of the last trace."
 )
@@ -28,6 +29,7 @@ BUMP = (
     "are the largest peaks from the second reversal at full size on. The compensator has learned on the identified twin."
 )
 ROUNDS = (
+    "How far is the model off, from round to round? "
     "Rms error on motion that no fit has seen, in multiples of the sensor's noise, of the worst channel of each kind: as "
     "declared, then after each round. Dotted: the noise."
 )
