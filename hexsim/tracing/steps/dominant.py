@@ -124,6 +124,12 @@ def is_free(candidate: Candidate) -> bool:
     return candidate.effect.name not in rules.ORDINARY or candidate.effect == named(candidate.effect.name).effect
 
 
+def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence]) -> bool:
+    """Is it the gain of a sensor that is late? A filter is late and damps; how much of it is gain no run says."""
+    late = candidate.effect.name.removesuffix("_gain") + "_delay"
+    return any((own.candidate.effect.name, own.candidate.where) == (late, candidate.where) for own in found)
+
+
 def sure_effects(trace: Trace, tell: Tell) -> Sure:
     """Forward selection at the level of the rest; nothing named where nothing is sure."""
     machine = own_machine(trace.machine, trace.violations)
@@ -139,8 +145,8 @@ def sure_effects(trace: Trace, tell: Tell) -> Sure:
         rounds.append(tried)
         if grown is None:
             break
-        best = grown
-        found += [tried[-1]] if tried[-1].remarkable > 1.0 else []
+        best, own = grown, tried[-1]
+        found += [own] if own.remarkable > 1.0 and not may_be_a_filter(own.candidate, found) else []
     return Sure(best=best, named=found, tried=rounds, problem=problem)
 
 
