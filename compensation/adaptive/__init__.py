@@ -2,7 +2,8 @@
 
 | file | what it holds |
 |---|---|
-| `adaptive` | the face: configuration, start, parameters in and out |
+| `adaptive` | the face: configuration, parameters by name |
+| `start` | the state before the first tick; parameters in and out |
 | `step` | the algorithm: one control tick from sample to volts |
 | `layout` | the flat array that is carried from tick to tick |
 | `engagement` | transfer between plain control and compensation, as a table of phases |
@@ -13,7 +14,8 @@
 | `prediction` | setpoint ahead where no preview is given |
 | `demand`, `feedback` | what is asked for at a tick; pressure damping and backlash inverse |
 | `friction`, `stribeck` | identification of load and friction from pressure |
-| `spool`, `inverse` | lead for the spool's lag; inverse of the valve |
+| `spool`, `inverse` | the spool's lag; inverse of the valve |
+| `taps`, `least_squares` | design of the leads and of the damping filter |
 | `recursive_least_squares`, `arithmetic` | the estimator that all identification uses; bounds and histories |
 """
 

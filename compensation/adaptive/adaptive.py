@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import hypot, sqrt
+from typing import Any
 
 import numpy as np
 
 from ..compensator import Compensator, Context, Parameters, Sample
-from .delay import delay_parameters, restore_delay
-from .demand import stretch_demands
-from .edge_rounding import restore_rounding, start_rounding
-from .engagement import AT_REST_M_S2
-from .friction import friction_parameters, restore_friction, start_friction
-from .layout import PREVIEW_TICKS, STATE, Record
-from .leak import restore_leak, start_leak
-from .monitor import start_monitor
-from .prediction import prediction_table, start_prediction
-from .spool import crossing_lead, crossing_path, damping_filter, lead, look_ahead_shift, round_lag
-from .step import DESIGN_WANTED, REJECTED, WORSE, tick, want_design
-from .valve import restore_valve, start_valve, valve_parameters, valve_ready
+from .layout import LEARNED, STATE, Record
+from .prediction import prediction_table
+from .start import design_taps, keep, restore, start
+from .step import DESIGN_WANTED, REJECTED, WORSE, tick
 
 
 @dataclass(slots=True)
@@ -84,35 +76,11 @@ class Adaptive(Compensator):
 
     def start(self, context: Context) -> AdaptiveState:
         state = AdaptiveState(context)
-        s, tick_s, window = state.numbers, context.tick_s, max(4, round(self.window_s * context.rate_Hz))
-        for name in s.settings.dtype.names:
-            s.settings[name] = getattr(self if hasattr(self, name) else context, name)
-        settle = round(0.02 * context.rate_Hz)
-        start_valve(s.valve, tick_s, window, self.min_speed_m_s, settle, self.memory_windows)
-        start_friction(s.friction, tick_s, context.stroke_m, window, self.min_speed_m_s, self.memory_windows)
-        start_monitor(s.monitor, tick_s, hypot(context.position_noise_m, context.position_resolution_m / sqrt(12.0)))
-        start_rounding(s.rounding)
-        start_leak(s.leak)
-        start_prediction(s.prediction)
-        s.reference.tick_s = s.inverse.tick_s = s.delay.tick_s = s.lateness.tick_s = tick_s
-        s.demands.count, s.delay.tested, s.damping_gain = PREVIEW_TICKS, -1, 1.0
-        s.engagement.ramp_step, s.engagement.stability_limit_m_s2 = 0.01, AT_REST_M_S2
-        want_design(s, 0.0)
-        self._design(state)
+        settings = state.numbers.settings
+        for name in settings.dtype.names:
+            settings[name] = getattr(self if hasattr(self, name) else context, name)
+        start(state.states)
         return state
-
-    def _design(self, state: AdaptiveState) -> None:
-        """The taps that the step asked for. At a low rate, outside of the step: least squares, kept once made."""
-        s, tick_s = state.numbers, state.context.tick_s
-        lag_s, delay_s, shift = float(s.lag_s), float(s.delay_s), int(s.shift)
-        s.lead_taps[:] = lead(lag_s, tick_s, self.lead_smoothing, delay_s, shift)
-        s.crossing_taps[:] = crossing_lead(lag_s, tick_s, delay_s, shift)
-        s.crossing_path[:] = crossing_path(lag_s, tick_s, delay_s, shift)
-        late_s = min(round_lag(float(s.lateness.late_s)), delay_s)  # of the position; pressure is not late
-        s.damping_taps[: self.damping_count] = damping_filter(
-            lag_s - late_s, tick_s, self.damping_low_Hz, self.damping_high_Hz, self.damping_count, delay_s - late_s
-        )
-        s.design_wanted = False
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
         volts, state.told = tick(
@@ -120,7 +88,7 @@ class Adaptive(Compensator):
             sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_supply_Pa, self.extra(state, sample) - sample.feed_forward_V,
         )  # fmt: skip
         if state.told & DESIGN_WANTED:
-            self._design(state)
+            design_taps(state.states)
         return volts, state
 
     def extra(self, state: AdaptiveState, sample: Sample) -> float:
@@ -136,26 +104,28 @@ class Adaptive(Compensator):
         return ""
 
     def parameters(self, state: AdaptiveState) -> Parameters:
-        s = state.numbers
-        return {
-            "flow": valve_parameters(s.valve),
-            "rounding_V": float(s.trim.rounding_V),
-            "friction": friction_parameters(s.friction),
-            "delay": {**delay_parameters(s.delay), "late_s": float(s.lateness.late_s)},
-        }
+        learned = np.zeros(1, LEARNED)
+        keep(state.states, learned)
+        return _as_dict(learned[0])
 
     def restore(self, context: Context, parameters: Parameters) -> AdaptiveState:
-        state = self.start(context)
-        s = state.numbers
-        restore_valve(s.valve, parameters["flow"])
-        restore_friction(s.friction, parameters["friction"])
-        s.trim.rounding_V = float(parameters["rounding_V"])
-        restore_rounding(s.rounding, s.trim.rounding_V)
-        restore_delay(s.delay, parameters["delay"])
-        s.lateness.late_s = float(parameters["delay"]["late_s"])
-        if valve_ready(s.valve):
-            restore_leak(s.leak, s.valve.leak_m_s)
-            stretch_demands(s, look_ahead_shift(s.valve.lag_s, context.tick_s))
-            want_design(s, round_lag(s.valve.lag_s))
-            self._design(state)
+        state, learned = self.start(context), np.zeros(1, LEARNED)
+        _fill(learned[0], parameters)
+        restore(state.states, learned)
         return state
+
+
+def _as_dict(record: Record) -> dict[str, Any]:
+    """A record of doubles by name, its arrays as lists."""
+    return {
+        name: _as_dict(value) if (value := record[name]).dtype.names else value.tolist() for name in record.dtype.names
+    }
+
+
+def _fill(record: Record, values: dict[str, Any]) -> None:
+    """The inverse of `_as_dict`; what `values` has besides is left."""
+    for name in record.dtype.names:
+        if record[name].dtype.names:
+            _fill(record[name], values[name])
+        else:
+            record[name] = values[name]

@@ -17,11 +17,10 @@ import math
 
 import numpy as np
 
-from ..compensator import Parameters
 from ..compiled import compiled
 from .arithmetic import clip, dot, push
-from .layout import AFTER, BEFORE, LATE_TICKS, PAST_VOLTS, SPOOLS, Record
-from .spool import SPOOL_DAMPING
+from .layout import AFTER, BEFORE, LATE_TICKS, PAST_VOLTS, SPOOLS
+from .spool import step_response
 
 SPOOL_LAGS_S = 1e-3 * np.array(
     [1.2, 1.5, 1.8, 2.1, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.2, 4.6, 5.0, 5.5, 6.0, 6.7, 7.5]
@@ -86,14 +85,16 @@ def found_delay_s(delay, lag_s):
     return min(mean + errors * deviation, max(lag_s - SPOOL_LAGS_S[0], 0.0))
 
 
-def delay_parameters(delay: Record) -> Parameters:
+@compiled
+def keep_delay(delay, lateness, known):
     """What was identified, in numbers."""
-    return {"sums": delay.sums.tolist(), "reversals": int(delay.reversals)}
+    known.sums[:], known.reversals, known.late_s = delay.sums, delay.reversals, lateness.late_s
 
 
-def restore_delay(delay: Record, known: Parameters) -> None:
+@compiled
+def restore_delay(delay, lateness, known):
     """Start with what was identified before."""
-    delay.sums[:], delay.reversals = known["sums"], int(known["reversals"])
+    delay.sums[:], delay.reversals, lateness.late_s = known.sums, int(known.reversals), known.late_s
 
 
 @compiled
@@ -115,27 +116,13 @@ def _prepare(delay, roots, valve):
 
 
 @compiled
-def _step_response(t_s, lag_s, delay_s):
-    """Of the spool, at one time; see spool.py."""
-    t_s, lag_s = t_s - delay_s, lag_s - delay_s
-    if t_s < 0.0:
-        return 0.0
-    if lag_s <= 0.0:
-        return 1.0
-    z = SPOOL_DAMPING
-    w = 2 * z / lag_s
-    wd = w * math.sqrt(1 - z * z)
-    return 1 - math.exp(-z * w * t_s) * (math.cos(wd * t_s) + z * w / wd * math.sin(wd * t_s))
-
-
-@compiled
 def _modelled_oil(delay, spool_s):
     """Measured oil less what this spool would have let through, into `error_m`."""
     volts, error, pulse, tick_s = delay.task_volts_V, delay.error_m, delay.pulse, delay.tick_s
     delay_s = delay.lag_s - spool_s
     for i in range(len(pulse)):
         t = (i + 0.5) * tick_s / FINE
-        pulse[i] = _step_response(t, delay.lag_s, delay_s) - _step_response(t - tick_s, delay.lag_s, delay_s)
+        pulse[i] = step_response(t, delay.lag_s, delay_s) - step_response(t - tick_s, delay.lag_s, delay_s)
     moved, error[0] = 0.0, delay.task_oil_m[0]
     for k in range(len(error) - 1):
         flow = 0.0

@@ -27,7 +27,7 @@ import math
 
 from ..compiled import compiled
 from .arithmetic import clip
-from .layout import TRIM_TICKS, Record
+from .layout import TRIM_TICKS
 from .leak import add_to_passage, finish_passage, leak_known, start_passage
 from .spool import round_lag, set_spool_model
 from .valve import valve_ready, valve_usable
@@ -62,10 +62,11 @@ def opening(volts, dead_band_V, rounding_V):
     return left if volts > 0.0 else -left
 
 
-def start_rounding(rounding: Record) -> None:
+@compiled
+def start_rounding(rounding):
     """Nothing is known."""
     rounding.variance_V4, rounding.misfit, rounding.lag_s = PRIOR_V**4, 1.0, -1.0
-    rounding.model[:], rounding.probe_V = (1.0, 0.0, 0.0, 0.0), MIN_PROBE_V
+    rounding.model[0], rounding.probe_V = 1.0, MIN_PROBE_V
 
 
 @compiled
@@ -126,7 +127,8 @@ def add_to_rounding(rounding, leak, z_m, valve_V, root, valve):
     return False
 
 
-def restore_rounding(rounding: Record, rounding_V: float) -> None:
+@compiled
+def restore_rounding(rounding, rounding_V):
     """Start with what was identified before."""
     rounding.square_V2, rounding.variance_V4 = rounding_V**2, 0.01 * PRIOR_V**4
 

@@ -16,7 +16,7 @@ def damping(state, oil_m_s_Pa, roots):
     settings = state.settings
     limit_V, up = settings.damping_max_V, 1 if state.flow_V[LEAD_TICKS + state.shift] > 0 else 0
     gain = state.valve.edges[up].gain_m_s_V * roots[up]
-    oscillation = dot(state.damping_taps, state.deviation_Pa, settings.damping_count)
+    oscillation = dot(state.damping_taps, state.deviation_Pa, int(settings.damping_count))
     u = state.damping_gain * oil_m_s_Pa * oscillation / gain
     if -0.5 * limit_V < u < 0.5 * limit_V:
         state.damping_gain += (1.0 - state.damping_gain) * settings.tick_s / DAMPING_RECOVERY_S

@@ -13,12 +13,10 @@ from __future__ import annotations
 
 import math
 
-from ..compensator import Parameters
 from ..compiled import compiled
 from .arithmetic import clip
-from .layout import Record
 from .presliding import bristle
-from .recursive_least_squares import start_fit, update_fit
+from .recursive_least_squares import scale_covariance, start_fit, update_fit
 from .stribeck import MIN_RATE
 
 MAX_HALF_STEP_MPA = 1.0
@@ -27,24 +25,20 @@ STRIBECK_VELOCITY_M_S = 5e-3  # over which friction falls after breakaway; a com
 POSITION_PRIOR = 10.0  # standard deviation of p5 [2 kPa/dm]: load hardly depends on position
 TYPICAL_STRIBECK, REVERSALS_NEEDED = 0.5, 5  # P_s over half the step, assumed until so many reversals were seen
 # prior standard deviations in units of the noise of a window's mean (2 kPa): 1 MPa or 1 MPa per (m/s2, dm/s)
+NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PRIOR = (500.0, 500.0, 500.0, 500.0, 250.0, POSITION_PRIOR)
+RESTORED_VARIANCE, RESTORED_REVERSALS = 0.01, round(1.0 / MIN_RATE)  # of the prior's; of Stribeck friction
 MIN_WINDOWS = 20  # in each direction, before the fit is used
 
 
-def start_friction(
-    friction: Record, tick_s: float, stroke_m: float, window: int, min_speed_m_s: float, memory: float
-) -> None:
+@compiled
+def start_friction(friction, tick_s, stroke_m, window, min_speed_m_s, memory):
     """Nothing is known. window: ticks; memory: windows. Pressures in MPa, lengths in dm inside, so that the numbers are
     alike."""
-    friction.tick_s, friction.stroke_m, friction.window, friction.min_speed_m_s = (
-        tick_s,
-        stroke_m,
-        window,
-        min_speed_m_s,
-    )
-    friction.stribeck.tick_s = tick_s
+    friction.tick_s, friction.stroke_m, friction.window = tick_s, stroke_m, window
+    friction.min_speed_m_s, friction.stribeck.tick_s = min_speed_m_s, tick_s
     friction.position_weight = 1.0 / (POSITION_PRIOR * math.sqrt(memory))
-    start_fit(friction.fit, (0.0,) * 6, PRIOR, memory)
+    start_fit(friction.fit, NOTHING, PRIOR, memory, False)
 
 
 @compiled
@@ -115,22 +109,23 @@ def resonance_growth_1_s(friction):
     return 0.5 * (stribeck / STRIBECK_VELOCITY_M_S - viscous) / inertia_Pa(friction)
 
 
-def friction_parameters(friction: Record) -> Parameters:
+@compiled
+def keep_friction(friction, known):
     """What was identified, in numbers."""
-    return {
-        "theta_MPa": friction.fit.theta.tolist(), "windows": friction.windows.tolist(),
-        "half_step_Pa": float(friction.half_step_Pa), "stribeck_Pa": float(friction.stribeck.pressure_Pa),
-    }  # fmt: skip
+    known.theta_MPa[:] = friction.fit.theta
+    known.windows[0], known.windows[1] = friction.windows[0], friction.windows[1]
+    known.half_step_Pa, known.stribeck_Pa = friction.half_step_Pa, friction.stribeck.pressure_Pa
 
 
-def restore_friction(friction: Record, known: Parameters) -> None:
+@compiled
+def restore_friction(friction, known):
     """Start with what was identified before."""
-    friction.fit.theta[:], friction.windows[:] = known["theta_MPa"], known["windows"]
+    friction.fit.theta[:] = known.theta_MPa
+    friction.windows[0], friction.windows[1] = int(known.windows[0]), int(known.windows[1])
     if friction_ready(friction):
-        friction.fit.covariance *= 0.01
-        friction.stribeck.reversals = round(1.0 / MIN_RATE)
-    friction.half_step_Pa = float(known["half_step_Pa"])
-    friction.stribeck.pressure_Pa = float(known["stribeck_Pa"])
+        scale_covariance(friction.fit, RESTORED_VARIANCE)
+        friction.stribeck.reversals = RESTORED_REVERSALS
+    friction.half_step_Pa, friction.stribeck.pressure_Pa = known.half_step_Pa, known.stribeck_Pa
 
 
 @compiled

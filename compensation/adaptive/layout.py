@@ -22,6 +22,7 @@ DEMANDS = PREVIEW_TICKS + MAX_SHIFT + 1
 PATH_FINE, PATH_BEFORE, PATH_AFTER = 10, 3, 5  # samples a tick of the crossing's path, ticks before and after it
 PATH = (PATH_BEFORE + PATH_AFTER) * PATH_FINE
 MAX_DAMPING_TAPS = 16
+RESPONSE = 40  # ticks of the spool's response that a design looks at
 SPOOLS = 17  # of the bank that tells delay from spool
 BEFORE, AFTER, PAST_VOLTS = 14, 16, 12  # ticks about a reversal that are compared, and of volts before them
 TRIM_TICKS = 8  # on either side of a compensated reversal
@@ -200,12 +201,18 @@ DEMAND = _record(  # demand.py: of the tick boundaries to come, the nearest firs
     acceleration_m_s2=("f8", (DEMANDS,)), position_m=("f8", (DEMANDS,)), oil_m=("f8", (DEMANDS,)),
     velocity_m_s=("f8", (DEMANDS,)), sign=("f8", (DEMANDS,)), step_Pa=("f8", (DEMANDS,)),  # of friction
 )  # fmt: skip
-SETTINGS = _record(  # configuration (`Adaptive`) and data sheet (`Context`)
+SETTINGS = _record(  # configuration (`Adaptive`) and data sheet (`Context`); doubles alone
     tick_s="f8", position_gain_V_per_m="f8", voltage_max_V="f8", stroke_m="f8", area_ratio="f8",
-    pipeline_length_m="f8", bulk_modulus_Pa="f8", tank_pressure_Pa="f8", reference_drop_Pa="f8", jerk_m_s3="f8",
-    step_min_s="f8", step_max_s="f8", presliding_m_s="f8", damping_1_s="f8", damping_count="i8",
-    controller_feeds_forward="f8", damping_high_Hz="f8", damping_max_V="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8",
-    max_stability_limit_m_s2="f8", min_excitation_m_s2="f8", learn="i8",
+    pipeline_length_m="f8", bulk_modulus_Pa="f8", tank_pressure_Pa="f8", position_noise_m="f8",
+    position_resolution_m="f8", controller_feeds_forward="f8", reference_drop_Pa="f8", lead_smoothing="f8",
+    step_min_s="f8", step_max_s="f8", jerk_m_s3="f8", presliding_m_s="f8", damping_1_s="f8", damping_count="f8",
+    damping_low_Hz="f8", damping_high_Hz="f8", damping_max_V="f8", window_s="f8", min_speed_m_s="f8",
+    memory_windows="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8", max_stability_limit_m_s2="f8",
+    min_excitation_m_s2="f8", learn="f8",
+)  # fmt: skip
+DESIGN = _record(  # taps.py, least_squares.py: work
+    triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),
+    past=("f8", (LEAD_TAPS,)), response=("f8", (RESPONSE,)),
 )  # fmt: skip
 STATE = _record(
     settings=SETTINGS, valve=VALVE, friction=FRICTION, reference=REFERENCE, inverse=INVERSE, engagement=ENGAGEMENT,
@@ -224,6 +231,17 @@ STATE = _record(
     backlash_input_V="f8",  # volts fed forward, followed within the width of the backlash inverse
     damping_gain="f8",
     design_wanted="i8",  # the taps are to be designed anew
+    design=DESIGN,
+)  # fmt: skip
+# What was learned, as it is kept and restored; doubles alone.
+EDGE_LEARNED = _record(
+    theta=("f8", (3,)), theta_backlash=("f8", (4,)), windows="f8", ready="f8", gain_m_s_V="f8", dead_band_V="f8",
+    lag_s="f8", backlash_V="f8",
+)  # fmt: skip
+LEARNED = _record(
+    flow=_record(null_V="f8", leak_m_s="f8", retract=EDGE_LEARNED, extend=EDGE_LEARNED), rounding_V="f8",
+    friction=_record(theta_MPa=("f8", (FIT_SIZE,)), windows=("f8", (2,)), half_step_Pa="f8", stribeck_Pa="f8"),
+    delay=_record(sums=("f8", (SPOOLS,)), reversals="f8", late_s="f8"),
 )  # fmt: skip
 
 

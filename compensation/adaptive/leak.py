@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 
 from ..compiled import compiled
-from .layout import Record
 from .valve import set_leak
 
 LEAK_PRIOR_M_S = 8e-3  # standard deviation before anything is known
@@ -35,7 +34,8 @@ def leak_known(leak):
     return leak.passages >= LEAK_PASSAGES
 
 
-def restore_leak(leak: Record, leak_m_s: float) -> None:
+@compiled
+def restore_leak(leak, leak_m_s):
     """Start with what was identified before."""
     leak.leak_m_s, leak.variance, leak.passages = leak_m_s, 0.01 * LEAK_PRIOR_M_S**2, LEAK_PASSAGES
 

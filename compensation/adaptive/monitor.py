@@ -17,7 +17,7 @@ import math
 
 from ..compiled import compiled
 from .arithmetic import push
-from .layout import APART, BLOCK, Record
+from .layout import APART, BLOCK
 
 FIRST, SECOND, THIRD = BLOCK - 1, 2 * BLOCK - 1, 3 * BLOCK - 1  # oldest position of each block
 FILLED = 3 * BLOCK + 2 * APART  # ticks until the filter is filled
@@ -27,7 +27,8 @@ ALIKE = 0.05  # relative difference in acceleration up to which reversals are al
 BASELINE_SHARE = 0.5  # low-pass of the baseline, a reversal
 
 
-def start_monitor(monitor: Record, tick_s: float, noise_m: float) -> None:
+@compiled
+def start_monitor(monitor, tick_s, noise_m):
     """noise_m: standard deviation of a position."""
     monitor.tick_s, monitor.noise_m = tick_s, noise_m
     monitor.low_m_s2, monitor.high_m_s2 = math.inf, -math.inf

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..compiled import compiled
 from .arithmetic import clip
-from .layout import MAX_LOOK, PREDICTORS, PREVIEW_TICKS, Record
+from .layout import MAX_LOOK, PREDICTORS, PREVIEW_TICKS
 from .layout import PAST_SETPOINTS as PAST
 
 ORDERS_AND_TICKS = ((1, 8), (2, 12), (2, 24), (2, 48), (2, 96), (3, 24), (3, 48), (3, 96), (4, 48), (4, 96))
@@ -66,7 +66,8 @@ STEP_TICKS = 12
 STEP_ROW = _row(2, STEP_TICKS, 1)
 
 
-def start_prediction(p: Record) -> None:
+@compiled
+def start_prediction(p):
     """Nothing is known of the setpoint."""
     p.usual_m = 1e-5
 

@@ -15,19 +15,16 @@ excite. `residual` is the mean square of the last 50 errors or so, each over the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from ..compiled import compiled
-from .layout import Record
 
 
-def start_fit(
-    fit: Record, theta: Sequence[float], scale: Sequence[float], memory: float, directional: bool = False
-) -> None:
+@compiled
+def start_fit(fit, theta, scale, memory, directional=False):
     """theta: start values (n,); scale: their prior standard deviation (n,), in units of the noise; memory: samples
     after which old data weigh 1/e."""
     fit.n, fit.directional, fit.memory, fit.forgetting = len(theta), directional, memory, 1.0 - 1.0 / memory
-    fit.theta[: fit.n], fit.scale[: fit.n] = theta, scale
+    for i in range(len(theta)):
+        fit.theta[i], fit.scale[i] = theta[i], scale[i]
     reset_covariance(fit)
 
 
@@ -38,6 +35,14 @@ def reset_covariance(fit):
         for j in range(fit.n):
             fit.covariance[i, j] = fit.scale[i] * fit.scale[i] if i == j else 0.0
     fit.residual, fit.count = 0.0, 0
+
+
+@compiled
+def scale_covariance(fit, share):
+    """What is known counts for more: a share of the covariance."""
+    for i in range(fit.n):
+        for j in range(fit.n):
+            fit.covariance[i, j] *= share
 
 
 @compiled

@@ -1,51 +1,36 @@
-"""FIR filters for the spool's lag: leads for the flow and for the dead band, and a damping filter through the spool.
+"""The spool as the algorithm takes it, and what its lag asks of the taps.
 
-The spool is taken as second order with damping 0.7, so that one number describes it, its lag tau = 2 zeta / omega [s].
-The response of the spool to the volts of one tick (held over the tick), averaged over each following tick, is
-
-    g_j = (1/T) int_{jT}^{(j+1)T} [s(t) - s(t - T)] dt,      s(t) the spool's unit step response.
+The spool is second order with damping 0.7, so that one number describes it, its lag tau = 2 zeta / omega [s].
 """
 
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
 
 from ..compiled import compiled
 from .arithmetic import clip
-from .layout import LEAD_TAPS, LEAD_TICKS, MAX_SHIFT, PATH_AFTER, PATH_BEFORE, PATH_FINE
+from .layout import MAX_SHIFT, PATH_BEFORE, PATH_FINE
 
 SPOOL_DAMPING = 0.7  # common value for proportional valves; the lag is what is identified
 LAG_STEP_S = 1e-5  # lags are rounded to this before a design is made
 LAG_MAX_S = 1.4e-2
 SHIFT_TICKS = 2.2  # of lag that LEAD_TICKS are enough for
-FREE_TICKS = 0.75  # on either side of the crossing in which the spool's path is nearly free, with FREE_WEIGHT
-FREE_WEIGHT = 0.3
-CROSSING_SMOOTHING = 1e-5  # of the crossing lead
-MAX_WRONG_SHARE = 1.2  # of a pressure oscillation that the damping may feed at any frequency, over what it damps
 
 
-def step_response(t_s: np.ndarray, lag_s: float, delay_s: float = 0.0) -> np.ndarray:
-    """Unit step response (n,) of the spool at times `t_s` (n,), zero before 0."""
+@compiled
+def step_response(t_s, lag_s, delay_s):
+    """Unit step response of the spool at a time, zero before 0."""
     t_s, lag_s = t_s - delay_s, lag_s - delay_s
-    t = np.maximum(t_s, 0.0)
+    if t_s < 0.0:
+        return 0.0
     if lag_s <= 0.0:
-        return np.where(t_s >= 0, 1.0, 0.0)
+        return 1.0
     z = SPOOL_DAMPING
     w = 2 * z / lag_s
     wd = w * math.sqrt(1 - z * z)
-    s = 1 - np.exp(-z * w * t) * (np.cos(wd * t) + z * w / wd * np.sin(wd * t))
-    return np.where(t_s >= 0, s, 0.0)
-
-
-def tick_response(lag_s: float, tick_s: float, count: int, delay_s: float = 0.0) -> np.ndarray:
-    """g_j (count,): mean spool position in tick j after one tick of unit volts."""
-    fine = 40
-    t = (np.arange(count * fine) + 0.5) * tick_s / fine
-    pulse = step_response(t, lag_s, delay_s) - step_response(t - tick_s, lag_s, delay_s)
-    return pulse.reshape(count, fine).mean(axis=1)
+    return 1 - math.exp(-z * w * t_s) * (math.cos(wd * t_s) + z * w / wd * math.sin(wd * t_s))
 
 
 @compiled
@@ -77,64 +62,6 @@ def set_spool_model(model, lag_s, tick_s):
     model[3] = decay * (cos - z * w / wd * sin)
 
 
-def _taps(matrix: np.ndarray, target: np.ndarray, smoothing: float, centre: float) -> tuple[float, ...]:
-    """Least squares of LEAD_TAPS taps, regularised by `smoothing`, with unit sum and a given centre."""
-    rough = math.sqrt(smoothing) * (np.eye(LEAD_TAPS) - np.eye(LEAD_TAPS, k=1))
-    exact = 1e3 * np.vstack([np.ones(LEAD_TAPS), np.arange(LEAD_TAPS)])
-    right = np.r_[target, np.zeros(LEAD_TAPS), 1e3, 1e3 * centre]
-    taps = np.linalg.lstsq(np.vstack([matrix, rough, exact]), right, rcond=None)[0]
-    return tuple(float(x) for x in taps / taps.sum())
-
-
-def _steps(t_s: np.ndarray, lag_s: float, tick_s: float, delay_s: float, shift: int) -> np.ndarray:
-    """Response of the spool to each tap, for a step at 0 (n, LEAD_TAPS): the first tap acts LEAD_TICKS before it."""
-    return np.stack(
-        [step_response(t_s + (LEAD_TICKS + shift - i) * tick_s, lag_s, delay_s) for i in range(LEAD_TAPS)], axis=1
-    )
-
-
-@lru_cache(maxsize=128)
-def lead(lag_s: float, tick_s: float, smoothing: float, delay_s: float = 0.0, shift: int = 0) -> tuple[float, ...]:
-    """Taps h (LEAD_TAPS,) so that u_k = sum_i h_i x_{k + LEAD_TICKS - i} makes the spool follow x, as means over ticks.
-
-    Least squares of g * h against a pulse at LEAD_TICKS, with `smoothing` times the taps' roughness: more is softer and
-    slower. The taps sum to one, so that nothing changes at rest, and their centre undoes the spool's: no time is left.
-    """
-    g = tick_response(lag_s, tick_s, 40, delay_s)
-    rows = len(g) + LEAD_TAPS - 1
-    matrix = np.zeros((rows, LEAD_TAPS))
-    for i in range(LEAD_TAPS):
-        matrix[i : i + len(g), i] = g
-    target = np.zeros(rows)
-    target[LEAD_TICKS + shift] = 1.0
-    return _taps(matrix, target, smoothing, LEAD_TICKS + shift - float(np.arange(len(g)) @ g / g.sum()))
-
-
-@lru_cache(maxsize=128)
-def crossing_lead(lag_s: float, tick_s: float, delay_s: float = 0.0, shift: int = 0) -> tuple[float, ...]:
-    """Taps (LEAD_TAPS,) like `lead`, for the dead-band compensation alone.
-
-    Inside the overlap the spool lets no oil through; any overshoot beyond it does. So the spool's path is prescribed
-    here, and not its mean over ticks: where it stood until FREE_TICKS before the crossing, where it is to stand from
-    as long after it, and nearly free in between.
-    """
-    fine = 20
-    t = (np.arange(-(LEAD_TICKS + shift) * fine, 40 * fine) + 0.5) * tick_s / fine
-    matrix = _steps(t, lag_s, tick_s, delay_s, shift)
-    weight = np.where(np.abs(t) < FREE_TICKS * tick_s, FREE_WEIGHT, 1.0) / math.sqrt(fine)
-    return _taps(weight[:, None] * matrix, weight * (t > 0.0), CROSSING_SMOOTHING, LEAD_TICKS + shift - lag_s / tick_s)
-
-
-@lru_cache(maxsize=128)
-def crossing_path(lag_s: float, tick_s: float, delay_s: float = 0.0, shift: int = 0) -> tuple[float, ...]:
-    """Path of the crossing spool, from -1 to 1, PATH_FINE samples a tick, from PATH_BEFORE ticks before the step on."""
-    t = (np.arange(-PATH_BEFORE * PATH_FINE, PATH_AFTER * PATH_FINE) + 0.5) * tick_s / PATH_FINE
-    return tuple(
-        float(x)
-        for x in 2.0 * _steps(t, lag_s, tick_s, delay_s, shift) @ crossing_lead(lag_s, tick_s, delay_s, shift) - 1.0
-    )
-
-
 @compiled
 def blocked_flow(path, share, slope_V, half_V):
     """Flow that the overlap blocks while the spool crosses it, before and after the reversal, as volts of one tick.
@@ -153,35 +80,3 @@ def blocked_flow(path, share, slope_V, half_V):
         else:
             after += demanded - through
     return before / PATH_FINE, after / PATH_FINE
-
-
-@lru_cache(maxsize=128)
-def damping_filter(
-    lag_s: float, tick_s: float, low_Hz: float, high_Hz: float, count: int, delay_s: float = 0.0
-) -> tuple[float, ...]:
-    """Taps (count,) on the newest pressures: the flow through the lagging valve opposes the pressure's oscillation.
-
-    Least squares in frequency: taps times the valve's response is to be 1 between `low_Hz` and `high_Hz`, small above
-    and 0 at rest (the taps sum to zero).
-    """
-    nyquist = 0.5 / tick_s
-    f = np.concatenate([np.linspace(low_Hz, high_Hz, 40), np.linspace(1.6 * high_Hz, nyquist, 30)])
-    demanded = np.where(f <= high_Hz, 1.0, 0.0)
-    weight = np.where(f <= high_Hz, 1.0, 0.15)
-    w = 2 * math.pi * f
-    lag_s -= delay_s
-    spool = 1.0 / (1 + 1j * w * lag_s - (w * lag_s / (2 * SPOOL_DAMPING)) ** 2) if lag_s > 0 else np.ones_like(w) + 0j
-    valve = spool * np.exp(-0.5j * w * tick_s - 1j * w * delay_s) * np.sinc(f * tick_s)
-    delays = np.exp(-1j * np.outer(w, np.arange(count)) * tick_s)
-    matrix = (weight * valve)[:, None] * delays
-    target = weight * demanded
-    rows = [matrix.real, matrix.imag, 1e2 * np.ones((1, count)), 0.03 * np.eye(count)]
-    right = [target, np.zeros_like(target), np.zeros(1), np.zeros(count)]
-    taps = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)[0]
-    taps -= taps.mean()
-    f = np.linspace(low_Hz, nyquist, 60)
-    w = 2 * math.pi * f
-    valve = np.exp(-1j * w * (0.5 * tick_s + delay_s)) * np.sinc(f * tick_s)
-    valve /= 1 + 1j * w * lag_s - (w * lag_s / (2 * SPOOL_DAMPING)) ** 2
-    wrong = -float((valve * (np.exp(-1j * np.outer(w, np.arange(count)) * tick_s) @ taps)).real.min())
-    return tuple(float(x) for x in taps * min(1.0, MAX_WRONG_SHARE / max(wrong, 1e-9)))

@@ -22,12 +22,10 @@ is not: then the fit is rejected.
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from ..compensator import Parameters
 from ..compiled import compiled
 from .arithmetic import clip
-from .layout import Record
+from .recursive_least_squares import scale_covariance
 from .valve_edge import (
     ACCEPT_ERRORS,
     MIN_BACKLASH_V,
@@ -47,16 +45,18 @@ NULL_TOLERANCE_V = 5e-3  # by which the null may be off the middle of the edges
 NULL_ALPHA, NULL_BETA = 0.08, 0.003  # with which the null and its rate follow, a window
 NULL_ERROR_V, NULL_RATE_V_S, NULL_TICKS = 5e-3, 0.03, 100  # bounds: an error, the rate, ticks between windows
 UNKNOWN_LEAK = 3.0  # times the slowest speed of a window, while a leak may move the piston by itself
+RESTORED_VARIANCE = 1e-4  # of the prior's, of an edge that was known
 USABLE_WINDOWS = 8  # from which the gain is right within some per cent
 
 
-def start_valve(valve: Record, tick_s: float, window: int, min_speed_m_s: float, settle: int, memory: float) -> None:
+@compiled
+def start_valve(valve, tick_s, window, min_speed_m_s, settle, memory):
     """Both directions unknown. window: ticks; min_speed_m_s: mean speed of the piston from which a window counts;
     settle: ticks after the volts change sign in which the spool crosses; memory: windows."""
     valve.tick_s, valve.window, valve.min_speed_m_s, valve.settle = tick_s, window, min_speed_m_s, settle
     valve.side, valve.ticks = -1.0, 1
-    for edge in valve.edges:
-        start_edge(edge, memory)
+    start_edge(valve.edges[0], memory)
+    start_edge(valve.edges[1], memory)
 
 
 @compiled
@@ -215,34 +215,46 @@ def _decide_backlash(valve, down, up):
         valve.with_backlash = found
 
 
-def valve_parameters(valve: Record) -> Parameters:
+@compiled
+def keep_valve(valve, known):
     """What was identified of both edges, in numbers."""
-
-    def of(edge: Record) -> dict[str, Any]:
-        return {
-            "theta": edge.plain_fit.theta[:3].tolist(), "theta_backlash": edge.backlash_fit.theta[:4].tolist(),
-            "windows": float(edge.windows), "ready": bool(edge.ready), "gain_m_s_V": float(edge.gain_m_s_V),
-            "dead_band_V": float(edge.dead_band_V), "lag_s": float(edge.lag_s), "backlash_V": float(edge.backlash_V),
-        }  # fmt: skip
-
-    down, up = valve.edges
-    return {
-        "null_V": float(valve.null_V), "leak_m_s": float(valve.leak_m_s), "retract": of(down), "extend": of(up),
-    }  # fmt: skip
+    known.null_V, known.leak_m_s = valve.null_V, valve.leak_m_s
+    _keep_edge(valve.edges[0], known.retract)
+    _keep_edge(valve.edges[1], known.extend)
 
 
-def restore_valve(valve: Record, parameters: Parameters) -> None:
+@compiled
+def _keep_edge(edge, known):
+    for i in range(3):
+        known.theta[i] = edge.plain_fit.theta[i]
+    for i in range(4):
+        known.theta_backlash[i] = edge.backlash_fit.theta[i]
+    known.windows, known.ready = edge.windows, edge.ready
+    known.gain_m_s_V, known.dead_band_V = edge.gain_m_s_V, edge.dead_band_V
+    known.lag_s, known.backlash_V = edge.lag_s, edge.backlash_V
+
+
+@compiled
+def restore_valve(valve, known):
     """Start with what was identified before."""
-    for edge, name in zip(valve.edges, ("retract", "extend"), strict=True):
-        known = parameters[name]
-        for fit, theta in ((edge.plain_fit, known["theta"]), (edge.backlash_fit, known["theta_backlash"])):
-            fit.theta[: len(theta)] = theta
-            if known["ready"]:
-                fit.covariance *= 1e-4
-        edge.windows, edge.ready = float(known["windows"]), bool(known["ready"])
-        edge.gain_m_s_V, edge.dead_band_V = float(known["gain_m_s_V"]), float(known["dead_band_V"])
-        edge.lag_s, edge.backlash_V = float(known["lag_s"]), float(known["backlash_V"])
-    valve.null_V, valve.leak_m_s = float(parameters["null_V"]), float(parameters["leak_m_s"])
+    down, up = valve.edges[0], valve.edges[1]
+    _restore_edge(down, known.retract)
+    _restore_edge(up, known.extend)
+    valve.null_V, valve.leak_m_s = known.null_V, known.leak_m_s
     valve.leak_known = valve_ready(valve)
-    valve.lag_s = float(valve.edges["lag_s"].mean())
-    valve.with_backlash = bool((valve.edges["backlash_V"] > 0.0).any())
+    valve.lag_s = 0.5 * (down.lag_s + up.lag_s)
+    valve.with_backlash = down.backlash_V > 0.0 or up.backlash_V > 0.0
+
+
+@compiled
+def _restore_edge(edge, known):
+    for i in range(3):
+        edge.plain_fit.theta[i] = known.theta[i]
+    for i in range(4):
+        edge.backlash_fit.theta[i] = known.theta_backlash[i]
+    if known.ready != 0.0:
+        scale_covariance(edge.plain_fit, RESTORED_VARIANCE)
+        scale_covariance(edge.backlash_fit, RESTORED_VARIANCE)
+    edge.windows, edge.ready = known.windows, known.ready != 0.0
+    edge.gain_m_s_V, edge.dead_band_V = known.gain_m_s_V, known.dead_band_V
+    edge.lag_s, edge.backlash_V = known.lag_s, known.backlash_V

@@ -6,7 +6,6 @@ import math
 
 from ..compiled import compiled
 from .arithmetic import clip
-from .layout import Record
 from .recursive_least_squares import inflate, reset_covariance, shift_fit, start_fit, update_fit
 
 START_GAIN = 0.1  # [m/s/V], a start value only
@@ -29,10 +28,11 @@ MIN_WINDOWS, PATIENCE = 15, 3.0  # windows before an edge is first ready; each r
 PRIOR = (0.3 / WINDOW_NOISE_M, 0.05 / WINDOW_NOISE_M, 2e-3 / WINDOW_NOISE_M, 5e-3 / WINDOW_NOISE_M)
 
 
-def start_edge(edge: Record, memory: float) -> None:
+@compiled
+def start_edge(edge, memory):
     """An edge of which nothing is known."""
-    start_fit(edge.plain_fit, (START_GAIN, 0.0, 0.0), PRIOR[:3], memory, directional=True)
-    start_fit(edge.backlash_fit, (START_GAIN, 0.0, 0.0, 0.0), PRIOR, memory)
+    start_fit(edge.plain_fit, (START_GAIN, 0.0, 0.0), PRIOR[:3], memory, True)
+    start_fit(edge.backlash_fit, (START_GAIN, 0.0, 0.0, 0.0), PRIOR, memory, False)
     edge.gain_m_s_V, edge.root, edge.windows_needed = START_GAIN, 1.0, MIN_WINDOWS
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from designs import crossing_lead, crossing_path, damping_filter, lead, step_response, tick_response
 from leg_plant import AREA_BOTTOM, Leg, run, sine
 from leg_plant import Record as Run
 
@@ -46,16 +47,7 @@ from compensation.adaptive.leak import start_leak
 from compensation.adaptive.monitor import add_to_monitor, start_monitor, worse_than_baseline
 from compensation.adaptive.recursive_least_squares import inflate, start_fit, update_fit
 from compensation.adaptive.reference import advance_reference
-from compensation.adaptive.spool import (
-    blocked_flow,
-    crossing_lead,
-    crossing_path,
-    damping_filter,
-    lead,
-    set_spool_model,
-    step_response,
-    tick_response,
-)
+from compensation.adaptive.spool import blocked_flow, set_spool_model
 from compensation.adaptive.stribeck import add_to_stribeck, update_stribeck
 from compensation.adaptive.valve import add_to_valve, lags_agree, start_valve
 
@@ -108,7 +100,7 @@ def test_least_squares_is_the_batch_solution() -> None:
     rng = np.random.default_rng(0)
     phi = rng.normal(0, 1, (200, 3))
     y = phi @ [0.5, -2.0, 3.0] + rng.normal(0, 0.1, 200)
-    fit = fit_of([0.0, 0.0, 0.0], [10.0, 10.0, 10.0], math.inf)
+    fit = fit_of((0.0, 0.0, 0.0), (10.0, 10.0, 10.0), math.inf)
     for row, value in zip(phi, y, strict=True):
         update_fit(fit, row, float(value))
     batch = np.linalg.solve(phi.T @ phi + np.eye(3) / 100, phi.T @ y)
@@ -118,7 +110,7 @@ def test_least_squares_is_the_batch_solution() -> None:
 
 def test_least_squares_keeps_within_its_first_belief() -> None:
     """10^5 samples that excite one direction only leave the other's spread where it was: no wind-up."""
-    fit = fit_of([0.0, 0.0], [10.0, 10.0], 50.0)
+    fit = fit_of((0.0, 0.0), (10.0, 10.0), 50.0)
     for _ in range(100_000):
         update_fit(fit, np.array([1.0, 0.0]), 1.0)
     assert fit.covariance[1][1] <= 100.0 * (1 + 1e-9)
@@ -131,7 +123,7 @@ def test_directional_forgetting_keeps_what_no_new_data_tell_of() -> None:
     rng = np.random.default_rng(0)
     spreads = {}
     for directional in (True, False):
-        fit = fit_of([0.0, 0.0], [10.0, 10.0], 50.0, directional=directional)
+        fit = fit_of((0.0, 0.0), (10.0, 10.0), 50.0, directional=directional)
         for _ in range(500):
             phi = rng.normal(0, 1, 2)
             update_fit(fit, phi, float(phi @ [1.0, 2.0]))
@@ -148,7 +140,7 @@ def test_inflating_frees_one_direction_only() -> None:
     """After 100 rich samples: the parameter's variance grows by what is asked for, what hangs on it along with it, and
     what does not hang on it stays as it is; never beyond the first belief."""
     rng = np.random.default_rng(0)
-    fit = fit_of([0.0] * 3, [10.0] * 3, 1000.0)
+    fit = fit_of((0.0,) * 3, (10.0,) * 3, 1000.0)
     for _ in range(100):
         shared, own = rng.normal(0, 1, 2)
         update_fit(fit, np.array([shared, shared + 0.1 * rng.normal(), own]), 0.0)

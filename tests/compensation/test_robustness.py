@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from designs import damping_filter, lead, tick_response
 from leg_plant import Leg, run, sine
 
 import compensation
@@ -33,7 +34,8 @@ from compensation.adaptive.monitor import bump_noise_m_s2, start_monitor, worse_
 from compensation.adaptive.prediction import MAX_OFFSET_M, predict, prediction_table, start_prediction, watch_setpoint
 from compensation.adaptive.presliding import add_to_presliding, bristle, update_presliding
 from compensation.adaptive.recursive_least_squares import shift_fit, start_fit, update_fit
-from compensation.adaptive.spool import MAX_WRONG_SHARE, damping_filter, lead, look_ahead_shift, tick_response
+from compensation.adaptive.spool import look_ahead_shift
+from compensation.adaptive.taps import MAX_WRONG_SHARE
 from compensation.adaptive.valve import recentre, start_valve
 
 
@@ -41,7 +43,7 @@ def test_shifted_fit_is_the_fit_of_shifted_data() -> None:
     """y = a x + b in coordinates x - 0.5: the estimate and its covariance are those of data gathered there, to 1e-9."""
     rng, here, there = np.random.default_rng(0), empty(FIT), empty(FIT)
     for fit in (here, there):
-        start_fit(fit, [0.0, 0.0], [1e4, 1e4], 1e9)
+        start_fit(fit, (0.0, 0.0), (1e4, 1e4), 1e9)
     for x in rng.normal(0, 1, 200):
         y = 2.0 * x + 3.0 + 0.1 * float(rng.normal())
         update_fit(here, np.array([x, 1.0]), y)

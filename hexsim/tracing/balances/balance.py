@@ -57,6 +57,10 @@ class Balance(ABC):
         """Signals that a log must hold; of several sets any one does. () where such a machine has no such balance."""
 
     def wants(self, log: Log, machine: Machine) -> bool:
+        """Is it formed of this log?"""
+        return self.measurable(log, machine)
+
+    def measurable(self, log: Log, machine: Machine) -> bool:
         """Has the machine this balance, and the log the channels?"""
         return any(all(log.signal(stem) is not None for stem in stems) for stems in self.needs(machine))
 

@@ -18,23 +18,14 @@ OF_SPOOL = (  # all of a row that the spool depends on
 
 
 def at_samples(row: Array, volts: Array, t: Array, rate: float) -> tuple[Array, Array]:
-    """Volts that reach the spool and its position at the samples: as volts are held, the mean of both sides.
-
-    A delay between two samples is the mean of both, weighted: a fit needs a slope.
-    """
-    late = row[P.VALVE_DELAY] * rate
-    whole = int(late + 1e-6)
-    held, x = spool_state(row, np.ascontiguousarray(volts), t, whole)
-    if late - whole > 1e-6:
-        later = spool_state(row, np.ascontiguousarray(volts), t, whole + 1)
-        share = late - whole
-        held, x = (1.0 - share) * held + share * later[0], (1.0 - share) * x + share * later[1]
+    """Volts that reach the spool and its position at the samples: as volts are held, the mean of both sides."""
+    held, x = spool_state(row, np.ascontiguousarray(volts), t, rate)
     return held, 0.5 * (x + np.concatenate([x[:1], x[:-1]]))
 
 
-def spool_state(row: Array, volts: Array, t: Array, late: int) -> tuple[Array, Array]:
-    """Volts that reach the spool `late` samples late, and the spool's position: delay, play and spool in turn."""
-    held = leg_equations.valve_volts(volts, row[P.HYSTERESIS], late)
+def spool_state(row: Array, volts: Array, t: Array, rate: float) -> tuple[Array, Array]:
+    """Volts that reach the spool, and the spool's position: the recursions of delay, play and spool on measured volts."""
+    held = leg_equations.valve_volts(volts, row[P.HYSTERESIS], row[P.VALVE_DELAY] * rate)
     return held, spool_positions(row, held, t)
 
 

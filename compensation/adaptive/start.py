@@ -1,0 +1,76 @@
+"""The state before the first tick, and what was learned in and out of it: compiled, over the same flat array."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from ..compiled import compiled
+from .delay import keep_delay, restore_delay
+from .demand import stretch_demands
+from .edge_rounding import restore_rounding, start_rounding
+from .engagement import AT_REST_M_S2
+from .friction import keep_friction, restore_friction, start_friction
+from .layout import PREVIEW_TICKS
+from .leak import restore_leak, start_leak
+from .monitor import start_monitor
+from .prediction import start_prediction
+from .spool import look_ahead_shift, round_lag
+from .step import want_design
+from .taps import design
+from .valve import keep_valve, restore_valve, start_valve, valve_ready
+
+SETTLE_S = 0.02  # after the volts change sign, in which the spool crosses
+MIN_WINDOW_TICKS = 4
+START_RAMP_STEP = 0.01
+
+
+@compiled
+def start(states):
+    """Nothing learned. states: (1,) of the layout, zero but for its settings. Designs the taps."""
+    s = states[0]
+    settings, tick_s = s.settings, s.settings.tick_s
+    window = max(MIN_WINDOW_TICKS, round(settings.window_s / tick_s))
+    start_valve(s.valve, tick_s, window, settings.min_speed_m_s, round(SETTLE_S / tick_s), settings.memory_windows)
+    start_friction(s.friction, tick_s, settings.stroke_m, window, settings.min_speed_m_s, settings.memory_windows)
+    resolution_m = settings.position_resolution_m
+    start_monitor(s.monitor, tick_s, sqrt(settings.position_noise_m**2 + resolution_m * resolution_m / 12.0))
+    start_rounding(s.rounding)
+    start_leak(s.leak)
+    start_prediction(s.prediction)
+    s.reference.tick_s = s.inverse.tick_s = s.delay.tick_s = s.lateness.tick_s = tick_s
+    s.demands.count, s.delay.tested, s.damping_gain = PREVIEW_TICKS, -1, 1.0
+    s.engagement.ramp_step, s.engagement.stability_limit_m_s2 = START_RAMP_STEP, AT_REST_M_S2
+    want_design(s, 0.0)
+    design(s)
+
+
+@compiled
+def restore(states, learned):
+    """Into a state that was just started: what `keep` kept. learned: (1,) of the layout LEARNED."""
+    s, known = states[0], learned[0]
+    restore_valve(s.valve, known.flow)
+    restore_friction(s.friction, known.friction)
+    s.trim.rounding_V = known.rounding_V
+    restore_rounding(s.rounding, s.trim.rounding_V)
+    restore_delay(s.delay, s.lateness, known.delay)
+    if valve_ready(s.valve):
+        restore_leak(s.leak, s.valve.leak_m_s)
+        stretch_demands(s, look_ahead_shift(s.valve.lag_s, s.settings.tick_s))
+        want_design(s, round_lag(s.valve.lag_s))
+        design(s)
+
+
+@compiled
+def keep(states, learned):
+    """What was learned, into `learned` (1,)."""
+    s, known = states[0], learned[0]
+    keep_valve(s.valve, known.flow)
+    keep_friction(s.friction, known.friction)
+    known.rounding_V = s.trim.rounding_V
+    keep_delay(s.delay, s.lateness, known.delay)
+
+
+@compiled
+def design_taps(states):
+    """The design that a tick has asked for."""
+    design(states[0])

@@ -1,0 +1,205 @@
+"""FIR filters for the spool's lag: leads for the flow and for the dead band, and a damping filter through the spool.
+
+The response of the spool to the volts of one tick (held over the tick), averaged over each following tick, is
+
+    g_j = (1/T) int_{jT}^{(j+1)T} [s(t) - s(t - T)] dt,      s(t) the spool's unit step response.
+
+Each filter is a linear least-squares problem (least_squares.py) in the memory of `work`, a record DESIGN.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..compiled import compiled
+from .arithmetic import dot, push
+from .layout import LEAD_TAPS, LEAD_TICKS, PATH_AFTER, PATH_BEFORE, PATH_FINE, RESPONSE
+from .least_squares import add_row, solve, start_least_squares
+from .spool import SPOOL_DAMPING, round_lag, step_response
+
+FREE_TICKS = 0.75  # on either side of the crossing in which the spool's path is nearly free, with FREE_WEIGHT
+FREE_WEIGHT = 0.3
+CROSSING_SMOOTHING = 1e-5  # of the crossing lead
+RESPONSE_FINE, CROSSING_FINE = 40, 20  # samples a tick
+SUM_WEIGHT = 1e3  # of the taps' sum and centre
+DAMPING_ABOVE, DAMPING_REST, DAMPING_SIZE = 0.15, 1e2, 0.03  # weights: above the band, at rest, of the taps' size
+BAND_STEPS, ABOVE_STEPS, ABOVE_BAND, CHECK_STEPS = 40, 30, 1.6, 60  # frequencies in the band, above 1.6 times its end
+MAX_WRONG_SHARE = 1.2  # of a pressure oscillation that the damping may feed at any frequency, over what it damps
+
+
+@compiled
+def design(state):
+    """The taps for the lag and the delay that the step has found. Takes longer than a tick's step; nothing else reads
+    what it writes."""
+    settings, work = state.settings, state.design
+    lag_s, delay_s, shift, tick_s = state.lag_s, state.delay_s, state.shift, settings.tick_s
+    lead(work, state.lead_taps, lag_s, tick_s, settings.lead_smoothing, delay_s, shift)
+    crossing_lead(work, state.crossing_taps, lag_s, tick_s, delay_s, shift)
+    crossing_path(work, state.crossing_path, state.crossing_taps, lag_s, tick_s, delay_s, shift)
+    late_s = min(round_lag(state.lateness.late_s), delay_s)  # of the position; pressure is not late
+    damping_filter(work, state.damping_taps, lag_s - late_s, delay_s - late_s, settings)
+    state.design_wanted = False
+
+
+@compiled
+def tick_response(response, lag_s, tick_s, delay_s):
+    """g_j into `response` (n,): mean spool position in tick j after one tick of unit volts."""
+    for j in range(len(response)):
+        total = 0.0
+        for i in range(RESPONSE_FINE):
+            t = (j * RESPONSE_FINE + i + 0.5) * tick_s / RESPONSE_FINE
+            total += step_response(t, lag_s, delay_s) - step_response(t - tick_s, lag_s, delay_s)
+        response[j] = total / RESPONSE_FINE
+
+
+@compiled
+def lead(work, taps, lag_s, tick_s, smoothing, delay_s, shift):
+    """Taps h (LEAD_TAPS,) so that u_k = sum_i h_i x_{k + LEAD_TICKS - i} makes the spool follow x, as means over ticks.
+
+    Least squares of g * h against a pulse at LEAD_TICKS, with `smoothing` times the taps' roughness: more is softer and
+    slower. The taps sum to one, so that nothing changes at rest, and their centre undoes the spool's: no time is left.
+    """
+    g, past = work.response, work.past
+    tick_response(g, lag_s, tick_s, delay_s)
+    start_least_squares(work, LEAD_TAPS)
+    past[:] = 0.0
+    for k in range(RESPONSE + LEAD_TAPS - 1):
+        push(past, g[k] if k < RESPONSE else 0.0)
+        _add_weighed(work, 1.0, 1.0 if k == LEAD_TICKS + shift else 0.0)
+    total = moment = 0.0
+    for j in range(RESPONSE):
+        total, moment = total + g[j], moment + j * g[j]
+    _solve_taps(work, taps, smoothing, LEAD_TICKS + shift - moment / total)
+
+
+@compiled
+def crossing_lead(work, taps, lag_s, tick_s, delay_s, shift):
+    """Taps (LEAD_TAPS,) like `lead`, for the dead-band compensation alone.
+
+    Inside the overlap the spool lets no oil through; any overshoot beyond it does. So the spool's path is prescribed
+    here, and not its mean over ticks: where it stood until FREE_TICKS before the crossing, where it is to stand from
+    as long after it, and nearly free in between.
+    """
+    start_least_squares(work, LEAD_TAPS)
+    before = LEAD_TICKS + shift
+    for i in range(CROSSING_FINE):
+        work.past[:] = 0.0
+        for k in range(before + RESPONSE):
+            part = (i + 0.5) / CROSSING_FINE
+            push(work.past, step_response((k + part) * tick_s, lag_s, delay_s))
+            time = k - before + part
+            weight = (FREE_WEIGHT if abs(time) < FREE_TICKS else 1.0) / math.sqrt(CROSSING_FINE)
+            _add_weighed(work, weight, 1.0 if time > 0.0 else 0.0)
+    _solve_taps(work, taps, CROSSING_SMOOTHING, before - lag_s / tick_s)
+
+
+@compiled
+def crossing_path(work, path, taps, lag_s, tick_s, delay_s, shift):
+    """Path of the crossing spool, from -1 to 1, PATH_FINE samples a tick, from PATH_BEFORE ticks before the step on;
+    taps: `crossing_lead`."""
+    first = LEAD_TICKS + shift - PATH_BEFORE
+    for i in range(PATH_FINE):
+        work.past[:] = 0.0
+        for k in range(first + PATH_BEFORE + PATH_AFTER):
+            push(work.past, step_response((k + (i + 0.5) / PATH_FINE) * tick_s, lag_s, delay_s))
+            if k >= first:
+                path[(k - first) * PATH_FINE + i] = 2.0 * dot(taps, work.past, LEAD_TAPS) - 1.0
+
+
+@compiled
+def _add_weighed(work, weight, target):
+    """One row: the spool's response to each of the lead's taps, in `work.past`."""
+    for i in range(LEAD_TAPS):
+        work.row[i] = weight * work.past[i]
+    work.row[LEAD_TAPS] = weight * target
+    add_row(work, LEAD_TAPS)
+
+
+@compiled
+def _solve_taps(work, taps, smoothing, centre):
+    """The taps of the rows so far, regularised by `smoothing`, with unit sum and a given centre."""
+    rough, row = math.sqrt(smoothing), work.row
+    for i in range(LEAD_TAPS):
+        row[:] = 0.0
+        row[i] = rough
+        if i + 1 < LEAD_TAPS:
+            row[i + 1] = -rough
+        add_row(work, LEAD_TAPS)
+    for i in range(LEAD_TAPS):
+        row[i] = SUM_WEIGHT
+    row[LEAD_TAPS] = SUM_WEIGHT
+    add_row(work, LEAD_TAPS)
+    for i in range(LEAD_TAPS):
+        row[i] = SUM_WEIGHT * i
+    row[LEAD_TAPS] = SUM_WEIGHT * centre
+    add_row(work, LEAD_TAPS)
+    solve(work, LEAD_TAPS, taps)
+    total = 0.0
+    for i in range(LEAD_TAPS):
+        total += taps[i]
+    for i in range(LEAD_TAPS):
+        taps[i] /= total
+
+
+@compiled
+def damping_filter(work, taps, lag_s, delay_s, settings):
+    """Taps on the newest pressures: the flow through the lagging valve opposes the pressure's oscillation.
+
+    Least squares in frequency: taps times the valve's response is to be 1 between `damping_low_Hz` and
+    `damping_high_Hz`, small above and 0 at rest (the taps sum to zero). Then all of them are made smaller until the
+    flow nowhere follows the pressure by more than MAX_WRONG_SHARE.
+    """
+    n, low_Hz, high_Hz, tick_s = (
+        int(settings.damping_count),
+        settings.damping_low_Hz,
+        settings.damping_high_Hz,
+        settings.tick_s,
+    )
+    nyquist, row = 0.5 / tick_s, work.row
+    start_least_squares(work, n)
+    for k in range(BAND_STEPS + ABOVE_STEPS):
+        inside = k < BAND_STEPS
+        if inside:
+            f = low_Hz + k * (high_Hz - low_Hz) / (BAND_STEPS - 1)
+        else:
+            f = ABOVE_BAND * high_Hz + (k - BAND_STEPS) * (nyquist - ABOVE_BAND * high_Hz) / (ABOVE_STEPS - 1)
+        weight = 1.0 if inside else DAMPING_ABOVE
+        for part in range(2):
+            for i in range(n):
+                row[i] = weight * _valve_response(f, tick_s, lag_s, delay_s, i)[part]
+            row[n] = weight if inside and part == 0 else 0.0
+            add_row(work, n)
+    for i in range(n):
+        row[i] = DAMPING_REST
+    row[n] = 0.0
+    add_row(work, n)
+    for i in range(n):
+        row[:] = 0.0
+        row[i] = DAMPING_SIZE
+        add_row(work, n)
+    solve(work, n, taps)
+    mean, wrong = 0.0, 1e-9
+    for i in range(n):
+        mean += taps[i] / n
+    for i in range(n):
+        taps[i] -= mean
+    for k in range(CHECK_STEPS):
+        f, through = low_Hz + k * (nyquist - low_Hz) / (CHECK_STEPS - 1), 0.0
+        for i in range(n):
+            through += taps[i] * _valve_response(f, tick_s, lag_s, delay_s, i)[0]
+        wrong = max(wrong, -through)
+    for i in range(n):
+        taps[i] *= min(1.0, MAX_WRONG_SHARE / wrong)
+
+
+@compiled
+def _valve_response(f_Hz, tick_s, lag_s, delay_s, ticks):
+    """Real and imaginary part of spool, hold, delay and `ticks` more at a frequency."""
+    w = 2 * math.pi * f_Hz
+    lag_s = max(lag_s - delay_s, 0.0)
+    real, imaginary = 1.0 - (w * lag_s / (2 * SPOOL_DAMPING)) ** 2, w * lag_s
+    half = 0.5 * w * tick_s
+    size = math.sin(half) / half / (real * real + imaginary * imaginary)
+    phase = w * ((0.5 + ticks) * tick_s + delay_s)
+    cosine, sine = math.cos(phase), math.sin(phase)
+    return size * (real * cosine - imaginary * sine), -size * (real * sine + imaginary * cosine)

@@ -1,0 +1,46 @@
+"""The compiled designs of the taps, called with numbers and giving arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compensation.adaptive import spool, taps
+from compensation.adaptive.layout import DESIGN, LEAD_TAPS, PATH, SETTINGS, empty
+
+
+def step_response(t_s: np.ndarray, lag_s: float, delay_s: float = 0.0) -> np.ndarray:
+    return np.array([spool.step_response(float(t), lag_s, delay_s) for t in t_s])
+
+
+def tick_response(lag_s: float, tick_s: float, count: int, delay_s: float = 0.0) -> np.ndarray:
+    response = np.zeros(count)
+    taps.tick_response(response, lag_s, tick_s, delay_s)
+    return response
+
+
+def lead(lag_s: float, tick_s: float, smoothing: float, delay_s: float = 0.0, shift: int = 0) -> np.ndarray:
+    found = np.zeros(LEAD_TAPS)
+    taps.lead(empty(DESIGN), found, lag_s, tick_s, smoothing, delay_s, shift)
+    return found
+
+
+def crossing_lead(lag_s: float, tick_s: float, delay_s: float = 0.0, shift: int = 0) -> np.ndarray:
+    found = np.zeros(LEAD_TAPS)
+    taps.crossing_lead(empty(DESIGN), found, lag_s, tick_s, delay_s, shift)
+    return found
+
+
+def crossing_path(lag_s: float, tick_s: float, delay_s: float = 0.0, shift: int = 0) -> np.ndarray:
+    path, found = np.zeros(PATH), crossing_lead(lag_s, tick_s, delay_s, shift)
+    taps.crossing_path(empty(DESIGN), path, found, lag_s, tick_s, delay_s, shift)
+    return path
+
+
+def damping_filter(
+    lag_s: float, tick_s: float, low_Hz: float, high_Hz: float, count: int, delay_s: float = 0.0
+) -> np.ndarray:
+    settings, found = empty(SETTINGS), np.zeros(count)
+    settings.damping_count, settings.tick_s = count, tick_s
+    settings.damping_low_Hz, settings.damping_high_Hz = low_Hz, high_Hz
+    taps.damping_filter(empty(DESIGN), found, lag_s, delay_s, settings)
+    return found
