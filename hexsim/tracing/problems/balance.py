@@ -59,9 +59,7 @@ class BalanceProblem(FitProblem):
     @property
     def samples(self) -> int:
         return sum(
-            len(part.rows) * used(log, log.time).shape[0] // self.every(log)
-            for log in self.logs
-            for part in self.parts
+            len(part.rows) * used(log, log.time).shape[0] // self.every(log) for log in self.logs for part in self.parts
         )
 
     def every(self, log: Log) -> int:
