@@ -216,7 +216,7 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
         if not open_points(result):
             story.ended = f"{result.verdict}: nothing is left to be told apart, and every number is sharp"
             return
-        design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number))
+        design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number), may_load=False)
         if not worth_a_run(design.to_json()):
             story.ended = "no motion inside the machine's limits tells more: " + "; ".join(open_points(result))
             return
