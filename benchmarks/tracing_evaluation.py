@@ -66,6 +66,12 @@ RIGHT = {
     "centre_of_mass": {"centre_of_mass"},
     "platform_inertia": {"inertia_change"},
     "leg_differs": {"valve_gain_change"},
+    "base_joint_x": {"base_joint_offset"},
+    "base_joint_z": {"base_joint_offset"},
+    "platform_joint_x": {"platform_joint_offset"},
+    "platform_joint_z": {"platform_joint_offset"},
+    "leg_zero": {"leg_zero_offset", "position_offset"},
+    "imu_turn": {"imu_orientation"},
 }
 
 
@@ -90,12 +96,14 @@ def main() -> None:
 
 def run_all(options: argparse.Namespace, seeds: range, out: Path) -> None:
     """Every effect at every seed that the file does not hold yet."""
-    from other_effects import EFFECTS
+    from other_effects import BUILT_OTHERWISE, EFFECTS
 
     names = [None]
     if options.what != "null":
         names = [
-            n for n, e in EFFECTS.items() if e.in_library == (options.what == "library") and options.kind in e.kinds
+            n
+            for n, e in (EFFECTS | BUILT_OTHERWISE).items()
+            if e.in_library == (options.what == "library") and options.kind in e.kinds
         ]
     if options.effects:
         names = options.effects.split(",")
@@ -114,8 +122,7 @@ def run_all(options: argparse.Namespace, seeds: range, out: Path) -> None:
 
 def run_one(name: str | None, seed: int, options: argparse.Namespace) -> dict:
     """Write one machine, trace it, score it."""
-    from other_effects import EFFECTS
-    from other_plant import write_machine
+    from other_plant import KNOWN, write_machine
 
     from hexsim.errors import HexsimError
     from hexsim.tracing.trace import trace
@@ -124,10 +131,10 @@ def run_one(name: str | None, seed: int, options: argparse.Namespace) -> dict:
     fit, validate = (["fit", "sweep"], ["validate"]) if bench else (["fit"], ["validate_heave", "validate_roll"])
     size = None
     if name is not None:
-        size = EFFECTS[name].size(options.kind) * options.strength
+        size = KNOWN[name].size(options.kind) * options.strength
     with tempfile.TemporaryDirectory() as folder:
         effects = {} if name is None else {name: size}
-        leg = None if bench or name is None or EFFECTS[name].place != "leg" else 1 + seed % 6
+        leg = None if bench or name is None or KNOWN[name].place != "leg" else 1 + seed % 6
         write_machine(folder, seed, effects, options.kind, leg=leg, duration_s=options.duration)
         started = time.process_time()
         try:
@@ -145,7 +152,7 @@ def run_one(name: str | None, seed: int, options: argparse.Namespace) -> dict:
         "seconds": round(time.process_time() - started, 1), "duration": options.duration,
         "commit": commit(), "description": report.get("description", ""),
     }  # fmt: skip
-    return line | {"score": score(line, EFFECTS)}
+    return line | {"score": score(line, KNOWN)}
 
 
 def score(line: dict, effects: dict) -> str:

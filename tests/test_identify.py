@@ -6,12 +6,21 @@ import time
 import numpy as np
 import polars as pl
 import pytest
+from typer.testing import CliRunner
 
+import compensation
+from compensation import Context
+from hexsim.cli import app
 from hexsim.errors import HexsimError
-from hexsim.identify.host import Host, PERIOD_s, log_of
+from hexsim.identify import identify
+from hexsim.identify.bump import taken_apart, worst
+from hexsim.identify.host import Host, PERIOD_s, check_clock, log_of
+from hexsim.identify.picture import errors_by_kind
 from hexsim.identify.rounds import Round, Story, check_careful, setpoints_of
-from hexsim.identify.story import errors_by_kind, write_story
+from hexsim.identify.story import write_story
 from hexsim.machine import load_machine
+from hexsim.motion_computer.compensator_packet import AskedCompensator, unpack_asked
+from hexsim.motion_computer.states import State
 from hexsim.motion_computer.telemetry import MOST_ROWS, Telemetry, unpack_telemetry, width
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
@@ -72,6 +81,7 @@ def test_lost_packets_are_a_gap():
         ([], "sends no telemetry"),
         ([packet(k, 0.002 * k) for k in range(0, 50, 3)], "lost"),
         ([packet(k, 0.004 * k, rate=1000.0, rows=1) for k in range(50)], "cannot be trusted"),
+        ([packet(k, 0.004 * k, rate=500.0, rows=4) for k in range(50)], "cannot be trusted"),
         ([packet(0, 0.0), packet(1, 0.002, rate=500.0)], "changes"),
     ],
 )
@@ -79,6 +89,99 @@ def test_telemetry_that_cannot_be_used_is_refused(packets, says):
     """None, two thirds lost, a rate that the rows contradict, a rate that changes: a sentence each."""
     with pytest.raises(HexsimError, match=says):
         log_of(packets)
+
+
+@pytest.mark.parametrize(("ran", "share"), [(20.1, 0.002), (19.9, 0.002), (21.0, 0.02)])
+def test_a_clock_that_runs_off_is_refused(ran, share):
+    """Beyond its share and two packets, to either side; within them it passes."""
+    with pytest.raises(HexsimError, match="its time stamps cannot be trusted"):
+        check_clock("the telemetry's clock", ran, 20.0, share)
+    check_clock(
+        "the telemetry's clock", 20.0 + 0.9 * (ran - 20.0) * (share * 20.0 + 0.02) / abs(ran - 20.0), 20.0, share
+    )
+
+
+def test_a_compensator_packet_is_what_was_packed():
+    """Packing and unpacking is the identity; cut, of another magic, of a leg too many, or no JSON: none."""
+    given = AskedCompensator(leg=2, n_legs=6, name="adaptive", parameters={"flow": {"null_V": 0.1}, "list": [1.0, 2.0]})
+    data = given.pack()
+    assert unpack_asked(data) == given
+    for spoilt in (data[:-1], b"HXC1" + data[4:], data[:4] + b"\x07\x00" + data[6:], data[:16] + b"x" + data[17:]):
+        assert unpack_asked(spoilt) is None
+
+
+def test_a_host_puts_a_compensator_into_the_loop_and_takes_it_out(served):
+    """With what it learned elsewhere; a name with a module and parameters of another algorithm are refused, plain control stays."""
+    made = compensation.create("adaptive")
+    learned = made.parameters(made.start(Context()))
+    with Host(served.address) as host:
+        host.exchange()
+        for name, wrong in (("os:system", learned), ("adaptive", {"flow": {}})):
+            with pytest.raises(HexsimError, match="refuses the compensator"):
+                host.compensate(name, [wrong], 1)
+        assert served.computer.compensators == []
+        host.compensate("adaptive", [learned], 1)
+        assert served.computer.learned()[0]["flow"] == learned["flow"]
+        assert host.exchange().compensated
+        host.compensate("none", [], 1)
+        assert not host.exchange().compensated
+
+
+def test_the_bump_is_the_worst_peak_from_the_second_reversal_on():
+    """A sine with a bump of 0.3 m/s2 at each reversal and one of 0.8 at the first: 0.3 within what 50 Hz rounds off; lost
+    samples are filled."""
+    time = np.arange(0.0, 20.0, 1e-3)
+    felt = 0.5 * np.sin(np.pi * time)
+    for k in range(20):
+        felt += (0.8 if k == 4 else 0.3) * (-1) ** k * np.exp(-(((time - k - 0.5) / 0.02) ** 2))
+    log = pl.DataFrame({"time_s": time, "acceleration_m_s2": felt})
+    for given in (log, log.filter(pl.int_range(pl.len()) % 97 != 5)):
+        assert worst(taken_apart(load_machine("bench"), given)) == pytest.approx(0.3, abs=0.04)
+
+
+def with_held_out(folder):
+    """A folder in which the motions to judge on are measured already."""
+    (folder / "logs").mkdir()
+    for name in ("held_out", "held_out_2"):
+        pl.DataFrame({"time_s": [0.0]}).write_parquet(folder / "logs" / f"{name}.parquet")
+    return folder
+
+
+def test_an_interrupted_machine_is_lowered_though_the_display_raises(served, tmp_path):
+    """Ctrl-C while it moves, passed on by every later call of the display: the machine ends off, and the story says so."""
+    calls = []
+
+    def show(doing: str, share: float) -> None:
+        calls.append(doing)
+        if "measuring" in doing and share > 0.05:
+            show.caught = True  # type: ignore[attr-defined]
+        if getattr(show, "caught", False):
+            raise KeyboardInterrupt
+
+    story = identify("bench", served.address, 5.0, with_held_out(tmp_path), show)
+    assert story.ended == "interrupted by the user"
+    assert calls[-1] == "lowering the machine"
+    assert served.computer.state == State.OFF
+
+
+def test_a_fault_ends_it_with_what_was_kept(served, tmp_path):
+    """The position is lost in the middle of a motion: a sentence, exit code 1, the logs before it are kept, and another
+    declaration does not take the folder over."""
+    read = served.sensors.read
+
+    def broken(tick):
+        position, *rest = read(tick)
+        return (np.full_like(position, np.nan) if served.time_s > 3.0 else position, *rest)
+
+    served.sensors.read = broken
+    address = f"{served.address[0]}:{served.address[1]}"
+    result = CliRunner().invoke(app, ["identify", "bench", "--host", address, "--out", str(with_held_out(tmp_path))])
+    assert result.exit_code == 1
+    assert "the machine is in fault: sensor fault" in " ".join(result.output.split())
+    assert (tmp_path / "report.html").is_file()
+    assert sorted(path.stem for path in (tmp_path / "logs").iterdir()) == ["held_out", "held_out_2"]
+    with pytest.raises(HexsimError, match="of another declaration"):
+        identify("micro_motion_system", served.address, 5.0, tmp_path)
 
 
 def test_nobody_there():

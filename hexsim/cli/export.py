@@ -29,9 +29,7 @@ def fmu(
             help="plant: valve volts in, motion and pressures out; machine: setpoints in, controllers inside."
         ),
     ] = "plant",
-    tendon: Annotated[
-        bool, typer.Option("--tendon", help="The tendon equal of the legs: faster, peaks to 0.1 %.")
-    ] = False,
+    tendon: Annotated[bool, typer.Option("--tendon", help="The tendon model: faster, peaks to 0.1 %.")] = False,
     fmi: Annotated[int, typer.Option(min=2, max=3, help="Version of FMI.")] = 2,
     linux_only: Annotated[bool, typer.Option("--linux-only", help="Leave Windows out.")] = False,
     mujoco_dll: Annotated[

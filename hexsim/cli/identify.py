@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +11,9 @@ from hexsim.cli import options
 from hexsim.cli.console import doing_of, output, print_json, progress, terminated_like_interrupted
 from hexsim.cli.serve import PORT
 from hexsim.errors import HexsimError
+
+if TYPE_CHECKING:
+    from hexsim.identify import Story
 
 
 def register(app: typer.Typer) -> None:
@@ -24,25 +27,48 @@ def identify(
     ],
     host: Annotated[str, typer.Option(help="ADDRESS:PORT of the machine's host interface.")] = f"127.0.0.1:{PORT}",
     minutes: Annotated[float, typer.Option(min=0.5, max=600.0, help="Machine time to use (min).")] = 5.0,
+    compensate: Annotated[
+        bool,
+        typer.Option("--compensate", help="At the end: the machine's bump in heave before and after compensation."),
+    ] = False,
+    recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write recordings for Rerun.")] = True,
     json: options.Json = False,
 ) -> None:
-    """Measure the machine behind a host interface, trace it, design the next motion, until nothing more can be told."""
+    """Measure the machine behind a host interface, trace it, design the next motion, until nothing more can be told.
+
+    Exit code 1 where a fault of the machine or of the link ended it; what was found by then is kept.
+    """
     address = address_of(host)
     from hexsim.identify import identify as run
-    from hexsim.identify.story import write_story
+    from hexsim.identify.story import write_recordings, write_story
 
     with progress() as bar, terminated_like_interrupted() as check:
-        story = run(machine, address, minutes, out, doing_of(bar, check))
+        show = doing_of(bar, check)
+        story = run(machine, address, minutes, out, show, compensate=compensate)
         place = write_story(story)
+        if recording and story.rounds:
+            show("writing recordings", 0.99)
+            write_recordings(story)
     if json:
         print_json(story.to_json())
-        return
+    else:
+        _tell(story, place)
+    if story.failed:
+        raise typer.Exit(1)
+
+
+def _tell(story: Story, place: Path) -> None:
+    """What came of it, in the terminal."""
     console = output()
     for one in story.rounds:
         console.print(
             f"round {one.number}  {one.verdict}: {'; '.join(one.sentences) or 'nothing left open'}", soft_wrap=True
         )
     console.print(f"ended    {story.ended}", soft_wrap=True)
+    if story.bump:
+        console.print(f"bump     {story.bump.before:.3f} m/s2 with plain control, {story.bump.after:.3f} compensated")
+    elif story.no_bump:
+        console.print(f"bump     {story.no_bump}", soft_wrap=True)
     console.print(f"story    {place}")
 
 

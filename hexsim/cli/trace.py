@@ -218,9 +218,11 @@ ERROR_COLUMNS = ("declared", "refit", "with_effect", "noise")
 
 
 def friction(
-    log: Annotated[Path, typer.Argument(help="Log of the machine, best of the scenario `friction`.")],
+    log: Annotated[
+        Path, typer.Argument(help="Log of the machine, or a run's folder; best of the scenario `friction`.")
+    ],
     machine: Annotated[
-        str | None, typer.Option("--machine", "-m", help="Machine; default: machine.toml beside the log.")
+        str | None, typer.Option("--machine", "-m", help="Machine; default: the one beside the log.")
     ] = None,
     leg: Annotated[int, typer.Option(min=1, max=6, help="Leg of a hexapod.")] = 1,
     out: Annotated[
@@ -259,10 +261,10 @@ def friction(
 
 
 def beside(log: Path) -> Path | str:
-    """The declaration in the folder of a log; of a run's own log, the machine in its config.toml is not a file yet."""
+    """Where the machine of a log is declared: machine.toml in its folder, or the run's own config.toml."""
     from hexsim.errors import HexsimError
 
-    declared = log.parent / "machine.toml"
-    if not declared.is_file():
+    folder = log if log.is_dir() else log.parent
+    if not any((folder / name).is_file() for name in ("machine.toml", "config.toml")):
         raise HexsimError(f"there is no machine.toml beside {log}: give --machine with a name, folder or TOML file")
-    return declared
+    return folder

@@ -27,6 +27,7 @@ class Resolved:
 
     rows: (n_legs, N_PARAMETERS) hydraulics; supply: (N_SUPPLY,); load and sensors as declared or changed;
     gravity_m_s2: (3,) in the world frame; leg_sensors: per-leg gains, offsets and delays, name -> (n_legs,).
+    loop_gain, loop_delay_ticks (n_legs,): of the controllers as they run, against the declared ones.
     mechanics: legs as they are built; the motion computer has those of the machine file.
     imu_turn_rad, imu_place_m (3,): how the accelerometers are turned (rotation vector) and shifted against [sensors].
     oil_temperature_degC: temperature for which rows and supply hold (only a power unit changes it).
@@ -41,6 +42,11 @@ class Resolved:
     mechanics: Mechanics
     payload_modes: list[PayloadMode] = field(default_factory=list)
     leg_sensors: dict[str, np.ndarray] = field(default_factory=dict)
+    loop_gain: np.ndarray = field(init=False)
+    loop_delay_ticks: np.ndarray = field(init=False)
     oil_temperature_degC: float = 35.0
     imu_turn_rad: np.ndarray = field(default_factory=lambda: np.zeros(3))
     imu_place_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        self.loop_gain, self.loop_delay_ticks = np.ones(len(self.rows)), np.zeros(len(self.rows))

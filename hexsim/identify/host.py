@@ -9,14 +9,17 @@ from __future__ import annotations
 import select
 import socket
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from compensation.compensator import Parameters
 from hexsim.errors import HexsimError
+from hexsim.motion_computer.compensator_packet import AskedCompensator
 from hexsim.motion_computer.errors import labels
 from hexsim.motion_computer.host_packet import REPLY, REPLY_MAGIC, HostCommand, Reply, unpack_reply
 from hexsim.motion_computer.states import State
@@ -26,11 +29,13 @@ from hexsim.signals.table import table
 Array = NDArray[np.float64]
 PERIOD_s = 0.01
 ANSWER_s = 0.5  # a reply that takes longer is lost
-TRIES = 6
-FIRST_TRIES = 120  # a machine that has just been started may still be compiling
+REFUSALS = 6  # in a row, of an address at which nobody listens
+FIRST_TRIES, TRIES = 120, 600  # in lockstep: machine time stands still meanwhile, and a machine may have to compile
+ASKED, ANSWERED = 300, 20  # times that a compensator is asked for (a machine may compile it), packets between them
 SETTLED_s = 60.0  # machine time in which a state must be reached
 LOST_SHARE = 0.05  # of the telemetry that may be lost in a run
-CLOCK_SHARE = 0.02  # by which machine time may run off the host's
+CLOCK_SHARE = 0.02  # by which machine time may run off the host's; a busy machine skips time
+LOCKED_SHARE = 0.002  # the same in lockstep, and of telemetry against the machine's own replies
 
 
 class MachineFault(HexsimError):
@@ -71,7 +76,7 @@ class Host:
                 break
             if not lockstep:
                 break
-            if self._refusals >= TRIES:
+            if self._refusals >= REFUSALS:
                 raise self._nobody()
         else:
             raise self._nobody()
@@ -137,6 +142,24 @@ class Host:
                 )
             reply = self.exchange()
 
+    def compensate(self, name: str, learned: Sequence[Parameters], n_legs: int) -> None:
+        """Ask for a compensator that starts with what was learned, an entry a leg; "none": for plain control.
+
+        Raises HexsimError where the machine refuses it, or does not take compensators by packets.
+        """
+        legs = enumerate(learned, start=1) if name != "none" else [(0, {})]
+        packets = [AskedCompensator(leg=leg, n_legs=n_legs, name=name, parameters=own).pack() for leg, own in legs]
+        for _ in range(ASKED):
+            for packet in packets:
+                self._send(packet)
+            for _ in range(ANSWERED):
+                reply = self.exchange()
+                if reply.refused:
+                    raise HexsimError(f"the machine refuses the compensator {name}: its messages say why")
+                if reply.compensated == (name != "none"):
+                    return
+        raise HexsimError("the machine takes no compensator by packets (`motion_computer.compensator_packet`)")
+
     def drive(self, setpoints: Array, show: Callable[[float], None] = lambda share: None) -> pl.DataFrame:
         """Play setpoints (m, 6), a row a packet, from neutral and back to it; returns the log of the motion.
 
@@ -150,13 +173,19 @@ class Host:
                 show(k / len(setpoints))
         log = log_of(self.telemetry)
         self.until(State.NEUTRAL, "return_neutral")
-        commanded = len(setpoints) * PERIOD_s
-        if abs(last.time_s - first.time_s - commanded) > CLOCK_SHARE * commanded + 2 * PERIOD_s:
-            raise HexsimError(
-                f"the machine's clock ran {last.time_s - first.time_s:.2f} s while {commanded:.2f} s were commanded: its time "
-                "stamps cannot be trusted"
-            )
+        commanded, ran = len(setpoints) * PERIOD_s, last.time_s - first.time_s
+        check_clock("the machine's clock", ran, commanded, LOCKED_SHARE if last.lockstep else CLOCK_SHARE)
+        check_clock("the telemetry's clock", float(log["time_s"][-1]), ran, LOCKED_SHARE)
         return log
+
+
+def check_clock(whose: str, ran_s: float, true_s: float, share: float) -> None:
+    """Raises HexsimError where a clock has run off by more than `share` and two packets."""
+    if abs(ran_s - true_s) > share * true_s + 2 * PERIOD_s:
+        raise HexsimError(
+            f"{whose} ran {ran_s:.2f} s while {true_s:.2f} s went by: its time stamps cannot be trusted; mend its clock "
+            "or the rate that it says"
+        )
 
 
 def log_of(packets: list[Telemetry]) -> pl.DataFrame:
@@ -173,11 +202,13 @@ def log_of(packets: list[Telemetry]) -> pl.DataFrame:
         raise HexsimError("the telemetry changes its number of legs or its rate in the middle of a run")
     time = np.concatenate([packet.time_s + np.arange(len(packet.rows)) / rate for packet in kept])
     rows = np.concatenate([packet.rows for packet in kept])
-    between = np.diff(time)
-    usual = float(np.median(between)) if len(between) else 0.0
+    following = [(one, other) for one, other in pairwise(kept) if (other.sequence - one.sequence) % 2**32 == 1]
+    steps = [(other.time_s - one.time_s) / len(one.rows) for one, other in following]
+    usual = float(np.median(steps)) if steps else 1.0 / rate
     if abs(usual * rate - 1.0) > CLOCK_SHARE:
         raise HexsimError(
-            f"the telemetry says {rate:g} Hz, but its rows are {1e3 * usual:.3f} ms apart: its rate cannot be trusted"
+            f"the telemetry says {rate:g} Hz, but its rows are {1e3 * usual:.3f} ms apart: its rate cannot be trusted; "
+            "mend the rate or the time stamps"
         )
     expected = round((time[-1] - time[0]) * rate) + 1
     if len(time) < (1.0 - LOST_SHARE) * expected:

@@ -10,6 +10,7 @@ as they are, so that an interrupted identification goes on where it ended.
 from __future__ import annotations
 
 import contextlib
+import json
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -24,10 +25,11 @@ from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
-from hexsim.identify.host import Host, MachineFault, PERIOD_s
+from hexsim.identify import bump
+from hexsim.identify.host import Host, MachineFault
+from hexsim.identify.motions import setpoints_of
 from hexsim.machine.files import find_machine_file, load_machine, save_machine
 from hexsim.motion_computer.states import State
-from hexsim.scenarios.scenario import DOF_NAMES, scenario_from_dict
 from hexsim.tracing.design import next_measurement
 from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.design.next_measurement import SHARP, surviving
@@ -39,6 +41,7 @@ Show = Callable[[str, float], None]
 MOTION_s = 20.0  # of a round
 SMALL_s = 5.0  # of the first, careful motion
 SMALL_SHARE = 0.2  # of the first motion
+SLOWEST_LOOP_s = 0.3  # by which a leg may follow later
 ROUNDS = 6  # at most
 GUIDED_s = 12.0  # machine time of a round besides its motion: to neutral and back
 # kind, axis, size, two frequencies, slope, seed: see `MotionFamily.bounds`
@@ -61,80 +64,118 @@ class Round:
     sentences: tuple[str, ...]
     effects: list[dict[str, Any]]
     error: dict[str, Any]
+    budget: list[dict[str, Any]] = field(default_factory=list)
     expected: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(kw_only=True)
 class Story:
-    """What happened: the rounds, why it ended, the machine that it ended with."""
+    """What happened: the rounds, why it ended, the machine that it ended with, and its bump.
+
+    failed: the machine, or the link to it, ended it.  learned: start parameters for the compensator, an entry a leg.
+    machine_s: machine time used, interrupted identifications of the same folder included.
+    """
 
     machine: Machine
     folder: Path
     rounds: list[Round] = field(default_factory=list)
     ended: str = ""
+    failed: bool = False
     fitted: Machine | None = None
+    learned: list[dict[str, Any]] = field(default_factory=list)
+    bump: bump.Bump | None = None
+    no_bump: str = ""
     machine_s: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         return {
             "machine": self.machine.name,
             "ended": self.ended,
+            "failed": self.failed,
             "machine_s": self.machine_s,
             "verdict": self.rounds[-1].verdict if self.rounds else None,
             "rounds": [vars(one) | {"sentences": list(one.sentences)} for one in self.rounds],
+            "bump": self.bump.to_json() if self.bump else self.no_bump or None,
         }
 
 
-def setpoints_of(machine: Machine, tables: dict[str, Any]) -> Array:
-    """A scenario as setpoints (m, 6) of packets that begin and end at neutral; a bench moves in z."""
-    scenario = scenario_from_dict(tables)
-    time = np.arange(0.0, scenario.duration_s, PERIOD_s)
-    values = scenario.evaluate(time)[0]
-    if not machine.is_hexapod:
-        along = np.zeros_like(values)
-        along[:, DOF_NAMES.index("z")] = values[:, 0]
-        values = along
-    left = np.clip((scenario.duration_s - time) / scenario.fade_s, 0.0, 1.0) if scenario.fade_s else np.ones(len(time))
-    return values * (left**3 * (10.0 - 15.0 * left + 6.0 * left**2))[:, None]
-
-
 def identify(
-    machine_file: Path | str, address: tuple[str, int], minutes: float, out: Path, show: Show | None = None
-) -> Story:
+    machine_file: Path | str, address: tuple[str, int], minutes: float, out: Path, show: Show | None = None, *,
+    compensate: bool = False,
+) -> Story:  # fmt: skip
     """Identify the machine behind `address` against its declaration; `out` gets logs, traces and the story.
 
-    minutes: machine time that may be used. Raises HexsimError where nobody answers or the measurement cannot be trusted;
-    a fault of the machine, or Ctrl-C, ends it with the rounds so far and the machine settled.
+    minutes: machine time that may be used by the rounds. compensate: measure the bump before and after compensation.
+    Raises HexsimError where nobody answers, or where the first measurement cannot be trusted. A fault of the machine or
+    of the link, or Ctrl-C, ends it with what there is so far and the machine settled.
     """
     tell = show or (lambda doing, share: None)
     out = Path(out)
-    (out / "logs").mkdir(parents=True, exist_ok=True)
-    place = find_machine_file(machine_file)
-    if not (out / "machine.toml").exists():
-        shutil.copy(place, out / "machine.toml")
-    machine = load_machine(out / "machine.toml")
-    story = Story(machine=machine, folder=out)
+    machine = _declared(machine_file, out)
+    before_s = _used_before(out)
+    story = Story(machine=machine, folder=out, machine_s=before_s)
     with Host(address) as host:
         try:
             _rounds(host, machine, 60.0 * minutes, story, tell)
-        except MachineFault as fault:
-            story.ended = str(fault)
+            _compensation(host, story, compensate, tell)
         except KeyboardInterrupt:
             story.ended = "interrupted by the user"
+        except HexsimError as error:
+            if not isinstance(error, MachineFault) and not story.rounds:
+                raise
+            story.ended, story.failed = str(error), True
         finally:
             _settle(host, tell)
-            story.machine_s = host.time_s
+            story.machine_s = before_s + host.time_s
     write_json(out / "story.json", story.to_json())
     if story.fitted is not None:
         save_machine(story.fitted, out / "fitted.toml")
     return story
 
 
+def _declared(machine_file: Path | str, out: Path) -> Machine:
+    """The declared machine, kept in the folder; another one than the folder's is refused."""
+    (out / "logs").mkdir(parents=True, exist_ok=True)
+    place, kept = find_machine_file(machine_file), out / "machine.toml"
+    if not kept.exists():
+        shutil.copy(place, kept)
+    elif kept.read_bytes() != place.read_bytes():
+        raise HexsimError(f"{out} holds the identification of another declaration than {place}: give another --out")
+    return load_machine(kept)
+
+
+def _used_before(out: Path) -> float:
+    """Machine time [s] that an identification of the same folder has used before it ended."""
+    place = out / "story.json"
+    return float(json.loads(place.read_text(encoding="utf-8"))["machine_s"]) if place.is_file() else 0.0
+
+
+def _compensation(host: Host, story: Story, measure: bool, tell: Show) -> None:
+    """Start parameters for the compensator from the identified twin; the bump before and after, where asked for."""
+    if story.fitted is None:
+        return
+    story.learned = bump.start_parameters(
+        story.fitted, lambda share: tell("teaching the compensator on the identified twin", share)
+    )
+    write_json(story.folder / "compensator.json", {"compensator": bump.ALGORITHM, "legs": story.learned})
+    if not measure:
+        return
+    logs = story.folder / "logs"
+    try:
+        bump.measure_bump(host, story.machine, story.learned, logs, tell)
+        story.bump = bump.bump_of(story.machine, logs)
+    except MachineFault:
+        raise
+    except HexsimError as error:
+        story.no_bump = str(error)
+
+
 def _settle(host: Host, tell: Show) -> None:
     """Lower the machine; what cannot be reached any more is left as it is."""
     if host.reply is None or host.reply.state in (State.OFF, State.FAULT):
         return
-    tell("lowering the machine", 1.0)
+    with contextlib.suppress(KeyboardInterrupt):  # a display that passes Ctrl-C on
+        tell("lowering the machine", 1.0)
     with contextlib.suppress(HexsimError, KeyboardInterrupt):
         if host.reply.state == State.NORMAL:
             host.until(State.NEUTRAL, "return_neutral")
@@ -142,6 +183,7 @@ def _settle(host: Host, tell: Show) -> None:
 
 
 def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: Show) -> None:
+    before_s = story.machine_s
     first = host.exchange()
     if first.state == State.OFF:
         host.until(State.NEUTRAL, "start")
@@ -150,7 +192,7 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
     missing = {name: point for name, point in HELD_OUT.items() if not (logs / f"{name}.parquet").exists()}
     if missing:
         tell("a small motion", 0.0)
-        careful = MotionFamily(machine, SMALL_s).scenario(FIRST * np.array([1, 1, 0, 1, 1, 1, 1]))
+        careful = MotionFamily(machine, SMALL_s).scenario(FIRST)
         assert careful is not None
         check_careful(machine, host.drive(SMALL_SHARE * setpoints_of(machine, careful)))
     for name, point in missing.items():
@@ -160,19 +202,21 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
     for number in range(1, ROUNDS + 1):
         name = logs / f"round_{number}.parquet"
         if not name.exists():
-            if host.time_s + MOTION_s + GUIDED_s > budget_s:
-                story.ended = f"the time is used: {host.time_s:.0f} of {budget_s:.0f} s"
+            used_s = before_s + host.time_s
+            if used_s + MOTION_s + GUIDED_s > budget_s:
+                story.ended = f"the time is used: {used_s:.0f} of {budget_s:.0f} s"
                 return
             _measure(host, machine, tables, name, f"round {number}: measuring", tell)
         fit.append(name)
         result = _trace(story, fit, number, tell)
         story.rounds.append(_round(number, purpose, name.stem, result, expected))
         story.fitted = result.fitted
+        story.machine_s = before_s + host.time_s
         write_json(story.folder / "story.json", story.to_json())
         if not open_points(result):
             story.ended = f"{result.verdict}: nothing is left to be told apart, and every number is sharp"
             return
-        design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number))
+        design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number), may_load=False)
         if not worth_a_run(design.to_json()):
             story.ended = "no motion inside the machine's limits tells more: " + "; ".join(open_points(result))
             return
@@ -194,8 +238,11 @@ def check_careful(machine: Machine, log: Any) -> None:
     if len(legs) != machine.n_legs:
         raise HexsimError(f"the machine sends {len(legs)} legs, and {machine.name} is declared with {machine.n_legs}")
     for name in legs:
+        if name.replace("position", "setpoint") not in log.columns:
+            raise HexsimError(f"the machine sends {name} and no setpoint beside it: its telemetry must carry both")
         told, done = log[name.replace("position", "setpoint")].to_numpy(), log[name].to_numpy()
-        if np.ptp(done) == 0.0 or np.corrcoef(told, done)[0, 1] < 0.5:
+        late = [round(shift * len(log) / SMALL_s) for shift in np.arange(0.0, SLOWEST_LOOP_s, 0.02)]
+        if np.ptp(done) == 0.0 or max(np.corrcoef(told[: len(told) - k], done[k:])[0, 1] for k in late) < 0.5:
             raise HexsimError(
                 f"{name} does not follow its setpoint in a small motion: check wiring and signs before going on"
             )
@@ -216,7 +263,8 @@ def _tell_round(tell: Show, number: int, doing: str, share: float) -> None:
 def _round(number: int, purpose: str, log: str, result: Trace, expected: dict[str, Any]) -> Round:
     return Round(
         number=number, purpose=purpose, log=log, verdict=result.verdict, sentences=tuple(open_points(result)),
-        effects=result.report.get("effects", []), error=result.report.get("error", {}), expected=expected,
+        effects=result.report.get("effects", []), error=result.report.get("error", {}),
+        budget=result.report.get("budget", []), expected=expected,
     )  # fmt: skip
 
 

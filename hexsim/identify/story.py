@@ -5,34 +5,90 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from matplotlib.figure import Figure
-
-from hexsim.files.atomic import write_text
+from hexsim.declaration import Machine
+from hexsim.files.atomic import write_text, written_whole
 from hexsim.hydraulics.effects import effect_named
+from hexsim.identify import bump
+from hexsim.identify.picture import rounds_figure, story_figure
 from hexsim.identify.rounds import Story
-from hexsim.recording import palette
-from hexsim.recording.figure_style import WIDTH_IN, plain_powers, png, styled
-from hexsim.recording.quantity import quantity, split_key
+from hexsim.readers import read_log
+from hexsim.recording.figure_style import png
+from hexsim.recording.quantity import split_key, with_error
 from hexsim.recording.report import data_url, render
-from hexsim.signals.table import kind_of, places
+from hexsim.recording.rerun_recording import write_recording
+from hexsim.recording.signals import Signals
+from hexsim.tracing.report.recording import write_trace_recordings
 
-CAPTION = (
-    "Rms error on motion that no fit has seen, in multiples of the sensor's noise, of the worst channel of each kind. "
-    "First bar: the machine as declared. Then what the model leaves after each round. Dotted: the noise."
+BUDGET = (
+    "What does each step leave? "
+    "Rms error in multiples of the sensor's noise, of the channel of each kind that the refitted model gets most wrong. "
+    "Each bar is a step of the last trace."
+)
+BUMP = (
+    " Below: acceleration of the machine less its mean and basic harmonic, in 50 Hz, with its sensor's noise. The figures "
+    "are the largest peaks from the second reversal at full size on. The compensator has learned on the identified twin."
+)
+ROUNDS = (
+    "How far is the model off, from round to round? "
+    "Rms error on motion that no fit has seen, in multiples of the sensor's noise, of the worst channel of each kind: as "
+    "declared, then after each round. Dotted: the noise."
 )
 
 
 def write_story(story: Story) -> Path:
-    """Write report.html into the story's folder; its path."""
-    place = story.folder / "report.html"
-    figure = data_url(png(budget_figure(story))) if story.rounds else ""
+    """Write report.html and, once there was a round, story.png into the story's folder; the page's path."""
+    place, shown, grown = story.folder / "report.html", "", ""
+    if story.rounds and story.rounds[-1].budget:
+        picture = png(story_figure(headline(story), story.rounds[-1].budget, story.bump))
+        with written_whole(story.folder / "story.png") as file:
+            file.write_bytes(picture)
+        shown = data_url(picture)
+    if len(story.rounds) > 1:
+        grown = data_url(png(rounds_figure(story.rounds)))
     page = render(
         "identify.html.j2", title=f"Identification of {story.machine.name}", story=story, sentence=sentence(story),
-        effects=effects(story), figure=figure, caption=CAPTION,
+        effects=effects(story), declared=declared(story.machine), figure=shown, caption=BUDGET + BUMP * bool(story.bump),
+        grown=grown, grown_caption=ROUNDS, bump=bump_sentence(story),
     )  # fmt: skip
     write_text(place, page)
     return place
+
+
+def write_recordings(story: Story) -> list[Path]:
+    """Rerun recordings: a held-out run with the declared and the fitted machine beside it, and the bump where measured."""
+    assert story.fitted is not None
+    logs, written = story.folder / "logs", []
+    written += write_trace_recordings(
+        logs, ["held_out"], story.machine, story.fitted, story.folder, sentence(story)
+    )  # fmt: skip
+    if story.bump:
+        runs = {
+            label: Signals(log=read_log(logs / f"{name}.parquet"), machine=story.fitted, label=label)
+            for label, name in zip(("plain control", "compensated"), bump.LOGS, strict=True)
+        }
+        written.append(story.folder / "bump.rrd")
+        write_recording(written[-1], runs, {"compensated": bump_sentence(story)})
+    return written
+
+
+def bump_sentence(story: Story) -> str:
+    """The bump before and after, or why there is none."""
+    if story.bump is None:
+        return story.no_bump and f"The bump was not compared: {story.no_bump}."
+    before, after = story.bump.before, story.bump.after
+    share = f"1/{before / after:.0f}"
+    return f"The bump at each reversal of the machine: {before:.3f} m/s² as it was, {after:.3f} m/s² compensated ({share})."
+
+
+def declared(machine: Machine) -> str:
+    """The declared machine in one line."""
+    legs = f"{machine.n_legs} legs" if machine.n_legs > 1 else "one leg"
+    cylinder, load = machine.cylinder, machine.load
+    mass = load.platform_mass_kg if machine.is_hexapod else load.moving_mass_kg
+    return (
+        f"{machine.name}: {legs}, {1e3 * cylinder.piston_diameter_m:g}/{1e3 * cylinder.rod_diameter_m:g} mm cylinder with "
+        f"{1e3 * cylinder.stroke_m:g} mm stroke, {1e-5 * machine.supply.pressure_Pa:g} bar, {mass:g} kg"
+    )
 
 
 def sentence(story: Story) -> str:
@@ -46,6 +102,12 @@ def sentence(story: Story) -> str:
     return f"What the declared machine lacks: {', '.join(names)} ({ended})."
 
 
+def headline(story: Story) -> str:
+    """The found effects with their first numbers, for the picture."""
+    found = [f"{row['title']} in {row['where']}: {row['numbers'][0][1]}" for row in effects(story) if row["numbers"]]
+    return "\n".join(f"Found: {line}" for line in found) or sentence(story)
+
+
 def effects(story: Story) -> list[dict[str, Any]]:
     """Rows of the last round's effects with numbers in engineering units."""
     rows = []
@@ -55,7 +117,7 @@ def effects(story: Story) -> list[dict[str, Any]]:
         numbers = []
         for key, value in effect.get("parameters", {}).items():
             name, unit = split_key(key)
-            numbers.append((name, quantity(value, unit), quantity(errors.get(key, float("nan")), unit)))
+            numbers.append((name, with_error(value, errors.get(key), unit)))
         rows.append(
             {
                 "title": effect["name"].replace("_", " "),
@@ -66,44 +128,3 @@ def effects(story: Story) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def errors_by_kind(error: dict[str, Any], key: str) -> dict[str, float]:
-    """Kind of signal -> largest error over its noise, over logs and channels."""
-    worst: dict[str, float] = {}
-    for channels in error.values():
-        for name, own in channels.items():
-            if own.get(key) is not None and own.get("noise"):
-                kind = kind_of(name)
-                worst[kind] = max(worst.get(kind, 0.0), own[key] / own["noise"])
-    return worst
-
-
-@styled
-def budget_figure(story: Story) -> Figure:
-    """Error of each kind of channel: as declared, and after each round."""
-    first = errors_by_kind(story.rounds[0].error, "declared")
-    stages = [("declared", first)]
-    for one in story.rounds:
-        found = errors_by_kind(one.error, "with_effect") or errors_by_kind(one.error, "refit")
-        stages.append((f"round {one.number}", found))
-    kinds = list(first)
-    figure = Figure(figsize=(WIDTH_IN, 1.2 + 2.0), layout="constrained")
-    plot = figure.add_subplot()
-    width = 0.8 / len(stages)
-    for k, (label, found) in enumerate(stages):
-        x = np.arange(len(kinds)) + (k - 0.5 * (len(stages) - 1)) * width
-        heights = [max(found.get(kind, np.nan), 1e-3) for kind in kinds]
-        color = "#9AA5B1" if k == 0 else palette.RUNS[(k - 1) % len(palette.RUNS)]
-        bars = plot.bar(x, heights, 0.92 * width, label=label, color=color)
-        plot.bar_label(bars, [f"{height:.3g}" for height in heights], fontsize=7, padding=1)
-    plot.set_yscale("log")
-    plain_powers(plot)
-    plot.axhline(1.0, color=palette.INK, linestyle=":", linewidth=1.0)
-    labels = {place.kind: place.label for place, _ in places().values()}
-    plot.set_xticks(np.arange(len(kinds)), [labels.get(kind, kind) for kind in kinds])
-    plot.set_ylabel("error / noise")
-    plot.grid(visible=False, axis="x")
-    plot.margins(x=0.02, y=0.2)
-    plot.legend(ncols=len(stages), loc="upper center", bbox_to_anchor=(0.5, 1.15))
-    return figure

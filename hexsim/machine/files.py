@@ -18,6 +18,7 @@ from hexsim.hydraulics.effects import check_effects
 from hexsim.signals.table import check_extra_sensors
 
 FILE_NAME = "machine.toml"
+OF_A_RUN = "config.toml"  # its table [machine]
 
 
 def models_folder() -> Path:
@@ -35,13 +36,14 @@ def available_machines() -> list[str]:
 
 
 def find_machine_file(name_or_path: str | Path) -> Path:
-    """A name of the list, a folder with `machine.toml`, a TOML file, or a variant: micro_motion_system/power_unit."""
+    """A name of the list, a folder with `machine.toml`, a TOML file, a run's folder, or a variant: bench/power_unit."""
     path = Path(name_or_path)
     packaged = models_folder() / (Path(*path.parts[1:]) if path.parts[:1] == ("models",) else path)
     for candidate in (
         path if path.suffix == ".toml" else path / FILE_NAME,
         packaged if path.suffix == ".toml" else packaged / FILE_NAME,
         Path(f"{packaged}.toml"),
+        path / OF_A_RUN,
     ):
         if os.path.isfile(candidate):  # unlike Path's, false for a name that no file can have
             return candidate
@@ -56,7 +58,8 @@ def find_machine_file(name_or_path: str | Path) -> Path:
 def load_machine(name_or_path: str | Path) -> Machine:
     """Read and check a machine. Raises HexsimError that names file, table and key."""
     path = find_machine_file(name_or_path)
-    return machine_from_dict(read_toml(path), source=str(path))
+    tables = read_toml(path)
+    return machine_from_dict(tables.get("machine", {}) if path.name == OF_A_RUN else tables, source=str(path))
 
 
 def machine_from_dict(tables: dict[str, Any], source: str = "machine") -> Machine:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import bilinear
 
 from hexsim.declaration import Controller, Machine
+from hexsim.declaration.controller import LONGEST_DELAY_TICKS
 from hexsim.hydraulics import leg
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P, declared_rows
 from hexsim.hydraulics.resolve import resolve
@@ -19,7 +20,8 @@ Array = NDArray[np.float64]
 
 
 def control_of(machine: Machine) -> Control:
-    """The declared controllers, a row a leg. They know the declared machine, and nothing of its effects."""
+    """The declared controllers, a row a leg. They know the declared machine; of its effects they have their own, a wrong
+    gain and a computing delay."""
     rows = [
         _row(own.controller, own.valve.voltage_max_V, p)
         for own, p in zip(machine.legs, declared_rows(machine), strict=True)
@@ -27,7 +29,12 @@ def control_of(machine: Machine) -> Control:
     inertia = np.zeros((machine.n_legs, machine.n_legs))
     if machine.controller.load_feed_forward:
         inertia[:] = np.linalg.inv(leg_compliance(resolve(machine.model_copy(update={"effects": {}}))))
-    return Control(np.array(rows), inertia)
+    control = Control(np.array(rows), inertia)
+    if machine.effects:
+        running = resolve(machine)
+        control.rows[:, C.GAIN] *= running.loop_gain
+        control.rows[:, C.DELAY] = np.minimum(control.rows[:, C.DELAY] + running.loop_delay_ticks, LONGEST_DELAY_TICKS)
+    return control
 
 
 def _row(declared: Controller, limit_V: float, p: Array) -> Array:

@@ -10,8 +10,9 @@ import socket
 from typing import Any
 
 from hexsim.errors import HexsimError
+from hexsim.motion_computer.compensator_packet import LARGEST, AskedCompensator, unpack_asked
 from hexsim.motion_computer.host_buffer import NEW_SESSION_S, HostBuffer
-from hexsim.motion_computer.host_packet import COMMAND, HostCommand, Reply, unpack_command
+from hexsim.motion_computer.host_packet import HostCommand, Reply, unpack_command
 
 PACKETS_A_TICK = 64  # the rest waits in the socket, or is dropped by it
 
@@ -22,10 +23,11 @@ class HostLink:
     Raises HexsimError where the address cannot be had.
     """
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, buffer: HostBuffer) -> None:
         self.counts = {"received": 0, "malformed": 0, "other host": 0, "not sent": 0}
-        self.buffer = HostBuffer()
+        self.buffer = buffer
         self.peer: Any = None  # address of the host
+        self.asked: list[AskedCompensator] = []  # that it has asked for and nobody has taken yet
         self._socket = _bind(host, port)
         self.address = self._socket.getsockname()
 
@@ -37,14 +39,17 @@ class HostLink:
         taken = []
         for _ in range(PACKETS_A_TICK):
             try:
-                data, sender = self._socket.recvfrom(COMMAND.size + 1)
+                data, sender = self._socket.recvfrom(LARGEST + 1)
             except BlockingIOError:
                 break
             except OSError:  # an earlier reply could not be delivered
                 continue
             self.counts["received"] += 1
             command = unpack_command(data)
-            if command is None:
+            asked = unpack_asked(data) if sender == self.peer else None
+            if asked is not None:
+                self.asked.append(asked)
+            elif command is None:
                 self.counts["malformed"] += 1
             elif self.peer not in (None, sender) and now_s - self.buffer.last_packet_s <= NEW_SESSION_S:
                 self.counts["other host"] += 1

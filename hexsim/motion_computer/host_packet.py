@@ -16,7 +16,8 @@ Reply, machine to host, 136 bytes, after each tick in which a valid command came
     6       uint16    errors, bits of `errors.Error`
     8       uint32    sequence of the newest command
     12      uint32    bit 0: arrived (neutral reached, or at rest); bit 1: the last command was refused; bit 2: machine
-                      time follows the host's (lockstep); bit 3: telemetry is sent (`motion_computer.telemetry`)
+                      time follows the host's (lockstep); bit 3: telemetry is sent (`motion_computer.telemetry`);
+                      bit 4: a compensator is in the loop (`motion_computer.compensator_packet`)
     16      float64   machine time [s]
     24      float64   lag behind real time [s]
     32      float64   age of the newest setpoint [s]
@@ -84,9 +85,11 @@ class Reply:
     reference: Six
     lockstep: bool = False
     telemetry: bool = False
+    compensated: bool = False
 
     def pack(self) -> bytes:
-        flags = int(self.arrived) | int(self.refused) << 1 | int(self.lockstep) << 2 | int(self.telemetry) << 3
+        bits = (self.arrived, self.refused, self.lockstep, self.telemetry, self.compensated)
+        flags = sum(int(bit) << k for k, bit in enumerate(bits))
         return REPLY.pack(
             REPLY_MAGIC, int(self.state), int(self.errors), self.sequence, flags,
             self.time_s, self.behind_s, self.age_s, *self.pose, *self.reference,
@@ -105,5 +108,5 @@ def unpack_reply(data: bytes) -> Reply:
     return Reply(
         state=State(state), errors=Error(errors), sequence=sequence, arrived=bool(flags & 1), refused=bool(flags & 2),
         time_s=time_s, behind_s=behind_s, age_s=age_s, pose=tuple(poses[:6]), reference=tuple(poses[6:]),
-        lockstep=bool(flags & 4), telemetry=bool(flags & 8),
+        lockstep=bool(flags & 4), telemetry=bool(flags & 8), compensated=bool(flags & 16),
     )  # fmt: skip

@@ -73,20 +73,24 @@ class PositionLoop:
         n = machine.n_legs
         self.control, self.memory = control_of(machine), controller.new_memory(n)
         self.limit = machine.of_legs("valve", "voltage_max_V")
-        self.compensators = list(compensators)
         self.on_message = on_message
-        contexts = [compensator_context(machine, period_s, leg) for leg in range(1, n + 1)]
-        made = list(zip(self.compensators, contexts, strict=False))
-        self.states: list[Any] = [c.start(context) for c, context in made]
-        self.previews = [preview_count(c, context) for c, context in made]
-        self.preview = max(self.previews, default=1)
+        self._contexts = [compensator_context(machine, period_s, leg) for leg in range(1, n + 1)]
+        self.compensate(compensators)
         self.valve = np.zeros(n)  # volts that leave the motion computer
-        self.compensation = np.zeros(n)
         self.setpoint = np.zeros(n)
         self.feed_forward = np.zeros(n)
         self.compensation_share = 1.0  # that reaches the valve; a fault fades it to 0
         self._commanded = np.zeros(n)  # volts before the computing delay
         self._running = False
+
+    def compensate(self, compensators: Sequence[Compensator]) -> None:
+        """Begin with these compensators, one a leg, or with plain control where there is none."""
+        self.compensators = list(compensators)
+        made = list(zip(self.compensators, self._contexts, strict=False))
+        self.states: list[Any] = [c.start(context) for c, context in made]
+        self.previews = [preview_count(c, context) for c, context in made]
+        self.preview = max(self.previews, default=1)
+        self.compensation = np.zeros(len(self._contexts))
         self._status = [""] * len(self.compensators)
 
     @property

@@ -11,6 +11,8 @@ from hexsim.readers import formats
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import RawTable, Reader
 
+OF_A_RUN = "log.parquet"
+
 
 @cache
 def readers() -> dict[str, Reader]:
@@ -27,13 +29,21 @@ def suffix_of(path: Path) -> str:
 
 
 def log_name(path: Path) -> str:
-    """fit.csv.gz -> fit; run.2 of another ending stays."""
+    """fit.csv.gz -> fit; run.2 of another ending stays; a run's own log has its folder's name."""
+    if path.name == OF_A_RUN and path.parent.name:
+        return path.parent.name
     inner = path.with_suffix("") if path.suffix.lower() == ".gz" else path
     return inner.stem if inner.suffix.lower() in readers() else inner.name
 
 
+def of_a_run(path: Path) -> Path:
+    """The log in a run's folder, where `path` is one."""
+    return path / OF_A_RUN if (path / OF_A_RUN).is_file() else path
+
+
 def raw_table(path: Path, layout: FileLayout | None = None) -> RawTable:
     """The columns of a file, by the reader of its suffix."""
+    path = of_a_run(path)
     if not path.is_file():
         raise HexsimError(f"there is no file {path}: give a log ({', '.join(readers())}, text also as .gz)")
     reader = readers().get(suffix_of(path))
@@ -44,13 +54,13 @@ def raw_table(path: Path, layout: FileLayout | None = None) -> RawTable:
 
 def log_files(folder: Path, name: str) -> Path:
     """The file of log `name` in a machine's folder, or the path itself."""
-    direct = Path(name)
+    direct = of_a_run(Path(name))
     if direct.is_file():
         return direct
     paths = sorted(Path(folder).iterdir()) if Path(folder).is_dir() else []
     logs = [path for path in paths if path.is_file() and suffix_of(path) in readers()]
     for path in logs:
-        if log_name(path) == name:
+        if name in (log_name(path), path.name.partition(".")[0]):
             return path
     known = sorted({log_name(path) for path in logs})
     raise HexsimError(

@@ -81,7 +81,7 @@ def valve_test(machine: Machine) -> ValveTest:
     supply = float(p[P.SUPPLY_PRESSURE])
     even = np.concatenate([np.linspace(0, 1, 501), np.linspace(1, -1, 1001)[1:], np.linspace(-1, 1, 1001)[1:]])
     signal = NULL_SHARE * even + (1.0 - NULL_SHARE) * even**3  # dense about null, where pressure and leakage turn
-    volts = leg.valve_volts(signal * machine.valve.voltage_max_V, p[P.HYSTERESIS], 0)
+    volts = leg.valve_volts(signal * machine.valve.voltage_max_V, p[P.HYSTERESIS], 0.0)
     at_rest = p.copy()
     at_rest[P.SPOOL_OMEGA] = 0.0
     spool = np.array([leg.metering_spool(at_rest, u, 0.0, 0.0) for u in volts])

@@ -6,7 +6,8 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.geometry import machine_kinematics, platform_body
+from hexsim.hydraulics.resolve import resolve
+from hexsim.machine.geometry import machine_kinematics, moving_body
 from hexsim.mechanics.rigid_body import joint_wrenches
 from hexsim.signals.log import Log
 from hexsim.signals.table import accelerations_of
@@ -27,12 +28,13 @@ def oil_forces(log: Log, machine: Machine) -> Array | None:
 def leg_loads(log: Log, machine: Machine) -> tuple[Array, Array]:
     """(thrusts [N] that the platform asks of its legs, accelerations of the pistons [m/s2]), (6, n) each.
 
-    The wrench of `mechanics.rigid_body` at the measured motion, then J^T f = wrench. Massless legs.
+    The wrench of `mechanics.rigid_body` at the measured motion, then J^T f = wrench. The legs' masses as they act
+    at neutral.
     """
     load = machine.load
     if machine.geometry is None or load.platform_mass_kg is None or load.platform_inertia_kg_m2 is None:
         raise HexsimError(f"machine {machine.name} has no [geometry] or platform: the legs' loads cannot be computed")
-    legs, body = machine_kinematics(machine), platform_body(load, machine.payload)
+    legs, body = machine_kinematics(machine), moving_body(resolve(machine))
     look = Window(log.rate, 0.04)
     positions = np.stack([look.mean(log.columns[f"position_{i}_m"]) for i in range(1, 7)])
     pose = legs.forward(positions.T)

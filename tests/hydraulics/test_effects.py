@@ -35,7 +35,8 @@ def numbers(machine):
     tuples = [x for v in load.values() if isinstance(v, tuple) for x in v]
     legs = np.concatenate(list(resolved.leg_sensors.values()))
     built = [resolved.mechanics.base_joints, resolved.mechanics.platform_joints, resolved.mechanics.retracted_length_m]
-    built = np.concatenate([np.ravel(array) for array in (*built, resolved.imu_turn_rad, resolved.imu_place_m)])
+    built += [resolved.imu_turn_rad, resolved.imu_place_m, resolved.loop_gain, resolved.loop_delay_ticks]
+    built = np.concatenate([np.ravel(array) for array in built])
     return np.concatenate(
         [resolved.rows.ravel(), resolved.supply, legs, resolved.gravity_m_s2, plain, tuples, modes, built]
     )

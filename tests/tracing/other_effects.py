@@ -128,6 +128,21 @@ def outside(says, balance, typical, unit, change, depends_on, **more):
     )
 
 
+def joint(name, axis):
+    """A joint of the base or of the platform of the chosen legs is elsewhere."""
+
+    def change(plant, legs, value):
+        for leg in legs:
+            getattr(plant, name)[leg, axis] += value
+
+    return change
+
+
+def built(says, typical, unit, change, balance="platform", **more):
+    """How a hexapod is built."""
+    return lib(says, balance, typical, unit, change, kinds=("hexapod",), **more)
+
+
 FRICTION_BOTH = ("coulomb_out", "coulomb_in")
 EFFECTS: dict[str, Injected] = {
     # supply and return
@@ -402,6 +417,18 @@ SMALL_REALITIES = {
     ),
     "hardening_spring": small("spring that hardens", "force", "N/m3", set_leg("hardening")),
     "small_friction_of_position": small("friction ripples, 30 mm", "force", "N", set_leg("ripple", ripple_length=0.03)),
+}
+
+# how a hexapod is built: below the noise of any one sample
+BUILT_OTHERWISE = {
+    "base_joint_x": built("base joint off along x", 1e-3, "m", joint("base", 0)),
+    "base_joint_z": built("base joint off along z", 1e-3, "m", joint("base", 2)),
+    "platform_joint_x": built("platform joint off along x", 1e-3, "m", joint("joints", 0)),
+    "platform_joint_z": built("platform joint off along z", 1e-3, "m", joint("joints", 2)),
+    "leg_zero": built("leg longer at the same reading by", 5e-4, "m", set_leg("longer")),
+    "imu_turn": built(
+        "IMU turned about y by", 0.017453, "rad", set_rig("imu_turn_y"), balance="sensor", place="platform"
+    ),
 }
 
 # what the project's library calls the effects that it has under another name

@@ -20,7 +20,7 @@ overlap_tank rounding spool_per_volt travel viscous_out viscous_in coulomb_out c
 stribeck sharpness tank_pressure
 return_resistance leak_supply leak_tank clearance clearance_length null_offset null_drift spool_frequency
 spool_damping spool_rate hysteresis valve_delay_ms air hose bristle_stiffness bristle_damping seal ripple
-ripple_length spring force tone tone_frequency
+ripple_length spring force tone tone_frequency longer
 cubic gain_position gain_voltage gain_pressure stick stick_place stick_width cooling rod_air line_inertia
 line_loss memory
 warm_up warm_up_s wear wear_place wear_width hardening
@@ -30,7 +30,7 @@ FIELDS_RIG = """
 n_legs hexapod gravity mass incline supply_pressure line_resistance line_capacity pump_flow gas_volume
 gas_exponent payload_mass payload_omega payload_damping payload_gap payload_stop inertia_x inertia_y inertia_z
 com_x com_y com_z floor floor_frequency jitter_s acceleration_gain acceleration_offset acceleration_delay_ms
-supply_gain neutral_length gain_V_per_m pump_ripple pump_frequency
+supply_gain neutral_length gain_V_per_m pump_ripple pump_frequency imu_turn_y
 """
 LEG_TYPE = np.dtype([(name, "f8") for name in FIELDS_LEG.split()])
 RIG_TYPE = np.dtype([(name, "f8") for name in FIELDS_RIG.split()])
@@ -222,7 +222,7 @@ def leg_lengths(rig, legs, base, joints, p, R, y):
         for k in range(3):
             d = p[k] - base[i, k] + R[k, 0] * joints[i, 0] + R[k, 1] * joints[i, 1] + R[k, 2] * joints[i, 2]
             total += d * d
-        y[i] = math.sqrt(total) - rig.neutral_length + 0.5 * legs[i].stroke
+        y[i] = math.sqrt(total) - rig.neutral_length - legs[i].longer + 0.5 * legs[i].stroke
 
 
 @fast
@@ -247,7 +247,7 @@ def hexapod_rates(rig, legs, base, joints, X, volts, t, dX, a_out, y_out, W):
         for k in range(3):
             u[k] /= length
             v += u[k] * (speed[k] + R[k, 0] * turn[0] + R[k, 1] * turn[1] + R[k, 2] * turn[2])
-        y = length - rig.neutral_length + 0.5 * legs[i].stroke
+        y = length - rig.neutral_length - legs[i].longer + 0.5 * legs[i].stroke
         y_out[i] = y
         j = i * PER_LEG
         f, q, _ = leg_step(legs[i], X[j : j + 6], y, v, volts[i], Ps, t, dX[j : j + 6])

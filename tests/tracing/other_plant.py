@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from other_effects import EFFECTS, SMALL_REALITIES
+from other_effects import BUILT_OTHERWISE, EFFECTS, SMALL_REALITIES
 from other_equations import LEG_TYPE, PER_LEG, RIG_TYPE, integrate, leg_lengths, rotation
 
 BENCH_RUNS = ("fit", "sweep", "validate")
 HEXAPOD_RUNS = ("fit", "validate_heave", "validate_roll")
-KNOWN = EFFECTS | SMALL_REALITIES
+KNOWN = EFFECTS | SMALL_REALITIES | BUILT_OTHERWISE
 SUBSTEPS = {"bench": 20, "hexapod": 20}  # RK4 steps a millisecond; convergence is tested
 UNCERTAINTY = {
     "discharge_coefficient": 0.04,
@@ -230,7 +230,7 @@ def simulate(
     if plant.kind == "bench":
         setpoint = (bench_reference(run, held, rng) + 0.5 * plant.legs["stroke"][0])[:, None]
     else:
-        setpoint = leg_setpoints(plant, hexapod_reference(run, held, rng))
+        setpoint = leg_setpoints(declared_plant(plant.kind), hexapod_reference(run, held, rng))
     late = rng.uniform(0, 1, len(t)) * plant.rig["jitter_s"][0] * (np.arange(len(t)) % 2 == 0)
     y, u, P, Ps, a = integrate(
         plant.rig,
@@ -288,10 +288,15 @@ def measured(plant: Plant, true: dict[str, np.ndarray], rng: np.random.Generator
     columns["pressure_supply_Pa"] = (true["supply"] * rig["supply_gain"] + 4e3 * rng.standard_normal(n)).round(1)
     names = ["acceleration_m_s2"] if bench else [f"acceleration_{x}_m_s2" for x in "xyz"]
     names += [] if bench else [f"angular_acceleration_{x}_rad_s2" for x in "xyz"]
+    felt = true["acceleration"]
+    if rig["imu_turn_y"] != 0.0:  # its x axis points down by the turn about y
+        c, s = np.cos(rig["imu_turn_y"]), np.sin(rig["imu_turn_y"])
+        turned = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])  # columns: the IMU's axes in the platform
+        felt = np.concatenate([felt[:, :3] @ turned, felt[:, 3:] @ turned], axis=1)
     for k, name in enumerate(names):
         noise = (0.02 if k < 3 else 0.03) * rng.standard_normal(n)
         gain, offset = (rig["acceleration_gain"], rig["acceleration_offset"]) if k < 3 else (1.0, 0.0)
-        late = delayed(true["acceleration"][:, k], rig["acceleration_delay_ms"])
+        late = delayed(felt[:, k], rig["acceleration_delay_ms"])
         columns[name] = (gain * late + offset * (k in (0, 2)) * (bench or k == 2) + noise).round(5)
     return columns
 

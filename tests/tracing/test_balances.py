@@ -76,7 +76,7 @@ def test_a_file_in_the_folder_is_a_balance_that_is_traced_and_reported(a_folder_
 def test_without_the_file_there_is_no_such_balance():
     """The balances of the package, in the order of tracing; valve is a name of continuity."""
     assert [balance.name for balance in balances.library()] == [
-        "sensor", "sensor", "supply", "continuity", "continuity of the rod side", "force", "force", "platform",
+        "controller", "sensor", "sensor", "supply", "continuity", "continuity of the rod side", "force", "force", "platform",
     ]  # fmt: skip
     assert balances.family("valve") == "continuity"
     assert all(balance.caption for balance in balances.library())

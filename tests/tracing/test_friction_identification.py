@@ -11,6 +11,9 @@ from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
+from hexsim.recording.run_files import write_essentials
+from hexsim.scenarios import load_scenario
+from hexsim.simulation import simulate
 from hexsim.tracing.friction.figure import friction_figure, friction_table
 from hexsim.tracing.friction.identification import KEYS, identify_friction
 
@@ -78,6 +81,21 @@ def test_a_leg_of_a_hexapod(tmp_path):
     for way in ("extend", "retract"):
         for key, share in ((f"viscous_{way}_N_s_m", 0.03), (f"coulomb_{way}_N", 0.10)):
             assert result.parameters[key] == pytest.approx(true[key], rel=share), key
+
+
+def test_legs_with_mass_do_not_look_like_friction(tmp_path):
+    """The simulator's full legs (12 kg each): their weight, 37 N a leg, is the load's; Coulomb within 4 N.
+
+    4 N: how the legs' inertia changes away from neutral is not in the load.
+    """
+    machine = load_machine("micro_motion_system")
+    run = simulate(machine, load_scenario("multisine", duration_s=12.0))
+    (tmp_path / "run").mkdir()
+    write_essentials(run, tmp_path / "run", "parquet")
+    result = identify_friction(read_log(tmp_path / "run"), load_machine(tmp_path / "run"), leg=2)
+    for way in ("extend", "retract"):
+        declared = getattr(machine.friction, f"coulomb_{way}_N")
+        assert result.parameters[f"coulomb_{way}_N"] == pytest.approx(declared, abs=4.0)
 
 
 def test_measured_bench(tmp_path):

@@ -1,4 +1,4 @@
-"""The library of effects: one file each, found by folder or entry point. See `effect` for what an effect is."""
+"""The library of effects, found by folder or entry point. See `effect` for what an effect is."""
 
 from __future__ import annotations
 
@@ -20,13 +20,15 @@ __all__ = ["Effect", "EffectParameter", "check_effects", "effect_named", "effect
 
 @cache
 def library() -> dict[str, Effect]:
-    """All effects by name, in the order of their names: the files of this folder, and installed ones.
+    """All effects by name, in the order of their names: the files of this folder (one EFFECT, or several EFFECTS), and
+    installed ones.
 
     A package adds its own by an entry point of the group `hexsim.effects` that leads to an Effect. HexsimError when a
     name is taken, or when what an entry point leads to is no Effect.
     """
     names = [info.name for info in pkgutil.iter_modules(__path__) if info.name != "effect"]
-    found = [importlib.import_module(f"{__name__}.{name}").EFFECT for name in names]
+    modules = [importlib.import_module(f"{__name__}.{name}") for name in names]
+    found = [effect for module in modules for effect in getattr(module, "EFFECTS", None) or (module.EFFECT,)]
     for entry in entry_points(group=GROUP):
         effect = entry.load()
         if not isinstance(effect, Effect):

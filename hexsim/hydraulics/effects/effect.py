@@ -20,7 +20,7 @@ from hexsim.declaration import Machine
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
 
-Balance = Literal["valve", "supply", "continuity", "force", "sensor", "platform"]
+Balance = Literal["valve", "supply", "continuity", "force", "sensor", "platform", "controller"]
 
 
 @dataclass(frozen=True, kw_only=True)

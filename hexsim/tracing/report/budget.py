@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -16,9 +19,9 @@ STEP_COLOURS = (palette.DEVIATION, palette.MARK, palette.RESPONSE)  # declared, 
 ROOM = 1.5  # of the axis beyond the longest bar, for its figure
 
 
-def worst_of_kinds(result: Trace) -> list[tuple[str, str]]:
+def worst_of_kinds(budget: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
     """(run, channel) of each kind of signal that the refitted machine gets most wrong."""
-    refitted = [row for row in result.budget if row["step"] == "parameters refitted" and np.isfinite(row["rms"])]
+    refitted = [row for row in budget if row["step"] == "parameters refitted" and np.isfinite(row["rms"])]
     best: dict[str, tuple[float, str, str]] = {}
     for row in refitted:
         own = (row["multiple_of_noise"], row["run"], row["channel"])
@@ -30,7 +33,7 @@ def worst_of_kinds(result: Trace) -> list[tuple[str, str]]:
 @styled
 def waterfall(result: Trace) -> bytes:
     """One panel a kind of signal: rms after each step in its unit, logarithmic, the sensor's noise dotted."""
-    shown = worst_of_kinds(result)
+    shown = worst_of_kinds(result.budget)
     steps = list(dict.fromkeys(row["step"] for row in result.budget))
     rows = (len(shown) + 1) // 2
     figure = Figure(figsize=(WIDTH_IN, rows * (0.75 + 0.27 * len(steps))), layout="constrained")

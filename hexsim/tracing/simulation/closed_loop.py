@@ -1,6 +1,6 @@
 """Legs under their load in closed loop, compiled: the simulation that fits ask for thousands of times.
 
-u_k = K (s_k - y_m)  every 1/rate seconds, held; then delay and hysteresis of the valve
+u_k = K (s_k - y_m)  every 1/rate seconds, held, after the computing delay; then delay and hysteresis of the valve
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ class Room(NamedTuple):
     """Arrays that the simulation works in. state (n_states,); slopes: four, and a state to try; y, v, v a sample ago, held volts
     (n_legs,).
 
-    positions, pressures of the bottom chambers and of the rod sides, volts (n_legs, n), accelerations (n_axes, n): what
-    happened, for sensors and valves with a delay.
+    positions, pressures of the bottom chambers and of the rod sides, volts, volts before the computing delay (n_legs, n),
+    accelerations (n_axes, n): what happened, for sensors and valves with a delay.
     """
 
     state: np.ndarray
@@ -69,6 +69,7 @@ class Room(NamedTuple):
     pressures: np.ndarray
     tops: np.ndarray
     volts: np.ndarray
+    asked: np.ndarray
     accelerations: np.ndarray
 
 
@@ -76,9 +77,9 @@ def room_for(start: np.ndarray, n_legs: int, n_axes: int, n: int) -> Room:
     """Room for n samples from a state."""
     s, y = np.zeros_like, np.zeros(n_legs)
     bottom, top = np.empty((2, n_legs, n))
-    moved, asked = np.empty((2, n_legs, n))
+    moved, volts, asked = np.empty((3, n_legs, n))
     slopes = (s(start), s(start), s(start), s(start), s(start))
-    return Room(start.copy(), slopes, (y, s(y), s(y), s(y)), moved, bottom, top, asked, np.empty((n_axes, n)))
+    return Room(start.copy(), slopes, (y, s(y), s(y), s(y)), moved, bottom, top, volts, asked, np.empty((n_axes, n)))
 
 
 @compiled
@@ -111,6 +112,14 @@ def asked_volts(controller, inputs, j, i, position):
 
 
 @compiled
+def computed(asked, i, delay_ticks, every):
+    """Volts at a tick, sample i: those of so many ticks ago, between two of them a share of each. asked (n,) up to i."""
+    whole = int(delay_ticks)
+    part, last = delay_ticks - whole, max(i - whole * every, 0)
+    return (1.0 - part) * asked[last] + part * asked[max(last - every, 0)] if part > 0.0 else asked[last]
+
+
+@compiled
 def lent(rig, inputs, room):
     """The same numbers without reference counts."""
     legs, geometry, s, load, sensors, controller, rule = rig
@@ -125,7 +134,10 @@ def lent(rig, inputs, room):
                 borrowed(position), borrowed(pressure), borrowed(top), borrowed(acceleration), supply_gain, place,
                 borrowed(turned),
             ),
-            Controller(borrowed(controller.gain_V_per_m), controller.rate_Hz, borrowed(controller.limit_V), controller.follows),
+            Controller(
+                borrowed(controller.gain_V_per_m), borrowed(controller.delay_ticks), controller.rate_Hz,
+                borrowed(controller.limit_V), controller.follows,
+            ),
             rule,
         ),
         Inputs(
@@ -135,7 +147,7 @@ def lent(rig, inputs, room):
         Room(
             borrowed(room.state), (borrowed(k1), borrowed(k2), borrowed(k3), borrowed(k4), borrowed(there)),
             (borrowed(y), borrowed(v), borrowed(before), borrowed(held)), borrowed(room.positions), borrowed(room.pressures),
-            borrowed(room.tops), borrowed(room.volts), borrowed(room.accelerations),
+            borrowed(room.tops), borrowed(room.volts), borrowed(room.asked), borrowed(room.accelerations),
         ),
     )  # fmt: skip
 
@@ -158,7 +170,7 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
     out = borrowed(owned_out)
     legs, geometry, s, load, sensors, controller, rule = rig
     position, pressure, top, acceleration, supply_gain, place, turned = sensors
-    state, slopes, (y, v, before, held), y_true, p_true, top_true, u_true, a_true = room
+    state, slopes, (y, v, before, held), y_true, p_true, top_true, u_true, asked, a_true = room
     n_legs, n, rate = legs.shape[0], inputs.setpoint.shape[1], inputs.rate_Hz
     dt, axes = 1.0 / rate, acceleration.shape[0]
     every = max(round(rate / controller.rate_Hz), 1)
@@ -172,7 +184,9 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
             y_true[j, i], p_true[j, i] = y[j], state[k + LEG_P1]
             top_true[j, i] = rod_side_pressure(legs[j], state, k)
             out[j, i] = shown(y_true[j], i, position[j], rate)
-            u_true[j, i] = asked_volts(controller, inputs, j, i, out[j, i]) if tick else u_true[j, i - 1]
+            asked[j, i] = asked_volts(controller, inputs, j, i, out[j, i]) if tick else asked[j, i - 1]
+            late = 0.0 if controller.follows else controller.delay_ticks[j]
+            u_true[j, i] = computed(asked[j], i, late, every) if tick else u_true[j, i - 1]
             held[j] = valve.play(delayed(u_true[j], i, legs[j, P.VALVE_DELAY] * rate), held[j], legs[j, P.HYSTERESIS])
             out[n_legs + j, i] = u_true[j, i]
             out[2 * n_legs + j, i] = shown(p_true[j], i, pressure[j], rate)

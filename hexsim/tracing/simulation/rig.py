@@ -46,12 +46,13 @@ class Sensors(NamedTuple):
 
 
 class Controller(NamedTuple):
-    """u = K (s - y_m) every 1/rate_Hz, at most limit_V, both (n_legs,).
+    """u = K (s - y_m) every 1/rate_Hz, at most limit_V, delay_ticks later, all (n_legs,).
 
     follows: the logged volts, held to the logged position, instead.
     """
 
     gain_V_per_m: Array
+    delay_ticks: Array
     rate_Hz: float
     limit_V: Array
     follows: bool
@@ -84,7 +85,8 @@ def rig_of(machine: Machine, feedback: int = 0) -> tuple[Rig, Resolved]:
         load=load,
         sensors=sensors_of(resolved),
         controller=Controller(
-            machine.of_legs("controller", "gain_V_per_m"),
+            machine.of_legs("controller", "gain_V_per_m") * resolved.loop_gain,
+            controller.computing_delay_ticks + resolved.loop_delay_ticks,
             float(controller.rate_Hz),
             machine.of_legs("valve", "voltage_max_V"),
             bool(feedback),

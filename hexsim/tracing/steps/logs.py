@@ -14,6 +14,7 @@ from hexsim.machine.files import find_machine_file
 from hexsim.readers import log_files, read_stretches
 from hexsim.signals.channels import noise_of
 from hexsim.signals.log import Log
+from hexsim.tracing.balances.controller import loops_of
 from hexsim.tracing.checks.checks import refuse_misleading
 from hexsim.tracing.checks.finding import Finding
 from hexsim.tracing.checks.imu import at_origin
@@ -43,7 +44,8 @@ def read_runs(folder: Path, names: Sequence[str], machine: Machine) -> tuple[lis
 
 
 def feedback_of(machine: Machine, logs: Sequence[Log], noise: dict[str, float]) -> int:
-    """0 when the logged volts are those of the declared position loop, 1 when another controller was at work."""
+    """0 when the logged volts are those of the declared position loop, whatever its gain and computing delay; 1 when another
+    controller was at work."""
     K = machine.of_legs("controller", "gain_V_per_m")[:, None]
     limit = machine.of_legs("valve", "voltage_max_V")[:, None]
     for log in logs:
@@ -54,7 +56,8 @@ def feedback_of(machine: Machine, logs: Sequence[Log], noise: dict[str, float]) 
         asked = np.clip(K * (log.setpoint - log.position), -limit, limit)
         every = max(round(log.rate / machine.controller.rate_Hz), 1)
         off = np.median(np.abs(log.volts - asked)[:, log.tick_phase(every) :: every])
-        if off > 5 * K.max() * noise["position_m"] and off > 0.02 * np.std(log.volts):
+        another = off > 5 * K.max() * noise["position_m"] and off > 0.02 * np.std(log.volts)
+        if another and loops_of(log, machine) is None:
             return 1
     return 0
 

@@ -73,7 +73,7 @@ def late(channel: Array) -> Array:
 def with_play(position: Array, half_width: float, window: Window) -> Array:
     """A position (n_legs, n) that is measured through backlash of +- half_width [m]."""
     smooth = window.mean(position)
-    return position + np.stack([leg_equations.valve_volts(row, half_width, 0) for row in smooth]) - smooth
+    return position + np.stack([leg_equations.valve_volts(row, half_width, 0.0) for row in smooth]) - smooth
 
 
 def distortions(balance: Balance, log: Log, violation: Violation, residual: Array) -> dict[tuple[str, str], Array]:

@@ -118,7 +118,7 @@ def own_machine(machine: Machine, lines: Sequence[Violation]) -> Machine:
 
 def lost_balances(logs: Sequence[Log], machine: Machine) -> list[Finding]:
     """What cannot be said: the balances of the machine that these logs do not allow, and the channels that they lack."""
-    lost = [b for b in library() if b.needs(machine) and not all(b.wants(log, machine) for log in logs)]
+    lost = [b for b in library() if b.needs(machine) and not all(b.measurable(log, machine) for log in logs)]
     asked = dict.fromkeys(stem for balance in lost for stem in balance.needs(machine)[0])
     missing = [table()[stem].kind for stem in asked if any(log.signal(stem) is None for log in logs)]
     if not lost:

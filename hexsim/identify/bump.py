@@ -1,0 +1,128 @@
+"""The end of the story: the machine's own reversal bump in heave, before and after compensation.
+
+The compensator learns on the identified twin, in simulation. The machine then makes the same sine twice, with plain
+control and with the compensator that starts with what the twin has taught it.
+
+    peak of a reversal    largest |acceleration - mean - basic harmonic| within 0.2 s of it, in 50 Hz
+    the bump              the largest peak from the second reversal at full size on
+
+Judged on the machine's own accelerometer, so that its noise is in both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from compensation.compensator import Parameters
+from hexsim.declaration import Machine
+from hexsim.errors import HexsimError
+from hexsim.files.log_files import write_log
+from hexsim.identify.host import Host
+from hexsim.identify.motions import setpoints_of
+from hexsim.motion_computer.limits import pose_limits
+from hexsim.scenarios.scenario import DOF_NAMES, scenario_from_dict
+from hexsim.simulation import simulate
+from hexsim.smoothness.harmonic import HarmonicDeviation, harmonic_deviation
+
+Array = NDArray[np.float64]
+ALGORITHM = "adaptive"
+AMPLITUDE_m, FREQUENCY_Hz = 0.05, 0.5  # the half-hertz test of the field
+WITHIN = 0.9  # of the excursion that the limits leave
+FADE_s, PERIODS = 4.0, 5  # to full size, and at full size
+LEARNING_s = 30.0  # of the twin
+LOGS = ("heave_plain", "heave_compensated")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bump:
+    """The same sine without and with compensation."""
+
+    plain: HarmonicDeviation
+    compensated: HarmonicDeviation
+
+    @property
+    def before(self) -> float:
+        """[m/s2]"""
+        return worst(self.plain)
+
+    @property
+    def after(self) -> float:
+        """[m/s2]"""
+        return worst(self.compensated)
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "plain_m_s2": self.before,
+            "compensated_m_s2": self.after,
+            "peaks_plain_m_s2": [peak.peak for peak in self.plain.peaks()],
+            "peaks_compensated_m_s2": [peak.peak for peak in self.compensated.peaks()],
+        }
+
+
+def worst(deviation: HarmonicDeviation) -> float:
+    """Largest peak from the second reversal on [m/s2]."""
+    return max((peak.peak for peak in deviation.peaks()[1:]), default=float("nan"))
+
+
+def heave(machine: Machine, at_full_size_s: float) -> dict[str, Any]:
+    """The sine as a scenario's tables: along z of a platform, on the leg of a bench."""
+    axis = "z" if machine.is_hexapod else "leg_1"
+    reach = pose_limits(machine).excursion[DOF_NAMES.index("z") if machine.is_hexapod else 0]
+    sine = {"kind": "sine", "amplitude": min(AMPLITUDE_m, WITHIN * float(reach)), "frequency_Hz": FREQUENCY_Hz}
+    return {
+        "name": "heave", "mode": "dof" if machine.is_hexapod else "actuator", "duration_s": FADE_s + at_full_size_s,
+        "fade_s": FADE_s, "fade": "smooth", "axes": {axis: sine},
+    }  # fmt: skip
+
+
+def start_parameters(twin: Machine, show: Callable[[float], None] = lambda share: None) -> list[Parameters]:
+    """What the compensator learns of each leg of a simulated machine in heave."""
+    run = simulate(
+        twin, scenario_from_dict(heave(twin, LEARNING_s)), compensator=ALGORITHM, fast=twin.is_hexapod, progress=show
+    )
+    if run.reason.startswith("interrupted"):
+        raise KeyboardInterrupt
+    if not run.complete:
+        raise HexsimError(f"the identified machine cannot be simulated: {run.reason}")
+    return run.compensator_parameters
+
+
+def measure_bump(
+    host: Host, machine: Machine, learned: list[Parameters], logs: Path, tell: Callable[[str, float], None]
+) -> None:
+    """Drive the sine with plain control and with the compensator, into `logs`; leaves plain control behind.
+
+    Raises HexsimError where the machine takes no compensator.
+    """
+    tables = heave(machine, PERIODS / FREQUENCY_Hz + FADE_s)
+    for name, asked in zip(LOGS, ("none", ALGORITHM), strict=True):
+        place = logs / f"{name}.parquet"
+        if place.exists():
+            continue
+        host.compensate(asked, learned, machine.n_legs)
+        doing = "the bump without compensation" if asked == "none" else "the bump with compensation"
+        write_log(host.drive(setpoints_of(machine, tables), lambda share, doing=doing: tell(doing, share)), place)
+    host.compensate("none", [], machine.n_legs)
+
+
+def bump_of(machine: Machine, logs: Path) -> Bump:
+    """The figures of the two logs."""
+    plain, compensated = (taken_apart(machine, pl.read_parquet(logs / f"{name}.parquet")) for name in LOGS)
+    return Bump(plain=plain, compensated=compensated)
+
+
+def taken_apart(machine: Machine, log: pl.DataFrame) -> HarmonicDeviation:
+    """The sine at full size; samples that were lost on the way are filled linearly."""
+    time, name = log["time_s"].to_numpy(), "acceleration_z_m_s2" if machine.is_hexapod else "acceleration_m_s2"
+    if name not in log.columns:
+        raise HexsimError(f"the machine sends no {name}: without an accelerometer nobody can tell its bump")
+    rate = 1.0 / float(np.median(np.diff(time)))
+    even = np.arange(0.0, FADE_s + PERIODS / FREQUENCY_Hz, 1.0 / rate)
+    return harmonic_deviation(even, np.interp(even, time, log[name].to_numpy()), FREQUENCY_Hz, start_s=FADE_s)

@@ -1,0 +1,124 @@
+"""The pictures of a story: error budget and bump on one, the error from round to round on the other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hexsim.identify.bump import Bump
+from hexsim.identify.rounds import Round
+from hexsim.recording import palette
+from hexsim.recording.figure_style import WIDTH_IN, legend, plain_powers, styled
+from hexsim.recording.quantity import plain
+from hexsim.signals.channels import kind_of
+from hexsim.signals.table import places
+from hexsim.tracing.report.budget import STEP_COLOURS, worst_of_kinds
+from hexsim.tracing.report.signals import SCALE
+
+FLOOR = 0.5  # of the error axis, in multiples of the noise
+FELT_m_s2 = 0.05  # a bump of this size is no longer felt: docs/compensation.md
+ROUND_COLOURS = ("#9AA5B1", *palette.RUNS)
+
+
+@styled
+def story_figure(headline: str, budget: list[dict[str, Any]], bump: Bump | None) -> Figure:
+    """Above: what is left of each kind of signal after each step. Below: the machine's bump before and after."""
+    figure = Figure(figsize=(WIDTH_IN, 5.9 if bump else 3.3), layout="constrained")
+    figure.suptitle(headline, x=0.01, ha="left", fontsize=12.5, fontweight="bold")
+    rows = figure.subplots(2 if bump else 1, 1, squeeze=False, gridspec_kw={"hspace": 0.12})[:, 0]
+    draw_budget(rows[0], budget)
+    if bump:
+        draw_bump(rows[1], bump)
+    return figure
+
+
+def draw_budget(plot: Axes, budget: list[dict[str, Any]]) -> None:
+    """A group of bars a kind of signal, a bar a step, in multiples of the sensor's noise."""
+    shown = worst_of_kinds(budget)
+    steps = list(dict.fromkeys(row["step"] for row in budget))
+    width = 0.84 / len(steps)
+    for k, step in enumerate(steps):
+        sizes = [
+            next(
+                (r["multiple_of_noise"] for r in budget if (r["run"], r["channel"], r["step"]) == (*one, step)), np.nan
+            )
+            for one in shown
+        ]
+        x = np.arange(len(shown)) + (k - 0.5 * (len(steps) - 1)) * width
+        colour = STEP_COLOURS[k] if k < 3 else palette.RUNS[2 + (k - 3) % 4]
+        heights = np.maximum(np.nan_to_num(np.array(sizes, dtype=float), nan=1e-3), 1e-3)
+        bars = plot.bar(x, heights - FLOOR, 0.92 * width, bottom=FLOOR, color=colour, label=step)
+        plot.bar_label(bars, [plain(size) if size else "" for size in sizes], fontsize=8, padding=2)
+    plot.set_yscale("log")
+    plot.set_ylim(FLOOR, 4.0 * plot.get_ylim()[1])
+    plain_powers(plot)
+    plot.axhline(1.0, color=palette.INK, linestyle=":", linewidth=1.0)
+    plot.annotate("noise", (1.0, 1.0), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
+                  va="center", fontsize=8)  # fmt: skip
+    plot.set_xticks(
+        range(len(shown)), [SCALE[kind_of(channel)][0].replace(", ", "\n") for _, channel in shown], fontsize=9
+    )
+    plot.set_ylabel("error / noise")
+    plot.grid(visible=False, axis="x")
+    plot.margins(x=0.02)
+    plot.set_title("How far the model is off, on motion that no fit has seen", loc="left", pad=20)
+    legend(plot, len(steps))
+
+
+def draw_bump(plot: Axes, bump: Bump) -> None:
+    """What a passenger feels beside the sine, before and after."""
+    for own, worst, label, colour in (
+        (bump.plain, bump.before, "as it was", palette.DEVIATION),
+        (bump.compensated, bump.after, "compensated, started from what was found", palette.RESPONSE),
+    ):
+        plot.plot(own.time_s - own.time_s[0], own.band, color=colour, lw=1.3, label=f"{label}: {worst:.3f} m/s²")
+    plot.axhspan(-FELT_m_s2, FELT_m_s2, color=palette.GRID, lw=0, zorder=0)
+    plot.annotate("not felt", (1.0, 0.0), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
+                  va="center", fontsize=8)  # fmt: skip
+    plot.set_xlabel("time of the heave, 0.5 Hz [s]")
+    plot.set_ylabel("acceleration beside\nthe sine, 50 Hz [m/s²]")
+    plot.set_title(f"The bump at each reversal of the machine: 1/{bump.before / bump.after:.0f}", loc="left", pad=20)
+    legend(plot, 2)
+
+
+@styled
+def rounds_figure(rounds: list[Round]) -> Figure:
+    """Error of each kind of channel: as declared, and after each round."""
+    first = errors_by_kind(rounds[0].error, "declared")
+    stages = [("declared", first)]
+    for one in rounds:
+        found = errors_by_kind(one.error, "with_effect") or errors_by_kind(one.error, "refit")
+        stages.append((f"round {one.number}", found))
+    kinds = list(first)
+    figure = Figure(figsize=(WIDTH_IN, 3.0), layout="constrained")
+    plot = figure.add_subplot()
+    width = 0.8 / len(stages)
+    for k, (label, found) in enumerate(stages):
+        x = np.arange(len(kinds)) + (k - 0.5 * (len(stages) - 1)) * width
+        heights = [max(found.get(kind, np.nan), 1e-3) for kind in kinds]
+        bars = plot.bar(x, heights, 0.92 * width, label=label, color=ROUND_COLOURS[k % len(ROUND_COLOURS)])
+        plot.bar_label(bars, [plain(height) for height in heights], fontsize=7, padding=1)
+    plot.set_yscale("log")
+    plain_powers(plot)
+    plot.axhline(1.0, color=palette.INK, linestyle=":", linewidth=1.0)
+    labels = {place.kind: place.label for place, _ in places().values()}
+    plot.set_xticks(np.arange(len(kinds)), [labels.get(kind, kind) for kind in kinds])
+    plot.set_ylabel("error / noise")
+    plot.grid(visible=False, axis="x")
+    plot.margins(x=0.02, y=0.2)
+    plot.legend(ncols=len(stages), loc="upper center", bbox_to_anchor=(0.5, 1.15))
+    return figure
+
+
+def errors_by_kind(error: dict[str, Any], key: str) -> dict[str, float]:
+    """Kind of signal -> largest error over its noise, over logs and channels."""
+    worst: dict[str, float] = {}
+    for channels in error.values():
+        for name, own in channels.items():
+            if own.get(key) is not None and own.get("noise"):
+                kind = kind_of(name)
+                worst[kind] = max(worst.get(kind, 0.0), own[key] / own["noise"])
+    return worst

@@ -1,0 +1,58 @@
+"""Compensators that a host asks for by packets, collected until every leg has one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import compensation
+from compensation import Compensator, Sample, preview_count
+from compensation.started import Started
+from hexsim.declaration import Machine
+from hexsim.errors import HexsimError
+from hexsim.motion_computer.compensator_packet import AskedCompensator
+from hexsim.motion_computer.position_loop import compensator_context
+
+
+class AskedCompensators:
+    """`take` each packet; it gives the compensators of all legs once the last has come."""
+
+    def __init__(self, machine: Machine) -> None:
+        self.machine = machine
+        self._asked: dict[int, AskedCompensator] = {}
+
+    def take(self, asked: AskedCompensator) -> list[Compensator] | None:
+        """One a leg, none for plain control; None while legs are missing.
+
+        Raises HexsimError for another number of legs, an unknown algorithm, or parameters that are not its own.
+        """
+        n = self.machine.n_legs
+        if asked.n_legs != n:
+            raise HexsimError(f"a compensator for {asked.n_legs} legs is asked for; {self.machine.name} has {n}")
+        if asked.leg == 0:
+            self._asked.clear()
+            return []
+        self._asked[asked.leg] = asked
+        if len(self._asked) < n:
+            return None
+        found = [self._started(self._asked[leg]) for leg in range(1, n + 1)]
+        self._asked.clear()
+        return found
+
+    def _started(self, asked: AskedCompensator) -> Compensator:
+        """A leg's algorithm, tried for one tick, which also compiles it."""
+        if ":" in asked.name:
+            raise HexsimError(f"compensator {asked.name!r}: over packets only algorithms that are built in are taken")
+        try:
+            made = Started(compensation.create(asked.name), asked.parameters)
+            context = compensator_context(self.machine, None, asked.leg)
+            half, supply = 0.5 * context.stroke_m, context.supply_pressure_Pa
+            made.step(
+                made.start(context),
+                Sample(
+                    time_s=0.0, setpoint_m=half, preview_m=np.full(preview_count(made, context), half), position_m=half,
+                    control_V=0.0, valve_V=0.0, pressure_bottom_Pa=0.5 * supply, pressure_supply_Pa=supply,
+                ),
+            )  # fmt: skip
+        except (ValueError, TypeError, KeyError, IndexError) as error:
+            raise HexsimError(f"compensator {asked.name} of leg {asked.leg} does not start: {error}") from None
+        return made

@@ -1,0 +1,119 @@
+"""Controller: the logged volts against the position loop as it is declared, u - sat(K (s - y_m))  [V].
+
+Formed only where the volts are those of a position loop of another gain or with a computing delay: the volts of any other
+controller drive the model, and say nothing of the machine's loop.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexsim.declaration import Controller, Machine
+from hexsim.declaration.controller import LONGEST_DELAY_TICKS
+from hexsim.signals.channels import noise_of
+from hexsim.signals.log import Log
+from hexsim.signals.weak_form import Window
+from hexsim.tracing.balances.balance import Balance, remembered, resolved_machine
+
+Array = np.ndarray
+AT_NOISE = 5.0  # times the noise of the position through the gain: volts within it are those of the loop
+ALIKE = 0.02  # share of the volts, likewise
+GAIN_OFF, DELAY_OFF = 0.005, 0.02  # a loop is as declared within this share of its gain and these ticks
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopOfLeg:
+    """Gain over the declared one, delay [ticks], and what of the volts is left [V]."""
+
+    gain: float
+    delay_ticks: float
+    left_V: float
+
+
+def is_position_loop(controller: Controller) -> bool:
+    """Is it the proportional loop alone?"""
+    plain = ("gain_V_per_m", "rate_Hz", "computing_delay_ticks", "setpoint_rate_Hz")
+    usual = {key: field.default for key, field in Controller.model_fields.items() if key not in plain}
+    return all(getattr(controller, key) == value for key, value in usual.items())
+
+
+def loops_of(log: Log, machine: Machine) -> list[LoopOfLeg] | None:
+    """The position loops that gave the logged volts, each leg's by least squares; None where no such loop did.
+
+    u_k = a e_(k-w) + b e_(k-w-1),  e = K (s - y_m):  gain a + b, delay w + b/(a + b), away from the volts' limit.
+    """
+    if log.setpoint is None or log.volts is None or not is_position_loop(machine.controller):
+        return None
+    setpoint, volts = log.setpoint, log.volts
+    K, limit = machine.of_legs("controller", "gain_V_per_m"), machine.of_legs("valve", "voltage_max_V")
+    noise, every = noise_of(machine, [log])["position_m"], max(round(log.rate / machine.controller.rate_Hz), 1)
+    ticks = slice(log.tick_phase(every), None, every)
+    found = []
+    for i in range(log.n_legs):
+        asked, u = (K[i] * (setpoint[i] - log.position[i]))[ticks], volts[i, ticks]
+        own = loop_of_leg(asked, u, 0.99 * limit[i])
+        if own is None or own.left_V > min(AT_NOISE * K[i] * own.gain * noise, ALIKE * float(np.std(u))):
+            return None
+        found.append(own)
+    return found
+
+
+def loop_of_leg(asked: Array, volts: Array, limit_V: float) -> LoopOfLeg | None:
+    """The loop that leaves least of the volts at the ticks."""
+    best = None
+    first = LONGEST_DELAY_TICKS + 1
+    inside = (np.abs(volts) < limit_V)[first:]
+    if inside.sum() < 10 * first:
+        return None
+    for whole in range(LONGEST_DELAY_TICKS):
+        late = [asked[first - k : len(asked) - k][inside] for k in (whole, whole + 1)]
+        share, *_ = np.linalg.lstsq(np.stack(late, axis=1), volts[first:][inside], rcond=None)
+        left = float(np.median(np.abs(volts[first:][inside] - share @ late)))
+        gain = float(share.sum())
+        if gain > 0.0 and min(share) > -DELAY_OFF * gain and (best is None or left < best.left_V):
+            best = LoopOfLeg(gain=gain, delay_ticks=whole + float(share[1]) / gain, left_V=left)
+    return best
+
+
+class Loop(Balance):
+    """The volts of every leg against those of the declared position loop."""
+
+    name = "controller"
+    unit = "V"
+    caption = "volts = the declared gain times (setpoint − position)"
+    order = 5
+    signals = ("valve_V", "velocity_m_s", "position_m", "time_s")
+    usual_signal = "valve_V"
+
+    def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
+        return (("setpoint", "valve"),) if is_position_loop(machine.controller) else ()
+
+    def wants(self, log: Log, machine: Machine) -> bool:
+        """Only where the loop is another one than declared."""
+        if not self.measurable(log, machine):
+            return False
+        found = remembered(log, "loops", lambda: (loops_of(log, machine),))[0]
+        declared = machine.controller.computing_delay_ticks
+        return found is not None and any(
+            abs(loop.gain - 1.0) > GAIN_OFF or abs(loop.delay_ticks - declared) > DELAY_OFF for loop in found
+        )
+
+    def places(self, log: Log) -> list[str]:
+        return [f"leg {i + 1}" for i in range(log.n_legs)]
+
+    def residual(self, log: Log, machine: Machine) -> Array:
+        resolved, window = resolved_machine(machine), Window(log.rate)
+        assert log.setpoint is not None and log.volts is not None
+        limit = machine.of_legs("valve", "voltage_max_V")[:, None]
+        gain = (machine.of_legs("controller", "gain_V_per_m") * resolved.loop_gain)[:, None]
+        every = max(round(log.rate / machine.controller.rate_Hz), 1)
+        asked = np.clip(gain * (log.setpoint - log.position), -limit, limit)[:, log.tick_phase(every) :: every]
+        delay, at = machine.controller.computing_delay_ticks + resolved.loop_delay_ticks, np.arange(asked.shape[1])
+        late = np.stack([np.interp(at - own, at, row) for own, row in zip(delay, asked, strict=True)])
+        held = np.clip((np.arange(log.n) - log.tick_phase(every)) // every, 0, asked.shape[1] - 1)
+        return window.mean(log.volts - late[:, held])
+
+
+BALANCES = (Loop(),)

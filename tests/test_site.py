@@ -1,0 +1,60 @@
+"""The site builds without a warning and loads nothing from a network; its notebooks run; its pictures are drawn here."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+LOADED = re.compile(r"""<(?:script|img|iframe|link)\b[^>]*?\b(?:src|href)=["']?((?:https?:)?//[^"'\s>]+)""")
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory):
+    """The site, its notebooks not executed."""
+    out = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(out)]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "HEXSIM_RUN_NOTEBOOKS": "false"}
+    ended = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    return out
+
+
+def test_every_page_and_equation_is_there(site):
+    """The strict build has a page for every page of docs, and the equations stand on theirs."""
+    pages = {p.relative_to(ROOT / "docs").with_suffix(".html") for p in (ROOT / "docs").rglob("*.md")}
+    assert not [page for page in pages if not (site / page).is_file()]
+    assert "Eq. 3.11" in (site / "theory.html").read_text(encoding="utf-8")
+
+
+def test_no_page_loads_anything_from_a_network(site):
+    """No script, style sheet, picture or frame of any page comes from elsewhere; styles import nothing either."""
+    for page in site.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert not LOADED.findall(text), page
+        assert not re.search(r"""import\(["']https?:""", text), page
+    for style in site.rglob("*.css"):
+        assert not re.search(r"(@import|url\()\s*[\"']?(https?:)?//", style.read_text(encoding="utf-8")), style
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_runs(notebook, tmp_path):
+    """Every cell runs, from the folder of the notebook."""
+    command = [sys.executable, "-m", "nbconvert", "--execute", "--to", "notebook", "--output-dir", tmp_path, notebook]
+    ended = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    assert ended.returncode == 0, ended.stderr
+
+
+@pytest.mark.slow
+def test_every_picture_is_drawn_by_the_script(tmp_path):
+    """docs/pictures.py draws all pictures of docs/images, and no others."""
+    command = [sys.executable, "-W", "error", "docs/pictures.py", "--out", str(tmp_path)]
+    environment = {"MUJOCO_GL": "egl", **os.environ, "PYTHONPATH": str(ROOT)}
+    subprocess.run(command, cwd=ROOT, env=environment, check=True)
+    drawn = {path.name for path in tmp_path.iterdir()}
+    assert drawn == {path.name for path in (ROOT / "docs" / "images").glob("*.png")}
