@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 
 from ..compiled import compiled
+from .arithmetic import fill_zero
 from .least_squares import add_row, solve, start_least_squares
 from .spool import SPOOL_DAMPING
 
@@ -85,7 +86,7 @@ def _solve(work, taps, n):
     work.row[n] = 0.0
     add_row(work, n)
     for i in range(n):
-        work.row[:] = 0.0
+        fill_zero(work.row)
         work.row[i] = SIZE
         add_row(work, n)
     solve(work, n, taps)

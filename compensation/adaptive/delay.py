@@ -21,7 +21,7 @@ import math
 import numpy as np
 
 from ..compiled import compiled
-from .arithmetic import clip, dot
+from .arithmetic import clip, copy, dot
 from .layout import AFTER, BEFORE, LATE_TICKS, LATES, PAST_VOLTS, SPOOLS
 from .spool import step_response
 
@@ -94,15 +94,23 @@ def found_lateness_s(delay, lag_s):
 
 
 @compiled
+def _smallest(sums):
+    least = math.inf
+    for i in range(len(sums)):
+        least = min(least, sums[i])
+    return least
+
+
+@compiled
 def _moments(delay, lag_s):
     """Of the likelihood: its sum, and those of delay, its square and lateness. A lateness is part of the delay."""
     total = mean = square = lateness = 0.0
-    least = np.min(delay.sums)
+    least = _smallest(delay.sums)
     for i in range(SPOOLS):
         late = max(lag_s - SPOOL_LAGS_S[i], 0.0)
         for j in range(LATES):
             if j == 0 or 0.5 * j * delay.tick_s < late + 0.25 * delay.tick_s:
-                weight = math.exp(0.5 * (least - delay.sums[i, j]))
+                weight = math.exp(0.5 * (least - delay.sums[i * LATES + j]))
                 total, mean, square = total + weight, mean + weight * late, square + weight * late * late
                 lateness += 0.5 * weight * j * delay.tick_s
     return total, mean, square, lateness
@@ -111,13 +119,15 @@ def _moments(delay, lag_s):
 @compiled
 def keep_delay(delay, lateness, known):
     """What was identified, in numbers."""
-    known.sums[:], known.reversals, known.late_s = delay.sums, delay.reversals, lateness.late_s
+    copy(delay.sums, known.sums)
+    known.reversals, known.late_s = delay.reversals, lateness.late_s
 
 
 @compiled
 def restore_delay(delay, lateness, known):
     """Start with what was identified before."""
-    delay.sums[:], delay.reversals, lateness.late_s = known.sums, int(known.reversals), known.late_s
+    copy(known.sums, delay.sums)
+    delay.reversals, lateness.late_s = int(known.reversals), known.late_s
 
 
 @compiled
@@ -198,19 +208,19 @@ def _compare(delay):
         pressures = delay.task_pressures_Pa[j]
         product, pressure_square = dot(error, pressures, count), dot(pressures, pressures, count)
         left = square + c * (2.0 * product + c * pressure_square)
-        delay.found[delay.tested, j] = left / NOISE_M**2
+        delay.found[delay.tested * LATES + j] = left / NOISE_M**2
         if (delay.tested == 0 and j == 0) or left < delay.least_m2:
             delay.least_m2, delay.best_product = left, product + c * pressure_square
             delay.best_square = pressure_square
     delay.tested += 1
     if delay.tested < SPOOLS:
         return False
-    least = np.min(delay.found)
+    least = _smallest(delay.found)
     scale = max(1.0, least / (count - 3))
     for i in range(SPOOLS):
         for j in range(LATES):
-            change = clip((delay.found[i, j] - least) / scale - MODEL_SUM, 0.0, MAX_SUM)
-            delay.sums[i, j] = MEMORY * delay.sums[i, j] + change
+            change = clip((delay.found[i * LATES + j] - least) / scale - MODEL_SUM, 0.0, MAX_SUM)
+            delay.sums[i * LATES + j] = MEMORY * delay.sums[i * LATES + j] + change
     delay.reversals, delay.tested = delay.reversals + 1, -1
     delay.pressure_square = SOFTNESS_MEMORY * delay.pressure_square + delay.best_square
     delay.pressure_product = SOFTNESS_MEMORY * delay.pressure_product - delay.best_product
