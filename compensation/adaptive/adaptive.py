@@ -123,8 +123,10 @@ def _as_dict(record: Record) -> dict[str, Any]:
 
 
 def _fill(record: Record, values: dict[str, Any]) -> None:
-    """The inverse of `_as_dict`; what `values` has besides is left."""
+    """The inverse of `_as_dict`; what `values` has besides is left, and 0 what older ones have not of plain control."""
     for name in record.dtype.names:
+        if name == "plain_control" and name not in values:
+            continue
         if record[name].dtype.names:
             _fill(record[name], values[name])
         else:

@@ -181,6 +181,7 @@ ENGAGEMENT = _record(  # engagement.py
     reversal_m_s2="f8",  # at the last reversal
     excited="i8",
     stability_limit_m_s2="f8",  # reversal acceleration below which compensation disengages
+    armed="i8",  # started with what was learned: engages before the first reversal
 )  # fmt: skip
 PREDICTION = _record(  # prediction.py
     look="i8",
@@ -242,6 +243,7 @@ LEARNED = _record(
     flow=_record(null_V="f8", leak_m_s="f8", retract=EDGE_LEARNED, extend=EDGE_LEARNED), rounding_V="f8",
     friction=_record(theta_MPa=("f8", (FIT_SIZE,)), windows=("f8", (2,)), half_step_Pa="f8", stribeck_Pa="f8"),
     delay=_record(sums=("f8", (SPOOLS,)), reversals="f8", late_s="f8"),
+    plain_control=_record(baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,))),
 )  # fmt: skip
 
 
