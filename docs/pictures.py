@@ -8,6 +8,7 @@ A group makes the pictures that share a run. MuJoCo draws without a screen by `M
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
@@ -88,6 +89,17 @@ def chapter4() -> Pictures:
         return {f"chapter4_{name}": (Path(folder) / f"{name}.png").read_bytes() for name in ("supply", "flow_curve")}
 
 
+def results() -> Pictures:
+    """Pictures of results that are kept, from their figures."""
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    import host_path
+
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "host_path.png"
+        host_path.picture(json.loads(host_path.RESULT.read_text(encoding="utf-8")), place)
+        return {"host_path": place.read_bytes()}
+
+
 def machines() -> Pictures:
     """The machines that travel with hexsim, in their home position."""
     return {name: rendered(name) for name in ("bench", "micro_motion_system", "servo_bench", "servo_hexapod")}
@@ -112,7 +124,7 @@ def rendered(name: str) -> bytes:
 
 
 GROUPS: dict[str, Callable[[], Pictures]] = {
-    f.__name__: f for f in (heave, trace, effects, valve, qualify, chapter4, machines)
+    f.__name__: f for f in (heave, trace, effects, valve, qualify, chapter4, results, machines)
 }
 
 

@@ -13,9 +13,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from hexsim.smoothness.band import Array, band_limit, inner_span_s, sample_rate_Hz
+from hexsim.smoothness.band import band_limit, inner_span_s, sample_rate_Hz
 from hexsim.smoothness.reversals import (
     REVERSAL_WINDOW_S,
     peaks_at_reversals,
@@ -31,7 +31,7 @@ STEP_Hz_Q = {"k": (2.37, 0.91, 3.35, 0.91)}  # f5, Q5, f6, Q6
 BAND_Hz = (0.4, 100.0)  # f1, f2, Butterworth
 
 
-def weighting(kind: str, frequency_Hz: ArrayLike) -> Array:
+def weighting(kind: str, frequency_Hz: ArrayLike) -> NDArray[np.complex128]:
     """Complex gain of Wk, Wd or We at frequencies: band limits, acceleration-velocity transition, upward step."""
     s = 2j * math.pi * np.asarray(frequency_Hz, dtype=float)
     low, high = (2 * math.pi * f for f in BAND_Hz)
