@@ -11,6 +11,8 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -28,6 +30,7 @@ from hexsim.machine.files import changed, number_at
 from hexsim.motion_computer.telemetry import unpack_telemetry
 from hexsim.simulation.serve import Server
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "tests" / "tracing"))
 LEAK = {"effects.leakage_supply_to_chamber.conductance_m3_s_Pa": 2.0e-12}
 SMALL = {  # what every real machine has a little of
     "effects.accelerometer_gain.relative_change": 0.004,
@@ -38,12 +41,20 @@ SMALL = {  # what every real machine has a little of
     "effects.unequal_ports.tank_edge_ratio_change": 0.004,
 }
 
+INCLINE = {"effects.incline.angle_rad": 0.3}  # as good as a constant force: a tie
+SECOND_SMALL = {"scale_ripple": 3e-6, "small_spool_lag": 150.0, "small_accelerometer_gain": 0.004, "small_air": 0.003,
+                "small_null_offset": 5e-3, "hardening_spring": 5e4}  # fmt: skip
+
 
 @dataclass(frozen=True, kw_only=True)
 class Hidden:
-    """A machine that is not what its declaration says. spoil: what else is wrong with its server."""
+    """A machine that is not what its declaration says. spoil: what else is wrong with its server.
+
+    second: effects of the second plant (tests/tracing/other_plant.py), which then stands in the place of hexsim's own.
+    """
 
     declared: str = "bench"
+    second: dict[str, float] | None = None
     changes: dict[str, Any] = field(default_factory=dict)
     spoil: Callable[[Server], None] = lambda server: None
     seed: int = 1
@@ -101,7 +112,12 @@ CASES = {
         changes={"effects.leakage_supply_to_chamber": {"conductance_m3_s_Pa": 2.0e-12, "where": "leg 3"}},
     ),
     "fault": Hidden(changes=LEAK, spoil=transducer_breaks(50.0)),
-    "fault_later": Hidden(changes=LEAK | SMALL, spoil=transducer_breaks(100.0)),
+    "fault_later": Hidden(changes=INCLINE, spoil=transducer_breaks(85.0)),
+    "incline": Hidden(changes=INCLINE),
+    "second_leak": Hidden(second={"leakage_supply_to_chamber": 1.7e-12}),
+    "second_spool": Hidden(second={"leakage_supply_to_chamber": 1.7e-12, "spool_lag": 60.0}),
+    "second_clean": Hidden(second={}),
+    "second_rough": Hidden(second={"leakage_supply_to_chamber": 1.7e-12} | SECOND_SMALL),
     "lying_clock": Hidden(changes=LEAK, spoil=stamps(1.01, rate_too=True)),
     "lying_rate": Hidden(changes=LEAK, spoil=stamps(1.1, rate_too=False)),
     "loss": Hidden(changes=LEAK, spoil=loses(0.01)),
@@ -109,14 +125,35 @@ CASES = {
 }
 
 
+def declaration(case: Hidden) -> Path | str:
+    """What the host is told: a shipped machine, or the second plant's own file."""
+    if case.second is None:
+        return case.declared
+    from other_plant import machine_text
+
+    folder = Path(tempfile.gettempdir()) / "hexsim-second-plant"
+    folder.mkdir(exist_ok=True)
+    (folder / "machine.toml").write_text(machine_text("second_plant", "bench"), encoding="utf-8")
+    return folder
+
+
 def serve(name: str, port: Connection) -> None:
     """The hidden machine of a case, until the process ends; tells its port first."""
     case = CASES[name]
-    machine, rng = load_machine(case.declared), np.random.default_rng([case.seed, 31])
+    machine, rng = load_machine(declaration(case)), np.random.default_rng([case.seed, 31])
     drawn = {}
+    if case.second is not None:
+        from other_plant import true_machine
+        from other_served import ServedPlant
+
+        import hexsim.simulation.serve as serve_module
+
+        other = true_machine("bench", case.seed, case.second)[0]
+        serve_module.Plant = lambda own, **settings: ServedPlant(own, other, **settings)
     for key, half_width in (machine.uncertainty or {}).items():
         dotted, value = number_at(machine, key)
-        drawn[dotted] = value * (1.0 + half_width * rng.uniform(-1.0, 1.0))
+        if case.second is None:
+            drawn[dotted] = value * (1.0 + half_width * rng.uniform(-1.0, 1.0))
     with Server(changed(machine, drawn | case.changes), port=0, telemetry=True, lockstep=True) as server:
         case.spoil(server)
         port.send(server.address[1])
@@ -128,11 +165,14 @@ def run_one(name: str, minutes: float, out: Path, compensate: bool) -> dict[str,
     here, there = multiprocessing.Pipe()
     process = multiprocessing.get_context("spawn").Process(target=serve, args=(name, there), daemon=True)
     process.start()
-    line: dict[str, Any] = {"case": name, "changes": CASES[name].changes}
+    line: dict[str, Any] = {
+        "case": name,
+        "changes": CASES[name].second if CASES[name].second is not None else CASES[name].changes,
+    }
     began = time.perf_counter()
     try:
         story = identify(
-            CASES[name].declared, ("127.0.0.1", here.recv()), minutes, out / name,
+            declaration(CASES[name]), ("127.0.0.1", here.recv()), minutes, out / name,
             lambda doing, share: print(f"{time.perf_counter() - began:6.0f} s {doing} {share:.2f}", flush=True),
             compensate=compensate,
         )  # fmt: skip

@@ -5,7 +5,8 @@
     python benchmarks/tracing_rough.py --summary docs/results/tracing_rough.jsonl
 
 Balances alone, no simulated refit. One line of JSON a machine, scored at once; a machine in the file is not run again.
-Seeds below 1000 are for tuning. right: the first name or one tied with it, number within 15 %; wrong: any other name.
+Seeds below 1000 are for tuning. right: named, its number within 15 %; number off: named, its number further off;
+tie: tied with the first name; wrong: any name that is not in the machine.
 """
 
 from __future__ import annotations
@@ -14,54 +15,79 @@ import argparse
 import json
 import sys
 import tempfile
+import time
 from collections import Counter
+from dataclasses import asdict
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing"), str(ROOT / "benchmarks")]
+NUMBER = 0.15  # a named effect's number is right within this share
 
 
 def run_one(seed: int, dominant: str | None) -> dict:
-    """Write one machine, look for its sure effects."""
+    """Write one machine, look for its sure effects. judged: the evidence for all that was judged, a round a list."""
     from other_plant import write_machine
     from rough_machines import draw
+    from tracing_evaluation import commit
 
     from hexsim.tracing.steps import shapes, violations
     from hexsim.tracing.steps.dominant import sure_effects
     from hexsim.tracing.steps.logs import begin
 
     effects, name = draw(seed, dominant)
+    started = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         write_machine(folder, seed, effects)
         trace = begin(folder, ["fit", "sweep"], ["validate"])
         for step in (violations.STEP, shapes.STEP):
             trace = step.run(trace, lambda doing: None)
-        best, found, _ = sure_effects(trace, lambda doing: None)
-    named = []
-    for own in found:
-        values = best.fit.values[best.fit.candidates.index(own.candidate)]
-        named.append([own.candidate.effect.name, values, list(own.tied), own.share, own.unseen])
-    line = {"seed": seed, "dominant": name, "effects": effects, "named": named, "rest": best.sizes.tolist()}
+        found = sure_effects(trace, lambda doing: None)
+    fit = found.best.fit
+    named = [
+        {"name": own.candidate.effect.name, "values": fit.values[fit.candidates.index(own.candidate)], "tied": own.tied}
+        for own in found.named
+    ]
+    judged = [[asdict(own) | {"candidate": own.candidate.effect.name} for own in tried] for tried in found.tried]
+    line = {"seed": seed, "dominant": name, "effects": effects, "named": named, "rest": found.best.sizes.tolist()}
+    line |= {"judged": judged, "seconds": round(time.process_time() - started, 1), "commit": commit()}
     return line | {"score": score(line)}
 
 
-def score(line: dict) -> str:
-    """quiet, named; right, tie, wrong, missed."""
+def there(line: dict) -> set[str]:
+    """Names of the library that are in the machine, small ones too."""
+    from other_effects import LIBRARY_NAMES
     from tracing_evaluation import RIGHT
 
-    small = {"small_friction_of_position": "position_dependent_friction", "small_spool_lag": "spool_lag"}
-    there = {small.get(name, name.removeprefix("small_")) for name in line["effects"]}
-    names = [name for name, *_ in line["named"]]
+    small = [name.removeprefix("small_") for name in line["effects"] if name != line["dominant"]]
+    return RIGHT.get(line["dominant"], set()) | {
+        LIBRARY_NAMES.get(name, name) for name in (*small, *(SAME_AS.get(name, name) for name in small))
+    }
+
+
+SAME_AS = {"seal_friction": "pressure_dependent_friction", "friction_of_position": "position_dependent_friction"}
+
+
+def score(line: dict) -> str:
+    """quiet, named; right, number off, tie, wrong, missed."""
+    from rough_machines import number_of
+    from tracing_evaluation import RIGHT
+
+    names = [own["name"] for own in line["named"]]
     if line["dominant"] is None:
         return "named" if names else "quiet"
     right = RIGHT[line["dominant"]]
-    if any(name not in right | there for name in names[1:]):
-        return "wrong"
+    for own in line["named"]:
+        if own["name"] in right:
+            found, true = (
+                next(iter(own["values"].values())),
+                number_of(line["dominant"], line["effects"][line["dominant"]]),
+            )
+            good = abs(found - true) < NUMBER * abs(true)
+            return "wrong" if set(names) - there(line) else "right" if good else "number off"
     if not names:
         return "missed"
-    if names[0] in right or set(names) & right:
-        return "right"
-    return "tie" if right & set(line["named"][0][2]) else "wrong"
+    return "wrong" if set(names[1:]) - there(line) or not right & set(line["named"][0]["tied"]) else "tie"
 
 
 def main() -> None:
@@ -84,7 +110,7 @@ def main() -> None:
         line = run_one(seed, None if options.none else "any")
         with options.out.open("a") as file:
             file.write(json.dumps(line) + "\n")
-        print(line["score"], seed, line["dominant"], [(n, v) for n, v, *_ in line["named"]], flush=True)
+        print(line["score"], seed, line["dominant"], line["named"], line["seconds"], flush=True)
 
 
 if __name__ == "__main__":

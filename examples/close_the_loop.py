@@ -2,7 +2,8 @@
 
     python examples/close_the_loop.py --minutes 5 --out runs/close-the-loop
 
-The machine runs in a process of its own and shows nothing but telemetry. `hexsim identify` finds what its declaration lacks.
+The machine runs in a process of its own and shows nothing but telemetry. `identify` finds what its declaration lacks,
+and shows the machine's bump before and after a compensator that starts with what was found.
 """
 
 from __future__ import annotations
@@ -18,12 +19,15 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.simulation.serve import Server
 
-LEAK = {"effects.leakage_supply_to_chamber.conductance_m3_s_Pa": 2.0e-12}
+LEAK_m3_s_Pa = 2.0e-12
 
 
 def hidden_machine(name: str, port: Connection) -> None:
     """Serve the machine with its leak until the process ends; tells its port first."""
-    with Server(changed(load_machine(name), LEAK), port=0, telemetry=True, lockstep=True) as server:
+    declared = load_machine(name)
+    leak = {"conductance_m3_s_Pa": LEAK_m3_s_Pa, "where": "leg 3" if declared.is_hexapod else "leg 1"}
+    hidden = changed(declared, {"effects.leakage_supply_to_chamber": leak})
+    with Server(hidden, port=0, telemetry=True, lockstep=True) as server:
         port.send(server.address[1])
         server.run()
 
@@ -34,7 +38,7 @@ def close_the_loop(machine: str, minutes: float, out: Path) -> Story:
     process = multiprocessing.get_context("spawn").Process(target=hidden_machine, args=(machine, there), daemon=True)
     process.start()
     try:
-        return identify(machine, ("127.0.0.1", here.recv()), minutes, out, lambda doing, share: None)
+        return identify(machine, ("127.0.0.1", here.recv()), minutes, out, lambda doing, share: None, compensate=True)
     finally:
         process.terminate()
         process.join()
@@ -42,7 +46,9 @@ def close_the_loop(machine: str, minutes: float, out: Path) -> Story:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--machine", default="bench", help="as declared, without the leak")
+    parser.add_argument(
+        "--machine", default="bench", help="as declared, without the leak; micro_motion_system: leg 3 leaks"
+    )
     parser.add_argument("--minutes", type=float, default=5.0, help="of machine time")
     parser.add_argument("--out", type=Path, default=Path("runs/close-the-loop"))
     arguments = parser.parse_args()
@@ -50,6 +56,8 @@ def main() -> None:
     for one in story.rounds:
         print(f"round {one.number}: {one.verdict}; {'; '.join(one.sentences) or 'nothing left open'}")
     print(f"ended: {story.ended}")
+    if story.bump:
+        print(f"bump: {story.bump.before:.3f} m/s2 as it was, {story.bump.after:.3f} m/s2 compensated")
     print(f"story: {write_story(story)}")
 
 

@@ -14,8 +14,11 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.plant import Plant
 from hexsim.scenarios import load_scenario
+from hexsim.simulation import simulate
 from hexsim.simulation.live import PUSH_N, SLIDERS, LiveMachine
+from hexsim.simulation.live_motion import FADE_OUT_S, LiveMotion
 from hexsim.simulation.live_sensors import LiveSensors
+from hexsim.simulation.recent_motion import RecentMotion, motion_figures
 
 
 def heave_m(live):
@@ -151,3 +154,64 @@ def test_a_delay_is_linear_between_ticks_and_has_no_gap_where_the_noise_repeats(
         read, *_ = sensors.read(tick)
         if tick > 1:
             np.testing.assert_allclose(place - read, 0.0003, atol=1e-12)
+
+
+def figures_of(live, recent, since_s):
+    """Figures of the last periods since `since_s`."""
+    log = recent.log(live, since_s)
+    assert log is not None
+    return motion_figures(live.motion.scenario, live.kinematics.axes, log)
+
+
+def test_a_machine_becomes_another_in_flight_and_its_figures_are_those_of_a_run():
+    """Overlap, friction, spool, leak and delay changed while the bench moves: the peak in 50 Hz goes from that of
+    `hexsim run` of the one machine to that of the other. 2 %: noise of other seeds, and 2 periods in place of 8."""
+    bench, motion = load_machine("bench"), load_scenario("heave", frequency_Hz=1.0)
+    other = {
+        "valve.overlap_m": 15e-6, "valve.spool_frequency_Hz": 40.0, "friction.coulomb_extend_N": 100.0,
+        "effects.leakage_supply_to_chamber.conductance_m3_s_Pa": 1e-12, "effects.valve_delay.delay_s": 0.004,
+    }  # fmt: skip
+    recent = RecentMotion()
+    live, wanted = LiveMachine(bench, motion, observe=recent.note), changed(bench, other)
+    for machine in (bench, wanted):
+        assert live.become(machine)
+        since = live.time_s + 3.0
+        live.advance(5.5)
+        figures = figures_of(live, recent, since)
+        said = simulate(machine, motion).summary["axes"]["leg"]
+        assert figures.peak == pytest.approx(said["peak_band_m_s2"], rel=0.02)
+        largest = max(np.abs(curve).max() for curve in figures.curves.values())
+        assert largest == pytest.approx(figures.peak, rel=0.1)  # the last reversals hold the peak of the last periods
+        assert figures.times_threshold == pytest.approx(figures.peak / 0.154)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"load.moving_mass_kg": 80.0},
+        {"effects.mass_change.mass_kg": 4.0},
+        {"valve.spool_frequency_Hz": 0.0},
+        {"effects.position_delay.delay_s": 0.002},
+        {"effects.valve_delay.delay_s": 0.1},
+        {"controller.gain_V_per_m": 40.0},
+    ],
+)
+def test_what_is_not_in_the_hydraulics_rows_is_not_taken_over_in_flight(changes):
+    """Load, sensors, controller, states that come or go, a delay longer than what is kept: refused, nothing touched."""
+    live = LiveMachine(load_machine("bench"))
+    rows = live.plant.rows.copy()
+    assert not live.become(changed(live.machine, changes))
+    np.testing.assert_array_equal(live.plant.rows, rows)
+
+
+def test_one_motion_goes_over_into_the_next_without_a_jump():
+    """Heave to surge at its largest excursion: from tick to tick no more than 2 ms at the speed of both together and of
+    the fade; heave is gone after it, surge at its full size."""
+    motion = LiveMotion(load_scenario("heave"))
+    motion.exchange(load_scenario("surge"), 10.5)
+    time_s = np.arange(10.0, 14.5, 0.002)
+    poses = np.array([motion.poses(np.array([t]))[0] for t in time_s])
+    fastest = 0.05 * np.pi + 0.05 / FADE_OUT_S
+    assert np.abs(np.diff(poses[time_s >= 10.5], axis=0)).max() < 0.002 * fastest * 1.001
+    late = time_s > 10.5 + FADE_OUT_S
+    assert not poses[late, 2].any() and np.abs(poses[late, 0]).max() == pytest.approx(0.05, rel=1e-3)

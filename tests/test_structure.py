@@ -1,7 +1,12 @@
 """What no file of the project does. Which room may know which is held by import-linter (pyproject.toml)."""
 
 import ast
+import re
+import subprocess
+import sys
 from pathlib import Path
+
+from hexsim.files.run_folder import default_folder
 
 ROOT = Path(__file__).parents[1]
 
@@ -22,3 +27,37 @@ def test_no_pickle_anywhere():
         for path in (ROOT / folder).rglob("*.py"):
             assert not imports(path) & {"pickle", "joblib", "dill", "cloudpickle", "shelve"}, path
             assert "allow_pickle=True" not in path.read_text(), path
+
+
+EXTRAS = {
+    "distributed", "asammdf", "matio", "ziglang", "fmpy", "mcap", "rosbags", "gymnasium", "viser", "mjviser", "exudyn", "h5py",
+    "pandas",
+}  # fmt: skip
+OF_AN_EXTRA = ("hexsim.gym", "hexsim.web")  # packages that are nothing without it
+IMPORT_ALL = """
+import importlib, pkgutil, sys
+for name in {extras!r}:
+    sys.modules[name] = None
+import compensation, hexsim
+for package in (hexsim, compensation):
+    for module in pkgutil.walk_packages(package.__path__, package.__name__ + ".", onerror=lambda name: None):
+        if not module.name.startswith({left_out!r}) and not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+"""
+
+
+def test_no_module_needs_an_extra():
+    """With everything that an extra provides out of reach, every module is imported, but those that are for an extra alone."""
+    code = IMPORT_ALL.format(extras=sorted(EXTRAS), left_out=OF_AN_EXTRA)
+    ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+
+
+def test_every_file_name_is_one_on_windows():
+    """No file of the project, and no folder of a run, has a name that Windows refuses or takes for another."""
+    reserved = re.compile(r'[<>:"|?*\\]|[. ]$|^(con|prn|aux|nul|com\d|lpt\d)(\.|$)', re.IGNORECASE)
+    names = [p for folder in ("hexsim", "compensation", "models", "tests", "docs") for p in (ROOT / folder).rglob("*")]
+    assert len(names) > 500
+    assert not [path for path in names if reserved.search(path.name)]
+    assert len({str(path).lower() for path in names}) == len(names)
+    assert not reserved.search(default_folder('a: "b" <c>?').name)

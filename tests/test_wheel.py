@@ -1,4 +1,4 @@
-"""The wheel works outside the repository."""
+"""What is released: a source distribution, and a wheel made from it that works outside the repository."""
 
 import subprocess
 import sys
@@ -6,19 +6,33 @@ import sysconfig
 import venv
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
 
-def test_wheel_carries_the_models_and_runs_elsewhere(tmp_path):
+@pytest.fixture(scope="session")
+def distributions(tmp_path_factory):
+    """Folder with the source distribution and the wheel built from it."""
+    out = tmp_path_factory.mktemp("dist")
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", out, ROOT]
+    subprocess.run(command, check=True, capture_output=True)
+    return out
+
+
+def test_descriptions_are_accepted_by_a_registry(distributions):
+    """twine finds no fault with either, warnings counted."""
+    files = sorted(distributions.iterdir())
+    assert [path.name.split("-")[0] for path in files] == ["hexsim", "hexsim"]
+    subprocess.run([sys.executable, "-m", "twine", "check", "--strict", *files], check=True, capture_output=True)
+
+
+def test_wheel_carries_the_models_and_runs_elsewhere(distributions, tmp_path):
     """Built as a wheel and installed into a new environment, `hexsim run heave` works in an empty folder.
 
     The dependencies come from this environment by a path file, which does not carry the editable install along.
     """
-    subprocess.run(
-        [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", tmp_path / "dist", ROOT],
-        check=True, capture_output=True,
-    )  # fmt: skip
-    wheel = next((tmp_path / "dist").glob("hexsim-*.whl"))
+    wheel = next(distributions.glob("hexsim-*.whl"))
     venv.create(tmp_path / "venv", with_pip=True)
     bin_folder = tmp_path / "venv" / "bin"
     subprocess.run(

@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from ..compiled import compiled
-from .arithmetic import clip, dot, push
+from .arithmetic import clip, copy, dot, push
 from .layout import AFTER, BEFORE, LATE_TICKS, PAST_VOLTS, SPOOLS
 from .spool import step_response
 
@@ -88,13 +88,15 @@ def found_delay_s(delay, lag_s):
 @compiled
 def keep_delay(delay, lateness, known):
     """What was identified, in numbers."""
-    known.sums[:], known.reversals, known.late_s = delay.sums, delay.reversals, lateness.late_s
+    copy(delay.sums, known.sums)
+    known.reversals, known.late_s = delay.reversals, lateness.late_s
 
 
 @compiled
 def restore_delay(delay, lateness, known):
     """Start with what was identified before."""
-    delay.sums[:], delay.reversals, lateness.late_s = known.sums, int(known.reversals), known.late_s
+    copy(known.sums, delay.sums)
+    delay.reversals, lateness.late_s = int(known.reversals), known.late_s
 
 
 @compiled

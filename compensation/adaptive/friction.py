@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from ..compiled import compiled
-from .arithmetic import clip
+from .arithmetic import clip, copy
 from .presliding import bristle
 from .recursive_least_squares import scale_covariance, start_fit, update_fit
 from .stribeck import MIN_RATE
@@ -112,7 +112,7 @@ def resonance_growth_1_s(friction):
 @compiled
 def keep_friction(friction, known):
     """What was identified, in numbers."""
-    known.theta_MPa[:] = friction.fit.theta
+    copy(friction.fit.theta, known.theta_MPa)
     known.windows[0], known.windows[1] = friction.windows[0], friction.windows[1]
     known.half_step_Pa, known.stribeck_Pa = friction.half_step_Pa, friction.stribeck.pressure_Pa
 
@@ -120,7 +120,7 @@ def keep_friction(friction, known):
 @compiled
 def restore_friction(friction, known):
     """Start with what was identified before."""
-    friction.fit.theta[:] = known.theta_MPa
+    copy(known.theta_MPa, friction.fit.theta)
     friction.windows[0], friction.windows[1] = int(known.windows[0]), int(known.windows[1])
     if friction_ready(friction):
         scale_covariance(friction.fit, RESTORED_VARIANCE)

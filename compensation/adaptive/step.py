@@ -8,7 +8,7 @@ At each tick, for the tick boundary PREVIEW_TICKS ahead:
     x_m = g^-1(z_m' ; dp)                    spool position that lets this oil through: inverse of the valve
     u   = lead(x_m) - Kp (r - y_m) - D (P1 - P_m) + backlash inverse
 
-The lead undoes the spool's lag; the dead-band compensation has a lead of its own (inverse.py, spool.py). The position
+The lead undoes the spool's lag; the dead-band compensation has a lead of its own (inverse.py, taps.py). The position
 loop's own volts are taken off while y_m lags the setpoint. D lets oil out while the pressure oscillates above the
 demand, which damps the hydraulic resonance. The backlash inverse acts on the side the volts move to. All that is
 identified is bounded, acts only once its standard error is small, and comes in slowly.
@@ -49,13 +49,21 @@ DESIGN_WANTED, WORSE, REJECTED = 1, 2, 4  # what a tick tells its caller
 
 @compiled
 def tick(states, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, extra_V):
+    """`tick_of` of states (1,), which Python hands over."""
+    return tick_of(states[0], table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, extra_V)
+
+
+@compiled
+def tick_of(state, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, extra_V):
     """Volts to add, and what its caller must know (DESIGN_WANTED | WORSE | REJECTED).
 
-    states: (1,) of the layout; table: prediction.prediction_table(); preview: setpoints (n,) of this tick and the next;
-    extra_V: volts that a derived algorithm adds. Everything else is of the sample. Nothing is allocated.
+    state: a record of the layout; table: prediction.prediction_table(); preview: setpoints (n,) of this tick and the
+    next, taken as unknown where they do not reach as far as is looked ahead; extra_V: volts that a derived algorithm
+    adds. Everything else is of the sample. Nothing is allocated.
     """
-    state, n = states[0], len(preview)
-    middle, look = (n - 1) // 2, PREVIEW_TICKS + state.shift
+    look = PREVIEW_TICKS + state.shift
+    n = len(preview) if len(preview) > look + 1 else 1
+    middle = (n - 1) // 2
     bend = preview[0] - 2.0 * preview[middle] + preview[2 * middle]
     if watch_setpoint(state.prediction, n, bend, setpoint_m):
         behind, here, ahead = predict(state.prediction, table, look, setpoint_m)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from ..compiled import compiled
-from .arithmetic import dot, push
+from .arithmetic import dot, fill_zero, push
 from .layout import LEAD_TAPS, LEAD_TICKS, PATH_AFTER, PATH_BEFORE, PATH_FINE, RESPONSE
 from .least_squares import add_row, solve, start_least_squares
 from .spool import SPOOL_DAMPING, round_lag, step_response
@@ -62,7 +62,7 @@ def lead(work, taps, lag_s, tick_s, smoothing, delay_s, shift):
     g, past = work.response, work.past
     tick_response(g, lag_s, tick_s, delay_s)
     start_least_squares(work, LEAD_TAPS)
-    past[:] = 0.0
+    fill_zero(past)
     for k in range(RESPONSE + LEAD_TAPS - 1):
         push(past, g[k] if k < RESPONSE else 0.0)
         _add_weighed(work, 1.0, 1.0 if k == LEAD_TICKS + shift else 0.0)
@@ -83,7 +83,7 @@ def crossing_lead(work, taps, lag_s, tick_s, delay_s, shift):
     start_least_squares(work, LEAD_TAPS)
     before = LEAD_TICKS + shift
     for i in range(CROSSING_FINE):
-        work.past[:] = 0.0
+        fill_zero(work.past)
         for k in range(before + RESPONSE):
             part = (i + 0.5) / CROSSING_FINE
             push(work.past, step_response((k + part) * tick_s, lag_s, delay_s))
@@ -99,7 +99,7 @@ def crossing_path(work, path, taps, lag_s, tick_s, delay_s, shift):
     taps: `crossing_lead`."""
     first = LEAD_TICKS + shift - PATH_BEFORE
     for i in range(PATH_FINE):
-        work.past[:] = 0.0
+        fill_zero(work.past)
         for k in range(first + PATH_BEFORE + PATH_AFTER):
             push(work.past, step_response((k + (i + 0.5) / PATH_FINE) * tick_s, lag_s, delay_s))
             if k >= first:
@@ -120,7 +120,7 @@ def _solve_taps(work, taps, smoothing, centre):
     """The taps of the rows so far, regularised by `smoothing`, with unit sum and a given centre."""
     rough, row = math.sqrt(smoothing), work.row
     for i in range(LEAD_TAPS):
-        row[:] = 0.0
+        fill_zero(row)
         row[i] = rough
         if i + 1 < LEAD_TAPS:
             row[i + 1] = -rough
@@ -174,7 +174,7 @@ def damping_filter(work, taps, lag_s, delay_s, settings):
     row[n] = 0.0
     add_row(work, n)
     for i in range(n):
-        row[:] = 0.0
+        fill_zero(row)
         row[i] = DAMPING_SIZE
         add_row(work, n)
     solve(work, n, taps)

@@ -1,7 +1,8 @@
-"""`hexsim live`: MuJoCo's own viewer with the hydraulics running."""
+"""`hexsim live`: the machine running, in MuJoCo's own viewer or on a page in the browser."""
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from queue import SimpleQueue
@@ -9,10 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hexsim.cli import options
+from hexsim.cli import completion, options
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
+    from hexsim.machine import Machine
+    from hexsim.scenarios import Scenario
     from hexsim.simulation.live import LiveMachine
 
 FRAME_S = 1.0 / 60.0
@@ -28,22 +31,46 @@ def register(app: typer.Typer) -> None:
 
 def live(
     scenario: Annotated[
-        str | None, typer.Argument(help="Motion to run; without it the sliders alone move the machine.")
+        str | None,
+        typer.Argument(
+            help="Motion to run; without it the sliders alone move the machine.", autocompletion=completion.scenarios
+        ),
     ] = None,
     machine: options.MachineName = None,
-    compensator: Annotated[str, typer.Option("--compensator", "-c", help="Name or package.module:Class.")] = "none",
+    compensator: options.CompensatorName = "none",
     amplitude: options.Amplitude = None,
     frequency: options.Frequency = None,
     settings: options.Set = None,
-    seconds: Annotated[float | None, typer.Option(help="Close the window after this time (s).")] = None,
+    seconds: Annotated[float | None, typer.Option(help="End after this time (s).")] = None,
+    web: Annotated[bool, typer.Option("--web", help="A page for the browser, on this computer alone.")] = False,
+    port: Annotated[int, typer.Option(min=1024, max=65535, help="Of the page; the next free one if taken.")] = 8080,
 ) -> None:
-    """The machine in MuJoCo's viewer: a slider for each degree of freedom, pause, and pushes by mouse or key."""
+    """The machine running. In MuJoCo's viewer: a slider for each degree of freedom, pause, pushes by mouse or key.
+    With --web: sliders for overlap, friction, spool, load, leak, delay and motion, and the bump as it becomes."""
     with_machine, what = options.prepare(
         scenario or "heave", options.Motion(machine=machine, amplitude=amplitude, frequency=frequency), settings
     )
+    if web:
+        serve_page(with_machine, what, compensator, (machine or what.machine_name, scenario or "heave"), port, seconds)
+        return
     from hexsim.simulation.live import LiveMachine
 
     show(LiveMachine(with_machine, what if scenario else None, compensator), seconds)
+
+
+def serve_page(
+    machine: Machine, scenario: Scenario, compensator: str, names: tuple[str, str], port: int, seconds: float | None
+) -> None:
+    """Serve the page until Ctrl-C, or for `seconds`. names: of machine and scenario, as typed."""
+    try:
+        from hexsim.web import Page, Session
+    except ModuleNotFoundError as error:
+        raise HexsimError(f"the page needs {error.name}: pip install 'hexsim[web]'") from None
+
+    page = Page(Session(machine, scenario, compensator), *names, port)
+    typer.echo(f"{page.address}   open it in a browser on this computer; Ctrl-C ends it", err=True)
+    with contextlib.suppress(KeyboardInterrupt):
+        page.run(seconds)
 
 
 def show(machine: LiveMachine, seconds: float | None = None) -> None:
@@ -113,5 +140,5 @@ def overlay(machine: LiveMachine, due: float, took: float) -> tuple[str, str]:
     load = 100.0 * took / due if due > 0 else 0.0
     pressures = " ".join(f"{1e-5 * pressure:.0f}" for pressure in machine.plant.bottom_pressures())
     names = ("state", "time", "computing", "bottom pressures", "compensator")
-    values = (state, f"{machine.time_s:.1f} s", f"{load:.0f} % of real time", f"{pressures} bar", machine.name)
+    values = (state, f"{machine.time_s:.1f} s", f"{load:.0f} % of real time", f"{pressures} bar", machine.compensator)
     return "\n".join(names), "\n".join(values)

@@ -51,6 +51,9 @@ class Controller(Section):
     setpoint_rate_Hz: float | None = between(
         1.0, 10_000.0, "of poses and leg setpoints, straight lines in between; default: rate_Hz [Hz]", default=None
     )
+    host_buffer_s: float = between(
+        0.0, 0.5, "latency given away so that less of a host's motion must be predicted [s]", default=0.0
+    )
 
     @model_validator(mode="after")
     def _fits_its_rate(self) -> Controller:

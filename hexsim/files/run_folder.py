@@ -18,6 +18,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from hexsim.errors import HexsimError
+from hexsim.files.report_links import link_reports
 
 UNFINISHED = ".unfinished-"
 LOCK = ".lock"  # in an unfinished folder: its run lives
@@ -71,7 +72,12 @@ class RunFolder:
             raise _unwritable(self.out, error) from None
 
     def finish(self, complete: bool = True) -> Path:
-        """Move what was written to its place; the folder's final path."""
+        """Move what was written to its place, and link its report with those beside it; the folder's final path."""
+        place = self._moved(complete)
+        link_reports(place)
+        return place
+
+    def _moved(self, complete: bool) -> Path:
         self._finished = True
         try:
             self._unlock()

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hexsim.identify.bump import Bump
-from hexsim.identify.rounds import Round
+from hexsim.identify.record import Round
 from hexsim.recording import palette
 from hexsim.recording.figure_style import WIDTH_IN, legend, plain_powers, styled
 from hexsim.recording.quantity import plain
@@ -24,9 +24,10 @@ ROUND_COLOURS = ("#9AA5B1", *palette.RUNS)
 
 
 @styled
-def story_figure(budget: list[dict[str, Any]], bump: Bump | None) -> Figure:
+def story_figure(headline: str, budget: list[dict[str, Any]], bump: Bump | None) -> Figure:
     """Above: what is left of each kind of signal after each step. Below: the machine's bump before and after."""
-    figure = Figure(figsize=(WIDTH_IN, 5.4 if bump else 2.8), layout="constrained")
+    figure = Figure(figsize=(WIDTH_IN, 5.9 if bump else 3.3), layout="constrained")
+    figure.suptitle(headline, x=0.01, ha="left", fontsize=12.5, fontweight="bold")
     rows = figure.subplots(2 if bump else 1, 1, squeeze=False, gridspec_kw={"hspace": 0.12})[:, 0]
     draw_budget(rows[0], budget)
     if bump:
@@ -57,7 +58,9 @@ def draw_budget(plot: Axes, budget: list[dict[str, Any]]) -> None:
     plot.axhline(1.0, color=palette.INK, linestyle=":", linewidth=1.0)
     plot.annotate("noise", (1.0, 1.0), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
                   va="center", fontsize=8)  # fmt: skip
-    plot.set_xticks(range(len(shown)), [SCALE[kind_of(channel)][0] for _, channel in shown], fontsize=9)
+    plot.set_xticks(
+        range(len(shown)), [SCALE[kind_of(channel)][0].replace(", ", "\n") for _, channel in shown], fontsize=9
+    )
     plot.set_ylabel("error / noise")
     plot.grid(visible=False, axis="x")
     plot.margins(x=0.02)

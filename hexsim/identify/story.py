@@ -10,7 +10,7 @@ from hexsim.files.atomic import write_text, written_whole
 from hexsim.hydraulics.effects import effect_named
 from hexsim.identify import bump
 from hexsim.identify.picture import rounds_figure, story_figure
-from hexsim.identify.rounds import Story
+from hexsim.identify.record import Story
 from hexsim.readers import read_log
 from hexsim.recording.figure_style import png
 from hexsim.recording.quantity import split_key, with_error
@@ -20,6 +20,7 @@ from hexsim.recording.signals import Signals
 from hexsim.tracing.report.recording import write_trace_recordings
 
 BUDGET = (
+    "What does each step leave? "
     "Rms error in multiples of the sensor's noise, of the channel of each kind that the refitted model gets most wrong. "
     "Each bar is a step of the last trace."
 )
@@ -28,6 +29,7 @@ BUMP = (
     "are the largest peaks from the second reversal at full size on. The compensator has learned on the identified twin."
 )
 ROUNDS = (
+    "How far is the model off, from round to round? "
     "Rms error on motion that no fit has seen, in multiples of the sensor's noise, of the worst channel of each kind: as "
     "declared, then after each round. Dotted: the noise."
 )
@@ -37,7 +39,7 @@ def write_story(story: Story) -> Path:
     """Write report.html and, once there was a round, story.png into the story's folder; the page's path."""
     place, shown, grown = story.folder / "report.html", "", ""
     if story.rounds and story.rounds[-1].budget:
-        picture = png(story_figure(story.rounds[-1].budget, story.bump))
+        picture = png(story_figure(headline(story), story.rounds[-1].budget, story.bump))
         with written_whole(story.folder / "story.png") as file:
             file.write_bytes(picture)
         shown = data_url(picture)
@@ -98,6 +100,12 @@ def sentence(story: Story) -> str:
     if not names:
         return f"No effect is named: {ended}."
     return f"What the declared machine lacks: {', '.join(names)} ({ended})."
+
+
+def headline(story: Story) -> str:
+    """The found effects with their first numbers, for the picture."""
+    found = [f"{row['title']} in {row['where']}: {row['numbers'][0][1]}" for row in effects(story) if row["numbers"]]
+    return "\n".join(f"Found: {line}" for line in found) or sentence(story)
 
 
 def effects(story: Story) -> list[dict[str, Any]]:

@@ -1,22 +1,26 @@
 """A smooth target at each control tick from packets that are late, lost, duplicated or out of order.
 
-Setpoints are played `delay` after the host's clock, so that as a rule a later one is already there; in between a cubic
-through the neighbouring setpoints (Catmull-Rom on their own times) gives position, velocity and acceleration. Where
-nothing later has come, the target continues with its velocity for `COAST_S` and then stands still.
+Setpoints are played `delay` after the host's clock. With a declared latency, which may be 0, what has not come yet is
+predicted (`host_prediction`). Without one the delay is two packet periods, so that as a rule a later setpoint is already
+there. In between a cubic through the neighbouring setpoints (Catmull-Rom on their own times) gives position, velocity
+and acceleration; where nothing later has come, the target continues with its velocity for `COAST_S` and stands still.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right, insort
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.motion_computer.host_packet import HostCommand
+from hexsim.motion_computer.host_prediction import KEPT, add_setpoint, new_prediction, predicted, refit
 
 Array = NDArray[np.float64]
-HISTORY = 64  # setpoints
-COAST_S = 0.03
+HISTORY = KEPT  # setpoints
+LEAST_HORIZON_S = 0.03  # at which predictors are judged: over less, straight lines would do, which have no acceleration
+COAST_S, COAST_PERIODS = 0.03, 4.0  # and the longer of both where the future is predicted
 DRIFT = 1.0e-3  # how fast the clock offset may grow when packets come later and later
 SHORTEST_GAP_S = 1.0e-4  # between two setpoints
 SHORTEST_DELAY_S, LONGEST_DELAY_S = 0.004, 0.06
@@ -43,9 +47,14 @@ def _follows(before: HostCommand, command: HostCommand) -> bool:
 
 class HostBuffer:
     """Setpoints of one host. counts: accepted, duplicate, late (too late to be played), inconsistent (clock or
-    sequence contradict the newest packet), resynchronised (the newest was the inconsistent one)."""
+    sequence contradict the newest packet), resynchronised (the newest was the inconsistent one).
 
-    def __init__(self) -> None:
+    latency_s: how long after the host's clock a setpoint is played; what is then missing is predicted, as far ahead as
+    ahead_s. None: two packet periods, and nothing is predicted.
+    """
+
+    def __init__(self, latency_s: float | None = None, ahead_s: float = 0.0) -> None:
+        self.latency_s, self.ahead_s = latency_s, ahead_s
         self.counts = {"accepted": 0, "duplicate": 0, "late": 0, "inconsistent": 0, "sessions": 0, "resynchronised": 0}
         self._clear()
 
@@ -57,6 +66,7 @@ class HostBuffer:
         self._inconsistent: list[HostCommand] = []  # the last packets that contradict the newest one
         self.last_packet_s = -np.inf
         self._played = -np.inf
+        self._prediction = new_prediction()
 
     def add(self, command: HostCommand, now_s: float) -> bool:
         """Take a command that arrived at machine time now_s; False when it is not used. Any input is allowed."""
@@ -87,13 +97,24 @@ class HostBuffer:
                 gap = (command.time_s - newest.time_s) / ahead
                 self._period += 0.1 * (gap - self._period) if self._period else gap
             self._offset = min(self._offset + DRIFT * max(now_s - self.last_packet_s, 0.0), now_s - command.time_s)
-        if newest is None or command.time_s > newest.time_s:
+        is_newer = newest is None or command.time_s > newest.time_s
+        if is_newer:
             self.newest = command
         self.last_packet_s = now_s
         insort(self._samples, (command.time_s, command.sequence, command.setpoints))
         del self._samples[:-HISTORY]
+        self._predict(add_setpoint if is_newer else refit)
         self.counts["accepted"] += 1
         return True
+
+    def _predict(self, fit: Callable[..., None]) -> None:
+        """Fit the predictors to the setpoints there are."""
+        if self.latency_s is None:
+            return
+        times, values = np.array([one[0] for one in self._samples]), np.array([one[2] for one in self._samples])
+        period = self._period or COAST_S
+        horizon = (max(self.ahead_s + 0.5 * period - self.latency_s, LEAST_HORIZON_S),) if fit is add_setpoint else ()
+        fit(self._prediction, times, values, period, *horizon)
 
     def _resynchronise(self, command: HostCommand, now_s: float) -> bool:
         """Refuse a packet that contradicts what is known of the host's clock and sequence, until CONSISTENT in a row
@@ -109,20 +130,26 @@ class HostBuffer:
         self._period = (command.time_s - first.time_s) / _ahead(first.sequence, command)
         self._offset, self._played = now_s - command.time_s, min(self._played, command.time_s)
         self.newest, self.last_packet_s, self._inconsistent = command, now_s, []
+        self._prediction = new_prediction()
+        self._predict(add_setpoint)
         self.counts["accepted"] += 1
         self.counts["resynchronised"] += 1
         return True
 
     @property
     def delay_s(self) -> float:
-        """How long after the host's clock a setpoint is played: two packet periods."""
+        """How long after the host's clock a setpoint is played: as declared, else two packet periods."""
+        if self.latency_s is not None:
+            return self.latency_s
         return min(max(2.0 * self._period, SHORTEST_DELAY_S), LONGEST_DELAY_S)
 
     def target(self, now_s: float) -> tuple[Array, Array, Array]:
-        """Position, velocity, acceleration (6,) to be followed at machine time now_s."""
+        """Position, velocity, acceleration (6,) to be followed at machine time now_s; `ahead_s` later with a latency."""
         zero = np.zeros(6)
         if not self._samples:
             return zero, zero, zero
+        if self.latency_s is not None:
+            return self._predicted(now_s + self.ahead_s - self._offset - self.latency_s)
         time = max(now_s - self._offset - self.delay_s, self._played)
         self._played = time
         place = bisect_right(self._samples, time, key=lambda sample: sample[0])
@@ -131,6 +158,14 @@ class HostBuffer:
         if place == len(self._samples):
             return self._coast(time)
         return self._cubic(place, time)
+
+    def _predicted(self, time: float) -> tuple[Array, Array, Array]:
+        """The target at a time of the host's clock, by its setpoints so far; beyond the longest coasting at rest."""
+        newest = self._samples[-1][0]
+        longest = max(self.ahead_s - self.latency_s, 0.0) + max(COAST_S, COAST_PERIODS * self._period)
+        position, velocity, acceleration = predicted(self._prediction, min(time, newest + longest))
+        moving = float(time <= newest + longest)
+        return position, moving * velocity, moving * acceleration
 
     def _slope(self, place: int) -> Array:
         """Velocity at a setpoint: the parabola through it and its neighbours; one-sided at the ends."""

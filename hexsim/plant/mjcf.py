@@ -1,6 +1,6 @@
 # pyright: reportAttributeAccessIssue=false
 # (MuJoCo's bindings carry no types)
-"""The machine as a MuJoCo model, made from its geometry: full legs, and the fast tendon equal of the same geometry.
+"""The machine as a MuJoCo model, made from its geometry: full legs, and the fast tendon model of the same geometry.
 
 full    universal joint, cylinder, rod on a slide joint, ball end closed by `connect`: the machine that people see.
 tendon  one spatial tendon a leg between two sites; the legs' masses are generic at the platform joints.

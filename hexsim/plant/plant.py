@@ -199,7 +199,7 @@ class Plant:
         self.record.middle[row] += 0.125 * self.context.tick_s * (self.record.qacc[row] - self.data.qacc)
         self.record.is_closed[row] = True
 
-    def change_row(self, leg: int | slice, place: P, value: float) -> None:
+    def change_row(self, leg: int | slice, place: int, value: float) -> None:
         """Change one number of a leg (from 0), or of several, in flight."""
         if np.all(self.rows[leg, place] == value):
             return

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import datetime
 from typing import Any
 
 import jinja2
 
-from hexsim import __version__
 from hexsim.qualify.battery import Findings
 from hexsim.qualify.plots import CAPTIONS, pictures
 from hexsim.qualify.rows import Row
-from hexsim.recording.report import data_url, environment
+from hexsim.recording.report import data_url, render
 from hexsim.recording.summary_table import number
 
 
 def page(title: str, how: str, found: Findings, config: str, notes: Sequence[str] = ()) -> str:
     """report.html. config: the machine's file; notes: what restricts the figures, a sentence each."""
-    loader = jinja2.ChoiceLoader(
-        [jinja2.PackageLoader("hexsim.qualify", "templates"), jinja2.PackageLoader("hexsim.recording", "templates")]
-    )
     judged = [row for row in found.rows if row.passed is not None]
-    return environment().overlay(loader=loader).get_template("qualification.html.j2").render(
+    return render(
+        "qualification.html.j2",
+        jinja2.PackageLoader("hexsim.qualify", "templates"),
         title=title,
         how=how,
         sentence=_sentence(judged) if judged else "No figure of this motion has a limit.",
@@ -33,9 +30,7 @@ def page(title: str, how: str, found: Findings, config: str, notes: Sequence[str
         tables=_tables(found.rows),
         pictures=[(name, data_url(data), CAPTIONS[name]) for name, data in pictures(found.curves).items()],
         config=config,
-        version=__version__,
-        written=f"{datetime.now():%Y-%m-%d %H:%M}",
-    )  # fmt: skip
+    )
 
 
 def _sentence(judged: list[Row]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping
 from datetime import datetime
 from functools import cache
@@ -12,6 +13,7 @@ import jinja2
 import tomli_w
 
 from hexsim import __version__
+from hexsim.files.report_links import BEGIN, END
 from hexsim.motion_computer.margins import stability_sentence, worst_figures
 from hexsim.recording.config import config_tables
 from hexsim.recording.quantity import plain, quantity, share, spelled
@@ -20,17 +22,23 @@ from hexsim.recording.summary_table import axis_header, axis_label, axis_rows, c
 from hexsim.simulation import Run
 
 CAPTIONS = {
-    "motion": "Setpoint and response of the driven axes. Below: tracking error of each leg, setpoint less position.",
-    "acceleration": "Top: acceleration over the last periods, raw and in the 50 Hz band, with its reference. Middle: "
+    "motion": "Does the platform follow? "
+    "Setpoint and response of the driven axes. Below: tracking error of each leg, setpoint less position.",
+    "acceleration": "What do people feel when the motion reverses? "
+    "Top: acceleration over the last periods, raw and in the 50 Hz band, with its reference. Middle: "
     "deviation from the reference, with the largest value at each reversal (upper or lower end of the stroke). Bottom: the "
     "same in the band over the whole run; the shaded part is shown above.",
-    "parasitic": "Accelerations of the axes that have no setpoint motion; zero is ideal. Translations share one scale, "
+    "parasitic": "Do the other axes rest? "
+    "Accelerations of the axes that have no setpoint motion; zero is ideal. Translations share one scale, "
     "rotations another.",
-    "flow_curve": "Flow into the chamber over valve voltage, after the fade-in. The close-up shows the dead band of the "
+    "flow_curve": "How wide is the dead band of each valve? "
+    "Flow into the chamber over valve voltage, after the fade-in. The close-up shows the dead band of the "
     "overlap. Opening and closing differ by the lag of the spool.",
-    "pressures": "Top: chamber and supply pressures of the whole run. Bottom: chamber pressures over the last periods. The "
+    "pressures": "What do friction and supply do to the pressures? "
+    "Top: chamber and supply pressures of the whole run. Bottom: chamber pressures over the last periods. The "
     "step at each reversal is friction changing sign; the oscillation after it is the hydraulic resonance.",
-    "spectrum": "Amplitude density of the acceleration and of its deviation from the basic harmonic. Equally spaced lines are "
+    "spectrum": "At which frequencies is the deviation? "
+    "Amplitude density of the acceleration and of its deviation from the basic harmonic. Equally spaced lines are "
     "harmonics of the motion, a broad peak is a resonance. The figures of the report count up to the dotted line.",
 }
 
@@ -41,7 +49,14 @@ def environment() -> jinja2.Environment:
     loader = jinja2.PackageLoader("hexsim.recording", "templates")
     made = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     made.filters |= {"number": number, "plain": plain, "quantity": quantity, "share": share, "spelled": spelled}
+    made.filters["question"] = question
     return made
+
+
+def question(caption: str) -> tuple[str, str]:
+    """The question that a figure answers, which its caption begins with, and the rest of the caption."""
+    asked, mark, rest = caption.partition("? ")
+    return (f"{asked}?", rest) if mark else ("", caption)
 
 
 def data_url(picture: bytes) -> str:
@@ -49,10 +64,26 @@ def data_url(picture: bytes) -> str:
     return "data:image/png;base64," + base64.b64encode(picture).decode("ascii")
 
 
-def render(template: str, **values: Any) -> str:
-    """A page of this package's templates, with what every page shows."""
+def render(template: str, loader: jinja2.BaseLoader | None = None, **values: Any) -> str:
+    """A page with what every page shows. loader: of templates beside those of this package."""
     common = {"version": __version__, "written": f"{datetime.now():%Y-%m-%d %H:%M}"}
-    return environment().get_template(template).render(**common, **values)
+    made = environment()
+    if loader is not None:
+        made = made.overlay(loader=jinja2.ChoiceLoader([loader, made.loader or loader]))
+    return with_contents(made.get_template(template).render(**common, **values))
+
+
+def with_contents(page: str) -> str:
+    """The page with a table of its headings, and a place for links to the reports beside it."""
+    titles: list[str] = []
+
+    def anchored(found: re.Match[str]) -> str:
+        titles.append(found[1])
+        return f'<h2 id="part-{len(titles)}">{found[1]}</h2>'
+
+    page = re.sub(r"<h2>(.*?)</h2>", anchored, page, flags=re.DOTALL)
+    links = " · ".join(f'<a href="#part-{k}">{title}</a>' for k, title in enumerate(titles, 1))
+    return page.replace("<!-- contents -->", f'<nav class="contents">{links}{BEGIN}{END}</nav>', 1)
 
 
 def run_report(run: Run, pictures: Mapping[str, bytes]) -> str:

@@ -10,6 +10,7 @@ from hexsim.recording.signals import AXIS_NAMES, axis_unit, axis_unit_text
 from hexsim.simulation import Run
 
 NOTHING = "–"
+LEAST_ACCELERATION = 1e-4  # [m/s2, rad/s2] far below the noise of an accelerometer
 COLUMNS = {
     "fundamental": "basic harmonic",
     "peak_raw": "peak raw",
@@ -30,6 +31,11 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:.{decimals}f}" if decimals <= 6 and rounded < 1e6 else f"{value:.{digits - 1}e}"
 
 
+def acceleration(value: float | None) -> str:
+    """An acceleration in m/s2 or rad/s2; one that no sensor sees and nobody feels is about zero."""
+    return "≈0" if value is not None and 0.0 < value < LEAST_ACCELERATION else number(value)
+
+
 def axis_label(axis: str) -> str:
     """heave z, roll, leg."""
     name = AXIS_NAMES.get(axis, axis)
@@ -46,7 +52,7 @@ def axis_rows(summary: Mapping[str, Any], driven: tuple[str, ...] = ()) -> list[
     rows = []
     for axis, figures in summary["axes"].items():
         unit = axis_unit(axis)
-        cells = [number(figures.get(f"{key}_{unit}")) for key in COLUMNS]
+        cells = [acceleration(figures.get(f"{key}_{unit}")) for key in COLUMNS]
         is_driven = axis in driven or axis == "leg"
         rows.append((is_driven, [axis_label(axis), *cells, axis_unit_text(axis)]))
     return sorted(rows, key=lambda row: not row[0])
@@ -85,7 +91,7 @@ def tracking_text(tracking: Sequence[float]) -> str:
     return f"{', '.join(shown)} mm (legs 1 to {len(shown)})"
 
 
-MODELS = {"full": "full legs", "tendon": "tendon equal"}
+MODELS = {"full": "full legs", "tendon": "tendon model"}
 
 
 def scheme_text(timestep_s: float | None, summary: Mapping[str, Any]) -> str:

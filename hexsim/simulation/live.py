@@ -8,7 +8,8 @@ in its control panel. Setpoints follow them with limited velocity and accelerati
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from typing import Any
 
 import mujoco
@@ -16,11 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError
+from hexsim.hydraulics.effects.valve_delay import EFFECT as VALVE_DELAY
+from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.resolve import resolve
+from hexsim.hydraulics.resolved import Resolved
 from hexsim.machine import Machine
 from hexsim.mechanics.workspace import excursions
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
+from hexsim.plant.plant import whole_ratio
+from hexsim.plant.states import lay_out_states
 from hexsim.scenarios import Scenario
+from hexsim.simulation.live_motion import LiveMotion
 from hexsim.simulation.live_sensors import LiveSensors
 from hexsim.simulation.simulation import make_compensators
 
@@ -31,6 +39,7 @@ SLIDER_SHARE = 0.9  # of the excursion a degree of freedom has alone
 SLIDER_VELOCITY = 0.15  # m/s or rad/s, how fast setpoints follow a slider
 SLIDER_STIFFNESS = 8.0  # rad/s of the critically damped filter behind it
 PUSH_N, PUSH_S = 981.0, 1.0  # a person of 100 kg steps on it for a second
+LONGEST_DELAY_S = 0.02  # of the valve, that can be set in flight
 SLIDERS = {"x": ("surge_mm", 1e-3), "y": ("sway_mm", 1e-3), "z": ("heave_mm", 1e-3)} | {
     name: (f"{name}_deg", np.pi / 180.0) for name in ("roll", "pitch", "yaw")
 }
@@ -88,15 +97,15 @@ def add_sliders(spec: Any, machine: Machine) -> None:
 class LiveMachine:
     """A plant with its position loop, advanced tick by tick.
 
-    scenario: motion that the sliders add to; None for the sliders alone.
+    scenario: motion that the sliders add to; None for the sliders alone. observe: called after every step of the log's
+    rate, as in a run, for those who write down what the plant does.
     """
 
     def __init__(
-        self, machine: Machine, scenario: Scenario | None = None, compensator: str = "none", seed: int = 0
-    ) -> None:
-        if scenario is not None and scenario.mode != "dof":
-            raise HexsimError(f"scenario {scenario.name} drives single actuators: live takes scenarios in mode 'dof'")
-        self.machine, self.scenario = machine, scenario
+        self, machine: Machine, scenario: Scenario | None = None, compensator: str = "none", seed: int = 0,
+        observe: Callable[[LiveMachine], None] | None = None,
+    ) -> None:  # fmt: skip
+        self.machine, self.motion, self.observe = machine, LiveMotion(checked(scenario)), observe
         self.kinematics = machine.mechanics
         self.dofs = self.kinematics.dofs
 
@@ -104,17 +113,15 @@ class LiveMachine:
             add_floor_and_light(spec, machine)
             add_sliders(spec, machine)
 
-        self.plant = Plant(machine, model="full", furnish=add_scene)
+        longest = (VALVE_DELAY, tuple(range(machine.n_legs)), {"delay_s": LONGEST_DELAY_S})
+        self.plant = Plant(machine, model="full", furnish=add_scene, later=[longest])
         self.sliders = slice(self.plant.model.nu - len(self.dofs), self.plant.model.nu)
-        self.name, compensators = make_compensators(compensator, machine)
         self.messages: list[tuple[float, int, str]] = []
-        self.loop = PositionLoop(
-            machine,
-            compensators,
-            scenario.period_s if scenario else None,
-            lambda *message: self.messages.append(message),
-        )
+        self.use_compensator(compensator)
         self.tick_s = 1.0 / machine.controller.rate_Hz
+        rate = max(machine.sensors.log_rate_Hz, machine.controller.rate_Hz)
+        self.steps_a_tick = whole_ratio(rate, machine.controller.rate_Hz, "log rate and control rate")
+        self.plant.prepare(rate)
         self.sensors = LiveSensors(self.plant, self.tick_s, seed)
         margin = machine.of_legs("cylinder", "cushion_length_m")
         self.reach = margin, machine.of_legs("cylinder", "stroke_m") - margin
@@ -143,6 +150,40 @@ class LiveMachine:
         self.sensors.restart()
         self.follower = Follower(position=np.zeros(len(self.dofs)), velocity=np.zeros(len(self.dofs)))
         self.tick, self._push_until_s = 0, -1.0
+        self.motion.restart()
+        self.loop.restart()
+
+    def use_compensator(self, name: str) -> None:
+        """Another compensator, which begins to learn; the same one forgets what it has learned."""
+        self.compensator, compensators = make_compensators(name, self.machine)
+        scenario = self.motion.scenario
+        self.loop = PositionLoop(
+            self.machine,
+            compensators,
+            scenario.period_s if scenario else None,
+            lambda *message: self.messages.append(message),
+        )
+
+    def use_scenario(self, scenario: Scenario | None) -> None:
+        """Another motion, from now on; a compensator that was told the period begins anew with another one."""
+        period = self.motion.scenario.period_s if self.motion.scenario else None
+        self.motion.exchange(checked(scenario), self.time_s)
+        if self.loop.compensators and (scenario.period_s if scenario else None) != period:
+            self.use_compensator(self.compensator)
+
+    def become(self, machine: Machine) -> bool:
+        """Take over another machine's valves, friction and effects in flight; False, and nothing done, where more differs."""
+        plant, wanted, present = self.plant, resolve(machine), resolve(self.machine)
+        if not (same_beside_hydraulics(machine, self.machine) and same_beside_rows(wanted, present)):
+            return False
+        if wanted.rows[:, P.VALVE_DELAY].max() > plant.longest_delay_s:
+            return False
+        for leg, place in np.argwhere(wanted.rows != present.rows):
+            plant.change_row(int(leg), int(place), float(wanted.rows[leg, place]))
+        plant.context.hysteresis[:] = plant.rows[:, P.HYSTERESIS]
+        plant.context.delay[:] = np.rint(plant.rows[:, P.VALVE_DELAY] / plant.context.tick_s)
+        self.machine = machine
+        return True
 
     def push(self) -> None:
         """Put 100 kg on the platform for a second."""
@@ -166,10 +207,7 @@ class LiveMachine:
         """Reference poses (count, 6) of this tick and the next ones: the scenario's plus the sliders'."""
         poses = np.zeros((count, 6))
         poses[:, self.kinematics.dof_places] = self.follower.position
-        if self.scenario is not None:
-            times = self.time_s + self.tick_s * np.arange(count)
-            poses += self.scenario.evaluate(times % self.scenario.duration_s)[0]
-        return poses
+        return poses + self.motion.poses(self.tick_s * (self.tick + np.arange(count, dtype=float)))
 
     def setpoints(self, poses: Array) -> Array:
         """Piston setpoints (count, n_legs) [m]; outside the strokes where a pose is out of reach."""
@@ -197,5 +235,37 @@ class LiveMachine:
         applied = self.data.xfrc_applied[self.body]
         applied[:] = self.disturbance
         applied[2] -= PUSH_N if self.time_s < self._push_until_s else 0.0
-        self.plant.tick(volts)
+        for _ in range(self.steps_a_tick):
+            self.plant.tick(volts)
+            if self.observe is not None:
+                self.observe(self)
         self.tick += 1
+
+
+def checked(scenario: Scenario | None) -> Scenario | None:
+    """HexsimError for a scenario that drives single actuators."""
+    if scenario is not None and scenario.mode != "dof":
+        raise HexsimError(f"scenario {scenario.name} drives single actuators: live takes scenarios in mode 'dof'")
+    return scenario
+
+
+def same_beside_hydraulics(wanted: Machine, present: Machine) -> bool:
+    """Whether two machine files differ in valves, friction and effects alone; warm oil scales its rows as it runs."""
+    apart = {"valve", "friction", "effects", "uncertainty"}
+    return wanted.power_unit is None and wanted.model_dump(exclude=apart) == present.model_dump(exclude=apart)
+
+
+def same_beside_rows(wanted: Resolved, present: Resolved) -> bool:
+    """Whether effects differ in the legs' rows alone, and leave the states where they are."""
+
+    def equal(name: str, a: Any, b: Any) -> bool:
+        if name == "leg_sensors":
+            return all(np.array_equal(a[key], b[key]) for key in a)
+        if name == "mechanics":
+            return all(np.array_equal(getattr(a, item.name), getattr(b, item.name)) for item in fields(a))
+        return bool(np.all(a == b)) if isinstance(a, np.ndarray) else a == b
+
+    names = [item.name for item in fields(Resolved) if item.name not in ("machine", "rows")]
+    return all(equal(name, getattr(wanted, name), getattr(present, name)) for name in names) and np.array_equal(
+        lay_out_states(wanted), lay_out_states(present)
+    )

@@ -23,17 +23,23 @@ Array = NDArray[np.float64]
 
 
 @dataclass(kw_only=True)
-class Recorded:
-    """Raw states of a run. time, ticks (m,) and most others at the log rate; positions and act at the tick rate."""
+class RecordedMotion:
+    """Raw motion of the bodies and what was asked of them, (m, ...) at the log rate."""
 
     time: Array
-    ticks: NDArray[np.int64]
     setpoints: Array
-    positions: Array
     qpos: Array
     qvel: Array
-    qacc: Array  # of the instant: what the accelerometer samples
     mean_acceleration: Array  # over one tick: what the figures judge
+
+
+@dataclass(kw_only=True)
+class Recorded(RecordedMotion):
+    """Raw states of a run. ticks (m,) and most others at the log rate; positions and act at the tick rate."""
+
+    ticks: NDArray[np.int64]
+    positions: Array
+    qacc: Array  # of the instant: what the accelerometer samples
     act: Array
     timestep: Array  # mean of the tick [s]
     volts: Array
@@ -101,7 +107,13 @@ def _columns(signals: dict[str, Array], n_legs: int) -> list[tuple[int, str, Arr
     ]
 
 
-def _motion(plant: Plant, scenario: Scenario, recorded: Recorded) -> tuple[Array, dict[str, Array]]:
+def motion_log(plant: Plant, scenario: Scenario, recorded: RecordedMotion) -> pl.DataFrame:
+    """The columns of a log that the figures of motion are made of: true and commanded motion."""
+    named = _columns(_motion(plant, scenario, recorded)[1], plant.n_legs)
+    return pl.DataFrame({"time_s": recorded.time} | {name: values for _, name, values in named})
+
+
+def _motion(plant: Plant, scenario: Scenario, recorded: RecordedMotion) -> tuple[Array, dict[str, Array]]:
     """Commanded pose (m, 6); true and commanded motion by signal, (m, 3) each; along a bench's leg (m, 1), about it (m, 0)."""
     mean = platform_signals(plant, recorded.qpos, recorded.qvel, recorded.mean_acceleration)
     pose, velocity, acceleration = _commanded(plant, scenario, recorded)
@@ -124,7 +136,7 @@ def _sampled(sensors: SensorBank, true: Array, recorded: Recorded) -> Array:
     ]
 
 
-def _commanded(plant: Plant, scenario: Scenario, recorded: Recorded) -> tuple[Array, Array, Array]:
+def _commanded(plant: Plant, scenario: Scenario, recorded: RecordedMotion) -> tuple[Array, Array, Array]:
     """Commanded pose, twist and its rate (m, 6), the latter two in the commanded platform's frame; along a leg (m, 1)."""
     kinematics = plant.machine.mechanics
     if not kinematics.has_platform:

@@ -24,7 +24,8 @@ from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.errors import Error, Finding, labels
 from hexsim.motion_computer.host_link import HostLink
 from hexsim.motion_computer.host_packet import HostCommand, Reply
-from hexsim.motion_computer.limits import CommandLimiter, Limits, leg_limits, pose_limits, soft_legs
+from hexsim.motion_computer.host_setpoints import HostSetpoints
+from hexsim.motion_computer.limits import Limits
 from hexsim.motion_computer.states import State
 from hexsim.plant import Plant
 from hexsim.plant.callbacks import without_timers
@@ -66,13 +67,14 @@ class Server:
     telemetry: send what the sensors read at the log rate (`motion_computer.telemetry`).  lockstep: machine time follows the
     host's packets, as fast as both can. record_s: so much from the start on is kept in `record`, for a run folder.
     start: "neutral" (pressure up, mid stroke) or "off" (on its stops, waiting for the host's start).
-    scenario: what manual mode plays. limits: of the host's degrees of freedom, default `pose_limits`.
+    scenario: what manual mode plays. limits, buffer_s: of the host's setpoints (`motion_computer.host_setpoints`).
     """
 
     def __init__(
         self, machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
         scenario: Scenario | None = None, limits: Limits | None = None, start: str = "neutral", timestep: float | None = None,
         seed: int = 0, telemetry: bool = False, lockstep: bool = False, record_s: float = 0.0,
+        buffer_s: float | None = None,
     ) -> None:  # fmt: skip
         if start not in ("neutral", "off"):
             raise HexsimError(f"start is {start!r}; give 'neutral' or 'off'")
@@ -86,11 +88,7 @@ class Server:
             self.plant, scenario or load_scenario("heave"), self.tick_s, self.computer.preview
         )
         self.kinematics = machine.mechanics
-        self._dofs = self.kinematics.dof_places
-        self._dof_limiter = CommandLimiter(limits or pose_limits(machine))
-        self._cushions = machine.of_legs("cylinder", "cushion_length_m")
-        self._leg_limiter = CommandLimiter(leg_limits(machine))
-        self.limiter, self.mode = self._dof_limiter, 0
+        self.host = HostSetpoints(machine, self.computer.preview, limits, buffer_s)
         self.lockstep = lockstep
         self._offset_s: float | None = None  # machine time less the host's
         self._session = 0
@@ -106,10 +104,10 @@ class Server:
         self.status = Status()
         self.ticks, self._busy_s = 0, 0.0
         self._refused = False
-        self._pose, self._reference = np.zeros(6), np.zeros(6)
+        self._pose = np.zeros(6)
         self._positions = self.computer.neutral.copy()
         self._compile()
-        self.link = HostLink(host, port)
+        self.link = HostLink(host, port, self.host.buffer)
         self.address = self.link.address
         self.record = ServeRecord(self, record_s, log_rate, seed) if record_s else None
         if start == "off":
@@ -226,10 +224,7 @@ class Server:
             return
         self._refused = False
         if command.command == "run_normal":
-            self.mode = command.mode
-            self.limiter = self._leg_limiter if self.mode else self._dof_limiter
-            self.limiter.position[:] = 0.0
-            self.limiter.velocity[:] = 0.0
+            self.host.start(command.mode)
         elif command.command == "run_manual":
             self.generator.restart()
 
@@ -248,6 +243,7 @@ class Server:
         self._refused = False
         self.computer.loop.compensate(found)
         self.compensator, self.generator.preview = found[0].name if found else "none", self.computer.preview
+        self.host.look(self.computer.preview)
 
     def _setpoints(self, now: float) -> Array | None:
         """Piston setpoints (preview, n_legs) of manual or normal mode."""
@@ -256,26 +252,10 @@ class Server:
         return self._host_setpoints(now) if self.computer.state == State.NORMAL else None
 
     def _host_setpoints(self, now: float) -> Array:
-        limiter = self.limiter
-        chosen = self._dofs if self.mode == 0 else slice(len(limiter.position))
-        target, velocity, acceleration = (value[chosen] for value in self.link.buffer.target(now))
-        command = limiter.step(target, velocity, acceleration, self.tick_s)
-        legs, held = self._legs(command)
-        ahead, _ = self._legs(command + limiter.velocity * self.tick_s)
+        rows = self.host.rows(now)
         finding = Finding(error=Error.WORKSPACE, detail="the host's setpoint is beyond the limits")
-        self.computer.warn(now, finding, limiter.limited or held)
-        return legs + np.arange(self.computer.preview)[:, None] * (ahead - legs)
-
-    def _legs(self, command: Array) -> tuple[Array, bool]:
-        """Piston setpoints (n_legs,) clear of the cushions, and whether that took a change."""
-        if self.mode == 0:
-            pose = np.zeros(6)
-            pose[self._dofs] = command
-            self._reference = pose
-            positions = self.kinematics.piston_positions(pose)
-        else:
-            positions = self.kinematics.neutral_positions + command
-        return soft_legs(positions, self.kinematics.stroke_m, self._cushions)
+        self.computer.warn(now, finding, self.host.limited)
+        return rows
 
     def _reply(self, now: float) -> Reply:
         with contextlib.suppress(HexsimError):  # readings that belong to no pose: the last pose is kept
@@ -284,7 +264,7 @@ class Server:
         return Reply(
             state=self.computer.state, errors=self.computer.errors, sequence=newest.sequence % 2**32 if newest else 0,
             arrived=self.computer.arrived, refused=self._refused, time_s=now, behind_s=self.status.behind_s,
-            age_s=now - self.link.buffer.last_packet_s, pose=tuple(self._pose), reference=tuple(self._reference),
+            age_s=now - self.link.buffer.last_packet_s, pose=tuple(self._pose), reference=tuple(self.host.reference),
             lockstep=self.lockstep, telemetry=self.telemetry is not None, compensated=bool(self.computer.compensators),
         )  # fmt: skip
 

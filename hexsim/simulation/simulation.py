@@ -30,6 +30,7 @@ from hexsim.scenarios.settings import machine_in
 from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.fault_run import FaultRun, FaultySensors
 from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
+from hexsim.simulation.hosted import Host, hosted_setpoints
 from hexsim.simulation.plain_loop import PlainLoop, Transducer, run_plain
 from hexsim.simulation.run_log import Recorded, run_log, run_summary
 
@@ -105,12 +106,14 @@ def simulate(
     timestep: float | None = None,
     progress: Callable[[float], None] | None = None,
     interventions: Sequence[Any] = (),
+    host: Host | None = None,
 ) -> Run:
     """Run `scenario` on `machine`.
 
     fast: tendon model, else full legs. timestep [s]: constant; None: chosen (`hydraulics.steps`). seed: of all sensor
     noise. progress(fraction).
     interventions: objects with `before_step(time_s, plant, volts)`, which may change the plant or the volts (faults).
+    host: its packets drive the machine, and no future is known (`hosted`).
     Raises HexsimError before the run for what cannot be done; an interrupted or diverged run comes back with
     complete = False and its log so far.
     """
@@ -125,7 +128,7 @@ def simulate(
     plant = Plant(machine, model=kind, timestep=timestep, later=later, load_moves=shifts)  # type: ignore[arg-type]
     control = MotionComputer if faults else PositionLoop
     loop = control(machine, compensators, scenario.period_s, lambda *message: messages.append(message))
-    run = TickLoop(plant, loop, scenario, seed)
+    run = TickLoop(plant, loop, scenario, seed, host)
     if isinstance(loop, MotionComputer):
         run.sensors = FaultySensors(plant.resolved, run.ticks, run.tick_s, seed, faults, run.log_every)
         run.faults = FaultRun(faults, plant, loop, run.sensors)
@@ -151,7 +154,9 @@ def simulate(
 class TickLoop:
     """The tick-by-tick run: buffers, and one pass through time."""
 
-    def __init__(self, plant: Plant, loop: PositionLoop | MotionComputer, scenario: Scenario, seed: int) -> None:
+    def __init__(
+        self, plant: Plant, loop: PositionLoop | MotionComputer, scenario: Scenario, seed: int, host: Host | None = None
+    ) -> None:
         machine = plant.machine
         self.plant, self.loop = plant, loop
         rate = max(machine.sensors.log_rate_Hz, machine.controller.rate_Hz)
@@ -167,6 +172,8 @@ class TickLoop:
             np.arange(0, self.ticks + self.control_every * loop.preview, self.control_every, dtype=float) * self.tick_s
         )
         self.setpoints = setpoints(machine, scenario, machine.mechanics, ahead)
+        if host is not None:
+            self.setpoints = hosted_setpoints(machine, scenario, host, len(ahead) - loop.preview, loop.preview)
         self.sensors = SensorBank(plant.resolved, self.ticks, self.tick_s, seed)
         plant.prepare(rate, self.ticks)
         self.record = plant.record

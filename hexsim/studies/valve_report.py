@@ -17,9 +17,11 @@ from hexsim.studies.valve_test import FREQUENCIES_Hz, ValveTest
 
 L_MIN, BAR, PERCENT = 6e4, 1e-5, 100.0
 CAPTIONS = {
-    "static": "Flow over signal at constant valve drop, a full slow cycle; the same about null; load pressure with "
+    "static": "What does the valve let through? "
+    "Flow over signal at constant valve drop, a full slow cycle; the same about null; load pressure with "
     "blocked ports; flow from the supply with blocked ports.",
-    "dynamic": "Steps of the signal, and gain and phase of the first harmonic: the spool's position over the signal.",
+    "dynamic": "How fast is the spool? "
+    "Steps of the signal, and gain and phase of the first harmonic: the spool's position over the signal.",
 }
 
 

@@ -91,7 +91,7 @@ def test_the_report_needs_nothing_but_itself():
     """All pictures are inside; no script, style sheet, image or font comes from elsewhere."""
     page = run_report(made_up_run(), {"motion": b"\x89PNG", "acceleration": b"\x89PNG"})
     assert page.count('src="data:image/png;base64,') == 2
-    assert not re.search(r"""(src|href)\s*=\s*["'](?!data:)|url\(|@import|<script|<link""", page)
+    assert not re.search(r"""(src|href)\s*=\s*["'](?!data:|#)|url\(|@import|<script|<link""", page)
 
 
 def test_the_report_shows_the_summary_and_escapes_names():

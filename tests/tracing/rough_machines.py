@@ -1,6 +1,7 @@
 """Rough machines of the second plant: five or six small realities that no model holds, under one large effect or none.
 
 draw(seed)                 -> (effects, dominant): what `other_plant.write_machine` takes, and the large one's name
+number_of(dominant, size)  -> the size as the library's effect states it
 """
 
 import numpy as np
@@ -25,7 +26,7 @@ SMALL = {
     "small_friction_of_position": (2.0, 6.0),
 }
 SIGNED = ("small_accelerometer_gain", "small_null_offset", "small_null_drift", "small_unequal_ports")
-OUT = ("controller_jitter",)
+DECLARED_MASS_KG = 40.0
 STRENGTH = (0.8, 1.5)  # of the large effect, in typical sizes
 SAME = {  # a small reality that is the same thing as the large effect
     "spool_lag": "small_spool_lag",
@@ -62,3 +63,16 @@ def draw(seed: int, dominant: str | None = "any") -> tuple[dict[str, float], str
 
 
 INVERSE = ("spool_lag", "spool_rate_limit", "pump_limit", "presliding", "supply_accumulator")
+
+
+def number_of(dominant: str, size: float) -> float:
+    """First number of the library's effect for this size of the second plant's."""
+    if dominant == "valve_delay":
+        return int(size) * 1e-3  # the second plant delays by whole milliseconds
+    if EFFECTS[dominant].unit == "ms":
+        return size * 1e-3
+    if dominant in ("mass", "flexible_payload"):
+        return size * DECLARED_MASS_KG
+    if dominant == "unequal_ports":
+        return (1.0 - size) / (1.0 + size) - 1.0
+    return -size if dominant == "underlap" else size

@@ -11,6 +11,7 @@ import pytest
 from hexsim.errors import HexsimError
 from hexsim.files.log_files import write_log
 from hexsim.machine import load_machine
+from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.scenarios import load_scenario
 from hexsim.signals.log import Log
@@ -77,9 +78,8 @@ def test_what_samples_on_the_updates_miss_is_made_good(bench):
         * MACHINE.cylinder.area_bottom_m2**2
         / ((MACHINE.cylinder.area_bottom_m2 * 0.1 + MACHINE.cylinder.pipeline_volume_m3) * 40.0)
     )
-    assert share == pytest.approx(
-        w0_squared / 500.0**2 / 48, rel=0.1
-    )  # the load and the oil are not quite the declared
+    bias = w0_squared / 500.0**2 / 48  # of the true mean, not of the samples
+    assert share == pytest.approx(bias / (1 - bias), rel=0.1)  # load and oil are not quite the declared
 
 
 def test_a_log_of_means_misses_nothing(tmp_path):
@@ -88,6 +88,16 @@ def test_a_log_of_means_misses_nothing(tmp_path):
     write_log(run.log, tmp_path / "log.parquet")
     found = acceleration_agreement(read_log(tmp_path), MACHINE)["acceleration_m_s2"]
     assert found.gain == pytest.approx(1.0, abs=5e-3)
+
+
+def test_a_controller_that_is_more_than_a_gain_passes_in_silence(tmp_path):
+    """Volts of a loop with feed-forward are not K (setpoint - position), and are no finding where that is declared."""
+    machine = changed(load_machine("bench"), {"controller.velocity_feed_forward_V_s_per_m": 8.0})
+    run = simulate(machine, load_scenario("multisine", duration_s=6.0))
+    write_log(run.log, tmp_path / "log.parquet")
+    log = read_log(tmp_path)
+    assert [f for f in check_log(log, machine) if f.channel == "valve_V"] == []
+    assert [f.channel for f in check_log(log, load_machine("bench")) if f.channel == "valve_V"] == ["valve_V"]
 
 
 # ---- wrong logs ------------------------------------------------------------

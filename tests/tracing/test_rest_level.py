@@ -68,8 +68,9 @@ def test_a_large_effect_is_named_over_five_small_ones_and_none_where_there_is_no
 ):
     """Right name, number within 10 %; without a large effect nothing is sure."""
     write_machine(tmp_path, 41, ROUGH | ({} if effect is None else {effect: value}))
-    best, found, _ = sure_effects(violated(tmp_path), lambda doing: None)
-    assert [own.candidate.effect.name for own in found] == ([] if name is None else [name])
+    found = sure_effects(violated(tmp_path), lambda doing: None)
+    assert [own.candidate.effect.name for own in found.named] == ([] if name is None else [name])
     if unit_value is not None:
-        [number] = best.fit.values[best.fit.candidates.index(found[0].candidate)].values()
+        fit = found.best.fit
+        [number] = fit.values[fit.candidates.index(found.named[0].candidate)].values()
         assert number == pytest.approx(unit_value, rel=0.1)

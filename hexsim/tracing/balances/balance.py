@@ -6,27 +6,25 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
+from threading import get_ident, local
 from typing import Any, ClassVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from hexsim.compiled import compiled
 from hexsim.declaration import Machine
-from hexsim.hydraulics import leg as leg_equations
-from hexsim.hydraulics import valve
 from hexsim.hydraulics.parameters import ROD_SIDE_SUPPLY, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window, velocity
+from hexsim.tracing.balances import spool
 
 Array = np.ndarray
 Settings = tuple[float, ...]  # offset, gain, delay [s] of a sensor
 FORCE_SIGNALS = (
     "velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa",
 )  # fmt: skip
-AT_ONCE = 50.0  # a spool so many times faster than the samples follows at once
 KEPT_SETTINGS = 8  # of sensors, for each log
 
 
@@ -249,9 +247,12 @@ def measured_point(log: Log, machine: Machine, resolved: Resolved, leg: int) -> 
     """The point at which the balances of a leg are evaluated."""
     row = resolved.rows[leg]
     t = log.run_time
-    volts = log.volts[leg] if log.volts is not None else np.zeros(log.n)
-    held, x = spool_state(row, np.ascontiguousarray(volts), t, log.rate)
-    x = 0.5 * (x + np.concatenate([x[:1], x[:-1]]))  # volts are held: at a sample stands the mean of both sides
+    last = remembered(log, ("spool", leg, get_ident()), dict)  # fits vary one number after the other
+    key = tuple(row[place] for place in spool.OF_SPOOL)
+    if key not in last:
+        last.clear()
+        last[key] = spool.at_samples(row, np.zeros(log.n) if log.volts is None else log.volts[leg], t, log.rate)
+    held, x = last[key]
     supply = np.full(log.n, row[P.SUPPLY_PRESSURE])
     if log.supply is not None:
         supply = log.supply / resolved.sensors.supply_pressure_gain
@@ -268,40 +269,17 @@ def advanced(signal: Array, samples: float) -> Array:
     return np.interp(place + samples, place, signal)
 
 
-def spool_state(row: Array, volts: Array, t: Array, rate: float) -> tuple[Array, Array]:
-    """Volts that reach the spool, and the spool's position: the recursions of delay, play and spool on measured volts."""
-    held = leg_equations.valve_volts(volts, row[P.HYSTERESIS], row[P.VALVE_DELAY] * rate)
-    return held, spool_positions(row, held, t)
-
-
-@compiled
-def spool_positions(p, volts, t):
-    """Mean spool position [m] from each sample to the next for volts held between samples, 10 steps a sample or more."""
-    n = volts.shape[0]
-    x = np.empty(n)
-    omega, damping, limit = p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING], p[P.SPOOL_RATE]
-    place = leg_equations.commanded_spool(p, volts[0], t[0])
-    speed = 0.0
-    for i in range(n):
-        command = leg_equations.commanded_spool(p, volts[i], t[i])
-        dt = t[i] - t[i - 1] if i > 0 else t[1] - t[0]
-        if omega <= 0.0 or omega * dt > AT_ONCE:
-            x[i], place, speed = command, command, 0.0
-            continue
-        steps = max(10, int(2.0 * omega * dt))
-        h = dt / steps
-        x[i] = 0.0
-        for _ in range(steps):
-            x[i] += 0.5 * place / steps
-            speed += h * valve.spool_rates(place, speed, command, omega, damping, limit)[1]
-            place += h * valve.spool_rates(place, speed, command, omega, damping, limit)[0]
-            x[i] += 0.5 * place / steps
-    return x
+_latest = local()
 
 
 def resolved_machine(machine: Machine) -> Resolved:
-    """A machine with its effects, a rod side that is not on the valve at supply pressure."""
-    resolved = resolve(machine)
-    on_valve = resolved.rows[:, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
-    resolved.rows[~on_valve, P.ROD_SIDE_CHAMBER] = ROD_SIDE_SUPPLY
-    return resolved
+    """A machine with its effects, a rod side that is not on the valve at supply pressure. Read it, do not change it.
+
+    The latest is kept: one balance after the other asks for the same machine.
+    """
+    if getattr(_latest, "machine", None) is not machine:
+        resolved = resolve(machine)
+        on_valve = resolved.rows[:, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
+        resolved.rows[~on_valve, P.ROD_SIDE_CHAMBER] = ROD_SIDE_SUPPLY
+        _latest.machine, _latest.resolved = machine, resolved
+    return _latest.resolved

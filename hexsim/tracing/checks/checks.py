@@ -9,6 +9,7 @@ from hexsim.errors import HexsimError
 from hexsim.signals.log import Log
 from hexsim.signals.table import places, table
 from hexsim.signals.units import UNITS
+from hexsim.tracing.balances.controller import is_position_loop
 from hexsim.tracing.checks.finding import Finding, loss, notice, refusal
 from hexsim.tracing.checks.sensor_agreement import Agreement, acceleration_agreement, order_that_fits, staircase_bias
 from hexsim.tracing.checks.swapped import swapped_legs, swapped_pressures
@@ -149,8 +150,13 @@ def motion(log: Log, machine: Machine) -> list[Finding]:
 
 
 def controller(log: Log, machine: Machine) -> list[Finding]:
-    """u = K (setpoint - position) with one delay: where it breaks, a column is damaged or the controller another."""
-    found = []
+    """u = K (setpoint - position) with one delay: where it breaks, a column is damaged or the controller another.
+
+    Silent where the declared controller is more than a gain.
+    """
+    found: list[Finding] = []
+    if not is_position_loop(machine.controller):
+        return found
     hold = max(1, round(log.rate / machine.controller.rate_Hz))
     for leg, setpoint, position, valve in zip(
         machine.legs, *(table()[stem].columns(log.n_legs) for stem in ("setpoint", "position", "valve")), strict=True

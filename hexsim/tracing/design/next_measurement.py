@@ -92,11 +92,13 @@ class NextMeasurement:
 
 
 def next_measurement(
-    trace: Trace, duration_s: float = DURATION_s, tell: Tell | None = None, *, first: int = FIRST, rounds: int = ROUNDS
-) -> NextMeasurement:
+    trace: Trace, duration_s: float = DURATION_s, tell: Tell | None = None, *, first: int = FIRST, rounds: int = ROUNDS,
+    may_load: bool = True,
+) -> NextMeasurement:  # fmt: skip
     """The motion of this length that tells most about what the trace has left open.
 
-    first: motions tried at first; rounds: how often as many come from the best of them.
+    first: motions tried at first; rounds: how often as many come from the best of them. may_load: a heavier load may be
+    asked for, where somebody can put it on.
 
     Raises HexsimError where no motion of the family can be simulated.
     """
@@ -118,7 +120,7 @@ def next_measurement(
         )
     say("checking it by refits", 1.0)
     tables, found = checked(best[0], hypotheses, problem.noise)
-    if found.separations and min(found.separations.values()) < SEPARATED:
+    if may_load and found.separations and min(found.separations.values()) < SEPARATED:
         heavier = checked(best[0] | {"machine": heavier_load(trace.machine)}, hypotheses, problem.noise)
         tables, found = max((tables, found), heavier, key=lambda pair: min(pair[1].separations.values(), default=0.0))
     purpose = _purpose(tables, hypotheses, numbers, wanted)

@@ -189,8 +189,8 @@ def released(base: RestFit, candidate: Candidate) -> tuple[Fit, list[Array]]:
     return bare, [X[places] for X in base.columns]
 
 
-def with_effect(base: RestFit, candidate: Candidate, problem: FitProblem, size: float) -> RestFit | None:
-    """The base with one more effect, refitted, the base's columns kept; None when nothing is left.
+def with_effect(base: RestFit, candidate: Candidate, problem: FitProblem, size: float, least: float) -> RestFit | None:
+    """The base with one more effect, refitted, the base's columns kept; None when J does not begin lower by `least`.
 
     Begun at this size or at a larger one, whatever leaves least: a delay's column tells little of a delay ten times as long.
     """
@@ -204,7 +204,9 @@ def with_effect(base: RestFit, candidate: Candidate, problem: FitProblem, size: 
     side = -1.0 if size < 0.0 and number.bounds[0] < 0.0 else 1.0
     starts = [begun_at(start) for start in (size, *(side * start for start in STARTS))]
     fit = min(starts, key=lambda fit: cost_of(fit, problem))
-    return refined(fit, problem, columns) if np.isfinite(cost_of(fit, problem)) else None
+    cost = cost_of(fit, problem)
+    worth = np.isfinite(cost) and base.cost - cost > least
+    return refined(fit, problem, columns) if worth else None
 
 
 def asked_for(fit: Fit, columns: list[Array], own: tuple[float, float], problem: FitProblem) -> tuple[float, float]:

@@ -34,11 +34,18 @@ def own_page(machine: OwnMachine, traces: Sequence[OwnTrace], report: Mapping[st
 
 
 BUDGET = (
+    "How much does each run leave, step by step? "
     "Error budget: rms of what the balance leaves on each run that was held out, as declared, with the declared numbers "
     "refitted, and with the terms that were chosen without that run. A good step makes every run's bar shorter."
 )
-TIME = "The balance in time, on one run: what must be explained, and what is left. Pale bands are pulses found in the rest."
-OVER = "What is left over the signal that it depends on most; the line is the mean of narrow bins."
+TIME = (
+    "When is it off? "
+    "The balance in time, on one run: what must be explained, and what is left. Pale bands are pulses found in the rest."
+)
+OVER = (
+    "On which signal does the rest depend? "
+    "What is left over the signal that it depends on most; the line is the mean of narrow bins."
+)
 
 
 @styled

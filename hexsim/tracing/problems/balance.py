@@ -49,7 +49,7 @@ class BalanceProblem(FitProblem):
 
     def residual(self, machine: Machine, i: int) -> Array:
         log = self.logs[i]
-        return np.concatenate([part.residual(log, machine, i, self._every(log)) for part in self.parts])
+        return np.concatenate([part.residual(log, machine, i, self.every(log)) for part in self.parts])
 
     def channels(self, i: int) -> list[str]:
         return [
@@ -59,10 +59,9 @@ class BalanceProblem(FitProblem):
     @property
     def samples(self) -> int:
         return sum(
-            len(part.rows) * used(log, log.time).shape[0] // self._every(log)
-            for log in self.logs
-            for part in self.parts
+            len(part.rows) * used(log, log.time).shape[0] // self.every(log) for log in self.logs for part in self.parts
         )
 
-    def _every(self, log: Log) -> int:
+    def every(self, log: Log) -> int:
+        """Samples of a log between two that count."""
         return max(int(self.thin_s * log.rate), 1)

@@ -11,6 +11,7 @@ import numpy as np
 from hexsim.files.json_files import write_json
 from hexsim.hydraulics.advice import advice_of
 from hexsim.machine import save_machine
+from hexsim.recording.quantity import quantity, split_key
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.parameters import to_value
 from hexsim.tracing.fitting.screening import Screened
@@ -58,9 +59,10 @@ def remarks(result: Trace) -> list[str]:
     found = []
     for prior, deviation in zip(result.final.priors, result.final.deviations, strict=True):
         if abs(deviation) > 0.999 * prior.half_width:
-            fitted = prior.declared * (1 + deviation)
+            fitted, unit = prior.declared * (1 + deviation), split_key(prior.key)[1]
             found.append(
-                f"the refit drives {prior.key} from {prior.declared:g} to its limit {fitted:g}: its uncertainty may be "
+                f"the refit drives {prior.key} from {quantity(prior.declared, unit, 4)} to its limit "
+                f"{quantity(fitted, unit, 4)}: its uncertainty may be "
                 "too small, or it stands for what is missing"
             )
     for run, channels in result.error.items():
@@ -71,9 +73,10 @@ def remarks(result: Trace) -> list[str]:
         }
         if worse:
             name = max(worse, key=lambda one: worse[one])
+            unit = split_key(name)[1]
             found.append(
-                f"the refit makes held-out run {run} worse in {name}: {channels[name]['declared']:.3g} -> "
-                f"{channels[name]['refit']:.3g}"
+                f"the refit makes held-out run {run} worse in {name}, from "
+                f"{quantity(channels[name]['declared'], unit)} to {quantity(channels[name]['refit'], unit)}"
             )
     return found
 

@@ -17,18 +17,24 @@ from hexsim.tracing.report.signals import SCALE, SIGNALS, channel_words
 from hexsim.tracing.state import NamedEffect, Trace, Violation
 
 CAPTIONS = {
-    "budget": "Error budget on held-out motion: what each step leaves of the signal of each kind that the refitted model gets most "
+    "budget": "How far off is each model on motion that no fit has seen? "
+    "Error budget on held-out motion: what each step leaves of the signal of each kind that the refitted model gets most "
     "wrong, and in times its sensor's noise (dotted).",
-    "comparison": "Held-out run {run}: of each kind of signal the one that the refitted model gets most wrong. Left: measured "
+    "comparison": "Where in the signals is it off? "
+    "Held-out run {run}: of each kind of signal the one that the refitted model gets most wrong. Left: measured "
     "and simulated. Right: what each model leaves; one that lacks nothing stays in the blue band.",
-    "balances": "The residual of each balance in the fit runs, at its worst place, over the signal that it depends on. A curve "
+    "balances": "Which equation do the measured signals not fulfil, and on what does it depend? "
+    "The residual of each balance in the fit runs, at its worst place, over the signal that it depends on. A curve "
     "that leaves the pale band is physics that the model lacks; shapes inside it are in the model's own runs too. Every panel "
     "has its own scale; the bands are of one size before and after.",
-    "portraits": "{leg}, the seconds of the first figure as loops. Friction is a step of pressure where the velocity "
+    "portraits": "Do the loops of friction and valve agree? "
+    "{leg}, the seconds of the first figure as loops. Friction is a step of pressure where the velocity "
     "changes sign, the valve's dead band a flat piece of velocity over volts. A good model covers the grey line.",
-    "spectra": "What each model leaves on run {run}, its mean taken off. Low frequencies are slow effects, humps are resonances "
+    "spectra": "At which frequencies is it off? "
+    "What each model leaves on run {run}, its mean taken off. Low frequencies are slow effects, humps are resonances "
     "that the model has elsewhere; a model that lacks nothing lies on the dotted line.",
-    "parameters": "Where each declared parameter ended inside its declared uncertainty (the grey bar; its half width at the "
+    "parameters": "Did the parameters stay where they were declared? "
+    "Where each declared parameter ended inside its declared uncertainty (the grey bar; its half width at the "
     "right). Orange: held back by its limit.",
 }
 MOST_ROWS = 12  # of a table; what is beyond folds away

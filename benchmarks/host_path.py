@@ -1,0 +1,105 @@
+"""What is felt of a reversal when a host drives: `python benchmarks/host_path.py [--seeds 0:3] [--latencies 0,5,...]`
+
+The leg of tests/compensation/leg_plant.py (40 kg, no code of hexsim) behind the motion computer's host path: packets at
+60 to 500 Hz, late by a fifth of a period (standard deviation), 2 % lost, a declared latency. Plain control, plain control
+with the velocity fed forward, and `adaptive` from nothing learned. Sine 0.05 m 0.5 Hz: worst of the last five periods,
+deviation from the basic harmonic in 50 Hz; irregular motion: half the largest of the last eight bumps, 3 to 50 Hz.
+Writes docs/results/host_path.json, and docs/images/host_path.png of it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT / "tests" / "compensation"), str(ROOT / "benchmarks")]
+
+from compensation_robustness import bumps, irregular  # noqa: E402 # pyright: ignore[reportMissingImports]
+from leg_plant import run, sine  # noqa: E402 # pyright: ignore[reportMissingImports] (with the tests)
+
+import compensation  # noqa: E402
+from compensation import Context, preview_count  # noqa: E402
+from hexsim.machine import load_machine  # noqa: E402
+from hexsim.simulation.hosted import Host, played  # noqa: E402
+
+RESULT = ROOT / "docs" / "results" / "host_path.json"
+DURATION_s, MASS_kg = 24.0, 40.0
+WAYS = ("plain", "feed-forward", "adaptive")
+GAIN_V_s_m = 6.5  # about one over the velocity gain of the valve
+
+
+def felt(motion_name: str, host: Host, way: str) -> float:
+    """Bump [m/s2] of one run."""
+    motion = sine() if motion_name == "sine" else irregular(host.seed)
+    compensator = compensation.create("adaptive" if way == "adaptive" else "none")
+    ticks, preview = round(DURATION_s * 500), preview_count(compensator, Context())
+
+    def pose(time):
+        out = np.zeros((len(time), 6))
+        out[:, 2] = motion(time) - 0.1
+        return out
+
+    wanted = played(load_machine("bench"), pose, host, ticks, preview)[:, 0]
+    forward = GAIN_V_s_m * np.gradient(wanted, 0.002)
+
+    def feed(time_s, sample):
+        if way == "feed-forward":
+            sample.control_V += float(forward[round(time_s * 500)])
+
+    done = run(
+        compensator, None, lambda time: wanted[: len(time)], DURATION_s - 0.1, period_s=None, spoil=feed, seed=host.seed
+    )
+    if motion_name == "sine":
+        return float(done.peaks(2.0)[-5:].max())
+    late = lambda time: motion(time - (host.buffer_s or 0.0))  # noqa: E731
+    return max(one[0] for one in bumps(done, late, DURATION_s - 0.1)[-8:]) / 2
+
+
+def picture(rows: list[dict], path: Path) -> None:
+    figure, plots = plt.subplots(1, 2, figsize=(9, 3.6), sharey=True, layout="constrained")
+    for plot, name in zip(plots, ("sine", "irregular"), strict=True):
+        for way, colour in zip(WAYS, ("#888888", "#e0902a", "#2060b0"), strict=True):
+            for rate, style in ((500, "-"), (60, "--")):
+                mine = [r for r in rows if (r["motion"], r["way"], r["rate_Hz"]) == (name, way, rate)]
+                at = sorted({r["latency_ms"] for r in mine})
+                worst = [max(r["bump_m_s2"] for r in mine if r["latency_ms"] == x) for x in at]
+                plot.plot(at, worst, style, color=colour, marker="o", ms=3, label=f"{way}, {rate} Hz")
+        plot.set(title="sine 0.05 m 0.5 Hz" if name == "sine" else "irregular motion", xlabel="latency given away [ms]")
+        plot.set_ylim(0.0, None)
+    plots[0].set_ylabel("bump in 50 Hz [m/s²]")
+    plots[1].legend(fontsize=7)
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", default="300:302")
+    parser.add_argument("--rates", default="60,120,240,500")
+    parser.add_argument("--latencies", default="0,5,10,20,40", help="[ms]")
+    parser.add_argument("--jitter", type=float, default=0.2)
+    parser.add_argument("--loss", type=float, default=0.02)
+    arguments = parser.parse_args()
+    rows = []
+    for seed in range(*map(int, arguments.seeds.split(":"))):
+        for rate in map(float, arguments.rates.split(",")):
+            for latency_ms in map(float, arguments.latencies.split(",")):
+                host = Host(
+                    rate_Hz=rate, jitter=arguments.jitter, loss=arguments.loss, buffer_s=1e-3 * latency_ms, seed=seed
+                )
+                for name in ("sine", "irregular"):
+                    for way in WAYS if rate in (60.0, 500.0) and seed % 2 == 0 else WAYS[2:]:
+                        row = {"motion": name, "way": way, "rate_Hz": rate, "latency_ms": latency_ms, "seed": seed}
+                        rows.append({**row, "bump_m_s2": round(felt(name, host, way), 4)})
+                        print(rows[-1], flush=True)
+    RESULT.write_text(json.dumps(rows, indent=0) + "\n", encoding="utf-8")
+    picture(rows, ROOT / "docs" / "images" / "host_path.png")
+
+
+if __name__ == "__main__":
+    main()

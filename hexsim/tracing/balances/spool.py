@@ -1,0 +1,54 @@
+"""The spool on measured volts: the recursions of delay, play and spool, sample by sample."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hexsim.compiled import compiled
+from hexsim.hydraulics import leg as leg_equations
+from hexsim.hydraulics import valve
+from hexsim.hydraulics.parameters import P
+
+Array = np.ndarray
+AT_ONCE = 50.0  # a spool so many times faster than the samples follows at once
+OF_SPOOL = (  # all of a row that the spool depends on
+    P.HYSTERESIS, P.VALVE_DELAY, P.NULL_OFFSET, P.NULL_DRIFT, P.SPOOL_GAIN, P.SPOOL_TRAVEL,
+    P.SPOOL_OMEGA, P.SPOOL_DAMPING, P.SPOOL_RATE,
+)  # fmt: skip
+
+
+def at_samples(row: Array, volts: Array, t: Array, rate: float) -> tuple[Array, Array]:
+    """Volts that reach the spool and its position at the samples: as volts are held, the mean of both sides."""
+    held, x = spool_state(row, np.ascontiguousarray(volts), t, rate)
+    return held, 0.5 * (x + np.concatenate([x[:1], x[:-1]]))
+
+
+def spool_state(row: Array, volts: Array, t: Array, rate: float) -> tuple[Array, Array]:
+    """Volts that reach the spool, and the spool's position: the recursions of delay, play and spool on measured volts."""
+    held = leg_equations.valve_volts(volts, row[P.HYSTERESIS], row[P.VALVE_DELAY] * rate)
+    return held, spool_positions(row, held, t)
+
+
+@compiled
+def spool_positions(p, volts, t):
+    """Mean spool position [m] from each sample to the next for volts held between samples, 10 steps a sample or more."""
+    n = volts.shape[0]
+    x = np.empty(n)
+    omega, damping, limit = p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING], p[P.SPOOL_RATE]
+    place = leg_equations.commanded_spool(p, volts[0], t[0])
+    speed = 0.0
+    for i in range(n):
+        command = leg_equations.commanded_spool(p, volts[i], t[i])
+        dt = t[i] - t[i - 1] if i > 0 else t[1] - t[0]
+        if omega <= 0.0 or omega * dt > AT_ONCE:
+            x[i], place, speed = command, command, 0.0
+            continue
+        steps = max(10, int(2.0 * omega * dt))
+        h = dt / steps
+        x[i] = 0.0
+        for _ in range(steps):
+            x[i] += 0.5 * place / steps
+            speed += h * valve.spool_rates(place, speed, command, omega, damping, limit)[1]
+            place += h * valve.spool_rates(place, speed, command, omega, damping, limit)[0]
+            x[i] += 0.5 * place / steps
+    return x

@@ -1,0 +1,197 @@
+"""What speaks for an effect beside a rest: how much it takes, where, on what motion, with which number, and its rivals.
+
+Everything is measured here and judged by `sure` alone, so that a limit can be moved over kept evidence afterwards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexsim.tracing import rules
+from hexsim.tracing.balances.balance import measured_point, resolved_machine
+from hexsim.tracing.balances.null import used
+from hexsim.tracing.dependence import CURVES, block_numbers, design, knots_of, r2_of
+from hexsim.tracing.fitting import rest_level
+from hexsim.tracing.fitting.fit import start_fit_at
+from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
+from hexsim.tracing.fitting.rest_level import RestFit, row_sizes
+from hexsim.tracing.problems.balance import BalanceProblem
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What speaks for one effect. Shares are of a mean square, all rows together or the effect's own.
+
+    share, unseen: of the rest that it takes, in the fit runs and held out; *_least: all but few resamples say more.
+    own: share of what it takes that lies in its own balance.  restored: of its own balance above the noise that it
+    takes, in the fit runs and held out.  remarkable: its size over that from which a machine is remarkable for it.
+    apart: its number from each run alone (coordinates); spread: how far they are from it, over what is allowed.
+    curve: mean square that a curve over one signal leaves of its own row, over what the effect leaves there.
+    """
+
+    candidate: Candidate
+    share: float
+    share_least: float
+    unseen: float
+    unseen_least: float
+    own: float
+    restored: tuple[float, float]
+    remarkable: float
+    apart: tuple[float, ...]
+    spread: float
+    curve: float
+    tied: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        return self.candidate.label
+
+
+def sure(evidence: Evidence) -> bool:
+    """Do all rules hold but that of size?"""
+    e = evidence
+    takes = e.share >= rules.PARTLY_SHARE and e.unseen >= rules.PARTLY_SHARE_UNSEEN
+    restores = min(e.restored) >= rules.PARTLY_RESTORED
+    better_curve = e.share < rules.PARTLY_CURVE_SHARE and e.curve < rules.PARTLY_CURVE
+    return (
+        (takes or restores)
+        and min(e.share_least, e.unseen_least) > 0.0
+        and e.own > 0.5
+        and e.spread < 1.0
+        and not better_curve
+    )
+
+
+def evidence_of(
+    base: RestFit, rival: RestFit, rivals: Sequence[RestFit], problem: BalanceProblem, unseen: BalanceProblem
+) -> Evidence:
+    """The evidence for the last effect of `rival` over the base. rivals: what else was tried in its place."""
+    candidate, thin, size = rival.fit.candidates[-1], problem.thin_s, rest_level.size_of(rival.fit)
+    before, after = start_fit_at(base.fit, unseen).misfit, start_fit_at(rival.fit, unseen).misfit
+    share, resampled = shares_of(base.fit.misfit, rival.fit.misfit, thin)
+    held_out, held_out_resampled = shares_of(before, after, thin)
+    own, everywhere = own_rows(candidate, problem), list(range(len(base.sizes)))
+    falls = np.log(np.maximum(base.sizes, 1.0)) - np.log(np.maximum(rival.sizes, 1.0))
+    runs = apart(rival, problem)
+    others = [other for other in rivals if other.fit.candidates[-1].label != candidate.label]
+    tied = [other for other in others if not (worse(other, rival, own, thin) or worse(other, rival, everywhere, thin))]
+    return Evidence(
+        candidate=candidate,
+        share=share,
+        share_least=least(resampled),
+        unseen=held_out,
+        unseen_least=least(held_out_resampled),
+        own=float(np.sum(falls[own])) / max(float(np.sum(falls)), 1e-12),
+        restored=(restored(base.sizes[own], rival.sizes[own]), restored(row_sizes(before)[own], row_sizes(after)[own])),
+        remarkable=abs(size) / least_remarkable(candidate),
+        apart=tuple(x for x, _ in runs),
+        spread=max(abs(x - size) / max(3.0 * sd, rules.PARTLY_SPREAD * abs(size), 1e-12) for x, sd in runs),
+        curve=left_by_a_curve(base, rival, own, problem),
+        tied=tuple(sorted(other.fit.candidates[-1].label for other in tied)),
+    )
+
+
+def block_squares(misfit: Sequence[Array], thin_s: float) -> Array:
+    """Mean square of every row in blocks longer than the rest's correlation, (n_rows, n_blocks)."""
+    length = max(round(rules.PARTLY_BLOCK_S / thin_s), 2)
+    blocks = []
+    for m in misfit:
+        count = max(m.shape[1] // length, 1)
+        blocks += [np.mean(part**2, axis=1) for part in np.array_split(m, count, axis=1)]
+    return np.stack(blocks, axis=1)
+
+
+def shares_of(before: Sequence[Array], after: Sequence[Array], thin_s: float) -> tuple[float, Array]:
+    """Share of the rest's mean square that a change takes, all rows together, and that of resampled blocks."""
+    a, b = block_squares(before, thin_s), block_squares(after, thin_s)
+    draws = np.random.default_rng(0).integers(0, a.shape[1], (rules.PARTLY_DRAWS, a.shape[1]))
+
+    def share(places: Array) -> float:
+        ms = [np.maximum(x[:, places].mean(axis=1), 1.0) for x in (a, b)]
+        return 1.0 - float(np.exp(np.sum(np.log(ms[1])) - np.sum(np.log(ms[0]))))
+
+    return share(np.arange(a.shape[1])), np.array([share(own) for own in draws])
+
+
+def least(resampled: Array) -> float:
+    """The share that all but few resamples reach."""
+    return float(np.quantile(resampled, rules.PARTLY_DOUBT))
+
+
+def worse(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float) -> bool:
+    """Does the other surely leave more in these rows, by more than the rest can hide?"""
+    before, after = ([m[rows] for m in found.fit.misfit] for found in (other, rival))
+    share, resampled = shares_of(before, after, thin_s)
+    return share > rules.PARTLY_TIE and least(resampled) > 0.0
+
+
+def own_rows(candidate: Candidate, problem: BalanceProblem) -> list[int]:
+    """Rows of the balance that the effect is of: `valve` is a name of continuity, a sensor's effect may show in any."""
+    rows, first = [], 0
+    for part in problem.parts:
+        names = (part.balance.name, *part.balance.other_names)
+        if candidate.effect.balance in names or candidate.effect.balance == "sensor":
+            rows += range(first, first + len(part.rows))
+        first += len(part.rows)
+    return rows
+
+
+def restored(before: Array, after: Array) -> float:
+    """Share of the mean square above the noise that is gone from rows of these sizes; 0 where there is none."""
+    above = [float(np.sum(np.maximum(sizes**2 - 1.0, 0.0))) for sizes in (before, after)]
+    return 1.0 - above[1] / above[0] if above[0] > rules.PARTLY_ABOVE_NOISE else 0.0
+
+
+def least_remarkable(candidate: Candidate) -> float:
+    """Coordinate from which a machine is remarkable for the effect."""
+    ordinary = rules.ORDINARY.get(candidate.effect.name)
+    size = candidate.effect.parameters[0]
+    return abs(to_coordinate(size, ordinary)) * rules.REMARKABLE if ordinary else rules.REMARKABLE_SHARE
+
+
+def apart(found: RestFit, problem: BalanceProblem) -> list[tuple[float, float]]:
+    """(coordinate, standard error) of the last effect's first number from each run alone."""
+    place = len(found.fit.priors) + sum(len(c.free()) for c in found.fit.candidates[:-1])
+    return [rest_level.estimate(found, place, problem, (i,)) for i in range(len(problem.logs))]
+
+
+def left_by_a_curve(base: RestFit, rival: RestFit, own: Sequence[int], problem: BalanceProblem) -> float:
+    """What a free curve over one signal leaves of the effect's own row, over what the effect leaves; on unseen blocks.
+
+    The row in which the effect takes most. A curve that leaves far less says that the effect stands in for something.
+    """
+    if not own:
+        return np.inf
+    row = max(own, key=lambda k: base.sizes[k] / rival.sizes[k])
+    place = problem.channels(0)[row].rpartition(" of ")[2]
+    leg = int(place.split()[1]) - 1 if place.startswith("leg") else 0
+    rest = np.concatenate([m[row] for m in base.fit.misfit])
+    blocks = block_numbers([m.shape[1] for m in base.fit.misfit], round(rules.PARTLY_BLOCK_S / problem.thin_s))
+    signals = [signals_at(problem, i, base, leg) for i in range(len(problem.logs))]
+    v = np.concatenate([own_signals["velocity_m_s"] for own_signals in signals])
+    best = 0.0
+    for name in signals[0]:
+        x = np.concatenate([own_signals[name] for own_signals in signals])
+        if np.ptp(x) > 0.0:
+            best = max(best, *(r2_of(design(form, x, v, knots_of(x)), rest, blocks) for form in CURVES))
+    left = max(float(np.var(rest)) * (1.0 - best), 1.0)
+    return left / max(float(rival.sizes[row] ** 2), 1.0)
+
+
+def signals_at(problem: BalanceProblem, i: int, base: RestFit, leg: int) -> dict[str, Array]:
+    """Signals of a leg in log i at the samples of the problem's rows."""
+    log, machine = problem.logs[i], base.fit.machine
+    point = measured_point(log, machine, resolved_machine(machine), leg)
+    window, every = point.sensed.window, problem.every(log)
+    found = {"position_m": point.y, "velocity_m_s": point.v, "valve_V": point.volts, "pressure_supply_Pa": point.Ps}
+    if point.P1 is not None:
+        found["pressure_bottom_Pa"] = point.P1
+    if log.acceleration is not None:
+        found["acceleration_m_s2"] = log.acceleration[-1]
+    smooth = {name: used(log, window.mean(x))[::every] for name, x in found.items()}
+    return smooth | {"time_s": used(log, point.t)[::every]}

@@ -1,0 +1,9 @@
+"""The machine live on a page in the browser: sliders for what people ask about, the bump as it becomes, in large digits.
+
+The page and the simulation are one process, reachable from this computer alone; the page loads nothing from elsewhere.
+"""
+
+from hexsim.web.page import Page
+from hexsim.web.session import Session
+
+__all__ = ["Page", "Session"]

@@ -1,0 +1,182 @@
+"""The machine behind the page: one thread that simulates at real time at most, and takes over what the sliders ask."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+from hexsim.errors import HexsimError
+from hexsim.machine import Machine
+from hexsim.plant.plant import PlantError
+from hexsim.scenarios import Scenario
+from hexsim.scenarios.settings import machine_in
+from hexsim.simulation.live import LiveMachine
+from hexsim.simulation.recent_motion import MotionFigures, RecentMotion, motion_figures
+from hexsim.web.knobs import Wave, machine_with, wave_of, waves
+
+FRAME_S = 1.0 / 30.0
+LONGEST_CATCH_UP_S = 0.1  # a computer that is slower than real time shows slow motion instead of standing still
+SETTLE_S = 0.5  # after a change, before the figures count
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What the page asks for: values of the sliders by name, a motion by name with its size, a compensator."""
+
+    knobs: Mapping[str, float] = field(default_factory=dict)
+    motion: str
+    amplitude: float | None = None  # mm or deg; None: as the scenario says, as for one that is no sine
+    frequency_Hz: float | None = None
+    compensator: str = "none"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shown:
+    """What the page shows: figures of what was asked, and those before the last change; None where there are none yet."""
+
+    asked: Asked
+    figures: MotionFigures | None = None
+    before: MotionFigures | None = None
+    time_s: float = 0.0
+    speed: float = 1.0  # simulated over real time
+    error: str = ""
+
+
+class Session:
+    """A machine that runs until `stop`. The page calls `ask` and `shown` from its threads; `on_frame(live)` is called in
+    the simulating one.
+
+    Sliders of the hydraulics take effect at once, and so do motion and compensator; another load builds the machine
+    anew, which takes a moment. Raises HexsimError for a machine or motion that cannot run at all.
+    """
+
+    def __init__(self, machine: Machine, scenario: Scenario, compensator: str = "none") -> None:
+        self.declared = machine_in(scenario, machine)
+        self.waves = waves(self.declared)
+        own = wave_of(scenario) if scenario.mode == "dof" else None
+        if own is not None:
+            self.waves[scenario.name] = own
+        self.scenario = scenario
+        self.asked = Asked(
+            motion=scenario.name, compensator=compensator, amplitude=own.amplitude if own else None,
+            frequency_Hz=own.frequency_Hz if own else None,
+        )  # fmt: skip
+        self._lock = threading.Lock()  # of machine and recent motion
+        self._wanted = self._present = self.asked
+        self._recent = RecentMotion()
+        self.live = LiveMachine(self.declared, scenario, compensator, observe=self._recent.note)
+        self._since_s = self._settled_from()
+        self._shown, self._error, self._speed = Shown(asked=self.asked), "", 1.0
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self.paused = False
+
+    @property
+    def motions(self) -> list[str]:
+        """Names that `Asked.motion` may have."""
+        return list(dict.fromkeys([self.scenario.name, *self.waves]))
+
+    def start(self, on_frame: Callable[[LiveMachine], None] = lambda live: None) -> None:
+        """Simulate from now on."""
+        self._thread = threading.Thread(target=self._run, args=(on_frame,), name="simulation", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the simulation and wait for it."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join(timeout=10.0)
+
+    def ask(self, asked: Asked) -> None:
+        """Take effect at the next frame; what comes more often is taken together."""
+        self.asked = self._wanted = asked
+
+    def _run(self, on_frame: Callable[[LiveMachine], None]) -> None:
+        last = time.perf_counter()
+        while not self._stop.is_set():
+            now = time.perf_counter()
+            due, last = min(now - last, LONGEST_CATCH_UP_S), now
+            with self._lock:
+                if self._wanted is not self._present:
+                    self._take_over(self._wanted)
+                if not self.paused:
+                    self._advance(due)
+            on_frame(self.live)
+            took = time.perf_counter() - now
+            self._speed = min(1.0, due / took) if took > FRAME_S else 1.0
+            self._stop.wait(max(0.0, FRAME_S - took))
+
+    def _advance(self, due: float) -> None:
+        try:
+            self.live.advance(due)
+        except PlantError as error:
+            self._error = f"The simulation diverged ({error}); it began anew."
+            self._restart()
+
+    def _restart(self) -> None:
+        self._recent.forget()
+        self.live.reset()
+        self._since_s = self._settled_from()
+
+    def push(self) -> None:
+        """Put 100 kg on for a second."""
+        with self._lock:
+            self.live.push()
+
+    def begin_again(self) -> None:
+        """From neutral, at rest; a compensator forgets what it has learned."""
+        with self._lock:
+            self.live.use_compensator(self._present.compensator)
+            self._restart()
+
+    def _take_over(self, wanted: Asked) -> None:
+        """Change what differs; where that cannot be, keep the machine and say why."""
+        present, self._present = self._present, wanted
+        if self._shown.figures is not None:
+            self._shown = replace(self._shown, before=self._shown.figures, figures=None)
+        try:
+            self._change(present, wanted)
+            self._error = ""
+        except HexsimError as error:
+            self._error = str(error)
+        self._since_s = self._settled_from()
+
+    def _change(self, present: Asked, wanted: Asked) -> None:
+        scenario = self.motion_of(wanted)
+        if wanted.knobs != present.knobs:
+            machine = machine_with(self.declared, wanted.knobs)
+            if not self.live.become(machine):
+                self.live = LiveMachine(machine, scenario, wanted.compensator, observe=self._recent.note)
+                self._recent.forget()
+                return
+        if scenario != self.live.motion.scenario:
+            self.live.use_scenario(scenario)
+        if wanted.compensator != present.compensator:
+            self.live.use_compensator(wanted.compensator)
+
+    def motion_of(self, asked: Asked) -> Scenario:
+        """The scenario that is asked for."""
+        if asked.motion not in self.waves or asked.amplitude is None or asked.frequency_Hz is None:
+            return self.scenario
+        wave: Wave = replace(self.waves[asked.motion], amplitude=asked.amplitude, frequency_Hz=asked.frequency_Hz)
+        return wave.built()
+
+    def _settled_from(self) -> float:
+        """From when on the figures count, after a change now."""
+        return max(self.live.motion.steady_s(), self.live.time_s) + SETTLE_S
+
+    def shown(self) -> Shown:
+        """What is to be shown now; the figures are made here, beside the simulation."""
+        with self._lock:
+            live, since = self.live, self._since_s
+            log, scenario = self._recent.log(live, since), live.motion.scenario
+        figures = motion_figures(scenario, live.kinematics.axes, log) if scenario and log is not None else None
+        with self._lock:
+            if live is self.live and since == self._since_s:
+                self._shown = replace(
+                    self._shown, asked=self._present, figures=figures or self._shown.figures, time_s=live.time_s, speed=self._speed,
+                    error=self._error,
+                )  # fmt: skip
+            return self._shown

@@ -1,0 +1,100 @@
+"""A host without a future: what is predicted of its packets, and what the machine makes of them."""
+
+import numpy as np
+import pytest
+
+from hexsim.errors import HexsimError
+from hexsim.machine import load_machine
+from hexsim.motion_computer.host_buffer import HostBuffer
+from hexsim.motion_computer.host_packet import HostCommand
+from hexsim.motion_computer.host_prediction import AXES, KEPT, add_setpoint, new_prediction, predicted
+from hexsim.simulation.hosted import Host, played
+
+BENCH = load_machine("bench")
+TICK = 0.002
+
+
+def test_a_polynomial_is_continued_exactly() -> None:
+    """A quintic in each axis, at uneven times: 40 ms beyond the newest of 60 setpoints position within the
+    predictors' floor of 2e-7 m, velocity 2e-5 m/s and acceleration 2e-3 m/s2: low orders keep a weight where they do as well."""
+    rng, prediction = np.random.default_rng(0), new_prediction()
+    powers = rng.normal(0.0, 0.05, (AXES, 6))
+    times = np.cumsum(rng.uniform(0.01, 0.024, 60))
+    truth = [np.polynomial.Polynomial(row) for row in powers]
+    values = np.column_stack([one(times) for one in truth])
+    for k in range(1, 61):
+        first = max(0, k - KEPT)
+        add_setpoint(prediction, times[first:k], values[first:k], 0.017, 0.03)
+    found = predicted(prediction, times[-1] + 0.04)
+    for row, tolerance in enumerate((2e-7, 2e-5, 2e-3)):
+        expected = [one.deriv(row)(times[-1] + 0.04) if row else one(times[-1] + 0.04) for one in truth]
+        assert found[row] == pytest.approx(expected, abs=tolerance)
+
+
+def heave(time):
+    """Five sines between 0.13 and 0.97 Hz, faded in over 2 s: (n, 6)."""
+    out = np.zeros((len(time), 6))
+    for f, phase in zip((0.13, 0.31, 0.47, 0.71, 0.97), (0.3, 2.0, 4.1, 1.2, 5.5), strict=True):
+        out[:, 2] += 0.0072 / f**0.8 * np.sin(2 * np.pi * f * time + phase) * np.minimum(time / 2.0, 1.0)
+    return out
+
+
+@pytest.mark.parametrize(("rate_Hz", "buffer_s"), [(500.0, 0.0), (60.0, 0.0), (60.0, 0.02)])
+def test_setpoints_ahead_of_the_packets_follow_the_host(rate_Hz: float, buffer_s: float) -> None:
+    """Irregular motion, packets late by a fifth of a period and 2 % lost, 28 ms ahead: within 0.8 mm of the host's own
+    motion `buffer_s` ago, and its acceleration within 0.03 m/s2 rms."""
+    host = Host(rate_Hz=rate_Hz, jitter=0.2, loss=0.02, buffer_s=buffer_s, seed=7)
+    made = played(BENCH, heave, host, 6000, 15)[1500:6000, 0]
+    time = np.arange(1500, 6000) * TICK - buffer_s
+    asked = 0.1 + heave(time)[:, 2]
+    assert np.abs(made - asked).max() < 8e-4
+    assert np.diff(made - asked, 2).std() / TICK**2 < 0.03
+
+
+def test_nothing_that_was_shown_ahead_is_changed() -> None:
+    """Setpoints shown for a tick to come are the ones that are given then, to the bit, whatever packets came since."""
+    from hexsim.motion_computer.host_setpoints import HostSetpoints
+
+    made, rng, shown = HostSetpoints(BENCH, 15), np.random.default_rng(1), []
+    for k in range(400):
+        if k % 7 == 0:
+            pose = (0.0, 0.0, float(rng.normal(0.0, 0.01)), 0.0, 0.0, 0.0)
+            made.buffer.add(HostCommand(sequence=k, time_s=k * TICK, setpoints=pose), k * TICK)
+        shown.append(made.rows(k * TICK))
+    for k in range(385):
+        assert np.array_equal(shown[k][1:], shown[k + 1][:-1])
+
+
+def test_a_host_that_falls_silent_is_not_continued_for_long() -> None:
+    """Packets end in the midst of a stroke of 0.2 m/s: the target stands still four periods later, 20 mm on at most."""
+    buffer = HostBuffer(0.0)
+    for k in range(100):
+        buffer.add(HostCommand(sequence=k, time_s=k * 0.01, setpoints=(0.0, 0.0, 0.002 * k, 0.0, 0.0, 0.0)), k * 0.01)
+    position, velocity, acceleration = buffer.target(1.2)
+    assert velocity[2] == 0.0 and acceleration[2] == 0.0
+    assert 0.198 <= position[2] < 0.218
+
+
+def test_the_latency_is_the_declared_one() -> None:
+    """A machine that declares 20 ms plays a sine 20 ms after the host's clock, to 0.3 ms."""
+    machine = load_machine("bench").model_copy(
+        update={"controller": BENCH.controller.model_copy(update={"host_buffer_s": 0.02})}
+    )
+
+    def sine(time):
+        return np.column_stack([0.02 * np.sin(np.pi * time) * (k == 2) for k in range(6)])
+
+    made = played(machine, sine, Host(rate_Hz=200.0), 3000, 1)[1000:3000, 0] - 0.1
+    time = np.arange(1000, 3000) * TICK
+    phase = np.angle(np.sum(made * np.exp(-1j * np.pi * time))) - np.angle(
+        np.sum(np.sin(np.pi * time) * np.exp(-1j * np.pi * time))
+    )
+    assert -phase / np.pi == pytest.approx(0.02, abs=3e-4)
+
+
+def test_a_host_that_cannot_be_is_refused() -> None:
+    """A rate, jitter, loss or latency out of bounds: a sentence with the bounds."""
+    with pytest.raises(HexsimError, match=r"host: rate_Hz is 5\.0; give a number from 10 to 2000"):
+        Host(rate_Hz=5.0)
+    with pytest.raises(HexsimError, match=r"host: loss is 1; give a number from 0 to 0\.9"):
+        Host(loss=1)

@@ -1,0 +1,52 @@
+"""The page of `hexsim live --web`, opened in a real browser."""
+
+import threading
+from urllib.parse import urlsplit
+
+import pytest
+
+from hexsim.errors import HexsimError
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.scenarios import load_scenario
+from hexsim.simulation import simulate
+
+pytest.importorskip("mjviser", reason="the page needs the extra: pip install 'hexsim[web]'")
+from hexsim.web import Page, Session
+from hexsim.web.browser import move_slider, opened, wait_for_figures
+
+MOTION = load_scenario("heave", frequency_Hz=1.0)
+NOISE = 0.02  # seeds of the sensors' noise and 2 periods for 8: the peaks of bench and hexapod differ by up to 0.6 %
+
+
+@pytest.fixture
+def page():
+    """A bench on its page, in a browser without a window; skipped where there is no browser."""
+    served = Page(Session(load_machine("bench"), MOTION), "bench", "heave", port=8765)
+    running = threading.Thread(target=served.run)
+    running.start()
+    try:
+        with opened(served.address) as shown:
+            yield shown
+    except HexsimError as error:
+        pytest.skip(f"the page cannot be opened: {error}")
+    finally:
+        served.close()
+        running.join(timeout=30.0)
+
+
+def peak_of_run(**changes):
+    bench = changed(load_machine("bench"), changes)
+    return simulate(bench, MOTION).summary["axes"]["leg"]["peak_band_m_s2"]
+
+
+def test_a_slider_changes_the_peak_to_what_a_run_says_and_nothing_leaves_the_computer(page):
+    """Overlap 5 to 20 um in 15 steps of the slider: the large digits say before and after what `hexsim run` says of these
+    machines, the command line on the page is that run's, and everything that the browser asks for is on loopback."""
+    assert wait_for_figures(page) == pytest.approx(peak_of_run(), rel=NOISE)
+    move_slider(page, "Overlap [µm]", 15)
+    wide = peak_of_run(**{"valve.overlap_m": 20e-6})
+    assert wide > 1.1 * peak_of_run()  # far beyond the noise
+    assert wait_for_figures(page, "--set valve.overlap_m=2e-05") == pytest.approx(wide, rel=NOISE)
+    hosts = {urlsplit(address.removeprefix("blob:")).hostname for address in page.asked_for}
+    assert hosts == {"127.0.0.1"}
