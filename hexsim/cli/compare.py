@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hexsim.cli import options
+from hexsim.cli import completion, options
 from hexsim.cli.console import output, print_json, progress, step_of, terminated_like_interrupted, text_table
 from hexsim.cli.errors import FULL
 from hexsim.errors import HexsimError
@@ -24,7 +24,13 @@ def register(app: typer.Typer) -> None:
 def compare(
     scenario: options.ScenarioName,
     compensators: Annotated[
-        str | None, typer.Option("--compensators", "-c", help="Names separated by commas; default all there are.")
+        str | None,
+        typer.Option(
+            "--compensators",
+            "-c",
+            help="Names separated by commas; default all there are.",
+            autocompletion=completion.several(completion.compensators),
+        ),
     ] = None,
     motion: options.Motion = options.AS_DECLARED,
     seed: options.Seed = 0,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from hexsim.cli import completion
 from hexsim.errors import HexsimError, shortened
 
 if TYPE_CHECKING:
@@ -19,13 +20,35 @@ if TYPE_CHECKING:
     from hexsim.scenarios import Scenario
     from hexsim.simulation.hosted import Host
 
-ScenarioName = Annotated[str, typer.Argument(help="Name (see `hexsim scenarios`), TOML file, or a file of setpoints.")]
+ScenarioName = Annotated[
+    str,
+    typer.Argument(
+        help="Name (see `hexsim scenarios`), TOML file, or a file of setpoints.", autocompletion=completion.scenarios
+    ),
+]
 AnyScenario = Annotated[
-    str | None, typer.Argument(help="Name, TOML file, or a file of setpoints; without it: what there is.")
+    str | None,
+    typer.Argument(
+        help="Name, TOML file, or a file of setpoints; without it: what there is.", autocompletion=completion.scenarios
+    ),
 ]
 MachineName = Annotated[
-    str | None, typer.Option("--machine", "-m", help="Name, folder or TOML file; default: the scenario's.")
+    str | None,
+    typer.Option(
+        "--machine", "-m", help="Name, folder or TOML file; default: the scenario's.",
+        autocompletion=completion.machines,
+    ),
+]  # fmt: skip
+GivenMachine = Annotated[
+    str, typer.Argument(help="Name, folder or TOML file of a machine.", autocompletion=completion.machines)
 ]
+CompensatorName = Annotated[
+    str,
+    typer.Option(
+        "--compensator", "-c", help="Name (see `hexsim compensators`) or package.module:Class.",
+        autocompletion=completion.compensators,
+    ),
+]  # fmt: skip
 Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the driven axes (m, or degrees for rotations).")]
 Frequency = Annotated[float | None, typer.Option(help="Frequency of the driven axes (Hz).")]
 Duration = Annotated[float | None, typer.Option(help="Simulated time (s).")]

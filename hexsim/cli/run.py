@@ -28,9 +28,7 @@ def run(
     scenario: options.AnyScenario = None,
     motion: options.Motion = options.AS_DECLARED,
     seed: options.Seed = 0,
-    compensator: Annotated[
-        str, typer.Option("--compensator", "-c", help="Name (see `hexsim compensators`) or package.module:Class.")
-    ] = "none",
+    compensator: options.CompensatorName = "none",
     fast: options.Fast = False,
     timestep: options.TimeStep = None,
     out: options.Out = None,

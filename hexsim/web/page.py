@@ -129,7 +129,7 @@ class Page:
                     uplot.Series(label="bottom", stroke=BOTTOM, width=2),
                 ),
                 scales=scales(nothing, 1.0),
-                axes=(uplot.Axis(label="time from the reversal [s]"), uplot.Axis(label="", size=62)),
+                axes=axes("m_s2"),
                 legend=uplot.Legend(live=False),
                 height=370,
             )
@@ -191,7 +191,7 @@ class Page:
         ]
         largest = max(SMALLEST[latest.unit], *(float(np.nanmax(np.abs(line), initial=0.0)) for line in lines))
         self.chart.data = (time_s, *lines)
-        self.chart.scales = scales(time_s, largest)
+        self.chart.scales, self.chart.axes = scales(time_s, largest), axes(latest.unit)
 
     def command(self, asked: Asked) -> str:
         """What runs the same machine and motion without the page."""
@@ -214,6 +214,11 @@ def scales(time_s: np.ndarray, largest: float) -> dict[str, uplot.Scale]:
         "x": uplot.Scale(time=False, auto=False, range=(float(time_s[0]), float(time_s[-1]))),
         "y": uplot.Scale(auto=False, range=(-1.1 * largest, 1.1 * largest)),
     }
+
+
+def axes(unit: str) -> tuple[uplot.Axis, ...]:
+    """Captions of the chart."""
+    return uplot.Axis(label="time from the reversal [s]"), uplot.Axis(label=f"deviation [{UNITS[unit]}]", size=62)
 
 
 def digits(figures: MotionFigures | None, before: MotionFigures | None) -> str:
@@ -261,5 +266,10 @@ def notes(shown: Shown, command: str) -> str:
         "Dashed: before the last change. The bump in the middle is what people feel.</p>"
         f'<p id="hexsim-state">{shown.time_s:.1f} s{slow}; {state}</p>'
         f'<p style="opacity:.75;margin-bottom:2px">The same without the page:</p>'
-        f'<code id="hexsim-command" style="font-size:12px;word-break:break-word">{html.escape(command)}</code></div>'
+        f'<code id="hexsim-command" style="font-size:12px;overflow-wrap:anywhere">{unbroken(command)}</code></div>'
     )
+
+
+def unbroken(command: str) -> str:
+    """A command line as HTML that breaks between its words."""
+    return " ".join(f'<span style="display:inline-block">{html.escape(word)}</span>' for word in command.split(" "))
