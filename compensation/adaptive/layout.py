@@ -179,6 +179,7 @@ ENGAGEMENT = record(  # engagement.py
     reversal_m_s2="f8",  # at the last reversal
     excited="i8",
     stability_limit_m_s2="f8",  # reversal acceleration below which compensation disengages
+    armed="i8",  # started with what was learned: engages before the first reversal
 )  # fmt: skip
 PREDICTION = record(  # prediction.py
     look="i8",
@@ -242,6 +243,7 @@ LEARNED = record(
     flow=record(null_V="f8", leak_m_s="f8", retract=EDGE_LEARNED, extend=EDGE_LEARNED), rounding_V="f8",
     friction=record(theta_MPa=("f8", (FIT_SIZE,)), windows=("f8", (2,)), half_step_Pa="f8", stribeck_Pa="f8"),
     delay=record(sums=("f8", (SPOOLS * LATES,)), reversals="f8", late_s="f8"),
+    plain_control=record(baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,))),
 )  # fmt: skip
 
 
@@ -258,8 +260,11 @@ def as_dict(record: Record) -> dict[str, Any]:
 
 
 def fill(record: Record, values: dict[str, Any]) -> None:
-    """The inverse of `as_dict`; what `values` has besides is left. Older files hold the delay's sums by spool alone."""
+    """The inverse of `as_dict`; what `values` has besides is left. Older files have nothing of plain control, and the
+    delay's sums by spool alone."""
     for name in record.dtype.names:
+        if name == "plain_control" and name not in values:
+            continue
         if record[name].dtype.names:
             fill(record[name], values[name])
         else:

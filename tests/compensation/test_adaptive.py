@@ -500,6 +500,7 @@ def test_worse_reversals_are_seen_and_ended(plain, adapted) -> None:
     for edge in ("retract", "extend"):
         parameters["flow"][edge]["lag_s"] += 4e-3
     parameters["delay"]["sums"] = ALL_SPOOL
+    del parameters["plain_control"]  # it engages after plain control's own reversals
     state = made.restore(Context(), parameters)
     record = run(made, duration_s=26.0, state=state)
     peaks, usual = record.peaks(), plain.peak(6.0, 10.0)
