@@ -209,12 +209,17 @@ def with_effect(base: RestFit, candidate: Candidate, problem: FitProblem, size: 
     return refined(fit, problem, columns) if worth else None
 
 
-def asked_for(fit: Fit, columns: list[Array], own: tuple[float, float], problem: FitProblem) -> tuple[float, float]:
-    """(coordinate that the last column asks for where the fit stands, what J's tangent promises for it). own: its bounds."""
+def asked_for(
+    fit: Fit, columns: list[Array], own: tuple[float, float], problem: FitProblem
+) -> tuple[float, float, float]:
+    """(coordinate that the last column asks for where the fit stands, what J's tangent promises for it, its standard
+    error beside the rest and all other coordinates). own: its bounds."""
     A, b = weighted_system(fit, columns, problem)
     here, (low, high) = coordinates_of(fit), bounds_of(fit)
     x = bounded(A, b, np.append(low - here, own[0]), np.append(high - here, own[1]))
-    return float(x[-1]), float(2.0 * b @ x - x @ A @ x)
+    inside = np.append((here > low + 1e-9) & (here < high - 1e-9), True)
+    known = np.linalg.pinv(A[np.ix_(inside, inside)], rcond=1e-12, hermitian=True)[-1, -1]
+    return float(x[-1]), float(2.0 * b @ x - x @ A @ x), float(np.sqrt(known)) if known > 0.0 else np.inf
 
 
 def sandwich(found: RestFit, problem: FitProblem, runs: Sequence[int] | None = None) -> Array:
