@@ -21,7 +21,7 @@ import numpy as np
 from hexsim.tracing import rules
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit, start_fit, start_fit_at
-from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, named, to_value
+from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
 from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.screening import columns_of
@@ -93,7 +93,7 @@ def grown_by_one(
     base: RestFit, trace: Trace, problem: BalanceProblem, unseen: BalanceProblem
 ) -> tuple[RestFit | None, list[Evidence], dict[str, float]]:
     """The base with the next sure effect, or None; the evidence for what was judged, that of the sure one last; `hidden`."""
-    there = {c.label for c in base.fit.candidates if is_free(c)}
+    there = {c.label for c in base.fit.candidates if not rest_level.is_held(c)}
     possible = [c for c in trace.candidates if c.label not in there]
     begun, hidden = rivals_of(base, possible, problem, bool(there))
     rivals, tried = contenders(begun, base, problem), []
@@ -129,11 +129,6 @@ def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem
     anew = in_parallel(lambda rival: rest_level.refined(rival.fit, problem), near)
     better = [min(pair, key=lambda found: found.cost) for pair in zip(near, anew, strict=True)]
     return sorted([*better, *rivals[len(near) :]], key=lambda rival: rival.cost)
-
-
-def is_free(candidate: Candidate) -> bool:
-    """Is it free, not a small reality held to its ordinary size?"""
-    return candidate.effect.name not in rules.ORDINARY or candidate.effect == named(candidate.effect.name).effect
 
 
 def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence]) -> bool:
