@@ -115,6 +115,7 @@ CASES = {
     "fault_later": Hidden(changes=INCLINE, spoil=transducer_breaks(85.0)),
     "incline": Hidden(changes=INCLINE),
     "second_leak": Hidden(second={"leakage_supply_to_chamber": 1.7e-12}),
+    "second_spool": Hidden(second={"leakage_supply_to_chamber": 1.7e-12, "spool_lag": 60.0}),
     "second_clean": Hidden(second={}),
     "second_rough": Hidden(second={"leakage_supply_to_chamber": 1.7e-12} | SECOND_SMALL),
     "lying_clock": Hidden(changes=LEAK, spoil=stamps(1.01, rate_too=True)),

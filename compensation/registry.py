@@ -15,6 +15,7 @@ from typing import Any
 
 from .compensator import Compensator
 from .guard import Guarded
+from .library import SUFFIXES, Library
 
 ENTRY_POINT_GROUP = "hexsim.compensators"
 PACKAGE = __name__.rpartition(".")[0]
@@ -55,11 +56,14 @@ def available() -> list[str]:
 
 
 def create(name: str, **configuration: Any) -> Compensator:
-    """The algorithm called `name`, or the class at `package.module:Class`, with its configuration.
+    """The algorithm called `name`, the class at `package.module:Class`, or the exported library at a path, with its
+    configuration.
 
     Raises ValueError for an unknown name or one that cannot be imported (naming what there is), and TypeError for a
     class that is no compensator (naming what it lacks).
     """
+    if name.endswith(SUFFIXES):
+        return _configured(Library, name, {"path": name, **configuration})
     if ":" in name:
         return Guarded(check(_import(name), name, **configuration))
     built_in = _built_in()
@@ -77,7 +81,7 @@ def create(name: str, **configuration: Any) -> Compensator:
         return Guarded(check(found, name, **configuration))
     raise ValueError(
         f"no compensator is called '{name}'; there are {', '.join(available())}, "
-        "or give your own as package.module:Class"
+        "or give your own as package.module:Class or an exported library as ./NAME.so"
     )
 
 

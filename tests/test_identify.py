@@ -15,8 +15,10 @@ from hexsim.errors import HexsimError
 from hexsim.identify import identify
 from hexsim.identify.bump import taken_apart, worst
 from hexsim.identify.host import Host, PERIOD_s, check_clock, log_of
+from hexsim.identify.motions import setpoints_of
 from hexsim.identify.picture import errors_by_kind
-from hexsim.identify.rounds import Round, Story, check_careful, setpoints_of
+from hexsim.identify.record import Round, Story
+from hexsim.identify.rounds import check_careful
 from hexsim.identify.story import write_story
 from hexsim.machine import load_machine
 from hexsim.motion_computer.compensator_packet import AskedCompensator, unpack_asked
@@ -182,6 +184,20 @@ def test_a_fault_ends_it_with_what_was_kept(served, tmp_path):
     assert sorted(path.stem for path in (tmp_path / "logs").iterdir()) == ["held_out", "held_out_2"]
     with pytest.raises(HexsimError, match="of another declaration"):
         identify("micro_motion_system", served.address, 5.0, tmp_path)
+
+
+def test_another_host_takes_over_in_lockstep(served):
+    """The first host is gone while the machine follows it: machine time stands still, and yet a second one gets in after a
+    second of silence, lowers the machine, and starts it again."""
+    with Host(served.address) as first:
+        first.until(State.NEUTRAL)
+        first.exchange(command="run_normal")
+    time.sleep(1.3)
+    with Host(served.address) as second:
+        assert second.exchange().state == State.NORMAL
+        second.until(State.NEUTRAL, "return_neutral")
+        second.until(State.OFF, "settle")
+        second.until(State.NEUTRAL, "start")
 
 
 def test_nobody_there():

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from ..compensator import Compensator, Context, Parameters, Sample
-from .layout import LEARNED, STATE, Record
+from .layout import LEARNED, STATE, Record, as_dict, empty, fill
 from .prediction import prediction_table
-from .start import design_taps, keep, restore, start
+from .start import keep, restore, start
 from .step import DESIGN_WANTED, REJECTED, WORSE, tick
+from .taps import design
 
 
 @dataclass(slots=True)
@@ -79,7 +79,7 @@ class Adaptive(Compensator):
         settings = state.numbers.settings
         for name in settings.dtype.names:
             settings[name] = getattr(self if hasattr(self, name) else context, name)
-        start(state.states)
+        start(state.numbers)
         return state
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
@@ -88,7 +88,7 @@ class Adaptive(Compensator):
             sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_supply_Pa, self.extra(state, sample) - sample.feed_forward_V,
         )  # fmt: skip
         if state.told & DESIGN_WANTED:
-            design_taps(state.states)
+            design(state.numbers)
         return volts, state
 
     def extra(self, state: AdaptiveState, sample: Sample) -> float:
@@ -97,35 +97,24 @@ class Adaptive(Compensator):
 
     def status(self, state: AdaptiveState) -> str:
         """A sentence while plain control acts because of what reversals or the valve have done."""
-        if state.told & WORSE:
-            return "reversals became worse than plain control's: plain control for a while"
-        if state.told & REJECTED:
-            return "the valve no longer follows what was learned: plain control while it is learned anew"
-        return ""
+        return sentence(state.told)
 
     def parameters(self, state: AdaptiveState) -> Parameters:
-        learned = np.zeros(1, LEARNED)
-        keep(state.states, learned)
-        return _as_dict(learned[0])
+        learned = empty(LEARNED)
+        keep(state.numbers, learned)
+        return as_dict(learned)
 
     def restore(self, context: Context, parameters: Parameters) -> AdaptiveState:
-        state, learned = self.start(context), np.zeros(1, LEARNED)
-        _fill(learned[0], parameters)
-        restore(state.states, learned)
+        state, learned = self.start(context), empty(LEARNED)
+        fill(learned, parameters)
+        restore(state.numbers, learned)
         return state
 
 
-def _as_dict(record: Record) -> dict[str, Any]:
-    """A record of doubles by name, its arrays as lists."""
-    return {
-        name: _as_dict(value) if (value := record[name]).dtype.names else value.tolist() for name in record.dtype.names
-    }
-
-
-def _fill(record: Record, values: dict[str, Any]) -> None:
-    """The inverse of `_as_dict`; what `values` has besides is left."""
-    for name in record.dtype.names:
-        if record[name].dtype.names:
-            _fill(record[name], values[name])
-        else:
-            record[name] = values[name]
+def sentence(told: int) -> str:
+    """What a tick's flags mean, in words."""
+    if told & WORSE:
+        return "reversals became worse than plain control's: plain control for a while"
+    if told & REJECTED:
+        return "the valve no longer follows what was learned: plain control while it is learned anew"
+    return ""

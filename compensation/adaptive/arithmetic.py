@@ -23,3 +23,17 @@ def dot(taps, history, count):
     for i in range(count):
         total += taps[i] * history[i]
     return total
+
+
+@compiled
+def fill_zero(history):
+    """Forgets a history. (A slice assignment brings an error path that writes text.)"""
+    for i in range(len(history)):
+        history[i] = 0.0
+
+
+@compiled
+def copy(source, target):
+    """All numbers of `source` into `target`."""
+    for i in range(len(source)):
+        target[i] = source[i]

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from ..compiled import compiled
-from .arithmetic import clip
+from .arithmetic import clip, copy
 from .presliding import bristle
 from .recursive_least_squares import scale_covariance, start_fit, update_fit
 from .stribeck import MIN_RATE
@@ -100,6 +100,19 @@ def step_acceleration_m_s2(friction):
 
 
 @compiled
+def resonance_of_load_Hz(friction, settings):
+    """The load on the oil below a piston at mid-stroke: 1 / (2 pi sqrt(p1 V / (E A1)))."""
+    compliance_m_Pa = (0.5 * settings.stroke_m + settings.pipeline_length_m) / settings.bulk_modulus_Pa
+    return 1.0 / (2.0 * math.pi * math.sqrt(compliance_m_Pa * inertia_Pa(friction)))
+
+
+@compiled
+def viscous_decay_1_s(friction):
+    """Viscous friction over inertia."""
+    return 1e7 * max(min(friction.fit.theta[2], friction.fit.theta[3]), 0.0) / inertia_Pa(friction)
+
+
+@compiled
 def resonance_growth_1_s(friction):
     """Growth rate of the hydraulic resonance near rest, where friction falls with speed."""
     viscous = 1e7 * min(friction.fit.theta[2], friction.fit.theta[3])
@@ -112,7 +125,7 @@ def resonance_growth_1_s(friction):
 @compiled
 def keep_friction(friction, known):
     """What was identified, in numbers."""
-    known.theta_MPa[:] = friction.fit.theta
+    copy(friction.fit.theta, known.theta_MPa)
     known.windows[0], known.windows[1] = friction.windows[0], friction.windows[1]
     known.half_step_Pa, known.stribeck_Pa = friction.half_step_Pa, friction.stribeck.pressure_Pa
 
@@ -120,7 +133,7 @@ def keep_friction(friction, known):
 @compiled
 def restore_friction(friction, known):
     """Start with what was identified before."""
-    friction.fit.theta[:] = known.theta_MPa
+    copy(known.theta_MPa, friction.fit.theta)
     friction.windows[0], friction.windows[1] = int(known.windows[0]), int(known.windows[1])
     if friction_ready(friction):
         scale_covariance(friction.fit, RESTORED_VARIANCE)

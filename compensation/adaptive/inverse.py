@@ -1,6 +1,6 @@
 """Inverse of the identified valve: volts that let a demanded oil displacement through, tick by tick.
 
-Two signals leave it apart, for the spool follows each through taps of its own (spool.py): the volts for the mean flow
+Two signals leave it apart, for the spool follows each through taps of its own (taps.py): the volts for the mean flow
 of a tick, and the dead-band compensation, which crosses the overlap where the flow reverses. While the spool crosses,
 the valve is shut and blocks flow. Crossing flow compensation gives a share of the blocked oil in the two ticks before
 the crossing and in the two after it.

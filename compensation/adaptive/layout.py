@@ -26,7 +26,8 @@ RESPONSE = 40  # ticks of the spool's response that a design looks at
 SPOOLS = 17  # of the bank that tells delay from spool
 BEFORE, AFTER, PAST_VOLTS = 14, 16, 12  # ticks about a reversal that are compared, and of volts before them
 TRIM_TICKS = 8  # on either side of a compensated reversal
-LATE_TICKS = 9  # by which a position may be late, and two
+LATES = 15  # half ticks by which a position may be late, and none
+LATE_TICKS = 7
 REACH = 16  # ticks on either side of a reversal in which Stribeck friction is looked for
 LENGTHS = 12  # of bristles, of the bank
 BLOCK, APART = 5, 20  # ticks of the performance monitor
@@ -35,16 +36,16 @@ PAST_SETPOINTS = 97
 MAX_LOOK = PREVIEW_TICKS + MAX_SHIFT
 
 
-def _record(**fields: Any) -> np.dtype:
+def record(**fields: Any) -> np.dtype:
     """A layout: names with "f8", "i8" or another layout, or a pair of it and the shape."""
     return np.dtype((np.record, [(k, *v) if isinstance(v, tuple) else (k, v) for k, v in fields.items()]))
 
 
-FIT = _record(  # recursive_least_squares.py
+FIT = record(  # recursive_least_squares.py
     theta=("f8", (FIT_SIZE,)), scale=("f8", (FIT_SIZE,)), covariance=("f8", (FIT_SIZE, FIT_SIZE)),
     work=("f8", (FIT_SIZE,)), n="i8", directional="i8", memory="f8", forgetting="f8", residual="f8", count="i8",
 )  # fmt: skip
-EDGE = _record(  # valve_edge.py
+EDGE = record(  # valve_edge.py
     plain_fit=FIT,  # k, k delta, k tau
     backlash_fit=FIT,  # the same and k h
     windows="f8", gain_m_s_V="f8", dead_band_V="f8", lag_s="f8",
@@ -55,7 +56,7 @@ EDGE = _record(  # valve_edge.py
     ready="i8", rejections="i8",  # how often it was ready and then did not fit
     windows_needed="f8",
 )  # fmt: skip
-VALVE = _record(  # valve.py
+VALVE = record(  # valve.py
     edges=(EDGE, (2,)),  # retracting, extending
     tick_s="f8", window="i8", min_speed_m_s="f8",
     settle="i8",  # ticks after the volts change sign in which the spool crosses
@@ -71,12 +72,12 @@ VALVE = _record(  # valve.py
     leak_known="i8", null_rate_V_s="f8",
     ticks="i8",  # since the last window that was used
 )  # fmt: skip
-STRIBECK = _record(  # stribeck.py
+STRIBECK = record(  # stribeck.py
     tick_s="f8", pressure_Pa="f8", reversals="i8", direction="f8",
     ticks="i8",  # since the velocity changed sign
     deviation_Pa=("f8", (2 * REACH + 1,)), position_error_m=("f8", (2 * REACH + 1,)), share=("f8", (2 * REACH + 1,)),
 )  # fmt: skip
-PRESLIDING = _record(  # presliding.py
+PRESLIDING = record(  # presliding.py
     length_m="f8",  # L
     bristle="f8",  # s of the reference
     sign=("f8", (2 * REACH + 1,)), travel_m=("f8", (2 * REACH + 1,)), share=("f8", (2 * REACH + 1,)),
@@ -84,13 +85,13 @@ PRESLIDING = _record(  # presliding.py
     squares=("f8", (LENGTHS,)), products=("f8", (LENGTHS,)), shapes=("f8", (LENGTHS,)), weight="f8",
     missing=("f8", (6,)), profile=("f8", (6,)), left=("f8", (LENGTHS,)),  # work
 )  # fmt: skip
-FRICTION = _record(  # friction.py
+FRICTION = record(  # friction.py
     fit=FIT, stribeck=STRIBECK, presliding=PRESLIDING, tick_s="f8", stroke_m="f8", window="i8", min_speed_m_s="f8", position_weight="f8",
     count="i8", start_m="f8", sum_load="f8", sum_a="f8",
     windows=("i8", (2,)),  # retracting, extending
     half_step_Pa="f8", phi=("f8", (FIT_SIZE,)),
 )  # fmt: skip
-REFERENCE = _record(  # reference.py: y_m at the tick boundary looked at last
+REFERENCE = record(  # reference.py: y_m at the tick boundary looked at last
     tick_s="f8",
     loop_1_s=("f8", (2,)),  # s Kp, retracting and extending
     dead_band_m=("f8", (2,)),  # delta / Kp
@@ -100,7 +101,7 @@ REFERENCE = _record(  # reference.py: y_m at the tick boundary looked at last
     position_m="f8", velocity_m_s="f8", acceleration_m_s2="f8",
     lag_m="f8",  # r - y_m
 )  # fmt: skip
-INVERSE = _record(  # inverse.py
+INVERSE = record(  # inverse.py
     tick_s="f8", started="i8",
     oil_m="f8",  # demanded oil displacement at the last boundary
     flows_m_s=("f8", (2,)),  # demanded oil velocity of the last two ticks
@@ -108,7 +109,7 @@ INVERSE = _record(  # inverse.py
     crossing_V=("f8", (2,)),  # crossing flow compensation of the two ticks to come
     dead_band_V=("f8", (2,)),  # dead-band compensation of the two ticks before
 )  # fmt: skip
-ROUNDING = _record(  # edge_rounding.py
+ROUNDING = record(  # edge_rounding.py
     square_V2="f8", variance_V4="f8",
     misfit="f8",  # mean square of a passage's excess, over its expected variance
     backlash_V="f8",  # volts behind the backlash
@@ -120,37 +121,34 @@ ROUNDING = _record(  # edge_rounding.py
     sharp_m="f8", rounded_m="f8",  # oil that sharp edges would have let through since, and rounded ones beyond that
     closed_ticks="i8",  # for which the overlap closed the valve
 )  # fmt: skip
-LEAK = _record(  # leak.py
-    leak_m_s="f8", variance="f8", passages="i8", misfit="f8",
+LEAK = record(  # leak.py
+    leak_m_s="f8", variance="f8", passages="i8", misfit="f8", restarts="i8",
     positive="i8",  # the passage came from there
     excess_m="f8", closed_s="f8",
 )  # fmt: skip
-TRIM = _record(  # edge_rounding.py
+TRIM = record(  # edge_rounding.py
     rounding_V="f8",
     minimum_V="f8",  # no less is used while compensation engages
     direction="f8", ticks="i8",
     reversal_m="f8",  # oil displacement less the demanded one, at the reversal
     before_m="f8",  # by how much it had grown before, against the new direction
 )  # fmt: skip
-DELAY = _record(  # delay.py
-    tick_s="f8", sums=("f8", (SPOOLS,)), reversals="i8",
+DELAY = record(  # delay.py
+    tick_s="f8", sums=("f8", (SPOOLS * LATES,)), reversals="i8",
     volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), oil_m=("f8", (BEFORE + AFTER + 1,)),  # oldest first
     direction="f8",
     ticks="i8",  # since the demanded flow reversed
     tested="i8",  # spools compared with the reversal in hand; -1 = none is
     task_volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), task_oil_m=("f8", (BEFORE + AFTER + 1,)),
-    gains_m_s_V=("f8", (2,)), dead_bands_V=("f8", (2,)), lag_s="f8", found=("f8", (SPOOLS,)),
-    pressures_Pa=("f8", (BEFORE + AFTER + 1,)), task_pressures_Pa=("f8", (BEFORE + AFTER + 1,)),  # oldest first
-    least_m2="f8", best_product="f8", pressure_square="f8", pressure_product="f8",  # of pressure and oil that is missing
+    gains_m_s_V=("f8", (2,)), dead_bands_V=("f8", (2,)), lag_s="f8", found=("f8", (SPOOLS * LATES,)), compliance_m_Pa="f8",
+    pressures_Pa=("f8", (BEFORE + AFTER + 1 + LATE_TICKS,)),  # oldest first
+    task_pressures_Pa=("f8", (LATES, BEFORE + AFTER + 1)),  # by how late the position is
+    least_m2="f8", best_product="f8", best_square="f8",
+    pressure_square="f8", pressure_product="f8",  # of pressure and oil that is missing
     error_m=("f8", (BEFORE + AFTER + 1,)), pulse=("f8", (5 * (PAST_VOLTS + 2),)),  # work
 )  # fmt: skip
-LATENESS = _record(  # delay.py
-    tick_s="f8", late_s="f8",
-    rate_Pa="f8",  # of the demand, a tick
-    product="f8", square="f8",  # sums of a half stroke
-    pressures_Pa=("f8", (LATE_TICKS,)),
-)  # fmt: skip
-MONITOR = _record(  # monitor.py
+LATENESS = record(tick_s="f8", late_s="f8", pressures_Pa=("f8", (LATE_TICKS + 2,)))  # lateness.py  # fmt: skip
+MONITOR = record(  # monitor.py
     tick_s="f8",
     noise_m="f8",  # standard deviation of a position
     positions_m=("f8", (3 * BLOCK,)), sums_m=("f8", (3,)), accelerations_m_s2=("f8", (2 * APART + 1,)),
@@ -158,7 +156,7 @@ MONITOR = _record(  # monitor.py
     low_m_s2="f8", high_m_s2="f8",
     baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,)), excess_m_s2=("f8", (2,)),  # retracting after it first, then extending
 )  # fmt: skip
-ENGAGEMENT = _record(  # engagement.py
+ENGAGEMENT = record(  # engagement.py
     phase="i8",
     ramp="f8",  # 0 plain control, 1 compensated
     ramp_step="f8",  # a tick
@@ -181,8 +179,9 @@ ENGAGEMENT = _record(  # engagement.py
     reversal_m_s2="f8",  # at the last reversal
     excited="i8",
     stability_limit_m_s2="f8",  # reversal acceleration below which compensation disengages
+    armed="i8",  # started with what was learned: engages before the first reversal
 )  # fmt: skip
-PREDICTION = _record(  # prediction.py
+PREDICTION = record(  # prediction.py
     look="i8",
     past_m=("f8", (2 * PAST_SETPOINTS,)),  # ring, twice, so that a stretch is in order
     place="i8", predicted_m=("f8", (MAX_LOOK, PREDICTORS)), error_m=("f8", (PREDICTORS,)),
@@ -195,13 +194,13 @@ PREDICTION = _record(  # prediction.py
     moved_m="f8",  # in the last tick
     acceleration_m="f8",  # a tick squared, low-pass
 )  # fmt: skip
-DEMAND = _record(  # demand.py: of the tick boundaries to come, the nearest first
+DEMAND = record(  # demand.py: of the tick boundaries to come, the nearest first
     count="i8", pressure_Pa=("f8", (DEMANDS,)),  # P1 - Ps A2/A1
     stribeck_share=("f8", (DEMANDS,)),  # of the Stribeck pressure in it, signed
     acceleration_m_s2=("f8", (DEMANDS,)), position_m=("f8", (DEMANDS,)), oil_m=("f8", (DEMANDS,)),
     velocity_m_s=("f8", (DEMANDS,)), sign=("f8", (DEMANDS,)), step_Pa=("f8", (DEMANDS,)),  # of friction
 )  # fmt: skip
-SETTINGS = _record(  # configuration (`Adaptive`) and data sheet (`Context`); doubles alone
+SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); doubles alone
     tick_s="f8", position_gain_V_per_m="f8", voltage_max_V="f8", stroke_m="f8", area_ratio="f8",
     pipeline_length_m="f8", bulk_modulus_Pa="f8", tank_pressure_Pa="f8", position_noise_m="f8",
     position_resolution_m="f8", controller_feeds_forward="f8", reference_drop_Pa="f8", lead_smoothing="f8",
@@ -210,15 +209,17 @@ SETTINGS = _record(  # configuration (`Adaptive`) and data sheet (`Context`); do
     memory_windows="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8", max_stability_limit_m_s2="f8",
     min_excitation_m_s2="f8", learn="f8",
 )  # fmt: skip
-DESIGN = _record(  # taps.py, least_squares.py: work
+DESIGN = record(  # taps.py, least_squares.py: work
     triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),
-    past=("f8", (LEAD_TAPS,)), response=("f8", (RESPONSE,)),
+    past=("f8", (LEAD_TAPS,)), response=("f8", (RESPONSE,)), own_taps=("f8", (MAX_DAMPING_TAPS,)),
 )  # fmt: skip
-STATE = _record(
+STATE = record(
     settings=SETTINGS, valve=VALVE, friction=FRICTION, reference=REFERENCE, inverse=INVERSE, engagement=ENGAGEMENT,
     monitor=MONITOR, rounding=ROUNDING, leak=LEAK, trim=TRIM, delay=DELAY, lateness=LATENESS, prediction=PREDICTION,
     demands=DEMAND,
     lag_s="f8", delay_s="f8",  # spool lag that the taps were designed for, and how much of it is delay and no spool
+    resonance_Hz="f8",  # of the load on the oil, for the damping; 0 = unknown
+    viscous_share="f8",  # rate at which viscous friction damps it, over `damping_1_s`
     shift="i8",  # ticks that the taps lie earlier
     lead_taps=("f8", (LEAD_TAPS,)), crossing_taps=("f8", (LEAD_TAPS,)), crossing_path=("f8", (PATH,)),
     damping_taps=("f8", (MAX_DAMPING_TAPS,)),
@@ -234,17 +235,38 @@ STATE = _record(
     design=DESIGN,
 )  # fmt: skip
 # What was learned, as it is kept and restored; doubles alone.
-EDGE_LEARNED = _record(
+EDGE_LEARNED = record(
     theta=("f8", (3,)), theta_backlash=("f8", (4,)), windows="f8", ready="f8", gain_m_s_V="f8", dead_band_V="f8",
     lag_s="f8", backlash_V="f8",
 )  # fmt: skip
-LEARNED = _record(
-    flow=_record(null_V="f8", leak_m_s="f8", retract=EDGE_LEARNED, extend=EDGE_LEARNED), rounding_V="f8",
-    friction=_record(theta_MPa=("f8", (FIT_SIZE,)), windows=("f8", (2,)), half_step_Pa="f8", stribeck_Pa="f8"),
-    delay=_record(sums=("f8", (SPOOLS,)), reversals="f8", late_s="f8"),
+LEARNED = record(
+    flow=record(null_V="f8", leak_m_s="f8", retract=EDGE_LEARNED, extend=EDGE_LEARNED), rounding_V="f8",
+    friction=record(theta_MPa=("f8", (FIT_SIZE,)), windows=("f8", (2,)), half_step_Pa="f8", stribeck_Pa="f8"),
+    delay=record(sums=("f8", (SPOOLS * LATES,)), reversals="f8", late_s="f8"),
+    plain_control=record(baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,))),
 )  # fmt: skip
 
 
 def empty(layout: np.dtype) -> Record:
     """A record of a layout, all zero."""
     return np.zeros(1, layout)[0]
+
+
+def as_dict(record: Record) -> dict[str, Any]:
+    """A record of doubles by name, its arrays as lists."""
+    return {
+        name: as_dict(value) if (value := record[name]).dtype.names else value.tolist() for name in record.dtype.names
+    }
+
+
+def fill(record: Record, values: dict[str, Any]) -> None:
+    """The inverse of `as_dict`; what `values` has besides is left. Older files have nothing of plain control, and the
+    delay's sums by spool alone."""
+    for name in record.dtype.names:
+        if name == "plain_control" and name not in values:
+            continue
+        if record[name].dtype.names:
+            fill(record[name], values[name])
+        else:
+            value = np.asarray(values[name])
+            record[name] = value if value.size == record[name].size else value.repeat(record[name].size // value.size)

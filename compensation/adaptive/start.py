@@ -8,7 +8,7 @@ from ..compiled import compiled
 from .delay import keep_delay, restore_delay
 from .demand import stretch_demands
 from .edge_rounding import restore_rounding, start_rounding
-from .engagement import AT_REST_M_S2
+from .engagement import AT_REST_M_S2, arm, keep_plain_control
 from .friction import keep_friction, restore_friction, start_friction
 from .layout import PREVIEW_TICKS
 from .leak import restore_leak, start_leak
@@ -25,9 +25,8 @@ START_RAMP_STEP = 0.01
 
 
 @compiled
-def start(states):
-    """Nothing learned. states: (1,) of the layout, zero but for its settings. Designs the taps."""
-    s = states[0]
+def start(s):
+    """Nothing learned. s: a record of the layout, zero but for its settings. Designs the taps."""
     settings, tick_s = s.settings, s.settings.tick_s
     window = max(MIN_WINDOW_TICKS, round(settings.window_s / tick_s))
     start_valve(s.valve, tick_s, window, settings.min_speed_m_s, round(SETTLE_S / tick_s), settings.memory_windows)
@@ -45,9 +44,8 @@ def start(states):
 
 
 @compiled
-def restore(states, learned):
-    """Into a state that was just started: what `keep` kept. learned: (1,) of the layout LEARNED."""
-    s, known = states[0], learned[0]
+def restore(s, known):
+    """Into a state that was just started: what `keep` kept. known: a record LEARNED."""
     restore_valve(s.valve, known.flow)
     restore_friction(s.friction, known.friction)
     s.trim.rounding_V = known.rounding_V
@@ -58,19 +56,14 @@ def restore(states, learned):
         stretch_demands(s, look_ahead_shift(s.valve.lag_s, s.settings.tick_s))
         want_design(s, round_lag(s.valve.lag_s))
         design(s)
+    arm(s, known.plain_control)
 
 
 @compiled
-def keep(states, learned):
-    """What was learned, into `learned` (1,)."""
-    s, known = states[0], learned[0]
+def keep(s, known):
+    """What was learned, into `known`, a record LEARNED."""
     keep_valve(s.valve, known.flow)
     keep_friction(s.friction, known.friction)
     known.rounding_V = s.trim.rounding_V
     keep_delay(s.delay, s.lateness, known.delay)
-
-
-@compiled
-def design_taps(states):
-    """The design that a tick has asked for."""
-    design(states[0])
+    keep_plain_control(s, known.plain_control)

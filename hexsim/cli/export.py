@@ -16,11 +16,12 @@ def register(app: typer.Typer) -> None:
         help="The machine for other tools: Simulink, Amesim, dSPACE and the like.", no_args_is_help=True
     )
     group.command("fmu")(fmu)
+    group.command("compensator")(compensator)
     app.add_typer(group, name="export")
 
 
 def fmu(
-    machine: Annotated[str, typer.Argument(help="Name, folder or TOML file of a machine.")],
+    machine: options.GivenMachine,
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write, MACHINE.fmu.")],
     what: Annotated[
         Literal["plant", "machine"],
@@ -55,6 +56,7 @@ def fmu(
         timestep=timestep,
         fmi=3 if fmi == 3 else 2,
         windows=windows,
+        what=what,
     )
     counts = {name: len(getattr(variables, name)) for name in ("inputs", "outputs", "parameters")}
     size, systems = out.stat().st_size, ["linux64", *(["win64"] if windows else [])]
@@ -66,6 +68,38 @@ def fmu(
         console.print(f"        {', '.join(f'{count} {name}' for name, count in counts.items())}")
     if left_out:
         typer.echo(f"Windows is left out: {left_out}", err=True)
+
+
+def compensator(
+    name: Annotated[str, typer.Argument(help="Name of the compensator: adaptive.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")],
+    target: Annotated[
+        Literal["x86_64-linux", "x86_64-windows", "aarch64-linux"], typer.Option(help="Where it will run.")
+    ] = "x86_64-linux",
+    machine: Annotated[
+        str, typer.Option("--machine", "-m", help="Machine whose data sheet the header has as a start.")
+    ] = "bench",
+    leg: Annotated[int, typer.Option(min=1, max=6, help="Its leg.")] = 1,
+    learned: Annotated[
+        Path | None, typer.Option(help="learned.json of a run with it: start parameters in the header.")
+    ] = None,
+    json: options.Json = False,
+) -> None:
+    """Object file, library, C header, example and documentation for an integrator: no Python, no allocation."""
+    from hexsim.export.compensator import export_compensator, learned_of
+    from hexsim.machine import load_machine
+    from hexsim.motion_computer.position_loop import compensator_context
+
+    declared = load_machine(machine)
+    context = compensator_context(declared, None, min(leg, declared.n_legs))
+    written = export_compensator(name, target, out, context, None if learned is None else learned_of(learned, leg))
+    if json:
+        print_json(
+            {"compensator": name, "target": target, "files": {path.name: path.stat().st_size for path in written}}
+        )
+    else:
+        for path in written:
+            output().print(f"{path}, {path.stat().st_size / 1e3:.0f} kB")
 
 
 def _windows_library(given: Path | None) -> tuple[bytes | None, str]:

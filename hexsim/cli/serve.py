@@ -27,7 +27,7 @@ def serve(
         str, typer.Option(help="Address to listen on; only this computer unless you say otherwise.")
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="UDP port; 0 takes a free one.")] = PORT,
-    compensator: Annotated[str, typer.Option("--compensator", "-c", help="Name or package.module:Class.")] = "none",
+    compensator: options.CompensatorName = "none",
     scenario: Annotated[str | None, typer.Option(help="What manual mode plays; default heave.")] = None,
     start: Annotated[str, typer.Option(help="neutral (mid stroke, pressure up) or off (on its stops).")] = "neutral",
     timestep: options.TimeStep = None,

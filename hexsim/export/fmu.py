@@ -24,6 +24,7 @@ from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.export import mujoco_library, native
 from hexsim.export.model_description import model_description
+from hexsim.export.toolchain import SYSTEMS
 from hexsim.export.variables import OUTPUT_KINDS, Variables, mass_body, mass_key, mass_offset, variables_of
 from hexsim.files.atomic import written_whole
 from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
@@ -57,7 +58,7 @@ def export_fmu(
     variables = variables_of(plant, what)
     identifier = re.sub(r"\W", "_", f"hexsim_{machine.name}", flags=re.ASCII)
     library = mujoco_library.linux_library()
-    systems = [native.SYSTEMS[name] for name in ("linux64", "win64")[: 1 if windows is None else 2]]
+    systems = [SYSTEMS[name] for name in ("linux64", "win64")[: 1 if windows is None else 2]]
     with tempfile.TemporaryDirectory(prefix="hexsim-fmu-") as name:
         folder = Path(name)
         mujoco.mj_saveModel(plant.model, str(folder / "model.mjb"), None)

@@ -1,25 +1,20 @@
 # pyright: reportAttributeAccessIssue=false, reportPrivateImportUsage=false
 # (MuJoCo's bindings carry no types, and numba's intrinsics are called without their typing context)
-"""From the compiled equations and C to a shared library: object files by LLVM, linked by the zig of the wheel `ziglang`."""
+"""The compiled equations that an FMU calls, as object files, and its library."""
 
 from __future__ import annotations
 
-import importlib.util
-import os
-import subprocess
-import sys
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import llvmlite.binding as llvm
 import mujoco
 import numpy as np
 from numba import carray, cfunc, njit, types
 
 from hexsim.compiled import compiled
-from hexsim.errors import HexsimError, shortened
+from hexsim.errors import HexsimError
+from hexsim.export.toolchain import ERROR_PATHS, System, compile_and_link, module_of, target_machine
 from hexsim.hydraulics import steps, valve
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.steps import StepRule
@@ -34,43 +29,13 @@ from hexsim.plant.stepping import choose_steps
 from hexsim.sensors.bank import SensorBank, measure
 
 HEADERS = Path(mujoco.__path__[0]) / "include"
-ERROR_PATHS = ("Py", "NRT_", "numba_")  # what numba calls when Python raises: never from strict native code
 SOURCES = ("plant.c", "instance.c", "mujoco.c", "memory.c")
 N_STIFF = 6  # coefficients of `steps.stiffness`
-PREFIX = "cfunc."
 MEMORY = (
     *(f"NRT_{name}" for name in ("Allocate", "Free", "MemInfo_alloc", "MemInfo_alloc_aligned", "MemInfo_call_dtor")),
     "NRT_MemInfo_alloc_safe_aligned", "NRT_MemInfo_data_fast", "numba_attempt_nocopy_reshape",
 )  # fmt: skip
 compiled_here = njit(error_model="numpy")
-
-
-@dataclass(frozen=True, kw_only=True)
-class System:
-    """Where an FMU runs. folders: of its binaries, by version of FMI."""
-
-    name: str
-    triple: str
-    zig: str
-    suffix: str
-    folders: dict[int, str]
-    flags: tuple[str, ...] = ()
-
-
-SYSTEMS = {
-    system.name: system
-    for system in (
-        System(
-            name="linux64", triple="x86_64-unknown-linux-gnu", suffix=".so", folders={2: "linux64", 3: "x86_64-linux"},
-            zig="x86_64-linux-gnu.2.17",  # the C library of 2012: any Linux that is in use has a newer one
-            flags=("-fPIC", "-lm", "-Wl,-rpath,$ORIGIN", "-Wl,-z,nodelete"),
-        ),
-        System(
-            name="win64", triple="x86_64-w64-windows-gnu", suffix=".dll", zig="x86_64-windows-gnu",
-            folders={2: "win64", 3: "x86_64-windows"},
-        ),
-    )
-}  # fmt: skip
 
 
 class StepView(NamedTuple):
@@ -181,18 +146,10 @@ def _setpoints_of(plant: Plant) -> Any:
 
 def objects(functions: dict[str, Any], system: System, folder: Path) -> tuple[list[Path], list[str]]:
     """Object files of the `equations` in `folder`; and the error paths to leave empty."""
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
-    machine = llvm.Target.from_triple(system.triple).create_target_machine(cpu="x86-64", opt=2, reloc="pic")
+    machine = target_machine(system)
     made, missing = [], set()
     for name, function in functions.items():
-        module = llvm.parse_assembly(function.inspect_llvm())
-        module.triple, module.data_layout = system.triple, str(machine.target_data)
-        for part in module.functions:
-            if part.name.startswith(PREFIX):
-                part.name = f"hexsim_{name}"
-            elif not part.is_declaration:
-                part.linkage = "internal"
+        module = module_of(function, f"hexsim_{name}", system, machine, exported=False)
         undefined = [*module.functions, *module.global_variables]
         missing |= {part.name for part in undefined if part.is_declaration and part.name.startswith(ERROR_PATHS)}
         made.append(folder / f"{name}.{system.name}.o")
@@ -202,16 +159,9 @@ def objects(functions: dict[str, Any], system: System, folder: Path) -> tuple[li
 
 def link(folder: Path, system: System, fmi: int, given: list[Path], out: Path) -> None:
     """Compile the packaged C with `folder`/machine.h, and link it with the object files and libraries given to `out`."""
-    if importlib.util.find_spec("ziglang") is None:
-        raise HexsimError("the export of FMUs compiles C: install the compiler with `pip install hexsim[fmu]`")
     ours = files("hexsim.export")
-    command = [
-        sys.executable, "-m", "ziglang", "cc", "-target", system.zig, "-std=c23", "-O2", "-shared", "-fvisibility=hidden",
-        "-fno-sanitize=undefined", "-s", f"-I{folder}", f"-I{HEADERS}",
-        *(str(ours / name) for name in (*SOURCES, f"fmi{fmi}.c")), *map(str, given), *system.flags, "-o", str(out),
-    ]  # fmt: skip
-    cache = {"ZIG_LOCAL_CACHE_DIR": str(folder / "cache")}
-    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | cache, check=False)
-    if done.returncode:
-        told = "; ".join(line for line in done.stderr.splitlines() if "error" in line) or done.stderr
-        raise HexsimError(f"the C compiler refused the FMU: {shortened(told, 500)}")
+    sources = [*(Path(str(ours / name)) for name in (*SOURCES, f"fmi{fmi}.c")), *given]
+    flags = ["-std=c23", "-fvisibility=hidden", "-fno-sanitize=undefined", f"-I{folder}", f"-I{HEADERS}"]
+    if system.suffix == ".so":
+        flags.append("-Wl,-rpath,$ORIGIN")
+    compile_and_link(sources, system, out, flags)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hexsim.identify.bump import Bump
-from hexsim.identify.rounds import Round
+from hexsim.identify.record import Round
 from hexsim.recording import palette
 from hexsim.recording.figure_style import WIDTH_IN, legend, plain_powers, styled
 from hexsim.recording.quantity import plain

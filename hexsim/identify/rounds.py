@@ -13,7 +13,6 @@ import contextlib
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ from hexsim.files.log_files import write_log
 from hexsim.identify import bump
 from hexsim.identify.host import Host, MachineFault
 from hexsim.identify.motions import setpoints_of
+from hexsim.identify.record import Round, Story
 from hexsim.machine.files import find_machine_file, load_machine, save_machine
 from hexsim.motion_computer.states import State
 from hexsim.tracing.design import next_measurement
@@ -51,52 +51,6 @@ HELD_OUT = {  # by the name of the log
     "held_out_2": np.array([0, 0, 0.7, 0.3, 0.7, 0.6, 11]),
 }
 NO_GAIN = 0.8  # a design that leaves the worst number this share of its error is not worth a run
-
-
-@dataclass(frozen=True, kw_only=True)
-class Round:
-    """A finished round in words and numbers for the story."""
-
-    number: int
-    purpose: str
-    log: str
-    verdict: str
-    sentences: tuple[str, ...]
-    effects: list[dict[str, Any]]
-    error: dict[str, Any]
-    budget: list[dict[str, Any]] = field(default_factory=list)
-    expected: dict[str, Any] = field(default_factory=dict)
-
-
-@dataclass(kw_only=True)
-class Story:
-    """What happened: the rounds, why it ended, the machine that it ended with, and its bump.
-
-    failed: the machine, or the link to it, ended it.  learned: start parameters for the compensator, an entry a leg.
-    machine_s: machine time used, interrupted identifications of the same folder included.
-    """
-
-    machine: Machine
-    folder: Path
-    rounds: list[Round] = field(default_factory=list)
-    ended: str = ""
-    failed: bool = False
-    fitted: Machine | None = None
-    learned: list[dict[str, Any]] = field(default_factory=list)
-    bump: bump.Bump | None = None
-    no_bump: str = ""
-    machine_s: float = 0.0
-
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "machine": self.machine.name,
-            "ended": self.ended,
-            "failed": self.failed,
-            "machine_s": self.machine_s,
-            "verdict": self.rounds[-1].verdict if self.rounds else None,
-            "rounds": [vars(one) | {"sentences": list(one.sentences)} for one in self.rounds],
-            "bump": self.bump.to_json() if self.bump else self.no_bump or None,
-        }
 
 
 def identify(
@@ -170,6 +124,20 @@ def _compensation(host: Host, story: Story, measure: bool, tell: Show) -> None:
         story.no_bump = str(error)
 
 
+def _to_neutral(host: Host) -> None:
+    """From whatever the machine is doing."""
+    state = host.exchange().state
+    if state == State.SETTLING:
+        host.until(State.OFF)
+    starts = {
+        State.OFF: "start",
+        State.SETTLING: "start",
+        State.MANUAL: "return_neutral",
+        State.NORMAL: "return_neutral",
+    }
+    host.until(State.NEUTRAL, starts.get(state, "none"))
+
+
 def _settle(host: Host, tell: Show) -> None:
     """Lower the machine; what cannot be reached any more is left as it is."""
     if host.reply is None or host.reply.state in (State.OFF, State.FAULT):
@@ -184,9 +152,7 @@ def _settle(host: Host, tell: Show) -> None:
 
 def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: Show) -> None:
     before_s = story.machine_s
-    first = host.exchange()
-    if first.state == State.OFF:
-        host.until(State.NEUTRAL, "start")
+    _to_neutral(host)
     family = MotionFamily(machine, MOTION_s)
     logs = story.folder / "logs"
     missing = {name: point for name, point in HELD_OUT.items() if not (logs / f"{name}.parquet").exists()}

@@ -10,7 +10,7 @@ from hexsim.files.atomic import write_text, written_whole
 from hexsim.hydraulics.effects import effect_named
 from hexsim.identify import bump
 from hexsim.identify.picture import rounds_figure, story_figure
-from hexsim.identify.rounds import Story
+from hexsim.identify.record import Story
 from hexsim.readers import read_log
 from hexsim.recording.figure_style import png
 from hexsim.recording.quantity import split_key, with_error

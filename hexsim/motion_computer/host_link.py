@@ -9,6 +9,8 @@ import select
 import socket
 from typing import Any
 
+import numpy as np
+
 from hexsim.errors import HexsimError
 from hexsim.motion_computer.compensator_packet import LARGEST, AskedCompensator, unpack_asked
 from hexsim.motion_computer.host_buffer import NEW_SESSION_S, HostBuffer
@@ -28,6 +30,9 @@ class HostLink:
         self.buffer = buffer
         self.peer: Any = None  # address of the host
         self.asked: list[AskedCompensator] = []  # that it has asked for and nobody has taken yet
+        self._silent_s = (
+            0.0  # by the clock, where somebody waits: in lockstep machine time stands still without packets
+        )
         self._socket = _bind(host, port)
         self.address = self._socket.getsockname()
 
@@ -45,18 +50,26 @@ class HostLink:
             except OSError:  # an earlier reply could not be delivered
                 continue
             self.counts["received"] += 1
+            if sender == self.peer:
+                self._silent_s = 0.0
             command = unpack_command(data)
             asked = unpack_asked(data) if sender == self.peer else None
             if asked is not None:
                 self.asked.append(asked)
             elif command is None:
                 self.counts["malformed"] += 1
-            elif self.peer not in (None, sender) and now_s - self.buffer.last_packet_s <= NEW_SESSION_S:
+            elif self.peer not in (None, sender) and not self._is_free(now_s):
                 self.counts["other host"] += 1
             elif self.buffer.add(command, now_s):
                 self.peer = sender
                 taken.append(command)
         return taken
+
+    def _is_free(self, now_s: float) -> bool:
+        """Whether another host may take over; its first packet then begins a session."""
+        if self._silent_s > NEW_SESSION_S:
+            self.buffer.last_packet_s, self._silent_s = -np.inf, 0.0
+        return now_s - self.buffer.last_packet_s > NEW_SESSION_S
 
     def send(self, reply: Reply) -> None:
         self.send_packet(reply.pack())
@@ -70,7 +83,8 @@ class HostLink:
 
     def wait(self, timeout_s: float) -> None:
         """Until a packet is there, at most this long."""
-        select.select([self._socket], [], [], timeout_s)
+        if not select.select([self._socket], [], [], timeout_s)[0]:
+            self._silent_s += timeout_s
 
 
 def _bind(host: str, port: int) -> socket.socket:

@@ -25,7 +25,7 @@ from fmpy.fmi1 import FMICallException  # noqa: E402
 from fmpy.fmi2 import FMU2Slave  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 
-from hexsim.export import export_fmu, native  # noqa: E402
+from hexsim.export import export_fmu, toolchain  # noqa: E402
 from hexsim.export.variables import variables_of  # noqa: E402
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the export needs MuJoCo's Linux library")
@@ -387,7 +387,7 @@ def test_the_command_writes_it(tmp_path):
 
 def test_without_the_compiler_the_sentence_says_what_to_install(bench, tmp_path, monkeypatch):
     """The wheel `ziglang` is an extra."""
-    monkeypatch.setattr(native.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(toolchain.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(HexsimError, match=r"pip install hexsim\[fmu\]"):
         export_fmu(bench, tmp_path / "no.fmu")
     assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,74 @@
+/* Compensation of valve and friction of one hydraulic actuator: @prefix@. See README.md beside this file.
+
+   All numbers are SI doubles. One state an actuator, owned by the caller, of @STATE@ doubles, aligned to 8 bytes. Nothing
+   is allocated, no function blocks, all are safe in several threads for different states. Called at @RATE@ Hz. */
+#ifndef @PREFIX@_H
+#define @PREFIX@_H
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define @PREFIX@_STATE_SIZE @STATE@      /* doubles of a state */
+#define @PREFIX@_SETTINGS @SETTINGS@         /* numbers of the data sheet and the configuration */
+#define @PREFIX@_PARAMETERS @PARAMETERS@       /* numbers that are learned */
+#define @PREFIX@_PREVIEW @PREVIEW@          /* setpoints that the preview should hold: this tick's and the next; 1 if unknown */
+
+/* What a step tells, or-ed. Plain control acts alone from @PREFIX@_WORSE on. */
+enum {
+  @PREFIX@_DESIGN_WANTED = 1,   /* call @prefix@_design before the next steps */
+  @PREFIX@_WORSE = 2,           /* reversals became worse than plain control's */
+  @PREFIX@_REJECTED = 4,        /* the valve no longer follows what was learned; it is learned anew */
+  @PREFIX@_SIGNAL_LOST = 8,     /* a signal is not a number */
+  @PREFIX@_POSITION_FROZEN = 16,
+  @PREFIX@_PRESSURE_FROZEN = 32,
+  @PREFIX@_VALVE_AT_END = 64    /* of its range for 5 ticks */
+};
+
+/* Places in `settings`. */
+enum {
+  @SETTING_PLACES@
+};
+
+/* Of the machine that this was exported for. */
+static const double @prefix@_settings[@SETTINGS@] = {
+  @SETTING_VALUES@
+};
+
+/* Places in `parameters`. */
+enum {
+  @PARAMETER_PLACES@
+};
+@LEARNED@
+/* Nothing learned. 0, or 1 + the place of the first setting that is not finite, or that must be above zero; then the
+   state is as it was. */
+int @prefix@_init(double *state, const double *settings);
+
+/* One tick. Gives flags, and into `added_V` the volts to add to control_V. Finite and within the valve's range whatever
+   it is given.
+   setpoint_m      where the piston is to be, 0 at full retraction
+   preview_m       setpoints of this tick and the next (preview_count of them; 1 = the future is not known)
+   position_m      measured
+   control_V       of the position controller at this tick
+   feed_forward_V  the part of control_V that it feeds forward from the setpoint; else 0
+   valve_V         sent to the valve at the previous tick, added volts included, as it was limited
+   bottom_Pa       measured pressure below the piston
+   supply_Pa       measured supply pressure */
+int @prefix@_step(double *state, double setpoint_m, const double *preview_m, int preview_count, double position_m,
+                  double control_V, double feed_forward_V, double valve_V, double bottom_Pa, double supply_Pa,
+                  double *added_V);
+
+/* The design of the taps that a step asked for: takes longer than a step. At once, or in the idle time of the next ticks,
+   never while a step of the same state runs. Until then the former taps act. */
+void @prefix@_design(double *state);
+
+/* What was learned: to be kept, and to start with next time. set_parameters starts the state anew, and designs. */
+void @prefix@_get_parameters(double *state, double *parameters);
+void @prefix@_set_parameters(double *state, const double *parameters);
+
+/* Doubles of a state, of the library that is there: equal to @PREFIX@_STATE_SIZE if header and library belong together. */
+int @prefix@_state_size(void);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
