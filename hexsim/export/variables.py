@@ -51,6 +51,7 @@ OUTPUT_KINDS = {
     "setpoint": "SETPOINT",
 }
 LOOP_KINDS = ("VALVE", "SETPOINT")  # of a motion computer
+COMPENSATOR = "compensator.adaptive"  # its parameter: 1 switches compensation on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +116,11 @@ def variables_of(plant: Plant, what: Literal["plant", "machine"]) -> Variables:
     elif what == "machine":
         inputs = [(BENCH_COLUMN, label_of(BENCH_COLUMN), float(plant.kinematics.neutral_positions[0]))]
         outputs = [output for output in outputs if output.kind != "SETPOINT"]
-    return Variables(inputs=tuple(inputs), outputs=tuple(outputs), parameters=_parameters(plant))
+    switch = Parameter(
+        name=COMPENSATOR, description="adaptive compensation of valve and friction, 1 on", start=0.0, low=0.0, high=1.0
+    )
+    parameters = (*_parameters(plant), *([switch] if what == "machine" else []))
+    return Variables(inputs=tuple(inputs), outputs=tuple(outputs), parameters=parameters)
 
 
 def mass_key(machine: Machine) -> str:
