@@ -184,8 +184,7 @@ def _largest_force_N(machine: Machine) -> float:
 
 def _changes(machine: Machine, key: str, value: float) -> tuple[Change, ...]:
     """The numbers that follow the key; none where one of them is not affine in it."""
-    step = value or 1.0
-    here, once, twice = (_numbers(_with(machine, key, value + k * step)) for k in range(3))
+    step, (here, once, twice) = _steps(machine, key, value)
     difference = once - here
     if not np.allclose(twice - here, 2 * difference, rtol=1e-9, atol=0):
         return ()
@@ -201,6 +200,18 @@ def _changes(machine: Machine, key: str, value: float) -> tuple[Change, ...]:
             )
         )  # fmt: skip
     return tuple(changes)
+
+
+def _steps(machine: Machine, key: str, value: float) -> tuple[float, list[np.ndarray]]:
+    """A step of the key, and the numbers at 0, 1 and 2 steps. A leg of its own is validated: the step stays possible."""
+    step = value or 1.0
+    while True:
+        try:
+            return step, [_numbers(_with(machine, key, value + k * step)) for k in range(3)]
+        except ValueError:
+            if abs(step) < 1e-9 * abs(value or 1e-9):
+                raise
+            step /= 10.0
 
 
 def _numbers(machine: Machine) -> np.ndarray:
