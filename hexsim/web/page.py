@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import shlex
 import threading
 import time
 from contextlib import redirect_stdout
@@ -19,7 +18,7 @@ import compensation
 from hexsim.simulation.live import LiveMachine
 from hexsim.simulation.recent_motion import MotionFigures
 from hexsim.smoothness import BANDWIDTH_Hz
-from hexsim.web.knobs import knobs, settings_of
+from hexsim.web.knobs import knobs
 from hexsim.web.session import Asked, Session, Shown
 
 LOOPBACK = "127.0.0.1"
@@ -174,7 +173,7 @@ class Page:
     def _show(self, shown: Shown) -> None:
         figures, before = shown.figures, shown.before
         self.digits.content = digits(figures, before)
-        self.notes.content = notes(shown, self.command(shown.asked))
+        self.notes.content = notes(shown, self.session.command(shown.asked, self.machine_name, self.scenario_name))
         latest = figures or before
         if latest is not None:
             with self.server.atomic():
@@ -192,20 +191,6 @@ class Page:
         largest = max(SMALLEST[latest.unit], *(float(np.nanmax(np.abs(line), initial=0.0)) for line in lines))
         self.chart.data = (time_s, *lines)
         self.chart.scales, self.chart.axes = scales(time_s, largest), axes(latest.unit)
-
-    def command(self, asked: Asked) -> str:
-        """What runs the same machine and motion without the page."""
-        motion = self.scenario_name if asked.motion == self.session.scenario.name else asked.motion
-        words = ["hexsim", "run", motion, "--machine", self.machine_name]
-        wave = self.session.waves.get(asked.motion)
-        if wave is not None and asked.amplitude is not None:
-            size = asked.amplitude if wave.unit[1] == "deg" else asked.amplitude * wave.unit[0]
-            words += ["--amplitude", f"{size:g}", "--frequency", f"{asked.frequency_Hz:g}"]
-        if asked.compensator != "none":
-            words += ["-c", asked.compensator]
-        for key, value in settings_of(self.session.declared, asked.knobs).items():
-            words += ["--set", f"{key}={value:g}" if isinstance(value, float) else f"{key}={value}"]
-        return shlex.join(words)
 
 
 def scales(time_s: np.ndarray, largest: float) -> dict[str, uplot.Scale]:
