@@ -167,7 +167,7 @@ def test_an_interrupted_machine_is_lowered_though_the_display_raises(served, tmp
 
 
 def test_a_fault_ends_it_with_what_was_kept(served, tmp_path):
-    """The position is lost in the middle of a motion: a sentence, exit code 1, the logs before it are kept, and another
+    """The position is lost in the middle of a motion: a sentence, exit code 2, the logs before it are kept, and another
     declaration does not take the folder over."""
     read = served.sensors.read
 
@@ -178,7 +178,7 @@ def test_a_fault_ends_it_with_what_was_kept(served, tmp_path):
     served.sensors.read = broken
     address = f"{served.address[0]}:{served.address[1]}"
     result = CliRunner().invoke(app, ["identify", "bench", "--host", address, "--out", str(with_held_out(tmp_path))])
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert "the machine is in fault: sensor fault" in " ".join(result.output.split())
     assert (tmp_path / "report.html").is_file()
     assert sorted(path.stem for path in (tmp_path / "logs").iterdir()) == ["held_out", "held_out_2"]
