@@ -30,6 +30,7 @@ from compensation.adaptive.friction import add_to_friction, start_friction, stri
 from compensation.adaptive.layout import (
     FIT,
     FRICTION,
+    LATES,
     LEAD_TICKS,
     LEAK,
     MONITOR,
@@ -51,7 +52,7 @@ from compensation.adaptive.spool import blocked_flow, set_spool_model
 from compensation.adaptive.stribeck import add_to_stribeck, update_stribeck
 from compensation.adaptive.valve import add_to_valve, lags_agree, start_valve
 
-ALL_SPOOL = [1e3] * (len(SPOOL_LAGS_S) - 1) + [0.0]  # sums that tell of no delay
+ALL_SPOOL = [1e3] * (LATES * (len(SPOOL_LAGS_S) - 1)) + [0.0] * LATES  # sums that tell of no delay
 DEAD_BAND_V = 5e-6 / 1.1e-4  # 5 um of 1.1 mm at 10 V
 
 
