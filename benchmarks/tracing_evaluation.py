@@ -3,6 +3,7 @@
     python benchmarks/tracing_evaluation.py null --seeds 100-199 --out docs/results/tracing_null.jsonl
     python benchmarks/tracing_evaluation.py library --seeds 100-109 --duration 20
     python benchmarks/tracing_evaluation.py outside --seeds 100-104
+    python benchmarks/tracing_evaluation.py rough --kind hexapod --seeds 100-119
     python benchmarks/tracing_evaluation.py summary docs/results/tracing_*.jsonl
 
 One line of JSON a machine; a machine that is in the file already is not run again, so a broken run is continued.
@@ -77,7 +78,7 @@ RIGHT = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["null", "library", "outside", "summary"])
+    parser.add_argument("what", choices=["null", "library", "outside", "rough", "summary"])
     parser.add_argument("files", nargs="*", type=Path)
     parser.add_argument("--seeds", default="100-109")
     parser.add_argument("--effects", default="")
@@ -97,9 +98,10 @@ def main() -> None:
 def run_all(options: argparse.Namespace, seeds: range, out: Path) -> None:
     """Every effect at every seed that the file does not hold yet."""
     from other_effects import BUILT_OTHERWISE, EFFECTS
+    from rough_hexapods import draw
 
     names = [None]
-    if options.what != "null":
+    if options.what in ("library", "outside"):
         names = [
             n
             for n, e in (EFFECTS | BUILT_OTHERWISE).items()
@@ -111,7 +113,7 @@ def run_all(options: argparse.Namespace, seeds: range, out: Path) -> None:
     lines = [json.loads(line) for line in out.read_text().splitlines()] if out.is_file() else []
     done = {(line["effect"], line["seed"], line["strength"]) for line in lines}
     for seed in seeds:
-        for name in names:
+        for name in [draw(seed)[1]] if options.what == "rough" else names:
             if (name, seed, options.strength) in done:
                 continue
             line = run_one(name, seed, options)
@@ -123,6 +125,7 @@ def run_all(options: argparse.Namespace, seeds: range, out: Path) -> None:
 def run_one(name: str | None, seed: int, options: argparse.Namespace) -> dict:
     """Write one machine, trace it, score it."""
     from other_plant import KNOWN, write_machine
+    from rough_hexapods import draw
 
     from hexsim.errors import HexsimError
     from hexsim.tracing.trace import trace
@@ -132,10 +135,14 @@ def run_one(name: str | None, seed: int, options: argparse.Namespace) -> dict:
     size = None
     if name is not None:
         size = KNOWN[name].size(options.kind) * options.strength
+    leg = None if bench or name is None or KNOWN[name].place != "leg" else 1 + seed % 6
+    key = name if leg is None else f"{name}@{leg}"
+    effects = {} if key is None else {key: size}
+    if options.what == "rough":
+        effects, name, leg = draw(seed)
+        size = effects[name if leg is None else f"{name}@{leg}"]
     with tempfile.TemporaryDirectory() as folder:
-        effects = {} if name is None else {name: size}
-        leg = None if bench or name is None or KNOWN[name].place != "leg" else 1 + seed % 6
-        write_machine(folder, seed, effects, options.kind, leg=leg, duration_s=options.duration)
+        write_machine(folder, seed, effects, options.kind, duration_s=options.duration)
         started = time.process_time()
         try:
             result = trace(folder, fit, validate)

@@ -51,6 +51,7 @@ def test_notebook_runs(notebook, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 def test_every_picture_is_drawn_by_the_script(tmp_path):
     """docs/pictures.py draws all pictures of docs/images, and no others."""
     command = [sys.executable, "-W", "error", "docs/pictures.py", "--out", str(tmp_path)]

@@ -6,6 +6,7 @@ import typer
 
 from hexsim.cli import (
     compare,
+    demo,
     export,
     identify,
     lists,
@@ -16,6 +17,7 @@ from hexsim.cli import (
     serve,
     sweep,
     trace,
+    tune,
     tune_loop,
     valve,
     view,
@@ -27,18 +29,19 @@ app = typer.Typer(
     cls=SentenceGroup,
     help="Hydraulic six-DOF motion systems: run, compare compensators, trace measured data to missing effects.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 for command in (
     run,
+    demo,
     compare,
     view,
     live,
     trace,
     qualify,
     valve,
+    tune,
     tune_loop,
     identify,
     sweep,

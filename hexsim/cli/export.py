@@ -21,7 +21,7 @@ def register(app: typer.Typer) -> None:
 
 
 def fmu(
-    machine: Annotated[str, typer.Argument(help="Name, folder or TOML file of a machine.")],
+    machine: options.GivenMachine,
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write, MACHINE.fmu.")],
     what: Annotated[
         Literal["plant", "machine"],

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hexsim.cli import options
+from hexsim.cli import completion, options
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
@@ -31,10 +31,13 @@ def register(app: typer.Typer) -> None:
 
 def live(
     scenario: Annotated[
-        str | None, typer.Argument(help="Motion to run; without it the sliders alone move the machine.")
+        str | None,
+        typer.Argument(
+            help="Motion to run; without it the sliders alone move the machine.", autocompletion=completion.scenarios
+        ),
     ] = None,
     machine: options.MachineName = None,
-    compensator: Annotated[str, typer.Option("--compensator", "-c", help="Name or package.module:Class.")] = "none",
+    compensator: options.CompensatorName = "none",
     amplitude: options.Amplitude = None,
     frequency: options.Frequency = None,
     settings: options.Set = None,

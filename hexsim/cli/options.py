@@ -12,19 +12,43 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from hexsim.cli import completion
 from hexsim.errors import HexsimError, shortened
 
 if TYPE_CHECKING:
     from hexsim.machine import Machine
     from hexsim.scenarios import Scenario
+    from hexsim.simulation.hosted import Host
 
-ScenarioName = Annotated[str, typer.Argument(help="Name (see `hexsim scenarios`), TOML file, or a file of setpoints.")]
+ScenarioName = Annotated[
+    str,
+    typer.Argument(
+        help="Name (see `hexsim scenarios`), TOML file, or a file of setpoints.", autocompletion=completion.scenarios
+    ),
+]
 AnyScenario = Annotated[
-    str | None, typer.Argument(help="Name, TOML file, or a file of setpoints; without it: what there is.")
+    str | None,
+    typer.Argument(
+        help="Name, TOML file, or a file of setpoints; without it: what there is.", autocompletion=completion.scenarios
+    ),
 ]
 MachineName = Annotated[
-    str | None, typer.Option("--machine", "-m", help="Name, folder or TOML file; default: the scenario's.")
+    str | None,
+    typer.Option(
+        "--machine", "-m", help="Name, folder or TOML file; default: the scenario's.",
+        autocompletion=completion.machines,
+    ),
+]  # fmt: skip
+GivenMachine = Annotated[
+    str, typer.Argument(help="Name, folder or TOML file of a machine.", autocompletion=completion.machines)
 ]
+CompensatorName = Annotated[
+    str,
+    typer.Option(
+        "--compensator", "-c", help="Name (see `hexsim compensators`) or package.module:Class.",
+        autocompletion=completion.compensators,
+    ),
+]  # fmt: skip
 Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the driven axes (m, or degrees for rotations).")]
 Frequency = Annotated[float | None, typer.Option(help="Frequency of the driven axes (Hz).")]
 Duration = Annotated[float | None, typer.Option(help="Simulated time (s).")]
@@ -35,6 +59,13 @@ TimeStep = Annotated[
     typer.Option("--timestep", min=1e-6, max=1e-3, help="Constant time step (s); default: chosen from the machine."),
 ]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder to write; default runs/<time>-<scenario>.")]
+Packets = Annotated[
+    str | None,
+    typer.Option(
+        "--host",
+        help="A host that knows no future drives: packets a second, and more as in 60,jitter=0.2,loss=0.02,buffer=0.02.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else there.")]
 Set = Annotated[
     list[str] | None,
@@ -102,6 +133,13 @@ def flattened(command: Callable[..., None]) -> Callable[..., None]:
     called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     called.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return called
+
+
+def host_of(packets: str | None) -> Host | None:
+    """The host that `--host` describes."""
+    from hexsim.simulation.hosted import Host
+
+    return None if packets is None else Host.parse(packets)
 
 
 def prepare(scenario_name: str, motion: Motion, settings: list[str] | None = None) -> tuple[Machine, Scenario]:

@@ -20,7 +20,7 @@ def qualify(
     machine: options.MachineName = None,
     out: options.Out = None,
     quick: Annotated[bool, typer.Option("--quick", help="Fewer and shorter motions: under a minute.")] = False,
-    compensator: Annotated[str, typer.Option("--compensator", "-c", help="Name or package.module:Class.")] = "none",
+    compensator: options.CompensatorName = "none",
     settings: options.Set = None,
     json: options.Json = False,
 ) -> None:

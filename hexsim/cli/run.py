@@ -28,14 +28,13 @@ def run(
     scenario: options.AnyScenario = None,
     motion: options.Motion = options.AS_DECLARED,
     seed: options.Seed = 0,
-    compensator: Annotated[
-        str, typer.Option("--compensator", "-c", help="Name (see `hexsim compensators`) or package.module:Class.")
-    ] = "none",
+    compensator: options.CompensatorName = "none",
     fast: options.Fast = False,
     timestep: options.TimeStep = None,
     out: options.Out = None,
     json: options.Json = False,
     settings: options.Set = None,
+    host: options.Packets = None,
     recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write run.rrd for Rerun.")] = True,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write figures and report.html.")] = True,
     log_format: Annotated[LogFormat, typer.Option(help="Format of the log file.")] = "parquet",
@@ -70,7 +69,7 @@ def run(
 
         done = simulate(
             with_machine, what, compensator=compensator, fast=fast, seed=seed, timestep=timestep,
-            progress=fraction_of(bar, f"{what.name} on {with_machine.name}"), interventions=payloads,
+            progress=fraction_of(bar, f"{what.name} on {with_machine.name}"), interventions=payloads, host=options.host_of(host),
         )  # fmt: skip
         place = keep(done, folder, step_of(bar), log_format=log_format, recording=recording, report=report, mcap=mcap)
     if json:

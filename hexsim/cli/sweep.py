@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hexsim.cli import options
+from hexsim.cli import completion, options
 from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted
 from hexsim.errors import HexsimError, shortened
 
@@ -29,7 +29,15 @@ def sweep(
         list[str] | None, typer.Option("--set", help="Values to sweep: valve.overlap_m=0,5e-6,20e-6. Repeat for more.")
     ] = None,
     seeds: Annotated[str, typer.Option(help="Seeds: 0:10 is 0 to 9, or 1,5,7.")] = "0",
-    compensators: Annotated[str, typer.Option("--compensators", "-c", help="Names separated by commas.")] = "none",
+    compensators: Annotated[
+        str,
+        typer.Option(
+            "--compensators",
+            "-c",
+            help="Names separated by commas.",
+            autocompletion=completion.several(completion.compensators),
+        ),
+    ] = "none",
     motion: options.Motion = options.AS_DECLARED,
     full: Annotated[bool, typer.Option("--full", help="Full legs instead of the tendon model.")] = False,
     timestep: options.TimeStep = None,

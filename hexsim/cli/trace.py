@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexsim.cli import explain_effects, options, own_machine
+from hexsim.cli import completion, explain_effects, options, own_machine
 from hexsim.cli.console import doing_of, output, print_json, progress, terminated_like_interrupted, text_table
 from hexsim.errors import HexsimError
 
@@ -43,7 +43,11 @@ def trace(
     ] = None,
     recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write recordings for Rerun.")] = True,
     explain: Annotated[
-        str | None, typer.Option(help="What an effect is, its signature, what to check and how to mend it; then end.")
+        str | None,
+        typer.Option(
+            help="What an effect is, its signature, what to check and how to mend it; then end.",
+            autocompletion=completion.effects,
+        ),
     ] = None,
     list_effects: Annotated[
         bool, typer.Option("--list", help="The library of effects with signatures; then end.")
@@ -222,7 +226,10 @@ def friction(
         Path, typer.Argument(help="Log of the machine, or a run's folder; best of the scenario `friction`.")
     ],
     machine: Annotated[
-        str | None, typer.Option("--machine", "-m", help="Machine; default: the one beside the log.")
+        str | None,
+        typer.Option(
+            "--machine", "-m", help="Machine; default: the one beside the log.", autocompletion=completion.machines
+        ),
     ] = None,
     leg: Annotated[int, typer.Option(min=1, max=6, help="Leg of a hexapod.")] = 1,
     out: Annotated[

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -18,7 +18,7 @@ def register(app: typer.Typer) -> None:
 
 
 def tune_loop(
-    machine: Annotated[str, typer.Argument(help="Name, folder or TOML file.")],
+    machine: options.GivenMachine,
     out: options.Out = None,
     settings: options.Set = None,
     json: options.Json = False,

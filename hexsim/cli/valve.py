@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import typer
 
 from hexsim.cli import options
@@ -15,7 +13,7 @@ def register(app: typer.Typer) -> None:
 
 
 def valve(
-    machine: Annotated[str, typer.Argument(help="Name, folder or TOML file.")],
+    machine: options.GivenMachine,
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import shlex
 import threading
 import time
 from contextlib import redirect_stdout
@@ -19,7 +18,7 @@ import compensation
 from hexsim.simulation.live import LiveMachine
 from hexsim.simulation.recent_motion import MotionFigures
 from hexsim.smoothness import BANDWIDTH_Hz
-from hexsim.web.knobs import knobs, settings_of
+from hexsim.web.knobs import knobs
 from hexsim.web.session import Asked, Session, Shown
 
 LOOPBACK = "127.0.0.1"
@@ -129,7 +128,7 @@ class Page:
                     uplot.Series(label="bottom", stroke=BOTTOM, width=2),
                 ),
                 scales=scales(nothing, 1.0),
-                axes=(uplot.Axis(label="time from the reversal [s]"), uplot.Axis(label="", size=62)),
+                axes=axes("m_s2"),
                 legend=uplot.Legend(live=False),
                 height=370,
             )
@@ -174,7 +173,7 @@ class Page:
     def _show(self, shown: Shown) -> None:
         figures, before = shown.figures, shown.before
         self.digits.content = digits(figures, before)
-        self.notes.content = notes(shown, self.command(shown.asked))
+        self.notes.content = notes(shown, self.session.command(shown.asked, self.machine_name, self.scenario_name))
         latest = figures or before
         if latest is not None:
             with self.server.atomic():
@@ -191,21 +190,7 @@ class Page:
         ]
         largest = max(SMALLEST[latest.unit], *(float(np.nanmax(np.abs(line), initial=0.0)) for line in lines))
         self.chart.data = (time_s, *lines)
-        self.chart.scales = scales(time_s, largest)
-
-    def command(self, asked: Asked) -> str:
-        """What runs the same machine and motion without the page."""
-        motion = self.scenario_name if asked.motion == self.session.scenario.name else asked.motion
-        words = ["hexsim", "run", motion, "--machine", self.machine_name]
-        wave = self.session.waves.get(asked.motion)
-        if wave is not None and asked.amplitude is not None:
-            size = asked.amplitude if wave.unit[1] == "deg" else asked.amplitude * wave.unit[0]
-            words += ["--amplitude", f"{size:g}", "--frequency", f"{asked.frequency_Hz:g}"]
-        if asked.compensator != "none":
-            words += ["-c", asked.compensator]
-        for key, value in settings_of(self.session.declared, asked.knobs).items():
-            words += ["--set", f"{key}={value:g}" if isinstance(value, float) else f"{key}={value}"]
-        return shlex.join(words)
+        self.chart.scales, self.chart.axes = scales(time_s, largest), axes(latest.unit)
 
 
 def scales(time_s: np.ndarray, largest: float) -> dict[str, uplot.Scale]:
@@ -214,6 +199,11 @@ def scales(time_s: np.ndarray, largest: float) -> dict[str, uplot.Scale]:
         "x": uplot.Scale(time=False, auto=False, range=(float(time_s[0]), float(time_s[-1]))),
         "y": uplot.Scale(auto=False, range=(-1.1 * largest, 1.1 * largest)),
     }
+
+
+def axes(unit: str) -> tuple[uplot.Axis, ...]:
+    """Captions of the chart."""
+    return uplot.Axis(label="time from the reversal [s]"), uplot.Axis(label=f"deviation [{UNITS[unit]}]", size=62)
 
 
 def digits(figures: MotionFigures | None, before: MotionFigures | None) -> str:
@@ -261,5 +251,10 @@ def notes(shown: Shown, command: str) -> str:
         "Dashed: before the last change. The bump in the middle is what people feel.</p>"
         f'<p id="hexsim-state">{shown.time_s:.1f} s{slow}; {state}</p>'
         f'<p style="opacity:.75;margin-bottom:2px">The same without the page:</p>'
-        f'<code id="hexsim-command" style="font-size:12px;word-break:break-word">{html.escape(command)}</code></div>'
+        f'<code id="hexsim-command" style="font-size:12px;overflow-wrap:anywhere">{unbroken(command)}</code></div>'
     )
+
+
+def unbroken(command: str) -> str:
+    """A command line as HTML that breaks between its words."""
+    return " ".join(f'<span style="display:inline-block">{html.escape(word)}</span>' for word in command.split(" "))

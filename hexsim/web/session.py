@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -14,10 +15,11 @@ from hexsim.scenarios import Scenario
 from hexsim.scenarios.settings import machine_in
 from hexsim.simulation.live import LiveMachine
 from hexsim.simulation.recent_motion import MotionFigures, RecentMotion, motion_figures
-from hexsim.web.knobs import Wave, machine_with, wave_of, waves
+from hexsim.web.knobs import Wave, machine_with, settings_of, wave_of, waves
 
 FRAME_S = 1.0 / 30.0
 LONGEST_CATCH_UP_S = 0.1  # a computer that is slower than real time shows slow motion instead of standing still
+CUT = "The motion asks for more than the strokes: it is cut at their ends."
 SETTLE_S = 0.5  # after a change, before the figures count
 
 
@@ -64,7 +66,7 @@ class Session:
             frequency_Hz=own.frequency_Hz if own else None,
         )  # fmt: skip
         self._lock = threading.Lock()  # of machine and recent motion
-        self._wanted = self._present = self.asked
+        self._wanted = self._handled = self._present = self.asked
         self._recent = RecentMotion()
         self.live = LiveMachine(self.declared, scenario, compensator, observe=self._recent.note)
         self._since_s = self._settled_from()
@@ -99,7 +101,7 @@ class Session:
             now = time.perf_counter()
             due, last = min(now - last, LONGEST_CATCH_UP_S), now
             with self._lock:
-                if self._wanted is not self._present:
+                if self._wanted is not self._handled:
                     self._take_over(self._wanted)
                 if not self.paused:
                     self._advance(due)
@@ -133,12 +135,12 @@ class Session:
 
     def _take_over(self, wanted: Asked) -> None:
         """Change what differs; where that cannot be, keep the machine and say why."""
-        present, self._present = self._present, wanted
+        self._handled = wanted
         if self._shown.figures is not None:
             self._shown = replace(self._shown, before=self._shown.figures, figures=None)
         try:
-            self._change(present, wanted)
-            self._error = ""
+            self._change(self._present, wanted)
+            self._present, self._error = wanted, ""
         except HexsimError as error:
             self._error = str(error)
         self._since_s = self._settled_from()
@@ -163,6 +165,19 @@ class Session:
         wave: Wave = replace(self.waves[asked.motion], amplitude=asked.amplitude, frequency_Hz=asked.frequency_Hz)
         return wave.built()
 
+    def command(self, asked: Asked, machine_name: str, scenario_name: str) -> str:
+        """What runs the same machine and motion without the page. Names: as `hexsim run` takes them."""
+        motion = scenario_name if asked.motion == self.scenario.name else asked.motion
+        words, wave = ["hexsim", "run", motion, "--machine", machine_name], self.waves.get(asked.motion)
+        if wave is not None and asked.amplitude is not None:
+            size = asked.amplitude if wave.unit[1] == "deg" else asked.amplitude * wave.unit[0]
+            words += ["--amplitude", f"{size:g}", "--frequency", f"{asked.frequency_Hz:g}"]
+        if asked.compensator != "none":
+            words += ["-c", asked.compensator]
+        for key, value in settings_of(self.declared, asked.knobs).items():
+            words += ["--set", f"{key}={value:g}" if isinstance(value, float) else f"{key}={value}"]
+        return shlex.join(words)
+
     def _settled_from(self) -> float:
         """From when on the figures count, after a change now."""
         return max(self.live.motion.steady_s(), self.live.time_s) + SETTLE_S
@@ -177,6 +192,6 @@ class Session:
             if live is self.live and since == self._since_s:
                 self._shown = replace(
                     self._shown, asked=self._present, figures=figures or self._shown.figures, time_s=live.time_s, speed=self._speed,
-                    error=self._error,
+                    error=self._error or (CUT if live.out_of_reach else ""),
                 )  # fmt: skip
             return self._shown

@@ -4,7 +4,7 @@
 
 writes machine.toml (declared), logs in the format of the measured ones (noise, quantisation, parameter error drawn
 inside [uncertainty]) and truth.json. An effect's value None = its typical strength; `leg` (1-based) puts leg effects
-in that leg only.
+in that leg only, a name with "@3" that one in leg 3.
 """
 
 import gzip
@@ -309,12 +309,13 @@ def true_machine(
     draw_parameter_error(plant, np.random.default_rng([seed, 1]))
     where = range(len(plant.legs)) if leg is None else [leg - 1]
     values = {}
-    for name, value in effects.items():
+    for key, value in effects.items():
+        name, _, own = key.partition("@")
         effect = KNOWN[name]
         if name in EFFECTS and kind not in effect.kinds:
             raise ValueError(f"{name} is for {effect.kinds}, not for a {kind}")
-        values[name] = effect.size(kind) if value is None else float(value)
-        effect.change(plant, where, values[name])
+        values[key] = effect.size(kind) if value is None else float(value)
+        effect.change(plant, [int(own) - 1] if own else where, values[key])
     return plant, values
 
 
@@ -338,19 +339,28 @@ def write_machine(
     (folder / "machine.toml").write_text(machine_text(folder.name, kind), encoding="utf-8")
     truth = {
         "undeclared": values,
-        "where": {
-            k: KNOWN[k].place if KNOWN[k].place != "leg" else ("all legs" if leg is None else f"leg {leg}")
-            for k in values
-        },
-        "balance": {k: KNOWN[k].balance for k in values},
-        "in_library": {k: KNOWN[k].in_library for k in values},
-        "description": [f"{KNOWN[k].description} ({v:g} {KNOWN[k].unit})" for k, v in values.items()]
-        or ["nothing beyond parameter error"],
+        "where": {key: place_of(key, leg) for key in values},
+        "balance": {key: KNOWN[key.partition("@")[0]].balance for key in values},
+        "in_library": {key: KNOWN[key.partition("@")[0]].in_library for key in values},
+        "description": [described(key, size) for key, size in values.items()] or ["nothing beyond parameter error"],
         "legs": [{name: float(row[name]) for name in LEG_TYPE.names} for row in plant.legs],
         "rig": {name: float(plant.rig[name][0]) for name in RIG_TYPE.names},
     }
     (folder / "truth.json").write_text(json.dumps(truth, indent=1), encoding="utf-8")
     return plant
+
+
+def place_of(key: str, leg: int | None) -> str:
+    """Where an effect acts, by its key and the leg of all."""
+    name, _, own = key.partition("@")
+    if KNOWN[name].place != "leg":
+        return KNOWN[name].place
+    return f"leg {own or leg}" if own or leg else "all legs"
+
+
+def described(key: str, size: float) -> str:
+    effect = KNOWN[key.partition("@")[0]]
+    return f"{effect.description} ({size:g} {effect.unit})"
 
 
 def machine_text(name: str, kind: str) -> str:

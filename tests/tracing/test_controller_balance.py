@@ -13,6 +13,7 @@ from hexsim.tracing.balances.controller import Loop, loops_of
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.logs import feedback_of, read_runs
+from hexsim.tracing.steps.shapes import worth_screening
 
 RUNNING = {"controller_gain": ("relative_change", 0.2), "computing_delay": ("delay_ticks", 1.5)}
 
@@ -51,6 +52,7 @@ def test_of_a_loop_as_declared_no_such_balance_is_formed(bench, tmp_path):
     log = logged(bench, tmp_path)
     assert loops_of(log, bench) is not None
     assert not Loop().wants(log, bench)
+    assert not {c.effect.name for c in worth_screening(bench, [], {})} & set(RUNNING)
 
 
 def test_another_controller_is_no_loop_of_another_gain(bench, tmp_path):

@@ -3,11 +3,18 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from four_edge_plant import write_machine
 from test_real_machines import MEASURED
 
 from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.signals.channels import declared_noise
+from hexsim.tracing.balances.force import Force
+from hexsim.tracing.balances.null import used
+from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.steps.experiments import setpoint_log
 from hexsim.tracing.steps.logs import read_runs
 from hexsim.tracing.steps.violations import lost_balances
 from hexsim.tracing.trace import trace
@@ -56,3 +63,26 @@ def test_what_cannot_be_said_is_said(tmp_path, columns, lost):
     said = " ".join(finding.description for finding in found)
     assert all(name in said for name in (*columns, *lost))
     assert bool(found) == bool(columns)
+
+
+def test_a_pressure_difference_alone_gives_the_force_balance_of_equal_areas():
+    """Without both pressures but with their difference: the same force residual of a spring within 1 %, the two continuities
+    are said to be lost, and the simulation answers the difference that is measured."""
+    machine = load_machine("servo_bench")
+    moved = {"kind": "sine", "amplitude": 0.05, "frequency_Hz": 0.8}
+    motion = {"name": "heave", "mode": "actuator", "duration_s": 4.0, "fade_s": 1.0, "axes": {"leg_1": moved}}
+    problem = SimulatedProblem(logs=(setpoint_log(machine, motion),), noise=declared_noise(machine))
+    both = problem.simulated(changed(machine, {"effects.spring": {"stiffness_N_m": 2e4}}), 0)
+    assert both.pressure is not None and both.signal("pressure_top") is not None
+    difference = both.pressure - both.signal("pressure_top")
+    alone = replace(both, pressure_bottom=None, pressure_top=None, pressure_difference=difference)
+    assert Force().wants(alone, machine)
+    whole, part = (used(log, Force().residual(log, machine)) for log in (both, alone))
+    assert np.std(whole) > 100.0
+    assert np.std(part - whole) < 0.01 * np.std(whole)
+    [said] = lost_balances([alone], machine)
+    assert "pressure_bottom_Pa" in said.description and "continuity" in said.description
+    assert "force" not in said.description
+    answer = replace(problem, logs=(alone,)).simulated(machine, 0)
+    assert answer.signal("pressure_top") is None
+    assert answer.signal("pressure_difference") is not None

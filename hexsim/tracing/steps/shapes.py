@@ -17,6 +17,7 @@ from hexsim.signals.channels import SETTLE_S
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
+from hexsim.tracing.balances.controller import Loop
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import END_S
 from hexsim.tracing.balances.platform import ROWS, Platform
@@ -93,9 +94,11 @@ def worth_screening(
 ) -> list[Candidate]:
     """All effects on a bench. On a hexapod: in all legs alike, and in the legs that are violated, the worst at least.
 
-    What is built wrong in one leg tilts the platform and shows in all of them: it is looked for in each.
+    What is built wrong in one leg tilts the platform and shows in all of them: it is looked for in each. A controller whose
+    volts are those of the declared loop has no error: a simulation alone would take it for one of the valve.
     """
-    everything = candidates(machine, proposed)
+    loop = any(line.name == Loop.name for line in lines)
+    everything = [c for c in candidates(machine, proposed) if loop or c.effect.balance != Loop.name]
     legs = [line for line in lines if line.where.startswith("leg ")]
     if machine.n_legs == 1 or not legs:
         return everything

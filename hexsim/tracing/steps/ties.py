@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from hexsim.tracing import rules
+from hexsim.tracing.balances.controller import Loop
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 from hexsim.tracing.fitting.screening import columns_of
@@ -45,7 +46,10 @@ def flat(columns: Sequence[Array]) -> Array:
 def stand_ins(
     fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedProblem
 ) -> list[tuple[Candidate, float]]:
-    """Candidates whose column does what effect k does, with the size that does it, the best first."""
+    """Candidates whose column does what effect k does, with the size that does it, the best first.
+
+    No simulated channel shows the volts: what they say of the loop that runs, nothing beside the loop can say.
+    """
     fit = parameter_columns(start_fit_at(fit, problem), problem)
     counts = [len(candidate.free()) for candidate in fit.candidates]
     first = sum(counts[:k])
@@ -55,7 +59,9 @@ def stand_ins(
     size = fit.candidates[k].effect.parameters[0]
     does = numbers[first] * to_coordinate(size, fit.values[k][size.name])
     weak = np.concatenate([np.full(len(fit.priors), 3.0), np.full(len(beside) - len(fit.priors), 1e-6)])
+    of_loop = fit.candidates[k].effect.balance == Loop.name
     others = [c for c in possible if c.label not in {own.label for own in fit.candidates}]
+    others = [c for c in others if (c.effect.balance == Loop.name) == of_loop]
 
     def left(columns: Array, ridge: Array) -> tuple[float, float]:
         A = columns @ columns.T + np.diag(ridge)

@@ -1,0 +1,165 @@
+"""Four acts in one folder, and the page that shows them. Everything is done by the functions behind the commands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hexsim.demo.live_act import WIDE_M, before_and_after, chart, page_picture
+from hexsim.errors import HexsimError
+from hexsim.files.atomic import write_text
+from hexsim.files.log_files import write_log
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed, save_machine
+from hexsim.recording.figure_style import png
+from hexsim.recording.figures import comparison, run_figures
+from hexsim.recording.report import data_url, render
+from hexsim.recording.run_files import write_run
+from hexsim.recording.signals import Signals
+from hexsim.scenarios import load_scenario
+from hexsim.signals.table import measured_columns
+from hexsim.simulation import Run, simulate
+from hexsim.smoothness.summary import PERCEPTION_m_s2
+from hexsim.studies.compare import compare, write_comparison
+from hexsim.tracing.report.budget import waterfall
+from hexsim.tracing.report.page import effect_rows
+from hexsim.tracing.trace import trace
+
+MACHINE, BENCH, MOTION = "micro_motion_system", "bench", "heave"
+LEAK = "effects.leakage_supply_to_chamber.conductance_m3_s_Pa"
+HIDDEN_m3_s_Pa = 1.8e-12  # size of a worn piston seal
+FIT, HELD_OUT = ("multisine", 1), ("heave", 2)  # scenario, seed of the sensors' noise
+SHARES = (0.0, 0.15, 0.4, 0.8)  # of the whole time, at which the acts begin
+
+Show = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Act:
+    """title; sentence: what was found; look: what to look at; command: makes it alone; links: (name, path in the folder)."""
+
+    title: str
+    sentence: str
+    look: str
+    picture: bytes
+    command: str
+    links: tuple[tuple[str, str], ...] = ()
+
+
+def demo(folder: Path, show: Show = lambda doing, fraction: None) -> list[Act]:
+    """Play all acts into `folder` and write index.html there. show(what is being done, fraction done)."""
+    show("a heave and its bump", SHARES[0])
+    plain = simulate(load_machine(MACHINE), load_scenario(MOTION), fast=True)
+    acts = [bump(plain, folder)]
+    show("the same with a compensator", SHARES[1])
+    acts.append(compensated(plain, folder))
+    show("a bench with a hidden leak", SHARES[2])
+    acts.append(traced(folder, lambda doing, done: show(doing, SHARES[2] + done * (SHARES[3] - SHARES[2]))))
+    show("the machine live", SHARES[3])
+    acts.append(live(folder))
+    shown = [(act, data_url(act.picture)) for act in acts]
+    write_text(folder / "index.html", render("demo.html.j2", title="hexsim in four acts", acts=shown))
+    show("done", 1.0)
+    return acts
+
+
+def peak_of(run: Run) -> float:
+    """Peak of the heave in the band [m/s2]."""
+    return run.summary["axes"]["z"]["peak_band_m_s2"]
+
+
+def bump(plain: Run, folder: Path) -> Act:
+    """A heave of the 600 kg platform, as it is."""
+    (folder / "1_bump").mkdir()
+    write_run(plain, folder / "1_bump")
+    peak, harmonic = peak_of(plain), plain.summary["axes"]["z"]["fundamental_m_s2"]
+    return Act(
+        title="The bump",
+        sentence=f"A 600 kg platform heaves by 50 mm at 0.5 Hz; each time it turns round, dead band and friction of its "
+        f"cylinders add a bump of {peak:.2f} m/s², {peak / harmonic:.1f} times the motion itself and "
+        f"{peak / PERCEPTION_m_s2['z']:.0f} times what people just feel.",
+        look="The middle panel: between the reversals the deviation is nearly nothing, at each reversal it jumps and rings.",
+        picture=png(run_figures(Signals.of_run(plain))["acceleration"]),
+        command=f"hexsim run {MOTION} --fast --out 1_bump",
+        links=(("report", "1_bump/report.html"),),
+    )
+
+
+def compensated(plain: Run, folder: Path) -> Act:
+    """The same motion with the compensator that learns."""
+    (folder / "2_compensated").mkdir()
+    runs = {"none": plain} | compare(plain.machine, plain.scenario, ["adaptive"], fast=True)
+    write_comparison(runs, folder / "2_compensated", recording=False)
+    peaks = {name: peak_of(run) for name, run in runs.items()}
+    figure = comparison({name: Signals.of_run(run, name) for name, run in runs.items()}, "z", peaks)
+    assert figure is not None
+    return Act(
+        title="The bump compensated",
+        sentence=f"The adaptive compensator is told neither dead band nor friction; it learns both while the machine moves, "
+        f"and the same reversals then peak at {peaks['adaptive']:.2f} in place of {peaks['none']:.2f} m/s².",
+        look="The right column, from the left: the first reversals are as before, then the compensator engages.",
+        picture=png(figure),
+        command=f"hexsim compare {MOTION} --compensators none,adaptive --fast --out 2_compensated",
+        links=(("report", "2_compensated/report.html"),),
+    )
+
+
+def traced(folder: Path, show: Show) -> Act:
+    """Logs of a bench that leaks, held against a machine file that says nothing of it."""
+    place = folder / "3_hidden"
+    place.mkdir()
+    bench = load_machine(BENCH)
+    save_machine(bench, place / "machine.toml")
+    leaking = changed(bench, {LEAK: HIDDEN_m3_s_Pa})
+    for name, (scenario, seed) in (("fit", FIT), ("validate", HELD_OUT)):
+        log = simulate(leaking, load_scenario(scenario), seed=seed).log
+        write_log(log.select("time_s", *measured_columns(bench.n_legs)), place / f"{name}.parquet")
+    result = trace(place, ["fit"], ["validate"], place / "trace", show)
+    return Act(
+        title="A hidden effect named",
+        sentence=found_sentence(result.report),
+        look="The waterfall: what the declared machine gets wrong on motion that no fit has seen, what better parameters "
+        "would mend of it, and what the named effect takes away. Dotted: the noise of the sensors.",
+        picture=waterfall(result),
+        command="hexsim trace 3_hidden --fit fit --validate validate --out 3_hidden/trace",
+        links=(("report", "3_hidden/trace/report.html"),),
+    )
+
+
+def found_sentence(report: dict[str, Any]) -> str:
+    """What was hidden, and what the trace says of it."""
+    begun = (
+        f"A bench leaks {HIDDEN_m3_s_Pa:.2g} m³/s/Pa from the supply into its chamber, and its machine file does not say so; "
+        "from two logs of 20 s the trace names "
+    )
+    found = effect_rows(report)
+    if not found:
+        return f"{begun}nothing (verdict: {report['verdict']})."
+    numbers = "; ".join(f"{name} {value}" for name, value in found[0]["values"])
+    return f"{begun}“{found[0]['title']}”, {found[0]['where']}: {numbers}."
+
+
+def live(folder: Path) -> Act:
+    """The machine on its page, while a slider moves."""
+    machine, scenario = load_machine(MACHINE), load_scenario(MOTION)
+    before, after = before_and_after(machine, scenario)
+    try:
+        picture, look = (
+            page_picture(machine, MACHINE, scenario),
+            "Left: the bump now, and dashed what it was. Move any slider.",
+        )
+    except HexsimError as error:
+        picture = chart(before, after)
+        look = f"The reversals now and before, as the page draws them (no picture of the page itself: {error})."
+    (folder / "4_live.png").write_bytes(picture)
+    return Act(
+        title="Live, with sliders",
+        sentence=f"On a page in the browser the machine runs while you change it: with the overlap of its valves moved from "
+        f"{1e6 * (machine.valve.overlap_m or 0.0):.0f} to {1e6 * WIDE_M:.0f} µm the bump goes from {before.peak:.2f} to "
+        f"{after.peak:.2f} m/s² within two periods.",
+        look=look,
+        picture=picture,
+        command=f"hexsim live {MOTION} --web",
+    )
