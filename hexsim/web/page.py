@@ -132,6 +132,7 @@ class Page:
                 axes=axes("m_s2"),
                 legend=uplot.Legend(live=False),
                 height=370,
+                padding=(14, 24, 0, 0),  # room for the highest number
             )
             self.notes = self.server.gui.add_html("")
         self._frame: tuple[float, float, str] | None = None
@@ -254,11 +255,12 @@ def notes(shown: Shown, command: str) -> str:
     elif shown.figures is None:
         state = "settling: the figures need a whole period after a change"
     else:
-        state = "the last two periods"
+        state = "figures of the last periods"
     slow = "" if shown.speed > 0.9 else f", {100 * shown.speed:.0f} % of real time"
     return (
         '<div style="font-size:13px;padding:4px 12px;line-height:1.45">'
-        f"<p>Acceleration less its basic harmonic, in {BANDWIDTH_Hz:.0f} Hz, about the last reversal at either end. "
+        f"<p>Acceleration less its basic harmonic (in a motion that is no sine: less the command), in "
+        f"{BANDWIDTH_Hz:.0f} Hz, about the last reversal at either end. "
         "Dashed: before the last change. The bump in the middle is what people feel.</p>"
         f'<p id="hexsim-state">{shown.time_s:.1f} s{slow}; {state}</p>'
         f'<p style="opacity:.75;margin-bottom:2px">The same without the page:</p>'
