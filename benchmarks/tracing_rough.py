@@ -2,7 +2,7 @@
 
     python benchmarks/tracing_rough.py --seeds 1000-1299 --out docs/results/tracing_rough.jsonl
     python benchmarks/tracing_rough.py --none --seeds 1000-1099 --out docs/results/tracing_rough.jsonl
-    python benchmarks/tracing_rough.py --summary docs/results/tracing_rough.jsonl
+    python benchmarks/tracing_rough.py --summary docs/results/tracing_rough.jsonl    also the operating characteristic
 
 Balances alone, no simulated refit. One line of JSON a machine, scored at once; a machine in the file is not run again.
 Seeds below 1000 are for tuning. right: named, its number within 15 %; number off: named, its number further off;
@@ -17,8 +17,11 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
+
+import numpy as np
+from scipy.stats import binomtest
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing"), str(ROOT / "benchmarks")]
@@ -90,6 +93,49 @@ def score(line: dict) -> str:
     return "wrong" if set(names[1:]) - there(line) or not right & set(line["named"][0]["tied"]) else "tie"
 
 
+def summarise(lines: list[dict]) -> None:
+    """Counts with 95 % bounds (Clopper-Pearson), then false and missed names as the limits move."""
+    for large in (True, False):
+        scores = Counter(line["score"] for line in lines if (line["dominant"] is not None) == large)
+        n = sum(scores.values())
+        print("with a large effect" if large else "without", n)
+        for name, k in scores.most_common():
+            bound = binomtest(k, n).proportion_ci(0.95, "exact")
+            print(f"  {name:12s} {k:4d}  {k / n:6.1%}  ({bound.low:.1%} to {bound.high:.1%})")
+    for rule, values in LIMITS.items():
+        print(
+            f"| {rule} | false names, of {len(lines)} | missed, of {sum(line['dominant'] is not None for line in lines)} |"
+        )
+        for value in values:
+            names = [(line, named_at(line, **{rule: value})) for line in lines]
+            false = sum(bool(found - there(line)) for line, found in names)
+            missed = sum(line["dominant"] is not None and not found for line, found in names)
+            print(f"| {value} | {false} | {missed} |")
+
+
+LIMITS = {"share": (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95), "size": (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0)}
+
+
+def named_at(line: dict, share: float | None = None, size: float = 1.0) -> set[str]:
+    """What of the kept evidence would be named at another least share (half of it held out), or another least size.
+
+    A share replaces the rule of the own balance too. After a name that was not given no further round was looked at.
+    """
+    from hexsim.tracing import rules
+    from hexsim.tracing.fitting.rest_evidence import Evidence, sure
+
+    usual = rules.PARTLY_SHARE, rules.PARTLY_SHARE_UNSEEN, rules.PARTLY_RESTORED
+    if share is not None:
+        rules.PARTLY_SHARE, rules.PARTLY_SHARE_UNSEEN, rules.PARTLY_RESTORED = share, 0.5 * share, np.inf
+    found = set()
+    for tried in line["judged"]:
+        passed = [own for own in tried if sure(Evidence(**{field.name: own[field.name] for field in fields(Evidence)}))]
+        if passed and passed[-1]["remarkable"] > size:  # of a tie the plainest is judged last
+            found.add(passed[-1]["candidate"])
+    rules.PARTLY_SHARE, rules.PARTLY_SHARE_UNSEEN, rules.PARTLY_RESTORED = usual
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="1000-1009")
@@ -98,8 +144,7 @@ def main() -> None:
     parser.add_argument("--summary", type=Path)
     options = parser.parse_args()
     if options.summary:
-        lines = [json.loads(text) for text in options.summary.read_text().splitlines()]
-        print(Counter((line["dominant"] is not None, line["score"]) for line in lines))
+        summarise([json.loads(text) for text in options.summary.read_text().splitlines()])
         return
     first, _, last = options.seeds.partition("-")
     known = [json.loads(text) for text in options.out.read_text().splitlines()] if options.out.is_file() else []

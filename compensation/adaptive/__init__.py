@@ -13,6 +13,7 @@
 | `valve_edge`, `leak`, `delay` | one direction of the valve; its leak; how much of its lag is delay |
 | `prediction` | setpoint ahead where no preview is given |
 | `demand`, `feedback` | what is asked for at a tick; pressure damping and backlash inverse |
+| `damping_design`, `lateness` | filter of the pressure damping, stable at the load's resonance; a late position transducer |
 | `friction`, `stribeck` | identification of load and friction from pressure |
 | `spool`, `inverse` | the spool's lag; inverse of the valve |
 | `taps`, `least_squares` | design of the leads and of the damping filter |

@@ -80,6 +80,7 @@ class Adaptive(Compensator):
         for name in settings.dtype.names:
             settings[name] = getattr(self if hasattr(self, name) else context, name)
         start(state.numbers)
+        design(state.numbers)  # so that it is compiled before the first tick, as `start` holds a copy of its own
         return state
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:

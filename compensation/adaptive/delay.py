@@ -4,11 +4,14 @@ Plain control's volts are slow, and of a spool they show the lag alone: a second
 phase of a delay as long as its lag, up to the third order in frequency. Only where the volts jump, at a compensated
 reversal, do the two part. So a bank of spools, all with the identified total lag, is run over each of them:
 
-    d = tau - tau_s,     x_s = spool(tau_s) u(t - d),     z_s' = k f(x_s) R,     S_s += |(1 - Q Q') (z - z_s)|^2 / noise^2
+    d = tau - tau_s,     x_s = spool(tau_s) u(t - d),     z_s' = k f(x_s) R
+    S_sj += |(1 - Q Q') (y + c P(t - j T/2) - z_s)|^2 / noise^2,     c = V / (E A1)
 
-Q holds what other errors leave: a constant, a slope (leak, null) and a kink at the reversal (gain, dead band). S / 2 is
-a negative log-likelihood. Too long a delay is benign: the lead then trusts the spool too much, and is a little slow.
-Too short a one makes the volts overshoot into the flow. So a standard deviation is added.
+A position transducer that is late by j half ticks makes its part of the delay; the pressure is not late. So the bank is
+of spools and of lateness: which of the pressures past makes oil with the position. Q holds what other errors leave: a
+constant, a slope (leak, null) and a kink at the reversal (gain, dead band). S / 2 is a negative log-likelihood. Too long a
+delay is benign: the lead then trusts the spool too much, and is a little slow. Too short a one makes the volts
+overshoot into the flow. So a standard deviation is added.
 """
 
 from __future__ import annotations
@@ -18,8 +21,8 @@ import math
 import numpy as np
 
 from ..compiled import compiled
-from .arithmetic import clip, copy, dot, push
-from .layout import AFTER, BEFORE, LATE_TICKS, PAST_VOLTS, SPOOLS
+from .arithmetic import clip, copy, dot
+from .layout import AFTER, BEFORE, LATE_TICKS, LATES, PAST_VOLTS, SPOOLS
 from .spool import step_response
 
 SPOOL_LAGS_S = 1e-3 * np.array(
@@ -29,12 +32,12 @@ FINE = 5  # samples a tick
 NOISE_M = 3.3e-6  # of an oil displacement
 MEMORY = 0.985  # of the sums, a reversal
 ERRORS, ERRORS_FIRST = 0.2, 1.3  # standard deviations added to the delay at last; and further ones at first
+CAUTION = 0.06  # of the delay, added to it: found delays were 2 to 6 % short
 MODEL_SUM = 0.3  # of a reversal, which errors of the rest of the model may make
 MAX_SUM = 40.0  # that one reversal may add
 
 SOFTNESS_MEMORY, SOFTNESS_REVERSALS, SOFTNESS_ERRORS = 0.95, 4, 2.0  # a reversal; before it is used; taken off
 MAX_SOFTNESS_M_PA = 1e-10
-LATE_SHARE = 0.3  # of its correction that lateness takes at a reversal
 
 
 def _nuisance() -> np.ndarray:
@@ -46,13 +49,14 @@ NUISANCE = _nuisance()  # Q (BEFORE + AFTER + 1, 3)
 
 
 @compiled
-def add_to_delay(delay, z_m, pressure_Pa, volts_V, flow_m_s, roots, valve, compensated):
-    """One tick: oil displacement now, volts of the tick past, demanded flow now. True when a reversal was judged.
+def add_to_delay(delay, position_m, pressure_Pa, volts_V, flow_m_s, roots, valve, compliance_m_Pa, compensated):
+    """One tick: position now less what leaked, pressure now, volts of the tick past, demanded flow now. True when a
+    reversal was judged.
 
     compensated: whether the reversal that lies AFTER ticks back, if one does, was.
     """
     _append(delay.volts_V, volts_V)
-    _append(delay.oil_m, z_m)
+    _append(delay.oil_m, position_m)
     _append(delay.pressures_Pa, pressure_Pa)
     if flow_m_s * delay.direction < 0.0:
         delay.ticks = 0
@@ -60,7 +64,7 @@ def add_to_delay(delay, z_m, pressure_Pa, volts_V, flow_m_s, roots, valve, compe
         delay.direction = flow_m_s
     delay.ticks += 1
     if delay.ticks == AFTER + 1 and compensated:
-        _prepare(delay, roots, valve)
+        _prepare(delay, roots, valve, compliance_m_Pa)
     return delay.tested >= 0 and _compare(delay)
 
 
@@ -75,14 +79,41 @@ def _append(history, value):
 @compiled
 def found_delay_s(delay, lag_s):
     """The delay taken, of a total lag: mean of its likelihood, and a part of its standard deviation more."""
-    least, total, mean, square = min(delay.sums), 0.0, 0.0, 0.0
-    for i in range(SPOOLS):
-        late, weight = max(lag_s - SPOOL_LAGS_S[i], 0.0), math.exp(0.5 * (least - delay.sums[i]))
-        total, mean, square = total + weight, mean + weight * late, square + weight * late * late
+    total, mean, square, _ = _moments(delay, lag_s)
     mean /= total
     errors = ERRORS + ERRORS_FIRST / (1.0 + delay.reversals)
     deviation = math.sqrt(max(square / total - mean * mean, 0.0))
-    return min(mean + errors * deviation, max(lag_s - SPOOL_LAGS_S[0], 0.0))
+    return min((1.0 + CAUTION) * mean + errors * deviation, max(lag_s - SPOOL_LAGS_S[0], 0.0))
+
+
+@compiled
+def found_lateness_s(delay, lag_s):
+    """How much of the delay is the position transducer's: mean of its likelihood."""
+    total, _, _, late_s = _moments(delay, lag_s)
+    return late_s / total
+
+
+@compiled
+def _smallest(sums):
+    least = math.inf
+    for i in range(len(sums)):
+        least = min(least, sums[i])
+    return least
+
+
+@compiled
+def _moments(delay, lag_s):
+    """Of the likelihood: its sum, and those of delay, its square and lateness. A lateness is part of the delay."""
+    total = mean = square = lateness = 0.0
+    least = _smallest(delay.sums)
+    for i in range(SPOOLS):
+        late = max(lag_s - SPOOL_LAGS_S[i], 0.0)
+        for j in range(LATES):
+            if j == 0 or 0.5 * j * delay.tick_s < late + 0.25 * delay.tick_s:
+                weight = math.exp(0.5 * (least - delay.sums[i * LATES + j]))
+                total, mean, square = total + weight, mean + weight * late, square + weight * late * late
+                lateness += 0.5 * weight * j * delay.tick_s
+    return total, mean, square, lateness
 
 
 @compiled
@@ -100,14 +131,19 @@ def restore_delay(delay, lateness, known):
 
 
 @compiled
-def _prepare(delay, roots, valve):
+def _prepare(delay, roots, valve, compliance_m_Pa):
     """The reversal in the history is the one to compare."""
     volts, down, up = delay.task_volts_V, valve.edges[0], valve.edges[1]
     for i in range(len(volts)):
         volts[i] = delay.volts_V[i]
     for i in range(len(delay.oil_m)):
-        delay.task_oil_m[i], delay.task_pressures_Pa[i] = delay.oil_m[i], delay.pressures_Pa[i]
-    _without_nuisance(delay.task_pressures_Pa)
+        delay.task_oil_m[i] = delay.oil_m[i]
+        for j in range(LATES):
+            near = i + LATE_TICKS - j // 2
+            delay.task_pressures_Pa[j, i] = 0.5 * (delay.pressures_Pa[near] + delay.pressures_Pa[near - j % 2])
+    for j in range(LATES):
+        _without_nuisance(delay.task_pressures_Pa[j])
+    delay.compliance_m_Pa = compliance_m_Pa
     if valve.with_backlash:
         half, follower = valve.edges[1 if volts[-1] > 0.0 else 0].backlash_V, volts[0]
         for i in range(len(volts)):
@@ -163,61 +199,29 @@ def _without_nuisance(history):
 @compiled
 def _compare(delay):
     """The next spool of the bank against the reversal; True after the last."""
-    error = delay.error_m
+    error, c = delay.error_m, delay.compliance_m_Pa
+    count = len(error)
     _modelled_oil(delay, min(SPOOL_LAGS_S[delay.tested], delay.lag_s))
     _without_nuisance(error)
-    square = dot(error, error, len(error))
-    delay.found[delay.tested] = square / NOISE_M**2
-    if delay.tested == 0 or square < delay.least_m2:
-        delay.least_m2, delay.best_product = square, dot(error, delay.task_pressures_Pa, len(error))
+    square = dot(error, error, count)
+    for j in range(LATES):
+        pressures = delay.task_pressures_Pa[j]
+        product, pressure_square = dot(error, pressures, count), dot(pressures, pressures, count)
+        left = square + c * (2.0 * product + c * pressure_square)
+        delay.found[delay.tested * LATES + j] = left / NOISE_M**2
+        if (delay.tested == 0 and j == 0) or left < delay.least_m2:
+            delay.least_m2, delay.best_product = left, product + c * pressure_square
+            delay.best_square = pressure_square
     delay.tested += 1
     if delay.tested < SPOOLS:
         return False
-    least = min(delay.found)
-    scale = max(1.0, least / (len(error) - 3))
+    least = _smallest(delay.found)
+    scale = max(1.0, least / (count - 3))
     for i in range(SPOOLS):
-        delay.sums[i] = MEMORY * delay.sums[i] + clip((delay.found[i] - least) / scale - MODEL_SUM, 0.0, MAX_SUM)
+        for j in range(LATES):
+            change = clip((delay.found[i * LATES + j] - least) / scale - MODEL_SUM, 0.0, MAX_SUM)
+            delay.sums[i * LATES + j] = MEMORY * delay.sums[i * LATES + j] + change
     delay.reversals, delay.tested = delay.reversals + 1, -1
-    pressures = delay.task_pressures_Pa
-    delay.pressure_square = SOFTNESS_MEMORY * delay.pressure_square + dot(pressures, pressures, len(pressures))
+    delay.pressure_square = SOFTNESS_MEMORY * delay.pressure_square + delay.best_square
     delay.pressure_product = SOFTNESS_MEMORY * delay.pressure_product - delay.best_product
     return True
-
-
-# How late the position transducer is, from when the pressure steps at compensated reversals. All that is asked for
-# holds for the position as it is measured. Pressure and oil are then early by as much. Least squares of what the
-# pressure deviates by on the rate that is asked for:  late += share sum(dev P') / sum(P'^2).
-
-
-@compiled
-def due_pressure_Pa(lateness, now_Pa, ahead_Pa):
-    """The pressure demanded for now; now_Pa, ahead_Pa: for this tick as it was decided, and for the next ones."""
-    late = lateness.late_s / lateness.tick_s
-    whole = int(late)
-    near, far = ahead_Pa[whole - 1] if whole else now_Pa, ahead_Pa[whole]
-    lateness.rate_Pa = far - near
-    return near + (late - whole) * (far - near)
-
-
-@compiled
-def pressure_then_Pa(lateness, pressure_Pa):
-    """One tick: the pressure that belongs to the position measured now."""
-    push(lateness.pressures_Pa, pressure_Pa)
-    late = lateness.late_s / lateness.tick_s
-    whole = int(late)
-    near, far = lateness.pressures_Pa[whole], lateness.pressures_Pa[whole + 1]
-    return near + (late - whole) * (far - near)
-
-
-@compiled
-def add_to_lateness(lateness, deviation_Pa, judged, lag_s):
-    """One tick: measured less demanded pressure; judged: a compensated reversal lies behind."""
-    if judged:
-        if lateness.square > 0.0:
-            late_s = lateness.late_s + LATE_SHARE * lateness.product / lateness.square * lateness.tick_s
-            longest_s = min(max(lag_s - SPOOL_LAGS_S[0], 0.0), (LATE_TICKS - 2) * lateness.tick_s)
-            lateness.late_s = clip(late_s, 0.0, longest_s)
-        lateness.product = lateness.square = 0.0
-    else:
-        lateness.product += deviation_Pa * lateness.rate_Pa
-        lateness.square += lateness.rate_Pa * lateness.rate_Pa

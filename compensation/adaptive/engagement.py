@@ -6,7 +6,7 @@ feed-forward in the reference (reference.py). Phases and transitions:
 | phase | entered when | ramp | feed-forward g |
 |---|---|---|---|
 | PLAIN | ramp = 0 | 0 | 0 |
-| ENGAGING | from PLAIN: excited, in the engage window, all checks passed | up, within a half stroke | 0 |
+| ENGAGING | from PLAIN: excited, in the engage window, all checks passed; or armed | up, within a half stroke | 0 |
 | COMPENSATED | ramp = 1 and excited | 1 | up to 1 in `feed_forward_s` |
 | FEED_FORWARD_OUT | ramp = 1 and no longer excited | 1 | down to 0 in `disengage_s` |
 | DISENGAGING | g = 0, after a reversal or at rest | down, within a half stroke | 0 |
@@ -15,12 +15,16 @@ feed-forward in the reference (reference.py). Phases and transitions:
 On entry to ENGAGING the reference joins the piston, so that the volts begin without a step. ENGAGING and DISENGAGING
 change into each other while the ramp moves, as the excitation comes and goes.
 
+Armed: started with what was learned before, of this machine or its twin. It engages as soon as it
+is excited, before anything has reversed, with plain control's bumps of then as the baseline; g rises in
+`ARMED_FEED_FORWARD_S`.
+
 Excited: the acceleration of the setpoint at reversals exceeds max(`min_excitation_m_s2`, 1.3 x stability limit), until
 it falls below the stability limit. The limit is the reversal acceleration below which the hydraulic resonance of a
 light load grows too much, as friction falls with speed.
 
 Checks before engaging: valve and friction identified; excited at the last reversal; the overlap closes the valve for
-less than a quarter of the half stroke; the performance monitor has a baseline; both edges agree on the spool's lag;
+less than a quarter of the half stroke; the performance monitor has a baseline, and it can be felt; both edges agree on the spool's lag;
 the reversals of plain control are explained by the identified valve (edge_rounding.py).
 """
 
@@ -32,8 +36,8 @@ from ..compiled import compiled
 from .arithmetic import clip
 from .edge_rounding import explains_reversals, upper_bound_V
 from .friction import friction_ready, inertia_Pa, resonance_growth_1_s
-from .layout import LEAD_TICKS
-from .monitor import add_to_monitor, monitor_ready, worse_than_baseline
+from .layout import DEMANDS, LEAD_TICKS
+from .monitor import add_to_monitor, bump_felt, monitor_ready, worse_than_baseline
 from .valve import lags_agree, valve_ready
 
 PHASES = ("plain control", "engaging", "compensated", "feed-forward going out", "disengaging", "tripped")
@@ -48,6 +52,7 @@ LOCKOUT_S, LOCKOUT_RATIO = 4.0, 4.0  # after the first trip, and how many times 
 REVERSALS_TO_FORGIVE = 20  # good ones, after which one trip is forgotten
 MAX_WAIT_S = 1.0  # for the middle of a half stroke, to leave a valve that is no longer identified
 MIN_OPEN_S = 0.08  # time the valve has been open under plain control before engaging
+ARMED_ENGAGE_S, ARMED_FEED_FORWARD_S = 0.1, 0.4  # ramp and g after a start with what was learned
 TRIP_SPEED = 4.0  # of the ramp when tripped, over that of engaging
 
 
@@ -99,8 +104,10 @@ def _move_feed_forward(state, identified):
         reference.feed_forward = 0.0
     elif engagement.ramp == 1.0:
         coming = identified and engagement.excited
-        change = settings.tick_s / settings.feed_forward_s if coming else -settings.tick_s / settings.disengage_s
+        rise_s = ARMED_FEED_FORWARD_S if engagement.armed else settings.feed_forward_s
+        change = settings.tick_s / rise_s if coming else -settings.tick_s / settings.disengage_s
         reference.feed_forward = clip(reference.feed_forward + change, 0.0, 1.0)
+        engagement.armed = engagement.armed and 0.0 < reference.feed_forward < 1.0
     # until the feed-forward is all in, too small a dead-band compensation is safer than too large a one
     transfer = engagement.ramp > 0.0 and reference.feed_forward < 1.0
     state.trim.minimum_V = (1.0 - reference.feed_forward) * upper_bound_V(state.rounding) if transfer else 0.0
@@ -115,6 +122,9 @@ def _next_phase(state, identified):
     if engagement.lockout_s > 0.0 or not (identified or (engagement.ramp == 1.0 and not waited)):
         return TRIPPED if engagement.ramp > 0.0 else PLAIN
     if engagement.ramp == 0.0:
+        if engagement.armed and engagement.reversal_ticks > DEMANDS and engagement.excited:
+            engagement.ramp_step = state.settings.tick_s / ARMED_ENGAGE_S
+            return ENGAGING
         allowed = engagement.excited and engagement.friction_share == 1.0 and engagement.engage_window
         return ENGAGING if allowed and _checks_passed(state) else PLAIN
     if engagement.ramp < 1.0:
@@ -135,10 +145,28 @@ def _checks_passed(state):
         _above_enable_threshold(engagement, state.settings)
         and engagement.closed_ticks < MAX_CLOSED_SHARE * engagement.half_ticks
         and monitor_ready(state.monitor)
+        and bump_felt(state.monitor)
         and lags_agree(state.valve)
         and explains_reversals(state.rounding)
         and state.valve.leak_known != 0
     )
+
+
+@compiled
+def arm(state, known):
+    """Start with what `keep_plain_control` kept: where it says what plain control's reversals were like."""
+    engagement, monitor = state.engagement, state.monitor
+    monitor.baseline_m_s2[:], monitor.reversal_m_s2[:] = known.baseline_m_s2, known.reversal_m_s2
+    if not (valve_ready(state.valve) and friction_ready(state.friction) and monitor_ready(monitor)):
+        return
+    engagement.armed, engagement.friction_share = True, 1.0
+    engagement.stability_limit_m_s2 = _stability_limit_m_s2(state)
+
+
+@compiled
+def keep_plain_control(state, known):
+    """Bumps of plain control's reversals, and what was asked for at them."""
+    known.baseline_m_s2[:], known.reversal_m_s2[:] = state.monitor.baseline_m_s2, state.monitor.reversal_m_s2
 
 
 @compiled

@@ -100,6 +100,19 @@ def step_acceleration_m_s2(friction):
 
 
 @compiled
+def resonance_of_load_Hz(friction, settings):
+    """The load on the oil below a piston at mid-stroke: 1 / (2 pi sqrt(p1 V / (E A1)))."""
+    compliance_m_Pa = (0.5 * settings.stroke_m + settings.pipeline_length_m) / settings.bulk_modulus_Pa
+    return 1.0 / (2.0 * math.pi * math.sqrt(compliance_m_Pa * inertia_Pa(friction)))
+
+
+@compiled
+def viscous_decay_1_s(friction):
+    """Viscous friction over inertia."""
+    return 1e7 * max(min(friction.fit.theta[2], friction.fit.theta[3]), 0.0) / inertia_Pa(friction)
+
+
+@compiled
 def resonance_growth_1_s(friction):
     """Growth rate of the hydraulic resonance near rest, where friction falls with speed."""
     viscous = 1e7 * min(friction.fit.theta[2], friction.fit.theta[3])

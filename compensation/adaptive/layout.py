@@ -26,7 +26,8 @@ RESPONSE = 40  # ticks of the spool's response that a design looks at
 SPOOLS = 17  # of the bank that tells delay from spool
 BEFORE, AFTER, PAST_VOLTS = 14, 16, 12  # ticks about a reversal that are compared, and of volts before them
 TRIM_TICKS = 8  # on either side of a compensated reversal
-LATE_TICKS = 9  # by which a position may be late, and two
+LATES = 15  # half ticks by which a position may be late, and none
+LATE_TICKS = 7
 REACH = 16  # ticks on either side of a reversal in which Stribeck friction is looked for
 LENGTHS = 12  # of bristles, of the bank
 BLOCK, APART = 5, 20  # ticks of the performance monitor
@@ -121,7 +122,7 @@ ROUNDING = record(  # edge_rounding.py
     closed_ticks="i8",  # for which the overlap closed the valve
 )  # fmt: skip
 LEAK = record(  # leak.py
-    leak_m_s="f8", variance="f8", passages="i8", misfit="f8",
+    leak_m_s="f8", variance="f8", passages="i8", misfit="f8", restarts="i8",
     positive="i8",  # the passage came from there
     excess_m="f8", closed_s="f8",
 )  # fmt: skip
@@ -133,23 +134,20 @@ TRIM = record(  # edge_rounding.py
     before_m="f8",  # by how much it had grown before, against the new direction
 )  # fmt: skip
 DELAY = record(  # delay.py
-    tick_s="f8", sums=("f8", (SPOOLS,)), reversals="i8",
+    tick_s="f8", sums=("f8", (SPOOLS * LATES,)), reversals="i8",
     volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), oil_m=("f8", (BEFORE + AFTER + 1,)),  # oldest first
     direction="f8",
     ticks="i8",  # since the demanded flow reversed
     tested="i8",  # spools compared with the reversal in hand; -1 = none is
     task_volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), task_oil_m=("f8", (BEFORE + AFTER + 1,)),
-    gains_m_s_V=("f8", (2,)), dead_bands_V=("f8", (2,)), lag_s="f8", found=("f8", (SPOOLS,)),
-    pressures_Pa=("f8", (BEFORE + AFTER + 1,)), task_pressures_Pa=("f8", (BEFORE + AFTER + 1,)),  # oldest first
-    least_m2="f8", best_product="f8", pressure_square="f8", pressure_product="f8",  # of pressure and oil that is missing
+    gains_m_s_V=("f8", (2,)), dead_bands_V=("f8", (2,)), lag_s="f8", found=("f8", (SPOOLS * LATES,)), compliance_m_Pa="f8",
+    pressures_Pa=("f8", (BEFORE + AFTER + 1 + LATE_TICKS,)),  # oldest first
+    task_pressures_Pa=("f8", (LATES, BEFORE + AFTER + 1)),  # by how late the position is
+    least_m2="f8", best_product="f8", best_square="f8",
+    pressure_square="f8", pressure_product="f8",  # of pressure and oil that is missing
     error_m=("f8", (BEFORE + AFTER + 1,)), pulse=("f8", (5 * (PAST_VOLTS + 2),)),  # work
 )  # fmt: skip
-LATENESS = record(  # delay.py
-    tick_s="f8", late_s="f8",
-    rate_Pa="f8",  # of the demand, a tick
-    product="f8", square="f8",  # sums of a half stroke
-    pressures_Pa=("f8", (LATE_TICKS,)),
-)  # fmt: skip
+LATENESS = record(tick_s="f8", late_s="f8", pressures_Pa=("f8", (LATE_TICKS + 2,)))  # lateness.py  # fmt: skip
 MONITOR = record(  # monitor.py
     tick_s="f8",
     noise_m="f8",  # standard deviation of a position
@@ -181,6 +179,7 @@ ENGAGEMENT = record(  # engagement.py
     reversal_m_s2="f8",  # at the last reversal
     excited="i8",
     stability_limit_m_s2="f8",  # reversal acceleration below which compensation disengages
+    armed="i8",  # started with what was learned: engages before the first reversal
 )  # fmt: skip
 PREDICTION = record(  # prediction.py
     look="i8",
@@ -212,13 +211,15 @@ SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); dou
 )  # fmt: skip
 DESIGN = record(  # taps.py, least_squares.py: work
     triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),
-    past=("f8", (LEAD_TAPS,)), response=("f8", (RESPONSE,)),
+    past=("f8", (LEAD_TAPS,)), response=("f8", (RESPONSE,)), own_taps=("f8", (MAX_DAMPING_TAPS,)),
 )  # fmt: skip
 STATE = record(
     settings=SETTINGS, valve=VALVE, friction=FRICTION, reference=REFERENCE, inverse=INVERSE, engagement=ENGAGEMENT,
     monitor=MONITOR, rounding=ROUNDING, leak=LEAK, trim=TRIM, delay=DELAY, lateness=LATENESS, prediction=PREDICTION,
     demands=DEMAND,
     lag_s="f8", delay_s="f8",  # spool lag that the taps were designed for, and how much of it is delay and no spool
+    resonance_Hz="f8",  # of the load on the oil, for the damping; 0 = unknown
+    viscous_share="f8",  # rate at which viscous friction damps it, over `damping_1_s`
     shift="i8",  # ticks that the taps lie earlier
     lead_taps=("f8", (LEAD_TAPS,)), crossing_taps=("f8", (LEAD_TAPS,)), crossing_path=("f8", (PATH,)),
     damping_taps=("f8", (MAX_DAMPING_TAPS,)),
@@ -241,7 +242,8 @@ EDGE_LEARNED = record(
 LEARNED = record(
     flow=record(null_V="f8", leak_m_s="f8", retract=EDGE_LEARNED, extend=EDGE_LEARNED), rounding_V="f8",
     friction=record(theta_MPa=("f8", (FIT_SIZE,)), windows=("f8", (2,)), half_step_Pa="f8", stribeck_Pa="f8"),
-    delay=record(sums=("f8", (SPOOLS,)), reversals="f8", late_s="f8"),
+    delay=record(sums=("f8", (SPOOLS * LATES,)), reversals="f8", late_s="f8"),
+    plain_control=record(baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,))),
 )  # fmt: skip
 
 
@@ -258,9 +260,13 @@ def as_dict(record: Record) -> dict[str, Any]:
 
 
 def fill(record: Record, values: dict[str, Any]) -> None:
-    """The inverse of `as_dict`; what `values` has besides is left."""
+    """The inverse of `as_dict`; what `values` has besides is left. Older files have nothing of plain control, and the
+    delay's sums by spool alone."""
     for name in record.dtype.names:
+        if name == "plain_control" and name not in values:
+            continue
         if record[name].dtype.names:
             fill(record[name], values[name])
         else:
-            record[name] = values[name]
+            value = np.asarray(values[name])
+            record[name] = value if value.size == record[name].size else value.repeat(record[name].size // value.size)

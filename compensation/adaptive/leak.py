@@ -19,13 +19,15 @@ LEAK_NOISE_M = 7e-6  # of a passage: two positions, and the residual of the iden
 LEAK_MEMORY, LEAK_PASSAGES = 15.0, 2  # passages; and how many must have been seen
 LEAK_ERRORS = 4.0  # standard errors from which there is a leak; half of them to stay
 MISFIT_SHARE = 0.2  # low-pass of the misfit
+INCONSISTENT = 5.0  # standard errors by which a passage contradicts the ones before it: then it is the first
+MAX_RESTARTS = 2  # more is another cause
 
 
 @compiled
 def start_leak(leak):
     """Nothing is known."""
     leak.leak_m_s, leak.variance, leak.passages, leak.misfit = 0.0, LEAK_PRIOR_M_S**2, 0, 1.0
-    leak.positive, leak.excess_m, leak.closed_s = False, math.nan, 0.0
+    leak.positive, leak.excess_m, leak.closed_s, leak.restarts = False, math.nan, 0.0, 0
 
 
 @compiled
@@ -63,6 +65,11 @@ def finish_passage(leak, positive, taken_m_s):
     error = excess_m / closed_s + taken_m_s - leak.leak_m_s
     expected = (LEAK_NOISE_M / closed_s) ** 2
     total = expected + leak.variance
+    if leak.restarts < MAX_RESTARTS and error * error > INCONSISTENT**2 * total:
+        # what was gathered was made with edges that have moved since
+        leak.leak_m_s, leak.variance, leak.passages, leak.misfit = leak.leak_m_s + error, expected, 1, 1.0
+        leak.restarts += 1
+        return False
     leak.passages += 1
     leak.misfit += MISFIT_SHARE * (error * error / total - leak.misfit)
     share = leak.variance / total

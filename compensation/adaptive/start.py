@@ -8,7 +8,7 @@ from ..compiled import compiled
 from .delay import keep_delay, restore_delay
 from .demand import stretch_demands
 from .edge_rounding import restore_rounding, start_rounding
-from .engagement import AT_REST_M_S2
+from .engagement import AT_REST_M_S2, arm, keep_plain_control
 from .friction import keep_friction, restore_friction, start_friction
 from .layout import PREVIEW_TICKS
 from .leak import restore_leak, start_leak
@@ -56,6 +56,7 @@ def restore(s, known):
         stretch_demands(s, look_ahead_shift(s.valve.lag_s, s.settings.tick_s))
         want_design(s, round_lag(s.valve.lag_s))
         design(s)
+    arm(s, known.plain_control)
 
 
 @compiled
@@ -65,3 +66,4 @@ def keep(s, known):
     keep_friction(s.friction, known.friction)
     known.rounding_V = s.trim.rounding_V
     keep_delay(s.delay, s.lateness, known.delay)
+    keep_plain_control(s, known.plain_control)

@@ -22,13 +22,22 @@ from math import sqrt
 
 from ..compiled import compiled
 from .arithmetic import clip, dot, push
-from .delay import add_to_delay, add_to_lateness, due_pressure_Pa, found_delay_s, pressure_then_Pa, softness_m_Pa
+from .delay import add_to_delay, found_delay_s, found_lateness_s, softness_m_Pa
 from .demand import append_demand, drop_demand, stretch_demands
 from .edge_rounding import add_to_rounding, add_to_trim, lower_bound_V
 from .engagement import update_engagement, weight
 from .feedback import backlash_inverse, damping
-from .friction import add_to_friction, demanded_pressure, inertia_Pa, stribeck_share
+from .friction import (
+    add_to_friction,
+    demanded_pressure,
+    friction_ready,
+    inertia_Pa,
+    resonance_of_load_Hz,
+    stribeck_share,
+    viscous_decay_1_s,
+)
 from .inverse import advance_inverse
+from .lateness import due_pressure_Pa, pressure_then_Pa
 from .layout import LEAD_TAPS, PREVIEW_TICKS
 from .leak import start_leak, tell_leak
 from .prediction import predict, watch_setpoint
@@ -43,6 +52,7 @@ DEVIATION_SHARE = 0.06  # low-pass of the pressure's deviation from the demand, 
 PRESSURE_MEAN_S = 0.2  # time constant of the pressures that the gain of plain control is computed with
 DELAY_TOLERANCE_S = 1e-4  # change of the delay from which the taps are designed anew
 LAG_TOLERANCE_S = 2e-5  # change of the lag from which the taps are designed anew
+RESONANCE_TOLERANCE = 0.06  # relative change of the load's resonance from which they are, too
 MIN_DROP_SHARE = 0.02  # of the reference drop: lower bound of a pressure drop
 DESIGN_WANTED, WORSE, REJECTED = 1, 2, 4  # what a tick tells its caller
 
@@ -174,12 +184,8 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     add_to_valve(valve, z, v, root)
     if not engaged and recentre(valve):
         start_leak(state.leak)
-    deviation = state.deviation_Pa[0] - state.mean_deviation_Pa
-    add_to_lateness(state.lateness, deviation, compensated and state.engagement.after_reversal != 0, state.lag_s)
     roots = _roots(settings, supply_Pa, p)
-    judged = add_to_delay(state.delay, z, p_late, v, velocity_m_s - valve.leak_m_s, roots, valve, compensated)
-    if judged and abs(found_delay_s(state.delay, state.lag_s) - state.delay_s) > DELAY_TOLERANCE_S:
-        want_design(state, state.lag_s)
+    _find_delay(state, position_m, p, v, velocity_m_s, roots, compensated)
     if compensated:
         add_to_trim(state.trim, state.oil_error_m, velocity_m_s, 0.5 * valve.edges[0].dead_band_V)
     if valve_usable(valve):
@@ -193,6 +199,10 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
         if not engaged:
             stretch_demands(state, look_ahead_shift(valve.lag_s, settings.tick_s))
         want_design(state, round_lag(valve.lag_s))
+    elif friction_ready(state.friction) and valve_ready(valve):
+        resonance_Hz = resonance_of_load_Hz(state.friction, settings)
+        if abs(resonance_Hz - state.resonance_Hz) > RESONANCE_TOLERANCE * resonance_Hz:
+            want_design(state, state.lag_s)
     friction, late = state.friction, position_m - reference_m
     stribeck, presliding, inertia = friction.stribeck, friction.presliding, inertia_Pa(friction)
     complete = add_to_stribeck(stribeck, velocity_m_s, state.deviation_Pa[0], late, share)
@@ -207,6 +217,25 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
 
 
 @compiled
+def _find_delay(state, position_m, p, volts_V, velocity_m_s, roots, compensated):
+    """One tick of the delay, and of how much of it is the position's."""
+    delay, lateness, valve = state.delay, state.lateness, state.valve
+    y, flow_m_s = position_m - state.leaked_m, velocity_m_s - valve.leak_m_s
+    compliance = compliance_m_Pa(state.settings, position_m)
+    if add_to_delay(delay, y, p, volts_V, flow_m_s, roots, valve, compliance, compensated):
+        late_s = found_lateness_s(delay, state.lag_s)
+        change_s = max(abs(late_s - lateness.late_s), abs(found_delay_s(delay, state.lag_s) - state.delay_s))
+        lateness.late_s = late_s
+        if change_s > DELAY_TOLERANCE_S:
+            want_design(state, state.lag_s)
+
+
+@compiled
 def want_design(state, lag_s):
     """The taps are to be designed anew, for this lag."""
     state.lag_s, state.delay_s, state.design_wanted = lag_s, round_lag(found_delay_s(state.delay, lag_s)), True
+    if friction_ready(state.friction):
+        state.resonance_Hz = round(resonance_of_load_Hz(state.friction, state.settings))
+        state.viscous_share = (
+            round(20.0 * viscous_decay_1_s(state.friction) / max(state.settings.damping_1_s, 1.0)) / 20.0
+        )

@@ -1,4 +1,4 @@
-"""FIR filters for the spool's lag: leads for the flow and for the dead band, and a damping filter through the spool.
+"""FIR filters for the spool's lag: leads for the flow and for the dead band. damping_design.py makes the damping's.
 
 The response of the spool to the volts of one tick (held over the tick), averaged over each following tick, is
 
@@ -13,18 +13,16 @@ import math
 
 from ..compiled import compiled
 from .arithmetic import dot, fill_zero, push
+from .damping_design import damping_filter
 from .layout import LEAD_TAPS, LEAD_TICKS, PATH_AFTER, PATH_BEFORE, PATH_FINE, RESPONSE
 from .least_squares import add_row, solve, start_least_squares
-from .spool import SPOOL_DAMPING, round_lag, step_response
+from .spool import round_lag, step_response
 
 FREE_TICKS = 0.75  # on either side of the crossing in which the spool's path is nearly free, with FREE_WEIGHT
 FREE_WEIGHT = 0.3
 CROSSING_SMOOTHING = 1e-5  # of the crossing lead
 RESPONSE_FINE, CROSSING_FINE = 40, 20  # samples a tick
 SUM_WEIGHT = 1e3  # of the taps' sum and centre
-DAMPING_ABOVE, DAMPING_REST, DAMPING_SIZE = 0.15, 1e2, 0.03  # weights: above the band, at rest, of the taps' size
-BAND_STEPS, ABOVE_STEPS, ABOVE_BAND, CHECK_STEPS = 40, 30, 1.6, 60  # frequencies in the band, above 1.6 times its end
-MAX_WRONG_SHARE = 1.2  # of a pressure oscillation that the damping may feed at any frequency, over what it damps
 
 
 @compiled
@@ -37,7 +35,8 @@ def design(state):
     crossing_lead(work, state.crossing_taps, lag_s, tick_s, delay_s, shift)
     crossing_path(work, state.crossing_path, state.crossing_taps, lag_s, tick_s, delay_s, shift)
     late_s = min(round_lag(state.lateness.late_s), delay_s)  # of the position; pressure is not late
-    damping_filter(work, state.damping_taps, lag_s - late_s, delay_s - late_s, settings)
+    load = state.resonance_Hz, state.viscous_share
+    damping_filter(work, state.damping_taps, lag_s - late_s, delay_s - late_s, load, settings)
     state.design_wanted = False
 
 
@@ -139,67 +138,3 @@ def _solve_taps(work, taps, smoothing, centre):
         total += taps[i]
     for i in range(LEAD_TAPS):
         taps[i] /= total
-
-
-@compiled
-def damping_filter(work, taps, lag_s, delay_s, settings):
-    """Taps on the newest pressures: the flow through the lagging valve opposes the pressure's oscillation.
-
-    Least squares in frequency: taps times the valve's response is to be 1 between `damping_low_Hz` and
-    `damping_high_Hz`, small above and 0 at rest (the taps sum to zero). Then all of them are made smaller until the
-    flow nowhere follows the pressure by more than MAX_WRONG_SHARE.
-    """
-    n, low_Hz, high_Hz, tick_s = (
-        int(settings.damping_count),
-        settings.damping_low_Hz,
-        settings.damping_high_Hz,
-        settings.tick_s,
-    )
-    nyquist, row = 0.5 / tick_s, work.row
-    start_least_squares(work, n)
-    for k in range(BAND_STEPS + ABOVE_STEPS):
-        inside = k < BAND_STEPS
-        if inside:
-            f = low_Hz + k * (high_Hz - low_Hz) / (BAND_STEPS - 1)
-        else:
-            f = ABOVE_BAND * high_Hz + (k - BAND_STEPS) * (nyquist - ABOVE_BAND * high_Hz) / (ABOVE_STEPS - 1)
-        weight = 1.0 if inside else DAMPING_ABOVE
-        for part in range(2):
-            for i in range(n):
-                row[i] = weight * _valve_response(f, tick_s, lag_s, delay_s, i)[part]
-            row[n] = weight if inside and part == 0 else 0.0
-            add_row(work, n)
-    for i in range(n):
-        row[i] = DAMPING_REST
-    row[n] = 0.0
-    add_row(work, n)
-    for i in range(n):
-        fill_zero(row)
-        row[i] = DAMPING_SIZE
-        add_row(work, n)
-    solve(work, n, taps)
-    mean, wrong = 0.0, 1e-9
-    for i in range(n):
-        mean += taps[i] / n
-    for i in range(n):
-        taps[i] -= mean
-    for k in range(CHECK_STEPS):
-        f, through = low_Hz + k * (nyquist - low_Hz) / (CHECK_STEPS - 1), 0.0
-        for i in range(n):
-            through += taps[i] * _valve_response(f, tick_s, lag_s, delay_s, i)[0]
-        wrong = max(wrong, -through)
-    for i in range(n):
-        taps[i] *= min(1.0, MAX_WRONG_SHARE / wrong)
-
-
-@compiled
-def _valve_response(f_Hz, tick_s, lag_s, delay_s, ticks):
-    """Real and imaginary part of spool, hold, delay and `ticks` more at a frequency."""
-    w = 2 * math.pi * f_Hz
-    lag_s = max(lag_s - delay_s, 0.0)
-    real, imaginary = 1.0 - (w * lag_s / (2 * SPOOL_DAMPING)) ** 2, w * lag_s
-    half = 0.5 * w * tick_s
-    size = math.sin(half) / half / (real * real + imaginary * imaginary)
-    phase = w * ((0.5 + ticks) * tick_s + delay_s)
-    cosine, sine = math.cos(phase), math.sin(phase)
-    return size * (real * cosine - imaginary * sine), -size * (real * sine + imaginary * cosine)

@@ -30,6 +30,7 @@ from .valve_edge import (
     ACCEPT_ERRORS,
     MIN_BACKLASH_V,
     REJECT_ERRORS,
+    WINDOW_NOISE_M,
     backlash_errors,
     edge_V,
     lag_difference_s,
@@ -45,7 +46,10 @@ NULL_TOLERANCE_V = 5e-3  # by which the null may be off the middle of the edges
 NULL_ALPHA, NULL_BETA = 0.08, 0.003  # with which the null and its rate follow, a window
 NULL_ERROR_V, NULL_RATE_V_S, NULL_TICKS = 5e-3, 0.03, 100  # bounds: an error, the rate, ticks between windows
 UNKNOWN_LEAK = 3.0  # times the slowest speed of a window, while a leak may move the piston by itself
-RESTORED_VARIANCE = 1e-4  # of the prior's, of an edge that was known
+RESTORED_VARIANCE, RESTORED_COUNT = (
+    1e-4,
+    50,
+)  # of the prior's, of an edge that was known; windows its residual stands for
 USABLE_WINDOWS = 8  # from which the gain is right within some per cent
 
 
@@ -255,6 +259,8 @@ def _restore_edge(edge, known):
     if known.ready != 0.0:
         scale_covariance(edge.plain_fit, RESTORED_VARIANCE)
         scale_covariance(edge.backlash_fit, RESTORED_VARIANCE)
+        for fit in (edge.plain_fit, edge.backlash_fit):  # one odd window is not enough to reject it
+            fit.count, fit.residual = RESTORED_COUNT, WINDOW_NOISE_M**2
     edge.windows, edge.ready = known.windows, known.ready != 0.0
     edge.gain_m_s_V, edge.dead_band_V = known.gain_m_s_V, known.dead_band_V
     edge.lag_s, edge.backlash_V = known.lag_s, known.backlash_V

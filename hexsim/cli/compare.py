@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexsim.cli import completion, options
-from hexsim.cli.console import output, print_json, progress, step_of, terminated_like_interrupted
+from hexsim.cli.console import output, print_json, progress, step_of, terminated_like_interrupted, text_table
 from hexsim.cli.errors import FULL
 from hexsim.errors import HexsimError
 from hexsim.files.formats import LogFormat
@@ -39,6 +39,7 @@ def compare(
     out: options.Out = None,
     json: options.Json = False,
     settings: options.Set = None,
+    host: options.Packets = None,
     recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write run.rrd for Rerun.")] = True,
     log_format: Annotated[LogFormat, typer.Option(help="Format of the log files.")] = "parquet",
 ) -> None:
@@ -50,13 +51,13 @@ def compare(
     from hexsim.studies.compare import comparison_tables, interrupted, names_of, write_comparison
 
     with_machine, what = options.prepare(scenario, motion, settings)
-    names = names_of(compensators)
+    names = names_of(compensators, with_machine)
     with run_folder(out or default_folder(f"compare-{what.name}")) as folder, progress() as bar:
         check_resources(machine_in(what, with_machine), len(names) * what.duration_s, folder.out.absolute().parent)
         tasks = {name: bar.add_task(name, total=1.0) for name in names}
         with terminated_like_interrupted():
             runs = run_all(
-                with_machine, what, names, fast=fast, seed=seed, timestep=timestep,
+                with_machine, what, names, fast=fast, seed=seed, timestep=timestep, host=options.host_of(host),
                 progress=lambda name, fraction: bar.update(tasks[name], completed=fraction),
             )  # fmt: skip
             try:
@@ -79,10 +80,12 @@ def print_comparison(runs: Mapping[str, Run], place: str) -> None:
     """One table a driven axis; the lowest peak in green."""
     from rich.table import Table
 
+    from hexsim.recording.felt import felt_of
     from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit
     from hexsim.recording.summary_table import comparison_rows, number
 
     console, first = output(), next(iter(runs.values()))
+    people = felt_of(runs)
     for axis in [name for name in Signals.of_run(first).driven_axes if name in first.summary["axes"]]:
         unit = axis_unit(axis).replace("_s2", "/s²")
         title = f"{first.scenario.name} on {first.machine.name}: {AXIS_NAMES[axis]} [{unit}]"
@@ -100,9 +103,20 @@ def print_comparison(runs: Mapping[str, Run], place: str) -> None:
             table.add_row(row["name"], *(number(row[key]) for key in keys), style=style)
         console.print(table)
         console.print()
+        _print_felt(people, axis)
     for name, run in runs.items():
         if not run.complete:
             console.print(f"{name}: {run.reason}", style="yellow")
     for warning in sorted({text for run in runs.values() for text in run.warnings if text != run.reason}):
         console.print(f"note    {warning}")
     console.print(f"files   {place}")
+
+
+def _print_felt(people: Mapping[str, Mapping[str, Mapping[str, float | None]]], axis: str) -> None:
+    """What a person feels along an axis, a row a compensator."""
+    from hexsim.recording.felt import FELT_HEADS, felt_cells
+
+    rows = [(name, *felt_cells(axes[axis])) for name, axes in people.items() if axis in axes]
+    if rows:
+        output().print(text_table("what a person feels", ("compensator", *FELT_HEADS), rows))
+        output().print()

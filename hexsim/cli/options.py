@@ -18,6 +18,7 @@ from hexsim.errors import HexsimError, shortened
 if TYPE_CHECKING:
     from hexsim.machine import Machine
     from hexsim.scenarios import Scenario
+    from hexsim.simulation.hosted import Host
 
 ScenarioName = Annotated[
     str,
@@ -58,6 +59,13 @@ TimeStep = Annotated[
     typer.Option("--timestep", min=1e-6, max=1e-3, help="Constant time step (s); default: chosen from the machine."),
 ]
 Out = Annotated[Path | None, typer.Option("--out", "-o", help="Folder to write; default runs/<time>-<scenario>.")]
+Packets = Annotated[
+    str | None,
+    typer.Option(
+        "--host",
+        help="A host that knows no future drives: packets a second, and more as in 60,jitter=0.2,loss=0.02,buffer=0.02.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else there.")]
 Set = Annotated[
     list[str] | None,
@@ -125,6 +133,13 @@ def flattened(command: Callable[..., None]) -> Callable[..., None]:
     called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     called.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return called
+
+
+def host_of(packets: str | None) -> Host | None:
+    """The host that `--host` describes."""
+    from hexsim.simulation.hosted import Host
+
+    return None if packets is None else Host.parse(packets)
 
 
 def prepare(scenario_name: str, motion: Motion, settings: list[str] | None = None) -> tuple[Machine, Scenario]:

@@ -34,6 +34,7 @@ def run(
     out: options.Out = None,
     json: options.Json = False,
     settings: options.Set = None,
+    host: options.Packets = None,
     recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write run.rrd for Rerun.")] = True,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write figures and report.html.")] = True,
     log_format: Annotated[LogFormat, typer.Option(help="Format of the log file.")] = "parquet",
@@ -68,7 +69,7 @@ def run(
 
         done = simulate(
             with_machine, what, compensator=compensator, fast=fast, seed=seed, timestep=timestep,
-            progress=fraction_of(bar, f"{what.name} on {with_machine.name}"), interventions=payloads,
+            progress=fraction_of(bar, f"{what.name} on {with_machine.name}"), interventions=payloads, host=options.host_of(host),
         )  # fmt: skip
         place = keep(done, folder, step_of(bar), log_format=log_format, recording=recording, report=report, mcap=mcap)
     if json:

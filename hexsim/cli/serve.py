@@ -9,6 +9,7 @@ import typer
 
 from hexsim.cli import options
 from hexsim.cli.console import output, print_json, terminated_like_interrupted
+from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
     from hexsim.simulation.serve import Status
@@ -37,6 +38,14 @@ def serve(
     lockstep: Annotated[
         bool, typer.Option("--lockstep", help="Machine time follows the host's packets, not the clock.")
     ] = False,
+    source: Annotated[
+        str | None,
+        typer.Option("--from", help="Packets of a simulator, washed out: flightgear, xplane, outsim, or a TOML file."),
+    ] = None,
+    buffer_ms: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=500.0, help="Latency given away so that less is predicted; default: the machine's."),
+    ] = None,
     duration: Annotated[float | None, typer.Option(help="Stop after this time (s); default: Ctrl-C.")] = None,
     out: Annotated[
         Path | None,
@@ -46,11 +55,16 @@ def serve(
 ) -> None:
     """Run the machine in real time with its host interface over UDP; shows its lag behind real time."""
     with_machine, what = options.prepare(scenario or "heave", options.Motion(machine=machine))
+    from hexsim.cueing.protocols import protocol
     from hexsim.simulation.serve import Server
+
+    if source and lockstep:
+        raise HexsimError("--from and --lockstep exclude each other: a vehicle's packets hold no machine time")
 
     server = Server(
         with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep,
         telemetry=telemetry, lockstep=lockstep, record_s=min(duration or LONGEST_LOG_S, LONGEST_LOG_S) if out else 0.0,
+        buffer_s=None if buffer_ms is None else 1e-3 * buffer_ms, vehicle=protocol(source) if source else None,
     )  # fmt: skip
     address = f"{server.address[0]}:{server.address[1]}"
     typer.echo(f"{with_machine.name} listens on udp://{address}, state {start}; Ctrl-C stops it", err=True)
@@ -71,6 +85,9 @@ def serve(
         print_json({"address": address, **asdict(status)})
     else:
         output().print(f"{line(status)}, at most {1e3 * status.worst_behind_s:.1f} ms behind")
+        if status.latency_ms:
+            found = ", ".join(f"{axis} {ms:.1f} ms" for axis, ms in status.latency_ms.items())
+            output().print(f"latency from packet to felt acceleration: {found}")
 
 
 def line(status: Status) -> str:

@@ -28,7 +28,7 @@ from compensation.adaptive.prediction import prediction_table
 from compensation.adaptive.start import keep
 from compensation.adaptive.taps import design
 from hexsim.errors import HexsimError
-from hexsim.export.toolchain import SYSTEMS, has_linker, object_of, shared_library
+from hexsim.export.toolchain import SYSTEMS, System, has_linker, object_of, shared_library
 from hexsim.files.atomic import written_whole
 
 NAMES = ("adaptive",)  # compensators that are compiled throughout
@@ -111,7 +111,7 @@ def export_compensator(
         raise HexsimError(f"target '{target}' is unknown: {', '.join(TARGETS)} are possible")
     system, prefix = TARGETS[target], f"hexsim_{name}"
     out.mkdir(parents=True, exist_ok=True)
-    code = object_of({f"{prefix}_{key}": function for key, function in native_functions().items()}, system)
+    code = compensator_object(system)
     written = {
         f"{prefix}.o": code,
         f"{prefix}.h": header(name, context, learned).encode(),
@@ -124,6 +124,11 @@ def export_compensator(
         with written_whole(out / file) as begun:
             begun.write_bytes(content)
     return [out / file for file in written]
+
+
+def compensator_object(system: System, exported: bool = True) -> bytes:
+    """Object file of `adaptive`. exported: its functions leave a Windows library that it is linked into."""
+    return object_of({f"hexsim_adaptive_{key}": made for key, made in native_functions().items()}, system, exported)
 
 
 def _packaged(name: str) -> bytes:

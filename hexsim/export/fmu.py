@@ -20,9 +20,11 @@ from typing import Literal
 import mujoco
 import numpy as np
 
+from compensation.adaptive.guarded import SIZE
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.export import mujoco_library, native
+from hexsim.export.compensator import N_SETTINGS, compensator_object, settings_of
 from hexsim.export.model_description import model_description
 from hexsim.export.toolchain import SYSTEMS
 from hexsim.export.variables import OUTPUT_KINDS, Variables, mass_body, mass_key, mass_offset, variables_of
@@ -30,6 +32,7 @@ from hexsim.files.atomic import written_whole
 from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.steps import LONGEST_S
 from hexsim.motion_computer.controller import N_MEMORY
+from hexsim.motion_computer.position_loop import compensator_context
 from hexsim.plant import Plant
 from hexsim.plant.mjcf import ModelKind
 from hexsim.plant.states import ROW, A
@@ -38,7 +41,7 @@ DELAYED_COMMANDS = 1024  # that an instance remembers where a valve is late
 COMMUNICATION_STEP_S = 0.002  # proposed to the tool
 TAKES = {
     "plant": "Valve volts in, motion and pressures out",
-    "machine": "Setpoints in, motion, pressures and valve volts out: the motion computer with its declared controllers inside",
+    "machine": "Setpoints in, motion, pressures and valve volts out: the motion computer with its controllers and compensator inside",
 }
 
 
@@ -64,6 +67,10 @@ def export_fmu(
         mujoco.mj_saveModel(plant.model, str(folder / "model.mjb"), None)
         equations = native.equations(plant) | (native.loop_equations(plant) if what == "machine" else {})
         compiled = [native.objects(equations, system, folder) for system in systems]
+        if what == "machine":
+            for system, (objects, _) in zip(systems, compiled, strict=True):
+                objects.append(folder / f"compensator.{system.name}.o")
+                objects[-1].write_bytes(compensator_object(system, exported=False))
         header = machine_header(plant, variables, what, sorted({name for _, missing in compiled for name in missing}))
         made = [path.read_bytes() for objects, _ in compiled for path in objects]
         digest = hashlib.sha256(b"".join([header.encode(), (folder / "model.mjb").read_bytes(), *made])).hexdigest()
@@ -108,7 +115,12 @@ def machine_header(plant: Plant, variables: Variables, what: str, missing: list[
         "IS_MACHINE": int(what == "machine"), "TICK": 1.0 / plant.machine.controller.rate_Hz, "N_MEMORY": N_MEMORY,
         "N_INPUTS": len(variables.inputs), "RING": DELAYED_COMMANDS if delay.any() else 2,
         "LONGEST_DELAY": float(delay.max()), "N_CHANGES": len(changes),
+        "COMPENSATOR_SIZE": SIZE if what == "machine" else 1, "N_SETTINGS": N_SETTINGS,
+        "COMPENSATOR_PARAMETER": len(variables.parameters) - 1,
     }  # fmt: skip
+    settings = [
+        list(settings_of(compensator_context(plant.machine, None, i + 1)).values()) for i in range(plant.n_legs)
+    ]
     kinds = ", ".join(OUTPUT_KINDS.values())
     lines = [
         *(f"#define {name} ({value!r})" for name, value in numbers.items()),
@@ -135,6 +147,7 @@ def machine_header(plant: Plant, variables: Variables, what: str, missing: list[
                 ("START_RULE", rule),
                 ("SUPPLY_ROW", supply),
                 ("ALONG", along),
+                ("COMPENSATOR_SETTINGS", settings),
                 ("INPUT_START", [start for *_, start in variables.inputs]),
             )
         ),

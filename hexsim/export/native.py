@@ -19,8 +19,17 @@ from hexsim.hydraulics import steps, valve
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.steps import StepRule
 from hexsim.mechanics.leg_geometry import lengths_of_rows
-from hexsim.motion_computer.controller import N_MEMORY, C, Control, begin
-from hexsim.motion_computer.controller import tick as control_step
+from hexsim.motion_computer.controller import (
+    N_MEMORY,
+    C,
+    Control,
+    begin,
+    computed,
+    feed_forward,
+    feedback,
+    leg_path,
+    saturated,
+)
 from hexsim.motion_computer.declared_control import control_of
 from hexsim.plant import Plant
 from hexsim.plant.callbacks import native_callbacks
@@ -93,32 +102,47 @@ def equations(plant: Plant) -> dict[str, Any]:
 
 
 def loop_equations(plant: Plant) -> dict[str, Any]:
-    """What the motion computer of the plant's machine adds: legs from setpoints, and its declared controllers.
+    """What the motion computer of the plant's machine adds: legs from setpoints and its declared controllers, up to the
+    volts that are asked for (control), and from there to the valves (command). A compensator may add in between.
 
-    Position and pressure are read with the declared gain, offset and resolution, without noise.
+    Positions and pressures are read in place, with the declared gain, offset and resolution, without noise.
     """
     number, pointer = types.float64, types.CPointer(types.float64)
     n_legs, control, n_inputs = plant.n_legs, control_of(plant.machine), len(plant.kinematics.dofs)
     sensors = SensorBank(plant.resolved, 1, 1.0 / plant.machine.controller.rate_Hz, 0)
-    position, bottom = (_reading(sensors[stem]) for stem in ("position", "pressure_bottom"))
+    position, bottom, supply = (_reading(sensors[stem]) for stem in ("position", "pressure_bottom", "pressure_supply"))
     piston_positions, ratio = _setpoints_of(plant), control.rows[:, C.AREA_RATIO].copy()
     rows, inertia, size = control.rows, control.inertia, N_MEMORY
 
-    @cfunc(number(*[pointer] * 7, number), error_model="numpy")
-    def control_tick(inputs, places, pressures, tops, memory, setpoints, volts, is_first):
-        setpoint, out = carray(setpoints, (n_legs,)), carray(volts, (n_legs,))
+    @cfunc(number(*[pointer] * 10, number), error_model="numpy")
+    def control_tick(
+        inputs, places, pressures, tops, supply_pressure, memory, setpoints, followed, forward, asked, is_first
+    ):  # fmt: skip
+        setpoint, path, out = carray(setpoints, (n_legs,)), carray(followed, (1, n_legs)), carray(asked, (n_legs,))
+        ahead, kept, top = carray(forward, (n_legs,)), carray(memory, (n_legs, size)), carray(tops, (n_legs,))
+        at, below = carray(places, (n_legs,)), carray(pressures, (n_legs,))
         setpoint[:] = piston_positions(carray(inputs, (n_inputs,)))
-        measured, load = read(carray(places, (n_legs,)), position), read(carray(pressures, (n_legs,)), bottom)
-        top, kept = carray(tops, (n_legs,)), carray(memory, (n_legs, size))
-        for i in range(n_legs):
-            load[i] -= ratio[i] * top[i]
-        declared = Control(rows, inertia)
+        at[:], below[:] = read(at, position), read(below, bottom)
+        load, declared = below - ratio * top, Control(rows, inertia)
         if is_first > 0.0:
-            begin(declared, kept, setpoint, measured, load)
-        control_step(declared, kept, setpoint, measured, load, out)
+            begin(declared, kept, setpoint, at, load)
+        leg_path(declared, kept, setpoint.reshape(1, -1), path)
+        feed_forward(declared, kept, path[0], ahead)
+        feedback(declared, kept, path[0], at, load, out)
+        for i in range(n_legs):
+            out[i] += ahead[i]
+        feeding = carray(supply_pressure, (1,))
+        feeding[:] = read(feeding, supply)
         return 0.0
 
-    return {"control": control_tick}
+    @cfunc(number(*[pointer] * 4), error_model="numpy")
+    def command(memory, asked, commanded, volts):
+        declared, kept, sent = Control(rows, inertia), carray(memory, (n_legs, size)), carray(commanded, (n_legs,))
+        saturated(declared, kept, carray(asked, (n_legs,)), sent)
+        computed(declared, kept, sent, carray(volts, (n_legs,)))
+        return 0.0
+
+    return {"control": control_tick, "command": command}
 
 
 def _reading(sensor: Any) -> tuple[Any, ...]:

@@ -162,6 +162,10 @@ Status start(Instance *c) {
   memset(c->now.spool_volts, 0, sizeof c->now.spool_volts);
   memset(c->now.velocity_before, 0, sizeof c->now.velocity_before);
   memset(c->now.volts, 0, sizeof c->now.volts);
+  memset(c->now.commanded, 0, sizeof c->now.commanded);
+#if IS_MACHINE
+  for (int i = 0; i < N_LEGS; i++) hexsim_adaptive_init(c->now.compensators[i], COMPENSATOR_SETTINGS + i * N_SETTINGS);
+#endif
   c->now.commands = c->now.calm_s[0] = 0;
   c->now.is_started = 1;
   c->outputs_hold = false;
@@ -271,16 +275,26 @@ static Status hold(Instance *c, double span) {
 }
 
 #if IS_MACHINE
-/* One tick of the motion computer: from the present positions and pressures to volts. */
+/* One tick of the motion computer: from the present positions and pressures to volts. The future is not known. */
 static void control(Instance *c) {
-  double position[N_LEGS], bottom[N_LEGS], top[N_LEGS];
+  Numbers *now = &c->now;
+  double position[N_LEGS], bottom[N_LEGS], top[N_LEGS], path[N_LEGS], forward[N_LEGS], asked[N_LEGS], supply, added;
   if (!c->outputs_hold) evaluate(c);
   for (int i = 0; i < N_LEGS; i++) {
     position[i] = output(c, POSITION, i);
     bottom[i] = output(c, BOTTOM, i);
     top[i] = layout(c, i)[ROD_SIDE] >= 0 ? output(c, TOP, i) : 0;
   }
-  hexsim_control(c->now.inputs, position, bottom, top, c->now.memory, c->now.setpoints, c->now.volts, c->now.commands == 0);
+  supply = output(c, SUPPLY, 0);
+  hexsim_control(now->inputs, position, bottom, top, &supply, now->memory, now->setpoints, path, forward, asked,
+                 now->commands == 0);
+  for (int i = 0; i < N_LEGS && now->parameters[COMPENSATOR_PARAMETER] > 0; i++) {
+    int told = hexsim_adaptive_step(now->compensators[i], path[i], path + i, 1, position[i], asked[i], forward[i],
+                                    now->commanded[i], bottom[i], supply, &added);
+    if (told & 1) hexsim_adaptive_design(now->compensators[i]);
+    asked[i] += added;
+  }
+  hexsim_command(now->memory, asked, now->commanded, now->volts);
 }
 
 Status advance(Instance *c, double span) {

@@ -47,6 +47,8 @@ typedef struct {
   double volts[N_LEGS];        /* commanded */
   double setpoints[N_LEGS];    /* of the legs, and */
   double memory[IS_MACHINE ? N_LEGS * N_MEMORY : 1]; /* what the controllers remember */
+  double compensators[IS_MACHINE ? N_LEGS : 1][COMPENSATOR_SIZE]; /* what the compensators remember, */
+  double commanded[N_LEGS];    /* and the volts before the computing delay */
   double spool_volts[N_LEGS];  /* after delay and hysteresis */
   double past[RING][N_LEGS];   /* the last commands that differ, */
   double since[RING];          /* and the time from which each holds [s] */
@@ -79,8 +81,14 @@ double hexsim_choose(const double *user, const double *act, const double *ctrl, 
                      double *velocity_before, double *calm_s, const double *rule, double *timestep, double ticks, double span);
                      /* gives the steps */
 
-double hexsim_control(const double *inputs, const double *position, const double *bottom, const double *top, double *memory,
-                      double *setpoints, double *volts, double is_first);
+/* Motion computer: positions and pressures are read in place; `path`: setpoints as the loops follow them. */
+double hexsim_control(const double *inputs, double *position, double *bottom, const double *top, double *supply, double *memory,
+                      double *setpoints, double *path, double *forward, double *asked, double is_first);
+double hexsim_command(double *memory, const double *asked, double *commanded, double *volts);
+int hexsim_adaptive_init(double *state, const double *settings);
+int hexsim_adaptive_step(double *state, double setpoint, const double *preview, int count, double position, double control,
+                         double forward, double valve, double bottom, double supply, double *added);
+void hexsim_adaptive_design(double *state);
 
 /* plant.c */
 Status refuse(const Instance *c, const char *format, ...); /* through the logger; gives ERROR */

@@ -81,13 +81,13 @@ def module_of(function: Any, symbol: str, system: System, machine: Any, exported
     return module
 
 
-def object_of(functions: Mapping[str, Any], system: System) -> bytes:
+def object_of(functions: Mapping[str, Any], system: System, exported: bool = True) -> bytes:
     """One object file that holds the cfuncs by their symbols, and needs the C library's mathematics alone.
 
     Numba's error paths, which strict native code never takes, end the process.
     """
     machine = target_machine(system)
-    modules = [module_of(function, symbol, system, machine) for symbol, function in functions.items()]
+    modules = [module_of(function, symbol, system, machine, exported) for symbol, function in functions.items()]
     for other in modules[1:]:
         modules[0].link_in(other)
     whole = llvm.parse_assembly(_without_error_paths(str(modules[0])))

@@ -51,6 +51,7 @@ OUTPUT_KINDS = {
     "setpoint": "SETPOINT",
 }
 LOOP_KINDS = ("VALVE", "SETPOINT")  # of a motion computer
+COMPENSATOR = "compensator.adaptive"  # its parameter: 1 switches compensation on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +116,11 @@ def variables_of(plant: Plant, what: Literal["plant", "machine"]) -> Variables:
     elif what == "machine":
         inputs = [(BENCH_COLUMN, label_of(BENCH_COLUMN), float(plant.kinematics.neutral_positions[0]))]
         outputs = [output for output in outputs if output.kind != "SETPOINT"]
-    return Variables(inputs=tuple(inputs), outputs=tuple(outputs), parameters=_parameters(plant))
+    switch = Parameter(
+        name=COMPENSATOR, description="adaptive compensation of valve and friction, 1 on", start=0.0, low=0.0, high=1.0
+    )
+    parameters = (*_parameters(plant), *([switch] if what == "machine" else []))
+    return Variables(inputs=tuple(inputs), outputs=tuple(outputs), parameters=parameters)
 
 
 def mass_key(machine: Machine) -> str:
@@ -179,8 +184,7 @@ def _largest_force_N(machine: Machine) -> float:
 
 def _changes(machine: Machine, key: str, value: float) -> tuple[Change, ...]:
     """The numbers that follow the key; none where one of them is not affine in it."""
-    step = value or 1.0
-    here, once, twice = (_numbers(_with(machine, key, value + k * step)) for k in range(3))
+    step, (here, once, twice) = _steps(machine, key, value)
     difference = once - here
     if not np.allclose(twice - here, 2 * difference, rtol=1e-9, atol=0):
         return ()
@@ -196,6 +200,18 @@ def _changes(machine: Machine, key: str, value: float) -> tuple[Change, ...]:
             )
         )  # fmt: skip
     return tuple(changes)
+
+
+def _steps(machine: Machine, key: str, value: float) -> tuple[float, list[np.ndarray]]:
+    """A step of the key, and the numbers at 0, 1 and 2 steps. A leg of its own is validated: the step stays possible."""
+    step = value or 1.0
+    while True:
+        try:
+            return step, [_numbers(_with(machine, key, value + k * step)) for k in range(3)]
+        except ValueError:
+            if abs(step) < 1e-9 * abs(value or 1e-9):
+                raise
+            step /= 10.0
 
 
 def _numbers(machine: Machine) -> np.ndarray:

@@ -32,6 +32,7 @@ OF_A_RUN = (
     "report.html",
     "config.toml",
     "learned.json",
+    "compensator.json",
     "figures",
     LAST,
 )

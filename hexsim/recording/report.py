@@ -16,6 +16,7 @@ from hexsim import __version__
 from hexsim.files.report_links import BEGIN, END
 from hexsim.motion_computer.margins import stability_sentence, worst_figures
 from hexsim.recording.config import config_tables
+from hexsim.recording.felt import FELT_HEADS, felt_cells, felt_of
 from hexsim.recording.quantity import plain, quantity, share, spelled
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit, axis_unit_text
 from hexsim.recording.summary_table import axis_header, axis_label, axis_rows, comparison_rows, facts, number
@@ -161,6 +162,15 @@ def cards(summary: Mapping[str, Any], driven: tuple[str, ...]) -> list[tuple[str
     ]
 
 
+def _axis_pictures(pictures: Mapping[str, bytes], prefix: str) -> list[tuple[str, str]]:
+    """(axis, data URL) of the pictures whose names begin so."""
+    return [
+        (axis_label(name.removeprefix(prefix)), data_url(data))
+        for name, data in pictures.items()
+        if name.startswith(prefix)
+    ]
+
+
 def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes]) -> str:
     """The page of runs side by side; pictures: name -> PNG."""
 
@@ -189,6 +199,12 @@ def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes]) ->
         facts=[fact for fact in facts(first.summary, first) if fact[0] in ("duration", "model", "seed")],
         warnings=sorted({text for run in runs.values() for text in run.warnings if text != run.reason}),
         messages=[(name, *message) for name, run in runs.items() for message in run.messages],
-        pictures=[(axis_label(name.removeprefix("comparison_")), data_url(data)) for name, data in pictures.items()],
+        pictures=_axis_pictures(pictures, "comparison_"),
+        bumps=_axis_pictures(pictures, "bumps_"),
+        people={
+            axis: [(name, felt_cells(axes[axis])) for name, axes in felt_of(runs).items() if axis in axes]
+            for axis in driven
+        },
+        felt_heads=FELT_HEADS,
         config=tomli_w.dumps(config_tables(first)),
     )

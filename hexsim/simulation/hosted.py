@@ -41,6 +41,22 @@ class Host:
             if value is not None and not (math.isfinite(value) and least <= value <= most):
                 raise HexsimError(f"host: {name} is {value}; give a number from {least:g} to {most:g}")
 
+    @classmethod
+    def parse(cls, text: str) -> Host:
+        """Of RATE[,jitter=SHARE][,loss=SHARE][,buffer=SECONDS][,seed=N], as the command line gives it."""
+        rate, *rest = text.split(",")
+        try:
+            pairs = dict(pair.split("=") for pair in rest)
+            seed = int(pairs.pop("seed", 0))
+            numbers = {key: float(value) for key, value in pairs.items()}
+            if "buffer" in numbers:
+                numbers["buffer_s"] = numbers.pop("buffer")
+            return cls(rate_Hz=float(rate), seed=seed, **numbers)
+        except (ValueError, TypeError):
+            raise HexsimError(
+                f"--host {text!r} is no host: give its packets a second, and what else it has: 60,jitter=0.2,loss=0.02,buffer=0.02"
+            ) from None
+
     def packets(self, setpoints: Array, mode: int) -> Iterator[tuple[float, HostCommand]]:
         """(arrival [s], packet) in the order of arrival, of setpoints (n, 6) at this host's rate."""
         draw = np.random.default_rng(self.seed)

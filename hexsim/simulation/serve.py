@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensation import Compensator
+from hexsim.cueing.protocols import Decode
+from hexsim.cueing.washout import Washout
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.motion_computer.compensator_packet import AskedCompensator
@@ -35,9 +37,12 @@ from hexsim.simulation.asked_compensators import AskedCompensators
 from hexsim.simulation.emergency_supply import EmergencySupply
 from hexsim.simulation.live_sensors import LiveSensors, Readings
 from hexsim.simulation.manual import SignalGenerator
+from hexsim.simulation.rehearsal import rehearse
+from hexsim.simulation.serve_latency import LatencyLog
 from hexsim.simulation.serve_record import ServeRecord
 from hexsim.simulation.simulation import make_compensators
 from hexsim.simulation.telemetry import TelemetryRows
+from hexsim.simulation.vehicle_link import VehicleLink
 
 Array = NDArray[np.float64]
 PORT = 47110
@@ -58,6 +63,7 @@ class Status:
     worst_behind_s: float = 0.0
     skipped_s: float = 0.0  # real time that was not simulated
     packets: dict[str, int] = field(default_factory=dict)
+    latency_ms: dict[str, float] = field(default_factory=dict)  # packet to felt acceleration, by axis; at the end
     messages: list[tuple[float, int, str]] = field(default_factory=list)
 
 
@@ -67,6 +73,7 @@ class Server:
     telemetry: send what the sensors read at the log rate (`motion_computer.telemetry`).  lockstep: machine time follows the
     host's packets, as fast as both can. record_s: so much from the start on is kept in `record`, for a run folder.
     start: "neutral" (pressure up, mid stroke) or "off" (on its stops, waiting for the host's start).
+    vehicle: what decodes the packets of a simulator that knows no motion base, washed out (`vehicle_link`).
     scenario: what manual mode plays. limits, buffer_s: of the host's setpoints (`motion_computer.host_setpoints`).
     """
 
@@ -74,7 +81,7 @@ class Server:
         self, machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
         scenario: Scenario | None = None, limits: Limits | None = None, start: str = "neutral", timestep: float | None = None,
         seed: int = 0, telemetry: bool = False, lockstep: bool = False, record_s: float = 0.0,
-        buffer_s: float | None = None,
+        buffer_s: float | None = None, vehicle: Decode | None = None, washout: Washout | None = None,
     ) -> None:  # fmt: skip
         if start not in ("neutral", "off"):
             raise HexsimError(f"start is {start!r}; give 'neutral' or 'off'")
@@ -101,24 +108,34 @@ class Server:
         self.telemetry = TelemetryRows(self.plant, self.sensors, log_rate) if telemetry else None
         self.supply = EmergencySupply(self.plant)
         self.asked = AskedCompensators(machine)
+        self.latency = LatencyLog(self.tick_s, machine.mechanics.dof_places)
         self.status = Status()
         self.ticks, self._busy_s = 0, 0.0
         self._refused = False
         self._pose = np.zeros(6)
         self._positions = self.computer.neutral.copy()
-        self._compile()
-        self.link = HostLink(host, port, self.host.buffer)
+        self._compile(made)
+        if vehicle is None:
+            self.link = HostLink(host, port, self.host.buffer)
+        else:
+            rate_Hz, chosen = machine.controller.rate_Hz, washout or Washout()
+            self.link = VehicleLink(host, port, self.host.buffer, vehicle, chosen, rate_Hz, self._ready)
         self.address = self.link.address
         self.record = ServeRecord(self, record_s, log_rate, seed) if record_s else None
         if start == "off":
             self._settle()
 
-    def _compile(self) -> None:
-        """Compile what a tick calls before a host is listened to."""
+    def _compile(self, compensators: list[Compensator]) -> None:
+        """Compile what a drive calls before a host is listened to."""
         self.plant.tick(np.zeros(self.machine.n_legs))
+        self.plant.check()
+        self.plant.follow_oil_temperature()
         self.plant.reset()
-        self.sensors.read(0)
+        rehearse(self.machine, compensators, four_way=len(self.sensors.read(0)) > 3)
         self.sensors.restart()
+
+    def _ready(self) -> bool:
+        return self.computer.state == State.NEUTRAL and self.computer.arrived
 
     def __enter__(self) -> Server:
         return self
@@ -159,6 +176,8 @@ class Server:
         commands = self.link.receive(self.time_s)
         for command in commands:
             self._execute(command, self.time_s)
+            if self.computer.state == State.NORMAL and self.host.mode == 0:
+                self.latency.packet(self.time_s, command)
         while self.link.asked:
             self._compensate(self.link.asked.pop(0), self.time_s)
         return commands
@@ -170,12 +189,14 @@ class Server:
         self._positions = readings[0]
         computer.pump_running = self.supply.running
         computer.oil_temperature_degC = plant.oil_temperature_degC
-        if link.peer:
+        if link.peer or isinstance(link, VehicleLink):
             computer.last_packet_s = max(link.buffer.last_packet_s, computer.last_packet_s or 0.0)
         volts = computer.tick(now, self._setpoints(now), *readings)
         self._step(volts, readings)
         self.supply.tick(computer.pump_on, self.tick_s)
         self.ticks += 1
+        if computer.state == State.NORMAL:
+            self.latency.tick(self.time_s, plant.data.qacc[: len(self.latency.places)].copy())
         if self.ticks % CHECK_TICKS == 0:
             plant.check()
             plant.follow_oil_temperature()
@@ -298,6 +319,7 @@ class Server:
                 if report and after - last_report >= 1.0:
                     report(self._present_status())
                     last_report = after
+        self.status.latency_ms = self.latency.ms()
         return self._present_status()
 
     def _note_lag(self, lag_s: float) -> None:

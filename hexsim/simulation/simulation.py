@@ -6,6 +6,7 @@ import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
 from hexsim.simulation.hosted import Host, hosted_setpoints
 from hexsim.simulation.plain_loop import PlainLoop, Transducer, run_plain
 from hexsim.simulation.run_log import Recorded, run_log, run_summary
+from hexsim.simulation.start_parameters import SUFFIX, started
 
 Array = NDArray[np.float64]
 DIVERGENCE_LIMIT = 1e9  # MPa, m/s2 or m: no state of a machine
@@ -61,7 +63,9 @@ class Run:
 
 
 def make_compensators(which: str | Compensator, machine: Machine) -> tuple[str, list[Compensator]]:
-    """The compensator's name and one instance a leg; none for "none"."""
+    """The compensator's name and one instance a leg; none for "none". A name that ends in .json: start parameters."""
+    if isinstance(which, str) and which.endswith(SUFFIX):
+        return started(Path(which), machine)
     try:
         made = compensation.create(which) if isinstance(which, str) else which
     except (ValueError, TypeError) as error:

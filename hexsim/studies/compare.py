@@ -17,6 +17,7 @@ from hexsim.files.log_files import write_log
 from hexsim.files.run_folder import file_name
 from hexsim.machine import Machine, load_machine
 from hexsim.recording.config import config_tables, summary_of
+from hexsim.recording.felt import bump_chart, felt_of
 from hexsim.recording.figure_style import png
 from hexsim.recording.figures import comparison
 from hexsim.recording.report import comparison_report
@@ -26,19 +27,20 @@ from hexsim.recording.signals import Signals
 from hexsim.recording.summary_table import comparison_rows, markdown
 from hexsim.scenarios import Scenario
 from hexsim.simulation import Run, make_compensators, simulate
+from hexsim.simulation.hosted import Host
 
 
-def names_of(text: str | None) -> list[str]:
+def names_of(text: str | None, machine: Machine | None = None) -> list[str]:
     """The compensators of a comma-separated list, checked; all that work without configuration when None."""
 
-    bench = load_machine("bench")
+    machine = machine or load_machine("bench")
     if text is None:
         return [name for name in compensation.available() if _makes(name)]
     names = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not names:
         raise HexsimError("--compensators is empty: give names separated by commas, for example none,buffered")
     for name in names:
-        make_compensators(name, bench)  # an unknown one is refused before the first run
+        make_compensators(name, machine)  # an unknown one is refused before the first run
     return names
 
 
@@ -59,9 +61,10 @@ def compare(
     fast: bool = False,
     seed: int = 0,
     timestep: float | None = None,
+    host: Host | None = None,
     progress: Callable[[str, float], None] = lambda name, fraction: None,
 ) -> dict[str, Run]:
-    """Name -> run, in the order given. progress(name, fraction of that run).
+    """Name -> run, in the order given. progress(name, fraction of that run). host: its packets drive the machine.
 
     A diverged run stays in the comparison and is marked; an interruption ends the comparison after the run it met.
     """
@@ -69,7 +72,7 @@ def compare(
     runs: dict[str, Run] = {}
     for name in names:
         runs[name] = simulate(
-            machine, scenario, compensator=name, fast=fast, seed=seed, timestep=timestep,
+            machine, scenario, compensator=name, fast=fast, seed=seed, timestep=timestep, host=host,
             progress=lambda f, name=name: progress(name, f),
         )  # fmt: skip
         if interrupted(runs[name]):
@@ -86,7 +89,9 @@ def comparison_tables(runs: Mapping[str, Run]) -> dict[str, Any]:
     """compare.json."""
 
     first = next(iter(runs.values()))
-    return {"scenario": first.scenario.name, "compensators": {name: summary_of(run) for name, run in runs.items()}}
+    people = felt_of(runs)
+    summaries = {name: {**summary_of(run), "felt": people.get(name, {})} for name, run in runs.items()}
+    return {"scenario": first.scenario.name, "compensators": summaries}
 
 
 def write_comparison(
@@ -115,6 +120,8 @@ def write_comparison(
             figure = comparison(signals, axis, peaks)
             if figure is not None:
                 pictures[f"comparison_{axis}"] = png(figure)
+            if (chart := bump_chart(signals, axis)) is not None:
+                pictures[f"bumps_{axis}"] = png(chart)
         (folder / "figures").mkdir(exist_ok=True)
         for name, data in pictures.items():
             (folder / "figures" / f"{name}.png").write_bytes(data)

@@ -93,6 +93,7 @@ class Trace:
 
     base: the declared machine refitted; final: the best hypothesis, base itself where no effect helps.
     screening, screened: the first round over the library and the number of residuals that it looked at.
+    hidden: effect -> size below which what is left hides it, of a machine that no model fits.
     ties: an effect of `final` -> label -> the hypothesis that does as well.  decided: the last step's sentence.
     """
 
@@ -109,6 +110,7 @@ class Trace:
     balance_problem: BalanceProblem | None = None
     screening: list[Screened] = field(default_factory=list)
     screened: int = 0
+    hidden: dict[str, float] = field(default_factory=dict)
     ties: list[dict[str, Fit]] = field(default_factory=list)
     effects: list[NamedEffect] = field(default_factory=list)
     unexplained: list[UnexplainedResidual] = field(default_factory=list)

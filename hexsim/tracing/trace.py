@@ -7,6 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from hexsim.errors import HexsimError
 from hexsim.tracing.report.content import report_of, write_report
 from hexsim.tracing.state import StepRecord, Trace
 from hexsim.tracing.steps import STEPS
@@ -36,7 +39,14 @@ def trace(
     for step in STEPS:
         tell(step.doing, done)
         started = time.perf_counter()
-        state = recorded(step.run(state, lambda doing, done=done: tell(doing, done)), step.name, started)
+        try:
+            state = step.run(state, lambda doing, done=done: tell(doing, done))
+        except np.linalg.LinAlgError as error:
+            raise HexsimError(
+                f"trace of {machine_folder}, step {step.name}: its least squares has no solution ({error}). The logs do not "
+                "follow this machine at all: check signs and units of the columns, and that valve_V is a valve's command"
+            ) from error
+        state = recorded(state, step.name, started)
         done += scale * step.share
     state = replace(state, report=report_of(state))
     if out is not None:

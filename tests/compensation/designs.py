@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compensation.adaptive import spool, taps
+from compensation.adaptive import damping_design, spool, taps
 from compensation.adaptive.layout import DESIGN, LEAD_TAPS, PATH, SETTINGS, empty
 
 
@@ -37,10 +37,16 @@ def crossing_path(lag_s: float, tick_s: float, delay_s: float = 0.0, shift: int 
 
 
 def damping_filter(
-    lag_s: float, tick_s: float, low_Hz: float, high_Hz: float, count: int, delay_s: float = 0.0
-) -> np.ndarray:
+    lag_s: float, tick_s: float, low_Hz: float, high_Hz: float, count: int, delay_s: float = 0.0,
+    resonance_Hz: float = 0.0, viscous_share: float = 0.0,
+) -> np.ndarray:  # fmt: skip
     settings, found = empty(SETTINGS), np.zeros(count)
     settings.damping_count, settings.tick_s = count, tick_s
     settings.damping_low_Hz, settings.damping_high_Hz = low_Hz, high_Hz
-    taps.damping_filter(empty(DESIGN), found, lag_s, delay_s, settings)
+    taps.damping_filter(empty(DESIGN), found, lag_s, delay_s, (resonance_Hz, viscous_share), settings)
     return found
+
+
+def damped_share(found: np.ndarray, f_Hz: np.ndarray, lag_s: float, tick_s: float, delay_s: float) -> np.ndarray:
+    valve = tick_s, lag_s, delay_s
+    return np.array([damping_design.damped_share(found, len(found), float(f), valve) for f in f_Hz])

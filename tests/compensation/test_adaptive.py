@@ -30,6 +30,7 @@ from compensation.adaptive.friction import add_to_friction, start_friction, stri
 from compensation.adaptive.layout import (
     FIT,
     FRICTION,
+    LATES,
     LEAD_TICKS,
     LEAK,
     MONITOR,
@@ -51,7 +52,7 @@ from compensation.adaptive.spool import blocked_flow, set_spool_model
 from compensation.adaptive.stribeck import add_to_stribeck, update_stribeck
 from compensation.adaptive.valve import add_to_valve, lags_agree, start_valve
 
-ALL_SPOOL = [1e3] * (len(SPOOL_LAGS_S) - 1) + [0.0]  # sums that tell of no delay
+ALL_SPOOL = [1e3] * (LATES * (len(SPOOL_LAGS_S) - 1)) + [0.0] * LATES  # sums that tell of no delay
 DEAD_BAND_V = 5e-6 / 1.1e-4  # 5 um of 1.1 mm at 10 V
 
 
@@ -499,6 +500,7 @@ def test_worse_reversals_are_seen_and_ended(plain, adapted) -> None:
     for edge in ("retract", "extend"):
         parameters["flow"][edge]["lag_s"] += 4e-3
     parameters["delay"]["sums"] = ALL_SPOOL
+    del parameters["plain_control"]  # it engages after plain control's own reversals
     state = made.restore(Context(), parameters)
     record = run(made, duration_s=26.0, state=state)
     peaks, usual = record.peaks(), plain.peak(6.0, 10.0)

@@ -112,7 +112,7 @@ def test_parameters_come_back_as_they_were_kept() -> None:
     made = Adaptive()
     state = made.start(Context())
     state.numbers.valve.edges["lag_s"], state.numbers.valve.edges["ready"] = 4.1e-3, 1
-    state.numbers.valve.edges["gain_m_s_V"], state.numbers.delay.sums[:] = 0.2, np.arange(17.0) * 0.1
+    state.numbers.valve.edges["gain_m_s_V"], state.numbers.delay.sums[:] = 0.2, 0.1 * np.repeat(np.arange(17.0), 15)
     kept = made.parameters(state)
     restored = made.restore(Context(), json.loads(json.dumps(kept)))
     assert made.parameters(restored) == kept

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from hexsim.cli import app
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolve import resolve
-from hexsim.machine import load_machine
-from hexsim.machine.files import changed
+from hexsim.machine import load_machine, machine_from_dict
+from hexsim.machine.files import changed, machine_tables
 from hexsim.plant import Plant
 from hexsim.plant.readout import leg_signals, platform_signals
 from hexsim.signals.table import kind_of
@@ -162,6 +162,38 @@ def test_outputs_are_those_of_the_plant(fmus, name):
     volts = volts_of(machine.n_legs)
     found, wanted = fmu.run(fmu.instance(), volts), by_plant(machine, model, volts, step)
     assert np.ptp(wanted[:, 0]) > 1e-3
+    assert worst_difference(fmu.outputs, found, wanted) < SAME
+
+
+@pytest.fixture(scope="module")
+def own_legs(hexapod):
+    """The 600 kg machine with joints of its own, legs longer than their transducers say, and two legs that differ."""
+    base = hexapod.mechanics.base_joints.copy()
+    base[1] += [1e-2, -2e-2, 5e-3]
+    tables = machine_tables(hexapod) | {
+        "geometry": {
+            "base_joints_m": base.tolist(),
+            "platform_joints_m": hexapod.mechanics.platform_joints.tolist(),
+            "neutral_leg_length_m": 0.7,
+            "leg_zero_offsets_m": [0.0, 0.0, 1.2e-3, 0.0, -5e-4, 0.0],
+        },
+        "leg": [
+            {"number": 3, "cylinder": {"piston_diameter_m": 0.045}, "friction": {"coulomb_extend_N": 95.0}},
+            {"number": 6, "valve": {"overlap_m": 2e-5}},
+        ],
+    }
+    return machine_from_dict(tables)
+
+
+@pytest.mark.parametrize("changes", [{}, {"friction.coulomb_extend_N": 40.0, "load.platform_mass_kg": 550.0}])
+def test_own_joints_and_legs_that_differ_are_those_of_the_plant(own_legs, changes, tmp_path):
+    """Volts in: every output is that of `Plant` within 1e-12; a parameter of the machine leaves alone the leg that has its
+    own, as in machine.toml."""
+    path = tmp_path / "own.fmu"
+    export_fmu(own_legs, path, model="tendon", timestep=1e-4)
+    fmu, volts = Fmu(path, tmp_path / "unpacked"), volts_of(6)
+    found, wanted = fmu.run(fmu.instance(changes), volts), by_plant(changed(own_legs, changes), "tendon", volts, 1e-4)
+    assert np.ptp(wanted[:, 2]) > 1e-3
     assert worst_difference(fmu.outputs, found, wanted) < SAME
 
 

@@ -5,7 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from compensation import create
+from hexsim.cli import app
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
@@ -65,7 +68,7 @@ def test_it_is_a_run_without_noise(name, tmp_path):
 class Slave:
     """An instance that is initialised, and its variables by name."""
 
-    def __init__(self, path, folder) -> None:
+    def __init__(self, path, folder, parameters=None) -> None:
         unpacked = fmpy.extract(str(path), unzipdir=str(folder))
         description = fmpy.read_model_description(unpacked)
         self.variables = {v.name: v for v in description.modelVariables}
@@ -75,6 +78,8 @@ class Slave:
         )  # fmt: skip
         self.fmu.instantiate()
         self.fmu.setupExperiment()
+        for name, value in (parameters or {}).items():
+            self.fmu.setReal([self.variables[name].valueReference], [value])
         self.fmu.enterInitializationMode()
         self.fmu.exitInitializationMode()
 
@@ -90,6 +95,29 @@ class Slave:
         columns = np.array(seen).T
         before, after = columns[:, :-1], columns[:, 1:]
         return dict(zip(outputs, before, strict=True)), dict(zip(outputs, after, strict=True))
+
+
+def test_the_compensator_inside_is_the_one_of_a_run(tmp_path):
+    """11 s of the bench with `compensator.adaptive` = 1, written by the command line: volts, positions and pressures are
+    those of a run with `adaptive` that is told no future, within 1e-12; without the parameter those of plain control."""
+    machine = changed(load_machine("bench"), SILENT | {"sensors.position_resolution_m": 0.0})
+    path, settings = tmp_path / "machine.fmu", [f"{key}={value}" for key, value in SILENT.items()]
+    arguments = ["export", "fmu", "bench", "--what", "machine", "--linux-only", "--out", str(path)]
+    for setting in [*settings, "sensors.position_resolution_m=0.0"]:
+        arguments += ["--set", setting]
+    assert CliRunner().invoke(app, arguments).exit_code == 0
+    assert validate_fmu(str(path)) == []
+    scenario = replace(load_scenario("heave"), duration_s=11.0)
+    for switch, made in ((1.0, create("adaptive", preview_s=0.0)), (0.0, "none")):
+        log = simulate(machine, scenario, compensator=made).log
+        rows = log.gather_every(round(TICK / (log["time_s"][1] - log["time_s"][0])))
+        fmu = Slave(path, tmp_path / f"unpacked_{switch:g}", {"compensator.adaptive": switch})
+        before, after = fmu.run(rows["setpoint_m"].to_numpy()[:, None])
+        added = np.abs(rows["compensation_V"].to_numpy()).max()
+        assert (added > 0.1) == (switch == 1.0)
+        for found, theirs in ((before["position_m"], "true_position_m"), (after["valve_V"], "valve_V")):
+            wanted = rows[theirs].to_numpy()
+            assert np.abs(found - wanted).max() < 1e-12 * np.abs(wanted).max(), theirs
 
 
 def test_states_steps_and_sensors_of_a_motion_computer(bench, tmp_path):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexsim.hydraulics.leg import valve_volts
 from hexsim.machine import load_machine
 from hexsim.readers import log_files, read_log
 from hexsim.signals.channels import noise_of
@@ -80,3 +81,10 @@ def test_without_the_file_there_is_no_such_balance():
     ]  # fmt: skip
     assert balances.family("valve") == "continuity"
     assert all(balance.caption for balance in balances.library())
+
+
+def test_a_valve_delay_of_a_broken_sample_is_one():
+    """Volts that rise by 1 a sample, 2.4 samples late: 2.4 lower everywhere behind the start."""
+    late = valve_volts(np.arange(20.0), 0.0, 2.4)
+    assert late[3:] == pytest.approx(np.arange(20.0)[3:] - 2.4)
+    assert np.all(late[:3] == [0.0, 0.0, 0.0])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from other_plant import write_machine
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
@@ -12,6 +13,7 @@ from hexsim.tracing.balances.platform import Platform
 from hexsim.tracing.balances.sensor import Imu
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.experiments import setpoint_log
+from hexsim.tracing.trace import trace
 
 NOISE = {
     "position_m": 3e-6, "pressure_bottom_Pa": 4e3, "pressure_supply_Pa": 4e3, "acceleration_m_s2": 0.02,
@@ -62,3 +64,23 @@ def test_how_a_machine_is_built_cannot_begin_in_a_run(hexapod):
     fault = EffectFault(time_s=1.0, effect="leg_zero_offset", parameters={"length_m": 1e-3}, where="leg 2")
     with pytest.raises(HexsimError, match=r"leg_zero_offset is how the machine is built.*\[effects\]"):
         fault.setting(hexapod, "fault:")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("built", "leg", "seed", "name", "number", "size"),
+    [
+        ("leg_zero", 2, 21, "leg_zero_offset", "length_m", 5e-4),
+        ("platform_joint_z", 5, 22, "platform_joint_offset", "z_m", 1e-3),
+        ("base_joint_x", 4, 23, "base_joint_offset", "x_m", 1e-3),
+        ("imu_turn", None, 24, "imu_orientation", "y_rad", 0.017453),
+    ],
+)
+def test_what_is_built_otherwise_is_found_with_its_leg(tmp_path, built, leg, seed, name, number, size):
+    """A hexapod of the second plant, traced whole: explained, that effect alone, in that leg, within 10 %."""
+    write_machine(tmp_path, seed, {built: None}, "hexapod", leg=leg)
+    result = trace(tmp_path, ["fit"], ["validate_heave", "validate_roll"])
+    assert result.verdict == "explained"
+    [effect] = result.report["effects"]
+    assert (effect["name"], effect["where"]) == (name, "all legs" if leg is None else f"leg {leg}")
+    assert effect["parameters"][number] == pytest.approx(size, rel=0.1)

@@ -3,9 +3,15 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
+from hexsim.tracing.fitting.fit import parameter_columns, start_fit
+from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.steps.declared_refit import refit_declared
+from hexsim.tracing.steps.logs import begin
 from hexsim.tracing.trace import trace
 
 DATA = Path(__file__).parents[1] / "data"
@@ -32,6 +38,29 @@ def test_hysteresis_is_found(tmp_path):
         "<img" in (tmp_path / "report.html").read_text() and "http" not in (tmp_path / "report.html").read_text()[:2000]
     )
     assert steps[0] == 0.0 and steps[-1] == 1.0 and steps == sorted(steps)
+
+
+def test_a_machine_that_diverges_along_its_logs_ends_in_a_sentence(monkeypatch):
+    """Volts that are no valve's: no traceback of the linear algebra, but what to check."""
+    state = begin(DATA / "bench_none", ["fit"], ["validate"])
+    monkeypatch.setattr(SimulatedProblem, "residual", lambda self, machine, i: np.full((1, 10), np.nan))
+    with pytest.raises(HexsimError, match=r"cannot be simulated along fit: its answer diverges\. valve_V must be"):
+        refit_declared(state, lambda doing: None)
+
+
+def test_a_parameter_whose_neighbour_diverges_gets_no_column(monkeypatch):
+    """Its column is 0, so that a refit leaves it where it is; the others keep theirs."""
+    state = begin(DATA / "bench_none", ["fit"], ["validate"])
+    declared = state.machine.oil.bulk_modulus_Pa
+
+    def residual(self, machine, i):
+        off = machine.oil.bulk_modulus_Pa != declared
+        return np.full((1, 10), np.nan if off else machine.valve.discharge_coefficient)
+
+    monkeypatch.setattr(SimulatedProblem, "residual", residual)
+    fit = parameter_columns(start_fit(state.machine, state.base.priors, state.fit_problem), state.fit_problem)
+    moved = {prior.key for prior, column in zip(fit.priors, fit.columns[0], strict=True) if np.any(column)}
+    assert moved == {"discharge_coefficient"}
 
 
 def test_nothing_missing():

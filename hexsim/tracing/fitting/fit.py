@@ -122,7 +122,13 @@ def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
         signs.append(sign)
     steps = np.array(signs)[:, None, None] * share * PARAMETER_STEP
     varied = problem.misfit(machines)
-    return replace(fit, columns=[(base - v) / steps for base, v in zip(fit.misfit, varied, strict=True)])
+    return replace(fit, columns=alive([(base - v) / steps for base, v in zip(fit.misfit, varied, strict=True)]))
+
+
+def alive(columns: list[Array]) -> list[Array]:
+    """Columns of all logs, 0 for a number whose neighbour's simulation diverges: it stays where it is."""
+    finite = np.all([np.isfinite(c).all(axis=(1, 2)) for c in columns], axis=0)
+    return [np.where(finite[:, None, None], c, 0.0) for c in columns]
 
 
 def effect_neighbours(fit: Fit, share: float, only: int | None = None) -> tuple[list[Machine], list[float]]:
@@ -146,15 +152,10 @@ def effect_neighbours(fit: Fit, share: float, only: int | None = None) -> tuple[
 
 
 def effect_columns(fit: Fit, problem: FitProblem, share: float = 1.0, only: int | None = None) -> list[Array]:
-    """Columns of every effect number about where the fit stands (per coordinate), a log: (n_numbers, channels, n).
-
-    A number whose neighbour's simulation diverges gets no column: it stays where it is.
-    """
+    """Columns of every effect number about where the fit stands (per coordinate), a log: (n_numbers, channels, n)."""
     machines, steps = effect_neighbours(fit, share, only)
     varied = fit.neighbours or problem.misfit(machines)
-    columns = [(base - v) / np.array(steps)[:, None, None] for base, v in zip(fit.misfit, varied, strict=True)]
-    alive = np.all([np.isfinite(c).all(axis=(1, 2)) for c in columns], axis=0)
-    return [np.where(alive[:, None, None], c, 0.0) for c in columns]
+    return alive([(base - v) / np.array(steps)[:, None, None] for base, v in zip(fit.misfit, varied, strict=True)])
 
 
 def normal_equations(columns: list[Array], misfit: list[Array]) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ from hexsim.tracing.fitting.fit import (
     fit_at,
     parameter_columns,
 )
-from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
+from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, named, to_coordinate, to_value
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
@@ -209,12 +209,18 @@ def with_effect(base: RestFit, candidate: Candidate, problem: FitProblem, size: 
     return refined(fit, problem, columns) if worth else None
 
 
-def asked_for(fit: Fit, columns: list[Array], own: tuple[float, float], problem: FitProblem) -> tuple[float, float]:
-    """(coordinate that the last column asks for where the fit stands, what J's tangent promises for it). own: its bounds."""
+def asked_for(
+    fit: Fit, columns: list[Array], own: tuple[float, float], problem: FitProblem
+) -> tuple[float, float, float]:
+    """(coordinate that the last column asks for where the fit stands, what J's tangent promises for it, its standard
+    error beside the rest and all other coordinates). own: its bounds."""
     A, b = weighted_system(fit, columns, problem)
     here, (low, high) = coordinates_of(fit), bounds_of(fit)
     x = bounded(A, b, np.append(low - here, own[0]), np.append(high - here, own[1]))
-    return float(x[-1]), float(2.0 * b @ x - x @ A @ x)
+    m = len(fit.priors)
+    A[range(m, len(here)), range(m, len(here))] += prior_precision(fit)[m:]
+    known = np.linalg.pinv(A, rcond=1e-12, hermitian=True)[-1, -1]
+    return float(x[-1]), float(2.0 * b @ x - x @ A @ x), float(np.sqrt(known)) if known > 0.0 else np.inf
 
 
 def sandwich(found: RestFit, problem: FitProblem, runs: Sequence[int] | None = None) -> Array:
@@ -233,12 +239,9 @@ def _curvature(
     fit: Fit, columns: list[Array], problem: FitProblem, runs: Sequence[int] | None
 ) -> tuple[Array, Array, Array]:
     """(normal matrix with priors, priors alone, score of each block (n_blocks, k))."""
-    k, m = columns[0].shape[0], len(fit.priors)
+    k = columns[0].shape[0]
     size = np.maximum(row_sizes(fit.misfit), 1.0)
-    low, high = bounds_of(fit)
-    reach = np.where(np.arange(k) < m, 1.0, 0.5 * (high - low))
-    free = np.arange(k) >= m + sum(len(c.free()) for c in fit.candidates if c.effect.name in rules.ORDINARY)
-    P = np.diag(np.where(free, 0.0, 3.0 / np.maximum(reach, 1e-9) ** 2))
+    P = np.diag(prior_precision(fit))
     H, scores = P.copy(), []
     for i, (X, r) in enumerate(zip(columns, fit.misfit, strict=True)):
         if runs is not None and i not in runs:
@@ -249,6 +252,21 @@ def _curvature(
             H += scaled @ X[:, :, part].reshape(k, -1).T
             scores.append(scaled @ r[:, part].ravel())
     return H, P, np.array(scores)
+
+
+def prior_precision(fit: Fit) -> Array:
+    """Of every coordinate (k,): 3 over the square of its reach for declared parameters and small realities, else 0."""
+    precision = [3.0] * len(fit.priors)
+    for candidate in fit.candidates:
+        for number in candidate.free():
+            low, high = coordinate_bounds(number)
+            precision.append(3.0 / max(0.5 * (high - low), 1e-9) ** 2 if is_held(candidate) else 0.0)
+    return np.array(precision)
+
+
+def is_held(candidate: Candidate) -> bool:
+    """Is it a small reality, held to its ordinary size?"""
+    return candidate.effect.name in rules.ORDINARY and candidate.effect != named(candidate.effect.name).effect
 
 
 def estimate(found: RestFit, place: int, problem: FitProblem, runs: Sequence[int]) -> tuple[float, float]:

@@ -40,10 +40,10 @@ BUDGET = (
 )
 TIME = (
     "When is it off? "
-    "The balance in time, on one run: what must be explained, and what is left. Pale bands are pulses found in the rest."
+    "The balance in time, on one run: what must be explained, and what is left. Pale bands are pulses found in the residual."
 )
 OVER = (
-    "On which signal does the rest depend? "
+    "On which signal does the residual depend? "
     "What is left over the signal that it depends on most; the line is the mean of narrow bins."
 )
 
@@ -62,7 +62,7 @@ def budget(trace: OwnTrace) -> Figure:
         plot.barh(at, [row[key] for _, row in rows], height=0.24, color=SHADES[key], label=label)
     plot.set_yticks(np.arange(len(rows)), [name[:40] for name, _ in rows])
     plot.invert_yaxis()
-    plot.set_xlabel(f"rms of the rest [{trace.balance.unit}]")
+    plot.set_xlabel(f"rms of the residual [{trace.balance.unit}]")
     legend(plot)
     return figure
 
@@ -79,8 +79,8 @@ def rest_in_time(trace: OwnTrace) -> Figure:
     figure, (upper, lower) = new_figure(2, f"{trace.balance.name} balance on {name}", height=5.0)
     upper.plot(time[rows][thin], target[rows][thin], color="0.4", label="target")
     upper.plot(time[rows][thin], (target - after)[rows][thin], color="#1f5fa8", label="terms")
-    lower.plot(time[rows][thin], before[rows][thin], color="0.65", label="rest, refitted")
-    lower.plot(time[rows][thin], after[rows][thin], color="#1f5fa8", label="rest, with the terms")
+    lower.plot(time[rows][thin], before[rows][thin], color="0.65", label="residual, refitted")
+    lower.plot(time[rows][thin], after[rows][thin], color="#1f5fa8", label="residual, with the terms")
     for event in found:
         if event.start_s < first + SHOWN_S:
             lower.axvspan(event.start_s, min(event.stop_s, first + SHOWN_S), color="#f0b429", alpha=0.25, lw=0)
@@ -97,7 +97,7 @@ def rest_over(trace: OwnTrace) -> Figure:
     signal = trace.verdict.depends_on[0]
     signal = "time_s" if signal == "none" else signal
     x, y = trace.spread[signal]
-    figure, (plot,) = new_figure(1, f"Rest of the {trace.balance.name} balance over {signal}", height=3.4)
+    figure, (plot,) = new_figure(1, f"Residual of the {trace.balance.name} balance over {signal}", height=3.4)
     thin = slice(None, None, max(len(x) // MOST_POINTS, 1))
     plot.plot(x[thin], y[thin], ".", ms=2.0, color="0.7", label="samples of all runs")
     edges = np.unique(np.quantile(x, np.linspace(0, 1, 41)))
@@ -107,6 +107,6 @@ def rest_over(trace: OwnTrace) -> Figure:
     middle, mean = (np.bincount(place, v, minlength=len(edges) - 1) / count for v in (x, y))
     plot.plot(middle, mean, color="#b3261e", label="mean of bins")
     plot.set_xlabel(signal)
-    plot.set_ylabel(f"rest [{trace.balance.unit}]")
+    plot.set_ylabel(f"residual [{trace.balance.unit}]")
     legend(plot)
     return figure

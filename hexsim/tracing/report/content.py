@@ -35,7 +35,7 @@ def report_of(result: Trace) -> dict[str, Any]:
         "balances": [balance_entry(line) for line in result.violations],
         "effects": [effect_entry(effect) for effect in result.effects] + [rest for rest in result.learned],
         "unexplained": [unexplained_entry(rest) for rest in result.unexplained],
-        "detectable": detectable(result.screening, rules.alarm(result.screened)),
+        "detectable": detectable(result.screening, rules.alarm(result.screened), result.hidden),
         "parameters": parameter_entries(result),
         "budget": [
             row | {"rms": finite(row["rms"]), "multiple_of_noise": finite(row["multiple_of_noise"])}
@@ -143,8 +143,11 @@ def unexplained_entry(rest: UnexplainedResidual) -> dict[str, Any]:
     }
 
 
-def detectable(lines: list[Screened], alarm: float) -> dict[str, Any]:
-    """Smallest size of each effect that the fit runs would show: sqrt(alarm) standard deviations."""
+def detectable(lines: list[Screened], alarm: float, hidden: dict[str, float]) -> dict[str, Any]:
+    """Smallest size of each effect that the fit runs would show: sqrt(alarm) standard deviations of the sensors' noise.
+
+    beside_rest: the smallest that would be named beside what no model of this machine explains.
+    """
     found: dict[str, Any] = {}
     for line in sorted(lines, key=lambda line: line.sd):
         effect = line.candidate.effect
@@ -158,6 +161,8 @@ def detectable(lines: list[Screened], alarm: float) -> dict[str, Any]:
             "parameter": size.name,
             "explained_by_parameters": finite(line.explained_by_others),
         }
+        if effect.name in hidden:
+            found[effect.name]["beside_rest"] = finite(hidden[effect.name])
         if math.isinf(size.neutral):
             found[effect.name]["description"] = "seen where the value is below this"
         if effect.shown_by:

@@ -75,6 +75,7 @@ def report_page(result: Trace) -> str:
         balances=balance_rows(result),
         screening=screening_rows(result),
         detectable=detectable_rows(report),
+        beside=any("beside_rest" in d for d in report["detectable"].values()),
         parameters=parameter_rows(report),
         findings=[(name, f) for name, found in report["findings"].items() for f in found],
         experiments=report["separating_experiments"],
@@ -257,6 +258,7 @@ def balance_rows(result: Trace) -> list[dict[str, Any]]:
 def detectable_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [
         d | {"name": name.replace("_", " "), "size": quantity(d["theta_min"], d["unit"]),
+             "beside": quantity(d["beside_rest"], d["unit"]) if d.get("beside_rest") else "",
              "note": d.get("description") or (f"shown by {d['shown_by']}" if d.get("shown_by") else "")}
         for name, d in report["detectable"].items()
     ]  # fmt: skip

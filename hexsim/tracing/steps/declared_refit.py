@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
+from hexsim.errors import HexsimError
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import refine, start_fit_at
 from hexsim.tracing.fitting.selection import residual_at_noise_level
@@ -13,6 +16,12 @@ from hexsim.tracing.state import Step, Tell, Trace
 def refit_declared(trace: Trace, tell: Tell) -> Trace:
     """The declared machine refitted, and both problems with the uncertainty of their inputs at that machine."""
     start, problem, held_out = trace.base, trace.fit_problem, trace.validate_problem
+    if not np.isfinite(start_fit_at(start, problem).chi2):
+        names = " and ".join(log.name for log in problem.logs)
+        raise HexsimError(
+            f"the declared machine cannot be simulated along {names}: its answer diverges. valve_V must be the command of "
+            "a valve, not of a pump; check signs and units of the columns, or declare own balances (balances.toml)"
+        )
     first = problem.with_input_uncertainty(start.fitted_machine())
     base = refine(start_fit_at(start, first), first, fresh=True, relative=rules.BASE_TOLERANCE)
     problem, held_out = (q.with_input_uncertainty(base.fitted_machine()) for q in (problem, held_out))

@@ -21,8 +21,8 @@ import numpy as np
 from hexsim.tracing import rules
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit, start_fit, start_fit_at
-from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, named
-from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, sure
+from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
+from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.fitting.selection import residual_at_noise_level
@@ -39,16 +39,23 @@ LARGEST_START = 3.0  # coordinate
 
 def rivals_of(
     base: RestFit, possible: Sequence[Candidate], problem: BalanceProblem, named_already: bool
-) -> list[RestFit]:
-    """The candidates whose columns promise most, each added to the base and refitted, the best first."""
+) -> tuple[list[RestFit], dict[str, float]]:
+    """The candidates whose columns promise most, each added to the base and refitted, the best first; and what is hidden.
+
+    hidden: effect -> size of its first number below which it would not be named beside this rest.
+    """
     asked: dict[str, tuple[float, Candidate, float]] = {}
+    hidden: dict[str, float] = {}
     for candidate, own in zip(possible, columns_of(base.fit, list(possible), problem), strict=True):
         if not all(np.all(np.isfinite(column)) for column in own):
             continue
         bare, columns = rest_level.released(base, candidate)
         grown = [np.concatenate([X, x[None]]) for X, x in zip(columns, own, strict=True)]
         number = candidate.effect.parameters[0]
-        size, fall = rest_level.asked_for(bare, grown, coordinate_bounds(number), problem)
+        size, fall, sd = rest_level.asked_for(bare, grown, coordinate_bounds(number), problem)
+        if np.isfinite(sd):
+            shown = max(sd * float(np.sqrt(least_fall(problem))), least_remarkable(candidate))
+            hidden.setdefault(candidate.effect.name, abs(to_value(number, shown)))
         fall = np.inf if np.isinf(number.neutral) and not named_already else fall  # no column tells what it can do
         if fall > asked.get(candidate.label, (-np.inf,))[0]:
             asked[candidate.label] = (fall, candidate, float(np.clip(size, -LARGEST_START, LARGEST_START)) or 0.1)
@@ -60,7 +67,7 @@ def rivals_of(
         return rest_level.with_effect(base, candidate, problem, size, -np.inf if promised > least else least)
 
     tried = in_parallel(tried_with, jobs)
-    return sorted((rival for rival in tried if rival is not None), key=lambda rival: rival.cost)
+    return sorted((rival for rival in tried if rival is not None), key=lambda rival: rival.cost), hidden
 
 
 def least_fall(problem: BalanceProblem) -> float:
@@ -70,21 +77,26 @@ def least_fall(problem: BalanceProblem) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sure:
-    """What `sure_effects` found. tried: the evidence for every effect that was judged, sure or not, a round a list."""
+    """What `sure_effects` found. tried: the evidence for every effect that was judged, sure or not, a round a list.
+
+    hidden: effect -> size below which the rest hides it.
+    """
 
     best: RestFit
     named: list[Evidence]
     tried: list[list[Evidence]]
+    hidden: dict[str, float]
     problem: BalanceProblem
 
 
 def grown_by_one(
     base: RestFit, trace: Trace, problem: BalanceProblem, unseen: BalanceProblem
-) -> tuple[RestFit | None, list[Evidence]]:
-    """The base with the next sure effect, or None, and the evidence for what was judged; that of the sure one is last."""
-    there = {c.label for c in base.fit.candidates if is_free(c)}
+) -> tuple[RestFit | None, list[Evidence], dict[str, float]]:
+    """The base with the next sure effect, or None; the evidence for what was judged, that of the sure one last; `hidden`."""
+    there = {c.label for c in base.fit.candidates if not rest_level.is_held(c)}
     possible = [c for c in trace.candidates if c.label not in there]
-    rivals, tried = contenders(rivals_of(base, possible, problem, bool(there)), base, problem), []
+    begun, hidden = rivals_of(base, possible, problem, bool(there))
+    rivals, tried = contenders(begun, base, problem), []
     for rival in rivals[: rules.PARTLY_TRIED]:
         if base.cost - rival.cost < rules.PARTLY_PROMISE * least_fall(problem):
             break
@@ -94,8 +106,8 @@ def grown_by_one(
             if plainest is not rival:
                 own = evidence_of(base, plainest, rivals, problem, unseen)
                 rival, tried = (plainest, [*tried, own]) if sure(own) else (rival, tried)
-            return rival, tried
-    return None, tried
+            return rival, tried, hidden
+    return None, tried, hidden
 
 
 def label_of(rival: RestFit) -> str:
@@ -119,11 +131,6 @@ def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem
     return sorted([*better, *rivals[len(near) :]], key=lambda rival: rival.cost)
 
 
-def is_free(candidate: Candidate) -> bool:
-    """Is it free, not a small reality held to its ordinary size?"""
-    return candidate.effect.name not in rules.ORDINARY or candidate.effect == named(candidate.effect.name).effect
-
-
 def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence]) -> bool:
     """Is it the gain of a sensor that is late? A filter is late and damps; how much of it is gain no run says."""
     late = candidate.effect.name.removesuffix("_gain") + "_delay"
@@ -139,15 +146,16 @@ def sure_effects(trace: Trace, tell: Tell) -> Sure:
     best = rest_level.start_rest_fit(start_fit(trace.machine, trace.base.priors, problem), small, problem)
     found: list[Evidence] = []
     rounds: list[list[Evidence]] = []
+    hidden: dict[str, float] = {}
     while len(found) < rules.MOST_EFFECTS and len(rounds) < rules.MOST_EFFECTS + rules.MOST_UNREMARKABLE:
         tell(f"looking for sure effects, {len(found)} found")
-        grown, tried = grown_by_one(best, trace, problem, unseen)
+        grown, tried, hidden = grown_by_one(best, trace, problem, unseen)
         rounds.append(tried)
         if grown is None:
             break
         best, own = grown, tried[-1]
         found += [own] if own.remarkable > 1.0 and not may_be_a_filter(own.candidate, found) else []
-    return Sure(best=best, named=found, tried=rounds, problem=problem)
+    return Sure(best=best, named=found, tried=rounds, hidden=hidden, problem=problem)
 
 
 def name_the_sure(trace: Trace, tell: Tell) -> Trace:
@@ -155,6 +163,7 @@ def name_the_sure(trace: Trace, tell: Tell) -> Trace:
     if residual_at_noise_level(trace.final.misfit) or not trace.violations:
         return replace(trace, decided="not needed: nothing but noise is left")
     found = sure_effects(trace, tell)
+    trace = replace(trace, hidden=found.hidden)
     if not found.named:
         return replace(trace, decided="no effect is sure beside what is left")
     fit = replace(found.best.fit, covariance=rest_level.sandwich(found.best, found.problem))

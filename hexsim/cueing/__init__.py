@@ -1,0 +1,1 @@
+"""Motion cueing: from a vehicle's accelerations to setpoints of a platform."""

@@ -1,0 +1,90 @@
+"""What a person feels: thresholds of perception, ISO 2631-1 weighted vibration, jerk.
+
+    translations   deviation of the acceleration from the command, 50 Hz, against Benson's thresholds (1986, 3 s bell)
+    rotations      deviation of the rate, against 2.05 deg/s in roll and pitch, 1.5 deg/s in yaw (Benson 1989)
+    weighted rms   ISO 2631-1:1997, annex A: Wk in heave, Wd in surge and sway (seated), We for rotations
+
+Thresholds are of smooth bells; short transients are felt at less. The command is moved by the delay of the response,
+which is given apart.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hexsim.smoothness.band import band_limit, inner_span_s, sample_rate_Hz
+from hexsim.smoothness.reversals import (
+    REVERSAL_WINDOW_S,
+    peaks_at_reversals,
+    response_delay_s,
+    reversals_of_velocity,
+)
+from hexsim.smoothness.summary import ROTATIONS, PERCEPTION_m_s2
+
+PERCEPTION_rad_s = {"roll": math.radians(2.05), "pitch": math.radians(2.05), "yaw": math.radians(1.5)}
+WEIGHTING = {"x": "d", "y": "d", "z": "k", "leg": "k", "roll": "e", "pitch": "e", "yaw": "e"}
+TRANSITION_Hz_Q = {"k": (12.5, 0.63), "d": (2.0, 0.63), "e": (1.0, 0.63)}  # f3 = f4, Q4
+STEP_Hz_Q = {"k": (2.37, 0.91, 3.35, 0.91)}  # f5, Q5, f6, Q6
+BAND_Hz = (0.4, 100.0)  # f1, f2, Butterworth
+
+
+def weighting(kind: str, frequency_Hz: ArrayLike) -> NDArray[np.complex128]:
+    """Complex gain of Wk, Wd or We at frequencies: band limits, acceleration-velocity transition, upward step."""
+    s = 2j * math.pi * np.asarray(frequency_Hz, dtype=float)
+    low, high = (2 * math.pi * f for f in BAND_Hz)
+    gain = s**2 / (s**2 + math.sqrt(2) * low * s + low**2) * high**2 / (s**2 + math.sqrt(2) * high * s + high**2)
+    f3, q4 = TRANSITION_Hz_Q[kind]
+    w3 = 2 * math.pi * f3
+    gain = gain * (1 + s / w3) / (1 + s / (q4 * w3) + (s / w3) ** 2)
+    if kind in STEP_Hz_Q:
+        f5, q5, f6, q6 = STEP_Hz_Q[kind]
+        w5, w6 = 2 * math.pi * f5, 2 * math.pi * f6
+        gain = gain * (1 + s / (q5 * w5) + (s / w5) ** 2) / (1 + s / (q6 * w6) + (s / w6) ** 2) * (w5 / w6) ** 2
+    return gain
+
+
+def weighted_rms(time_s: ArrayLike, acceleration: ArrayLike, kind: str) -> float:
+    """Root mean square of the frequency-weighted acceleration [its unit]; kind: k, d or e. By the spectrum, so the record
+    counts as periodic: give whole periods, or more than 10 s."""
+    values = np.asarray(acceleration, dtype=float)
+    spectrum = np.fft.rfft(values - values.mean()) / len(values)
+    weighted = spectrum * weighting(kind, np.fft.rfftfreq(len(values), 1.0 / sample_rate_Hz(time_s)))
+    return float(np.sqrt(2.0 * np.sum(np.abs(weighted) ** 2)))
+
+
+def felt_figures(
+    time_s: ArrayLike, axis: str, acceleration: ArrayLike, command: ArrayLike, position: ArrayLike, asked: ArrayLike, *,
+    start_s: float = 0.0,
+) -> dict[str, float | None]:  # fmt: skip
+    """Of one axis from `start_s` on: delay_ms of what is felt behind the command, time_felt and reversals_felt (shares
+    above the threshold of perception), weighted_rms (ISO 2631-1) and weighted_rms_unwanted (of the deviation), jerk_rms.
+
+    acceleration, command: (n,), felt and asked for; position, asked: (n,) likewise.
+    """
+    time = np.asarray(time_s, dtype=float)
+    begin, end = inner_span_s(time, 50.0)
+    inside = (time >= max(start_s, begin)) & (time <= end)
+    band, wanted = band_limit(time, acceleration), band_limit(time, command)
+    delay = response_delay_s(time[inside], band[inside], wanted[inside]) if np.ptp(wanted[inside]) else 0.0
+    late = lambda values: np.interp(time - delay, time, values)  # noqa: E731
+    deviation = band - late(wanted)
+    deviation = deviation - deviation[inside].mean()
+    judged, threshold = deviation, PERCEPTION_m_s2.get(axis, PERCEPTION_m_s2["z"])
+    velocity = np.gradient(np.asarray(asked, dtype=float), time)
+    if axis in ROTATIONS:
+        rate = np.gradient(np.asarray(position, dtype=float), time)
+        judged, threshold = band_limit(time, rate) - late(band_limit(time, velocity)), PERCEPTION_rad_s[axis]
+    reversals = [one for one in reversals_of_velocity(time, velocity) if one.time_s >= start_s]
+    peaks = peaks_at_reversals(time[inside] - delay, judged[inside], reversals, REVERSAL_WINDOW_S)
+    kind = WEIGHTING[axis]
+    return {
+        "delay_ms": 1e3 * delay,
+        "time_felt": float(np.mean(np.abs(judged[inside]) > threshold)),
+        "reversals_felt": float(np.mean([peak.peak > threshold for peak in peaks])) if peaks else None,
+        "weighted_rms": weighted_rms(time[inside], np.asarray(acceleration, dtype=float)[inside], kind),
+        "weighted_rms_unwanted": weighted_rms(time[inside], deviation[inside], kind),
+        "jerk_rms": float(np.sqrt(np.mean(np.gradient(band, time)[inside] ** 2))),
+    }

@@ -1,0 +1,100 @@
+"""Start parameters of a compensator, learned on the simulated twin of a machine: `hexsim tune`.
+
+The twin makes the half-hertz heave of the field and learns from nothing. What it knows then goes into `compensator.json`,
+which `run`, `compare` and `serve` take in place of a compensator's name. A second run on the same twin, with other sensor
+noise, starts with it: what the machine is to give from its second reversal on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compensation.compensator import Parameters
+from hexsim.declaration import Machine
+from hexsim.errors import HexsimError
+from hexsim.files.json_files import write_json
+from hexsim.motion_computer.limits import pose_limits
+from hexsim.recording.felt import driven_bumps
+from hexsim.recording.signals import Signals
+from hexsim.scenarios.scenario import DOF_NAMES, Scenario, scenario_from_dict
+from hexsim.simulation import Run, simulate
+
+FILE = "compensator.json"
+AMPLITUDE_m, FREQUENCY_Hz, WITHIN = 0.05, 0.5, 0.9  # of the excursion that the limits leave
+FADE_s, LEARNING_s, VERIFYING_s = 2.0, 30.0, 12.0
+LAST = 4  # reversals that the final bump is the mean of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Taught:
+    """learned: start parameters, an entry a leg. started_m_s2, plain_m_s2: (time, bump peak to peak in 50 Hz) at each
+    reversal of a run that starts with them, and of plain control."""
+
+    compensator: str
+    learned: list[Parameters]
+    started_m_s2: list[tuple[float, float]]
+    plain_m_s2: list[tuple[float, float]]
+
+    @property
+    def second_m_s2(self) -> float:
+        return self.started_m_s2[1][1]
+
+    @property
+    def final_m_s2(self) -> float:
+        """Mean of the last bumps."""
+        return float(np.mean([bump for _, bump in self.started_m_s2[-LAST:]]))
+
+    def to_json(self) -> dict[str, Any]:
+        return {
+            "compensator": self.compensator, "legs": self.learned, "started_m_s2": self.started_m_s2,
+            "plain_m_s2": self.plain_m_s2, "second_m_s2": self.second_m_s2, "final_m_s2": self.final_m_s2,
+        }  # fmt: skip
+
+
+def heave(machine: Machine, duration_s: float) -> Scenario:
+    """0.05 m at 0.5 Hz, or what the limits leave, along z of a platform or on the leg of a bench."""
+    reach = pose_limits(machine).excursion[DOF_NAMES.index("z") if machine.is_hexapod else 0]
+    sine = {"kind": "sine", "amplitude": min(AMPLITUDE_m, WITHIN * float(reach)), "frequency_Hz": FREQUENCY_Hz}
+    tables = {"name": "heave", "mode": "dof", "duration_s": duration_s, "fade_s": FADE_s, "axes": {"z": sine}}
+    return scenario_from_dict(tables)
+
+
+def teach(
+    machine: Machine,
+    folder: Path,
+    compensator: str = "adaptive",
+    progress: Callable[[float], None] = lambda share: None,
+) -> Taught:
+    """Learn on the twin, write `compensator.json` into the folder, then run with it and without. progress(share).
+
+    Raises HexsimError where the algorithm learns nothing or the twin cannot be simulated.
+    """
+
+    def run(which: str, duration_s: float, seed: int, begin: float, end: float) -> Run:
+        done = simulate(
+            machine, heave(machine, duration_s), compensator=which, fast=machine.is_hexapod, seed=seed,
+            progress=lambda share: progress(begin + share * (end - begin)),
+        )  # fmt: skip
+        if done.reason.startswith("interrupted"):
+            raise KeyboardInterrupt
+        if not done.complete:
+            raise HexsimError(f"the twin of {machine.name} cannot be simulated: {done.reason}")
+        return done
+
+    learned = run(compensator, LEARNING_s, 0, 0.0, 0.6).compensator_parameters
+    if not any(learned):
+        raise HexsimError(f"compensator {compensator} learns nothing: give adaptive or repetitive")
+    place = folder / FILE
+    write_json(place, {"compensator": compensator, "legs": learned})
+    started, plain = (
+        [(one.time_s, one.bump_pp) for one in driven_bumps(Signals.of_run(run(which, VERIFYING_s, 1, begin, end)))]
+        for which, begin, end in ((str(place), 0.6, 0.9), ("none", 0.9, 1.0))
+    )
+    taught = Taught(compensator=compensator, learned=learned, started_m_s2=started, plain_m_s2=plain)
+    write_json(place, taught.to_json())
+    return taught

@@ -1,0 +1,46 @@
+"""`hexsim tune`: start parameters from the twin, taken by other commands in place of a compensator's name."""
+
+import json
+
+import pytest
+
+from hexsim.errors import HexsimError
+from hexsim.machine import load_machine
+from hexsim.simulation import make_compensators
+from hexsim.studies.tune_start import FILE, teach
+
+
+@pytest.fixture(scope="module")
+def taught(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tune")
+    return folder / FILE, teach(load_machine("bench"), folder)
+
+
+def test_the_second_reversal_is_compensated(taught) -> None:
+    """Bench, 0.05 m 0.5 Hz: the second bump is the last ones' within 20 % and 0.03 m/s2 peak to peak, and less than a
+    tenth of plain control's 0.84 m/s2."""
+    _, found = taught
+    assert found.second_m_s2 <= 1.2 * found.final_m_s2 + 0.03
+    assert found.second_m_s2 < 0.1 * max(bump for _, bump in found.plain_m_s2)
+
+
+def test_the_file_is_taken_as_a_compensator(taught) -> None:
+    """By the name that it teaches, one a leg; a machine with other legs, and files that are none, are refused."""
+    path, found = taught
+    name, made = make_compensators(str(path), load_machine("bench"))
+    assert name == "adaptive" and len(made) == 1
+    assert json.loads(path.read_text())["legs"] == found.learned
+    with pytest.raises(HexsimError, match=r"is for 1 legs; micro_motion_system has 6: tune that machine"):
+        make_compensators(str(path), load_machine("micro_motion_system"))
+    with pytest.raises(HexsimError, match=r"cannot read start parameters .*: make them|; make them with"):
+        make_compensators(str(path.parent / "none.json"), load_machine("bench"))
+    wrong = path.parent / "wrong.json"
+    wrong.write_text('{"compensator": "adaptive", "legs": [{}]}')
+    with pytest.raises(HexsimError, match=r"wrong\.json holds no start parameters \(KeyError"):
+        make_compensators(str(wrong), load_machine("bench"))
+
+
+def test_an_algorithm_that_learns_nothing_is_refused(tmp_path) -> None:
+    """The exact inverse has no parameters to start with."""
+    with pytest.raises(HexsimError, match="learns nothing: give adaptive or repetitive"):
+        teach(load_machine("bench"), tmp_path, "none")
