@@ -41,6 +41,7 @@ SMALL = {  # what every real machine has a little of
     "effects.unequal_ports.tank_edge_ratio_change": 0.004,
 }
 
+HOSE = {"effects.hose_compliance.compliance_m3_Pa": 5e-14}  # as good as a dead volume, in some motions
 INCLINE = {"effects.incline.angle_rad": 0.3}  # as good as a constant force: a tie
 SECOND_SMALL = {"scale_ripple": 3e-6, "small_spool_lag": 150.0, "small_accelerometer_gain": 0.004, "small_air": 0.003,
                 "small_null_offset": 5e-3, "hardening_spring": 5e4}  # fmt: skip
@@ -112,7 +113,8 @@ CASES = {
         changes={"effects.leakage_supply_to_chamber": {"conductance_m3_s_Pa": 2.0e-12, "where": "leg 3"}},
     ),
     "fault": Hidden(changes=LEAK, spoil=transducer_breaks(50.0)),
-    "fault_later": Hidden(changes=INCLINE, spoil=transducer_breaks(85.0)),
+    "hose": Hidden(changes=HOSE),
+    "fault_later": Hidden(changes=HOSE, spoil=transducer_breaks(85.0)),
     "incline": Hidden(changes=INCLINE),
     "second_leak": Hidden(second={"leakage_supply_to_chamber": 1.7e-12}),
     "second_spool": Hidden(second={"leakage_supply_to_chamber": 1.7e-12, "spool_lag": 60.0}),

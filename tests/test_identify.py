@@ -1,7 +1,9 @@
 """A machine behind the host interface: telemetry, lockstep, the host's end, and what ends an identification."""
 
+import json
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -12,7 +14,7 @@ import compensation
 from compensation import Context
 from hexsim.cli import app
 from hexsim.errors import HexsimError
-from hexsim.identify import identify
+from hexsim.identify import bump, identify, rounds
 from hexsim.identify.bump import taken_apart, worst
 from hexsim.identify.host import Host, PERIOD_s, check_clock, log_of
 from hexsim.identify.motions import setpoints_of
@@ -26,6 +28,7 @@ from hexsim.motion_computer.states import State
 from hexsim.motion_computer.telemetry import MOST_ROWS, Telemetry, unpack_telemetry, width
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
+from hexsim.simulation.asked_compensators import AskedCompensators
 from hexsim.simulation.serve import Server
 
 BENCH_HEAVE = {
@@ -116,6 +119,8 @@ def test_a_host_puts_a_compensator_into_the_loop_and_takes_it_out(served):
     """With what it learned elsewhere; a name with a module and parameters of another algorithm are refused, plain control stays."""
     made = compensation.create("adaptive")
     learned = made.parameters(made.start(Context()))
+    asked = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=learned)
+    assert [one.name for one in AskedCompensators(served.machine).take(asked) or []] == ["adaptive"]  # compiles it
     with Host(served.address) as host:
         host.exchange()
         for name, wrong in (("os:system", learned), ("adaptive", {"flow": {}})):
@@ -166,8 +171,64 @@ def test_an_interrupted_machine_is_lowered_though_the_display_raises(served, tmp
     assert served.computer.state == State.OFF
 
 
+@pytest.fixture
+def told_traces(monkeypatch):
+    """Traces and designs that are told: a tie after the first round, which the designed motion resolves; no motion tells more."""
+    known = []
+
+    def trace(folder, fit, held_out, out, tell):
+        known.append([pl.read_parquet(path)["position_m"].to_numpy() for path in fit])
+        return SimpleNamespace(
+            verdict="explained",
+            effects=[],
+            report={},
+            fitted=load_machine("bench"),
+            ties=[],
+            final=None,
+            open=len(fit) < 2,
+        )
+
+    def design(result, duration_s, tell, *, may_load):
+        assert not may_load  # nobody is there to put one on
+        tables = BENCH_HEAVE | {"name": "next-measurement"}
+        promise = {"separations": [{"effects": ["a", "b"], "chi2": 500.0}], "numbers": []}
+        return SimpleNamespace(tables=tables, purpose="to separate a, b", to_json=lambda: promise)
+
+    monkeypatch.setattr(rounds, "trace", trace)
+    monkeypatch.setattr(rounds, "next_measurement", design)
+    monkeypatch.setattr(rounds, "open_points", lambda result: ["a or b"] if result.open else [])
+    monkeypatch.setattr(bump, "start_parameters", lambda machine, show: [{}])
+    return known
+
+
+def test_the_designed_motion_is_measured_and_fitted_on(served, tmp_path, told_traces):
+    """A tie after round 1: round 2 drives the designed sine, both logs are fitted on, and then it ends. The same folder again
+    measures nothing anew, and its machine time counts on."""
+    first = identify("bench", served.address, 5.0, with_held_out(tmp_path))
+    assert [one.purpose for one in first.rounds] == ["a rich motion, to begin with", "to separate a, b"]
+    assert [len(logs) for logs in told_traces] == [1, 2]
+    commanded = np.ptp(setpoints_of(first.machine, BENCH_HEAVE)[:, 2])
+    assert np.ptp(told_traces[1][1]) == pytest.approx(
+        commanded, rel=0.15
+    )  # its loop takes 8 % at 0.5 Hz, its dead band 2 mm
+    assert first.ended == "explained: nothing is left to be told apart, and every number is sharp"
+    assert served.computer.state == State.OFF
+    time.sleep(1.3)  # until another host is listened to
+    again = identify("bench", served.address, 5.0, tmp_path)
+    assert len(again.rounds) == 2
+    assert first.machine_s < again.machine_s < first.machine_s + 30.0  # up and down again
+    assert json.loads((tmp_path / "compensator.json").read_text())["compensator"] == "adaptive"
+
+
+def test_the_time_is_used(served, tmp_path, told_traces):
+    """One minute holds round 1 and no second: it says so, with the tie in the story."""
+    story = identify("bench", served.address, 0.8, with_held_out(tmp_path))
+    assert story.ended.startswith("the time is used")
+    assert story.rounds[-1].sentences == ("a or b",)
+
+
 def test_a_fault_ends_it_with_what_was_kept(served, tmp_path):
-    """The position is lost in the middle of a motion: a sentence, exit code 1, the logs before it are kept, and another
+    """The position is lost in the middle of a motion: a sentence, exit code 2, the logs before it are kept, and another
     declaration does not take the folder over."""
     read = served.sensors.read
 
@@ -178,7 +239,7 @@ def test_a_fault_ends_it_with_what_was_kept(served, tmp_path):
     served.sensors.read = broken
     address = f"{served.address[0]}:{served.address[1]}"
     result = CliRunner().invoke(app, ["identify", "bench", "--host", address, "--out", str(with_held_out(tmp_path))])
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert "the machine is in fault: sensor fault" in " ".join(result.output.split())
     assert (tmp_path / "report.html").is_file()
     assert sorted(path.stem for path in (tmp_path / "logs").iterdir()) == ["held_out", "held_out_2"]

@@ -9,6 +9,7 @@ import typer
 
 from hexsim.cli import options
 from hexsim.cli.console import doing_of, output, print_json, progress, terminated_like_interrupted
+from hexsim.cli.errors import EXIT_CODE
 from hexsim.cli.serve import PORT
 from hexsim.errors import HexsimError
 
@@ -36,7 +37,7 @@ def identify(
 ) -> None:
     """Measure the machine behind a host interface, trace it, design the next motion, until nothing more can be told.
 
-    Exit code 1 where a fault of the machine or of the link ended it; what was found by then is kept.
+    Exit code 2 where a fault of the machine or of the link ended it; what was found by then is kept.
     """
     address = address_of(host)
     from hexsim.identify import identify as run
@@ -54,7 +55,7 @@ def identify(
     else:
         _tell(story, place)
     if story.failed:
-        raise typer.Exit(1)
+        raise typer.Exit(EXIT_CODE)
 
 
 def _tell(story: Story, place: Path) -> None:

@@ -103,12 +103,12 @@ def measure_bump(
     """
     tables = heave(machine, PERIODS / FREQUENCY_Hz + FADE_s)
     for name, asked in zip(LOGS, ("none", ALGORITHM), strict=True):
-        place = logs / f"{name}.parquet"
-        if place.exists():
-            continue
         host.compensate(asked, learned, machine.n_legs)
         doing = "the bump without compensation" if asked == "none" else "the bump with compensation"
-        write_log(host.drive(setpoints_of(machine, tables), lambda share, doing=doing: tell(doing, share)), place)
+        write_log(
+            host.drive(setpoints_of(machine, tables), lambda share, doing=doing: tell(doing, share)),
+            logs / f"{name}.parquet",
+        )
     host.compensate("none", [], machine.n_legs)
 
 

@@ -95,7 +95,8 @@ def sentence(story: Story) -> str:
     """What was found, in one sentence."""
     if not story.rounds:
         return "Nothing was measured that could be traced."
-    names = [row["title"] for row in effects(story)]
+    place = " in {where}" if story.machine.is_hexapod else ""
+    names = [row["title"] + place.format(where=row["where"]) for row in effects(story)]
     ended = story.rounds[-1].verdict
     if not names:
         return f"No effect is named: {ended}."
