@@ -51,8 +51,8 @@ def _mineral(grade: int, viscosity_100_mm2_s: float, density_15_kg_m3: float) ->
     )  # fmt: skip
 
 
-# Mineral hydraulic oils (ISO 11158 HM). ISO 3448 defines the viscosity at 40 degC; that at 100 degC is of a viscosity
-# index near 100, density as such oils usually have it: look both up in your oil's sheet.
+# Mineral hydraulic oils (ISO 11158 HM). ISO 3448 defines the viscosity at 40 degC. Estimates, no sheet's numbers: at
+# 100 degC of a viscosity index of 100 (ISO 2909), density as such oils usually have it. Your oil's sheet has both.
 GRADES = {
     oil.name: oil
     for oil in (_mineral(22, 4.3, 866.0), _mineral(32, 5.4, 872.0), _mineral(46, 6.8, 879.0), _mineral(68, 8.7, 886.0))

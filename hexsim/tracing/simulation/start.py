@@ -29,8 +29,8 @@ Array = np.ndarray
 REST_M = 2.0e-5  # [m] a log that begins this near its setpoint begins at rest
 START_S = 0.02  # [s] of the log that give position, speed and pressures at its beginning
 SHOT_S = 0.4  # [s] of the log that correct the pressures
-SHOTS = 2
-SHOT_Pa = 1.0e4  # finite difference of a start pressure
+SHOTS = 3
+SHOT_Pa = 1.0e3  # finite difference of a start pressure: ten times wider, the answer bends and the steps fall short
 UNKNOWN_Pa = 1.0e6  # what a start pressure may be off by that is not measured
 SHOT_NOISE = 3.0  # what the first START_S may be off by, in units of the pressures' noise
 
