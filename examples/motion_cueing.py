@@ -10,6 +10,10 @@ stands in for it (tilt coordination, limited to 3 deg/s so that the leaning itse
     angle = rate limit(LP2(s a) / g)                                slow part, nose up to speed up
     specific force f = R^T (a + g e_z)                              what is felt, in the platform's frame
 
+    python examples/motion_cueing.py --compensator adaptive --tune --host 60,jitter=0.2,loss=0.02
+
+With `--tune` the compensator starts with what it has learned on the machine's simulated twin; with `--host` packets of a
+host that knows no future drive the machine. `hexsim.cueing` has the washout tick by tick, for `hexsim serve --from`.
 setpoints.csv is an ordinary setpoint file: `hexsim run cueing/setpoints.csv` plays it too.
 """
 
@@ -29,7 +33,9 @@ from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, new_figure, png, styled
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
+from hexsim.simulation.hosted import Host
 from hexsim.smoothness import band_limit
+from hexsim.studies.tune_start import FILE, teach
 
 RATE_Hz, g = 500.0, 9.81
 SCALE = 0.3  # of the vehicle's accelerations
@@ -160,6 +166,8 @@ def main() -> None:
     parser.add_argument("--machine", default="micro_motion_system")
     parser.add_argument("--compensator", default="none")
     parser.add_argument("--fast", action="store_true", help="tendon model instead of full legs")
+    parser.add_argument("--host", default=None, help="a host that knows no future plays it: 60,jitter=0.2,loss=0.02")
+    parser.add_argument("--tune", action="store_true", help="start with what the compensator learns on the twin")
     arguments = parser.parse_args()
     machine = load_machine(arguments.machine)
     kinematics = machine_kinematics(machine)
@@ -171,13 +179,19 @@ def main() -> None:
     names = ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")
     setpoints = arguments.out / "setpoints.csv"
     pl.DataFrame({"time_s": time, **{name: pose[:, k] for k, name in enumerate(names)}}).write_csv(setpoints)
-    run = simulate(machine, load_scenario(setpoints), fast=arguments.fast, compensator=arguments.compensator)
+    compensator = arguments.compensator
+    if arguments.tune:
+        teach(machine, arguments.out, compensator)
+        compensator = str(arguments.out / FILE)
+    host = Host.parse(arguments.host) if arguments.host else None
+    run = simulate(machine, load_scenario(setpoints), fast=arguments.fast, compensator=compensator, host=host)
     log = run.log.head(run.log.height - 100)  # the setpoints end there
     moments = log["time_s"].to_numpy()
     felt = compare(log, kinematics, manoeuvre(moments))
     table = figures(moments, felt)
     (arguments.out / "cueing.json").write_text(json.dumps(table, indent=1), encoding="utf-8")
-    what = "proportional control" if run.compensator == "none" else f"compensator {run.compensator}"
+    what = "plain control" if run.compensator == "none" else f"compensator {run.compensator}"
+    what += f", packets {arguments.host}" if arguments.host else ""
     (arguments.out / "cueing.png").write_bytes(picture(moments, felt, table, what))
     columns = {f"{name}_{axis}_m_s2": values[:, k] for name, values in felt.items() for k, axis in enumerate("xyz")}
     pl.DataFrame({"time_s": moments, **columns}).write_csv(arguments.out / "felt.csv")

@@ -21,12 +21,6 @@ def roughness(run: Run, axis: str) -> float:
     return float(np.abs(a[(t > 7.0) & (t < t[-1] - 0.2)]).max())
 
 
-ROLL = pytest.mark.xfail(
-    strict=True,
-    reason="roll reaches 1/2.97 (0.1457 of 0.4330 rad/s2) since several slightly worse reversals end compensation",
-)
-
-
 @pytest.fixture(scope="module")
 def runs() -> tuple[Run, Run]:
     """Plain control and the adaptive algorithm in six sines of six frequencies."""
@@ -35,9 +29,7 @@ def runs() -> tuple[Run, Run]:
     return plain, adaptive
 
 
-@pytest.mark.parametrize(
-    "axis", [pytest.param(axis, marks=ROLL if "angular" in axis and "_x_" in axis else ()) for axis in AXES]
-)
+@pytest.mark.parametrize("axis", AXES)
 def test_irregular_motion_is_compensated(runs: tuple[Run, Run], axis: str) -> None:
     """Six sines of six frequencies, turns of some 0.05 m/s2: from 7 s on the worst bump is less than a third of plain
     control's in surge, heave, roll and yaw."""

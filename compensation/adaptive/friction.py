@@ -28,6 +28,7 @@ TYPICAL_STRIBECK, REVERSALS_NEEDED = 0.5, 5  # P_s over half the step, assumed u
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PRIOR = (500.0, 500.0, 500.0, 500.0, 250.0, POSITION_PRIOR)
 RESTORED_VARIANCE, RESTORED_REVERSALS = 0.01, round(1.0 / MIN_RATE)  # of the prior's; of Stribeck friction
+MAX_LOAD_MISFIT_MPA = 8e-3  # rms of a window up to which the load is the leg's own
 MIN_WINDOWS = 20  # in each direction, before the fit is used
 
 
@@ -101,7 +102,11 @@ def step_acceleration_m_s2(friction):
 
 @compiled
 def resonance_of_load_Hz(friction, settings):
-    """The load on the oil below a piston at mid-stroke: 1 / (2 pi sqrt(p1 V / (E A1)))."""
+    """The load on the oil below a piston at mid-stroke: 1 / (2 pi sqrt(p1 V / (E A1))). 0 where it is not known: of a
+    platform in several degrees of freedom at once a leg's load is not its own (p1 of -0.3 to 0.5 MPa s2/m, misfit of
+    13 to 28 kPa against 1 to 4)."""
+    if not friction_ready(friction) or friction.fit.residual > MAX_LOAD_MISFIT_MPA**2:
+        return 0.0
     compliance_m_Pa = (0.5 * settings.stroke_m + settings.pipeline_length_m) / settings.bulk_modulus_Pa
     return 1.0 / (2.0 * math.pi * math.sqrt(compliance_m_Pa * inertia_Pa(friction)))
 

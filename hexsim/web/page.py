@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 import threading
 import time
 from contextlib import redirect_stdout
@@ -131,8 +132,10 @@ class Page:
                 axes=axes("m_s2"),
                 legend=uplot.Legend(live=False),
                 height=370,
+                padding=(14, 24, 0, 0),  # room for the highest number
             )
             self.notes = self.server.gui.add_html("")
+        self._frame: tuple[float, float, str] | None = None
         panel.dock_left()
         panel.set_width(PANEL_PX)
 
@@ -190,15 +193,24 @@ class Page:
         ]
         largest = max(SMALLEST[latest.unit], *(float(np.nanmax(np.abs(line), initial=0.0)) for line in lines))
         self.chart.data = (time_s, *lines)
-        self.chart.scales, self.chart.axes = scales(time_s, largest), axes(latest.unit)
+        frame = (float(time_s[-1]), round_up(largest), latest.unit)
+        if frame != self._frame:  # the browser draws all anew
+            self._frame = frame
+            self.chart.scales, self.chart.axes = scales(time_s, frame[1]), axes(latest.unit)
 
 
 def scales(time_s: np.ndarray, largest: float) -> dict[str, uplot.Scale]:
     """Axes of the chart."""
     return {
         "x": uplot.Scale(time=False, auto=False, range=(float(time_s[0]), float(time_s[-1]))),
-        "y": uplot.Scale(auto=False, range=(-1.1 * largest, 1.1 * largest)),
+        "y": uplot.Scale(auto=False, range=(-largest, largest)),
     }
+
+
+def round_up(largest: float) -> float:
+    """The next of 1, 1.5, 2, 3, 5, 7 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(largest))
+    return power * next((step for step in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if largest <= step * power), 10.0)
 
 
 def axes(unit: str) -> tuple[uplot.Axis, ...]:
@@ -243,11 +255,12 @@ def notes(shown: Shown, command: str) -> str:
     elif shown.figures is None:
         state = "settling: the figures need a whole period after a change"
     else:
-        state = "the last two periods"
+        state = "figures of the last periods"
     slow = "" if shown.speed > 0.9 else f", {100 * shown.speed:.0f} % of real time"
     return (
         '<div style="font-size:13px;padding:4px 12px;line-height:1.45">'
-        f"<p>Acceleration less its basic harmonic, in {BANDWIDTH_Hz:.0f} Hz, about the last reversal at either end. "
+        f"<p>Acceleration less its basic harmonic (in a motion that is no sine: less the command), in "
+        f"{BANDWIDTH_Hz:.0f} Hz, about the last reversal at either end. "
         "Dashed: before the last change. The bump in the middle is what people feel.</p>"
         f'<p id="hexsim-state">{shown.time_s:.1f} s{slow}; {state}</p>'
         f'<p style="opacity:.75;margin-bottom:2px">The same without the page:</p>'
