@@ -123,7 +123,11 @@ def test_a_host_puts_a_compensator_into_the_loop_and_takes_it_out(served):
     assert [one.name for one in AskedCompensators(served.machine).take(asked) or []] == ["adaptive"]  # compiles it
     with Host(served.address) as host:
         host.exchange()
-        for name, wrong in (("os:system", learned), ("adaptive", {"flow": {}})):
+        for name, wrong in (
+            ("os:system", learned),
+            ("adaptive", {"flow": {}}),
+            ("adaptive", learned | {"rounding_V": 10**400}),
+        ):
             with pytest.raises(HexsimError, match="refuses the compensator"):
                 host.compensate(name, [wrong], 1)
         assert served.computer.compensators == []

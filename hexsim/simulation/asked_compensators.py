@@ -53,6 +53,6 @@ class AskedCompensators:
                     control_V=0.0, valve_V=0.0, pressure_bottom_Pa=0.5 * supply, pressure_supply_Pa=supply,
                 ),
             )  # fmt: skip
-        except (ValueError, TypeError, KeyError, IndexError) as error:
+        except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
             raise HexsimError(f"compensator {asked.name} of leg {asked.leg} does not start: {error}") from None
         return made

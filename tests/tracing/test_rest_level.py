@@ -1,5 +1,6 @@
 """At the level of the rest: small realities keep to their size, a large effect is found with its number beside them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,11 @@ from other_plant import write_machine
 from hexsim.machine import load_machine
 from hexsim.tracing import rules
 from hexsim.tracing.balances.balance import resolved_machine, sensed_leg
-from hexsim.tracing.fitting.parameters import candidates
+from hexsim.tracing.fitting.parameters import candidates, named
+from hexsim.tracing.fitting.rest_evidence import Evidence, sure
 from hexsim.tracing.fitting.rest_level import ordinary_effects
 from hexsim.tracing.steps import shapes, violations
-from hexsim.tracing.steps.dominant import sure_effects
+from hexsim.tracing.steps.dominant import may_be_a_filter, sure_effects
 from hexsim.tracing.steps.logs import begin
 
 DATA = Path(__file__).parents[1] / "data"
@@ -52,6 +54,34 @@ def test_small_realities_are_held_to_their_ordinary_size():
         [number] = candidate.effect.parameters
         reach = number.bounds[0] if np.isinf(number.neutral) else number.bounds[1]
         assert reach == pytest.approx(rules.ORDINARY[name])
+
+
+SURE = Evidence(
+    candidate=named("spring"), share=0.9, share_least=0.8, unseen=0.9, unseen_least=0.8, own=1.0, restored=(0.9, 0.9),
+    remarkable=2.0, apart=(1.0, 1.0), spread=0.2, curve=1.0, tied=(),
+)  # fmt: skip
+
+
+def test_each_rule_alone_keeps_an_effect_from_being_sure():
+    """Little taken and its balance not restored, nothing surely held out, another balance, runs that differ, a better curve."""
+    little = {"share": 0.2, "unseen": 0.1}
+    assert sure(SURE)
+    assert sure(replace(SURE, **little))  # its own balance is at the noise again
+    for changes in (
+        little | {"restored": (0.9, 0.5)},
+        {"unseen_least": -0.01},
+        {"own": 0.4},
+        {"spread": 1.1},
+        {"share": 0.7, "curve": 0.4},
+    ):
+        assert not sure(replace(SURE, **changes))
+
+
+def test_the_gain_of_a_late_sensor_may_be_a_filter():
+    """Of the same sensor only."""
+    late = [replace(SURE, candidate=named("accelerometer_delay"))]
+    assert may_be_a_filter(named("accelerometer_gain"), late)
+    assert not may_be_a_filter(named("pressure_gain"), late)
 
 
 @pytest.mark.slow
