@@ -140,6 +140,10 @@ class Compensator(abc.ABC):
     def restore(self, context: Context, parameters: Parameters) -> Any:
         """A state that starts with what was learned before."""
 
+    def resume(self, context: Context, parameters: Parameters) -> Any:
+        """The same in the middle of a motion, after a fault."""
+        return self.restore(context, parameters)
+
     def status(self, state: Any) -> str:
         """Empty, or a sentence for the log, such as why plain control acts alone."""
         return ""

@@ -179,7 +179,7 @@ class Guarded(Compensator):
         guard = state.guards[0]
         state.reason = int(guard.reason)
         if todo == RESTARTS:
-            state.inner = self.inner.restore(state.context, self.inner.parameters(state.inner))
+            state.inner = self.inner.resume(state.context, self.inner.parameters(state.inner))
         return float(guard.output_V), state
 
     def parameters(self, state: GuardState) -> Parameters:

@@ -42,5 +42,8 @@ class Started(Compensator):
     def restore(self, context: Context, parameters: Parameters) -> Any:
         return self.inner.restore(context, parameters)
 
+    def resume(self, context: Context, parameters: Parameters) -> Any:
+        return self.inner.resume(context, parameters)
+
     def status(self, state: Any) -> str:
         return self.inner.status(state)

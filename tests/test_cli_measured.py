@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -90,7 +91,10 @@ def test_trace_writes_a_recording_of_the_held_out_log(traced, tmp_path):
 
 
 def test_friction_needs_the_machine_of_the_log(tmp_path):
-    """A log without machine.toml beside it asks for --machine; with it the declared friction comes back within 5 %."""
+    """A log without machine.toml beside it asks for --machine; with it the declared friction comes back within 5 %.
+
+    A run's folder is a log with its machine.
+    """
     arguments = [
         "run",
         "friction",
@@ -103,7 +107,7 @@ def test_friction_needs_the_machine_of_the_log(tmp_path):
         str(tmp_path / "run"),
     ]
     assert CliRunner().invoke(app, arguments).exit_code == 0
-    log = str(tmp_path / "run" / "log.parquet")
+    log = str(shutil.copy(tmp_path / "run" / "log.parquet", tmp_path / "alone.parquet"))
     refused = CliRunner().invoke(app, ["friction", log])
     assert refused.exit_code == 2 and "give --machine" in refused.stderr and refused.stdout == ""
     result = CliRunner().invoke(app, ["friction", log, "-m", "bench", "--json", "--out", str(tmp_path / "f")])
@@ -112,6 +116,8 @@ def test_friction_needs_the_machine_of_the_log(tmp_path):
     for key in ("viscous_extend_N_s_m", "viscous_retract_N_s_m", "coulomb_extend_N", "coulomb_retract_N"):
         assert found[key] == pytest.approx(getattr(declared, key), rel=0.05)
     assert {path.name for path in (tmp_path / "f").iterdir()} == {"friction.json", "friction.png", "machine.toml"}
+    of_the_run = CliRunner().invoke(app, ["friction", str(tmp_path / "run"), "--json"])
+    assert json.loads(of_the_run.stdout)["parameters"] == found
 
 
 def test_serve_runs_for_its_time_and_says_how_far_behind():

@@ -111,6 +111,10 @@ class Adaptive(Compensator):
         restore(state.numbers, learned)
         return state
 
+    def resume(self, context: Context, parameters: Parameters) -> AdaptiveState:
+        """In the middle of a motion nothing is armed: plain control's bumps are measured again before it engages."""
+        return self.restore(context, {name: value for name, value in parameters.items() if name != "plain_control"})
+
 
 def sentence(told: int) -> str:
     """What a tick's flags mean, in words."""

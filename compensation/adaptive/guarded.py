@@ -54,10 +54,12 @@ def start_guarded(numbers, whole, settings):
 
 @compiled
 def restart_guarded(numbers, whole):
-    """Starts anew with `whole.learned`."""
+    """Starts anew with `whole.learned`, as `Adaptive.resume`."""
     for i in range(KEPT, SIZE):
         numbers[i] = 0.0
     start(whole.algorithm)
+    whole.learned.plain_control.baseline_m_s2[:] = 0.0  # in motion nothing is armed
+    whole.learned.plain_control.reversal_m_s2[:] = 0.0
     restore(whole.algorithm, whole.learned)
 
 

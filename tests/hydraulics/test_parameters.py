@@ -131,6 +131,8 @@ def everything(machine):
         *made.leg_sensors.values(),
         made.imu_turn_rad,
         made.imu_place_m,
+        made.loop_gain,
+        made.loop_delay_ticks,
     ]
     numbers += [legs.base_joints, legs.platform_joints, legs.retracted_length_m]
     return [n.tolist() for n in numbers], made.load, made.sensors, made.payload_modes

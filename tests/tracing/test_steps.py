@@ -51,7 +51,7 @@ def test_position_and_one_drive_end_in_a_verdict(tmp_path, drive):
     (lost,) = (
         f["description"] for f in result.report["findings"]["all logs"] if "cannot be formed" in f["description"]
     )
-    assert "pressure_bottom_Pa" in lost and "continuity, force, sensor, supply" in lost
+    assert "pressure_bottom_Pa" in lost and "continuity, controller, force, sensor, supply" in lost
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert lost.split(":")[0] in page.replace("&#39;", "'")
     assert result.report["steps"][1]["sentence"] == "the logs allow no balance"
