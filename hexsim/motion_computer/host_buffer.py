@@ -149,7 +149,7 @@ class HostBuffer:
         if not self._samples:
             return zero, zero, zero
         if self.latency_s is not None:
-            return self._predicted(now_s + self.ahead_s - self._offset - self.latency_s)
+            return self._predicted(now_s + self.ahead_s - self._offset - self.latency_s, self.latency_s)
         time = max(now_s - self._offset - self.delay_s, self._played)
         self._played = time
         place = bisect_right(self._samples, time, key=lambda sample: sample[0])
@@ -159,10 +159,10 @@ class HostBuffer:
             return self._coast(time)
         return self._cubic(place, time)
 
-    def _predicted(self, time: float) -> tuple[Array, Array, Array]:
+    def _predicted(self, time: float, latency_s: float) -> tuple[Array, Array, Array]:
         """The target at a time of the host's clock, by its setpoints so far; beyond the longest coasting at rest."""
         newest = self._samples[-1][0]
-        longest = max(self.ahead_s - self.latency_s, 0.0) + max(COAST_S, COAST_PERIODS * self._period)
+        longest = max(self.ahead_s - latency_s, 0.0) + max(COAST_S, COAST_PERIODS * self._period)
         position, velocity, acceleration = predicted(self._prediction, min(time, newest + longest))
         moving = float(time <= newest + longest)
         return position, moving * velocity, moving * acceleration

@@ -58,7 +58,8 @@ class HostSetpoints:
         """Piston setpoints (preview, n_legs) of this tick and the next ones."""
         limiter = self._limiters[self.mode]
         chosen = self._dofs if self.mode == 0 else slice(len(limiter.position))
-        command = limiter.step(*(value[chosen] for value in self.buffer.target(now_s - self.tick_s)), self.tick_s)
+        position, velocity, acceleration = (value[chosen] for value in self.buffer.target(now_s - self.tick_s))
+        command = limiter.step(position, velocity, acceleration, self.tick_s)
         self._legs[:-1], self._poses[:-1] = self._legs[1:], self._poses[1:]
         if self.mode == 0:
             self._poses[-1, self._dofs] = command
