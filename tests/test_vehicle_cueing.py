@@ -12,7 +12,7 @@ from hexsim.cueing.washout import Washout, poses
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.motion_computer.states import State
-from hexsim.simulation.serve import Server
+from hexsim.simulation.serve import HostInput, Server
 
 FOOT = 0.3048
 
@@ -106,7 +106,9 @@ def test_a_flight_model_moves_the_machine() -> None:
     """FlightGear packets at 60 Hz with 5 % lost: the machine goes to normal by itself, a pull-up of 3 m/s2 for half a second
     moves it, what is felt up is the washout's within the loop's lag, and silence ends in a fault."""
     rng = np.random.default_rng(0)
-    with Server(load_machine("micro_motion_system"), port=0, vehicle=flightgear, timestep=2e-4) as server:
+    with Server(
+        load_machine("micro_motion_system"), port=0, host_input=HostInput(vehicle=flightgear), timestep=2e-4
+    ) as server:
         host = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         highest = asked = 0.0
         for k in range(1500):
@@ -166,7 +168,9 @@ def test_a_take_off_is_felt(tmp_path) -> None:
     assert np.mean([one.acceleration[0] for one in found[300:600]]) == pytest.approx(2.6, abs=0.4)
     assert max(one.acceleration[2] for one in found[800:]) > 1.0
     waiting = sorted((t + rng.uniform(0.0, 0.005), data) for t, data in packets if rng.random() > 0.05)
-    with Server(load_machine("micro_motion_system/tuned"), port=0, vehicle=flightgear, timestep=2e-4) as server:
+    with Server(
+        load_machine("micro_motion_system/tuned"), port=0, host_input=HostInput(vehicle=flightgear), timestep=2e-4
+    ) as server:
         host = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         while waiting:
             while waiting and waiting[0][0] <= server.time_s:

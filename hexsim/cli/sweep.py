@@ -78,11 +78,9 @@ def sweep(
                 f"interrupted by the user; finished rows are kept in {out}.journal, run it again to go on"
             ) from None
     if json:
-        print_json({**counted, "table": str(out)})
-    else:
-        console = output()
-        console.print(f"runs    {counted['runs']}, of which {counted['run_now']} now and {counted['failed']} failed")
-        console.print(f"table   {out}")
+        return print_json({**counted, "table": str(out)})
+    output().print(f"runs    {counted['runs']}, of which {counted['run_now']} now and {counted['failed']} failed")
+    output().print(f"table   {out}")
 
 
 def parse_values(text: str) -> list[Any]:
