@@ -14,7 +14,6 @@ sharp     no tie, every number of it known to 10 %, and within 15 % of the truth
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 import time
@@ -178,19 +177,17 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "next_measurement.jsonl")
     parser.add_argument("--summary", type=Path)
     options = parser.parse_args()
-    if options.summary:
-        summarise([json.loads(text) for text in options.summary.read_text().splitlines()])
-        return
-    from tracing_evaluation import commit
+    from tracing_evaluation import append, commit, lines_of, seeds_of
 
-    first, _, last = options.seeds.partition("-")
-    known = [json.loads(text) for text in options.out.read_text().splitlines()] if options.out.is_file() else []
-    for seed in range(int(first), int(last or first) + 1):
-        if any(line["seed"] == seed for line in known):
+    if options.summary:
+        summarise(lines_of(options.summary))
+        return
+    done = {line["seed"] for line in lines_of(options.out)}
+    for seed in seeds_of(options.seeds):
+        if seed in done:
             continue
         line = run_one(seed, lambda text, seed=seed: print(seed, text, flush=True)) | {"commit": commit()}
-        with options.out.open("a") as file:
-            file.write(json.dumps(line) + "\n")
+        append(line, options.out)
 
 
 if __name__ == "__main__":

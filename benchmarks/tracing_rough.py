@@ -12,7 +12,6 @@ tie: tied with the first name; wrong: any name that is not in the machine.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 import time
@@ -143,18 +142,17 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "tracing_rough.jsonl")
     parser.add_argument("--summary", type=Path)
     options = parser.parse_args()
+    from tracing_evaluation import append, lines_of, seeds_of
+
     if options.summary:
-        summarise([json.loads(text) for text in options.summary.read_text().splitlines()])
+        summarise(lines_of(options.summary))
         return
-    first, _, last = options.seeds.partition("-")
-    known = [json.loads(text) for text in options.out.read_text().splitlines()] if options.out.is_file() else []
-    done = {(line["seed"], line["dominant"] is None) for line in known}
-    for seed in range(int(first), int(last or first) + 1):
+    done = {(line["seed"], line["dominant"] is None) for line in lines_of(options.out)}
+    for seed in seeds_of(options.seeds):
         if (seed, options.none) in done:
             continue
         line = run_one(seed, None if options.none else "any")
-        with options.out.open("a") as file:
-            file.write(json.dumps(line) + "\n")
+        append(line, options.out)
         print(line["score"], seed, line["dominant"], line["named"], line["seconds"], flush=True)
 
 
