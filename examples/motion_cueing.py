@@ -99,7 +99,7 @@ def figures(time, felt):
 
 @styled
 def picture(time, felt, table, what):
-    figure, plots = new_figure(3, f"Motion cueing: specific force on the platform, {what}", heights=[1.7, 1.7, 1.7])
+    figure, plots = new_figure(3, f"Specific force on the platform: {what}", heights=[1.7, 1.7, 1.7])
     for plot, (k, description) in zip(plots, enumerate(("forward", "left", "up")), strict=True):
         plot.plot(time, felt["felt"][:, k], color=palette.RESPONSE, lw=0.8, label="felt on the machine, 50 Hz band")
         plot.plot(time, felt["commanded"][:, k], color=palette.DEVIATION, lw=1.1, label="commanded by the washout")

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from hexsim.cueing.protocols import FDM_BYTES, flightgear, outsim, protocol, xplane
-from hexsim.cueing.washout import Washout, poses
+from hexsim.cueing.washout import Washout, poses, washout_of
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.motion_computer.states import State
+from hexsim.recording.washout_figure import washout_figure
 from hexsim.simulation.serve import HostInput, Server
 
 FOOT = 0.3048
@@ -51,6 +52,38 @@ def test_a_washout_that_cannot_be_is_refused() -> None:
     """A corner frequency of zero would keep the platform out for ever."""
     with pytest.raises(HexsimError, match="washout: scale, corner frequencies"):
         Washout(high_pass_rad_s=(0.0, 1.0, 1.0))
+
+
+def test_a_washout_from_a_file(tmp_path) -> None:
+    """Keys of a TOML file over the defaults; an unknown key, a wrong type, a value that cannot be and an unknown name are said
+    in one sentence with the file."""
+    path = tmp_path / "mine.toml"
+    path.write_text("scale = 0.5\nhigh_pass_rad_s = [2, 1.0, 3.0]\nadaptive = true\n")
+    assert washout_of(str(path)) == Washout(scale=0.5, high_pass_rad_s=(2.0, 1.0, 3.0), adaptive=True)
+    assert washout_of("adaptive") == Washout(adaptive=True) and washout_of("classical") == Washout()
+    for text, said in (
+        ("size = 1.0", "size: unexpected keyword argument; the keys are scale, high_pass_rad_s"),
+        ("high_pass_rad_s = [1.0]", "high_pass_rad_s: field required; the keys"),
+        ("scale = 0.0", "washout: scale, corner frequencies"),
+        ("scale =", "is not valid TOML"),
+    ):
+        path.write_text(text)
+        with pytest.raises(HexsimError, match=said) as caught:
+            washout_of(str(path))
+        assert str(caught.value).startswith(str(path))
+    with pytest.raises(HexsimError, match="washout 'none' is unknown: give classical, adaptive"):
+        washout_of("none")
+
+
+def test_what_a_washout_makes_of_a_push_is_drawn() -> None:
+    """A column a washout; after four seconds of push the lean alone gives the scaled acceleration, drawn in its own units."""
+    figure = washout_figure({"mine": Washout(), "other": Washout(scale=0.2)}, 3.0)
+    assert [plot.get_title() for plot in figure.axes[:2]] == ["mine", "other"]
+    way, lean, force = (plot.lines[-1].get_ydata() for plot in figure.axes[::2])
+    held = int(4.1 * 500)
+    assert force[held] == pytest.approx(0.3 * 3.0, rel=0.03)
+    assert 9.81 * np.sin(np.radians(lean[held])) == pytest.approx(0.9, rel=0.03)
+    assert 50.0 < way.max() < 200.0
 
 
 def test_flightgear_packets_are_read() -> None:

@@ -44,6 +44,9 @@ def serve(
         str | None,
         typer.Option("--from", help="Packets of a simulator, washed out: flightgear, xplane, outsim, or a TOML file."),
     ] = None,
+    washout: Annotated[
+        str, typer.Option(help="Of --from: classical, adaptive, or a TOML file of its parameters.")
+    ] = "classical",
     buffer_ms: Annotated[
         float | None,
         typer.Option(min=0.0, max=500.0, help="Latency given away so that less is predicted; default: the machine's."),
@@ -58,8 +61,11 @@ def serve(
     """Run the machine in real time with its host interface over UDP; shows its lag behind real time."""
     with_machine, what = options.prepare(scenario or "heave", options.Motion(machine=machine))
     from hexsim.cueing.protocols import protocol
+    from hexsim.cueing.washout import washout_of
     from hexsim.simulation.serve import HostInput, Server
 
+    if washout != "classical" and not source:
+        raise HexsimError("--washout acts on the packets of a simulator: give --from too")
     if source and lockstep:
         raise HexsimError("--from and --lockstep exclude each other: a vehicle's packets hold no machine time")
 
@@ -67,7 +73,8 @@ def serve(
         with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep,
         telemetry=telemetry, lockstep=lockstep, record_s=min(duration or LONGEST_LOG_S, LONGEST_LOG_S) if out else 0.0,
         host_input=HostInput(
-            buffer_s=None if buffer_ms is None else 1e-3 * buffer_ms, vehicle=protocol(source) if source else None
+            buffer_s=None if buffer_ms is None else 1e-3 * buffer_ms, vehicle=protocol(source) if source else None,
+            washout=washout_of(washout),
         ),
     )  # fmt: skip
     address = f"{server.address[0]}:{server.address[1]}"
