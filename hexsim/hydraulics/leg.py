@@ -234,19 +234,19 @@ def leg_derivatives(p, y, v, volts, t, Ps, state, h):
 
 
 @compiled
-def valve_volts(volts, hysteresis, delay_samples):
-    """What reaches the spool after delay and backlash, sample by sample: (n,) -> (n,). Starts at rest at volts[0].
+def valve_volts(volts, hysteresis, delay_samples, spread=0.0):
+    """What reaches the spool after delay and hysteresis, sample by sample: (n,) -> (n,). Starts at rest at volts[0].
 
-    A delay of a broken number of samples takes a share of both.
+    hysteresis, spread [V]: half width, and what the threshold's is less. A delay of a broken number of samples takes a share of both.
     """
     n = volts.shape[0]
     out = np.empty(n)
-    held = volts[0]
+    held, apart = volts[0], 0.0
     for i in range(n):
         place = max(i - delay_samples, 0.0)
         k = int(place)
         share = place - k
         late = volts[k] if share == 0.0 else (1.0 - share) * volts[k] + share * volts[k + 1]
-        held = valve.play(late, held, hysteresis)
+        held, apart = valve.hysteresis(late, held, apart, hysteresis, spread)
         out[i] = held
     return out

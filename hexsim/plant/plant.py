@@ -159,7 +159,7 @@ class Plant:
             data.ctrl[self.n_legs] = 1.0
             start.start_supply(self)
         start.hold_still(self, self.static_pressures())
-        self.context.count[0], self.context.spool_volts[:] = 0, 0.0
+        self.context.count[0], self.context.spool_volts[:], self.context.apart[:] = 0, 0.0, 0.0
         self.context.calm_s[0], self.context.velocity_before[:] = 0.0, 0.0
         self.history: list[tuple[float, np.ndarray, np.ndarray]] = []
         self.keep_rows()
