@@ -222,9 +222,13 @@ def _figures(test: ValveTest) -> dict[str, Any]:
 
 
 def _shut(signal: Array, flow: Array, rated: float) -> tuple[float, float]:
-    """Signals between which the valve is shut on its way up or down; (0, 0) where it never is."""
+    """Signals between which the valve is shut on its way up or down; where it never is, the one at which its flow turns."""
     shut = signal[np.abs(flow) < DEAD_SHARE * rated]
-    return (float(np.min(shut)), float(np.max(shut))) if len(shut) else (0.0, 0.0)
+    if len(shut):
+        return float(np.min(shut)), float(np.max(shut))
+    order = np.argsort(signal)
+    turn = float(np.interp(0.0, flow[order], signal[order]))
+    return turn, turn
 
 
 def _crossing(values: Array, level: float) -> float | None:
