@@ -87,6 +87,7 @@ class NextMeasurement:
                 }
                 for number, error in zip(self.numbers, self.promise.errors, strict=True)
             ],
+            "information": self.promise.information,
             "cannot": list(self.cannot),
             "scenario": self.tables,
         }  # fmt: skip
