@@ -64,7 +64,7 @@ def inverse() -> tuple[str, ...]:
 def write_driven(folder: Path, plant: Any, name: str, tables: dict[str, Any], seed: int) -> None:
     """The log of a designed motion on the true plant."""
     import polars as pl
-    from other_plant import SUBSTEPS, integrate, measured, state_at_rest
+    from other_plant import driven, measured
 
     from hexsim.scenarios.scenario import scenario_from_dict
 
@@ -73,18 +73,7 @@ def write_driven(folder: Path, plant: Any, name: str, tables: dict[str, Any], se
     t = np.arange(round(scenario.duration_s * 1000)) * 1e-3
     held = np.floor(t * 500 + 1e-6) / 500
     setpoint = scenario.evaluate(held)[0][:, :1] + 0.5 * plant.legs["stroke"][0]
-    y, u, P, Ps, a = integrate(
-        plant.rig,
-        plant.legs,
-        plant.base,
-        plant.joints,
-        state_at_rest(plant),
-        setpoint,
-        np.zeros(len(t)),
-        SUBSTEPS["bench"],
-    )
-    true = {"time": t, "setpoint": setpoint, "position": y, "valve": u, "pressure": P, "supply": Ps, "acceleration": a}
-    pl.DataFrame(measured(plant, true, rng)).write_csv(folder / f"{name}.csv")
+    pl.DataFrame(measured(plant, driven(plant, setpoint), rng)).write_csv(folder / f"{name}.csv")
 
 
 def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:

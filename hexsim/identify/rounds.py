@@ -237,12 +237,12 @@ def _round(number: int, purpose: str, log: str, result: Trace, expected: dict[st
 def open_points(result: Trace) -> list[str]:
     """What a trace leaves open and a measurement may tell: ties, an unexplained rest, numbers that are not sharp."""
     found = []
-    labels = [label for label, _ in surviving(result)]
-    if len(labels) > 1:
-        found.append(f"{' or '.join(labels)}")
-    elif result.verdict == "unexplained":
-        found.append("the rest is unexplained")
+    if result.verdict == "unexplained":
+        labels = [label for label, _ in surviving(result)]
+        found.append(" or ".join(labels) if len(labels) > 1 else "the rest is unexplained")
     for effect in result.effects:
+        if effect.tied_with:
+            found.append(" or ".join((effect.candidate.label, *effect.tied_with)))
         for name, value in effect.values.items():
             error = effect.standard_errors.get(name, float("nan"))
             if value and not error <= SHARP * abs(value):

@@ -36,7 +36,7 @@ class Balance(ABC):
     learned_as: balance that a learned curve of its residual may join ("continuity", "force"), or None.
     other_names: name -> caption, for a residual that is put down to a part of it, see `reported_as`.
     spoils_others: where it is violated, no other can be trusted.  one_cause: its rows are one cause; the worst is looked at.
-    shared_out: its rows are another balance's, said in other places.
+    shared_out: the balance whose rows these are, said in other places; none where empty.
     """
 
     name: ClassVar[str]
@@ -49,7 +49,7 @@ class Balance(ABC):
     other_names: ClassVar[dict[str, str]] = {}
     spoils_others: ClassVar[bool] = False
     one_cause: ClassVar[bool] = False
-    shared_out: ClassVar[bool] = False
+    shared_out: ClassVar[str] = ""
 
     @abstractmethod
     def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:

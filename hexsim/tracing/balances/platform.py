@@ -63,7 +63,7 @@ class LegForce(Balance):
     caption = Force.caption
     order = 50
     learned_as = "force"
-    shared_out = True
+    shared_out = "platform"
 
     def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
         return Platform().needs(machine)
