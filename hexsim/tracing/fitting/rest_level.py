@@ -223,24 +223,30 @@ def asked_for(
     return float(x[-1]), float(2.0 * b @ x - x @ A @ x), float(np.sqrt(known)) if known > 0.0 else np.inf
 
 
-def sandwich(found: RestFit, problem: FitProblem, runs: Sequence[int] | None = None) -> Array:
+def sandwich(found: RestFit, problem: FitProblem) -> Array:
     """Covariance of all coordinates from the scatter of blocks, with the priors' freedom inside: H^-1 (S + P) H^-1.
 
-    runs: only these logs. A small reality counts as known to its ordinary size.
+    A small reality counts as known to its ordinary size.
     """
-    fit = found.fit
-    H, P, scores = _curvature(fit, found.columns, problem, runs)
+    return _sandwich(*_curvature(found.fit, found.columns, problem))
+
+
+def _sandwich(H: Array, P: Array, scores: Array) -> Array:
     S = scores.T @ scores
     inverse = np.linalg.pinv(H, rcond=1e-12, hermitian=True)
     return inverse @ (S + P) @ inverse
 
 
 def _curvature(
-    fit: Fit, columns: list[Array], problem: FitProblem, runs: Sequence[int] | None
+    fit: Fit,
+    columns: list[Array],
+    problem: FitProblem,
+    runs: Sequence[int] | None = None,
+    rows: Sequence[int] | None = None,
 ) -> tuple[Array, Array, Array]:
-    """(normal matrix with priors, priors alone, score of each block (n_blocks, k))."""
-    k = columns[0].shape[0]
-    size = np.maximum(row_sizes(fit.misfit), 1.0)
+    """(normal matrix with priors, priors alone, score of each block (n_blocks, k)). runs, rows: only these."""
+    k, rows = columns[0].shape[0], list(range(len(fit.misfit[0])) if rows is None else rows)
+    size = np.maximum(row_sizes(fit.misfit), 1.0)[rows]
     P = np.diag(prior_precision(fit))
     H, scores = P.copy(), []
     for i, (X, r) in enumerate(zip(columns, fit.misfit, strict=True)):
@@ -248,9 +254,10 @@ def _curvature(
             continue
         count = max(int((problem.logs[i].time[-1] - problem.logs[i].time[0]) / rules.PARTLY_BLOCK_S), 2)
         for part in np.array_split(np.arange(r.shape[1]), count):
-            scaled = (X[:, :, part] / size[None, :, None] ** 2).reshape(k, -1)
-            H += scaled @ X[:, :, part].reshape(k, -1).T
-            scores.append(scaled @ r[:, part].ravel())
+            own = X[:, rows][:, :, part]
+            scaled = (own / size[None, :, None] ** 2).reshape(k, -1)
+            H += scaled @ own.reshape(k, -1).T
+            scores.append(scaled @ r[rows][:, part].ravel())
     return H, P, np.array(scores)
 
 
@@ -269,12 +276,18 @@ def is_held(candidate: Candidate) -> bool:
     return candidate.effect.name in rules.ORDINARY and candidate.effect != named(candidate.effect.name).effect
 
 
-def estimate(found: RestFit, place: int, problem: FitProblem, runs: Sequence[int]) -> tuple[float, float]:
-    """(value, standard error) of one coordinate from these logs alone, linear about the fit of all of them."""
+def estimate(
+    found: RestFit,
+    place: int,
+    problem: FitProblem,
+    runs: Sequence[int] | None = None,
+    rows: Sequence[int] | None = None,
+) -> tuple[float, float]:
+    """(value, standard error) of one coordinate from these logs, or these rows, alone, linear about the fit of all."""
     fit = found.fit
-    H, _, scores = _curvature(fit, found.columns, problem, runs)
+    H, P, scores = _curvature(fit, found.columns, problem, runs, rows)
     step = np.linalg.pinv(H, rcond=1e-12, hermitian=True) @ scores.sum(axis=0)
-    covariance = sandwich(found, problem, runs)
+    covariance = _sandwich(H, P, scores)
     return float(coordinates_of(fit)[place] + step[place]), float(np.sqrt(max(covariance[place, place], 0.0)))
 
 

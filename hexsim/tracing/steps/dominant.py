@@ -35,6 +35,7 @@ from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
 LARGEST_START = 3.0  # coordinate
+Job = tuple[float, Candidate, float]  # what the column promises, the effect, the size to begin with
 
 
 def rivals_of(
@@ -44,7 +45,7 @@ def rivals_of(
 
     hidden: effect -> size of its first number below which it would not be named beside this rest.
     """
-    asked: dict[str, tuple[float, Candidate, float]] = {}
+    asked: dict[str, Job] = {}
     hidden: dict[str, float] = {}
     for candidate, own in zip(possible, columns_of(base.fit, list(possible), problem), strict=True):
         if not all(np.all(np.isfinite(column)) for column in own):
@@ -56,18 +57,29 @@ def rivals_of(
         if np.isfinite(sd):
             shown = max(sd * float(np.sqrt(least_fall(problem))), least_remarkable(candidate))
             hidden.setdefault(candidate.effect.name, abs(to_value(number, shown)))
-        fall = np.inf if np.isinf(number.neutral) and not named_already else fall  # no column tells what it can do
         if fall > asked.get(candidate.label, (-np.inf,))[0]:
             asked[candidate.label] = (fall, candidate, float(np.clip(size, -LARGEST_START, LARGEST_START)) or 0.1)
-    jobs = sorted(asked.values(), key=lambda job: -job[0])[: rules.PARTLY_REFITTED]
+    jobs = worth_a_refit(list(asked.values()), bending=not named_already)
     least = rules.PARTLY_PROMISE * least_fall(problem)
 
-    def tried_with(job: tuple[float, Candidate, float]) -> RestFit | None:
+    def tried_with(job: Job) -> RestFit | None:
         promised, candidate, size = job
         return rest_level.with_effect(base, candidate, problem, size, -np.inf if promised > least else least)
 
     tried = in_parallel(tried_with, jobs)
     return sorted((rival for rival in tried if rival is not None), key=lambda rival: rival.cost), hidden
+
+
+def worth_a_refit(asked: Sequence[Job], bending: bool) -> list[Job]:
+    """Those whose columns promise most. bending: before them, each effect whose column tells little, at its best place."""
+    ranked = sorted(asked, key=lambda job: -job[0])
+    first: dict[str, Job] = {}
+    for job in ranked:
+        if bending and np.isinf(job[1].effect.parameters[0].neutral):
+            first.setdefault(job[1].effect.name, (np.inf, *job[1:]))
+    labels = {candidate.label for _, candidate, _ in first.values()}
+    others = [job for job in ranked if job[1].label not in labels]
+    return [*first.values(), *others][: rules.PARTLY_REFITTED]
 
 
 def least_fall(problem: BalanceProblem) -> float:
