@@ -7,7 +7,7 @@ import struct
 import numpy as np
 import pytest
 
-from hexsim.cueing.protocols import FDM_BYTES, flightgear, outsim, protocol, xplane
+from hexsim.cueing.protocols import FDM_BYTES, flightgear, outsim, protocol, xplane, xplane12
 from hexsim.cueing.washout import Washout, poses, washout_of
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
@@ -99,13 +99,16 @@ def test_flightgear_packets_are_read() -> None:
 
 
 def test_xplane_packets_are_read() -> None:
-    """Groups 4 and 16 in either order: 2 g upward is 9.81 m/s2 up, nose-up rate is negative about left."""
+    """Groups 4 and 16 in either order: 2 g upward is 9.81 m/s2 up, nose-up rate is negative about left; version 12 sends
+    degrees and another order."""
     loads = struct.pack("<i8f", 4, 0, 0, 0, 0, 2.0, 0.1, 0.2, 0)
     rates = struct.pack("<i8f", 16, 0.3, 0.1, 0.2, 0, 0, 0, 0, 0)
     for body in (loads + rates, rates + loads):
         found = xplane(b"DATA*" + body)
         assert found.acceleration == pytest.approx((0.981, -1.962, 9.81), abs=1e-5)
         assert found.rates == pytest.approx((0.1, -0.3, -0.2), abs=1e-6)
+    in_degrees = struct.pack("<i8f", 16, *np.degrees([0.1, 0.3, 0.2]), 0, 0, 0, 0, 0)
+    assert xplane12(b"DATA*" + loads + in_degrees).rates == pytest.approx((0.1, -0.3, -0.2), abs=1e-5)
     assert xplane(b"DATA*" + loads) is None and xplane(b"DATA*" + loads + rates[:-1]) is None
 
 
@@ -131,7 +134,7 @@ def test_packets_that_a_file_describes(tmp_path) -> None:
         path.write_text(text)
         with pytest.raises(HexsimError, match=said):
             protocol(str(path))
-    with pytest.raises(HexsimError, match="--from 'aces' is unknown: give one of flightgear, xplane, outsim"):
+    with pytest.raises(HexsimError, match="--from 'aces' is unknown: give one of flightgear, xplane, xplane12, outsim"):
         protocol("aces")
 
 

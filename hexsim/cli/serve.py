@@ -42,7 +42,9 @@ def serve(
     ] = False,
     source: Annotated[
         str | None,
-        typer.Option("--from", help="Packets of a simulator, washed out: flightgear, xplane, outsim, or a TOML file."),
+        typer.Option(
+            "--from", help="Packets of a simulator, washed out: flightgear, xplane, xplane12, outsim or a TOML file."
+        ),
     ] = None,
     washout: Annotated[
         str, typer.Option(help="Of --from: classical, adaptive, or a TOML file of its parameters.")
