@@ -163,6 +163,7 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
         check_careful(machine, host.drive(SMALL_SHARE * setpoints_of(machine, careful)))
     for name, point in missing.items():
         _measure(host, machine, family.scenario(point), logs / f"{name}.parquet", "measuring what is held out", tell)
+        _keep(story, before_s + host.time_s)
     tables, purpose, expected = family.scenario(FIRST), "a rich motion, to begin with", {}
     fit: list[Path] = []
     for number in range(1, ROUNDS + 1):
@@ -173,12 +174,12 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
                 story.ended = f"the time is used: {used_s:.0f} of {budget_s:.0f} s"
                 return
             _measure(host, machine, tables, name, f"round {number}: measuring", tell)
+            _keep(story, before_s + host.time_s)
         fit.append(name)
         result = _trace(story, fit, number, tell)
         story.rounds.append(_round(number, purpose, name.stem, result, expected))
         story.fitted = result.fitted
-        story.machine_s = before_s + host.time_s
-        write_json(story.folder / "story.json", story.to_json())
+        _keep(story, before_s + host.time_s)
         if not open_points(result):
             story.ended = f"{result.verdict}: nothing is left to be told apart, and every number is sharp"
             return
@@ -188,6 +189,12 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
             return
         tables, purpose, expected = design.tables, design.purpose, design.to_json()
     story.ended = f"{ROUNDS} rounds are done; still open: {'; '.join(open_points(result))}"
+
+
+def _keep(story: Story, used_s: float) -> None:
+    """The story so far, with its machine time: what a killed identification goes on from."""
+    story.machine_s = used_s
+    write_json(story.folder / "story.json", story.to_json())
 
 
 def _measure(host: Host, machine: Machine, tables: dict[str, Any] | None, place: Path, doing: str, tell: Show) -> None:
