@@ -24,7 +24,7 @@ from .spool import SPOOL_DAMPING
 MAX_WRONG_SHARE = 1.2  # of a pressure oscillation that the damping may feed at any frequency, over what it damps
 GROWTH_SHARE = 0.5  # of the viscous damping of a mode that the filter may take away
 LOWEST_MODE, HIGHEST_MODE = 0.7, 1.5  # over the identified resonance: the oil's volume changes with the stroke
-NEAR, LEAST_SHARE = 0.1, 0.15  # about the resonance, relative to it; what is to be damped there
+NEAR, LEAST_SHARE = 0.1, 0.45  # about the resonance, relative to it; what is to be damped there
 PASSES, MARGIN = 20, 0.1  # of the penalty method; by which a row asks for more than its bound
 ABOVE, AT_REST, SIZE = 0.15, 1e2, 0.03  # weights: above the band, at rest, of the taps' size
 BAND_STEPS, ABOVE_STEPS, ABOVE_BAND, CHECK_STEPS = 40, 30, 1.6, 120  # frequencies in the band, above 1.6 times its end
