@@ -25,7 +25,7 @@ STRIBECK_VELOCITY_M_S = 5e-3  # over which friction falls after breakaway; a com
 POSITION_PRIOR = 10.0  # standard deviation of p5 [2 kPa/dm]: load hardly depends on position
 TYPICAL_STRIBECK, REVERSALS_NEEDED = 0.5, 5  # P_s over half the step, assumed until so many reversals were seen
 # prior standard deviations in units of the noise of a window's mean (2 kPa): 1 MPa or 1 MPa per (m/s2, dm/s)
-NOISE_MPA, MAX_ERRORS = 2e-3, 3.0  # of a window's mean; a window moves the fit no further than so many of its errors would
+NOISE_MPA, MAX_ERRORS = 2e-3, 3.0  # of a window's mean; errors from which on a window counts for less
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PRIOR = (500.0, 500.0, 500.0, 500.0, 250.0, POSITION_PRIOR)
 RESTORED_VARIANCE, RESTORED_REVERSALS = 0.01, round(1.0 / MIN_RATE)  # of the prior's; of Stribeck friction
