@@ -116,6 +116,8 @@ CASES = {
     "hose": Hidden(changes=HOSE),
     "fault_later": Hidden(changes=HOSE, spoil=transducer_breaks(85.0)),
     "incline": Hidden(changes=INCLINE),
+    "small_leak": Hidden(changes=SMALL | {key: 3e-13 for key in LEAK}),  # the number is wide beside what is left
+    "rough_delay": Hidden(changes=SMALL | {"effects.valve_delay.delay_s": 4e-3}),  # as good as a slow spool
     "second_leak": Hidden(second={"leakage_supply_to_chamber": 1.7e-12}),
     "second_spool": Hidden(second={"leakage_supply_to_chamber": 1.7e-12, "spool_lag": 60.0}),
     "second_clean": Hidden(second={}),

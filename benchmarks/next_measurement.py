@@ -14,7 +14,6 @@ sharp     no tie, every number of it known to 10 %, and within 15 % of the truth
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 import time
@@ -65,7 +64,7 @@ def inverse() -> tuple[str, ...]:
 def write_driven(folder: Path, plant: Any, name: str, tables: dict[str, Any], seed: int) -> None:
     """The log of a designed motion on the true plant."""
     import polars as pl
-    from other_plant import SUBSTEPS, integrate, measured, state_at_rest
+    from other_plant import driven, measured
 
     from hexsim.scenarios.scenario import scenario_from_dict
 
@@ -74,18 +73,7 @@ def write_driven(folder: Path, plant: Any, name: str, tables: dict[str, Any], se
     t = np.arange(round(scenario.duration_s * 1000)) * 1e-3
     held = np.floor(t * 500 + 1e-6) / 500
     setpoint = scenario.evaluate(held)[0][:, :1] + 0.5 * plant.legs["stroke"][0]
-    y, u, P, Ps, a = integrate(
-        plant.rig,
-        plant.legs,
-        plant.base,
-        plant.joints,
-        state_at_rest(plant),
-        setpoint,
-        np.zeros(len(t)),
-        SUBSTEPS["bench"],
-    )
-    true = {"time": t, "setpoint": setpoint, "position": y, "valve": u, "pressure": P, "supply": Ps, "acceleration": a}
-    pl.DataFrame(measured(plant, true, rng)).write_csv(folder / f"{name}.csv")
+    pl.DataFrame(measured(plant, driven(plant, setpoint), rng)).write_csv(folder / f"{name}.csv")
 
 
 def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
@@ -189,19 +177,17 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "next_measurement.jsonl")
     parser.add_argument("--summary", type=Path)
     options = parser.parse_args()
-    if options.summary:
-        summarise([json.loads(text) for text in options.summary.read_text().splitlines()])
-        return
-    from tracing_evaluation import commit
+    from tracing_evaluation import append, commit, lines_of, seeds_of
 
-    first, _, last = options.seeds.partition("-")
-    known = [json.loads(text) for text in options.out.read_text().splitlines()] if options.out.is_file() else []
-    for seed in range(int(first), int(last or first) + 1):
-        if any(line["seed"] == seed for line in known):
+    if options.summary:
+        summarise(lines_of(options.summary))
+        return
+    done = {line["seed"] for line in lines_of(options.out)}
+    for seed in seeds_of(options.seeds):
+        if seed in done:
             continue
         line = run_one(seed, lambda text, seed=seed: print(seed, text, flush=True)) | {"commit": commit()}
-        with options.out.open("a") as file:
-            file.write(json.dumps(line) + "\n")
+        append(line, options.out)
 
 
 if __name__ == "__main__":

@@ -88,11 +88,28 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     if options.what == "summary":
-        summarise([json.loads(line) for file in options.files for line in file.read_text().splitlines()])
+        summarise([line for file in options.files for line in lines_of(file)])
         return
-    first, _, last = options.seeds.partition("-")
     out = options.out or ROOT / "docs" / "results" / f"tracing_{options.what}_{options.kind}.jsonl"
-    run_all(options, range(int(first), int(last or first) + 1), out)
+    run_all(options, seeds_of(options.seeds), out)
+
+
+def seeds_of(text: str) -> range:
+    """The seeds of "1000-1009", or of "1000"."""
+    first, _, last = text.partition("-")
+    return range(int(first), int(last or first) + 1)
+
+
+def lines_of(file: Path) -> list[dict]:
+    """What a file of JSON lines holds already; nothing where there is no file."""
+    return [json.loads(text) for text in file.read_text().splitlines()] if file.is_file() else []
+
+
+def append(line: dict, file: Path) -> None:
+    """One more line of JSON."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("a") as out:
+        out.write(json.dumps(line) + "\n")
 
 
 def run_all(options: argparse.Namespace, seeds: range, out: Path) -> None:
@@ -109,16 +126,13 @@ def run_all(options: argparse.Namespace, seeds: range, out: Path) -> None:
         ]
     if options.effects:
         names = options.effects.split(",")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    lines = [json.loads(line) for line in out.read_text().splitlines()] if out.is_file() else []
-    done = {(line["effect"], line["seed"], line["strength"]) for line in lines}
+    done = {(line["effect"], line["seed"], line["strength"]) for line in lines_of(out)}
     for seed in seeds:
         for name in [draw(seed)[1]] if options.what == "rough" else names:
             if (name, seed, options.strength) in done:
                 continue
             line = run_one(name, seed, options)
-            with out.open("a") as file:
-                file.write(json.dumps(line) + "\n")
+            append(line, out)
             print(line["seconds"], name, seed, line["verdict"], line["named"], line["score"], flush=True)
 
 

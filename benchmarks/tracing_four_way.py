@@ -8,7 +8,6 @@ A set that is in the file already is not run again. Seeds below 100 are for tuni
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 import time
@@ -21,22 +20,20 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing"), str(ROOT / "benchmar
 def main() -> None:
     """All sets of all seeds."""
     from four_edge_plant import EFFECTS
+    from tracing_evaluation import append, lines_of, seeds_of
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="100-104")
     parser.add_argument("--effects", default=",".join(EFFECTS))
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "tracing_four_way.jsonl")
     options = parser.parse_args()
-    first, _, last = options.seeds.partition("-")
-    lines = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.is_file() else []
-    done = {(line["effect"], line["seed"]) for line in lines}
-    for seed in range(int(first), int(last or first) + 1):
+    done = {(line["effect"], line["seed"]) for line in lines_of(options.out)}
+    for seed in seeds_of(options.seeds):
         for effect in options.effects.split(","):
             if (effect, seed) in done:
                 continue
             line = run_one(effect, seed)
-            with options.out.open("a") as file:
-                file.write(json.dumps(line) + "\n")
+            append(line, options.out)
             print(line["score"], effect, seed, line["named"], line["seconds"], flush=True)
 
 

@@ -156,6 +156,46 @@ class Compensator(abc.ABC):
         return f"{text} ({settings})" if settings else text
 
 
+@dataclass(frozen=True)
+class Wrapped(Compensator):
+    """A compensator around another one, under its name; what a subclass does not change is the other's."""
+
+    inner: Compensator
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """The algorithm's own name."""
+        return self.inner.name
+
+    @property
+    def preview_s(self) -> float:  # type: ignore[override]
+        """The algorithm's own preview [s]."""
+        return self.inner.preview_s
+
+    @property
+    def description(self) -> str:
+        """The algorithm's own description."""
+        return self.inner.description
+
+    def start(self, context: Context) -> Any:
+        return self.inner.start(context)
+
+    def step(self, state: Any, sample: Sample) -> tuple[float, Any]:
+        return self.inner.step(state, sample)
+
+    def parameters(self, state: Any) -> Parameters:
+        return self.inner.parameters(state)
+
+    def restore(self, context: Context, parameters: Parameters) -> Any:
+        return self.inner.restore(context, parameters)
+
+    def resume(self, context: Context, parameters: Parameters) -> Any:
+        return self.inner.resume(context, parameters)
+
+    def status(self, state: Any) -> str:
+        return self.inner.status(state)
+
+
 def clip(value: float, low: float, high: float) -> float:
     """`value` held between `low` and `high`; a NaN becomes `low`."""
     if value > high:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from . import compensator
-from .compensator import Compensator, Context, Parameters, Sample
+from .compensator import Context, Parameters, Sample, Wrapped
 from .compiled import compiled
 
 FADE_TICKS = 12  # 24 ms at 500 Hz
@@ -140,25 +140,8 @@ class GuardState:
 
 
 @dataclass(frozen=True)
-class Guarded(Compensator):
+class Guarded(Wrapped):
     """An algorithm behind the guard. `registry.create` returns every algorithm so."""
-
-    inner: Compensator
-
-    @property
-    def name(self) -> str:  # type: ignore[override]
-        """The algorithm's own name."""
-        return self.inner.name
-
-    @property
-    def preview_s(self) -> float:  # type: ignore[override]
-        """The algorithm's own preview [s]."""
-        return self.inner.preview_s
-
-    @property
-    def description(self) -> str:
-        """The algorithm's own description."""
-        return self.inner.description
 
     def start(self, context: Context) -> GuardState:
         return self._around(context, self.inner.start(context))
@@ -187,6 +170,9 @@ class Guarded(Compensator):
 
     def restore(self, context: Context, parameters: Parameters) -> GuardState:
         return self._around(context, self.inner.restore(context, parameters))
+
+    def resume(self, context: Context, parameters: Parameters) -> GuardState:
+        return self._around(context, self.inner.resume(context, parameters))
 
     def status(self, state: GuardState) -> str:
         return SENTENCES[state.reason] or self.inner.status(state.inner)

@@ -101,6 +101,27 @@ def results() -> Pictures:
         return {"host_path": place.read_bytes()}
 
 
+def cueing() -> Pictures:
+    """A car's manoeuvre through a host's packets, as felt; and what washouts make of a push."""
+    import runpy
+    from unittest.mock import patch
+
+    from hexsim.cueing.washout import Washout
+    from hexsim.recording.washout_figure import washout_figure
+
+    washouts = {
+        "surge from 2.5 rad/s on": Washout(),
+        "surge from 1.2 rad/s on": Washout(high_pass_rad_s=(1.2, 1.2, 4.0)),
+        "from 1.2 rad/s on, adaptive": Washout(high_pass_rad_s=(1.2, 1.2, 4.0), adaptive=True),
+    }
+    drawn = {"washout": png(washout_figure(washouts, 3.0), DPI)}
+    with tempfile.TemporaryDirectory() as folder:
+        arguments = "--fast --compensator adaptive --tune --host 60,jitter=0.2,loss=0.02 --out"
+        with patch.object(sys, "argv", ["motion_cueing.py", *arguments.split(), folder]):
+            runpy.run_path(str(ROOT / "examples" / "motion_cueing.py"), run_name="__main__")
+        return drawn | {"cueing_host": (Path(folder) / "cueing.png").read_bytes()}
+
+
 def story() -> Pictures:
     """A hexapod of which one leg leaks, identified behind its packets; the longest of all: some ten minutes."""
     sys.path.insert(0, str(ROOT / "examples"))
@@ -143,7 +164,7 @@ def live_web() -> Pictures:
 
 
 GROUPS: dict[str, Callable[[], Pictures]] = {
-    f.__name__: f for f in (heave, trace, effects, valve, qualify, chapter4, results, story, machines, live_web)
+    f.__name__: f for f in (heave, trace, effects, valve, qualify, chapter4, results, cueing, story, machines, live_web)
 }
 
 

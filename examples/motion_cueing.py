@@ -3,17 +3,13 @@
     python examples/motion_cueing.py --out cueing             writes setpoints.csv, felt.csv, cueing.png, cueing.json
 
 The manoeuvre is generated: pull away, brake, a double lane change, and a bump. A classical washout
-splits it: what is quick goes through high-pass filters to position, what is slow leans the platform so that gravity
-stands in for it (tilt coordination, limited to 3 deg/s so that the leaning itself is not felt).
-
-    x'' = HP3(s a),  HP3 = s^3 / ((s^2 + 2 w s + w^2)(s + w_b))     quick part, returns to the middle
-    angle = rate limit(LP2(s a) / g)                                slow part, nose up to speed up
-    specific force f = R^T (a + g e_z)                              what is felt, in the platform's frame
+splits it (`hexsim.cueing.washout`): what is quick goes through high-pass filters to position, what is slow leans the
+platform so that gravity stands in for it (tilt coordination, limited to 3 deg/s so that the leaning itself is not felt).
 
     python examples/motion_cueing.py --compensator adaptive --tune --host 60,jitter=0.2,loss=0.02
 
 With `--tune` the compensator starts with what it has learned on the machine's simulated twin; with `--host` packets of a
-host that knows no future drive the machine. `hexsim.cueing` has the washout tick by tick, for `hexsim serve --from`.
+host that knows no future drive the machine.
 setpoints.csv is an ordinary setpoint file: `hexsim run cueing/setpoints.csv` plays it too.
 """
 
@@ -25,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from scipy.signal import bilinear, lfilter
 
+from hexsim.cueing.washout import Washout, g, poses, specific_force
 from hexsim.machine import load_machine
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.recording import palette
@@ -37,12 +33,8 @@ from hexsim.simulation.hosted import Host
 from hexsim.smoothness import band_limit
 from hexsim.studies.tune_start import FILE, teach
 
-RATE_Hz, g = 500.0, 9.81
-SCALE = 0.3  # of the vehicle's accelerations
-TILT_RATE = np.radians(3.0)
-HIGH_PASS = {"x": 2.5, "y": 1.2, "z": 4.0}  # w [rad/s]
-BACK = 0.3  # w_b [rad/s]
-LOW_PASS = 2.5  # [rad/s]
+RATE_Hz = 500.0
+WASHOUT = Washout()
 
 
 def bell(time, start, length):
@@ -65,42 +57,6 @@ def manoeuvre(time):
     return np.column_stack([forward, lane, bump])
 
 
-def filtered(numerator, denominator, values):
-    """A continuous filter, by the bilinear rule, from rest."""
-    return lfilter(*bilinear(numerator, denominator, RATE_Hz), values)
-
-
-def high_pass_position(w, acceleration):
-    """Position (n,) [m] of the third-order high-passed acceleration: the two integrations cancel two of its zeros."""
-    return filtered([1.0, 0.0], np.polymul([1.0, 2.0 * w, w * w], [1.0, BACK]), acceleration)
-
-
-def rate_limited(values, rate):
-    """`values` (n,) followed no faster than `rate`."""
-    out = np.zeros_like(values)
-    for k in range(1, len(values)):
-        out[k] = out[k - 1] + np.clip(values[k] - out[k - 1], -rate / RATE_Hz, rate / RATE_Hz)
-    return out
-
-
-def washout(acceleration):
-    """Pose (n, 6) [m, rad] for the vehicle's accelerations (n, 3)."""
-    scaled = SCALE * acceleration
-    pose = np.zeros((len(acceleration), 6))
-    for k, axis in enumerate("xyz"):
-        pose[:, k] = high_pass_position(HIGH_PASS[axis], scaled[:, k])
-    lean = [filtered([LOW_PASS**2], [1.0, 2 * LOW_PASS, LOW_PASS**2], scaled[:, k]) / g for k in (0, 1)]
-    smooth = lambda angle: filtered([1.0], [0.05, 1.0], rate_limited(angle, TILT_RATE))  # noqa: E731
-    pose[:, 3] = smooth(lean[1])  # left side up: gravity pulls to the right, felt as acceleration to the left
-    pose[:, 4] = smooth(-lean[0])  # nose up is negative pitch
-    return pose
-
-
-def specific_force(kinematics, pose, acceleration):
-    """f = a + R^T g e_z (n, 3), with the acceleration (n, 3) in the platform's frame."""
-    return acceleration + g * kinematics.rotation(pose)[:, 2, :]
-
-
 def compare(log, kinematics, vehicle):
     """What the vehicle's driver, the commanded and the real platform feel: name -> (n, 3), gravity at rest taken off.
 
@@ -108,17 +64,17 @@ def compare(log, kinematics, vehicle):
     """
     column = lambda name: log[name].to_numpy()  # noqa: E731
     rest = np.array([0.0, 0.0, g])
-    felt = {"vehicle": SCALE * vehicle}
+    felt = {"vehicle": WASHOUT.scale * vehicle}
     for name, pose, accelerations in (
         ("commanded", "commanded", "commanded_acceleration_{}_m_s2"),
         ("felt", "platform", "true_acceleration_{}_m_s2"),
     ):
         units = ("m", "m", "m", "rad", "rad", "rad")
-        poses = np.column_stack(
+        platform_poses = np.column_stack(
             [column(f"{pose}_{k}_{u}") for k, u in zip(("x", "y", "z", "roll", "pitch", "yaw"), units, strict=True)]
         )
         acceleration = np.column_stack([column(accelerations.format(axis)) for axis in "xyz"])
-        force = specific_force(kinematics, poses, acceleration) - rest
+        force = specific_force(kinematics.rotation(platform_poses), acceleration) - rest
         felt[name] = np.column_stack([band_limit(column("time_s"), values) for values in force.T])
     return felt
 
@@ -143,12 +99,17 @@ def figures(time, felt):
 
 @styled
 def picture(time, felt, table, what):
-    figure, plots = new_figure(3, f"Motion cueing: specific force on the platform, {what}", heights=[1.7, 1.7, 1.7])
+    figure, plots = new_figure(3, f"Specific force on the platform: {what}", heights=[1.7, 1.7, 1.7])
     for plot, (k, description) in zip(plots, enumerate(("forward", "left", "up")), strict=True):
         plot.plot(time, felt["felt"][:, k], color=palette.RESPONSE, lw=0.8, label="felt on the machine, 50 Hz band")
         plot.plot(time, felt["commanded"][:, k], color=palette.DEVIATION, lw=1.1, label="commanded by the washout")
         plot.plot(
-            time, felt["vehicle"][:, k], color=palette.REFERENCE, lw=1.1, ls="--", label=f"vehicle, scaled by {SCALE:g}"
+            time,
+            felt["vehicle"][:, k],
+            color=palette.REFERENCE,
+            lw=1.1,
+            ls="--",
+            label=f"vehicle, scaled by {WASHOUT.scale:g}",
         )
         row = table["xyz"[k]]
         late, off = row["delay_ms"], row["difference_rms_m_s2"]
@@ -173,7 +134,7 @@ def main() -> None:
     kinematics = machine_kinematics(machine)
     time = np.arange(0.0, 25.0, 1.0 / RATE_Hz)
     vehicle = manoeuvre(time)
-    pose = washout(vehicle)
+    pose = poses(WASHOUT, vehicle)
     kinematics.check_trajectory(time, pose, margin_m=machine.cylinder.cushion_length_m)
     arguments.out.mkdir(parents=True, exist_ok=True)
     names = ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")

@@ -195,7 +195,7 @@ def told_traces(monkeypatch):
     def design(result, duration_s, tell, *, may_load):
         assert not may_load  # nobody is there to put one on
         tables = BENCH_HEAVE | {"name": "next-measurement"}
-        promise = {"separations": [{"effects": ["a", "b"], "chi2": 500.0}], "numbers": []}
+        promise = {"separations": [{"effects": ["a", "b"], "chi2": 500.0}], "numbers": [], "information": 0.0}
         return SimpleNamespace(tables=tables, purpose="to separate a, b", to_json=lambda: promise)
 
     monkeypatch.setattr(rounds, "trace", trace)
@@ -222,6 +222,15 @@ def test_the_designed_motion_is_measured_and_fitted_on(served, tmp_path, told_tr
     assert len(again.rounds) == 2
     assert first.machine_s < again.machine_s < first.machine_s + 30.0  # up and down again
     assert json.loads((tmp_path / "compensator.json").read_text())["compensator"] == "adaptive"
+
+
+@pytest.mark.parametrize(("information", "runs"), [(0.69, True), (0.3, False), (float("-inf"), False)])
+def test_an_unexplained_machine_is_measured_again_while_that_tells_something(information, runs):
+    """Without a hypothesis: a run that halves the variances is worth it, one that leaves 0.86 of the errors is not; of an
+    explained machine neither is."""
+    design = {"separations": [], "numbers": [], "information": information}
+    assert rounds.worth_a_run(design, unexplained=True) == runs
+    assert not rounds.worth_a_run(design, unexplained=False)
 
 
 def test_the_time_is_used(served, tmp_path, told_traces):

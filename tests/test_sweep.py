@@ -163,7 +163,61 @@ def test_a_table_that_is_no_sweep_is_not_overwritten(tmp_path):
         sweep(short(), Here(), tmp_path / "t.parquet")
     with pytest.raises(HexsimError, match=r"must be a \.parquet file"):
         sweep(short(), Here(), tmp_path / "t.csv")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "notes").write_text("mine")
+    with pytest.raises(HexsimError, match="no table of a sweep"):
+        sweep(short(), Here(), tmp_path / "other")
+    (tmp_path / "other" / "notes").unlink()
+    (tmp_path / "other").rmdir()
     assert [p.name for p in tmp_path.iterdir()] == ["t.parquet"]
+
+
+def instant(case):
+    """A row as a run would give it, without the run: the size of a bench's."""
+    figures = {f"leg_figure_{k}": float(case.seed) for k in range(30)}
+    return {"key": case.key, "seed": case.seed, **case.settings, **figures, "complete": True, "error": None}
+
+
+def test_a_folder_takes_rows_in_parts_of_one_schema(tmp_path, monkeypatch):
+    """Parts of two rows, failed runs alone in the first, whole and broken numbers in one setting: every case is there once,
+    all files have the same columns and types, and polars scans them as one."""
+    monkeypatch.setattr("hexsim.studies.sweep_table.Parts.most", 2)
+    bad = cases(load_scenario("heave", amplitude=0.5, duration_s=0.5), load_machine("bench"), seeds=[8, 9])
+    good = short(settings={"valve.overlap_m": [0, 5e-6]}, seeds=[0, 1])
+    assert sweep(bad + good, Here(), tmp_path / "table") == 6
+    parts = sorted((tmp_path / "table").iterdir())
+    assert [path.name for path in parts] == [f"part-{k:06d}.parquet" for k in range(3)]
+    assert len({tuple(pl.read_parquet_schema(path).items()) for path in parts}) == 1
+    table = pl.scan_parquet(tmp_path / "table" / "*.parquet").collect()
+    assert sorted(table["key"]) == sorted(case.key for case in bad + good)
+    assert table.filter(pl.col("error").is_null())["valve.overlap_m"].to_list() == [0.0, 0.0, 5e-6, 5e-6]
+    assert sweep(bad + good + short(seeds=[5]), Here(), tmp_path / "table") == 1
+    assert pl.read_parquet(tmp_path / "table" / "*.parquet").height == 7
+
+
+def test_a_kill_between_a_part_and_its_journal_costs_and_doubles_nothing(tmp_path, monkeypatch):
+    """The part is written, the journal still holds its rows: they count once, and nothing runs again."""
+    wanted = short(seeds=range(4))
+    monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
+    with Journal(tmp_path / "table") as journal:
+        for case in wanted:
+            journal.add(instant(case))
+        journal.table.take(journal.rows)
+    assert sweep(wanted, Here(), tmp_path / "table") == 0
+    assert pl.read_parquet(tmp_path / "table" / "*.parquet")["seed"].to_list() == [0, 1, 2, 3]
+
+
+def test_memory_holds_one_part_of_the_rows(tmp_path, monkeypatch):
+    """3,000 rows in parts of 500: never more than 500 of them in memory."""
+    monkeypatch.setattr("hexsim.studies.sweep_table.Parts.most", 500)
+    monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
+    monkeypatch.setattr("hexsim.studies.journal.os.fsync", lambda number: None)
+    held = []
+    add = Journal.add
+    monkeypatch.setattr(Journal, "add", lambda self, row: (add(self, row), held.append(len(self.rows))))
+    sweep(short(seeds=range(3000)), Here(), tmp_path / "table")
+    assert max(held) < 500 and len(held) == 3000
+    assert pl.scan_parquet(tmp_path / "table" / "*.parquet").select(pl.len()).collect().item() == 3000
 
 
 def test_dead_workers_keep_the_finished_rows(tmp_path):

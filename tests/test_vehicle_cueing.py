@@ -7,12 +7,13 @@ import struct
 import numpy as np
 import pytest
 
-from hexsim.cueing.protocols import FDM_BYTES, flightgear, outsim, protocol, xplane
-from hexsim.cueing.washout import Washout, poses
+from hexsim.cueing.protocols import FDM_BYTES, flightgear, outsim, protocol, xplane, xplane12
+from hexsim.cueing.washout import Washout, poses, washout_of
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.motion_computer.states import State
-from hexsim.simulation.serve import Server
+from hexsim.recording.washout_figure import washout_figure
+from hexsim.simulation.serve import HostInput, Server
 
 FOOT = 0.3048
 
@@ -53,6 +54,38 @@ def test_a_washout_that_cannot_be_is_refused() -> None:
         Washout(high_pass_rad_s=(0.0, 1.0, 1.0))
 
 
+def test_a_washout_from_a_file(tmp_path) -> None:
+    """Keys of a TOML file over the defaults; an unknown key, a wrong type, a value that cannot be and an unknown name are said
+    in one sentence with the file."""
+    path = tmp_path / "mine.toml"
+    path.write_text("scale = 0.5\nhigh_pass_rad_s = [2, 1.0, 3.0]\nadaptive = true\n")
+    assert washout_of(str(path)) == Washout(scale=0.5, high_pass_rad_s=(2.0, 1.0, 3.0), adaptive=True)
+    assert washout_of("adaptive") == Washout(adaptive=True) and washout_of("classical") == Washout()
+    for text, said in (
+        ("size = 1.0", "size: unexpected keyword argument; the keys are scale, high_pass_rad_s"),
+        ("high_pass_rad_s = [1.0]", "high_pass_rad_s: field required; the keys"),
+        ("scale = 0.0", "washout: scale, corner frequencies"),
+        ("scale =", "is not valid TOML"),
+    ):
+        path.write_text(text)
+        with pytest.raises(HexsimError, match=said) as caught:
+            washout_of(str(path))
+        assert str(caught.value).startswith(str(path))
+    with pytest.raises(HexsimError, match="washout 'none' is unknown: give classical, adaptive"):
+        washout_of("none")
+
+
+def test_what_a_washout_makes_of_a_push_is_drawn() -> None:
+    """A column a washout; after four seconds of push the lean alone gives the scaled acceleration, drawn in its own units."""
+    figure = washout_figure({"mine": Washout(), "other": Washout(scale=0.2)}, 3.0)
+    assert [plot.get_title() for plot in figure.axes[:2]] == ["mine", "other"]
+    way, lean, force = (plot.lines[-1].get_ydata() for plot in figure.axes[::2])
+    held = int(4.1 * 500)
+    assert force[held] == pytest.approx(0.3 * 3.0, rel=0.03)
+    assert 9.81 * np.sin(np.radians(lean[held])) == pytest.approx(0.9, rel=0.03)
+    assert 50.0 < way.max() < 200.0
+
+
 def test_flightgear_packets_are_read() -> None:
     """At rest 0; speeding up, a pull-up, acceleration to the right and a turn have their signs; a pitched aircraft at rest
     feels gravity forward; other sizes and versions are none."""
@@ -66,13 +99,16 @@ def test_flightgear_packets_are_read() -> None:
 
 
 def test_xplane_packets_are_read() -> None:
-    """Groups 4 and 16 in either order: 2 g upward is 9.81 m/s2 up, nose-up rate is negative about left."""
+    """Groups 4 and 16 in either order: 2 g upward is 9.81 m/s2 up, nose-up rate is negative about left; version 12 sends
+    degrees and another order."""
     loads = struct.pack("<i8f", 4, 0, 0, 0, 0, 2.0, 0.1, 0.2, 0)
     rates = struct.pack("<i8f", 16, 0.3, 0.1, 0.2, 0, 0, 0, 0, 0)
     for body in (loads + rates, rates + loads):
         found = xplane(b"DATA*" + body)
         assert found.acceleration == pytest.approx((0.981, -1.962, 9.81), abs=1e-5)
         assert found.rates == pytest.approx((0.1, -0.3, -0.2), abs=1e-6)
+    in_degrees = struct.pack("<i8f", 16, *np.degrees([0.1, 0.3, 0.2]), 0, 0, 0, 0, 0)
+    assert xplane12(b"DATA*" + loads + in_degrees).rates == pytest.approx((0.1, -0.3, -0.2), abs=1e-5)
     assert xplane(b"DATA*" + loads) is None and xplane(b"DATA*" + loads + rates[:-1]) is None
 
 
@@ -98,7 +134,7 @@ def test_packets_that_a_file_describes(tmp_path) -> None:
         path.write_text(text)
         with pytest.raises(HexsimError, match=said):
             protocol(str(path))
-    with pytest.raises(HexsimError, match="--from 'aces' is unknown: give one of flightgear, xplane, outsim"):
+    with pytest.raises(HexsimError, match="--from 'aces' is unknown: give one of flightgear, xplane, xplane12, outsim"):
         protocol("aces")
 
 
@@ -106,7 +142,9 @@ def test_a_flight_model_moves_the_machine() -> None:
     """FlightGear packets at 60 Hz with 5 % lost: the machine goes to normal by itself, a pull-up of 3 m/s2 for half a second
     moves it, what is felt up is the washout's within the loop's lag, and silence ends in a fault."""
     rng = np.random.default_rng(0)
-    with Server(load_machine("micro_motion_system"), port=0, vehicle=flightgear, timestep=2e-4) as server:
+    with Server(
+        load_machine("micro_motion_system"), port=0, host_input=HostInput(vehicle=flightgear), timestep=2e-4
+    ) as server:
         host = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         highest = asked = 0.0
         for k in range(1500):
@@ -166,7 +204,9 @@ def test_a_take_off_is_felt(tmp_path) -> None:
     assert np.mean([one.acceleration[0] for one in found[300:600]]) == pytest.approx(2.6, abs=0.4)
     assert max(one.acceleration[2] for one in found[800:]) > 1.0
     waiting = sorted((t + rng.uniform(0.0, 0.005), data) for t, data in packets if rng.random() > 0.05)
-    with Server(load_machine("micro_motion_system/tuned"), port=0, vehicle=flightgear, timestep=2e-4) as server:
+    with Server(
+        load_machine("micro_motion_system/tuned"), port=0, host_input=HostInput(vehicle=flightgear), timestep=2e-4
+    ) as server:
         host = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         while waiting:
             while waiting and waiting[0][0] <= server.time_s:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,8 @@ from hexsim.cli.console import output, print_json, terminated_like_interrupted
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
-    from hexsim.simulation.serve import Status
+    from hexsim.simulation import Run
+    from hexsim.simulation.serve_status import Status
 
 LONGEST_LOG_S = 600.0
 PORT = 47110  # of hexsim.simulation.serve; a test holds them together, because importing it loads the simulator
@@ -40,8 +42,13 @@ def serve(
     ] = False,
     source: Annotated[
         str | None,
-        typer.Option("--from", help="Packets of a simulator, washed out: flightgear, xplane, outsim, or a TOML file."),
+        typer.Option(
+            "--from", help="Packets of a simulator, washed out: flightgear, xplane, xplane12, outsim or a TOML file."
+        ),
     ] = None,
+    washout: Annotated[
+        str, typer.Option(help="Of --from: classical, adaptive, or a TOML file of its parameters.")
+    ] = "classical",
     buffer_ms: Annotated[
         float | None,
         typer.Option(min=0.0, max=500.0, help="Latency given away so that less is predicted; default: the machine's."),
@@ -56,43 +63,47 @@ def serve(
     """Run the machine in real time with its host interface over UDP; shows its lag behind real time."""
     with_machine, what = options.prepare(scenario or "heave", options.Motion(machine=machine))
     from hexsim.cueing.protocols import protocol
-    from hexsim.simulation.serve import Server
+    from hexsim.cueing.washout import washout_of
+    from hexsim.simulation.serve import HostInput, Server
 
+    if washout != "classical" and not source:
+        raise HexsimError("--washout acts on the packets of a simulator: give --from too")
     if source and lockstep:
         raise HexsimError("--from and --lockstep exclude each other: a vehicle's packets hold no machine time")
 
     server = Server(
         with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep,
         telemetry=telemetry, lockstep=lockstep, record_s=min(duration or LONGEST_LOG_S, LONGEST_LOG_S) if out else 0.0,
-        buffer_s=None if buffer_ms is None else 1e-3 * buffer_ms, vehicle=protocol(source) if source else None,
+        host_input=HostInput(
+            buffer_s=None if buffer_ms is None else 1e-3 * buffer_ms, vehicle=protocol(source) if source else None,
+            washout=washout_of(washout),
+        ),
     )  # fmt: skip
     address = f"{server.address[0]}:{server.address[1]}"
     typer.echo(f"{with_machine.name} listens on udp://{address}, state {start}; Ctrl-C stops it", err=True)
     with server, terminated_like_interrupted():
-        status = server.run(duration, report=lambda now: typer.echo(line(now), err=True))
+        status = server.run(duration, report=lambda now: typer.echo(now.line(), err=True))
     if out and server.record:
-        from hexsim.cli.run import keep
-        from hexsim.files.run_folder import run_folder
-
-        with run_folder(out) as folder:
-            place = keep(
-                server.record.run(), folder, lambda name: None, log_format="parquet", recording=True, report=True
-            )
-        typer.echo(f"written to {place}", err=True)
+        write(server.record.run(), out)
     if json:
-        from dataclasses import asdict
-
         print_json({"address": address, **asdict(status)})
     else:
-        output().print(f"{line(status)}, at most {1e3 * status.worst_behind_s:.1f} ms behind")
-        if status.latency_ms:
-            found = ", ".join(f"{axis} {ms:.1f} ms" for axis, ms in status.latency_ms.items())
-            output().print(f"latency from packet to felt acceleration: {found}")
+        print_status(status)
 
 
-def line(status: Status) -> str:
-    """One line of a running server."""
-    errors = f", errors: {', '.join(status.errors)}" if status.errors else ""
-    packets = status.packets.get("received", 0)
-    behind = f"{1e3 * status.behind_s:.1f} ms behind" if status.behind_s > 0 else "on time"
-    return f"{status.time_s:8.1f} s  {status.state:<9} {behind}, margin {status.margin:.1f}, packets {packets}{errors}"
+def write(run: Run, out: Path) -> None:
+    """The run's folder, as `hexsim run` leaves it."""
+    from hexsim.cli.run import keep
+    from hexsim.files.run_folder import run_folder
+
+    with run_folder(out) as folder:
+        place = keep(run, folder, lambda name: None, log_format="parquet", recording=True, report=True)
+    typer.echo(f"written to {place}", err=True)
+
+
+def print_status(status: Status) -> None:
+    """The last line, and how late what is felt came."""
+    output().print(f"{status.line()}, at most {1e3 * status.worst_behind_s:.1f} ms behind")
+    if status.latency_ms:
+        found = ", ".join(f"{axis} {ms:.1f} ms" for axis, ms in status.latency_ms.items())
+        output().print(f"latency from packet to felt acceleration: {found}")

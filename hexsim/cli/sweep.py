@@ -24,7 +24,10 @@ def register(app: typer.Typer) -> None:
 
 def sweep(
     scenario: options.ScenarioName,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Parquet table to write or to go on with.")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="Table to write or to go on with: a .parquet file, or a folder of parts."),
+    ],
     settings: Annotated[
         list[str] | None, typer.Option("--set", help="Values to sweep: valve.overlap_m=0,5e-6,20e-6. Repeat for more.")
     ] = None,
@@ -75,14 +78,12 @@ def sweep(
                 counted["run_now"] = run_all(grid_cases, executor, out, workers=count, progress=show)
         except KeyboardInterrupt:
             raise HexsimError(
-                f"interrupted by the user; finished rows are kept in {out}.journal, run it again to go on"
+                f"interrupted by the user; finished rows are kept in {out}{'.journal' if out.suffix else ''}, run it again to go on"
             ) from None
     if json:
-        print_json({**counted, "table": str(out)})
-    else:
-        console = output()
-        console.print(f"runs    {counted['runs']}, of which {counted['run_now']} now and {counted['failed']} failed")
-        console.print(f"table   {out}")
+        return print_json({**counted, "table": str(out)})
+    output().print(f"runs    {counted['runs']}, of which {counted['run_now']} now and {counted['failed']} failed")
+    output().print(f"table   {out}")
 
 
 def parse_values(text: str) -> list[Any]:

@@ -55,8 +55,6 @@ def trace(
     json: options.Json = False,
 ) -> None:
     """Hold measured logs against the declared machine and name the physical effect that it lacks, if it lacks one."""
-    from hexsim.files.run_folder import default_folder, run_folder
-    from hexsim.machine.files import find_machine_file
     from hexsim.tracing.own.folder import is_own
 
     if list_effects:
@@ -67,8 +65,22 @@ def trace(
         raise HexsimError("trace needs the folder of a machine; --list shows the effects, --explain EFFECT one of them")
     if is_own(machine):
         return own_machine.trace_own_folder(machine, fit or [], validate or [], out, json)
+    report, final = trace_machine(machine, fit or ["fit"], validate or ["validate"], out, next_file, recording)
+    if json:
+        return print_json(report)
+    print_trace(report, final)
+    for line in report.get("next", {}).get("lines", []):
+        output().print(f"next     {line}", soft_wrap=True)
+
+
+def trace_machine(
+    machine: Path, fit: list[str], validate: list[str], out: Path | None, next_file: Path | None, recording: bool
+) -> tuple[dict[str, Any], Path]:
+    """The report of a machine's trace, and the folder it is in."""
+    from hexsim.files.run_folder import default_folder, run_folder
+    from hexsim.machine.files import find_machine_file
+
     place = find_machine_file(machine)
-    held_out = validate or ["validate"]
     with (
         run_folder(out or default_folder(f"trace-{place.resolve().parent.name}")) as folder,
         progress() as bar,
@@ -77,21 +89,16 @@ def trace(
         show = doing_of(bar, check)
         from hexsim.tracing.trace import trace as run
 
-        result = run(machine, fit or ["fit"], held_out, folder.path, show)
+        result = run(machine, fit, validate, folder.path, show)
         check()
         report = json_module.loads((folder.path / "report.json").read_text(encoding="utf-8"))
         final = folder.finish()  # what was found is safe; recordings come to it
         if recording:
             show("recording", 0.98)
-            record(place.parent, held_out, result, final, markdown(report))
+            record(place.parent, validate, result, final, markdown(report))
         if next_file is not None:
             report["next"] = design_next(result, next_file, show)
-    if json:
-        print_json(report)
-        return
-    print_trace(report, final)
-    for line in report.get("next", {}).get("lines", []):
-        output().print(f"next     {line}", soft_wrap=True)
+    return report, final
 
 
 def design_next(result: Trace, place: Path, show: Callable[[str, float], None]) -> dict[str, Any]:

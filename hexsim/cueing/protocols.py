@@ -4,7 +4,8 @@ Each `decode` gives a `VehicleMotion`, or None for what is no packet of its prot
 acceleration is the specific force less gravity at rest, so 0 stands and level.
 
     flightgear   FGNetFDM version 24 (`--native-fdm`, JSBSim's output type FLIGHTGEAR), big endian
-    xplane       DATA, groups 4 (g loads: normal, axial, side) and 16 (rates Q P R), little endian
+    xplane       DATA, groups 4 (g loads: normal, axial, side) and 16 (rates Q P R in rad/s), little endian
+    xplane12     the same of X-Plane 12: rates P Q R in deg/s
     outsim       OutSim of Live for Speed and games like it: 64 or 68 bytes, accelerations in the world's frame
     FILE.toml    byte_order, time and fields by struct format, offset and factor (`GenericProtocol`)
 """
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,14 +69,33 @@ def flightgear(data: bytes) -> VehicleMotion | None:
 
 
 def xplane(data: bytes) -> VehicleMotion | None:
-    """DATA packets with groups 4 and 16: loads in g, normal 1 at rest, axial and side positive forward and right."""
+    """DATA packets with groups 4 and 16: loads in g, normal 1 at rest, axial and side positive forward and right.
+
+    ArduPilot's simulator interface reads signs, places and the rates of both versions in the same way.
+    """
+    groups = _xplane_groups(data)
+    if groups is None:
+        return None
+    q, p, r = groups[16][:3]
+    return _of_loads(groups[4], (p, q, r))
+
+
+def xplane12(data: bytes) -> VehicleMotion | None:
+    """As `xplane`, with the rates as version 12 sends them."""
+    groups = _xplane_groups(data)
+    return None if groups is None else _of_loads(groups[4], [math.radians(rate) for rate in groups[16][:3]])
+
+
+def _xplane_groups(data: bytes) -> dict[int, tuple[float, ...]] | None:
     if data[:4] != b"DATA" or len(data) < 5 + 2 * GROUP.size or (len(data) - 5) % GROUP.size:
         return None
     groups = {one[0]: one[1:] for one in GROUP.iter_unpack(data[5:])}
-    if 4 not in groups or 16 not in groups:
-        return None
-    normal, axial, side = groups[4][4:7]
-    q, p, r = groups[16][:3]
+    return groups if 4 in groups and 16 in groups else None
+
+
+def _of_loads(loads: Sequence[float], rates: Sequence[float]) -> VehicleMotion | None:
+    normal, axial, side = loads[4:7]
+    p, q, r = rates
     return _checked((g * axial, -g * side, g * (normal - 1.0)), (p, -q, -r))
 
 
@@ -120,7 +140,7 @@ class GenericProtocol:
         return _checked(values[:3], values[3:], time_s)
 
 
-PROTOCOLS: dict[str, Decode] = {"flightgear": flightgear, "xplane": xplane, "outsim": outsim}
+PROTOCOLS: dict[str, Decode] = {"flightgear": flightgear, "xplane": xplane, "xplane12": xplane12, "outsim": outsim}
 
 
 def protocol(name: str) -> Decode:

@@ -13,13 +13,17 @@ s_k = s / (1 + (x_k / (share L_k))^2)^2, so that large manoeuvres keep their sha
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 from scipy.signal import bilinear
 
 from hexsim.errors import HexsimError
+from hexsim.files.toml_files import read_toml
 
 Array = NDArray[np.float64]
 g = 9.81  # m/s2
@@ -35,6 +39,7 @@ class Washout:
     adaptive: quick parts give way near `excursion_m`.
     """
 
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
     scale: float = 0.3
     high_pass_rad_s: tuple[float, float, float] = (2.5, 1.2, 4.0)
     back_rad_s: float = 0.3
@@ -48,6 +53,24 @@ class Washout:
         numbers = (self.scale, *self.high_pass_rad_s, self.back_rad_s, self.low_pass_rad_s, self.tilt_rate_rad_s)
         if not all(math.isfinite(x) and x > 0 for x in (*numbers, self.turn_rad_s, *self.excursion_m)):
             raise HexsimError("washout: scale, corner frequencies, tilt rate and excursions must be numbers above zero")
+
+
+def washout_of(name: str) -> Washout:
+    """A washout by its name, classical or adaptive, or by a TOML file with some of its parameters.
+
+    Raises HexsimError for an unknown name, key or value.
+    """
+    if name in ("classical", "adaptive"):
+        return Washout(adaptive=name == "adaptive")
+    if not name.endswith(".toml"):
+        raise HexsimError(f"washout {name!r} is unknown: give classical, adaptive, or a TOML file of its parameters")
+    try:
+        return TypeAdapter(Washout).validate_python(read_toml(Path(name)))
+    except ValidationError as error:
+        first, keys = error.errors(include_url=False)[0], ", ".join(field.name for field in fields(Washout))
+        raise HexsimError(f"{name}: {first['loc'][0]}: {first['msg'].lower()}; the keys are {keys}") from None
+    except HexsimError as error:
+        raise error if str(error).startswith(name) else HexsimError(f"{name}: {error}") from None
 
 
 class _Filter:

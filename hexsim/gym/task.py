@@ -23,6 +23,7 @@ from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import Scenario
+from hexsim.setpoints.signal import faded
 from hexsim.setpoints.signals import Sine
 
 Array = NDArray[np.float64]
@@ -90,7 +91,8 @@ class Task:
         """A sine of drawn size and frequency, up or down first."""
         size = random.uniform(*self.amplitude_m) * random.choice((-1.0, 1.0))
         wave = Sine(amplitude=size, frequency_Hz=random.uniform(*self.frequency_Hz))
-        return Scenario(name="task", mode="dof", signals={"z": wave}, duration_s=self.duration_s, fade_s=FADE_s)
+        wave = faded(wave, FADE_s, "smooth")  # without a kink, which nobody can follow
+        return Scenario(name="task", mode="dof", signals={"z": wave}, duration_s=self.duration_s, fade_s=0.0)
 
     def setpoints(self, motion: Scenario) -> Array:
         """Piston setpoint, velocity and acceleration (3, ticks + preview, n_legs), SI."""

@@ -26,15 +26,12 @@ from hexsim.errors import HexsimError
 from hexsim.files.log_files import write_log
 from hexsim.identify.host import Host
 from hexsim.identify.motions import setpoints_of
-from hexsim.motion_computer.limits import pose_limits
-from hexsim.scenarios.scenario import DOF_NAMES, scenario_from_dict
-from hexsim.simulation import simulate
+from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.smoothness.harmonic import HarmonicDeviation, harmonic_deviation
+from hexsim.studies.tune_start import FREQUENCY_Hz, half_hertz_sine, simulate_twin
 
 Array = NDArray[np.float64]
 ALGORITHM = "adaptive"
-AMPLITUDE_m, FREQUENCY_Hz = 0.05, 0.5  # the half-hertz test of the field
-WITHIN = 0.9  # of the excursion that the limits leave
 FADE_s, PERIODS = 4.0, 5  # to full size, and at full size
 LEARNING_s = 30.0  # of the twin
 LOGS = ("heave_plain", "heave_compensated")
@@ -72,26 +69,17 @@ def worst(deviation: HarmonicDeviation) -> float:
 
 
 def heave(machine: Machine, at_full_size_s: float) -> dict[str, Any]:
-    """The sine as a scenario's tables: along z of a platform, on the leg of a bench."""
+    """The half-hertz sine as a scenario's tables: along z of a platform, on the leg of a bench."""
     axis = "z" if machine.is_hexapod else "leg_1"
-    reach = pose_limits(machine).excursion[DOF_NAMES.index("z") if machine.is_hexapod else 0]
-    sine = {"kind": "sine", "amplitude": min(AMPLITUDE_m, WITHIN * float(reach)), "frequency_Hz": FREQUENCY_Hz}
     return {
         "name": "heave", "mode": "dof" if machine.is_hexapod else "actuator", "duration_s": FADE_s + at_full_size_s,
-        "fade_s": FADE_s, "fade": "smooth", "axes": {axis: sine},
+        "fade_s": FADE_s, "fade": "smooth", "axes": {axis: half_hertz_sine(machine)},
     }  # fmt: skip
 
 
 def start_parameters(twin: Machine, show: Callable[[float], None] = lambda share: None) -> list[Parameters]:
     """What the compensator learns of each leg of a simulated machine in heave."""
-    run = simulate(
-        twin, scenario_from_dict(heave(twin, LEARNING_s)), compensator=ALGORITHM, fast=twin.is_hexapod, progress=show
-    )
-    if run.reason.startswith("interrupted"):
-        raise KeyboardInterrupt
-    if not run.complete:
-        raise HexsimError(f"the identified machine cannot be simulated: {run.reason}")
-    return run.compensator_parameters
+    return simulate_twin(twin, scenario_from_dict(heave(twin, LEARNING_s)), ALGORITHM, show).compensator_parameters
 
 
 def measure_bump(

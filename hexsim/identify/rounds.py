@@ -50,7 +50,7 @@ HELD_OUT = {  # by the name of the log
     "held_out": np.array([2, 2, 0.8, 0.35, 0.6, 0.3, 2]),
     "held_out_2": np.array([0, 0, 0.7, 0.3, 0.7, 0.6, 11]),
 }
-NO_GAIN = 0.8  # a design that leaves the worst number this share of its error is not worth a run
+NO_GAIN = 0.8  # a design that leaves a number this share of its error is not worth a run
 
 
 def identify(
@@ -183,7 +183,7 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
             story.ended = f"{result.verdict}: nothing is left to be told apart, and every number is sharp"
             return
         design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number), may_load=False)
-        if not worth_a_run(design.to_json()):
+        if not worth_a_run(design.to_json(), result.verdict == "unexplained"):
             story.ended = "no motion inside the machine's limits tells more: " + "; ".join(open_points(result))
             return
         tables, purpose, expected = design.tables, design.purpose, design.to_json()
@@ -237,12 +237,12 @@ def _round(number: int, purpose: str, log: str, result: Trace, expected: dict[st
 def open_points(result: Trace) -> list[str]:
     """What a trace leaves open and a measurement may tell: ties, an unexplained rest, numbers that are not sharp."""
     found = []
-    labels = [label for label, _ in surviving(result)]
-    if len(labels) > 1:
-        found.append(f"{' or '.join(labels)}")
-    elif result.verdict == "unexplained":
-        found.append("the rest is unexplained")
+    if result.verdict == "unexplained":
+        labels = [label for label, _ in surviving(result)]
+        found.append(" or ".join(labels) if len(labels) > 1 else "the rest is unexplained")
     for effect in result.effects:
+        if effect.tied_with:
+            found.append(" or ".join((effect.candidate.label, *effect.tied_with)))
         for name, value in effect.values.items():
             error = effect.standard_errors.get(name, float("nan"))
             if value and not error <= SHARP * abs(value):
@@ -250,9 +250,12 @@ def open_points(result: Trace) -> list[str]:
     return found
 
 
-def worth_a_run(design: dict[str, Any]) -> bool:
-    """Does a design promise to separate something, or to sharpen a number that is not sharp?"""
+def worth_a_run(design: dict[str, Any], unexplained: bool) -> bool:
+    """Does a design promise to separate something, to sharpen a number that is not sharp, or, of an unexplained machine
+    without a hypothesis, to know its declared numbers better on average? What hides beside them then shows."""
     if any(pair["chi2"] > 10.0 for pair in design["separations"]):
+        return True
+    if unexplained and np.exp(-0.5 * design["information"]) < NO_GAIN:
         return True
     return any(
         number["expected"] < NO_GAIN * number["standard_error"]

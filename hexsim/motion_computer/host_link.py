@@ -30,11 +30,14 @@ class HostLink:
         self.buffer = buffer
         self.peer: Any = None  # address of the host
         self.asked: list[AskedCompensator] = []  # that it has asked for and nobody has taken yet
-        self._silent_s = (
-            0.0  # by the clock, where somebody waits: in lockstep machine time stands still without packets
-        )
+        self._silent_s = 0.0  # by the clock, where somebody waits: in lockstep machine time waits for packets
         self._socket = _bind(host, port)
         self.address = self._socket.getsockname()
+
+    @property
+    def heard(self) -> bool:
+        """Whether anybody has sent a valid packet."""
+        return self.peer is not None
 
     def close(self) -> None:
         self._socket.close()

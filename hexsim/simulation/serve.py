@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 
 from compensation import Compensator
 from hexsim.cueing.protocols import Decode
-from hexsim.cueing.washout import Washout
+from hexsim.cueing.washout import Cueing, Washout
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.motion_computer.compensator_packet import AskedCompensator
 from hexsim.motion_computer.computer import MotionComputer
-from hexsim.motion_computer.errors import Error, Finding, labels
+from hexsim.motion_computer.errors import labels
 from hexsim.motion_computer.host_link import HostLink
 from hexsim.motion_computer.host_packet import HostCommand, Reply
 from hexsim.motion_computer.host_setpoints import HostSetpoints
@@ -33,13 +32,14 @@ from hexsim.plant import Plant
 from hexsim.plant.callbacks import without_timers
 from hexsim.plant.plant import whole_ratio
 from hexsim.scenarios import Scenario, load_scenario
-from hexsim.simulation.asked_compensators import AskedCompensators
 from hexsim.simulation.emergency_supply import EmergencySupply
+from hexsim.simulation.host_orders import HostOrders
 from hexsim.simulation.live_sensors import LiveSensors, Readings
 from hexsim.simulation.manual import SignalGenerator
 from hexsim.simulation.rehearsal import rehearse
 from hexsim.simulation.serve_latency import LatencyLog
 from hexsim.simulation.serve_record import ServeRecord
+from hexsim.simulation.serve_status import Status
 from hexsim.simulation.simulation import make_compensators
 from hexsim.simulation.telemetry import TelemetryRows
 from hexsim.simulation.vehicle_link import VehicleLink
@@ -51,20 +51,17 @@ LONGEST_TICKS = 500  # that a packet may ask for in lockstep
 CHECK_TICKS = 50  # between checks for divergence, and updates of the oil's temperature
 
 
-@dataclass(kw_only=True)
-class Status:
-    """What `serve` reports once a second, and at its end."""
+@dataclass(frozen=True, kw_only=True)
+class HostInput:
+    """How the host's packets become setpoints. limits, buffer_s: `motion_computer.host_setpoints`.
 
-    time_s: float = 0.0
-    state: str = ""
-    errors: list[str] = field(default_factory=list)
-    margin: float = 0.0  # simulated seconds a second of processor time
-    behind_s: float = 0.0  # lag behind real time now
-    worst_behind_s: float = 0.0
-    skipped_s: float = 0.0  # real time that was not simulated
-    packets: dict[str, int] = field(default_factory=dict)
-    latency_ms: dict[str, float] = field(default_factory=dict)  # packet to felt acceleration, by axis; at the end
-    messages: list[tuple[float, int, str]] = field(default_factory=list)
+    vehicle: what decodes the packets of a simulator that knows no motion base, washed out (`vehicle_link`).
+    """
+
+    limits: Limits | None = None
+    buffer_s: float | None = None
+    vehicle: Decode | None = None
+    washout: Washout = field(default_factory=Washout)
 
 
 class Server:
@@ -73,29 +70,27 @@ class Server:
     telemetry: send what the sensors read at the log rate (`motion_computer.telemetry`).  lockstep: machine time follows the
     host's packets, as fast as both can. record_s: so much from the start on is kept in `record`, for a run folder.
     start: "neutral" (pressure up, mid stroke) or "off" (on its stops, waiting for the host's start).
-    vehicle: what decodes the packets of a simulator that knows no motion base, washed out (`vehicle_link`).
-    scenario: what manual mode plays. limits, buffer_s: of the host's setpoints (`motion_computer.host_setpoints`).
+    scenario: what manual mode plays.
     """
 
     def __init__(
         self, machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
-        scenario: Scenario | None = None, limits: Limits | None = None, start: str = "neutral", timestep: float | None = None,
-        seed: int = 0, telemetry: bool = False, lockstep: bool = False, record_s: float = 0.0,
-        buffer_s: float | None = None, vehicle: Decode | None = None, washout: Washout | None = None,
+        scenario: Scenario | None = None, start: str = "neutral", timestep: float | None = None, seed: int = 0,
+        telemetry: bool = False, lockstep: bool = False, record_s: float = 0.0, host_input: HostInput | None = None,
     ) -> None:  # fmt: skip
         if start not in ("neutral", "off"):
             raise HexsimError(f"start is {start!r}; give 'neutral' or 'off'")
         self.machine = machine
         self.plant = Plant(machine, model="tendon", timestep=timestep)
         self.tick_s = 1.0 / machine.controller.rate_Hz
-        self.compensator, made = make_compensators(compensator, machine)
+        name, made = make_compensators(compensator, machine)
         self.messages: list[tuple[float, int, str]] = []
         self.computer = MotionComputer(machine, made, None, lambda *message: self.messages.append(message))
-        self.generator = SignalGenerator(
-            self.plant, scenario or load_scenario("heave"), self.tick_s, self.computer.preview
-        )
+        generator = SignalGenerator(self.plant, scenario or load_scenario("heave"), self.tick_s, self.computer.preview)
         self.kinematics = machine.mechanics
-        self.host = HostSetpoints(machine, self.computer.preview, limits, buffer_s)
+        asked = host_input or HostInput()
+        self.host = HostSetpoints(machine, self.computer.preview, asked.limits, asked.buffer_s)
+        self.orders = HostOrders(machine, self.computer, generator, self.host, self.messages)
         self.lockstep = lockstep
         self._offset_s: float | None = None  # machine time less the host's
         self._session = 0
@@ -107,19 +102,18 @@ class Server:
         self.sensors = LiveSensors(self.plant, self.tick_s / self.samples, seed)
         self.telemetry = TelemetryRows(self.plant, self.sensors, log_rate) if telemetry else None
         self.supply = EmergencySupply(self.plant)
-        self.asked = AskedCompensators(machine)
         self.latency = LatencyLog(self.tick_s, machine.mechanics.dof_places)
         self.status = Status()
         self.ticks, self._busy_s = 0, 0.0
-        self._refused = False
         self._pose = np.zeros(6)
         self._positions = self.computer.neutral.copy()
+        self.orders.compensator = name
         self._compile(made)
-        if vehicle is None:
+        if asked.vehicle is None:
             self.link = HostLink(host, port, self.host.buffer)
         else:
-            rate_Hz, chosen = machine.controller.rate_Hz, washout or Washout()
-            self.link = VehicleLink(host, port, self.host.buffer, vehicle, chosen, rate_Hz, self._ready)
+            cueing = Cueing(asked.washout, machine.controller.rate_Hz)
+            self.link = VehicleLink(host, port, self.host.buffer, asked.vehicle, cueing, self._ready)
         self.address = self.link.address
         self.record = ServeRecord(self, record_s, log_rate, seed) if record_s else None
         if start == "off":
@@ -142,6 +136,11 @@ class Server:
 
     def __exit__(self, *exc: object) -> None:
         self.link.close()
+
+    @property
+    def compensator(self) -> str:
+        """The name of what acts in the legs."""
+        return self.orders.compensator
 
     @property
     def time_s(self) -> float:
@@ -175,11 +174,11 @@ class Server:
     def _take(self) -> list[HostCommand]:
         commands = self.link.receive(self.time_s)
         for command in commands:
-            self._execute(command, self.time_s)
+            self.orders.execute(command, self.time_s)
             if self.computer.state == State.NORMAL and self.host.mode == 0:
                 self.latency.packet(self.time_s, command)
         while self.link.asked:
-            self._compensate(self.link.asked.pop(0), self.time_s)
+            self.orders.compensate(self.link.asked.pop(0), self.time_s)
         return commands
 
     def advance(self) -> None:
@@ -189,9 +188,9 @@ class Server:
         self._positions = readings[0]
         computer.pump_running = self.supply.running
         computer.oil_temperature_degC = plant.oil_temperature_degC
-        if link.peer or isinstance(link, VehicleLink):
+        if link.heard:
             computer.last_packet_s = max(link.buffer.last_packet_s, computer.last_packet_s or 0.0)
-        volts = computer.tick(now, self._setpoints(now), *readings)
+        volts = computer.tick(now, self.orders.setpoints(now), *readings)
         self._step(volts, readings)
         self.supply.tick(computer.pump_on, self.tick_s)
         self.ticks += 1
@@ -232,59 +231,13 @@ class Server:
                 self.link.send_packet(packet)
             self.link.send(self._reply(self.time_s))
 
-    def _execute(self, command: HostCommand, now: float) -> None:
-        """Give the host's command to the motion computer."""
-        if command.command == "none":
-            return
-        try:
-            self.computer.command(command.command, now)
-        except HexsimError as error:
-            self._refused = True
-            self.messages.append((now, 0, f"refused: {error}"))
-            del self.messages[:-1000]
-            return
-        self._refused = False
-        if command.command == "run_normal":
-            self.host.start(command.mode)
-        elif command.command == "run_manual":
-            self.generator.restart()
-
-    def _compensate(self, asked: AskedCompensator, now: float) -> None:
-        """Take the host's compensator, while nothing moves."""
-        try:
-            found = self.asked.take(asked)
-            if found is None:
-                return
-            if self.computer.state not in (State.OFF, State.NEUTRAL) or not self.computer.arrived:
-                raise HexsimError("a compensator is taken in off, or standing in neutral")
-        except HexsimError as error:
-            self._refused = True
-            self.messages.append((now, 0, f"refused: {error}"))
-            return
-        self._refused = False
-        self.computer.loop.compensate(found)
-        self.compensator, self.generator.preview = found[0].name if found else "none", self.computer.preview
-        self.host.look(self.computer.preview)
-
-    def _setpoints(self, now: float) -> Array | None:
-        """Piston setpoints (preview, n_legs) of manual or normal mode."""
-        if self.computer.state == State.MANUAL:
-            return self.generator.rows()
-        return self._host_setpoints(now) if self.computer.state == State.NORMAL else None
-
-    def _host_setpoints(self, now: float) -> Array:
-        rows = self.host.rows(now)
-        finding = Finding(error=Error.WORKSPACE, detail="the host's setpoint is beyond the limits")
-        self.computer.warn(now, finding, self.host.limited)
-        return rows
-
     def _reply(self, now: float) -> Reply:
         with contextlib.suppress(HexsimError):  # readings that belong to no pose: the last pose is kept
             self._pose = self.kinematics.forward(self._positions, guess=self._pose)
         newest = self.link.buffer.newest
         return Reply(
             state=self.computer.state, errors=self.computer.errors, sequence=newest.sequence % 2**32 if newest else 0,
-            arrived=self.computer.arrived, refused=self._refused, time_s=now, behind_s=self.status.behind_s,
+            arrived=self.computer.arrived, refused=self.orders.refused, time_s=now, behind_s=self.status.behind_s,
             age_s=now - self.link.buffer.last_packet_s, pose=tuple(self._pose), reference=tuple(self.host.reference),
             lockstep=self.lockstep, telemetry=self.telemetry is not None, compensated=bool(self.computer.compensators),
         )  # fmt: skip
@@ -312,7 +265,7 @@ class Server:
                 due = begin + (self.ticks - first) * self.tick_s
                 if after < due:
                     clock.sleep(due - after)
-                self._note_lag(after - due)
+                self.status.note_lag(after - due)
                 if after - due > MAX_LAG_S:
                     self.status.skipped_s += after - due
                     begin += after - due
@@ -321,10 +274,6 @@ class Server:
                     last_report = after
         self.status.latency_ms = self.latency.ms()
         return self._present_status()
-
-    def _note_lag(self, lag_s: float) -> None:
-        self.status.behind_s = max(lag_s, 0.0)
-        self.status.worst_behind_s = max(self.status.worst_behind_s, lag_s)
 
     def _present_status(self) -> Status:
         status, computer = self.status, self.computer

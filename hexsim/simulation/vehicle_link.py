@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hexsim.cueing.protocols import Decode, VehicleMotion
-from hexsim.cueing.washout import Cueing, Washout
+from hexsim.cueing.washout import Cueing
 from hexsim.motion_computer.host_buffer import HostBuffer
 from hexsim.motion_computer.host_link import PACKETS_A_TICK, HostLink
 from hexsim.motion_computer.host_packet import HostCommand, Reply
@@ -25,15 +25,17 @@ class VehicleLink(HostLink):
     """ready: whether the machine stands in neutral and may be told to run. late: seconds between packets, kept."""
 
     def __init__(
-        self, host: str, port: int, buffer: HostBuffer, decode: Decode, washout: Washout, rate_Hz: float,
-        ready: Callable[[], bool],
-    ) -> None:  # fmt: skip
+        self, host: str, port: int, buffer: HostBuffer, decode: Decode, cueing: Cueing, ready: Callable[[], bool]
+    ) -> None:
         super().__init__(host, port, buffer)
-        self.decode, self.ready = decode, ready
-        self.cueing = Cueing(washout, rate_Hz)
+        self.decode, self.cueing, self.ready = decode, cueing, ready
         self.motion: VehicleMotion | None = None
         self.pose = np.zeros(6)
         self._came_s, self._sequence, self._clock = -np.inf, 0, -np.inf
+
+    @property
+    def heard(self) -> bool:
+        return self.motion is not None
 
     def receive(self, now_s: float) -> list[HostCommand]:
         """The washout's setpoint of this tick; none while no vehicle is heard."""

@@ -1,9 +1,9 @@
-"""Many runs: parameters x seeds x compensators, on any `concurrent.futures.Executor`, into one Parquet table.
+"""Many runs: parameters x seeds x compensators, on any `concurrent.futures.Executor`, into a Parquet table.
 
 The same code runs on a ProcessPoolExecutor here and on a Dask cluster (`Client.get_executor()`). A case is plain data,
 so it travels; its key is a hash of everything that decides its result. Each finished row goes at once to a journal
-beside the table (one line of JSON, synced), so a sweep that is killed goes on where it was: no row is lost, none is run
-twice. A run that fails is a row with its error.
+(one line of JSON, synced), so a sweep that is killed goes on where it was: no row is lost, none is run
+twice. A run that fails is a row with its error. A table in parts keeps keys and one part in memory (`sweep_table`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -34,13 +34,16 @@ from hexsim.studies.journal import Journal
 from hexsim.studies.uncertainty import drawn
 
 _ONE_A_PROCESS = threading.Lock()  # MuJoCo's callbacks are global: threads of a worker take turns
-MOST_CASES = 100_000  # each is held in memory, and as a row of the table
+MOST_CASES = 100_000  # each is held in memory, without its row
 IN_FLIGHT = 4  # cases handed out a worker: enough to keep it busy, few enough to forget on a kill
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One run as plain data. settings: dotted key -> value, as `hexsim run --set` takes them."""
+    """One run as plain data. settings: dotted key -> value, as `hexsim run --set` takes them.
+
+    draw: number of a machine within [uncertainty] (`studies.uncertainty`), whose settings come before these.
+    """
 
     scenario: dict[str, Any]
     machine: dict[str, Any]
@@ -49,12 +52,18 @@ class Case:
     fast: bool = True
     timestep: float | None = None
     settings: dict[str, Any] = field(default_factory=dict)
+    draw: int | None = None
 
     @property
     def key(self) -> str:
         """The same for the same case, on every machine."""
-        text = json.dumps({**asdict(self), "hexsim": __version__}, sort_keys=True, default=str)
+        values = {name: value for name, value in vars(self).items() if name != "draw" or value is not None}
+        text = json.dumps({**values, "hexsim": __version__}, sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+    def settings_on(self, machine: Machine) -> dict[str, Any]:
+        """All settings, those of the drawn machine too."""
+        return self.settings if self.draw is None else drawn(machine, self.draw) | self.settings
 
 
 def cases(
@@ -73,21 +82,17 @@ def cases(
     draws: every point of the grid on so many machines within [uncertainty] (`studies.uncertainty`), the same for all.
     """
     settings, seeds, compensators = dict(settings or {}), _sequence(seeds), _sequence(compensators)
-    built = [drawn(machine, draw) for draw in range(draws)] or [{}]
+    built = range(draws) if draws else (None,)
     count = math.prod(len(values) for values in (*settings.values(), seeds, compensators, built))
     if count > MOST_CASES:
         raise HexsimError(f"a sweep of {count} runs: give at most {MOST_CASES}, fewer seeds or values")
-    grid = [
-        machine_of | dict(zip(settings, values, strict=True))
-        for machine_of in built
-        for values in itertools.product(*settings.values())
-    ]
-    for point in grid:
-        apply_settings(scenario, machine, point, "sweep")  # refuse what cannot be before the first run
+    grid = [dict(zip(settings, values, strict=True)) for values in itertools.product(*settings.values())]
+    for point in grid:  # refuse what cannot be before the first run
+        apply_settings(scenario, machine, (drawn(machine, 0) if draws else {}) | point, "sweep")
     tables = {"scenario": scenario.to_dict(), "machine": machine_tables(machine)}
     return [
-        Case(**tables, compensator=compensator, seed=seed, fast=fast, timestep=timestep, settings=point)
-        for point, compensator, seed in itertools.product(grid, compensators, seeds)
+        Case(**tables, compensator=compensator, seed=seed, fast=fast, timestep=timestep, settings=point, draw=draw)
+        for draw, point, compensator, seed in itertools.product(built, grid, compensators, seeds)
     ]
 
 
@@ -103,25 +108,26 @@ def run_case(case: Case) -> dict[str, Any]:
         "machine": case.machine.get("machine", {}).get("name", ""),
         "compensator": case.compensator,
         "seed": case.seed,
-        **{
-            name: value if isinstance(value, (int, float, str, bool)) else str(value)
-            for name, value in case.settings.items()
-        },
     }
     started = time.perf_counter()
     try:
-        row |= _figures(case)
+        machine = machine_from_dict(case.machine, "sweep")
+        settings = case.settings_on(machine)
+        row |= {
+            name: value if isinstance(value, (int, float, str, bool)) else str(value)
+            for name, value in settings.items()
+        }
+        row |= _figures(case, machine, settings)
     except Exception as error:  # whatever it is, the sweep goes on and the row says it
         row |= {"complete": False, "error": f"{type(error).__name__}: {error}"}
     return {**row, "wall_s": time.perf_counter() - started}
 
 
-def _figures(case: Case) -> dict[str, Any]:
+def _figures(case: Case, machine: Machine, settings: dict[str, Any]) -> dict[str, Any]:
     """Simulate, and flatten the summary: z_peak_band_m_s2 and so on."""
 
     scenario = scenario_from_dict(case.scenario, "sweep")
-    machine = machine_from_dict(case.machine, "sweep")
-    scenario, machine = apply_settings(scenario, machine, case.settings, "sweep")
+    scenario, machine = apply_settings(scenario, machine, settings, "sweep")
     with _ONE_A_PROCESS, _interruptible():
         run = simulate(
             machine, scenario, compensator=case.compensator, fast=case.fast, seed=case.seed, timestep=case.timestep
@@ -166,14 +172,11 @@ def sweep(
 
     Rows of an earlier sweep in the same table stay. Raises HexsimError when the workers die, with the rows kept.
     """
-    grid_cases = list({case.key: case for case in grid_cases}.values())
+    by_key = {case.key: case for case in grid_cases}
     with Journal(Path(out)) as journal:
-        missing = [case for case in grid_cases if case.key not in journal.rows]
-        done, failed = (
-            len(grid_cases) - len(missing),
-            sum(bool(journal.rows[c.key]["error"]) for c in grid_cases if c.key in journal.rows),
-        )
-        progress(done, len(grid_cases), failed)
+        missing = [case for key, case in by_key.items() if key not in journal.failed]
+        done, failed = len(by_key) - len(missing), sum(journal.failed.get(key, False) for key in by_key)
+        progress(done, len(by_key), failed)
         waiting, running = iter(missing), set()
         try:
             while True:
@@ -188,7 +191,7 @@ def sweep(
                     row = _row_of(future)
                     journal.add(row)
                     done, failed = done + 1, failed + bool(row["error"])
-                    progress(done, len(grid_cases), failed)
+                    progress(done, len(by_key), failed)
         except (BrokenExecutor, CancelledError) as error:  # workers killed; a Dask scheduler that went away
             raise HexsimError(
                 f"the workers died ({str(error) or 'lost'}); {journal.status()}; run the same command again to go on"
@@ -197,7 +200,7 @@ def sweep(
             for future in running:
                 if not future.cancel() and future.done() and future.exception() is None:
                     journal.add(_row_of(future))
-        journal.finish([case.key for case in grid_cases])
+        journal.finish(list(by_key))
     return len(missing)
 
 

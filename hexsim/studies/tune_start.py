@@ -56,12 +56,30 @@ class Taught:
         }  # fmt: skip
 
 
-def heave(machine: Machine, duration_s: float) -> Scenario:
-    """0.05 m at 0.5 Hz, or what the limits leave, along z of a platform or on the leg of a bench."""
+def half_hertz_sine(machine: Machine) -> dict[str, Any]:
+    """The signal of the field's test: 0.05 m at 0.5 Hz, or what the limits leave, along z of a platform or on a bench's leg."""
     reach = pose_limits(machine).excursion[DOF_NAMES.index("z") if machine.is_hexapod else 0]
-    sine = {"kind": "sine", "amplitude": min(AMPLITUDE_m, WITHIN * float(reach)), "frequency_Hz": FREQUENCY_Hz}
-    tables = {"name": "heave", "mode": "dof", "duration_s": duration_s, "fade_s": FADE_s, "axes": {"z": sine}}
-    return scenario_from_dict(tables)
+    return {"kind": "sine", "amplitude": min(AMPLITUDE_m, WITHIN * float(reach)), "frequency_Hz": FREQUENCY_Hz}
+
+
+def heave(machine: Machine, duration_s: float) -> Scenario:
+    """The half-hertz sine, faded in."""
+    axes = {"z": half_hertz_sine(machine)}
+    return scenario_from_dict(
+        {"name": "heave", "mode": "dof", "duration_s": duration_s, "fade_s": FADE_s, "axes": axes}
+    )
+
+
+def simulate_twin(
+    machine: Machine, scenario: Scenario, compensator: str, progress: Callable[[float], None], seed: int = 0
+) -> Run:
+    """A complete run of the twin, a hexapod with tendons. Raises HexsimError where it cannot be simulated to its end."""
+    done = simulate(machine, scenario, compensator=compensator, fast=machine.is_hexapod, seed=seed, progress=progress)
+    if done.reason.startswith("interrupted"):
+        raise KeyboardInterrupt
+    if not done.complete:
+        raise HexsimError(f"the twin of {machine.name} cannot be simulated: {done.reason}")
+    return done
 
 
 def teach(
@@ -76,15 +94,9 @@ def teach(
     """
 
     def run(which: str, duration_s: float, seed: int, begin: float, end: float) -> Run:
-        done = simulate(
-            machine, heave(machine, duration_s), compensator=which, fast=machine.is_hexapod, seed=seed,
-            progress=lambda share: progress(begin + share * (end - begin)),
-        )  # fmt: skip
-        if done.reason.startswith("interrupted"):
-            raise KeyboardInterrupt
-        if not done.complete:
-            raise HexsimError(f"the twin of {machine.name} cannot be simulated: {done.reason}")
-        return done
+        return simulate_twin(
+            machine, heave(machine, duration_s), which, lambda share: progress(begin + share * (end - begin)), seed
+        )
 
     learned = run(compensator, LEARNING_s, 0, 0.0, 0.6).compensator_parameters
     if not any(learned):

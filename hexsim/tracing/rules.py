@@ -47,11 +47,15 @@ PARTLY_BLOCK_S = 2.0  # [s] blocks that are resampled: longer than the rest's co
 PARTLY_DRAWS = 200
 PARTLY_DOUBT = 0.025  # share of the resamples that may say otherwise
 PARTLY_SPREAD = 0.2  # runs may differ in an effect's number by this share, or three standard errors
+PARTLY_HARM = 0.07  # a sensor's effect may make no row's mean square larger by this share
 PARTLY_REFITTED = 16  # candidates that are refitted beside the small realities, by what their columns promise
 PARTLY_PROMISE = 0.3  # share of the least fall that a column, or a start, must promise to be refitted
 PARTLY_TRIED = 3  # rivals that are judged, the best first
 PARTLY_NEAR = 0.8  # share of the best rival's fall of J from which a rival is refitted with all columns anew
 PARTLY_TIE = 0.1  # share of the rest's mean square by which a rival must be worse to be no tie
+PREDICTED_SHARE = 0.02  # of a rest's mean square below 50 Hz that a signal may predict of noise
+PREDICTED_ABOVE = 3.0  # and so many deviations of the null above the largest of it
+PREDICTED_PLAINER = 0.02  # a curve is said to do better than coherence from this share on
 MOST_UNREMARKABLE = 2  # sure effects that are fitted and not named, because any machine may have so much of them
 REMARKABLE = 1.5  # times its ordinary size: below that a machine is not remarkable for the effect
 REMARKABLE_SHARE = 0.4  # of the typical size, for an effect without an ordinary size
@@ -59,7 +63,7 @@ REST_TIME_S = 0.2  # [s] correlation time of what is left: that far apart its sa
 ORDINARY = {  # what a machine has of an effect without being remarkable: fitted beside every effect, never named
     "accelerometer_delay": 6.0e-4,
     "accelerometer_gain": 0.006,
-    "entrained_air": 0.005,
+    "entrained_air": 0.004,
     "leakage_chamber_to_tank": 2.0e-13,
     "leakage_supply_to_chamber": 2.0e-13,
     "null_drift": 5.0e-4,

@@ -232,6 +232,14 @@ def simulate(
     else:
         setpoint = leg_setpoints(declared_plant(plant.kind), hexapod_reference(run, held, rng))
     late = rng.uniform(0, 1, len(t)) * plant.rig["jitter_s"][0] * (np.arange(len(t)) % 2 == 0)
+    return driven(plant, setpoint, late, substeps)
+
+
+def driven(
+    plant: Plant, setpoint: np.ndarray, late: np.ndarray | None = None, substeps: int | None = None
+) -> dict[str, np.ndarray]:
+    """Signals without noise for setpoints (n, legs) [m], a row a millisecond. late: of each sample, by jitter [s]."""
+    t = np.arange(len(setpoint)) * 1e-3
     y, u, P, Ps, a = integrate(
         plant.rig,
         plant.legs,
@@ -239,7 +247,7 @@ def simulate(
         plant.joints,
         state_at_rest(plant),
         setpoint,
-        late,
+        np.zeros(len(t)) if late is None else late,
         substeps or SUBSTEPS[plant.kind],
     )
     return {"time": t, "setpoint": setpoint, "position": y, "valve": u, "pressure": P, "supply": Ps, "acceleration": a}

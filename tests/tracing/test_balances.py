@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from other_plant import write_machine
 
 from hexsim.hydraulics.leg import valve_volts
 from hexsim.machine import load_machine
 from hexsim.readers import log_files, read_log
 from hexsim.signals.channels import noise_of
 from hexsim.tracing import balances, rules
+from hexsim.tracing.fitting.parameters import named, with_settings
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.residuals import unexplained_residuals
 from hexsim.tracing.steps.violations import violations
@@ -88,3 +90,23 @@ def test_a_valve_delay_of_a_broken_sample_is_one():
     late = valve_volts(np.arange(20.0), 0.0, 2.4)
     assert late[3:] == pytest.approx(np.arange(20.0)[3:] - 2.4)
     assert np.all(late[:3] == [0.0, 0.0, 0.0])
+
+
+def test_what_a_log_keeps_of_machines_asked_before_changes_no_residual(tmp_path):
+    """After ten machines that differ in one leg's leak, its supply reading and its IMU, each balance is as on a log that is new."""
+    write_machine(tmp_path, 3, {}, "hexapod", runs=("fit",), duration_s=1.0)
+    machine, log = load_machine(tmp_path), read_log(log_files(tmp_path, "fit"))
+    asked = [
+        with_settings(machine, {}, [(candidate, candidate.start() | {candidate.effect.parameters[0].name: size})])
+        for candidate, size in (
+            *((named("leakage_supply_to_chamber", f"leg {k}"), 1e-12) for k in range(1, 7)),
+            (named("supply_pressure_gain"), 0.02),
+            (named("pressure_gain", "leg 2"), 0.02),
+            (named("accelerometer_gain"), 0.02),
+            (named("imu_orientation"), 0.02),
+        )
+    ]
+    used = [balance for balance in balances.library() if balance.wants(log, machine)]
+    for one in (machine, *asked, machine):
+        for balance in used:
+            assert np.array_equal(balance.residual(log, one), balance.residual(replace(log), one)), balance.name

@@ -15,7 +15,8 @@ from hexsim.recording.run_files import write_essentials
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 from hexsim.tracing.friction.figure import friction_figure, friction_table
-from hexsim.tracing.friction.identification import KEYS, identify_friction
+from hexsim.tracing.friction.identification import identify_friction
+from hexsim.tracing.friction.stribeck import KEYS
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 FIELDS = ("viscous_out", "coulomb_out", "static_out", "stribeck", "viscous_in", "coulomb_in", "static_in", "stribeck")

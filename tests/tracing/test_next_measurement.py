@@ -14,8 +14,9 @@ from hexsim.readers import read_log
 from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.signals.channels import noise_of
 from hexsim.tracing.design import next_measurement
-from hexsim.tracing.design.information import Hypothesis, hypothesis, promise
+from hexsim.tracing.design.information import Hypothesis, hypothesis, promise, shrunk
 from hexsim.tracing.design.motions import KINDS, STEP_SHARE, MotionFamily
+from hexsim.tracing.design.next_measurement import surviving
 from hexsim.tracing.fitting.fit import refine, start_fit
 from hexsim.tracing.fitting.parameters import named, priors
 from hexsim.tracing.fitting.selection import with_candidate
@@ -124,3 +125,30 @@ def test_a_tie_is_answered_by_a_scenario_file(bench, leaking):
     assert found.promise.separations["leakage_supply_to_chamber", "dead_volume"] > 100
     assert scenario_from_dict(tomllib.loads(text)).duration_s == 5.0
     assert found.numbers[0].value == pytest.approx(LEAK, rel=0.05)
+
+
+def test_an_error_that_ends_at_a_bound_is_not_made_small_by_it(leaking):
+    """A leak known to +-1e6 coordinates is reported to its bound; a thousandth of that is still beyond the bound, and is
+    promised as such."""
+    loose = dataclasses.replace(leaking, covariance=1e12 * np.eye(len(leaking.priors) + 1))
+    one = Hypothesis(label="", fit=loose, known=np.eye(len(leaking.priors) + 1))
+    share = np.full(len(leaking.priors) + 1, 1e-3)
+    assert shrunk(one, share)[0] == pytest.approx(one.numbers[0].standard_error)
+    calm = dataclasses.replace(one, fit=leaking)
+    assert shrunk(calm, share)[0] == pytest.approx(1e-3 * calm.numbers[0].standard_error)
+
+
+def test_a_tie_of_a_partly_explained_machine_is_asked_about(bench, leaking):
+    """The balances tie the leak with a leak to tank: its hypothesis stands in the leak's place, refitted, and is no better."""
+    machine, _, problem = bench
+    effect = SimpleNamespace(candidate=leaking.candidates[0], tied_with=("leakage_chamber_to_tank",))
+    trace = SimpleNamespace(
+        machine=machine, fit_problem=problem, final=leaking, ties=[{}], verdict="partly", effects=[effect],
+        candidates=[named("leakage_supply_to_chamber"), named("leakage_chamber_to_tank")],
+    )  # fmt: skip
+    (first, own), (second, rival) = surviving(trace)
+    assert (first, second) == ("leakage_supply_to_chamber", "leakage_chamber_to_tank")
+    assert [candidate.label for candidate in rival.candidates] == ["leakage_chamber_to_tank"]
+    assert own is leaking
+    assert np.isfinite(rival.chi2)
+    assert rival.chi2 > own.chi2

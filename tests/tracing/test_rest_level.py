@@ -8,13 +8,18 @@ import pytest
 from other_plant import write_machine
 
 from hexsim.machine import load_machine
+from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances.balance import resolved_machine, sensed_leg
-from hexsim.tracing.fitting.parameters import candidates, named
-from hexsim.tracing.fitting.rest_evidence import Evidence, sure
-from hexsim.tracing.fitting.rest_level import ordinary_effects
+from hexsim.tracing.balances.continuity import Continuity
+from hexsim.tracing.balances.platform import Platform
+from hexsim.tracing.fitting.fit import Fit
+from hexsim.tracing.fitting.parameters import candidates, coordinate_bounds, named
+from hexsim.tracing.fitting.rest_evidence import Evidence, own_rows, sure
+from hexsim.tracing.fitting.rest_level import ordinary_effects, prior_precision
+from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.steps import shapes, violations
-from hexsim.tracing.steps.dominant import may_be_a_filter, sure_effects
+from hexsim.tracing.steps.dominant import may_be_a_filter, sure_effects, worth_a_refit
 from hexsim.tracing.steps.logs import begin
 
 DATA = Path(__file__).parents[1] / "data"
@@ -56,6 +61,21 @@ def test_small_realities_are_held_to_their_ordinary_size():
         assert reach == pytest.approx(rules.ORDINARY[name])
 
 
+def test_a_small_reality_costs_as_much_at_its_reach_as_a_declared_parameter_at_its_half_width():
+    """3 each, of either sign, at infinity too: else what a small one can do of a large effect is taken off its number."""
+    small = tuple(ordinary_effects(candidates(load_machine(DATA / "bench_none"))))
+    values = tuple({c.effect.parameters[0].name: 0.0} for c in small)
+    bare = Fit(
+        machine=load_machine(DATA / "bench_none"), priors=(), deviations=np.zeros(0), candidates=(*small, named("spring")),
+        values=(*values, {"stiffness_N_m": 0.0}), chi2=0.0, n=0, misfit=[],
+    )  # fmt: skip
+    precision = prior_precision(bare)
+    for candidate, own in zip(small, precision[:-1], strict=True):
+        low, high = coordinate_bounds(candidate.effect.parameters[0])
+        assert own * max(-low, high) ** 2 == pytest.approx(3.0), candidate.label
+    assert precision[-1] == 0.0
+
+
 SURE = Evidence(
     candidate=named("spring"), share=0.9, share_least=0.8, unseen=0.9, unseen_least=0.8, own=1.0, restored=(0.9, 0.9),
     remarkable=2.0, apart=(1.0, 1.0), spread=0.2, curve=1.0, tied=(),
@@ -72,6 +92,7 @@ def test_each_rule_alone_keeps_an_effect_from_being_sure():
         {"unseen_least": -0.01},
         {"own": 0.4},
         {"spread": 1.1},
+        {"harm": 0.1},
         {"share": 0.7, "curve": 0.4},
     ):
         assert not sure(replace(SURE, **changes))
@@ -82,6 +103,34 @@ def test_the_gain_of_a_late_sensor_may_be_a_filter():
     late = [replace(SURE, candidate=named("accelerometer_delay"))]
     assert may_be_a_filter(named("accelerometer_gain"), late)
     assert not may_be_a_filter(named("pressure_gain"), late)
+
+
+def test_effects_whose_columns_tell_little_leave_room_for_those_that_promise_most():
+    """Of six legs and all of them such an effect takes one place of the list, the best; a leak that promises most is in it."""
+    machine = load_machine("micro_motion_system")
+    possible = [c for c in candidates(machine) if c.effect.name != "incline"]
+    asked = [(float(k), candidate, 0.1) for k, candidate in enumerate(possible)]
+    leak = named("leakage_supply_to_chamber", "leg 3")
+    asked.insert(0, (1e4, leak, 1.0))
+    listed = worth_a_refit(asked, bending=True)
+    bending = [job for job in listed if np.isinf(job[1].effect.parameters[0].neutral)]
+    assert any(candidate is leak for _, candidate, _ in listed)
+    assert len(bending) > 3 and len({candidate.effect.name for _, candidate, _ in bending}) == len(bending)
+    lags = [candidate.label for _, candidate, _ in asked if candidate.effect.name == "spool_lag"]
+    assert [c.label for _, c, _ in bending if c.effect.name == "spool_lag"] == [lags[-1]]
+    assert worth_a_refit(asked, bending=False)[0][1] is leak
+
+
+def test_own_rows_of_an_effect_in_one_leg_of_a_hexapod():
+    """A leak's is its leg's continuity alone; friction's and a spring's are the platform's six, which hold the legs' forces."""
+    positions = np.zeros((6, 2))
+    log = Log(name="fit", kind="hexapod", time=np.arange(2) * 1e-3, rate=1e3, position=positions)
+    parts = [BalanceRows(balance=own, sigma=np.ones(6), rows=tuple(range(6))) for own in (Continuity(), Platform())]
+    problem = BalanceProblem(logs=(log,), parts=tuple(parts))
+    assert own_rows(named("leakage_supply_to_chamber", "leg 3"), problem) == [2]
+    assert own_rows(named("valve_hysteresis"), problem) == [0, 1, 2, 3, 4, 5]
+    for name in ("coulomb_friction_change", "pressure_dependent_friction", "spring"):
+        assert own_rows(named(name, "leg 3"), problem) == [6, 7, 8, 9, 10, 11]
 
 
 @pytest.mark.slow

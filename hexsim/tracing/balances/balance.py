@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
 from threading import get_ident, local
-from typing import Any, ClassVar
-from weakref import WeakKeyDictionary
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,13 +18,13 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window, velocity
 from hexsim.tracing.balances import spool
+from hexsim.tracing.balances.memory import remembered
 
 Array = np.ndarray
 Settings = tuple[float, ...]  # offset, gain, delay [s] of a sensor
 FORCE_SIGNALS = (
     "velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa",
 )  # fmt: skip
-KEPT_SETTINGS = 8  # of sensors, for each log
 
 
 class Balance(ABC):
@@ -37,7 +36,7 @@ class Balance(ABC):
     learned_as: balance that a learned curve of its residual may join ("continuity", "force"), or None.
     other_names: name -> caption, for a residual that is put down to a part of it, see `reported_as`.
     spoils_others: where it is violated, no other can be trusted.  one_cause: its rows are one cause; the worst is looked at.
-    shared_out: its rows are another balance's, said in other places.
+    shared_out: the balance whose rows these are, said in other places; none where empty.
     """
 
     name: ClassVar[str]
@@ -50,7 +49,7 @@ class Balance(ABC):
     other_names: ClassVar[dict[str, str]] = {}
     spoils_others: ClassVar[bool] = False
     one_cause: ClassVar[bool] = False
-    shared_out: ClassVar[bool] = False
+    shared_out: ClassVar[str] = ""
 
     @abstractmethod
     def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
@@ -177,19 +176,9 @@ class MeasuredPoint:
         return self.sensed.P1
 
 
-_known: WeakKeyDictionary[Log, dict[Hashable, Any]] = WeakKeyDictionary()
-
-
-def remembered(log: Log, key: Hashable, make: Callable[[], Any]) -> Any:
-    """What `make` gives for this log and key, made once while the log lives: fits ask for the same again and again."""
-    known = _known.setdefault(log, {})
-    found = known.get(key)
-    if found is None:
-        found = make()
-        if len(known) > KEPT_SETTINGS * log.n_legs:
-            known.clear()
-        known[key] = found
-    return found
+def leg_key(resolved: Resolved, leg: int) -> Hashable:
+    """All of a machine that a leg's measured point and its own terms depend on."""
+    return resolved.rows[leg].tobytes(), resolved.sensors.supply_pressure_gain, sensor_settings(resolved, leg)
 
 
 def position_settings(resolved: Resolved, leg: int) -> Settings:
@@ -197,14 +186,19 @@ def position_settings(resolved: Resolved, leg: int) -> Settings:
     return tuple(float(resolved.leg_sensors[f"position_{key}"][leg]) for key in ("offset_m", "gain", "delay_s"))
 
 
-def sensed_leg(log: Log, resolved: Resolved, leg: int) -> SensedLeg:
-    """What the sensors of a leg say, computed once for a log and its sensors' settings."""
+def sensor_settings(resolved: Resolved, leg: int) -> tuple[Settings, Settings, Settings | None, Settings]:
+    """Of the position, both pressures (None: no rod side on the valve) and the accelerometer that a leg's signals rest on."""
     shared, position = resolved.sensors, position_settings(resolved, leg)
     pressure = tuple(float(resolved.leg_sensors[f"pressure_{key}"][leg]) for key in ("offset_Pa", "gain", "delay_s"))
     on_valve = resolved.rows[leg, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
     top = pressure if on_valve else None
     motion = (shared.acceleration_offset_m_s2, shared.acceleration_gain, shared.acceleration_delay_s)
-    settings = (position, pressure, top, motion)
+    return position, pressure, top, motion
+
+
+def sensed_leg(log: Log, resolved: Resolved, leg: int) -> SensedLeg:
+    """What the sensors of a leg say, computed once for a log and its sensors' settings."""
+    settings = sensor_settings(resolved, leg)
     ticks = tick_samples(log, leg, resolved.machine.controller.rate_Hz)
     return remembered(log, (leg, *settings), lambda: _sense(log, leg, *settings, ticks))
 

@@ -14,11 +14,19 @@ import numpy as np
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
+from hexsim.hydraulics import rod_side
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.ports import top_inflow
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances.balance import Balance, MeasuredPoint, measured_point, resolved_machine
+from hexsim.tracing.balances.balance import (
+    Balance,
+    MeasuredPoint,
+    leg_key,
+    measured_point,
+    resolved_machine,
+)
+from hexsim.tracing.balances.memory import latest
 
 Array = np.ndarray
 
@@ -55,7 +63,7 @@ def top_capacities(p, y, P2):
     """Hydraulic capacity of the rod side of every sample [m3/Pa]."""
     capacity = np.empty(y.shape[0])
     for i in range(y.shape[0]):
-        capacity[i] = leg_equations.rod_side_room(p, y[i], P2[i])
+        capacity[i] = rod_side.capacity(p, y[i], P2[i])
     return capacity
 
 
@@ -115,8 +123,12 @@ class Continuity(Balance):
     def of_legs(of_leg: Callable[[Array, MeasuredPoint, Window], Array], log: Log, machine: Machine) -> Array:
         """The residual of each leg, a row a leg."""
         resolved, window = resolved_machine(machine), Window(log.rate)
-        points = [measured_point(log, machine, resolved, i) for i in range(log.n_legs)]
-        return np.stack([of_leg(row, point, window) for row, point in zip(resolved.rows, points, strict=True)])
+
+        def residual(leg: int) -> Array:
+            row, point = resolved.rows[leg], measured_point(log, machine, resolved, leg)
+            return latest(log, (of_leg.__name__, leg), leg_key(resolved, leg), lambda: of_leg(row, point, window))
+
+        return np.stack([residual(leg) for leg in range(log.n_legs)])
 
 
 class TopContinuity(Continuity):

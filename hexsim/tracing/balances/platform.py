@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,12 +23,13 @@ from hexsim.tracing.balances.balance import (
     Balance,
     SensedLeg,
     advanced,
+    leg_key,
     measured_point,
     position_settings,
-    remembered,
     resolved_machine,
 )
 from hexsim.tracing.balances.force import Force, force_pressures, leg_thrust, push_of_payloads
+from hexsim.tracing.balances.memory import latest, remembered
 
 Array = np.ndarray
 ROWS = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -61,7 +63,7 @@ class LegForce(Balance):
     caption = Force.caption
     order = 50
     learned_as = "force"
-    shared_out = True
+    shared_out = "platform"
 
     def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
         return Platform().needs(machine)
@@ -138,7 +140,7 @@ def wrench_residual(log: Log, machine: Machine) -> tuple[Array, Array]:
     motion = platform_motion(log, resolved, [point.sensed for point in points])
     thrusts = np.empty((log.n, 6))
     for i, (row, point) in enumerate(zip(resolved.rows, points, strict=True)):
-        thrusts[:, i] = leg_thrust(row, point)
+        thrusts[:, i] = latest(log, ("thrust", i), leg_key(resolved, i), partial(leg_thrust, row, point))
     wrench = (thrusts[:, None] @ motion.lines)[:, 0].T
     acceleration = np.ascontiguousarray(felt_by_imu(log, resolved, motion.omega))
     gravity = resolved.gravity_m_s2 @ motion.rotation

@@ -9,9 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from hexsim.declaration import Machine
+from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances.balance import Balance, resolved_machine, sensed_leg
+from hexsim.tracing.balances.balance import Balance, position_settings, resolved_machine, sensed_leg
+from hexsim.tracing.balances.memory import latest
 from hexsim.tracing.balances.platform import ROWS, felt_by_imu, platform_motion
 
 Array = np.ndarray
@@ -60,7 +62,25 @@ class Imu(Balance):
         return [f"platform {row}" for row in ROWS]
 
     def residual(self, log: Log, machine: Machine) -> Array:
-        resolved, look, window = resolved_machine(machine), Window(log.rate, LOOK_S), Window(log.rate)
+        resolved = resolved_machine(machine)
+        sensors, built = resolved.sensors, resolved.mechanics
+        read = (sensors.acceleration_offset_m_s2, sensors.acceleration_gain, sensors.acceleration_delay_s)
+        arrays = (
+            built.base_joints,
+            built.platform_joints,
+            built.retracted_length_m,
+            resolved.imu_turn_rad,
+            resolved.imu_place_m,
+        )
+        key = (
+            read, tuple(position_settings(resolved, i) for i in range(6)), *(np.asarray(x).tobytes() for x in arrays),
+        )  # fmt: skip
+        return latest(log, "imu", key, lambda: self.compared(log, resolved))
+
+    @staticmethod
+    def compared(log: Log, resolved: Resolved) -> Array:
+        """The residual of the sensors' settings and the joints of a machine."""
+        look, window = Window(log.rate, LOOK_S), Window(log.rate)
         motion = platform_motion(log, resolved, [sensed_leg(log, resolved, i) for i in range(6)])
         legs, poses = resolved.mechanics, motion.poses.T
         pose, rate, second = look.mean(poses).T, look.rate(poses).T, look.second_rate(poses).T

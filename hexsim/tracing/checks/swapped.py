@@ -10,7 +10,7 @@ from hexsim.signals.log import Log
 from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.checks.finding import Finding, refusal
-from hexsim.tracing.friction.identification import curve
+from hexsim.tracing.friction.stribeck import curve
 from hexsim.tracing.leg_loads import leg_loads, oil_forces
 
 

@@ -19,7 +19,8 @@ import numpy as np
 from hexsim.machine.files import changed
 from hexsim.signals.channels import kind_of
 from hexsim.signals.log import Log
-from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, prior_terms, refine, start_fit_at
+from hexsim.tracing.fitting import rest_level
+from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, refine, start_fit_at
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
@@ -92,10 +93,9 @@ def normal_matrix(columns: list[Array]) -> Array:
 
 
 def hypothesis(label: str, fit: Fit, problem: SimulatedProblem, named: frozenset[str] = frozenset()) -> Hypothesis:
-    """With what the logs of the problem know of it, and the declared uncertainty of its parameters."""
-    known = normal_matrix(sensitivities(fit, problem))
-    m = len(fit.priors)
-    known[range(m), range(m)] += prior_terms(fit)[0]
+    """With what the logs of the problem know of it, the declared uncertainty of its parameters, and the ordinary size of
+    small realities."""
+    known = normal_matrix(sensitivities(fit, problem)) + np.diag(rest_level.prior_precision(fit))
     return Hypothesis(label=label, fit=fit, known=known, named=named)
 
 
@@ -114,12 +114,16 @@ class Promise:
 
     separations: dict[tuple[str, str], float]
     errors: tuple[float, ...]
-    information: float  # log of the ratio of the determinants, after to before
+    information: float  # log of the ratio of the determinants, after to before, a coordinate
 
     def worth(self, wanted: int | None) -> float:
-        """What a design makes as large as it can. wanted: the number to be sharpened, where nothing is to be separated."""
+        """What a design makes as large as it can. wanted: the number to be sharpened, where nothing is to be separated.
+
+        A separation counts with the information on all numbers, an average of them (Atkinson's DT-optimality, 2008): a
+        motion that only tells two hypotheses apart shows little of a third.
+        """
         if self.separations:
-            return float(np.log(max(min(self.separations.values()), 1e-9)))
+            return float(np.log(max(min(self.separations.values()), 1e-9))) + self.information
         return -float(np.log(self.errors[wanted])) if wanted is not None else self.information
 
 
@@ -143,9 +147,19 @@ def promise(hypotheses: list[Hypothesis], log: Log, noise: dict[str, float]) -> 
             b = flat @ d
             separations[one.label, hypotheses[k].label] = max(float(d @ d - b @ inverse_after @ b), 0.0)
     shrink = np.sqrt(np.maximum(np.diag(inverse_after), 0.0) / np.maximum(np.diag(inverse_before), 1e-300))
-    errors = tuple(number.standard_error * float(shrink[number.place]) for number in first.numbers)
-    gain = float(np.linalg.slogdet(after)[1] - np.linalg.slogdet(first.known)[1])
-    return Promise(separations=separations, errors=errors, information=gain)
+    gain = float(np.linalg.slogdet(after)[1] - np.linalg.slogdet(first.known)[1]) / max(len(after), 1)
+    return Promise(separations=separations, errors=shrunk(first, shrink), information=gain)
+
+
+def shrunk(one: Hypothesis, share: Array) -> tuple[float, ...]:
+    """Errors of its numbers where the error of every coordinate is this share of what it is now.
+
+    In coordinates, because a reported error ends at the bounds of its number.
+    """
+    if one.fit.covariance is None:
+        return tuple(float("nan") for _ in one.numbers)
+    fit = replace(one.fit, covariance=one.fit.covariance * np.outer(share, share))
+    return tuple(number.standard_error for number in replace(one, fit=fit).numbers)
 
 
 def loaded(one: Hypothesis, changes: dict[str, float]) -> Hypothesis:

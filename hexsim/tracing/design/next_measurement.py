@@ -30,13 +30,14 @@ from hexsim.tracing.design.information import (
     refitted_separation,
 )
 from hexsim.tracing.design.motions import MotionFamily
-from hexsim.tracing.fitting.fit import Fit
+from hexsim.tracing.fitting.fit import Fit, refine, start_fit_at
+from hexsim.tracing.fitting.selection import try_candidate
 from hexsim.tracing.problems.problem import in_parallel
-from hexsim.tracing.state import Trace
+from hexsim.tracing.state import NamedEffect, Trace
 from hexsim.tracing.steps.experiments import heavier_load, setpoint_log
 
 DURATION_s = 20.0
-FIRST, ROUNDS = 32, 2  # motions tried at first, and rounds of as many that come from the best of them
+FIRST, ROUNDS = 16, 2  # motions tried at first, and rounds of as many that come from the best of them
 CONTENDERS = 3  # of a machine that is not explained
 SHARP = 0.1  # a number known to this share is sharp
 SEPARATED = 4 * rules.TIE_CHI2  # least chi2 that separates two hypotheses
@@ -86,6 +87,7 @@ class NextMeasurement:
                 }
                 for number, error in zip(self.numbers, self.promise.errors, strict=True)
             ],
+            "information": self.promise.information,
             "cannot": list(self.cannot),
             "scenario": self.tables,
         }  # fmt: skip
@@ -104,8 +106,8 @@ def next_measurement(
     """
     say = tell or (lambda doing, fraction: None)
     say("what is left open", 0.0)
-    problem = at_the_rest(trace.fit_problem, trace.final)
     jobs = surviving(trace)
+    problem = at_the_rest(trace.fit_problem, jobs[0][1])
     named = frozenset(effect.candidate.label for effect in trace.effects)
     hypotheses = [
         hypothesis(label, fit, problem, named if k == 0 else frozenset()) for k, (label, fit) in enumerate(jobs)
@@ -150,11 +152,36 @@ def surviving(trace: Trace) -> list[tuple[str, Fit]]:
     found = [(" and ".join(effects) or _label(trace.final), trace.final)]
     for tied in trace.ties:
         found += [(label, rival) for label, rival in tied.items()]
-    if trace.verdict == "unexplained" and trace.search.stages:
-        rivals = sorted(trace.search.stages[0].rivals, key=lambda rival: rival.chi2)[:CONTENDERS]
+    if trace.verdict == "partly":
+        pairs = [(effect, label) for effect in trace.effects for label in effect.tied_with]
+        found += [(label, rival) for effect, label in pairs if (rival := in_place_of(effect, label, trace))]
+    if trace.verdict == "unexplained":
+        rivals = [rival for stage in trace.search.stages for rival in stage.rivals]
+        rivals = sorted(rivals, key=lambda rival: rival.chi2)[:CONTENDERS]
         found = [(_label(rival), rival) for rival in rivals] or found
     unique = dict(reversed(found))
     return [(label, unique[label]) for label in dict(found)]
+
+
+def in_place_of(effect: NamedEffect, label: str, trace: Trace) -> Fit | None:
+    """The partly explained machine with another effect in the place of a named one, refitted; None where it cannot be.
+
+    The balances have tied the two; their refits by simulation are made here.
+    """
+    own = [candidate for candidate in trace.candidates if candidate.label == label]
+    k = trace.final.candidates.index(effect.candidate)
+    head, problem = trace.fit_problem.head(rules.TRIAGE_S), trace.fit_problem
+    there = [candidate.label for candidate in trace.final.candidates]
+    gone = {k, there.index(label)} if label in there else {k}  # its small reality, too
+    keep = [i for i in range(len(there)) if i not in gone]
+    bare = replace(
+        trace.final, candidates=tuple(trace.final.candidates[i] for i in keep), covariance=None,
+        values=tuple(trace.final.values[i] for i in keep), columns=None,
+    )  # fmt: skip
+    start, jobs = start_fit_at(bare, head), [(candidate, size) for candidate in own[:1] for size in (-1.0, 1.0)]
+    tried = in_parallel(lambda job: try_candidate(start, job[0], job[1], head, rules.TRIAGE_STEPS), jobs)
+    best = min((fit for fit in tried if fit is not None), key=lambda fit: fit.chi2, default=None)
+    return None if best is None else refine(start_fit_at(best, problem), problem, steps=rules.TRIAGE_STEPS)
 
 
 def _label(fit: Fit) -> str:

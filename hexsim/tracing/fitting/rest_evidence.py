@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexsim.tracing import rules
+from hexsim.tracing.balances import library
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.dependence import CURVES, block_numbers, design, knots_of, r2_of
-from hexsim.tracing.fitting import rest_level
+from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 from hexsim.tracing.fitting.rest_level import RestFit, row_sizes
@@ -31,6 +32,7 @@ class Evidence:
     own: share of what it takes that lies in its own balance.  restored: of its own balance above the noise that it
     takes, in the fit runs and held out.  remarkable: its size over that from which a machine is remarkable for it.
     apart: its number from each run alone (coordinates); spread: how far they are from it, over what is allowed.
+    harm: of a sensor's effect, by what share the mean square of any row grows: what is late is late in every balance.
     curve: mean square that a curve over one signal leaves of its own row, over what the effect leaves there.
     """
 
@@ -46,6 +48,7 @@ class Evidence:
     spread: float
     curve: float
     tied: tuple[str, ...]
+    harm: float = 0.0
 
     @property
     def label(self) -> str:
@@ -63,6 +66,7 @@ def sure(evidence: Evidence) -> bool:
         and min(e.share_least, e.unseen_least) > 0.0
         and e.own > 0.5
         and e.spread < 1.0
+        and e.harm < rules.PARTLY_HARM
         and not better_curve
     )
 
@@ -88,9 +92,10 @@ def evidence_of(
         unseen_least=least(held_out_resampled),
         own=float(np.sum(falls[own])) / max(float(np.sum(falls)), 1e-12),
         restored=(restored(base.sizes[own], rival.sizes[own]), restored(row_sizes(before)[own], row_sizes(after)[own])),
-        remarkable=abs(size) / least_remarkable(candidate),
+        remarkable=abs(size + shared_size(rival)) / least_remarkable(candidate),
         apart=tuple(x for x, _ in runs),
         spread=max(abs(x - size) / max(3.0 * sd, rules.PARTLY_SPREAD * abs(size), 1e-12) for x, sd in runs),
+        harm=float(np.max(np.exp(-2.0 * falls))) - 1.0 if candidate.effect.balance == "sensor" else 0.0,
         curve=left_by_a_curve(base, rival, own, problem),
         tied=tuple(sorted(other.fit.candidates[-1].label for other in tied)),
     )
@@ -131,14 +136,22 @@ def worse(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float) ->
 
 
 def own_rows(candidate: Candidate, problem: BalanceProblem) -> list[int]:
-    """Rows of the balance that the effect is of: `valve` is a name of continuity, a sensor's effect may show in any."""
-    rows, first = [], 0
+    """Rows of the balance that the effect is of: `valve` is a name of continuity, a sensor's effect may show in any.
+
+    The force of a hexapod's leg is the platform's. Rows of other legs are not its own: what restores them is no rival.
+    """
+    rows, first, of = [], 0, {candidate.effect.balance}
+    of |= {balance.shared_out for balance in library() if balance.name in of}
     for part in problem.parts:
-        names = (part.balance.name, *part.balance.other_names)
-        if candidate.effect.balance in names or candidate.effect.balance == "sensor":
-            rows += range(first, first + len(part.rows))
+        if of & {part.balance.name, *part.balance.other_names} or "sensor" in of:
+            places = [part.balance.places(problem.logs[0])[k] for k in part.rows]
+            rows += [first + k for k, place in enumerate(places) if not of_another_leg(place, candidate.where)]
         first += len(part.rows)
     return rows
+
+
+def of_another_leg(place: str, where: str) -> bool:
+    return place.startswith("leg") and where.startswith("leg") and place != where
 
 
 def restored(before: Array, after: Array) -> float:
@@ -154,10 +167,19 @@ def least_remarkable(candidate: Candidate) -> float:
     return abs(to_coordinate(size, ordinary)) * rules.REMARKABLE if ordinary else rules.REMARKABLE_SHARE
 
 
+def shared_size(rival: RestFit) -> float:
+    """Coordinate of the small reality of all legs beside an effect in one of them: that leg has both together."""
+    candidate = rival.fit.candidates[-1]
+    for k, other in enumerate(rival.fit.candidates[:-1]):
+        if rest_level.is_held(other) and other.effect.name == candidate.effect.name:
+            return rest_level.size_of(rival.fit, k)
+    return 0.0
+
+
 def apart(found: RestFit, problem: BalanceProblem) -> list[tuple[float, float]]:
     """(coordinate, standard error) of the last effect's first number from each run alone."""
     place = len(found.fit.priors) + sum(len(c.free()) for c in found.fit.candidates[:-1])
-    return [rest_level.estimate(found, place, problem, (i,)) for i in range(len(problem.logs))]
+    return [rest_errors.estimate(found, place, problem, (i,)) for i in range(len(problem.logs))]
 
 
 def left_by_a_curve(base: RestFit, rival: RestFit, own: Sequence[int], problem: BalanceProblem) -> float:
@@ -169,6 +191,7 @@ def left_by_a_curve(base: RestFit, rival: RestFit, own: Sequence[int], problem: 
         return np.inf
     row = max(own, key=lambda k: base.sizes[k] / rival.sizes[k])
     place = problem.channels(0)[row].rpartition(" of ")[2]
+    place = place if place.startswith("leg") else rival.fit.candidates[-1].where
     leg = int(place.split()[1]) - 1 if place.startswith("leg") else 0
     rest = np.concatenate([m[row] for m in base.fit.misfit])
     blocks = block_numbers([m.shape[1] for m in base.fit.misfit], round(rules.PARTLY_BLOCK_S / problem.thin_s))

@@ -9,7 +9,8 @@ from rich.table import Table
 
 from hexsim.recording import palette
 from hexsim.recording.figure_style import WIDTH_IN, styled
-from hexsim.tracing.friction.identification import KEYS, FrictionResult, curve, row_with
+from hexsim.tracing.friction.identification import FrictionResult
+from hexsim.tracing.friction.stribeck import KEYS, curve, row_with
 
 
 @styled

@@ -21,33 +21,16 @@ from typing import Any
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.hydraulics.leg import friction_force
-from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.machine.files import changed
 from hexsim.signals.log import Log
 from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window, velocity
+from hexsim.tracing.friction.stribeck import KEYS, curve, row_with
 from hexsim.tracing.leg_loads import leg_loads
 
 Array = np.ndarray
-KEYS = tuple(
-    f"{kind}_{way}_{unit}"
-    for way in ("extend", "retract")
-    for kind, unit in (("viscous", "N_s_m"), ("coulomb", "N"), ("static", "N"), ("stribeck_velocity", "m_s"))
-)
-SLOTS = (
-    P.VISCOUS_EXTEND,
-    P.COULOMB_EXTEND,
-    P.STATIC_EXTEND,
-    None,
-    P.VISCOUS_RETRACT,
-    P.COULOMB_RETRACT,
-    P.STATIC_RETRACT,
-    None,
-)
 WINDOW_s = 0.004  # half width for forces: short, for a window that contains a reversal is left out
 VELOCITY_WINDOW_s = (
     0.025  # half width where noise of position and of integrated acceleration are equal (3 um, 0.02 m/s2)
@@ -116,29 +99,6 @@ class FrictionResult:
         speed = 0.5 * (p["stribeck_velocity_extend_m_s"] + p["stribeck_velocity_retract_m_s"])
         changes = {f"friction.{key}": p[key] for key in keys} | {"friction.stribeck_velocity_m_s": speed}
         return changed(self.machine, changes, "friction")
-
-
-@compiled
-def friction_of(rows, v, out):
-    """Friction [N] of samples: row 0 while extending, row 1 while retracting."""
-    for i in range(v.shape[0]):
-        out[i] = friction_force(rows[0] if v[i] >= 0.0 else rows[1], 0.0, v[i], 0.0, 0.0)
-
-
-def curve(rows: Array, v: Array) -> Array:
-    out = np.empty(len(v))
-    friction_of(rows, np.ascontiguousarray(v, dtype=float), out)
-    return out
-
-
-def row_with(machine: Machine, values: Array) -> Array:
-    """Two rows of the machine (extending, retracting) with the eight values; each row has its own Stribeck velocity."""
-    rows = np.repeat(declared_rows(machine)[:1], 2, axis=0)
-    for slot, value in zip(SLOTS, values, strict=True):
-        if slot is not None:
-            rows[:, slot] = value
-    rows[0, P.STRIBECK_VELOCITY], rows[1, P.STRIBECK_VELOCITY] = values[3], values[7]
-    return rows
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

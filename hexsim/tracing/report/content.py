@@ -65,6 +65,7 @@ def remarks(result: Trace) -> list[str]:
                 f"{quantity(fitted, unit, 4)}: its uncertainty may be "
                 "too small, or it stands for what is missing"
             )
+    found += [own.sentence for own in result.predicted]
     for run, channels in result.error.items():
         worse = {
             name: row["refit"] / max(row["declared"], 1e-300)

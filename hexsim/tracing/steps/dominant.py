@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hexsim.tracing import rules
-from hexsim.tracing.fitting import rest_level
+from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import Fit, start_fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
 from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure
@@ -35,6 +35,7 @@ from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
 LARGEST_START = 3.0  # coordinate
+Job = tuple[float, Candidate, float]  # what the column promises, the effect, the size to begin with
 
 
 def rivals_of(
@@ -44,7 +45,7 @@ def rivals_of(
 
     hidden: effect -> size of its first number below which it would not be named beside this rest.
     """
-    asked: dict[str, tuple[float, Candidate, float]] = {}
+    asked: dict[str, Job] = {}
     hidden: dict[str, float] = {}
     for candidate, own in zip(possible, columns_of(base.fit, list(possible), problem), strict=True):
         if not all(np.all(np.isfinite(column)) for column in own):
@@ -56,18 +57,29 @@ def rivals_of(
         if np.isfinite(sd):
             shown = max(sd * float(np.sqrt(least_fall(problem))), least_remarkable(candidate))
             hidden.setdefault(candidate.effect.name, abs(to_value(number, shown)))
-        fall = np.inf if np.isinf(number.neutral) and not named_already else fall  # no column tells what it can do
         if fall > asked.get(candidate.label, (-np.inf,))[0]:
             asked[candidate.label] = (fall, candidate, float(np.clip(size, -LARGEST_START, LARGEST_START)) or 0.1)
-    jobs = sorted(asked.values(), key=lambda job: -job[0])[: rules.PARTLY_REFITTED]
+    jobs = worth_a_refit(list(asked.values()), bending=not named_already)
     least = rules.PARTLY_PROMISE * least_fall(problem)
 
-    def tried_with(job: tuple[float, Candidate, float]) -> RestFit | None:
+    def tried_with(job: Job) -> RestFit | None:
         promised, candidate, size = job
         return rest_level.with_effect(base, candidate, problem, size, -np.inf if promised > least else least)
 
     tried = in_parallel(tried_with, jobs)
     return sorted((rival for rival in tried if rival is not None), key=lambda rival: rival.cost), hidden
+
+
+def worth_a_refit(asked: Sequence[Job], bending: bool) -> list[Job]:
+    """Those whose columns promise most. bending: before them, each effect whose column tells little, at its best place."""
+    ranked = sorted(asked, key=lambda job: -job[0])
+    first: dict[str, Job] = {}
+    for job in ranked:
+        if bending and np.isinf(job[1].effect.parameters[0].neutral):
+            first.setdefault(job[1].effect.name, (np.inf, *job[1:]))
+    labels = {candidate.label for _, candidate, _ in first.values()}
+    others = [job for job in ranked if job[1].label not in labels]
+    return [*first.values(), *others][: rules.PARTLY_REFITTED]
 
 
 def least_fall(problem: BalanceProblem) -> float:
@@ -126,7 +138,7 @@ def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem
     best = max((base.cost - rival.cost for rival in rivals), default=0.0)
     least = max(rules.PARTLY_PROMISE * least_fall(problem), rules.PARTLY_NEAR * best)
     near = [rival for rival in rivals[: rules.PARTLY_TRIED] if base.cost - rival.cost > least]
-    anew = in_parallel(lambda rival: rest_level.refined(rival.fit, problem), near)
+    anew = in_parallel(lambda rival: rest_level.renewed(rival, problem), near)
     better = [min(pair, key=lambda found: found.cost) for pair in zip(near, anew, strict=True)]
     return sorted([*better, *rivals[len(near) :]], key=lambda rival: rival.cost)
 
@@ -154,7 +166,10 @@ def sure_effects(trace: Trace, tell: Tell) -> Sure:
         if grown is None:
             break
         best, own = grown, tried[-1]
-        found += [own] if own.remarkable > 1.0 and not may_be_a_filter(own.candidate, found) else []
+        if own.remarkable > 1.0:
+            found += [] if may_be_a_filter(own.candidate, found) else [own]
+        elif found:
+            break  # effects come in the order of what they take: what is left takes less than what any machine has
     return Sure(best=best, named=found, tried=rounds, hidden=hidden, problem=problem)
 
 
@@ -166,7 +181,7 @@ def name_the_sure(trace: Trace, tell: Tell) -> Trace:
     trace = replace(trace, hidden=found.hidden)
     if not found.named:
         return replace(trace, decided="no effect is sure beside what is left")
-    fit = replace(found.best.fit, covariance=rest_level.sandwich(found.best, found.problem))
+    fit = replace(found.best.fit, covariance=rest_errors.sandwich(found.best, found.problem))
     final = replace(start_fit_at(fit, trace.fit_problem), covariance=fit.covariance)
     gains = tuple(held_out_gains(final, trace.base, trace.validate_problem))
     effects = [named_effect(final, own, trace, gains) for own in found.named]

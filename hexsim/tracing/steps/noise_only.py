@@ -1,0 +1,77 @@
+"""Before "nothing missing" is said: is what is left of every channel noise, or does it follow a signal?
+
+A library need not know the cause: an IMU whose axes are not square, a transducer that reads another pressure too. Below the
+noise in every sample, it is 30 standard deviations in all of them. See `hexsim.tracing.predictable`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from hexsim.machine import Machine
+from hexsim.signals.channels import channel_arrays
+from hexsim.signals.log import Log
+from hexsim.tracing import rules
+from hexsim.tracing.predictable import Predicted, predicted
+from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.state import Step, Tell, Trace
+
+Array = np.ndarray
+
+
+def signals_without_noise(log: Log) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Of a simulated log: its channels, volts and velocities by name, and the velocity that tells the direction of each."""
+    own = channel_arrays(log)
+    speed = np.gradient(log.position, 1.0 / log.rate, axis=1)
+    legs = {f"_{k + 1}_" if log.n_legs > 1 else "": v for k, v in enumerate(speed)}
+    for k, v in enumerate(speed):
+        place = f"_{k + 1}" if log.n_legs > 1 else ""
+        own[f"velocity{place}_m_s"] = v
+        if log.volts is not None:
+            own[f"valve{place}_V"] = log.volts[k]
+    mean = speed.mean(axis=0)
+    return own, {name: next((v for place, v in legs.items() if place in name), mean) for name in own}
+
+
+def rests(machine: Machine, problem: SimulatedProblem) -> Iterator[tuple[Array, dict[str, Array], dict[str, Array]]]:
+    """(rest over its noise (n_channels, n), signals, velocities) of every log."""
+    for i in range(len(problem.logs)):
+        own, speeds = signals_without_noise(problem.simulated(machine, i))
+        first = problem.settle(i)
+        yield (
+            problem.residual(machine, i),
+            {name: x[first:] for name, x in own.items()},
+            {name: v[first:] for name, v in speeds.items()},
+        )
+
+
+def followed(trace: Trace) -> list[Predicted]:
+    """The strongest dependence of every channel's rest beside the final machine, fit and held-out runs together."""
+    problems, machine = (trace.fit_problem, trace.validate_problem), trace.fitted
+    runs = [run for problem in problems for run in rests(machine, problem)]
+    rest, signals, speeds = (list(part) for part in zip(*runs, strict=True))
+    return predicted(problems[0].channels(0), rest, signals, speeds, problems[0].logs[0].rate)
+
+
+def hold_against_signals(trace: Trace, tell: Tell) -> Trace:
+    """ "nothing missing" becomes "unexplained" where a channel's rest follows a signal."""
+    if trace.verdict != "nothing missing":
+        return replace(trace, decided="not needed: something is missing")
+    if trace.fit_problem.feedback:
+        return replace(trace, decided="not asked: logged volts drive the model, and they hold the position's noise")
+    found = followed(trace)
+    sure = [own for own in found if own.share > rules.PREDICTED_SHARE and own.above > rules.PREDICTED_ABOVE]
+    if not sure:
+        most = (
+            f"{found[0].channel} follows {found[0].signal} with {found[0].share:.1%} of it" if found else "no channel"
+        )
+        return replace(trace, decided=f"what is left follows no signal; most: {most}")
+    return replace(
+        trace, verdict="unexplained", predicted=tuple(sure), decided="; ".join(own.sentence for own in sure[:3])
+    )
+
+
+STEP = Step(name="noise only", doing="holding what is left against the signals", share=0.03, run=hold_against_signals)

@@ -1,0 +1,76 @@
+"""What is left follows a signal, or none: by coherence, by curves on unseen blocks, each against a null."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexsim.signals.channels import channel_arrays
+from hexsim.tracing import rules
+from hexsim.tracing.predictable import predicted
+from hexsim.tracing.report.content import remarks
+from hexsim.tracing.steps import declared_refit
+from hexsim.tracing.steps.logs import begin
+from hexsim.tracing.steps.noise_only import hold_against_signals
+
+DATA = Path(__file__).parents[1] / "data"
+RATE, N = 1000.0, 20000
+
+
+def sure(found):
+    return [own for own in found if own.share > rules.PREDICTED_SHARE and own.above > rules.PREDICTED_ABOVE]
+
+
+def runs(rng, count=2, colour=0.0):
+    """Noise of two channels, and two signals of many frequencies, of `count` runs. colour: of the noise's low-pass pole."""
+    rests, signals = [], []
+    t = np.arange(N) / RATE
+    for _ in range(count):
+        white = rng.standard_normal((2, N))
+        for k in range(1, N) if colour else ():
+            white[:, k] = colour * white[:, k - 1] + np.sqrt(1.0 - colour**2) * white[:, k]
+        f, phase = rng.uniform(0.2, 6.0, (2, 12)), rng.uniform(0.0, 6.3, (2, 12))
+        waves = np.mean(np.sin(2 * np.pi * f[..., None] * t + phase[..., None]), axis=1)
+        waves /= waves.std(axis=1, keepdims=True)
+        rests.append(white)
+        signals.append({"first": waves[0], "second": waves[1]})
+    return rests, signals, [{name: np.gradient(x) for name, x in own.items()} for own in signals]
+
+
+@pytest.mark.parametrize(
+    ("part", "form"),
+    [
+        (lambda x: 0.1 * x, "coherence"),
+        (lambda x: 0.1 * np.roll(x, 30), "coherence"),  # 30 ms late
+        (lambda x: 0.15 * (np.abs(x) - np.abs(x).mean()), "plain"),
+        (lambda x: 0.25 * x * np.gradient(x) / np.std(np.gradient(x)), "product"),
+    ],
+)
+def test_a_tenth_of_the_noise_that_follows_a_signal_is_found(part, form):
+    """In its channel, over its signal, in its form, and in no other channel: 1 % of the variance of a sample."""
+    rests, signals, velocities = runs(np.random.default_rng(1))
+    for rest, own in zip(rests, signals, strict=True):
+        rest[0] += part(own["second"])
+    [found] = sure(predicted(("a", "b"), rests, signals, velocities, RATE))
+    assert (found.channel, found.signal, found.form) == ("a", "second", form)
+    assert 0.03 < found.share < 0.4 and "what is left of a follows second" in found.sentence
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.97])
+def test_noise_follows_nothing(colour):
+    """White, or with a correlation of 30 ms: of 6 draws of two channels none."""
+    for seed in range(6):
+        assert sure(predicted(("a", "b"), *runs(np.random.default_rng(seed), colour=colour), RATE)) == []
+
+
+def test_nothing_missing_is_not_said_of_a_transducer_that_reads_another_pressure_too():
+    """A measured bench stays quiet; 0.3 % of the chamber's pressure in the supply's reading, a quarter of its noise, is told."""
+    trace = begin(DATA / "bench_none", ["fit", "sweep"], ["validate"])
+    trace = replace(declared_refit.STEP.run(trace, lambda doing: None), verdict="nothing missing")
+    quiet = hold_against_signals(trace, lambda doing: None)
+    assert quiet.verdict == "nothing missing" and "follows no signal" in quiet.decided and not remarks(quiet)
+    logs = tuple(replace(log, supply=log.supply + 0.003 * (log.pressure[0] - 3.5e6)) for log in trace.fit_problem.logs)
+    told = hold_against_signals(replace(trace, fit_problem=replace(trace.fit_problem, logs=logs)), lambda doing: None)
+    assert told.verdict == "unexplained" and told.predicted[0].channel == "pressure_supply_Pa"
+    assert told.predicted[0].signal in channel_arrays(logs[0]) and told.predicted[0].sentence in remarks(told)
