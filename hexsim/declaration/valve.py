@@ -83,6 +83,12 @@ class Valve(Section):
     spool_damping: float = between(0.01, 100.0, "damping ratio of the spool [-]", default=0.7)
     flow_curve: FlowCurve | None = Field(None, description="flow over signal in place of the lap")
     hysteresis_percent: float = between(0.0, 50.0, "width of the flow curve's loop [% of full signal]", default=0.0)
+    threshold_percent: float | None = between(
+        0.0,
+        50.0,
+        "reversal of the signal that moves the flow; not given: the hysteresis [% of full signal]",
+        default=None,
+    )
     null_shift_percent: float = between(-50.0, 50.0, "signal at which no flow passes [% of full signal]", default=0.0)
     small_signal_minus_90deg_Hz: float | None = between(
         0.1, 1e4, "90 deg behind at small amplitude; in place of spool_frequency_Hz [Hz]", default=None
@@ -163,6 +169,20 @@ class Valve(Section):
             raise ValueError("give large_signal_minus_3dB_Hz or slew_time_s, and not both: they say the same")
         if (self.large_signal_minus_3dB_Hz or self.slew_time_s) and frequency <= 0:
             raise ValueError("a spool that slews needs spool_frequency_Hz or small_signal_minus_90deg_Hz")
+        return self
+
+    @property
+    def threshold(self) -> float:
+        """Reversal of the signal that moves the flow [% of full signal]."""
+        return self.hysteresis_percent if self.threshold_percent is None else self.threshold_percent
+
+    @model_validator(mode="after")
+    def _threshold_within_hysteresis(self) -> Valve:
+        if self.threshold > self.hysteresis_percent:
+            raise ValueError(
+                f"threshold_percent = {self.threshold:g} must not exceed hysteresis_percent = {self.hysteresis_percent:g}: "
+                "a full cycle's loop holds the reversal"
+            )
         return self
 
     @model_validator(mode="after")

@@ -142,6 +142,7 @@ def machine_header(plant: Plant, variables: Variables, what: str, missing: list[
             for name, values in (
                 ("DELAY", delay),
                 ("HYSTERESIS", plant.rows[:, P.HYSTERESIS]),
+                ("SPREAD", plant.rows[:, P.HYSTERESIS_SPREAD]),
                 ("START_ACT", plant.data.act),
                 ("START_CTRL", plant.data.ctrl),
                 ("START_RULE", rule),

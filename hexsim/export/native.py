@@ -94,10 +94,14 @@ def equations(plant: Plant) -> dict[str, Any]:
         choose_steps(view, span_s)
         return chosen[1]
 
-    play: Any = cfunc(number(number, number, number), error_model="numpy")(valve.play.py_func)
+    @cfunc(types.void(number, pointer, pointer, number, number), error_model="numpy")
+    def hysteresis(volts, spool_volts, apart, half_width, spread):
+        held, between = carray(spool_volts, (1,)), carray(apart, (1,))
+        held[0], between[0] = valve.hysteresis(volts, held[0], between[0], half_width, spread)
+
     act_dyn, act_bias = native_callbacks()
     return {
-        "act_dyn": act_dyn, "act_bias": act_bias, "play": play, "stiffness": stiff, "rule": rule, "choose": choose,
+        "act_dyn": act_dyn, "act_bias": act_bias, "hysteresis": hysteresis, "stiffness": stiff, "rule": rule, "choose": choose,
     }  # fmt: skip
 
 

@@ -160,6 +160,7 @@ Status start(Instance *c) {
   if (!is_declared && find_equilibrium(c) != OK) return ERROR;
   mj.forward(c->model, c->data);
   memset(c->now.spool_volts, 0, sizeof c->now.spool_volts);
+  memset(c->now.apart, 0, sizeof c->now.apart);
   memset(c->now.velocity_before, 0, sizeof c->now.velocity_before);
   memset(c->now.volts, 0, sizeof c->now.volts);
   memset(c->now.commanded, 0, sizeof c->now.commanded);
@@ -210,7 +211,8 @@ static void advance_part(Instance *c, double span) {
   const mjData *d = c->data;
   for (int i = 0; i < N_LEGS; i++) {
     double volts = command(c, i, d->time - DELAY[i] + 0.5 * span);
-    c->data->ctrl[i] = now->spool_volts[i] = hexsim_play(volts, now->spool_volts[i], HYSTERESIS[i]);
+    hexsim_hysteresis(volts, &now->spool_volts[i], &now->apart[i], HYSTERESIS[i], SPREAD[i]);
+    c->data->ctrl[i] = now->spool_volts[i];
   }
   mj.forward(c->model, c->data);
   mj.checkAcc(c->model, c->data);

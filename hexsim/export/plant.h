@@ -50,6 +50,7 @@ typedef struct {
   double compensators[IS_MACHINE ? N_LEGS : 1][COMPENSATOR_SIZE]; /* what the compensators remember, */
   double commanded[N_LEGS];    /* and the volts before the computing delay */
   double spool_volts[N_LEGS];  /* after delay and hysteresis */
+  double apart[N_LEGS];        /* the valves' two plays */
   double past[RING][N_LEGS];   /* the last commands that differ, */
   double since[RING];          /* and the time from which each holds [s] */
   double commands;             /* how many there were */
@@ -74,7 +75,7 @@ typedef struct Instance {
 /* The compiled equations. */
 double hexsim_act_dyn(const mjModel *, const mjData *, int);
 double hexsim_act_bias(const mjModel *, const mjData *, int);
-double hexsim_play(double volts, double previous, double half_width);
+void hexsim_hysteresis(double volts, double *spool_volts, double *apart, double half_width, double spread);
 double hexsim_stiffness(const double *row, double *coefficients);                  /* N_STIFF of them */
 double hexsim_rule(const double *fastest, const double *supply_row, double *rule); /* fastest eigenvalue of each */
 double hexsim_choose(const double *user, const double *act, const double *ctrl, const double *length, const double *velocity,

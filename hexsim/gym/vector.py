@@ -66,12 +66,15 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
         self.starts = {
             name: np.stack([getattr(plant.data, name) for plant in plants]) for name in ("qpos", "qvel", "act", "ctrl")
         }
-        self.backlash = np.stack([plant.rows[:, P.HYSTERESIS] for plant in plants])
+        self.hysteresis, spread = (
+            np.stack([plant.rows[:, p] for plant in plants]) for p in (P.HYSTERESIS, P.HYSTERESIS_SPREAD)
+        )
+        self.threshold = np.maximum(self.hysteresis - spread, 0.0)
         self.delay = np.stack(
             [np.rint(plant.rows[:, P.VALVE_DELAY] / self.task.tick_s).astype(int) for plant in plants]
         )
         self.past = np.zeros((int(self.delay.max()) + 1, self.num_envs, first.n_legs))
-        self.spool_volts = np.zeros((self.num_envs, first.n_legs))
+        self.spool_volts, self.apart = np.zeros((2, self.num_envs, first.n_legs))
         self.batch = Batch(first.model, self.num_envs, self.threads)
         self.batch.set_models(self.models)
         self.state = {name: self.batch.bind(name) for name in ("qpos", "qvel", "act", "ctrl", "time")}
@@ -90,7 +93,7 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
         for name, values in self.starts.items():
             self.state[name][which] = values[which]
         self.state["time"][which] = 0.0
-        self.spool_volts[which], self.past[:, which] = 0.0, 0.0
+        self.spool_volts[which], self.apart[which], self.past[:, which] = 0.0, 0.0, 0.0
         setpoints = np.stack([self.task.setpoints(self.task.drawn_motion(self.np_random)) for _ in which], axis=2)
         position, velocity = self._legs()
         pressure = self._pressure()[which]
@@ -100,7 +103,10 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
         """Next observations, rewards, terminations, truncations (n, ...), and infos."""
         episodes, n_legs = self.episodes, self.plant.n_legs
         command = self._delayed(episodes.volts(actions))
-        self.spool_volts = np.clip(self.spool_volts, command - self.backlash, command + self.backlash)
+        narrow, wide = self.threshold, 2.0 * self.hysteresis - self.threshold  # as `valve.hysteresis`
+        quick = np.clip(self.spool_volts - 0.5 * self.apart, command - narrow, command + narrow)
+        slow = np.clip(self.spool_volts + 0.5 * self.apart, command - wide, command + wide)
+        self.spool_volts, self.apart = 0.5 * (quick + slow), slow - quick
         self.state["ctrl"][:, :n_legs] = self.spool_volts
         self.batch.step(nstep=self.substeps)
         rewards = episodes.advance(*self._legs())

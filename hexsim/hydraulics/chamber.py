@@ -44,3 +44,9 @@ def pressure_rate(net_flow, chamber_capacity, pressure):
     if rate < 0.0:
         rate *= min(max((pressure + ATMOSPHERE) / CAVITATION_SOFT, 0.0), 1.0)
     return rate
+
+
+@compiled
+def slowdown(slope, chamber_capacity):
+    """By what dP/dt is divided in a step h [s] of a chamber whose net flow falls by slope/h [m3/s/Pa] with its pressure."""
+    return 0.5 * slope / chamber_capacity if slope > 2.0 * chamber_capacity else 1.0

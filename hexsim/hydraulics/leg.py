@@ -1,4 +1,4 @@
-"""The balances of one leg, summed from the terms of `valve`, `ports`, `chamber` and `friction`.
+"""The balances of one leg, summed from the terms of `valve`, `ports`, `chamber`, `rod_side`, `friction` and `learned`.
 
 A leg's instant is (y, v, volts, x, P1, P2, Ps, t): piston position [m] from full retraction, velocity [m/s], valve
 volts, spool position [m], pressures of bottom chamber, rod side and supply [Pa], time [s]. `p` is its row of parameters.
@@ -11,50 +11,18 @@ import math
 import numpy as np
 
 from hexsim.compiled import compiled
-from hexsim.hydraulics import chamber, friction, manifold, valve
-from hexsim.hydraulics.parameters import FLOW_POINTS, FLOW_TABLE, LEARNED_KNOTS, LEARNED_TABLE, ROD_SIDE_VALVE, P
+from hexsim.hydraulics import chamber, friction, learned, manifold, rod_side, valve
+from hexsim.hydraulics.parameters import FLOW_POINTS, FLOW_TABLE, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.ports import (
     flow_slope,
     is_slope_below,
     supply_edge_flow,
     tank_edge_flow,
     top_inflow,
-    top_slope,
     top_supply_flow,
 )
 
-LEARNED_NONE, LEARNED_CONTINUITY, LEARNED_FORCE = 0, 1, 2  # balance that a learned term joins: [m3/s] or [N]
 LEAST_BRISTLE_LEVEL = 1.0e-3  # [N] a bristle divides by the level; far below any seal
-SIGNALS = ("position_m", "velocity_m_s", "valve_V", "pressure_bottom_Pa", "pressure_supply_Pa", "time_s")
-
-
-@compiled
-def learned_curve(p, signal):
-    """Value of the learned term: linear between equidistant knots, constant beyond the first and last."""
-    place = min(max((signal - p[P.LEARNED_START]) / p[P.LEARNED_STEP], 0.0), LEARNED_KNOTS - 1.000001)
-    if not place >= 0.0:  # NaN of a diverging run may not become a place in memory
-        return place
-    knot = int(place)
-    share = place - knot
-    return (1.0 - share) * p[LEARNED_TABLE + knot] + share * p[LEARNED_TABLE + knot + 1]
-
-
-@compiled
-def learned_term(p, y, v, volts, P1, Ps, t):
-    """The learned curve over its signal, numbered as in SIGNALS."""
-    which = int(p[P.LEARNED_SIGNAL])
-    signal = y
-    if which == 1:
-        signal = v
-    elif which == 2:
-        signal = volts
-    elif which == 3:
-        signal = P1
-    elif which == 4:
-        signal = Ps
-    elif which == 5:
-        signal = t
-    return learned_curve(p, signal)
 
 
 @compiled
@@ -95,8 +63,8 @@ def inflow(p, y, v, volts, x, P1, Ps, t):
     flow += p[P.LEAK_SUPPLY_CHAMBER] * (Ps - P1) - p[P.LEAK_CHAMBER_TANK] * (P1 - p[P.TANK_PRESSURE])
     if p[P.CHECK_GAIN] > 0.0:
         flow += manifold.inflow(p, P1, Ps, manifold.taper(p, y))
-    if p[P.LEARNED_BALANCE] == LEARNED_CONTINUITY:
-        flow += learned_term(p, y, v, volts, P1, Ps, t)
+    if p[P.LEARNED_BALANCE] == learned.CONTINUITY:
+        flow += learned.term(p, y, v, volts, P1, Ps, t)
     return flow
 
 
@@ -138,56 +106,7 @@ def pressure_slowdown(p, y, x, P1, Ps, h):
     capacity = chamber_capacity(p, y, P1)
     if is_slope_below(p, x, P1, Ps, h, 2.0 * capacity):
         return 1.0
-    return slowdown(-h * flow_slope(p, x, P1, Ps), capacity)
-
-
-@compiled
-def slowdown(slope, capacity):
-    """As `pressure_slowdown`, of a chamber whose net flow falls by slope/h [m3/s/Pa] with its pressure."""
-    return 0.5 * slope / capacity if slope > 2.0 * capacity else 1.0
-
-
-@compiled
-def rod_side_flow(p, P2, Ps):
-    """Flow from the supply line into a rod side that is a chamber of its own [m3/s]."""
-    return p[P.ROD_SIDE_CONDUCTANCE] * valve.smooth_root(Ps - P2, p[P.PRESSURE_WIDTH])
-
-
-@compiled
-def rod_side_room(p, y, P2):
-    """Hydraulic capacity of the rod side [m3/Pa]; it shrinks as the piston extends."""
-    oil = chamber.volume(p[P.STROKE] - y, p[P.AREA_TOP], p[P.ROD_SIDE_VOLUME])
-    air = max(p[P.AIR_FRACTION] + p[P.AIR_FRACTION_TOP], 0.0)
-    return chamber.capacity(oil, P2, p[P.BULK_MODULUS], air, 0.0)
-
-
-@compiled
-def rod_side_intake(p, y, v, P2, Ps, h=0.0):
-    """What a rod side of its own takes from the supply line within a time step h [s] (0 = exact) [m3/s].
-
-    A wide port fills the annulus in microseconds, faster than the step. There the net flow is divided by
-    1 + max(h slope/C - 1, 0): P2 follows Ps within the step, towards the same balance, oil conserved.
-    """
-    port, moved = rod_side_flow(p, P2, Ps), p[P.AREA_TOP] * v
-    slope = p[P.ROD_SIDE_CONDUCTANCE] * valve.smooth_root_slope(Ps - P2, p[P.PRESSURE_WIDTH])
-    excess = h * slope / rod_side_room(p, y, P2) - 1.0
-    if excess <= 0.0:
-        return port
-    return (port + moved) / (1.0 + excess) - moved
-
-
-@compiled
-def rod_side_rate(p, y, v, P2, Ps, h=0.0):
-    """dP2/dt [Pa/s] of a rod side that is a chamber of its own behind a port."""
-    return chamber.pressure_rate(rod_side_intake(p, y, v, P2, Ps, h) + p[P.AREA_TOP] * v, rod_side_room(p, y, P2), P2)
-
-
-@compiled
-def top_rate(p, y, v, x, P1, P2, Ps, h):
-    """dP2/dt [Pa/s] of a rod side on the valve's port B, slowed to the time step h [s] as P1 is."""
-    room = rod_side_room(p, y, P2)
-    rate = chamber.pressure_rate(top_inflow(p, x, P1, P2, Ps) + p[P.AREA_TOP] * v, room, P2)
-    return rate / slowdown(-h * top_slope(p, x, P2, Ps), room)
+    return chamber.slowdown(-h * flow_slope(p, x, P1, Ps), capacity)
 
 
 @compiled
@@ -200,7 +119,7 @@ def supply_demand(p, v, x, P1, P2, Ps):
         returned = manifold.returned_flow(p, P2, Ps) if p[P.CHECK_GAIN] > 0.0 else 0.0
         return flow + top_supply_flow(p, x, P2, Ps) - returned
     if p[P.ROD_SIDE_CHAMBER] > 0.0:
-        return flow + rod_side_flow(p, P2, Ps)
+        return flow + rod_side.port_flow(p, P2, Ps)
     return flow - p[P.AREA_TOP] * v
 
 
@@ -209,7 +128,7 @@ def supply_demand_in_step(p, y, v, x, P1, P2, Ps, h=0.0):
     """`supply_demand` with what a rod side of its own takes within a time step h."""
     demand = supply_demand(p, v, x, P1, P2, Ps)
     if 0.0 < p[P.ROD_SIDE_CHAMBER] < ROD_SIDE_VALVE:
-        demand += rod_side_intake(p, y, v, P2, Ps, h) - rod_side_flow(p, P2, Ps)
+        demand += rod_side.intake(p, y, v, P2, Ps, h) - rod_side.port_flow(p, P2, Ps)
     return demand
 
 
@@ -259,7 +178,7 @@ def heat(p, y, v, x, P1, P2, Ps, z, flow, demand, h=0.0):
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
         throttled -= P2 * top_inflow(p, x, P1, P2, Ps)
     elif p[P.ROD_SIDE_CHAMBER] > 0.0:
-        throttled -= P2 * rod_side_intake(p, y, v, P2, Ps, h)
+        throttled -= P2 * rod_side.intake(p, y, v, P2, Ps, h)
     else:
         throttled += Ps * p[P.AREA_TOP] * v
     return throttled + friction_force(p, y, v, P1, z, P2) * v
@@ -275,8 +194,8 @@ def force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t):
     force += p[P.EXTRA_FORCE] - p[P.EXTRA_SPRING] * (y - 0.5 * p[P.STROKE]) - p[P.EXTRA_DAMPING] * v
     if p[P.TONE_FORCE] != 0.0:
         force += p[P.TONE_FORCE] * math.sin(2.0 * math.pi * p[P.TONE_FREQUENCY] * t + p[P.TONE_PHASE])
-    if p[P.LEARNED_BALANCE] == LEARNED_FORCE:
-        force += learned_term(p, y, v, volts, P1, Ps, t)
+    if p[P.LEARNED_BALANCE] == learned.FORCE:
+        force += learned.term(p, y, v, volts, P1, Ps, t)
     return force
 
 
@@ -300,9 +219,9 @@ def leg_derivatives(p, y, v, volts, t, Ps, state, h):
     dP1 = pressure_rate_of(p, y, v, P1, flow) / pressure_slowdown(p, y, x, P1, Ps, h)
     dP2 = dx = acceleration = dz = 0.0
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
-        dP2 = top_rate(p, y, v, x, P1, P2, Ps, h)
+        dP2 = rod_side.valve_rate(p, y, v, x, P1, P2, Ps, h)
     elif p[P.ROD_SIDE_CHAMBER] > 0.0:
-        dP2 = rod_side_rate(p, y, v, P2, Ps, h)
+        dP2 = rod_side.port_rate(p, y, v, P2, Ps, h)
     if p[P.SPOOL_OMEGA] > 0.0:
         command = commanded_spool(p, volts, t)
         dx, acceleration = valve.spool_rates(
@@ -315,19 +234,19 @@ def leg_derivatives(p, y, v, volts, t, Ps, state, h):
 
 
 @compiled
-def valve_volts(volts, hysteresis, delay_samples):
-    """What reaches the spool after delay and backlash, sample by sample: (n,) -> (n,). Starts at rest at volts[0].
+def valve_volts(volts, hysteresis, delay_samples, spread=0.0):
+    """What reaches the spool after delay and hysteresis, sample by sample: (n,) -> (n,). Starts at rest at volts[0].
 
-    A delay of a broken number of samples takes a share of both.
+    hysteresis, spread [V]: half width, and what the threshold's is less. A delay of a broken number of samples takes a share of both.
     """
     n = volts.shape[0]
     out = np.empty(n)
-    held = volts[0]
+    held, apart = volts[0], 0.0
     for i in range(n):
         place = max(i - delay_samples, 0.0)
         k = int(place)
         share = place - k
         late = volts[k] if share == 0.0 else (1.0 - share) * volts[k] + share * volts[k + 1]
-        held = valve.play(late, held, hysteresis)
+        held, apart = valve.hysteresis(late, held, apart, hysteresis, spread)
         out[i] = held
     return out

@@ -65,53 +65,54 @@ class P(IntEnum):
     HYSTERESIS = 36
     VALVE_DELAY = 37
     ROUNDING_TANK = 38
+    HYSTERESIS_SPREAD = 39  # half the hysteresis less half the threshold [V]
     # friction
-    VISCOUS_EXTEND = 39
-    VISCOUS_RETRACT = 40
-    COULOMB_EXTEND = 41
-    COULOMB_RETRACT = 42
-    STATIC_EXTEND = 43
-    STATIC_RETRACT = 44
-    STRIBECK_VELOCITY = 45
-    SHARPNESS = 46
-    ARCTAN_SLOPE = 47
-    SEAL_FRICTION = 48
-    RIPPLE_FORCE = 49
-    RIPPLE_LENGTH = 50
-    RIPPLE_PHASE = 51
-    BRISTLE_STIFFNESS = 52
-    BRISTLE_DAMPING = 53
+    VISCOUS_EXTEND = 40
+    VISCOUS_RETRACT = 41
+    COULOMB_EXTEND = 42
+    COULOMB_RETRACT = 43
+    STATIC_EXTEND = 44
+    STATIC_RETRACT = 45
+    STRIBECK_VELOCITY = 46
+    SHARPNESS = 47
+    ARCTAN_SLOPE = 48
+    SEAL_FRICTION = 49
+    RIPPLE_FORCE = 50
+    RIPPLE_LENGTH = 51
+    RIPPLE_PHASE = 52
+    BRISTLE_STIFFNESS = 53
+    BRISTLE_DAMPING = 54
     # forces on the leg's axis that the mechanical model does not carry
-    EXTRA_FORCE = 54
-    EXTRA_SPRING = 55
-    EXTRA_DAMPING = 56
-    TONE_FORCE = 57
-    TONE_FREQUENCY = 58
-    TONE_PHASE = 59
+    EXTRA_FORCE = 55
+    EXTRA_SPRING = 56
+    EXTRA_DAMPING = 57
+    TONE_FORCE = 58
+    TONE_FREQUENCY = 59
+    TONE_PHASE = 60
     # learned term
-    LEARNED_BALANCE = 60
-    LEARNED_SIGNAL = 61
-    LEARNED_START = 62
-    LEARNED_STEP = 63
+    LEARNED_BALANCE = 61
+    LEARNED_SIGNAL = 62
+    LEARNED_START = 63
+    LEARNED_STEP = 64
     # rod side; the edges P-B and B-T and the leaks are those of a four-way valve
-    ROD_SIDE_CHAMBER = 64  # one of ROD_SIDE_*
-    OVERLAP_SUPPLY_TOP = 65
-    OVERLAP_TANK_TOP = 66
-    AREA_GRADIENT_SUPPLY_TOP = 67
-    AREA_GRADIENT_TANK_TOP = 68
-    LEAK_PISTON = 69
-    LEAK_TOP_TANK = 70
-    ROUNDING_SUPPLY_TOP = 71
-    ROUNDING_TANK_TOP = 72
-    AIR_FRACTION_TOP = 73  # in the oil of the rod side beyond AIR_FRACTION
-    SEAL_FRICTION_TOP = 74
-    SEAL_FRICTION_ACROSS = 75
+    ROD_SIDE_CHAMBER = 65  # one of ROD_SIDE_*
+    OVERLAP_SUPPLY_TOP = 66
+    OVERLAP_TANK_TOP = 67
+    AREA_GRADIENT_SUPPLY_TOP = 68
+    AREA_GRADIENT_TANK_TOP = 69
+    LEAK_PISTON = 70
+    LEAK_TOP_TANK = 71
+    ROUNDING_SUPPLY_TOP = 72
+    ROUNDING_TANK_TOP = 73
+    AIR_FRACTION_TOP = 74  # in the oil of the rod side beyond AIR_FRACTION
+    SEAL_FRICTION_TOP = 75
+    SEAL_FRICTION_ACROSS = 76
     # safety manifold
-    PORT_RESISTANCE = 76  # of orifice and blocking valve between each port and its chamber [Pa s2/m6]; 0: none
-    SETTLING_GAIN = 77  # orifice from a chamber to the tank [m3/s/sqrt(Pa)]
-    SETTLING_TAPER = 78  # the orifice narrows over this much stroke above the stop [m]
-    CHECK_GAIN = 79  # check valves from chamber to supply and from tank to chamber [m3/s/sqrt(Pa)]
-    FLOW_POINTS = 80  # points of the flow curve; 0: the openings follow the overlaps
+    PORT_RESISTANCE = 77  # of orifice and blocking valve between each port and its chamber [Pa s2/m6]; 0: none
+    SETTLING_GAIN = 78  # orifice from a chamber to the tank [m3/s/sqrt(Pa)]
+    SETTLING_TAPER = 79  # the orifice narrows over this much stroke above the stop [m]
+    CHECK_GAIN = 80  # check valves from chamber to supply and from tank to chamber [m3/s/sqrt(Pa)]
+    FLOW_POINTS = 81  # points of the flow curve; 0: the openings follow the overlaps
 
 
 ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B
@@ -192,6 +193,7 @@ def _valve(machine: Machine, leg: Leg) -> dict[P, float]:
         P.SPOOL_RATE: speed,
         P.NULL_OFFSET: valve.null_shift_percent / 100 * valve.voltage_max_V,
         P.HYSTERESIS: valve.hysteresis_percent / 200 * valve.voltage_max_V,  # half of the loop's width
+        P.HYSTERESIS_SPREAD: (valve.hysteresis_percent - valve.threshold) / 200 * valve.voltage_max_V,
     }
     if leg.cylinder.rod_side == "valve":
         values |= {

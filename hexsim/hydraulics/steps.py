@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
-from hexsim.hydraulics import leg, supply
+from hexsim.hydraulics import leg, rod_side, supply
 from hexsim.hydraulics.chamber import ATMOSPHERE, CAVITATION_SOFT
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.ports import top_slope
@@ -138,7 +138,7 @@ def leg_steps(rule, p, y, v, x, P1, P2, Ps, z):
     law = max(-leg.flow_slope(p, x, P1, Ps), 0.0) / (capacity * FLOW)
     springs = 1.0 / capacity
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
-        room = leg.rod_side_room(p, y, P2)
+        room = rod_side.capacity(p, y, P2)
         law = max(law, -top_slope(p, x, P2, Ps) / (room * FLOW))
         springs += (p[P.AREA_TOP] / p[P.AREA_BOTTOM]) ** 2 / room
     if p[P.BRISTLE_STIFFNESS] > 0.0 and abs(leg.bristle_rate(p, y, v, P1, z, P2)) > SETTLED * abs(v):

@@ -101,3 +101,16 @@ def clearance_conductance(x, overlap, conductance, length):
 def play(volts, previous, half_width):
     """Backlash operator: the value that follows `volts` within +-half_width (hysteresis of the spool)."""
     return min(max(previous, volts - half_width), volts + half_width)
+
+
+@compiled
+def hysteresis(volts, held, apart, half_width, spread):
+    """Volts that reach the spool, and how far its two plays are apart [V]: half the sum of two backlashes (Prandtl-Ishlinskii).
+
+    Half widths h - d and h + d, d = `spread`: a full cycle has a loop of 2 h, a reversal moves the spool after
+    2 (h - d), the threshold. d = 0: one backlash, threshold and loop are as wide.
+    """
+    narrow = max(half_width - spread, 0.0)
+    quick = play(volts, held - 0.5 * apart, narrow)
+    slow = play(volts, held + 0.5 * apart, 2.0 * half_width - narrow)
+    return 0.5 * (quick + slow), slow - quick

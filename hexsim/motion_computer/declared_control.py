@@ -10,7 +10,7 @@ from scipy.signal import bilinear
 
 from hexsim.declaration import Controller, Machine
 from hexsim.declaration.controller import LONGEST_DELAY_TICKS
-from hexsim.hydraulics import leg
+from hexsim.hydraulics import leg, rod_side
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P, declared_rows
 from hexsim.hydraulics.resolve import resolve
 from hexsim.motion_computer.controller import N_CONSTANTS, C, Control
@@ -87,5 +87,5 @@ def oil_stiffness(p: Array) -> float:
     middle, pressure = 0.5 * p[P.STROKE], 0.5 * p[P.SUPPLY_PRESSURE]
     stiffness = p[P.AREA_BOTTOM] ** 2 / leg.chamber_capacity(p, middle, pressure)
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
-        stiffness += p[P.AREA_TOP] ** 2 / leg.rod_side_room(p, middle, pressure)
+        stiffness += p[P.AREA_TOP] ** 2 / rod_side.capacity(p, middle, pressure)
     return float(stiffness)

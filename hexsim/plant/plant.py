@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.hydraulics import leg
 from hexsim.hydraulics.effects import Effect
-from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
+from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.resolve import add_effects, resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.steps import StepRule, step_rule
-from hexsim.hydraulics.supply import POWER_UNIT, S, U, power_unit_start
-from hexsim.plant import stepping
-from hexsim.plant.callbacks import POWER_UNIT_SCALE, MPa, install_hydraulics, installed
+from hexsim.hydraulics.supply import POWER_UNIT, S, U
+from hexsim.plant import start, stepping
+from hexsim.plant.callbacks import MPa, install_hydraulics, installed
 from hexsim.plant.mjcf import ModelKind, build_spec
 from hexsim.plant.states import A, lay_out_states
 from hexsim.plant.structs import check_layout
@@ -121,20 +120,8 @@ class Plant:
         self.model.opt.gravity = model.opt.gravity
         self.context.hysteresis[:] = self.rows[:, P.HYSTERESIS]
         self.context.delay[:] = np.rint(self.rows[:, P.VALVE_DELAY] / self.context.tick_s)
-        self._begin_states(before)
+        start.begin_states(self, before)
         self.keep_rows()
-
-    def _begin_states(self, before: Array) -> None:
-        """Start the states of legs that had none with the rows `before`."""
-        act, t = self.data.act, self.data.time
-        for i, (was, row, places) in enumerate(zip(before, self.rows, self.layout, strict=False)):
-            if row[P.SPOOL_OMEGA] > 0.0 and was[P.SPOOL_OMEGA] <= 0.0:
-                act[int(places[A.SPOOL])] = leg.commanded_spool(row, self.context.spool_volts[i], t)
-            if row[P.BRISTLE_STIFFNESS] > 0.0 and was[P.BRISTLE_STIFFNESS] <= 0.0:
-                y, v = self.piston_positions()[i], float(self.data.actuator_velocity[i])
-                dry = leg.friction_force(was, y, v, act[self.pressure_places[i]] * MPa, 0.0)
-                dry -= v * was[P.VISCOUS_EXTEND if v >= 0.0 else P.VISCOUS_RETRACT]
-                act[int(places[A.BRISTLE])] = dry / row[P.BRISTLE_STIFFNESS]
 
     def prepare(self, rate_Hz: float, ticks: int = 0) -> None:
         """Ticks at `rate_Hz` from now on; the next `ticks` of them are written down in `record`."""
@@ -170,9 +157,9 @@ class Plant:
         data.warning.number[:] = SILENT
         if self.has_supply_states:
             data.ctrl[self.n_legs] = 1.0
-            self._start_supply()
-        self.hold_still(self.static_pressures())
-        self.context.count[0], self.context.spool_volts[:] = 0, 0.0
+            start.start_supply(self)
+        start.hold_still(self, self.static_pressures())
+        self.context.count[0], self.context.spool_volts[:], self.context.apart[:] = 0, 0.0, 0.0
         self.context.calm_s[0], self.context.velocity_before[:] = 0.0, 0.0
         self.history: list[tuple[float, np.ndarray, np.ndarray]] = []
         self.keep_rows()
@@ -243,13 +230,6 @@ class Plant:
     def has_supply_states(self) -> bool:
         return len(self.layout) > self.n_legs
 
-    def _start_supply(self) -> None:
-        row = self.resolved.supply
-        first, last = int(self.layout[-1, A.SUPPLY]), int(self.layout[-1, A.PRESSURE])
-        if row[S.MODEL] == POWER_UNIT:
-            self.data.act[first : last + 1] = power_unit_start(row) / POWER_UNIT_SCALE
-        self.data.act[last] = self.machine.supply.pressure_Pa / MPa
-
     @property
     def oil_temperature_degC(self) -> float | None:
         """Of the reservoir, where the machine has a power unit."""
@@ -270,50 +250,9 @@ class Plant:
         self.keep_rows()
 
     def static_pressures(self) -> np.ndarray:
-        """Bottom pressures (n_legs,) [Pa] that hold the machine still in its present pose.
-
-        P1 A1 - P2 A2 = F, F the axial force that the load asks of each leg, P2 as `hold_still` says: the platform's
-        accelerations are affine in the six forces, so seven evaluations and one solve give them. (The legs' own
-        accelerations are left out: they settle within the 0.1 um give of the ball ends.) On the way it measures
-        `compliance` (n_legs, n_legs) [1/kg]: the acceleration of each leg for a force on each.
-        """
-        model, data, n = self.model, self.data, self.n_legs
-
-        def accelerations(pressures: np.ndarray) -> np.ndarray:
-            self.hold_still(pressures)
-            mujoco.mj_forward(model, data)
-            return data.qacc[:n].copy()  # the platform's free joint, or the bench's slide
-
-        start = np.full(n, self.machine.supply.pressure_Pa / 2)
-        at_start = accelerations(start)
-        step = 1e5
-        slopes = np.column_stack([(accelerations(start + step * np.eye(n)[i]) - at_start) / step for i in range(n)])
-        pressures = start - np.linalg.solve(slopes, at_start)
-        along = np.take(self.kinematics.jacobian(np.zeros(6)), self.kinematics.dof_places, axis=1)
-        on_valve = self.rows[:, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE  # P2 falls there as P1 rises
-        compliance = along @ slopes / (self.rows[:, P.AREA_BOTTOM] + on_valve * self.rows[:, P.AREA_TOP])
-        self.compliance = 0.5 * (compliance + compliance.T)
-        low, high = self.machine.supply.tank_pressure_Pa, self.machine.supply.pressure_Pa
-        if np.any(pressures <= low) or np.any(pressures >= high):
-            worst = int(np.argmax(np.abs(pressures - (low + high) / 2)))
-            raise HexsimError(
-                f"machine {self.machine.name}: leg {worst + 1} needs {pressures[worst] / 1e5:.1f} bar to hold the load at "
-                f"rest, outside {low / 1e5:.1f}..{high / 1e5:.1f} bar: lower the mass or raise the supply"
-            )
+        """Bottom pressures (n_legs,) [Pa] that hold the machine still in its present pose; measures `compliance` on the way."""
+        pressures, self.compliance = start.static_pressures(self)
         return pressures
-
-    def hold_still(self, bottom_Pa: np.ndarray) -> None:
-        """Write bottom pressures (n_legs,) [Pa] into the state, and the rod sides that rest with them.
-
-        On the supply or behind a port: P2 = Ps. On port B: P1 + P2 = Ps + Pt, which matched edges need to pass no net
-        flow at one spool position, (Ps - P1)/(P1 - Pt) = (P2 - Pt)/(Ps - P2).
-        """
-        supply, tank = self.machine.supply.pressure_Pa, self.machine.supply.tank_pressure_Pa
-        self.data.act[self.pressure_places] = bottom_Pa / MPa
-        for i in np.flatnonzero(self.layout[: self.n_legs, A.ROD_SIDE] >= 0):
-            on_valve = self.rows[i, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
-            top = supply + tank - bottom_Pa[i] if on_valve else supply
-            self.data.act[int(self.layout[i, A.ROD_SIDE])] = top / MPa
 
     def bottom_pressures(self) -> np.ndarray:
         """P1 of each leg (n_legs,) [Pa]."""

@@ -90,9 +90,11 @@ class StepContext(NamedTuple):
     slides: NDArray[np.int64]  # places of the slide joints in qpos, or empty
     offsets: Array  # length at full retraction (n_legs,)
     hysteresis: Array  # [V]
+    spread: Array  # of the hysteresis over the threshold, half widths [V]
     delay: NDArray[np.int64]  # [ticks]
     past: Array  # volts of the last ticks (longest delay + 1, n_legs), a ring
     spool_volts: Array  # what reaches the spools (n_legs,)
+    apart: Array  # the valves' two plays [V] (n_legs,)
 
 
 class Record(NamedTuple):
@@ -128,8 +130,9 @@ def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> St
         qpos=data.qpos, qvel=data.qvel, qacc=data.qacc, act=data.act, ctrl=data.ctrl,
         lengths=data.ten_length, slides=np.zeros(0, np.int64) if plant.is_tendon else plant.slides.astype(np.int64),
         offsets=np.ascontiguousarray(rows[:, P.LENGTH_OFFSET]),
-        hysteresis=np.ascontiguousarray(rows[:, P.HYSTERESIS]), delay=delay,
-        past=np.zeros((round(plant.longest_delay_s / tick_s) + 1, n)), spool_volts=np.zeros(n),
+        hysteresis=np.ascontiguousarray(rows[:, P.HYSTERESIS]),
+        spread=np.ascontiguousarray(rows[:, P.HYSTERESIS_SPREAD]), delay=delay,
+        past=np.zeros((round(plant.longest_delay_s / tick_s) + 1, n)), spool_volts=np.zeros(n), apart=np.zeros(n),
     )  # fmt: skip
 
 
@@ -161,7 +164,9 @@ def apply_valve_delay_and_hysteresis(context, record, volts):
     context.past[now % size] = volts
     for i in range(context.offsets.shape[0]):
         command = context.past[(now - context.delay[i]) % size, i]
-        context.spool_volts[i] = valve.play(command, context.spool_volts[i], context.hysteresis[i])
+        context.spool_volts[i], context.apart[i] = valve.hysteresis(
+            command, context.spool_volts[i], context.apart[i], context.hysteresis[i], context.spread[i]
+        )
     if context.is_recorded:
         record.volts[now] = volts
 

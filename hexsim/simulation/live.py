@@ -181,6 +181,7 @@ class LiveMachine:
         for leg, place in np.argwhere(wanted.rows != present.rows):
             plant.change_row(int(leg), int(place), float(wanted.rows[leg, place]))
         plant.context.hysteresis[:] = plant.rows[:, P.HYSTERESIS]
+        plant.context.spread[:] = plant.rows[:, P.HYSTERESIS_SPREAD]
         plant.context.delay[:] = np.rint(plant.rows[:, P.VALVE_DELAY] / plant.context.tick_s)
         self.machine = machine
         return True

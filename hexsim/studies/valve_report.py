@@ -18,8 +18,8 @@ from hexsim.studies.valve_test import FREQUENCIES_Hz, ValveTest
 L_MIN, BAR, PERCENT = 6e4, 1e-5, 100.0
 CAPTIONS = {
     "static": "What does the valve let through? "
-    "Flow over signal at constant valve drop, a full slow cycle; the same about null; load pressure with "
-    "blocked ports; flow from the supply with blocked ports.",
+    "Flow over signal at constant valve drop, a full slow cycle; the same about null; a small reversal at half signal; "
+    "load pressure with blocked ports; flow from the supply with blocked ports.",
     "dynamic": "How fast is the spool? "
     "Steps of the signal, and gain and phase of the first harmonic: the spool's position over the signal.",
 }
@@ -27,8 +27,8 @@ CAPTIONS = {
 
 @styled
 def static_figure(test: ValveTest) -> Figure:
-    """Flow, flow about null, pressure gain and leakage over the signal."""
-    figure, (whole, close, pressure, leakage) = small_multiples(4, "Static tests", columns=2, height=2.7)
+    """Flow, flow about null, a reversal, pressure gain and leakage over the signal."""
+    figure, (whole, close, reversal, pressure, leakage) = small_multiples(5, "Static tests", columns=2, height=2.7)
     ways = (("falling", slice(0, 1001), palette.MARK), ("rising", slice(1000, 2001), palette.RESPONSE))
     near = _near_null(test)
     for name, way, color in ways:
@@ -37,6 +37,7 @@ def static_figure(test: ValveTest) -> Figure:
             plot.plot(signal, L_MIN * test.flow_m3_s[way], color=color, lw=1.3, label=f"signal {name}")
         pressure.plot(signal, BAR * test.load_pressure_Pa[way], color=color, lw=1.3)
         leakage.plot(signal, L_MIN * test.leakage_m3_s[way], color=color, lw=1.3)
+    reversal.plot(PERCENT * test.reversal, L_MIN * test.reversed_flow_m3_s, color=palette.MARK, lw=1.3)
     shown = np.abs(PERCENT * test.signal) <= near
     limit = 1.05 * max(L_MIN * float(np.max(np.abs(test.flow_m3_s[shown]))), 1e-3)
     close.set_xlim(-near, near)
@@ -46,6 +47,7 @@ def static_figure(test: ValveTest) -> Figure:
     leakage.set_ylim(bottom=0.0)
     for plot, title, label in (
         (whole, f"flow, valve drop {BAR * test.drop_Pa:.3g} bar", "flow [l/min]"), (close, "flow about null", "flow [l/min]"),
+        (reversal, f"reversal: threshold {test.figures['threshold_percent']:.2g} %", "flow [l/min]"),
         (pressure, "ports blocked: load pressure", "load pressure [bar]"),
         (leakage, "ports blocked: internal leakage", "flow [l/min]"),
     ):  # fmt: skip
@@ -102,7 +104,7 @@ def write_valve_report(test: ValveTest, machine: Machine, folder: Path) -> None:
         (folder / f"{name}.png").write_bytes(picture)
     curves = {
         "signal": test.signal, "flow_m3_s": test.flow_m3_s, "load_pressure_Pa": test.load_pressure_Pa,
-        "leakage_m3_s": test.leakage_m3_s,
+        "leakage_m3_s": test.leakage_m3_s, "reversal": test.reversal, "reversed_flow_m3_s": test.reversed_flow_m3_s,
     }  # fmt: skip
     write_json(
         folder / "valve.json",

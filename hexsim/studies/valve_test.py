@@ -2,6 +2,7 @@
 
     flow over signal       constant valve drop, port A joined to B (three-way: A at half of it)    ISO 10770-1, 8.1.4
     pressure gain          ports blocked: pA - pB (three-way: pA) over signal
+    threshold              smallest reversal of the signal that moves the flow
     internal leakage       ports blocked: flow that the supply gives
     step, frequency        spool position over signal, at several amplitudes
 
@@ -28,8 +29,11 @@ AMPLITUDES = (0.05, 0.25, 1.0)  # of full signal
 FREQUENCIES_Hz = np.geomspace(1.0, 1000.0, 61)
 STEPS = (0.1, 0.25, 0.5, 1.0)
 STEP_TIME_s = 1e-5
+REVERSED_AT = 0.5  # of full signal: where the threshold is tested
+LEAST_REVERSAL = 2e-3  # of full signal
 SEAL = 1e-17  # [m3/s/Pa] of a blocked port, so that a dead band has a pressure: the middle one
 NULL_SHARE = 0.05  # spacing of the signal at null over an even one
+MOVED_SHARE = 1e-9  # of the largest flow: more is a movement, less is rounding
 DEAD_SHARE = 1e-4  # of the largest flow: below it the valve counts as shut
 PER_CYCLE, CYCLES = 1000, 6  # time steps of a sine and how many are run; the last one is judged
 
@@ -38,11 +42,15 @@ PER_CYCLE, CYCLES = 1000, 6  # time steps of a sine and how many are run; the la
 class ValveTest:
     """Curves over the signal (n,) in shares of full signal, and the figures that a sheet gives.
 
+    reversal (m,): signal that turns twice, at half signal after a rise, with its flow.
+
     step: amplitude -> response over time_s. bode: amplitude -> (gain, phase [deg]) over FREQUENCIES_Hz.
     """
 
     signal: Array
     flow_m3_s: Array
+    reversal: Array
+    reversed_flow_m3_s: Array
     load_pressure_Pa: Array
     leakage_m3_s: Array
     time_s: Array
@@ -58,6 +66,7 @@ class ValveTest:
         rows = [
             (f"flow at full signal, {self.drop_Pa / 1e5:.3g} bar valve drop", f["rated_flow_l_min"], "l/min"),
             ("hysteresis", f["hysteresis_percent"], "% of full signal"),
+            ("threshold", f["threshold_percent"], "% of full signal"),
             ("null", f["null_percent"], "% of full signal"),
             ("dead band about null", f["dead_band_percent"], "% of full signal"),
             ("pressure gain at null", f["pressure_gain_percent"], "% of supply for 1 % of signal"),
@@ -81,22 +90,33 @@ def valve_test(machine: Machine) -> ValveTest:
     supply = float(p[P.SUPPLY_PRESSURE])
     even = np.concatenate([np.linspace(0, 1, 501), np.linspace(1, -1, 1001)[1:], np.linspace(-1, 1, 1001)[1:]])
     signal = NULL_SHARE * even + (1.0 - NULL_SHARE) * even**3  # dense about null, where pressure and leakage turn
-    volts = leg.valve_volts(signal * machine.valve.voltage_max_V, p[P.HYSTERESIS], 0.0)
-    at_rest = p.copy()
-    at_rest[P.SPOOL_OMEGA] = 0.0
-    spool = np.array([leg.metering_spool(at_rest, u, 0.0, 0.0) for u in volts])
+    spool = _spool(p, signal * machine.valve.voltage_max_V)
     flow = np.array([_no_load_flow(p, x, tank + drop, tank) for x in spool])
+    reversal = REVERSED_AT - max(2 * p[P.HYSTERESIS] / machine.valve.voltage_max_V, LEAST_REVERSAL) * np.concatenate(
+        [np.linspace(0, 2, 401), np.linspace(2, 0, 401)[1:]]
+    )
+    ramp = np.linspace(0.0, REVERSED_AT, 51)[:-1]
+    turned = _spool(p, np.concatenate([ramp, reversal]) * machine.valve.voltage_max_V)[len(ramp) :]
     blocked = np.array([_blocked(p, x, supply, tank) for x in spool])
     cycle = slice(500, None)  # one closed loop from +1 to +1
     time = np.arange(0, 6.0 / max(p[P.SPOOL_OMEGA] / 10, 10.0), STEP_TIME_s)
     step = {a: _response(p, np.full(len(time), a * p[P.SPOOL_TRAVEL]), STEP_TIME_s) / p[P.SPOOL_TRAVEL] for a in STEPS}
     bode = {a: _bode(p, a) for a in AMPLITUDES}
     test = ValveTest(
-        signal=signal[cycle], flow_m3_s=flow[cycle], load_pressure_Pa=blocked[cycle, 0],
+        signal=signal[cycle], reversal=reversal, flow_m3_s=flow[cycle], load_pressure_Pa=blocked[cycle, 0],
         leakage_m3_s=blocked[cycle, 1], time_s=time, step=step, bode=bode, drop_Pa=drop, supply_Pa=supply, figures={},
+        reversed_flow_m3_s=np.array([_no_load_flow(p, x, tank + drop, tank) for x in turned]),
     )  # fmt: skip
     test.figures.update(_figures(test))
     return test
+
+
+def _spool(p: Array, volts: Array) -> Array:
+    """Spool positions (n,) [m] of a slow signal [V]."""
+    at_rest = p.copy()
+    at_rest[P.SPOOL_OMEGA] = 0.0
+    held = leg.valve_volts(volts, p[P.HYSTERESIS], 0.0, p[P.HYSTERESIS_SPREAD])
+    return np.array([leg.metering_spool(at_rest, u, 0.0, 0.0) for u in held])
 
 
 def _no_load_flow(p: Array, x: float, supply: float, tank: float) -> float:
@@ -175,6 +195,7 @@ def _figures(test: ValveTest) -> dict[str, Any]:
     levels = np.concatenate([np.linspace(0.1, 0.9, 9), -np.linspace(0.1, 0.9, 9)]) * rated
     falling, rising = (np.interp(levels, flow[w][order], signal[w][order]) for w, order in
                        ((down, slice(None, None, -1)), (up, slice(None))))  # fmt: skip
+    moved = np.abs(test.reversed_flow_m3_s - test.reversed_flow_m3_s[0]) > MOVED_SHARE * rated
     ends = [_shut(signal[way], flow[way], rated) for way in (down, up)]
     steep = np.gradient(test.load_pressure_Pa[up], signal[up])
     dynamics = {
@@ -187,6 +208,7 @@ def _figures(test: ValveTest) -> dict[str, Any]:
     return {
         "rated_flow_l_min": rated * 6e4,
         "hysteresis_percent": round(100 * float(np.max(rising - falling)), 9),  # interpolation leaves 1e-14
+        "threshold_percent": 100 * float(test.reversal[0] - test.reversal[max(int(np.argmax(moved)) - 1, 0)]),
         "null_percent": 100 * float(np.mean(ends)),
         "dead_band_percent": 100 * (ends[1][1] - ends[1][0]),
         "pressure_gain_percent": float(np.max(steep)) / test.supply_Pa,
@@ -200,9 +222,13 @@ def _figures(test: ValveTest) -> dict[str, Any]:
 
 
 def _shut(signal: Array, flow: Array, rated: float) -> tuple[float, float]:
-    """Signals between which the valve is shut on its way up or down; (0, 0) where it never is."""
+    """Signals between which the valve is shut on its way up or down; where it never is, the one at which its flow turns."""
     shut = signal[np.abs(flow) < DEAD_SHARE * rated]
-    return (float(np.min(shut)), float(np.max(shut))) if len(shut) else (0.0, 0.0)
+    if len(shut):
+        return float(np.min(shut)), float(np.max(shut))
+    order = np.argsort(signal)
+    turn = float(np.interp(0.0, flow[order], signal[order]))
+    return turn, turn
 
 
 def _crossing(values: Array, level: float) -> float | None:

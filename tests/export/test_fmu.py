@@ -120,6 +120,8 @@ def worst_difference(names: list[str], found: np.ndarray, wanted: np.ndarray) ->
 EFFECTS = {
     "effects.valve_delay.delay_s": 0.004,
     "effects.valve_hysteresis.half_width_V": 0.05,
+    "valve.hysteresis_percent": 1.0,
+    "valve.threshold_percent": 0.4,
     "effects.supply_droop.line_resistance_Pa_s_m3": 1e9,
 }
 # Machine, model, changes, constant time step [s]; None: chosen.

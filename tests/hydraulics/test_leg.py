@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from hexsim.hydraulics import leg, ports
+from hexsim.hydraulics import leg, ports, rod_side
+from hexsim.hydraulics.learned import CONTINUITY, FORCE, SIGNALS, curve, term
 from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P, declared_rows
 from hexsim.machine import load_machine
 
@@ -142,10 +143,10 @@ def test_rod_side_as_a_chamber(row, v):
     row[P.ROD_SIDE_VOLUME], row[P.ROD_SIDE_CONDUCTANCE] = 5e-7, 2e-6
     for P2 in (6.5e6, 7.5e6):
         port = math.copysign(2e-6 * math.sqrt(abs(PS - P2)), PS - P2)
-        assert leg.rod_side_flow(row, P2, PS) == pytest.approx(port, rel=2e-4)  # (w/dp)^2/4 = 1e-4
+        assert rod_side.port_flow(row, P2, PS) == pytest.approx(port, rel=2e-4)  # (w/dp)^2/4 = 1e-4
         volume = (0.2 - 0.05) * A2 + 5e-7
-        by_hand = 1.5e9 / volume * (leg.rod_side_flow(row, P2, PS) + A2 * v)
-        assert leg.rod_side_rate(row, 0.05, v, P2, PS) == pytest.approx(by_hand, rel=1e-12)
+        by_hand = 1.5e9 / volume * (rod_side.port_flow(row, P2, PS) + A2 * v)
+        assert rod_side.port_rate(row, 0.05, v, P2, PS) == pytest.approx(by_hand, rel=1e-12)
 
 
 def test_supply_demand_counts_valve_leak_and_annulus(row):
@@ -165,7 +166,7 @@ def test_supply_demand_with_a_rod_side_chamber_is_its_port(row):
     """With its own chamber the annulus takes what its port passes, whatever the speed."""
     row[P.ROD_SIDE_CHAMBER] = 1
     for v in (0.0, 0.3):
-        by_hand = leg.rod_side_flow(row, 6.8e6, PS)
+        by_hand = rod_side.port_flow(row, 6.8e6, PS)
         assert leg.supply_demand(row, v, 0.0, P1, 6.8e6, PS) == pytest.approx(by_hand, rel=1e-12)
     assert by_hand > 0
 
@@ -209,10 +210,10 @@ def learned(row, balance, signal):
 
 def test_learned_curve_is_linear_between_knots_and_constant_beyond(row):
     """numpy.interp of the knots, which clamps too; the last knot is met to 1e-6 of the last segment."""
-    learned(row, leg.LEARNED_FORCE, 0)
+    learned(row, FORCE, 0)
     knots = -1.6 + 0.1 * np.arange(LEARNED_KNOTS)
     signals = np.concatenate([np.linspace(-1.6, 1.6, 501), [-1e9, -1.7, 1.7, 1e9]])
-    found = [leg.learned_curve(row, s) for s in signals]
+    found = [curve(row, s) for s in signals]
     np.testing.assert_allclose(
         found, np.interp(signals, knots, row[LEARNED_TABLE : LEARNED_TABLE + LEARNED_KNOTS]), atol=1e-6 * 31
     )
@@ -220,28 +221,28 @@ def test_learned_curve_is_linear_between_knots_and_constant_beyond(row):
 
 def test_learned_curve_of_nan_is_nan(row):
     """A diverging run asks for the curve at NaN: the answer is NaN, not a place in memory far outside the row."""
-    assert math.isnan(leg.learned_curve(learned(row, leg.LEARNED_FORCE, 0), math.nan))
+    assert math.isnan(curve(learned(row, FORCE, 0), math.nan))
 
 
 def test_learned_term_reads_the_signal_it_names(row):
     """Each of SIGNALS in turn moves the term, and the others do not."""
-    values = dict(zip(leg.SIGNALS, (0.11, 0.23, 0.37, 0.53, 0.71, 0.97), strict=True))
-    for number, name in enumerate(leg.SIGNALS):
-        learned(row, leg.LEARNED_CONTINUITY, number)
-        assert leg.learned_term(row, *values.values()) == leg.learned_curve(row, values[name])
+    values = dict(zip(SIGNALS, (0.11, 0.23, 0.37, 0.53, 0.71, 0.97), strict=True))
+    for number, name in enumerate(SIGNALS):
+        learned(row, CONTINUITY, number)
+        assert term(row, *values.values()) == curve(row, values[name])
 
 
 def test_learned_term_joins_the_balance_it_names(row):
     """In continuity it adds to the flow, in force to the force, and to nothing else."""
     force = (0.1, 0.0, 0.0, P1, PS, PS, 0.0, 0.0)
     plain_flow, plain_force = flow_at(row, 1.0), leg.force_beyond_pressure(row, *force)
-    learned(row, leg.LEARNED_CONTINUITY, 0)
-    term = leg.learned_curve(row, 0.1)
-    assert flow_at(row, 1.0) - plain_flow == pytest.approx(term, rel=1e-12)
+    learned(row, CONTINUITY, 0)
+    added = curve(row, 0.1)
+    assert flow_at(row, 1.0) - plain_flow == pytest.approx(added, rel=1e-12)
     assert leg.force_beyond_pressure(row, *force) == plain_force
-    learned(row, leg.LEARNED_FORCE, 0)
+    learned(row, FORCE, 0)
     assert flow_at(row, 1.0) == plain_flow
-    assert leg.force_beyond_pressure(row, *force) - plain_force == pytest.approx(term, rel=1e-6)
+    assert leg.force_beyond_pressure(row, *force) - plain_force == pytest.approx(added, rel=1e-6)
 
 
 def naive_valve_volts(volts, half_width, delay):

@@ -108,6 +108,7 @@ REFUSED = [
     ({"valve.small_signal_minus_3dB_Hz": 200.0}, "no second-order spool"),
     ({"valve.slew_time_s": 0.01, "valve.large_signal_minus_3dB_Hz": 40.0}, "slew_time_s"),
     ({"valve.flow_curve": CURVE, "valve.overlap_m": 5e-6}, "flow_curve needs"),
+    ({"valve.hysteresis_percent": 1.0, "valve.threshold_percent": 1.5}, "threshold_percent = 1.5 must not exceed"),
     ({"valve.flow_curve": {**CURVE, "flow": [0.0, 3.0, 2.0, 38.0]}, "valve.overlap_m": None}, "must not fall"),
     ({"valve.flow_curve": {**CURVE, "signal": [1.0, 2.0, 40.0, 100.0]}, "valve.overlap_m": None}, "begins at signal 0"),
 ]
@@ -132,3 +133,33 @@ def test_command_draws_three_and_four_way_valves(name, tmp_path):
     assert found["figures"]["rated_flow_l_min"] > 10.0
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.count("data:image/png") == 2
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("threshold", "hysteresis"), [(0.5, 2.0), (2.0, 2.0), (0.0, 1.0)])
+def test_threshold_is_the_smallest_reversal_that_moves_the_flow(threshold, hysteresis, sign):
+    """After a rise to 50 % a reversal below the threshold leaves the flow as it is to the bit, one beyond it moves it; a full
+    cycle's loop is as wide as the hysteresis; both again on the way back."""
+    sheet = {"valve.hysteresis_percent": hysteresis, "valve.threshold_percent": threshold}
+    row = declared_rows(changed(load_machine("servo_bench"), sheet))[0]
+    at = np.concatenate(
+        [np.linspace(0, 50, 501), [50 - max(threshold - 1e-9, 0.0), 50 - threshold - 1e-3], np.linspace(50, -100, 1501)]
+    )
+    percent = sign * np.concatenate([at, np.linspace(-100, 50, 1501)])
+    held = leg.valve_volts(percent / 10, row[P.HYSTERESIS], 0.0, row[P.HYSTERESIS_SPREAD]) * 10
+    assert held[501] == pytest.approx(held[500], abs=1e-12)
+    assert 2e-4 < sign * (held[500] - held[502]) < 1.1e-3
+    falling, rising = held[503:2004], held[2004:]
+    assert falling[500] - rising[1000] == pytest.approx(sign * hysteresis, abs=1e-9)  # both at signal 0
+    if threshold == hysteresis:
+        plain = leg.valve_volts(percent / 10, row[P.HYSTERESIS], 0.0) * 10
+        assert np.array_equal(held, plain)
+
+
+def test_threshold_comes_back_from_the_stand():
+    """0.5 % of 2 % declared: the stand reads both, to a step of its reversal (0.01 %)."""
+    sheet = {"valve.hysteresis_percent": 2.0, "valve.threshold_percent": 0.5}
+    figures = valve_test(changed(load_machine("servo_bench"), sheet)).figures
+    assert figures["threshold_percent"] == pytest.approx(0.5, abs=0.011)
+    assert figures["hysteresis_percent"] == pytest.approx(2.0, abs=0.01)
+    assert valve_test(load_machine("servo_bench")).figures["threshold_percent"] == 0.0

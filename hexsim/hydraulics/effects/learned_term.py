@@ -10,11 +10,11 @@ from typing import Any
 
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects.effect import Effect
-from hexsim.hydraulics.leg import LEARNED_CONTINUITY, LEARNED_FORCE, SIGNALS
+from hexsim.hydraulics.learned import CONTINUITY, FORCE, SIGNALS
 from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P
 from hexsim.hydraulics.resolved import Resolved
 
-BALANCES = {"continuity": LEARNED_CONTINUITY, "force": LEARNED_FORCE}  # [m3/s], [N]
+BALANCES = {"continuity": CONTINUITY, "force": FORCE}  # [m3/s], [N]
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, Any]) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
+from hexsim.hydraulics import rod_side
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.ports import top_inflow
 from hexsim.signals.log import Log
@@ -62,7 +63,7 @@ def top_capacities(p, y, P2):
     """Hydraulic capacity of the rod side of every sample [m3/Pa]."""
     capacity = np.empty(y.shape[0])
     for i in range(y.shape[0]):
-        capacity[i] = leg_equations.rod_side_room(p, y[i], P2[i])
+        capacity[i] = rod_side.capacity(p, y[i], P2[i])
     return capacity
 
 

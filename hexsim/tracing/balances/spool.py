@@ -25,7 +25,7 @@ def at_samples(row: Array, volts: Array, t: Array, rate: float) -> tuple[Array, 
 
 def spool_state(row: Array, volts: Array, t: Array, rate: float) -> tuple[Array, Array]:
     """Volts that reach the spool, and the spool's position: the recursions of delay, play and spool on measured volts."""
-    held = leg_equations.valve_volts(volts, row[P.HYSTERESIS], row[P.VALVE_DELAY] * rate)
+    held = leg_equations.valve_volts(volts, row[P.HYSTERESIS], row[P.VALVE_DELAY] * rate, row[P.HYSTERESIS_SPREAD])
     return held, spool_positions(row, held, t)
 
 

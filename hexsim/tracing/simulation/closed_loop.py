@@ -56,7 +56,7 @@ SIGNALS = ("setpoint", "volts", "position", "near_rest")  # of the inputs, sampl
 
 class Room(NamedTuple):
     """Arrays that the simulation works in. state (n_states,); slopes: four, and a state to try; y, v, v a sample ago, held volts
-    (n_legs,).
+    and how far a valve's two plays are apart (n_legs,).
 
     positions, pressures of the bottom chambers and of the rod sides, volts, volts before the computing delay (n_legs, n),
     accelerations (n_axes, n): what happened, for sensors and valves with a delay.
@@ -64,7 +64,7 @@ class Room(NamedTuple):
 
     state: np.ndarray
     slopes: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    legs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    legs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     positions: np.ndarray
     pressures: np.ndarray
     tops: np.ndarray
@@ -79,7 +79,9 @@ def room_for(start: np.ndarray, n_legs: int, n_axes: int, n: int) -> Room:
     bottom, top = np.empty((2, n_legs, n))
     moved, volts, asked = np.empty((3, n_legs, n))
     slopes = (s(start), s(start), s(start), s(start), s(start))
-    return Room(start.copy(), slopes, (y, s(y), s(y), s(y)), moved, bottom, top, volts, asked, np.empty((n_axes, n)))
+    return Room(
+        start.copy(), slopes, (y, s(y), s(y), s(y), s(y)), moved, bottom, top, volts, asked, np.empty((n_axes, n))
+    )
 
 
 @compiled
@@ -125,7 +127,7 @@ def lent(rig, inputs, room):
     legs, geometry, s, load, sensors, controller, rule = rig
     position, pressure, top, acceleration, supply_gain, place, turned = sensors
     k1, k2, k3, k4, there = room.slopes
-    y, v, before, held = room.legs
+    y, v, before, held, apart = room.legs
     return (
         Rig(
             borrowed(legs), borrowed(geometry), borrowed(s),
@@ -146,7 +148,8 @@ def lent(rig, inputs, room):
         ),
         Room(
             borrowed(room.state), (borrowed(k1), borrowed(k2), borrowed(k3), borrowed(k4), borrowed(there)),
-            (borrowed(y), borrowed(v), borrowed(before), borrowed(held)), borrowed(room.positions), borrowed(room.pressures),
+            (borrowed(y), borrowed(v), borrowed(before), borrowed(held), borrowed(apart)),
+            borrowed(room.positions), borrowed(room.pressures),
             borrowed(room.tops), borrowed(room.volts), borrowed(room.asked), borrowed(room.accelerations),
         ),
     )  # fmt: skip
@@ -170,7 +173,7 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
     out = borrowed(owned_out)
     legs, geometry, s, load, sensors, controller, rule = rig
     position, pressure, top, acceleration, supply_gain, place, turned = sensors
-    state, slopes, (y, v, before, held), y_true, p_true, top_true, u_true, asked, a_true = room
+    state, slopes, (y, v, before, held, apart), y_true, p_true, top_true, u_true, asked, a_true = room
     n_legs, n, rate = legs.shape[0], inputs.setpoint.shape[1], inputs.rate_Hz
     dt, axes = 1.0 / rate, acceleration.shape[0]
     every = max(round(rate / controller.rate_Hz), 1)
@@ -187,7 +190,10 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
             asked[j, i] = asked_volts(controller, inputs, j, i, out[j, i]) if tick else asked[j, i - 1]
             late = 0.0 if controller.follows else controller.delay_ticks[j]
             u_true[j, i] = computed(asked[j], i, late, every) if tick else u_true[j, i - 1]
-            held[j] = valve.play(delayed(u_true[j], i, legs[j, P.VALVE_DELAY] * rate), held[j], legs[j, P.HYSTERESIS])
+            ahead = delayed(u_true[j], i, legs[j, P.VALVE_DELAY] * rate)
+            held[j], apart[j] = valve.hysteresis(
+                ahead, held[j], apart[j], legs[j, P.HYSTERESIS], legs[j, P.HYSTERESIS_SPREAD]
+            )
             out[n_legs + j, i] = u_true[j, i]
             out[2 * n_legs + j, i] = shown(p_true[j], i, pressure[j], rate)
             out[3 * n_legs + j, i] = shown(top_true[j], i, top[j], rate)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hexsim.hydraulics.leg import SIGNALS
+from hexsim.hydraulics.learned import SIGNALS
 from hexsim.hydraulics.parameters import LEARNED_KNOTS
 from hexsim.machine.files import changed
 from hexsim.tracing import rules
