@@ -25,7 +25,7 @@ from hexsim.errors import HexsimError
 from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
 from hexsim.identify import bump
-from hexsim.identify.host import PERIOD_s, Host, MachineFault
+from hexsim.identify.host import Host, MachineFault, PERIOD_s
 from hexsim.identify.motions import setpoints_of
 from hexsim.identify.record import Round, Story
 from hexsim.machine.files import find_machine_file, load_machine, save_machine
