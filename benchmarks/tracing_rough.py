@@ -158,7 +158,11 @@ def named_at(line: dict, share: float | None = None, size: float = 1.0) -> set[s
         rules.PARTLY_SHARE, rules.PARTLY_SHARE_UNSEEN, rules.PARTLY_RESTORED = share, 0.5 * share, np.inf
     found = set()
     for tried in line["judged"]:
-        passed = [own for own in tried if sure(Evidence(**{field.name: own[field.name] for field in fields(Evidence)}))]
+        passed = [
+            own
+            for own in tried
+            if sure(Evidence(**{field.name: own[field.name] for field in fields(Evidence) if field.name in own}))
+        ]
         if passed and passed[-1]["remarkable"] > size:  # of a tie the plainest is judged last
             found.add(passed[-1]["candidate"].split(" in ")[0])
     rules.PARTLY_SHARE, rules.PARTLY_SHARE_UNSEEN, rules.PARTLY_RESTORED = usual

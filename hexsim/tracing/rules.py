@@ -46,9 +46,8 @@ PARTLY_CURVE = 0.5  # less than this share of what it leaves of its own row
 PARTLY_BLOCK_S = 2.0  # [s] blocks that are resampled: longer than the rest's correlation
 PARTLY_DRAWS = 200
 PARTLY_DOUBT = 0.025  # share of the resamples that may say otherwise
-PARTLY_SPREAD = 0.2  # runs and balances may differ in an effect's number by this share, or
-PARTLY_RUNS = 3.0  # so many standard errors of a run
-PARTLY_BALANCES = 2.0  # and of a balance that looks through the sensor whose effect it is
+PARTLY_SPREAD = 0.2  # runs may differ in an effect's number by this share, or three standard errors
+PARTLY_HARM = 0.07  # a sensor's effect may make no row's mean square larger by this share
 PARTLY_REFITTED = 16  # candidates that are refitted beside the small realities, by what their columns promise
 PARTLY_PROMISE = 0.3  # share of the least fall that a column, or a start, must promise to be refitted
 PARTLY_TRIED = 3  # rivals that are judged, the best first
@@ -64,7 +63,7 @@ REST_TIME_S = 0.2  # [s] correlation time of what is left: that far apart its sa
 ORDINARY = {  # what a machine has of an effect without being remarkable: fitted beside every effect, never named
     "accelerometer_delay": 6.0e-4,
     "accelerometer_gain": 0.006,
-    "entrained_air": 0.005,
+    "entrained_air": 0.004,
     "leakage_chamber_to_tank": 2.0e-13,
     "leakage_supply_to_chamber": 2.0e-13,
     "null_drift": 5.0e-4,

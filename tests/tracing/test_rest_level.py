@@ -13,9 +13,10 @@ from hexsim.tracing import rules
 from hexsim.tracing.balances.balance import resolved_machine, sensed_leg
 from hexsim.tracing.balances.continuity import Continuity
 from hexsim.tracing.balances.platform import Platform
-from hexsim.tracing.fitting.parameters import candidates, named
+from hexsim.tracing.fitting.fit import Fit
+from hexsim.tracing.fitting.parameters import candidates, coordinate_bounds, named
 from hexsim.tracing.fitting.rest_evidence import Evidence, own_rows, sure
-from hexsim.tracing.fitting.rest_level import ordinary_effects
+from hexsim.tracing.fitting.rest_level import ordinary_effects, prior_precision
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.steps import shapes, violations
 from hexsim.tracing.steps.dominant import may_be_a_filter, sure_effects, worth_a_refit
@@ -60,6 +61,21 @@ def test_small_realities_are_held_to_their_ordinary_size():
         assert reach == pytest.approx(rules.ORDINARY[name])
 
 
+def test_a_small_reality_costs_as_much_at_its_reach_as_a_declared_parameter_at_its_half_width():
+    """3 each, of either sign, at infinity too: else what a small one can do of a large effect is taken off its number."""
+    small = tuple(ordinary_effects(candidates(load_machine(DATA / "bench_none"))))
+    values = tuple({c.effect.parameters[0].name: 0.0} for c in small)
+    bare = Fit(
+        machine=load_machine(DATA / "bench_none"), priors=(), deviations=np.zeros(0), candidates=(*small, named("spring")),
+        values=(*values, {"stiffness_N_m": 0.0}), chi2=0.0, n=0, misfit=[],
+    )  # fmt: skip
+    precision = prior_precision(bare)
+    for candidate, own in zip(small, precision[:-1], strict=True):
+        low, high = coordinate_bounds(candidate.effect.parameters[0])
+        assert own * max(-low, high) ** 2 == pytest.approx(3.0), candidate.label
+    assert precision[-1] == 0.0
+
+
 SURE = Evidence(
     candidate=named("spring"), share=0.9, share_least=0.8, unseen=0.9, unseen_least=0.8, own=1.0, restored=(0.9, 0.9),
     remarkable=2.0, apart=(1.0, 1.0), spread=0.2, curve=1.0, tied=(),
@@ -76,6 +92,7 @@ def test_each_rule_alone_keeps_an_effect_from_being_sure():
         {"unseen_least": -0.01},
         {"own": 0.4},
         {"spread": 1.1},
+        {"harm": 0.1},
         {"share": 0.7, "curve": 0.4},
     ):
         assert not sure(replace(SURE, **changes))

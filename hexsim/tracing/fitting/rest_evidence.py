@@ -15,7 +15,7 @@ from hexsim.tracing.balances import library
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.dependence import CURVES, block_numbers, design, knots_of, r2_of
-from hexsim.tracing.fitting import rest_level
+from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 from hexsim.tracing.fitting.rest_level import RestFit, row_sizes
@@ -31,8 +31,8 @@ class Evidence:
     share, unseen: of the rest that it takes, in the fit runs and held out; *_least: all but few resamples say more.
     own: share of what it takes that lies in its own balance.  restored: of its own balance above the noise that it
     takes, in the fit runs and held out.  remarkable: its size over that from which a machine is remarkable for it.
-    apart: its number from each run alone, of a sensor also from each balance (coordinates); spread: how far they are from
-    it, over what is allowed.
+    apart: its number from each run alone (coordinates); spread: how far they are from it, over what is allowed.
+    harm: of a sensor's effect, by what share the mean square of any row grows: what is late is late in every balance.
     curve: mean square that a curve over one signal leaves of its own row, over what the effect leaves there.
     """
 
@@ -48,6 +48,7 @@ class Evidence:
     spread: float
     curve: float
     tied: tuple[str, ...]
+    harm: float = 0.0
 
     @property
     def label(self) -> str:
@@ -65,6 +66,7 @@ def sure(evidence: Evidence) -> bool:
         and min(e.share_least, e.unseen_least) > 0.0
         and e.own > 0.5
         and e.spread < 1.0
+        and e.harm < rules.PARTLY_HARM
         and not better_curve
     )
 
@@ -79,7 +81,7 @@ def evidence_of(
     held_out, held_out_resampled = shares_of(before, after, thin)
     own, everywhere = own_rows(candidate, problem), list(range(len(base.sizes)))
     falls = np.log(np.maximum(base.sizes, 1.0)) - np.log(np.maximum(rival.sizes, 1.0))
-    runs, looks = apart(rival, problem), apart_by_balance(rival, problem)
+    runs = apart(rival, problem)
     others = [other for other in rivals if other.fit.candidates[-1].label != candidate.label]
     tied = [other for other in others if not (worse(other, rival, own, thin) or worse(other, rival, everywhere, thin))]
     return Evidence(
@@ -91,8 +93,9 @@ def evidence_of(
         own=float(np.sum(falls[own])) / max(float(np.sum(falls)), 1e-12),
         restored=(restored(base.sizes[own], rival.sizes[own]), restored(row_sizes(before)[own], row_sizes(after)[own])),
         remarkable=abs(size + shared_size(rival)) / least_remarkable(candidate),
-        apart=tuple(x for x, _ in (*runs, *looks)),
-        spread=max(spread_of(runs, size, rules.PARTLY_RUNS), spread_of(looks, size, rules.PARTLY_BALANCES)),
+        apart=tuple(x for x, _ in runs),
+        spread=max(abs(x - size) / max(3.0 * sd, rules.PARTLY_SPREAD * abs(size), 1e-12) for x, sd in runs),
+        harm=float(np.max(np.exp(-2.0 * falls))) - 1.0 if candidate.effect.balance == "sensor" else 0.0,
         curve=left_by_a_curve(base, rival, own, problem),
         tied=tuple(sorted(other.fit.candidates[-1].label for other in tied)),
     )
@@ -175,29 +178,8 @@ def shared_size(rival: RestFit) -> float:
 
 def apart(found: RestFit, problem: BalanceProblem) -> list[tuple[float, float]]:
     """(coordinate, standard error) of the last effect's first number from each run alone."""
-    return [rest_level.estimate(found, place_of(found), problem, (i,)) for i in range(len(problem.logs))]
-
-
-def apart_by_balance(found: RestFit, problem: BalanceProblem) -> list[tuple[float, float]]:
-    """The same of a sensor's effect from each balance that looks through the sensor: what is late is late in all of them."""
-    first, looked, place = 0, [], place_of(found)
-    for part in problem.parts if found.fit.candidates[-1].effect.balance == "sensor" else ():
-        rows = range(first, first + len(part.rows))
-        if any(np.any(X[place, rows]) for X in found.columns):
-            looked.append(rest_level.estimate(found, place, problem, rows=rows))
-        first += len(part.rows)
-    return looked
-
-
-def place_of(found: RestFit) -> int:
-    """Place of the last effect's first number among the coordinates."""
-    return len(found.fit.priors) + sum(len(c.free()) for c in found.fit.candidates[:-1])
-
-
-def spread_of(estimates: Sequence[tuple[float, float]], size: float, errors: float) -> float:
-    """How far the furthest of (coordinate, standard error) is from a size, over what is allowed: so many standard errors."""
-    allowed = rules.PARTLY_SPREAD * abs(size)
-    return max((abs(x - size) / max(errors * sd, allowed, 1e-12) for x, sd in estimates), default=0.0)
+    place = len(found.fit.priors) + sum(len(c.free()) for c in found.fit.candidates[:-1])
+    return [rest_errors.estimate(found, place, problem, (i,)) for i in range(len(problem.logs))]
 
 
 def left_by_a_curve(base: RestFit, rival: RestFit, own: Sequence[int], problem: BalanceProblem) -> float:

@@ -1,10 +1,11 @@
 """Least squares where no model reaches the noise: rows of the balances in units of what is left in them.
 
-    minimise  J = N sum over rows log(max(mean square of the row, 1)) + sum (deviation/prior sd)^2
+    minimise  J = N sum over rows log(max(mean square of the row, 1)) + 3 sum (deviation/reach)^2
 
 With noise as the unit the row that is violated most drowns the others, and with 60,000 samples every column is
 significant. Here each balance counts by the share of its rest, and N is the number of rest's correlation times in the
-logs. Small realities (`rules.ORDINARY`) are fitted beside every hypothesis, each held to its ordinary size.
+logs. Small realities (`rules.ORDINARY`) are fitted beside every hypothesis, each within its reach, its ordinary size, as
+a declared parameter is within its half width.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
 SPOOL_START = 0.2  # coordinate at which what vanishes at infinity starts: nothing can be differentiated at 0
 STARTS = (0.4, 1.0, 2.0)  # sizes at which an effect may begin, besides that of its column
 LEAST_FALL = 0.3  # of J, for another step
+RENEWALS = 3  # of the columns
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,10 +62,8 @@ def cost_of(fit: Fit, problem: FitProblem) -> float:
     sizes = row_sizes(fit.misfit)
     if not np.all(np.isfinite(sizes)):
         return np.inf
-    k = len(fit.priors)
-    return float(
-        2.0 * independent(problem) * np.sum(np.log(np.maximum(sizes, 1.0))) + 3.0 * np.sum(coordinates_of(fit)[:k] ** 2)
-    )
+    held = prior_precision(fit) @ coordinates_of(fit) ** 2
+    return float(2.0 * independent(problem) * np.sum(np.log(np.maximum(sizes, 1.0))) + held)
 
 
 def independent(problem: FitProblem) -> float:
@@ -130,6 +130,17 @@ def refined(fit: Fit, problem: FitProblem, columns: list[Array] | None = None, s
     return RestFit(fit=fit, columns=whole, cost=cost)
 
 
+def renewed(found: RestFit, problem: FitProblem) -> RestFit:
+    """A fit whose columns but the last effect's were kept, refitted with columns made anew until J falls no more."""
+    for _ in range(RENEWALS):
+        own = len(found.fit.candidates[-1].free())
+        better = refined(found.fit, problem, [X[:-own] for X in all_columns(found.fit, problem)])
+        fall, found = found.cost - better.cost, better
+        if fall < LEAST_FALL:
+            break
+    return found
+
+
 def _columns(fit: Fit, problem: FitProblem, kept: list[Array] | None) -> list[Array]:
     if kept is None:
         return all_columns(fit, problem)
@@ -152,15 +163,16 @@ def _step(fit: Fit, cost: float, columns: list[Array], problem: FitProblem) -> t
 
 def weighted_system(fit: Fit, columns: list[Array], problem: FitProblem) -> tuple[Array, Array]:
     """Normal equations of J's tangent: rows over their mean square, N samples in all, priors included."""
-    k, m = columns[0].shape[0], len(fit.priors)
+    k, held = columns[0].shape[0], prior_precision(fit)
+    m = len(held)  # a column more is of an effect that is only asked for
     weights = independent(problem) / (np.maximum(row_sizes(fit.misfit), 1.0) ** 2 * sum(r.shape[1] for r in fit.misfit))
     A, b = np.zeros((k, k)), np.zeros(k)
     for X, r in zip(columns, fit.misfit, strict=True):
         scaled = X * weights[None, :, None]
         A += scaled.reshape(k, -1) @ X.reshape(k, -1).T
         b += scaled.reshape(k, -1) @ r.ravel()
-    A[range(m), range(m)] += 3.0
-    b[:m] -= 3.0 * coordinates_of(fit)[:m]
+    A[range(m), range(m)] += held
+    b[:m] -= held * coordinates_of(fit)
     return A, b
 
 
@@ -217,78 +229,26 @@ def asked_for(
     A, b = weighted_system(fit, columns, problem)
     here, (low, high) = coordinates_of(fit), bounds_of(fit)
     x = bounded(A, b, np.append(low - here, own[0]), np.append(high - here, own[1]))
-    m = len(fit.priors)
-    A[range(m, len(here)), range(m, len(here))] += prior_precision(fit)[m:]
     known = np.linalg.pinv(A, rcond=1e-12, hermitian=True)[-1, -1]
     return float(x[-1]), float(2.0 * b @ x - x @ A @ x), float(np.sqrt(known)) if known > 0.0 else np.inf
 
 
-def sandwich(found: RestFit, problem: FitProblem) -> Array:
-    """Covariance of all coordinates from the scatter of blocks, with the priors' freedom inside: H^-1 (S + P) H^-1.
-
-    A small reality counts as known to its ordinary size.
-    """
-    return _sandwich(*_curvature(found.fit, found.columns, problem))
-
-
-def _sandwich(H: Array, P: Array, scores: Array) -> Array:
-    S = scores.T @ scores
-    inverse = np.linalg.pinv(H, rcond=1e-12, hermitian=True)
-    return inverse @ (S + P) @ inverse
-
-
-def _curvature(
-    fit: Fit,
-    columns: list[Array],
-    problem: FitProblem,
-    runs: Sequence[int] | None = None,
-    rows: Sequence[int] | None = None,
-) -> tuple[Array, Array, Array]:
-    """(normal matrix with priors, priors alone, score of each block (n_blocks, k)). runs, rows: only these."""
-    k, rows = columns[0].shape[0], list(range(len(fit.misfit[0])) if rows is None else rows)
-    size = np.maximum(row_sizes(fit.misfit), 1.0)[rows]
-    P = np.diag(prior_precision(fit))
-    H, scores = P.copy(), []
-    for i, (X, r) in enumerate(zip(columns, fit.misfit, strict=True)):
-        if runs is not None and i not in runs:
-            continue
-        count = max(int((problem.logs[i].time[-1] - problem.logs[i].time[0]) / rules.PARTLY_BLOCK_S), 2)
-        for part in np.array_split(np.arange(r.shape[1]), count):
-            own = X[:, rows][:, :, part]
-            scaled = (own / size[None, :, None] ** 2).reshape(k, -1)
-            H += scaled @ own.reshape(k, -1).T
-            scores.append(scaled @ r[rows][:, part].ravel())
-    return H, P, np.array(scores)
-
-
 def prior_precision(fit: Fit) -> Array:
-    """Of every coordinate (k,): 3 over the square of its reach for declared parameters and small realities, else 0."""
+    """Of every coordinate (k,): 3 over the square of its reach for declared parameters and small realities, else 0.
+
+    Without it a small reality that can do a little of what a large effect does takes that much of its number.
+    """
     precision = [3.0] * len(fit.priors)
     for candidate in fit.candidates:
         for number in candidate.free():
             low, high = coordinate_bounds(number)
-            precision.append(3.0 / max(0.5 * (high - low), 1e-9) ** 2 if is_held(candidate) else 0.0)
+            precision.append(3.0 / max(-low, high, 1e-9) ** 2 if is_held(candidate) else 0.0)
     return np.array(precision)
 
 
 def is_held(candidate: Candidate) -> bool:
     """Is it a small reality, held to its ordinary size?"""
     return candidate.effect.name in rules.ORDINARY and candidate.effect != named(candidate.effect.name).effect
-
-
-def estimate(
-    found: RestFit,
-    place: int,
-    problem: FitProblem,
-    runs: Sequence[int] | None = None,
-    rows: Sequence[int] | None = None,
-) -> tuple[float, float]:
-    """(value, standard error) of one coordinate from these logs, or these rows, alone, linear about the fit of all."""
-    fit = found.fit
-    H, P, scores = _curvature(fit, found.columns, problem, runs, rows)
-    step = np.linalg.pinv(H, rcond=1e-12, hermitian=True) @ scores.sum(axis=0)
-    covariance = _sandwich(H, P, scores)
-    return float(coordinates_of(fit)[place] + step[place]), float(np.sqrt(max(covariance[place, place], 0.0)))
 
 
 def size_of(fit: Fit, k: int = -1) -> float:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hexsim.tracing import rules
-from hexsim.tracing.fitting import rest_level
+from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import Fit, start_fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
 from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure
@@ -138,7 +138,7 @@ def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem
     best = max((base.cost - rival.cost for rival in rivals), default=0.0)
     least = max(rules.PARTLY_PROMISE * least_fall(problem), rules.PARTLY_NEAR * best)
     near = [rival for rival in rivals[: rules.PARTLY_TRIED] if base.cost - rival.cost > least]
-    anew = in_parallel(lambda rival: rest_level.refined(rival.fit, problem), near)
+    anew = in_parallel(lambda rival: rest_level.renewed(rival, problem), near)
     better = [min(pair, key=lambda found: found.cost) for pair in zip(near, anew, strict=True)]
     return sorted([*better, *rivals[len(near) :]], key=lambda rival: rival.cost)
 
@@ -166,7 +166,10 @@ def sure_effects(trace: Trace, tell: Tell) -> Sure:
         if grown is None:
             break
         best, own = grown, tried[-1]
-        found += [own] if own.remarkable > 1.0 and not may_be_a_filter(own.candidate, found) else []
+        if own.remarkable > 1.0:
+            found += [] if may_be_a_filter(own.candidate, found) else [own]
+        elif found:
+            break  # effects come in the order of what they take: what is left takes less than what any machine has
     return Sure(best=best, named=found, tried=rounds, hidden=hidden, problem=problem)
 
 
@@ -178,7 +181,7 @@ def name_the_sure(trace: Trace, tell: Tell) -> Trace:
     trace = replace(trace, hidden=found.hidden)
     if not found.named:
         return replace(trace, decided="no effect is sure beside what is left")
-    fit = replace(found.best.fit, covariance=rest_level.sandwich(found.best, found.problem))
+    fit = replace(found.best.fit, covariance=rest_errors.sandwich(found.best, found.problem))
     final = replace(start_fit_at(fit, trace.fit_problem), covariance=fit.covariance)
     gains = tuple(held_out_gains(final, trace.base, trace.validate_problem))
     effects = [named_effect(final, own, trace, gains) for own in found.named]
