@@ -233,6 +233,22 @@ def test_an_unexplained_machine_is_measured_again_while_that_tells_something(inf
     assert not rounds.worth_a_run(design, unexplained=False)
 
 
+def test_machine_time_counts_though_the_host_was_killed(served, tmp_path, told_traces, monkeypatch):
+    """Killed in the first trace, when nothing ends in order: the time of the motion is in the folder."""
+
+    class Killed(BaseException):
+        pass
+
+    def killed(folder, fit, held_out, out, tell):
+        raise Killed
+
+    monkeypatch.setattr(rounds, "trace", killed)
+    monkeypatch.setattr(rounds, "_settle", lambda host, tell: None)
+    with pytest.raises(Killed):
+        identify("bench", served.address, 5.0, with_held_out(tmp_path))
+    assert json.loads((tmp_path / "story.json").read_text())["machine_s"] > rounds.MOTION_s
+
+
 def test_the_time_is_used(served, tmp_path, told_traces):
     """One minute holds round 1 and no second: it says so, with the tie in the story."""
     story = identify("bench", served.address, 0.8, with_held_out(tmp_path))
