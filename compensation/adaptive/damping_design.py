@@ -6,9 +6,10 @@ Oil is let out in proportion to the pressure's oscillation, gamma F(jw) of it a 
 
 b the viscous friction. Hold, spool and delay turn the phase, so that no causal F damps at all frequencies. A light
 load resonates at 110 Hz, where a filter made for 15 to 65 Hz feeds: with 4 ms of delay it did so at 97 Hz until the
-ride was 5.8 m/s2. So two filters are made, one for the whole band and one for the identified resonance, each scaled
-until it takes at most GROWTH_SHARE of the viscous damping away where a mode of the load may lie. The one that damps
-more is taken.
+ride was 5.8 m/s2. So least squares for that band, with bounds: rows are added where Re F lies below its least share,
+until it does no longer (penalty method, PASSES at most). The least share: LEAST_SHARE about the identified resonance;
+where else a mode of the load may lie, GROWTH_SHARE of the viscous damping may be taken away; -MAX_WRONG_SHARE
+elsewhere. What cannot be met that way is met by smaller taps, but for the first.
 """
 
 from __future__ import annotations
@@ -23,11 +24,8 @@ from .spool import SPOOL_DAMPING
 MAX_WRONG_SHARE = 1.2  # of a pressure oscillation that the damping may feed at any frequency, over what it damps
 GROWTH_SHARE = 0.5  # of the viscous damping of a mode that the filter may take away
 LOWEST_MODE, HIGHEST_MODE = 0.7, 1.5  # over the identified resonance: the oil's volume changes with the stroke
-OWN_LOW, OWN_HIGH = 0.7, 1.3  # band of the filter made for the resonance, over it
-OWN_BELOW, OWN_ABOVE, OWN_FAR = 0.3, 0.5, 1.8  # weights beside that band; above it up to OWN_FAR
-OWN_WEIGHT, OWN_STEPS = 1.2, 150
-PREFERENCE = 1.5  # how many times as much that one must damp to be taken
-NEAR, NEAR_STEPS = 0.15, 7  # about the resonance, where they are compared
+NEAR, LEAST_SHARE = 0.1, 0.45  # about the resonance, relative to it; what is to be damped there
+PASSES, MARGIN = 20, 0.1  # of the penalty method; by which a row asks for more than its bound
 ABOVE, AT_REST, SIZE = 0.15, 1e2, 0.03  # weights: above the band, at rest, of the taps' size
 BAND_STEPS, ABOVE_STEPS, ABOVE_BAND, CHECK_STEPS = 40, 30, 1.6, 120  # frequencies in the band, above 1.6 times its end
 
@@ -41,31 +39,20 @@ def damping_filter(work, taps, lag_s, delay_s, load, settings):
     """
     n, low_Hz, high_Hz = int(settings.damping_count), settings.damping_low_Hz, settings.damping_high_Hz
     valve = settings.tick_s, lag_s, delay_s
-    nyquist, resonance_Hz = 0.5 / settings.tick_s, load[0]
+    nyquist = 0.5 / settings.tick_s
     start_least_squares(work, n)
     for k in range(BAND_STEPS):
         _add_frequency(work, n, low_Hz + k * (high_Hz - low_Hz) / (BAND_STEPS - 1), 1.0, 1.0, valve)
     for k in range(ABOVE_STEPS):
         f = ABOVE_BAND * high_Hz + k * (nyquist - ABOVE_BAND * high_Hz) / (ABOVE_STEPS - 1)
         _add_frequency(work, n, f, ABOVE, 0.0, valve)
-    _solve(work, taps, n)
-    _scale(taps, n, low_Hz, load, valve)
-    if resonance_Hz == 0.0:
-        return
-    start_least_squares(work, n)
-    first = 0.8 * low_Hz
-    for k in range(OWN_STEPS):
-        f = first + k * (nyquist - first) / (OWN_STEPS - 1)
-        below, beyond = f <= OWN_LOW * resonance_Hz, f >= OWN_HIGH * resonance_Hz
-        above = OWN_ABOVE if f < OWN_FAR * resonance_Hz else ABOVE
-        weight = OWN_BELOW if below else (above if beyond else 1.0)
-        _add_frequency(work, n, f, OWN_WEIGHT * weight, 0.0 if beyond or f < low_Hz else 1.0, valve)
-    own = work.own_taps
-    _solve(work, own, n)
-    _scale(own, n, low_Hz, load, valve)
-    if _least_share(own, n, resonance_Hz, valve) > PREFERENCE * max(_least_share(taps, n, resonance_Hz, valve), 0.0):
-        for i in range(n):
-            taps[i] = own[i]
+    _add_size(work, n)
+    solve(work, n, taps)
+    for _ in range(PASSES):
+        if not _add_bounds(work, taps, n, low_Hz, load, valve):
+            break
+        solve(work, n, taps)
+    _balance_and_scale(taps, n, low_Hz, load, valve)
 
 
 @compiled
@@ -79,8 +66,8 @@ def _add_frequency(work, n, f_Hz, weight, share, valve):
 
 
 @compiled
-def _solve(work, taps, n):
-    """The taps of the rows so far, small and with sum zero."""
+def _add_size(work, n):
+    """Rows that keep the taps small and their sum zero."""
     for i in range(n):
         work.row[i] = AT_REST
     work.row[n] = 0.0
@@ -89,40 +76,52 @@ def _solve(work, taps, n):
         fill_zero(work.row)
         work.row[i] = SIZE
         add_row(work, n)
-    solve(work, n, taps)
-    mean = 0.0
+
+
+@compiled
+def _least_share(f_Hz, load):
+    """What a mode of the load there allows Re F to be; load: as above.
+
+    A mode at f is lighter than the identified one by (f_r/f)^2, so that viscous friction damps it more.
+    """
+    resonance_Hz, viscous_share = load
+    if LOWEST_MODE * resonance_Hz < f_Hz < HIGHEST_MODE * resonance_Hz:
+        return -min(GROWTH_SHARE * viscous_share * (f_Hz / resonance_Hz) ** 2, MAX_WRONG_SHARE)
+    return -MAX_WRONG_SHARE
+
+
+@compiled
+def _add_bounds(work, taps, n, low_Hz, load, valve):
+    """A row for each frequency at which the taps damp too little; whether there was one."""
+    added = False
+    for k in range(CHECK_STEPS):
+        f = low_Hz + k * (0.5 / valve[0] - low_Hz) / (CHECK_STEPS - 1)
+        near = abs(f - load[0]) < NEAR * load[0]
+        least = LEAST_SHARE if near else _least_share(f, load)
+        if damped_share(taps, n, f, valve) < least:
+            for i in range(n):
+                work.row[i] = _valve_response(f, valve, i)[0]
+            work.row[n] = least + MARGIN
+            add_row(work, n)
+            added = True
+    return added
+
+
+@compiled
+def _balance_and_scale(taps, n, low_Hz, load, valve):
+    """Makes the taps' sum zero, and the taps smaller until they feed no mode of the load more than they may."""
+    mean, share = 0.0, 1.0
     for i in range(n):
         mean += taps[i] / n
     for i in range(n):
         taps[i] -= mean
-
-
-@compiled
-def _scale(taps, n, low_Hz, load, valve):
-    """Makes the taps smaller until they feed no mode of the load more than they may.
-
-    A mode at f is lighter than the identified one by (f_r/f)^2, so that viscous friction damps it more.
-    """
-    resonance_Hz, viscous_share, share = load[0], load[1], 1.0
     for k in range(CHECK_STEPS):
-        f, allowed = low_Hz + k * (0.5 / valve[0] - low_Hz) / (CHECK_STEPS - 1), MAX_WRONG_SHARE
-        if LOWEST_MODE * resonance_Hz < f < HIGHEST_MODE * resonance_Hz:
-            allowed = min(GROWTH_SHARE * viscous_share * (f / resonance_Hz) ** 2, MAX_WRONG_SHARE)
-        fed = -damped_share(taps, n, f, valve)
-        if fed * share > allowed:
-            share = allowed / fed
+        f = low_Hz + k * (0.5 / valve[0] - low_Hz) / (CHECK_STEPS - 1)
+        found, least = damped_share(taps, n, f, valve), _least_share(f, load)
+        if found * share < least:
+            share = least / found
     for i in range(n):
         taps[i] *= share
-
-
-@compiled
-def _least_share(taps, n, resonance_Hz, valve):
-    """Re F near the resonance."""
-    least = math.inf
-    for k in range(NEAR_STEPS):
-        f = resonance_Hz * (1.0 - NEAR + 2.0 * NEAR * k / (NEAR_STEPS - 1))
-        least = min(least, damped_share(taps, n, f, valve))
-    return least
 
 
 @compiled

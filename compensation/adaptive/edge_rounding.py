@@ -30,7 +30,7 @@ from .arithmetic import clip
 from .layout import TRIM_TICKS
 from .leak import add_to_passage, finish_passage, leak_known, start_passage
 from .spool import round_lag, set_spool_model
-from .valve import valve_ready, valve_usable
+from .valve import edges_variance_m2_s2, valve_ready, valve_usable
 
 PRIOR_V = 12e-3  # standard deviation of s before anything is known
 MAX_ROUNDING_V = 25e-3
@@ -114,7 +114,8 @@ def add_to_rounding(rounding, leak, z_m, valve_V, root, valve):
     rounding.rounded_m += moved * (opening(mean, edge.dead_band_V, rounding.probe_V) - sharp)
     if straight or before * x <= 0.0:
         add_to_passage(leak, z_m - rounding.start_m - rounding.sharp_m, rounding.closed_ticks * tick_s)
-        if straight and valve_usable(valve) and finish_passage(leak, x > 0.0, valve.leak_m_s):
+        judged = straight and valve_usable(valve)
+        if judged and finish_passage(leak, x > 0.0, valve.leak_m_s, edges_variance_m2_s2(valve)):
             rounding.ticks = rounding.closed_ticks = 0
             return True
         if leak_known(leak):

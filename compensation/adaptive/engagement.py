@@ -24,7 +24,7 @@ it falls below the stability limit. The limit is the reversal acceleration below
 light load grows too much, as friction falls with speed.
 
 Checks before engaging: valve and friction identified; excited at the last reversal; the overlap closes the valve for
-less than a quarter of the half stroke; the performance monitor has a baseline, and it can be felt; both edges agree on the spool's lag;
+less than a quarter of the half stroke; the performance monitor has a baseline that is worth it; both edges agree on the spool's lag;
 the reversals of plain control are explained by the identified valve (edge_rounding.py).
 """
 
@@ -35,9 +35,9 @@ import math
 from ..compiled import compiled
 from .arithmetic import clip
 from .edge_rounding import explains_reversals, upper_bound_V
-from .friction import friction_ready, inertia_Pa, resonance_growth_1_s
+from .friction import friction_ready, inertia_Pa, resonance_growth_1_s, step_acceleration_m_s2
 from .layout import DEMANDS, LEAD_TICKS
-from .monitor import add_to_monitor, bump_felt, monitor_ready, worse_than_baseline
+from .monitor import add_to_monitor, monitor_ready, worse_than_baseline, worth_compensating
 from .valve import lags_agree, valve_ready
 
 PHASES = ("plain control", "engaging", "compensated", "feed-forward going out", "disengaging", "tripped")
@@ -145,7 +145,7 @@ def _checks_passed(state):
         _above_enable_threshold(engagement, state.settings)
         and engagement.closed_ticks < MAX_CLOSED_SHARE * engagement.half_ticks
         and monitor_ready(state.monitor)
-        and bump_felt(state.monitor)
+        and worth_compensating(state.monitor, step_acceleration_m_s2(state.friction))
         and lags_agree(state.valve)
         and explains_reversals(state.rounding)
         and state.valve.leak_known != 0

@@ -16,7 +16,7 @@ import math
 from ..compiled import compiled
 from .arithmetic import clip, copy
 from .presliding import bristle
-from .recursive_least_squares import scale_covariance, start_fit, update_fit
+from .recursive_least_squares import bound_influence, scale_covariance, start_fit, update_fit
 from .stribeck import MIN_RATE
 
 MAX_HALF_STEP_MPA = 1.0
@@ -25,6 +25,7 @@ STRIBECK_VELOCITY_M_S = 5e-3  # over which friction falls after breakaway; a com
 POSITION_PRIOR = 10.0  # standard deviation of p5 [2 kPa/dm]: load hardly depends on position
 TYPICAL_STRIBECK, REVERSALS_NEEDED = 0.5, 5  # P_s over half the step, assumed until so many reversals were seen
 # prior standard deviations in units of the noise of a window's mean (2 kPa): 1 MPa or 1 MPa per (m/s2, dm/s)
+NOISE_MPA, MAX_ERRORS = 2e-3, 3.0  # of a window's mean; errors from which on a window counts for less
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PRIOR = (500.0, 500.0, 500.0, 500.0, 250.0, POSITION_PRIOR)
 RESTORED_VARIANCE, RESTORED_REVERSALS = 0.01, round(1.0 / MIN_RATE)  # of the prior's; of Stribeck friction
@@ -55,6 +56,8 @@ def add_to_friction(friction, position_m, load_Pa, acceleration_m_s2):
         friction.start_m, friction.sum_load, friction.sum_a = position_m, 0.0, 0.0
     friction.sum_load += load_Pa
     friction.sum_a += acceleration_m_s2
+    if friction.count == friction.window // 2:
+        friction.middle_m = position_m
     friction.count += 1
     if friction.count > friction.window:
         _finish_window(friction, position_m)
@@ -64,19 +67,30 @@ def add_to_friction(friction, position_m, load_Pa, acceleration_m_s2):
 @compiled
 def _finish_window(friction, position_m):
     v = (position_m - friction.start_m) / (friction.window * friction.tick_s)
-    if abs(v) < friction.min_speed_m_s:
+    if slowest_m_s(friction, position_m) < friction.min_speed_m_s:
         return
     n, up, phi = friction.window + 1, 1 if v > 0 else 0, friction.phi
     v *= DM
     phi[0], phi[1], phi[2], phi[3], phi[4] = 1.0, friction.sum_a / n, v * up, v * (1 - up), 2.0 * up - 1.0
     phi[5] = 0.5 * DM * (position_m + friction.start_m - friction.stroke_m)
-    update_fit(friction.fit, phi, friction.sum_load / n * 1e-6)
+    load = bound_influence(friction.fit, phi, friction.sum_load / n * 1e-6, NOISE_MPA, MAX_ERRORS)
+    update_fit(friction.fit, phi, load)
     for i in range(5):
         phi[i] = 0.0
     phi[5] = friction.position_weight
     update_fit(friction.fit, phi, 0.0)
     friction.windows[up] += 1
     friction.half_step_Pa = 1e6 * clip(friction.fit.theta[4], 0.0, MAX_HALF_STEP_MPA)
+
+
+@compiled
+def slowest_m_s(friction, position_m):
+    """Speed at the slower end of the window that ends here, from its halves; below 0 where the piston turned in it."""
+    half = friction.window // 2
+    first = (friction.middle_m - friction.start_m) / (half * friction.tick_s)
+    last = (position_m - friction.middle_m) / ((friction.window - half) * friction.tick_s)
+    begin, end = 1.5 * first - 0.5 * last, 1.5 * last - 0.5 * first
+    return min(abs(begin), abs(end)) if begin * end > 0.0 else -1.0
 
 
 @compiled

@@ -87,7 +87,7 @@ PRESLIDING = record(  # presliding.py
 )  # fmt: skip
 FRICTION = record(  # friction.py
     fit=FIT, stribeck=STRIBECK, presliding=PRESLIDING, tick_s="f8", stroke_m="f8", window="i8", min_speed_m_s="f8", position_weight="f8",
-    count="i8", start_m="f8", sum_load="f8", sum_a="f8",
+    count="i8", start_m="f8", middle_m="f8", sum_load="f8", sum_a="f8",
     windows=("i8", (2,)),  # retracting, extending
     half_step_Pa="f8", phi=("f8", (FIT_SIZE,)),
 )  # fmt: skip
@@ -211,7 +211,7 @@ SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); dou
 )  # fmt: skip
 DESIGN = record(  # taps.py, least_squares.py: work
     triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),
-    past=("f8", (LEAD_TAPS,)), response=("f8", (RESPONSE,)), own_taps=("f8", (MAX_DAMPING_TAPS,)),
+    past=("f8", (LEAD_TAPS,)), response=("f8", (RESPONSE,)),
 )  # fmt: skip
 STATE = record(
     settings=SETTINGS, valve=VALVE, friction=FRICTION, reference=REFERENCE, inverse=INVERSE, engagement=ENGAGEMENT,

@@ -56,14 +56,15 @@ def add_to_passage(leak, excess_m, closed_s):
 
 
 @compiled
-def finish_passage(leak, positive, taken_m_s):
-    """The spool is on a straight part again; `taken_m_s` is the leak taken off already. True if that must change."""
+def finish_passage(leak, positive, taken_m_s, variance_m2_s2=0.0):
+    """The spool is on a straight part again; `taken_m_s` is the leak taken off already, `variance_m2_s2` that of the
+    edges which the passage is held against. True if the leak that is taken off must change."""
     excess_m, closed_s, across = leak.excess_m, leak.closed_s, positive != (leak.positive != 0)
     start_passage(leak, positive)
     if not across or closed_s <= 0.0 or not abs(excess_m) < MAX_LEAK_M_S * closed_s:
         return False
     error = excess_m / closed_s + taken_m_s - leak.leak_m_s
-    expected = (LEAK_NOISE_M / closed_s) ** 2
+    expected = (LEAK_NOISE_M / closed_s) ** 2 + variance_m2_s2
     total = expected + leak.variance
     if leak.restarts < MAX_RESTARTS and error * error > INCONSISTENT**2 * total:
         # what was gathered was made with edges that have moved since

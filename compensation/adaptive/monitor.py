@@ -25,10 +25,9 @@ RATIO_ALIKE, RATIO_UNLIKE = 1.05, 1.5  # allowed bump over the baseline, at a re
 STANDARD_ERRORS, DRIFT_ERRORS = 2.5, 0.5  # of h: of the excess of several reversals; and allowed at each of them
 ALIKE = 0.05  # relative difference in acceleration up to which reversals are alike
 BASELINE_SHARE = 0.5  # low-pass of the baseline, a reversal
-FELT_M_S2, NOISE_RANGE = (
-    0.2,
-    6.0,
-)  # bump of plain control that is worth compensating; standard errors between the extremes of noise
+FELT_M_S2 = 0.15  # bump of plain control from which a compensation that is still learning can be trusted to gain
+RISK_SHARE = 0.12  # of the load's acceleration by the friction step: less than this it cannot lose
+NOISE_RANGE = 5.0  # standard errors between the extremes of noise
 
 
 @compiled
@@ -86,9 +85,10 @@ def worse_than_baseline(monitor, extending, reversal_m_s2, ramp):
 
 
 @compiled
-def bump_felt(monitor):
-    """Whether plain control's bumps are large enough for a compensation that is still learning to make them smaller."""
-    least = FELT_M_S2 + NOISE_RANGE * bump_noise_m_s2(monitor)
+def worth_compensating(monitor, step_m_s2):
+    """Whether plain control's bumps are larger than those of a compensation that is still learning. step_m_s2:
+    acceleration that the friction step gives the load."""
+    least = min(FELT_M_S2, RISK_SHARE * step_m_s2) + NOISE_RANGE * bump_noise_m_s2(monitor)
     return max(monitor.baseline_m_s2[0], monitor.baseline_m_s2[1]) > least
 
 

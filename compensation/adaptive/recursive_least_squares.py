@@ -15,6 +15,8 @@ excite. `residual` is the mean square of the last 50 errors or so, each over the
 
 from __future__ import annotations
 
+from math import sqrt
+
 from ..compiled import compiled
 
 
@@ -71,6 +73,24 @@ def inflate(fit, index, variance):
     for i in range(fit.n):
         for j in range(fit.n):
             c[i, j] += variance * slopes[i] * slopes[j]
+
+
+@compiled
+def bound_influence(fit, phi, y, noise, errors):
+    """Scales phi down where the sample lies further than `errors` standard errors from what was expected (Huber 1964),
+    so that what is no part of the model moves theta a bounded way. noise: of a sample; returns y, scaled as well."""
+    spread, off = 1.0, y
+    for i in range(fit.n):
+        off -= phi[i] * fit.theta[i]
+        for j in range(fit.n):
+            spread += phi[i] * fit.covariance[i, j] * phi[j]
+    limit = errors * noise * sqrt(spread)
+    if abs(off) <= limit:
+        return y
+    share = sqrt(limit / abs(off))
+    for i in range(fit.n):
+        phi[i] *= share
+    return share * y
 
 
 @compiled

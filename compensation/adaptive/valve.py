@@ -33,6 +33,7 @@ from .valve_edge import (
     WINDOW_NOISE_M,
     backlash_errors,
     edge_V,
+    edge_variance_m2_s2,
     lag_difference_s,
     restart_backlash_fit,
     restart_edge,
@@ -92,6 +93,14 @@ def lags_agree(valve):
     crossing_m_s = max(down.gain_m_s_V, up.gain_m_s_V) * (down.dead_band_V + up.dead_band_V)
     difference_s = 0.5 * abs(lag_difference_s(down) + lag_difference_s(up))
     return crossing_m_s * max(abs(down.lag_s - up.lag_s), difference_s) < MAX_LAG_OIL_M
+
+
+@compiled
+def edges_variance_m2_s2(valve):
+    """Variance of where both edges open, as velocities k delta."""
+    return edge_variance_m2_s2(valve.edges[0], valve.with_backlash) + edge_variance_m2_s2(
+        valve.edges[1], valve.with_backlash
+    )
 
 
 @compiled

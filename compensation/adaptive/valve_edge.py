@@ -79,6 +79,14 @@ def _read_fit(edge, fit, backlash_V, misfit_allowed):
 
 
 @compiled
+def edge_variance_m2_s2(edge, with_backlash):
+    """Variance of k delta of the fit in use, by its covariance and what it leaves over."""
+    if with_backlash:
+        return edge.backlash_fit.covariance[1, 1] * max(edge.backlash_fit.residual, WINDOW_NOISE_M**2)
+    return edge.plain_fit.covariance[1, 1] * max(edge.plain_fit.residual, WINDOW_NOISE_M**2)
+
+
+@compiled
 def edge_V(edge):
     """Where the edge opens, from the volts' origin [V]; below 0 while the null is not known."""
     return edge.plain_fit.theta[1] / max(edge.plain_fit.theta[0], MIN_GAIN)

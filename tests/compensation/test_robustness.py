@@ -86,6 +86,13 @@ def test_damping_feeds_no_mode_of_the_load(resonance_Hz, delay_s) -> None:
     assert damped_share(taps, np.array([resonance_Hz]), 3.7e-3 + delay_s, 0.002, delay_s)[0] > 0.1
 
 
+@pytest.mark.parametrize("delay_s", [0.0, 2e-3, 4e-3, 6e-3])
+def test_damping_for_a_light_load_feeds_no_band_that_is_felt(delay_s) -> None:
+    """Resonance at 110 Hz: below it, from 10 to 80 Hz, at most 0.2 of an oscillation is fed."""
+    taps = np.array(damping_filter(3.7e-3 + delay_s, 0.002, 15.0, 65.0, 7, delay_s, 110.0, 0.4))
+    assert damped_share(taps, np.linspace(10.0, 80.0, 71), 3.7e-3 + delay_s, 0.002, delay_s).min() > -0.2
+
+
 def five_sines(seed: int):
     """Irregular motion: five sines between 0.13 and 0.97 Hz, phases drawn."""
     f = np.array([0.13, 0.31, 0.47, 0.71, 0.97])
@@ -144,6 +151,17 @@ def test_a_passage_with_wrong_edges_is_forgotten() -> None:
         finish_passage(leak, not leak.positive, 0.0)
         assert leak_known(leak) == known
     assert used_leak_m_s(leak, 0.0) == pytest.approx(3.3e-3, abs=1e-4)
+
+
+def test_passages_over_uncertain_edges_make_no_leak() -> None:
+    """Two passages that agree on 3.3 mm/s, over edges known within 5 mm/s: there may be no leak, and none is taken off."""
+    leak = empty(LEAK)
+    start_leak(leak)
+    for _ in range(2):
+        start_passage(leak, leak.passages % 2 == 0)
+        add_to_passage(leak, 3.3e-3 * 0.035, 0.035)
+        finish_passage(leak, not leak.positive, 0.0, 5e-3**2)
+    assert used_leak_m_s(leak, 0.0) == 0.0
 
 
 def test_null_is_moved_without_changing_what_the_valve_does() -> None:
