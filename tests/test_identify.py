@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,6 +25,8 @@ from hexsim.identify.rounds import check_careful
 from hexsim.identify.story import write_story
 from hexsim.machine import load_machine
 from hexsim.motion_computer.compensator_packet import AskedCompensator, unpack_asked
+from hexsim.motion_computer.errors import Error
+from hexsim.motion_computer.host_packet import Reply
 from hexsim.motion_computer.states import State
 from hexsim.motion_computer.telemetry import MOST_ROWS, Telemetry, unpack_telemetry, width
 from hexsim.scenarios import load_scenario
@@ -306,22 +309,46 @@ def test_nobody_there():
         host.exchange()
 
 
+@pytest.mark.parametrize("refused", [False, True])
+def test_in_real_time_a_command_waits_for_its_own_answer(refused, monkeypatch):
+    """Replies that come three packets late: whether a command was refused is judged by the reply that answers it."""
+    answer = Reply(
+        state=State.NEUTRAL, errors=Error.NONE, sequence=0, arrived=True, refused=False, time_s=0.0, behind_s=0.0,
+        age_s=0.0, pose=(0.0,) * 6, reference=(0.0,) * 6,
+    )  # fmt: skip
+    asked = 20
+
+    def late(host, timeout_s, until_reply):
+        newest = max(host.sequence - 3, 0)
+        taken = newest >= asked
+        state = State.NORMAL if taken and not refused else State.NEUTRAL
+        host.reply = replace(answer, sequence=newest, state=state, refused=taken and refused)
+        return True
+
+    monkeypatch.setattr(Host, "_receive", late)
+    monkeypatch.setattr(Host, "_send", lambda host, data: None)
+    monkeypatch.setattr(Host, "_due", lambda host: 0.0)
+    with Host(("127.0.0.1", 9)) as host:
+        for _ in range(asked):
+            host.exchange()
+        if refused:
+            with pytest.raises(HexsimError, match="the machine refuses run_normal in state neutral"):
+                host.exchange(command="run_normal")
+        else:
+            assert host.exchange(command="run_normal").state == State.NORMAL
+
+
 def test_a_driven_machine_sends_the_log_of_a_run(served):
     """Motion over packets in lockstep: positions within 0.2 mm of the same scenario run headless, once the delay of the
-    host's buffer is taken off; every channel of a bench's log is there at the log rate; faster than real time."""
+    host's buffer is taken off; every channel of a bench's log is there at the log rate."""
     machine = load_machine("bench")
-    begun = time.perf_counter()
     with Host(served.address) as host:
         log = host.drive(setpoints_of(machine, BENCH_HEAVE))
-        taken = time.perf_counter() - begun
-        assert host.time_s / taken > 1.0
     wanted = {"setpoint_m", "position_m", "pressure_bottom_Pa", "valve_V", "pressure_supply_Pa", "acceleration_m_s2"}
     assert wanted <= set(log.columns)
     time_s = log["time_s"].to_numpy()
     np.testing.assert_allclose(np.diff(time_s), 1.0 / machine.sensors.log_rate_Hz, atol=1e-9)
     scenario = load_scenario("heave", amplitude=0.03, duration_s=3.0)
-    from dataclasses import replace
-
     run = simulate(machine, replace(scenario, fade_s=1.0, fade="smooth"))
     reference, there = run.log["position_m"].to_numpy(), log["position_m"].to_numpy()
     inside = slice(0, int(1.9 * machine.sensors.log_rate_Hz))  # then the way back to neutral begins

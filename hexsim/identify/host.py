@@ -35,10 +35,7 @@ ASKED, ANSWERED = 300, 20  # times that a compensator is asked for (a machine ma
 SETTLED_s = 60.0  # machine time in which a state must be reached
 LOST_SHARE = 0.05  # of the telemetry that may be lost in a run
 CLOCK_SHARE = 0.02  # by which machine time may run off the host's; a busy machine skips time
-LATE_s, LATE_LIVE_s = (
-    2 * PERIOD_s,
-    10 * PERIOD_s,
-)  # by which the ends of a motion are known, in lockstep and in real time
+LATE_s, LATE_LIVE_s = 2 * PERIOD_s, 10 * PERIOD_s  # by which the ends of a motion are known, in lockstep and live
 LOCKED_SHARE = 0.002  # the same in lockstep, and of telemetry against the machine's own replies
 
 
@@ -86,9 +83,14 @@ class Host:
             raise self._nobody()
         if not lockstep:
             clock.sleep(max(self._due() - clock.perf_counter(), 0.0))
-        self.sequence += 1
+        asked, self.sequence = self.sequence, self.sequence + 1
         self.time_s += PERIOD_s
         assert self.reply is not None
+        if command != "none":  # in real time the answer to it comes packets later
+            for _ in range(round(ANSWER_s / PERIOD_s)):
+                if (self.reply.sequence - asked) % 2**32 < 2**31:
+                    break
+                self.exchange()
         if self.reply.state == State.FAULT and command != "reset":
             raise MachineFault(
                 f"the machine is in fault: {', '.join(labels(self.reply.errors)) or 'it says no reason'}"
