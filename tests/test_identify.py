@@ -16,7 +16,7 @@ from hexsim.cli import app
 from hexsim.errors import HexsimError
 from hexsim.identify import bump, identify, rounds
 from hexsim.identify.bump import taken_apart, worst
-from hexsim.identify.host import Host, PERIOD_s, check_clock, log_of
+from hexsim.identify.host import LOCKED_SHARE, Host, LATE_LIVE_s, LATE_s, PERIOD_s, check_clock, log_of
 from hexsim.identify.motions import setpoints_of
 from hexsim.identify.picture import errors_by_kind
 from hexsim.identify.record import Round, Story
@@ -104,6 +104,16 @@ def test_a_clock_that_runs_off_is_refused(ran, share):
     check_clock(
         "the telemetry's clock", 20.0 + 0.9 * (ran - 20.0) * (share * 20.0 + 0.02) / abs(ran - 20.0), 20.0, share
     )
+
+
+def test_in_real_time_the_ends_of_a_motion_are_known_less_well():
+    """A motion of 5.01 s of which 4.96 s of telemetry came, as measured on loopback: refused in lockstep, taken in real
+    time; a clock 1 % off is still refused in a motion of 20 s."""
+    with pytest.raises(HexsimError, match="its time stamps cannot be trusted"):
+        check_clock("the telemetry's clock", 4.96, 5.01, LOCKED_SHARE, LATE_s)
+    check_clock("the telemetry's clock", 4.96, 5.01, LOCKED_SHARE, LATE_LIVE_s)
+    with pytest.raises(HexsimError, match="its time stamps cannot be trusted"):
+        check_clock("the telemetry's clock", 20.2, 20.0, LOCKED_SHARE, LATE_LIVE_s)
 
 
 def test_a_compensator_packet_is_what_was_packed():
@@ -231,6 +241,22 @@ def test_an_unexplained_machine_is_measured_again_while_that_tells_something(inf
     design = {"separations": [], "numbers": [], "information": information}
     assert rounds.worth_a_run(design, unexplained=True) == runs
     assert not rounds.worth_a_run(design, unexplained=False)
+
+
+def test_machine_time_counts_though_the_host_was_killed(served, tmp_path, told_traces, monkeypatch):
+    """Killed in the first trace, when nothing ends in order: the time of the motion is in the folder."""
+
+    class Killed(BaseException):
+        pass
+
+    def killed(folder, fit, held_out, out, tell):
+        raise Killed
+
+    monkeypatch.setattr(rounds, "trace", killed)
+    monkeypatch.setattr(rounds, "_settle", lambda host, tell: None)
+    with pytest.raises(Killed):
+        identify("bench", served.address, 5.0, with_held_out(tmp_path))
+    assert json.loads((tmp_path / "story.json").read_text())["machine_s"] > rounds.MOTION_s
 
 
 def test_the_time_is_used(served, tmp_path, told_traces):

@@ -25,7 +25,7 @@ from hexsim.errors import HexsimError
 from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
 from hexsim.identify import bump
-from hexsim.identify.host import Host, MachineFault
+from hexsim.identify.host import Host, MachineFault, PERIOD_s
 from hexsim.identify.motions import setpoints_of
 from hexsim.identify.record import Round, Story
 from hexsim.machine.files import find_machine_file, load_machine, save_machine
@@ -43,6 +43,7 @@ SMALL_s = 5.0  # of the first, careful motion
 SMALL_SHARE = 0.2  # of the first motion
 SLOWEST_LOOP_s = 0.3  # by which a leg may follow later
 ROUNDS = 6  # at most
+REST_s = 2.0  # at neutral before the first motion: a log begins where the oil and the piston are at rest
 GUIDED_s = 12.0  # machine time of a round besides its motion: to neutral and back
 # kind, axis, size, two frequencies, slope, seed: see `MotionFamily.bounds`
 FIRST = np.array([0, 0, 0.9, 0.2, 0.75, 0.5, 1])
@@ -136,6 +137,8 @@ def _to_neutral(host: Host) -> None:
         State.NORMAL: "return_neutral",
     }
     host.until(State.NEUTRAL, starts.get(state, "none"))
+    for _ in range(round(REST_s / PERIOD_s)):
+        host.exchange()
 
 
 def _settle(host: Host, tell: Show) -> None:
@@ -163,6 +166,7 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
         check_careful(machine, host.drive(SMALL_SHARE * setpoints_of(machine, careful)))
     for name, point in missing.items():
         _measure(host, machine, family.scenario(point), logs / f"{name}.parquet", "measuring what is held out", tell)
+        _keep(story, before_s + host.time_s)
     tables, purpose, expected = family.scenario(FIRST), "a rich motion, to begin with", {}
     fit: list[Path] = []
     for number in range(1, ROUNDS + 1):
@@ -173,12 +177,12 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
                 story.ended = f"the time is used: {used_s:.0f} of {budget_s:.0f} s"
                 return
             _measure(host, machine, tables, name, f"round {number}: measuring", tell)
+            _keep(story, before_s + host.time_s)
         fit.append(name)
         result = _trace(story, fit, number, tell)
         story.rounds.append(_round(number, purpose, name.stem, result, expected))
         story.fitted = result.fitted
-        story.machine_s = before_s + host.time_s
-        write_json(story.folder / "story.json", story.to_json())
+        _keep(story, before_s + host.time_s)
         if not open_points(result):
             story.ended = f"{result.verdict}: nothing is left to be told apart, and every number is sharp"
             return
@@ -188,6 +192,12 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
             return
         tables, purpose, expected = design.tables, design.purpose, design.to_json()
     story.ended = f"{ROUNDS} rounds are done; still open: {'; '.join(open_points(result))}"
+
+
+def _keep(story: Story, used_s: float) -> None:
+    """The story so far, with its machine time: what a killed identification goes on from."""
+    story.machine_s = used_s
+    write_json(story.folder / "story.json", story.to_json())
 
 
 def _measure(host: Host, machine: Machine, tables: dict[str, Any] | None, place: Path, doing: str, tell: Show) -> None:

@@ -46,7 +46,7 @@ class Number:
 class Hypothesis:
     """A fitted machine that the logs do not rule out, with what they know of its coordinates: normal matrix (k, k).
 
-    named: labels of the effects whose numbers are asked for; empty: all. Small realities beside them are not.
+    named: labels of the effects whose numbers are asked for; empty: all, {""}: none. Small realities beside them are not.
     """
 
     label: str

@@ -30,8 +30,9 @@ from hexsim.tracing.design.information import (
     refitted_separation,
 )
 from hexsim.tracing.design.motions import MotionFamily
+from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit_at
-from hexsim.tracing.fitting.selection import try_candidate
+from hexsim.tracing.fitting.selection import try_candidate, with_candidate
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import NamedEffect, Trace
 from hexsim.tracing.steps.experiments import heavier_load, setpoint_log
@@ -109,6 +110,8 @@ def next_measurement(
     jobs = surviving(trace)
     problem = at_the_rest(trace.fit_problem, jobs[0][1])
     named = frozenset(effect.candidate.label for effect in trace.effects)
+    if trace.verdict == "unexplained" and not jobs[0][1].candidates:
+        jobs, named = [(jobs[0][0], with_small_realities(jobs[0][1], trace))], frozenset({""})
     hypotheses = [
         hypothesis(label, fit, problem, named if k == 0 else frozenset()) for k, (label, fit) in enumerate(jobs)
     ]
@@ -161,6 +164,14 @@ def surviving(trace: Trace) -> list[tuple[str, Fit]]:
         found = [(_label(rival), rival) for rival in rivals] or found
     unique = dict(reversed(found))
     return [(label, unique[label]) for label in dict(found)]
+
+
+def with_small_realities(fit: Fit, trace: Trace) -> Fit:
+    """The machine with a little of what any machine has beside it: a motion that knows these shows what is hidden."""
+    for candidate in rest_level.ordinary_effects(trace.candidates):
+        start = rest_level.SPOOL_START if np.isinf(candidate.effect.parameters[0].neutral) else 0.0
+        fit = with_candidate(fit, candidate, start, trace.fit_problem)
+    return replace(fit, columns=None, covariance=None)
 
 
 def in_place_of(effect: NamedEffect, label: str, trace: Trace) -> Fit | None:
@@ -246,6 +257,8 @@ def _purpose(
     if wanted is not None:
         number = numbers[wanted]
         return f"to know {number.name} of {number.effect} better: {number.value:.3g} +- {number.standard_error:.1g} now"
+    if hypotheses[0].fit.candidates and not numbers:
+        return "to know all declared parameters better, and what any machine has a little of: no hypothesis is left"
     return "to know all declared parameters better: nothing is left to be told apart"
 
 
