@@ -29,7 +29,7 @@ NOISE_MPA, MAX_ERRORS = 2e-3, 3.0  # of a window's mean; errors from which on a 
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PRIOR = (500.0, 500.0, 500.0, 500.0, 250.0, POSITION_PRIOR)
 RESTORED_VARIANCE, RESTORED_REVERSALS = 0.01, round(1.0 / MIN_RATE)  # of the prior's; of Stribeck friction
-MAX_LOAD_MISFIT_MPA = 8e-3  # rms of a window up to which the load is the leg's own
+MAX_LOAD_MISFIT_MPA = 6.9e-3  # rms of a window up to which the load is the leg's own
 MIN_WINDOWS = 20  # in each direction, before the fit is used
 
 

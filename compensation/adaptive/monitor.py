@@ -26,7 +26,7 @@ STANDARD_ERRORS, DRIFT_ERRORS = 2.5, 0.5  # of h: of the excess of several rever
 ALIKE = 0.05  # relative difference in acceleration up to which reversals are alike
 BASELINE_SHARE = 0.5  # low-pass of the baseline, a reversal
 FELT_M_S2 = 0.15  # bump of plain control from which a compensation that is still learning can be trusted to gain
-RISK_SHARE = 0.12  # of the load's acceleration by the friction step: less than this it cannot lose
+RISK_SHARE = 0.3  # of the load's acceleration by the friction step: less than this it cannot lose
 NOISE_RANGE = 5.0  # standard errors between the extremes of noise
 
 
