@@ -12,7 +12,7 @@ from hexsim.tracing.predictable import predicted
 from hexsim.tracing.report.content import remarks
 from hexsim.tracing.steps import declared_refit
 from hexsim.tracing.steps.logs import begin
-from hexsim.tracing.steps.noise_only import hold_against_signals
+from hexsim.tracing.steps.noise_only import hold_against_signals, without_own
 
 DATA = Path(__file__).parents[1] / "data"
 RATE, N = 1000.0, 20000
@@ -62,6 +62,25 @@ def test_noise_follows_nothing(colour):
     """White, or with a correlation of 30 ms: of 6 draws of two channels none."""
     for seed in range(6):
         assert sure(predicted(("a", "b"), *runs(np.random.default_rng(seed), colour=colour), RATE)) == []
+
+
+@pytest.mark.parametrize(("delay_s", "low", "high"), [(20e-6, 0.0, 0.02), (1e-3, 0.88, 0.92)])
+def test_a_small_delay_of_a_channel_itself_is_not_told(delay_s, low, high):
+    """What 20 us of a channel's own delay leave is taken off; of a whole sample's delay only the tenth that a log may have;
+    another signal's part stays."""
+    rests, signals, velocities = runs(np.random.default_rng(4))
+    late = [rest.copy() for rest in rests]
+    for rest, own, speed in zip(late, signals, velocities, strict=True):
+        rest[0] += delay_s * 1000.0 * RATE * speed["first"]
+        rest[1] += 0.1 * own["first"]
+    named = [{"a": 1000.0 * own["first"], "b": own["second"], **own} for own in signals]
+    left = without_own(("a", "b"), late, named, RATE, np.ones(2))
+
+    def part(of, k):
+        return np.std(np.concatenate([one[k] - two[k] for one, two in zip(of, rests, strict=True)]))
+
+    assert low <= part(left, 0) / part(late, 0) <= high
+    assert part(left, 1) == pytest.approx(0.1, rel=0.05)
 
 
 def test_nothing_missing_is_not_said_of_a_transducer_that_reads_another_pressure_too():

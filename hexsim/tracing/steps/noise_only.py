@@ -6,13 +6,13 @@ noise in every sample, it is 30 standard deviations in all of them. See `hexsim.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from hexsim.machine import Machine
-from hexsim.signals.channels import channel_arrays
+from hexsim.signals.channels import channel_arrays, kind_of
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.predictable import Predicted, predicted
@@ -48,12 +48,41 @@ def rests(machine: Machine, problem: SimulatedProblem) -> Iterator[tuple[Array, 
         )
 
 
+def without_own(
+    channels: Sequence[str], rests: Sequence[Array], signals: Sequence[dict[str, Array]], rate: float, noise: Array
+) -> list[Array]:
+    """The rests less what a small gain and a small delay of each channel itself leave: a s + b ds/dt, fitted to all runs.
+
+    noise (n_channels,): what a rest is in units of. A log's clock and its writer's integrator are no better than these
+    (`rules.OWN_GAIN`, `rules.OWN_DELAY_S`); larger ones are not taken off whole.
+    """
+    out = [rest.copy() for rest in rests]
+    for k, channel in enumerate(channels):
+        if channel not in signals[0]:
+            continue
+        columns = [
+            np.stack([own[channel] - own[channel].mean(), np.gradient(own[channel], 1.0 / rate)]) for own in signals
+        ]
+        columns = [column / noise[k] for column in columns]
+        normal = sum(column @ column.T for column in columns)
+        asked = sum(column @ rest[k] for column, rest in zip(columns, rests, strict=True))
+        if not np.all(np.diag(normal) > 0.0):
+            continue
+        most = np.array([rules.OWN_GAIN, rules.OWN_DELAY_S])
+        found = np.clip(np.linalg.lstsq(normal, asked, rcond=1e-9)[0], -most, most)
+        for rest, column in zip(out, columns, strict=True):
+            rest[k] -= found @ column
+    return out
+
+
 def followed(trace: Trace) -> list[Predicted]:
     """The strongest dependence of every channel's rest beside the final machine, fit and held-out runs together."""
     problems, machine = (trace.fit_problem, trace.validate_problem), trace.fitted
     runs = [run for problem in problems for run in rests(machine, problem)]
     rest, signals, speeds = (list(part) for part in zip(*runs, strict=True))
-    return predicted(problems[0].channels(0), rest, signals, speeds, problems[0].logs[0].rate)
+    channels, rate = problems[0].channels(0), problems[0].logs[0].rate
+    noise = np.array([problems[0].noise[kind_of(name)] for name in channels])
+    return predicted(channels, without_own(channels, rest, signals, rate, noise), signals, speeds, rate)
 
 
 def hold_against_signals(trace: Trace, tell: Tell) -> Trace:
