@@ -16,6 +16,7 @@ from hexsim.errors import HexsimError
 from hexsim.hydraulics import leg
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
+from hexsim.motion_computer.compensator_packet import AskedCompensator
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_packet import REPLY, HostCommand, Reply, unpack_reply
 from hexsim.motion_computer.states import State
@@ -243,6 +244,19 @@ def test_a_bench_reports_its_pose_and_its_reference() -> None:
             host.run(2.0, lambda t: (0, 0, 0.01 * smooth(t - start), 0, 0, 0))
         assert host.reply.reference == pytest.approx((0, 0, 0.01, 0, 0, 0), abs=1e-6)
         assert host.reply.pose == pytest.approx((0, 0, 0.01, 0, 0, 0), abs=1.5e-3)
+
+
+def test_a_compensator_that_was_asked_for_twice_does_not_refuse_the_command_after_it() -> None:
+    """Plain control asked for twice and run_normal wait in the socket together, as after a machine that compiled: all are
+    taken, nothing is refused."""
+    with Server(load_machine("bench"), port=0, timestep=2e-4) as server:
+        host = Host(server)
+        with contextlib.closing(host.socket):
+            host.run(0.1)
+            for _ in range(2):
+                host.socket.sendto(AskedCompensator(leg=0, n_legs=1, name="none", parameters={}).pack(), server.address)
+            host.run(0.1, command="run_normal")
+        assert host.reply.state == State.NORMAL and not host.reply.refused
 
 
 def test_a_served_run_leaves_a_folder_like_any_other(tmp_path: Path) -> None:

@@ -173,12 +173,12 @@ class Server:
 
     def _take(self) -> list[HostCommand]:
         commands = self.link.receive(self.time_s)
+        while self.link.asked:  # before the commands: who asks twice and then runs is not refused
+            self.orders.compensate(self.link.asked.pop(0), self.time_s)
         for command in commands:
             self.orders.execute(command, self.time_s)
             if self.computer.state == State.NORMAL and self.host.mode == 0:
                 self.latency.packet(self.time_s, command)
-        while self.link.asked:
-            self.orders.compensate(self.link.asked.pop(0), self.time_s)
         return commands
 
     def advance(self) -> None:
