@@ -128,6 +128,25 @@ def test_a_compensator_packet_is_what_was_packed():
         assert unpack_asked(spoilt) is None
 
 
+def test_what_acts_and_is_asked_for_again_changes_nothing(monkeypatch):
+    """Six legs: once all have come they are made, once; packets of the same again make nothing, until another is asked for."""
+    made = compensation.create("adaptive")
+    learned = made.parameters(made.start(Context()))
+    asked = AskedCompensators(load_machine("micro_motion_system"))
+    count = []
+    monkeypatch.setattr(asked, "_started", lambda one: count.append(one.leg) or made)
+    packets = [AskedCompensator(leg=leg, n_legs=6, name="adaptive", parameters=learned) for leg in range(1, 7)]
+    found = [asked.take(one) for one in packets]
+    assert found[:5] == [None] * 5 and len(found[5]) == 6
+    asked.accept()
+    assert [asked.take(one) for one in packets * 3] == [None] * 18 and count == [1, 2, 3, 4, 5, 6]
+    packets[1] = AskedCompensator(leg=2, n_legs=6, name="adaptive", parameters=learned | {"rounding_V": 0.001})
+    assert len([asked.take(one) for one in packets][-1]) == 6  # one leg's changed
+    assert asked.take(AskedCompensator(leg=0, n_legs=6, name="none", parameters={})) == []
+    asked.accept()
+    assert len([asked.take(one) for one in packets][-1]) == 6
+
+
 def test_a_host_puts_a_compensator_into_the_loop_and_takes_it_out(served):
     """With what it learned elsewhere; a name with a module and parameters of another algorithm are refused, plain control stays."""
     made = compensation.create("adaptive")

@@ -14,11 +14,20 @@ from hexsim.motion_computer.position_loop import compensator_context
 
 
 class AskedCompensators:
-    """`take` each packet; it gives the compensators of all legs once the last has come."""
+    """`take` each packet; it gives the compensators of all legs once the last has come, and `accept` says that they act.
+
+    What acts already and is asked for again changes nothing: a host repeats itself while a machine compiles.
+    """
 
     def __init__(self, machine: Machine) -> None:
         self.machine = machine
         self._asked: dict[int, AskedCompensator] = {}
+        self._complete: dict[int, AskedCompensator] = {}
+        self._acting: dict[int, AskedCompensator] = {}
+
+    def accept(self) -> None:
+        """What `take` gave last is in the loop."""
+        self._acting = self._complete
 
     def take(self, asked: AskedCompensator) -> list[Compensator] | None:
         """One a leg, none for plain control; None while legs are missing.
@@ -29,14 +38,16 @@ class AskedCompensators:
         if asked.n_legs != n:
             raise HexsimError(f"a compensator for {asked.n_legs} legs is asked for; {self.machine.name} has {n}")
         if asked.leg == 0:
-            self._asked.clear()
+            self._asked, self._complete = {}, {}
             return []
         self._asked[asked.leg] = asked
         if len(self._asked) < n:
             return None
-        found = [self._started(self._asked[leg]) for leg in range(1, n + 1)]
-        self._asked.clear()
-        return found
+        complete, self._asked = self._asked, {}
+        if complete == self._acting:
+            return None
+        self._complete = complete
+        return [self._started(self._complete[leg]) for leg in range(1, n + 1)]
 
     def _started(self, asked: AskedCompensator) -> Compensator:
         """A leg's algorithm, tried for one tick, which also compiles it."""

@@ -57,6 +57,7 @@ class HostOrders:
             return self._refuse(error, now)
         self.refused = False
         self.computer.loop.compensate(found)
+        self.asked.accept()
         self.compensator, self.generator.preview = found[0].name if found else "none", self.computer.preview
         self.host.look(self.computer.preview)
 
