@@ -357,6 +357,26 @@ def test_in_real_time_a_command_waits_for_its_own_answer(refused, monkeypatch):
             assert host.exchange(command="run_normal").state == State.NORMAL
 
 
+def test_a_host_that_was_busy_sends_no_burst(monkeypatch):
+    """Ten packets, ten seconds of silence, ten packets: in real time the last ten are as far apart as the first."""
+    now, sent = [100.0], []
+    monkeypatch.setattr("hexsim.identify.host.clock.perf_counter", lambda: now[0])
+    monkeypatch.setattr("hexsim.identify.host.clock.sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
+    monkeypatch.setattr(Host, "_send", lambda host, data: sent.append(now[0]))
+    monkeypatch.setattr(Host, "_receive", lambda host, timeout_s, until_reply: True)
+    with Host(("127.0.0.1", 9)) as host:
+        host.reply = Reply(
+            state=State.NEUTRAL, errors=Error.NONE, sequence=0, arrived=True, refused=False, time_s=0.0, behind_s=0.0,
+            age_s=0.0, pose=(0.0,) * 6, reference=(0.0,) * 6,
+        )  # fmt: skip
+        for silence_s in (0.0, 10.0):
+            now[0] += silence_s
+            for _ in range(10):
+                host.exchange()
+    np.testing.assert_allclose(np.diff(sent[10:]), PERIOD_s, atol=1e-9)
+    assert sent[10] - sent[9] > 9.9
+
+
 def test_a_driven_machine_sends_the_log_of_a_run(served):
     """Motion over packets in lockstep: positions within 0.2 mm of the same scenario run headless, once the delay of the
     host's buffer is taken off; every channel of a bench's log is there at the log rate."""

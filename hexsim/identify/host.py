@@ -32,6 +32,7 @@ ANSWER_s = 0.5  # a reply that takes longer is lost
 REFUSALS = 6  # in a row, of an address at which nobody listens
 FIRST_TRIES, TRIES = 120, 600  # in lockstep: machine time stands still meanwhile, and a machine may have to compile
 ASKED, ANSWERED = 300, 20  # times that a compensator is asked for (a machine may compile it), packets between them
+SKIPPED_s = 0.25  # a longer silence of the host itself is not made up for
 SETTLED_s = 60.0  # machine time in which a state must be reached
 LOST_SHARE = 0.05  # of the telemetry that may be lost in a run
 CLOCK_SHARE = 0.02  # by which machine time may run off the host's; a busy machine skips time
@@ -71,6 +72,9 @@ class Host:
         values = tuple(np.zeros(6) if setpoints is None else np.asarray(setpoints, dtype=float))
         packet = HostCommand(sequence=self.sequence, time_s=self.time_s, setpoints=values, command=command).pack()
         lockstep = self.reply is None or self.reply.lockstep
+        behind_s = clock.perf_counter() - self._due()
+        if behind_s > SKIPPED_s:  # it was busy: what is past is not sent in a burst
+            self._started += behind_s + PERIOD_s
         for _ in range(TRIES if self.reply else FIRST_TRIES):
             self._send(packet)
             if self._receive(ANSWER_s if lockstep else max(self._due() - clock.perf_counter(), 0.0), lockstep):
