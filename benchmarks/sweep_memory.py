@@ -1,4 +1,4 @@
-"""Memory and time of large sweeps: `python benchmarks/sweep_memory.py` prints one line of JSON.
+"""Memory and time of large sweeps: `python benchmarks/sweep_memory.py` prints a line of JSON a sweep.
 
     real       so many bench runs of half a second on machines drawn from [uncertainty], two worker processes
     instant    100,000 rows as those runs give them, without the runs: what the sweep itself costs at full size

@@ -55,6 +55,7 @@ def sweep(
     from hexsim.studies.compare import names_of
     from hexsim.studies.sweep import cases
     from hexsim.studies.sweep import sweep as run_all
+    from hexsim.studies.sweep_table import table_at
 
     with_machine, what = options.prepare(scenario, motion)
     grid = {key: parse_values(text) for key, text in options.parse_changes(settings).items()}
@@ -78,7 +79,7 @@ def sweep(
                 counted["run_now"] = run_all(grid_cases, executor, out, workers=count, progress=show)
         except KeyboardInterrupt:
             raise HexsimError(
-                f"interrupted by the user; finished rows are kept in {out}{'.journal' if out.suffix else ''}, run it again to go on"
+                f"interrupted by the user; finished rows are kept in {table_at(out).kept}, run it again to go on"
             ) from None
     if json:
         return print_json({**counted, "table": str(out)})

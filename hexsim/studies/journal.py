@@ -105,8 +105,7 @@ class Journal:
 
     def status(self) -> str:
         """Where the rows are that are done."""
-        kept = self.path if self.table.most is None else self.table.place
-        return f"{len(self.failed)} rows are kept in {kept}"
+        return f"{len(self.failed)} rows are kept in {self.table.kept}"
 
 
 def _row(line: bytes) -> dict[str, Any] | None:

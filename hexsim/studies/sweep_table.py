@@ -34,13 +34,16 @@ def table_at(place: Path) -> Table:
 
 
 class Table(abc.ABC):
-    """journal: the path of the rows that are finished and not in the table yet. most: rows that are kept there."""
+    """journal: the path of the rows that are finished and not in the table yet. most: rows that are kept there, None: all.
+
+    kept: where an interrupted sweep's finished rows are.
+    """
 
     most: int | None = None
 
     def __init__(self, place: Path) -> None:
         self.place = place
-        self.journal = place.with_name(place.name + ".journal")
+        self.journal = self.kept = place.with_name(place.name + ".journal")
 
     @abc.abstractmethod
     def files(self) -> list[Path]:
@@ -82,7 +85,7 @@ class Parts(Table):
 
     def __init__(self, place: Path) -> None:
         super().__init__(place)
-        self.journal = place / "journal"
+        self.journal, self.kept = place / "journal", place
 
     def files(self) -> list[Path]:
         if not self.place.exists():

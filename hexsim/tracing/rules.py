@@ -55,10 +55,7 @@ PARTLY_NEAR = 0.8  # share of the best rival's fall of J from which a rival is r
 PARTLY_TIE = 0.1  # share of the rest's mean square by which a rival must be worse to be no tie
 PREDICTED_SHARE = 0.04  # of a rest's mean square below 50 Hz that a signal may predict of noise
 PREDICTED_ABOVE = 3.0  # and so many deviations of the null above the largest of it
-OWN_GAIN, OWN_DELAY_S = (
-    1e-3,
-    1e-4,
-)  # of a channel itself, below a tenth of a sample: taken off before the rest is judged
+OWN_GAIN, OWN_DELAY_S = 1e-3, 1e-4  # of a channel itself: taken off before its rest is judged
 PREDICTED_PLAINER = 0.02  # a curve is said to do better than coherence from this share on
 MOST_UNREMARKABLE = 2  # sure effects that are fitted and not named, because any machine may have so much of them
 REMARKABLE = 1.5  # times its ordinary size: below that a machine is not remarkable for the effect

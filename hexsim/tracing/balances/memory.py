@@ -18,24 +18,26 @@ _known: WeakKeyDictionary[Log, dict[Hashable, Any]] = WeakKeyDictionary()
 
 def remembered(log: Log, key: Hashable, make: Callable[[], Any]) -> Any:
     """What `make` gives for this log and key, made once while the log lives: fits ask for the same again and again."""
-    known = _known.setdefault(log, {})
-    found = known.get(key)
-    if found is None:
-        found = make()
-        if len(known) > KEPT_SETTINGS * log.n_legs:
-            known.clear()
-        known[key] = found
-    return found
+    return _kept(_known.setdefault(log, {}), key, make, KEPT_SETTINGS * log.n_legs + 1)
 
 
 def latest(log: Log, place: Hashable, key: Hashable, make: Callable[[], Array]) -> Array:
     """`remembered` for the latest few keys of a place: of neighbouring machines a fit asks for much that has not changed."""
-    known = remembered(log, ("latest", place), dict)
+
+    def read_only() -> Array:
+        made = make()
+        made.flags.writeable = False
+        return made
+
+    return _kept(remembered(log, ("latest", place), dict), key, read_only, KEPT_SETTINGS)
+
+
+def _kept(known: dict[Hashable, Any], key: Hashable, make: Callable[[], Any], most: int) -> Any:
+    """What is known under the key, or made; beyond `most` all is forgotten before."""
     found = known.get(key)
     if found is None:
         found = make()
-        found.flags.writeable = False
-        if len(known) >= KEPT_SETTINGS:
+        if len(known) >= most:
             known.clear()
         known[key] = found
     return found

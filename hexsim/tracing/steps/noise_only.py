@@ -60,10 +60,8 @@ def without_own(
     for k, channel in enumerate(channels):
         if channel not in signals[0]:
             continue
-        columns = [
-            np.stack([own[channel] - own[channel].mean(), np.gradient(own[channel], 1.0 / rate)]) for own in signals
-        ]
-        columns = [column / noise[k] for column in columns]
+        own = [run[channel] / noise[k] for run in signals]
+        columns = [np.stack([x - x.mean(), np.gradient(x, 1.0 / rate)]) for x in own]
         normal = sum(column @ column.T for column in columns)
         asked = sum(column @ rest[k] for column, rest in zip(columns, rests, strict=True))
         if not np.all(np.diag(normal) > 0.0):
