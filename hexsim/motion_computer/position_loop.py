@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 def compensator_context(machine: Machine, period_s: float | None, leg: int = 1) -> Context:
-    """Of a leg, from 1: what an engineer reads off the machine's data sheet. Not the overlap, the friction or the discharge coefficient."""
+    """Of a leg, from 1: what an engineer reads off the data sheet; not the overlap, the friction or the discharge coefficient."""
     own = machine.legs[leg - 1]
     cylinder, sensors = own.cylinder, own.sensors
     return Context(
