@@ -97,7 +97,9 @@ def shift_edge(edge, volts_V, oil_m_s):
     """The same fit, with volts counted from further out, and less oil that leaks out in this direction."""
     shift_fit(edge.plain_fit, 1, 0, -volts_V, oil_m_s / edge.root)
     shift_fit(edge.backlash_fit, 1, 0, -volts_V, oil_m_s / edge.root)
-    edge.dead_band_V = clip(edge.dead_band_V - volts_V + oil_m_s / edge.root / edge.gain_m_s_V, edge.least_V, MAX_DEAD_BAND_V)
+    edge.dead_band_V = clip(
+        edge.dead_band_V - volts_V + oil_m_s / edge.root / edge.gain_m_s_V, edge.least_V, MAX_DEAD_BAND_V
+    )
 
 
 @compiled
