@@ -80,7 +80,9 @@ def start_rounding(rounding, four_way):
 @compiled
 def lower_bound_V(rounding):
     """Lower confidence bound of the rounding [V]; 0 where edges may be sharp."""
-    return _root(rounding, rounding.square_V2 * clip(rounding.square_V2 / _error(rounding) - rounding.lower_errors, 0.0, 1.0))
+    return _root(
+        rounding, rounding.square_V2 * clip(rounding.square_V2 / _error(rounding) - rounding.lower_errors, 0.0, 1.0)
+    )
 
 
 @compiled

@@ -65,8 +65,7 @@ def restart_guarded(numbers, whole):
 
 @compiled
 def tick_guarded(
-    numbers, whole, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa,
-    feed_forward_V,
+    numbers, whole, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V
 ):
     """Volts to add, and what the caller must know: DESIGN_WANTED | WORSE | REJECTED, or a fault of guard.py."""
     guard = whole.guard
@@ -74,7 +73,7 @@ def tick_guarded(
     if todo == ACTS:
         volts, told = tick_of(
             whole.algorithm, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa,
-            -feed_forward_V,
+            -forward_V,
         )  # fmt: skip
         return accept(guard, volts), told
     if todo == RESTARTS:

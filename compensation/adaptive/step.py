@@ -67,9 +67,7 @@ def tick(states, table, preview, setpoint_m, position_m, control_V, valve_V, bot
 
 
 @compiled
-def tick_of(
-    state, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, extra_V
-):
+def tick_of(state, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, extra_V):
     """Volts to add, and what its caller must know (DESIGN_WANTED | WORSE | REJECTED).
 
     state: a record of the layout; table: prediction.prediction_table(); preview: setpoints (n,) of this tick and the
