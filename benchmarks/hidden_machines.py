@@ -122,6 +122,9 @@ CASES = {
     "second_spool": Hidden(second={"leakage_supply_to_chamber": 1.7e-12, "spool_lag": 60.0}),
     "second_clean": Hidden(second={}),
     "second_rough": Hidden(second={"leakage_supply_to_chamber": 1.7e-12} | SECOND_SMALL),
+    "second_slow": Hidden(  # as good as a valve delay, in a multisine
+        second={"spool_lag": 20.0} | {name: size for name, size in SECOND_SMALL.items() if name != "small_spool_lag"}
+    ),
     "lying_clock": Hidden(changes=LEAK, spoil=stamps(1.01, rate_too=True)),
     "lying_rate": Hidden(changes=LEAK, spoil=stamps(1.1, rate_too=False)),
     "loss": Hidden(changes=LEAK, spoil=loses(0.01)),
