@@ -5,7 +5,8 @@
 
 Machines of the second plant: even seeds rough (`rough_machines.draw`), odd seeds clean with one effect of the library, of
 0.05 to 1 of its typical size. The first trace has the multisine of 20 s to fit and a sine held out. A machine that it
-leaves right and sharp, or in which it sees nothing missing, is a line without `designed`. One line of JSON a machine; a machine in the file is not run again.
+leaves right and sharp, or in which it sees nothing missing, is a line without `designed`. One line of JSON a machine; a
+machine in the file is not run again.
 Rough machines are traced by the balances alone, which decide there; clean ones from end to end.
 
 right     the effect that was put in is named (of a rough machine: it, or a small reality that is there), and nothing else
