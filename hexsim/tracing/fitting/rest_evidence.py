@@ -79,7 +79,8 @@ def evidence_of(
     before, after = start_fit_at(base.fit, unseen).misfit, start_fit_at(rival.fit, unseen).misfit
     share, resampled = shares_of(base.fit.misfit, rival.fit.misfit, thin)
     held_out, held_out_resampled = shares_of(before, after, thin)
-    own, everywhere = own_rows(candidate, problem), list(range(len(base.sizes)))
+    of_parts, everywhere = own_rows(candidate, problem), list(range(len(base.sizes)))
+    own = [row for rows in of_parts for row in rows]
     falls = np.log(np.maximum(base.sizes, 1.0)) - np.log(np.maximum(rival.sizes, 1.0))
     runs = apart(rival, problem)
     others = [other for other in rivals if other.fit.candidates[-1].label != candidate.label]
@@ -91,7 +92,9 @@ def evidence_of(
         unseen=held_out,
         unseen_least=least(held_out_resampled),
         own=float(np.sum(falls[own])) / max(float(np.sum(falls)), 1e-12),
-        restored=(restored(base.sizes[own], rival.sizes[own]), restored(row_sizes(before)[own], row_sizes(after)[own])),
+        restored=most_restored(
+            [(base.sizes[rows], rival.sizes[rows], row_sizes(before)[rows], row_sizes(after)[rows]) for rows in of_parts]
+        ),
         remarkable=abs(size + shared_size(rival)) / least_remarkable(candidate),
         apart=tuple(x for x, _ in runs),
         spread=max(abs(x - size) / max(3.0 * sd, rules.PARTLY_SPREAD * abs(size), 1e-12) for x, sd in runs),
@@ -135,8 +138,8 @@ def worse(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float) ->
     return share > rules.PARTLY_TIE and least(resampled) > 0.0
 
 
-def own_rows(candidate: Candidate, problem: BalanceProblem) -> list[int]:
-    """Rows of the balance that the effect is of: `valve` is a name of continuity, a sensor's effect may show in any.
+def own_rows(candidate: Candidate, problem: BalanceProblem) -> list[list[int]]:
+    """Rows of the balances that the effect is of, a balance a list: `valve` is a name of continuity, a sensor's effect may show in any.
 
     The force of a hexapod's leg is the platform's. Rows of other legs are not its own: what restores them is no rival.
     """
@@ -145,13 +148,21 @@ def own_rows(candidate: Candidate, problem: BalanceProblem) -> list[int]:
     for part in problem.parts:
         if of & {part.balance.name, *part.balance.other_names} or "sensor" in of:
             places = [part.balance.places(problem.logs[0])[k] for k in part.rows]
-            rows += [first + k for k, place in enumerate(places) if not of_another_leg(place, candidate.where)]
+            rows.append([first + k for k, place in enumerate(places) if not of_another_leg(place, candidate.where)])
         first += len(part.rows)
     return rows
 
 
 def of_another_leg(place: str, where: str) -> bool:
     return place.startswith("leg") and where.startswith("leg") and place != where
+
+
+def most_restored(sizes: Sequence[tuple[Array, Array, Array, Array]]) -> tuple[float, float]:
+    """`restored` in the fit runs and held out, of the balance where the lesser of both is largest.
+
+    sizes: of a balance's rows before and after in the fit runs, before and after held out.
+    """
+    return max(((restored(a, b), restored(c, d)) for a, b, c, d in sizes), key=min, default=(0.0, 0.0))
 
 
 def restored(before: Array, after: Array) -> float:

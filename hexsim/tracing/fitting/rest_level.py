@@ -1,10 +1,10 @@
 """Least squares where no model reaches the noise: rows of the balances in units of what is left in them.
 
-    minimise  J = N sum over rows log(max(mean square of the row, 1)) + 3 sum (deviation/reach)^2
+    minimise  J = sum over rows N log(max(mean square of the row, 1)) + 3 sum (deviation/reach)^2
 
 With noise as the unit the row that is violated most drowns the others, and with 60,000 samples every column is
-significant. Here each balance counts by the share of its rest, and N is the number of rest's correlation times in the
-logs. Small realities (`rules.ORDINARY`) are fitted beside every hypothesis, each within its reach, its ordinary size, as
+significant. Here each balance counts by the share of its rest, and N is the number of its rest's correlation times in
+the logs. Small realities (`rules.ORDINARY`) are fitted beside every hypothesis, each within its reach, its ordinary size, as
 a declared parameter is within its half width.
 """
 
@@ -63,12 +63,18 @@ def cost_of(fit: Fit, problem: FitProblem) -> float:
     if not np.all(np.isfinite(sizes)):
         return np.inf
     held = prior_precision(fit) @ coordinates_of(fit) ** 2
-    return float(2.0 * independent(problem) * np.sum(np.log(np.maximum(sizes, 1.0))) + held)
+    falls = row_counts(problem) * np.log(np.maximum(sizes, 1.0))
+    return float(2.0 * independent(problem) * np.sum(falls) + held)
 
 
 def independent(problem: FitProblem) -> float:
     """Correlation times of a rest in the logs."""
     return sum(float(log.time[-1] - log.time[0]) for log in problem.logs) / rules.REST_TIME_S
+
+
+def row_counts(problem: FitProblem) -> Array | float:
+    """How much oftener than once in `REST_TIME_S` the rest of a row is new."""
+    return rules.REST_TIME_S / problem.rest_times_s
 
 
 def ordinary_effects(possible: Sequence[Candidate]) -> list[Candidate]:
@@ -165,7 +171,8 @@ def weighted_system(fit: Fit, columns: list[Array], problem: FitProblem) -> tupl
     """Normal equations of J's tangent: rows over their mean square, N samples in all, priors included."""
     k, held = columns[0].shape[0], prior_precision(fit)
     m = len(held)  # a column more is of an effect that is only asked for
-    weights = independent(problem) / (np.maximum(row_sizes(fit.misfit), 1.0) ** 2 * sum(r.shape[1] for r in fit.misfit))
+    counted = independent(problem) * row_counts(problem)
+    weights = counted / (np.maximum(row_sizes(fit.misfit), 1.0) ** 2 * sum(r.shape[1] for r in fit.misfit))
     A, b = np.zeros((k, k)), np.zeros(k)
     for X, r in zip(columns, fit.misfit, strict=True):
         scaled = X * weights[None, :, None]

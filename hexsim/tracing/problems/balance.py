@@ -11,6 +11,7 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
+from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance
 from hexsim.tracing.balances.null import used, window_weights
 from hexsim.tracing.problems.problem import FitProblem
@@ -24,12 +25,14 @@ class BalanceRows:
 
     sigma: (n_places,) of every row of the balance.  rows: those that count.
     clean: a log, (n_places, n_used): the residual of a noise-free simulation, which is taken out.
+    rest_time_s: correlation time of what a model leaves in them.
     """
 
     balance: Balance
     sigma: Array
     rows: tuple[int, ...]
     clean: tuple[Array, ...] = ()
+    rest_time_s: float = rules.REST_TIME_S
 
     def residual(self, log: Log, machine: Machine, i: int, every: int) -> Array:
         """0 - residual over its noise (n_rows, n): what must be added for the balance to hold."""
@@ -55,6 +58,10 @@ class BalanceProblem(FitProblem):
         return [
             f"{part.balance.name} of {part.balance.places(self.logs[i])[k]}" for part in self.parts for k in part.rows
         ]
+
+    @property
+    def rest_times_s(self) -> Array:
+        return np.concatenate([np.full(len(part.rows), part.rest_time_s) for part in self.parts])
 
     @property
     def samples(self) -> int:

@@ -16,7 +16,8 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named
-from hexsim.tracing.balances.null import used
+from hexsim.tracing.balances.continuity import FastContinuity, fast_rate, mean_capacity
+from hexsim.tracing.balances.null import used, with_noise
 from hexsim.tracing.fitting.fit import Fit, parameter_columns, refine, start_fit
 from hexsim.tracing.fitting.selection import search
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
@@ -25,6 +26,7 @@ from hexsim.tracing.state import Step, Tell, Trace, Violation
 from hexsim.tracing.steps.violations import own_machine
 
 INDEPENDENT_S = 0.02  # [s] half the balances' window: samples so far apart are about independent
+FAST_REST_S = 0.04  # [s] whole width of the window that takes off what is slower
 
 
 def joint_problem(problem: SimulatedProblem, lines: Sequence[Violation], machine: Machine) -> BalanceProblem:
@@ -41,6 +43,24 @@ def joint_problem(problem: SimulatedProblem, lines: Sequence[Violation], machine
         rows = tuple(range(len(balance.places(log))))
         parts.append(BalanceRows(balance=balance, sigma=sigma, rows=rows, clean=clean))
     return BalanceProblem(logs=problem.logs, parts=tuple(parts), thin_s=INDEPENDENT_S)
+
+
+def with_fast_rows(joint: BalanceProblem, problem: SimulatedProblem, machine: Machine) -> BalanceProblem:
+    """The same with the fast continuity of a bench, where the logs show it; its noise from one null run of each log."""
+    bare = FastContinuity()
+    if not all(bare.wants(log, machine) for log in problem.logs):
+        return joint
+    rng, resolution = np.random.default_rng(0), machine.sensors.position_resolution_m
+    quiet = [problem.simulated(machine, i) for i in range(len(problem.logs))]
+    noisy = [with_noise(log, problem.noise, resolution, rng) for log in quiet]
+    left = [used(log, bare.residual(log, machine)) for log in noisy]  # what reversals between samples leave counts as noise
+    rates = [used(q, fast_rate(n.pressure[0] - q.pressure[0], q.rate)) for q, n in zip(quiet, noisy, strict=True)]
+    capacity = float(np.mean([mean_capacity(log, machine) for log in quiet]))
+    whole, rate = (float(np.sqrt(np.nanmean(np.concatenate(own, axis=-1) ** 2))) for own in (left, rates))
+    fast = FastContinuity(float(np.sqrt(max(whole**2 - (capacity * rate) ** 2, 0.01 * whole**2))), rate)
+    clean = tuple(np.nan_to_num(used(log, fast.residual(log, machine))) for log in quiet)
+    part = BalanceRows(balance=fast, sigma=np.ones(1), rows=(0,), clean=clean, rest_time_s=FAST_REST_S)
+    return replace(joint, parts=(*joint.parts, part))
 
 
 def search_in_balances(trace: Trace, tell: Tell) -> Trace:

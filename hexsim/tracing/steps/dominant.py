@@ -29,7 +29,7 @@ from hexsim.tracing.fitting.selection import residual_at_noise_level
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace
-from hexsim.tracing.steps.balance_search import joint_problem
+from hexsim.tracing.steps.balance_search import joint_problem, with_fast_rows
 from hexsim.tracing.steps.verdict import held_out_gains
 from hexsim.tracing.steps.violations import own_machine
 
@@ -152,8 +152,10 @@ def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence]) -> bool:
 def sure_effects(trace: Trace, tell: Tell) -> Sure:
     """Forward selection at the level of the rest; nothing named where nothing is sure."""
     machine = own_machine(trace.machine, trace.violations)
-    problem = joint_problem(trace.fit_problem, trace.violations, machine)
-    unseen = joint_problem(trace.validate_problem, trace.violations, machine)
+    problem, unseen = (
+        with_fast_rows(joint_problem(runs, trace.violations, machine), runs, machine)
+        for runs in (trace.fit_problem, trace.validate_problem)
+    )
     small = rest_level.ordinary_effects(trace.candidates)
     best = rest_level.start_rest_fit(start_fit(trace.machine, trace.base.priors, problem), small, problem)
     found: list[Evidence] = []
