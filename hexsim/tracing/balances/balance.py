@@ -209,8 +209,10 @@ def sensor_settings(resolved: Resolved, leg: int) -> tuple[Settings, Settings, S
 def sensed_leg(log: Log, resolved: Resolved, leg: int) -> SensedLeg:
     """What the sensors of a leg say, computed once for a log and its sensors' settings."""
     settings = sensor_settings(resolved, leg)
-    ticks = tick_samples(log, leg, resolved.machine.controller.rate_Hz)
-    return remembered(log, (leg, *settings), lambda: _sense(log, leg, *settings, ticks))
+    rate_Hz = resolved.machine.controller.rate_Hz
+    return remembered(
+        log, (leg, *settings), lambda: _sense(log, leg, *settings, tick_samples(log, leg, rate_Hz))
+    )
 
 
 def _sense(

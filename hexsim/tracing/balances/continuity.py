@@ -23,6 +23,7 @@ from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import (
     Balance,
     MeasuredPoint,
+    SensedLeg,
     leg_key,
     measured_point,
     resolved_machine,
@@ -95,11 +96,16 @@ def top_inflow_of(p: Array, point: MeasuredPoint) -> Array:
     return top_inflows(p, point.x, point.P1, point.P2, point.Ps)
 
 
+def capacity_of(p: Array, sensed: SensedLeg) -> Array:
+    """Of the bottom chamber under the window (n,) [m3/Pa]."""
+    return capacities(p, sensed.mean_y, sensed.mean_P1)
+
+
 def residual_of(p: Array, point: MeasuredPoint, flow: Array, window: Window) -> Array:
     """Of the bottom chamber (n,) [m3/s]."""
     assert point.P1 is not None
     sensed = point.sensed
-    capacity = capacities(p, sensed.mean_y, sensed.mean_P1)
+    capacity = capacity_of(p, sensed)
     compressed = compression(capacity, point.P1, sensed.mean_P1, window)
     return window.mean(flow) - p[P.AREA_BOTTOM] * sensed.mean_v - compressed
 
@@ -108,7 +114,7 @@ def fast_residual_of(p: Array, point: MeasuredPoint, flow: Array, window: Window
     """Of the bottom chamber (n,) [m3/s], what is slower than the usual window taken off."""
     assert point.P1 is not None
     sensed, short = point.sensed, Window(1.0 / window.dt, FAST_S)
-    capacity = capacities(p, sensed.mean_y, sensed.mean_P1)
+    capacity = capacity_of(p, sensed)
     net = flow - p[P.AREA_BOTTOM] * sensed.fast_v
     return short.mean(net) - window.mean(net) - capacity * fast_rate(point.P1, 1.0 / window.dt)
 
@@ -192,7 +198,7 @@ def mean_capacity(log: Log, machine: Machine) -> float:
     """Of the bottom chamber of the first leg over a log [m3/Pa]."""
     resolved = resolved_machine(machine)
     sensed = measured_point(log, machine, resolved, 0).sensed
-    return float(np.mean(capacities(resolved.rows[0], sensed.mean_y, sensed.mean_P1)))
+    return float(np.mean(capacity_of(resolved.rows[0], sensed)))
 
 
 class FastContinuity(Continuity):

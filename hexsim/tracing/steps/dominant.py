@@ -64,7 +64,9 @@ def rivals_of(
 
     def tried_with(job: Job) -> RestFit | None:
         promised, candidate, size = job
-        return rest_level.with_effect(base, candidate, problem, size, -np.inf if promised > least else least)
+        return rest_level.with_effect(
+            base, candidate, problem, size, -np.inf if promised > least else least, max(promised, least)
+        )
 
     tried = in_parallel(tried_with, jobs)
     return sorted((rival for rival in tried if rival is not None), key=lambda rival: rival.cost), hidden
