@@ -16,8 +16,8 @@ from hexsim.tracing.balances.balance import measured_point, resolved_machine
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.dependence import CURVES, block_numbers, design, knots_of, r2_of
 from hexsim.tracing.fitting import rest_errors, rest_level
-from hexsim.tracing.fitting.fit import start_fit_at
-from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
+from hexsim.tracing.fitting.fit import Fit, start_fit_at
+from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
 from hexsim.tracing.fitting.rest_level import RestFit, row_sizes
 from hexsim.tracing.problems.balance import BalanceProblem
 
@@ -95,7 +95,7 @@ def evidence_of(
         restored=most_restored(
             [(base.sizes[rows], rival.sizes[rows], row_sizes(before)[rows], row_sizes(after)[rows]) for rows in of_parts]
         ),
-        remarkable=abs(size + shared_size(rival)) / least_remarkable(candidate),
+        remarkable=abs(size + shared_size(rival.fit, candidate)) / least_remarkable(candidate),
         apart=tuple(x for x, _ in runs),
         spread=max(abs(x - size) / max(3.0 * sd, rules.PARTLY_SPREAD * abs(size), 1e-12) for x, sd in runs),
         harm=float(np.max(np.exp(-2.0 * falls))) - 1.0 if candidate.effect.balance == "sensor" else 0.0,
@@ -178,13 +178,21 @@ def least_remarkable(candidate: Candidate) -> float:
     return abs(to_coordinate(size, ordinary)) * rules.REMARKABLE if ordinary else rules.REMARKABLE_SHARE
 
 
-def shared_size(rival: RestFit) -> float:
+def shared_size(fit: Fit, candidate: Candidate) -> float:
     """Coordinate of the small reality of all legs beside an effect in one of them: that leg has both together."""
-    candidate = rival.fit.candidates[-1]
-    for k, other in enumerate(rival.fit.candidates[:-1]):
-        if rest_level.is_held(other) and other.effect.name == candidate.effect.name:
-            return rest_level.size_of(rival.fit, k)
+    for k, other in enumerate(fit.candidates):
+        if other is not candidate and rest_level.is_held(other) and other.effect.name == candidate.effect.name:
+            return rest_level.size_of(fit, k)
     return 0.0
+
+
+def values_in_leg(fit: Fit, candidate: Candidate) -> dict[str, float]:
+    """Numbers of an effect as its leg has it: of the first, what all legs share is added where such things add up."""
+    values, number = fit.values[fit.candidates.index(candidate)], candidate.effect.parameters[0]
+    if np.isinf(number.neutral):
+        return values
+    whole = to_coordinate(number, values[number.name]) + shared_size(fit, candidate)
+    return values | {number.name: to_value(number, whole)}
 
 
 def apart(found: RestFit, problem: BalanceProblem) -> list[tuple[float, float]]:

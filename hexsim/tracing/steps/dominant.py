@@ -22,7 +22,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import Fit, start_fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
-from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure
+from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure, values_in_leg
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.fitting.selection import residual_at_noise_level
@@ -201,7 +201,7 @@ def named_effect(final: Fit, own: Evidence, trace: Trace, gains: tuple[float, ..
     gain = trace.base.chi2 - final.chi2
     return NamedEffect(
         candidate=own.candidate,
-        values=final.values[k],
+        values=values_in_leg(final, own.candidate),
         standard_errors=final.standard_errors()[k],
         tied_with=own.tied,
         gain_chi2=gain,
