@@ -79,8 +79,7 @@ def evidence_of(
     before, after = start_fit_at(base.fit, unseen).misfit, start_fit_at(rival.fit, unseen).misfit
     share, resampled = shares_of(base.fit.misfit, rival.fit.misfit, thin)
     held_out, held_out_resampled = shares_of(before, after, thin)
-    of_parts, everywhere = own_rows(candidate, problem), list(range(len(base.sizes)))
-    own = [row for rows in of_parts for row in rows]
+    own, everywhere = own_rows(candidate, problem), list(range(len(base.sizes)))
     falls = np.log(np.maximum(base.sizes, 1.0)) - np.log(np.maximum(rival.sizes, 1.0))
     runs = apart(rival, problem)
     others = [other for other in rivals if other.fit.candidates[-1].label != candidate.label]
@@ -93,7 +92,10 @@ def evidence_of(
         unseen_least=least(held_out_resampled),
         own=float(np.sum(falls[own])) / max(float(np.sum(falls)), 1e-12),
         restored=most_restored(
-            [(base.sizes[rows], rival.sizes[rows], row_sizes(before)[rows], row_sizes(after)[rows]) for rows in of_parts]
+            [
+                (base.sizes[rows], rival.sizes[rows], row_sizes(before)[rows], row_sizes(after)[rows])
+                for rows in own_balances(candidate, problem)
+            ]
         ),
         remarkable=abs(size + shared_size(rival.fit, candidate)) / least_remarkable(candidate),
         apart=tuple(x for x, _ in runs),
@@ -138,7 +140,12 @@ def worse(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float) ->
     return share > rules.PARTLY_TIE and least(resampled) > 0.0
 
 
-def own_rows(candidate: Candidate, problem: BalanceProblem) -> list[list[int]]:
+def own_rows(candidate: Candidate, problem: BalanceProblem) -> list[int]:
+    """Rows of all balances that the effect is of."""
+    return [row for rows in own_balances(candidate, problem) for row in rows]
+
+
+def own_balances(candidate: Candidate, problem: BalanceProblem) -> list[list[int]]:
     """Rows of the balances that the effect is of, a balance a list: `valve` is a name of continuity, a sensor's effect may show in any.
 
     The force of a hexapod's leg is the platform's. Rows of other legs are not its own: what restores them is no rival.
