@@ -35,7 +35,7 @@ DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
 SPOOL_START = 0.2  # coordinate at which what vanishes at infinity starts: nothing can be differentiated at 0
 STARTS = (1.0, 0.4, 2.0)  # sizes at which an effect may begin, besides that of its column
 KEPT_PROMISE = 0.7  # share of what a column promises from which it is taken at its word
-LEAST_FALL = 0.3  # of J, for another step
+LEAST_FALL = 1.0  # of J, for another step
 RENEWALS = 3  # of the columns
 
 
@@ -215,7 +215,7 @@ def with_effect(
     """The base with one more effect, refitted, the base's columns kept; None when J does not begin lower by `least`.
 
     Begun at this size where J falls as its column promised, or at a larger one, whatever leaves least: a delay's column
-    tells little of a delay ten times as long.
+    tells little of a delay ten times as long. At first all rows count alike: quick rows make many valleys.
     """
     bare, columns = released(base, candidate)
     number = candidate.effect.parameters[0]
@@ -225,13 +225,15 @@ def with_effect(
         return answered(replace(bare, candidates=(*bare.candidates, candidate), values=(*bare.values, values)), problem)
 
     side = -1.0 if size < 0.0 and number.bounds[0] < 0.0 else 1.0
-    fit = begun_at(size)
-    if base.cost - cost_of(fit, problem) < KEPT_PROMISE * promised:
-        starts = [fit, *(begun_at(side * start) for start in (STARTS if promised > least else STARTS[:1]))]
-        fit = min(starts, key=lambda fit: cost_of(fit, problem))
-    cost = cost_of(fit, problem)
-    worth = np.isfinite(cost) and base.cost - cost > least
-    return refined(fit, problem, columns) if worth else None
+    even, fit = problem.evenly(), begun_at(size)
+    cost = cost_of(base.fit, even)
+    if cost - cost_of(fit, even) < KEPT_PROMISE * promised:
+        starts = [fit, *(begun_at(side * start) for start in (STARTS if least < 0.0 else STARTS[:1]))]
+        fit = min(starts, key=lambda fit: cost_of(fit, even))
+    if not cost - cost_of(fit, even) > least:
+        return None
+    found = refined(fit, even, columns)
+    return found if even is problem else refined(found.fit, problem, columns)
 
 
 def asked_for(

@@ -5,7 +5,8 @@ A balance costs milliseconds where a simulated run costs a tenth of a second.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -62,6 +63,11 @@ class BalanceProblem(FitProblem):
     @property
     def rest_times_s(self) -> Array:
         return np.concatenate([np.full(len(part.rows), part.rest_time_s) for part in self.parts])
+
+    def evenly(self) -> Self:
+        if all(part.rest_time_s == rules.REST_TIME_S for part in self.parts):
+            return self
+        return replace(self, parts=tuple(replace(part, rest_time_s=rules.REST_TIME_S) for part in self.parts))
 
     @property
     def samples(self) -> int:

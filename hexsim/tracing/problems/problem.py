@@ -47,6 +47,10 @@ class FitProblem(ABC):
         """Correlation time of what a model leaves, of every row [s]: so far apart its samples count as independent."""
         return rules.REST_TIME_S
 
+    def evenly(self) -> Self:
+        """The same problem with one correlation time for all rows; itself where they have."""
+        return self
+
     def settle(self, i: int) -> int:
         """First sample of log i that counts."""
         return 0

@@ -64,9 +64,8 @@ def rivals_of(
 
     def tried_with(job: Job) -> RestFit | None:
         promised, candidate, size = job
-        return rest_level.with_effect(
-            base, candidate, problem, size, -np.inf if promised > least else least, max(promised, least)
-        )
+        begins = -least_fall(problem) if promised > least else least  # a promise may begin with a loss
+        return rest_level.with_effect(base, candidate, problem, size, begins, max(promised, least))
 
     tried = in_parallel(tried_with, jobs)
     return sorted((rival for rival in tried if rival is not None), key=lambda rival: rival.cost), hidden
