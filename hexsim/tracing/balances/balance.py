@@ -210,9 +210,7 @@ def sensed_leg(log: Log, resolved: Resolved, leg: int) -> SensedLeg:
     """What the sensors of a leg say, computed once for a log and its sensors' settings."""
     settings = sensor_settings(resolved, leg)
     rate_Hz = resolved.machine.controller.rate_Hz
-    return remembered(
-        log, (leg, *settings), lambda: _sense(log, leg, *settings, tick_samples(log, leg, rate_Hz))
-    )
+    return remembered(log, (leg, *settings), lambda: _sense(log, leg, *settings, tick_samples(log, leg, rate_Hz)))
 
 
 def _sense(

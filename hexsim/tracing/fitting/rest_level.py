@@ -215,7 +215,7 @@ def with_effect(
     """The base with one more effect, refitted, the base's columns kept; None when J does not begin lower by `least`.
 
     Begun at this size where J falls as its column promised, or at a larger one, whatever leaves least: a delay's column
-    tells little of a delay ten times as long. At first all rows count alike: quick rows make many valleys.
+    tells little of a delay ten times as long. At first without quick rows: they make many valleys.
     """
     bare, columns = released(base, candidate)
     number = candidate.effect.parameters[0]
@@ -225,15 +225,15 @@ def with_effect(
         return answered(replace(bare, candidates=(*bare.candidates, candidate), values=(*bare.values, values)), problem)
 
     side = -1.0 if size < 0.0 and number.bounds[0] < 0.0 else 1.0
-    even, fit = problem.evenly(), begun_at(size)
-    cost = cost_of(base.fit, even)
-    if cost - cost_of(fit, even) < KEPT_PROMISE * promised:
+    slow, fit = problem.slow_alone(), begun_at(size)
+    cost = cost_of(base.fit, slow)
+    if cost - cost_of(fit, slow) < KEPT_PROMISE * promised:
         starts = [fit, *(begun_at(side * start) for start in (STARTS if least < 0.0 else STARTS[:1]))]
-        fit = min(starts, key=lambda fit: cost_of(fit, even))
-    if not cost - cost_of(fit, even) > least:
+        fit = min(starts, key=lambda fit: cost_of(fit, slow))
+    if not cost - cost_of(fit, slow) > least:
         return None
-    found = refined(fit, even, columns)
-    return found if even is problem else refined(found.fit, problem, columns)
+    found = refined(fit, slow, columns)
+    return found if slow is problem else refined(found.fit, problem, columns)
 
 
 def asked_for(

@@ -64,10 +64,10 @@ class BalanceProblem(FitProblem):
     def rest_times_s(self) -> Array:
         return np.concatenate([np.full(len(part.rows), part.rest_time_s) for part in self.parts])
 
-    def evenly(self) -> Self:
-        if all(part.rest_time_s == rules.REST_TIME_S for part in self.parts):
-            return self
-        return replace(self, parts=tuple(replace(part, rest_time_s=rules.REST_TIME_S) for part in self.parts))
+    def slow_alone(self) -> Self:
+        quick = [part.rest_time_s != rules.REST_TIME_S for part in self.parts]
+        mute = (replace(p, rest_time_s=np.inf) if own else p for p, own in zip(self.parts, quick, strict=True))
+        return replace(self, parts=tuple(mute)) if any(quick) else self
 
     @property
     def samples(self) -> int:

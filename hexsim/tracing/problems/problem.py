@@ -47,8 +47,8 @@ class FitProblem(ABC):
         """Correlation time of what a model leaves, of every row [s]: so far apart its samples count as independent."""
         return rules.REST_TIME_S
 
-    def evenly(self) -> Self:
-        """The same problem with one correlation time for all rows; itself where they have."""
+    def slow_alone(self) -> Self:
+        """The same problem in which quick rows do not count; itself where there are none."""
         return self
 
     def settle(self, i: int) -> int:

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from hexsim.declaration import Machine
+from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named
 from hexsim.tracing.balances.continuity import FastContinuity, fast_rate, mean_capacity
@@ -25,6 +26,7 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace, Violation
 from hexsim.tracing.steps.violations import own_machine
 
+Array = np.ndarray
 INDEPENDENT_S = 0.02  # [s] half the balances' window: samples so far apart are about independent
 FAST_REST_S = 0.04  # [s] whole width of the window that takes off what is slower
 
@@ -46,21 +48,32 @@ def joint_problem(problem: SimulatedProblem, lines: Sequence[Violation], machine
 
 
 def with_fast_rows(joint: BalanceProblem, problem: SimulatedProblem, machine: Machine) -> BalanceProblem:
-    """The same with the fast continuity of a bench, where the logs show it; its noise from one null run of each log."""
+    """The same with the fast continuity of a bench, where the logs show it; its noise from one null run of each log.
+
+    What reversals between two samples leave in a null run counts as noise.
+    """
     bare = FastContinuity()
     if not all(bare.wants(log, machine) for log in problem.logs):
         return joint
     rng, resolution = np.random.default_rng(0), machine.sensors.position_resolution_m
     quiet = [problem.simulated(machine, i) for i in range(len(problem.logs))]
     noisy = [with_noise(log, problem.noise, resolution, rng) for log in quiet]
-    left = [used(log, bare.residual(log, machine)) for log in noisy]  # what reversals between samples leave counts as noise
-    rates = [used(q, fast_rate(n.pressure[0] - q.pressure[0], q.rate)) for q, n in zip(quiet, noisy, strict=True)]
+    left = [used(log, bare.residual(log, machine)) for log in noisy]
+    rates = [used(q, fast_rate(_first(n) - _first(q), q.rate)) for q, n in zip(quiet, noisy, strict=True)]
     capacity = float(np.mean([mean_capacity(log, machine) for log in quiet]))
     whole, rate = (float(np.sqrt(np.nanmean(np.concatenate(own, axis=-1) ** 2))) for own in (left, rates))
+    if not np.isfinite(whole) or whole <= 0.0:
+        return joint
     fast = FastContinuity(float(np.sqrt(max(whole**2 - (capacity * rate) ** 2, 0.01 * whole**2))), rate)
     clean = tuple(np.nan_to_num(used(log, fast.residual(log, machine))) for log in quiet)
     part = BalanceRows(balance=fast, sigma=np.ones(1), rows=(0,), clean=clean, rest_time_s=FAST_REST_S)
     return replace(joint, parts=(*joint.parts, part))
+
+
+def _first(log: Log) -> Array:
+    """Pressure of the bottom chamber of the first leg (n,) [Pa]."""
+    assert log.pressure is not None
+    return log.pressure[0]
 
 
 def search_in_balances(trace: Trace, tell: Tell) -> Trace:

@@ -47,6 +47,7 @@ def rivals_of(
     """
     asked: dict[str, Job] = {}
     hidden: dict[str, float] = {}
+    slow = problem.slow_alone()
     for candidate, own in zip(possible, columns_of(base.fit, list(possible), problem), strict=True):
         if not all(np.all(np.isfinite(column)) for column in own):
             continue
@@ -57,6 +58,9 @@ def rivals_of(
         if np.isfinite(sd):
             shown = max(sd * float(np.sqrt(least_fall(problem))), least_remarkable(candidate))
             hidden.setdefault(candidate.effect.name, abs(to_value(number, shown)))
+        if slow is not problem:
+            alone, promised, _ = rest_level.asked_for(bare, grown, coordinate_bounds(number), slow)
+            size, fall = (alone, promised) if promised > fall else (size, fall)
         if fall > asked.get(candidate.label, (-np.inf,))[0]:
             asked[candidate.label] = (fall, candidate, float(np.clip(size, -LARGEST_START, LARGEST_START)) or 0.1)
     jobs = worth_a_refit(list(asked.values()), bending=not named_already)
