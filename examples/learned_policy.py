@@ -224,7 +224,7 @@ def main(arguments: list[str]) -> None:
     print(said(kept))
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
-        (options.out / "learned_policy.json").write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+        (options.out / "learned_policy.json").write_text(json.dumps(kept) + "\n", encoding="utf-8")
         (options.out / "learned_policy.png").write_bytes(picture(kept))
 
 
