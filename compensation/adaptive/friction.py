@@ -17,7 +17,7 @@ from ..compiled import compiled
 from .arithmetic import clip, copy, fill_zero
 from .presliding import bristle
 from .recursive_least_squares import bound_influence, scale_covariance, start_fit, update_fit
-from .stribeck import MIN_RATE
+from .stribeck import MIN_RATE, begin_stribeck
 
 MAX_HALF_STEP_MPA = 1.0
 DM = 10.0  # [dm/m]
@@ -83,9 +83,8 @@ def _finish_window(friction, position_m):
     update_fit(friction.fit, phi, 0.0)
     friction.windows[up] += 1
     friction.half_step_Pa = 1e6 * clip(friction.fit.theta[4], 0.0, MAX_HALF_STEP_MPA)
-    if friction.stribeck.reversals == 0:
-        surely = friction.fit.theta[6] - NOISE_MPA * math.sqrt(friction.fit.covariance[6, 6])
-        friction.stribeck.pressure_Pa = clip(1e6 * surely, 0.0, 2.0 * friction.half_step_Pa)
+    error_Pa = 1e6 * math.sqrt(max(friction.fit.residual, NOISE_MPA**2) * friction.fit.covariance[6, 6])
+    begin_stribeck(friction.stribeck, 1e6 * friction.fit.theta[6], error_Pa, 2.0 * friction.half_step_Pa)
 
 
 @compiled

@@ -74,6 +74,7 @@ VALVE = record(  # valve.py
 )  # fmt: skip
 STRIBECK = record(  # stribeck.py
     tick_s="f8", pressure_Pa="f8", reversals="i8", direction="f8",
+    known="f8",  # reversals that what windows told counts for
     ticks="i8",  # since the velocity changed sign
     deviation_Pa=("f8", (2 * REACH + 1,)), position_error_m=("f8", (2 * REACH + 1,)), share=("f8", (2 * REACH + 1,)),
 )  # fmt: skip
@@ -100,7 +101,7 @@ REFERENCE = record(  # reference.py: y_m at the tick boundary looked at last
     load_m_s2="f8",  # what the load's pressure goes with: y_m'', or of a platform's leg what the setpoints of all legs ask for
     expected_m_s2="f8",  # of the setpoints, at that boundary
     load_lag_m_s2="f8",  # by which the load of the reference lags it
-    load_given="i8",  # at this tick
+    load_given="i8",  # 1 for the step to come, 2 for the last one
     feed_forward="f8",  # g
     position_m="f8", velocity_m_s="f8", acceleration_m_s2="f8",
     lag_m="f8",  # r - y_m

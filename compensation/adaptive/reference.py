@@ -46,7 +46,7 @@ def advance_reference(reference, behind_m, here_m, ahead_m):
 def expect_load(reference, loads_m_s2, look):
     """For the next step: what all legs' setpoints give this leg to carry, of this tick and the next (n,); of none: y_m''."""
     before, reference.load_given = reference.load_given, 1 if len(loads_m_s2) > look else 0
-    if reference.load_given:
+    if reference.load_given == 1:
         asked = loads_m_s2[look]
         reference.load_lag_m_s2 += (1.0 - reference.feed_forward) * (asked - reference.expected_m_s2) if before else 0.0
         reference.expected_m_s2 = asked
@@ -54,9 +54,10 @@ def expect_load(reference, loads_m_s2, look):
 
 @compiled
 def _advance_load(reference):
-    if not reference.load_given:
-        reference.load_m_s2 = reference.acceleration_m_s2
+    if reference.load_given != 1:
+        reference.load_m_s2, reference.load_given = reference.acceleration_m_s2, 0
         return
+    reference.load_given = 2
     decay = 0.5 * reference.tick_s * (reference.loop_1_s[0] + reference.loop_1_s[1])
     reference.load_lag_m_s2 *= 1.0 - decay
     reference.load_m_s2 = reference.expected_m_s2 - reference.load_lag_m_s2

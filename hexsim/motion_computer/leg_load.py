@@ -41,12 +41,14 @@ def holding_forces(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
 class ExpectedLoad:
     """What each leg of a platform carries of the motion asked of all of them, from the declared body and geometry.
 
-    inertia (n, n) [1], stiffness (n, n) [1/s2]: M and K over the mean mass of a leg while all move alike; neutral (n,) [m].
+    inertia (n, n) [1], stiffness (n, n) [1/s2]: M and K over the mean mass of a leg while all move alike, mass_kg;
+    neutral (n,) [m].
     """
 
     inertia: Array
     stiffness: Array
     neutral: Array
+    mass_kg: float
 
     @classmethod
     def of(cls, resolved: Resolved) -> ExpectedLoad | None:
@@ -61,7 +63,7 @@ class ExpectedLoad:
         ]
         stiffness = (np.array(ends[:6]) - np.array(ends[6:])).T / (2 * DISPLACED_m)
         mass = inertia.sum() / mechanics.n_legs
-        return cls(inertia=inertia / mass, stiffness=stiffness / mass, neutral=neutral)
+        return cls(inertia=inertia / mass, stiffness=stiffness / mass, neutral=neutral, mass_kg=mass)
 
     def accelerations(self, setpoints: Array, tick_s: float) -> Array:
         """Load (m, n) [m/s2] at each tick of setpoints (m, n) [m]; at both ends that of the tick beside."""
