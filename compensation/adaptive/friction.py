@@ -4,9 +4,8 @@ While the piston moves, the bottom pressure balances load, inertia and friction 
 
     P1 - Ps A2/A1 = p0 + p1 a + p2 v+ + p3 v- + p4 sign(v) + p5 y + p6 sign(v) exp(-|v| / v_s)
 
-y and a are the mean position and the load demanded (reference.py: the demanded acceleration, or what all legs ask for), v+ and v- the velocity of each direction, from displacements.
-At a reversal all terms but the sign are continuous: the pressure must step by 2 p4, whatever mass, geometry and viscous
-friction. p6 is Stribeck friction as slow windows see it: what is begun with. Reversals tell it better (stribeck.py).
+y is the mean position, a the load demanded: the demanded acceleration, or what the setpoints of all legs ask for
+(reference.py). v+ and v- are the velocity of each direction, from displacements. At a reversal all terms but the sign are continuous: the pressure must step by 2 p4, whatever mass, geometry and viscous friction. p6 is Stribeck friction as slow windows see it: what is begun with. Reversals tell it better (stribeck.py).
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import math
 
 from ..compiled import compiled
 from .arithmetic import clip, copy, fill_zero
+from .chambers import compliance_m_Pa
 from .presliding import bristle
 from .recursive_least_squares import bound_influence, scale_covariance, start_fit, update_fit
 from .stribeck import MIN_RATE, begin_stribeck
@@ -124,8 +124,8 @@ def resonance_of_load_Hz(friction, settings):
     13 to 28 kPa against 1 to 4)."""
     if not friction_ready(friction) or friction.fit.residual > MAX_LOAD_MISFIT_MPA**2:
         return 0.0
-    compliance_m_Pa = (0.5 * settings.stroke_m + settings.pipeline_length_m) / settings.bulk_modulus_Pa
-    return 1.0 / (2.0 * math.pi * math.sqrt(compliance_m_Pa * inertia_Pa(friction)))
+    compliance = compliance_m_Pa(settings, 0.5 * settings.stroke_m)
+    return 1.0 / (2.0 * math.pi * math.sqrt(compliance * inertia_Pa(friction)))
 
 
 @compiled

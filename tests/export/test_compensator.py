@@ -94,7 +94,9 @@ def test_the_load_of_other_legs_is_expected_alike(exported):
     """9 s, from 5 s on with a load that other legs give: other volts than without, and equal to Python's to the bit; an
     algorithm that is told no more goes back to its own acceleration."""
     samples = recorded(9.0, fault_s=20.0)
-    loads = [0.3 * np.cos(8 * np.arange(k, k + 15) / 500) if 2500 < k < 4000 else np.zeros(0) for k in range(len(samples))]
+    loads = [
+        0.3 * np.cos(8 * np.arange(k, k + 15) / 500) if 2500 < k < 4000 else np.zeros(0) for k in range(len(samples))
+    ]
     told = [replace(sample, load_preview_m_s2=load) for sample, load in zip(samples, loads, strict=True)]
     ours, _ = volts(compensation.create("adaptive"), told)
     assert volts(compensation.create(str(exported / "libhexsim_adaptive.so")), told)[0] == ours

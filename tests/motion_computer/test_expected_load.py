@@ -40,7 +40,10 @@ def test_it_is_the_inverse_dynamics_of_the_platform(expected: ExpectedLoad) -> N
     t = np.arange(2.0, 16.0, TICK_s)
     poses, rates, accelerations = load_scenario("combined").evaluate(t)
     forces, pistons = leg_forces(poses, rates, accelerations), RESOLVED.machine.mechanics.piston_positions(poses)
-    load, own = expected.accelerations(pistons, TICK_s), np.gradient(np.gradient(pistons, TICK_s, axis=0), TICK_s, axis=0)
+    load, own = (
+        expected.accelerations(pistons, TICK_s),
+        np.gradient(np.gradient(pistons, TICK_s, axis=0), TICK_s, axis=0),
+    )
     mass = np.linalg.lstsq(load - load.mean(0), forces - forces.mean(0), rcond=None)[0]
     for leg in range(6):
         varies = np.std(forces[:, leg])
