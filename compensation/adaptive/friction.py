@@ -5,7 +5,9 @@ While the piston moves, the bottom pressure balances load, inertia and friction 
     P1 - Ps A2/A1 = p0 + p1 a + p2 v+ + p3 v- + p4 sign(v) + p5 y + p6 sign(v) exp(-|v| / v_s)
 
 y is the mean position, a the load demanded: the demanded acceleration, or what the setpoints of all legs ask for
-(reference.py). v+ and v- are the velocity of each direction, from displacements. At a reversal all terms but the sign are continuous: the pressure must step by 2 p4, whatever mass, geometry and viscous friction. p6 is Stribeck friction as slow windows see it: what is begun with. Reversals tell it better (stribeck.py).
+(reference.py). v+ and v- are the velocity of each direction, from displacements. At a reversal all terms but the sign
+are continuous: the pressure must step by 2 p4, whatever mass, geometry and viscous friction. p6 is Stribeck friction as
+slow windows see it: what is begun with. Reversals tell it better (stribeck.py).
 """
 
 from __future__ import annotations
