@@ -156,10 +156,11 @@ def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: Mechanics, bodies: li
         inertia[axis] -= excess
         platform.inertia[axis] += excess
     if 2 * platform.inertia.max() > platform.inertia.sum():
+        moments = ", ".join(f"{moment:.4g}" for moment in platform.inertia)
         raise HexsimError(
             "no rigid body can represent platform and legs in the tendon model, its moments of inertia would be "
-            f"impossible: {np.round(platform.inertia, 1).tolist()} kg m2; give load.rod_mass_fraction a share of 0.3 or more, or take full "
-            "legs (without --fast)"
+            f"impossible ({moments} kg m2): give load.rod_mass_fraction a share of 0.3 or more, or take full legs "
+            "(without --fast)"
         )
     lump = platform.add_body(name="legs_lump", pos=legs.centre)
     lump.mass, lump.ipos, lump.inertia, lump.explicitinertial = legs.mass, [0, 0, 0], inertia, True
