@@ -62,7 +62,7 @@ class Library(Compensator):
                 f"{GUARDED.itemsize // 8}; export it anew"
             )
         double, pointer = ctypes.c_double, ctypes.c_void_p
-        getattr(library, f"{PREFIX}step").argtypes = [pointer, double, pointer, ctypes.c_int, *[double] * 6, pointer]
+        getattr(library, f"{PREFIX}step").argtypes = [pointer, double, pointer, ctypes.c_int, *[double] * 7, pointer]
         return library
 
     def _call(self, function: str, *arrays: np.ndarray) -> int:
@@ -80,7 +80,7 @@ class Library(Compensator):
         state.told = getattr(self.functions, f"{PREFIX}step")(
             state.numbers.ctypes.data, sample.setpoint_m, preview.ctypes.data, len(preview), sample.position_m,
             sample.control_V, sample.feed_forward_V, sample.valve_V, sample.pressure_bottom_Pa,
-            sample.pressure_supply_Pa, ctypes.byref(added),
+            sample.pressure_top_Pa, sample.pressure_supply_Pa, ctypes.byref(added),
         )  # fmt: skip
         if state.told & DESIGN_WANTED:
             self._call("design", state.numbers)

@@ -15,6 +15,7 @@ import math
 
 from ..compiled import compiled
 from .arithmetic import clip, copy
+from .chambers import compliance_m_Pa
 from .presliding import bristle
 from .recursive_least_squares import bound_influence, scale_covariance, start_fit, update_fit
 from .stribeck import MIN_RATE
@@ -121,8 +122,8 @@ def resonance_of_load_Hz(friction, settings):
     13 to 28 kPa against 1 to 4)."""
     if not friction_ready(friction) or friction.fit.residual > MAX_LOAD_MISFIT_MPA**2:
         return 0.0
-    compliance_m_Pa = (0.5 * settings.stroke_m + settings.pipeline_length_m) / settings.bulk_modulus_Pa
-    return 1.0 / (2.0 * math.pi * math.sqrt(compliance_m_Pa * inertia_Pa(friction)))
+    compliance = compliance_m_Pa(settings, 0.5 * settings.stroke_m)
+    return 1.0 / (2.0 * math.pi * math.sqrt(compliance * inertia_Pa(friction)))
 
 
 @compiled

@@ -50,6 +50,7 @@ EDGE = record(  # valve_edge.py
     backlash_fit=FIT,  # the same and k h
     windows="f8", gain_m_s_V="f8", dead_band_V="f8", lag_s="f8",
     root="f8",  # R^ of the last window
+    least_V="f8",  # dead band: 0, or negative on a four-way valve with underlap
     backlash_V="f8",  # half width, 0 until it is taken into account
     fitted_backlash_V="f8",
     significant="i8",  # backlash: from then on b is found from where the volts reverse
@@ -70,6 +71,7 @@ VALVE = record(  # valve.py
     null_V="f8",  # volts that lie in the middle between both edges
     leak_m_s="f8",  # oil that flows into the chamber while the valve is closed
     leak_known="i8", null_rate_V_s="f8",
+    four_way="i8",
     ticks="i8",  # since the last window that was used
 )  # fmt: skip
 STRIBECK = record(  # stribeck.py
@@ -110,6 +112,7 @@ INVERSE = record(  # inverse.py
     dead_band_V=("f8", (2,)),  # dead-band compensation of the two ticks before
 )  # fmt: skip
 ROUNDING = record(  # edge_rounding.py
+    prior_V="f8", largest_V="f8", straight_V="f8", lower_errors="f8",
     square_V2="f8", variance_V4="f8",
     misfit="f8",  # mean square of a passage's excess, over its expected variance
     backlash_V="f8",  # volts behind the backlash
@@ -207,7 +210,7 @@ SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); dou
     step_min_s="f8", step_max_s="f8", jerk_m_s3="f8", presliding_m_s="f8", damping_1_s="f8", damping_count="f8",
     damping_low_Hz="f8", damping_high_Hz="f8", damping_max_V="f8", window_s="f8", min_speed_m_s="f8",
     memory_windows="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8", max_stability_limit_m_s2="f8",
-    min_excitation_m_s2="f8", learn="f8",
+    min_excitation_m_s2="f8", learn="f8", rod_ratio="f8", pipeline_length_top_m="f8",
 )  # fmt: skip
 DESIGN = record(  # taps.py, least_squares.py: work
     triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),

@@ -45,7 +45,7 @@ def native_functions() -> dict[str, Any]:
     """The functions of the header by their names, compiled once a process (half a minute)."""
     pointer, number, integer = types.voidptr, types.float64, types.int32
     table, double, guarded = prediction_table(), np.float64, GUARDED
-    step_arguments = (pointer, number, pointer, integer, *[number] * 6, pointer)
+    step_arguments = (pointer, number, pointer, integer, *[number] * 7, pointer)
 
     @cfunc(integer(pointer, pointer), error_model="numpy")
     def init(state, settings):
@@ -53,11 +53,11 @@ def native_functions() -> dict[str, Any]:
         return start_guarded(numbers, whole[0], carray(settings, (N_SETTINGS,), double))
 
     @cfunc(integer(*step_arguments), error_model="numpy")
-    def step(state, setpoint, preview, count, position, control, feed_forward, valve, bottom, supply, added):
+    def step(state, setpoint, preview, count, position, control, feed_forward, valve, bottom, top, supply, added):
         numbers, whole = carray(state, (SIZE,), double), carray(state, (1,), guarded)
         ahead, volts = carray(preview, (count,), double), carray(added, (1,), double)
         volts[0], told = tick_guarded(
-            numbers, whole[0], table, ahead, setpoint, position, control, valve, bottom, supply, feed_forward
+            numbers, whole[0], table, ahead, setpoint, position, control, valve, bottom, top, supply, feed_forward
         )
         return told
 

@@ -23,31 +23,22 @@ Array = NDArray[np.float64]
 
 
 def compensator_context(machine: Machine, period_s: float | None, leg: int = 1) -> Context:
-    """Of a leg, from 1: what an engineer reads off the machine's data sheet. Not the overlap, the friction or the discharge coefficient.
-
-    Compensators know one chamber, F/A1 = P1 - Ps A2/A1. Two chambers on a four-way valve look like that: with r = A2/A1
-    the valve's edges hold P1 (1 + r^3) = F/A1 + (Ps + Pt) (r + r^3)/2 -+ (Ps - Pt) (r - r^3)/2, extending or retracting.
-    The last term, 0 for a symmetric cylinder, is a step at each turn that they have to learn.
-    """
+    """Of a leg, from 1: what an engineer reads off the data sheet; not the overlap, the friction or the discharge coefficient."""
     own = machine.legs[leg - 1]
     cylinder, sensors = own.cylinder, own.sensors
-    bottom, top = cylinder.area_bottom_m2, cylinder.area_top_m2
-    share = 1.0
-    if cylinder.rod_side == "valve":
-        r = top / bottom
-        share = 1 + r**3
-        top = bottom * (r + r**3) / 2
     return Context(
         rate_Hz=machine.controller.rate_Hz,
         position_gain_V_per_m=own.controller.gain_V_per_m,
         voltage_max_V=own.valve.voltage_max_V,
         stroke_m=cylinder.stroke_m,
-        area_bottom_m2=share * bottom,
-        area_top_m2=top,
+        area_bottom_m2=cylinder.area_bottom_m2,
+        area_top_m2=cylinder.area_top_m2,
         supply_pressure_Pa=machine.supply.pressure_Pa,
         tank_pressure_Pa=machine.supply.tank_pressure_Pa,
         bulk_modulus_Pa=machine.oil.bulk_modulus_Pa,
-        pipeline_volume_m3=share * cylinder.pipeline_volume_m3,
+        pipeline_volume_m3=cylinder.pipeline_volume_m3,
+        four_way=cylinder.rod_side == "valve",
+        pipeline_volume_top_m3=cylinder.rod_side_volume_m3,
         position_noise_m=sensors.position_noise_m,
         position_resolution_m=sensors.position_resolution_m,
         pressure_noise_Pa=sensors.pressure_noise_Pa,
@@ -138,6 +129,7 @@ class PositionLoop:
                     pressure_bottom_Pa=float(pressures[i]),
                     pressure_supply_Pa=supply_Pa,
                     feed_forward_V=float(self.feed_forward[i]),
+                    pressure_top_Pa=0.0 if top_pressures is None else float(top_pressures[i]),
                 )
                 added, self.states[i] = compensator.step(self.states[i], sample)
                 added *= self.compensation_share

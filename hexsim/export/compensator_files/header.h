@@ -52,10 +52,11 @@ int @prefix@_init(double *state, const double *settings);
    feed_forward_V  the part of control_V that it feeds forward from the setpoint; else 0
    valve_V         sent to the valve at the previous tick, added volts included, as it was limited
    bottom_Pa       measured pressure below the piston
+   top_Pa          measured pressure of a rod side on a four-way valve; else 0
    supply_Pa       measured supply pressure */
 int @prefix@_step(double *state, double setpoint_m, const double *preview_m, int preview_count, double position_m,
-                  double control_V, double feed_forward_V, double valve_V, double bottom_Pa, double supply_Pa,
-                  double *added_V);
+                  double control_V, double feed_forward_V, double valve_V, double bottom_Pa, double top_Pa,
+                  double supply_Pa, double *added_V);
 
 /* The design of the taps that a step asked for: takes longer than a step. At once, or in the idle time of the next ticks,
    never while a step of the same state runs. Until then the former taps act. */
