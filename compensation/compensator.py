@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import abc
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
+NO_LOAD = np.zeros(0)  # `Sample.load_preview_m_s2` of a leg that carries nothing of what other legs move
 Parameters = dict[str, Any]  # numbers, lists of numbers, strings: what JSON and TOML can hold
 
 
@@ -38,6 +39,9 @@ class Sample:
     pressure_bottom_Pa: float  # measured, P1 of the report
     pressure_supply_Pa: float  # measured, Ps
     feed_forward_V: float = 0.0  # part of control_V that the controller feeds forward from the setpoint
+    pressure_top_Pa: float = 0.0  # measured, of a rod side on a four-way valve
+    # (n,) or none: load that the setpoints of all legs give this one, over the mass that it has when all move alike
+    load_preview_m_s2: np.ndarray = field(default_factory=lambda: NO_LOAD)
 
     def __post_init__(self) -> None:
         floats = (
@@ -67,6 +71,8 @@ class Context:
     tank_pressure_Pa: float = 0.0
     bulk_modulus_Pa: float = 1.5e9
     pipeline_volume_m3: float = 5.0e-7
+    four_way: bool = False  # the rod side is a chamber on the valve; else the supply acts on it
+    pipeline_volume_top_m3: float = 0.0  # of that chamber
     position_noise_m: float = 3.0e-6
     position_resolution_m: float = 3.0e-6
     pressure_noise_Pa: float = 4.0e3
@@ -96,13 +102,25 @@ class Context:
 
     @cached_property
     def area_ratio(self) -> float:
-        """A2 / A1: the share of the supply pressure, which acts on the rod side, that the bottom pressure balances."""
-        return self.area_top_m2 / self.area_bottom_m2
+        """A2 / A1: the share of the supply pressure, which acts on the rod side, that the bottom pressure balances; of
+        a four-way valve that of the three-way valve which is alike."""
+        ratio = self.area_top_m2 / self.area_bottom_m2
+        return ratio / (1.0 + ratio) if self.four_way else ratio
+
+    @cached_property
+    def rod_ratio(self) -> float:
+        """A2 / A1 of two chambers on a four-way valve, 0 of one on a three-way valve."""
+        return self.area_top_m2 / self.area_bottom_m2 if self.four_way else 0.0
 
     @cached_property
     def pipeline_length_m(self) -> float:
         """Travel of the piston that displaces the pipeline's volume."""
         return self.pipeline_volume_m3 / self.area_bottom_m2
+
+    @cached_property
+    def pipeline_length_top_m(self) -> float:
+        """The same of the rod side."""
+        return self.pipeline_volume_top_m3 / self.area_top_m2
 
     def compliance_m_Pa(self, position_m: float) -> float:
         """Travel by which the oil below the piston is compressed, per pressure: V / (E A1) (Eq. 3.7)."""

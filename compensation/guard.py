@@ -44,6 +44,7 @@ GUARD = np.dtype(
         np.record,
         [
             ("tick_s", "f8"), ("voltage_max_V", "f8"), ("position", READING), ("pressure", READING),
+            ("top_pressure", READING),
             ("saturated_ticks", "i8"), ("output_V", "f8"), ("fade_from_V", "f8"), ("fade_ticks", "i8"),  # left
             ("hold_off_ticks", "i8"),  # left; 0 = the algorithm acts
             ("fade_in", "f8"), ("reason", "i8"),
@@ -60,9 +61,9 @@ def start_guard(guard, tick_s, voltage_max_V):
 
 
 @compiled
-def check(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa):
+def check(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa):
     """One tick: ACTS, or else `guard.output_V` is what is added. RESTARTS: from the next tick on the algorithm acts."""
-    reason = _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa)
+    reason = _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa)
     if reason != SOUND:
         if guard.hold_off_ticks == 0:
             guard.fade_from_V, guard.fade_ticks = guard.output_V, FADE_TICKS
@@ -103,14 +104,16 @@ def _frozen(reading, value, setpoint_m):
 
 
 @compiled
-def _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa):
+def _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa):
     """What is wrong with this tick's signals."""
-    total = position_m + bottom_Pa + supply_Pa + control_V + valve_V + setpoint_m
+    total = position_m + bottom_Pa + top_Pa + supply_Pa + control_V + valve_V + setpoint_m
     if total - total != 0.0:
         return LOST
     if _frozen(guard.position, position_m, setpoint_m):
         return POSITION_FROZEN
     if _frozen(guard.pressure, bottom_Pa, setpoint_m):
+        return PRESSURE_FROZEN
+    if top_Pa != 0.0 and _frozen(guard.top_pressure, top_Pa, setpoint_m):
         return PRESSURE_FROZEN
     if abs(valve_V) < SATURATED_SHARE * guard.voltage_max_V:
         guard.saturated_ticks = 0
@@ -120,9 +123,9 @@ def _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_
 
 
 @compiled
-def check_first(guards, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa):
+def check_first(guards, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa):
     """`check` of guards (1,): Python hands an array over four times as fast as a record."""
-    return check(guards[0], setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa)
+    return check(guards[0], setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa)
 
 
 @compiled
@@ -154,7 +157,7 @@ class Guarded(Wrapped):
     def step(self, state: GuardState, sample: Sample) -> tuple[float, GuardState]:
         todo = check_first(
             state.guards, sample.setpoint_m, sample.position_m, sample.control_V, sample.valve_V, sample.pressure_bottom_Pa,
-            sample.pressure_supply_Pa,
+            sample.pressure_top_Pa, sample.pressure_supply_Pa,
         )  # fmt: skip
         if todo == ACTS:
             added, state.inner = self.inner.step(state.inner, sample)

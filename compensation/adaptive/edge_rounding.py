@@ -27,20 +27,23 @@ import math
 
 from ..compiled import compiled
 from .arithmetic import clip
+from .chambers import pair_flow_m_s
 from .layout import TRIM_TICKS
-from .leak import add_to_passage, finish_passage, leak_known, start_passage
+from .leak import add_to_passage, finish_passage, leak_known, skip_passage, start_passage
 from .spool import round_lag, set_spool_model
 from .valve import edges_variance_m2_s2, valve_ready, valve_usable
 
 PRIOR_V = 12e-3  # standard deviation of s before anything is known
 MAX_ROUNDING_V = 25e-3
 STRAIGHT_V = 0.05  # beyond the overlap, from where the curve is straight
+PAIR = 4.0  # times these on a four-way valve, whose spool travels less: rounding in volts is wider
+LEAST_OVERLAP_V = 0.03  # of both its edges, from which a leak is told from a null offset
 MIN_PROBE_V = 5e-3  # phi is computed with the identified rounding, and no less than this
 NOISE_M = 5e-6  # of a passage: two positions, and the residual of the identified valve
 MAX_EXCESS_M = 3e-5  # a passage, or a compensated reversal, with more than this is something else
 MAX_PASSAGE_S = 0.5  # so is a passage that takes longer
 MEMORY, MEMORY_EARLY = 15.0, 2.0  # passages; the second while the valve itself is being identified
-LOWER_ERRORS = 3.0  # standard errors of q from which edges are taken as rounded
+LOWER_ERRORS, LOWER_ERRORS_PAIR = 3.0, 1.0  # standard errors of q from which edges are taken as rounded
 UPPER_ERRORS = 2.0  # standard errors of q added for the upper confidence bound
 REJECT_ERRORS = 7.0  # standard errors of q below zero at which the identified valve is rejected
 MISFIT_SHARE, MAX_MISFIT = 0.2, 3.0  # low-pass of the misfit, and its bound
@@ -63,22 +66,29 @@ def opening(volts, dead_band_V, rounding_V):
 
 
 @compiled
-def start_rounding(rounding):
+def start_rounding(rounding, four_way):
     """Nothing is known."""
-    rounding.variance_V4, rounding.misfit, rounding.lag_s = PRIOR_V**4, 1.0, -1.0
+    rounding.prior_V, rounding.largest_V, rounding.straight_V = PRIOR_V, MAX_ROUNDING_V, STRAIGHT_V
+    rounding.lower_errors = LOWER_ERRORS
+    if four_way:
+        rounding.prior_V, rounding.largest_V = PAIR * PRIOR_V, PAIR * MAX_ROUNDING_V
+        rounding.straight_V, rounding.lower_errors = PAIR * STRAIGHT_V, LOWER_ERRORS_PAIR
+    rounding.variance_V4, rounding.misfit, rounding.lag_s = rounding.prior_V**4, 1.0, -1.0
     rounding.model[0], rounding.probe_V = 1.0, MIN_PROBE_V
 
 
 @compiled
 def lower_bound_V(rounding):
     """Lower confidence bound of the rounding [V]; 0 where edges may be sharp."""
-    return _root(rounding.square_V2 * clip(rounding.square_V2 / _error(rounding) - LOWER_ERRORS, 0.0, 1.0))
+    return _root(
+        rounding, rounding.square_V2 * clip(rounding.square_V2 / _error(rounding) - rounding.lower_errors, 0.0, 1.0)
+    )
 
 
 @compiled
 def upper_bound_V(rounding):
     """Upper confidence bound of the rounding [V]."""
-    return _root(max(rounding.square_V2, 0.0) + UPPER_ERRORS * _error(rounding))
+    return _root(rounding, max(rounding.square_V2, 0.0) + UPPER_ERRORS * _error(rounding))
 
 
 @compiled
@@ -88,8 +98,8 @@ def explains_reversals(rounding):
 
 
 @compiled
-def add_to_rounding(rounding, leak, z_m, valve_V, root, valve):
-    """One tick: oil displacement now, volts of the tick past, mean sqrt(dp/dp_ref) in it of the edge they opened.
+def add_to_rounding(rounding, leak, z_m, valve_V, roots, valve):
+    """One tick: oil displacement now, volts of the tick past, mean sqrt(dp/dp_ref) in it of the edges.
 
     True when a passage was completed.
     """
@@ -99,7 +109,7 @@ def add_to_rounding(rounding, leak, z_m, valve_V, root, valve):
         set_spool_model(rounding.model, round_lag(valve.lag_s), tick_s)
     x = _advance_spool(rounding, valve_V, valve.edges[1 if valve_V > 0.0 else 0].backlash_V)
     edge = valve.edges[1 if x > 0.0 else 0]
-    straight = abs(x) > edge.dead_band_V + STRAIGHT_V
+    straight = abs(x) > edge.dead_band_V + rounding.straight_V
     if straight and rounding.ticks <= 1:
         start_passage(leak, x > 0.0)
         rounding.ticks, rounding.start_m, rounding.sharp_m, rounding.rounded_m = 1, z_m, 0.0, 0.0
@@ -107,15 +117,16 @@ def add_to_rounding(rounding, leak, z_m, valve_V, root, valve):
     if not rounding.ticks:
         return False
     rounding.ticks += 1
-    mean, moved = 0.5 * (before + x), edge.gain_m_s_V * root * tick_s
-    sharp = opening(mean, edge.dead_band_V, 0.0)
+    mean = 0.5 * (before + x)
+    sharp, rounded = _openings(rounding, mean, valve, edge, roots)
+    moved = tick_s if valve.four_way else edge.gain_m_s_V * roots[1 if valve_V > 0.0 else 0] * tick_s
     rounding.sharp_m += moved * sharp
     rounding.closed_ticks += 1 if sharp == 0.0 else 0
-    rounding.rounded_m += moved * (opening(mean, edge.dead_band_V, rounding.probe_V) - sharp)
+    rounding.rounded_m += moved * (rounded - sharp)
     if straight or before * x <= 0.0:
         add_to_passage(leak, z_m - rounding.start_m - rounding.sharp_m, rounding.closed_ticks * tick_s)
         judged = straight and valve_usable(valve)
-        if judged and finish_passage(leak, x > 0.0, valve.leak_m_s, edges_variance_m2_s2(valve)):
+        if judged and _judge_passage(leak, x > 0.0, valve):
             rounding.ticks = rounding.closed_ticks = 0
             return True
         if leak_known(leak):
@@ -129,14 +140,38 @@ def add_to_rounding(rounding, leak, z_m, valve_V, root, valve):
 
 
 @compiled
-def restore_rounding(rounding, rounding_V):
-    """Start with what was identified before."""
-    rounding.square_V2, rounding.variance_V4 = rounding_V**2, 0.01 * PRIOR_V**4
+def told_while_compensated(valve):
+    """Whether compensated passages tell the rounding too: not where the spool jumps across an overlap."""
+    return valve.four_way and valve.edges[0].dead_band_V + valve.edges[1].dead_band_V < LEAST_OVERLAP_V
 
 
 @compiled
-def _root(square_V2):
-    return min(math.sqrt(square_V2), MAX_ROUNDING_V) if square_V2 > 0.0 else 0.0
+def _openings(rounding, volts, valve, edge, roots):
+    """Sharp and rounded: openings [V], or of a four-way valve what both edge pairs let through [m/s]."""
+    if valve.four_way:
+        sharp = pair_flow_m_s(volts, valve.edges, roots, 0.0)
+        return sharp, pair_flow_m_s(volts, valve.edges, roots, rounding.probe_V)
+    return opening(volts, edge.dead_band_V, 0.0), opening(volts, edge.dead_band_V, rounding.probe_V)
+
+
+@compiled
+def _judge_passage(leak, positive, valve):
+    """True if the leak that is taken off must change."""
+    overlap_V = valve.edges[0].dead_band_V + valve.edges[1].dead_band_V
+    if valve.four_way and overlap_V < LEAST_OVERLAP_V and valve.leak_m_s == 0.0:
+        return skip_passage(leak, positive)
+    return finish_passage(leak, positive, valve.leak_m_s, edges_variance_m2_s2(valve))
+
+
+@compiled
+def restore_rounding(rounding, rounding_V):
+    """Start with what was identified before."""
+    rounding.square_V2, rounding.variance_V4 = rounding_V**2, 0.01 * rounding.prior_V**4
+
+
+@compiled
+def _root(rounding, square_V2):
+    return min(math.sqrt(square_V2), rounding.largest_V) if square_V2 > 0.0 else 0.0
 
 
 @compiled
@@ -160,15 +195,15 @@ def _update(rounding, z_m, memory):
     """A passage in: one step of least squares with forgetting."""
     phi = rounding.rounded_m / rounding.probe_V**2
     excess = z_m - rounding.start_m - rounding.sharp_m - phi * rounding.square_V2
-    if abs(excess) > MAX_EXCESS_M + abs(phi) * MAX_ROUNDING_V**2:
+    if abs(excess) > MAX_EXCESS_M + abs(phi) * rounding.largest_V**2:
         return
     expected = NOISE_M**2 + phi * rounding.variance_V4 * phi
     rounding.misfit += MISFIT_SHARE * (excess * excess / expected - rounding.misfit)
     share = rounding.variance_V4 * phi / expected
     rounding.square_V2 += share * excess
     rounding.variance_V4 *= (1.0 - share * phi) * (1.0 + share * phi / memory)
-    rounding.variance_V4 = min(rounding.variance_V4, PRIOR_V**4)
-    rounding.probe_V = max(_root(rounding.square_V2), MIN_PROBE_V)
+    rounding.variance_V4 = min(rounding.variance_V4, rounding.prior_V**4)
+    rounding.probe_V = max(_root(rounding, rounding.square_V2), MIN_PROBE_V)
 
 
 @compiled

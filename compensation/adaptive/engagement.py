@@ -34,6 +34,7 @@ import math
 
 from ..compiled import compiled
 from .arithmetic import clip
+from .chambers import compliance_m_Pa
 from .edge_rounding import explains_reversals, upper_bound_V
 from .friction import friction_ready, inertia_Pa, resonance_growth_1_s, step_acceleration_m_s2
 from .layout import DEMANDS, LEAD_TICKS
@@ -214,7 +215,7 @@ def _stability_limit_m_s2(state):
     its band.
     """
     settings = state.settings
-    compliance = (0.5 * settings.stroke_m + settings.pipeline_length_m) / settings.bulk_modulus_Pa
+    compliance = compliance_m_Pa(settings, 0.5 * settings.stroke_m)
     over_band = 2 * math.pi * settings.damping_high_Hz * math.sqrt(compliance * inertia_Pa(state.friction))
     growth = resonance_growth_1_s(state.friction) - 0.5 * settings.damping_1_s * min(1.0, over_band**4)
     return clip(STABILITY_SPEED_M_S * growth, AT_REST_M_S2, settings.max_stability_limit_m_s2)

@@ -65,14 +65,15 @@ def restart_guarded(numbers, whole):
 
 @compiled
 def tick_guarded(
-    numbers, whole, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, feed_forward_V
+    numbers, whole, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V
 ):
     """Volts to add, and what the caller must know: DESIGN_WANTED | WORSE | REJECTED, or a fault of guard.py."""
     guard = whole.guard
-    todo = check(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa)
+    todo = check(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa)
     if todo == ACTS:
         volts, told = tick_of(
-            whole.algorithm, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, -feed_forward_V
+            whole.algorithm, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa,
+            -forward_V,
         )  # fmt: skip
         return accept(guard, volts), told
     if todo == RESTARTS:

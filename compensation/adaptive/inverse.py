@@ -11,9 +11,11 @@ from __future__ import annotations
 import math
 
 from ..compiled import compiled
+from .chambers import pair_volts
 from .edge_rounding import rounding_correction_V
 from .spool import blocked_flow
 
+LEAST_ROUNDING_V, SHARP = 1e-3, 2.0  # of a four-way valve; roundings by which the step across its overlap is less
 CROSSING_FLOW_SHARE = 0.6  # of the blocked oil that is compensated [1]; less than half or all leaves a larger bump
 
 
@@ -30,22 +32,28 @@ def advance_inverse(inverse, oil_m, roots, valve, trim, path, leak_m_s):
     first, last = 0.5 * (old + mean), 0.5 * (mean + newest)
     down, up = valve.edges[0], valve.edges[1]
     edge, root = valve.edges[1 if mean > 0 else 0], roots[1 if mean > 0 else 0]
-    less = rounding_correction_V(trim, abs(mean), edge.gain_m_s_V, edge.dead_band_V)
+    less = 0.0 if valve.four_way else rounding_correction_V(trim, abs(mean), edge.gain_m_s_V, edge.dead_band_V)
     sharpness = 1.0 + less / max(edge.dead_band_V, -less) if less != 0.0 else 1.0
+    up_V, down_V = up.dead_band_V, down.dead_band_V
     flow = inverse.flow_V
     flow[0], flow[1] = flow[1], flow[2]
-    flow[2] = mean / (edge.gain_m_s_V * root) + inverse.crossing_V[0]
+    flow[2] = mean / (edge.gain_m_s_V * root)
+    if valve.four_way:
+        rounding_V = max(trim.rounding_V, LEAST_ROUNDING_V)
+        up_V, down_V = max(up_V - SHARP * rounding_V, 0.0), max(down_V - SHARP * rounding_V, 0.0)
+        flow[2] = pair_volts(mean, valve.edges, roots, rounding_V) - (up_V if mean > 0 else -down_V)
+    flow[2] += inverse.crossing_V[0]
     inverse.crossing_V[0], inverse.crossing_V[1] = inverse.crossing_V[1], 0.0
     if first * last < 0.0:
         share = first / (first - last)
-        half = 0.5 * sharpness * (up.dead_band_V + down.dead_band_V)
+        half = 0.5 * sharpness * (up_V + down_V)
         _compensate_crossing(inverse, share, (last - first) / (edge.gain_m_s_V * root), half, path)
         side = math.copysign(1.0, last) * (1.0 - 2.0 * share)
     else:
         side = 1.0 if mean > 0 else (-1.0 if mean < 0 else 0.0)
     older = inverse.dead_band_V[0]
     inverse.dead_band_V[0] = inverse.dead_band_V[1]
-    inverse.dead_band_V[1] = 0.5 * sharpness * (up.dead_band_V * (1.0 + side) - down.dead_band_V * (1.0 - side))
+    inverse.dead_band_V[1] = 0.5 * sharpness * (up_V * (1.0 + side) - down_V * (1.0 - side))
     return flow[0], older
 
 

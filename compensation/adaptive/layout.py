@@ -13,7 +13,7 @@ import numpy as np
 
 Record = Any  # a numpy record of one of the layouts below, which compiled functions read and write in place
 
-FIT_SIZE = 6  # most parameters of a fit
+FIT_SIZE = 7  # most parameters of a fit
 LEAD_TAPS = 10
 LEAD_TICKS = 5  # by which the lead looks ahead
 PREVIEW_TICKS = LEAD_TICKS + 4  # from now to the tick boundary of the demand
@@ -50,6 +50,7 @@ EDGE = record(  # valve_edge.py
     backlash_fit=FIT,  # the same and k h
     windows="f8", gain_m_s_V="f8", dead_band_V="f8", lag_s="f8",
     root="f8",  # R^ of the last window
+    least_V="f8",  # dead band: 0, or negative on a four-way valve with underlap
     backlash_V="f8",  # half width, 0 until it is taken into account
     fitted_backlash_V="f8",
     significant="i8",  # backlash: from then on b is found from where the volts reverse
@@ -70,10 +71,12 @@ VALVE = record(  # valve.py
     null_V="f8",  # volts that lie in the middle between both edges
     leak_m_s="f8",  # oil that flows into the chamber while the valve is closed
     leak_known="i8", null_rate_V_s="f8",
+    four_way="i8",
     ticks="i8",  # since the last window that was used
 )  # fmt: skip
 STRIBECK = record(  # stribeck.py
     tick_s="f8", pressure_Pa="f8", reversals="i8", direction="f8",
+    known="f8",  # reversals that what windows told counts for
     ticks="i8",  # since the velocity changed sign
     deviation_Pa=("f8", (2 * REACH + 1,)), position_error_m=("f8", (2 * REACH + 1,)), share=("f8", (2 * REACH + 1,)),
 )  # fmt: skip
@@ -97,6 +100,10 @@ REFERENCE = record(  # reference.py: y_m at the tick boundary looked at last
     dead_band_m=("f8", (2,)),  # delta / Kp
     null_m="f8",  # null / Kp
     leak_m_s="f8",  # velocity that a leak gives at closed valve
+    load_m_s2="f8",  # what the load's pressure goes with: y_m'', or of a platform's leg what the setpoints of all legs ask for
+    expected_m_s2="f8",  # of the setpoints, at that boundary
+    load_lag_m_s2="f8",  # by which the load of the reference lags it
+    load_given="i8",  # 1 for the step to come, 2 for the last one
     feed_forward="f8",  # g
     position_m="f8", velocity_m_s="f8", acceleration_m_s2="f8",
     lag_m="f8",  # r - y_m
@@ -110,6 +117,7 @@ INVERSE = record(  # inverse.py
     dead_band_V=("f8", (2,)),  # dead-band compensation of the two ticks before
 )  # fmt: skip
 ROUNDING = record(  # edge_rounding.py
+    prior_V="f8", largest_V="f8", straight_V="f8", lower_errors="f8",
     square_V2="f8", variance_V4="f8",
     misfit="f8",  # mean square of a passage's excess, over its expected variance
     backlash_V="f8",  # volts behind the backlash
@@ -207,7 +215,7 @@ SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); dou
     step_min_s="f8", step_max_s="f8", jerk_m_s3="f8", presliding_m_s="f8", damping_1_s="f8", damping_count="f8",
     damping_low_Hz="f8", damping_high_Hz="f8", damping_max_V="f8", window_s="f8", min_speed_m_s="f8",
     memory_windows="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8", max_stability_limit_m_s2="f8",
-    min_excitation_m_s2="f8", learn="f8",
+    min_excitation_m_s2="f8", learn="f8", rod_ratio="f8", pipeline_length_top_m="f8",
 )  # fmt: skip
 DESIGN = record(  # taps.py, least_squares.py: work
     triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),
@@ -241,7 +249,7 @@ EDGE_LEARNED = record(
 )  # fmt: skip
 LEARNED = record(
     flow=record(null_V="f8", leak_m_s="f8", retract=EDGE_LEARNED, extend=EDGE_LEARNED), rounding_V="f8",
-    friction=record(theta_MPa=("f8", (FIT_SIZE,)), windows=("f8", (2,)), half_step_Pa="f8", stribeck_Pa="f8"),
+    friction=record(theta_MPa=("f8", (6,)), windows=("f8", (2,)), half_step_Pa="f8", stribeck_Pa="f8"),
     delay=record(sums=("f8", (SPOOLS * LATES,)), reversals="f8", late_s="f8"),
     plain_control=record(baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,))),
 )  # fmt: skip

@@ -81,6 +81,14 @@ def finish_passage(leak, positive, taken_m_s, variance_m2_s2=0.0):
 
 
 @compiled
+def skip_passage(leak, positive):
+    """A passage over an overlap that is too narrow to tell: what leaks is left in the null offset."""
+    leak.passages += positive != (leak.positive != 0)
+    start_passage(leak, positive)
+    return False
+
+
+@compiled
 def tell_leak(leak, valve):
     """Has the valve's identification take the leak off."""
     valve.leak_known, leak_m_s = leak_known(leak), used_leak_m_s(leak, valve.leak_m_s)

@@ -22,6 +22,7 @@ from .valve import keep_valve, restore_valve, start_valve, valve_ready
 SETTLE_S = 0.02  # after the volts change sign, in which the spool crosses
 MIN_WINDOW_TICKS = 4
 START_RAMP_STEP = 0.01
+MAX_UNDERLAP_V = 0.5  # of a four-way valve
 
 
 @compiled
@@ -30,10 +31,12 @@ def start(s):
     settings, tick_s = s.settings, s.settings.tick_s
     window = max(MIN_WINDOW_TICKS, round(settings.window_s / tick_s))
     start_valve(s.valve, tick_s, window, settings.min_speed_m_s, round(SETTLE_S / tick_s), settings.memory_windows)
+    if settings.rod_ratio > 0.0:
+        s.valve.four_way, s.valve.edges[0].least_V, s.valve.edges[1].least_V = True, -MAX_UNDERLAP_V, -MAX_UNDERLAP_V
     start_friction(s.friction, tick_s, settings.stroke_m, window, settings.min_speed_m_s, settings.memory_windows)
     resolution_m = settings.position_resolution_m
     start_monitor(s.monitor, tick_s, sqrt(settings.position_noise_m**2 + resolution_m * resolution_m / 12.0))
-    start_rounding(s.rounding)
+    start_rounding(s.rounding, s.valve.four_way)
     start_leak(s.leak)
     start_prediction(s.prediction)
     s.reference.tick_s = s.inverse.tick_s = s.delay.tick_s = s.lateness.tick_s = tick_s

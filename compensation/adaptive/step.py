@@ -22,9 +22,10 @@ from math import sqrt
 
 from ..compiled import compiled
 from .arithmetic import clip, dot, push
+from .chambers import compliance_m_Pa, equivalent_Pa
 from .delay import add_to_delay, found_delay_s, found_lateness_s, softness_m_Pa
 from .demand import append_demand, drop_demand, stretch_demands
-from .edge_rounding import add_to_rounding, add_to_trim, lower_bound_V
+from .edge_rounding import add_to_rounding, add_to_trim, lower_bound_V, told_while_compensated
 from .engagement import update_engagement, weight
 from .feedback import backlash_inverse, damping
 from .friction import (
@@ -42,7 +43,7 @@ from .layout import LEAD_TAPS, PREVIEW_TICKS
 from .leak import start_leak, tell_leak
 from .prediction import predict, watch_setpoint
 from .presliding import add_to_presliding, update_presliding
-from .reference import advance_reference
+from .reference import advance_reference, expect_load
 from .spool import look_ahead_shift, round_lag
 from .stribeck import add_to_stribeck, update_stribeck
 from .valve import add_to_valve, recentre, valve_ready, valve_rejected, valve_usable
@@ -58,25 +59,49 @@ DESIGN_WANTED, WORSE, REJECTED = 1, 2, 4  # what a tick tells its caller
 
 
 @compiled
-def tick(states, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, extra_V):
-    """`tick_of` of states (1,), which Python hands over."""
-    return tick_of(states[0], table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, extra_V)
+def tick(
+    states,
+    table,
+    preview,
+    loads_m_s2,
+    setpoint_m,
+    position_m,
+    control_V,
+    valve_V,
+    bottom_Pa,
+    top_Pa,
+    supply_Pa,
+    extra_V,
+):
+    """`expect` and `tick_of` of states (1,), which Python hands over."""
+    expect(states[0], loads_m_s2)
+    return tick_of(
+        states[0], table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, extra_V
+    )
 
 
 @compiled
-def tick_of(state, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, extra_V):
+def expect(state, loads_m_s2):
+    """Before a tick: load (n,) that the setpoints of all legs give this one at this tick and the next; of none: its own."""
+    expect_load(state.reference, loads_m_s2, PREVIEW_TICKS + state.shift)
+
+
+@compiled
+def tick_of(state, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, extra_V):
     """Volts to add, and what its caller must know (DESIGN_WANTED | WORSE | REJECTED).
 
     state: a record of the layout; table: prediction.prediction_table(); preview: setpoints (n,) of this tick and the
     next, taken as unknown where they do not reach as far as is looked ahead; extra_V: volts that a derived algorithm
     adds. Everything else is of the sample. Nothing is allocated.
     """
+    bottom_Pa, supply_Pa = equivalent_Pa(state.settings, bottom_Pa, top_Pa, supply_Pa)
     look = PREVIEW_TICKS + state.shift
     n = len(preview) if len(preview) > look + 1 else 1
     middle = (n - 1) // 2
     bend = preview[0] - 2.0 * preview[middle] + preview[2 * middle]
     if watch_setpoint(state.prediction, n, bend, setpoint_m):
         behind, here, ahead = predict(state.prediction, table, look, setpoint_m)
+        state.reference.load_given = 0
     else:
         behind, here, ahead = preview[look - 1], preview[look], preview[look + 1]
     volts = step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, extra_V)
@@ -98,7 +123,7 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
     compliance = compliance_m_Pa(settings, reference.position_m)
     friction_share = state.engagement.friction_share
     pressure, friction_step, share, sign = demanded_pressure(reference, state.friction, friction_share, settings)
-    oil, a, v = reference.position_m + compliance * pressure, reference.acceleration_m_s2, reference.velocity_m_s
+    oil, a, v = reference.position_m + compliance * pressure, reference.load_m_s2, reference.velocity_m_s
     append_demand(demands, pressure, share, a, reference.position_m, oil, v, sign, friction_step)
     now = (
         demands.pressure_Pa[0], demands.stribeck_share[0], demands.acceleration_m_s2[0], demands.position_m[0],
@@ -131,12 +156,6 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
 
 
 @compiled
-def compliance_m_Pa(settings, position_m):
-    """Travel by which the oil below the piston is compressed, per pressure: V / (E A1) (Eq. 3.7)."""
-    return (position_m + settings.pipeline_length_m) / settings.bulk_modulus_Pa
-
-
-@compiled
 def _track_plain_control(state, bottom, supply):
     """Loop gain and dead band of plain control, for the reference.
 
@@ -156,7 +175,7 @@ def _track_plain_control(state, bottom, supply):
     reference.null_m, reference.leak_m_s = valve.null_V / kp, valve.leak_m_s
     for i in range(2):
         reference.loop_1_s[i] = kp * valve.edges[i].gain_m_s_V * roots[i]
-        reference.dead_band_m[i] = valve.edges[i].dead_band_V / kp
+        reference.dead_band_m[i] = max(valve.edges[i].dead_band_V, 0.0) / kp
 
 
 @compiled
@@ -174,24 +193,24 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     settings, v, valve = state.settings, valve_V - state.valve.null_V, state.valve
     _, share, acceleration_m_s2, reference_m, oil_m, velocity_m_s, sign, friction_step = now
     compensated, engaged = state.engagement.ramp == 1.0, state.engagement.ramp > 0.0
-    root = _roots(settings, supply_Pa, 0.5 * (p + state.last_bottom_Pa))[1 if v > 0 else 0]
+    means = _roots(settings, supply_Pa, 0.5 * (p + state.last_bottom_Pa))
     state.last_bottom_Pa = p
     p_late = pressure_then_Pa(state.lateness, p)
     z = position_m + compliance_m_Pa(settings, position_m) * p_late
     push(state.oil_error_m, z - oil_m)
     state.leaked_m += valve.leak_m_s * settings.tick_s
     z -= state.leaked_m
-    add_to_valve(valve, z, v, root)
+    add_to_valve(valve, z, v, means[1 if v > 0 else 0])
     if not engaged and recentre(valve):
         start_leak(state.leak)
     roots = _roots(settings, supply_Pa, p)
     _find_delay(state, position_m, p, v, velocity_m_s, roots, compensated)
-    if compensated:
+    if compensated and not valve.four_way:
         add_to_trim(state.trim, state.oil_error_m, velocity_m_s, 0.5 * valve.edges[0].dead_band_V)
     if valve_usable(valve):
-        if engaged:
+        if engaged and not told_while_compensated(valve):
             state.rounding.ticks = 0
-        elif add_to_rounding(state.rounding, state.leak, z, v, root, valve):
+        elif add_to_rounding(state.rounding, state.leak, z, v, means, valve):
             tell_leak(state.leak, valve)
             state.trim.rounding_V = lower_bound_V(state.rounding)
         add_to_friction(state.friction, position_m, load_Pa, acceleration_m_s2)

@@ -59,7 +59,7 @@ def _read_fit(edge, fit, backlash_V, misfit_allowed):
     """Takes the numbers of the fit in use, and decides whether the edge is ready."""
     k_tau = fit.theta[2]
     k = edge.gain_m_s_V = clip(fit.theta[0], MIN_GAIN, MAX_GAIN)
-    edge.dead_band_V = clip(fit.theta[1] / k, 0.0, MAX_DEAD_BAND_V)
+    edge.dead_band_V = clip(fit.theta[1] / k, edge.least_V, MAX_DEAD_BAND_V)
     edge.lag_s = clip(k_tau / k, 0.0, MAX_LAG_S)
     edge.backlash_V = backlash_V
     misfit = fit.residual / WINDOW_NOISE_M**2 / misfit_allowed
@@ -97,7 +97,9 @@ def shift_edge(edge, volts_V, oil_m_s):
     """The same fit, with volts counted from further out, and less oil that leaks out in this direction."""
     shift_fit(edge.plain_fit, 1, 0, -volts_V, oil_m_s / edge.root)
     shift_fit(edge.backlash_fit, 1, 0, -volts_V, oil_m_s / edge.root)
-    edge.dead_band_V = clip(edge.dead_band_V - volts_V + oil_m_s / edge.root / edge.gain_m_s_V, 0.0, MAX_DEAD_BAND_V)
+    edge.dead_band_V = clip(
+        edge.dead_band_V - volts_V + oil_m_s / edge.root / edge.gain_m_s_V, edge.least_V, MAX_DEAD_BAND_V
+    )
 
 
 @compiled

@@ -26,6 +26,7 @@ from compensation.adaptive.guarded import GUARDED, SIZE, restart_guarded, start_
 from compensation.adaptive.layout import LEARNED, SETTINGS, empty, fill
 from compensation.adaptive.prediction import prediction_table
 from compensation.adaptive.start import keep
+from compensation.adaptive.step import expect
 from compensation.adaptive.taps import design
 from hexsim.errors import HexsimError
 from hexsim.export.toolchain import SYSTEMS, System, has_linker, object_of, shared_library
@@ -45,7 +46,7 @@ def native_functions() -> dict[str, Any]:
     """The functions of the header by their names, compiled once a process (half a minute)."""
     pointer, number, integer = types.voidptr, types.float64, types.int32
     table, double, guarded = prediction_table(), np.float64, GUARDED
-    step_arguments = (pointer, number, pointer, integer, *[number] * 6, pointer)
+    step_arguments = (pointer, number, pointer, integer, *[number] * 7, pointer)
 
     @cfunc(integer(pointer, pointer), error_model="numpy")
     def init(state, settings):
@@ -53,13 +54,17 @@ def native_functions() -> dict[str, Any]:
         return start_guarded(numbers, whole[0], carray(settings, (N_SETTINGS,), double))
 
     @cfunc(integer(*step_arguments), error_model="numpy")
-    def step(state, setpoint, preview, count, position, control, feed_forward, valve, bottom, supply, added):
+    def step(state, setpoint, preview, count, position, control, feed_forward, valve, bottom, top, supply, added):
         numbers, whole = carray(state, (SIZE,), double), carray(state, (1,), guarded)
         ahead, volts = carray(preview, (count,), double), carray(added, (1,), double)
         volts[0], told = tick_guarded(
-            numbers, whole[0], table, ahead, setpoint, position, control, valve, bottom, supply, feed_forward
+            numbers, whole[0], table, ahead, setpoint, position, control, valve, bottom, top, supply, feed_forward
         )
         return told
+
+    @cfunc(types.void(pointer, pointer, integer), error_model="numpy")
+    def expect_load(state, loads, count):
+        expect(carray(state, (1,), guarded)[0].algorithm, carray(loads, (count,), double))
 
     @cfunc(types.void(pointer), error_model="numpy")
     def make_design(state):
@@ -85,7 +90,7 @@ def native_functions() -> dict[str, Any]:
         return SIZE
 
     return {
-        "init": init, "step": step, "design": make_design, "get_parameters": get_parameters,
+        "init": init, "step": step, "expect": expect_load, "design": make_design, "get_parameters": get_parameters,
         "set_parameters": set_parameters, "state_size": state_size,
     }  # fmt: skip
 

@@ -292,7 +292,7 @@ static void control(Instance *c) {
                  now->commands == 0);
   for (int i = 0; i < N_LEGS && now->parameters[COMPENSATOR_PARAMETER] > 0; i++) {
     int told = hexsim_adaptive_step(now->compensators[i], path[i], path + i, 1, position[i], asked[i], forward[i],
-                                    now->commanded[i], bottom[i], supply, &added);
+                                    now->commanded[i], bottom[i], top[i], supply, &added);
     if (told & 1) hexsim_adaptive_design(now->compensators[i]);
     asked[i] += added;
   }

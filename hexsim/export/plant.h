@@ -88,7 +88,7 @@ double hexsim_control(const double *inputs, double *position, double *bottom, co
 double hexsim_command(double *memory, const double *asked, double *commanded, double *volts);
 int hexsim_adaptive_init(double *state, const double *settings);
 int hexsim_adaptive_step(double *state, double setpoint, const double *preview, int count, double position, double control,
-                         double forward, double valve, double bottom, double supply, double *added);
+                         double forward, double valve, double bottom, double top, double supply, double *added);
 void hexsim_adaptive_design(double *state);
 
 /* plant.c */

@@ -13,41 +13,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compensation import Compensator, Context, Sample, preview_count
+from compensation import NO_LOAD, Compensator, Context, Sample, preview_count
 from hexsim.declaration import Machine
+from hexsim.hydraulics.resolve import resolve
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C
 from hexsim.motion_computer.declared_control import control_of
+from hexsim.motion_computer.leg_load import ExpectedLoad
 
 Array = NDArray[np.float64]
 
 
 def compensator_context(machine: Machine, period_s: float | None, leg: int = 1) -> Context:
-    """Of a leg, from 1: what an engineer reads off the machine's data sheet. Not the overlap, the friction or the discharge coefficient.
-
-    Compensators know one chamber, F/A1 = P1 - Ps A2/A1. Two chambers on a four-way valve look like that: with r = A2/A1
-    the valve's edges hold P1 (1 + r^3) = F/A1 + (Ps + Pt) (r + r^3)/2 -+ (Ps - Pt) (r - r^3)/2, extending or retracting.
-    The last term, 0 for a symmetric cylinder, is a step at each turn that they have to learn.
-    """
+    """Of a leg, from 1: what an engineer reads off the data sheet; not the overlap, the friction or the discharge coefficient."""
     own = machine.legs[leg - 1]
     cylinder, sensors = own.cylinder, own.sensors
-    bottom, top = cylinder.area_bottom_m2, cylinder.area_top_m2
-    share = 1.0
-    if cylinder.rod_side == "valve":
-        r = top / bottom
-        share = 1 + r**3
-        top = bottom * (r + r**3) / 2
     return Context(
         rate_Hz=machine.controller.rate_Hz,
         position_gain_V_per_m=own.controller.gain_V_per_m,
         voltage_max_V=own.valve.voltage_max_V,
         stroke_m=cylinder.stroke_m,
-        area_bottom_m2=share * bottom,
-        area_top_m2=top,
+        area_bottom_m2=cylinder.area_bottom_m2,
+        area_top_m2=cylinder.area_top_m2,
         supply_pressure_Pa=machine.supply.pressure_Pa,
         tank_pressure_Pa=machine.supply.tank_pressure_Pa,
         bulk_modulus_Pa=machine.oil.bulk_modulus_Pa,
-        pipeline_volume_m3=share * cylinder.pipeline_volume_m3,
+        pipeline_volume_m3=cylinder.pipeline_volume_m3,
+        four_way=cylinder.rod_side == "valve",
+        pipeline_volume_top_m3=cylinder.rod_side_volume_m3,
         position_noise_m=sensors.position_noise_m,
         position_resolution_m=sensors.position_resolution_m,
         pressure_noise_Pa=sensors.pressure_noise_Pa,
@@ -74,6 +67,7 @@ class PositionLoop:
         self.control, self.memory = control_of(machine), controller.new_memory(n)
         self.limit = machine.of_legs("valve", "voltage_max_V")
         self.on_message = on_message
+        self.load, self._tick_s = ExpectedLoad.of(resolve(machine)), 1.0 / machine.controller.rate_Hz
         self._contexts = [compensator_context(machine, period_s, leg) for leg in range(1, n + 1)]
         self.compensate(compensators)
         self.valve = np.zeros(n)  # volts that leave the motion computer
@@ -127,6 +121,7 @@ class PositionLoop:
         controller.feedback(control, memory, path[0], positions, load, asked)
         asked += self.feed_forward
         if self.compensators and pressures is not None:
+            loads = None if self.load is None else self.load.accelerations(path, self._tick_s)
             for i, compensator in enumerate(self.compensators):
                 sample = Sample(
                     time_s=time_s,
@@ -138,6 +133,8 @@ class PositionLoop:
                     pressure_bottom_Pa=float(pressures[i]),
                     pressure_supply_Pa=supply_Pa,
                     feed_forward_V=float(self.feed_forward[i]),
+                    pressure_top_Pa=0.0 if top_pressures is None else float(top_pressures[i]),
+                    load_preview_m_s2=NO_LOAD if loads is None else loads[: self.previews[i], i],
                 )
                 added, self.states[i] = compensator.step(self.states[i], sample)
                 added *= self.compensation_share

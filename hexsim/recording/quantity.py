@@ -56,11 +56,11 @@ def scale_of(size: float, unit: str) -> tuple[float, str]:
     return 10.0**power, f"×10{str(power).translate(RAISED)} {spelled(unit)}".rstrip()
 
 
-def quantity(value: float | None, unit: str, digits: int = 3) -> str:
-    """A value with its unit."""
+def quantity(value: float | None, unit: str, digits: int = 3, beside: float | None = None) -> str:
+    """A value with its unit; in the unit in which the value `beside` it is read, if given: what is compared has one unit."""
     if value is None or not math.isfinite(value):
         return NOTHING
-    one, name = scale_of(value, unit)
+    one, name = scale_of(value if beside is None else beside, unit)
     return joined(plain(value / one, digits), name)
 
 

@@ -17,6 +17,12 @@ def test_a_value_has_the_unit_of_its_size(value, unit, text):
     assert quantity(value, unit) == text
 
 
+def test_what_is_compared_has_one_unit():
+    """Two flows in one row: both as the larger one is read."""
+    assert quantity(2.5e-7, "m3/s") == "250 mm³/s"
+    assert quantity(2.5e-7, "m3/s", beside=1e-5) == "0.0150 l/min"
+
+
 @pytest.mark.parametrize(
     ("value", "error", "unit", "text"),
     [(2.4003e9, 7.7e5, "Pa s/m3", "(2.40030 ± 0.00077)×10⁹ Pa·s/m³"), (0.4967, 0.00098, "rad", "0.49670 ± 0.00098 rad"),

@@ -52,10 +52,16 @@ int @prefix@_init(double *state, const double *settings);
    feed_forward_V  the part of control_V that it feeds forward from the setpoint; else 0
    valve_V         sent to the valve at the previous tick, added volts included, as it was limited
    bottom_Pa       measured pressure below the piston
+   top_Pa          measured pressure of a rod side on a four-way valve; else 0
    supply_Pa       measured supply pressure */
 int @prefix@_step(double *state, double setpoint_m, const double *preview_m, int preview_count, double position_m,
-                  double control_V, double feed_forward_V, double valve_V, double bottom_Pa, double supply_Pa,
-                  double *added_V);
+                  double control_V, double feed_forward_V, double valve_V, double bottom_Pa, double top_Pa,
+                  double supply_Pa, double *added_V);
+
+/* Before a step, for a leg of a platform: the load that the setpoints of all legs give this one at this tick and the next
+   (count of them, as of preview_m) [m/s2]: force over the mass that the leg has while all legs move alike. README.md says
+   how. Without it a leg expects the load of its own acceleration. It holds for one step. */
+void @prefix@_expect(double *state, const double *loads_m_s2, int count);
 
 /* The design of the taps that a step asked for: takes longer than a step. At once, or in the idle time of the next ticks,
    never while a step of the same state runs. Until then the former taps act. */

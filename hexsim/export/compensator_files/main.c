@@ -75,7 +75,7 @@ int main(int count, char **arguments) {
     double control = S[HEXSIM_ADAPTIVE_POSITION_GAIN_V_PER_M] * (preview[0] - position);
     double start = seconds();
     told = hexsim_adaptive_step(state, preview[0], preview, HEXSIM_ADAPTIVE_PREVIEW, position, control, 0.0, valve, bottom,
-                                7e6, &added);
+                                0.0, 7e6, &added);
     note(&step, seconds() - start);
     if (told & HEXSIM_ADAPTIVE_DESIGN_WANTED) {
       start = seconds();

@@ -21,7 +21,7 @@ from hexsim.tracing.balances import spool
 from hexsim.tracing.balances.memory import remembered
 
 Array = np.ndarray
-Settings = tuple[float, ...]  # offset, gain, delay [s] of a sensor
+Settings = tuple[float, ...]  # offset, gain, delay [s], lag [s] of a sensor
 FORCE_SIGNALS = (
     "velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa",
 )  # fmt: skip
@@ -82,7 +82,7 @@ class Balance(ABC):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensedLeg:
-    """What the sensors of one leg say, known gains, offsets and delays taken out: (n,) each; under the window on demand."""
+    """What the sensors of one leg say, known gains, offsets, delays and lags taken out: (n,) each; under the window on demand."""
 
     y: Array
     v: Array
@@ -192,17 +192,20 @@ def leg_key(resolved: Resolved, leg: int, without: Sequence[int] = ()) -> Hashab
 
 
 def position_settings(resolved: Resolved, leg: int) -> Settings:
-    """Offset, gain and delay of the position sensor of a leg."""
-    return tuple(float(resolved.leg_sensors[f"position_{key}"][leg]) for key in ("offset_m", "gain", "delay_s"))
+    """Offset, gain, delay and lag of the position sensor of a leg."""
+    return tuple(
+        float(resolved.leg_sensors[f"position_{key}"][leg]) for key in ("offset_m", "gain", "delay_s", "lag_s")
+    )
 
 
 def sensor_settings(resolved: Resolved, leg: int) -> tuple[Settings, Settings, Settings | None, Settings]:
     """Of the position, both pressures (None: no rod side on the valve) and the accelerometer that a leg's signals rest on."""
     shared, position = resolved.sensors, position_settings(resolved, leg)
-    pressure = tuple(float(resolved.leg_sensors[f"pressure_{key}"][leg]) for key in ("offset_Pa", "gain", "delay_s"))
+    keys = ("offset_Pa", "gain", "delay_s", "lag_s")
+    pressure = tuple(float(resolved.leg_sensors[f"pressure_{key}"][leg]) for key in keys)
     on_valve = resolved.rows[leg, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
     top = pressure if on_valve else None
-    motion = (shared.acceleration_offset_m_s2, shared.acceleration_gain, shared.acceleration_delay_s)
+    motion = (shared.acceleration_offset_m_s2, shared.acceleration_gain, shared.acceleration_delay_s, 0.0)
     return position, pressure, top, motion
 
 
@@ -223,8 +226,10 @@ def _sense(
     ticks: slice | None,
 ) -> SensedLeg:
     def true_of(shown: Array, settings: Settings) -> Array:
-        offset, gain, delay = settings
-        return advanced((shown - offset) / gain, delay * log.rate)
+        offset, gain, delay, lag = settings
+        signal = (shown - offset) / gain
+        sharp = signal + lag * log.rate * np.gradient(signal) if lag else signal  # s = f + tau df/dt, see signals.lag
+        return advanced(sharp, delay * log.rate)
 
     y = true_of(log.position[leg], position)
     acceleration = None

@@ -11,11 +11,12 @@ import numpy as np
 from hexsim.tracing.own.events import Event, events, said
 from hexsim.tracing.own.folder import OwnMachine
 from hexsim.tracing.term_columns import OwnBalance, Point, RunData, outside, run_data
-from hexsim.tracing.term_regression import OwnVerdict, trace_own
-from hexsim.tracing.term_selection import Chosen, residual, rms, solve
+from hexsim.tracing.term_regression import OwnVerdict, numbers, trace_own
+from hexsim.tracing.term_selection import Chosen, placed, residual, rms, solve
 
 Array = np.ndarray
 FAR = 2.0  # standard deviations of its declaration beyond which a fitted number is remarked
+WORSE = 1.005  # a refit that leaves more than this share of the declaration's residual is said: less is chance
 SEEN = 3.0  # standard errors that an effect must have to be seen
 EXTREME = 0.03  # of the samples at either end of a signal
 EXTREME_SIGMA = 4.0
@@ -66,7 +67,8 @@ def trace_balance(balance: OwnBalance, machine: OwnMachine) -> OwnTrace:
     spread = {name: (np.concatenate([run.signals[name] for run in runs]), rest) for name in sorted(shared)}
     found = {name: events(t, after, points[0].window.half) for name, (t, _, _, after) in rests.items()}
     return OwnTrace(
-        balance=balance, verdict=verdict, remarks=remarks_of(balance, verdict, held_out), held_out=held_out,
+        balance=balance, verdict=verdict, remarks=remarks_of(balance, verdict, held_out) + traded(balance, runs, verdict),
+        held_out=held_out,
         detectable=detectable(balance, runs, terms, verdict), rests=rests, events=found,
         extremes=extremes(runs, left), spread=spread,
     )  # fmt: skip
@@ -104,13 +106,13 @@ def remarks_of(balance: OwnBalance, verdict: OwnVerdict, held_out: dict[str, dic
                     f"declared {term.declared:.4g}"
                 )
     for fold in verdict.folds:
-        if fold.refit > fold.declared:
+        if fold.refit > WORSE * fold.declared:
             found.append(
                 f"on run {fold.held_out} the refit is worse than the declaration: {fold.declared:.3g} -> {fold.refit:.3g} "
                 f"{balance.unit}"
             )
     for run, row in held_out.items():
-        if row["refit"] > row["declared"] and any(term.declared is not None for term in balance.terms):
+        if row["refit"] > WORSE * row["declared"] and any(term.declared is not None for term in balance.terms):
             found.append(
                 f"on held-out run {run} the refit is worse than the declaration: {row['declared']:.3g} -> "
                 f"{row['refit']:.3g} {balance.unit}"
@@ -120,6 +122,22 @@ def remarks_of(balance: OwnBalance, verdict: OwnVerdict, held_out: dict[str, dic
                 f"on held-out run {run} the named terms make it worse: {row['refit']:.3g} -> {row['with_terms']:.3g} "
                 f"{balance.unit}"
             )
+    return found
+
+
+def traded(balance: OwnBalance, runs: Sequence[RunData], verdict: OwnVerdict) -> list[str]:
+    """Named numbers that would move by more than their errors if a term acted that is tied with them, a sentence each."""
+    ties, found = {name for fold in verdict.folds for name in fold.tied} - set(verdict.named), []
+    for tied in (term for term in balance.candidates if term.name in ties):
+        if not verdict.named:
+            break
+        moved = numbers(balance, runs, (*verdict.terms, placed(balance, runs, verdict.terms, tied)))
+        for term in verdict.terms:
+            (value, error), (other, wide) = verdict.coefficients[term.name], moved[term.name]
+            if abs(other - value) > FAR * error:
+                found.append(
+                    f"{term.name} would be {other:.4g} +- {wide:.2g} {term.unit} if {tied.name} acted as well: they are tied"
+                )
     return found
 
 

@@ -15,6 +15,7 @@ from hexsim.tracing.own.folder import OwnMachine
 
 SHOWN_S = 30.0  # of a run
 MOST_POINTS = 4000
+WIDE = 30.0  # largest by smallest bar beyond which the axis is logarithmic
 STEPS = (("declared", "as declared"), ("refit", "refitted"), ("with_terms", "with the terms"))
 SHADES = {"declared": "0.75", "refit": "0.5", "with_terms": "#1f5fa8"}
 
@@ -62,7 +63,13 @@ def budget(trace: OwnTrace) -> Figure:
         plot.barh(at, [row[key] for _, row in rows], height=0.24, color=SHADES[key], label=label)
     plot.set_yticks(np.arange(len(rows)), [name[:40] for name, _ in rows])
     plot.invert_yaxis()
-    plot.set_xlabel(f"rms of the residual [{trace.balance.unit}]")
+    sizes = [size for _, row in rows for size in row.values() if size > 0.0]
+    wide = bool(sizes) and max(sizes) > WIDE * min(sizes)
+    if wide:
+        plot.set_xscale("log")
+        plot.set_xlim(left=0.5 * min(size for size in sizes if size > 0.0))
+        plot.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
+    plot.set_xlabel(f"rms of the residual [{trace.balance.unit}]" + (", logarithmic" if wide else ""))
     legend(plot)
     return figure
 

@@ -35,6 +35,7 @@ from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
 LARGEST_START = 3.0  # coordinate
+TIES_KEPT = 3  # of an effect, the best first
 Job = tuple[float, Candidate, float]  # what the column promises, the effect, the size to begin with
 
 
@@ -96,10 +97,12 @@ def least_fall(problem: BalanceProblem) -> float:
 class Sure:
     """What `sure_effects` found. tried: the evidence for every effect that was judged, sure or not, a round a list.
 
-    hidden: effect -> size below which the rest hides it.
+    hidden: effect -> size below which the rest hides it.  left: hypotheses that stay beside `best`: ties of what is named,
+    each with what was named after it, or where nothing is named the rivals that come nearest to it.
     """
 
     best: RestFit
+    left: list[RestFit]
     named: list[Evidence]
     tried: list[list[Evidence]]
     hidden: dict[str, float]
@@ -108,8 +111,9 @@ class Sure:
 
 def grown_by_one(
     base: RestFit, trace: Trace, problem: BalanceProblem, unseen: BalanceProblem
-) -> tuple[RestFit | None, list[Evidence], dict[str, float]]:
-    """The base with the next sure effect, or None; the evidence for what was judged, that of the sure one last; `hidden`."""
+) -> tuple[RestFit | None, list[Evidence], dict[str, float], list[RestFit]]:
+    """The base with the next sure effect, or None; the evidence for what was judged, that of the sure one last; `hidden`;
+    the rivals that stay."""
     there = {c.label for c in base.fit.candidates if not rest_level.is_held(c)}
     possible = [c for c in trace.candidates if c.label not in there]
     begun, hidden = rivals_of(base, possible, problem, bool(there))
@@ -123,8 +127,18 @@ def grown_by_one(
             if plainest is not rival:
                 own = evidence_of(base, plainest, rivals, problem, unseen)
                 rival, tried = (plainest, [*tried, own]) if sure(own) else (rival, tried)
-            return rival, tried, hidden
-    return None, tried, hidden
+            return rival, tried, hidden, [other for other in rivals if label_of(other) in tried[-1].tied][:TIES_KEPT]
+    return None, tried, hidden, rivals[: len(tried)]
+
+
+def followed(tie: RestFit, best: RestFit, problem: BalanceProblem) -> RestFit | None:
+    """A tie of an earlier effect with the effect that `best` has got since."""
+    own, size = best.fit.candidates[-1], rest_level.size_of(best.fit)
+    return (
+        None
+        if own.label in {c.label for c in tie.fit.candidates if not rest_level.is_held(c)}
+        else (rest_level.with_effect(tie, own, problem, size, -np.inf))
+    )
 
 
 def label_of(rival: RestFit) -> str:
@@ -166,18 +180,21 @@ def sure_effects(trace: Trace, tell: Tell) -> Sure:
     found: list[Evidence] = []
     rounds: list[list[Evidence]] = []
     hidden: dict[str, float] = {}
+    left: list[RestFit] = []
     while len(found) < rules.MOST_EFFECTS and len(rounds) < rules.MOST_EFFECTS + rules.MOST_UNREMARKABLE:
         tell(f"looking for sure effects, {len(found)} found")
-        grown, tried, hidden = grown_by_one(best, trace, problem, unseen)
+        grown, tried, hidden, stay = grown_by_one(best, trace, problem, unseen)
         rounds.append(tried)
         if grown is None:
+            left = left if found else stay
             break
         best, own = grown, tried[-1]
+        left = [more for one in left if (more := followed(one, best, problem))] + (stay if own.remarkable > 1.0 else [])
         if own.remarkable > 1.0:
             found += [] if may_be_a_filter(own.candidate, found) else [own]
         elif found:
             break  # effects come in the order of what they take: what is left takes less than what any machine has
-    return Sure(best=best, named=found, tried=rounds, hidden=hidden, problem=problem)
+    return Sure(best=best, left=left, named=found, tried=rounds, hidden=hidden, problem=problem)
 
 
 def name_the_sure(trace: Trace, tell: Tell) -> Trace:
@@ -185,7 +202,8 @@ def name_the_sure(trace: Trace, tell: Tell) -> Trace:
     if residual_at_noise_level(trace.final.misfit) or not trace.violations:
         return replace(trace, decided="not needed: nothing but noise is left")
     found = sure_effects(trace, tell)
-    trace = replace(trace, hidden=found.hidden)
+    rest = (found.best, *found.left) if found.named else (*found.left, found.best)
+    trace = replace(trace, hidden=found.hidden, rest=rest, rest_problem=found.problem)
     if not found.named:
         return replace(trace, decided="no effect is sure beside what is left")
     fit = replace(found.best.fit, covariance=rest_errors.sandwich(found.best, found.problem))
