@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from threading import get_ident, local
@@ -113,6 +113,12 @@ class SensedLeg:
         return self.window.mean(self.P2)
 
     @cached_property
+    def fast_v(self) -> Array:
+        """Velocity for what is faster than the window: with what the samples miss of the accelerometer's mean [m/s]."""
+        assert self.acceleration is not None
+        return velocity(self.y, self.acceleration + kinks(self.acceleration, self.ticks), 1.0 / self.window.dt)
+
+    @cached_property
     def disagreement(self) -> Array:
         """d2y/dt2 less what the accelerometer shows, under a wider window [m/s2]."""
         assert self.acceleration is not None
@@ -176,9 +182,13 @@ class MeasuredPoint:
         return self.sensed.P1
 
 
-def leg_key(resolved: Resolved, leg: int) -> Hashable:
-    """All of a machine that a leg's measured point and its own terms depend on."""
-    return resolved.rows[leg].tobytes(), resolved.sensors.supply_pressure_gain, sensor_settings(resolved, leg)
+def leg_key(resolved: Resolved, leg: int, without: Sequence[int] = ()) -> Hashable:
+    """All of a machine that a leg's measured point and its own terms depend on. without: places of its row that do not count."""
+    row = resolved.rows[leg]
+    if without:
+        row = row.copy()
+        row[list(without)] = 0.0
+    return row.tobytes(), resolved.sensors.supply_pressure_gain, sensor_settings(resolved, leg)
 
 
 def position_settings(resolved: Resolved, leg: int) -> Settings:
@@ -202,8 +212,8 @@ def sensor_settings(resolved: Resolved, leg: int) -> tuple[Settings, Settings, S
 def sensed_leg(log: Log, resolved: Resolved, leg: int) -> SensedLeg:
     """What the sensors of a leg say, computed once for a log and its sensors' settings."""
     settings = sensor_settings(resolved, leg)
-    ticks = tick_samples(log, leg, resolved.machine.controller.rate_Hz)
-    return remembered(log, (leg, *settings), lambda: _sense(log, leg, *settings, ticks))
+    rate_Hz = resolved.machine.controller.rate_Hz
+    return remembered(log, (leg, *settings), lambda: _sense(log, leg, *settings, tick_samples(log, leg, rate_Hz)))
 
 
 def _sense(
