@@ -22,14 +22,14 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import Fit, start_fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
-from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure
+from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure, values_in_leg
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.fitting.selection import residual_at_noise_level
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace
-from hexsim.tracing.steps.balance_search import joint_problem
+from hexsim.tracing.steps.balance_search import joint_problem, with_fast_rows
 from hexsim.tracing.steps.verdict import held_out_gains
 from hexsim.tracing.steps.violations import own_machine
 
@@ -48,6 +48,7 @@ def rivals_of(
     """
     asked: dict[str, Job] = {}
     hidden: dict[str, float] = {}
+    slow = problem.slow_alone()
     for candidate, own in zip(possible, columns_of(base.fit, list(possible), problem), strict=True):
         if not all(np.all(np.isfinite(column)) for column in own):
             continue
@@ -58,6 +59,9 @@ def rivals_of(
         if np.isfinite(sd):
             shown = max(sd * float(np.sqrt(least_fall(problem))), least_remarkable(candidate))
             hidden.setdefault(candidate.effect.name, abs(to_value(number, shown)))
+        if slow is not problem:
+            alone, promised, _ = rest_level.asked_for(bare, grown, coordinate_bounds(number), slow)
+            size, fall = (alone, promised) if promised > fall else (size, fall)
         if fall > asked.get(candidate.label, (-np.inf,))[0]:
             asked[candidate.label] = (fall, candidate, float(np.clip(size, -LARGEST_START, LARGEST_START)) or 0.1)
     jobs = worth_a_refit(list(asked.values()), bending=not named_already)
@@ -65,7 +69,8 @@ def rivals_of(
 
     def tried_with(job: Job) -> RestFit | None:
         promised, candidate, size = job
-        return rest_level.with_effect(base, candidate, problem, size, -np.inf if promised > least else least)
+        begins = -least_fall(problem) if promised > least else least  # a promise may begin with a loss
+        return rest_level.with_effect(base, candidate, problem, size, begins, max(promised, least))
 
     tried = in_parallel(tried_with, jobs)
     return sorted((rival for rival in tried if rival is not None), key=lambda rival: rival.cost), hidden
@@ -166,8 +171,10 @@ def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence]) -> bool:
 def sure_effects(trace: Trace, tell: Tell) -> Sure:
     """Forward selection at the level of the rest; nothing named where nothing is sure."""
     machine = own_machine(trace.machine, trace.violations)
-    problem = joint_problem(trace.fit_problem, trace.violations, machine)
-    unseen = joint_problem(trace.validate_problem, trace.violations, machine)
+    problem, unseen = (
+        with_fast_rows(joint_problem(runs, trace.violations, machine), runs, machine)
+        for runs in (trace.fit_problem, trace.validate_problem)
+    )
     small = rest_level.ordinary_effects(trace.candidates)
     best = rest_level.start_rest_fit(start_fit(trace.machine, trace.base.priors, problem), small, problem)
     found: list[Evidence] = []
@@ -215,7 +222,7 @@ def named_effect(final: Fit, own: Evidence, trace: Trace, gains: tuple[float, ..
     gain = trace.base.chi2 - final.chi2
     return NamedEffect(
         candidate=own.candidate,
-        values=final.values[k],
+        values=values_in_leg(final, own.candidate),
         standard_errors=final.standard_errors()[k],
         tied_with=own.tied,
         gain_chi2=gain,
