@@ -60,8 +60,8 @@ SIGNAL_KINDS: dict[str, type[Any]] = {
         Sweep,
         ConstantAccelerationReversals,
         ConstantVelocityStrokes,
-        SampledSignal,
         FmuSignal,
+        SampledSignal,
     )
 }
 

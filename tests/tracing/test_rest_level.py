@@ -9,9 +9,10 @@ from other_plant import write_machine
 
 from hexsim.machine import load_machine
 from hexsim.signals.log import Log
+from hexsim.signals.weak_form import Window
 from hexsim.tracing import rules
-from hexsim.tracing.balances.balance import resolved_machine, sensed_leg
-from hexsim.tracing.balances.continuity import Continuity, FastContinuity
+from hexsim.tracing.balances.balance import measured_point, resolved_machine, sensed_leg
+from hexsim.tracing.balances.continuity import Continuity, FastContinuity, fast_residual_of
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import with_noise
 from hexsim.tracing.balances.platform import Platform
@@ -114,6 +115,15 @@ def test_noise_of_the_pressure_does_not_ask_for_a_stiffer_chamber():
 
     assert noise(FastContinuity(), softer) > 1.4 * noise(FastContinuity(), declared)
     assert noise(fast, softer) == pytest.approx(noise(fast, declared), rel=0.08)
+
+
+def test_a_flow_without_bound_leaves_no_number_and_no_warning():
+    machine = load_machine(DATA / "bench_none")
+    log = begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem.logs[0]
+    resolved = resolved_machine(machine)
+    point = measured_point(log, machine, resolved, 0)
+    left = fast_residual_of(resolved.rows[0], point, np.full(log.n, np.inf), Window(log.rate))
+    assert np.all(np.isnan(left))
 
 
 def test_a_hexapod_and_a_slow_log_have_no_fast_continuity():
