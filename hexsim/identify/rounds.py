@@ -188,7 +188,8 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
             return
         design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number), may_load=False)
         if not worth_a_run(design.to_json(), result.verdict == "unexplained"):
-            story.ended = "no motion inside the machine's limits tells more: " + "; ".join(open_points(result))
+            why = design.purpose if design.purpose.startswith("no motion") else "; ".join(open_points(result))
+            story.ended = f"no motion inside the machine's limits tells more: {why}"
             return
         tables, purpose, expected = design.tables, design.purpose, design.to_json()
     story.ended = f"{ROUNDS} rounds are done; still open: {'; '.join(open_points(result))}"

@@ -184,6 +184,7 @@ def test_what_a_motion_promises_of_a_rest_is_what_its_trace_finds(late):
     assert all(pair not in own.tied for own in found["block"])
     assert all(pair in own.tied for own in found["slow"])
     assert all(own.errors[0] < asked.first.numbers[0].standard_error for own in found["block"])
+    assert found["block"][0].words(np.log(1.25)) == "the second leaves 25 % more mean square than the rest"
 
 
 def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):

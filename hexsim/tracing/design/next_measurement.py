@@ -30,7 +30,7 @@ from hexsim.tracing.state import Trace
 from hexsim.tracing.steps.experiments import heavier_load, setpoint_log
 
 DURATION_s = 20.0
-FIRST, ROUNDS = 16, 2  # motions tried at first, and rounds of as many that come from the best of them
+FIRST, ROUNDS = 16, 1  # motions tried at first, and rounds of as many that come from the best of them
 CONTENDERS = 3  # of a machine that is not explained
 NO_GAIN = 0.8  # a motion that leaves more than this share of an error does not sharpen it
 CHECKED = 3  # of the best motions are checked by refits

@@ -137,7 +137,7 @@ def promise(asked: OpenRest, log: Log, changes: dict[str, float]) -> Promise:
     seen = as_measured(fits[0], asked.problem, asked.simulated, log)
     if seen is None:
         return no_promise(asked)
-    weights = rest_level.independent(seen) / asked.rest**2
+    weights = rest_level.independent(seen) * rest_level.row_counts(seen) / asked.rest**2
     there = [start_fit_at(fit, seen) for fit in fits]
     columns = [rest_level.all_columns(there[0], seen)[0]]
     columns += [columns_of_rival(fit, there[0], columns[0], seen) for fit in there[1:]]
@@ -218,7 +218,8 @@ def discovery(asked: OpenRest, there: Fit, seen: BalanceProblem, X: Array, weigh
         return []
     new = np.stack([own[0] for own in columns_of(there, list(asked.library), seen)]).astype(float)
     new[~np.isfinite(new).all(axis=(1, 2))] = 0.0
-    old_weights = rest_level.independent(asked.problem) / asked.rest**2 / sum(m.shape[1] for m in asked.best.fit.misfit)
+    counted = rest_level.independent(asked.problem) * rest_level.row_counts(asked.problem)
+    old_weights = counted / asked.rest**2 / sum(m.shape[1] for m in asked.best.fit.misfit)
     gains = []
     for k, own in enumerate(asked.library_columns):
         cross, size = np.zeros(len(X)), 0.0
