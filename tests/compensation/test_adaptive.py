@@ -723,7 +723,9 @@ def test_a_valve_that_is_lost_is_held_until_it_is_found_again() -> None:
     phi_backlash = np.zeros(4)
     for k in range(60):
         phi = np.array([0.01 * (1.0 + 0.5 * math.sin(k)), -0.032, 0.1 * math.cos(1.7 * k)])
-        update_edge(edge, phi, phi_backlash, float(phi @ [0.15, 0.15 * 0.045, 0.15 * 4e-3]) + rng.normal(0, 4e-6), False)
+        update_edge(
+            edge, phi, phi_backlash, float(phi @ [0.15, 0.15 * 0.045, 0.15 * 4e-3]) + rng.normal(0, 4e-6), False
+        )
     assert edge.ready
     known = edge.gain_m_s_V, edge.dead_band_V, edge.lag_s
     assert known == pytest.approx((0.15, 0.045, 4e-3), rel=0.1)
