@@ -203,6 +203,9 @@ DEMAND = record(  # demand.py: of the tick boundaries to come, the nearest first
     acceleration_m_s2=("f8", (DEMANDS,)), position_m=("f8", (DEMANDS,)), oil_m=("f8", (DEMANDS,)),
     velocity_m_s=("f8", (DEMANDS,)), sign=("f8", (DEMANDS,)), step_Pa=("f8", (DEMANDS,)),  # of friction
 )  # fmt: skip
+LOOP = record(  # loop_feedback.py
+    started="i8", position_m="f8", velocity_m_s="f8", pressure_Pa="f8", passed_Pa="f8",
+)  # fmt: skip
 SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); doubles alone
     tick_s="f8", position_gain_V_per_m="f8", voltage_max_V="f8", stroke_m="f8", area_ratio="f8",
     pipeline_length_m="f8", bulk_modulus_Pa="f8", tank_pressure_Pa="f8", position_noise_m="f8",
@@ -211,6 +214,8 @@ SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); dou
     damping_low_Hz="f8", damping_high_Hz="f8", damping_max_V="f8", window_s="f8", min_speed_m_s="f8",
     memory_windows="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8", max_stability_limit_m_s2="f8",
     min_excitation_m_s2="f8", learn="f8", rod_ratio="f8", pipeline_length_top_m="f8",
+    velocity_gain_V_s_per_m="f8", velocity_pole="f8", velocity_share="f8", pressure_gain_V_per_Pa="f8",
+    pressure_pole="f8", pressure_share="f8",
 )  # fmt: skip
 DESIGN = record(  # taps.py, least_squares.py: work
     triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),
@@ -219,7 +224,7 @@ DESIGN = record(  # taps.py, least_squares.py: work
 STATE = record(
     settings=SETTINGS, valve=VALVE, friction=FRICTION, reference=REFERENCE, inverse=INVERSE, engagement=ENGAGEMENT,
     monitor=MONITOR, rounding=ROUNDING, leak=LEAK, trim=TRIM, delay=DELAY, lateness=LATENESS, prediction=PREDICTION,
-    demands=DEMAND,
+    demands=DEMAND, loop=LOOP,
     lag_s="f8", delay_s="f8",  # spool lag that the taps were designed for, and how much of it is delay and no spool
     resonance_Hz="f8",  # of the load on the oil, for the damping; 0 = unknown
     viscous_share="f8",  # rate at which viscous friction damps it, over `damping_1_s`

@@ -41,6 +41,7 @@ from .inverse import advance_inverse
 from .lateness import due_pressure_Pa, pressure_then_Pa
 from .layout import LEAD_TAPS, PREVIEW_TICKS
 from .leak import start_leak, tell_leak
+from .loop_feedback import fed_back_V
 from .prediction import predict, watch_setpoint
 from .presliding import add_to_presliding, update_presliding
 from .reference import advance_reference
@@ -111,7 +112,9 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
     drop_demand(demands)
     lag = setpoint_m - now[3]
     load = bottom_Pa - supply_Pa * settings.area_ratio
-    deviation = load - due_pressure_Pa(state.lateness, now[0], demands.pressure_Pa)
+    due_Pa = due_pressure_Pa(state.lateness, now[0], demands.pressure_Pa)
+    deviation = load - due_Pa
+    fed_back = fed_back_V(state.loop, settings, now[3], (1.0 + settings.rod_ratio**3) * due_Pa)
     push(state.deviation_Pa, deviation)
     state.mean_deviation_Pa += DEVIATION_SHARE * (deviation - state.mean_deviation_Pa)
 
@@ -124,6 +127,7 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
     push(state.flow_V, flow)
     push(state.dead_band_V, dead_band)
     if state.engagement.ramp > 0.0:
+        u += fed_back
         u += dot(state.lead_taps, state.flow_V, LEAD_TAPS) + dot(state.crossing_taps, state.dead_band_V, LEAD_TAPS)
         u += backlash_inverse(state, u) - settings.position_gain_V_per_m * lag
         u += state.valve.null_V - damping(state, settings.damping_1_s * compliance, roots)
