@@ -146,7 +146,7 @@ def _checks_passed(state):
         _above_enable_threshold(engagement, state.settings)
         and engagement.closed_ticks < MAX_CLOSED_SHARE * engagement.half_ticks
         and monitor_ready(state.monitor)
-        and worth_compensating(state.monitor, step_acceleration_m_s2(state.friction))
+        and worth_compensating(state.monitor, step_acceleration_m_s2(state.friction), state.valve.four_way)
         and lags_agree(state.valve)
         and explains_reversals(state.rounding)
         and state.valve.leak_known != 0

@@ -112,7 +112,7 @@ INVERSE = record(  # inverse.py
     dead_band_V=("f8", (2,)),  # dead-band compensation of the two ticks before
 )  # fmt: skip
 ROUNDING = record(  # edge_rounding.py
-    prior_V="f8", largest_V="f8", straight_V="f8", lower_errors="f8",
+    prior_V="f8", largest_V="f8", straight_V="f8", lower_errors="f8", least_probe_V="f8",
     square_V2="f8", variance_V4="f8",
     misfit="f8",  # mean square of a passage's excess, over its expected variance
     backlash_V="f8",  # volts behind the backlash

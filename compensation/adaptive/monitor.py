@@ -28,6 +28,7 @@ BASELINE_SHARE = 0.5  # low-pass of the baseline, a reversal
 FELT_M_S2 = 0.15  # bump of plain control from which a compensation that is still learning can be trusted to gain
 RISK_SHARE = 0.3  # of the load's acceleration by the friction step: less than this it cannot lose
 NOISE_RANGE = 5.0  # standard errors between the extremes of noise
+PAIR_NOISE = 2.0  # of it that adds to a bump; a four-way valve without overlap can be trusted with smaller ones
 
 
 @compiled
@@ -85,10 +86,11 @@ def worse_than_baseline(monitor, extending, reversal_m_s2, ramp):
 
 
 @compiled
-def worth_compensating(monitor, step_m_s2):
+def worth_compensating(monitor, step_m_s2, four_way):
     """Whether plain control's bumps are larger than those of a compensation that is still learning. step_m_s2:
     acceleration that the friction step gives the load."""
-    least = min(FELT_M_S2, RISK_SHARE * step_m_s2) + NOISE_RANGE * bump_noise_m_s2(monitor)
+    noise = PAIR_NOISE if four_way else NOISE_RANGE
+    least = min(FELT_M_S2, RISK_SHARE * step_m_s2) + noise * bump_noise_m_s2(monitor)
     return max(monitor.baseline_m_s2[0], monitor.baseline_m_s2[1]) > least
 
 
