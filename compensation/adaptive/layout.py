@@ -206,6 +206,10 @@ DEMAND = record(  # demand.py: of the tick boundaries to come, the nearest first
 LOOP = record(  # loop_feedback.py
     started="i8", position_m="f8", velocity_m_s="f8", pressure_Pa="f8", passed_Pa="f8",
 )  # fmt: skip
+CHAMBERS = record(  # chamber_pressures.py: of a four-way valve
+    bottom_Pa="f8", top_Pa="f8", supply_Pa="f8", mean_bottom_Pa="f8", mean_top_Pa="f8",  # now; over the tick past
+    tops_Pa=("f8", (DEMANDS,)), off_Pa="f8", oil_m="f8", position_m="f8", swollen_m="f8",  # asked for, newest first
+)  # fmt: skip
 SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); doubles alone
     tick_s="f8", position_gain_V_per_m="f8", voltage_max_V="f8", stroke_m="f8", area_ratio="f8",
     pipeline_length_m="f8", bulk_modulus_Pa="f8", tank_pressure_Pa="f8", position_noise_m="f8",
@@ -224,7 +228,7 @@ DESIGN = record(  # taps.py, least_squares.py: work
 STATE = record(
     settings=SETTINGS, valve=VALVE, friction=FRICTION, reference=REFERENCE, inverse=INVERSE, engagement=ENGAGEMENT,
     monitor=MONITOR, rounding=ROUNDING, leak=LEAK, trim=TRIM, delay=DELAY, lateness=LATENESS, prediction=PREDICTION,
-    demands=DEMAND, loop=LOOP,
+    demands=DEMAND, loop=LOOP, chambers=CHAMBERS,
     lag_s="f8", delay_s="f8",  # spool lag that the taps were designed for, and how much of it is delay and no spool
     resonance_Hz="f8",  # of the load on the oil, for the damping; 0 = unknown
     viscous_share="f8",  # rate at which viscous friction damps it, over `damping_1_s`
