@@ -37,18 +37,10 @@ def measure_pressures(chambers, bottom_Pa, top_Pa, supply_Pa):
 
 
 @compiled
-def swollen_m(chambers, settings, position_m):
-    """One tick: oil that the piston's travel took up under pressures other than half the supply's, as travel,
-
-        z' = y' (1 + (w1 P1 + w2 P2)/E) + c pL'
-
-    A constant pressure is in the identified gain; that of a differential cylinder changes by half after a reversal."""
+def across_Pa(settings, position_m, bottom_Pa, top_Pa):
+    """Pressure across the piston as it leaks away from z: (P1 - P2) (w1 + w2 / r)."""
     c1, c2, over = _weights(settings, position_m)
-    pressure = (c2 * chambers.bottom_Pa + settings.rod_ratio * c1 * chambers.top_Pa) / over - 0.5 * chambers.supply_Pa
-    if chambers.position_m != 0.0:
-        chambers.swollen_m += (position_m - chambers.position_m) * pressure / settings.bulk_modulus_Pa
-    chambers.position_m = position_m
-    return chambers.swollen_m
+    return (bottom_Pa - top_Pa) * (c1 + c2) / over
 
 
 @compiled
@@ -90,9 +82,13 @@ def roots_ahead(chambers, settings, reference, oil_m, equivalent_Pa, engaged, sh
     if not engaged:
         chambers.off_Pa = 0.0
         _fill(chambers.tops_Pa, chambers.top_Pa)
+        chambers.across_Pa = across_Pa(settings, reference.position_m, chambers.bottom_Pa, chambers.top_Pa)
         return pair_roots(settings, reference.position_m, chambers.bottom_Pa, chambers.top_Pa, supply)
-    chambers.off_Pa += DEVIATION_SHARE * (chambers.top_Pa - chambers.tops_Pa[PREVIEW_TICKS + shift - 1] - chambers.off_Pa)
+    chambers.off_Pa += DEVIATION_SHARE * (
+        chambers.top_Pa - chambers.tops_Pa[PREVIEW_TICKS + shift - 1] - chambers.off_Pa
+    )
     top = chambers.tops_Pa[0] + chambers.off_Pa
+    chambers.across_Pa = across_Pa(settings, reference.position_m, load + r * top, top)
     roots = pair_roots(settings, reference.position_m, load + r * top, top, supply)
     extends = flow > 0.0
     second = _root(settings, top - tank if extends else supply - top) / (r * roots[1 if extends else 0])

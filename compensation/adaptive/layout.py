@@ -50,7 +50,7 @@ EDGE = record(  # valve_edge.py
     backlash_fit=FIT,  # the same and k h
     windows="f8", gain_m_s_V="f8", dead_band_V="f8", lag_s="f8",
     root="f8",  # R^ of the last window
-    least_V="f8",  # dead band: 0, or negative on a four-way valve with underlap
+    misfit_allowed="f8", least_V="f8",  # dead band: 0, or negative on a four-way valve with underlap
     backlash_V="f8",  # half width, 0 until it is taken into account
     fitted_backlash_V="f8",
     significant="i8",  # backlash: from then on b is found from where the volts reverse
@@ -71,7 +71,8 @@ VALVE = record(  # valve.py
     null_V="f8",  # volts that lie in the middle between both edges
     leak_m_s="f8",  # oil that flows into the chamber while the valve is closed
     leak_known="i8", null_rate_V_s="f8",
-    four_way="i8",
+    four_way="i8", differential="i8", across_Pa="f8",  # P1 - P2, as it leaks across the piston
+    across_sum="f8", across_phi="f8", across_means=("f8", (2,)), across_squares="f8", across_m_s_Pa="f8",  # piston_leak.py
     ticks="i8",  # since the last window that was used
 )  # fmt: skip
 STRIBECK = record(  # stribeck.py
@@ -208,7 +209,7 @@ LOOP = record(  # loop_feedback.py
 )  # fmt: skip
 CHAMBERS = record(  # chamber_pressures.py: of a four-way valve
     bottom_Pa="f8", top_Pa="f8", supply_Pa="f8", mean_bottom_Pa="f8", mean_top_Pa="f8",  # now; over the tick past
-    tops_Pa=("f8", (DEMANDS,)), off_Pa="f8", oil_m="f8", position_m="f8", swollen_m="f8",  # asked for, newest first
+    tops_Pa=("f8", (DEMANDS,)), off_Pa="f8", oil_m="f8", across_Pa="f8",  # asked for, newest first
 )  # fmt: skip
 SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); doubles alone
     tick_s="f8", position_gain_V_per_m="f8", voltage_max_V="f8", stroke_m="f8", area_ratio="f8",

@@ -22,7 +22,7 @@ from math import sqrt
 
 from ..compiled import compiled
 from .arithmetic import clip, dot, push
-from .chamber_pressures import measure_pressures, pair_roots, roots_ahead, swollen_m
+from .chamber_pressures import across_Pa, measure_pressures, pair_roots, roots_ahead
 from .chambers import compliance_m_Pa, equivalent_Pa
 from .delay import add_to_delay, found_delay_s, found_lateness_s, softness_m_Pa
 from .demand import append_demand, drop_demand, stretch_demands
@@ -43,6 +43,7 @@ from .lateness import due_pressure_Pa, pressure_then_Pa
 from .layout import LEAD_TAPS, PREVIEW_TICKS
 from .leak import start_leak, tell_leak
 from .loop_feedback import fed_back_V
+from .piston_leak import leaked_across_m_s
 from .prediction import predict, watch_setpoint
 from .presliding import add_to_presliding, update_presliding
 from .reference import advance_reference
@@ -121,14 +122,13 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
     state.mean_deviation_Pa += DEVIATION_SHARE * (deviation - state.mean_deviation_Pa)
 
     bottom = pressure + state.mean_deviation_Pa + state.supply_Pa * settings.area_ratio
-    roots = _roots(settings, state.supply_Pa, bottom)
+    roots, leak_m_s = _roots(settings, state.supply_Pa, bottom), state.valve.leak_m_s
     if settings.rod_ratio > 0.0:
         load_ahead, engaged = pressure + state.mean_deviation_Pa, state.engagement.ramp > 0.0
         roots = roots_ahead(state.chambers, settings, reference, oil, load_ahead, engaged, state.shift)
+        leak_m_s -= leaked_across_m_s(state.valve, state.chambers.across_Pa)
     oil += softness_m_Pa(state.delay) * friction_share * friction_step
-    flow, dead_band = advance_inverse(
-        state.inverse, oil, roots, state.valve, state.trim, state.crossing_path, state.valve.leak_m_s
-    )
+    flow, dead_band = advance_inverse(state.inverse, oil, roots, state.valve, state.trim, state.crossing_path, leak_m_s)
     push(state.flow_V, flow)
     push(state.dead_band_V, dead_band)
     if state.engagement.ramp > 0.0:
@@ -187,9 +187,11 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     z = position_m + compliance_m_Pa(settings, position_m) * p_late
     push(state.oil_error_m, z - oil_m)
     state.leaked_m += valve.leak_m_s * settings.tick_s
-    z -= state.leaked_m
     if valve.four_way:
-        z += swollen_m(state.chambers, settings, position_m)
+        chambers = state.chambers
+        valve.across_Pa = across_Pa(settings, position_m, chambers.mean_bottom_Pa, chambers.mean_top_Pa)
+        state.leaked_m -= leaked_across_m_s(valve, valve.across_Pa) * settings.tick_s
+    z -= state.leaked_m
     add_to_valve(valve, z, v, means[1 if v > 0 else 0])
     if not engaged and recentre(valve):
         start_leak(state.leak)
