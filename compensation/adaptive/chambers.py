@@ -19,7 +19,7 @@ import math
 
 from ..compiled import compiled
 
-NEWTON_STEPS, BRACKET = 12, 3.0  # of the inverse; roundings by which it may lie beyond the sharp one
+NEWTON_STEPS, BRACKET = 20, 3.0  # of the inverse; roundings by which it may lie beyond the sharp one
 
 
 @compiled
@@ -67,7 +67,7 @@ def pair_volts(flow_m_s, edges, roots, rounding_V):
     gain_up, gain_down = up.gain_m_s_V * roots[1], down.gain_m_s_V * roots[0]
     high = max(up.dead_band_V, -down.dead_band_V) + max(flow_m_s, 0.0) / gain_up + BRACKET * rounding_V
     low = min(-down.dead_band_V, up.dead_band_V) + min(flow_m_s, 0.0) / gain_down - BRACKET * rounding_V
-    x = min(max(0.0, low), high)
+    x = up.dead_band_V + flow_m_s / gain_up if flow_m_s > 0.0 else flow_m_s / gain_down - down.dead_band_V
     for _ in range(NEWTON_STEPS):
         error = pair_flow_m_s(x, edges, roots, rounding_V) - flow_m_s
         if error > 0.0:
