@@ -45,6 +45,8 @@ HOSE = {"effects.hose_compliance.compliance_m3_Pa": 5e-14}  # as good as a dead 
 INCLINE = {"effects.incline.angle_rad": 0.3}  # as good as a constant force: a tie
 SECOND_SMALL = {"scale_ripple": 3e-6, "small_spool_lag": 150.0, "small_accelerometer_gain": 0.004, "small_air": 0.003,
                 "small_null_offset": 5e-3, "hardening_spring": 5e4}  # fmt: skip
+SECOND_SLOW = {"spool_lag": 20.0, **SECOND_SMALL}  # as good as a valve delay, in a multisine
+SECOND_SLOW.pop("small_spool_lag")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +116,6 @@ CASES = {
     ),
     "fault": Hidden(changes=LEAK, spoil=transducer_breaks(50.0)),
     "hose": Hidden(changes=HOSE),
-    "fault_later": Hidden(changes=HOSE, spoil=transducer_breaks(85.0)),
     "incline": Hidden(changes=INCLINE),
     "small_leak": Hidden(changes=SMALL | {key: 3e-13 for key in LEAK}),  # the number is wide beside what is left
     "rough_delay": Hidden(changes=SMALL | {"effects.valve_delay.delay_s": 4e-3}),  # as good as a slow spool
@@ -122,6 +123,8 @@ CASES = {
     "second_spool": Hidden(second={"leakage_supply_to_chamber": 1.7e-12, "spool_lag": 60.0}),
     "second_clean": Hidden(second={}),
     "second_rough": Hidden(second={"leakage_supply_to_chamber": 1.7e-12} | SECOND_SMALL),
+    "second_slow": Hidden(second=SECOND_SLOW),
+    "fault_later": Hidden(second=SECOND_SLOW, spoil=transducer_breaks(85.0)),  # in its second round
     "lying_clock": Hidden(changes=LEAK, spoil=stamps(1.01, rate_too=True)),
     "lying_rate": Hidden(changes=LEAK, spoil=stamps(1.1, rate_too=False)),
     "loss": Hidden(changes=LEAK, spoil=loses(0.01)),

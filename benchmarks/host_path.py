@@ -14,7 +14,6 @@ import json
 import sys
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 ROOT = Path(__file__).parents[1]
@@ -26,6 +25,8 @@ from leg_plant import run, sine  # noqa: E402 # pyright: ignore[reportMissingImp
 import compensation  # noqa: E402
 from compensation import Context, preview_count  # noqa: E402
 from hexsim.machine import load_machine  # noqa: E402
+from hexsim.recording import palette  # noqa: E402
+from hexsim.recording.figure_style import png, small_multiples, styled  # noqa: E402
 from hexsim.simulation.hosted import Host, played  # noqa: E402
 
 RESULT = ROOT / "docs" / "results" / "host_path.json"
@@ -61,20 +62,23 @@ def felt(motion_name: str, host: Host, way: str) -> float:
     return max(one[0] for one in bumps(done, late, DURATION_s - 0.1)[-8:]) / 2
 
 
+@styled
 def picture(rows: list[dict], path: Path) -> None:
-    figure, plots = plt.subplots(1, 2, figsize=(9, 3.6), sharey=True, layout="constrained")
+    figure, plots = small_multiples(2, "Bump of a leg behind a host's packets", columns=2, height=3.2)
     for plot, name in zip(plots, ("sine", "irregular"), strict=True):
-        for way, colour in zip(WAYS, ("#888888", "#e0902a", "#2060b0"), strict=True):
+        for way, colour in zip(WAYS, (palette.REFERENCE, palette.MARK, palette.RESPONSE), strict=True):
             for rate, style in ((500, "-"), (60, "--")):
                 mine = [r for r in rows if (r["motion"], r["way"], r["rate_Hz"]) == (name, way, rate)]
                 at = sorted({r["latency_ms"] for r in mine})
                 worst = [max(r["bump_m_s2"] for r in mine if r["latency_ms"] == x) for x in at]
-                plot.plot(at, worst, style, color=colour, marker="o", ms=3, label=f"{way}, {rate} Hz")
-        plot.set(title="sine 0.05 m 0.5 Hz" if name == "sine" else "irregular motion", xlabel="latency given away [ms]")
-        plot.set_ylim(0.0, None)
+                plot.plot(at, worst, style, color=colour, marker="o", ms=3, label=f"{way}, {rate} a second")
+        plot.set(
+            title="sine 0.05 m, 0.5 Hz" if name == "sine" else "irregular motion", xlabel="latency given away [ms]"
+        )
+        plot.set_ylim(0.0, 0.62)
     plots[0].set_ylabel("bump in 50 Hz [m/s²]")
-    plots[1].legend(fontsize=7)
-    figure.savefig(path, dpi=110)
+    plots[1].legend(loc="center right", frameon=False, fontsize=8.0)
+    path.write_bytes(png(figure, 120))
 
 
 def main() -> None:

@@ -5,10 +5,13 @@
 
 Machines of the second plant: even seeds rough (`rough_machines.draw`), odd seeds clean with one effect of the library, of
 0.05 to 1 of its typical size. The first trace has the multisine of 20 s to fit and a sine held out. A machine that it
-leaves right and sharp is a line without `designed`. One line of JSON a machine; a machine in the file is not run again.
+leaves right and sharp, or in which it sees nothing missing, is a line without `designed`. One line of JSON a machine; a
+machine in the file is not run again.
+Rough machines are traced by the balances alone, which decide there; clean ones from end to end.
 
 right     the effect that was put in is named (of a rough machine: it, or a small reality that is there), and nothing else
 sharp     no tie, every number of it known to 10 %, and within 15 % of the truth where the library has the same number
+honest    the design's first line says that no motion does it, and the right name is in that line
 """
 
 from __future__ import annotations
@@ -85,6 +88,8 @@ def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
     from hexsim.tracing.trace import trace
 
     effects, name = draw(seed)
+    if seed % 2 == 0:
+        trace = traced_in_balances
     line: dict[str, Any] = {"seed": seed, "rough": seed % 2 == 0, "effect": name, "effects": effects}
     began = time.process_time()
     with tempfile.TemporaryDirectory() as place:
@@ -94,7 +99,7 @@ def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
             first = trace(folder, ["fit"], ["validate"])
             line["first"] = outcome(first, line)
             tell(f"first {line['first']}")
-            if not line["first"]["score"].startswith("right and sharp"):
+            if left_open(line["first"]):
                 design = next_measurement(first, may_load=False)
                 line["design"] = design.to_json() | {"scenario": design.tables["axes"]}
                 write_driven(folder, plant, "designed", design.tables, seed)
@@ -107,10 +112,25 @@ def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
     return line | {"seconds": round(time.process_time() - began)}
 
 
+def traced_in_balances(folder: Path, fit: list[str], validate: list[str]) -> Any:
+    """A trace up to the sure effects, without a simulated refit."""
+    from hexsim.tracing.steps import dominant, shapes, violations
+    from hexsim.tracing.steps.logs import begin
+
+    state = begin(folder, fit, validate)
+    for step in (violations.STEP, shapes.STEP, dominant.STEP):
+        state = step.run(state, lambda doing: None)
+    return state
+
+
+def left_open(first: dict[str, Any]) -> bool:
+    """Has the trace left something open? Where it sees nothing there is nothing to ask."""
+    return first["score"] != "right and sharp" and first["verdict"] != "nothing missing"
+
+
 def outcome(result: Any, line: dict[str, Any]) -> dict[str, Any]:
     """Verdict, names with numbers and errors, and the score."""
-    effects = [row for row in result.report["effects"] if row["name"]]
-    named = [[row["name"], row["parameters"], row["standard_error"], row["tied_with"]] for row in effects]
+    named = [[e.candidate.effect.name, e.values, e.standard_errors, list(e.tied_with)] for e in result.effects]
     return {"verdict": result.verdict, "named": named, "score": score(line, named)}
 
 
@@ -134,7 +154,7 @@ def score(line: dict[str, Any], named: list[list[Any]]) -> str:
     _, values, errors, tied = found[0]
     if tied:
         return "right, tied"
-    if not all((errors.get(key) or np.inf) <= 0.1 * abs(value) for key, value in values.items() if value):
+    if not all((errors.get(key) or np.inf) <= 0.1 * scale_of(key, value) for key, value in values.items()):
         return "right, not sharp"
     factor = SAME_SIZE.get(line["effect"])
     if factor and len(values) == 1:
@@ -144,21 +164,37 @@ def score(line: dict[str, Any], named: list[list[Any]]) -> str:
     return "right and sharp"
 
 
+def scale_of(key: str, value: float) -> float:
+    """What 10 % of a number are of: a phase counts as it is, and 0 is sharp when nothing is."""
+    return 1.0 if key == "phase_rad" else abs(value) or np.inf
+
+
 def summarise(lines: list[dict[str, Any]]) -> None:
     """Counts, and the ratio of predicted to reached errors."""
     for kind in ("rough", "clean"):
-        own = [line for line in lines if line["rough"] == (kind == "rough")]
-        opened = [line for line in own if "multisine" in line]
+        own = [line for line in lines if line["rough"] == (kind == "rough") and "first" in line]
+        opened = [line for line in own if "multisine" in line and left_open(line["first"])]
+        print(f"{kind}: nothing missing {sum(line['first']['verdict'] == 'nothing missing' for line in own)}")
         good = {
             key: sum(line[key]["score"] == "right and sharp" for line in opened) for key in ("designed", "multisine")
         }
         print(f"{kind}: {len(own)} machines, {len(opened)} left open; right and sharp after it: {good}")
+        honest = [line["seed"] for line in opened if answered_honestly(line)]
+        print(f"  the design says that no motion does it, with the right name: {len(honest)} {honest}")
     ratios = np.array([ratio for line in lines if "designed" in line for ratio in error_ratios(line)])
     if len(ratios):
         inside = np.mean(np.abs(np.log(ratios)) <= np.log(1.5))
         print(
             f"predicted over reached error: {len(ratios)} numbers, median {np.median(ratios):.2f}, within 1.5: {inside:.2f}"
         )
+
+
+def answered_honestly(line: dict[str, Any]) -> bool:
+    """Does the design's first line say that no motion does it, of the right name?"""
+    from tracing_evaluation import RIGHT
+
+    said = line["design"]["purpose"]
+    return said.startswith("no motion") and any(name in said for name in RIGHT[line["effect"]])
 
 
 def error_ratios(line: dict[str, Any]) -> list[float]:

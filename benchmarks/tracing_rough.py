@@ -38,6 +38,7 @@ def run_one(seed: int, dominant: str | None, hexapod: bool = False) -> dict:
     from other_plant import write_machine
     from tracing_evaluation import commit
 
+    from hexsim.tracing.fitting.rest_evidence import values_in_leg
     from hexsim.tracing.steps import shapes, violations
     from hexsim.tracing.steps.dominant import sure_effects
     from hexsim.tracing.steps.logs import begin
@@ -58,7 +59,7 @@ def run_one(seed: int, dominant: str | None, hexapod: bool = False) -> dict:
         {
             "name": own.candidate.effect.name,
             "where": own.candidate.where,
-            "values": fit.values[fit.candidates.index(own.candidate)],
+            "values": values_in_leg(fit, own.candidate),
             "tied": own.tied,
         }
         for own in found.named

@@ -3,7 +3,7 @@
 `create(name)` makes one; `available()` lists them; `Compensator` is what an own one derives from.
 """
 
-from .compensator import Compensator, Context, Parameters, Sample, preview_count
+from .compensator import NO_LOAD, Compensator, Context, Parameters, Sample, preview_count
 from .registry import available, check, create
 
-__all__ = ["Compensator", "Context", "Parameters", "Sample", "available", "check", "create", "preview_count"]
+__all__ = ["NO_LOAD", "Compensator", "Context", "Parameters", "Sample", "available", "check", "create", "preview_count"]

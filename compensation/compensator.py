@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import abc
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
+NO_LOAD = np.zeros(0)  # `Sample.load_preview_m_s2` of a leg that carries nothing of what other legs move
 Parameters = dict[str, Any]  # numbers, lists of numbers, strings: what JSON and TOML can hold
 
 
@@ -39,6 +40,8 @@ class Sample:
     pressure_supply_Pa: float  # measured, Ps
     feed_forward_V: float = 0.0  # part of control_V that is of the setpoint alone, but for Kp (setpoint - position)
     pressure_top_Pa: float = 0.0  # measured, of a rod side on a four-way valve
+    # (n,) or none: load that the setpoints of all legs give this one, over the mass that it has when all move alike
+    load_preview_m_s2: np.ndarray = field(default_factory=lambda: NO_LOAD)
 
     def __post_init__(self) -> None:
         floats = (

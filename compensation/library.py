@@ -63,6 +63,7 @@ class Library(Compensator):
             )
         double, pointer = ctypes.c_double, ctypes.c_void_p
         getattr(library, f"{PREFIX}step").argtypes = [pointer, double, pointer, ctypes.c_int, *[double] * 7, pointer]
+        getattr(library, f"{PREFIX}expect").argtypes = [pointer, pointer, ctypes.c_int]
         return library
 
     def _call(self, function: str, *arrays: np.ndarray) -> int:
@@ -77,6 +78,9 @@ class Library(Compensator):
 
     def step(self, state: LibraryState, sample: Sample) -> tuple[float, LibraryState]:
         added, preview = ctypes.c_double(), np.ascontiguousarray(sample.preview_m, dtype=float)
+        loads = np.ascontiguousarray(sample.load_preview_m_s2, dtype=float)
+        if len(loads):
+            getattr(self.functions, f"{PREFIX}expect")(state.numbers.ctypes.data, loads.ctypes.data, len(loads))
         state.told = getattr(self.functions, f"{PREFIX}step")(
             state.numbers.ctypes.data, sample.setpoint_m, preview.ctypes.data, len(preview), sample.position_m,
             sample.control_V, sample.feed_forward_V, sample.valve_V, sample.pressure_bottom_Pa,

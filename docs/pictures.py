@@ -101,6 +101,14 @@ def results() -> Pictures:
         return {"host_path": place.read_bytes()}
 
 
+def learning() -> Pictures:
+    """The kept policy of examples/learned_policy.py."""
+    sys.path.insert(0, str(ROOT / "examples"))
+    import learned_policy
+
+    return {"learned_policy": learned_policy.picture(json.loads(learned_policy.KEPT.read_text(encoding="utf-8")))}
+
+
 def cueing() -> Pictures:
     """A car's manoeuvre through a host's packets, as felt; and what washouts make of a push."""
     import runpy
@@ -164,7 +172,8 @@ def live_web() -> Pictures:
 
 
 GROUPS: dict[str, Callable[[], Pictures]] = {
-    f.__name__: f for f in (heave, trace, effects, valve, qualify, chapter4, results, cueing, story, machines, live_web)
+    f.__name__: f
+    for f in (heave, trace, effects, valve, qualify, chapter4, results, learning, cueing, story, machines, live_web)
 }
 
 

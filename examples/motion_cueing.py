@@ -152,7 +152,8 @@ def main() -> None:
     table = figures(moments, felt)
     (arguments.out / "cueing.json").write_text(json.dumps(table, indent=1), encoding="utf-8")
     what = "plain control" if run.compensator == "none" else f"compensator {run.compensator}"
-    what += f", packets {arguments.host}" if arguments.host else ""
+    if host:
+        what += f", {host.rate_Hz:g} packets a second, {100 * host.loss:g} % lost"
     (arguments.out / "cueing.png").write_bytes(picture(moments, felt, table, what))
     columns = {f"{name}_{axis}_m_s2": values[:, k] for name, values in felt.items() for k, axis in enumerate("xyz")}
     pl.DataFrame({"time_s": moments, **columns}).write_csv(arguments.out / "felt.csv")

@@ -85,9 +85,9 @@ class Adaptive(Compensator):
 
     def step(self, state: AdaptiveState, sample: Sample) -> tuple[float, AdaptiveState]:
         volts, state.told = tick(
-            state.states, prediction_table(), sample.preview_m, sample.setpoint_m, sample.position_m, sample.control_V,
-            sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_top_Pa, sample.pressure_supply_Pa,
-            self.extra(state, sample) - sample.feed_forward_V,
+            state.states, prediction_table(), sample.preview_m, sample.load_preview_m_s2, sample.setpoint_m,
+            sample.position_m, sample.control_V, sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_top_Pa,
+            sample.pressure_supply_Pa, self.extra(state, sample) - sample.feed_forward_V,
         )  # fmt: skip
         if state.told & DESIGN_WANTED:
             design(state.numbers)

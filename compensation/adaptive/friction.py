@@ -2,11 +2,12 @@
 
 While the piston moves, the bottom pressure balances load, inertia and friction (Eq. 3.8, 3.9). Over windows,
 
-    P1 - Ps A2/A1 = p0 + p1 a + p2 v+ + p3 v- + p4 sign(v) + p5 y
+    P1 - Ps A2/A1 = p0 + p1 a + p2 v+ + p3 v- + p4 sign(v) + p5 y + p6 sign(v) exp(-|v| / v_s)
 
-y and a are the mean position and demanded acceleration, v+ and v- the velocity of each direction, from displacements.
-At a reversal all terms but the sign are continuous: the pressure must step by 2 p4, whatever mass, geometry and viscous
-friction. Stribeck friction near rest is identified apart (stribeck.py).
+y is the mean position, a the load demanded: the demanded acceleration, or what the setpoints of all legs ask for
+(reference.py). v+ and v- are the velocity of each direction, from displacements. At a reversal all terms but the sign
+are continuous: the pressure must step by 2 p4, whatever mass, geometry and viscous friction. p6 is Stribeck friction as
+slow windows see it: what is begun with. Reversals tell it better (stribeck.py).
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from __future__ import annotations
 import math
 
 from ..compiled import compiled
-from .arithmetic import clip, copy
+from .arithmetic import clip, copy, fill_zero
 from .chambers import compliance_m_Pa
 from .presliding import bristle
 from .recursive_least_squares import bound_influence, scale_covariance, start_fit, update_fit
-from .stribeck import MIN_RATE
+from .stribeck import MIN_RATE, begin_stribeck
 
 MAX_HALF_STEP_MPA = 1.0
 DM = 10.0  # [dm/m]
@@ -27,8 +28,8 @@ POSITION_PRIOR = 10.0  # standard deviation of p5 [2 kPa/dm]: load hardly depend
 TYPICAL_STRIBECK, REVERSALS_NEEDED = 0.5, 5  # P_s over half the step, assumed until so many reversals were seen
 # prior standard deviations in units of the noise of a window's mean (2 kPa): 1 MPa or 1 MPa per (m/s2, dm/s)
 NOISE_MPA, MAX_ERRORS = 2e-3, 3.0  # of a window's mean; errors from which on a window counts for less
-NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-PRIOR = (500.0, 500.0, 500.0, 500.0, 250.0, POSITION_PRIOR)
+NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+PRIOR = (500.0, 500.0, 500.0, 500.0, 250.0, POSITION_PRIOR, 15.0)
 RESTORED_VARIANCE, RESTORED_REVERSALS = 0.01, round(1.0 / MIN_RATE)  # of the prior's; of Stribeck friction
 MAX_LOAD_MISFIT_MPA = 6.9e-3  # rms of a window up to which the load is the leg's own
 MIN_WINDOWS = 20  # in each direction, before the fit is used
@@ -52,7 +53,7 @@ def friction_ready(friction):
 
 @compiled
 def add_to_friction(friction, position_m, load_Pa, acceleration_m_s2):
-    """One tick: position, P1 - Ps A2/A1 and the demanded acceleration, all of now."""
+    """One tick: position, P1 - Ps A2/A1 and the demanded load, all of now."""
     if friction.count == 0:
         friction.start_m, friction.sum_load, friction.sum_a = position_m, 0.0, 0.0
     friction.sum_load += load_Pa
@@ -68,30 +69,33 @@ def add_to_friction(friction, position_m, load_Pa, acceleration_m_s2):
 @compiled
 def _finish_window(friction, position_m):
     v = (position_m - friction.start_m) / (friction.window * friction.tick_s)
-    if slowest_m_s(friction, position_m) < friction.min_speed_m_s:
+    begin, end = ends_m_s(friction, position_m)
+    if begin * end < 0.0 or min(abs(begin), abs(end)) < friction.min_speed_m_s:
         return
+    near_rest = (stribeck_share(begin) + 4.0 * stribeck_share(v) + stribeck_share(end)) / 6.0  # Simpson's rule
     n, up, phi = friction.window + 1, 1 if v > 0 else 0, friction.phi
     v *= DM
     phi[0], phi[1], phi[2], phi[3], phi[4] = 1.0, friction.sum_a / n, v * up, v * (1 - up), 2.0 * up - 1.0
     phi[5] = 0.5 * DM * (position_m + friction.start_m - friction.stroke_m)
+    phi[6] = phi[4] * near_rest
     load = bound_influence(friction.fit, phi, friction.sum_load / n * 1e-6, NOISE_MPA, MAX_ERRORS)
     update_fit(friction.fit, phi, load)
-    for i in range(5):
-        phi[i] = 0.0
+    fill_zero(phi)
     phi[5] = friction.position_weight
     update_fit(friction.fit, phi, 0.0)
     friction.windows[up] += 1
     friction.half_step_Pa = 1e6 * clip(friction.fit.theta[4], 0.0, MAX_HALF_STEP_MPA)
+    error_Pa = 1e6 * math.sqrt(max(friction.fit.residual, NOISE_MPA**2) * friction.fit.covariance[6, 6])
+    begin_stribeck(friction.stribeck, 1e6 * friction.fit.theta[6], error_Pa, 2.0 * friction.half_step_Pa)
 
 
 @compiled
-def slowest_m_s(friction, position_m):
-    """Speed at the slower end of the window that ends here, from its halves; below 0 where the piston turned in it."""
+def ends_m_s(friction, position_m):
+    """Speeds at both ends of the window that ends here, from its halves; of two signs where the piston turned in it."""
     half = friction.window // 2
     first = (friction.middle_m - friction.start_m) / (half * friction.tick_s)
     last = (position_m - friction.middle_m) / ((friction.window - half) * friction.tick_s)
-    begin, end = 1.5 * first - 0.5 * last, 1.5 * last - 0.5 * first
-    return min(abs(begin), abs(end)) if begin * end > 0.0 else -1.0
+    return 1.5 * first - 0.5 * last, 1.5 * last - 0.5 * first
 
 
 @compiled
@@ -145,7 +149,7 @@ def resonance_growth_1_s(friction):
 @compiled
 def keep_friction(friction, known):
     """What was identified, in numbers."""
-    copy(friction.fit.theta, known.theta_MPa)
+    copy(friction.fit.theta[:6], known.theta_MPa)
     known.windows[0], known.windows[1] = friction.windows[0], friction.windows[1]
     known.half_step_Pa, known.stribeck_Pa = friction.half_step_Pa, friction.stribeck.pressure_Pa
 
@@ -154,6 +158,7 @@ def keep_friction(friction, known):
 def restore_friction(friction, known):
     """Start with what was identified before."""
     copy(known.theta_MPa, friction.fit.theta)
+    friction.fit.theta[6] = 1e-6 * known.stribeck_Pa
     friction.windows[0], friction.windows[1] = int(known.windows[0]), int(known.windows[1])
     if friction_ready(friction):
         scale_covariance(friction.fit, RESTORED_VARIANCE)
@@ -188,4 +193,5 @@ def demanded_pressure(reference, friction, weight, settings):
     p.bristle = bristle(p.bristle, sign, abs(v) * settings.tick_s, p.length_m)
     share = p.bristle * stribeck_share(v)
     step = p.bristle * friction.half_step_Pa + share * friction.stribeck.pressure_Pa
-    return weight * (smooth_pressure_Pa(friction, reference.position_m, v, a) + step), step, share, sign
+    smooth_Pa = smooth_pressure_Pa(friction, reference.position_m, v, reference.load_m_s2)
+    return weight * (smooth_Pa + step), step, share, sign

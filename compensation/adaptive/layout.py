@@ -13,7 +13,7 @@ import numpy as np
 
 Record = Any  # a numpy record of one of the layouts below, which compiled functions read and write in place
 
-FIT_SIZE = 6  # most parameters of a fit
+FIT_SIZE = 7  # most parameters of a fit
 LEAD_TAPS = 10
 LEAD_TICKS = 5  # by which the lead looks ahead
 PREVIEW_TICKS = LEAD_TICKS + 4  # from now to the tick boundary of the demand
@@ -77,6 +77,7 @@ VALVE = record(  # valve.py
 )  # fmt: skip
 STRIBECK = record(  # stribeck.py
     tick_s="f8", pressure_Pa="f8", reversals="i8", direction="f8",
+    known="f8",  # reversals that what windows told counts for
     ticks="i8",  # since the velocity changed sign
     deviation_Pa=("f8", (2 * REACH + 1,)), position_error_m=("f8", (2 * REACH + 1,)), share=("f8", (2 * REACH + 1,)),
 )  # fmt: skip
@@ -100,6 +101,10 @@ REFERENCE = record(  # reference.py: y_m at the tick boundary looked at last
     dead_band_m=("f8", (2,)),  # delta / Kp
     null_m="f8",  # null / Kp
     leak_m_s="f8",  # velocity that a leak gives at closed valve
+    load_m_s2="f8",  # what the load's pressure goes with: y_m'', or of a platform's leg what the setpoints of all legs ask for
+    expected_m_s2="f8",  # of the setpoints, at that boundary
+    load_lag_m_s2="f8",  # by which the load of the reference lags it
+    load_given="i8",  # 1 for the step to come, 2 for the last one
     feed_forward="f8",  # g
     position_m="f8", velocity_m_s="f8", acceleration_m_s2="f8",
     lag_m="f8",  # r - y_m
@@ -254,7 +259,7 @@ EDGE_LEARNED = record(
 )  # fmt: skip
 LEARNED = record(
     flow=record(null_V="f8", leak_m_s="f8", retract=EDGE_LEARNED, extend=EDGE_LEARNED), rounding_V="f8",
-    friction=record(theta_MPa=("f8", (FIT_SIZE,)), windows=("f8", (2,)), half_step_Pa="f8", stribeck_Pa="f8"),
+    friction=record(theta_MPa=("f8", (6,)), windows=("f8", (2,)), half_step_Pa="f8", stribeck_Pa="f8"),
     delay=record(sums=("f8", (SPOOLS * LATES,)), reversals="f8", late_s="f8"),
     plain_control=record(baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,))),
 )  # fmt: skip

@@ -7,6 +7,11 @@ r is the setpoint, n the valve's null, q the velocity that a leak gives, delta t
 g the share of the feed-forward. With g = 0 this is the motion that the position loop makes of the setpoint through the
 uncompensated valve, but for the standstill at a reversal, which it passes smoothly. So engaging in the midst of a
 stroke hardly changes the motion. g then rises to 1, where y_m = r: full velocity feed-forward, no dead band.
+
+The load a of the pressure is y_m''. A leg of a platform is told what the setpoints of all legs give it, a_r; the other
+legs lag like this one:
+
+    a' = g a_r' + w (a_r - a),     w the mean of s Kp over both directions
 """
 
 from __future__ import annotations
@@ -34,6 +39,28 @@ def advance_reference(reference, behind_m, here_m, ahead_m):
     velocity = share * (ahead_m - behind_m) / (2 * tick) + loop_m_s
     reference.acceleration_m_s2 = (velocity - reference.velocity_m_s) / tick
     reference.velocity_m_s = velocity
+    _advance_load(reference)
+
+
+@compiled
+def expect_load(reference, loads_m_s2, look):
+    """For the next step: what all legs' setpoints give this leg to carry, of this tick and the next (n,); of none: y_m''."""
+    before, reference.load_given = reference.load_given, 1 if len(loads_m_s2) > look else 0
+    if reference.load_given == 1:
+        asked = loads_m_s2[look]
+        reference.load_lag_m_s2 += (1.0 - reference.feed_forward) * (asked - reference.expected_m_s2) if before else 0.0
+        reference.expected_m_s2 = asked
+
+
+@compiled
+def _advance_load(reference):
+    if reference.load_given != 1:
+        reference.load_m_s2, reference.load_given = reference.acceleration_m_s2, 0
+        return
+    reference.load_given = 2
+    decay = 0.5 * reference.tick_s * (reference.loop_1_s[0] + reference.loop_1_s[1])
+    reference.load_lag_m_s2 *= 1.0 - decay
+    reference.load_m_s2 = reference.expected_m_s2 - reference.load_lag_m_s2
 
 
 @compiled

@@ -46,7 +46,7 @@ from .loop_feedback import fed_back_V
 from .piston_leak import leaked_across_m_s
 from .prediction import predict, watch_setpoint
 from .presliding import add_to_presliding, update_presliding
-from .reference import advance_reference
+from .reference import advance_reference, expect_load
 from .spool import look_ahead_shift, round_lag
 from .stribeck import add_to_stribeck, update_stribeck
 from .valve import add_to_valve, recentre, valve_ready, valve_rejected, valve_usable
@@ -62,11 +62,31 @@ DESIGN_WANTED, WORSE, REJECTED = 1, 2, 4  # what a tick tells its caller
 
 
 @compiled
-def tick(states, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, extra_V):
-    """`tick_of` of states (1,), which Python hands over."""
+def tick(
+    states,
+    table,
+    preview,
+    loads_m_s2,
+    setpoint_m,
+    position_m,
+    control_V,
+    valve_V,
+    bottom_Pa,
+    top_Pa,
+    supply_Pa,
+    extra_V,
+):
+    """`expect` and `tick_of` of states (1,), which Python hands over."""
+    expect(states[0], loads_m_s2)
     return tick_of(
         states[0], table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, extra_V
     )
+
+
+@compiled
+def expect(state, loads_m_s2):
+    """Before a tick: load (n,) that the setpoints of all legs give this one at this tick and the next; of none: its own."""
+    expect_load(state.reference, loads_m_s2, PREVIEW_TICKS + state.shift)
 
 
 @compiled
@@ -85,6 +105,7 @@ def tick_of(state, table, preview, setpoint_m, position_m, control_V, valve_V, b
     bend = preview[0] - 2.0 * preview[middle] + preview[2 * middle]
     if watch_setpoint(state.prediction, n, bend, setpoint_m):
         behind, here, ahead = predict(state.prediction, table, look, setpoint_m)
+        state.reference.load_given = 0
     else:
         behind, here, ahead = preview[look - 1], preview[look], preview[look + 1]
     volts = step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, extra_V)
@@ -106,7 +127,7 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
     compliance = compliance_m_Pa(settings, reference.position_m)
     friction_share = state.engagement.friction_share
     pressure, friction_step, share, sign = demanded_pressure(reference, state.friction, friction_share, settings)
-    oil, a, v = reference.position_m + compliance * pressure, reference.acceleration_m_s2, reference.velocity_m_s
+    oil, a, v = reference.position_m + compliance * pressure, reference.load_m_s2, reference.velocity_m_s
     append_demand(demands, pressure, share, a, reference.position_m, oil, v, sign, friction_step)
     now = (
         demands.pressure_Pa[0], demands.stribeck_share[0], demands.acceleration_m_s2[0], demands.position_m[0],

@@ -22,6 +22,7 @@ from .arithmetic import dot, push
 from .layout import REACH
 
 MIN_RATE = 0.1  # of the correction taken up at a reversal, from the tenth on
+REVERSAL_ERROR_PA, MAX_KNOWN = 1e4, 4.0  # of P_s from one reversal; reversals that windows count for at most
 MIN_PROJECTION = 1.5  # sum phi share [1] below which a reversal is too quick to tell
 
 
@@ -53,6 +54,15 @@ def add_to_stribeck(stribeck, velocity_m_s, deviation_Pa, position_error_m, shar
 
 
 @compiled
+def begin_stribeck(stribeck, pressure_Pa, error_Pa, highest_Pa):
+    """Before a reversal was seen: P_s that windows of slow motion tell, less its standard error. It counts for as many
+    reversals as it is surer than one."""
+    if stribeck.reversals == 0:
+        stribeck.pressure_Pa = min(max(pressure_Pa - error_Pa, 0.0), highest_Pa)
+        stribeck.known = min((REVERSAL_ERROR_PA / error_Pa) ** 2, MAX_KNOWN)
+
+
+@compiled
 def update_stribeck(stribeck, inertia_Pa, highest_Pa):
     """The reversal in the history corrects P_s; `inertia_Pa` is p1, pressure per m/s2."""
     count = 2 * REACH + 1
@@ -62,5 +72,5 @@ def update_stribeck(stribeck, inertia_Pa, highest_Pa):
     missing = dot(PHI, stribeck.deviation_Pa, count)
     missing -= inertia_Pa * dot(PHI_SECOND, stribeck.position_error_m, count) / stribeck.tick_s**2
     stribeck.reversals += 1
-    stribeck.pressure_Pa += max(MIN_RATE, 1.0 / stribeck.reversals) * missing / projected
+    stribeck.pressure_Pa += max(MIN_RATE, 1.0 / (stribeck.reversals + stribeck.known)) * missing / projected
     stribeck.pressure_Pa = min(max(stribeck.pressure_Pa, 0.0), highest_Pa)

@@ -9,6 +9,7 @@ from pydantic import Field
 from hexsim.declaration.section import Section, between, zero_or
 
 LATE = "how late it reads [s]"
+LAG = "time constant of a first-order lag, 1/(2 pi cut-off); 0 = none [s]"
 CUT_OFF, ORDER = "cut-off of its low-pass; 0 = none [Hz]", "order of its low-pass, Butterworth"
 
 
@@ -25,6 +26,7 @@ class Sensors(Section):
     position_noise_m: float = between(0.0, 0.1, "noise of the position [m]", default=0.0)
     position_resolution_m: float = zero_or(1e-12, 0.1, "one count of the position [m]")
     position_delay_s: float = between(0.0, 1.0, LATE, default=0.0)
+    position_lag_s: float = between(0.0, 1.0, LAG, default=0.0)
     position_filter_Hz: float = zero_or(0.1, 1e5, CUT_OFF)
     position_filter_order: int = Field(default=2, ge=1, le=8, description=ORDER)
     position_gain: float = between(0.01, 100.0, "read over true [-]", default=1.0)
@@ -32,6 +34,7 @@ class Sensors(Section):
     pressure_noise_Pa: float = between(0.0, 1e7, "noise of the pressures [Pa]", default=0.0)
     pressure_resolution_Pa: float = zero_or(1e-6, 1e7, "one count of the pressures [Pa]")
     pressure_delay_s: float = between(0.0, 1.0, LATE, default=0.0)
+    pressure_lag_s: float = between(0.0, 1.0, LAG, default=0.0)
     pressure_filter_Hz: float = zero_or(0.1, 1e5, CUT_OFF)
     pressure_filter_order: int = Field(default=2, ge=1, le=8, description=ORDER)
     pressure_gain: float = between(0.01, 100.0, "read over true [-]", default=1.0)

@@ -31,8 +31,9 @@ from hexsim.identify.record import Round, Story
 from hexsim.machine.files import find_machine_file, load_machine, save_machine
 from hexsim.motion_computer.states import State
 from hexsim.tracing.design import next_measurement
+from hexsim.tracing.design.information import SHARP
 from hexsim.tracing.design.motions import MotionFamily
-from hexsim.tracing.design.next_measurement import SHARP, surviving
+from hexsim.tracing.design.next_measurement import NO_GAIN, surviving
 from hexsim.tracing.state import Trace
 from hexsim.tracing.trace import trace
 
@@ -51,7 +52,6 @@ HELD_OUT = {  # by the name of the log
     "held_out": np.array([2, 2, 0.8, 0.35, 0.6, 0.3, 2]),
     "held_out_2": np.array([0, 0, 0.7, 0.3, 0.7, 0.6, 11]),
 }
-NO_GAIN = 0.8  # a design that leaves a number this share of its error is not worth a run
 
 
 def identify(
@@ -188,7 +188,8 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
             return
         design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number), may_load=False)
         if not worth_a_run(design.to_json(), result.verdict == "unexplained"):
-            story.ended = "no motion inside the machine's limits tells more: " + "; ".join(open_points(result))
+            why = design.purpose if design.purpose.startswith("no motion") else "; ".join(open_points(result))
+            story.ended = f"no motion inside the machine's limits tells more: {why}"
             return
         tables, purpose, expected = design.tables, design.purpose, design.to_json()
     story.ended = f"{ROUNDS} rounds are done; still open: {'; '.join(open_points(result))}"
@@ -263,7 +264,7 @@ def open_points(result: Trace) -> list[str]:
 def worth_a_run(design: dict[str, Any], unexplained: bool) -> bool:
     """Does a design promise to separate something, to sharpen a number that is not sharp, or, of an unexplained machine
     without a hypothesis, to know its declared numbers better on average? What hides beside them then shows."""
-    if any(pair["chi2"] > 10.0 for pair in design["separations"]):
+    if any(pair.get("chi2", 0.0) > 10.0 or pair.get("separated", False) for pair in design["separations"]):
         return True
     if unexplained and np.exp(-0.5 * design["information"]) < NO_GAIN:
         return True

@@ -1,6 +1,15 @@
-"""The load as the legs see it about neutral: masses along the legs, and the forces that hold it at rest."""
+"""The load as the legs see it about neutral: masses along the legs, and the forces that hold it at rest.
+
+A leg of a platform moves the load of the others. About neutral, y being the pistons' distances from it,
+
+    F = F_0 + M y'' + K y,     M = (J m^-1 J')^-1,     K = d(holding forces)/dy
+
+M (n, n): force on a leg for the acceleration of each. Over the mass that a leg has in heave, F is an acceleration.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +19,8 @@ from hexsim.machine.geometry import moving_body
 from hexsim.mechanics.rigid_body import joint_wrenches, mass_matrix
 
 Array = NDArray[np.float64]
+NEUTRAL = np.zeros(6)
+DISPLACED_m = 1e-4  # of a leg, for the derivative of the holding forces
 
 
 def leg_compliance(resolved: Resolved) -> Array:
@@ -18,8 +29,46 @@ def leg_compliance(resolved: Resolved) -> Array:
     return jacobian @ np.linalg.pinv(mass_matrix(moving_body(resolved))) @ jacobian.T  # a bench's mass does not turn
 
 
-def holding_forces(resolved: Resolved) -> Array:
-    """Axial forces (n_legs,) [N] that hold the load at rest at neutral: J' F = -weight."""
-    none = np.zeros((1, 6))
-    wrench = joint_wrenches(moving_body(resolved), none, none[:, :3], resolved.gravity_m_s2[None, :], np.zeros(1))[0]
-    return np.linalg.lstsq(resolved.machine.mechanics.jacobian(np.zeros(6)).T, wrench, rcond=None)[0]
+def holding_forces(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
+    """Axial forces (n_legs,) [N] that hold the load at rest: J' F = -weight."""
+    none, mechanics = np.zeros((1, 6)), resolved.machine.mechanics
+    gravity = resolved.gravity_m_s2 @ mechanics.rotation(pose)
+    wrench = joint_wrenches(moving_body(resolved), none, none[:, :3], gravity[None, :], np.zeros(1))[0]
+    return np.linalg.lstsq(mechanics.jacobian(pose).T, mechanics.from_platform_frame(pose, wrench), rcond=None)[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExpectedLoad:
+    """What each leg of a platform carries of the motion asked of all of them, from the declared body and geometry.
+
+    inertia (n, n) [1], stiffness (n, n) [1/s2]: M and K over the mean mass of a leg while all move alike, mass_kg;
+    neutral (n,) [m].
+    """
+
+    inertia: Array
+    stiffness: Array
+    neutral: Array
+    mass_kg: float
+
+    @classmethod
+    def of(cls, resolved: Resolved) -> ExpectedLoad | None:
+        """None for a bench, whose leg carries its own mass alone."""
+        mechanics = resolved.machine.mechanics
+        if not mechanics.has_platform:
+            return None
+        neutral, inertia = mechanics.neutral_positions, np.linalg.inv(leg_compliance(resolved))
+        ends = [
+            holding_forces(resolved, mechanics.forward(neutral + step))
+            for step in np.vstack([DISPLACED_m * np.eye(6), -DISPLACED_m * np.eye(6)])
+        ]
+        stiffness = (np.array(ends[:6]) - np.array(ends[6:])).T / (2 * DISPLACED_m)
+        mass = inertia.sum() / mechanics.n_legs
+        return cls(inertia=inertia / mass, stiffness=stiffness / mass, neutral=neutral, mass_kg=mass)
+
+    def accelerations(self, setpoints: Array, tick_s: float) -> Array:
+        """Load (m, n) [m/s2] at each tick of setpoints (m, n) [m]; at both ends that of the tick beside."""
+        load = np.zeros_like(setpoints)
+        if len(setpoints) > 2:
+            load[1:-1] = np.diff(setpoints, 2, axis=0) @ (self.inertia.T / tick_s**2)
+            load[0], load[-1] = load[1], load[-2]
+        return load + (setpoints - self.neutral) @ self.stiffness.T

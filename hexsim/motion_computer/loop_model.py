@@ -201,7 +201,9 @@ def loops(machine: Machine) -> list[Loop]:
     found: list[Loop] = []
     seen: list[Array] = []
     for i, p in enumerate(resolved.rows):
-        late = p[P.VALVE_DELAY] + float(resolved.leg_sensors["position_delay_s"][i])
+        late = p[P.VALVE_DELAY] + float(
+            resolved.leg_sensors["position_delay_s"][i] + resolved.leg_sensors["position_lag_s"][i]
+        )
         own = Control(control.rows[i : i + 1].copy(), control.inertia)
         own.rows[:, C.DELAY] += late / tick_s
         for mode, mass in enumerate(masses):

@@ -81,7 +81,9 @@ def _where_zero(f: Array, values: Array, of: Callable[[Array], Array]) -> Array:
 
 
 def first_below(f: Array, values: Array, level: float) -> float | None:
-    """The first frequency at which `values` fall below `level`."""
+    """The first frequency at which `values` fall below `level`: f[0] where they begin below it, None where they never do."""
+    if values[0] < level:
+        return float(f[0])
     k = np.flatnonzero((values[:-1] >= level) & (values[1:] < level))
     if not len(k):
         return None

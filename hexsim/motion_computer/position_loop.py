@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compensation import Compensator, Context, Sample, preview_count
+from compensation import NO_LOAD, Compensator, Context, Sample, preview_count
 from hexsim.declaration import Machine
+from hexsim.hydraulics.resolve import resolve
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C
 from hexsim.motion_computer.declared_control import control_of
+from hexsim.motion_computer.leg_load import ExpectedLoad
 
 Array = NDArray[np.float64]
 
@@ -69,6 +71,7 @@ class PositionLoop:
         self.control, self.memory = control_of(machine), controller.new_memory(n)
         self.limit = machine.of_legs("valve", "voltage_max_V")
         self.on_message = on_message
+        self.load, self._tick_s = ExpectedLoad.of(resolve(machine)), 1.0 / machine.controller.rate_Hz
         self._contexts = [compensator_context(machine, period_s, leg) for leg in range(1, n + 1)]
         self.compensate(compensators)
         self.valve = np.zeros(n)  # volts that leave the motion computer
@@ -123,6 +126,7 @@ class PositionLoop:
         asked += self.feed_forward
         controller.of_the_setpoint(control, memory, self.feed_forward, own)
         if self.compensators and pressures is not None:
+            loads = None if self.load is None else self.load.accelerations(path, self._tick_s)
             for i, compensator in enumerate(self.compensators):
                 sample = Sample(
                     time_s=time_s,
@@ -135,6 +139,7 @@ class PositionLoop:
                     pressure_supply_Pa=supply_Pa,
                     feed_forward_V=float(own[i]),
                     pressure_top_Pa=0.0 if top_pressures is None else float(top_pressures[i]),
+                    load_preview_m_s2=NO_LOAD if loads is None else loads[: self.previews[i], i],
                 )
                 added, self.states[i] = compensator.step(self.states[i], sample)
                 added *= self.compensation_share

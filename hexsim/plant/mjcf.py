@@ -150,11 +150,17 @@ def _add_full_leg(spec: mujoco.MjSpec, kinematics: Mechanics, bodies: LegBodies,
 def _add_lumped_legs(platform: mujoco.MjsBody, kinematics: Mechanics, bodies: list[LegBodies]) -> None:
     """The legs of the tendon model as one body, see `lumped_legs`."""
     legs = lumped_legs(kinematics, bodies)
-    inertia = np.diag(legs.inertia)
-    if 2 * inertia.max() > inertia.sum():
+    inertia = np.diag(legs.inertia).copy()
+    axis, excess = int(inertia.argmax()), 2 * inertia.max() - inertia.sum()
+    if excess > 0.0:  # no body has such moments alone; what is too much about one axis turns with the platform as well
+        inertia[axis] -= excess
+        platform.inertia[axis] += excess
+    if 2 * platform.inertia.max() > platform.inertia.sum():
+        moments = ", ".join(f"{moment:.4g}" for moment in platform.inertia)
         raise HexsimError(
-            "no rigid body can represent these legs in the tendon model, its moments of inertia would be impossible: give "
-            "load.rod_mass_fraction a share of 0.3 or more, or take full legs (without --fast)"
+            "no rigid body can represent platform and legs in the tendon model, its moments of inertia would be "
+            f"impossible ({moments} kg m2): give load.rod_mass_fraction a share of 0.3 or more, or take full legs "
+            "(without --fast)"
         )
     lump = platform.add_body(name="legs_lump", pos=legs.centre)
     lump.mass, lump.ipos, lump.inertia, lump.explicitinertial = legs.mass, [0, 0, 0], inertia, True

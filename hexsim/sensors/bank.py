@@ -1,4 +1,4 @@
-"""The sensors of a machine in a run: gain, offset, delay, filter, white noise and quantisation, drawn from a seed before it.
+"""The sensors of a machine in a run: gain, offset, delay, lag, filter, white noise and quantisation, drawn from a seed before it.
 
 A filter is a Butterworth low-pass of the declared order and cut-off, by the bilinear rule at the rate of the ticks. The same
 function measures one tick for the motion computer and a whole column for the log, so the log holds what the
@@ -17,6 +17,7 @@ from scipy.signal import butter, sosfilt, sosfilt_zi
 from hexsim.compiled import compiled
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolved import Resolved
+from hexsim.signals.lag import lagged
 from hexsim.signals.sensor import ERRORS, Sensor
 from hexsim.signals.table import STANDARD, sensors
 
@@ -63,20 +64,26 @@ class Transducers:
         errors = {error: np.full(n, value) for error, value in _errors(sensor, resolved).items()}
         self.tick_s = tick_s
         self.gain, self.offset, self.delay = errors["gain"], errors["offset"], errors["delay"]
+        self.lag = errors["lag"]
         self.resolution = errors["resolution"]
         self.noise = errors["noise"] * random.standard_normal((ticks, n))
         self.sections = _low_pass(sensor, resolved, tick_s)
-        self._memory: Array | None = None  # of the filter
+        self._memory: list[Array] = []  # of lag and filter
         self._next = 0  # tick that the filter has not seen yet
 
     @property
     def is_direct(self) -> bool:
-        """Whether they read the present value, without delay or filter."""
-        return not self.delay.any() and self.sections is None
+        """Whether they read the present value, without delay, lag or filter."""
+        return not self.delay.any() and not self.smooths
+
+    @property
+    def smooths(self) -> bool:
+        """Whether the past acts on, through a lag or a filter."""
+        return self.sections is not None or bool(self.lag.any())
 
     def at(self, tick: int, history: Array) -> Array:
         """What they read (n,) at a tick, from the true values so far (tick + 1, n). Ticks in rising order."""
-        first = tick if self.sections is None else self._next
+        first = self._next if self.smooths else tick
         true = history[first : tick + 1]
         if self.delay.any():
             places = np.maximum(np.arange(first, tick + 1)[:, None] - self.delay / self.tick_s, 0.0)
@@ -87,20 +94,27 @@ class Transducers:
         return self.read(self.filtered(true)[-1], tick)
 
     def restart(self) -> None:
-        """Forget what the filter has seen."""
-        self._memory, self._next = None, 0
+        """Forget what lag and filter have seen."""
+        self._memory, self._next = [], 0
 
     def filtered(self, rows: Array) -> Array:
-        """The next true rows (m, n) behind the filter; it begins at rest at the first row of all."""
-        if self.sections is None:
+        """The next true rows (m, n) behind lag and filter, which begin at rest at the first row of all."""
+        return self._through(rows, self._memory, self.tick_s)
+
+    def _through(self, rows: Array, memory: list[Array], sample_s: float) -> Array:
+        """Rows `sample_s` apart behind lag and filter. memory: empty before the first row; it is brought up to date."""
+        if not self.smooths:
             return rows
-        if self._memory is None:
-            self._memory = sosfilt_zi(self.sections)[:, :, None] * rows[0]
-        out, self._memory = sosfilt(self.sections, rows, axis=0, zi=self._memory)
+        rest = np.zeros((0, 2, 1)) if self.sections is None else sosfilt_zi(self.sections)[:, :, None]
+        memory[:] = memory or [np.tile(rows[0], (2, 1)), rest * rows[0]]
+        out = rows.copy()
+        lagged(out, self.lag, sample_s, memory[0])
+        if self.sections is not None:
+            out, memory[1] = sosfilt(self.sections, out, axis=0, zi=memory[1])
         return out
 
     def read(self, true: Array, tick: int) -> Array:
-        """The same without delay and filter; noise of that tick."""
+        """The same without delay, lag and filter; noise of that tick."""
         return measure(true, self.noise[tick], self.gain, self.offset, self.resolution)
 
     def next(self, true: Array, tick: int) -> Array:
@@ -110,9 +124,7 @@ class Transducers:
     def rows(self, true: Array, every: int = 1) -> Array:
         """What they read in a whole run (m, n), at every `every`-th tick."""
         true = delayed(true, self.delay, every * self.tick_s)
-        if self.sections is not None:
-            start = sosfilt_zi(self.sections)[:, :, None] * true[0]
-            true = sosfilt(self.sections, true, axis=0, zi=start)[0]
+        true = self._through(true, [], every * self.tick_s)
         return measure_rows(true, self.noise[::every][: len(true)], self.gain, self.offset, self.resolution)
 
 

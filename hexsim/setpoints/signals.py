@@ -1,7 +1,7 @@
 """The setpoint signals by name: each is data, a pure function of time, with exact derivatives.
 
-constant, sine, block, triangle, multisine, sweep (`signal_formulas`); constant_acceleration_reversals,
-constant_velocity_strokes (`signal_paths`); file (`signal_file`).
+constant, sine, block, triangle, multisine, sweep (`formulas`); constant_acceleration_reversals,
+constant_velocity_strokes (`paths`); file (`signal_file`); fmu (`fmu_signal`).
 `signal_from_dict({"kind": "sine", "amplitude": 0.05, "frequency_Hz": 0.5})` makes one from a scenario's data,
 `signal_to_dict` turns it back. Amplitudes are in m or rad.
 """
@@ -19,6 +19,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from hexsim.declaration import Section, between, section_of, values_of
 from hexsim.errors import HexsimError
 from hexsim.files.toml_files import validation_sentence
+from hexsim.setpoints.fmu_signal import FmuSignal
 from hexsim.setpoints.formulas import Block, Constant, Multisine, Sine, Sweep, Triangle
 from hexsim.setpoints.paths import ConstantAccelerationReversals, ConstantVelocityStrokes
 from hexsim.setpoints.signal import Faded, FadeShape, Signal, evaluate, faded
@@ -32,6 +33,7 @@ __all__ = [
     "ConstantVelocityStrokes",
     "FadeShape",
     "Faded",
+    "FmuSignal",
     "Multisine",
     "SampledSignal",
     "Signal",
@@ -58,6 +60,7 @@ SIGNAL_KINDS: dict[str, type[Any]] = {
         Sweep,
         ConstantAccelerationReversals,
         ConstantVelocityStrokes,
+        FmuSignal,
         SampledSignal,
     )
 }

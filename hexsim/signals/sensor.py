@@ -1,6 +1,7 @@
 """A sensor: the signal it gives, what it measures, and the keys of the machine file that say how it errs.
 
-measured = round((g s(t - T) + b + n) / q) q          g gain, b offset, T delay, n noise, q resolution (0 = none)
+measured = round((g s'(t - T) + b + n) / q) q         g gain, b offset, T delay, n noise, q resolution (0 = none)
+tau ds'/dt + s' = s                                   tau lag (0 = none)
 """
 
 from __future__ import annotations
@@ -9,7 +10,14 @@ from dataclasses import dataclass
 
 from hexsim.signals.signal import Signal
 
-ERRORS = {"gain": 1.0, "offset": 0.0, "delay": 0.0, "noise": 0.0, "resolution": 0.0}  # and where each vanishes
+ERRORS = {
+    "gain": 1.0,
+    "offset": 0.0,
+    "delay": 0.0,
+    "lag": 0.0,
+    "noise": 0.0,
+    "resolution": 0.0,
+}  # and where each vanishes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,12 +35,13 @@ class Sensor:
     gain: str = ""
     offset: str = ""
     delay: str = ""
+    lag: str = ""
     noise: str = ""
     resolution: str = ""
     filter: str = ""
 
     @property
     def extra_keys(self) -> dict[str, str]:
-        """Error -> its key of [extra_sensors.<stem>]: gain, offset_<unit>, delay_s, noise_<unit>, resolution_<unit>."""
+        """Error -> its key of [extra_sensors.<stem>]: gain, offset_<unit>, delay_s, lag_s, noise_<unit>, resolution_<unit>."""
         unit = f"_{self.signal.unit}" if self.signal.unit else ""
-        return {error: error + {"gain": "", "delay": "_s"}.get(error, unit) for error in ERRORS}
+        return {error: error + {"gain": "", "delay": "_s", "lag": "_s"}.get(error, unit) for error in ERRORS}

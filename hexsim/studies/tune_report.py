@@ -53,11 +53,14 @@ def margin_cells(figures: LoopFigures) -> tuple[str, ...]:
 
 
 def _axis_cells(one: AxisFigures) -> tuple[str, ...]:
-    beyond = f"> {FREQUENCIES_Hz[-1]:g}"
-    return (
-        number(one.bandwidth_Hz) if one.bandwidth_Hz else beyond, number(one.quarter_Hz) if one.quarter_Hz else beyond,
-        number(one.peak_dB), number(1e3 * one.delay_s),
-    )  # fmt: skip
+    return _within(one.bandwidth_Hz), _within(one.quarter_Hz), number(one.peak_dB), number(1e3 * one.delay_s)
+
+
+def _within(crossing_Hz: float | None) -> str:
+    """A frequency, or on which side of those that were measured it lies."""
+    if crossing_Hz is None:
+        return f"> {FREQUENCIES_Hz[-1]:g}"
+    return f"< {FREQUENCIES_Hz[0]:g}" if crossing_Hz <= FREQUENCIES_Hz[0] else number(crossing_Hz)
 
 
 @styled

@@ -68,10 +68,13 @@ def _near_null(test: ValveTest) -> float:
 def dynamic_figure(test: ValveTest) -> Figure:
     """Steps, gain and phase."""
     figure, (step, gain, phase) = small_multiples(3, "Dynamic tests", columns=3, height=3.0)
-    for (amplitude, answer), color in zip(test.step.items(), palette.RUNS, strict=False):
+    colors = dict(zip(sorted({*test.step, *test.bode}), palette.RUNS, strict=False))
+    for amplitude, answer in test.step.items():
+        color = colors[amplitude]
         step.plot(1e3 * test.time_s, PERCENT * answer, color=color, lw=1.3)
         step.axhline(PERCENT * amplitude, color=palette.REFERENCE, lw=0.7, ls=":")
-    for (amplitude, (size, angle)), color in zip(test.bode.items(), palette.RUNS, strict=False):
+    for amplitude, (size, angle) in test.bode.items():
+        color = colors[amplitude]
         gain.semilogx(FREQUENCIES_Hz, 20 * np.log10(size), color=color, lw=1.3, label=f"{PERCENT * amplitude:g} %")
         phase.semilogx(FREQUENCIES_Hz, angle, color=color, lw=1.3)
     gain.axhline(-3.0, color=palette.REFERENCE, lw=0.7, ls=":")

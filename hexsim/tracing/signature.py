@@ -17,7 +17,9 @@ from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects import Effect, effect_named
 from hexsim.machine import load_machine
 from hexsim.machine.geometry import machine_kinematics
+from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, new_figure, styled
+from hexsim.recording.quantity import scale_of
 from hexsim.signals.log import Log
 from hexsim.signals.table import table
 from hexsim.tracing.balances import Balance, library
@@ -151,12 +153,15 @@ def picture(found: Signature) -> Figure:
         f"{found.effect.name.replace('_', ' ')} in the {found.balance.name} balance of {found.where}, {found.machine}"
     )
     figure, (plot,) = new_figure(1, title, height=4.2)
-    x = scale * found.x
-    plot.plot(x, found.without, ".", ms=2.0, color="0.75", label="without it")
-    for rows, color, words in ((found.outward, "#1f5fa8", "moving out"), (~found.outward, "#b3261e", "moving in")):
-        plot.plot(x[rows], found.residual[rows], ".", ms=2.0, color=color, label=f"with it, {words}")
+    x, (size, shown) = scale * found.x, scale_of(float(np.max(np.abs(found.residual))), found.balance.unit)
+    plot.plot(x, found.without / size, ".", ms=2.0, color=palette.RAW, label="without it")
+    for rows, color, words in (
+        (found.outward, palette.LEGS[0], "moving out"),
+        (~found.outward, palette.DEVIATION, "moving in"),
+    ):
+        plot.plot(x[rows], found.residual[rows] / size, ".", ms=2.0, color=color, label=f"with it, {words}")
     plot.set_xlabel(f"{label} [{unit}]")
-    plot.set_ylabel(f"residual [{found.balance.unit}]")
+    plot.set_ylabel(f"residual [{shown}]")
     legend(plot)
     return figure
 

@@ -368,7 +368,7 @@ def test_rounding_trim_is_the_inverse_of_a_rounded_edge() -> None:
 def rounding_unknown() -> Record:
     """Edges of which nothing is known."""
     rounding = empty(ROUNDING)
-    start_rounding(rounding)
+    start_rounding(rounding, False)
     return rounding
 
 
@@ -389,7 +389,7 @@ def passed(rounding: Record, flow: Record, rounding_V: float, backlash_V: float 
         volts = 0.3 * math.sin(math.pi * i * 0.002)
         follower = min(max(follower, volts - backlash_V), volts + backlash_V)
         z += 0.15 * opening(follower, 0.09, rounding_V) * 0.002
-        add_to_rounding(rounding, leak, z + rng.normal(0, 4e-6), volts, 1.0, flow)
+        add_to_rounding(rounding, leak, z + rng.normal(0, 4e-6), volts, (1.0, 1.0), flow)
 
 
 def flow_seen(backlash_V: float, lag_s: float, amplitude_V: float, seconds: float, chatter_V: float = 0.0) -> Record:

@@ -90,6 +90,19 @@ def test_volts_flags_and_parameters_are_pythons_to_the_bit(exported):
     )
 
 
+def test_the_load_of_other_legs_is_expected_alike(exported):
+    """9 s, from 5 s on with a load that other legs give: other volts than without, and equal to Python's to the bit; an
+    algorithm that is told no more goes back to its own acceleration."""
+    samples = recorded(9.0, fault_s=20.0)
+    loads = [
+        0.3 * np.cos(8 * np.arange(k, k + 15) / 500) if 2500 < k < 4000 else np.zeros(0) for k in range(len(samples))
+    ]
+    told = [replace(sample, load_preview_m_s2=load) for sample, load in zip(samples, loads, strict=True)]
+    ours, _ = volts(compensation.create("adaptive"), told)
+    assert volts(compensation.create(str(exported / "libhexsim_adaptive.so")), told)[0] == ours
+    assert max(map(abs, np.subtract(ours[:-1], volts(compensation.create("adaptive"), samples)[0][:-1]))) > 5e-5
+
+
 def sil(machine, exported: Path, seconds: float) -> None:
     """Logs of the machine with Python's algorithm and with the library in its place are the same, and it compensates."""
     scenario = replace(load_scenario("heave"), duration_s=seconds)
@@ -153,7 +166,8 @@ def test_the_code_needs_the_c_librarys_mathematics_alone(exported):
 
 
 FUNCTIONS = {
-    f"hexsim_adaptive_{name}" for name in ("init", "step", "design", "get_parameters", "set_parameters", "state_size")
+    f"hexsim_adaptive_{name}"
+    for name in ("init", "step", "expect", "design", "get_parameters", "set_parameters", "state_size")
 }
 
 

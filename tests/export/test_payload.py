@@ -1,4 +1,4 @@
-"""A foreign FMU as payload: one that this test compiles, a spring, against the library's effect `spring`."""
+"""A foreign FMU as payload and as setpoint: one that this test compiles, a spring, against the library's effect `spring`."""
 
 import inspect
 import os
@@ -13,7 +13,7 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.machine.files import changed
-from hexsim.scenarios import load_scenario
+from hexsim.scenarios import load_scenario, scenario_from_dict
 from hexsim.simulation import simulate
 from hexsim.simulation.payload_fmu import PayloadFmu, parse_connections
 
@@ -25,10 +25,10 @@ SOURCE = """
 #include <stdlib.h>
 #include <string.h>
 typedef unsigned R;
-static double *new(void) { return calloc(2, sizeof(double)); } /* place, and minus the place after a step */
+static double *new(void) { return calloc(3, sizeof(double)); } /* place; after a step minus the place, and t^2 */
 static int get(double *c, const R r[], size_t n, double v[]) { for (size_t k = 0; k < n; k++) v[k] = c[r[k]]; return 0; }
 static int set(double *c, const R r[], size_t n, const double v[]) { for (size_t k = 0; k < n; k++) c[r[k]] = v[k]; return 0; }
-static int step(double *c) { c[1] = -c[0]; return c[0] > 10 ? 3 : 0; }
+static int step(double *c, double t) { c[1] = -c[0], c[2] = t * t; return c[0] > 10 ? 3 : 0; }
 #if FMI == 2
 #define F(name) fmi2##name
 void *F(Instantiate)(const char *a, int b, const char *c, const char *d, const void *e, int f, int g) { return new(); }
@@ -36,7 +36,7 @@ int F(SetupExperiment)(void *c, int a, double b, double t, int d, double e) { re
 int F(EnterInitializationMode)(void *c) { return 0; }
 int F(GetReal)(void *c, const R r[], size_t n, double v[]) { return get(c, r, n, v); }
 int F(SetReal)(void *c, const R r[], size_t n, const double v[]) { return set(c, r, n, v); }
-int F(DoStep)(void *c, double t, double h, int a) { return step(c); }
+int F(DoStep)(void *c, double t, double h, int a) { return step(c, t + h); }
 #else
 #define F(name) fmi3##name
 void *F(InstantiateCoSimulation)(const char *a, const char *b, const char *c, char d, char e, char f, char g, const R *h,
@@ -46,7 +46,7 @@ int F(GetFloat64)(void *c, const R r[], size_t n, double v[], size_t m) { return
 int F(SetFloat64)(void *c, const R r[], size_t n, const double v[], size_t m) { return set(c, r, n, v); }
 int F(DoStep)(void *c, double t, double h, char a, char *b, char *d, char *e, double *last) {
   *b = *d = *e = 0, *last = t + h;
-  return step(c);
+  return step(c, t + h);
 }
 #endif
 int F(ExitInitializationMode)(void *c) { return 0; }
@@ -58,14 +58,16 @@ DESCRIPTION = {
     2: """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="spring" guid="1"><CoSimulation modelIdentifier="spring"/><ModelVariables>
 <ScalarVariable name="place" valueReference="0" causality="input"><Real start="0"/></ScalarVariable>
-<ScalarVariable name="pull" valueReference="1" causality="output"><Real/></ScalarVariable></ModelVariables>
-<ModelStructure><Outputs><Unknown index="2"/></Outputs></ModelStructure></fmiModelDescription>""",
+<ScalarVariable name="pull" valueReference="1" causality="output"><Real/></ScalarVariable>
+<ScalarVariable name="square" valueReference="2" causality="output"><Real/></ScalarVariable></ModelVariables>
+<ModelStructure><Outputs><Unknown index="2"/><Unknown index="3"/></Outputs></ModelStructure></fmiModelDescription>""",
     3: """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName="spring" instantiationToken="1"><CoSimulation modelIdentifier="spring"/>
 <ModelVariables><Float64 name="place" valueReference="0" causality="input" start="0"/>
 <Float64 name="pull" valueReference="1" causality="output"/>
+<Float64 name="square" valueReference="2" causality="output"/>
 <Float64 name="time" valueReference="9" causality="independent"/></ModelVariables>
-<ModelStructure><Output valueReference="1"/></ModelStructure></fmiModelDescription>""",
+<ModelStructure><Output valueReference="1"/><Output valueReference="2"/></ModelStructure></fmiModelDescription>""",
 }
 STIFFNESS = 2000.0  # [N/m]
 
@@ -165,3 +167,23 @@ def test_a_payload_that_fails_ends_the_run_with_its_log(spring, bench):
     assert not run.complete
     assert run.log.height > 100
     assert "payload spring.fmu" in run.reason
+
+
+def test_an_output_of_an_fmu_is_a_setpoint(spring, bench):
+    """t^2 by an FMU, times 0.01: value and slope between its steps; a run is commanded so, and keeps the FMU in its scenario."""
+    table = {"kind": "fmu", "path": str(spring), "column": "square", "factor": 0.01, "duration_s": 2.0}
+    scenario = scenario_from_dict(
+        {"name": "square", "mode": "dof", "duration_s": 1.0, "fade_s": 0.0, "axes": {"z": table}}
+    )
+    signal, t = scenario.signals["z"], np.arange(0.1, 1.9, 0.0137)
+    assert signal.value(t) == pytest.approx(0.01 * t**2, abs=1e-9)
+    assert signal.velocity(t) == pytest.approx(0.02 * t, abs=1e-6)
+    assert signal.value(9.0) == pytest.approx(0.04, abs=1e-9)
+    log = simulate(bench, scenario, fast=True).log
+    rest = log["setpoint_m"][0]
+    held = np.floor(log["time_s"].to_numpy() * 500 + 1e-6) / 500
+    assert log["setpoint_m"].to_numpy() - rest == pytest.approx(0.01 * held**2, abs=1e-8)
+    with pytest.raises(HexsimError, match=r"signal 'fmu': column = 'cube': its outputs are pull, square"):
+        scenario_from_dict({"name": "c", "mode": "dof", "axes": {"z": table | {"column": "cube"}}})
+    with pytest.raises(HexsimError, match=r"signal 'fmu': path = .*none.fmu.*: cannot be simulated"):
+        scenario_from_dict({"name": "c", "mode": "dof", "axes": {"z": table | {"path": "none.fmu"}}})

@@ -3,6 +3,8 @@
 import copy
 import math
 
+import mujoco
+import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
@@ -219,9 +221,35 @@ def test_areas_are_the_reports(bench):
     assert bench.cylinder.area_top_m2 == pytest.approx(5.498e-4, rel=1e-4)
 
 
+@pytest.mark.parametrize("share", [0.5, 0.05])
+def test_the_tendon_model_turns_with_the_full_legs_moments_of_inertia(hexapod, share):
+    """At neutral, in heave and about each axis; with rods of 5 % of the leg's mass the legs alone would be no rigid body.
+
+    Full legs: T^T M T with the joints' rates that the six ball ends leave free (T), tolerance that of the linear solve.
+    """
+    machine, matrices = changed(hexapod, {"load.rod_mass_fraction": share}), []
+    for kind in ("full", "tendon"):
+        plant = Plant(machine, model=kind)
+        model, data = plant.model, plant.data
+        mujoco.mj_forward(model, data)
+        mass = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, mass)
+        first = model.body_dofadr[model.body("platform").id]
+        free = np.arange(first, first + 6)
+        bound = np.setdiff1d(np.arange(model.nv), free)
+        turn = np.zeros((model.nv, 6))
+        turn[free] = np.eye(6)
+        if len(bound):
+            held = data.efc_J.reshape(-1, model.nv)[:18]
+            turn[bound] = -np.linalg.solve(held[:, bound], held[:, free])
+        matrices.append(turn.T @ mass @ turn)
+    full, tendon = (np.diag(matrix)[2:] for matrix in matrices)
+    np.testing.assert_allclose(tendon, full, rtol=1e-6)
+
+
 def test_legs_that_no_rigid_body_stands_for_are_refused_by_the_tendon_model(hexapod):
-    """A rod of 5 % of the leg's mass: full legs take it; the tendon model's lump would have impossible moments."""
-    light = changed(hexapod, {"load.rod_mass_fraction": 0.05})
+    """Light rods under a platform whose own moments are nearly impossible (z = x + y): full legs take it."""
+    light = changed(hexapod, {"load.rod_mass_fraction": 0.05, "load.platform_inertia_kg_m2": [50.0, 50.0, 99.99]})
     with pytest.raises(HexsimError, match=r"load.rod_mass_fraction a share of 0.3 or more, or take full legs"):
         Plant(light, model="tendon")
     assert Plant(light, model="full").model.nbody > 12

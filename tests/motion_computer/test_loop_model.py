@@ -10,7 +10,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer.leg_load import holding_forces, leg_compliance
 from hexsim.motion_computer.loop_model import Loop, leg_matrices, loops
-from hexsim.motion_computer.margins import figures_of, stability_sentence, worst_figures
+from hexsim.motion_computer.margins import figures_of, first_below, stability_sentence, worst_figures
 from hexsim.studies.tune_loop import FREQUENCIES_Hz, measure, tuned
 
 WITHOUT_DRY_FRICTION = {
@@ -141,3 +141,14 @@ def test_tuning_meets_its_own_limits():
     figures = worst_figures(tuned(load_machine("servo_bench")))
     assert figures.is_stable and figures.phase_margin_deg > 45 and figures.gain_margin_dB > 7
     assert figures.bandwidth_Hz > 8.0 and figures.peak_dB < 1.5
+
+
+@pytest.mark.parametrize(
+    ("gain_dB", "crossing_Hz"),
+    [((0.0, -2.0, -4.0), 2.0 * 2.0**0.5), ((-3.5, -4.0, -5.0), 1.0), ((0.0, 1.0, -1.0), None)],
+)
+def test_where_a_response_falls_below_3_db(gain_dB, crossing_Hz):
+    """Between two frequencies on a logarithmic scale; the first where it begins below (no bandwidth was seen), None where it
+    stays above."""
+    found = first_below(np.array([1.0, 2.0, 4.0]), np.array(gain_dB), -3.0)
+    assert found == (None if crossing_Hz is None else pytest.approx(crossing_Hz))

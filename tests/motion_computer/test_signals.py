@@ -235,8 +235,8 @@ def test_signal_to_data_and_back(name, fade):
 
 
 def test_every_kind_is_among_the_round_trips():
-    """No kind is left out of the tests above (a file needs a file, see below)."""
-    assert {signal.kind for signal in (SMOOTH | CORNERED).values()} | {"file"} == set(SIGNAL_KINDS)
+    """No kind is left out of the tests above (a file needs a file, see below; an FMU is in tests/export/test_payload.py)."""
+    assert {signal.kind for signal in (SMOOTH | CORNERED).values()} | {"file", "fmu"} == set(SIGNAL_KINDS)
 
 
 @pytest.mark.parametrize(

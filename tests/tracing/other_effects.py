@@ -429,6 +429,8 @@ BUILT_OTHERWISE = {
     "imu_turn": built(
         "IMU turned about y by", 0.017453, "rad", set_rig("imu_turn_y"), balance="sensor", place="platform"
     ),
+    "position_lag": lib("position behind a lag of", "sensor", 4.0, "ms", set_leg("position_lag_ms")),
+    "pressure_lag": lib("chamber pressure behind a lag of", "sensor", 4.0, "ms", set_leg("pressure_lag_ms")),
 }
 
 # what the project's library calls the effects that it has under another name

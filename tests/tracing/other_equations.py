@@ -24,7 +24,8 @@ ripple_length spring force tone tone_frequency longer
 cubic gain_position gain_voltage gain_pressure stick stick_place stick_width cooling rod_air line_inertia
 line_loss memory
 warm_up warm_up_s wear wear_place wear_width hardening
-position_gain position_delay_ms position_play scale_error scale_length pressure_gain pressure_offset pressure_delay_ms hum hum_frequency
+position_gain position_delay_ms position_lag_ms position_play scale_error scale_length pressure_gain pressure_offset pressure_delay_ms
+pressure_lag_ms hum hum_frequency
 """
 FIELDS_RIG = """
 n_legs hexapod gravity mass incline supply_pressure line_resistance line_capacity pump_flow gas_volume

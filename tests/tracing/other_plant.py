@@ -259,6 +259,17 @@ def delayed(values: np.ndarray, delay_ms: float) -> np.ndarray:
     return values if delay_ms == 0 else np.interp(place - float(delay_ms), place, values)
 
 
+def smoothed(values: np.ndarray, lag_ms: float, fine: int = 50) -> np.ndarray:
+    """Behind an RC filter: its equation in implicit steps of 20 us, the signal straight between samples."""
+    out, last = np.empty_like(values), values[0]
+    for k in range(len(values)):
+        for share in np.arange(1, fine + 1) / fine:
+            there = values[max(k - 1, 0)] * (1 - share) + values[k] * share
+            last = (last * lag_ms * fine + there) / (lag_ms * fine + 1)
+        out[k] = last
+    return out
+
+
 def played(values: np.ndarray, half_width: float) -> np.ndarray:
     """Backlash of a transducer's joint."""
     out, last = np.empty_like(values), values[0]
@@ -283,13 +294,15 @@ def measured(plant: Plant, true: dict[str, np.ndarray], rng: np.random.Generator
             else played(true["position"][:, i], leg["position_play"])
         )
         y = y + leg["scale_error"] * np.sin(2 * np.pi * y / leg["scale_length"])
-        y = delayed(y * leg["position_gain"], leg["position_delay_ms"]) + 3e-6 * rng.standard_normal(n)
+        y = delayed(y * leg["position_gain"], leg["position_delay_ms"])
+        y = (smoothed(y, leg["position_lag_ms"]) if leg["position_lag_ms"] else y) + 3e-6 * rng.standard_normal(n)
         columns[f"position{mark}_m"] = (np.round(y / 3e-6) * 3e-6 if bench else y).round(7)
     for i, mark in enumerate(marks):
         volts = true["valve"][:, i]
         columns[f"valve{mark}_V"] = (np.round(volts / 3e-4) * 3e-4 if bench else volts).round(5)
     for i, (mark, leg) in enumerate(zip(marks, legs, strict=True)):
         P = delayed(true["pressure"][:, i] * leg["pressure_gain"] + leg["pressure_offset"], leg["pressure_delay_ms"])
+        P = smoothed(P, leg["pressure_lag_ms"]) if leg["pressure_lag_ms"] else P
         P = P + leg["hum"] * np.sin(2 * np.pi * leg["hum_frequency"] * true["time"])
         columns[f"pressure_bottom{mark}_Pa"] = (P + 4e3 * rng.standard_normal(n)).round(1)
     rig = plant.rig[0]

@@ -42,6 +42,7 @@ def quiet(machine):
         {"valve_hysteresis": {"half_width_V": 0.04}},
         {"spool_lag": {"frequency_Hz": 40.0}},
         {"spool_rate_limit": {"rate_m_s": 8e-4}},
+        {"position_lag": {"time_constant_s": 4e-3}, "pressure_lag": {"time_constant_s": 8e-3}},
     ],
     ids=lambda effects: next(iter(effects), "declared"),
 )

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from other_plant import write_machine
 
 from hexsim.machine import load_machine
 from hexsim.motion_computer.limits import leg_limits
@@ -14,14 +15,19 @@ from hexsim.readers import read_log
 from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.signals.channels import noise_of
 from hexsim.tracing.design import next_measurement
-from hexsim.tracing.design.information import Hypothesis, hypothesis, promise, shrunk
+from hexsim.tracing.design.information import Hypothesis, Promise, hypothesis, promise, shrunk
 from hexsim.tracing.design.motions import KINDS, STEP_SHARE, MotionFamily
-from hexsim.tracing.design.next_measurement import surviving
+from hexsim.tracing.design.next_measurement import _purpose, surviving, what_is_open
+from hexsim.tracing.design.rest import as_measured
 from hexsim.tracing.fitting.fit import refine, start_fit
 from hexsim.tracing.fitting.parameters import named, priors
+from hexsim.tracing.fitting.rest_evidence import worse
+from hexsim.tracing.fitting.rest_level import is_held
 from hexsim.tracing.fitting.selection import with_candidate
 from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.steps import dominant, shapes, violations
 from hexsim.tracing.steps.experiments import setpoint_log
+from hexsim.tracing.steps.logs import begin
 
 DATA = Path(__file__).parents[1] / "data"
 LEAK = 2.5e-12
@@ -117,7 +123,7 @@ def test_a_tie_is_answered_by_a_scenario_file(bench, leaking):
     rival = refine(with_candidate(base, named("dead_volume"), 0.3, problem), problem, steps=3)
     trace = SimpleNamespace(
         machine=machine, fit_problem=problem, final=leaking, ties=[{"dead_volume": rival}], verdict="explained",
-        effects=[], unexplained=[], search=SimpleNamespace(stages=[]),
+        effects=[], unexplained=[], search=SimpleNamespace(stages=[]), rest=(),
     )  # fmt: skip
     found = next_measurement(trace, duration_s=5.0, first=8, rounds=0)
     text = found.text()
@@ -138,17 +144,70 @@ def test_an_error_that_ends_at_a_bound_is_not_made_small_by_it(leaking):
     assert shrunk(calm, share)[0] == pytest.approx(1e-3 * calm.numbers[0].standard_error)
 
 
-def test_a_tie_of_a_partly_explained_machine_is_asked_about(bench, leaking):
-    """The balances tie the leak with a leak to tank: its hypothesis stands in the leak's place, refitted, and is no better."""
-    machine, _, problem = bench
-    effect = SimpleNamespace(candidate=leaking.candidates[0], tied_with=("leakage_chamber_to_tank",))
-    trace = SimpleNamespace(
-        machine=machine, fit_problem=problem, final=leaking, ties=[{}], verdict="partly", effects=[effect],
-        candidates=[named("leakage_supply_to_chamber"), named("leakage_chamber_to_tank")],
-    )  # fmt: skip
-    (first, own), (second, rival) = surviving(trace)
-    assert (first, second) == ("leakage_supply_to_chamber", "leakage_chamber_to_tank")
-    assert [candidate.label for candidate in rival.candidates] == ["leakage_chamber_to_tank"]
-    assert own is leaking
-    assert np.isfinite(rival.chi2)
-    assert rival.chi2 > own.chi2
+@pytest.fixture(scope="module")
+def late(tmp_path_factory):
+    """A bench of the second plant with a valve delay, traced by the balances alone on 10 s."""
+    folder = tmp_path_factory.mktemp("late")
+    effects = {"valve_delay": 6.0, "scale_ripple": 4e-6, "friction_warm_up": 0.08, "worn_bore": 3e-13}
+    write_machine(folder, 7, effects, runs=("fit", "validate"), duration_s=10.0)
+    trace = begin(folder, ["fit"], ["validate"])
+    for step in (violations.STEP, shapes.STEP, dominant.STEP):
+        trace = step.run(trace, lambda doing: None)
+    return trace
+
+
+def test_a_tie_of_a_partly_explained_machine_is_asked_about(late):
+    """The balances tie the delay with a slow spool: its hypothesis stands in the delay's place, refitted, and is no better by
+    the tie's own rule."""
+    assert late.verdict == "partly"
+    (first, _), (second, rival), *_ = surviving(late)
+    assert (first, second) == (late.effects[0].candidate.label, late.effects[0].tied_with[0])
+    assert {first, second} == {"valve_delay", "spool_lag"}
+    assert second in [candidate.label for candidate in rival.candidates]
+    assert first not in [c.label for c in rival.candidates if not is_held(c)]
+    rows = range(len(late.rest[0].sizes))
+    assert not worse(late.rest[0], late.rest[1], rows, late.rest_problem.thin_s)
+    assert np.abs(late.rest[1].sizes / late.rest[0].sizes - 1.0).max() < 0.1
+
+
+def test_what_a_motion_promises_of_a_rest_is_what_its_trace_finds(late):
+    """Slow blocks separate the delay from the spool, slow strokes do not; the refits of the trace itself say the same, and that
+    the delay's error shrinks."""
+    asked = what_is_open(late)
+    family = MotionFamily(late.machine, 10.0)
+    pair = asked.labels[:2]
+    found = {}
+    for name, point in {"block": (4, 0, 1.0, 0.3, 0.6, 0.5, 3), "slow": (3, 0, 0.2, 0.0, 0.0, 0.5, 3)}.items():
+        log = setpoint_log(late.machine, family.scenario(np.array(point)))
+        promised = asked.promise(log)
+        found[name] = promised, asked.checked(log, promised)
+    assert all(pair not in own.tied for own in found["block"])
+    assert all(pair in own.tied for own in found["slow"])
+    assert all(own.errors[0] < asked.first.numbers[0].standard_error for own in found["block"])
+    assert found["block"][0].words(np.log(1.25)) == "the second leaves 25 % more mean square than the rest"
+
+
+def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):
+    """As it would be measured, without its rest, every row of the best hypothesis is 0, and a copy is not apart from it."""
+    asked = what_is_open(late)
+    twice = dataclasses.replace(
+        asked, labels=("one", "other"), found=(asked.best, asked.best), known=(asked.known[0], asked.known[0])
+    )
+    log = setpoint_log(late.machine, MotionFamily(late.machine, 10.0).scenario(np.array([4, 0, 1.0, 0.3, 0.6, 0.5, 3])))
+    seen = as_measured(asked.best.fit, asked.problem, asked.simulated, log)
+    assert np.abs(seen.residual(asked.best.fit.fitted_machine(), 0)).max() == 0.0
+    assert twice.promise(log).separations["one", "other"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_tie_that_no_motion_separates_is_said_first():
+    """The first line says so, and what would; with a motion that does it says what it is for."""
+    pair = ("incline", "constant_force")
+    stays = Promise(separations={pair: 5.0}, errors=(), information=0.0)
+    assert _purpose({}, pair, stays, (), None, {"load.moving_mass_kg": 60.0}) == (
+        "no motion separates incline, constant_force; a load of 60 kg would"
+    )
+    assert _purpose({}, pair, stays, (), None, {}).startswith(
+        "no motion separates incline, constant_force; another load"
+    )
+    goes = dataclasses.replace(stays, separations={pair: 500.0})
+    assert _purpose({}, pair, goes, (), None, {}) == "to separate incline, constant_force"

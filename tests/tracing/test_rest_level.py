@@ -9,16 +9,20 @@ from other_plant import write_machine
 
 from hexsim.machine import load_machine
 from hexsim.signals.log import Log
+from hexsim.signals.weak_form import Window
 from hexsim.tracing import rules
-from hexsim.tracing.balances.balance import resolved_machine, sensed_leg
-from hexsim.tracing.balances.continuity import Continuity
+from hexsim.tracing.balances.balance import measured_point, resolved_machine, sensed_leg
+from hexsim.tracing.balances.continuity import Continuity, FastContinuity, fast_residual_of
+from hexsim.tracing.balances.force import Force
+from hexsim.tracing.balances.null import with_noise
 from hexsim.tracing.balances.platform import Platform
 from hexsim.tracing.fitting.fit import Fit
-from hexsim.tracing.fitting.parameters import candidates, coordinate_bounds, named
-from hexsim.tracing.fitting.rest_evidence import Evidence, own_rows, sure
-from hexsim.tracing.fitting.rest_level import ordinary_effects, prior_precision
+from hexsim.tracing.fitting.parameters import candidates, coordinate_bounds, named, with_settings
+from hexsim.tracing.fitting.rest_evidence import Evidence, harm_of, most_restored, own_rows, sure, values_in_leg
+from hexsim.tracing.fitting.rest_level import ordinary_effects, prior_precision, row_counts, row_sizes
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.steps import shapes, violations
+from hexsim.tracing.steps.balance_search import with_fast_rows
 from hexsim.tracing.steps.dominant import may_be_a_filter, sure_effects, worth_a_refit
 from hexsim.tracing.steps.logs import begin
 
@@ -76,6 +80,88 @@ def test_a_small_reality_costs_as_much_at_its_reach_as_a_declared_parameter_at_i
     assert precision[-1] == 0.0
 
 
+def soft_bench(compliance):
+    """(declared machine, that with a hose, a problem whose log is the simulated run of the second with noise)."""
+    problem = begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem
+    declared = load_machine(DATA / "bench_none")
+    soft = with_settings(declared, {}, [(named("hose_compliance"), {"compliance_m3_Pa": compliance})])
+    resolution = declared.sensors.position_resolution_m
+    log = with_noise(problem.simulated(soft, 0), problem.noise, resolution, np.random.default_rng(3))
+    return declared, soft, replace(problem, logs=(log,))
+
+
+def test_a_soft_chamber_stands_out_of_the_fast_continuity():
+    """A hose of 5e-14 m3/Pa: mean square above the noise three times that of the slow part; with the hose it is noise."""
+    declared, soft, problem = soft_bench(5e-14)
+    joint = with_fast_rows(BalanceProblem(logs=problem.logs, parts=()), problem, declared)
+    stiff, right = (float(row_sizes([joint.residual(machine, 0)])[0]) for machine in (declared, soft))
+    assert stiff > 1.5 and right == pytest.approx(1.0, abs=0.08)
+    slow = [Continuity().residual(problem.logs[0], machine)[0, 500:-100] for machine in (declared, soft)]
+    assert (stiff / right) ** 2 - 1.0 > 3.0 * ((np.std(slow[0]) / np.std(slow[1])) ** 2 - 1.0)
+
+
+def test_noise_of_the_pressure_does_not_ask_for_a_stiffer_chamber():
+    """Undivided the fast residual of noise alone grows with the chamber's capacity; over what noise makes of it, it does not."""
+    declared, _, problem = soft_bench(0.0)
+    joint = with_fast_rows(BalanceProblem(logs=problem.logs, parts=()), problem, declared)
+    [fast] = [part.balance for part in joint.parts]
+    quiet = problem.simulated(declared, 0)
+    softer = with_settings(declared, {}, [(named("hose_compliance"), {"compliance_m3_Pa": 1e-13})])
+
+    def noise(balance, machine):
+        return float(
+            np.std((balance.residual(problem.logs[0], machine) - balance.residual(quiet, machine))[:, 500:-100])
+        )
+
+    assert noise(FastContinuity(), softer) > 1.4 * noise(FastContinuity(), declared)
+    assert noise(fast, softer) == pytest.approx(noise(fast, declared), rel=0.08)
+
+
+def test_a_flow_without_bound_leaves_no_number_and_no_warning():
+    machine = load_machine(DATA / "bench_none")
+    log = begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem.logs[0]
+    resolved = resolved_machine(machine)
+    point = measured_point(log, machine, resolved, 0)
+    left = fast_residual_of(resolved.rows[0], point, np.full(log.n, np.inf), Window(log.rate))
+    assert np.all(np.isnan(left))
+
+
+def test_a_hexapod_and_a_slow_log_have_no_fast_continuity():
+    machine = load_machine(DATA / "bench_none")
+    log = begin(DATA / "bench_none", ["fit"], ["validate"]).fit_problem.logs[0]
+    assert FastContinuity().wants(log, machine)
+    assert not FastContinuity().wants(replace(log, rate=200.0), machine)
+    assert not FastContinuity().wants(log, load_machine("micro_motion_system"))
+
+
+def test_a_row_whose_rest_is_new_five_times_as_often_counts_five_times():
+    log = Log(name="fit", kind="bench", time=np.arange(1000) * 1e-2, rate=100.0, position=np.zeros((1, 1000)))
+    slow = BalanceRows(balance=Continuity(), sigma=np.ones(1), rows=(0,))
+    problem = BalanceProblem(logs=(log,), parts=(slow, replace(slow, rest_time_s=rules.REST_TIME_S / 5.0)))
+    assert row_counts(problem) == pytest.approx([1.0, 5.0])
+    assert row_counts(problem.slow_alone()) == pytest.approx([1.0, 0.0])
+    plain = replace(problem, parts=(slow,))
+    assert plain.slow_alone() is plain
+
+
+def test_an_effect_in_one_leg_is_told_with_what_all_legs_share_of_it():
+    """1.3e-12 beside 0.2e-12 in all legs is a leak of 1.5e-12 in that leg; bandwidths of spools do not add up."""
+    machine = load_machine("micro_motion_system")
+    small = {candidate.effect.name: candidate for candidate in ordinary_effects(candidates(machine))}
+    shared, leak = small["leakage_chamber_to_tank"], named("leakage_chamber_to_tank", "leg 4")
+    slow, spool = small["spool_lag"], named("spool_lag", "leg 4")
+    values = tuple(
+        {own.effect.parameters[0].name: size}
+        for own, size in ((shared, 0.2e-12), (slow, 200.0), (leak, 1.3e-12), (spool, 30.0))
+    )
+    fit = Fit(
+        machine=machine, priors=(), deviations=np.zeros(0), candidates=(shared, slow, leak, spool), values=values,
+        chi2=0.0, n=0, misfit=[],
+    )  # fmt: skip
+    assert values_in_leg(fit, leak) == {leak.effect.parameters[0].name: pytest.approx(1.5e-12)}
+    assert values_in_leg(fit, spool) == values[3]
+
+
 SURE = Evidence(
     candidate=named("spring"), share=0.9, share_least=0.8, unseen=0.9, unseen_least=0.8, own=1.0, restored=(0.9, 0.9),
     remarkable=2.0, apart=(1.0, 1.0), spread=0.2, curve=1.0, tied=(),
@@ -96,6 +182,24 @@ def test_each_rule_alone_keeps_an_effect_from_being_sure():
         {"share": 0.7, "curve": 0.4},
     ):
         assert not sure(replace(SURE, **changes))
+
+
+def test_of_several_own_balances_one_that_holds_again_suffices():
+    """Held out too: a slow row that something else spoils says nothing against the fast one."""
+    spoiled, mended = (np.array([4.9]),) * 4, tuple(map(np.array, ([2.0], [1.05], [2.0], [1.05])))
+    only_seen = tuple(map(np.array, ([2.0], [1.0], [2.0], [1.9])))
+    assert min(most_restored([spoiled, mended])) > 0.9
+    assert min(most_restored([spoiled, only_seen])) < 0.2
+    assert most_restored([]) == (0.0, 0.0)
+
+
+def test_a_fast_row_is_no_other_residual_than_its_slow_one():
+    """A delay that mends the fast part and leaves a little more in the slow one harms nothing; in the force it does."""
+    log = Log(name="fit", kind="bench", time=np.arange(9) * 1e-3, rate=1e3, position=np.zeros((1, 9)))
+    parts = [BalanceRows(balance=own, sigma=np.ones(1), rows=(0,)) for own in (Continuity(), Force(), FastContinuity())]
+    problem = BalanceProblem(logs=(log,), parts=tuple(parts))
+    assert harm_of(np.array([-0.1, 0.0, 1.8]), problem) == pytest.approx(0.0)
+    assert harm_of(np.array([0.0, -0.1, 1.8]), problem) == pytest.approx(np.exp(0.2) - 1.0)
 
 
 def test_the_gain_of_a_late_sensor_may_be_a_filter():

@@ -58,6 +58,11 @@ int @prefix@_step(double *state, double setpoint_m, const double *preview_m, int
                   double control_V, double feed_forward_V, double valve_V, double bottom_Pa, double top_Pa,
                   double supply_Pa, double *added_V);
 
+/* Before a step, for a leg of a platform: the load that the setpoints of all legs give this one at this tick and the next
+   (count of them, as of preview_m) [m/s2]: force over the mass that the leg has while all legs move alike. README.md says
+   how. Without it a leg expects the load of its own acceleration. It holds for one step. */
+void @prefix@_expect(double *state, const double *loads_m_s2, int count);
+
 /* The design of the taps that a step asked for: takes longer than a step. At once, or in the idle time of the next ticks,
    never while a step of the same state runs. Until then the former taps act. */
 void @prefix@_design(double *state);

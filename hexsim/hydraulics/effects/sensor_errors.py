@@ -1,4 +1,7 @@
-"""Errors of transducers, a channel and an error each: y_m = (1 + r) y(t - tau) + y_0. A controller that reads it has them too."""
+"""Errors of transducers, a channel and an error each: y_m = (1 + r) y(t - tau) + y_0, or a lag.
+
+A controller that reads it has them too.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,12 @@ from typing import Literal
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.resolved import Resolved
 
-Error = Literal["gain", "offset", "delay"]
+Error = Literal["gain", "offset", "delay", "lag"]
 SHOWS = {
     "gain": "shows too much or too little",
     "offset": "shows a constant too much",
     "delay": "is late",
+    "lag": "smooths: a low-pass of first order",
 }
 
 
@@ -66,6 +70,7 @@ def error_of(
         "gain": ("relative_change", "1", "gain"),
         "offset": (f"offset{per_unit}", channel.unit, f"offset{per_unit}"),
         "delay": ("delay_s", "s", "delay_s"),
+        "lag": ("time_constant_s", "s", "lag_s"),
     }[error]
     return Effect(
         name=f"{channel.name}_{error}",
@@ -80,6 +85,7 @@ def error_of(
 
 
 BUSES, TRANSDUCERS, LATE, SCALE = "filters and buses: 1-400 ms", "transducers: 0.5-2 % of span", (0.0, 1.0), (-0.9, 9.0)
+FILTERS, SMOOTHED = "filters of transducers: 20-100 Hz", (0.0, 0.1)
 EFFECTS = (
     error_of(
         ACCELERATION, "gain", 0.04, "report 2.3.1: dividing and multiplying by a sensitivity confused", (-0.95, 9.0)
@@ -89,8 +95,10 @@ EFFECTS = (
     error_of(POSITION, "gain", 0.01, "scale error of transducers: 0.1-1 %", SCALE),
     error_of(POSITION, "offset", 1e-3, "zero of transducers: 0.1-2 mm", (-0.2, 0.2), "one leg", ("hexapod",)),
     error_of(POSITION, "delay", 3e-3, "filters and buses: 1-10 ms", LATE),
+    error_of(POSITION, "lag", 4e-3, FILTERS, SMOOTHED),
     error_of(PRESSURE, "gain", 0.02, TRANSDUCERS, SCALE),
     error_of(PRESSURE, "offset", 5e4, f"zero drift of {TRANSDUCERS}", (-1e8, 1e8)),
     error_of(PRESSURE, "delay", 3e-3, BUSES, LATE),
+    error_of(PRESSURE, "lag", 4e-3, FILTERS, SMOOTHED),
     error_of(SUPPLY, "gain", 0.02, TRANSDUCERS, SCALE),
 )

@@ -11,5 +11,6 @@ SENSOR = Sensor(
     gain="position_gain",
     offset="position_offset_m",
     delay="position_delay_s",
+    lag="position_lag_s",
     filter="position_filter",
 )

@@ -11,5 +11,6 @@ SENSOR = Sensor(
     gain="pressure_gain",
     offset="pressure_offset_Pa",
     delay="pressure_delay_s",
+    lag="pressure_lag_s",
     filter="pressure_filter",
 )

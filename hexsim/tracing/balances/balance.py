@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from threading import get_ident, local
@@ -21,7 +21,7 @@ from hexsim.tracing.balances import spool
 from hexsim.tracing.balances.memory import remembered
 
 Array = np.ndarray
-Settings = tuple[float, ...]  # offset, gain, delay [s] of a sensor
+Settings = tuple[float, ...]  # offset, gain, delay [s], lag [s] of a sensor
 FORCE_SIGNALS = (
     "velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa",
 )  # fmt: skip
@@ -82,7 +82,7 @@ class Balance(ABC):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensedLeg:
-    """What the sensors of one leg say, known gains, offsets and delays taken out: (n,) each; under the window on demand."""
+    """What the sensors of one leg say, known gains, offsets, delays and lags taken out: (n,) each; under the window on demand."""
 
     y: Array
     v: Array
@@ -111,6 +111,12 @@ class SensedLeg:
     def mean_P2(self) -> Array:
         assert self.P2 is not None
         return self.window.mean(self.P2)
+
+    @cached_property
+    def fast_v(self) -> Array:
+        """Velocity for what is faster than the window: with what the samples miss of the accelerometer's mean [m/s]."""
+        assert self.acceleration is not None
+        return velocity(self.y, self.acceleration + kinks(self.acceleration, self.ticks), 1.0 / self.window.dt)
 
     @cached_property
     def disagreement(self) -> Array:
@@ -176,31 +182,38 @@ class MeasuredPoint:
         return self.sensed.P1
 
 
-def leg_key(resolved: Resolved, leg: int) -> Hashable:
-    """All of a machine that a leg's measured point and its own terms depend on."""
-    return resolved.rows[leg].tobytes(), resolved.sensors.supply_pressure_gain, sensor_settings(resolved, leg)
+def leg_key(resolved: Resolved, leg: int, without: Sequence[int] = ()) -> Hashable:
+    """All of a machine that a leg's measured point and its own terms depend on. without: places of its row that do not count."""
+    row = resolved.rows[leg]
+    if without:
+        row = row.copy()
+        row[list(without)] = 0.0
+    return row.tobytes(), resolved.sensors.supply_pressure_gain, sensor_settings(resolved, leg)
 
 
 def position_settings(resolved: Resolved, leg: int) -> Settings:
-    """Offset, gain and delay of the position sensor of a leg."""
-    return tuple(float(resolved.leg_sensors[f"position_{key}"][leg]) for key in ("offset_m", "gain", "delay_s"))
+    """Offset, gain, delay and lag of the position sensor of a leg."""
+    return tuple(
+        float(resolved.leg_sensors[f"position_{key}"][leg]) for key in ("offset_m", "gain", "delay_s", "lag_s")
+    )
 
 
 def sensor_settings(resolved: Resolved, leg: int) -> tuple[Settings, Settings, Settings | None, Settings]:
     """Of the position, both pressures (None: no rod side on the valve) and the accelerometer that a leg's signals rest on."""
     shared, position = resolved.sensors, position_settings(resolved, leg)
-    pressure = tuple(float(resolved.leg_sensors[f"pressure_{key}"][leg]) for key in ("offset_Pa", "gain", "delay_s"))
+    keys = ("offset_Pa", "gain", "delay_s", "lag_s")
+    pressure = tuple(float(resolved.leg_sensors[f"pressure_{key}"][leg]) for key in keys)
     on_valve = resolved.rows[leg, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
     top = pressure if on_valve else None
-    motion = (shared.acceleration_offset_m_s2, shared.acceleration_gain, shared.acceleration_delay_s)
+    motion = (shared.acceleration_offset_m_s2, shared.acceleration_gain, shared.acceleration_delay_s, 0.0)
     return position, pressure, top, motion
 
 
 def sensed_leg(log: Log, resolved: Resolved, leg: int) -> SensedLeg:
     """What the sensors of a leg say, computed once for a log and its sensors' settings."""
     settings = sensor_settings(resolved, leg)
-    ticks = tick_samples(log, leg, resolved.machine.controller.rate_Hz)
-    return remembered(log, (leg, *settings), lambda: _sense(log, leg, *settings, ticks))
+    rate_Hz = resolved.machine.controller.rate_Hz
+    return remembered(log, (leg, *settings), lambda: _sense(log, leg, *settings, tick_samples(log, leg, rate_Hz)))
 
 
 def _sense(
@@ -213,8 +226,10 @@ def _sense(
     ticks: slice | None,
 ) -> SensedLeg:
     def true_of(shown: Array, settings: Settings) -> Array:
-        offset, gain, delay = settings
-        return advanced((shown - offset) / gain, delay * log.rate)
+        offset, gain, delay, lag = settings
+        signal = (shown - offset) / gain
+        sharp = signal + lag * log.rate * np.gradient(signal) if lag else signal  # s = f + tau df/dt, see signals.lag
+        return advanced(sharp, delay * log.rate)
 
     y = true_of(log.position[leg], position)
     acceleration = None

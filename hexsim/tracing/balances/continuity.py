@@ -1,6 +1,7 @@
 """Continuity of the chambers: what flows in = what the piston sweeps + what compresses  [m3/s], Eq. 3.7 rearranged.
 
 bottom   r_Q = phi(u, P1, Ps) - A1 v - C(y, P1) dP1/dt
+fast     the same of the bottom chamber under a short window less that under the usual one
 top      r_Q = phi_B(u, P2, Ps) + A2 v - C_B(y, P2) dP2/dt       of a rod side on the valve
 """
 
@@ -22,6 +23,7 @@ from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import (
     Balance,
     MeasuredPoint,
+    SensedLeg,
     leg_key,
     measured_point,
     resolved_machine,
@@ -29,6 +31,14 @@ from hexsim.tracing.balances.balance import (
 from hexsim.tracing.balances.memory import latest
 
 Array = np.ndarray
+FlowOf = Callable[[Array, MeasuredPoint], Array]
+LeftOf = Callable[[Array, MeasuredPoint, Array, Window], Array]
+FAST_S = 0.006  # [s] half width of the window under which the oil's own motion is seen
+LEAST_FAST_RATE_HZ = 500.0  # of a log in which it can be
+OF_FORCE = (  # of a leg's row: no flow depends on it
+    *range(P.CUSHION_LENGTH, P.CUSHION_DAMPING + 1), *range(P.VISCOUS_EXTEND, P.TONE_PHASE + 1), P.SEAL_FRICTION_TOP,
+    P.SEAL_FRICTION_ACROSS,
+)  # fmt: skip
 
 
 @compiled
@@ -73,24 +83,68 @@ def compression(capacity: Array, pressure: Array, mean: Array, window: Window) -
     return window.rate(capacity * about) - window.mean(np.gradient(capacity, window.dt) * about)
 
 
-def residual_of(p: Array, point: MeasuredPoint, window: Window) -> Array:
-    """Of the bottom chamber (n,) [m3/s]. Without a pressure on the rod side nothing leaks across the piston."""
+def inflow_of(p: Array, point: MeasuredPoint) -> Array:
+    """phi (n,) [m3/s]. Without a pressure on the rod side nothing leaks across the piston."""
     assert point.P1 is not None
-    sensed, across = point.sensed, point.P1 if point.P2 is None else point.P2
-    flow = inflows(p, point.y, point.v, point.volts, point.x, point.P1, across, point.Ps, point.t)
-    capacity = capacities(p, sensed.mean_y, sensed.mean_P1)
+    across = point.P1 if point.P2 is None else point.P2
+    return inflows(p, point.y, point.v, point.volts, point.x, point.P1, across, point.Ps, point.t)
+
+
+def top_inflow_of(p: Array, point: MeasuredPoint) -> Array:
+    """phi_B (n,) [m3/s]."""
+    assert point.P1 is not None and point.P2 is not None
+    return top_inflows(p, point.x, point.P1, point.P2, point.Ps)
+
+
+def capacity_of(p: Array, sensed: SensedLeg) -> Array:
+    """Of the bottom chamber under the window (n,) [m3/Pa]."""
+    return capacities(p, sensed.mean_y, sensed.mean_P1)
+
+
+def residual_of(p: Array, point: MeasuredPoint, flow: Array, window: Window) -> Array:
+    """Of the bottom chamber (n,) [m3/s]."""
+    assert point.P1 is not None
+    sensed = point.sensed
+    capacity = capacity_of(p, sensed)
     compressed = compression(capacity, point.P1, sensed.mean_P1, window)
     return window.mean(flow) - p[P.AREA_BOTTOM] * sensed.mean_v - compressed
 
 
-def top_residual_of(p: Array, point: MeasuredPoint, window: Window) -> Array:
+def fast_residual_of(p: Array, point: MeasuredPoint, flow: Array, window: Window) -> Array:
+    """Of the bottom chamber (n,) [m3/s], what is slower than the usual window taken off."""
+    assert point.P1 is not None
+    sensed, short = point.sensed, Window(1.0 / window.dt, FAST_S)
+    capacity = capacity_of(p, sensed)
+    net = flow - p[P.AREA_BOTTOM] * sensed.fast_v
+    with np.errstate(invalid="ignore"):  # a flow without bound leaves NaN, as any divergence
+        return short.mean(net) - window.mean(net) - capacity * fast_rate(point.P1, 1.0 / window.dt)
+
+
+def fast_rate(signal: Array, rate_Hz: float) -> Array:
+    """Rate of a signal under the short window less that under the usual one, (n,) [1/s]."""
+    return Window(rate_Hz, FAST_S).rate(signal) - Window(rate_Hz).rate(signal)
+
+
+def top_residual_of(p: Array, point: MeasuredPoint, flow: Array, window: Window) -> Array:
     """Of a rod side on the valve (n,) [m3/s]."""
-    assert point.P1 is not None and point.P2 is not None
+    assert point.P2 is not None
     sensed = point.sensed
-    flow = top_inflows(p, point.x, point.P1, point.P2, point.Ps)
     capacity = top_capacities(p, sensed.mean_y, sensed.mean_P2)
     compressed = compression(capacity, point.P2, sensed.mean_P2, window)
     return window.mean(flow) + p[P.AREA_TOP] * sensed.mean_v - compressed
+
+
+def of_legs(flow_of: FlowOf, left: LeftOf, log: Log, machine: Machine) -> Array:
+    """The residual of each leg, a row a leg."""
+    resolved, window = resolved_machine(machine), Window(log.rate)
+
+    def residual(leg: int) -> Array:
+        row, point = resolved.rows[leg], measured_point(log, machine, resolved, leg)
+        key = leg_key(resolved, leg, OF_FORCE)
+        flow = latest(log, (flow_of.__name__, leg), key, lambda: flow_of(row, point))
+        return latest(log, (left.__name__, leg), key, lambda: left(row, point, flow, window))
+
+    return np.stack([residual(leg) for leg in range(log.n_legs)])
 
 
 class Continuity(Balance):
@@ -117,18 +171,7 @@ class Continuity(Balance):
         return "valve" if signal == "valve_V" else self.name
 
     def residual(self, log: Log, machine: Machine) -> Array:
-        return self.of_legs(residual_of, log, machine)
-
-    @staticmethod
-    def of_legs(of_leg: Callable[[Array, MeasuredPoint, Window], Array], log: Log, machine: Machine) -> Array:
-        """The residual of each leg, a row a leg."""
-        resolved, window = resolved_machine(machine), Window(log.rate)
-
-        def residual(leg: int) -> Array:
-            row, point = resolved.rows[leg], measured_point(log, machine, resolved, leg)
-            return latest(log, (of_leg.__name__, leg), leg_key(resolved, leg), lambda: of_leg(row, point, window))
-
-        return np.stack([residual(leg) for leg in range(log.n_legs)])
+        return of_legs(inflow_of, residual_of, log, machine)
 
 
 class TopContinuity(Continuity):
@@ -149,7 +192,41 @@ class TopContinuity(Continuity):
         return self.name
 
     def residual(self, log: Log, machine: Machine) -> Array:
-        return self.of_legs(top_residual_of, log, machine)
+        return of_legs(top_inflow_of, top_residual_of, log, machine)
+
+
+def mean_capacity(log: Log, machine: Machine) -> float:
+    """Of the bottom chamber of the first leg over a log [m3/Pa]."""
+    resolved = resolved_machine(machine)
+    sensed = measured_point(log, machine, resolved, 0).sensed
+    return float(np.mean(capacity_of(resolved.rows[0], sensed)))
+
+
+class FastContinuity(Continuity):
+    """What of the bottom chamber is faster than the usual window, of a bench: the oil's spring, 30 to 150 Hz.
+
+    Nothing that is slow is in it: drifts, wear, scales. So a soft chamber, a slow spool or a delay stand out there beside
+    a rest. No balance of the library: the position alone does not show it, and reversals leave more than noise.
+    """
+
+    def __init__(self, flow_noise_m3_s: float = 1.0, rate_noise_Pa_s: float = 0.0):
+        self.flow_noise_m3_s, self.rate_noise_Pa_s = flow_noise_m3_s, rate_noise_Pa_s
+
+    name = "fast continuity"
+    unit = "1"
+    caption = "fast part of: valve flow = piston flow + compression of the oil"
+    order = 36
+    other_names: ClassVar = Continuity.other_names | {Continuity.name: Continuity.caption}
+
+    def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
+        return () if machine.is_hexapod else (("valve", "pressure_bottom", "acceleration"),)
+
+    def wants(self, log: Log, machine: Machine) -> bool:
+        return self.measurable(log, machine) and log.rate >= LEAST_FAST_RATE_HZ
+
+    def residual(self, log: Log, machine: Machine) -> Array:
+        noise = np.hypot(self.flow_noise_m3_s, self.rate_noise_Pa_s * mean_capacity(log, machine))
+        return of_legs(inflow_of, fast_residual_of, log, machine) / noise
 
 
 BALANCES = (Continuity(), TopContinuity())

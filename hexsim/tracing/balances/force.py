@@ -6,6 +6,8 @@ pressures does as well; what depends on P1 alone (seals) then sees half of Ps + 
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+
 import numpy as np
 
 from hexsim.compiled import compiled
@@ -17,9 +19,14 @@ from hexsim.machine.geometry import suspension
 from hexsim.mechanics.rigid_body import pushed_back
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances.balance import Balance, MeasuredPoint, measured_point, resolved_machine
+from hexsim.tracing.balances.balance import Balance, MeasuredPoint, leg_key, measured_point, resolved_machine
+from hexsim.tracing.balances.memory import latest
 
 Array = np.ndarray
+OF_FLOW = (  # of a leg's row: no force depends on it
+    *range(P.RETURN_RESISTANCE, P.AIR_FRACTION + 1), P.PIPELINE_VOLUME, P.HOSE_COMPLIANCE,
+    *range(P.LEAK_SUPPLY_CHAMBER, P.HYSTERESIS_SPREAD + 1),
+)  # fmt: skip
 
 
 @compiled
@@ -57,6 +64,12 @@ def leg_thrust(p: Array, point: MeasuredPoint) -> Array:
     return P1 * p[P.AREA_BOTTOM] + forces_beyond_pressure(p, point.y, point.v, point.volts, P1, P2, point.Ps, point.t)
 
 
+def thrust_key(resolved: Resolved, leg: int) -> Hashable:
+    """All of a machine that `leg_thrust` depends on: not the valve, but for a learned force over its volts."""
+    learned = resolved.rows[leg, P.LEARNED_BALANCE] != 0.0
+    return leg_key(resolved, leg, () if learned else OF_FLOW)
+
+
 def push_of_payloads(resolved: Resolved, felt: Array, rate: float) -> Array:
     """Force (n,) [N] that payloads on springs push back with; felt: acceleration less gravity along the springs (n,)."""
     pushes = [mode.mass_kg * pushed_back(suspension(mode), felt, rate) for mode in resolved.payload_modes]
@@ -82,9 +95,10 @@ class Force(Balance):
         resolved, window = resolved_machine(machine), Window(log.rate)
         point, p = measured_point(log, machine, resolved, 0), resolved.rows[0]
         assert point.sensed.acceleration is not None
+        thrust = latest(log, "thrust", thrust_key(resolved, 0), lambda: leg_thrust(p, point))
         mass, gravity = resolved.load.moving_mass_kg, -resolved.gravity_m_s2[2]
         felt = point.sensed.acceleration + gravity
-        net = leg_thrust(p, point) - mass * felt
+        net = thrust - mass * felt
         return window.mean(net - push_of_payloads(resolved, felt, log.rate))[None]
 
 

@@ -33,11 +33,13 @@ def latest(log: Log, place: Hashable, key: Hashable, make: Callable[[], Array]) 
 
 
 def _kept(known: dict[Hashable, Any], key: Hashable, make: Callable[[], Any], most: int) -> Any:
-    """What is known under the key, or made; beyond `most` all is forgotten before."""
+    """What is known under the key, or made; beyond `most` what was not asked for longest is forgotten."""
     found = known.get(key)
     if found is None:
         found = make()
-        if len(known) >= most:
-            known.clear()
-        known[key] = found
+        while len(known) >= most:
+            known.pop(next(iter(list(known))), None)
+    else:
+        known.pop(key, None)
+    known[key] = found
     return found

@@ -23,12 +23,11 @@ from hexsim.tracing.balances.balance import (
     Balance,
     SensedLeg,
     advanced,
-    leg_key,
     measured_point,
     position_settings,
     resolved_machine,
 )
-from hexsim.tracing.balances.force import Force, force_pressures, leg_thrust, push_of_payloads
+from hexsim.tracing.balances.force import Force, force_pressures, leg_thrust, push_of_payloads, thrust_key
 from hexsim.tracing.balances.memory import latest, remembered
 
 Array = np.ndarray
@@ -140,7 +139,7 @@ def wrench_residual(log: Log, machine: Machine) -> tuple[Array, Array]:
     motion = platform_motion(log, resolved, [point.sensed for point in points])
     thrusts = np.empty((log.n, 6))
     for i, (row, point) in enumerate(zip(resolved.rows, points, strict=True)):
-        thrusts[:, i] = latest(log, ("thrust", i), leg_key(resolved, i), partial(leg_thrust, row, point))
+        thrusts[:, i] = latest(log, ("thrust", i), thrust_key(resolved, i), partial(leg_thrust, row, point))
     wrench = (thrusts[:, None] @ motion.lines)[:, 0].T
     acceleration = np.ascontiguousarray(felt_by_imu(log, resolved, motion.omega))
     gravity = resolved.gravity_m_s2 @ motion.rotation

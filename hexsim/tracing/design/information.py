@@ -19,12 +19,15 @@ import numpy as np
 from hexsim.machine.files import changed
 from hexsim.signals.channels import kind_of
 from hexsim.signals.log import Log
+from hexsim.tracing import rules
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, refine, start_fit_at
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
+SHARP = 0.1  # a number known to this share is sharp
+LEAST = 0.05  # of the needed separation: less is nothing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,10 +39,15 @@ class Number:
     value: float
     standard_error: float
     place: int
+    absolute: bool = False  # a phase: its error counts as it is
 
     @property
     def relative(self) -> float:
-        return self.standard_error / abs(self.value) if self.value else float("inf")
+        return self.relative_of(self.standard_error)
+
+    def relative_of(self, error: float) -> float:
+        """An error as a share of the number."""
+        return error if self.absolute else error / abs(self.value) if self.value else float("inf")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,6 +79,7 @@ class Hypothesis:
                         value=values[parameter.name],
                         standard_error=error,
                         place=place,
+                        absolute=parameter.typical == 0.0,
                     )
                 )
                 place += 1
@@ -110,21 +119,38 @@ def at_the_rest(problem: SimulatedProblem, fit: Fit) -> SimulatedProblem:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Promise:
-    """What a motion would give. separations: pair of labels -> chi2; errors: of each number of the first hypothesis."""
+    """What a motion would give. separations: pair of labels -> chi2, or the measure of `rest`; errors: of each number of
+    the first hypothesis."""
 
     separations: dict[tuple[str, str], float]
     errors: tuple[float, ...]
-    information: float  # log of the ratio of the determinants, after to before, a coordinate
+    information: float  # log of the ratio of the determinants, after to before, a coordinate; of a rest see `rest`
+    needed: float = 4 * rules.TIE_CHI2  # least separation that separates
+    enough: float = 10.0  # times that: more is worth nothing
+    measure: str = "chi2"
 
     def worth(self, wanted: int | None) -> float:
         """What a design makes as large as it can. wanted: the number to be sharpened, where nothing is to be separated.
 
         A separation counts with the information on all numbers, an average of them (Atkinson's DT-optimality, 2008): a
-        motion that only tells two hypotheses apart shows little of a third.
+        motion that only tells two hypotheses apart shows little of a third. A pair that no motion separates weighs alike
+        in all.
         """
         if self.separations:
-            return float(np.log(max(min(self.separations.values()), 1e-9))) + self.information
-        return -float(np.log(self.errors[wanted])) if wanted is not None else self.information
+            sizes = np.clip(list(self.separations.values()), LEAST * self.needed, self.enough * self.needed)
+            return float(np.mean(np.log(sizes))) + self.information
+        return self.information - (float(np.log(self.errors[wanted])) if wanted is not None else 0.0)
+
+    @property
+    def tied(self) -> list[tuple[str, str]]:
+        """Pairs that stay together."""
+        return [pair for pair, size in self.separations.items() if size < self.needed]
+
+    def words(self, size: float) -> str:
+        """A separation for a reader."""
+        if self.measure == "chi2":
+            return f"chi2 {size:.3g}"
+        return f"the second leaves {100 * (np.exp(size) - 1.0):.0f} % more mean square than the rest"
 
 
 def promise(hypotheses: list[Hypothesis], log: Log, noise: dict[str, float]) -> Promise:
@@ -139,7 +165,7 @@ def promise(hypotheses: list[Hypothesis], log: Log, noise: dict[str, float]) -> 
     columns = sensitivities(first.fit, problem)
     after = first.known + normal_matrix(columns)
     flat = columns[0].reshape(len(after), -1)
-    inverse_before, inverse_after = _inverse(first.known), _inverse(after)
+    inverse_before, inverse_after = inverse(first.known), inverse(after)
     separations = {}
     for i, one in enumerate(hypotheses):
         for k in range(i + 1, len(hypotheses)):
@@ -164,10 +190,15 @@ def shrunk(one: Hypothesis, share: Array) -> tuple[float, ...]:
 
 def loaded(one: Hypothesis, changes: dict[str, float]) -> Hypothesis:
     """The hypothesis about the machine with another load: {"load.moving_mass_kg": 60.0}."""
+    return replace(one, fit=loaded_fit(one.fit, changes))
+
+
+def loaded_fit(fit: Fit, changes: dict[str, float]) -> Fit:
+    """The same of a fit."""
     if not changes:
-        return one
-    declared = tuple(replace(prior, declared=changes.get(prior.dotted, prior.declared)) for prior in one.fit.priors)
-    return replace(one, fit=replace(one.fit, machine=changed(one.fit.machine, changes), priors=declared))
+        return fit
+    declared = tuple(replace(prior, declared=changes.get(prior.dotted, prior.declared)) for prior in fit.priors)
+    return replace(fit, machine=changed(fit.machine, changes), priors=declared)
 
 
 def refitted_separation(one: Hypothesis, other: Hypothesis, log: Log, noise: dict[str, float]) -> float:
@@ -178,7 +209,41 @@ def refitted_separation(one: Hypothesis, other: Hypothesis, log: Log, noise: dic
     return refine(start_fit_at(other.fit, problem), problem, fresh=True).chi2
 
 
-def _inverse(matrix: Array) -> Array:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OpenRefits:
+    """Hypotheses refitted by simulation, the best first, at the noise of an explained machine."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    noise: dict[str, float]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return tuple(one.label for one in self.hypotheses)
+
+    @property
+    def first(self) -> Hypothesis:
+        return self.hypotheses[0]
+
+    def promise(self, log: Log) -> Promise:
+        """What a motion, given as a log of its setpoints, would tell; linear."""
+        return promise(list(self.hypotheses), log, self.noise)
+
+    def checked(self, log: Log, found: Promise) -> Promise:
+        """The promise with separations lowered to what a refit in this motion alone leaves of them."""
+        by_label = {one.label: one for one in self.hypotheses}
+        separations = {
+            pair: min(size, refitted_separation(by_label[pair[0]], by_label[pair[1]], log, self.noise))
+            for pair, size in found.separations.items()
+        }
+        return replace(found, separations=separations)
+
+    def checked_with(self, log: Log, load: dict[str, float]) -> Promise:
+        """The same with another load."""
+        own = replace(self, hypotheses=tuple(loaded(one, load) for one in self.hypotheses))
+        return own.checked(log, own.promise(log))
+
+
+def inverse(matrix: Array) -> Array:
     """Of a scaled normal matrix; directions that no log knows stay unknown."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     return np.linalg.pinv(matrix * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale

@@ -6,7 +6,7 @@ all numbers together. `scipy.optimize.differential_evolution` chooses among the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -17,32 +17,25 @@ from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from hexsim.errors import HexsimError
+from hexsim.machine.files import changed
 from hexsim.scenarios.scenario import Scenario, scenario_from_dict
-from hexsim.tracing import rules
-from hexsim.tracing.design.information import (
-    Hypothesis,
-    Number,
-    Promise,
-    at_the_rest,
-    hypothesis,
-    loaded,
-    promise,
-    refitted_separation,
-)
+from hexsim.tracing.design.information import SHARP, Number, OpenRefits, Promise, at_the_rest, hypothesis
 from hexsim.tracing.design.motions import MotionFamily
+from hexsim.tracing.design.rest import OpenRest, label_of, open_rest
 from hexsim.tracing.fitting import rest_level
-from hexsim.tracing.fitting.fit import Fit, refine, start_fit_at
-from hexsim.tracing.fitting.selection import try_candidate, with_candidate
+from hexsim.tracing.fitting.fit import Fit
+from hexsim.tracing.fitting.selection import with_candidate
 from hexsim.tracing.problems.problem import in_parallel
-from hexsim.tracing.state import NamedEffect, Trace
+from hexsim.tracing.state import Trace
 from hexsim.tracing.steps.experiments import heavier_load, setpoint_log
 
 DURATION_s = 20.0
-FIRST, ROUNDS = 16, 2  # motions tried at first, and rounds of as many that come from the best of them
+FIRST, ROUNDS = 16, 1  # motions tried at first, and rounds of as many that come from the best of them
 CONTENDERS = 3  # of a machine that is not explained
-SHARP = 0.1  # a number known to this share is sharp
-SEPARATED = 4 * rules.TIE_CHI2  # least chi2 that separates two hypotheses
+NO_GAIN = 0.8  # a motion that leaves more than this share of an error does not sharpen it
+CHECKED = 3  # of the best motions are checked by refits
 Tell = Callable[[str, float], None]
+Open = OpenRest | OpenRefits
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,8 +60,8 @@ class NextMeasurement:
     def lines(self) -> list[str]:
         """Purpose, expected separation and errors, and what it cannot tell."""
         found = [self.purpose]
-        for (one, other), chi2 in self.promise.separations.items():
-            found.append(f"expected separation of {one} and {other}: chi2 {chi2:.3g}")
+        for (one, other), size in self.promise.separations.items():
+            found.append(f"expected separation of {one} and {other}: {self.promise.words(size)}")
         for number, error in zip(self.numbers, self.promise.errors, strict=True):
             now = f"{number.standard_error:.2g}"
             found.append(f"{number.effect} {number.name} = {number.value:.4g}: error {now} now, {error:.2g} expected")
@@ -79,7 +72,8 @@ class NextMeasurement:
         return {
             "purpose": self.purpose,
             "separations": [
-                {"effects": list(pair), "chi2": chi2} for pair, chi2 in self.promise.separations.items()
+                {"effects": list(pair), self.promise.measure: size, "separated": pair not in self.promise.tied}
+                for pair, size in self.promise.separations.items()
             ],
             "numbers": [
                 {
@@ -107,28 +101,25 @@ def next_measurement(
     """
     say = tell or (lambda doing, fraction: None)
     say("what is left open", 0.0)
-    jobs = surviving(trace)
-    problem = at_the_rest(trace.fit_problem, jobs[0][1])
-    named = frozenset(effect.candidate.label for effect in trace.effects)
-    if trace.verdict == "unexplained" and not jobs[0][1].candidates:
-        jobs, named = [(jobs[0][0], with_small_realities(jobs[0][1], trace))], frozenset({""})
-    hypotheses = [
-        hypothesis(label, fit, problem, named if k == 0 else frozenset()) for k, (label, fit) in enumerate(jobs)
-    ]
-    numbers = tuple(hypotheses[0].numbers)
-    wanted = worst(numbers) if len(hypotheses) == 1 else None
+    asked = what_is_open(trace)
+    numbers = tuple(asked.first.numbers)
+    wanted = worst(numbers) if len(asked.labels) == 1 else None
     family = MotionFamily(trace.machine, duration_s)
-    best = _search(family, partial(_promise, family, hypotheses, problem.noise), wanted, (first, rounds), say)
-    if best is None:
+    best = _search(family, partial(_promise, family, asked), wanted, (first, rounds), say)
+    if not best:
         raise HexsimError(
             f"machine {trace.machine.name}: no motion inside its limits could be simulated; check stroke and cushions"
         )
     say("checking it by refits", 1.0)
-    tables, found = checked(best[0], hypotheses, problem.noise)
-    if may_load and found.separations and min(found.separations.values()) < SEPARATED:
-        heavier = checked(best[0] | {"machine": heavier_load(trace.machine)}, hypotheses, problem.noise)
-        tables, found = max((tables, found), heavier, key=lambda pair: min(pair[1].separations.values(), default=0.0))
-    purpose = _purpose(tables, hypotheses, numbers, wanted)
+    tables, found = checked(asked, best, wanted, family)
+    load, apart = heavier_load(trace.machine), []
+    if found.tied:
+        log = setpoint_log(changed(trace.machine, load), tables)
+        loaded = asked.checked_with(log, load)
+        apart = [pair for pair in found.tied if pair not in loaded.tied]
+        if may_load and apart:
+            tables, found = tables | {"machine": load}, loaded
+    purpose = _purpose(tables, asked.labels, found, numbers, wanted, load if apart else {})
     tables["description"] = purpose[:1000]
     return NextMeasurement(
         tables=tables, purpose=purpose, promise=found, numbers=numbers, cannot=_cannot(trace, found, numbers)
@@ -136,28 +127,50 @@ def next_measurement(
 
 
 def checked(
-    tables: dict[str, Any], hypotheses: list[Hypothesis], noise: dict[str, float]
+    asked: Open, best: list[tuple[dict[str, Any], Promise]], wanted: int | None, family: MotionFamily
 ) -> tuple[dict[str, Any], Promise]:
-    """The motion with what it promises, separations lowered to what a refit in this motion alone leaves of them."""
-    own = [loaded(one, tables.get("machine", {})) for one in hypotheses]
-    log = setpoint_log(own[0].fit.machine, tables)
-    found, by_label = promise(own, log, noise), {one.label: one for one in own}
-    separations = {
-        pair: min(chi2, refitted_separation(by_label[pair[0]], by_label[pair[1]], log, noise))
-        for pair, chi2 in found.separations.items()
-    }
-    return tables, replace(found, separations=separations)
+    """The first of the best motions whose refits separate what it promises; else the one that they leave the most."""
+    tried = []
+    for tables, promised in best:
+        tried.append((tables, asked.checked(setpoint_log(family.machine, tables), promised)))
+        if tried[-1][1].tied == promised.tied:
+            break
+    return max(tried, key=lambda item: item[1].worth(wanted))
+
+
+def what_is_open(trace: Trace) -> Open:
+    """The hypotheses that the logs leave: in the balances where no model reaches the noise, else by simulation."""
+    if in_the_balances(trace):
+        assert trace.rest_problem is not None
+        named = frozenset(effect.candidate.label for effect in trace.effects)
+        return open_rest(trace.rest, named, trace.candidates, trace.rest_problem, trace.fit_problem)
+    jobs = surviving(trace)
+    problem = at_the_rest(trace.fit_problem, jobs[0][1])
+    named = frozenset(effect.candidate.label for effect in trace.effects)
+    if trace.verdict == "unexplained" and not jobs[0][1].candidates:
+        jobs, named = [(jobs[0][0], with_small_realities(jobs[0][1], trace))], frozenset({""})
+    return OpenRefits(
+        hypotheses=tuple(
+            hypothesis(label, fit, problem, named if k == 0 else frozenset()) for k, (label, fit) in enumerate(jobs)
+        ),
+        noise=problem.noise,
+    )
+
+
+def in_the_balances(trace: Trace) -> bool:
+    """Do the balances say what is open?"""
+    return bool(trace.rest) and trace.verdict in ("partly", "unexplained")
 
 
 def surviving(trace: Trace) -> list[tuple[str, Fit]]:
     """Hypotheses that the logs leave, the best first: of a tie its members, of an unexplained machine the best rivals."""
+    if in_the_balances(trace):
+        named = frozenset(effect.candidate.label for effect in trace.effects)
+        return [(label_of(one, named), one.fit) for one in trace.rest]
     effects = [effect.candidate.label for effect in trace.effects]
     found = [(" and ".join(effects) or _label(trace.final), trace.final)]
     for tied in trace.ties:
         found += [(label, rival) for label, rival in tied.items()]
-    if trace.verdict == "partly":
-        pairs = [(effect, label) for effect in trace.effects for label in effect.tied_with]
-        found += [(label, rival) for effect, label in pairs if (rival := in_place_of(effect, label, trace))]
     if trace.verdict == "unexplained":
         rivals = [rival for stage in trace.search.stages for rival in stage.rivals]
         rivals = sorted(rivals, key=lambda rival: rival.chi2)[:CONTENDERS]
@@ -174,27 +187,6 @@ def with_small_realities(fit: Fit, trace: Trace) -> Fit:
     return replace(fit, columns=None, covariance=None)
 
 
-def in_place_of(effect: NamedEffect, label: str, trace: Trace) -> Fit | None:
-    """The partly explained machine with another effect in the place of a named one, refitted; None where it cannot be.
-
-    The balances have tied the two; their refits by simulation are made here.
-    """
-    own = [candidate for candidate in trace.candidates if candidate.label == label]
-    k = trace.final.candidates.index(effect.candidate)
-    head, problem = trace.fit_problem.head(rules.TRIAGE_S), trace.fit_problem
-    there = [candidate.label for candidate in trace.final.candidates]
-    gone = {k, there.index(label)} if label in there else {k}  # its small reality, too
-    keep = [i for i in range(len(there)) if i not in gone]
-    bare = replace(
-        trace.final, candidates=tuple(trace.final.candidates[i] for i in keep), covariance=None,
-        values=tuple(trace.final.values[i] for i in keep), columns=None,
-    )  # fmt: skip
-    start, jobs = start_fit_at(bare, head), [(candidate, size) for candidate in own[:1] for size in (-1.0, 1.0)]
-    tried = in_parallel(lambda job: try_candidate(start, job[0], job[1], head, rules.TRIAGE_STEPS), jobs)
-    best = min((fit for fit in tried if fit is not None), key=lambda fit: fit.chi2, default=None)
-    return None if best is None else refine(start_fit_at(best, problem), problem, steps=rules.TRIAGE_STEPS)
-
-
 def _label(fit: Fit) -> str:
     return " and ".join(candidate.label for candidate in fit.candidates) or "the declared machine"
 
@@ -207,13 +199,11 @@ def worst(numbers: tuple[Number, ...]) -> int | None:
     return place if numbers[place].relative > SHARP else None
 
 
-def _promise(
-    family: MotionFamily, hypotheses: list[Hypothesis], noise: dict[str, float], point: np.ndarray
-) -> tuple[dict[str, Any], Promise] | None:
+def _promise(family: MotionFamily, asked: Open, point: np.ndarray) -> tuple[dict[str, Any], Promise] | None:
     tables = family.scenario(point)
     if tables is None:
         return None
-    return tables, promise(hypotheses, setpoint_log(family.machine, tables), noise)
+    return tables, asked.promise(setpoint_log(family.machine, tables))
 
 
 def _search(
@@ -222,8 +212,8 @@ def _search(
     wanted: int | None,
     size: tuple[int, int],
     say: Tell,
-) -> tuple[dict[str, Any], Promise] | None:
-    """The best motion that differential evolution finds, from points spread by Sobol's sequence."""
+) -> list[tuple[dict[str, Any], Promise]]:
+    """The best motions that differential evolution finds, from points spread by Sobol's sequence."""
     kept: list[tuple[float, tuple[dict[str, Any], Promise]]] = []
     tried, (first, rounds) = 0, size
 
@@ -245,33 +235,47 @@ def _search(
         cost, family.bounds, integrality=family.integrality, maxiter=rounds, polish=False, rng=0, updating="deferred",
         tol=0.0, **settings,
     )  # fmt: skip
-    return max(kept, key=lambda item: item[0])[1] if kept else None
+    return [item for _, item in sorted(kept, key=lambda item: -item[0])[:CHECKED]]
 
 
 def _purpose(
-    tables: dict[str, Any], hypotheses: list[Hypothesis], numbers: tuple[Number, ...], wanted: int | None
+    tables: dict[str, Any],
+    labels: Sequence[str],
+    found: Promise,
+    numbers: tuple[Number, ...],
+    wanted: int | None,
+    load: dict[str, float],
 ) -> str:
-    if len(hypotheses) > 1:
-        load = f", with a load of {next(iter(tables['machine'].values())):.0f} kg" if "machine" in tables else ""
-        return f"to separate {', '.join(one.label for one in hypotheses)}{load}"
+    """The first line. load: that would separate what no motion does."""
+    mass = f"a load of {next(iter(load.values())):.0f} kg" if load else ""
+    would = f"; {mass} would" if mass else "; another load or another sensor might"
+    stay = [other for _, other in found.tied]
+    apart = [label for label in labels[1:] if label not in stay]
+    if apart:
+        said = f"to separate {', '.join([labels[0], *apart])}" + (f", with {mass}" if "machine" in tables else "")
+        return said + (f"; no motion separates {', '.join([labels[0], *stay])}" if stay else "")
+    if stay:
+        return f"no motion separates {', '.join(labels)}{would}"
     if wanted is not None:
-        number = numbers[wanted]
-        return f"to know {number.name} of {number.effect} better: {number.value:.3g} +- {number.standard_error:.1g} now"
-    if hypotheses[0].fit.candidates and not numbers:
-        return "to know all declared parameters better, and what any machine has a little of: no hypothesis is left"
-    return "to know all declared parameters better: nothing is left to be told apart"
+        number, expected = numbers[wanted], found.errors[wanted]
+        now = f"{number.name} of {number.effect} better: {number.value:.3g} +- {number.standard_error:.2g} now"
+        if number.relative_of(expected) > SHARP and expected > NO_GAIN * number.standard_error:
+            return f"no motion tells {now}; what is declared would have to be known better"
+        return f"to know {now}"
+    if numbers:
+        return "to know all declared parameters better: nothing is left to be told apart"
+    return "to know all declared parameters better, and what any machine has a little of: no hypothesis is left"
 
 
 def _cannot(trace: Trace, found: Promise, numbers: tuple[Number, ...]) -> tuple[str, ...]:
     """What stays open after it."""
     said = [
-        f"{one} from {other}: chi2 {chi2:.2g} of at least {SEPARATED:g} that are needed"
-        for (one, other), chi2 in found.separations.items()
-        if chi2 < SEPARATED
+        f"{one} from {other}: {found.separations[one, other]:.2g} of at least {found.needed:.2g} that are needed"
+        for one, other in found.tied
     ]
     for number, error in zip(numbers, found.errors, strict=True):
-        if number.value and error > SHARP * abs(number.value):
-            said.append(f"{number.name} of {number.effect} to better than {100 * error / abs(number.value):.0f} %")
+        if number.value and number.relative_of(error) > SHARP:
+            said.append(f"{number.name} of {number.effect} to better than {100 * number.relative_of(error):.0f} %")
     for rest in trace.unexplained:
         said.append(f"what the rest of the {rest.balance} balance in {rest.violation.where} is: no hypothesis names it")
     return tuple(said)

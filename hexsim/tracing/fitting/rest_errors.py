@@ -8,7 +8,7 @@ import numpy as np
 
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, coordinates_of
-from hexsim.tracing.fitting.rest_level import RestFit, independent, prior_precision, row_sizes
+from hexsim.tracing.fitting.rest_level import RestFit, independent, prior_precision, row_counts, row_sizes
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
@@ -36,7 +36,7 @@ def _curvature(
 ) -> tuple[Array, Array, Array]:
     """(H of J's tangent, c times its prior's part, score of each block (n_blocks, k)). runs: only these."""
     k = columns[0].shape[0]
-    size = np.maximum(row_sizes(fit.misfit), 1.0)
+    size = np.maximum(row_sizes(fit.misfit), 1.0) / np.sqrt(row_counts(problem))
     counted = sum(r.shape[1] for r in fit.misfit) / independent(problem)
     P = counted * np.diag(prior_precision(fit))
     H, scores = P.copy(), []

@@ -16,8 +16,8 @@ from hexsim.tracing.balances.balance import measured_point, resolved_machine
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.dependence import CURVES, block_numbers, design, knots_of, r2_of
 from hexsim.tracing.fitting import rest_errors, rest_level
-from hexsim.tracing.fitting.fit import start_fit_at
-from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
+from hexsim.tracing.fitting.fit import Fit, start_fit_at
+from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
 from hexsim.tracing.fitting.rest_level import RestFit, row_sizes
 from hexsim.tracing.problems.balance import BalanceProblem
 
@@ -91,11 +91,16 @@ def evidence_of(
         unseen=held_out,
         unseen_least=least(held_out_resampled),
         own=float(np.sum(falls[own])) / max(float(np.sum(falls)), 1e-12),
-        restored=(restored(base.sizes[own], rival.sizes[own]), restored(row_sizes(before)[own], row_sizes(after)[own])),
-        remarkable=abs(size + shared_size(rival)) / least_remarkable(candidate),
+        restored=most_restored(
+            [
+                (base.sizes[rows], rival.sizes[rows], row_sizes(before)[rows], row_sizes(after)[rows])
+                for rows in own_balances(candidate, problem)
+            ]
+        ),
+        remarkable=abs(size + shared_size(rival.fit, candidate)) / least_remarkable(candidate),
         apart=tuple(x for x, _ in runs),
         spread=max(abs(x - size) / max(3.0 * sd, rules.PARTLY_SPREAD * abs(size), 1e-12) for x, sd in runs),
-        harm=float(np.max(np.exp(-2.0 * falls))) - 1.0 if candidate.effect.balance == "sensor" else 0.0,
+        harm=harm_of(falls, problem) if candidate.effect.balance == "sensor" else 0.0,
         curve=left_by_a_curve(base, rival, own, problem),
         tied=tuple(sorted(other.fit.candidates[-1].label for other in tied)),
     )
@@ -135,8 +140,27 @@ def worse(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float) ->
     return share > rules.PARTLY_TIE and least(resampled) > 0.0
 
 
+def harm_of(falls: Array, problem: BalanceProblem) -> float:
+    """By what share the mean square of any row grows; falls: of the logarithm of its size (n_rows,).
+
+    Of a balance whose fast part has rows of its own both count together: they are one residual.
+    """
+    whole, first, places = falls.copy(), 0, {}
+    for part in problem.parts:
+        places[part.balance.name] = range(first, first + len(part.rows))
+        for name in part.balance.other_names.keys() & places.keys():
+            whole[list(places[name])] += falls[list(places[part.balance.name])]
+        first += len(part.rows)
+    return float(np.max(np.exp(-2.0 * whole))) - 1.0
+
+
 def own_rows(candidate: Candidate, problem: BalanceProblem) -> list[int]:
-    """Rows of the balance that the effect is of: `valve` is a name of continuity, a sensor's effect may show in any.
+    """Rows of all balances that the effect is of."""
+    return [row for rows in own_balances(candidate, problem) for row in rows]
+
+
+def own_balances(candidate: Candidate, problem: BalanceProblem) -> list[list[int]]:
+    """Rows of the balances that the effect is of, a balance a list: `valve` is a name of continuity, a sensor's effect may show in any.
 
     The force of a hexapod's leg is the platform's. Rows of other legs are not its own: what restores them is no rival.
     """
@@ -145,13 +169,21 @@ def own_rows(candidate: Candidate, problem: BalanceProblem) -> list[int]:
     for part in problem.parts:
         if of & {part.balance.name, *part.balance.other_names} or "sensor" in of:
             places = [part.balance.places(problem.logs[0])[k] for k in part.rows]
-            rows += [first + k for k, place in enumerate(places) if not of_another_leg(place, candidate.where)]
+            rows.append([first + k for k, place in enumerate(places) if not of_another_leg(place, candidate.where)])
         first += len(part.rows)
     return rows
 
 
 def of_another_leg(place: str, where: str) -> bool:
     return place.startswith("leg") and where.startswith("leg") and place != where
+
+
+def most_restored(sizes: Sequence[tuple[Array, Array, Array, Array]]) -> tuple[float, float]:
+    """`restored` in the fit runs and held out, of the balance where the lesser of both is largest.
+
+    sizes: of a balance's rows before and after in the fit runs, before and after held out.
+    """
+    return max(((restored(a, b), restored(c, d)) for a, b, c, d in sizes), key=min, default=(0.0, 0.0))
 
 
 def restored(before: Array, after: Array) -> float:
@@ -167,13 +199,21 @@ def least_remarkable(candidate: Candidate) -> float:
     return abs(to_coordinate(size, ordinary)) * rules.REMARKABLE if ordinary else rules.REMARKABLE_SHARE
 
 
-def shared_size(rival: RestFit) -> float:
+def shared_size(fit: Fit, candidate: Candidate) -> float:
     """Coordinate of the small reality of all legs beside an effect in one of them: that leg has both together."""
-    candidate = rival.fit.candidates[-1]
-    for k, other in enumerate(rival.fit.candidates[:-1]):
-        if rest_level.is_held(other) and other.effect.name == candidate.effect.name:
-            return rest_level.size_of(rival.fit, k)
+    for k, other in enumerate(fit.candidates):
+        if other is not candidate and rest_level.is_held(other) and other.effect.name == candidate.effect.name:
+            return rest_level.size_of(fit, k)
     return 0.0
+
+
+def values_in_leg(fit: Fit, candidate: Candidate) -> dict[str, float]:
+    """Numbers of an effect as its leg has it: of the first, what all legs share is added where such things add up."""
+    values, number = fit.values[fit.candidates.index(candidate)], candidate.effect.parameters[0]
+    if np.isinf(number.neutral):
+        return values
+    whole = to_coordinate(number, values[number.name]) + shared_size(fit, candidate)
+    return values | {number.name: to_value(number, whole)}
 
 
 def apart(found: RestFit, problem: BalanceProblem) -> list[tuple[float, float]]:

@@ -1,10 +1,10 @@
 """Least squares where no model reaches the noise: rows of the balances in units of what is left in them.
 
-    minimise  J = N sum over rows log(max(mean square of the row, 1)) + 3 sum (deviation/reach)^2
+    minimise  J = sum over rows N log(max(mean square of the row, 1)) + 3 sum (deviation/reach)^2
 
 With noise as the unit the row that is violated most drowns the others, and with 60,000 samples every column is
-significant. Here each balance counts by the share of its rest, and N is the number of rest's correlation times in the
-logs. Small realities (`rules.ORDINARY`) are fitted beside every hypothesis, each within its reach, its ordinary size, as
+significant. Here each balance counts by the share of its rest, and N is the number of its rest's correlation times in
+the logs. Small realities (`rules.ORDINARY`) are fitted beside every hypothesis, each within its reach, its ordinary size, as
 a declared parameter is within its half width.
 """
 
@@ -33,8 +33,9 @@ Array = np.ndarray
 STEPS = 8
 DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
 SPOOL_START = 0.2  # coordinate at which what vanishes at infinity starts: nothing can be differentiated at 0
-STARTS = (0.4, 1.0, 2.0)  # sizes at which an effect may begin, besides that of its column
-LEAST_FALL = 0.3  # of J, for another step
+STARTS = (1.0, 0.4, 2.0)  # sizes at which an effect may begin, besides that of its column
+KEPT_PROMISE = 0.7  # share of what a column promises from which it is taken at its word
+LEAST_FALL = 1.0  # of J, for another step
 RENEWALS = 3  # of the columns
 
 
@@ -63,12 +64,18 @@ def cost_of(fit: Fit, problem: FitProblem) -> float:
     if not np.all(np.isfinite(sizes)):
         return np.inf
     held = prior_precision(fit) @ coordinates_of(fit) ** 2
-    return float(2.0 * independent(problem) * np.sum(np.log(np.maximum(sizes, 1.0))) + held)
+    falls = row_counts(problem) * np.log(np.maximum(sizes, 1.0))
+    return float(2.0 * independent(problem) * np.sum(falls) + held)
 
 
 def independent(problem: FitProblem) -> float:
     """Correlation times of a rest in the logs."""
     return sum(float(log.time[-1] - log.time[0]) for log in problem.logs) / rules.REST_TIME_S
+
+
+def row_counts(problem: FitProblem) -> Array | float:
+    """How much oftener than once in `REST_TIME_S` the rest of a row is new."""
+    return rules.REST_TIME_S / problem.rest_times_s
 
 
 def ordinary_effects(possible: Sequence[Candidate]) -> list[Candidate]:
@@ -91,18 +98,18 @@ def start_rest_fit(bare: Fit, small: Sequence[Candidate], problem: FitProblem) -
     A spool that is there and one that is not are far apart: both are tried.
     """
     at_once = [candidate for candidate in small if not np.isinf(candidate.effect.parameters[0].neutral)]
-    tried = [begun(bare, own, problem) for own in ((at_once, small) if len(at_once) < len(small) else (small,))]
-    return min(tried, key=lambda found: found.cost)
+    lagging = [candidate for candidate in small if np.isinf(candidate.effect.parameters[0].neutral)]
+    without = refined(begun(replace(bare, columns=None), at_once, 0.0, problem), problem)
+    if not lagging:
+        return without
+    return min(without, refined(begun(without.fit, lagging, SPOOL_START, problem), problem), key=lambda own: own.cost)
 
 
-def begun(bare: Fit, small: Sequence[Candidate], problem: FitProblem) -> RestFit:
-    """The declared machine with these small realities, refitted."""
-    values = []
-    for candidate in small:
-        size = candidate.effect.parameters[0]
-        values.append({size.name: to_value(size, SPOOL_START if np.isinf(size.neutral) else 0.0)})
-    fit = replace(bare, candidates=tuple(small), values=tuple(values), columns=None)
-    return refined(answered(fit, problem), problem)
+def begun(fit: Fit, small: Sequence[Candidate], size: float, problem: FitProblem) -> Fit:
+    """The fit with these small realities besides, each begun at this size."""
+    numbers = [candidate.effect.parameters[0] for candidate in small]
+    values = tuple({number.name: to_value(number, size)} for number in numbers)
+    return answered(replace(fit, candidates=(*fit.candidates, *small), values=(*fit.values, *values)), problem)
 
 
 def all_columns(fit: Fit, problem: FitProblem) -> list[Array]:
@@ -115,18 +122,18 @@ def all_columns(fit: Fit, problem: FitProblem) -> list[Array]:
 def refined(fit: Fit, problem: FitProblem, columns: list[Array] | None = None, steps: int = STEPS) -> RestFit:
     """Gauss-Newton on J, weights of the rows anew at every step.
 
-    columns: of all coordinates but the last effect's, kept as they are; without them all are made anew at every step.
+    columns: of all coordinates but the last effect's, kept as they are; without them all are made anew at every other step.
     """
     cost = cost_of(fit, problem)
     whole: list[Array] = []
+    anew = True
     for _ in range(steps):
-        whole = _columns(fit, problem, columns)
+        whole = _columns(fit, problem, columns) if anew else whole
         trial, fall = _step(fit, cost, whole, problem)
-        if trial is None:
+        fit, cost = (fit, cost) if trial is None else (trial, cost - fall)
+        if anew and fall < LEAST_FALL:
             break
-        fit, cost = trial, cost - fall
-        if fall < LEAST_FALL:
-            break
+        anew = columns is not None or not anew or fall < LEAST_FALL
     return RestFit(fit=fit, columns=whole, cost=cost)
 
 
@@ -165,7 +172,8 @@ def weighted_system(fit: Fit, columns: list[Array], problem: FitProblem) -> tupl
     """Normal equations of J's tangent: rows over their mean square, N samples in all, priors included."""
     k, held = columns[0].shape[0], prior_precision(fit)
     m = len(held)  # a column more is of an effect that is only asked for
-    weights = independent(problem) / (np.maximum(row_sizes(fit.misfit), 1.0) ** 2 * sum(r.shape[1] for r in fit.misfit))
+    counted = independent(problem) * row_counts(problem)
+    weights = counted / (np.maximum(row_sizes(fit.misfit), 1.0) ** 2 * sum(r.shape[1] for r in fit.misfit))
     A, b = np.zeros((k, k)), np.zeros(k)
     for X, r in zip(columns, fit.misfit, strict=True):
         scaled = X * weights[None, :, None]
@@ -201,10 +209,13 @@ def released(base: RestFit, candidate: Candidate) -> tuple[Fit, list[Array]]:
     return bare, [X[places] for X in base.columns]
 
 
-def with_effect(base: RestFit, candidate: Candidate, problem: FitProblem, size: float, least: float) -> RestFit | None:
+def with_effect(
+    base: RestFit, candidate: Candidate, problem: FitProblem, size: float, least: float, promised: float
+) -> RestFit | None:
     """The base with one more effect, refitted, the base's columns kept; None when J does not begin lower by `least`.
 
-    Begun at this size or at a larger one, whatever leaves least: a delay's column tells little of a delay ten times as long.
+    Begun at this size where J falls as its column promised, or at a larger one, whatever leaves least: a delay's column
+    tells little of a delay ten times as long. At first without quick rows: they make many valleys.
     """
     bare, columns = released(base, candidate)
     number = candidate.effect.parameters[0]
@@ -214,11 +225,15 @@ def with_effect(base: RestFit, candidate: Candidate, problem: FitProblem, size: 
         return answered(replace(bare, candidates=(*bare.candidates, candidate), values=(*bare.values, values)), problem)
 
     side = -1.0 if size < 0.0 and number.bounds[0] < 0.0 else 1.0
-    starts = [begun_at(start) for start in (size, *(side * start for start in STARTS))]
-    fit = min(starts, key=lambda fit: cost_of(fit, problem))
-    cost = cost_of(fit, problem)
-    worth = np.isfinite(cost) and base.cost - cost > least
-    return refined(fit, problem, columns) if worth else None
+    slow, fit = problem.slow_alone(), begun_at(size)
+    cost = cost_of(base.fit, slow)
+    if cost - cost_of(fit, slow) < KEPT_PROMISE * promised:
+        starts = [fit, *(begun_at(side * start) for start in (STARTS if least < 0.0 else STARTS[:1]))]
+        fit = min(starts, key=lambda fit: cost_of(fit, slow))
+    if not cost - cost_of(fit, slow) > least:
+        return None
+    found = refined(fit, slow, columns)
+    return found if slow is problem else refined(found.fit, problem, columns)
 
 
 def asked_for(

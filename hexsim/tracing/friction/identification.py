@@ -5,8 +5,9 @@
 
 Both sides go through the same window, so no noisy signal is differentiated: <w, F_f(v)> is fitted to the measured
 <w, F_f>.
-The mass is fitted within its declared uncertainty: its error looks like a difference between the Coulomb frictions of
-the two directions (8 N for 2 % of 40 kg), and the standard errors contain it.
+A bench's mass is fitted within its declared uncertainty: its error looks like a difference between the Coulomb frictions
+of the two directions (8 N for 2 % of 40 kg), and the standard errors contain it. A hexapod's is the declared one, with its
+uncertainty: the legs' own masses are known as they act at neutral, and 1 N of that is 3 kg of platform to a fit.
 
 Limits: near v = 0 the regularised sign stands for sticking, so slow samples are left out; what no sample visited is not
 known, and what is crossed faster than a few windows is blurred (a note says so).
@@ -36,6 +37,7 @@ VELOCITY_WINDOW_s = (
     0.025  # half width where noise of position and of integrated acceleration are equal (3 um, 0.02 m/s2)
 )
 SLOW = 4.0  # samples slower than this many sharpness widths are left out (there noise of v bends the curve)
+HELD = 1e4  # weight of a declared mass that the motion has no say in
 FEWEST = 200  # independent windows in each direction
 
 
@@ -103,13 +105,17 @@ class FrictionResult:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ForceData:
-    """Signals of one leg: net oil force, its load per unit mass and velocity, (n,); noise of the net force a sample."""
+    """Signals of one leg: net oil force, its load per unit mass and velocity, (n,); noise of the net force a sample.
+
+    mass_from_motion: whether the load is exact enough for its mass to be fitted.
+    """
 
     oil_N: Array
     load_per_mass_m_s2: Array
     v: Array
     mass_kg: float
     mass_error_kg: float
+    mass_from_motion: bool
     noise_N: float
 
 
@@ -139,8 +145,9 @@ def force_data(log: Log, machine: Machine, leg: int) -> ForceData:
         load, v = loads[leg - 1] / mass, velocity(y, along[leg - 1], log.rate, VELOCITY_WINDOW_s)
         error = mass * machine.uncertainty.get("platform_mass_kg", 0.005) / np.sqrt(3)
     return ForceData(
-        oil_N=oil, load_per_mass_m_s2=load, v=v, mass_kg=mass, mass_error_kg=error, noise_N=max(noise, 1e-3)
-    )
+        oil_N=oil, load_per_mass_m_s2=load, v=v, mass_kg=mass, mass_error_kg=error, mass_from_motion=log.n_legs == 1,
+        noise_N=max(noise, 1e-3),
+    )  # fmt: skip
 
 
 def identify_friction(log: Log, machine: Machine, leg: int = 1) -> FrictionResult:
@@ -182,7 +189,7 @@ def fit(log: Log, machine: Machine, leg: int, data: ForceData, look: Window, kee
     noise = data.noise_N * float(np.linalg.norm(look.mean(impulse)))
     scale = np.maximum(declared, [200.0, 10.0, 10.0, 1e-3] * 2)
 
-    prior = 1.0
+    prior = 1.0 if data.mass_from_motion else HELD
 
     def misfit(x: Array) -> Array:
         model = look.mean(curve(row_with(machine, x[:8] * scale), data.v))[keep]
@@ -194,10 +201,10 @@ def fit(log: Log, machine: Machine, leg: int, data: ForceData, look: Window, kee
     low[[3, 7]] = 2.0 * max(f.sharpness_m_s, 1e-4) / scale[[3, 7]]
     found = least_squares(misfit, np.clip(start, low + 1e-9, high), bounds=(low, high), x_scale="jac", max_nfev=60)
     # few accelerations decide on the mass: what they are worth shows in blocks, and sets the weight of the declared one
-    prior = float(
-        np.sqrt(max(block_covariance(found, 0.0)[8, 8] / np.linalg.pinv(found.jac[:-1].T @ found.jac[:-1])[8, 8], 1.0))
-    )
-    found = least_squares(misfit, found.x, bounds=(low, high), x_scale="jac", max_nfev=60)
+    if data.mass_from_motion:
+        white = np.linalg.pinv(found.jac[:-1].T @ found.jac[:-1])
+        prior = float(np.sqrt(max(block_covariance(found, 0.0)[8, 8] / white[8, 8], 1.0)))
+        found = least_squares(misfit, found.x, bounds=(low, high), x_scale="jac", max_nfev=60)
     rest = found.fun[:-1] * noise
     covariance = block_covariance(found, prior)
     errors = np.sqrt(np.diag(covariance)) * np.append(scale, data.mass_error_kg)

@@ -5,12 +5,14 @@ A balance costs milliseconds where a simulated run costs a tenth of a second.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
+from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance
 from hexsim.tracing.balances.null import used, window_weights
 from hexsim.tracing.problems.problem import FitProblem
@@ -24,12 +26,14 @@ class BalanceRows:
 
     sigma: (n_places,) of every row of the balance.  rows: those that count.
     clean: a log, (n_places, n_used): the residual of a noise-free simulation, which is taken out.
+    rest_time_s: correlation time of what a model leaves in them.
     """
 
     balance: Balance
     sigma: Array
     rows: tuple[int, ...]
     clean: tuple[Array, ...] = ()
+    rest_time_s: float = rules.REST_TIME_S
 
     def residual(self, log: Log, machine: Machine, i: int, every: int) -> Array:
         """0 - residual over its noise (n_rows, n): what must be added for the balance to hold."""
@@ -55,6 +59,15 @@ class BalanceProblem(FitProblem):
         return [
             f"{part.balance.name} of {part.balance.places(self.logs[i])[k]}" for part in self.parts for k in part.rows
         ]
+
+    @property
+    def rest_times_s(self) -> Array:
+        return np.concatenate([np.full(len(part.rows), part.rest_time_s) for part in self.parts])
+
+    def slow_alone(self) -> Self:
+        quick = [part.rest_time_s != rules.REST_TIME_S for part in self.parts]
+        mute = (replace(p, rest_time_s=np.inf) if own else p for p, own in zip(self.parts, quick, strict=True))
+        return replace(self, parts=tuple(mute)) if any(quick) else self
 
     @property
     def samples(self) -> int:

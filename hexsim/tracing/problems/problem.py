@@ -42,6 +42,15 @@ class FitProblem(ABC):
     def samples(self) -> int:
         """Residuals in all."""
 
+    @property
+    def rest_times_s(self) -> Array | float:
+        """Correlation time of what a model leaves, of every row [s]: so far apart its samples count as independent."""
+        return rules.REST_TIME_S
+
+    def slow_alone(self) -> Self:
+        """The same problem in which quick rows do not count; itself where there are none."""
+        return self
+
     def settle(self, i: int) -> int:
         """First sample of log i that counts."""
         return 0

@@ -16,6 +16,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting.parameters import to_value
 from hexsim.tracing.fitting.screening import Screened
 from hexsim.tracing.report.page import report_page
+from hexsim.tracing.report.trades import trade_entries
 from hexsim.tracing.state import NamedEffect, Trace, UnexplainedResidual, Violation
 
 WORSE = 1.1  # times its rms as declared: a held-out signal that the refit makes worse
@@ -49,6 +50,7 @@ def report_of(result: Trace) -> dict[str, Any]:
             name: [{"severity": f.severity, "channel": f.channel, "description": f.description} for f in findings]
             for name, findings in result.findings.items()
         },
+        "trades": trade_entries(result),
         "separating_experiments": result.experiments,
         "steps": [{"name": s.name, "seconds": round(s.seconds, 2), "sentence": s.sentence} for s in result.steps],
     }

@@ -12,7 +12,7 @@ from hexsim.recording.report import data_url, render
 from hexsim.signals.channels import kind_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import caption_of
-from hexsim.tracing.report import balance_figure, budget, figures
+from hexsim.tracing.report import balance_figure, budget, figures, trades
 from hexsim.tracing.report.signals import SCALE, SIGNALS, channel_words
 from hexsim.tracing.state import NamedEffect, Trace, Violation
 
@@ -36,6 +36,7 @@ CAPTIONS = {
     "parameters": "Did the parameters stay where they were declared? "
     "Where each declared parameter ended inside its declared uncertainty (the grey bar; its half width at the "
     "right). Orange: held back by its limit.",
+    "pairs": trades.CAPTION,
 }
 MOST_ROWS = 12  # of a table; what is beyond folds away
 FORMS = {
@@ -60,6 +61,7 @@ def report_page(result: Trace) -> str:
         "portraits": figures.portraits,
         "spectra": figures.spectra,
         "parameters": figures.parameters,
+        **({"pairs": trades.pairs} if report["trades"] else {}),
     }
     return render(
         "trace.html.j2",
@@ -151,9 +153,8 @@ def sentence(result: Trace) -> str:
 def partly_sentence(result: Trace, before: str, after: str, signal: str) -> str:
     """What is sure of a machine that no model fits, and what is left."""
     first = result.effects[0]
-    tied = (
-        f" These runs cannot tell it from {' or '.join(first.tied_with).replace('_', ' ')}." if first.tied_with else ""
-    )
+    rivals = " or ".join(first.tied_with).replace("_", " ")
+    tied = f" These runs cannot tell it from {rivals}." if rivals else ""
     rests = unexplained_rows(result.report)
     left = f" What is left is in the {rests[0]['balance']} balance: {rests[0]['description']}." if rests else ""
     return (
@@ -174,10 +175,6 @@ def cards(result: Trace) -> list[tuple[str, str, str]]:
     violated = sum(b["violated"] for b in report["balances"])
     found.append((f"{violated} of {len(report['balances'])}", "", "balances violated"))
     return found
-
-
-def place_words(where: str) -> str:
-    return where if where.startswith("leg ") or where == "all legs" else f"the {where}"
 
 
 def effect_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -212,7 +209,8 @@ def unexplained_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
             ),
             key=lambda entry: -entry[1],
         )
-        rows.append(rest | {"description": description, "place": place_words(rest["where"]), "others": others[:4]})
+        place = rest["where"] if rest["where"].startswith(("leg ", "all legs")) else f"the {rest['where']}"
+        rows.append(rest | {"description": description, "place": place, "others": others[:4]})
     return rows
 
 

@@ -15,6 +15,7 @@ from hexsim.hydraulics import valve
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.steps import near_standstill
 from hexsim.mechanics.rigid_body import cross, triple
+from hexsim.signals.lag import lag_weights
 from hexsim.tracing.simulation.motion import (
     LEG_P1,
     LEG_STATES,
@@ -98,9 +99,17 @@ def delayed(history, i, delay):
 
 
 @compiled
-def shown(history, i, sensor, rate):
-    """What a sensor (gain, offset, delay [s]) shows at sample i of what happened, (n,) up to i."""
-    return sensor[0] * delayed(history, i, sensor[2] * rate) + sensor[1]
+def shown(history, i, sensor, rate, before):
+    """What a sensor (gain, offset, delay [s], lag [s]) shows at sample i of what happened, (n,) up to i.
+
+    before: what it showed at the sample before.
+    """
+    late = sensor[2] * rate
+    value = sensor[0] * delayed(history, i, late) + sensor[1]
+    if sensor[3] == 0.0 or i == 0:
+        return value
+    p, b0, b1 = lag_weights(sensor[3], 1.0 / rate)
+    return p * before + b0 * value + b1 * (sensor[0] * delayed(history, i - 1, late) + sensor[1])
 
 
 @compiled
@@ -186,7 +195,7 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
             k = LEGS + j * LEG_STATES
             y_true[j, i], p_true[j, i] = y[j], state[k + LEG_P1]
             top_true[j, i] = rod_side_pressure(legs[j], state, k)
-            out[j, i] = shown(y_true[j], i, position[j], rate)
+            out[j, i] = shown(y_true[j], i, position[j], rate, out[j, i - 1])
             asked[j, i] = asked_volts(controller, inputs, j, i, out[j, i]) if tick else asked[j, i - 1]
             late = 0.0 if controller.follows else controller.delay_ticks[j]
             u_true[j, i] = computed(asked[j], i, late, every) if tick else u_true[j, i - 1]
@@ -195,8 +204,8 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
                 ahead, held[j], apart[j], legs[j, P.HYSTERESIS], legs[j, P.HYSTERESIS_SPREAD]
             )
             out[n_legs + j, i] = u_true[j, i]
-            out[2 * n_legs + j, i] = shown(p_true[j], i, pressure[j], rate)
-            out[3 * n_legs + j, i] = shown(top_true[j], i, top[j], rate)
+            out[2 * n_legs + j, i] = shown(p_true[j], i, pressure[j], rate, out[2 * n_legs + j, i - 1])
+            out[3 * n_legs + j, i] = shown(top_true[j], i, top[j], rate, out[3 * n_legs + j, i - 1])
         out[4 * n_legs, i] = supply_gain * state[SUPPLY]
         calm_s = 0.0 if inputs.near_rest[i] else calm_s + dt
         for j in range(n_legs):
@@ -207,7 +216,7 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
         a, turning = rates(legs, geometry, s, load, held, t, dt / steps, state, slopes[0])
         write_accelerations(state, a, turning, place, turned, a_true[:, i])
         for k in range(axes):
-            out[4 * n_legs + 1 + k, i] = shown(a_true[k], i, acceleration[k], rate)
+            out[4 * n_legs + 1 + k, i] = shown(a_true[k], i, acceleration[k], rate, out[4 * n_legs + 1 + k, i - 1])
         integrate(legs, geometry, s, load, held, t, dt, steps, state, slopes)
         if diverged(state, LEGS + n_legs * LEG_STATES):
             out[:, i + 1 :] = math.nan

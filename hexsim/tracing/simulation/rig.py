@@ -30,7 +30,8 @@ class Load(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """y_m = gain y(t - delay) + offset: rows (gain, offset, delay [s]) of a leg, (n_legs, 3), and of an accelerometer.
+    """y_m = gain y(t - delay) + offset, behind a lag: rows (gain, offset, delay [s], lag [s]) of a leg, (n_legs, 4), and of an
+    accelerometer.
 
     pressure: of the bottom chambers; top: of the rod sides.  imu_place [m], imu_rotation (3, 3): of the accelerometers in
     the platform frame.
@@ -119,18 +120,21 @@ def load_of(resolved: Resolved) -> Load:
 
 
 def sensors_of(resolved: Resolved) -> Sensors:
-    """Gains, offsets and delays. The accelerometers of a platform: x, y, z and the three angular ones, which have no gain."""
+    """Gains, offsets, delays and lags. The accelerometers of a platform: x, y, z and the three angular ones, which have no gain."""
     legs, shared = resolved.leg_sensors, resolved.sensors
-    along = [shared.acceleration_gain, shared.acceleration_offset_m_s2, shared.acceleration_delay_s]
+    along = [shared.acceleration_gain, shared.acceleration_offset_m_s2, shared.acceleration_delay_s, 0.0]
     if resolved.machine.n_legs == 1:
         acceleration = np.array([along], dtype=float)
     else:
-        across, turning = [along[0], 0.0, along[2]], [1.0, 0.0, along[2]]
+        across, turning = [along[0], 0.0, along[2], 0.0], [1.0, 0.0, along[2], 0.0]
         acceleration = np.array([across, across, along, turning, turning, turning], dtype=float)
     x, y, z = resolved.imu_place_m
-    pressure = np.column_stack([legs["pressure_gain"], legs["pressure_offset_Pa"], legs["pressure_delay_s"]])
+    position, pressure = (
+        np.column_stack([legs[f"{kind}_{key}"] for key in ("gain", f"offset_{unit}", "delay_s", "lag_s")])
+        for kind, unit in (("position", "m"), ("pressure", "Pa"))
+    )
     return Sensors(
-        position=np.column_stack([legs["position_gain"], legs["position_offset_m"], legs["position_delay_s"]]),
+        position=position,
         pressure=pressure,
         top=pressure,
         acceleration=acceleration,

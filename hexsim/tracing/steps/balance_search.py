@@ -14,9 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from hexsim.declaration import Machine
+from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named
-from hexsim.tracing.balances.null import used
+from hexsim.tracing.balances.continuity import FastContinuity, fast_rate, mean_capacity
+from hexsim.tracing.balances.null import used, with_noise
 from hexsim.tracing.fitting.fit import Fit, parameter_columns, refine, start_fit
 from hexsim.tracing.fitting.selection import search
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
@@ -24,7 +26,9 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace, Violation
 from hexsim.tracing.steps.violations import own_machine
 
+Array = np.ndarray
 INDEPENDENT_S = 0.02  # [s] half the balances' window: samples so far apart are about independent
+FAST_REST_S = 0.04  # [s] whole width of the window that takes off what is slower
 
 
 def joint_problem(problem: SimulatedProblem, lines: Sequence[Violation], machine: Machine) -> BalanceProblem:
@@ -41,6 +45,35 @@ def joint_problem(problem: SimulatedProblem, lines: Sequence[Violation], machine
         rows = tuple(range(len(balance.places(log))))
         parts.append(BalanceRows(balance=balance, sigma=sigma, rows=rows, clean=clean))
     return BalanceProblem(logs=problem.logs, parts=tuple(parts), thin_s=INDEPENDENT_S)
+
+
+def with_fast_rows(joint: BalanceProblem, problem: SimulatedProblem, machine: Machine) -> BalanceProblem:
+    """The same with the fast continuity of a bench, where the logs show it; its noise from one null run of each log.
+
+    What reversals between two samples leave in a null run counts as noise.
+    """
+    bare = FastContinuity()
+    if not all(bare.wants(log, machine) for log in problem.logs):
+        return joint
+    rng, resolution = np.random.default_rng(0), machine.sensors.position_resolution_m
+    quiet = [problem.simulated(machine, i) for i in range(len(problem.logs))]
+    noisy = [with_noise(log, problem.noise, resolution, rng) for log in quiet]
+    left = [used(log, bare.residual(log, machine)) for log in noisy]
+    rates = [used(q, fast_rate(_first(n) - _first(q), q.rate)) for q, n in zip(quiet, noisy, strict=True)]
+    capacity = float(np.mean([mean_capacity(log, machine) for log in quiet]))
+    whole, rate = (float(np.sqrt(np.nanmean(np.concatenate(own, axis=-1) ** 2))) for own in (left, rates))
+    if not np.isfinite(whole) or whole <= 0.0:
+        return joint
+    fast = FastContinuity(float(np.sqrt(max(whole**2 - (capacity * rate) ** 2, 0.01 * whole**2))), rate)
+    clean = tuple(np.nan_to_num(used(log, fast.residual(log, machine))) for log in quiet)
+    part = BalanceRows(balance=fast, sigma=np.ones(1), rows=(0,), clean=clean, rest_time_s=FAST_REST_S)
+    return replace(joint, parts=(*joint.parts, part))
+
+
+def _first(log: Log) -> Array:
+    """Pressure of the bottom chamber of the first leg (n,) [Pa]."""
+    assert log.pressure is not None
+    return log.pressure[0]
 
 
 def search_in_balances(trace: Trace, tell: Tell) -> Trace:

@@ -22,19 +22,20 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import Fit, start_fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
-from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure
+from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure, values_in_leg
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.fitting.selection import residual_at_noise_level
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace
-from hexsim.tracing.steps.balance_search import joint_problem
+from hexsim.tracing.steps.balance_search import joint_problem, with_fast_rows
 from hexsim.tracing.steps.verdict import held_out_gains
 from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
 LARGEST_START = 3.0  # coordinate
+TIES_KEPT = 3  # of an effect, the best first
 Job = tuple[float, Candidate, float]  # what the column promises, the effect, the size to begin with
 
 
@@ -47,6 +48,7 @@ def rivals_of(
     """
     asked: dict[str, Job] = {}
     hidden: dict[str, float] = {}
+    slow = problem.slow_alone()
     for candidate, own in zip(possible, columns_of(base.fit, list(possible), problem), strict=True):
         if not all(np.all(np.isfinite(column)) for column in own):
             continue
@@ -57,6 +59,9 @@ def rivals_of(
         if np.isfinite(sd):
             shown = max(sd * float(np.sqrt(least_fall(problem))), least_remarkable(candidate))
             hidden.setdefault(candidate.effect.name, abs(to_value(number, shown)))
+        if slow is not problem:
+            alone, promised, _ = rest_level.asked_for(bare, grown, coordinate_bounds(number), slow)
+            size, fall = (alone, promised) if promised > fall else (size, fall)
         if fall > asked.get(candidate.label, (-np.inf,))[0]:
             asked[candidate.label] = (fall, candidate, float(np.clip(size, -LARGEST_START, LARGEST_START)) or 0.1)
     jobs = worth_a_refit(list(asked.values()), bending=not named_already)
@@ -64,7 +69,8 @@ def rivals_of(
 
     def tried_with(job: Job) -> RestFit | None:
         promised, candidate, size = job
-        return rest_level.with_effect(base, candidate, problem, size, -np.inf if promised > least else least)
+        begins = -least_fall(problem) if promised > least else least  # a promise may begin with a loss
+        return rest_level.with_effect(base, candidate, problem, size, begins, max(promised, least))
 
     tried = in_parallel(tried_with, jobs)
     return sorted((rival for rival in tried if rival is not None), key=lambda rival: rival.cost), hidden
@@ -91,10 +97,12 @@ def least_fall(problem: BalanceProblem) -> float:
 class Sure:
     """What `sure_effects` found. tried: the evidence for every effect that was judged, sure or not, a round a list.
 
-    hidden: effect -> size below which the rest hides it.
+    hidden: effect -> size below which the rest hides it.  left: hypotheses that stay beside `best`: ties of what is named,
+    each with what was named after it, or where nothing is named the rivals that come nearest to it.
     """
 
     best: RestFit
+    left: list[RestFit]
     named: list[Evidence]
     tried: list[list[Evidence]]
     hidden: dict[str, float]
@@ -103,8 +111,9 @@ class Sure:
 
 def grown_by_one(
     base: RestFit, trace: Trace, problem: BalanceProblem, unseen: BalanceProblem
-) -> tuple[RestFit | None, list[Evidence], dict[str, float]]:
-    """The base with the next sure effect, or None; the evidence for what was judged, that of the sure one last; `hidden`."""
+) -> tuple[RestFit | None, list[Evidence], dict[str, float], list[RestFit]]:
+    """The base with the next sure effect, or None; the evidence for what was judged, that of the sure one last; `hidden`;
+    the rivals that stay."""
     there = {c.label for c in base.fit.candidates if not rest_level.is_held(c)}
     possible = [c for c in trace.candidates if c.label not in there]
     begun, hidden = rivals_of(base, possible, problem, bool(there))
@@ -118,8 +127,18 @@ def grown_by_one(
             if plainest is not rival:
                 own = evidence_of(base, plainest, rivals, problem, unseen)
                 rival, tried = (plainest, [*tried, own]) if sure(own) else (rival, tried)
-            return rival, tried, hidden
-    return None, tried, hidden
+            return rival, tried, hidden, [other for other in rivals if label_of(other) in tried[-1].tied][:TIES_KEPT]
+    return None, tried, hidden, rivals[: len(tried)]
+
+
+def followed(tie: RestFit, best: RestFit, problem: BalanceProblem) -> RestFit | None:
+    """A tie of an earlier effect with the effect that `best` has got since."""
+    own, size = best.fit.candidates[-1], rest_level.size_of(best.fit)
+    return (
+        None
+        if own.label in {c.label for c in tie.fit.candidates if not rest_level.is_held(c)}
+        else (rest_level.with_effect(tie, own, problem, size, -np.inf))
+    )
 
 
 def label_of(rival: RestFit) -> str:
@@ -152,25 +171,30 @@ def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence]) -> bool:
 def sure_effects(trace: Trace, tell: Tell) -> Sure:
     """Forward selection at the level of the rest; nothing named where nothing is sure."""
     machine = own_machine(trace.machine, trace.violations)
-    problem = joint_problem(trace.fit_problem, trace.violations, machine)
-    unseen = joint_problem(trace.validate_problem, trace.violations, machine)
+    problem, unseen = (
+        with_fast_rows(joint_problem(runs, trace.violations, machine), runs, machine)
+        for runs in (trace.fit_problem, trace.validate_problem)
+    )
     small = rest_level.ordinary_effects(trace.candidates)
     best = rest_level.start_rest_fit(start_fit(trace.machine, trace.base.priors, problem), small, problem)
     found: list[Evidence] = []
     rounds: list[list[Evidence]] = []
     hidden: dict[str, float] = {}
+    left: list[RestFit] = []
     while len(found) < rules.MOST_EFFECTS and len(rounds) < rules.MOST_EFFECTS + rules.MOST_UNREMARKABLE:
         tell(f"looking for sure effects, {len(found)} found")
-        grown, tried, hidden = grown_by_one(best, trace, problem, unseen)
+        grown, tried, hidden, stay = grown_by_one(best, trace, problem, unseen)
         rounds.append(tried)
         if grown is None:
+            left = left if found else stay
             break
         best, own = grown, tried[-1]
+        left = [more for one in left if (more := followed(one, best, problem))] + (stay if own.remarkable > 1.0 else [])
         if own.remarkable > 1.0:
             found += [] if may_be_a_filter(own.candidate, found) else [own]
         elif found:
             break  # effects come in the order of what they take: what is left takes less than what any machine has
-    return Sure(best=best, named=found, tried=rounds, hidden=hidden, problem=problem)
+    return Sure(best=best, left=left, named=found, tried=rounds, hidden=hidden, problem=problem)
 
 
 def name_the_sure(trace: Trace, tell: Tell) -> Trace:
@@ -178,7 +202,8 @@ def name_the_sure(trace: Trace, tell: Tell) -> Trace:
     if residual_at_noise_level(trace.final.misfit) or not trace.violations:
         return replace(trace, decided="not needed: nothing but noise is left")
     found = sure_effects(trace, tell)
-    trace = replace(trace, hidden=found.hidden)
+    rest = (found.best, *found.left) if found.named else (*found.left, found.best)
+    trace = replace(trace, hidden=found.hidden, rest=rest, rest_problem=found.problem)
     if not found.named:
         return replace(trace, decided="no effect is sure beside what is left")
     fit = replace(found.best.fit, covariance=rest_errors.sandwich(found.best, found.problem))
@@ -197,7 +222,7 @@ def named_effect(final: Fit, own: Evidence, trace: Trace, gains: tuple[float, ..
     gain = trace.base.chi2 - final.chi2
     return NamedEffect(
         candidate=own.candidate,
-        values=final.values[k],
+        values=values_in_leg(final, own.candidate),
         standard_errors=final.standard_errors()[k],
         tied_with=own.tied,
         gain_chi2=gain,

@@ -1,0 +1,137 @@
+"""Numbers that trade: where the logs know a combination of two far better than each, what one gives the other takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from hexsim.hydraulics.effects.effect import EffectParameter
+from hexsim.recording import palette
+from hexsim.recording.figure_style import WIDTH_IN, png, styled
+from hexsim.recording.quantity import scale_of, split_key
+from hexsim.tracing.fitting.fit import Fit
+from hexsim.tracing.fitting.parameters import to_coordinate, to_value
+from hexsim.tracing.state import Trace
+
+Array = np.ndarray
+CAPTION = (
+    "Which numbers trade? Pairs with a correlation beyond 0.9: the runs know a combination of the two better than each. "
+    "Inside: one standard error of both together, outside two."
+)
+LEAST_CORRELATION = 0.9  # of two numbers that trade
+MOST_DRAWN = 6
+ACROSS = 3  # panels a row
+SLOPE_STEP = 1e-4  # coordinate: about a value all numbers are straight
+
+
+@dataclass(frozen=True, kw_only=True)
+class Number:
+    """A fitted number: what it is of, its key with the unit, value, standard error; place among the coordinates.
+
+    slope: of the value over its coordinate.  named: is it of an effect that the trace names?
+    """
+
+    of: str
+    key: str
+    unit: str
+    value: float
+    standard_error: float
+    slope: float
+    place: int
+    named: bool
+
+
+def numbers_of(fit: Fit, named: Sequence[str]) -> list[Number]:
+    """Every fitted number with its error; none without a covariance. named: labels of the effects that are named."""
+    if fit.covariance is None:
+        return []
+    sd = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    found = []
+    for prior, deviation in zip(fit.priors, fit.deviations, strict=True):
+        slope, k = prior.half_width * prior.declared, len(found)
+        found.append(Number(of="declared", key=prior.key, unit=split_key(prior.key)[1],
+                            value=float(prior.declared * (1.0 + deviation)), standard_error=float(abs(slope) * sd[k]),
+                            slope=slope, place=k, named=False))  # fmt: skip
+    for candidate, values in zip(fit.candidates, fit.values, strict=True):
+        for number in candidate.free():
+            k, value = len(found), values[number.name]
+            slope = slope_of(number, value)
+            found.append(Number(of=candidate.label, key=number.name, unit=number.unit, value=float(value),
+                                standard_error=abs(slope) * float(sd[k]), slope=slope, place=k,
+                                named=candidate.label in named))  # fmt: skip
+    return found
+
+
+def slope_of(number: EffectParameter, value: float) -> float:
+    """Of a value over its coordinate; a size that vanishes at infinity falls as its coordinate grows."""
+    here = to_coordinate(number, value)
+    low, high = to_value(number, here - SLOPE_STEP), to_value(number, here + SLOPE_STEP)
+    return (high - low) / (2.0 * SLOPE_STEP)
+
+
+def trades(fit: Fit, named: Sequence[str]) -> list[tuple[Number, Number, float]]:
+    """(number of a named effect, another number, their correlation), the closest first; each pair once."""
+    numbers = [number for number in numbers_of(fit, named) if number.standard_error > 0.0]
+    found = []
+    for k, other in enumerate(numbers):
+        for one in numbers[:k]:
+            if not (one.named or other.named):
+                continue
+            assert fit.covariance is not None
+            shared = float(fit.covariance[one.place, other.place]) * one.slope * other.slope
+            r = shared / (one.standard_error * other.standard_error)
+            if abs(r) > LEAST_CORRELATION:
+                found.append((one, other, r) if one.named else (other, one, r))
+    return sorted(found, key=lambda pair: -abs(pair[2]))
+
+
+def trades_of(result: Trace) -> list[tuple[Number, Number, float]]:
+    """Those of the numbers of a trace's effects."""
+    return trades(result.final, [effect.candidate.label for effect in result.effects])
+
+
+def trade_entries(result: Trace) -> list[dict[str, Any]]:
+    """For report.json."""
+    return [
+        {"numbers": [{"of": one.of, "number": one.key} for one in pair], "correlation": r}
+        for *pair, r in trades_of(result)
+    ]
+
+
+@styled
+def pairs(result: Trace) -> bytes:
+    """A panel a pair: the fitted point, and where both are with one and with two standard errors."""
+    shown = trades_of(result)[:MOST_DRAWN]
+    rows = -(-len(shown) // ACROSS)
+    figure = Figure(figsize=(WIDTH_IN, 0.2 + 2.7 * rows), layout="constrained")
+    axes = figure.subplots(rows, ACROSS, squeeze=False).ravel()
+    turn = np.linspace(0.0, 2.0 * np.pi, 200)
+    for plot, (one, other, r) in zip(axes, shown, strict=False):
+        (x_unit, x_name), (y_unit, y_name) = (
+            scale_of(max(abs(n.value), n.standard_error), n.unit) for n in (one, other)
+        )
+        x = np.cos(turn)
+        y = r * x + np.sqrt(max(1.0 - r * r, 0.0)) * np.sin(turn)
+        for times, width in ((1.0, 1.8), (2.0, 0.9)):
+            plot.plot((one.value + times * one.standard_error * x) / x_unit,
+                      (other.value + times * other.standard_error * y) / y_unit, color=palette.RESPONSE, lw=width)  # fmt: skip
+        plot.plot(one.value / x_unit, other.value / y_unit, "o", color=palette.DEVIATION, ms=5)
+        plot.set_xlabel(words(one, x_name))
+        plot.set_ylabel(words(other, y_name))
+        plot.set_title(f"correlation {r:+.3f}".replace("-", "\N{MINUS SIGN}"), loc="left")
+        plot.locator_params(nbins=4)
+        plot.ticklabel_format(useOffset=False)
+        plot.margins(0.06)
+    for plot in axes[len(shown) :]:
+        plot.set_visible(False)
+    return png(figure)
+
+
+def words(number: Number, unit: str) -> str:
+    """An axis: a line for the effect, one for its number and the unit; the declared parameter's name."""
+    name = split_key(number.key)[0] + (f" [{unit}]" if unit else "")
+    return name if number.of == "declared" else f"{number.of.replace('_', ' ')}:\n{name}"

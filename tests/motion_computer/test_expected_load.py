@@ -1,0 +1,83 @@
+"""What the setpoints of all legs give each leg to carry, from the declared body and geometry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hexsim.hydraulics.resolve import resolve
+from hexsim.machine import load_machine
+from hexsim.machine.geometry import moving_body
+from hexsim.mechanics.rigid_body import joint_wrenches
+from hexsim.motion_computer.leg_load import ExpectedLoad
+from hexsim.scenarios import load_scenario
+
+TICK_s = 0.002
+RESOLVED = resolve(load_machine("micro_motion_system"))
+
+
+@pytest.fixture(scope="module")
+def expected() -> ExpectedLoad:
+    found = ExpectedLoad.of(RESOLVED)
+    assert found is not None
+    return found
+
+
+def leg_forces(poses: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
+    """Inverse dynamics of the platform (m, 6) [N]: J' F = the wrench that its motion and weight ask for."""
+    k, body = RESOLVED.machine.mechanics, moving_body(RESOLVED)
+    twist, twist_rate = k.twist(poses, rates), k.twist_rate(poses, rates, accelerations)
+    gravity = np.einsum("a,nab->nb", RESOLVED.gravity_m_s2, k.rotation(poses))
+    felt, turning = k.to_platform_frame(poses, twist_rate), k.to_platform_frame(poses, twist)[:, 3:]
+    wrench = joint_wrenches(body, felt, np.ascontiguousarray(turning), gravity, np.zeros(len(poses)))
+    world = k.from_platform_frame(poses, wrench)
+    return np.linalg.solve(np.swapaxes(k.jacobian(poses), 1, 2), world[..., None])[..., 0]
+
+
+def test_it_is_the_inverse_dynamics_of_the_platform(expected: ExpectedLoad) -> None:
+    """Six sines at once: over the mean mass of a leg the forces of the rigid body are the load and a constant, within 4 %
+    of what varies; the leg's own acceleration and place leave more than a third."""
+    t = np.arange(2.0, 16.0, TICK_s)
+    poses, rates, accelerations = load_scenario("combined").evaluate(t)
+    forces, pistons = leg_forces(poses, rates, accelerations), RESOLVED.machine.mechanics.piston_positions(poses)
+    load, own = (
+        expected.accelerations(pistons, TICK_s),
+        np.gradient(np.gradient(pistons, TICK_s, axis=0), TICK_s, axis=0),
+    )
+    mass = np.linalg.lstsq(load - load.mean(0), forces - forces.mean(0), rcond=None)[0]
+    for leg in range(6):
+        varies = np.std(forces[:, leg])
+        terms = np.stack([np.ones_like(t), load[:, leg]], axis=1)
+        alone = np.stack([np.ones_like(t), own[:, leg], pistons[:, leg]], axis=1)
+        left, left_alone = (
+            np.std(forces[:, leg] - x @ np.linalg.lstsq(x, forces[:, leg], rcond=None)[0]) for x in (terms, alone)
+        )
+        assert left < 0.04 * varies and left_alone > 0.33 * varies
+    assert np.diag(mass) == pytest.approx(expected.mass_kg, rel=0.05)
+
+
+def test_legs_that_move_alike_carry_their_own_acceleration(expected: ExpectedLoad) -> None:
+    """Heave, up and down: each row of the inertia sums to 1, and the load is the acceleration and the row sum of K times
+    the travel, to 1e-9 m/s2; at both ends of the preview that of the tick beside."""
+    assert expected.inertia.sum(axis=1) == pytest.approx(1.0, abs=1e-9)
+    assert expected.inertia == pytest.approx(expected.inertia.T, abs=1e-12)
+    for side in (1.0, -1.0):
+        y = side * 1e-2 * np.cos(np.pi * TICK_s * np.arange(15))
+        load = expected.accelerations(expected.neutral + y[:, None], TICK_s)
+        a = np.diff(y, 2) / TICK_s**2
+        own = np.concatenate([a[:1], a, a[-1:]])
+        wanted = own[:, None] + y[:, None] * expected.stiffness.sum(axis=1)
+        assert load == pytest.approx(wanted, abs=1e-9)
+
+
+def test_weight_topples_a_platform_that_leans(expected: ExpectedLoad) -> None:
+    """A leg that is longer than the others carries less: K is negative on its diagonal, and symmetric."""
+    assert np.diag(expected.stiffness).max() < 0.0
+    assert expected.stiffness == pytest.approx(expected.stiffness.T, abs=1e-3)
+
+
+def test_a_leg_alone_is_told_nothing() -> None:
+    """A bench's leg carries its own mass; two setpoints tell no acceleration."""
+    assert ExpectedLoad.of(resolve(load_machine("bench"))) is None
+    found = ExpectedLoad.of(RESOLVED)
+    assert found is not None and np.all(found.accelerations(np.tile(found.neutral, (2, 1)), TICK_s) == 0.0)

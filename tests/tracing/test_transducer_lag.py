@@ -1,0 +1,68 @@
+"""The lag of a transducer: its samples, its balances, and its number found again."""
+
+import numpy as np
+import pytest
+from other_plant import write_machine
+
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.signals.lag import lagged
+from hexsim.tracing.balances.force import Force
+from hexsim.tracing.balances.sensor import Sensor
+from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.steps.experiments import setpoint_log
+from hexsim.tracing.trace import trace
+
+SAMPLE_s = 1e-3
+MOTION = {
+    "name": "sine", "mode": "actuator", "duration_s": 4.0, "fade_s": 1.0,
+    "axes": {"leg_1": {"kind": "sine", "amplitude": 0.02, "frequency_Hz": 1.5}},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("lag_s", [1e-4, 4e-3, 0.1])
+def test_a_ramp_behind_a_lag(lag_s):
+    """f = r (t - tau (1 - exp(-t/tau))) at every sample: straight lines are exact, however long the lag."""
+    t = SAMPLE_s * np.arange(200)
+    rows = 3.0 * t[:, None]
+    lagged(rows, np.array([lag_s]), SAMPLE_s, np.zeros((2, 1)))
+    assert rows[:, 0] == pytest.approx(3.0 * (t - lag_s * (1.0 - np.exp(-t / lag_s))), abs=1e-12)
+
+
+def test_a_lag_begins_at_none():
+    """Without a lag the samples stay as they are; a lag of 1 ns takes its share of the slope from them."""
+    s = np.sin(np.arange(300) / 20.0)[:, None]
+    found = []
+    for lag_s in (0.0, 1e-9):
+        rows = s.copy()
+        lagged(rows, np.array([lag_s]), SAMPLE_s, np.tile(s[0], (2, 1)))
+        found.append(rows)
+    assert np.array_equal(found[0], s)
+    assert (found[1] - s)[1:] == pytest.approx(-1e-9 * np.diff(s, axis=0) / SAMPLE_s, rel=1e-5, abs=1e-15)
+
+
+@pytest.mark.parametrize(("name", "balance"), [("position_lag", Sensor), ("pressure_lag", Force)])
+def test_a_balance_holds_again_with_the_lag(name, balance):
+    """A noise-free log behind a lag of 50 Hz: what it leaves in its balance falls below a fifth with the effect declared."""
+    bench = changed(load_machine("bench"), {"sensors": {}})
+    built = changed(bench, {f"effects.{name}": {"time_constant_s": 1.0 / (2 * np.pi * 50.0)}})
+    problem = SimulatedProblem(logs=(setpoint_log(bench, MOTION),), noise=dict.fromkeys(bench.uncertainty, 1.0))
+    usual, log = problem.simulated(bench, 0), problem.simulated(built, 0)
+    inner = slice(round(log.rate), -100)
+    floor = balance().residual(usual, bench)[:, inner]
+    without, with_it = (balance().residual(log, machine)[:, inner] for machine in (bench, built))
+    assert np.linalg.norm(with_it - floor) < 0.2 * np.linalg.norm(without - floor)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cut_off_Hz", [20.0, 50.0, 100.0])
+@pytest.mark.parametrize("name", ["position_lag", "pressure_lag"])
+def test_a_lag_is_found_with_its_cut_off(tmp_path, name, cut_off_Hz):
+    """A bench of the second plant, its parameters off, traced whole: that effect alone, within 10 %."""
+    lag_s = 1.0 / (2 * np.pi * cut_off_Hz)
+    write_machine(tmp_path, 43, {name: 1e3 * lag_s})
+    result = trace(tmp_path, ["fit", "sweep"], ["validate"])
+    assert result.verdict == "explained"
+    [effect] = result.report["effects"]
+    assert effect["name"] == name
+    assert effect["parameters"]["time_constant_s"] == pytest.approx(lag_s, rel=0.1)
