@@ -94,11 +94,15 @@ def results() -> Pictures:
     """Pictures of results that are kept, from their figures."""
     sys.path.insert(0, str(ROOT / "benchmarks"))
     import host_path
+    import reversal_limit
 
+    drawn = {}
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / "host_path.png"
-        host_path.picture(json.loads(host_path.RESULT.read_text(encoding="utf-8")), place)
-        return {"host_path": place.read_bytes()}
+        for made in (host_path, reversal_limit):
+            place = Path(folder) / f"{made.__name__}.png"
+            made.picture(json.loads(made.RESULT.read_text(encoding="utf-8")), place)
+            drawn[made.__name__] = place.read_bytes()
+    return drawn
 
 
 def learning() -> Pictures:

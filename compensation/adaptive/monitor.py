@@ -26,7 +26,8 @@ STANDARD_ERRORS, DRIFT_ERRORS = 2.5, 0.5  # of h: of the excess of several rever
 ALIKE = 0.05  # relative difference in acceleration up to which reversals are alike
 BASELINE_SHARE = 0.5  # low-pass of the baseline, a reversal
 FELT_M_S2 = 0.15  # bump of plain control from which a compensation that is still learning can be trusted to gain
-RISK_SHARE = 0.3  # of the load's acceleration by the friction step: less than this it cannot lose
+# of the load's acceleration by the friction step: less than this it cannot lose; and where the load is told, not found
+RISK_SHARE, RISK_SHARE_TOLD = 0.3, 0.12
 NOISE_RANGE = 5.0  # standard errors between the extremes of noise
 PAIR_NOISE = 2.0  # of it that adds to a bump; a four-way valve without overlap can be trusted with smaller ones
 
@@ -86,11 +87,12 @@ def worse_than_baseline(monitor, extending, reversal_m_s2, ramp):
 
 
 @compiled
-def worth_compensating(monitor, step_m_s2, four_way):
+def worth_compensating(monitor, step_m_s2, told, noise_range):
     """Whether plain control's bumps are larger than those of a compensation that is still learning. step_m_s2:
-    acceleration that the friction step gives the load."""
-    noise = PAIR_NOISE if four_way else NOISE_RANGE
-    least = min(FELT_M_S2, RISK_SHARE * step_m_s2) + noise * bump_noise_m_s2(monitor)
+    acceleration that the friction step gives the load; told: a platform's leg is told its load; noise_range: standard
+    errors that noise adds to a bump."""
+    risk = (RISK_SHARE_TOLD if told else RISK_SHARE) * step_m_s2
+    least = min(FELT_M_S2, risk) + noise_range * bump_noise_m_s2(monitor)
     return max(monitor.baseline_m_s2[0], monitor.baseline_m_s2[1]) > least
 
 

@@ -29,6 +29,7 @@ from .piston_leak import tell_piston_leak
 from .recursive_least_squares import scale_covariance
 from .valve_edge import (
     ACCEPT_ERRORS,
+    MAX_DEAD_BAND_V,
     MIN_BACKLASH_V,
     REJECT_ERRORS,
     WINDOW_NOISE_M,
@@ -109,6 +110,7 @@ def recentre(valve):
     """Moves the null into the middle of the edges, where it is well off it; whether it was."""
     down, up = valve.edges[0], valve.edges[1]
     off = 0.5 * (edge_V(up) - edge_V(down))
+    off = clip(valve.null_V + off, -MAX_DEAD_BAND_V, MAX_DEAD_BAND_V) - valve.null_V
     if not valve_usable(valve) or abs(off) < NULL_TOLERANCE_V:
         return False
     valve.null_V += off
@@ -126,7 +128,8 @@ def _follow_null(valve, error_m, edge):
     since = min(valve.ticks, NULL_TICKS) * valve.tick_s
     valve.ticks = 0
     valve.null_rate_V_s = clip(valve.null_rate_V_s + NULL_BETA * off / since, -NULL_RATE_V_S, NULL_RATE_V_S)
-    valve.null_V += NULL_ALPHA * off + valve.null_rate_V_s * since
+    null_V = valve.null_V + NULL_ALPHA * off + valve.null_rate_V_s * since
+    valve.null_V = clip(null_V, -MAX_DEAD_BAND_V, MAX_DEAD_BAND_V)
 
 
 @compiled

@@ -57,12 +57,20 @@ def update_edge(edge, phi, phi_backlash, moved_m, with_backlash):
 
 @compiled
 def _read_fit(edge, fit, backlash_V, misfit_allowed):
-    """Takes the numbers of the fit in use, and decides whether the edge is ready."""
-    k_tau = fit.theta[2]
-    k = edge.gain_m_s_V = clip(fit.theta[0], MIN_GAIN, MAX_GAIN)
-    edge.dead_band_V = clip(fit.theta[1] / k, edge.least_V, MAX_DEAD_BAND_V)
-    edge.lag_s = clip(k_tau / k, 0.0, MAX_LAG_S)
-    edge.backlash_V = backlash_V
+    """Decides whether the edge is ready, and takes the numbers of the fit in use. What was ready is held until the edge is
+    again: compensation that goes out needs a valve, and a fit that begins anew may be anywhere."""
+    k, k_tau = clip(fit.theta[0], MIN_GAIN, MAX_GAIN), fit.theta[2]
+    _decide_ready(edge, fit, k, k_tau, backlash_V, misfit_allowed)
+    if edge.ready or edge.rejections == 0:
+        edge.gain_m_s_V = k
+        edge.dead_band_V = clip(fit.theta[1] / k, edge.least_V, MAX_DEAD_BAND_V)
+        edge.lag_s = clip(k_tau / k, 0.0, MAX_LAG_S)
+        edge.backlash_V = backlash_V
+
+
+@compiled
+def _decide_ready(edge, fit, k, k_tau, backlash_V, misfit_allowed):
+    """By misfit and standard errors."""
     misfit = fit.residual / WINDOW_NOISE_M**2 / misfit_allowed
     if edge.ready:
         if misfit > REJECT_MISFIT**2:

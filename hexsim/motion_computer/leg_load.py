@@ -34,7 +34,8 @@ def holding_forces(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
     none, mechanics = np.zeros((1, 6)), resolved.machine.mechanics
     gravity = resolved.gravity_m_s2 @ mechanics.rotation(pose)
     wrench = joint_wrenches(moving_body(resolved), none, none[:, :3], gravity[None, :], np.zeros(1))[0]
-    return np.linalg.lstsq(mechanics.jacobian(pose).T, mechanics.from_platform_frame(pose, wrench), rcond=None)[0]
+    in_world = mechanics.from_platform_frame(pose, wrench)
+    return np.linalg.lstsq(mechanics.jacobian(pose).T, in_world, rcond=None)[0].astype(np.float64)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -50,7 +50,8 @@ from compensation.adaptive.recursive_least_squares import inflate, start_fit, up
 from compensation.adaptive.reference import advance_reference
 from compensation.adaptive.spool import blocked_flow, set_spool_model
 from compensation.adaptive.stribeck import add_to_stribeck, update_stribeck
-from compensation.adaptive.valve import add_to_valve, lags_agree, start_valve
+from compensation.adaptive.valve import add_to_valve, lags_agree, recentre, start_valve
+from compensation.adaptive.valve_edge import MAX_DEAD_BAND_V, start_edge, update_edge
 
 ALL_SPOOL = [1e3] * (LATES * (len(SPOOL_LAGS_S) - 1)) + [0.0] * LATES  # sums that tell of no delay
 DEAD_BAND_V = 5e-6 / 1.1e-4  # 5 um of 1.1 mm at 10 V
@@ -710,3 +711,32 @@ def test_configuration_is_kept_apart_from_state() -> None:
     made = Adaptive()
     with pytest.raises(dataclasses.FrozenInstanceError):
         made.lead_smoothing = 1.0  # type: ignore[misc]
+
+
+def test_a_valve_that_is_lost_is_held_until_it_is_found_again() -> None:
+    """An edge that was ready and then sees windows of no valve: it is rejected, and keeps gain, dead band and lag. A fit with
+    a negative gain moves the null by no more than the largest dead band."""
+    rng = np.random.default_rng(5)
+    valve = valve_learned(4e-3)
+    edge = valve.edges[1]
+    start_edge(edge, 200.0)
+    phi_backlash = np.zeros(4)
+    for k in range(60):
+        phi = np.array([0.01 * (1.0 + 0.5 * math.sin(k)), -0.032, 0.1 * math.cos(1.7 * k)])
+        update_edge(
+            edge, phi, phi_backlash, float(phi @ [0.15, 0.15 * 0.045, 0.15 * 4e-3]) + rng.normal(0, 4e-6), False
+        )
+    assert edge.ready
+    known = edge.gain_m_s_V, edge.dead_band_V, edge.lag_s
+    assert known == pytest.approx((0.15, 0.045, 4e-3), rel=0.1)
+    while edge.ready:
+        known = edge.gain_m_s_V, edge.dead_band_V, edge.lag_s
+        update_edge(edge, phi, phi_backlash, rng.normal(0, 1e-3), False)
+    for _ in range(10):
+        update_edge(edge, phi, phi_backlash, rng.normal(0, 1e-3), False)
+    assert not edge.ready and (edge.gain_m_s_V, edge.dead_band_V, edge.lag_s) == known
+    for e in range(2):
+        valve.edges[e].windows, valve.edges[e].plain_fit.theta[:2] = 20.0, (-0.1, 0.05 * e)
+    for _ in range(20):
+        recentre(valve)
+    assert abs(valve.null_V) <= MAX_DEAD_BAND_V

@@ -9,6 +9,7 @@ from hexsim.machine.files import changed
 from hexsim.signals.lag import lagged
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.sensor import Sensor
+from hexsim.tracing.fitting.fit import chi2_of
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.experiments import setpoint_log
 from hexsim.tracing.trace import trace
@@ -66,3 +67,9 @@ def test_a_lag_is_found_with_its_cut_off(tmp_path, name, cut_off_Hz):
     [effect] = result.report["effects"]
     assert effect["name"] == name
     assert effect["parameters"]["time_constant_s"] == pytest.approx(lag_s, rel=0.1)
+
+
+def test_a_misfit_beyond_all_numbers_is_infinite():
+    """1e200 squared is no number: inf without a warning, as for a simulation that diverged."""
+    assert chi2_of([np.array([1.0, 1e200])]) == np.inf
+    assert chi2_of([np.array([3.0]), np.array([4.0])]) == 25.0

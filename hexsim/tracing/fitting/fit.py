@@ -85,7 +85,8 @@ class Fit:
 
 def chi2_of(misfit: list[Array]) -> float:
     """Sum of squares; inf when a simulation diverged."""
-    total = float(sum(np.sum(np.square(m)) for m in misfit))
+    with np.errstate(over="ignore"):  # a pressure that ran away before the load did
+        total = float(sum(np.sum(np.square(m)) for m in misfit))
     return total if np.isfinite(total) else np.inf
 
 

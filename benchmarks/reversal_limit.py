@@ -1,0 +1,105 @@
+"""Limit and reached: bumps of the bench over delay, spool bandwidth and oil stiffness. `python benchmarks/reversal_limit.py`
+writes docs/results/reversal_limit.json and docs/images/reversal_limit.png.
+
+The limit is `hexsim.smoothness.reversal_limit` with the declared friction, oil and valve; 40 kg, 0.05 m at 0.5 Hz, 24 s,
+figures from 14 s on, peaks from the basic harmonic. A known delay moves no limit: the future is known.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from hexsim.declaration import Machine
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.scenarios import load_scenario
+from hexsim.simulation import simulate
+from hexsim.smoothness.reversal_limit import delivery_s, peak_in_band
+
+ROOT = Path(__file__).parents[1]
+RESULT, PICTURE = (ROOT / "docs" / p / f"reversal_limit.{e}" for p, e in (("results", "json"), ("images", "png")))
+AMPLITUDE_m, FREQUENCY_Hz, DURATION_s, FIGURES_FROM_s = 0.05, 0.5, 24.0, 14.0
+# what is changed: its field, values, unit of the axis, value that stands as 1 there
+SWEPT: dict[str, tuple[str, tuple[float, ...], float]] = {
+    "delay [ms]": ("controller.computing_delay_ticks", (0.0, 1.0, 2.0, 3.0), 0.5),
+    "spool bandwidth [Hz]": ("valve.spool_frequency_Hz", (20.0, 30.0, 45.0, 60.0, 100.0, 150.0), 1.0),
+    "bulk modulus of the oil [GPa]": ("oil.bulk_modulus_Pa", (0.5e9, 0.8e9, 1.5e9, 3e9), 1e9),
+}
+
+
+def limit_of(machine: Machine, late_s: float = 0.0) -> float:
+    """Of a bench's leg at mid-stroke, from its declaration."""
+    cylinder, friction, valve, mass = machine.cylinder, machine.friction, machine.valve, machine.load.moving_mass_kg
+    area, acceleration = cylinder.area_bottom_m2, AMPLITUDE_m * (2 * math.pi * FREQUENCY_Hz) ** 2
+    length = 0.5 * cylinder.stroke_m + cylinder.pipeline_volume_m3 / area
+    w = math.sqrt(machine.oil.bulk_modulus_Pa * area / (length * mass))
+    levels = [
+        friction.coulomb_extend_N,
+        friction.coulomb_retract_N,
+        friction.static_extend_N,
+        friction.static_retract_N,
+    ]
+    viscous = 0.5 * (friction.viscous_extend_N_s_m + friction.viscous_retract_N_s_m)
+    crossed = 2.0 * valve.overlap_m / valve.spool_travel_max_m * valve.voltage_max_V
+    delivered = delivery_s(1.0 / machine.controller.rate_Hz, valve.spool_frequency_Hz, crossed, valve.voltage_max_V)
+    return peak_in_band(
+        step_m_s2=sum(levels) / mass, resonance_Hz=w / (2 * math.pi), damping_ratio=0.5 * viscous / (mass * w),
+        delivery_s=delivered, friction_s=2.0 * friction.sharpness_m_s / acceleration, late_s=late_s,
+    )  # fmt: skip
+
+
+def reached(machine: Machine, name: str) -> float:
+    """Peak in the band, worst of two noise seeds."""
+    scenario = load_scenario("heave", amplitude=AMPLITUDE_m, frequency_Hz=FREQUENCY_Hz, duration_s=DURATION_s)
+    scenario = dataclasses.replace(scenario, figures_from_s=FIGURES_FROM_s)
+    runs = [simulate(machine, scenario, compensator=name, fast=True, seed=seed) for seed in (0, 1)]
+    return max(run.summary["axes"]["leg"]["peak_band_m_s2"] for run in runs)
+
+
+def measured() -> list[dict[str, Any]]:
+    rows = []
+    for axis, (field, values, _) in SWEPT.items():
+        for value in values:
+            machine = changed(load_machine("bench"), {field: value})
+            found = {name: reached(machine, name) for name in ("none", "adaptive")}
+            found |= {"limit": limit_of(machine), "limit, 1 ms late": limit_of(machine, 1e-3)}
+            rows.append({"axis": axis, "value": value, **{name: round(peak, 4) for name, peak in found.items()}})
+            print(rows[-1], flush=True)
+    return rows
+
+
+def picture(rows: list[dict[str, Any]], path: Path) -> None:
+    looks = {"none": ("#888888", "o-"), "adaptive": ("#2060b0", "o-"), "limit": ("#c03020", "-"),
+             "limit, 1 ms late": ("#c03020", "--")}  # fmt: skip
+    names = {"none": "plain control", "limit": "limit", "limit, 1 ms late": "the same, oil 1 ms late"}
+    figure, plots = plt.subplots(1, len(SWEPT), figsize=(9.6, 3.6), sharey=True, layout="constrained")
+    for plot, (axis, (_, _, unit)) in zip(plots, SWEPT.items(), strict=True):
+        mine = [row for row in rows if row["axis"] == axis]
+        at = np.array([row["value"] for row in mine]) / unit
+        for name, (colour, style) in looks.items():
+            plot.plot(at, [row[name] for row in mine], style, color=colour, ms=3, label=names.get(name, name))
+        plot.set(yscale="log", xlabel=axis)
+        plot.grid(color="#dddddd", lw=0.6, which="both")
+    plots[0].set_ylabel("peak in 50 Hz [m/s²]")
+    plots[0].legend(fontsize=7, loc="center left", bbox_to_anchor=(0.0, 0.68))
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def main() -> None:
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    rows = measured()
+    RESULT.write_text(json.dumps(rows, indent=0) + "\n", encoding="utf-8")
+    picture(rows, PICTURE)
+
+
+if __name__ == "__main__":
+    main()
