@@ -38,7 +38,7 @@ class Sample:
     valve_V: float  # total sent to the valve at the previous tick, after saturation
     pressure_bottom_Pa: float  # measured, P1 of the report
     pressure_supply_Pa: float  # measured, Ps
-    feed_forward_V: float = 0.0  # part of control_V that the controller feeds forward from the setpoint
+    feed_forward_V: float = 0.0  # part of control_V that is of the setpoint alone, but for Kp (setpoint - position)
     pressure_top_Pa: float = 0.0  # measured, of a rod side on a four-way valve
     # (n,) or none: load that the setpoints of all legs give this one, over the mass that it has when all move alike
     load_preview_m_s2: np.ndarray = field(default_factory=lambda: NO_LOAD)
@@ -76,6 +76,10 @@ class Context:
     position_noise_m: float = 3.0e-6
     position_resolution_m: float = 3.0e-6
     pressure_noise_Pa: float = 4.0e3
+    velocity_gain_V_s_per_m: float = 0.0  # feedback of the controller beside its gain, and its filters
+    velocity_filter_Hz: float = 60.0
+    pressure_gain_V_per_Pa: float = 0.0
+    pressure_high_pass_Hz: float = 1.0
     controller_feeds_forward: bool = False  # the plain controller follows the setpoint without the lag of its gain
     period_s: float | None = None
 
@@ -122,9 +126,35 @@ class Context:
         """The same of the rod side."""
         return self.pipeline_volume_top_m3 / self.area_top_m2
 
+    @cached_property
+    def velocity_pole(self) -> float:
+        """Of w s/(s + w) by the bilinear rule."""
+        return _first_order(self.velocity_filter_Hz, self.rate_Hz)[0]
+
+    @cached_property
+    def velocity_share(self) -> float:
+        """Gain of the same for a change within a tick [1/s]."""
+        return 2.0 * math.pi * self.velocity_filter_Hz * _first_order(self.velocity_filter_Hz, self.rate_Hz)[1]
+
+    @cached_property
+    def pressure_pole(self) -> float:
+        """Of s/(s + w) by the bilinear rule."""
+        return _first_order(self.pressure_high_pass_Hz, self.rate_Hz)[0]
+
+    @cached_property
+    def pressure_share(self) -> float:
+        """Gain of the same for a change within a tick."""
+        return _first_order(self.pressure_high_pass_Hz, self.rate_Hz)[1]
+
     def compliance_m_Pa(self, position_m: float) -> float:
         """Travel by which the oil below the piston is compressed, per pressure: V / (E A1) (Eq. 3.7)."""
         return (position_m + self.pipeline_length_m) / self.bulk_modulus_Pa
+
+
+def _first_order(corner_Hz: float, rate_Hz: float) -> tuple[float, float]:
+    """(pole, share) of s/(s + w) by the bilinear rule: y_k = pole y_(k-1) + share (x_k - x_(k-1))."""
+    fast, slow = 2.0 * rate_Hz, 2.0 * math.pi * corner_Hz
+    return (fast - slow) / (fast + slow), fast / (fast + slow)
 
 
 class Compensator(abc.ABC):

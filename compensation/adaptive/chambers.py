@@ -19,7 +19,11 @@ import math
 
 from ..compiled import compiled
 
-NEWTON_STEPS, BRACKET = 12, 3.0  # of the inverse; roundings by which it may lie beyond the sharp one
+BISECTIONS, NEWTON_STEPS, TAIL = (
+    12,
+    6,
+    12.0,
+)  # of the inverse; roundings below a sharp edge from which next to nothing flows
 
 
 @compiled
@@ -62,13 +66,18 @@ def pair_flow_m_s(volts, edges, roots, rounding_V):
 
 @compiled
 def pair_volts(flow_m_s, edges, roots, rounding_V):
-    """The inverse of `pair_flow_m_s`, by Newton's steps held in a bracket that halves."""
+    """The inverse of `pair_flow_m_s`, by bisection about that of one sharp edge, and Newton's steps."""
     down, up = edges[0], edges[1]
     gain_up, gain_down = up.gain_m_s_V * roots[1], down.gain_m_s_V * roots[0]
-    high = max(up.dead_band_V, -down.dead_band_V) + max(flow_m_s, 0.0) / gain_up + BRACKET * rounding_V
-    low = min(-down.dead_band_V, up.dead_band_V) + min(flow_m_s, 0.0) / gain_down - BRACKET * rounding_V
-    x = min(max(0.0, low), high)
-    for _ in range(NEWTON_STEPS):
+    x = up.dead_band_V + flow_m_s / gain_up if flow_m_s > 0.0 else flow_m_s / gain_down - down.dead_band_V
+    low = high = x
+    if flow_m_s > 0.0:
+        low -= TAIL * rounding_V
+        high += 2.0 * gain_down / gain_up * softplus_V(-x - down.dead_band_V, rounding_V) + rounding_V
+    else:
+        low -= 2.0 * gain_up / gain_down * softplus_V(x - up.dead_band_V, rounding_V) + rounding_V
+        high += TAIL * rounding_V
+    for step in range(BISECTIONS + NEWTON_STEPS):
         error = pair_flow_m_s(x, edges, roots, rounding_V) - flow_m_s
         if error > 0.0:
             high = x
@@ -77,6 +86,6 @@ def pair_volts(flow_m_s, edges, roots, rounding_V):
         near, far = (x - up.dead_band_V) / rounding_V, (-x - down.dead_band_V) / rounding_V
         slope = gain_up / (1.0 + math.exp(min(-near, 50.0))) + gain_down / (1.0 + math.exp(min(-far, 50.0)))
         x = x - error / slope if slope > 0.0 else low
-        if not low < x < high:
+        if step < BISECTIONS or not low <= x <= high:
             x = 0.5 * (low + high)
     return x

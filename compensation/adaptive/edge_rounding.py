@@ -69,12 +69,13 @@ def opening(volts, dead_band_V, rounding_V):
 def start_rounding(rounding, four_way):
     """Nothing is known."""
     rounding.prior_V, rounding.largest_V, rounding.straight_V = PRIOR_V, MAX_ROUNDING_V, STRAIGHT_V
-    rounding.lower_errors = LOWER_ERRORS
+    rounding.lower_errors, rounding.least_probe_V = LOWER_ERRORS, MIN_PROBE_V
     if four_way:
         rounding.prior_V, rounding.largest_V = PAIR * PRIOR_V, PAIR * MAX_ROUNDING_V
+        rounding.least_probe_V = PAIR * MIN_PROBE_V
         rounding.straight_V, rounding.lower_errors = PAIR * STRAIGHT_V, LOWER_ERRORS_PAIR
     rounding.variance_V4, rounding.misfit, rounding.lag_s = rounding.prior_V**4, 1.0, -1.0
-    rounding.model[0], rounding.probe_V = 1.0, MIN_PROBE_V
+    rounding.model[0], rounding.probe_V = 1.0, rounding.least_probe_V
 
 
 @compiled
@@ -203,7 +204,7 @@ def _update(rounding, z_m, memory):
     rounding.square_V2 += share * excess
     rounding.variance_V4 *= (1.0 - share * phi) * (1.0 + share * phi / memory)
     rounding.variance_V4 = min(rounding.variance_V4, rounding.prior_V**4)
-    rounding.probe_V = max(_root(rounding, rounding.square_V2), MIN_PROBE_V)
+    rounding.probe_V = max(_root(rounding, rounding.square_V2), rounding.least_probe_V)
 
 
 @compiled

@@ -38,7 +38,7 @@ from .chambers import compliance_m_Pa
 from .edge_rounding import explains_reversals, upper_bound_V
 from .friction import friction_ready, inertia_Pa, resonance_growth_1_s, step_acceleration_m_s2
 from .layout import DEMANDS, LEAD_TICKS
-from .monitor import add_to_monitor, monitor_ready, worse_than_baseline, worth_compensating
+from .monitor import NOISE_RANGE, PAIR_NOISE, add_to_monitor, monitor_ready, worse_than_baseline, worth_compensating
 from .valve import lags_agree, valve_ready
 
 PHASES = ("plain control", "engaging", "compensated", "feed-forward going out", "disengaging", "tripped")
@@ -146,7 +146,12 @@ def _checks_passed(state):
         _above_enable_threshold(engagement, state.settings)
         and engagement.closed_ticks < MAX_CLOSED_SHARE * engagement.half_ticks
         and monitor_ready(state.monitor)
-        and worth_compensating(state.monitor, step_acceleration_m_s2(state.friction), state.reference.load_given == 2)
+        and worth_compensating(
+            state.monitor,
+            step_acceleration_m_s2(state.friction),
+            state.reference.load_given == 2,
+            PAIR_NOISE if state.valve.four_way else NOISE_RANGE,
+        )
         and lags_agree(state.valve)
         and explains_reversals(state.rounding)
         and state.valve.leak_known != 0

@@ -50,7 +50,7 @@ EDGE = record(  # valve_edge.py
     backlash_fit=FIT,  # the same and k h
     windows="f8", gain_m_s_V="f8", dead_band_V="f8", lag_s="f8",
     root="f8",  # R^ of the last window
-    least_V="f8",  # dead band: 0, or negative on a four-way valve with underlap
+    misfit_allowed="f8", least_V="f8",  # dead band: 0, or negative on a four-way valve with underlap
     backlash_V="f8",  # half width, 0 until it is taken into account
     fitted_backlash_V="f8",
     significant="i8",  # backlash: from then on b is found from where the volts reverse
@@ -71,7 +71,8 @@ VALVE = record(  # valve.py
     null_V="f8",  # volts that lie in the middle between both edges
     leak_m_s="f8",  # oil that flows into the chamber while the valve is closed
     leak_known="i8", null_rate_V_s="f8",
-    four_way="i8",
+    four_way="i8", differential="i8", across_Pa="f8",  # P1 - P2, as it leaks across the piston
+    across_sum="f8", across_phi="f8", across_means=("f8", (2,)), across_squares="f8", across_m_s_Pa="f8",  # piston_leak.py
     ticks="i8",  # since the last window that was used
 )  # fmt: skip
 STRIBECK = record(  # stribeck.py
@@ -117,7 +118,7 @@ INVERSE = record(  # inverse.py
     dead_band_V=("f8", (2,)),  # dead-band compensation of the two ticks before
 )  # fmt: skip
 ROUNDING = record(  # edge_rounding.py
-    prior_V="f8", largest_V="f8", straight_V="f8", lower_errors="f8",
+    prior_V="f8", largest_V="f8", straight_V="f8", lower_errors="f8", least_probe_V="f8",
     square_V2="f8", variance_V4="f8",
     misfit="f8",  # mean square of a passage's excess, over its expected variance
     backlash_V="f8",  # volts behind the backlash
@@ -208,6 +209,13 @@ DEMAND = record(  # demand.py: of the tick boundaries to come, the nearest first
     acceleration_m_s2=("f8", (DEMANDS,)), position_m=("f8", (DEMANDS,)), oil_m=("f8", (DEMANDS,)),
     velocity_m_s=("f8", (DEMANDS,)), sign=("f8", (DEMANDS,)), step_Pa=("f8", (DEMANDS,)),  # of friction
 )  # fmt: skip
+LOOP = record(  # loop_feedback.py
+    started="i8", position_m="f8", velocity_m_s="f8", pressure_Pa="f8", passed_Pa="f8",
+)  # fmt: skip
+CHAMBERS = record(  # chamber_pressures.py: of a four-way valve
+    bottom_Pa="f8", top_Pa="f8", supply_Pa="f8", mean_bottom_Pa="f8", mean_top_Pa="f8",  # now; over the tick past
+    tops_Pa=("f8", (DEMANDS,)), off_Pa="f8", oil_m="f8", across_Pa="f8",  # asked for, newest first
+)  # fmt: skip
 SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); doubles alone
     tick_s="f8", position_gain_V_per_m="f8", voltage_max_V="f8", stroke_m="f8", area_ratio="f8",
     pipeline_length_m="f8", bulk_modulus_Pa="f8", tank_pressure_Pa="f8", position_noise_m="f8",
@@ -216,6 +224,8 @@ SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); dou
     damping_low_Hz="f8", damping_high_Hz="f8", damping_max_V="f8", window_s="f8", min_speed_m_s="f8",
     memory_windows="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8", max_stability_limit_m_s2="f8",
     min_excitation_m_s2="f8", learn="f8", rod_ratio="f8", pipeline_length_top_m="f8",
+    velocity_gain_V_s_per_m="f8", velocity_pole="f8", velocity_share="f8", pressure_gain_V_per_Pa="f8",
+    pressure_pole="f8", pressure_share="f8",
 )  # fmt: skip
 DESIGN = record(  # taps.py, least_squares.py: work
     triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),
@@ -224,7 +234,7 @@ DESIGN = record(  # taps.py, least_squares.py: work
 STATE = record(
     settings=SETTINGS, valve=VALVE, friction=FRICTION, reference=REFERENCE, inverse=INVERSE, engagement=ENGAGEMENT,
     monitor=MONITOR, rounding=ROUNDING, leak=LEAK, trim=TRIM, delay=DELAY, lateness=LATENESS, prediction=PREDICTION,
-    demands=DEMAND,
+    demands=DEMAND, loop=LOOP, chambers=CHAMBERS,
     lag_s="f8", delay_s="f8",  # spool lag that the taps were designed for, and how much of it is delay and no spool
     resonance_Hz="f8",  # of the load on the oil, for the damping; 0 = unknown
     viscous_share="f8",  # rate at which viscous friction damps it, over `damping_1_s`

@@ -29,6 +29,7 @@ FELT_M_S2 = 0.15  # bump of plain control from which a compensation that is stil
 # of the load's acceleration by the friction step: less than this it cannot lose; and where the load is told, not found
 RISK_SHARE, RISK_SHARE_TOLD = 0.3, 0.12
 NOISE_RANGE = 5.0  # standard errors between the extremes of noise
+PAIR_NOISE = 2.0  # of it that adds to a bump; a four-way valve without overlap can be trusted with smaller ones
 
 
 @compiled
@@ -86,12 +87,12 @@ def worse_than_baseline(monitor, extending, reversal_m_s2, ramp):
 
 
 @compiled
-def worth_compensating(monitor, step_m_s2, told):
+def worth_compensating(monitor, step_m_s2, told, noise_range):
     """Whether plain control's bumps are larger than those of a compensation that is still learning. step_m_s2:
-    acceleration that the friction step gives the load; told: a platform's leg is told its load."""
-    least = min(FELT_M_S2, (RISK_SHARE_TOLD if told else RISK_SHARE) * step_m_s2) + NOISE_RANGE * bump_noise_m_s2(
-        monitor
-    )
+    acceleration that the friction step gives the load; told: a platform's leg is told its load; noise_range: standard
+    errors that noise adds to a bump."""
+    risk = (RISK_SHARE_TOLD if told else RISK_SHARE) * step_m_s2
+    least = min(FELT_M_S2, risk) + noise_range * bump_noise_m_s2(monitor)
     return max(monitor.baseline_m_s2[0], monitor.baseline_m_s2[1]) > least
 
 

@@ -23,6 +23,8 @@ SETTLE_S = 0.02  # after the volts change sign, in which the spool crosses
 MIN_WINDOW_TICKS = 4
 START_RAMP_STEP = 0.01
 MAX_UNDERLAP_V = 0.5  # of a four-way valve
+LEAST_SYMMETRIC = 0.9  # ratio of areas from which a cylinder counts as symmetric
+DIFFERENTIAL_MISFIT = 6.0  # times the squared misfit that else is allowed
 
 
 @compiled
@@ -32,7 +34,7 @@ def start(s):
     window = max(MIN_WINDOW_TICKS, round(settings.window_s / tick_s))
     start_valve(s.valve, tick_s, window, settings.min_speed_m_s, round(SETTLE_S / tick_s), settings.memory_windows)
     if settings.rod_ratio > 0.0:
-        s.valve.four_way, s.valve.edges[0].least_V, s.valve.edges[1].least_V = True, -MAX_UNDERLAP_V, -MAX_UNDERLAP_V
+        _start_pair(s.valve, settings.rod_ratio < LEAST_SYMMETRIC)
     start_friction(s.friction, tick_s, settings.stroke_m, window, settings.min_speed_m_s, settings.memory_windows)
     resolution_m = settings.position_resolution_m
     start_monitor(s.monitor, tick_s, sqrt(settings.position_noise_m**2 + resolution_m * resolution_m / 12.0))
@@ -44,6 +46,16 @@ def start(s):
     s.engagement.ramp_step, s.engagement.stability_limit_m_s2 = START_RAMP_STEP, AT_REST_M_S2
     want_design(s, 0.0)
     design(s)
+
+
+@compiled
+def _start_pair(valve, differential):
+    """A four-way valve; of a differential cylinder both pressures move together after a reversal."""
+    valve.four_way, valve.differential = True, differential
+    for i in range(2):
+        valve.edges[i].least_V = -MAX_UNDERLAP_V
+        if differential:
+            valve.edges[i].misfit_allowed = DIFFERENTIAL_MISFIT
 
 
 @compiled

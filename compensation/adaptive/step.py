@@ -22,6 +22,7 @@ from math import sqrt
 
 from ..compiled import compiled
 from .arithmetic import clip, dot, push
+from .chamber_pressures import across_Pa, measure_pressures, pair_roots, roots_ahead
 from .chambers import compliance_m_Pa, equivalent_Pa
 from .delay import add_to_delay, found_delay_s, found_lateness_s, softness_m_Pa
 from .demand import append_demand, drop_demand, stretch_demands
@@ -41,6 +42,8 @@ from .inverse import advance_inverse
 from .lateness import due_pressure_Pa, pressure_then_Pa
 from .layout import LEAD_TAPS, PREVIEW_TICKS
 from .leak import start_leak, tell_leak
+from .loop_feedback import fed_back_V
+from .piston_leak import leaked_across_m_s
 from .prediction import predict, watch_setpoint
 from .presliding import add_to_presliding, update_presliding
 from .reference import advance_reference, expect_load
@@ -94,6 +97,7 @@ def tick_of(state, table, preview, setpoint_m, position_m, control_V, valve_V, b
     next, taken as unknown where they do not reach as far as is looked ahead; extra_V: volts that a derived algorithm
     adds. Everything else is of the sample. Nothing is allocated.
     """
+    measure_pressures(state.chambers, bottom_Pa, top_Pa, supply_Pa)
     bottom_Pa, supply_Pa = equivalent_Pa(state.settings, bottom_Pa, top_Pa, supply_Pa)
     look = PREVIEW_TICKS + state.shift
     n = len(preview) if len(preview) > look + 1 else 1
@@ -132,19 +136,24 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
     drop_demand(demands)
     lag = setpoint_m - now[3]
     load = bottom_Pa - supply_Pa * settings.area_ratio
-    deviation = load - due_pressure_Pa(state.lateness, now[0], demands.pressure_Pa)
+    due_Pa = due_pressure_Pa(state.lateness, now[0], demands.pressure_Pa)
+    deviation = load - due_Pa
+    fed_back = fed_back_V(state.loop, settings, now[3], (1.0 + settings.rod_ratio**3) * due_Pa)
     push(state.deviation_Pa, deviation)
     state.mean_deviation_Pa += DEVIATION_SHARE * (deviation - state.mean_deviation_Pa)
 
     bottom = pressure + state.mean_deviation_Pa + state.supply_Pa * settings.area_ratio
-    roots = _roots(settings, state.supply_Pa, bottom)
+    roots, leak_m_s = _roots(settings, state.supply_Pa, bottom), state.valve.leak_m_s
+    if settings.rod_ratio > 0.0:
+        load_ahead, engaged = pressure + state.mean_deviation_Pa, state.engagement.ramp > 0.0
+        roots = roots_ahead(state.chambers, settings, reference, oil, load_ahead, engaged, state.shift)
+        leak_m_s -= leaked_across_m_s(state.valve, state.chambers.across_Pa)
     oil += softness_m_Pa(state.delay) * friction_share * friction_step
-    flow, dead_band = advance_inverse(
-        state.inverse, oil, roots, state.valve, state.trim, state.crossing_path, state.valve.leak_m_s
-    )
+    flow, dead_band = advance_inverse(state.inverse, oil, roots, state.valve, state.trim, state.crossing_path, leak_m_s)
     push(state.flow_V, flow)
     push(state.dead_band_V, dead_band)
     if state.engagement.ramp > 0.0:
+        u += fed_back
         u += dot(state.lead_taps, state.flow_V, LEAD_TAPS) + dot(state.crossing_taps, state.dead_band_V, LEAD_TAPS)
         u += backlash_inverse(state, u) - settings.position_gain_V_per_m * lag
         u += state.valve.null_V - damping(state, settings.damping_1_s * compliance, roots)
@@ -193,17 +202,20 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     settings, v, valve = state.settings, valve_V - state.valve.null_V, state.valve
     _, share, acceleration_m_s2, reference_m, oil_m, velocity_m_s, sign, friction_step = now
     compensated, engaged = state.engagement.ramp == 1.0, state.engagement.ramp > 0.0
-    means = _roots(settings, supply_Pa, 0.5 * (p + state.last_bottom_Pa))
+    means, roots = _measured_roots(state, position_m, p, supply_Pa)
     state.last_bottom_Pa = p
     p_late = pressure_then_Pa(state.lateness, p)
     z = position_m + compliance_m_Pa(settings, position_m) * p_late
     push(state.oil_error_m, z - oil_m)
     state.leaked_m += valve.leak_m_s * settings.tick_s
+    if valve.four_way:
+        chambers = state.chambers
+        valve.across_Pa = across_Pa(settings, position_m, chambers.mean_bottom_Pa, chambers.mean_top_Pa)
+        state.leaked_m -= leaked_across_m_s(valve, valve.across_Pa) * settings.tick_s
     z -= state.leaked_m
     add_to_valve(valve, z, v, means[1 if v > 0 else 0])
     if not engaged and recentre(valve):
         start_leak(state.leak)
-    roots = _roots(settings, supply_Pa, p)
     _find_delay(state, position_m, p, v, velocity_m_s, roots, compensated)
     if compensated and not valve.four_way:
         add_to_trim(state.trim, state.oil_error_m, velocity_m_s, 0.5 * valve.edges[0].dead_band_V)
@@ -233,6 +245,18 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
             settings.tick_s,
         )  # fmt: skip
         update_stribeck(stribeck, inertia, 2.0 * friction.half_step_Pa)
+
+
+@compiled
+def _measured_roots(state, position_m, p, supply_Pa):
+    """R of the edges retracting and extending: with the mean pressures of the tick past, and now."""
+    settings, chambers = state.settings, state.chambers
+    if settings.rod_ratio == 0.0:
+        return _roots(settings, supply_Pa, 0.5 * (p + state.last_bottom_Pa)), _roots(settings, supply_Pa, p)
+    return (
+        pair_roots(settings, position_m, chambers.mean_bottom_Pa, chambers.mean_top_Pa, chambers.supply_Pa),
+        pair_roots(settings, position_m, chambers.bottom_Pa, chambers.top_Pa, chambers.supply_Pa),
+    )
 
 
 @compiled

@@ -25,6 +25,7 @@ import math
 
 from ..compiled import compiled
 from .arithmetic import clip
+from .piston_leak import tell_piston_leak
 from .recursive_least_squares import scale_covariance
 from .valve_edge import (
     ACCEPT_ERRORS,
@@ -168,6 +169,7 @@ def add_to_valve(valve, z_m, valve_V, root):
         return
     through = direction * (valve.reversal_V + half * valve.side)
     if valve.count:
+        valve.across_sum += valve.across_Pa
         s = valve.sums
         s[0] += size * root
         s[1] += root
@@ -184,6 +186,7 @@ def add_to_valve(valve, z_m, valve_V, root):
         valve.start_m, valve.start_V, valve.start_through_V = z_m, size, through
         for i in range(4):
             valve.sums[i] = 0.0
+        valve.across_sum = 0.0
     valve.count += 1
 
 
@@ -209,8 +212,11 @@ def _finish_window(valve, edge, z_m, size, through):
         error = update_edge(edge, valve.phi, valve.phi_backlash, valve.moved_m, valve.with_backlash)
         if valve_usable(valve):
             _follow_null(valve, error, edge)
+            if valve.differential:
+                tell_piston_leak(valve, 1 if valve.direction > 0 else 0, error)
         _decide_backlash(valve, down, up)
         valve.lag_s = (down.lag_s * down.windows + up.lag_s * up.windows) / (down.windows + up.windows)
+    valve.across_phi = valve.across_sum * tick
     s = valve.sums
     mean = edge.root = s[1] / valve.window
     valve.phi[0], valve.phi[1], valve.phi[2] = s[0] * tick, -s[1] * tick, (valve.start_V - size) * mean

@@ -34,6 +34,7 @@ def start_edge(edge, memory):
     start_fit(edge.plain_fit, (START_GAIN, 0.0, 0.0), PRIOR[:3], memory, True)
     start_fit(edge.backlash_fit, (START_GAIN, 0.0, 0.0, 0.0), PRIOR, memory, False)
     edge.gain_m_s_V, edge.root, edge.windows_needed = START_GAIN, 1.0, MIN_WINDOWS
+    edge.misfit_allowed = 1.0
 
 
 @compiled
@@ -50,7 +51,7 @@ def update_edge(edge, phi, phi_backlash, moved_m, with_backlash):
     if with_backlash:
         _read_fit(edge, edge.backlash_fit, edge.fitted_backlash_V, BACKLASH_MISFIT)
         return error_backlash
-    _read_fit(edge, edge.plain_fit, 0.0, 1.0)
+    _read_fit(edge, edge.plain_fit, 0.0, edge.misfit_allowed)
     return error
 
 

@@ -28,6 +28,7 @@ from hexsim.motion_computer.controller import (
     feed_forward,
     feedback,
     leg_path,
+    of_the_setpoint,
     saturated,
 )
 from hexsim.motion_computer.declared_control import control_of
@@ -135,6 +136,7 @@ def loop_equations(plant: Plant) -> dict[str, Any]:
         feedback(declared, kept, path[0], at, load, out)
         for i in range(n_legs):
             out[i] += ahead[i]
+        of_the_setpoint(declared, kept, ahead, ahead)
         feeding = carray(supply_pressure, (1,))
         feeding[:] = read(feeding, supply)
         return 0.0

@@ -83,7 +83,8 @@ class M(IntEnum):
     START = 15  # of the straight line that the setpoint is on
     GOAL = 16
     PHASE = 17  # ticks since its start
-    LINE = 18  # the last volts, newest first
+    FORCE_PASSED = 18  # F/A1 through the high-pass of the pressure feedback
+    LINE = 19  # the last volts, newest first
 
 
 N_CONSTANTS = int(C.END)
@@ -183,10 +184,23 @@ def feed_forward(control, memory, setpoint, out):
             force = c[C.VISCOUS] * v + coulomb * math.tanh(v / TURN_m_s)
             for j in range(n):
                 force += inertia[i, j] * memory[j, M.ACCELERATION]
+        if c[C.PRESSURE_GAIN] > 0.0:
+            m[M.FORCE_PASSED] = high_passed(
+                c[C.PRESSURE_POLE], c[C.PRESSURE_SHARE], m[M.FORCE_PASSED], force / c[C.AREA], m[M.FORCE] / c[C.AREA]
+            )
         rate = m[M.VELOCITY] + c[C.FLEXIBILITY] * (force - m[M.FORCE]) / T
         change = (rate - m[M.TRAVEL_RATE]) / T
         m[M.FORCE], m[M.TRAVEL_RATE] = force, rate
         out[i] = c[C.VELOCITY_FORWARD] * rate + c[C.ACCELERATION_FORWARD] * change
+
+
+@compiled
+def of_the_setpoint(control, memory, forward, out):
+    """Volts (n_legs,) that are of the setpoint alone, into `out`: u_f, K_d v of a cascade, K_p H(F/A1)."""
+    for i in range(control.rows.shape[0]):
+        c, m = control.rows[i], memory[i]
+        out[i] = forward[i] + c[C.CASCADE] * c[C.VELOCITY_GAIN] * m[M.VELOCITY]
+        out[i] += c[C.PRESSURE_GAIN] * m[M.FORCE_PASSED]
 
 
 @compiled

@@ -44,6 +44,10 @@ def compensator_context(machine: Machine, period_s: float | None, leg: int = 1) 
         position_noise_m=sensors.position_noise_m,
         position_resolution_m=sensors.position_resolution_m,
         pressure_noise_Pa=sensors.pressure_noise_Pa,
+        velocity_gain_V_s_per_m=own.controller.velocity_gain_V_s_per_m,
+        velocity_filter_Hz=own.controller.velocity_filter_Hz,
+        pressure_gain_V_per_Pa=own.controller.pressure_feedback_V_per_Pa,
+        pressure_high_pass_Hz=own.controller.pressure_high_pass_Hz,
         controller_feeds_forward=machine.controller.velocity_feed_forward_V_s_per_m > 0.0,
         period_s=period_s,
     )
@@ -115,11 +119,12 @@ class PositionLoop:
         if not self._running:
             controller.begin(control, memory, setpoints[0], positions, load)
             self._running = True
-        asked, path = np.empty(len(positions)), np.empty_like(setpoints)
+        asked, own, path = np.empty(len(positions)), np.empty(len(positions)), np.empty_like(setpoints)
         controller.leg_path(control, memory, setpoints, path)
         controller.feed_forward(control, memory, path[0], self.feed_forward)
         controller.feedback(control, memory, path[0], positions, load, asked)
         asked += self.feed_forward
+        controller.of_the_setpoint(control, memory, self.feed_forward, own)
         if self.compensators and pressures is not None:
             loads = None if self.load is None else self.load.accelerations(path, self._tick_s)
             for i, compensator in enumerate(self.compensators):
@@ -132,7 +137,7 @@ class PositionLoop:
                     valve_V=float(self._commanded[i]),
                     pressure_bottom_Pa=float(pressures[i]),
                     pressure_supply_Pa=supply_Pa,
-                    feed_forward_V=float(self.feed_forward[i]),
+                    feed_forward_V=float(own[i]),
                     pressure_top_Pa=0.0 if top_pressures is None else float(top_pressures[i]),
                     load_preview_m_s2=NO_LOAD if loads is None else loads[: self.previews[i], i],
                 )
