@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from hexsim.tracing.balances.continuity import Continuity, FastContinuity, fast_
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import with_noise
 from hexsim.tracing.balances.platform import Platform
+from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.parameters import candidates, coordinate_bounds, named, with_settings
 from hexsim.tracing.fitting.rest_evidence import Evidence, harm_of, most_restored, own_rows, sure, values_in_leg
@@ -23,7 +26,7 @@ from hexsim.tracing.fitting.rest_level import ordinary_effects, prior_precision,
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.steps import shapes, violations
 from hexsim.tracing.steps.balance_search import with_fast_rows
-from hexsim.tracing.steps.dominant import may_be_a_filter, sure_effects, worth_a_refit
+from hexsim.tracing.steps.dominant import followed, may_be_a_filter, sure_effects, worth_a_refit
 from hexsim.tracing.steps.logs import begin
 
 DATA = Path(__file__).parents[1] / "data"
@@ -257,3 +260,17 @@ def test_a_large_effect_is_named_over_five_small_ones_and_none_where_there_is_no
         fit = found.best.fit
         [number] = fit.values[fit.candidates.index(found.named[0].candidate)].values()
         assert number == pytest.approx(unit_value, rel=0.1)
+
+
+def test_a_tie_takes_the_effect_that_was_named_since(monkeypatch):
+    """Begun at the size that the named fit has, whatever its column promises; one that has it already is left out."""
+    asked = create_autospec(rest_level.with_effect, return_value="fit")
+    monkeypatch.setattr(rest_level, "with_effect", asked)
+    monkeypatch.setattr(rest_level, "size_of", lambda fit: 0.3)
+    monkeypatch.setattr(rest_level, "is_held", lambda candidate: False)
+    tie, best = (
+        SimpleNamespace(fit=SimpleNamespace(candidates=[SimpleNamespace(label=label)])) for label in ("air", "leak")
+    )
+    assert followed(tie, best, "problem") == "fit"
+    assert asked.call_args.args == (tie, best.fit.candidates[-1], "problem", 0.3, -np.inf, -np.inf)
+    assert followed(best, best, "problem") is None

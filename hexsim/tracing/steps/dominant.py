@@ -137,7 +137,7 @@ def followed(tie: RestFit, best: RestFit, problem: BalanceProblem) -> RestFit | 
     return (
         None
         if own.label in {c.label for c in tie.fit.candidates if not rest_level.is_held(c)}
-        else (rest_level.with_effect(tie, own, problem, size, -np.inf))
+        else (rest_level.with_effect(tie, own, problem, size, -np.inf, -np.inf))
     )
 
 
