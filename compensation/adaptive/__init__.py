@@ -14,6 +14,8 @@
 | `prediction` | setpoint ahead where no preview is given |
 | `demand`, `feedback` | what is asked for at a tick; pressure damping and backlash inverse |
 | `damping_design`, `lateness` | filter of the pressure damping, stable at the load's resonance; a late position transducer |
+| `chambers`, `chamber_pressures`, `piston_leak` | two chambers on a four-way valve |
+| `loop_feedback` | what the controller's own feedback makes of the motion asked for |
 | `friction`, `stribeck` | identification of load and friction from pressure |
 | `spool`, `inverse` | the spool's lag; inverse of the valve |
 | `taps`, `least_squares` | design of the leads and of the damping filter |
