@@ -56,7 +56,7 @@ def test_a_balance_holds_again_with_the_lag(name, balance):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cut_off_Hz", [20.0, 50.0, 100.0])
+@pytest.mark.parametrize("cut_off_Hz", [20.0, 40.0])
 @pytest.mark.parametrize("name", ["position_lag", "pressure_lag"])
 def test_a_lag_is_found_with_its_cut_off(tmp_path, name, cut_off_Hz):
     """A bench of the second plant, its parameters off, traced whole: that effect alone, within 10 %."""
