@@ -13,6 +13,7 @@ from hexsim.tracing.report.content import remarks
 from hexsim.tracing.steps import declared_refit
 from hexsim.tracing.steps.logs import begin
 from hexsim.tracing.steps.noise_only import hold_against_signals, without_own
+from hexsim.tracing.trace import trace as trace_whole
 
 DATA = Path(__file__).parents[1] / "data"
 RATE, N = 1000.0, 20000
@@ -93,3 +94,22 @@ def test_nothing_missing_is_not_said_of_a_transducer_that_reads_another_pressure
     told = hold_against_signals(replace(trace, fit_problem=replace(trace.fit_problem, logs=logs)), lambda doing: None)
     assert told.verdict == "unexplained" and told.predicted[0].channel == "pressure_supply_Pa"
     assert told.predicted[0].signal in channel_arrays(logs[0]) and told.predicted[0].sentence in remarks(told)
+    small = replace(trace, verdict="explained", fit_problem=replace(trace.fit_problem, logs=logs))
+    unsure = hold_against_signals(
+        small, lambda doing: None
+    )  # what the noise could hide, and something follows a signal
+    assert unsure.verdict == "unexplained" and unsure.final is trace.base and "is not sure" in unsure.decided
+    far = replace(trace.base, misfit=[2.0 * rest for rest in trace.base.misfit])
+    assert hold_against_signals(replace(small, base=far), lambda doing: None).verdict == "explained"
+
+
+@pytest.mark.slow
+def test_a_small_payload_mode_is_no_constant_force(tmp_path):
+    """2.3 kg of 40 on a spring at 8 Hz, which a multisine below 6 Hz hides in the noise: a constant force of -15 N helps, and
+    leaves a pressure that follows the acceleration. No name is better than that one."""
+    from other_plant import write_machine
+
+    write_machine(tmp_path, 3021, {"flexible_payload": 0.056365}, runs=("fit", "validate"), suffix=".csv")
+    found = trace_whole(tmp_path, ["fit"], ["validate"])
+    assert found.verdict == "unexplained" and not found.effects
+    assert any("constant_force" in step["sentence"] for step in found.report["steps"])

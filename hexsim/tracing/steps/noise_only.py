@@ -15,6 +15,7 @@ from hexsim.machine import Machine
 from hexsim.signals.channels import channel_arrays, kind_of
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
+from hexsim.tracing.fitting.selection import residual_at_noise_level
 from hexsim.tracing.predictable import Predicted, predicted
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace
@@ -84,8 +85,10 @@ def followed(trace: Trace) -> list[Predicted]:
 
 
 def hold_against_signals(trace: Trace, tell: Tell) -> Trace:
-    """ "nothing missing" becomes "unexplained" where a channel's rest follows a signal."""
-    if trace.verdict != "nothing missing":
+    """ "nothing missing" becomes "unexplained" where a channel's rest follows a signal; so does "explained" by an effect that
+    the noise alone could hide: one that stands in for another leaves a part of it."""
+    small = trace.verdict == "explained" and residual_at_noise_level(trace.base.misfit)
+    if trace.verdict != "nothing missing" and not small:
         return replace(trace, decided="not needed: something is missing")
     if trace.fit_problem.feedback:
         return replace(trace, decided="not asked: logged volts drive the model, and they hold the position's noise")
@@ -96,9 +99,11 @@ def hold_against_signals(trace: Trace, tell: Tell) -> Trace:
             f"{found[0].channel} follows {found[0].signal} with {found[0].share:.1%} of it" if found else "no channel"
         )
         return replace(trace, decided=f"what is left follows no signal; most: {most}")
-    return replace(
-        trace, verdict="unexplained", predicted=tuple(sure), decided="; ".join(own.sentence for own in sure[:3])
-    )
+    sentences = "; ".join(own.sentence for own in sure[:3])
+    if small:
+        named = " and ".join(candidate.label for candidate in trace.final.candidates)
+        sentences = f"{named} helps and is not sure: beside it, {sentences}"
+    return replace(trace, verdict="unexplained", final=trace.base, predicted=tuple(sure), decided=sentences)
 
 
 STEP = Step(name="noise only", doing="holding what is left against the signals", share=0.03, run=hold_against_signals)
