@@ -46,6 +46,12 @@ def sentence(result) -> str:
 # ---- what works ------------------------------------------------------------------------------------------------------
 
 
+def test_the_version_is_that_of_the_package():
+    """`hexsim --version` prints it and ends with 0."""
+    result = CliRunner().invoke(app, ["--version"])
+    assert result.exit_code == 0 and result.output == f"hexsim {hexsim.__version__}\n"
+
+
 def test_run_leaves_a_folder_and_prints_its_table(tmp_path):
     """`hexsim run heave` on the hexapod: files as documented, every axis in the table, the driven one first."""
     result = hexsim_command("run", "heave", "--fast", "--duration", "3", cwd=tmp_path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from hexsim import __version__
 from hexsim.cli import (
     compare,
     demo,
@@ -51,6 +52,21 @@ for command in (
     schema,
 ):
     command.register(app)
+
+
+def _tell_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"hexsim {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: bool = typer.Option(
+        False, "--version", callback=_tell_version, is_eager=True, help="Print the version and exit."
+    ),
+) -> None:
+    """Options before the command."""
 
 
 def main() -> None:
