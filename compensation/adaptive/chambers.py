@@ -19,11 +19,8 @@ import math
 
 from ..compiled import compiled
 
-BISECTIONS, NEWTON_STEPS, TAIL = (
-    12,
-    6,
-    12.0,
-)  # of the inverse; roundings below a sharp edge from which next to nothing flows
+BISECTIONS, NEWTON_STEPS = 12, 6  # of the inverse
+TAIL = 12.0  # roundings below a sharp edge from which next to nothing flows
 
 
 @compiled

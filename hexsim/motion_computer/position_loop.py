@@ -71,7 +71,8 @@ class PositionLoop:
         self.control, self.memory = control_of(machine), controller.new_memory(n)
         self.limit = machine.of_legs("valve", "voltage_max_V")
         self.on_message = on_message
-        self.load, self._tick_s = ExpectedLoad.of(resolve(machine)), 1.0 / machine.controller.rate_Hz
+        self.machine, self._tick_s = machine, 1.0 / machine.controller.rate_Hz
+        self.load: ExpectedLoad | None = None  # of a platform's legs, for compensators
         self._contexts = [compensator_context(machine, period_s, leg) for leg in range(1, n + 1)]
         self.compensate(compensators)
         self.valve = np.zeros(n)  # volts that leave the motion computer
@@ -84,6 +85,8 @@ class PositionLoop:
     def compensate(self, compensators: Sequence[Compensator]) -> None:
         """Begin with these compensators, one a leg, or with plain control where there is none."""
         self.compensators = list(compensators)
+        if self.compensators and self.load is None:
+            self.load = ExpectedLoad.of(resolve(self.machine))
         made = list(zip(self.compensators, self._contexts, strict=False))
         self.states: list[Any] = [c.start(context) for c, context in made]
         self.previews = [preview_count(c, context) for c, context in made]
@@ -119,13 +122,14 @@ class PositionLoop:
         if not self._running:
             controller.begin(control, memory, setpoints[0], positions, load)
             self._running = True
-        asked, own, path = np.empty(len(positions)), np.empty(len(positions)), np.empty_like(setpoints)
+        asked, path = np.empty(len(positions)), np.empty_like(setpoints)
         controller.leg_path(control, memory, setpoints, path)
         controller.feed_forward(control, memory, path[0], self.feed_forward)
         controller.feedback(control, memory, path[0], positions, load, asked)
         asked += self.feed_forward
-        controller.of_the_setpoint(control, memory, self.feed_forward, own)
         if self.compensators and pressures is not None:
+            own = np.empty(len(positions))
+            controller.of_the_setpoint(control, memory, self.feed_forward, own)
             loads = None if self.load is None else self.load.accelerations(path, self._tick_s)
             for i, compensator in enumerate(self.compensators):
                 sample = Sample(

@@ -41,13 +41,17 @@ def run_of(seed: int, relief: float = RELIEF) -> pl.DataFrame:
     return pl.DataFrame(columns)
 
 
-DECLARED = """
+FLOW = """
 [runs]
 window_s = 0.05
 [[balances]]
 name = "flow"
 unit = "m3/s"
 target = "flow_m3_s"
+"""
+DECLARED = (
+    FLOW
+    + """
 terms = [
     {name = "area", unit = "m2", column = "speed_m_s", declared = 1.0e-3, uncertainty = 2e-5},
     {name = "leak", unit = "m3/s/Pa", column = "p_Pa", declared = 2.0e-12, uncertainty = 1e-12},
@@ -58,6 +62,7 @@ candidates = [
     EXTRA
 ]
 """
+)
 MAPPING = """kind = "own"
 [columns.speed_m_s]
 [columns.p_Pa]
@@ -150,19 +155,16 @@ def test_numbers_far_from_their_declaration_and_worse_refits_are_said_first(tmp_
     )
 
 
-TIED = """
-[runs]
-window_s = 0.05
-[[balances]]
-name = "flow"
-unit = "m3/s"
-target = "flow_m3_s"
+TIED = (
+    FLOW
+    + """
 terms = [{name = "area", unit = "m2", column = "speed_m_s", declared = 1.0e-3, uncertainty = 2e-5}]
 candidates = [
     {name = "leak", unit = "m3/s/Pa", column = "p_Pa", sign = 1},
     {name = "delay", unit = "s", late = "speed_m_s"},
 ]
 """
+)
 
 
 def test_a_number_that_a_tied_term_would_move_is_said(tmp_path):

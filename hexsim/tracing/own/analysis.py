@@ -127,10 +127,10 @@ def remarks_of(balance: OwnBalance, verdict: OwnVerdict, held_out: dict[str, dic
 
 def traded(balance: OwnBalance, runs: Sequence[RunData], verdict: OwnVerdict) -> list[str]:
     """Named numbers that would move by more than their errors if a term acted that is tied with them, a sentence each."""
+    if not verdict.named:
+        return []
     ties, found = {name for fold in verdict.folds for name in fold.tied} - set(verdict.named), []
     for tied in (term for term in balance.candidates if term.name in ties):
-        if not verdict.named:
-            break
         moved = numbers(balance, runs, (*verdict.terms, placed(balance, runs, verdict.terms, tied)))
         for term in verdict.terms:
             (value, error), (other, wide) = verdict.coefficients[term.name], moved[term.name]

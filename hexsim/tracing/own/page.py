@@ -67,7 +67,7 @@ def budget(trace: OwnTrace) -> Figure:
     wide = bool(sizes) and max(sizes) > WIDE * min(sizes)
     if wide:
         plot.set_xscale("log")
-        plot.set_xlim(left=0.5 * min(size for size in sizes if size > 0.0))
+        plot.set_xlim(left=0.5 * min(sizes))
         plot.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
     plot.set_xlabel(f"rms of the residual [{trace.balance.unit}]" + (", logarithmic" if wide else ""))
     legend(plot)
