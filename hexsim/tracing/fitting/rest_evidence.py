@@ -100,7 +100,7 @@ def evidence_of(
         remarkable=abs(size + shared_size(rival.fit, candidate)) / least_remarkable(candidate),
         apart=tuple(x for x, _ in runs),
         spread=max(abs(x - size) / max(3.0 * sd, rules.PARTLY_SPREAD * abs(size), 1e-12) for x, sd in runs),
-        harm=harm_of(falls, problem) if candidate.effect.balance == "sensor" else 0.0,
+        harm=harm_of(falls, problem, own) if candidate.effect.balance == "sensor" else 0.0,
         curve=left_by_a_curve(base, rival, own, problem),
         tied=tuple(sorted(other.fit.candidates[-1].label for other in tied)),
     )
@@ -140,10 +140,11 @@ def worse(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float) ->
     return share > rules.PARTLY_TIE and least(resampled) > 0.0
 
 
-def harm_of(falls: Array, problem: BalanceProblem) -> float:
-    """By what share the mean square of any row grows; falls: of the logarithm of its size (n_rows,).
+def harm_of(falls: Array, problem: BalanceProblem, own: list[int] | slice = slice(None)) -> float:
+    """By what share the mean square of any of its own rows grows; falls: of the logarithm of the sizes of all (n_rows,).
 
-    Of a balance whose fast part has rows of its own both count together: they are one residual.
+    What all legs share shifts with an effect in one of them: another leg's rows are no witness. Of a balance whose fast
+    part has rows of its own both count together: they are one residual.
     """
     whole, first, places = falls.copy(), 0, {}
     for part in problem.parts:
@@ -151,7 +152,7 @@ def harm_of(falls: Array, problem: BalanceProblem) -> float:
         for name in part.balance.other_names.keys() & places.keys():
             whole[list(places[name])] += falls[list(places[part.balance.name])]
         first += len(part.rows)
-    return float(np.max(np.exp(-2.0 * whole))) - 1.0
+    return float(np.max(np.exp(-2.0 * whole[own]), initial=1.0)) - 1.0
 
 
 def own_rows(candidate: Candidate, problem: BalanceProblem) -> list[int]:

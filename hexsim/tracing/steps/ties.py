@@ -16,7 +16,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.balances.controller import Loop
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
-from hexsim.tracing.fitting.screening import columns_of
+from hexsim.tracing.fitting.screening import Screened, columns_of
 from hexsim.tracing.fitting.selection import information, scale_of, try_candidate
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -25,6 +25,7 @@ from hexsim.tracing.steps.hypotheses import simulated_fit
 from hexsim.tracing.steps.verdict import held_out_gains
 
 Array = np.ndarray
+TIE_FAR = 0.25  # candidates are no ties that do less than this share of the named effect in the balances
 TANGENT = 0.05  # share of the trial size at which tangents are taken: near a resonance the answer is soon nonlinear
 
 
@@ -82,8 +83,25 @@ def stand_ins(
     return [(candidate, theta) for _, candidate, theta in best]
 
 
-def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedProblem) -> dict[str, Fit]:
+def alike_in_balances(own: Candidate, possible: Sequence[Candidate], lines: Sequence[Screened]) -> list[Candidate]:
+    """Candidates that may do in the balances what an effect does there: two that give the same signals leave them alike.
+
+    All of them where the balances do not show the effect; and those that the balances do not show.
+    """
+
+    columns = {id(line.candidate): np.concatenate([x.ravel() for x in line.column]) for line in lines}
+    directions = {key: x / np.linalg.norm(x) for key, x in columns.items() if np.any(x)}
+    there = [line.candidate for line in lines if line.candidate.label == own.label]
+    does = [directions[id(candidate)] for candidate in there if id(candidate) in directions]
+    alike = {key: max((float(x @ one) ** 2 for one in does), default=1.0) for key, x in directions.items()}
+    return [candidate for candidate in possible if alike.get(id(candidate), 1.0) > TIE_FAR]
+
+
+def ties_of(
+    fit: Fit, k: int, possible: Sequence[Candidate], lines: Sequence[Screened], problem: SimulatedProblem
+) -> dict[str, Fit]:
     """Effects that can stand for effect k: label -> the hypothesis with it, refitted on the whole runs."""
+    possible = alike_in_balances(fit.candidates[k], possible, lines)
     head = problem.head(rules.TRIAGE_S)
     near = stand_ins(fit, k, possible, head)
     bare = without(fit, k, head) if near else fit
@@ -99,13 +117,18 @@ def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedP
     return dict(sorted(tied.items()))
 
 
-def with_ties(fit: Fit, possible: Sequence[Candidate], problem: SimulatedProblem) -> tuple[Fit, list[dict[str, Fit]]]:
-    """The hypothesis and the ties of each of its effects; a physical cause goes before one that stands for any of its form."""
-    ties = [ties_of(fit, k, possible, problem) for k in range(len(fit.candidates))]
+def with_ties(
+    fit: Fit, possible: Sequence[Candidate], lines: Sequence[Screened], problem: SimulatedProblem
+) -> tuple[Fit, list[dict[str, Fit]]]:
+    """The hypothesis and the ties of each of its effects; a physical cause goes before one that stands for any of its form.
+
+    lines: of the first screening.
+    """
+    ties = [ties_of(fit, k, possible, lines, problem) for k in range(len(fit.candidates))]
     for k, tied in enumerate(ties):
         physical = [rival for rival in tied.values() if not rival.candidates[-1].effect.generic]
         if fit.candidates[k].effect.generic and physical:
-            return with_ties(min(physical, key=information), possible, problem)
+            return with_ties(min(physical, key=information), possible, lines, problem)
     return fit, ties
 
 
@@ -134,7 +157,7 @@ def look_for_ties(trace: Trace, tell: Tell) -> Trace:
     """Of an explained machine: the ties of each effect, and each effect with its evidence."""
     if trace.verdict != "explained":
         return replace(trace, decided="not needed: no effect is named")
-    final, ties = with_ties(trace.final, trace.candidates, trace.fit_problem)
+    final, ties = with_ties(trace.final, trace.candidates, trace.screening, trace.fit_problem)
     trace = replace(trace, final=final, ties=ties)
     gains = tuple(held_out_gains(final, trace.base, trace.validate_problem))
     effects = [named_effect(trace, k, tuple(tied), gains) for k, tied in enumerate(ties)]
