@@ -203,11 +203,11 @@ def test_a_tie_that_no_motion_separates_is_said_first():
     """The first line says so, and what would; with a motion that does it says what it is for."""
     pair = ("incline", "constant_force")
     stays = Promise(separations={pair: 5.0}, errors=(), information=0.0)
-    assert _purpose({}, pair, stays, (), None, {"load.moving_mass_kg": 60.0}) == (
+    assert _purpose({}, pair, stays, (), None, 60.0) == (
         "no motion separates incline, constant_force; a load of 60 kg would"
     )
-    assert _purpose({}, pair, stays, (), None, {}).startswith(
+    assert _purpose({}, pair, stays, (), None, None).startswith(
         "no motion separates incline, constant_force; another load"
     )
     goes = dataclasses.replace(stays, separations={pair: 500.0})
-    assert _purpose({}, pair, goes, (), None, {}) == "to separate incline, constant_force"
+    assert _purpose({}, pair, goes, (), None, None) == "to separate incline, constant_force"

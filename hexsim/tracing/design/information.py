@@ -188,17 +188,9 @@ def shrunk(one: Hypothesis, share: Array) -> tuple[float, ...]:
     return tuple(number.standard_error for number in replace(one, fit=fit).numbers)
 
 
-def loaded(one: Hypothesis, changes: dict[str, float]) -> Hypothesis:
-    """The hypothesis about the machine with another load: {"load.moving_mass_kg": 60.0}."""
-    return replace(one, fit=loaded_fit(one.fit, changes))
-
-
-def loaded_fit(fit: Fit, changes: dict[str, float]) -> Fit:
-    """The same of a fit."""
-    if not changes:
-        return fit
-    declared = tuple(replace(prior, declared=changes.get(prior.dotted, prior.declared)) for prior in fit.priors)
-    return replace(fit, machine=changed(fit.machine, changes), priors=declared)
+def with_load(fit: Fit, load_kg: float) -> Fit:
+    """A fit of the machine that people can put this on; exactly known."""
+    return replace(fit, machine=changed(fit.machine, {"load.additional_mass_kg": load_kg}))
 
 
 def refitted_separation(one: Hypothesis, other: Hypothesis, log: Log, noise: dict[str, float]) -> float:
@@ -237,10 +229,10 @@ class OpenRefits:
         }
         return replace(found, separations=separations)
 
-    def checked_with(self, log: Log, load: dict[str, float]) -> Promise:
-        """The same with another load."""
-        own = replace(self, hypotheses=tuple(loaded(one, load) for one in self.hypotheses))
-        return own.checked(log, own.promise(log))
+    def with_load(self, load_kg: float) -> OpenRefits:
+        """About the machine that people can put this on."""
+        own = tuple(replace(one, fit=with_load(one.fit, load_kg)) for one in self.hypotheses)
+        return replace(self, hypotheses=own)
 
 
 def inverse(matrix: Array) -> Array:

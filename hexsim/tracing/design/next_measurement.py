@@ -16,8 +16,8 @@ import tomli_w
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
+from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.files import changed
 from hexsim.scenarios.scenario import Scenario, scenario_from_dict
 from hexsim.tracing.design.information import SHARP, Number, OpenRefits, Promise, at_the_rest, hypothesis
 from hexsim.tracing.design.motions import MotionFamily
@@ -27,12 +27,13 @@ from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.selection import with_candidate
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import Trace
-from hexsim.tracing.steps.experiments import heavier_load, setpoint_log
 
 DURATION_s = 20.0
 FIRST, ROUNDS = 16, 1  # motions tried at first, and rounds of as many that come from the best of them
 CONTENDERS = 3  # of a machine that is not explained
 NO_GAIN = 0.8  # a motion that leaves more than this share of an error does not sharpen it
+LOAD_SHARE = 1.5  # of the machine's own mass: a load that is thought of where nobody has said what can be put on
+LOAD_COST = 0.1  # log: a motion with a load must be worth a tenth more
 CHECKED = 3  # of the best motions are checked by refits
 Tell = Callable[[str, float], None]
 Open = OpenRest | OpenRefits
@@ -94,8 +95,8 @@ def next_measurement(
 ) -> NextMeasurement:  # fmt: skip
     """The motion of this length that tells most about what the trace has left open.
 
-    first: motions tried at first; rounds: how often as many come from the best of them. may_load: a heavier load may be
-    asked for, where somebody can put it on.
+    first: motions tried at first; rounds: how often as many come from the best of them. may_load: the machine's additional
+    mass may be asked for, where somebody can put it on.
 
     Raises HexsimError where no motion of the family can be simulated.
     """
@@ -104,7 +105,7 @@ def next_measurement(
     asked = what_is_open(trace)
     numbers = tuple(asked.first.numbers)
     wanted = worst(numbers) if len(asked.labels) == 1 else None
-    family = MotionFamily(trace.machine, duration_s)
+    family = MotionFamily(trace.machine, duration_s, may_load and trace.machine.load.additional_mass_kg is not None)
     best = _search(family, partial(_promise, family, asked), wanted, (first, rounds), say)
     if not best:
         raise HexsimError(
@@ -112,18 +113,21 @@ def next_measurement(
         )
     say("checking it by refits", 1.0)
     tables, found = checked(asked, best, wanted, family)
-    load, apart = heavier_load(trace.machine), []
-    if found.tied:
-        log = setpoint_log(changed(trace.machine, load), tables)
-        loaded = asked.checked_with(log, load)
-        apart = [pair for pair in found.tied if pair not in loaded.tied]
-        if may_load and apart:
-            tables, found = tables | {"machine": load}, loaded
-    purpose = _purpose(tables, asked.labels, found, numbers, wanted, load if apart else {})
+    load_kg = trace.machine.load.additional_mass_kg if "machine" in tables else None
+    if found.tied and not family.may_load:
+        would = asked.with_load(heavier := LOAD_SHARE * own_mass(trace.machine))
+        log = replace(family.log(tables), loaded=True)
+        load_kg = heavier if set(found.tied) - set(would.checked(log, would.promise(log)).tied) else None
+    purpose = _purpose(tables, asked.labels, found, numbers, wanted, load_kg)
     tables["description"] = purpose[:1000]
     return NextMeasurement(
         tables=tables, purpose=purpose, promise=found, numbers=numbers, cannot=_cannot(trace, found, numbers)
     )
+
+
+def own_mass(machine: Machine) -> float:
+    """What the machine carries as declared [kg]."""
+    return float(machine.load.moving_mass_kg or machine.load.platform_mass_kg or 0.0)
 
 
 def checked(
@@ -132,10 +136,16 @@ def checked(
     """The first of the best motions whose refits separate what it promises; else the one that they leave the most."""
     tried = []
     for tables, promised in best:
-        tried.append((tables, asked.checked(setpoint_log(family.machine, tables), promised)))
+        tried.append((tables, asked.checked(family.log(tables), promised)))
         if tried[-1][1].tied == promised.tied:
             break
-    return max(tried, key=lambda item: item[1].worth(wanted))
+    return max(tried, key=lambda item: _worth(item, wanted))
+
+
+def _worth(item: tuple[dict[str, Any], Promise], wanted: int | None) -> float:
+    """What is made large: a load is work, and must bring something."""
+    tables, promised = item
+    return promised.worth(wanted) - (LOAD_COST if "machine" in tables else 0.0)
 
 
 def what_is_open(trace: Trace) -> Open:
@@ -203,7 +213,7 @@ def _promise(family: MotionFamily, asked: Open, point: np.ndarray) -> tuple[dict
     tables = family.scenario(point)
     if tables is None:
         return None
-    return tables, asked.promise(setpoint_log(family.machine, tables))
+    return tables, asked.promise(family.log(tables))
 
 
 def _search(
@@ -222,7 +232,7 @@ def _search(
         tried += 1
         say("designing the next measurement", tried / (first * (rounds + 1)))
         found = judge(point)
-        worth = -np.inf if found is None else found[1].worth(wanted)
+        worth = -np.inf if found is None else _worth(found, wanted)
         if found is None or not np.isfinite(worth):
             return 1e9
         kept.append((worth, found))
@@ -244,15 +254,17 @@ def _purpose(
     found: Promise,
     numbers: tuple[Number, ...],
     wanted: int | None,
-    load: dict[str, float],
+    load_kg: float | None,
 ) -> str:
-    """The first line. load: that would separate what no motion does."""
-    mass = f"a load of {next(iter(load.values())):.0f} kg" if load else ""
-    would = f"; {mass} would" if mass else "; another load or another sensor might"
+    """The first line. load_kg: the load of the motion, or one that would separate what no motion does."""
+    mass = f"a load of {load_kg:.3g} kg" if load_kg else ""
+    put_on = f", with {mass} on it" if "machine" in tables else ""
+    might = "another sensor might" if put_on else "another load or another sensor might"
+    would = f"; {mass} would" if mass and not put_on else f"; {might}"
     stay = [other for _, other in found.tied]
     apart = [label for label in labels[1:] if label not in stay]
     if apart:
-        said = f"to separate {', '.join([labels[0], *apart])}" + (f", with {mass}" if "machine" in tables else "")
+        said = f"to separate {', '.join([labels[0], *apart])}{put_on}"
         return said + (f"; no motion separates {', '.join([labels[0], *stay])}" if stay else "")
     if stay:
         return f"no motion separates {', '.join(labels)}{would}"
@@ -261,10 +273,12 @@ def _purpose(
         now = f"{number.name} of {number.effect} better: {number.value:.3g} +- {number.standard_error:.2g} now"
         if number.relative_of(expected) > SHARP and expected > NO_GAIN * number.standard_error:
             return f"no motion tells {now}; what is declared would have to be known better"
-        return f"to know {now}"
+        return f"to know {now}{put_on}"
     if numbers:
-        return "to know all declared parameters better: nothing is left to be told apart"
-    return "to know all declared parameters better, and what any machine has a little of: no hypothesis is left"
+        return f"to know all declared parameters better{put_on}: nothing is left to be told apart"
+    return (
+        f"to know all declared parameters better, and what any machine has a little of{put_on}: no hypothesis is left"
+    )
 
 
 def _cannot(trace: Trace, found: Promise, numbers: tuple[Number, ...]) -> tuple[str, ...]:

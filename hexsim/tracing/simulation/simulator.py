@@ -25,7 +25,7 @@ def simulate_log(
     noise: of the channels by kind, which weighs what the start of the log shows.  start_slopes: `slopes_of_start` of a
     machine nearby; without them they are worked out anew.
     """
-    rig, resolved = rig_of(machine, feedback, log.rate)
+    rig, resolved = rig_of(machine, feedback, log.loaded, log.rate)
     if (finer := samples_of_sample(log.rate, rig.controller.rate_Hz)) > 1:
         out = simulate_log(machine, log.finer(finer), feedback, noise, start_slopes)
         return {name: rows[..., ::finer] for name, rows in out.items()}
@@ -37,7 +37,7 @@ def simulate_log(
 
 def slopes_of_start(machine: Machine, log: Log, feedback: int, noise: Mapping[str, float]) -> Array | None:
     """What the start pressures of two-chamber legs change in the first seconds of a log, about a machine; see `start.shot`."""
-    rig, resolved = rig_of(machine, feedback, log.rate)
+    rig, resolved = rig_of(machine, feedback, log.loaded, log.rate)
     if (finer := samples_of_sample(log.rate, rig.controller.rate_Hz)) > 1:
         return slopes_of_start(machine, log.finer(finer), feedback, noise)
     inputs, start = inputs_of(log, rig), start_state(rig, resolved, log)
