@@ -154,7 +154,11 @@ def sensors_of(resolved: Resolved, rate_Hz: float) -> Sensors:
         top=pressure,
         acceleration=acceleration,
         supply_gain=float(shared.supply_pressure_gain),
-        filters=(*(filter_of(resolved, stem, rate_Hz) for stem in ("position", "pressure_bottom", "acceleration")),),
+        filters=(
+            filter_of(resolved, "position", rate_Hz),
+            filter_of(resolved, "pressure_bottom", rate_Hz),
+            filter_of(resolved, "acceleration", rate_Hz),
+        ),
         imu_place=(float(x), float(y), float(z)),
         imu_rotation=Rotation.from_rotvec(resolved.imu_turn_rad).as_matrix(),
     )
