@@ -33,6 +33,7 @@ class Evidence:
     takes, in the fit runs and held out.  remarkable: its size over that from which a machine is remarkable for it.
     apart: its number from each run alone (coordinates); spread: how far they are from it, over what is allowed.
     harm: of a sensor's effect, by what share the mean square of any row grows: what is late is late in every balance.
+    traded: the same in logarithms, over how much another row falls: beside a rest a true number is off, and harms a little.
     curve: mean square that a curve over one signal leaves of its own row, over what the effect leaves there.
     """
 
@@ -49,6 +50,7 @@ class Evidence:
     curve: float
     tied: tuple[str, ...]
     harm: float = 0.0
+    traded: float = np.inf
 
     @property
     def label(self) -> str:
@@ -66,7 +68,7 @@ def sure(evidence: Evidence) -> bool:
         and min(e.share_least, e.unseen_least) > 0.0
         and e.own > 0.5
         and e.spread < 1.0
-        and e.harm < rules.PARTLY_HARM
+        and min(e.harm, e.traded) < rules.PARTLY_HARM
         and not better_curve
     )
 
@@ -81,7 +83,7 @@ def evidence_of(
     held_out, held_out_resampled = shares_of(before, after, thin)
     own, everywhere = own_rows(candidate, problem), list(range(len(base.sizes)))
     falls = np.log(np.maximum(base.sizes, 1.0)) - np.log(np.maximum(rival.sizes, 1.0))
-    runs = apart(rival, problem)
+    harm, runs = harm_of(falls, problem) if candidate.effect.balance == "sensor" else 0.0, apart(rival, problem)
     others = [other for other in rivals if other.fit.candidates[-1].label != candidate.label]
     tied = [other for other in others if not (worse(other, rival, own, thin) or worse(other, rival, everywhere, thin))]
     return Evidence(
@@ -100,7 +102,8 @@ def evidence_of(
         remarkable=abs(size + shared_size(rival.fit, candidate)) / least_remarkable(candidate),
         apart=tuple(x for x, _ in runs),
         spread=max(abs(x - size) / max(3.0 * sd, rules.PARTLY_SPREAD * abs(size), 1e-12) for x, sd in runs),
-        harm=harm_of(falls, problem) if candidate.effect.balance == "sensor" else 0.0,
+        harm=harm,
+        traded=float(np.log1p(harm)) / max(2.0 * float(np.max(falls)), 1e-12),
         curve=left_by_a_curve(base, rival, own, problem),
         tied=tuple(sorted(other.fit.candidates[-1].label for other in tied)),
     )
