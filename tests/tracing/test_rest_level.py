@@ -28,7 +28,15 @@ from hexsim.tracing.fitting.parameters import (
     to_value,
     with_settings,
 )
-from hexsim.tracing.fitting.rest_evidence import Evidence, harm_of, most_restored, own_rows, sure, values_in_leg
+from hexsim.tracing.fitting.rest_evidence import (
+    Evidence,
+    harm_of,
+    kept_of,
+    most_restored,
+    own_rows,
+    sure,
+    values_in_leg,
+)
 from hexsim.tracing.fitting.rest_level import RestFit, ordinary_effects, prior_precision, row_counts, row_sizes
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.steps import shapes, violations
@@ -236,6 +244,23 @@ def test_a_sensors_effect_may_harm_a_row_by_a_little_of_what_it_takes_from_anoth
     harmful = replace(SURE, harm=0.13)
     assert not sure(replace(harmful, traded=np.log(1.13) / -np.log(0.55)))
     assert sure(replace(harmful, traded=np.log(1.13) / -np.log(0.01)))
+
+
+def test_held_out_a_little_is_enough_where_the_motion_asks_for_little():
+    """10 % of the rest, nearly all that the effect changes there; where it changes as much for nothing, no."""
+    little = replace(SURE, share=0.5, unseen=0.1, restored=(0.0, 0.0))
+    assert sure(replace(little, kept=0.9)) and not sure(replace(little, kept=0.2))
+    assert not sure(replace(little, unseen=0.02, kept=0.9))
+
+
+def test_what_an_effect_keeps_is_1_at_the_truth_and_negative_for_what_is_not_there():
+    """Of a rest with a signal in it: the signal taken off, twice of it, and another signal."""
+    rng = np.random.default_rng(5)
+    rest, signal, other = rng.standard_normal((3, 1, 200_000)) * np.array([3.0, 1.0, 1.0])[:, None, None]
+    held_out = rest + signal
+    assert kept_of([held_out], [rest]) == pytest.approx(1.0, abs=0.03)
+    assert kept_of([held_out], [rest - signal]) == pytest.approx(0.0, abs=0.03)
+    assert kept_of([held_out], [held_out - other]) == pytest.approx(-1.0, abs=0.05)
 
 
 def test_an_inclines_coordinate_is_proportional_to_its_force():

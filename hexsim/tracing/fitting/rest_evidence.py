@@ -34,6 +34,8 @@ class Evidence:
     apart: its number from each run alone (coordinates); spread: how far they are from it, over what is allowed.
     harm: of a sensor's effect, by what share the mean square of any row grows: what is late is late in every balance.
     traded: the same in logarithms, over how much another row falls: beside a rest a true number is off, and harms a little.
+    kept: of the fall that the change of the held-out misfit could bring at most, the share that it brings: 1 where it lies all
+    in the rest, whatever little of the effect that motion asks for.
     curve: mean square that a curve over one signal leaves of its own row, over what the effect leaves there.
     """
 
@@ -51,6 +53,7 @@ class Evidence:
     tied: tuple[str, ...]
     harm: float = 0.0
     traded: float = np.inf
+    kept: float = 0.0
 
     @property
     def label(self) -> str:
@@ -60,7 +63,8 @@ class Evidence:
 def sure(evidence: Evidence) -> bool:
     """Do all rules hold but that of size?"""
     e = evidence
-    takes = e.share >= rules.PARTLY_SHARE and e.unseen >= rules.PARTLY_SHARE_UNSEEN
+    asked_for = e.unseen >= rules.PARTLY_SHARE_ASKED and e.kept >= rules.PARTLY_KEPT
+    takes = e.share >= rules.PARTLY_SHARE and (e.unseen >= rules.PARTLY_SHARE_UNSEEN or asked_for)
     restores = min(e.restored) >= rules.PARTLY_RESTORED
     better_curve = e.share < rules.PARTLY_CURVE_SHARE and e.curve < rules.PARTLY_CURVE
     return (
@@ -104,6 +108,7 @@ def evidence_of(
         spread=max(abs(x - size) / max(3.0 * sd, rules.PARTLY_SPREAD * abs(size), 1e-12) for x, sd in runs),
         harm=harm,
         traded=float(np.log1p(harm)) / max(2.0 * float(np.max(falls)), 1e-12),
+        kept=kept_of(before, after),
         curve=left_by_a_curve(base, rival, own, problem),
         tied=tuple(sorted(other.fit.candidates[-1].label for other in tied)),
     )
@@ -129,6 +134,19 @@ def shares_of(before: Sequence[Array], after: Sequence[Array], thin_s: float) ->
         return 1.0 - float(np.exp(np.sum(np.log(ms[1])) - np.sum(np.log(ms[0]))))
 
     return share(np.arange(a.shape[1])), np.array([share(own) for own in draws])
+
+
+def kept_of(before: Sequence[Array], after: Sequence[Array]) -> float:
+    """Fall of the mean square over the mean square of the change, rows in units of what is left of each; 1 at the truth."""
+    weights = 1.0 / np.maximum(row_sizes(after), 1.0) ** 2
+    falls, changes = (
+        sum(float(weights @ np.sum(own, axis=1)) for own in rows)
+        for rows in (
+            [b**2 - a**2 for b, a in zip(before, after, strict=True)],
+            [(b - a) ** 2 for b, a in zip(before, after, strict=True)],
+        )
+    )
+    return falls / max(changes, 1e-12)
 
 
 def least(resampled: Array) -> float:
