@@ -48,6 +48,7 @@ class NextMeasurement:
     promise: Promise
     numbers: tuple[Number, ...]
     cannot: tuple[str, ...]
+    load_kg: float | None = None  # that is on the machine in this motion
 
     @property
     def scenario(self) -> Scenario:
@@ -66,6 +67,10 @@ class NextMeasurement:
         for number, error in zip(self.numbers, self.promise.errors, strict=True):
             now = f"{number.standard_error:.2g}"
             found.append(f"{number.effect} {number.name} = {number.value:.4g}: error {now} now, {error:.2g} expected")
+        if self.load_kg:
+            found.append(
+                f"put {self.load_kg:.4g} kg on it; its log: hexsim trace ... --load {self.load_kg:.4g} --loaded NAME"
+            )
         return found + [f"it cannot tell {item}" for item in self.cannot]
 
     def to_json(self) -> dict[str, Any]:
@@ -84,6 +89,7 @@ class NextMeasurement:
                 for number, error in zip(self.numbers, self.promise.errors, strict=True)
             ],
             "information": self.promise.information,
+            "load_kg": self.load_kg,
             "cannot": list(self.cannot),
             "scenario": self.tables,
         }  # fmt: skip
@@ -96,7 +102,8 @@ def next_measurement(
     """The motion of this length that tells most about what the trace has left open.
 
     first: motions tried at first; rounds: how often as many come from the best of them. may_load: the machine's additional
-    mass may be asked for, where somebody can put it on.
+    mass may be asked for, where somebody can put it on. It is asked for where no effect is named: what is left at another
+    load is another rest, and a cause has the same number in both.
 
     Raises HexsimError where no motion of the family can be simulated.
     """
@@ -105,23 +112,30 @@ def next_measurement(
     asked = what_is_open(trace)
     numbers = tuple(asked.first.numbers)
     wanted = worst(numbers) if len(asked.labels) == 1 else None
-    family = MotionFamily(trace.machine, duration_s, may_load and trace.machine.load.additional_mass_kg is not None)
+    may_load = may_load and trace.machine.load.additional_mass_kg is not None
+    family = MotionFamily(trace.machine, duration_s, may_load and bool(numbers), must_load=may_load and not numbers)
     best = _search(family, partial(_promise, family, asked), wanted, (first, rounds), say)
     if not best:
         raise HexsimError(
-            f"machine {trace.machine.name}: no motion inside its limits could be simulated; check stroke and cushions"
+            f"machine {trace.machine.name} with {asked.labels[0]} diverges in every motion inside its limits that was "
+            "simulated: no motion can be designed from these numbers; check stroke and cushions, or measure any rich motion"
         )
     say("checking it by refits", 1.0)
     tables, found = checked(asked, best, wanted, family)
     load_kg = trace.machine.load.additional_mass_kg if "machine" in tables else None
-    if found.tied and not family.may_load:
+    if found.tied and not may_load:
         would = asked.with_load(heavier := LOAD_SHARE * own_mass(trace.machine))
         log = replace(family.log(tables), loaded=True)
         load_kg = heavier if set(found.tied) - set(would.checked(log, would.promise(log)).tied) else None
     purpose = _purpose(tables, asked.labels, found, numbers, wanted, load_kg)
     tables["description"] = purpose[:1000]
     return NextMeasurement(
-        tables=tables, purpose=purpose, promise=found, numbers=numbers, cannot=_cannot(trace, found, numbers)
+        tables=tables,
+        purpose=purpose,
+        promise=found,
+        numbers=numbers,
+        cannot=_cannot(trace, found, numbers),
+        load_kg=load_kg if "machine" in tables else None,
     )
 
 
@@ -139,7 +153,7 @@ def checked(
         tried.append((tables, asked.checked(family.log(tables), promised)))
         if tried[-1][1].tied == promised.tied:
             break
-    return max(tried, key=lambda item: _worth(item, wanted))
+    return max(tried, key=lambda item: (-len(item[1].tied), _worth(item, wanted)))
 
 
 def _worth(item: tuple[dict[str, Any], Promise], wanted: int | None) -> float:
@@ -163,7 +177,7 @@ def what_is_open(trace: Trace) -> Open:
         hypotheses=tuple(
             hypothesis(label, fit, problem, named if k == 0 else frozenset()) for k, (label, fit) in enumerate(jobs)
         ),
-        noise=problem.noise,
+        problem=problem,
     )
 
 
@@ -245,7 +259,11 @@ def _search(
         cost, family.bounds, integrality=family.integrality, maxiter=rounds, polish=False, rng=0, updating="deferred",
         tol=0.0, **settings,
     )  # fmt: skip
-    return [item for _, item in sorted(kept, key=lambda item: -item[0])[:CHECKED]]
+    ranked = [item for _, item in sorted(kept, key=lambda item: -item[0])]
+    loaded = ["machine" in tables for tables, _ in ranked]
+    firsts = {loaded.index(own) for own in set(loaded)}  # the best with a load, and the best without
+    places = sorted(firsts | set(range(len(ranked))), key=lambda k: (k not in firsts, k))[:CHECKED]
+    return [ranked[k] for k in sorted(places)]
 
 
 def _purpose(
