@@ -21,8 +21,9 @@ from hexsim.tracing.checks.same_machine import check_same_machine
 from hexsim.tracing.design import next_measurement
 from hexsim.tracing.design.information import Hypothesis, Promise, growth, hypothesis, promise, shrunk
 from hexsim.tracing.design.motions import KINDS, STEP_SHARE, MotionFamily
-from hexsim.tracing.design.next_measurement import _purpose, surviving, what_is_open
+from hexsim.tracing.design.next_measurement import surviving, what_is_open
 from hexsim.tracing.design.rest import as_measured
+from hexsim.tracing.design.words import purpose_of
 from hexsim.tracing.fitting.fit import refine, start_fit
 from hexsim.tracing.fitting.parameters import named, priors
 from hexsim.tracing.fitting.rest_evidence import worse
@@ -207,14 +208,14 @@ def test_a_tie_that_no_motion_separates_is_said_first():
     """The first line says so, and what would; with a motion that does it says what it is for."""
     pair = ("incline", "constant_force")
     stays = Promise(separations={pair: 5.0}, errors=(), information=0.0)
-    assert _purpose({}, pair, stays, (), None, 60.0) == (
+    assert purpose_of({}, pair, stays, (), None, 60.0) == (
         "no motion separates incline, constant_force; a load of 60 kg would"
     )
-    assert _purpose({}, pair, stays, (), None, None).startswith(
+    assert purpose_of({}, pair, stays, (), None, None).startswith(
         "no motion separates incline, constant_force; another load"
     )
     goes = dataclasses.replace(stays, separations={pair: 500.0})
-    assert _purpose({}, pair, goes, (), None, None) == "to separate incline, constant_force"
+    assert purpose_of({}, pair, goes, (), None, None) == "to separate incline, constant_force"
 
 
 @pytest.fixture(scope="module")

@@ -29,6 +29,7 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 Array = np.ndarray
 SHARP = 0.1  # a number known to this share is sharp
 UNKNOWN = 1e-9  # share of what is known after a motion below which nothing is known
+CALM, CALM_SHARE = 5.0, 0.5  # times the noise; least share of a motion
 CREDIBLE = 2.0  # information a coordinate: errors smaller by e
 LEAST = 0.05  # of the needed separation: less is nothing
 
@@ -161,31 +162,40 @@ class Promise:
 def promise(hypotheses: list[Hypothesis], log: Log, noise: dict[str, float]) -> Promise:
     """What a motion, given as a log of its setpoints, would tell of the hypotheses.
 
-    Where the spread of what drives the machine grows beyond the noise, nothing counts: there a real machine is elsewhere.
+    Where what drives the machine spreads its answer far beyond the noise, nothing counts: there a real machine is elsewhere.
+    A motion with much of that, slow or small, promises nothing: no trace reaches the noise in it.
     """
     first = hypotheses[0]
     problem = SimulatedProblem(logs=(log,), noise=noise).with_input_uncertainty(first.fit.fitted_machine())
     settle = problem.settle(0)
     answers = in_parallel(lambda one: problem.answer(one.fit.fitted_machine(), 0)[:, settle:], hypotheses)
-    if not all(np.isfinite(answer).all() for answer in answers):
-        return Promise(separations={}, errors=tuple(np.inf for _ in hypotheses[0].numbers), information=-np.inf)
     sigma = problem.sigma(0)[:, settle:]
-    calm = (
-        problem.input_uncertainty[0][:, settle:]
-        < np.array([noise[kind_of(name)] for name in problem.channels(0)])[:, None]
-    )
+    calm = calm_samples(problem)
+    if not all(np.isfinite(answer).all() for answer in answers):
+        return Promise(separations={}, errors=tuple(np.inf for _ in first.numbers), information=-np.inf)
+    pairs = [(i, k) for i in range(len(hypotheses)) for k in range(i + 1, len(hypotheses))]
+    labels = {(i, k): (hypotheses[i].label, hypotheses[k].label) for i, k in pairs}
+    if np.mean(calm) < CALM_SHARE:
+        now = tuple(number.standard_error for number in first.numbers)
+        return Promise(separations=dict.fromkeys(labels.values(), 0.0), errors=now, information=-CREDIBLE)
     columns = [own * calm for own in sensitivities(first.fit, problem)]
     after = first.known + normal_matrix(columns)
     flat = columns[0].reshape(len(after), -1)
     inverse_before, inverse_after = inverse(first.known), inverse(after)
     separations = {}
-    for i, one in enumerate(hypotheses):
-        for k in range(i + 1, len(hypotheses)):
-            d = ((answers[k] - answers[i]) / sigma * calm).ravel()
-            b = flat @ d
-            separations[one.label, hypotheses[k].label] = max(float(d @ d - b @ inverse_after @ b), 0.0)
+    for i, k in pairs:
+        d = ((answers[k] - answers[i]) / sigma * calm).ravel()
+        b = flat @ d
+        separations[labels[i, k]] = max(float(d @ d - b @ inverse_after @ b), 0.0)
     shrink = np.sqrt(np.maximum(np.diag(inverse_after), 0.0) / np.maximum(np.diag(inverse_before), 1e-300))
     return Promise(separations=separations, errors=shrunk(first, shrink), information=growth(first.known, after))
+
+
+def calm_samples(problem: SimulatedProblem) -> Array:
+    """Samples (n_used,) of the first log at which the spread of the accelerations is within CALM times their noise."""
+    rows = [k for k, name in enumerate(problem.channels(0)) if "acceleration" in name]
+    limit = CALM * np.array([problem.noise[kind_of(problem.channels(0)[k])] for k in rows])[:, None]
+    return np.all(problem.input_uncertainty[0][rows, problem.settle(0) :] < limit, axis=0)
 
 
 def growth(before: Array, after: Array) -> float:

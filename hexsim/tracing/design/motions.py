@@ -43,7 +43,15 @@ class MotionFamily:
     @property
     def bounds(self) -> list[tuple[float, float]]:
         """kind, axis, size, two frequencies, slope of the amplitudes, seed of the phases, load; whole: `integrality`."""
-        own = [(0, len(KINDS) - 1), (0, len(self.axes) - 1), (0, 1), (0, 1), (0, 1), (0, 1), (0, SEEDS - 1)]
+        own: list[tuple[float, float]] = [
+            (0, len(KINDS) - 1),
+            (0, len(self.axes) - 1),
+            (0, 1),
+            (0, 1),
+            (0, 1),
+            (0, 1),
+            (0, SEEDS - 1),
+        ]
         return [*own, (0, 1)] if self.may_load else own
 
     @property
