@@ -134,7 +134,7 @@ def felt_by_imu(log: Log, resolved: Resolved, omega: Array) -> Array:
 def wrench_residual(log: Log, machine: Machine) -> tuple[Array, Array]:
     """r_J (6, n) under the window, and the legs' lines (n, 6, 6) in the platform frame: wrench = thrusts . lines."""
     resolved, window = resolved_machine(machine), Window(log.rate)
-    body = moving_body(resolved)
+    body = moving_body(resolved, log.loaded)
     points = [measured_point(log, machine, resolved, i) for i in range(6)]
     motion = platform_motion(log, resolved, [point.sensed for point in points])
     thrusts = np.empty((log.n, 6))

@@ -75,10 +75,10 @@ class Rig(NamedTuple):
     rule: StepRule
 
 
-def rig_of(machine: Machine, feedback: int = 0) -> tuple[Rig, Resolved]:
-    """The machine's numbers. feedback: 0 the declared position loop, 1 the logged volts."""
+def rig_of(machine: Machine, feedback: int = 0, loaded: bool = False) -> tuple[Rig, Resolved]:
+    """The machine's numbers. feedback: 0 the declared position loop, 1 the logged volts. loaded: with its additional mass."""
     resolved, controller = resolve(machine), machine.controller
-    load = load_of(resolved)
+    load = load_of(resolved, loaded)
     rig = Rig(
         legs=resolved.rows,
         geometry=geometry_of(resolved),
@@ -109,11 +109,11 @@ def geometry_of(resolved: Resolved) -> Array:
     return np.column_stack([kinematics.base_joints, kinematics.platform_joints, kinematics.retracted_length_m])
 
 
-def load_of(resolved: Resolved) -> Load:
+def load_of(resolved: Resolved, loaded: bool = False) -> Load:
     """Bodies; of payloads on springs the first."""
     modes = resolved.payload_modes
     spring = suspension(modes[0]) if modes else Suspension(0.0, 0.0, 0.0)
-    body = moving_body(resolved)
+    body = moving_body(resolved, loaded)
     compliance = np.linalg.inv(mass_matrix(body)) if any(body.inertia[0]) else np.diag([1 / body.mass] * 3 + [0.0] * 3)
     x, y, z = (float(g) for g in resolved.gravity_m_s2)
     return Load(body=body, compliance=compliance, gravity=(x, y, z), spring=spring)

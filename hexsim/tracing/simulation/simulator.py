@@ -22,7 +22,7 @@ def simulate_log(machine: Machine, log: Log, feedback: int, noise: Mapping[str, 
     acceleration (1, n) of a bench, (3, n) of a platform, angular_acceleration (3, n) of a platform.
     noise: of the channels by kind, which weighs what the start of the log shows.
     """
-    rig, resolved = rig_of(machine, feedback)
+    rig, resolved = rig_of(machine, feedback, log.loaded)
     if (finer := samples_of_sample(log.rate, rig.controller.rate_Hz)) > 1:
         out = simulate_log(machine, log.finer(finer), feedback, noise)
         return {name: rows[..., ::finer] for name, rows in out.items()}
