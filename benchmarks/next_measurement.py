@@ -127,8 +127,8 @@ def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
             if left_open(line["first"]):
                 design = next_measurement(first)
                 tell(design.purpose)
-                loaded = "machine" in design.tables
-                line["design"] = design.to_json() | {"scenario": design.tables["axes"], "loaded": loaded}
+                loaded = design.load_kg is not None
+                line["design"] = design.to_json() | {"scenario": design.tables["axes"]}
                 write_driven(folder, with_load(plant, seed) if loaded else plant, "designed", design.tables, seed)
                 write_loaded(folder, plant, seed)
                 for key, run in {

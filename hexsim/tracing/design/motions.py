@@ -38,11 +38,20 @@ class MotionFamily:
     machine: Machine
     duration_s: float
     may_load: bool = False  # the machine's additional mass may be put on
+    must_load: bool = False  # it is
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
         """kind, axis, size, two frequencies, slope of the amplitudes, seed of the phases, load; whole: `integrality`."""
-        own = [(0, len(KINDS) - 1), (0, len(self.axes) - 1), (0, 1), (0, 1), (0, 1), (0, 1), (0, SEEDS - 1)]
+        own: list[tuple[float, float]] = [
+            (0, len(KINDS) - 1),
+            (0, len(self.axes) - 1),
+            (0, 1),
+            (0, 1),
+            (0, 1),
+            (0, 1),
+            (0, SEEDS - 1),
+        ]
         return [*own, (0, 1)] if self.may_load else own
 
     @property
@@ -83,7 +92,7 @@ class MotionFamily:
             scale /= FREE * self._beyond(tables, jumps=kind == "block") / size
             if not 1e-6 < scale < 1e6:
                 return None
-        if self.may_load and round(point[7]):
+        if self.must_load or (self.may_load and round(point[7])):
             tables["machine"] = loaded_machine(self.machine)
         return tables if self._beyond(tables, jumps=kind == "block") <= 1.0 else None
 
