@@ -71,6 +71,7 @@ VALVE = record(  # valve.py
     null_V="f8",  # volts that lie in the middle between both edges
     leak_m_s="f8",  # oil that flows into the chamber while the valve is closed
     leak_known="i8", null_rate_V_s="f8",
+    half_windows="i8", last_half_windows="i8",  # windows in this half stroke, and in the one before
     four_way="i8", differential="i8", across_Pa="f8",  # P1 - P2, as it leaks across the piston
     across_sum="f8", across_phi="f8", across_means=("f8", (2,)), across_squares="f8", across_m_s_Pa="f8",  # piston_leak.py
     ticks="i8",  # since the last window that was used
