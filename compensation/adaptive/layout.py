@@ -106,7 +106,7 @@ REFERENCE = record(  # reference.py: y_m at the tick boundary looked at last
     expected_m_s2="f8",  # of the setpoints, at that boundary
     load_lag_m_s2="f8",  # by which the load of the reference lags it
     load_given="i8",  # 1 for the step to come, 2 for the last one
-    feed_forward="f8",  # g
+    feed_forward="f8", linear="f8",  # g, h
     position_m="f8", velocity_m_s="f8", acceleration_m_s2="f8",
     lag_m="f8",  # r - y_m
 )  # fmt: skip
@@ -158,6 +158,7 @@ DELAY = record(  # delay.py
     error_m=("f8", (BEFORE + AFTER + 1,)), pulse=("f8", (5 * (PAST_VOLTS + 2),)),  # work
 )  # fmt: skip
 LATENESS = record(tick_s="f8", late_s="f8", pressures_Pa=("f8", (LATE_TICKS + 2,)))  # lateness.py  # fmt: skip
+TRUST = record(error_m_s2="f8", trusted="i8")  # trust.py
 MONITOR = record(  # monitor.py
     tick_s="f8",
     noise_m="f8",  # standard deviation of a position
@@ -234,7 +235,7 @@ DESIGN = record(  # taps.py, least_squares.py: work
 )  # fmt: skip
 STATE = record(
     settings=SETTINGS, valve=VALVE, friction=FRICTION, reference=REFERENCE, inverse=INVERSE, engagement=ENGAGEMENT,
-    monitor=MONITOR, rounding=ROUNDING, leak=LEAK, trim=TRIM, delay=DELAY, lateness=LATENESS, prediction=PREDICTION,
+    monitor=MONITOR, trust=TRUST, rounding=ROUNDING, leak=LEAK, trim=TRIM, delay=DELAY, lateness=LATENESS, prediction=PREDICTION,
     demands=DEMAND, loop=LOOP, chambers=CHAMBERS,
     lag_s="f8", delay_s="f8",  # spool lag that the taps were designed for, and how much of it is delay and no spool
     resonance_Hz="f8",  # of the load on the oil, for the damping; 0 = unknown

@@ -49,6 +49,7 @@ from .presliding import add_to_presliding, update_presliding
 from .reference import advance_reference, expect_load
 from .spool import look_ahead_shift, round_lag
 from .stribeck import add_to_stribeck, update_stribeck
+from .trust import judge_compensated
 from .valve import add_to_valve, recentre, valve_ready, valve_rejected, valve_usable
 
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
@@ -240,6 +241,8 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     travel_m = abs(velocity_m_s) * settings.tick_s
     add_to_presliding(presliding, sign, travel_m, stribeck_share(velocity_m_s), friction_step)
     if complete and compensated:
+        softness = softness_m_Pa(state.delay) / compliance_m_Pa(settings, 0.5 * settings.stroke_m)
+        judge_compensated(state.trust, stribeck.deviation_Pa, inertia, softness)
         update_presliding(
             presliding, stribeck.deviation_Pa, stribeck.position_error_m, inertia, friction.half_step_Pa,
             settings.tick_s,
