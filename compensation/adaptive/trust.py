@@ -7,7 +7,8 @@ with a bump where plain control has none. So g waits for what the pressure lacks
     e = rms (F P~ - line) / p1     over the history of a reversal, F means over 5 and 4 ticks; less its noise
 
 as acceleration of the load. It is low-passed from reversal to reversal; below QUIET g rises, above LOUD it falls. Oil that
-is much softer than the data sheet's is not delivered in full either.
+is much softer than the data sheet's is not delivered in full either. A platform's leg that is told its load does not wait:
+legs that lag differently would tilt the platform.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ import numpy as np
 from ..compiled import compiled
 from .layout import REACH
 
-UNKNOWN_M_S2 = 0.5  # e before anything is known
-SHARE = 0.35  # low-pass of e, a reversal
-QUIET_M_S2, LOUD_RATIO = 0.03, 1.6  # and the noise of a pressure; over it
+UNKNOWN_M_S2 = 0.3  # e before anything is known
+SHARE = 0.45  # low-pass of e, a reversal
+QUIET_M_S2, LOUD_RATIO = 0.025, 1.5  # and the noise of a pressure; over it
 FILTER = np.convolve(np.full(5, 0.2), np.full(4, 0.25))  # 3 dB down at 33 Hz
 NOISE_PA = 4e3 * float(np.linalg.norm(FILTER))  # of F P~
 SOFT = 0.3  # of the data sheet's compliance: oil softer by this
