@@ -106,7 +106,8 @@ def _move_feed_forward(state, identified):
         rise_s = ARMED_FEED_FORWARD_S if engagement.armed else settings.feed_forward_s
         change = settings.tick_s / rise_s if coming else -settings.tick_s / settings.disengage_s
         reference.linear = clip(reference.linear + change, 0.0, 1.0)
-        if coming and not (state.trust.trusted or engagement.armed or reference.load_given == 2):
+        waits = state.trust.turning_s > 0.0 and not state.trust.trusted
+        if coming and waits and not engagement.armed and reference.load_given != 2:
             change = -change
         reference.feed_forward = clip(reference.feed_forward + change, 0.0, 1.0)
         engagement.armed = engagement.armed and 0.0 < reference.linear < 1.0

@@ -145,6 +145,8 @@ TRIM = record(  # edge_rounding.py
 )  # fmt: skip
 DELAY = record(  # delay.py
     tick_s="f8", sums=("f8", (SPOOLS * LATES,)), reversals="i8",
+    heard=("f8", (SPOOLS * LATES,)), heard_reversals="f8",  # the same of the other legs of a machine
+    tells="i8", hears="i8",  # a reversal was judged in this tick; one was heard of
     volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), oil_m=("f8", (BEFORE + AFTER + 1,)),  # oldest first
     direction="f8",
     ticks="i8",  # since the demanded flow reversed
@@ -158,7 +160,7 @@ DELAY = record(  # delay.py
     error_m=("f8", (BEFORE + AFTER + 1,)), pulse=("f8", (5 * (PAST_VOLTS + 2),)),  # work
 )  # fmt: skip
 LATENESS = record(tick_s="f8", late_s="f8", pressures_Pa=("f8", (LATE_TICKS + 2,)))  # lateness.py  # fmt: skip
-TRUST = record(error_m_s2="f8", trusted="i8")  # trust.py
+TRUST = record(error_m_s2="f8", trusted="i8", since_s="f8", turning_s="f8", direction="f8")  # trust.py
 MONITOR = record(  # monitor.py
     tick_s="f8",
     noise_m="f8",  # standard deviation of a position

@@ -4,10 +4,10 @@
     D(w) = w - (1 - h) delta w / sqrt(w^2 + (SOFTNESS delta)^2);   midpoint rule
 
 r is the setpoint, n the valve's null, q the velocity that a leak gives, delta the valve's half dead band, s its gain,
-g the share of the feed-forward, h that of the dead-band compensation. With g = h = 0 this is the motion that the position loop makes of the setpoint through the
-uncompensated valve, but for the standstill at a reversal, which it passes smoothly. So engaging in the midst of a
-stroke hardly changes the motion. h then rises to 1: no dead band. g follows where the compensation is trusted (trust.py);
-with g = 1 y_m = r: full velocity feed-forward.
+g the share of the feed-forward, h that of the dead-band compensation. With g = h = 0 this is the motion that the position
+loop makes of the setpoint through the uncompensated valve, but for the standstill at a reversal, which it passes
+smoothly. So engaging in the midst of a stroke hardly changes the motion. h then rises to 1: no dead band. So does g, in
+motion with small turns once the compensation is trusted (trust.py). With g = 1 y_m = r: full velocity feed-forward.
 
 The load a of the pressure is y_m''. A leg of a platform is told what the setpoints of all legs give it, a_r; the other
 legs lag like this one:

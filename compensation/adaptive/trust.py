@@ -1,8 +1,9 @@
-"""Whether the feed-forward may come in: how well compensated reversals do what is asked of them.
+"""Whether the feed-forward may come in where a motion has small turns: how well compensated reversals do what is asked.
 
 While y_m still lags the setpoint as plain control does (g = 0), small turns of the setpoint are swallowed as plain control
 swallows them. With g = 1 they are made, and a compensation that does not know delay, bristles or friction yet makes them
-with a bump where plain control has none. So g waits for what the pressure lacks about compensated reversals,
+with a bump where plain control has none. So where two reversals of the setpoint came within SHORT_S of late, g waits
+for what the pressure lacks about compensated reversals,
 
     e = rms (F P~ - line) / p1     over the history of a reversal, F means over 5 and 4 ticks; less its noise
 
@@ -20,12 +21,26 @@ import numpy as np
 from ..compiled import compiled
 from .layout import REACH
 
-UNKNOWN_M_S2 = 0.3  # e before anything is known
+UNKNOWN_M_S2 = 0.4  # e before anything is known
 SHARE = 0.45  # low-pass of e, a reversal
-QUIET_M_S2, LOUD_RATIO = 0.025, 1.5  # and the noise of a pressure; over it
+QUIET_M_S2, LOUD_RATIO = 0.018, 1.5  # and the noise of a pressure; over it
 FILTER = np.convolve(np.full(5, 0.2), np.full(4, 0.25))  # 3 dB down at 33 Hz
 NOISE_PA = 4e3 * float(np.linalg.norm(FILTER))  # of F P~
+SHORT_S, MEMORY_S = 0.45, 30.0  # between the two reversals of a small turn; for which it is remembered
+TURN_M_S = 2e-3  # speed from which the setpoint has turned
 SOFT = 0.3  # of the data sheet's compliance: oil softer by this
+
+
+@compiled
+def watch_turns(trust, setpoint_m_s, tick_s):
+    """One tick of the setpoint's velocity."""
+    trust.since_s += tick_s
+    trust.turning_s = max(0.0, trust.turning_s - tick_s)
+    if abs(setpoint_m_s) > TURN_M_S:
+        if setpoint_m_s * trust.direction < 0.0:
+            trust.turning_s = MEMORY_S if trust.since_s < SHORT_S else trust.turning_s
+            trust.since_s = 0.0
+        trust.direction = setpoint_m_s
 
 
 @compiled

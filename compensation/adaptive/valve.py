@@ -129,7 +129,9 @@ def _follow_null(valve, error_m, edge):
     off = -valve.direction * clip(off, -NULL_ERROR_V, NULL_ERROR_V)
     since = min(valve.ticks, NULL_TICKS) * valve.tick_s
     valve.ticks = 0
-    valve.null_rate_V_s = clip(valve.null_rate_V_s + NULL_BETA * share * share * off / since, -NULL_RATE_V_S, NULL_RATE_V_S)
+    valve.null_rate_V_s = clip(
+        valve.null_rate_V_s + NULL_BETA * share * share * off / since, -NULL_RATE_V_S, NULL_RATE_V_S
+    )
     null_V = valve.null_V + share * off + valve.null_rate_V_s * since
     valve.null_V = clip(null_V, -MAX_DEAD_BAND_V, MAX_DEAD_BAND_V)
 
