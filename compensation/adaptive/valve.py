@@ -47,6 +47,7 @@ from .valve_edge import (
 MAX_LAG_OIL_M = 15e-6  # oil at a crossing of the overlap by which the lags of both edges may differ: one spool, one lag
 NULL_TOLERANCE_V = 5e-3  # by which the null may be off the middle of the edges
 NULL_ALPHA, NULL_BETA = 0.08, 0.47  # most with which the null follows, a window; and its rate, of the square of it
+NULL_PERIOD = 2.0  # with which it follows, over the windows of the last two half strokes
 NULL_ERROR_V, NULL_RATE_V_S, NULL_TICKS = 5e-3, 0.03, 100  # bounds: an error, the rate, ticks between windows
 UNKNOWN_LEAK = 3.0  # times the slowest speed of a window, while a leak may move the piston by itself
 RESTORED_VARIANCE, RESTORED_COUNT = (
@@ -122,9 +123,9 @@ def recentre(valve):
 
 @compiled
 def _follow_null(valve, error_m, edge):
-    """What a window left over moves the null, and its rate (alpha-beta filter), in a period and no sooner: within a
+    """What a window left over moves the null, and its rate (alpha-beta filter), in half a period and no sooner: within a
     half stroke an error of the lag looks like a null that drifts, and both would wander."""
-    share = min(NULL_ALPHA, 1.0 / (valve.half_windows + valve.last_half_windows))
+    share = min(NULL_ALPHA, NULL_PERIOD / (valve.half_windows + valve.last_half_windows))
     off = error_m / (edge.gain_m_s_V * edge.root * valve.window * valve.tick_s)
     off = -valve.direction * clip(off, -NULL_ERROR_V, NULL_ERROR_V)
     since = min(valve.ticks, NULL_TICKS) * valve.tick_s
