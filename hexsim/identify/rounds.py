@@ -33,7 +33,8 @@ from hexsim.motion_computer.states import State
 from hexsim.tracing.design import next_measurement
 from hexsim.tracing.design.information import SHARP
 from hexsim.tracing.design.motions import MotionFamily
-from hexsim.tracing.design.next_measurement import NO_GAIN, surviving
+from hexsim.tracing.design.next_measurement import surviving
+from hexsim.tracing.design.words import NO_GAIN
 from hexsim.tracing.state import Trace
 from hexsim.tracing.trace import trace
 
