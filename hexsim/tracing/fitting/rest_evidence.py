@@ -87,7 +87,7 @@ def evidence_of(
     held_out, held_out_resampled = shares_of(before, after, thin)
     own, everywhere = own_rows(candidate, problem), list(range(len(base.sizes)))
     falls = np.log(np.maximum(base.sizes, 1.0)) - np.log(np.maximum(rival.sizes, 1.0))
-    harm, runs = harm_of(falls, problem) if candidate.effect.balance == "sensor" else 0.0, apart(rival, problem)
+    harm, runs = harm_of(falls, problem, own) if candidate.effect.balance == "sensor" else 0.0, apart(rival, problem)
     others = [other for other in rivals if other.fit.candidates[-1].label != candidate.label]
     tied = [other for other in others if not (worse(other, rival, own, thin) or worse(other, rival, everywhere, thin))]
     return Evidence(
@@ -161,10 +161,11 @@ def worse(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float) ->
     return share > rules.PARTLY_TIE and least(resampled) > 0.0
 
 
-def harm_of(falls: Array, problem: BalanceProblem) -> float:
-    """By what share the mean square of any row grows; falls: of the logarithm of its size (n_rows,).
+def harm_of(falls: Array, problem: BalanceProblem, own: list[int] | slice = slice(None)) -> float:
+    """By what share the mean square of any of its own rows grows; falls: of the logarithm of the sizes of all (n_rows,).
 
-    Of a balance whose fast part has rows of its own both count together: they are one residual.
+    What all legs share shifts with an effect in one of them: another leg's rows are no witness. Of a balance whose fast
+    part has rows of its own both count together: they are one residual.
     """
     whole, first, places = falls.copy(), 0, {}
     for part in problem.parts:
@@ -172,7 +173,7 @@ def harm_of(falls: Array, problem: BalanceProblem) -> float:
         for name in part.balance.other_names.keys() & places.keys():
             whole[list(places[name])] += falls[list(places[part.balance.name])]
         first += len(part.rows)
-    return float(np.max(np.exp(-2.0 * whole))) - 1.0
+    return float(np.max(np.exp(-2.0 * whole[own]), initial=1.0)) - 1.0
 
 
 def own_rows(candidate: Candidate, problem: BalanceProblem) -> list[int]:
