@@ -18,19 +18,18 @@ from hexsim.tracing import rules
 from hexsim.tracing.balances.controller import Loop
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
-from hexsim.tracing.fitting.screening import columns_of
+from hexsim.tracing.fitting.screening import Screened, columns_of
 from hexsim.tracing.fitting.selection import information, scale_of, try_candidate
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace
-from hexsim.tracing.steps.balance_search import joint_problem
 from hexsim.tracing.steps.hypotheses import simulated_fit
 from hexsim.tracing.steps.verdict import held_out_gains
-from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
 SAME_TERM = 1e-8  # share that one column leaves of another where both are one term
+TIE_FAR = 0.25  # candidates are no ties that do less than this share of the named effect in the balances
 TANGENT = 0.05  # share of the trial size at which tangents are taken: near a resonance the answer is soon nonlinear
 
 
@@ -88,6 +87,19 @@ def stand_ins(
     return [(candidate, theta) for _, candidate, theta in best]
 
 
+def alike_in_balances(own: Candidate, possible: Sequence[Candidate], lines: Sequence[Screened]) -> list[Candidate]:
+    """Candidates that may do in the balances what an effect does there: two that give the same signals leave them alike.
+
+    All of them where the balances do not show the effect; and those that the balances do not show. lines: of a screening.
+    """
+    columns = {id(line.candidate): np.concatenate([x.ravel() for x in line.column]) for line in lines}
+    directions = {key: x / np.linalg.norm(x) for key, x in columns.items() if np.any(x)}
+    there = [line.candidate for line in lines if line.candidate.label == own.label]
+    does = [directions[id(candidate)] for candidate in there if id(candidate) in directions]
+    alike = {key: max((float(x @ one) ** 2 for one in does), default=1.0) for key, x in directions.items()}
+    return [candidate for candidate in possible if alike.get(id(candidate), 1.0) > TIE_FAR]
+
+
 def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedProblem) -> dict[str, Fit]:
     """Effects that can stand for effect k: label -> the hypothesis with it, refitted on the whole runs."""
     head = problem.head(rules.TRIAGE_S)
@@ -130,18 +142,18 @@ def same_terms(
     return found
 
 
-def with_ties(
-    fit: Fit, possible: Sequence[Candidate], problem: SimulatedProblem, balances: BalanceProblem
-) -> tuple[Fit, list[dict[str, Fit]]]:
+def with_ties(fit: Fit, trace: Trace) -> tuple[Fit, list[dict[str, Fit]]]:
     """The hypothesis and the ties of each of its effects; a physical cause goes before one that stands for any of its form."""
-    ties = [
-        same_terms(fit, k, possible, balances, problem) | ties_of(fit, k, possible, problem)
-        for k in range(len(fit.candidates))
-    ]
+    problem, balances = trace.fit_problem, trace.balance_problem
+    ties = []
+    for k, own in enumerate(fit.candidates):
+        near = alike_in_balances(own, trace.candidates, trace.screening)
+        same = {} if balances is None else same_terms(fit, k, near, balances, problem)
+        ties.append(same | ties_of(fit, k, near, problem))
     for k, tied in enumerate(ties):
         physical = [rival for rival in tied.values() if not rival.candidates[-1].effect.generic]
         if fit.candidates[k].effect.generic and physical:
-            return with_ties(min(physical, key=information), possible, problem, balances)
+            return with_ties(min(physical, key=information), trace)
     return fit, ties
 
 
@@ -170,9 +182,7 @@ def look_for_ties(trace: Trace, tell: Tell) -> Trace:
     """Of an explained machine: the ties of each effect, and each effect with its evidence."""
     if trace.verdict != "explained":
         return replace(trace, decided="not needed: no effect is named")
-    own = own_machine(trace.machine, trace.violations)
-    balances = joint_problem(trace.fit_problem, trace.violations, own)
-    final, ties = with_ties(trace.final, trace.candidates, trace.fit_problem, balances)
+    final, ties = with_ties(trace.final, trace)
     trace = replace(trace, final=final, ties=ties)
     gains = tuple(held_out_gains(final, trace.base, trace.validate_problem))
     effects = [named_effect(trace, k, tuple(tied), gains) for k, tied in enumerate(ties)]
