@@ -52,6 +52,13 @@ def test_the_version_is_that_of_the_package():
     assert result.exit_code == 0 and result.output == f"hexsim {hexsim.__version__}\n"
 
 
+def test_the_command_line_without_its_script():
+    """`python -m hexsim` is the same command line: a script folder need not be on the path."""
+    command = [sys.executable, "-m", "hexsim", "--version"]
+    answer = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=True)
+    assert answer.stdout == f"hexsim {hexsim.__version__}\n"
+
+
 def test_run_leaves_a_folder_and_prints_its_table(tmp_path):
     """`hexsim run heave` on the hexapod: files as documented, every axis in the table, the driven one first."""
     result = hexsim_command("run", "heave", "--fast", "--duration", "3", cwd=tmp_path)

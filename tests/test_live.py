@@ -135,7 +135,7 @@ def test_without_a_screen_one_sentence(tmp_path):
     """`hexsim live` where no window can open ends with code 2 and a sentence, not with GLFW's exit."""
     environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
     environment["PYTHONPATH"] = str(Path(__file__).parents[1])
-    command = [sys.executable, "-m", "hexsim.cli", "live", "-m", "bench", "--seconds", "1"]
+    command = [sys.executable, "-m", "hexsim", "live", "-m", "bench", "--seconds", "1"]
     ended = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert ended.returncode == 2
     assert ended.stderr.startswith("hexsim: there is no screen") and "Traceback" not in ended.stderr

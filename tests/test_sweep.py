@@ -248,7 +248,7 @@ def command(table: Path, *more: str) -> list[str]:
         "--out",
         str(table),
     ]
-    return [sys.executable, "-m", "hexsim.cli", *arguments, *more]
+    return [sys.executable, "-m", "hexsim", *arguments, *more]
 
 
 def test_a_killed_sweep_goes_on_where_it_was(tmp_path):

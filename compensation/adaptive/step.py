@@ -163,7 +163,7 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
     roots, leak_m_s = _roots(settings, state.supply_Pa, bottom), state.valve.leak_m_s
     if settings.rod_ratio > 0.0:
         load_ahead, engaged = pressure + state.mean_deviation_Pa, state.engagement.ramp > 0.0
-        roots = roots_ahead(state.chambers, settings, reference, oil, load_ahead, engaged, state.shift)
+        roots = roots_ahead(state.chambers, settings, reference, oil, load_ahead, state.supply_Pa, engaged, state.shift)
         leak_m_s -= leaked_across_m_s(state.valve, state.chambers.across_Pa)
     oil += softness_m_Pa(state.delay) * friction_share * friction_step
     flow, dead_band = advance_inverse(state.inverse, oil, roots, state.valve, state.trim, state.crossing_path, leak_m_s)

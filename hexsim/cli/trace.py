@@ -41,6 +41,15 @@ def trace(
         Path | None,
         typer.Option("--next", help="Scenario file to write: the motion that tells most about what stays open."),
     ] = None,
+    load: Annotated[
+        float | None,
+        typer.Option(
+            min=0.001, help="What people can put on the machine [kg]; --next may ask for it. Default: its machine file."
+        ),
+    ] = None,
+    loaded: Annotated[
+        list[str] | None, typer.Option(help="Log that was taken with this load on; repeat for more.")
+    ] = None,
     recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write recordings for Rerun.")] = True,
     explain: Annotated[
         str | None,
@@ -65,7 +74,8 @@ def trace(
         raise HexsimError("trace needs the folder of a machine; --list shows the effects, --explain EFFECT one of them")
     if is_own(machine):
         return own_machine.trace_own_folder(machine, fit or [], validate or [], out, json)
-    report, final = trace_machine(machine, fit or ["fit"], validate or ["validate"], out, next_file, recording)
+    carried = (load, loaded or [])
+    report, final = trace_machine(machine, fit or ["fit"], validate or ["validate"], out, next_file, recording, carried)
     if json:
         return print_json(report)
     print_trace(report, final)
@@ -74,9 +84,15 @@ def trace(
 
 
 def trace_machine(
-    machine: Path, fit: list[str], validate: list[str], out: Path | None, next_file: Path | None, recording: bool
+    machine: Path,
+    fit: list[str],
+    validate: list[str],
+    out: Path | None,
+    next_file: Path | None,
+    recording: bool,
+    carried: tuple[float | None, list[str]],
 ) -> tuple[dict[str, Any], Path]:
-    """The report of a machine's trace, and the folder it is in."""
+    """The report of a machine's trace, and the folder it is in. carried: a load [kg], and the logs taken with it."""
     from hexsim.files.run_folder import default_folder, run_folder
     from hexsim.machine.files import find_machine_file
 
@@ -89,7 +105,7 @@ def trace_machine(
         show = doing_of(bar, check)
         from hexsim.tracing.trace import trace as run
 
-        result = run(machine, fit, validate, folder.path, show)
+        result = run(machine, fit, validate, folder.path, show, *carried)
         check()
         report = json_module.loads((folder.path / "report.json").read_text(encoding="utf-8"))
         final = folder.finish()  # what was found is safe; recordings come to it

@@ -19,6 +19,9 @@ class Load(Section):
     moving_mass_kg: float | None = between(1e-4, 1e7, "bench: mass on the rod [kg]", default=None)
     platform_mass_kg: float | None = between(1e-2, 1e7, "hexapod: platform with what stands on it [kg]", default=None)
     leg_mass_kg: float = zero_or(1e-4, 1e6, "cylinder and rod together; 0 = counted with the platform [kg]")
+    additional_mass_kg: float | None = between(
+        1e-3, 1e6, "what people can put on besides, at the centre of mass, for a measurement [kg]", default=None
+    )
     rod_mass_fraction: float = between(0.01, 0.99, "share of the leg's mass that moves with the rod [-]", default=0.35)
     platform_inertia_kg_m2: tuple[Moment, Moment, Moment] | None = Field(
         default=None, strict=False, description="hexapod: moments about x, y, z through the centre of mass [kg m2]"

@@ -33,7 +33,8 @@ from hexsim.motion_computer.states import State
 from hexsim.tracing.design import next_measurement
 from hexsim.tracing.design.information import SHARP
 from hexsim.tracing.design.motions import MotionFamily
-from hexsim.tracing.design.next_measurement import NO_GAIN, surviving
+from hexsim.tracing.design.next_measurement import surviving
+from hexsim.tracing.design.words import NO_GAIN
 from hexsim.tracing.state import Trace
 from hexsim.tracing.trace import trace
 
@@ -248,7 +249,9 @@ def _round(number: int, purpose: str, log: str, result: Trace, expected: dict[st
 def open_points(result: Trace) -> list[str]:
     """What a trace leaves open and a measurement may tell: ties, an unexplained rest, numbers that are not sharp."""
     found = []
-    if result.verdict == "unexplained":
+    if result.predicted:
+        found.append(f"every channel is at its noise, and {result.predicted[0].sentence}")
+    elif result.verdict == "unexplained":
         labels = [label for label, _ in surviving(result)]
         found.append(" or ".join(labels) if len(labels) > 1 else "the rest is unexplained")
     for effect in result.effects:

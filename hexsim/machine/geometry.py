@@ -49,9 +49,12 @@ def _leg_bodies(load: Load, cylinder: Cylinder, neutral_length: float) -> LegBod
     )
 
 
-def moving_body(resolved: Resolved) -> RigidBody:
-    """A bench's mass; or platform and, at its joints, the legs as far as they have mass (as in the tendon model)."""
-    load = resolved.load
+def moving_body(resolved: Resolved, loaded: bool = False) -> RigidBody:
+    """A bench's mass; or platform and, at its joints, the legs as far as they have mass (as in the tendon model).
+
+    loaded: with the additional mass, a point at the centre of mass.
+    """
+    load = with_additional_mass(resolved.load) if loaded else resolved.load
     sprung = sum(mode.mass_kg for mode in resolved.payload_modes)
     kinematics = resolved.mechanics
     if not kinematics.has_platform:
@@ -62,6 +65,12 @@ def moving_body(resolved: Resolved) -> RigidBody:
         return platform
     neutral = float(kinematics.leg_lengths(np.zeros(6))[0])
     return joined(platform, lumped_legs(kinematics, leg_bodies(resolved, neutral)))
+
+
+def with_additional_mass(load: Load) -> Load:
+    """The load with what people put on it."""
+    key = "platform_mass_kg" if load.moving_mass_kg is None else "moving_mass_kg"
+    return load.model_copy(update={key: getattr(load, key) + (load.additional_mass_kg or 0.0)})
 
 
 def platform_body(load: Load, payload: Sequence[Payload] = (), sprung: float = 0.0) -> RigidBody:

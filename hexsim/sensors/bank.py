@@ -67,7 +67,7 @@ class Transducers:
         self.lag = errors["lag"]
         self.resolution = errors["resolution"]
         self.noise = errors["noise"] * random.standard_normal((ticks, n))
-        self.sections = _low_pass(sensor, resolved, tick_s)
+        self.sections = low_pass(sensor, resolved, tick_s)
         self._memory: list[Array] = []  # of lag and filter
         self._next = 0  # tick that the filter has not seen yet
 
@@ -128,7 +128,7 @@ class Transducers:
         return measure_rows(true, self.noise[::every][: len(true)], self.gain, self.offset, self.resolution)
 
 
-def _low_pass(sensor: Sensor, resolved: Resolved, tick_s: float) -> Array | None:
+def low_pass(sensor: Sensor, resolved: Resolved, tick_s: float) -> Array | None:
     """Second-order sections of the transducer's filter, None without one."""
     cut_off = getattr(resolved.sensors, f"{sensor.filter}_Hz") if sensor.filter else 0.0
     if cut_off <= 0.0:

@@ -39,6 +39,7 @@ class Log:
     columns: name -> (n,). losses: what a reader dropped, filled or converted, a sentence each.
     repaired: name -> (n,) bool, samples that were missing and filled; a column without such samples is not there.
     They weigh nothing in a fit. offset_s: time from the beginning of its run to its first sample, of a part of a run.
+    loaded: was the machine's additional mass on it?
     Signals may be given as arrays by their stem or attribute (`position=...`), and so they can be exchanged:
     `dataclasses.replace(log, volts=other)`; rows are legs or axes, (n_rows, n), or (n,) for one of the machine.
     """
@@ -52,12 +53,13 @@ class Log:
     repaired: Mapping[str, Array]
     path: Path | None
     offset_s: float
+    loaded: bool
 
     def __init__(
         self, *, name: str, kind: Kind, time: Array, rate: float | None = None,
         columns: Mapping[str, Array] | None = None, losses: tuple[str, ...] = (),
         repaired: Mapping[str, Array] | None = None, path: Path | None = None, offset_s: float = 0.0,
-        **signals: Array | None,
+        loaded: bool = False, **signals: Array | None,
     ) -> None:  # fmt: skip
         own = dict(columns or {})
         for key, rows in signals.items():
@@ -69,7 +71,7 @@ class Log:
         given = {
             "name": name, "kind": kind, "time": time, "columns": own, "losses": tuple(losses), "path": path,
             "repaired": dict(repaired or {}), "rate": _rate_of(name, time) if rate is None else rate,
-            "offset_s": offset_s,
+            "offset_s": offset_s, "loaded": loaded,
         }  # fmt: skip
         for key, value in given.items():
             object.__setattr__(self, key, value)

@@ -34,7 +34,7 @@ def leg_loads(log: Log, machine: Machine) -> tuple[Array, Array]:
     load = machine.load
     if machine.geometry is None or load.platform_mass_kg is None or load.platform_inertia_kg_m2 is None:
         raise HexsimError(f"machine {machine.name} has no [geometry] or platform: the legs' loads cannot be computed")
-    legs, body = machine_kinematics(machine), moving_body(resolve(machine))
+    legs, body = machine_kinematics(machine), moving_body(resolve(machine), log.loaded)
     look = Window(log.rate, 0.04)
     positions = np.stack([look.mean(log.columns[f"position_{i}_m"]) for i in range(1, 7)])
     pose = legs.forward(positions.T)

@@ -39,6 +39,8 @@ RESTORED = 1.4  # rows of the balances hold again when their rms is below so man
 LEARNED_R2 = 0.5  # a residual with at least this R^2 on unseen blocks may become a learned term
 PARTLY_SHARE = 0.4  # an effect is sure when it takes this share of the rest's mean square
 PARTLY_SHARE_UNSEEN = 0.2  # and this on held-out runs
+PARTLY_SHARE_ASKED = 0.05  # or this, where the held-out motion asks for little of it
+PARTLY_KEPT = 0.5  # and the effect keeps so much of what it does there
 PARTLY_RESTORED = 0.7  # or when it takes so much of what its own balance has above the noise, also held out
 PARTLY_ABOVE_NOISE = 0.1  # mean square above the noise, in units of it, from which that can be told
 PARTLY_CURVE_SHARE = 0.75  # an effect that takes less is not sure where a curve over one signal leaves
@@ -47,7 +49,10 @@ PARTLY_BLOCK_S = 2.0  # [s] blocks that are resampled: longer than the rest's co
 PARTLY_DRAWS = 200
 PARTLY_DOUBT = 0.025  # share of the resamples that may say otherwise
 PARTLY_SPREAD = 0.2  # runs may differ in an effect's number by this share, or three standard errors
-PARTLY_HARM = 0.07  # a sensor's effect may make no row's mean square larger by this share
+PARTLY_HARM = (
+    0.07  # a sensor's effect may make no row's mean square larger by this share, or by this share of what it takes
+)
+PARTLY_LATE_S = 1e-4  # [s] an accelerometer that is later has no gain that is sure
 PARTLY_REFITTED = 16  # candidates that are refitted beside the small realities, by what their columns promise
 PARTLY_PROMISE = 0.3  # share of the least fall that a column, or a start, must promise to be refitted
 PARTLY_TRIED = 3  # rivals that are judged, the best first

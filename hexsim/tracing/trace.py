@@ -25,16 +25,19 @@ def trace(
     validate: Sequence[str] = ("validate",),
     out: Path | str | None = None,
     progress: Progress | None = None,
+    load_kg: float | None = None,
+    loaded: Sequence[str] = (),
 ) -> Trace:
     """Hold the declared machine against its logs and name what it lacks.
 
     fit: logs that everything is chosen and fitted on; validate: held-out logs. Raises HexsimError for bad data.
+    load_kg: what people can put on the machine, default its `load.additional_mass_kg`; loaded: logs taken with it on.
     Writes report.json, machine.toml, report.html and scenarios into `out` if given.
     """
     tell = progress or (lambda step, fraction: None)
     tell("reading logs", 0.0)
     started = time.perf_counter()
-    state = recorded(begin(machine_folder, fit, validate), "logs", started)
+    state = recorded(begin(machine_folder, fit, validate, load_kg, loaded), "logs", started)
     done, scale = READING, (1.0 - READING - WRITING) / sum(step.share for step in STEPS)
     for step in STEPS:
         tell(step.doing, done)

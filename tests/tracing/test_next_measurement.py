@@ -9,16 +9,21 @@ import numpy as np
 import pytest
 from other_plant import write_machine
 
+from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
+from hexsim.machine.files import changed
 from hexsim.motion_computer.limits import leg_limits
 from hexsim.readers import read_log
 from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.signals.channels import noise_of
+from hexsim.tracing.balances import balance_named
+from hexsim.tracing.checks.same_machine import check_same_machine
 from hexsim.tracing.design import next_measurement
-from hexsim.tracing.design.information import Hypothesis, Promise, hypothesis, promise, shrunk
+from hexsim.tracing.design.information import Hypothesis, Promise, growth, hypothesis, promise, shrunk
 from hexsim.tracing.design.motions import KINDS, STEP_SHARE, MotionFamily
-from hexsim.tracing.design.next_measurement import _purpose, surviving, what_is_open
+from hexsim.tracing.design.next_measurement import surviving, what_is_open
 from hexsim.tracing.design.rest import as_measured
+from hexsim.tracing.design.words import purpose_of
 from hexsim.tracing.fitting.fit import refine, start_fit
 from hexsim.tracing.fitting.parameters import named, priors
 from hexsim.tracing.fitting.rest_evidence import worse
@@ -203,11 +208,83 @@ def test_a_tie_that_no_motion_separates_is_said_first():
     """The first line says so, and what would; with a motion that does it says what it is for."""
     pair = ("incline", "constant_force")
     stays = Promise(separations={pair: 5.0}, errors=(), information=0.0)
-    assert _purpose({}, pair, stays, (), None, {"load.moving_mass_kg": 60.0}) == (
+    assert purpose_of({}, pair, stays, (), None, 60.0) == (
         "no motion separates incline, constant_force; a load of 60 kg would"
     )
-    assert _purpose({}, pair, stays, (), None, {}).startswith(
+    assert purpose_of({}, pair, stays, (), None, None).startswith(
         "no motion separates incline, constant_force; another load"
     )
     goes = dataclasses.replace(stays, separations={pair: 500.0})
-    assert _purpose({}, pair, goes, (), None, {}) == "to separate incline, constant_force"
+    assert purpose_of({}, pair, goes, (), None, None) == "to separate incline, constant_force"
+
+
+@pytest.fixture(scope="module")
+def carrying(bench):
+    """The bench on which people can put 60 kg, with its log as the machine would write it with them."""
+    machine, log, problem = bench
+    able = changed(machine, {"load.additional_mass_kg": 60.0, "uncertainty.additional_mass_kg": 0.005})
+    heavy = changed(machine, {"load.moving_mass_kg": 60.0 + machine.load.moving_mass_kg})
+    return able, heavy, dataclasses.replace(problem, logs=(dataclasses.replace(log, loaded=True),))
+
+
+def test_a_log_with_a_load_is_that_of_a_heavier_machine(bench, carrying):
+    """Simulation and force balance of a log with the load on are those of the heavier machine, to the bit; without it they are
+    those of the machine as declared."""
+    machine, log, problem = bench
+    able, heavy, loaded = carrying
+    for own, there, one in ((heavy, problem, loaded), (machine, problem, problem)):
+        assert np.array_equal(one.answer(able, 0), there.answer(own, 0))
+        force = balance_named("force", machine)
+        assert np.array_equal(force.residual(one.logs[0], able), force.residual(log, own))
+
+
+def test_a_load_that_is_said_is_no_other_machine(bench, carrying):
+    """A log with 60 kg on and one without come from one machine where that is said, and from two where it is not."""
+    machine, _, problem = bench
+    able, _, loaded = carrying
+    light, heavy = problem.simulated(machine, 0), loaded.simulated(able, 0)
+    assert check_same_machine([light, heavy], able) == []
+    found = check_same_machine([light, dataclasses.replace(heavy, loaded=False)], able)
+    assert [one.severity for one in found] == ["refuse"]
+
+
+def test_what_a_load_separates_is_designed_with_it(bench):
+    """An incline of 0.3 rad and the constant force that does the same: no motion separates them, and 60 kg, which people can put
+    on, do. The scenario says so, runs with the heavier machine, and says how its log is traced."""
+    machine, _, problem = bench
+    problem = problem.head(3.0)
+    able = changed(machine, {"load.additional_mass_kg": 60.0})
+    tilted = problem.simulated(changed(able, {"effects.incline.angle_rad": 0.3}), 0)
+    seen = SimulatedProblem(logs=(tilted,), noise=problem.noise)
+    bare, force = start_fit(able, (), seen), 0.3**2 / 2 * machine.load.moving_mass_kg * 9.8
+    fits = [
+        refine(dataclasses.replace(with_candidate(bare, named(name), 0.5, seen), values=(values,)), seen, steps=4)
+        for name, values in (("incline", {"angle_rad": 0.3}), ("constant_force", {"force_N": force}))
+    ]
+    trace = SimpleNamespace(
+        machine=able, fit_problem=seen, final=fits[0], ties=[{"constant_force": fits[1]}], verdict="explained",
+        effects=[], unexplained=[], search=SimpleNamespace(stages=[]), rest=(),
+    )  # fmt: skip
+    found = next_measurement(trace, duration_s=3.0, first=8, rounds=0)
+    assert found.purpose == "to separate incline, constant_force, with a load of 60 kg on it"
+    assert found.tables["machine"] == {"load.moving_mass_kg": 60.0 + machine.load.moving_mass_kg}
+    assert "put 60 kg on it; its log: hexsim trace ... --load 60 --loaded NAME" in found.lines()
+    without = next_measurement(trace, duration_s=3.0, first=8, rounds=0, may_load=False)
+    assert without.purpose == "no motion separates incline, constant_force; a load of 60 kg would"
+
+
+def test_a_number_at_its_bound_does_not_end_a_design():
+    """A coordinate that no log shows, in no motion, adds nothing to what a motion tells; the others count as they would alone."""
+    before, after = np.diag([4.0, 0.0]), np.diag([16.0, 0.0])
+    assert growth(before, after) == pytest.approx(0.5 * np.log(4.0), rel=1e-6)
+    at_bound = Promise(separations={}, errors=(0.0, 1.0), information=1.0)
+    assert at_bound.worth(0) == at_bound.worth(1) == 1.0
+
+
+def test_a_load_is_said_of_a_log_that_is_there():
+    """A load on a log that is not traced, and one that nobody has weighed, are one sentence each."""
+    folder = DATA / "bench_leakage"
+    with pytest.raises(HexsimError, match="log sweep is said to have a load on and is not traced"):
+        begin(folder, ["fit"], ["validate"], 60.0, ["sweep"])
+    with pytest.raises(HexsimError, match="log fit has a load on: say what it weighs"):
+        begin(folder, ["fit"], ["validate"], None, ["fit"])

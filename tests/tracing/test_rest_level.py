@@ -18,11 +18,26 @@ from hexsim.tracing.balances.continuity import Continuity, FastContinuity, fast_
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import with_noise
 from hexsim.tracing.balances.platform import Platform
-from hexsim.tracing.fitting import rest_level
-from hexsim.tracing.fitting.fit import Fit
-from hexsim.tracing.fitting.parameters import candidates, coordinate_bounds, named, with_settings
-from hexsim.tracing.fitting.rest_evidence import Evidence, harm_of, most_restored, own_rows, sure, values_in_leg
-from hexsim.tracing.fitting.rest_level import ordinary_effects, prior_precision, row_counts, row_sizes
+from hexsim.tracing.fitting import rest_level, rest_odds
+from hexsim.tracing.fitting.fit import Fit, answered, start_fit
+from hexsim.tracing.fitting.parameters import (
+    candidates,
+    coordinate_bounds,
+    named,
+    to_coordinate,
+    to_value,
+    with_settings,
+)
+from hexsim.tracing.fitting.rest_evidence import (
+    Evidence,
+    harm_of,
+    kept_of,
+    most_restored,
+    own_rows,
+    sure,
+    values_in_leg,
+)
+from hexsim.tracing.fitting.rest_level import RestFit, ordinary_effects, prior_precision, row_counts, row_sizes
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.steps import shapes, violations
 from hexsim.tracing.steps.balance_search import with_fast_rows
@@ -210,6 +225,92 @@ def test_the_gain_of_a_late_sensor_may_be_a_filter():
     late = [replace(SURE, candidate=named("accelerometer_delay"))]
     assert may_be_a_filter(named("accelerometer_gain"), late)
     assert not may_be_a_filter(named("pressure_gain"), late)
+
+
+def test_the_gain_against_an_accelerometer_that_is_late_by_part_of_a_sample_may_be_a_filter():
+    """Its own and the position's, which are one ratio; of a pressure it may not, nor where the accelerometer is on time."""
+
+    def late_by(delay_s):
+        return SimpleNamespace(candidates=(named("accelerometer_delay"),), values=({"delay_s": delay_s},))
+
+    for name in ("accelerometer_gain", "position_gain"):
+        assert may_be_a_filter(named(name), [], late_by(4.4e-4))
+        assert not may_be_a_filter(named(name), [], late_by(2e-5))
+    assert not may_be_a_filter(named("pressure_gain"), [], late_by(4.4e-4))
+
+
+def test_a_sensors_effect_may_harm_a_row_by_a_little_of_what_it_takes_from_another():
+    """13 % more of the force's rest beside 99 % less of the sensors': a trade. Beside 45 % less: a stand-in."""
+    harmful = replace(SURE, harm=0.13)
+    assert not sure(replace(harmful, traded=np.log(1.13) / -np.log(0.55)))
+    assert sure(replace(harmful, traded=np.log(1.13) / -np.log(0.01)))
+
+
+def test_held_out_a_little_is_enough_where_the_motion_asks_for_little():
+    """10 % of the rest, nearly all that the effect changes there; where it changes as much for nothing, no."""
+    little = replace(SURE, share=0.5, unseen=0.1, restored=(0.0, 0.0))
+    assert sure(replace(little, kept=0.9)) and not sure(replace(little, kept=0.2))
+    assert not sure(replace(little, unseen=0.02, kept=0.9))
+
+
+def test_what_an_effect_keeps_is_1_at_the_truth_and_negative_for_what_is_not_there():
+    """Of a rest with a signal in it: the signal taken off, twice of it, and another signal."""
+    rng = np.random.default_rng(5)
+    rest, signal, other = rng.standard_normal((3, 1, 200_000)) * np.array([3.0, 1.0, 1.0])[:, None, None]
+    held_out = rest + signal
+    assert kept_of([held_out], [rest]) == pytest.approx(1.0, abs=0.03)
+    assert kept_of([held_out], [rest - signal]) == pytest.approx(0.0, abs=0.03)
+    assert kept_of([held_out], [held_out - other]) == pytest.approx(-1.0, abs=0.05)
+
+
+def test_an_inclines_coordinate_is_proportional_to_its_force():
+    """1 - cos of twice the coordinate is twice as much, within 2 % at 0.3 rad; to a value and back is the identity."""
+    [angle] = named("incline").effect.parameters
+    weight = [1.0 - np.cos(to_value(angle, x)) for x in (0.5, 1.0)]
+    assert weight[1] / weight[0] == pytest.approx(2.0, rel=0.02)
+    for value in (0.01, 0.3, 1.2):
+        assert to_value(angle, to_coordinate(angle, value)) == pytest.approx(value)
+
+
+def hypothesis(monkeypatch, precision, value, name="hose_compliance"):
+    """-2 log odds of an effect alone, of the same J; precision: of its numbers."""
+    candidate = named(name)
+    A = np.diag([3.0, *np.broadcast_to(precision, len(candidate.free()))])
+    monkeypatch.setattr(rest_level, "weighted_system", lambda fit, columns, problem: (A, None))
+    monkeypatch.setattr(rest_odds, "start_fit_at", lambda fit, unseen: fit)
+    monkeypatch.setattr(rest_level, "cost_of_rows", lambda fit, unseen: 50.0)
+    numbers = candidate.start() | {candidate.free()[0].name: value}
+    found = SimpleNamespace(fit=SimpleNamespace(candidates=[candidate], values=[numbers]), columns=None, cost=100.0)
+    return rest_odds.odds_against(found, "problem", "unseen")
+
+
+def test_of_two_that_leave_alike_the_one_nearer_to_its_usual_size_is_likelier(monkeypatch):
+    """Both ways: a ninth and nine times are as far; held-out rest and that of the fit count in full."""
+    usual, small, large = (hypothesis(monkeypatch, 0.0, 2e-14 * x) for x in (1.0, 1.0 / 9.0, 9.0))
+    assert usual == pytest.approx(150.0)
+    assert small == large == pytest.approx(154.0)
+
+
+def test_a_number_costs_only_as_far_as_the_logs_know_it(monkeypatch):
+    """log(1 + S M): of a hose of usual size, known to a tenth of log 3, log 101; its phase's width is its bounds'."""
+    assert hypothesis(monkeypatch, 100.0 / np.log(3.0) ** 2, 2e-14) == pytest.approx(150.0 + np.log(101.0))
+    tone = named("outside_force_tone")
+    assert hypothesis(monkeypatch, 0.0, tone.free()[0].typical, tone.label) == pytest.approx(150.0)
+
+
+def test_a_spool_that_the_base_took_for_the_effect_is_given_back():
+    """Without the small spool, else where it stood; nothing to give back where there is none."""
+    declared, _, problem = soft_bench(0.0)
+    [spool] = [c for c in ordinary_effects(candidates(declared)) if c.effect.name == "spool_lag"]
+    joint = with_fast_rows(BalanceProblem(logs=problem.logs, parts=()), problem, declared)
+    bare = start_fit(declared, (), joint)
+    fit = replace(bare, candidates=(spool, named("valve_delay")), values=({"frequency_Hz": 120.0}, {"delay_s": 1e-3}))
+    lagging = RestFit(fit=answered(fit, joint), columns=[], cost=0.0)
+    without = rest_level.without_lag(lagging, joint)
+    assert without is not None and np.isinf(without.fit.values[0]["frequency_Hz"])
+    assert without.fit.values[1] == {"delay_s": 1e-3}
+    assert without.cost == rest_level.cost_of(without.fit, joint) != rest_level.cost_of(lagging.fit, joint)
+    assert rest_level.without_lag(without, joint) is None
 
 
 def test_effects_whose_columns_tell_little_leave_room_for_those_that_promise_most():

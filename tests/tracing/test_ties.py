@@ -11,12 +11,14 @@ from hexsim.machine.files import changed
 from hexsim.readers import read_log
 from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
+from hexsim.tracing.balances import balance_named
 from hexsim.tracing.fitting.fit import start_fit
 from hexsim.tracing.fitting.parameters import candidates, named, priors
 from hexsim.tracing.fitting.selection import with_candidate
+from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.simulation.start import start_of
-from hexsim.tracing.steps.ties import stand_ins
+from hexsim.tracing.steps.ties import same_terms, stand_ins
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -90,3 +92,22 @@ def test_any_component_can_be_the_size(effect):
     own = [candidate for candidate in candidates(machine) if candidate.effect.name == effect]
     assert len({candidate.effect.parameters[0].name for candidate in own}) == 3
     assert all(value == 0.0 for candidate in own for value in candidate.start().values())
+
+
+def test_a_hose_and_a_dead_volume_are_one_term(bench):
+    """C_hose = V/E in every balance, in any motion: each is tied with the other, whatever a refit says, with the size that does
+    the same; with air in the oil, E depends on the pressure and they are two. A leak is not the same term."""
+    machine, log = bench
+    sigma, possible = np.ones(1), candidates(machine)
+    part = BalanceRows(balance=balance_named("continuity", machine), sigma=sigma, rows=(0,))
+    for air, expected in ((0.0, {"dead_volume"}), (0.01, set())):
+        aired = changed(machine, {"effects.entrained_air.volume_fraction": air})
+        problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
+        balances = BalanceProblem(logs=(log,), parts=(part,))
+        fit = with_candidate(start_fit(aired, (), problem), named("hose_compliance"), 0.6, problem)
+        found = same_terms(fit, 0, possible, balances, problem)
+        assert set(found) == expected
+        for rival in found.values():
+            hose = fit.values[0]["compliance_m3_Pa"]
+            assert rival.values[0]["volume_m3"] == pytest.approx(hose * machine.oil.bulk_modulus_Pa, rel=1e-4)
+            assert rival.chi2 == pytest.approx(fit.chi2, rel=1e-3)

@@ -29,6 +29,7 @@ class EffectParameter:
 
     neutral = math.inf: the effect vanishes as the number grows (a frequency, a stiffness); tracing works on 1/value.
     grid: values to screen when the number shapes the effect and does not scale it (a wavelength, a phase).
+    power: of the number to which a small effect grows; tracing works on number^power, in which it is linear.
     """
 
     name: str  # with its unit
@@ -39,6 +40,7 @@ class EffectParameter:
     slot: P | None = None  # place of the leg's row that the value is added to
     default: float | None = None  # when the file may leave it out
     grid: tuple[float, ...] = ()
+    power: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,7 +22,7 @@ EFFECT = Effect(
     balance="force",
     description="the machine's axis is inclined to the vertical",
     source="installation; a cylinder mounted at a slant",
-    parameters=(EffectParameter(name="angle_rad", unit="rad", bounds=(0.0, 1.5707963), typical=0.3),),
+    parameters=(EffectParameter(name="angle_rad", unit="rad", bounds=(0.0, 1.5707963), typical=0.3, power=2.0),),
     apply=apply,
     places="platform",
 )

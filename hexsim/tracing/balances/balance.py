@@ -21,7 +21,7 @@ from hexsim.tracing.balances import spool
 from hexsim.tracing.balances.memory import remembered
 
 Array = np.ndarray
-Settings = tuple[float, ...]  # offset, gain, delay [s], lag [s] of a sensor
+Settings = tuple[float, float, float, float]  # offset, gain, delay [s], lag [s] of a sensor
 FORCE_SIGNALS = (
     "velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa",
 )  # fmt: skip
@@ -191,21 +191,34 @@ def leg_key(resolved: Resolved, leg: int, without: Sequence[int] = ()) -> Hashab
     return row.tobytes(), resolved.sensors.supply_pressure_gain, sensor_settings(resolved, leg)
 
 
-def position_settings(resolved: Resolved, leg: int) -> Settings:
-    """Offset, gain, delay and lag of the position sensor of a leg."""
-    return tuple(
-        float(resolved.leg_sensors[f"position_{key}"][leg]) for key in ("offset_m", "gain", "delay_s", "lag_s")
+def filter_delay_s(resolved: Resolved, channel: str) -> float:
+    """Delay of slow motion behind a channel's declared low-pass, 1 / (2 pi f sin(pi/2n)): all of it that windows see."""
+    cut_off, order = (getattr(resolved.sensors, f"{channel}_filter_{key}") for key in ("Hz", "order"))
+    return 1.0 / (2.0 * np.pi * cut_off * np.sin(0.5 * np.pi / order)) if cut_off > 0.0 else 0.0
+
+
+def channel_settings(resolved: Resolved, leg: int, channel: str, unit: str) -> Settings:
+    """Offset, gain, delay with that of its filter, and lag of a transducer of a leg."""
+    own = resolved.leg_sensors
+    offset, gain, delay, lag = (
+        float(own[f"{channel}_{k}"][leg]) for k in (f"offset_{unit}", "gain", "delay_s", "lag_s")
     )
+    return offset, gain, delay + filter_delay_s(resolved, channel), lag
+
+
+def position_settings(resolved: Resolved, leg: int) -> Settings:
+    """Of the position sensor of a leg."""
+    return channel_settings(resolved, leg, "position", "m")
 
 
 def sensor_settings(resolved: Resolved, leg: int) -> tuple[Settings, Settings, Settings | None, Settings]:
     """Of the position, both pressures (None: no rod side on the valve) and the accelerometer that a leg's signals rest on."""
     shared, position = resolved.sensors, position_settings(resolved, leg)
-    keys = ("offset_Pa", "gain", "delay_s", "lag_s")
-    pressure = tuple(float(resolved.leg_sensors[f"pressure_{key}"][leg]) for key in keys)
+    pressure = channel_settings(resolved, leg, "pressure", "Pa")
     on_valve = resolved.rows[leg, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
     top = pressure if on_valve else None
-    motion = (shared.acceleration_offset_m_s2, shared.acceleration_gain, shared.acceleration_delay_s, 0.0)
+    late = shared.acceleration_delay_s + filter_delay_s(resolved, "acceleration")
+    motion = (shared.acceleration_offset_m_s2, shared.acceleration_gain, late, 0.0)
     return position, pressure, top, motion
 
 

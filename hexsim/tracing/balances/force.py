@@ -15,7 +15,7 @@ from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
-from hexsim.machine.geometry import suspension
+from hexsim.machine.geometry import moving_body, suspension
 from hexsim.mechanics.rigid_body import pushed_back
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
@@ -96,7 +96,7 @@ class Force(Balance):
         point, p = measured_point(log, machine, resolved, 0), resolved.rows[0]
         assert point.sensed.acceleration is not None
         thrust = latest(log, "thrust", thrust_key(resolved, 0), lambda: leg_thrust(p, point))
-        mass, gravity = resolved.load.moving_mass_kg, -resolved.gravity_m_s2[2]
+        mass, gravity = moving_body(resolved, log.loaded).mass, -resolved.gravity_m_s2[2]
         felt = point.sensed.acceleration + gravity
         net = thrust - mass * felt
         return window.mean(net - push_of_payloads(resolved, felt, log.rate))[None]

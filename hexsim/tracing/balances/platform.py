@@ -23,6 +23,7 @@ from hexsim.tracing.balances.balance import (
     Balance,
     SensedLeg,
     advanced,
+    filter_delay_s,
     measured_point,
     position_settings,
     resolved_machine,
@@ -99,7 +100,9 @@ def platform_motion(log: Log, resolved: Resolved, sensed: Sequence[SensedLeg]) -
     settings = tuple(position_settings(resolved, i) for i in range(6))
 
     def moved() -> PlatformMotion:
-        poses = kinematics.forward(np.stack([leg.mean_y for leg in sensed]).T)
+        lengths = np.stack([leg.mean_y for leg in sensed]).T
+        near = remembered(log, "poses", lambda: kinematics.forward(lengths))  # of joints and sensors nearby
+        poses = kinematics.forward(lengths, near)
         jacobian, rotation = kinematics.jacobian(poses), kinematics.rotation(poses)
         directions = jacobian[:, :, :3] @ rotation
         arms = np.cross(kinematics.platform_joints, directions)
@@ -120,8 +123,9 @@ def felt_by_imu(log: Log, resolved: Resolved, omega: Array) -> Array:
     assert log.acceleration is not None and log.angular is not None
     sensors = resolved.sensors
     shown = log.acceleration - np.array([0.0, 0.0, sensors.acceleration_offset_m_s2])[:, None]
-    moved = [*(shown / sensors.acceleration_gain), *log.angular]
-    read = np.stack([advanced(row, sensors.acceleration_delay_s * log.rate) for row in moved], axis=-1)
+    late = sensors.acceleration_delay_s, sensors.acceleration_delay_s + filter_delay_s(resolved, "acceleration")
+    moved = [(late[1], row) for row in shown / sensors.acceleration_gain] + [(late[0], row) for row in log.angular]
+    read = np.stack([advanced(row, delay * log.rate) for delay, row in moved], axis=-1)
     if not (resolved.imu_turn_rad.any() or resolved.imu_place_m.any()):
         return read
     turned = Rotation.from_rotvec(resolved.imu_turn_rad)
@@ -134,7 +138,7 @@ def felt_by_imu(log: Log, resolved: Resolved, omega: Array) -> Array:
 def wrench_residual(log: Log, machine: Machine) -> tuple[Array, Array]:
     """r_J (6, n) under the window, and the legs' lines (n, 6, 6) in the platform frame: wrench = thrusts . lines."""
     resolved, window = resolved_machine(machine), Window(log.rate)
-    body = moving_body(resolved)
+    body = moving_body(resolved, log.loaded)
     points = [measured_point(log, machine, resolved, i) for i in range(6)]
     motion = platform_motion(log, resolved, [point.sensed for point in points])
     thrusts = np.empty((log.n, 6))

@@ -17,17 +17,21 @@ NOTICED, REFUSED = 0.08, 0.3  # difference between logs of one machine, by the d
 def check_same_machine(logs: Sequence[Log], machine: Machine) -> list[Finding]:
     """Do several logs come from one machine? Another kind, or a supply or load that differs by a quarter, is refused.
 
+    Of a log with the additional mass on the machine, its weight is taken off.
+
     Smaller differences may be effects (a supply that droops, friction that depends on the direction): noticed.
     """
     found = []
     first = logs[0]
-    weight = (machine.load.moving_mass_kg or machine.load.platform_mass_kg or 0.0) * machine.machine.gravity_m_s2
+    gravity, extra = machine.machine.gravity_m_s2, machine.load.additional_mass_kg or 0.0
+    weight = (machine.load.moving_mass_kg or machine.load.platform_mass_kg or 0.0) * gravity
     for other in logs[1:]:
         if other.n_legs != first.n_legs:
             kinds = f"log {first.name} is of a {first.kind}, log {other.name} of a {other.kind}"
             return [refusal(channel="position", description=f"{kinds}: give logs of one machine")]
         supply = [median_supply(log) for log in (first, other)]
-        force = [carried_force(log, machine) for log in (first, other)]
+        carried = [(log, carried_force(log, machine)) for log in (first, other)]
+        force = [None if own is None else own - log.loaded * extra * gravity for log, own in carried]
         for channel, (a, b), scale, what, factor, unit in (
             ("pressure_supply_Pa", supply, machine.supply.pressure_Pa, "the supply has", 1e-5, "bar"),
             ("pressure_bottom_Pa", force, weight, "the legs carry", 1.0, "N"),

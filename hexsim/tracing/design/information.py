@@ -20,6 +20,7 @@ from hexsim.machine.files import changed
 from hexsim.signals.channels import kind_of
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
+from hexsim.tracing.balances.null import with_noise
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, refine, start_fit_at
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
@@ -27,6 +28,9 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 
 Array = np.ndarray
 SHARP = 0.1  # a number known to this share is sharp
+UNKNOWN = 1e-9  # share of what is known after a motion below which nothing is known
+CALM, CALM_SHARE = 5.0, 0.5  # times the noise; least share of a motion
+CREDIBLE = 2.0  # information a coordinate: errors smaller by e
 LEAST = 0.05  # of the needed separation: less is nothing
 
 
@@ -134,12 +138,14 @@ class Promise:
 
         A separation counts with the information on all numbers, an average of them (Atkinson's DT-optimality, 2008): a
         motion that only tells two hypotheses apart shows little of a third. A pair that no motion separates weighs alike
-        in all.
+        in all. Information counts up to CREDIBLE: small steps and slow strokes promise any amount, because near a standstill
+        differences grow, and a real machine keeps little of it.
         """
         if self.separations:
             sizes = np.clip(list(self.separations.values()), LEAST * self.needed, self.enough * self.needed)
-            return float(np.mean(np.log(sizes))) + self.information
-        return self.information - (float(np.log(self.errors[wanted])) if wanted is not None else 0.0)
+            return float(np.mean(np.log(sizes))) + min(self.information, CREDIBLE)
+        error = 0.0 if wanted is None else self.errors[wanted]
+        return min(self.information, CREDIBLE) - (float(np.log(error)) if 0.0 < error < np.inf else 0.0)
 
     @property
     def tied(self) -> list[tuple[str, str]]:
@@ -154,27 +160,50 @@ class Promise:
 
 
 def promise(hypotheses: list[Hypothesis], log: Log, noise: dict[str, float]) -> Promise:
-    """What a motion, given as a log of its setpoints, would tell of the hypotheses."""
+    """What a motion, given as a log of its setpoints, would tell of the hypotheses.
+
+    Where what drives the machine spreads its answer far beyond the noise, nothing counts: there a real machine is elsewhere.
+    A motion with much of that, slow or small, promises nothing: no trace reaches the noise in it.
+    """
     first = hypotheses[0]
     problem = SimulatedProblem(logs=(log,), noise=noise).with_input_uncertainty(first.fit.fitted_machine())
     settle = problem.settle(0)
     answers = in_parallel(lambda one: problem.answer(one.fit.fitted_machine(), 0)[:, settle:], hypotheses)
-    if not all(np.isfinite(answer).all() for answer in answers):
-        return Promise(separations={}, errors=tuple(np.inf for _ in hypotheses[0].numbers), information=-np.inf)
     sigma = problem.sigma(0)[:, settle:]
-    columns = sensitivities(first.fit, problem)
+    calm = calm_samples(problem)
+    if not all(np.isfinite(answer).all() for answer in answers):
+        return Promise(separations={}, errors=tuple(np.inf for _ in first.numbers), information=-np.inf)
+    pairs = [(i, k) for i in range(len(hypotheses)) for k in range(i + 1, len(hypotheses))]
+    labels = {(i, k): (hypotheses[i].label, hypotheses[k].label) for i, k in pairs}
+    if np.mean(calm) < CALM_SHARE:
+        now = tuple(number.standard_error for number in first.numbers)
+        return Promise(separations=dict.fromkeys(labels.values(), 0.0), errors=now, information=-CREDIBLE)
+    columns = [own * calm for own in sensitivities(first.fit, problem)]
     after = first.known + normal_matrix(columns)
     flat = columns[0].reshape(len(after), -1)
     inverse_before, inverse_after = inverse(first.known), inverse(after)
     separations = {}
-    for i, one in enumerate(hypotheses):
-        for k in range(i + 1, len(hypotheses)):
-            d = ((answers[k] - answers[i]) / sigma).ravel()
-            b = flat @ d
-            separations[one.label, hypotheses[k].label] = max(float(d @ d - b @ inverse_after @ b), 0.0)
+    for i, k in pairs:
+        d = ((answers[k] - answers[i]) / sigma * calm).ravel()
+        b = flat @ d
+        separations[labels[i, k]] = max(float(d @ d - b @ inverse_after @ b), 0.0)
     shrink = np.sqrt(np.maximum(np.diag(inverse_after), 0.0) / np.maximum(np.diag(inverse_before), 1e-300))
-    gain = float(np.linalg.slogdet(after)[1] - np.linalg.slogdet(first.known)[1]) / max(len(after), 1)
-    return Promise(separations=separations, errors=shrunk(first, shrink), information=gain)
+    return Promise(separations=separations, errors=shrunk(first, shrink), information=growth(first.known, after))
+
+
+def calm_samples(problem: SimulatedProblem) -> Array:
+    """Samples (n_used,) of the first log at which the spread of the accelerations is within CALM times their noise."""
+    rows = [k for k, name in enumerate(problem.channels(0)) if "acceleration" in name]
+    limit = CALM * np.array([problem.noise[kind_of(problem.channels(0)[k])] for k in rows])[:, None]
+    return np.all(problem.input_uncertainty[0][rows, problem.settle(0) :] < limit, axis=0)
+
+
+def growth(before: Array, after: Array) -> float:
+    """Log of the ratio of the determinants a coordinate. A number at its bound, that no log shows, adds nothing."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(after), 1e-300))
+    ridge = UNKNOWN * np.eye(len(after))
+    sizes = [np.linalg.slogdet(matrix * scale[:, None] * scale + ridge)[1] for matrix in (before, after)]
+    return float(sizes[1] - sizes[0]) / max(len(after), 1)
 
 
 def shrunk(one: Hypothesis, share: Array) -> tuple[float, ...]:
@@ -188,33 +217,17 @@ def shrunk(one: Hypothesis, share: Array) -> tuple[float, ...]:
     return tuple(number.standard_error for number in replace(one, fit=fit).numbers)
 
 
-def loaded(one: Hypothesis, changes: dict[str, float]) -> Hypothesis:
-    """The hypothesis about the machine with another load: {"load.moving_mass_kg": 60.0}."""
-    return replace(one, fit=loaded_fit(one.fit, changes))
-
-
-def loaded_fit(fit: Fit, changes: dict[str, float]) -> Fit:
-    """The same of a fit."""
-    if not changes:
-        return fit
-    declared = tuple(replace(prior, declared=changes.get(prior.dotted, prior.declared)) for prior in fit.priors)
-    return replace(fit, machine=changed(fit.machine, changes), priors=declared)
-
-
-def refitted_separation(one: Hypothesis, other: Hypothesis, log: Log, noise: dict[str, float]) -> float:
-    """chi2 that stays when the other hypothesis is refitted to what the first would write in this motion alone."""
-    machine = one.fit.fitted_machine()
-    problem = SimulatedProblem(logs=(log,), noise=noise)
-    problem = replace(problem, logs=(problem.simulated(machine, 0),)).with_input_uncertainty(machine)
-    return refine(start_fit_at(other.fit, problem), problem, fresh=True).chi2
+def with_load(fit: Fit, load_kg: float) -> Fit:
+    """A fit of the machine that people can put this on; exactly known."""
+    return replace(fit, machine=changed(fit.machine, {"load.additional_mass_kg": load_kg}))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OpenRefits:
-    """Hypotheses refitted by simulation, the best first, at the noise of an explained machine."""
+    """Hypotheses refitted by simulation, the best first. problem: the logs that there are, at the noise or the rest."""
 
     hypotheses: tuple[Hypothesis, ...]
-    noise: dict[str, float]
+    problem: SimulatedProblem
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -226,21 +239,38 @@ class OpenRefits:
 
     def promise(self, log: Log) -> Promise:
         """What a motion, given as a log of its setpoints, would tell; linear."""
-        return promise(list(self.hypotheses), log, self.noise)
+        return promise(list(self.hypotheses), log, self.problem.noise)
 
     def checked(self, log: Log, found: Promise) -> Promise:
-        """The promise with separations lowered to what a refit in this motion alone leaves of them."""
-        by_label = {one.label: one for one in self.hypotheses}
-        separations = {
-            pair: min(size, refitted_separation(by_label[pair[0]], by_label[pair[1]], log, self.noise))
-            for pair, size in found.separations.items()
+        """The promise as the trace will judge the motion: all hypotheses refitted to the logs and to it, with its noise."""
+        whole = self.rehearsal(log)
+        first, *others = in_parallel(
+            lambda one: refine(start_fit_at(one.fit, whole), whole, fresh=True), self.hypotheses
+        )
+        left = {
+            (self.labels[0], label): max(other.chi2 - first.chi2, 0.0)
+            for label, other in zip(self.labels[1:], others, strict=True)
         }
+        separations = {pair: min(size, left.get(pair, size)) for pair, size in found.separations.items()}
         return replace(found, separations=separations)
 
-    def checked_with(self, log: Log, load: dict[str, float]) -> Promise:
-        """The same with another load."""
-        own = replace(self, hypotheses=tuple(loaded(one, load) for one in self.hypotheses))
-        return own.checked(log, own.promise(log))
+    def rehearsal(self, log: Log) -> SimulatedProblem:
+        """The logs that there are and the motion, as the first hypothesis would write it."""
+        machine = self.first.fit.fitted_machine()
+        alone = replace(self.problem, logs=(log,), input_uncertainty=())
+        written = with_noise(
+            alone.simulated(machine, 0),
+            self.problem.noise,
+            machine.sensors.position_resolution_m,
+            np.random.default_rng(0),
+        )
+        whole = replace(self.problem, logs=(*self.problem.logs, written), input_uncertainty=())
+        return whole.with_input_uncertainty(machine)
+
+    def with_load(self, load_kg: float) -> OpenRefits:
+        """About the machine that people can put this on."""
+        own = tuple(replace(one, fit=with_load(one.fit, load_kg)) for one in self.hypotheses)
+        return replace(self, hypotheses=own)
 
 
 def inverse(matrix: Array) -> Array:

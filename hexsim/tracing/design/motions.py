@@ -6,15 +6,17 @@ share of the largest that every leg can follow: clear of the cushions, 0.3 m/s, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from hexsim.declaration import Machine
+from hexsim.machine.geometry import with_additional_mass
 from hexsim.mechanics.kinematics import DOF_NAMES
 from hexsim.motion_computer.limits import Limits, leg_limits, pose_limits
+from hexsim.signals.log import Log
 from hexsim.tracing.steps.experiments import setpoint_log
 
 Array = np.ndarray
@@ -35,13 +37,26 @@ class MotionFamily:
 
     machine: Machine
     duration_s: float
+    may_load: bool = False  # the machine's additional mass may be put on
+    must_load: bool = False  # it is
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
-        """kind, axis, size, two frequencies, slope of the amplitudes, seed of the phases; whole numbers: `integrality`."""
-        return [(0, len(KINDS) - 1), (0, len(self.axes) - 1), (0, 1), (0, 1), (0, 1), (0, 1), (0, SEEDS - 1)]
+        """kind, axis, size, two frequencies, slope of the amplitudes, seed of the phases, load; whole: `integrality`."""
+        own: list[tuple[float, float]] = [
+            (0, len(KINDS) - 1),
+            (0, len(self.axes) - 1),
+            (0, 1),
+            (0, 1),
+            (0, 1),
+            (0, 1),
+            (0, SEEDS - 1),
+        ]
+        return [*own, (0, 1)] if self.may_load else own
 
-    integrality = (True, True, False, False, False, False, True)
+    @property
+    def integrality(self) -> tuple[bool, ...]:
+        return (True, True, False, False, False, False, True, True)[: len(self.bounds)]
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
@@ -77,7 +92,13 @@ class MotionFamily:
             scale /= FREE * self._beyond(tables, jumps=kind == "block") / size
             if not 1e-6 < scale < 1e6:
                 return None
+        if self.must_load or (self.may_load and round(point[7])):
+            tables["machine"] = loaded_machine(self.machine)
         return tables if self._beyond(tables, jumps=kind == "block") <= 1.0 else None
+
+    def log(self, tables: dict[str, Any]) -> Log:
+        """A motion's setpoints as a log."""
+        return replace(setpoint_log(self.machine, tables), loaded="machine" in tables)
 
     def _tables(self, axes: dict[str, Any]) -> dict[str, Any]:
         hexapod = self.machine.is_hexapod
@@ -104,6 +125,13 @@ class MotionFamily:
         limits = self.limits
         shares = (excursion / limits.excursion, speed / limits.velocity, acceleration / limits.acceleration)
         return float(np.max(shares))
+
+
+def loaded_machine(machine: Machine) -> dict[str, float]:
+    """What the additional mass changes on the machine, for a scenario."""
+    load = with_additional_mass(machine.load)
+    key = "platform_mass_kg" if machine.is_hexapod else "moving_mass_kg"
+    return {f"load.{key}": float(getattr(load, key))}
 
 
 def signal(kind: str, reach: float, low_Hz: float, high_Hz: float, slope: float, seed: int) -> dict[str, Any]:

@@ -6,7 +6,7 @@ all numbers together. `scipy.optimize.differential_evolution` chooses among the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -16,23 +16,24 @@ import tomli_w
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
+from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.machine.files import changed
 from hexsim.scenarios.scenario import Scenario, scenario_from_dict
 from hexsim.tracing.design.information import SHARP, Number, OpenRefits, Promise, at_the_rest, hypothesis
 from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.design.rest import OpenRest, label_of, open_rest
+from hexsim.tracing.design.words import cannot_tell, purpose_of
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.selection import with_candidate
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import Trace
-from hexsim.tracing.steps.experiments import heavier_load, setpoint_log
 
 DURATION_s = 20.0
 FIRST, ROUNDS = 16, 1  # motions tried at first, and rounds of as many that come from the best of them
 CONTENDERS = 3  # of a machine that is not explained
-NO_GAIN = 0.8  # a motion that leaves more than this share of an error does not sharpen it
+LOAD_SHARE = 1.5  # of the machine's own mass: a load that is thought of where nobody has said what can be put on
+LOAD_COST = 0.1  # log: a motion with a load must be worth a tenth more
 CHECKED = 3  # of the best motions are checked by refits
 Tell = Callable[[str, float], None]
 Open = OpenRest | OpenRefits
@@ -47,6 +48,7 @@ class NextMeasurement:
     promise: Promise
     numbers: tuple[Number, ...]
     cannot: tuple[str, ...]
+    load_kg: float | None = None  # that is on the machine in this motion
 
     @property
     def scenario(self) -> Scenario:
@@ -65,6 +67,10 @@ class NextMeasurement:
         for number, error in zip(self.numbers, self.promise.errors, strict=True):
             now = f"{number.standard_error:.2g}"
             found.append(f"{number.effect} {number.name} = {number.value:.4g}: error {now} now, {error:.2g} expected")
+        if self.load_kg:
+            found.append(
+                f"put {self.load_kg:.4g} kg on it; its log: hexsim trace ... --load {self.load_kg:.4g} --loaded NAME"
+            )
         return found + [f"it cannot tell {item}" for item in self.cannot]
 
     def to_json(self) -> dict[str, Any]:
@@ -83,6 +89,7 @@ class NextMeasurement:
                 for number, error in zip(self.numbers, self.promise.errors, strict=True)
             ],
             "information": self.promise.information,
+            "load_kg": self.load_kg,
             "cannot": list(self.cannot),
             "scenario": self.tables,
         }  # fmt: skip
@@ -94,8 +101,9 @@ def next_measurement(
 ) -> NextMeasurement:  # fmt: skip
     """The motion of this length that tells most about what the trace has left open.
 
-    first: motions tried at first; rounds: how often as many come from the best of them. may_load: a heavier load may be
-    asked for, where somebody can put it on.
+    first: motions tried at first; rounds: how often as many come from the best of them. may_load: the machine's additional
+    mass may be asked for, where somebody can put it on. It is asked for where no effect is named: what is left at another
+    load is another rest, and a cause has the same number in both.
 
     Raises HexsimError where no motion of the family can be simulated.
     """
@@ -104,26 +112,36 @@ def next_measurement(
     asked = what_is_open(trace)
     numbers = tuple(asked.first.numbers)
     wanted = worst(numbers) if len(asked.labels) == 1 else None
-    family = MotionFamily(trace.machine, duration_s)
+    may_load = may_load and trace.machine.load.additional_mass_kg is not None
+    family = MotionFamily(trace.machine, duration_s, may_load and bool(numbers), must_load=may_load and not numbers)
     best = _search(family, partial(_promise, family, asked), wanted, (first, rounds), say)
     if not best:
         raise HexsimError(
-            f"machine {trace.machine.name}: no motion inside its limits could be simulated; check stroke and cushions"
+            f"machine {trace.machine.name} with {asked.labels[0]} diverges in every motion inside its limits that was "
+            "simulated: no motion can be designed from these numbers; check stroke and cushions, or measure any rich motion"
         )
     say("checking it by refits", 1.0)
     tables, found = checked(asked, best, wanted, family)
-    load, apart = heavier_load(trace.machine), []
-    if found.tied:
-        log = setpoint_log(changed(trace.machine, load), tables)
-        loaded = asked.checked_with(log, load)
-        apart = [pair for pair in found.tied if pair not in loaded.tied]
-        if may_load and apart:
-            tables, found = tables | {"machine": load}, loaded
-    purpose = _purpose(tables, asked.labels, found, numbers, wanted, load if apart else {})
+    load_kg = trace.machine.load.additional_mass_kg if "machine" in tables else None
+    if found.tied and not may_load:
+        would = asked.with_load(heavier := LOAD_SHARE * own_mass(trace.machine))
+        log = replace(family.log(tables), loaded=True)
+        load_kg = heavier if set(found.tied) - set(would.checked(log, would.promise(log)).tied) else None
+    purpose = purpose_of(tables, asked.labels, found, numbers, wanted, load_kg)
     tables["description"] = purpose[:1000]
     return NextMeasurement(
-        tables=tables, purpose=purpose, promise=found, numbers=numbers, cannot=_cannot(trace, found, numbers)
+        tables=tables,
+        purpose=purpose,
+        promise=found,
+        numbers=numbers,
+        cannot=cannot_tell(trace, found, numbers),
+        load_kg=load_kg if "machine" in tables else None,
     )
+
+
+def own_mass(machine: Machine) -> float:
+    """What the machine carries as declared [kg]."""
+    return float(machine.load.moving_mass_kg or machine.load.platform_mass_kg or 0.0)
 
 
 def checked(
@@ -132,10 +150,16 @@ def checked(
     """The first of the best motions whose refits separate what it promises; else the one that they leave the most."""
     tried = []
     for tables, promised in best:
-        tried.append((tables, asked.checked(setpoint_log(family.machine, tables), promised)))
+        tried.append((tables, asked.checked(family.log(tables), promised)))
         if tried[-1][1].tied == promised.tied:
             break
-    return max(tried, key=lambda item: item[1].worth(wanted))
+    return max(tried, key=lambda item: (-len(item[1].tied), _worth(item, wanted)))
+
+
+def _worth(item: tuple[dict[str, Any], Promise], wanted: int | None) -> float:
+    """What is made large: a load is work, and must bring something."""
+    tables, promised = item
+    return promised.worth(wanted) - (LOAD_COST if "machine" in tables else 0.0)
 
 
 def what_is_open(trace: Trace) -> Open:
@@ -153,7 +177,7 @@ def what_is_open(trace: Trace) -> Open:
         hypotheses=tuple(
             hypothesis(label, fit, problem, named if k == 0 else frozenset()) for k, (label, fit) in enumerate(jobs)
         ),
-        noise=problem.noise,
+        problem=problem,
     )
 
 
@@ -163,7 +187,10 @@ def in_the_balances(trace: Trace) -> bool:
 
 
 def surviving(trace: Trace) -> list[tuple[str, Fit]]:
-    """Hypotheses that the logs leave, the best first: of a tie its members, of an unexplained machine the best rivals."""
+    """Hypotheses that the logs leave, the best first: of a tie its members, of an unexplained machine the best rivals.
+
+    Of one whose channels are at their noise and follow a signal all the same, none: no effect is larger than that.
+    """
     if in_the_balances(trace):
         named = frozenset(effect.candidate.label for effect in trace.effects)
         return [(label_of(one, named), one.fit) for one in trace.rest]
@@ -171,7 +198,7 @@ def surviving(trace: Trace) -> list[tuple[str, Fit]]:
     found = [(" and ".join(effects) or _label(trace.final), trace.final)]
     for tied in trace.ties:
         found += [(label, rival) for label, rival in tied.items()]
-    if trace.verdict == "unexplained":
+    if trace.verdict == "unexplained" and not trace.predicted:
         rivals = [rival for stage in trace.search.stages for rival in stage.rivals]
         rivals = sorted(rivals, key=lambda rival: rival.chi2)[:CONTENDERS]
         found = [(_label(rival), rival) for rival in rivals] or found
@@ -203,7 +230,7 @@ def _promise(family: MotionFamily, asked: Open, point: np.ndarray) -> tuple[dict
     tables = family.scenario(point)
     if tables is None:
         return None
-    return tables, asked.promise(setpoint_log(family.machine, tables))
+    return tables, asked.promise(family.log(tables))
 
 
 def _search(
@@ -222,7 +249,7 @@ def _search(
         tried += 1
         say("designing the next measurement", tried / (first * (rounds + 1)))
         found = judge(point)
-        worth = -np.inf if found is None else found[1].worth(wanted)
+        worth = -np.inf if found is None else _worth(found, wanted)
         if found is None or not np.isfinite(worth):
             return 1e9
         kept.append((worth, found))
@@ -235,47 +262,8 @@ def _search(
         cost, family.bounds, integrality=family.integrality, maxiter=rounds, polish=False, rng=0, updating="deferred",
         tol=0.0, **settings,
     )  # fmt: skip
-    return [item for _, item in sorted(kept, key=lambda item: -item[0])[:CHECKED]]
-
-
-def _purpose(
-    tables: dict[str, Any],
-    labels: Sequence[str],
-    found: Promise,
-    numbers: tuple[Number, ...],
-    wanted: int | None,
-    load: dict[str, float],
-) -> str:
-    """The first line. load: that would separate what no motion does."""
-    mass = f"a load of {next(iter(load.values())):.0f} kg" if load else ""
-    would = f"; {mass} would" if mass else "; another load or another sensor might"
-    stay = [other for _, other in found.tied]
-    apart = [label for label in labels[1:] if label not in stay]
-    if apart:
-        said = f"to separate {', '.join([labels[0], *apart])}" + (f", with {mass}" if "machine" in tables else "")
-        return said + (f"; no motion separates {', '.join([labels[0], *stay])}" if stay else "")
-    if stay:
-        return f"no motion separates {', '.join(labels)}{would}"
-    if wanted is not None:
-        number, expected = numbers[wanted], found.errors[wanted]
-        now = f"{number.name} of {number.effect} better: {number.value:.3g} +- {number.standard_error:.2g} now"
-        if number.relative_of(expected) > SHARP and expected > NO_GAIN * number.standard_error:
-            return f"no motion tells {now}; what is declared would have to be known better"
-        return f"to know {now}"
-    if numbers:
-        return "to know all declared parameters better: nothing is left to be told apart"
-    return "to know all declared parameters better, and what any machine has a little of: no hypothesis is left"
-
-
-def _cannot(trace: Trace, found: Promise, numbers: tuple[Number, ...]) -> tuple[str, ...]:
-    """What stays open after it."""
-    said = [
-        f"{one} from {other}: {found.separations[one, other]:.2g} of at least {found.needed:.2g} that are needed"
-        for one, other in found.tied
-    ]
-    for number, error in zip(numbers, found.errors, strict=True):
-        if number.value and number.relative_of(error) > SHARP:
-            said.append(f"{number.name} of {number.effect} to better than {100 * number.relative_of(error):.0f} %")
-    for rest in trace.unexplained:
-        said.append(f"what the rest of the {rest.balance} balance in {rest.violation.where} is: no hypothesis names it")
-    return tuple(said)
+    ranked = [item for _, item in sorted(kept, key=lambda item: -item[0])]
+    loaded = ["machine" in tables for tables, _ in ranked]
+    firsts = {loaded.index(own) for own in set(loaded)}  # the best with a load, and the best without
+    places = sorted(firsts | set(range(len(ranked))), key=lambda k: (k not in firsts, k))[:CHECKED]
+    return [ranked[k] for k in sorted(places)]

@@ -24,7 +24,7 @@ import numpy as np
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances.null import used
-from hexsim.tracing.design.information import SHARP, Hypothesis, Promise, inverse, loaded_fit, shrunk
+from hexsim.tracing.design.information import SHARP, Hypothesis, Promise, inverse, shrunk, with_load
 from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import Fit, bounds_of, coordinates_of, effect_columns, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate
@@ -71,15 +71,16 @@ class OpenRest:
         return np.maximum(self.best.sizes, 1.0)
 
     def promise(self, log: Log) -> Promise:
-        return promise(self, log, {})
+        return promise(self, log)
 
     def checked(self, log: Log, found: Promise) -> Promise:
         """The promise as the trace will judge the motion; of its information the linear one."""
         return replace(rehearsed(self, log), information=found.information)
 
-    def checked_with(self, log: Log, load: dict[str, float]) -> Promise:
-        """With another load, linear: logs of two loads are two traces."""
-        return promise(self, log, load)
+    def with_load(self, load_kg: float) -> OpenRest:
+        """About the machine that people can put this on."""
+        own = tuple(replace(one, fit=with_load(one.fit, load_kg)) for one in self.found)
+        return replace(self, found=own, first=replace(self.first, fit=with_load(self.first.fit, load_kg)))
 
 
 def open_rest(
@@ -123,7 +124,7 @@ def label_of(one: RestFit, named: frozenset[str]) -> str:
 def as_measured(one: Fit, problem: BalanceProblem, simulated: SimulatedProblem, log: Log) -> BalanceProblem | None:
     """The balances of a motion as this hypothesis would write it: its own residual there is 0. None after a divergence."""
     machine = one.fitted_machine()
-    written = replace(simulated, logs=(log,), input_uncertainty=()).simulated(machine, 0)
+    written = replace(simulated, logs=(log,), input_uncertainty=(), start_slopes=()).simulated(machine, 0)
     clean = [used(written, part.balance.residual(written, machine)) for part in problem.parts]
     if not all(np.isfinite(own).all() for own in clean):
         return None
@@ -131,9 +132,9 @@ def as_measured(one: Fit, problem: BalanceProblem, simulated: SimulatedProblem, 
     return replace(problem, logs=(written,), parts=parts)
 
 
-def promise(asked: OpenRest, log: Log, changes: dict[str, float]) -> Promise:
-    """What a motion, given as a log of its setpoints, would tell; linear. changes: to the machine's load."""
-    fits = [loaded_fit(one.fit, changes) for one in asked.found]
+def promise(asked: OpenRest, log: Log) -> Promise:
+    """What a motion, given as a log of its setpoints, would tell; linear."""
+    fits = [one.fit for one in asked.found]
     seen = as_measured(fits[0], asked.problem, asked.simulated, log)
     if seen is None:
         return no_promise(asked)

@@ -2,7 +2,7 @@
 
 A hypothesis is a tuple of candidates (an effect, where it acts, its shape). Its unknowns are coordinates: for a
 declared parameter the relative deviation, for an effect's number the value over its typical size (1/value for an
-effect that vanishes at infinity). At coordinate 0 everything is as declared.
+effect that vanishes at infinity), to the power in which it grows. At coordinate 0 everything is as declared.
 """
 
 from __future__ import annotations
@@ -81,7 +81,8 @@ def to_value(parameter: EffectParameter, coordinate: float) -> float:
     if math.isinf(parameter.neutral):
         value = parameter.typical / max(coordinate, 1e-12)
     else:
-        value = coordinate * abs(parameter.typical) if parameter.typical else coordinate
+        size = np.copysign(abs(coordinate) ** (1.0 / parameter.power), coordinate)
+        value = float(size) * (abs(parameter.typical) or 1.0)
     low, high = parameter.bounds
     return min(max(value, low), high)
 
@@ -90,7 +91,8 @@ def to_coordinate(parameter: EffectParameter, value: float) -> float:
     """Inverse of `to_value`."""
     if math.isinf(parameter.neutral):
         return 0.0 if math.isinf(value) else parameter.typical / value
-    return value / (abs(parameter.typical) or 1.0)
+    size = value / (abs(parameter.typical) or 1.0)
+    return math.copysign(abs(size) ** parameter.power, size)
 
 
 def coordinate_bounds(parameter: EffectParameter) -> tuple[float, float]:
@@ -98,8 +100,7 @@ def coordinate_bounds(parameter: EffectParameter) -> tuple[float, float]:
     low, high = parameter.bounds
     if math.isinf(parameter.neutral):
         return 0.0, parameter.typical / low
-    scale = abs(parameter.typical) or 1.0
-    return low / scale, high / scale
+    return to_coordinate(parameter, low), to_coordinate(parameter, high)
 
 
 def candidates(machine: Machine, proposed: dict[str, dict[str, float]] | None = None) -> list[Candidate]:

@@ -33,6 +33,9 @@ class Evidence:
     takes, in the fit runs and held out.  remarkable: its size over that from which a machine is remarkable for it.
     apart: its number from each run alone (coordinates); spread: how far they are from it, over what is allowed.
     harm: of a sensor's effect, by what share the mean square of any row grows: what is late is late in every balance.
+    traded: the same in logarithms, over how much another row falls: beside a rest a true number is off, and harms a little.
+    kept: of the fall that the change of the held-out misfit could bring at most, the share that it brings: 1 where it lies all
+    in the rest, whatever little of the effect that motion asks for.
     curve: mean square that a curve over one signal leaves of its own row, over what the effect leaves there.
     """
 
@@ -49,6 +52,8 @@ class Evidence:
     curve: float
     tied: tuple[str, ...]
     harm: float = 0.0
+    traded: float = np.inf
+    kept: float = 0.0
 
     @property
     def label(self) -> str:
@@ -58,7 +63,8 @@ class Evidence:
 def sure(evidence: Evidence) -> bool:
     """Do all rules hold but that of size?"""
     e = evidence
-    takes = e.share >= rules.PARTLY_SHARE and e.unseen >= rules.PARTLY_SHARE_UNSEEN
+    asked_for = e.unseen >= rules.PARTLY_SHARE_ASKED and e.kept >= rules.PARTLY_KEPT
+    takes = e.share >= rules.PARTLY_SHARE and (e.unseen >= rules.PARTLY_SHARE_UNSEEN or asked_for)
     restores = min(e.restored) >= rules.PARTLY_RESTORED
     better_curve = e.share < rules.PARTLY_CURVE_SHARE and e.curve < rules.PARTLY_CURVE
     return (
@@ -66,7 +72,7 @@ def sure(evidence: Evidence) -> bool:
         and min(e.share_least, e.unseen_least) > 0.0
         and e.own > 0.5
         and e.spread < 1.0
-        and e.harm < rules.PARTLY_HARM
+        and min(e.harm, e.traded) < rules.PARTLY_HARM
         and not better_curve
     )
 
@@ -81,7 +87,7 @@ def evidence_of(
     held_out, held_out_resampled = shares_of(before, after, thin)
     own, everywhere = own_rows(candidate, problem), list(range(len(base.sizes)))
     falls = np.log(np.maximum(base.sizes, 1.0)) - np.log(np.maximum(rival.sizes, 1.0))
-    runs = apart(rival, problem)
+    harm, runs = harm_of(falls, problem, own) if candidate.effect.balance == "sensor" else 0.0, apart(rival, problem)
     others = [other for other in rivals if other.fit.candidates[-1].label != candidate.label]
     tied = [other for other in others if not (worse(other, rival, own, thin) or worse(other, rival, everywhere, thin))]
     return Evidence(
@@ -100,7 +106,9 @@ def evidence_of(
         remarkable=abs(size + shared_size(rival.fit, candidate)) / least_remarkable(candidate),
         apart=tuple(x for x, _ in runs),
         spread=max(abs(x - size) / max(3.0 * sd, rules.PARTLY_SPREAD * abs(size), 1e-12) for x, sd in runs),
-        harm=harm_of(falls, problem) if candidate.effect.balance == "sensor" else 0.0,
+        harm=harm,
+        traded=float(np.log1p(harm)) / max(2.0 * float(np.max(falls)), 1e-12),
+        kept=kept_of(before, after),
         curve=left_by_a_curve(base, rival, own, problem),
         tied=tuple(sorted(other.fit.candidates[-1].label for other in tied)),
     )
@@ -128,6 +136,19 @@ def shares_of(before: Sequence[Array], after: Sequence[Array], thin_s: float) ->
     return share(np.arange(a.shape[1])), np.array([share(own) for own in draws])
 
 
+def kept_of(before: Sequence[Array], after: Sequence[Array]) -> float:
+    """Fall of the mean square over the mean square of the change, rows in units of what is left of each; 1 at the truth."""
+    weights = 1.0 / np.maximum(row_sizes(after), 1.0) ** 2
+    falls, changes = (
+        sum(float(weights @ np.sum(own, axis=1)) for own in rows)
+        for rows in (
+            [b**2 - a**2 for b, a in zip(before, after, strict=True)],
+            [(b - a) ** 2 for b, a in zip(before, after, strict=True)],
+        )
+    )
+    return falls / max(changes, 1e-12)
+
+
 def least(resampled: Array) -> float:
     """The share that all but few resamples reach."""
     return float(np.quantile(resampled, rules.PARTLY_DOUBT))
@@ -140,10 +161,11 @@ def worse(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float) ->
     return share > rules.PARTLY_TIE and least(resampled) > 0.0
 
 
-def harm_of(falls: Array, problem: BalanceProblem) -> float:
-    """By what share the mean square of any row grows; falls: of the logarithm of its size (n_rows,).
+def harm_of(falls: Array, problem: BalanceProblem, own: list[int] | slice = slice(None)) -> float:
+    """By what share the mean square of any of its own rows grows; falls: of the logarithm of the sizes of all (n_rows,).
 
-    Of a balance whose fast part has rows of its own both count together: they are one residual.
+    What all legs share shifts with an effect in one of them: another leg's rows are no witness. Of a balance whose fast
+    part has rows of its own both count together: they are one residual.
     """
     whole, first, places = falls.copy(), 0, {}
     for part in problem.parts:
@@ -151,7 +173,7 @@ def harm_of(falls: Array, problem: BalanceProblem) -> float:
         for name in part.balance.other_names.keys() & places.keys():
             whole[list(places[name])] += falls[list(places[part.balance.name])]
         first += len(part.rows)
-    return float(np.max(np.exp(-2.0 * whole))) - 1.0
+    return float(np.max(np.exp(-2.0 * whole[own]), initial=1.0)) - 1.0
 
 
 def own_rows(candidate: Candidate, problem: BalanceProblem) -> list[int]:

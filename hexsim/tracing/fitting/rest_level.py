@@ -60,12 +60,15 @@ def row_sizes(misfit: Sequence[Array]) -> Array:
 
 def cost_of(fit: Fit, problem: FitProblem) -> float:
     """J of a fit."""
+    return cost_of_rows(fit, problem) + float(prior_precision(fit) @ coordinates_of(fit) ** 2)
+
+
+def cost_of_rows(fit: Fit, problem: FitProblem) -> float:
+    """J of a fit without its priors."""
     sizes = row_sizes(fit.misfit)
     if not np.all(np.isfinite(sizes)):
         return np.inf
-    held = prior_precision(fit) @ coordinates_of(fit) ** 2
-    falls = row_counts(problem) * np.log(np.maximum(sizes, 1.0))
-    return float(2.0 * independent(problem) * np.sum(falls) + held)
+    return float(2.0 * independent(problem) * np.sum(row_counts(problem) * np.log(np.maximum(sizes, 1.0))))
 
 
 def independent(problem: FitProblem) -> float:
@@ -148,6 +151,23 @@ def renewed(found: RestFit, problem: FitProblem) -> RestFit:
     return found
 
 
+def without_lag(found: RestFit, problem: FitProblem) -> RestFit | None:
+    """The hypothesis without the small realities that vanish at infinity, else where it stood; None where it has none.
+
+    A spool that is there and one that is not are far apart, and the base may have taken one for the effect.
+    """
+    fit, values, any_there = found.fit, [], False
+    for candidate, own in zip(fit.candidates, found.fit.values, strict=True):
+        number = candidate.effect.parameters[0]
+        lags = is_held(candidate) and np.isinf(number.neutral)
+        any_there |= lags and to_coordinate(number, own[number.name]) > 0.01
+        values.append(own | {number.name: number.neutral} if lags else own)
+    if not any_there:
+        return None
+    bare = answered(replace(fit, values=tuple(values)), problem)
+    return RestFit(fit=bare, columns=found.columns, cost=cost_of(bare, problem))
+
+
 def _columns(fit: Fit, problem: FitProblem, kept: list[Array] | None) -> list[Array]:
     if kept is None:
         return all_columns(fit, problem)
@@ -210,42 +230,48 @@ def released(base: RestFit, candidate: Candidate) -> tuple[Fit, list[Array]]:
 
 
 def with_effect(
-    base: RestFit, candidate: Candidate, problem: FitProblem, size: float, least: float, promised: float
+    base: RestFit, candidate: Candidate, problem: FitProblem, start: Array | float, least: float, promised: float
 ) -> RestFit | None:
     """The base with one more effect, refitted, the base's columns kept; None when J does not begin lower by `least`.
 
-    Begun at this size where J falls as its column promised, or at a larger one, whatever leaves least: a delay's column
-    tells little of a delay ten times as long. At first without quick rows: they make many valleys.
+    start: coordinates that the columns ask for, the effect's first number last, or that number alone. Begun there where J
+    falls as they promised, else with this effect alone, at this size or at a larger one, whatever leaves least: a delay's
+    column tells little of a delay ten times as long. At first without quick rows: they make many valleys.
     """
     bare, columns = released(base, candidate)
-    number = candidate.effect.parameters[0]
-
-    def begun_at(start: float) -> Fit:
-        values = candidate.start() | {number.name: to_value(number, start)}
-        return answered(replace(bare, candidates=(*bare.candidates, candidate), values=(*bare.values, values)), problem)
-
-    side = -1.0 if size < 0.0 and number.bounds[0] < 0.0 else 1.0
-    slow, fit = problem.slow_alone(), begun_at(size)
+    here, size = coordinates_of(bare), float(np.atleast_1d(start)[-1])
+    start = np.append(here, size) if np.ndim(start) == 0 else np.asarray(start)
+    side = -1.0 if size < 0.0 and candidate.effect.parameters[0].bounds[0] < 0.0 else 1.0
+    slow, fit = problem.slow_alone(), begun_with(bare, candidate, start, problem)
     cost = cost_of(base.fit, slow)
     if cost - cost_of(fit, slow) < KEPT_PROMISE * promised:
-        starts = [fit, *(begun_at(side * start) for start in (STARTS if least < 0.0 else STARTS[:1]))]
-        fit = min(starts, key=lambda fit: cost_of(fit, slow))
+        sizes = (size, *(side * start for start in (STARTS if least < 0.0 else STARTS[:1])))
+        alone = [begun_with(bare, candidate, np.append(here, size), problem) for size in sizes]
+        fit = min((fit, *alone), key=lambda fit: cost_of(fit, slow))
     if not cost - cost_of(fit, slow) > least:
         return None
     found = refined(fit, slow, columns)
     return found if slow is problem else refined(found.fit, problem, columns)
 
 
+def begun_with(bare: Fit, candidate: Candidate, start: Array, problem: FitProblem) -> Fit:
+    """A fit with one more effect. start: coordinates of all, the effect's first number last."""
+    number, there = candidate.effect.parameters[0], fit_at(bare, start[:-1])
+    values = candidate.start() | {number.name: to_value(number, float(start[-1]))}
+    return answered(replace(there, candidates=(*bare.candidates, candidate), values=(*there.values, values)), problem)
+
+
 def asked_for(
     fit: Fit, columns: list[Array], own: tuple[float, float], problem: FitProblem
-) -> tuple[float, float, float]:
-    """(coordinate that the last column asks for where the fit stands, what J's tangent promises for it, its standard
-    error beside the rest and all other coordinates). own: its bounds."""
+) -> tuple[Array, float, float]:
+    """(coordinates that the columns ask for, the effect's number last, which stands at 0; what J's tangent promises for
+    them; that number's standard error beside the rest and all others). own: its bounds."""
     A, b = weighted_system(fit, columns, problem)
     here, (low, high) = coordinates_of(fit), bounds_of(fit)
     x = bounded(A, b, np.append(low - here, own[0]), np.append(high - here, own[1]))
     known = np.linalg.pinv(A, rcond=1e-12, hermitian=True)[-1, -1]
-    return float(x[-1]), float(2.0 * b @ x - x @ A @ x), float(np.sqrt(known)) if known > 0.0 else np.inf
+    promised = float(2.0 * b @ x - x @ A @ x)
+    return np.append(here, 0.0) + x, promised, float(np.sqrt(known)) if known > 0.0 else np.inf
 
 
 def prior_precision(fit: Fit) -> Array:

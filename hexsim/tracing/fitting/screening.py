@@ -35,7 +35,8 @@ class Screened:
     blocks: int
     sd: float  # of the size, from noise alone
     explained_by_others: float  # R^2 of the column on the declared parameters' columns
-    column: tuple[Array, ...]  # a log: (n_channels, n), for ties
+    reach: float  # chi2 of the channels that the effect changes: no size of it takes much more
+    column: tuple[Array, ...]  # beside the declared parameters, a log: (n_channels, n); for ties
 
     @property
     def score(self) -> float:
@@ -144,7 +145,8 @@ def _line(
     prior = np.zeros(k)
     prior[: len(fit.priors)] = 3.0
     whole = A.sum(0) + np.diag(prior)  # what can be known of a size: also beside parameters that stand at a bound here
-    rest = whole[-1, -1] - whole[-1, :-1] @ _least(whole[:-1, :-1], whole[:-1, -1])
+    beside = _least(whole[:-1, :-1], whole[:-1, -1])
+    rest = whole[-1, -1] - whole[-1, :-1] @ beside
     rest = max(rest, 1e-12 * max(whole[-1, -1], 1e-300))
     use = np.concatenate([free, [True]])
     A, b, prior = A[:, use][:, :, use], b[:, use], prior[use]
@@ -172,7 +174,8 @@ def _line(
         blocks=len(gains),
         sd=float(1.0 / np.sqrt(rest)),
         explained_by_others=float(1.0 - rest / max(whole[-1, -1], 1e-300)),
-        column=tuple(own),
+        reach=float(sum(np.sum(m[np.any(x, axis=1)] ** 2) for x, m in zip(own, fit.misfit, strict=True))),
+        column=tuple(x - np.tensordot(beside, X, 1).astype(np.float32) for x, X in zip(own, base, strict=True)),
     )
 
 

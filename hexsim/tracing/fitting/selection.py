@@ -62,6 +62,11 @@ def bending(lines: list[Screened], listed: list[Screened]) -> list[Screened]:
     return [replace(line, size=rules.NONLINEAR_START_SIZE) for line in others]
 
 
+def may_reach(line: Screened, fit: Fit, left: float) -> bool:
+    """May a candidate leave no more than `left` a sample? Air in a leg whose balances hold does not mend another's."""
+    return fit.chi2 - line.reach <= left * fit.n
+
+
 def cut(fit: Fit, whole: FitProblem, part: FitProblem) -> Fit:
     """The fit as seen by the head of the logs: its misfit and columns, cut."""
     lengths = [log.n - whole.settle(i) for i, log in enumerate(part.logs)]
@@ -103,13 +108,21 @@ def advance(fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Ti
     promised = max((line.gain_chi2 for line in listed), default=0.0)
     if not listed or (fit.candidates and promised < 0.5 * least_gain * (fit.chi2 - fit.n)):
         return Stage(lines=lines, rivals=[])
-    if not fit.candidates:
-        listed = listed + bending(lines, listed)
     head = problem.head(rules.TRIAGE_S)
     short = cut(fit, problem, head)
     tick("refitting rivals")
-    quick = in_parallel(lambda line: try_candidate(short, line.candidate, line.size, head, rules.TRIAGE_STEPS), listed)
-    quick = sorted((rival for rival in quick if rival is not None), key=lambda rival: rival.chi2)
+
+    def tried_with(some: list[Screened]) -> list[Fit]:
+        found = in_parallel(
+            lambda line: try_candidate(short, line.candidate, line.size, head, rules.TRIAGE_STEPS), some
+        )
+        return [rival for rival in found if rival is not None]
+
+    quick = tried_with(listed)
+    if not fit.candidates:
+        left = min((rival.chi2 / rival.n for rival in quick), default=np.inf)
+        quick += tried_with([line for line in bending(lines, listed) if may_reach(line, fit, rules.QUICK_RATIO * left)])
+    quick.sort(key=lambda rival: rival.chi2)
     near = [rival for rival in quick[: rules.FINALISTS] if rival.chi2 <= rules.QUICK_RATIO * quick[0].chi2]
     tried = in_parallel(lambda rival: refine(parameter_columns(rival, head), head, fresh=True), near)
     tried.sort(key=lambda rival: rival.chi2)
@@ -185,9 +198,14 @@ def search(
     tick: Tick = lambda step: None,
     done: Callable[[Fit], bool] = noise_reached,
     least_gain: float = rules.LEAST_GAIN,
+    most: int = rules.MOST_EFFECTS,
+    begun: Search | None = None,
 ) -> Search:
-    """From the refitted declared machine to at most rules.MOST_EFFECTS effects, or until nothing is left to explain."""
-    found = Search(base=base, best=base)
+    """From the refitted declared machine to at most so many effects, or until nothing is left to explain.
+
+    begun: a search that `most` ended, which goes on.
+    """
+    found = begun or Search(base=base, best=base)
     while True:
         stage = advance(found.best, candidates, problem, tick, least_gain)
         found.stages.append(stage)
@@ -199,5 +217,5 @@ def search(
         if gain < rules.alarm(best.n) * scale_of(best) or gain < least_gain * excess:
             return found
         found.best = best
-        if done(best) or len(best.candidates) >= rules.MOST_EFFECTS:
+        if done(best) or len(best.candidates) >= most:
             return found

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -29,6 +29,7 @@ from hexsim.tracing.term_columns import Expression, OwnBalance, Point, Term, ali
 FILE, MODULE = "balances.toml", "balances.py"
 LEAST_RUNS = 3
 PARTS = 6  # that fewer runs are cut into
+LEFT = 0.1  # of a window's half width: standard deviation of the delay that alignment leaves
 NUDGE_SAMPLES = 1.0  # of a channel whose delay is a candidate
 
 
@@ -65,7 +66,7 @@ def load_own(folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = ()
     sentences: dict[str, list[str]] = {}
     points = [point_of(log, asked, names, sentences) for log in logs]
     scored = [point_of(log, asked, names, sentences) for log in held_out]
-    balances = tuple(balance_of(table, names, str(where)) for table in asked.balances)
+    balances = tuple(balance_of(table, names, str(where), points) for table in asked.balances)
     return OwnMachine(
         name=asked.name or folder.resolve().name, balances=balances, fit=in_parts(points, sentences),
         validate=tuple(scored), sentences=sentences, declaration=asked,
@@ -138,8 +139,12 @@ def in_parts(points: Sequence[Point], sentences: dict[str, list[str]]) -> tuple[
     return tuple(found)
 
 
-def balance_of(table: BalanceTable, names: dict[str, str], where: str) -> OwnBalance:
-    """Functions of a point for the formulas of a balance."""
+def balance_of(table: BalanceTable, names: dict[str, str], where: str, points: Sequence[Point]) -> OwnBalance:
+    """Functions of a point for the formulas of a balance, and the delay that alignment has left of each moved channel in it.
+
+    Alignment looks for the delay at which a channel follows its reference. What else is in the channel (compressibility
+    beside a flow) shifts it; this balance can tell by how much.
+    """
     place = f"{where} balance {table.name}"
     target = formula(table.target, place, names)
     terms = tuple(term_of(one, names, place) for one in table.terms)
@@ -149,6 +154,14 @@ def balance_of(table: BalanceTable, names: dict[str, str], where: str) -> OwnBal
         return target(point) - sum((c * term.column(point) for c, term in declared), np.zeros(len(point.log.time)))
 
     candidates = tuple(late_term(one, left) if one.late else term_of(one, names, place) for one in table.candidates)
+    asked = {one.late for one in table.candidates}
+    for channel in sorted({name for point in points for name in point.shifts_s} - asked):
+        moved = late_term(TermTable(name=f"delay left of {channel}", unit="s", late=channel), left)
+        if any(np.any(moved.column(point)) for point in points if channel in point.shifts_s):
+            terms = (
+                *terms,
+                replace(moved, declared=0.0, uncertainty=LEFT * points[0].window.half * points[0].window.dt),
+            )
     valid = None
     if table.valid is not None:
         inside = plain(table.valid, place, names)

@@ -60,7 +60,8 @@ class Room(NamedTuple):
     and how far a valve's two plays are apart (n_legs,).
 
     positions, pressures of the bottom chambers and of the rod sides, volts, volts before the computing delay (n_legs, n),
-    accelerations (n_axes, n): what happened, for sensors and valves with a delay.
+    accelerations (n_axes, n): what happened, for sensors and valves with a delay.  sharp (n_rows,): what the sensors of `run`
+    would show a sample ago without their filters; memory (n_rows, n_sections, 2) of these.
     """
 
     state: np.ndarray
@@ -72,17 +73,21 @@ class Room(NamedTuple):
     volts: np.ndarray
     asked: np.ndarray
     accelerations: np.ndarray
+    sharp: np.ndarray
+    memory: np.ndarray
 
 
-def room_for(start: np.ndarray, n_legs: int, n_axes: int, n: int) -> Room:
+def room_for(start: np.ndarray, n_legs: int, n_axes: int, n: int, n_sections: int) -> Room:
     """Room for n samples from a state."""
     s, y = np.zeros_like, np.zeros(n_legs)
     bottom, top = np.empty((2, n_legs, n))
     moved, volts, asked = np.empty((3, n_legs, n))
     slopes = (s(start), s(start), s(start), s(start), s(start))
+    rows = 4 * n_legs + 1 + n_axes
     return Room(
-        start.copy(), slopes, (y, s(y), s(y), s(y), s(y)), moved, bottom, top, volts, asked, np.empty((n_axes, n))
-    )
+        start.copy(), slopes, (y, s(y), s(y), s(y), s(y)), moved, bottom, top, volts, asked, np.empty((n_axes, n)),
+        np.zeros(rows), np.zeros((rows, n_sections, 2)),
+    )  # fmt: skip
 
 
 @compiled
@@ -113,6 +118,22 @@ def shown(history, i, sensor, rate, before):
 
 
 @compiled
+def smoothed(sections, memory, value, begins):
+    """The next value behind second-order sections (direct form II transposed), which begin at rest at the first one."""
+    for k in range(sections.shape[0]):
+        b0, b1, b2, a1, a2 = sections[k, 0], sections[k, 1], sections[k, 2], sections[k, 4], sections[k, 5]
+        if begins:
+            rest = value * (b0 + b1 + b2) / (1.0 + a1 + a2)
+            memory[k, 1] = b2 * value - a2 * rest
+            memory[k, 0] = b1 * value - a1 * rest + memory[k, 1]
+        out = b0 * value + memory[k, 0]
+        memory[k, 0] = b1 * value - a1 * out + memory[k, 1]
+        memory[k, 1] = b2 * value - a2 * out
+        value = out
+    return value
+
+
+@compiled
 def asked_volts(controller, inputs, j, i, position):
     """Volts of leg j's loop at sample i for the position that its sensor shows."""
     if controller.follows:
@@ -134,7 +155,7 @@ def computed(asked, i, delay_ticks, every):
 def lent(rig, inputs, room):
     """The same numbers without reference counts."""
     legs, geometry, s, load, sensors, controller, rule = rig
-    position, pressure, top, acceleration, supply_gain, place, turned = sensors
+    position, pressure, top, acceleration, supply_gain, filters, place, turned = sensors
     k1, k2, k3, k4, there = room.slopes
     y, v, before, held, apart = room.legs
     return (
@@ -142,8 +163,8 @@ def lent(rig, inputs, room):
             borrowed(legs), borrowed(geometry), borrowed(s),
             Load(load.body, borrowed(load.compliance), load.gravity, load.spring),
             Sensors(
-                borrowed(position), borrowed(pressure), borrowed(top), borrowed(acceleration), supply_gain, place,
-                borrowed(turned),
+                borrowed(position), borrowed(pressure), borrowed(top), borrowed(acceleration), supply_gain,
+                (borrowed(filters[0]), borrowed(filters[1]), borrowed(filters[2])), place, borrowed(turned),
             ),
             Controller(
                 borrowed(controller.gain_V_per_m), borrowed(controller.delay_ticks), controller.rate_Hz,
@@ -160,6 +181,7 @@ def lent(rig, inputs, room):
             (borrowed(y), borrowed(v), borrowed(before), borrowed(held), borrowed(apart)),
             borrowed(room.positions), borrowed(room.pressures),
             borrowed(room.tops), borrowed(room.volts), borrowed(room.asked), borrowed(room.accelerations),
+            borrowed(room.sharp), borrowed(room.memory),
         ),
     )  # fmt: skip
 
@@ -168,7 +190,8 @@ def answer(rig: Rig, inputs: Inputs, start: np.ndarray) -> np.ndarray:
     """Measured outputs without noise (rows as in `run`, n) from a start state; NaN after a divergence."""
     n_legs, n_axes = len(rig.legs), len(rig.sensors.acceleration)
     out = np.empty((4 * n_legs + 1 + n_axes, inputs.setpoint.shape[1]))
-    run(rig, inputs, room_for(start, n_legs, n_axes, out.shape[1]), out)
+    sections = max(len(own) for own in rig.sensors.filters)
+    run(rig, inputs, room_for(start, n_legs, n_axes, out.shape[1], sections), out)
     return out
 
 
@@ -181,8 +204,8 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
     rig, inputs, room = lent(owned_rig, owned_inputs, owned_room)
     out = borrowed(owned_out)
     legs, geometry, s, load, sensors, controller, rule = rig
-    position, pressure, top, acceleration, supply_gain, place, turned = sensors
-    state, slopes, (y, v, before, held, apart), y_true, p_true, top_true, u_true, asked, a_true = room
+    position, pressure, top, acceleration, supply_gain, filters, place, turned = sensors
+    state, slopes, (y, v, before, held, apart), y_true, p_true, top_true, u_true, asked, a_true, sharp, memory = room
     n_legs, n, rate = legs.shape[0], inputs.setpoint.shape[1], inputs.rate_Hz
     dt, axes = 1.0 / rate, acceleration.shape[0]
     every = max(round(rate / controller.rate_Hz), 1)
@@ -195,7 +218,8 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
             k = LEGS + j * LEG_STATES
             y_true[j, i], p_true[j, i] = y[j], state[k + LEG_P1]
             top_true[j, i] = rod_side_pressure(legs[j], state, k)
-            out[j, i] = shown(y_true[j], i, position[j], rate, out[j, i - 1])
+            sharp[j] = shown(y_true[j], i, position[j], rate, sharp[j])
+            out[j, i] = smoothed(filters[0], memory[j], sharp[j], i == 0)
             asked[j, i] = asked_volts(controller, inputs, j, i, out[j, i]) if tick else asked[j, i - 1]
             late = 0.0 if controller.follows else controller.delay_ticks[j]
             u_true[j, i] = computed(asked[j], i, late, every) if tick else u_true[j, i - 1]
@@ -204,8 +228,11 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
                 ahead, held[j], apart[j], legs[j, P.HYSTERESIS], legs[j, P.HYSTERESIS_SPREAD]
             )
             out[n_legs + j, i] = u_true[j, i]
-            out[2 * n_legs + j, i] = shown(p_true[j], i, pressure[j], rate, out[2 * n_legs + j, i - 1])
-            out[3 * n_legs + j, i] = shown(top_true[j], i, top[j], rate, out[3 * n_legs + j, i - 1])
+            b, r = 2 * n_legs + j, 3 * n_legs + j
+            sharp[b] = shown(p_true[j], i, pressure[j], rate, sharp[b])
+            sharp[r] = shown(top_true[j], i, top[j], rate, sharp[r])
+            out[b, i] = smoothed(filters[1], memory[b], sharp[b], i == 0)
+            out[r, i] = smoothed(filters[1], memory[r], sharp[r], i == 0)
         out[4 * n_legs, i] = supply_gain * state[SUPPLY]
         calm_s = 0.0 if inputs.near_rest[i] else calm_s + dt
         for j in range(n_legs):
@@ -216,7 +243,9 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
         a, turning = rates(legs, geometry, s, load, held, t, dt / steps, state, slopes[0])
         write_accelerations(state, a, turning, place, turned, a_true[:, i])
         for k in range(axes):
-            out[4 * n_legs + 1 + k, i] = shown(a_true[k], i, acceleration[k], rate, out[4 * n_legs + 1 + k, i - 1])
+            r = 4 * n_legs + 1 + k
+            sharp[r] = shown(a_true[k], i, acceleration[k], rate, sharp[r])
+            out[r, i] = smoothed(filters[2], memory[r], sharp[r], i == 0) if k < 3 else sharp[r]
         integrate(legs, geometry, s, load, held, t, dt, steps, state, slopes)
         if diverged(state, LEGS + n_legs * LEG_STATES):
             out[:, i + 1 :] = math.nan

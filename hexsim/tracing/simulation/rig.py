@@ -13,8 +13,11 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.steps import StepRule, step_rule
 from hexsim.machine.geometry import moving_body, suspension
 from hexsim.mechanics.rigid_body import RigidBody, Suspension, Vector, mass_matrix
+from hexsim.sensors.bank import low_pass
+from hexsim.signals.table import sensors
 
 Array = np.ndarray
+FILTER_SHARE = 0.45  # of the rate: a cut-off above it
 
 
 class Load(NamedTuple):
@@ -33,8 +36,9 @@ class Sensors(NamedTuple):
     """y_m = gain y(t - delay) + offset, behind a lag: rows (gain, offset, delay [s], lag [s]) of a leg, (n_legs, 4), and of an
     accelerometer.
 
-    pressure: of the bottom chambers; top: of the rod sides.  imu_place [m], imu_rotation (3, 3): of the accelerometers in
-    the platform frame.
+    pressure: of the bottom chambers; top: of the rod sides.  filters: declared low-passes of position, pressures and linear
+    accelerations as second-order sections (., 6), none where there are no rows.  imu_place [m], imu_rotation (3, 3): of the
+    accelerometers in the platform frame.
     """
 
     position: Array
@@ -42,6 +46,7 @@ class Sensors(NamedTuple):
     top: Array
     acceleration: Array
     supply_gain: float
+    filters: tuple[Array, Array, Array]
     imu_place: Vector
     imu_rotation: Array
 
@@ -75,16 +80,19 @@ class Rig(NamedTuple):
     rule: StepRule
 
 
-def rig_of(machine: Machine, feedback: int = 0) -> tuple[Rig, Resolved]:
-    """The machine's numbers. feedback: 0 the declared position loop, 1 the logged volts."""
+def rig_of(machine: Machine, feedback: int = 0, loaded: bool = False, rate_Hz: float = 1000.0) -> tuple[Rig, Resolved]:
+    """The machine's numbers. feedback: 0 the declared position loop, 1 the logged volts. loaded: with its additional mass.
+
+    rate_Hz: of the samples.
+    """
     resolved, controller = resolve(machine), machine.controller
-    load = load_of(resolved)
+    load = load_of(resolved, loaded)
     rig = Rig(
         legs=resolved.rows,
         geometry=geometry_of(resolved),
         supply=resolved.supply,
         load=load,
-        sensors=sensors_of(resolved),
+        sensors=sensors_of(resolved, rate_Hz),
         controller=Controller(
             machine.of_legs("controller", "gain_V_per_m") * resolved.loop_gain,
             controller.computing_delay_ticks + resolved.loop_delay_ticks,
@@ -109,18 +117,25 @@ def geometry_of(resolved: Resolved) -> Array:
     return np.column_stack([kinematics.base_joints, kinematics.platform_joints, kinematics.retracted_length_m])
 
 
-def load_of(resolved: Resolved) -> Load:
+def load_of(resolved: Resolved, loaded: bool = False) -> Load:
     """Bodies; of payloads on springs the first."""
     modes = resolved.payload_modes
     spring = suspension(modes[0]) if modes else Suspension(0.0, 0.0, 0.0)
-    body = moving_body(resolved)
+    body = moving_body(resolved, loaded)
     compliance = np.linalg.inv(mass_matrix(body)) if any(body.inertia[0]) else np.diag([1 / body.mass] * 3 + [0.0] * 3)
     x, y, z = (float(g) for g in resolved.gravity_m_s2)
     return Load(body=body, compliance=compliance, gravity=(x, y, z), spring=spring)
 
 
-def sensors_of(resolved: Resolved) -> Sensors:
-    """Gains, offsets, delays and lags. The accelerometers of a platform: x, y, z and the three angular ones, which have no gain."""
+def filter_of(resolved: Resolved, stem: str, rate_Hz: float) -> Array:
+    """Sections (., 6) of a sensor's low-pass; none where it is declared without, or above what samples can show."""
+    fast = getattr(resolved.sensors, f"{sensors()[stem].filter}_Hz") >= FILTER_SHARE * rate_Hz
+    sections = None if fast else low_pass(sensors()[stem], resolved, 1.0 / rate_Hz)
+    return np.zeros((0, 6)) if sections is None else sections
+
+
+def sensors_of(resolved: Resolved, rate_Hz: float) -> Sensors:
+    """Gains, offsets, delays, lags, filters. Accelerometers of a platform: x, y, z and the three angular ones, without gain."""
     legs, shared = resolved.leg_sensors, resolved.sensors
     along = [shared.acceleration_gain, shared.acceleration_offset_m_s2, shared.acceleration_delay_s, 0.0]
     if resolved.machine.n_legs == 1:
@@ -139,6 +154,11 @@ def sensors_of(resolved: Resolved) -> Sensors:
         top=pressure,
         acceleration=acceleration,
         supply_gain=float(shared.supply_pressure_gain),
+        filters=(
+            filter_of(resolved, "position", rate_Hz),
+            filter_of(resolved, "pressure_bottom", rate_Hz),
+            filter_of(resolved, "acceleration", rate_Hz),
+        ),
         imu_place=(float(x), float(y), float(z)),
         imu_rotation=Rotation.from_rotvec(resolved.imu_turn_rad).as_matrix(),
     )

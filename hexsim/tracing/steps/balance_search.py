@@ -20,7 +20,7 @@ from hexsim.tracing.balances import balance_named
 from hexsim.tracing.balances.continuity import FastContinuity, fast_rate, mean_capacity
 from hexsim.tracing.balances.null import used, with_noise
 from hexsim.tracing.fitting.fit import Fit, parameter_columns, refine, start_fit
-from hexsim.tracing.fitting.selection import search
+from hexsim.tracing.fitting.selection import Search, search
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace, Violation
@@ -77,23 +77,32 @@ def _first(log: Log) -> Array:
 
 
 def search_in_balances(trace: Trace, tell: Tell) -> Trace:
-    """Forward selection on all balances together. Where no balance can be formed nothing is chosen."""
+    """Forward selection on all balances together, one effect at first (see `gone_on`); nothing where no balance is formed."""
     if not trace.violations:
         return replace(trace, decided="no balance to search in")
     joint = joint_problem(trace.fit_problem, trace.violations, own_machine(trace.machine, trace.violations))
     start = start_fit(trace.machine, trace.base.priors, joint)
     base = refine(start, joint, fresh=True, relative=1e-3)
-    found = search(parameter_columns(base, joint), trace.candidates, joint, done=restored)
+    found = search(parameter_columns(base, joint), trace.candidates, joint, done=restored, most=1)
     first = found.stages[0].lines
     chosen = " and ".join(candidate.label for candidate in found.best.candidates)
     return replace(
         trace,
         base=base,
         search=found,
+        balance_problem=joint,
         screening=first,
         screened=joint.samples,
         decided=f"{len(first)} columns compared; the balances ask for {chosen or 'no effect'}",
     )
+
+
+def gone_on(found: Search, trace: Trace) -> Search | None:
+    """The search with one effect more; None where it has come to its end."""
+    n = len(found.best.candidates)
+    if trace.balance_problem is None or n < len(found.stages) or n >= rules.MOST_EFFECTS or restored(found.best):
+        return None
+    return search(found.base, trace.candidates, trace.balance_problem, done=restored, most=n + 1, begun=found)
 
 
 def restored(fit: Fit) -> bool:

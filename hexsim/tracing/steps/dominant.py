@@ -20,10 +20,11 @@ import numpy as np
 
 from hexsim.tracing import rules
 from hexsim.tracing.fitting import rest_errors, rest_level
-from hexsim.tracing.fitting.fit import Fit, start_fit, start_fit_at
+from hexsim.tracing.fitting.fit import Fit, coordinates_of, start_fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
 from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure, values_in_leg
 from hexsim.tracing.fitting.rest_level import RestFit
+from hexsim.tracing.fitting.rest_odds import odds_against
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.fitting.selection import residual_at_noise_level
 from hexsim.tracing.problems.balance import BalanceProblem
@@ -36,7 +37,7 @@ from hexsim.tracing.steps.violations import own_machine
 Array = np.ndarray
 LARGEST_START = 3.0  # coordinate
 TIES_KEPT = 3  # of an effect, the best first
-Job = tuple[float, Candidate, float]  # what the column promises, the effect, the size to begin with
+Job = tuple[float, Candidate, Array]  # what the column promises, the effect, the coordinates to begin with
 
 
 def rivals_of(
@@ -48,32 +49,54 @@ def rivals_of(
     """
     asked: dict[str, Job] = {}
     hidden: dict[str, float] = {}
-    slow = problem.slow_alone()
     for candidate, own in zip(possible, columns_of(base.fit, list(possible), problem), strict=True):
         if not all(np.all(np.isfinite(column)) for column in own):
             continue
-        bare, columns = rest_level.released(base, candidate)
-        grown = [np.concatenate([X, x[None]]) for X, x in zip(columns, own, strict=True)]
-        number = candidate.effect.parameters[0]
-        size, fall, sd = rest_level.asked_for(bare, grown, coordinate_bounds(number), problem)
+        job, sd = promise_of(base, candidate, own, problem)
         if np.isfinite(sd):
             shown = max(sd * float(np.sqrt(least_fall(problem))), least_remarkable(candidate))
-            hidden.setdefault(candidate.effect.name, abs(to_value(number, shown)))
-        if slow is not problem:
-            alone, promised, _ = rest_level.asked_for(bare, grown, coordinate_bounds(number), slow)
-            size, fall = (alone, promised) if promised > fall else (size, fall)
-        if fall > asked.get(candidate.label, (-np.inf,))[0]:
-            asked[candidate.label] = (fall, candidate, float(np.clip(size, -LARGEST_START, LARGEST_START)) or 0.1)
+            hidden.setdefault(candidate.effect.name, abs(to_value(candidate.effect.parameters[0], shown)))
+        if job[0] > asked.get(candidate.label, (-np.inf,))[0]:
+            asked[candidate.label] = job
     jobs = worth_a_refit(list(asked.values()), bending=not named_already)
     least = rules.PARTLY_PROMISE * least_fall(problem)
 
     def tried_with(job: Job) -> RestFit | None:
-        promised, candidate, size = job
+        promised, candidate, start = job
         begins = -least_fall(problem) if promised > least else least  # a promise may begin with a loss
-        return rest_level.with_effect(base, candidate, problem, size, begins, max(promised, least))
+        return rest_level.with_effect(base, candidate, problem, start, begins, max(promised, least))
 
     tried = in_parallel(tried_with, jobs)
     return sorted((rival for rival in tried if rival is not None), key=lambda rival: rival.cost), hidden
+
+
+def promise_of(base: RestFit, candidate: Candidate, own: Sequence[Array], problem: BalanceProblem) -> tuple[Job, float]:
+    """What a candidate promises and the coordinates that its column asks for; the standard error of its number.
+
+    A column tells little of a delay that is much longer than its step: its typical size is asked besides.
+    """
+    number, slow = candidate.effect.parameters[0], problem.slow_alone()
+    bare, columns = rest_level.released(base, candidate)
+    grown = [np.concatenate([X, x[None]]) for X, x in zip(columns, own, strict=True)]
+    start, fall, sd = rest_level.asked_for(bare, grown, coordinate_bounds(number), problem)
+    if slow is not problem:
+        alone, promised, _ = rest_level.asked_for(bare, grown, coordinate_bounds(number), slow)
+        start, fall = (alone, promised) if promised > fall else (start, fall)
+    here = np.append(coordinates_of(bare), 0.0)
+    start = here + (start - here) * min(1.0, LARGEST_START / max(abs(start[-1]), 1e-9))
+    start[-1] = start[-1] or 0.1
+    if acts_late(candidate):
+        typical = np.append(here[:-1], rest_level.STARTS[0])
+        left = rest_level.cost_of(rest_level.begun_with(bare, candidate, typical, problem), slow)
+        promised = rest_level.cost_of(base.fit, slow) - left
+        start, fall = (typical, promised) if promised > fall else (start, fall)
+    return (fall, candidate, start), sd
+
+
+def acts_late(candidate: Candidate) -> bool:
+    """Is its size a delay or a time constant, or that of a lag that vanishes at infinity?"""
+    number = candidate.effect.parameters[0]
+    return number.unit in ("s", "Hz")
 
 
 def worth_a_refit(asked: Sequence[Job], bending: bool) -> list[Job]:
@@ -123,10 +146,11 @@ def grown_by_one(
             break
         tried.append(evidence_of(base, rival, rivals, problem, unseen))
         if sure(tried[-1]):
-            plainest = min((r for r in rivals if label_of(r) in (*tried[-1].tied, label_of(rival))), key=plainness)
-            if plainest is not rival:
-                own = evidence_of(base, plainest, rivals, problem, unseen)
-                rival, tried = (plainest, [*tried, own]) if sure(own) else (rival, tried)
+            tie = [own for own in rivals if label_of(own) in (*tried[-1].tied, label_of(rival))]
+            likeliest = min(tie, key=lambda own: likelihood(own, problem, unseen)) if len(tie) > 1 else rival
+            if likeliest is not rival:
+                own = evidence_of(base, likeliest, rivals, problem, unseen)
+                rival, tried = (likeliest, [*tried, own]) if sure(own) else (rival, tried)
             return rival, tried, hidden, [other for other in rivals if label_of(other) in tried[-1].tied][:TIES_KEPT]
     return None, tried, hidden, rivals[: len(tried)]
 
@@ -134,22 +158,18 @@ def grown_by_one(
 def followed(tie: RestFit, best: RestFit, problem: BalanceProblem) -> RestFit | None:
     """A tie of an earlier effect with the effect that `best` has got since."""
     own, size = best.fit.candidates[-1], rest_level.size_of(best.fit)
-    return (
-        None
-        if own.label in {c.label for c in tie.fit.candidates if not rest_level.is_held(c)}
-        else (rest_level.with_effect(tie, own, problem, size, -np.inf, -np.inf))
-    )
+    if own.label in {c.label for c in tie.fit.candidates if not rest_level.is_held(c)}:
+        return None
+    return rest_level.with_effect(tie, own, problem, size, -np.inf, -np.inf)
 
 
 def label_of(rival: RestFit) -> str:
     return rival.fit.candidates[-1].label
 
 
-def plainness(rival: RestFit) -> tuple[bool, int, float]:
-    """Of a tie the first: a physical cause, with fewer numbers, of a size nearer to the usual one."""
-    candidate = rival.fit.candidates[-1]
-    size = max(abs(rest_level.size_of(rival.fit)), 1e-9)
-    return candidate.effect.generic, len(candidate.free()), abs(float(np.log(size)))
+def likelihood(rival: RestFit, problem: BalanceProblem, unseen: BalanceProblem) -> tuple[bool, float]:
+    """Of a tie the first: a physical cause, then what the logs and the sizes say."""
+    return rival.fit.candidates[-1].effect.generic, odds_against(rival, problem, unseen)
 
 
 def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem) -> list[RestFit]:
@@ -157,15 +177,29 @@ def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem
     best = max((base.cost - rival.cost for rival in rivals), default=0.0)
     least = max(rules.PARTLY_PROMISE * least_fall(problem), rules.PARTLY_NEAR * best)
     near = [rival for rival in rivals[: rules.PARTLY_TRIED] if base.cost - rival.cost > least]
-    anew = in_parallel(lambda rival: rest_level.renewed(rival, problem), near)
-    better = [min(pair, key=lambda found: found.cost) for pair in zip(near, anew, strict=True)]
+    late = (rest_level.without_lag(rival, problem) for rival in near if acts_late(rival.fit.candidates[-1]))
+    begun = [*near, *(own for own in late if own is not None)]
+    anew = in_parallel(lambda rival: rest_level.renewed(rival, problem), begun)
+    better = [
+        min((rival, *(own for own in anew if label_of(own) == label_of(rival))), key=lambda found: found.cost)
+        for rival in near
+    ]
     return sorted([*better, *rivals[len(near) :]], key=lambda rival: rival.cost)
 
 
-def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence]) -> bool:
-    """Is it the gain of a sensor that is late? A filter is late and damps; how much of it is gain no run says."""
+def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence], beside: Fit | None = None) -> bool:
+    """Is it the gain of a sensor that is late? A filter is late and damps; how much of it is gain no run says.
+
+    beside: the fit with its small realities. An accelerometer that is late by a part of a sample damps the oil's own motion
+    too, and against it the position's gain says the same as its own.
+    """
     late = candidate.effect.name.removesuffix("_gain") + "_delay"
-    return any((own.candidate.effect.name, own.candidate.where) == (late, candidate.where) for own in found)
+    if any((own.candidate.effect.name, own.candidate.where) == (late, candidate.where) for own in found):
+        return True
+    return candidate.effect.name in ("accelerometer_gain", "position_gain") and any(
+        own.effect.name == "accelerometer_delay" and values["delay_s"] > rules.PARTLY_LATE_S
+        for own, values in (zip(beside.candidates, beside.values, strict=True) if beside else ())
+    )
 
 
 def sure_effects(trace: Trace, tell: Tell) -> Sure:
@@ -191,7 +225,7 @@ def sure_effects(trace: Trace, tell: Tell) -> Sure:
         best, own = grown, tried[-1]
         left = [more for one in left if (more := followed(one, best, problem))] + (stay if own.remarkable > 1.0 else [])
         if own.remarkable > 1.0:
-            found += [] if may_be_a_filter(own.candidate, found) else [own]
+            found += [] if may_be_a_filter(own.candidate, found, best.fit) else [own]
         elif found:
             break  # effects come in the order of what they take: what is left takes less than what any machine has
     return Sure(best=best, left=left, named=found, tried=rounds, hidden=hidden, problem=problem)

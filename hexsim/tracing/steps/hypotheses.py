@@ -24,30 +24,50 @@ from hexsim.tracing.fitting.selection import (
 )
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace
+from hexsim.tracing.steps.balance_search import gone_on
 
 
-def contenders(found: Search) -> list[Fit]:
-    """The hypotheses that go on: with fewer effects first, then the best and what balances cannot tell from it."""
-    if not found.best.candidates:
-        return []
+def contenders(found: Search, after: int = 0) -> list[Fit]:
+    """The hypotheses that go on: with fewer effects first, then the best and what balances cannot tell from it.
+
+    after: only those with more effects.
+    """
     k = len(found.best.candidates)
+    if k <= after:
+        return []
     rivals = [rival for stage in found.stages for rival in stage.rivals if len(rival.candidates) == k]
-    fewer = [stage.rivals[0] for stage in found.stages[: k - 1] if stage.rivals]
+    fewer = [stage.rivals[0] for stage in found.stages[after : k - 1] if stage.rivals]
     gain = found.base.chi2 - found.best.chi2
     near = max(rules.NEAR_CHI2, rules.NEAR_SHARE * gain)
     rivals = [rival for rival in rivals if rival.chi2 - found.best.chi2 < near]
     return fewer + sorted(rivals, key=information)[: rules.CONTENDERS]
 
 
-def simulated_rivals(found: Search, problem: SimulatedProblem, tick: Tick = lambda step: None) -> list[Fit]:
+def simulated_rivals(
+    found: Search,
+    problem: SimulatedProblem,
+    tick: Tick = lambda step: None,
+    after: int = 0,
+) -> list[Fit]:
     """The contenders of a search refitted by simulation, the best first; more effects only while fewer do not suffice."""
     rivals: list[Fit] = []
-    for rival in contenders(found):
+    for rival in contenders(found, after):
         if any(residual_at_noise_level(r.misfit) for r in rivals if len(r.candidates) < len(rival.candidates)):
             break
         tick(f"simulating {' and '.join(c.label for c in rival.candidates)}")
         fitted = simulated_fit(rival, problem)
         rivals += [] if fitted is None else [fitted]
+    return named_first(sorted(rivals, key=information))
+
+
+def rivals_of_balances(found: Search, trace: Trace, tell: Tell) -> list[Fit]:
+    """The same of the search in the balances, which goes on for one effect more only where fewer do not reach the noise."""
+    rivals: list[Fit] = []
+    after, more = 0, found
+    while more is not None and len(more.best.candidates) > after:
+        rivals += simulated_rivals(more, trace.fit_problem, tell, after)
+        after = len(more.best.candidates)
+        more = None if any(residual_at_noise_level(r.misfit) for r in rivals) else gone_on(more, trace)
     return named_first(sorted(rivals, key=information))
 
 
@@ -110,7 +130,7 @@ def refit_hypotheses(trace: Trace, tell: Tell) -> Trace:
     trace = replace(trace, search=Search(base=base, best=base, stages=[Stage(lines=trace.screening, rivals=[])]))
     if residual_at_noise_level(base.misfit) and not in_balances.best.candidates:
         return replace(trace, decided="not needed: the declared parameters alone reach the noise")
-    rivals = simulated_rivals(in_balances, trace.fit_problem, tell)
+    rivals = rivals_of_balances(in_balances, trace, tell)
     trace.search.stages[0].rivals = rivals
     if not rivals:
         return replace(trace, decided="no effect that the balances ask for reaches the noise")

@@ -10,7 +10,7 @@ import numpy as np
 
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine, load_machine
-from hexsim.machine.files import find_machine_file
+from hexsim.machine.files import changed, find_machine_file
 from hexsim.readers import log_files, read_stretches
 from hexsim.signals.channels import noise_of
 from hexsim.signals.log import Log
@@ -25,14 +25,20 @@ from hexsim.tracing.fitting.selection import Search
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Trace
 
+LOAD_KNOWN = 0.005  # half width of what people put on, relative: it was weighed
 SHORTEST_STRETCH_S = 2.0  # of a run with gaps; the first 0.3 s of each do not count
 
 
-def read_runs(folder: Path, names: Sequence[str], machine: Machine) -> tuple[list[Log], dict[str, list[Finding]]]:
-    """Read and check the named logs. Each stretch between long gaps is a run that begins with states of its own."""
+def read_runs(
+    folder: Path, names: Sequence[str], machine: Machine, loaded: Sequence[str] = ()
+) -> tuple[list[Log], dict[str, list[Finding]]]:
+    """Read and check the named logs. Each stretch between long gaps is a run that begins with states of its own.
+
+    loaded: names of logs with the additional mass on the machine.
+    """
     logs: list[Log] = []
     for name in names:
-        parts = read_stretches(log_files(folder, name))
+        parts = [replace(part, loaded=name in loaded) for part in read_stretches(log_files(folder, name))]
         parts = [part for k, part in enumerate(parts) if k == 0 or part.duration_s >= SHORTEST_STRETCH_S]
         logs += [
             one if k == 0 else replace(one, name=f"{one.name} from {one.offset_s:.1f} s") for k, one in enumerate(parts)
@@ -82,14 +88,39 @@ def refuse_undriven(logs: Sequence[Log], feedback: int) -> None:
             )
 
 
-def begin(machine_folder: Path | str, fit: Sequence[str], validate: Sequence[str]) -> Trace:
-    """The first state of a trace: the declared machine, nothing fitted. HexsimError for logs that cannot be used."""
+def with_additional_mass(machine: Machine, load_kg: float | None, loaded: Sequence[str]) -> Machine:
+    """The machine with what people can put on it [kg], known to LOAD_KNOWN where its file does not say how well."""
+    key = "additional_mass_kg"
+    if load_kg is not None:
+        machine = changed(machine, {f"load.{key}": load_kg})
+    if machine.load.additional_mass_kg is None:
+        if loaded:
+            raise HexsimError(f"log {loaded[0]} has a load on: say what it weighs, load_kg or {key} in [load]")
+        return machine
+    return changed(machine, {f"uncertainty.{key}": machine.uncertainty.get(key, LOAD_KNOWN)})
+
+
+def begin(
+    machine_folder: Path | str,
+    fit: Sequence[str],
+    validate: Sequence[str],
+    load_kg: float | None = None,
+    loaded: Sequence[str] = (),
+) -> Trace:
+    """The first state of a trace: the declared machine, nothing fitted. HexsimError for logs that cannot be used.
+
+    load_kg: what people can put on the machine; loaded: logs that were taken with it.
+    """
     if not fit or not validate:
         raise HexsimError("tracing needs at least one log to fit and one held-out log to validate: give both")
-    folder, machine = find_machine_file(machine_folder).parent, load_machine(machine_folder)
+    unknown = set(loaded) - {*fit, *validate}
+    if unknown:
+        raise HexsimError(f"log {min(unknown)} is said to have a load on and is not traced: give it to fit or validate")
+    folder = find_machine_file(machine_folder).parent
+    machine = with_additional_mass(load_machine(machine_folder), load_kg, loaded)
     refuse_same_logs(folder, fit, validate)
-    fit_logs, findings = read_runs(folder, fit, machine)
-    held_out_logs, more = read_runs(folder, validate, machine)
+    fit_logs, findings = read_runs(folder, fit, machine, loaded)
+    held_out_logs, more = read_runs(folder, validate, machine, loaded)
     findings |= more
     findings["all logs"] = check_same_machine([*fit_logs, *held_out_logs], machine)
     noise = noise_of(machine, fit_logs)

@@ -2,7 +2,9 @@
 
 Where the hypothesis stands, the column of every candidate is held against what the named effect does: how much of it is
 left when declared parameters, the other effects and the candidate may move. What leaves little is refitted by simulation
-in the place of the named effect. A tie is a refit within TIE_CHI2, whatever led the search to the named one.
+in the place of the named effect. A tie is a refit within TIE_CHI2, whatever led the search to the named one; and any
+effect whose column is the named one's in every balance, sample by sample: both are one term there, so that no refit of
+these logs says more (a hose and a dead volume add one constant to the capacity).
 """
 
 from __future__ import annotations
@@ -15,9 +17,10 @@ import numpy as np
 from hexsim.tracing import rules
 from hexsim.tracing.balances.controller import Loop
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, start_fit_at
-from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
-from hexsim.tracing.fitting.screening import columns_of
+from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
+from hexsim.tracing.fitting.screening import Screened, columns_of
 from hexsim.tracing.fitting.selection import information, scale_of, try_candidate
+from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace
@@ -25,6 +28,8 @@ from hexsim.tracing.steps.hypotheses import simulated_fit
 from hexsim.tracing.steps.verdict import held_out_gains
 
 Array = np.ndarray
+SAME_TERM = 1e-8  # share that one column leaves of another where both are one term
+TIE_FAR = 0.25  # candidates are no ties that do less than this share of the named effect in the balances
 TANGENT = 0.05  # share of the trial size at which tangents are taken: near a resonance the answer is soon nonlinear
 
 
@@ -82,6 +87,19 @@ def stand_ins(
     return [(candidate, theta) for _, candidate, theta in best]
 
 
+def alike_in_balances(own: Candidate, possible: Sequence[Candidate], lines: Sequence[Screened]) -> list[Candidate]:
+    """Candidates that may do in the balances what an effect does there: two that give the same signals leave them alike.
+
+    All of them where the balances do not show the effect; and those that the balances do not show. lines: of a screening.
+    """
+    columns = {id(line.candidate): np.concatenate([x.ravel() for x in line.column]) for line in lines}
+    directions = {key: x / np.linalg.norm(x) for key, x in columns.items() if np.any(x)}
+    there = [line.candidate for line in lines if line.candidate.label == own.label]
+    does = [directions[id(candidate)] for candidate in there if id(candidate) in directions]
+    alike = {key: max((float(x @ one) ** 2 for one in does), default=1.0) for key, x in directions.items()}
+    return [candidate for candidate in possible if alike.get(id(candidate), 1.0) > TIE_FAR]
+
+
 def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedProblem) -> dict[str, Fit]:
     """Effects that can stand for effect k: label -> the hypothesis with it, refitted on the whole runs."""
     head = problem.head(rules.TRIAGE_S)
@@ -99,13 +117,43 @@ def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedP
     return dict(sorted(tied.items()))
 
 
-def with_ties(fit: Fit, possible: Sequence[Candidate], problem: SimulatedProblem) -> tuple[Fit, list[dict[str, Fit]]]:
+def same_terms(
+    fit: Fit, k: int, possible: Sequence[Candidate], balances: BalanceProblem, problem: SimulatedProblem
+) -> dict[str, Fit]:
+    """Effects of one number that are the same term as effect k in every balance: label -> the hypothesis with it."""
+    if len(fit.candidates[k].free()) != 1:
+        return {}
+    here, size = start_fit_at(fit, balances), fit.candidates[k].effect.parameters[0]
+    does = flat(effect_columns(here, balances, only=k))[0] * to_coordinate(size, fit.values[k][size.name])
+    others = [c for c in possible if len(c.free()) == 1 and c.label not in {own.label for own in fit.candidates}]
+    found = {}
+    for candidate, columns in zip(others, columns_of(here, others, balances), strict=True):
+        own = np.concatenate([c.ravel() for c in columns]).astype(float)
+        scale = float(own @ own)
+        if not np.isfinite(scale) or scale == 0.0:
+            continue
+        coordinate = float(own @ does) / scale
+        if np.sum((does - coordinate * own) ** 2) > SAME_TERM * (does @ does):
+            continue
+        number = candidate.effect.parameters[0]
+        values = (*fit.values[:k], {number.name: to_value(number, coordinate)}, *fit.values[k + 1 :])
+        swapped = replace(fit, candidates=(*fit.candidates[:k], candidate, *fit.candidates[k + 1 :]), values=values)
+        found[candidate.label] = replace(start_fit_at(swapped, problem), covariance=fit.covariance)
+    return found
+
+
+def with_ties(fit: Fit, trace: Trace) -> tuple[Fit, list[dict[str, Fit]]]:
     """The hypothesis and the ties of each of its effects; a physical cause goes before one that stands for any of its form."""
-    ties = [ties_of(fit, k, possible, problem) for k in range(len(fit.candidates))]
+    problem, balances = trace.fit_problem, trace.balance_problem
+    ties = []
+    for k, own in enumerate(fit.candidates):
+        near = alike_in_balances(own, trace.candidates, trace.screening)
+        same = {} if balances is None else same_terms(fit, k, near, balances, problem)
+        ties.append(same | ties_of(fit, k, near, problem))
     for k, tied in enumerate(ties):
         physical = [rival for rival in tied.values() if not rival.candidates[-1].effect.generic]
         if fit.candidates[k].effect.generic and physical:
-            return with_ties(min(physical, key=information), possible, problem)
+            return with_ties(min(physical, key=information), trace)
     return fit, ties
 
 
@@ -134,7 +182,7 @@ def look_for_ties(trace: Trace, tell: Tell) -> Trace:
     """Of an explained machine: the ties of each effect, and each effect with its evidence."""
     if trace.verdict != "explained":
         return replace(trace, decided="not needed: no effect is named")
-    final, ties = with_ties(trace.final, trace.candidates, trace.fit_problem)
+    final, ties = with_ties(trace.final, trace)
     trace = replace(trace, final=final, ties=ties)
     gains = tuple(held_out_gains(final, trace.base, trace.validate_problem))
     effects = [named_effect(trace, k, tuple(tied), gains) for k, tied in enumerate(ties)]

@@ -1,5 +1,0 @@
-"""python -m hexsim.cli"""
-
-from hexsim.cli import main
-
-main()

@@ -1,0 +1,58 @@
+"""What a design says: the first line of its file, and what stays open after it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from hexsim.tracing.design.information import SHARP, Number, Promise
+from hexsim.tracing.state import Trace
+
+NO_GAIN = 0.8  # a motion that leaves more than this share of an error does not sharpen it
+
+
+def purpose_of(
+    tables: dict[str, Any],
+    labels: Sequence[str],
+    found: Promise,
+    numbers: tuple[Number, ...],
+    wanted: int | None,
+    load_kg: float | None,
+) -> str:
+    """The first line. load_kg: the load of the motion, or one that would separate what no motion does."""
+    mass = f"a load of {load_kg:.3g} kg" if load_kg else ""
+    put_on = f", with {mass} on it" if "machine" in tables else ""
+    might = "another sensor might" if put_on else "another load or another sensor might"
+    would = f"; {mass} would" if mass and not put_on else f"; {might}"
+    stay = [other for _, other in found.tied]
+    apart = [label for label in labels[1:] if label not in stay]
+    if apart:
+        said = f"to separate {', '.join([labels[0], *apart])}{put_on}"
+        return said + (f"; no motion separates {', '.join([labels[0], *stay])}" if stay else "")
+    if stay:
+        return f"no motion separates {', '.join(labels)}{would}"
+    if wanted is not None:
+        number, expected = numbers[wanted], found.errors[wanted]
+        now = f"{number.name} of {number.effect} better: {number.value:.3g} +- {number.standard_error:.2g} now"
+        if number.relative_of(expected) > SHARP and expected > NO_GAIN * number.standard_error:
+            return f"no motion tells {now}; what is declared would have to be known better"
+        return f"to know {now}{put_on}"
+    if numbers:
+        return f"to know all declared parameters better{put_on}: nothing is left to be told apart"
+    return (
+        f"to know all declared parameters better, and what any machine has a little of{put_on}: no hypothesis is left"
+    )
+
+
+def cannot_tell(trace: Trace, found: Promise, numbers: tuple[Number, ...]) -> tuple[str, ...]:
+    """What stays open after it."""
+    said = [
+        f"{one} from {other}: {found.separations[one, other]:.2g} of at least {found.needed:.2g} that are needed"
+        for one, other in found.tied
+    ]
+    for number, error in zip(numbers, found.errors, strict=True):
+        if number.value and number.relative_of(error) > SHARP:
+            said.append(f"{number.name} of {number.effect} to better than {100 * number.relative_of(error):.0f} %")
+    for rest in trace.unexplained:
+        said.append(f"what the rest of the {rest.balance} balance in {rest.violation.where} is: no hypothesis names it")
+    return tuple(said)
