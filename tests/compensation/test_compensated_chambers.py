@@ -10,8 +10,9 @@ import pytest
 
 from compensation import Context, create
 from compensation.adaptive import Adaptive
-from compensation.adaptive.chamber_pressures import pair_roots
+from compensation.adaptive.chamber_pressures import measure_pressures, pair_roots, roots_ahead
 from compensation.adaptive.chambers import compliance_m_Pa, equivalent_Pa, pair_flow_m_s, pair_volts
+from compensation.adaptive.friction import demanded_pressure
 from compensation.adaptive.layout import VALVE, empty
 from compensation.adaptive.loop_feedback import fed_back_V
 from hexsim.machine import load_machine
@@ -126,3 +127,32 @@ def test_a_bench_on_a_four_way_valve_has_an_eighth_of_plain_controls_bump(change
 def test_a_servo_hexapod_in_heave_has_an_eighth_of_plain_controls_bump():
     """As the bench, six legs."""
     assert bump("adaptive", {}, name="servo_hexapod") < bump("none", {}, name="servo_hexapod") / 8
+
+
+@pytest.mark.slow
+def test_a_servo_hexapod_in_roll_has_a_sixth_of_plain_controls_bump():
+    """Legs 3 and 6 hardly move themselves. A pressure step spread over 3 ms left 1/5.6."""
+    assert bump("adaptive", {}, "roll", "servo_hexapod") < bump("none", {}, "roll", "servo_hexapod") / 6
+
+
+def test_the_step_of_a_heavy_load_on_a_four_way_valve_is_narrow():
+    """0.5 m/s2 of step and 0.5 m/s2 of acceleration: friction's sign goes over within 1 ms and presliding, not 3 ms."""
+    state = state_of(1.0)
+    friction, reference = state.friction, state.reference
+    friction.windows[:], friction.half_step_Pa, friction.fit.theta[1] = 50, 5e4, 0.2
+    reference.acceleration_m_s2 = 0.5
+    width_m_s = 0.5 * 1e-3 + state.settings.presliding_m_s
+    for velocity, whole in ((0.99 * width_m_s, False), (1.01 * width_m_s, True), (-1.01 * width_m_s, True)):
+        reference.velocity_m_s = velocity
+        sign = demanded_pressure(reference, friction, 1.0, state.settings)[3]
+        assert (sign == math.copysign(1.0, velocity)) is whole
+
+
+def test_the_drops_asked_for_follow_a_low_passed_supply():
+    """White noise of the supply's transducer reaches the drops through the low-pass alone."""
+    state = state_of(1.0)
+    measure_pressures(state.chambers, 8e6, 8e6, SUPPLY + 1e5)
+    _, equivalent = equivalent_Pa(state.settings, 8e6, 8e6, SUPPLY)
+    state.reference.position_m = 0.3
+    roots = roots_ahead(state.chambers, state.settings, state.reference, 0.3, 0.5 * TANK, equivalent, True, 0)
+    assert roots[1] == pytest.approx(pair_roots(state.settings, 0.3, 8e6, 8e6, SUPPLY)[1], rel=1e-9)

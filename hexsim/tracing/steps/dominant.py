@@ -85,12 +85,18 @@ def promise_of(base: RestFit, candidate: Candidate, own: Sequence[Array], proble
     here = np.append(coordinates_of(bare), 0.0)
     start = here + (start - here) * min(1.0, LARGEST_START / max(abs(start[-1]), 1e-9))
     start[-1] = start[-1] or 0.1
-    if number.unit == "s":
+    if acts_late(candidate):
         typical = np.append(here[:-1], rest_level.STARTS[0])
         left = rest_level.cost_of(rest_level.begun_with(bare, candidate, typical, problem), slow)
         promised = rest_level.cost_of(base.fit, slow) - left
         start, fall = (typical, promised) if promised > fall else (start, fall)
     return (fall, candidate, start), sd
+
+
+def acts_late(candidate: Candidate) -> bool:
+    """Is its size a delay or a time constant, or that of a lag that vanishes at infinity?"""
+    number = candidate.effect.parameters[0]
+    return number.unit in ("s", "Hz")
 
 
 def worth_a_refit(asked: Sequence[Job], bending: bool) -> list[Job]:
@@ -171,7 +177,8 @@ def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem
     best = max((base.cost - rival.cost for rival in rivals), default=0.0)
     least = max(rules.PARTLY_PROMISE * least_fall(problem), rules.PARTLY_NEAR * best)
     near = [rival for rival in rivals[: rules.PARTLY_TRIED] if base.cost - rival.cost > least]
-    begun = [own for rival in near for own in (rival, rest_level.without_lag(rival, problem)) if own is not None]
+    late = (rest_level.without_lag(rival, problem) for rival in near if acts_late(rival.fit.candidates[-1]))
+    begun = [*near, *(own for own in late if own is not None)]
     anew = in_parallel(lambda rival: rest_level.renewed(rival, problem), begun)
     better = [
         min((rival, *(own for own in anew if label_of(own) == label_of(rival))), key=lambda found: found.cost)
