@@ -45,6 +45,7 @@ from .valve_edge import (
 )
 
 MAX_LAG_OIL_M = 15e-6  # oil at a crossing of the overlap by which the lags of both edges may differ: one spool, one lag
+MAX_LAG_OIL_PAIR_M = 5e-5  # on a four-way valve under load, whose directions differ by 0.6 ms about the spool's lag
 NULL_TOLERANCE_V = 5e-3  # by which the null may be off the middle of the edges
 NULL_ALPHA, NULL_BETA = 0.08, 0.003  # with which the null and its rate follow, a window
 NULL_ERROR_V, NULL_RATE_V_S, NULL_TICKS = 5e-3, 0.03, 100  # bounds: an error, the rate, ticks between windows
@@ -94,7 +95,8 @@ def lags_agree(valve):
     down, up = valve.edges[0], valve.edges[1]
     crossing_m_s = max(down.gain_m_s_V, up.gain_m_s_V) * (down.dead_band_V + up.dead_band_V)
     difference_s = 0.5 * abs(lag_difference_s(down) + lag_difference_s(up))
-    return crossing_m_s * max(abs(down.lag_s - up.lag_s), difference_s) < MAX_LAG_OIL_M
+    most_m = MAX_LAG_OIL_PAIR_M if valve.four_way else MAX_LAG_OIL_M
+    return crossing_m_s * max(abs(down.lag_s - up.lag_s), difference_s) < most_m
 
 
 @compiled
