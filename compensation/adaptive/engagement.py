@@ -99,19 +99,23 @@ def update_engagement(state, setpoint_m_s2, position_m, control_V, behind_m):
 def _move_feed_forward(state, identified):
     """The share g, and the caution about the edges' rounding that goes with it."""
     engagement, reference, settings = state.engagement, state.reference, state.settings
-    if settings.controller_feeds_forward != 0.0:  # plain control has no lag either
-        reference.feed_forward = 1.0
-    elif engagement.ramp == 0.0:
-        reference.feed_forward = 0.0
+    if engagement.ramp == 0.0:
+        reference.feed_forward = reference.linear = 0.0
     elif engagement.ramp == 1.0:
         coming = identified and engagement.excited
         rise_s = ARMED_FEED_FORWARD_S if engagement.armed else settings.feed_forward_s
         change = settings.tick_s / rise_s if coming else -settings.tick_s / settings.disengage_s
+        reference.linear = clip(reference.linear + change, 0.0, 1.0)
+        waits = state.trust.turning_s > 0.0 and not state.trust.trusted
+        if coming and waits and not engagement.armed and reference.load_given != 2:
+            change = -change
         reference.feed_forward = clip(reference.feed_forward + change, 0.0, 1.0)
-        engagement.armed = engagement.armed and 0.0 < reference.feed_forward < 1.0
-    # until the feed-forward is all in, too small a dead-band compensation is safer than too large a one
-    transfer = engagement.ramp > 0.0 and reference.feed_forward < 1.0
-    state.trim.minimum_V = (1.0 - reference.feed_forward) * upper_bound_V(state.rounding) if transfer else 0.0
+        engagement.armed = engagement.armed and 0.0 < reference.linear < 1.0
+    if settings.controller_feeds_forward != 0.0:  # plain control has no lag either
+        reference.feed_forward = reference.linear = 1.0
+    # until the dead band is compensated, too small a compensation is safer than too large a one
+    transfer = engagement.ramp > 0.0 and reference.linear < 1.0
+    state.trim.minimum_V = (1.0 - reference.linear) * upper_bound_V(state.rounding) if transfer else 0.0
 
 
 @compiled
@@ -133,7 +137,7 @@ def _next_phase(state, identified):
     if engagement.excited:
         return COMPENSATED
     at_rest = abs(engagement.acceleration_m_s2) < AT_REST_M_S2
-    lags = state.reference.feed_forward == 0.0 or state.settings.controller_feeds_forward != 0.0
+    lags = state.reference.linear == 0.0 or state.settings.controller_feeds_forward != 0.0
     may_leave = lags and (engagement.after_reversal or at_rest)
     return DISENGAGING if may_leave else FEED_FORWARD_OUT
 
@@ -165,7 +169,7 @@ def arm(state, known):
     monitor.baseline_m_s2[:], monitor.reversal_m_s2[:] = known.baseline_m_s2, known.reversal_m_s2
     if not (valve_ready(state.valve) and friction_ready(state.friction) and monitor_ready(monitor)):
         return
-    engagement.armed, engagement.friction_share = True, 1.0
+    engagement.armed, engagement.friction_share, state.trust.trusted, state.trust.error_m_s2 = True, 1.0, True, 0.0
     engagement.stability_limit_m_s2 = _stability_limit_m_s2(state)
 
 
