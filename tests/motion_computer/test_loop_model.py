@@ -11,7 +11,7 @@ from hexsim.machine.files import changed
 from hexsim.motion_computer.leg_load import holding_forces, leg_compliance
 from hexsim.motion_computer.loop_model import Loop, leg_matrices, loops
 from hexsim.motion_computer.margins import figures_of, first_below, stability_sentence, worst_figures
-from hexsim.studies.tune_loop import FREQUENCIES_Hz, SHAKEN_m_s2, Search, measure, tuned
+from hexsim.studies.tune_loop import FREQUENCIES_Hz, Search, SHAKEN_m_s2, measure, tuned
 
 WITHOUT_DRY_FRICTION = {
     f"friction.{kind}_{way}_N": 0.0 for kind in ("coulomb", "static") for way in ("extend", "retract")
