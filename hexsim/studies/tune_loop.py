@@ -6,7 +6,8 @@
                     +-GAIN_OFF, kept from breaking phase margin, gain margin, peak and SHAKEN by a penalty (Nelder-Mead)
 
 What the noise of the transducers shakes, in the mode that it shakes most, stays below the threshold of perception with
-three standard deviations: a high gain follows the noise as it follows the setpoint. Every mode of the load counts alike. Measured with a multisine in each degree of freedom.
+three standard deviations: a high gain follows the noise as it follows the setpoint.
+Every mode of the load counts alike. Measured with a multisine in each degree of freedom.
 """
 
 from __future__ import annotations
