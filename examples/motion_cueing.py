@@ -30,7 +30,7 @@ from hexsim.recording.figure_style import legend, new_figure, png, styled
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 from hexsim.simulation.hosted import Host
-from hexsim.smoothness import band_limit
+from hexsim.smoothness import band_limit, response_delay_s
 from hexsim.studies.tune_start import FILE, teach
 
 RATE_Hz = 500.0
@@ -81,17 +81,15 @@ def compare(log, kinematics, vehicle):
 
 def figures(time, felt):
     """Per axis: felt against commanded: rms of both, of their difference, delay [ms], correlation."""
-    step, table = time[1] - time[0], {}
+    table = {}
     for k, axis in enumerate("xyz"):
         commanded, got = felt["commanded"][:, k], felt["felt"][:, k]
-        lags = np.arange(0, int(0.5 / step))
-        scores = [np.mean(commanded[: len(commanded) - lag] * got[lag:]) for lag in lags]
         table[axis] = {
             "commanded_rms_m_s2": float(np.sqrt(np.mean(commanded**2))),
             "felt_rms_m_s2": float(np.sqrt(np.mean(got**2))),
             "difference_rms_m_s2": float(np.sqrt(np.mean((got - commanded) ** 2))),
             "peak_difference_m_s2": float(np.max(np.abs(got - commanded))),
-            "delay_ms": 1e3 * float(lags[int(np.argmax(scores))] * step),
+            "delay_ms": 1e3 * response_delay_s(time, got, commanded),
             "correlation": float(np.corrcoef(commanded, got)[0, 1]),
         }
     return table

@@ -24,6 +24,7 @@ from hexsim.identify.record import Round, Story
 from hexsim.identify.rounds import check_careful
 from hexsim.identify.story import write_story
 from hexsim.machine import load_machine
+from hexsim.machine.files import changed
 from hexsim.motion_computer.compensator_packet import AskedCompensator, unpack_asked
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_packet import Reply
@@ -215,6 +216,7 @@ def told_traces(monkeypatch):
     def trace(folder, fit, held_out, out, tell):
         known.append([pl.read_parquet(path)["position_m"].to_numpy() for path in fit])
         return SimpleNamespace(
+            predicted=(),
             verdict="explained",
             effects=[],
             report={},
@@ -429,3 +431,22 @@ def test_a_leg_that_does_not_follow_is_refused():
         with pytest.raises(HexsimError, match="position_m does not follow"):
             check_careful(machine, pl.DataFrame({"setpoint_m": setpoint, "position_m": position}))
     check_careful(machine, pl.DataFrame({"setpoint_m": setpoint, "position_m": np.roll(setpoint, 20)}))
+
+
+def test_the_compensator_starts_with_the_rounding_of_the_file():
+    """2 um of a spool that travels 1.1 mm for 10 V are 18 mV, whatever the twin's heave has told; sharp edges, and a four-way valve,
+    keep what was learned."""
+    bench, learned = load_machine("bench"), [{"rounding_V": 0.01, "flow": {}}]
+    travel = {"valve.spool_travel_max_m": 1.1e-3, "valve.voltage_max_V": 10.0, "valve.edge_rounding_m": 2e-6}
+    found = bump.with_rounding(learned, changed(bench, travel))
+    assert found == [{"rounding_V": pytest.approx(2e-6 / 1.1e-4), "flow": {}}]
+    assert bump.with_rounding(learned, changed(bench, travel | {"valve.edge_rounding_m": 0.0})) == learned
+    servo = SimpleNamespace(cylinder=SimpleNamespace(rod_side="valve"), of_legs=changed(bench, travel).of_legs)
+    assert bump.with_rounding(learned, servo) == learned
+
+
+def test_what_follows_a_signal_at_the_noise_is_said():
+    """Of a machine at its noise whose rest follows a signal, the rest is open, and no rival that is not there."""
+    rest = SimpleNamespace(sentence="what is left of pressure follows itself by a curve")
+    trace = SimpleNamespace(verdict="unexplained", predicted=(rest,), effects=[])
+    assert rounds.open_points(trace) == [f"every channel is at its noise, and {rest.sentence}"]

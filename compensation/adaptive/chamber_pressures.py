@@ -73,10 +73,12 @@ def _root(settings, drop_Pa):
 
 
 @compiled
-def roots_ahead(chambers, settings, reference, oil_m, equivalent_Pa, engaged, shift):
-    """R of both edge pairs at the boundary looked at. equivalent_Pa: load there, as of the three-way valve that is alike."""
+def roots_ahead(chambers, settings, reference, oil_m, equivalent_Pa, equivalent_supply_Pa, engaged, shift):
+    """R of both edge pairs at the boundary looked at. equivalent_Pa: load there, as of the three-way valve that is alike;
+    equivalent_supply_Pa: its supply pressure, low-passed."""
     r, tank, tick_s = settings.rod_ratio, settings.tank_pressure_Pa, settings.tick_s
-    m, supply = 1.0 + r**3, chambers.supply_Pa
+    m = 1.0 + r**3
+    supply = tank + (equivalent_supply_Pa - tank) * m / (1.0 + r)
     load = m * equivalent_Pa + tank * (1.0 - r + m * (settings.area_ratio - 1.0))
     flow, chambers.oil_m = (oil_m - chambers.oil_m) / tick_s, oil_m
     if not engaged:

@@ -249,7 +249,9 @@ def _round(number: int, purpose: str, log: str, result: Trace, expected: dict[st
 def open_points(result: Trace) -> list[str]:
     """What a trace leaves open and a measurement may tell: ties, an unexplained rest, numbers that are not sharp."""
     found = []
-    if result.verdict == "unexplained":
+    if result.predicted:
+        found.append(f"every channel is at its noise, and {result.predicted[0].sentence}")
+    elif result.verdict == "unexplained":
         labels = [label for label, _ in surviving(result)]
         found.append(" or ".join(labels) if len(labels) > 1 else "the rest is unexplained")
     for effect in result.effects:

@@ -10,10 +10,12 @@ import pytest
 
 from compensation import Context, create
 from compensation.adaptive import Adaptive
-from compensation.adaptive.chamber_pressures import pair_roots
+from compensation.adaptive.chamber_pressures import measure_pressures, pair_roots, roots_ahead
 from compensation.adaptive.chambers import compliance_m_Pa, equivalent_Pa, pair_flow_m_s, pair_volts
+from compensation.adaptive.friction import demanded_pressure
 from compensation.adaptive.layout import VALVE, empty
 from compensation.adaptive.loop_feedback import fed_back_V
+from compensation.adaptive.valve import lags_agree
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import load_scenario
@@ -126,3 +128,52 @@ def test_a_bench_on_a_four_way_valve_has_an_eighth_of_plain_controls_bump(change
 def test_a_servo_hexapod_in_heave_has_an_eighth_of_plain_controls_bump():
     """As the bench, six legs."""
     assert bump("adaptive", {}, name="servo_hexapod") < bump("none", {}, name="servo_hexapod") / 8
+
+
+@pytest.mark.slow
+def test_a_servo_hexapod_in_roll_has_a_sixth_of_plain_controls_bump():
+    """Legs 3 and 6 hardly move themselves. A pressure step spread over 3 ms left 1/5.6."""
+    assert bump("adaptive", {}, "roll", "servo_hexapod") < bump("none", {}, "roll", "servo_hexapod") / 6
+
+
+def test_the_step_of_a_heavy_load_on_a_four_way_valve_is_narrow():
+    """0.5 m/s2 of step and 0.5 m/s2 of acceleration: friction's sign goes over within 1 ms and presliding, not 3 ms."""
+    state = state_of(1.0)
+    friction, reference = state.friction, state.reference
+    friction.windows[:], friction.half_step_Pa, friction.fit.theta[1] = 50, 5e4, 0.2
+    reference.acceleration_m_s2 = 0.5
+    width_m_s = 0.5 * 1e-3 + state.settings.presliding_m_s
+    for velocity, whole in ((0.99 * width_m_s, False), (1.01 * width_m_s, True), (-1.01 * width_m_s, True)):
+        reference.velocity_m_s = velocity
+        sign = demanded_pressure(reference, friction, 1.0, state.settings)[3]
+        assert (sign == math.copysign(1.0, velocity)) is whole
+
+
+def test_the_drops_asked_for_follow_a_low_passed_supply():
+    """White noise of the supply's transducer reaches the drops through the low-pass alone."""
+    state = state_of(1.0)
+    measure_pressures(state.chambers, 8e6, 8e6, SUPPLY + 1e5)
+    _, equivalent = equivalent_Pa(state.settings, 8e6, 8e6, SUPPLY)
+    state.reference.position_m = 0.3
+    roots = roots_ahead(state.chambers, state.settings, state.reference, 0.3, 0.5 * TANK, equivalent, True, 0)
+    assert roots[1] == pytest.approx(pair_roots(state.settings, 0.3, 8e6, 8e6, SUPPLY)[1], rel=1e-9)
+
+
+def test_two_directions_of_one_spool_may_differ_by_half_a_millisecond_on_a_four_way_valve():
+    """0.8 V of overlap and 0.07 m/s/V: 28 um of oil at a crossing. On a three-way valve 15 um are the most."""
+    valve = state_of(1.0).valve
+    for edge, lag_s in zip(valve.edges, (3.0e-3, 3.5e-3), strict=True):
+        edge.gain_m_s_V, edge.dead_band_V, edge.lag_s = 0.07, 0.4, lag_s
+        for fit in (edge.plain_fit, edge.backlash_fit):
+            fit.theta[0], fit.theta[2] = 0.07, 0.07 * lag_s
+    assert lags_agree(valve)
+    valve.edges[1].lag_s = 4.0e-3
+    assert not lags_agree(valve)
+    valve.edges[1].lag_s, valve.four_way = 3.5e-3, False
+    assert not lags_agree(valve)
+
+
+@pytest.mark.slow
+def test_an_overlap_of_20_um_on_a_four_way_valve_is_compensated():
+    """0.4 V on either side: to a third. Two lags that differ by the load kept it from engaging before."""
+    assert bump("adaptive", {"valve.overlap_m": 2e-5}) < bump("none", {"valve.overlap_m": 2e-5}) / 3

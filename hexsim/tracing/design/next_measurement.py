@@ -187,7 +187,10 @@ def in_the_balances(trace: Trace) -> bool:
 
 
 def surviving(trace: Trace) -> list[tuple[str, Fit]]:
-    """Hypotheses that the logs leave, the best first: of a tie its members, of an unexplained machine the best rivals."""
+    """Hypotheses that the logs leave, the best first: of a tie its members, of an unexplained machine the best rivals.
+
+    Of one whose channels are at their noise and follow a signal all the same, none: no effect is larger than that.
+    """
     if in_the_balances(trace):
         named = frozenset(effect.candidate.label for effect in trace.effects)
         return [(label_of(one, named), one.fit) for one in trace.rest]
@@ -195,7 +198,7 @@ def surviving(trace: Trace) -> list[tuple[str, Fit]]:
     found = [(" and ".join(effects) or _label(trace.final), trace.final)]
     for tied in trace.ties:
         found += [(label, rival) for label, rival in tied.items()]
-    if trace.verdict == "unexplained":
+    if trace.verdict == "unexplained" and not trace.predicted:
         rivals = [rival for stage in trace.search.stages for rival in stage.rivals]
         rivals = sorted(rivals, key=lambda rival: rival.chi2)[:CONTENDERS]
         found = [(_label(rival), rival) for rival in rivals] or found
