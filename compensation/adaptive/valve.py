@@ -45,6 +45,7 @@ from .valve_edge import (
 )
 
 MAX_LAG_OIL_M = 15e-6  # oil at a crossing of the overlap by which the lags of both edges may differ: one spool, one lag
+MAX_LAG_OIL_PAIR_M = 5e-5  # on a four-way valve under load, whose directions differ by 0.6 ms about the spool's lag
 NULL_TOLERANCE_V = 5e-3  # by which the null may be off the middle of the edges
 NULL_ALPHA, NULL_BETA = 0.08, 0.47  # most with which the null follows, a window; and its rate, of the square of it
 NULL_PERIOD = 2.0  # with which it follows, over the windows of the last two half strokes
@@ -95,7 +96,8 @@ def lags_agree(valve):
     down, up = valve.edges[0], valve.edges[1]
     crossing_m_s = max(down.gain_m_s_V, up.gain_m_s_V) * (down.dead_band_V + up.dead_band_V)
     difference_s = 0.5 * abs(lag_difference_s(down) + lag_difference_s(up))
-    return crossing_m_s * max(abs(down.lag_s - up.lag_s), difference_s) < MAX_LAG_OIL_M
+    most_m = MAX_LAG_OIL_PAIR_M if valve.four_way else MAX_LAG_OIL_M
+    return crossing_m_s * max(abs(down.lag_s - up.lag_s), difference_s) < most_m
 
 
 @compiled
