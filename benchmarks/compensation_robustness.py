@@ -149,9 +149,9 @@ def result_of(case: Case) -> Case:
     records = [run(c, Leg(**vars(leg)), motion, duration_s, period_s=period_s, seed=case["seed"]) for c in both]
     found = [bumps(record, motion, duration_s) for record in records]
     made = [reversed_ for _, reversed_, _ in found[0]]
-    worse_peak = [_worse(b, a) for (*_, b), (*_, a) in zip(*found, strict=True)]
+    worse_peak = [is_worse(b, a) for (*_, b), (*_, a) in zip(*found, strict=True)]
     found = [[bump for bump, *_ in one] for one in found]
-    worse_bump = [_worse(b, a) for b, a in zip(*found, strict=True)]
+    worse_bump = [is_worse(b, a) for b, a in zip(*found, strict=True)]
     worse = [bump if turned else peak for bump, peak, turned in zip(worse_bump, worse_peak, made, strict=True)]
     peaks = [r.peaks(period_s)[-3:].max() if period_s else max(b[-8:]) / 2 for r, b in zip(records, found, strict=True)]
     return {
@@ -164,7 +164,7 @@ def result_of(case: Case) -> Case:
     }  # fmt: skip
 
 
-def _worse(plain: float, compensated: float) -> bool:
+def is_worse(plain: float, compensated: float) -> bool:
     """By 5 % and 0.03 m/s2."""
     return compensated > WORSE_RATIO * plain and compensated > plain + WORSE_m_s2
 

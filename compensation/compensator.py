@@ -192,6 +192,14 @@ class Compensator(abc.ABC):
         """The same in the middle of a motion, after a fault."""
         return self.restore(context, parameters)
 
+    def tells(self, state: Any) -> bool:
+        """Whether the last step learned what another leg of the same machine may `hear`."""
+        return False
+
+    def hear(self, state: Any, other: Any) -> None:
+        """Take what `other`, the state of a leg that is alike and `tells`, has just learned."""
+        return
+
     def status(self, state: Any) -> str:
         """Empty, or a sentence for the log, such as why plain control acts alone."""
         return ""
@@ -239,6 +247,12 @@ class Wrapped(Compensator):
 
     def resume(self, context: Context, parameters: Parameters) -> Any:
         return self.inner.resume(context, parameters)
+
+    def tells(self, state: Any) -> bool:
+        return self.inner.tells(state)
+
+    def hear(self, state: Any, other: Any) -> None:
+        self.inner.hear(state, other)
 
     def status(self, state: Any) -> str:
         return self.inner.status(state)

@@ -140,6 +140,7 @@ class GuardState:
     inner: Any
     guards: np.ndarray  # (1,) of GUARD
     reason: int = SOUND
+    acted: bool = False  # the algorithm, at the last step
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,8 @@ class Guarded(Wrapped):
             state.guards, sample.setpoint_m, sample.position_m, sample.control_V, sample.valve_V, sample.pressure_bottom_Pa,
             sample.pressure_top_Pa, sample.pressure_supply_Pa,
         )  # fmt: skip
-        if todo == ACTS:
+        state.acted = todo == ACTS
+        if state.acted:
             added, state.inner = self.inner.step(state.inner, sample)
             return accept_first(state.guards, float(added)), state
         guard = state.guards[0]
@@ -176,6 +178,12 @@ class Guarded(Wrapped):
 
     def resume(self, context: Context, parameters: Parameters) -> GuardState:
         return self._around(context, self.inner.resume(context, parameters))
+
+    def tells(self, state: GuardState) -> bool:
+        return state.acted and self.inner.tells(state.inner)
+
+    def hear(self, state: GuardState, other: GuardState) -> None:
+        self.inner.hear(state.inner, other.inner)
 
     def status(self, state: GuardState) -> str:
         return SENTENCES[state.reason] or self.inner.status(state.inner)

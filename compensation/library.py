@@ -15,7 +15,7 @@ import numpy as np
 from .adaptive.adaptive import Adaptive, sentence
 from .adaptive.guarded import GUARDED
 from .adaptive.layout import LEARNED, SETTINGS, as_dict, empty, fill
-from .adaptive.step import DESIGN_WANTED
+from .adaptive.step import DESIGN_WANTED, TELLS
 from .compensator import Compensator, Context, Parameters, Sample
 from .guard import SENTENCES
 
@@ -89,6 +89,12 @@ class Library(Compensator):
         if state.told & DESIGN_WANTED:
             self._call("design", state.numbers)
         return added.value, state
+
+    def tells(self, state: LibraryState) -> bool:
+        return bool(state.told & TELLS)
+
+    def hear(self, state: LibraryState, other: LibraryState) -> None:
+        self._call("hear", state.numbers, other.numbers)
 
     def parameters(self, state: LibraryState) -> Parameters:
         learned = np.zeros(1, LEARNED)

@@ -30,7 +30,7 @@ from hexsim.recording.figure_style import legend, new_figure, png, styled
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 from hexsim.simulation.hosted import Host
-from hexsim.smoothness import band_limit
+from hexsim.smoothness import band_limit, response_delay_s
 from hexsim.studies.tune_start import FILE, teach
 
 RATE_Hz = 500.0
@@ -81,17 +81,15 @@ def compare(log, kinematics, vehicle):
 
 def figures(time, felt):
     """Per axis: felt against commanded: rms of both, of their difference, delay [ms], correlation."""
-    step, table = time[1] - time[0], {}
+    table = {}
     for k, axis in enumerate("xyz"):
         commanded, got = felt["commanded"][:, k], felt["felt"][:, k]
-        lags = np.arange(0, int(0.5 / step))
-        scores = [np.mean(commanded[: len(commanded) - lag] * got[lag:]) for lag in lags]
         table[axis] = {
             "commanded_rms_m_s2": float(np.sqrt(np.mean(commanded**2))),
             "felt_rms_m_s2": float(np.sqrt(np.mean(got**2))),
             "difference_rms_m_s2": float(np.sqrt(np.mean((got - commanded) ** 2))),
             "peak_difference_m_s2": float(np.max(np.abs(got - commanded))),
-            "delay_ms": 1e3 * float(lags[int(np.argmax(scores))] * step),
+            "delay_ms": 1e3 * response_delay_s(time, got, commanded),
             "correlation": float(np.corrcoef(commanded, got)[0, 1]),
         }
     return table
@@ -113,7 +111,7 @@ def picture(time, felt, table, what):
         )
         row = table["xyz"[k]]
         late, off = row["delay_ms"], row["difference_rms_m_s2"]
-        plot.set_title(f"{description}: felt {late:.0f} ms after the command, rms of the difference {off:.2f} m/s²")
+        plot.set_title(f"{description}: felt {late:.0f} ms after the command, rms of the difference {off:.3f} m/s²")
         plot.set_ylabel("[m/s²]")
     plots[0].set_title(plots[0].get_title(), pad=22)
     legend(plots[0], columns=3)

@@ -10,7 +10,7 @@ from ..compensator import Compensator, Context, Parameters, Sample
 from .layout import LEARNED, STATE, Record, as_dict, empty, fill
 from .prediction import prediction_table
 from .start import keep, restore, start
-from .step import DESIGN_WANTED, REJECTED, WORSE, tick
+from .step import DESIGN_WANTED, REJECTED, TELLS, WORSE, hear_first, tick
 from .taps import design
 
 
@@ -92,6 +92,12 @@ class Adaptive(Compensator):
         if state.told & DESIGN_WANTED:
             design(state.numbers)
         return volts, state
+
+    def tells(self, state: AdaptiveState) -> bool:
+        return bool(state.told & TELLS)
+
+    def hear(self, state: AdaptiveState, other: AdaptiveState) -> None:
+        hear_first(state.states, other.states)
 
     def extra(self, state: AdaptiveState, sample: Sample) -> float:
         """Volts that a derived algorithm adds."""

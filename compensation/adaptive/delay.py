@@ -12,6 +12,10 @@ of spools and of lateness: which of the pressures past makes oil with the positi
 constant, a slope (leak, null) and a kink at the reversal (gain, dead band). S / 2 is a negative log-likelihood. Too long a
 delay is benign: the lead then trusts the spool too much, and is a little slow. Too short a one makes the volts
 overshoot into the flow. So a standard deviation is added.
+
+Legs of one machine are alike. What a reversal of another leg told is added, over 1 + the own reversals:
+
+    S = S_own + S_heard / (1 + reversals)
 """
 
 from __future__ import annotations
@@ -81,7 +85,7 @@ def found_delay_s(delay, lag_s):
     """The delay taken, of a total lag: mean of its likelihood, and a part of its standard deviation more."""
     total, mean, square, _ = _moments(delay, lag_s)
     mean /= total
-    errors = ERRORS + ERRORS_FIRST / (1.0 + delay.reversals)
+    errors = ERRORS + ERRORS_FIRST / (1.0 + delay.reversals + delay.heard_reversals)
     deviation = math.sqrt(max(square / total - mean * mean, 0.0))
     return min((1.0 + CAUTION) * mean + errors * deviation, max(lag_s - SPOOL_LAGS_S[0], 0.0))
 
@@ -105,15 +109,26 @@ def _smallest(sums):
 def _moments(delay, lag_s):
     """Of the likelihood: its sum, and those of delay, its square and lateness. A lateness is part of the delay."""
     total = mean = square = lateness = 0.0
-    least = _smallest(delay.sums)
+    share, least = 1.0 / (1.0 + delay.reversals), math.inf
+    for k in range(SPOOLS * LATES):
+        least = min(least, delay.sums[k] + share * delay.heard[k])
     for i in range(SPOOLS):
         late = max(lag_s - SPOOL_LAGS_S[i], 0.0)
         for j in range(LATES):
             if j == 0 or 0.5 * j * delay.tick_s < late + 0.25 * delay.tick_s:
-                weight = math.exp(0.5 * (least - delay.sums[i * LATES + j]))
+                k = i * LATES + j
+                weight = math.exp(0.5 * (least - delay.sums[k] - share * delay.heard[k]))
                 total, mean, square = total + weight, mean + weight * late, square + weight * late * late
                 lateness += 0.5 * weight * j * delay.tick_s
     return total, mean, square, lateness
+
+
+@compiled
+def hear_delay(delay, other):
+    """What the reversal of another leg told, in the tick in which it was judged."""
+    for k in range(SPOOLS * LATES):
+        delay.heard[k] = MEMORY * delay.heard[k] + other.found[k]
+    delay.heard_reversals, delay.hears = delay.heard_reversals + 1.0, True
 
 
 @compiled
@@ -219,8 +234,9 @@ def _compare(delay):
     scale = max(1.0, least / (count - 3))
     for i in range(SPOOLS):
         for j in range(LATES):
-            change = clip((delay.found[i * LATES + j] - least) / scale - MODEL_SUM, 0.0, MAX_SUM)
-            delay.sums[i * LATES + j] = MEMORY * delay.sums[i * LATES + j] + change
+            k = i * LATES + j
+            delay.found[k] = clip((delay.found[k] - least) / scale - MODEL_SUM, 0.0, MAX_SUM)
+            delay.sums[k] = MEMORY * delay.sums[k] + delay.found[k]
     delay.reversals, delay.tested = delay.reversals + 1, -1
     delay.pressure_square = SOFTNESS_MEMORY * delay.pressure_square + delay.best_square
     delay.pressure_product = SOFTNESS_MEMORY * delay.pressure_product - delay.best_product

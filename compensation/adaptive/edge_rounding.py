@@ -110,7 +110,7 @@ def add_to_rounding(rounding, leak, z_m, valve_V, roots, valve):
         set_spool_model(rounding.model, round_lag(valve.lag_s), tick_s)
     x = _advance_spool(rounding, valve_V, valve.edges[1 if valve_V > 0.0 else 0].backlash_V)
     edge = valve.edges[1 if x > 0.0 else 0]
-    straight = abs(x) > edge.dead_band_V + rounding.straight_V
+    straight = abs(x) > abs(edge.dead_band_V) + rounding.straight_V  # with underlap, where the other edge is shut
     if straight and rounding.ticks <= 1:
         start_passage(leak, x > 0.0)
         rounding.ticks, rounding.start_m, rounding.sharp_m, rounding.rounded_m = 1, z_m, 0.0, 0.0

@@ -15,9 +15,10 @@ feed-forward in the reference (reference.py). Phases and transitions:
 On entry to ENGAGING the reference joins the piston, so that the volts begin without a step. ENGAGING and DISENGAGING
 change into each other while the ramp moves, as the excitation comes and goes.
 
-Armed: started with what was learned before, of this machine or its twin. It engages as soon as it
-is excited, before anything has reversed, with plain control's bumps of then as the baseline; g rises in
-`ARMED_FEED_FORWARD_S`.
+Armed: started with what was learned before, of this machine or its twin. It engages as soon as the setpoints ahead
+begin to move, with plain control's bumps of then as the baseline. Where the piston stands at its setpoint nothing lags
+yet: the ramp ends before the piston moves, g = 1. Else g rises in `ARMED_FEED_FORWARD_S`. The first reversal tells
+whether the motion is excited.
 
 Excited: the acceleration of the setpoint at reversals exceeds max(`min_excitation_m_s2`, 1.3 x stability limit), until
 it falls below the stability limit. The limit is the reversal acceleration below which the hydraulic resonance of a
@@ -37,7 +38,7 @@ from .arithmetic import clip
 from .chambers import compliance_m_Pa
 from .edge_rounding import explains_reversals, upper_bound_V
 from .friction import friction_ready, inertia_Pa, resonance_growth_1_s, step_acceleration_m_s2
-from .layout import DEMANDS, LEAD_TICKS
+from .layout import DEMANDS, LEAD_TICKS, PREVIEW_TICKS
 from .monitor import NOISE_RANGE, PAIR_NOISE, add_to_monitor, monitor_ready, worse_than_baseline, worth_compensating
 from .valve import lags_agree, valve_ready
 
@@ -54,6 +55,7 @@ REVERSALS_TO_FORGIVE = 20  # good ones, after which one trip is forgotten
 MAX_WAIT_S = 1.0  # for the middle of a half stroke, to leave a valve that is no longer identified
 MIN_OPEN_S = 0.08  # time the valve has been open under plain control before engaging
 ARMED_ENGAGE_S, ARMED_FEED_FORWARD_S = 0.1, 0.4  # ramp and g after a start with what was learned
+JOIN_ERRORS = 4.0  # standard deviations of a position within which a piston stands at its setpoint
 TRIP_SPEED = 4.0  # of the ramp when tripped, over that of engaging
 
 
@@ -87,7 +89,10 @@ def update_engagement(state, setpoint_m_s2, position_m, control_V, behind_m):
     if phase == TRIPPED:
         engagement.ramp = max(0.0, engagement.ramp - TRIP_SPEED * step)
     elif phase == ENGAGING:
-        if engagement.ramp == 0.0:
+        if engagement.ramp == 0.0 and engagement.armed and abs(behind_m) < JOIN_ERRORS * state.monitor.noise_m:
+            reference.feed_forward = reference.linear = 1.0
+            engagement.ramp_step = 1.0 / PREVIEW_TICKS
+        elif engagement.ramp == 0.0:
             _join(state, behind_m)
         engagement.ramp = min(1.0, engagement.ramp + engagement.ramp_step)
     elif phase == DISENGAGING:
@@ -99,19 +104,22 @@ def update_engagement(state, setpoint_m_s2, position_m, control_V, behind_m):
 def _move_feed_forward(state, identified):
     """The share g, and the caution about the edges' rounding that goes with it."""
     engagement, reference, settings = state.engagement, state.reference, state.settings
-    if settings.controller_feeds_forward != 0.0:  # plain control has no lag either
-        reference.feed_forward = 1.0
-    elif engagement.ramp == 0.0:
-        reference.feed_forward = 0.0
+    if engagement.ramp == 0.0:
+        reference.feed_forward = reference.linear = 0.0
     elif engagement.ramp == 1.0:
-        coming = identified and engagement.excited
+        coming = identified and (engagement.excited or engagement.armed)
         rise_s = ARMED_FEED_FORWARD_S if engagement.armed else settings.feed_forward_s
         change = settings.tick_s / rise_s if coming else -settings.tick_s / settings.disengage_s
+        reference.linear = clip(reference.linear + change, 0.0, 1.0)
+        waits = state.trust.turning_s > 0.0 and not state.trust.trusted
+        if coming and waits and not engagement.armed and reference.load_given != 2:
+            change = -change
         reference.feed_forward = clip(reference.feed_forward + change, 0.0, 1.0)
-        engagement.armed = engagement.armed and 0.0 < reference.feed_forward < 1.0
-    # until the feed-forward is all in, too small a dead-band compensation is safer than too large a one
-    transfer = engagement.ramp > 0.0 and reference.feed_forward < 1.0
-    state.trim.minimum_V = (1.0 - reference.feed_forward) * upper_bound_V(state.rounding) if transfer else 0.0
+    if settings.controller_feeds_forward != 0.0:  # plain control has no lag either
+        reference.feed_forward = reference.linear = 1.0
+    # until the dead band is compensated, too small a compensation is safer than too large a one
+    transfer = engagement.ramp > 0.0 and reference.linear < 1.0
+    state.trim.minimum_V = (1.0 - reference.linear) * upper_bound_V(state.rounding) if transfer else 0.0
 
 
 @compiled
@@ -123,17 +131,18 @@ def _next_phase(state, identified):
     if engagement.lockout_s > 0.0 or not (identified or (engagement.ramp == 1.0 and not waited)):
         return TRIPPED if engagement.ramp > 0.0 else PLAIN
     if engagement.ramp == 0.0:
-        if engagement.armed and engagement.reversal_ticks > DEMANDS and engagement.excited:
+        moves = engagement.excited or abs(engagement.acceleration_m_s2) > AT_REST_M_S2
+        if engagement.armed and moves and engagement.reversal_ticks > DEMANDS:
             engagement.ramp_step = state.settings.tick_s / ARMED_ENGAGE_S
             return ENGAGING
         allowed = engagement.excited and engagement.friction_share == 1.0 and engagement.engage_window
         return ENGAGING if allowed and _checks_passed(state) else PLAIN
     if engagement.ramp < 1.0:
-        return ENGAGING if engagement.excited else DISENGAGING
-    if engagement.excited:
+        return ENGAGING if engagement.excited or engagement.armed else DISENGAGING
+    if engagement.excited or engagement.armed:
         return COMPENSATED
     at_rest = abs(engagement.acceleration_m_s2) < AT_REST_M_S2
-    lags = state.reference.feed_forward == 0.0 or state.settings.controller_feeds_forward != 0.0
+    lags = state.reference.linear == 0.0 or state.settings.controller_feeds_forward != 0.0
     may_leave = lags and (engagement.after_reversal or at_rest)
     return DISENGAGING if may_leave else FEED_FORWARD_OUT
 
@@ -165,7 +174,7 @@ def arm(state, known):
     monitor.baseline_m_s2[:], monitor.reversal_m_s2[:] = known.baseline_m_s2, known.reversal_m_s2
     if not (valve_ready(state.valve) and friction_ready(state.friction) and monitor_ready(monitor)):
         return
-    engagement.armed, engagement.friction_share = True, 1.0
+    engagement.armed, engagement.friction_share, state.trust.trusted, state.trust.error_m_s2 = True, 1.0, True, 0.0
     engagement.stability_limit_m_s2 = _stability_limit_m_s2(state)
 
 
@@ -239,6 +248,14 @@ def _judge_reversal(engagement, monitor, extending):
 
 
 @compiled
+def begin_judging(engagement, monitor, half_s):
+    """The first reversal of an armed start is not judged: its range holds the beginning of the motion. Neither is the
+    trembling of a reference that has joined a noisy reading."""
+    engagement.armed = half_s < ARMED_ENGAGE_S or engagement.reversal_m_s2 < AT_REST_M_S2
+    monitor.low_m_s2, monitor.high_m_s2 = math.inf, -math.inf
+
+
+@compiled
 def _track_valve(engagement, valve, control_V):
     """For how long plain control has held the valve open, and how long the overlap closed it before.
 
@@ -271,7 +288,10 @@ def _track_reversals(state, velocity_m_s):
     if half == 0 or ticks > 0.55 * half:
         return
     if ticks == 2 * half // 5:
-        _judge_reversal(engagement, state.monitor, velocity_m_s > 0.0)
+        if engagement.armed:
+            begin_judging(engagement, state.monitor, half * settings.tick_s)
+        else:
+            _judge_reversal(engagement, state.monitor, velocity_m_s > 0.0)
     engagement.engage_window = ticks >= 0.4 * half and engagement.open_ticks * settings.tick_s > MIN_OPEN_S
     engagement.between = ticks >= half // 5
     if ticks == half // 5:

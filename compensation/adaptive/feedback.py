@@ -12,12 +12,14 @@ DAMPING_RECOVERY_S, DAMPING_DECAY = 5.0, 0.98  # of the damping gain; the decay 
 
 @compiled
 def damping(state, oil_m_s_Pa, roots):
-    """Volts that let oil out while the pressure oscillates above the demand; oil_m_s_Pa: its rate, per pressure."""
+    """Volts that let oil out while the pressure oscillates above the demand; oil_m_s_Pa: its rate, per pressure. What the
+    controller's own pressure feedback lets out is less to let out: both together are too much for a spool's lag."""
     settings = state.settings
     limit_V, up = settings.damping_max_V, 1 if state.flow_V[LEAD_TICKS + state.shift] > 0 else 0
     gain = state.valve.edges[up].gain_m_s_V * roots[up]
     oscillation = dot(state.damping_taps, state.deviation_Pa, int(settings.damping_count))
-    u = state.damping_gain * oil_m_s_Pa * oscillation / gain
+    own = settings.pressure_gain_V_per_Pa * (1.0 + settings.rod_ratio**3)
+    u = state.damping_gain * max(oil_m_s_Pa / gain - own, 0.0) * oscillation
     if -0.5 * limit_V < u < 0.5 * limit_V:
         state.damping_gain += (1.0 - state.damping_gain) * settings.tick_s / DAMPING_RECOVERY_S
     else:

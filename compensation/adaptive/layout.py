@@ -71,6 +71,7 @@ VALVE = record(  # valve.py
     null_V="f8",  # volts that lie in the middle between both edges
     leak_m_s="f8",  # oil that flows into the chamber while the valve is closed
     leak_known="i8", null_rate_V_s="f8",
+    half_windows="i8", last_half_windows="i8",  # windows in this half stroke, and in the one before
     four_way="i8", differential="i8", across_Pa="f8",  # P1 - P2, as it leaks across the piston
     across_sum="f8", across_phi="f8", across_means=("f8", (2,)), across_squares="f8", across_m_s_Pa="f8",  # piston_leak.py
     ticks="i8",  # since the last window that was used
@@ -105,7 +106,7 @@ REFERENCE = record(  # reference.py: y_m at the tick boundary looked at last
     expected_m_s2="f8",  # of the setpoints, at that boundary
     load_lag_m_s2="f8",  # by which the load of the reference lags it
     load_given="i8",  # 1 for the step to come, 2 for the last one
-    feed_forward="f8",  # g
+    feed_forward="f8", linear="f8",  # g, h
     position_m="f8", velocity_m_s="f8", acceleration_m_s2="f8",
     lag_m="f8",  # r - y_m
 )  # fmt: skip
@@ -144,6 +145,8 @@ TRIM = record(  # edge_rounding.py
 )  # fmt: skip
 DELAY = record(  # delay.py
     tick_s="f8", sums=("f8", (SPOOLS * LATES,)), reversals="i8",
+    heard=("f8", (SPOOLS * LATES,)), heard_reversals="f8",  # the same of the other legs of a machine
+    tells="i8", hears="i8",  # a reversal was judged in this tick; one was heard of
     volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), oil_m=("f8", (BEFORE + AFTER + 1,)),  # oldest first
     direction="f8",
     ticks="i8",  # since the demanded flow reversed
@@ -157,6 +160,7 @@ DELAY = record(  # delay.py
     error_m=("f8", (BEFORE + AFTER + 1,)), pulse=("f8", (5 * (PAST_VOLTS + 2),)),  # work
 )  # fmt: skip
 LATENESS = record(tick_s="f8", late_s="f8", pressures_Pa=("f8", (LATE_TICKS + 2,)))  # lateness.py  # fmt: skip
+TRUST = record(error_m_s2="f8", trusted="i8", since_s="f8", turning_s="f8", direction="f8")  # trust.py
 MONITOR = record(  # monitor.py
     tick_s="f8",
     noise_m="f8",  # standard deviation of a position
@@ -233,7 +237,7 @@ DESIGN = record(  # taps.py, least_squares.py: work
 )  # fmt: skip
 STATE = record(
     settings=SETTINGS, valve=VALVE, friction=FRICTION, reference=REFERENCE, inverse=INVERSE, engagement=ENGAGEMENT,
-    monitor=MONITOR, rounding=ROUNDING, leak=LEAK, trim=TRIM, delay=DELAY, lateness=LATENESS, prediction=PREDICTION,
+    monitor=MONITOR, trust=TRUST, rounding=ROUNDING, leak=LEAK, trim=TRIM, delay=DELAY, lateness=LATENESS, prediction=PREDICTION,
     demands=DEMAND, loop=LOOP, chambers=CHAMBERS,
     lag_s="f8", delay_s="f8",  # spool lag that the taps were designed for, and how much of it is delay and no spool
     resonance_Hz="f8",  # of the load on the oil, for the damping; 0 = unknown

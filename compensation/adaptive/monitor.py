@@ -93,7 +93,8 @@ def worth_compensating(monitor, step_m_s2, told, noise_range):
     errors that noise adds to a bump."""
     risk = (RISK_SHARE_TOLD if told else RISK_SHARE) * step_m_s2
     least = min(FELT_M_S2, risk) + noise_range * bump_noise_m_s2(monitor)
-    return max(monitor.baseline_m_s2[0], monitor.baseline_m_s2[1]) > least
+    first, second = monitor.baseline_m_s2
+    return (max(first, second) if told else min(first, second)) > least
 
 
 @compiled

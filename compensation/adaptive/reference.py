@@ -1,12 +1,13 @@
 """Reference of the feed-forward, PREVIEW_TICKS ahead: it lets the feed-forward come in without a jerk.
 
-    y_m' = g r' + s D(Kp (r - y_m) - (1 - g) n) + (1 - g) q
-    D(w) = w - (1 - g) delta w / sqrt(w^2 + (SOFTNESS delta)^2);   midpoint rule
+    y_m' = g r' + s D(Kp (r - y_m) - (1 - h) n) + (1 - h) q
+    D(w) = w - (1 - h) delta w / sqrt(w^2 + (SOFTNESS delta)^2);   midpoint rule
 
 r is the setpoint, n the valve's null, q the velocity that a leak gives, delta the valve's half dead band, s its gain,
-g the share of the feed-forward. With g = 0 this is the motion that the position loop makes of the setpoint through the
-uncompensated valve, but for the standstill at a reversal, which it passes smoothly. So engaging in the midst of a
-stroke hardly changes the motion. g then rises to 1, where y_m = r: full velocity feed-forward, no dead band.
+g the share of the feed-forward, h that of the dead-band compensation. With g = h = 0 this is the motion that the position
+loop makes of the setpoint through the uncompensated valve, but for the standstill at a reversal, which it passes
+smoothly. So engaging in the midst of a stroke hardly changes the motion. h then rises to 1: no dead band. So does g, in
+motion with small turns once the compensation is trusted (trust.py). With g = 1 y_m = r: full velocity feed-forward.
 
 The load a of the pressure is y_m''. A leg of a platform is told what the setpoints of all legs give it, a_r; the other
 legs lag like this one:
@@ -66,7 +67,7 @@ def _advance_load(reference):
 @compiled
 def _loop_m_s(reference, lag_m):
     """Velocity that the position loop gives at a lag."""
-    left = 1.0 - reference.feed_forward
+    left = 1.0 - reference.linear
     lag_m -= left * reference.null_m
     up = 1 if lag_m > 0.0 else 0
     dead_band = reference.dead_band_m[up]

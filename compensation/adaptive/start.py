@@ -17,6 +17,7 @@ from .prediction import start_prediction
 from .spool import look_ahead_shift, round_lag
 from .step import want_design
 from .taps import design
+from .trust import UNKNOWN_M_S2
 from .valve import keep_valve, restore_valve, start_valve, valve_ready
 
 SETTLE_S = 0.02  # after the volts change sign, in which the spool crosses
@@ -40,6 +41,7 @@ def start(s):
     start_monitor(s.monitor, tick_s, sqrt(settings.position_noise_m**2 + resolution_m * resolution_m / 12.0))
     start_rounding(s.rounding, s.valve.four_way)
     start_leak(s.leak)
+    s.trust.error_m_s2 = UNKNOWN_M_S2
     start_prediction(s.prediction)
     s.reference.tick_s = s.inverse.tick_s = s.delay.tick_s = s.lateness.tick_s = tick_s
     s.demands.count, s.delay.tested, s.damping_gain = PREVIEW_TICKS, -1, 1.0

@@ -24,7 +24,7 @@ from ..compiled import compiled
 from .arithmetic import clip, dot, push
 from .chamber_pressures import across_Pa, measure_pressures, pair_roots, roots_ahead
 from .chambers import compliance_m_Pa, equivalent_Pa
-from .delay import add_to_delay, found_delay_s, found_lateness_s, softness_m_Pa
+from .delay import add_to_delay, found_delay_s, found_lateness_s, hear_delay, softness_m_Pa
 from .demand import append_demand, drop_demand, stretch_demands
 from .edge_rounding import add_to_rounding, add_to_trim, lower_bound_V, told_while_compensated
 from .engagement import update_engagement, weight
@@ -49,6 +49,7 @@ from .presliding import add_to_presliding, update_presliding
 from .reference import advance_reference, expect_load
 from .spool import look_ahead_shift, round_lag
 from .stribeck import add_to_stribeck, update_stribeck
+from .trust import judge_compensated, watch_turns
 from .valve import add_to_valve, recentre, valve_ready, valve_rejected, valve_usable
 
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
@@ -58,7 +59,8 @@ DELAY_TOLERANCE_S = 1e-4  # change of the delay from which the taps are designed
 LAG_TOLERANCE_S = 2e-5  # change of the lag from which the taps are designed anew
 RESONANCE_TOLERANCE = 0.06  # relative change of the load's resonance from which they are, too
 MIN_DROP_SHARE = 0.02  # of the reference drop: lower bound of a pressure drop
-DESIGN_WANTED, WORSE, REJECTED = 1, 2, 4  # what a tick tells its caller
+DESIGN_WANTED, WORSE, REJECTED, TELLS = 1, 2, 4, 128  # what a tick tells its caller; 8 to 64 are the guard's
+LAGS_ALIKE_S = 1.5e-3  # difference in lag up to which legs are alike
 
 
 @compiled
@@ -91,7 +93,7 @@ def expect(state, loads_m_s2):
 
 @compiled
 def tick_of(state, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, extra_V):
-    """Volts to add, and what its caller must know (DESIGN_WANTED | WORSE | REJECTED).
+    """Volts to add, and what its caller must know (DESIGN_WANTED | WORSE | REJECTED | TELLS).
 
     state: a record of the layout; table: prediction.prediction_table(); preview: setpoints (n,) of this tick and the
     next, taken as unknown where they do not reach as far as is looked ahead; extra_V: volts that a derived algorithm
@@ -114,7 +116,22 @@ def tick_of(state, table, preview, setpoint_m, position_m, control_V, valve_V, b
         told |= WORSE
     if valve_rejected(state.valve):
         told |= REJECTED
+    if state.settings.learn and state.delay.tells:
+        told |= TELLS
     return volts, told
+
+
+@compiled
+def hear(state, other):
+    """After a tick in which another leg of the machine told TELLS: what its reversal says of the delay."""
+    if abs(state.valve.lag_s - other.valve.lag_s) < LAGS_ALIKE_S:
+        hear_delay(state.delay, other.delay)
+
+
+@compiled
+def hear_first(states, others):
+    """`hear` of states (1,)."""
+    hear(states[0], others[0])
 
 
 @compiled
@@ -159,6 +176,7 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
         u += state.valve.null_V - damping(state, settings.damping_1_s * compliance, roots)
     if settings.learn:
         _identify(state, position_m, valve_V, bottom_Pa, supply_Pa, load, now)
+    watch_turns(state.trust, (ahead - behind) / (2.0 * settings.tick_s), settings.tick_s)
     setpoint_m_s2 = (ahead - 2 * here + behind) / (settings.tick_s * settings.tick_s)
     update_engagement(state, setpoint_m_s2, position_m, control_V, now[3] - position_m)
     return weight(state.engagement.ramp) * clip(u, -settings.voltage_max_V, settings.voltage_max_V)
@@ -240,6 +258,8 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     travel_m = abs(velocity_m_s) * settings.tick_s
     add_to_presliding(presliding, sign, travel_m, stribeck_share(velocity_m_s), friction_step)
     if complete and compensated:
+        softness = softness_m_Pa(state.delay) / compliance_m_Pa(settings, 0.5 * settings.stroke_m)
+        judge_compensated(state.trust, stribeck.deviation_Pa, inertia, softness)
         update_presliding(
             presliding, stribeck.deviation_Pa, stribeck.position_error_m, inertia, friction.half_step_Pa,
             settings.tick_s,
@@ -265,7 +285,9 @@ def _find_delay(state, position_m, p, volts_V, velocity_m_s, roots, compensated)
     delay, lateness, valve = state.delay, state.lateness, state.valve
     y, flow_m_s = position_m - state.leaked_m, velocity_m_s - valve.leak_m_s
     compliance = compliance_m_Pa(state.settings, position_m)
-    if add_to_delay(delay, y, p, volts_V, flow_m_s, roots, valve, compliance, compensated):
+    delay.tells = add_to_delay(delay, y, p, volts_V, flow_m_s, roots, valve, compliance, compensated)
+    if delay.tells or (delay.hears and state.lag_s > 0.0):
+        delay.hears = False
         late_s = found_lateness_s(delay, state.lag_s)
         change_s = max(abs(late_s - lateness.late_s), abs(found_delay_s(delay, state.lag_s) - state.delay_s))
         lateness.late_s = late_s

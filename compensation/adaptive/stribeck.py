@@ -18,12 +18,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import compiled
-from .arithmetic import dot, push
+from .arithmetic import clip, dot, push
 from .layout import REACH
 
 MIN_RATE = 0.1  # of the correction taken up at a reversal, from the tenth on
 REVERSAL_ERROR_PA, MAX_KNOWN = 1e4, 4.0  # of P_s from one reversal; reversals that windows count for at most
 MIN_PROJECTION = 1.5  # sum phi share [1] below which a reversal is too quick to tell
+MAX_PROJECTION = 0.95  # of that at rest, above which nothing has moved
+MOST_MISSING = 3.0  # of REVERSAL_ERROR_PA: more is not friction
 
 
 def _test_function() -> tuple[np.ndarray, np.ndarray]:
@@ -34,6 +36,7 @@ def _test_function() -> tuple[np.ndarray, np.ndarray]:
 
 
 PHI, PHI_SECOND = _test_function()
+AT_REST = float(np.abs(PHI).sum())
 
 
 @compiled
@@ -67,10 +70,11 @@ def update_stribeck(stribeck, inertia_Pa, highest_Pa):
     """The reversal in the history corrects P_s; `inertia_Pa` is p1, pressure per m/s2."""
     count = 2 * REACH + 1
     projected = dot(PHI, stribeck.share, count)
-    if abs(projected) < MIN_PROJECTION:
+    if not MIN_PROJECTION < abs(projected) < MAX_PROJECTION * AT_REST:
         return
     missing = dot(PHI, stribeck.deviation_Pa, count)
     missing -= inertia_Pa * dot(PHI_SECOND, stribeck.position_error_m, count) / stribeck.tick_s**2
     stribeck.reversals += 1
-    stribeck.pressure_Pa += max(MIN_RATE, 1.0 / (stribeck.reversals + stribeck.known)) * missing / projected
+    error_Pa = clip(missing / projected, -MOST_MISSING * REVERSAL_ERROR_PA, MOST_MISSING * REVERSAL_ERROR_PA)
+    stribeck.pressure_Pa += max(MIN_RATE, 1.0 / (stribeck.reversals + stribeck.known)) * error_Pa
     stribeck.pressure_Pa = min(max(stribeck.pressure_Pa, 0.0), highest_Pa)

@@ -45,8 +45,10 @@ from .valve_edge import (
 )
 
 MAX_LAG_OIL_M = 15e-6  # oil at a crossing of the overlap by which the lags of both edges may differ: one spool, one lag
+MAX_LAG_OIL_PAIR_M = 5e-5  # on a four-way valve under load, whose directions differ by 0.6 ms about the spool's lag
 NULL_TOLERANCE_V = 5e-3  # by which the null may be off the middle of the edges
-NULL_ALPHA, NULL_BETA = 0.08, 0.003  # with which the null and its rate follow, a window
+NULL_ALPHA, NULL_BETA = 0.08, 0.47  # most with which the null follows, a window; and its rate, of the square of it
+NULL_PERIOD = 2.0  # with which it follows, over the windows of the last two half strokes
 NULL_ERROR_V, NULL_RATE_V_S, NULL_TICKS = 5e-3, 0.03, 100  # bounds: an error, the rate, ticks between windows
 UNKNOWN_LEAK = 3.0  # times the slowest speed of a window, while a leak may move the piston by itself
 RESTORED_VARIANCE, RESTORED_COUNT = (
@@ -94,7 +96,8 @@ def lags_agree(valve):
     down, up = valve.edges[0], valve.edges[1]
     crossing_m_s = max(down.gain_m_s_V, up.gain_m_s_V) * (down.dead_band_V + up.dead_band_V)
     difference_s = 0.5 * abs(lag_difference_s(down) + lag_difference_s(up))
-    return crossing_m_s * max(abs(down.lag_s - up.lag_s), difference_s) < MAX_LAG_OIL_M
+    most_m = MAX_LAG_OIL_PAIR_M if valve.four_way else MAX_LAG_OIL_M
+    return crossing_m_s * max(abs(down.lag_s - up.lag_s), difference_s) < most_m
 
 
 @compiled
@@ -122,13 +125,17 @@ def recentre(valve):
 
 @compiled
 def _follow_null(valve, error_m, edge):
-    """What a window left over moves the null, and its rate (alpha-beta filter)."""
+    """What a window left over moves the null, and its rate (alpha-beta filter), in half a period and no sooner: within a
+    half stroke an error of the lag looks like a null that drifts, and both would wander."""
+    share = min(NULL_ALPHA, NULL_PERIOD / (valve.half_windows + valve.last_half_windows))
     off = error_m / (edge.gain_m_s_V * edge.root * valve.window * valve.tick_s)
     off = -valve.direction * clip(off, -NULL_ERROR_V, NULL_ERROR_V)
     since = min(valve.ticks, NULL_TICKS) * valve.tick_s
     valve.ticks = 0
-    valve.null_rate_V_s = clip(valve.null_rate_V_s + NULL_BETA * off / since, -NULL_RATE_V_S, NULL_RATE_V_S)
-    null_V = valve.null_V + NULL_ALPHA * off + valve.null_rate_V_s * since
+    valve.null_rate_V_s = clip(
+        valve.null_rate_V_s + NULL_BETA * share * share * off / since, -NULL_RATE_V_S, NULL_RATE_V_S
+    )
+    null_V = valve.null_V + share * off + valve.null_rate_V_s * since
     valve.null_V = clip(null_V, -MAX_DEAD_BAND_V, MAX_DEAD_BAND_V)
 
 
@@ -155,6 +162,7 @@ def add_to_valve(valve, z_m, valve_V, root):
     size = direction * valve_V
     if direction != valve.direction:
         valve.direction, valve.wait = direction, valve.settle
+        valve.last_half_windows, valve.half_windows = valve.half_windows, 0
         _restart(valve)
         return
     edge = valve.edges[1 if direction > 0 else 0]
@@ -223,6 +231,7 @@ def _finish_window(valve, edge, z_m, size, through):
     valve.phi_backlash[0], valve.phi_backlash[1] = s[2] * tick, -s[1] * tick
     valve.phi_backlash[2], valve.phi_backlash[3] = (valve.start_through_V - through) * mean, s[3] * tick
     valve.moved_m, valve.pending, valve.moving = moved, valve.moving, True
+    valve.half_windows += 1
 
 
 @compiled

@@ -26,7 +26,7 @@ from compensation.adaptive.guarded import GUARDED, SIZE, restart_guarded, start_
 from compensation.adaptive.layout import LEARNED, SETTINGS, empty, fill
 from compensation.adaptive.prediction import prediction_table
 from compensation.adaptive.start import keep
-from compensation.adaptive.step import expect
+from compensation.adaptive.step import expect, hear
 from compensation.adaptive.taps import design
 from hexsim.errors import HexsimError
 from hexsim.export.toolchain import SYSTEMS, System, has_linker, object_of, shared_library
@@ -66,6 +66,10 @@ def native_functions() -> dict[str, Any]:
     def expect_load(state, loads, count):
         expect(carray(state, (1,), guarded)[0].algorithm, carray(loads, (count,), double))
 
+    @cfunc(types.void(pointer, pointer), error_model="numpy")
+    def hear_other(state, other):
+        hear(carray(state, (1,), guarded)[0].algorithm, carray(other, (1,), guarded)[0].algorithm)
+
     @cfunc(types.void(pointer), error_model="numpy")
     def make_design(state):
         design(carray(state, (1,), guarded)[0].algorithm)
@@ -90,7 +94,7 @@ def native_functions() -> dict[str, Any]:
         return SIZE
 
     return {
-        "init": init, "step": step, "expect": expect_load, "design": make_design, "get_parameters": get_parameters,
+        "init": init, "step": step, "expect": expect_load, "hear": hear_other, "design": make_design, "get_parameters": get_parameters,
         "set_parameters": set_parameters, "state_size": state_size,
     }  # fmt: skip
 

@@ -281,6 +281,7 @@ static Status hold(Instance *c, double span) {
 static void control(Instance *c) {
   Numbers *now = &c->now;
   double position[N_LEGS], bottom[N_LEGS], top[N_LEGS], path[N_LEGS], forward[N_LEGS], asked[N_LEGS], supply, added;
+  int tells[N_LEGS] = {0};
   if (!c->outputs_hold) evaluate(c);
   for (int i = 0; i < N_LEGS; i++) {
     position[i] = output(c, POSITION, i);
@@ -294,8 +295,14 @@ static void control(Instance *c) {
     int told = hexsim_adaptive_step(now->compensators[i], path[i], path + i, 1, position[i], asked[i], forward[i],
                                     now->commanded[i], bottom[i], top[i], supply, &added);
     if (told & 1) hexsim_adaptive_design(now->compensators[i]);
+    tells[i] = told & 128;
     asked[i] += added;
   }
+  for (int i = 0; i < N_LEGS; i++) /* legs that are alike learn from each other */
+    for (int j = 0; j < N_LEGS && tells[i]; j++)
+      if (j != i && !memcmp(COMPENSATOR_SETTINGS + i * N_SETTINGS, COMPENSATOR_SETTINGS + j * N_SETTINGS,
+                            N_SETTINGS * sizeof(double)))
+        hexsim_adaptive_hear(now->compensators[j], now->compensators[i]);
   hexsim_command(now->memory, asked, now->commanded, now->volts);
 }
 

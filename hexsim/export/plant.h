@@ -90,6 +90,7 @@ int hexsim_adaptive_init(double *state, const double *settings);
 int hexsim_adaptive_step(double *state, double setpoint, const double *preview, int count, double position, double control,
                          double forward, double valve, double bottom, double top, double supply, double *added);
 void hexsim_adaptive_design(double *state);
+void hexsim_adaptive_hear(double *state, const double *other);
 
 /* plant.c */
 Status refuse(const Instance *c, const char *format, ...); /* through the logger; gives ERROR */

@@ -4,7 +4,7 @@ A host knows no future. Each predictor is the least-squares polynomial of some o
 the host's own clock, so that late, lost and rare packets leave no trace but their absence. As a packet comes, what each
 predictor said of its time `horizon` before is known to be off by e_j:
 
-    w_j ~ 1 / (e_j^2 + (T_e e_j')^2 + e_0^2)^2,     p(t) = sum_j w_j p_j(t) / sum_j w_j
+    w_j ~ 1 / (e_j^2 + (T_e e_j')^2 + e_0^2),     p(t) = sum_j w_j p_j(t) / sum_j w_j
 
 e_j^2 is a mean over the last packets, e_j' the change of e_j a second: a prediction that jumps is worse than a wrong one.
 """
@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 KEPT = 64  # setpoints, and fits
 AXES = 6
 ORDERS_AND_COUNTS = np.array(  # by the number of setpoints, so that sums over them go on from one to the next
-    [(0, 1), (1, 2), (2, 4), (1, 6), (3, 6), (2, 8), (4, 8), (3, 12), (5, 12), (2, 16), (4, 16), (3, 24), (5, 24),
-     (4, 32), (5, 48)]
+    [(0, 1), (1, 2), (2, 3), (2, 4), (3, 4), (3, 5), (1, 6), (3, 6), (4, 6), (2, 8), (4, 8), (3, 12), (5, 12), (2, 16),
+     (4, 16), (3, 24), (5, 24), (4, 32), (5, 48)]
 )  # fmt: skip
 PREDICTORS, TERMS = len(ORDERS_AND_COUNTS), 6
 MEMORY_S = 0.2  # of the squared errors
@@ -167,7 +167,7 @@ def predicted(prediction, time):
                 a = a * x + 2.0 * v
                 v = v * x + p
                 p = p * x + prediction.coefficients[place, j, k, d]
-            weight = (prediction.squares[j, d] + FLOOR**2) ** -2
+            weight = 1.0 / (prediction.squares[j, d] + FLOOR**2)
             total += weight
             out[0, d] += weight * p
             out[1, d] += weight * v / period

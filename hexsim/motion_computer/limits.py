@@ -22,7 +22,7 @@ from hexsim.mechanics.workspace import excursions
 
 Array = NDArray[np.float64]
 SOFT_SHARE = 0.1  # of the excursion, in which it is compressed
-RETURN_rad_s = 8.0  # w, how fast the follower comes back to its target
+RETURN_rad_s = 12.0  # w, how fast the follower comes back to its target
 LEG_MARGIN_m = 0.005  # kept free of the cushions
 LEG_SOFT_m = 0.010  # in which a leg's setpoint is compressed
 

@@ -37,6 +37,7 @@ P1, P2, X, RATE, Y, V, VOLTS = range(7)
 Matrices = tuple[Any, Any, Any, Any]  # A, B, C, D: arrays
 STEPS = (1e3, 1e3, 1e-8, 1e-4, 1e-6, 1e-5, 1e-5)  # of the numerical derivative: Pa, Pa, m, m/s, m, m/s, V
 EQUAL = 1e-6  # relative difference of modes that count as one
+FELT_Hz, BAND_POINTS = 50.0, 100  # band in which acceleration is felt
 
 
 def leg_at(p: Array, force: float, supply_Pa: float, sign: float) -> tuple[Array, Array]:
@@ -169,12 +170,12 @@ class Loop:
 
     @cached_property
     def closed(self) -> Matrices:
-        """From the setpoint to the piston (y) of the loop closed."""
+        """From the setpoint and from noise of the readings (r, y, p) to the piston (y) of the loop closed."""
         A, B, (y, p, piston), _ = self.plant
         read = np.stack([y, p])
         F, G, H, K = self.controller
         whole = np.block([[A + B @ K[:, 1:] @ read, B @ H], [G[:, 1:] @ read, F]])
-        return whole, np.vstack([B @ K[:, :1], G[:, :1]]), np.r_[piston, np.zeros(len(F))][None], np.zeros((1, 1))
+        return whole, np.vstack([B @ K, G]), np.r_[piston, np.zeros(len(F))][None], np.zeros((1, 3))
 
     @property
     def is_stable(self) -> bool:
@@ -190,6 +191,16 @@ class Loop:
     def closed_response(self, frequency_Hz: Array) -> Array:
         """Piston over setpoint (n,)."""
         return response(self.closed, frequency_Hz, self.tick_s)[:, 0, 0]
+
+    def shaken_m_s2(self, position_m: float, pressure_Pa: float, band_Hz: float = FELT_Hz) -> float:
+        """Acceleration of the piston below `band_Hz`, rms, by white noise of the readings, rms of a tick's.
+
+        a^2 = int |w^2 T|^2 2 T_s n^2 df, T piston over reading.
+        """
+        f = np.linspace(0.0, band_Hz, BAND_POINTS + 1)[1:]
+        over = np.abs(response(self.closed, f, self.tick_s)[:, 0, 1:] * (2 * np.pi * f[:, None]) ** 2)
+        density = 2 * self.tick_s * np.sum((over * [position_m, pressure_Pa]) ** 2, axis=1)
+        return float(np.sqrt(f[0] * (np.sum(density) - 0.5 * density[-1])))  # trapezia; 0 at rest
 
 
 def loops(machine: Machine) -> list[Loop]:

@@ -153,10 +153,19 @@ class PositionLoop:
                 if status != self._status[i]:
                     self._status[i] = status
                     self.on_message(time_s, i + 1, f"{compensator.name}: {status or 'normal again'}")
+            self._share()
         controller.saturated(control, memory, asked, self._commanded)  # without position signal: 0, the valve shut
         self.valve = np.empty_like(self._commanded)
         controller.computed(control, memory, self._commanded, self.valve)
         return self.valve
+
+    def _share(self) -> None:
+        """What one leg has just learned, to those that are declared alike and have the same compensator."""
+        for i, teller in enumerate(self.compensators):
+            if teller.tells(self.states[i]):
+                for j, hearer in enumerate(self.compensators):
+                    if j != i and hearer.name == teller.name and self._contexts[j] == self._contexts[i]:
+                        hearer.hear(self.states[j], self.states[i])
 
     def learned(self) -> list[dict[str, Any]]:
         """What each compensator has learned."""

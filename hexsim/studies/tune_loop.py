@@ -3,14 +3,17 @@
     feed-forward    k_v, k_a: least squares of T = piston/setpoint against the setpoint filter's own response, all loops,
                     weight 1/(1 + (f/FOLLOW_TO_Hz)^2)
     feedback        Kp, pressure gain, setpoint filter: the least mean |T - 1|^2 up to FOLLOW_TO_Hz, valve gain off by
-                    +-GAIN_OFF, kept from breaking phase margin, gain margin and peak by a penalty (Nelder-Mead)
+                    +-GAIN_OFF, kept from breaking phase margin, gain margin, peak and SHAKEN by a penalty (Nelder-Mead)
 
+What the noise of the transducers shakes, in the mode that it shakes most, stays below the threshold of perception with
+three standard deviations: a high gain follows the noise as it follows the setpoint.
 Every mode of the load counts alike. Measured with a multisine in each degree of freedom.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -31,9 +34,11 @@ from hexsim.scenarios import Scenario
 from hexsim.setpoints.signals import Multisine
 from hexsim.signals.table import pose_column
 from hexsim.simulation import simulate
+from hexsim.smoothness.summary import PERCEPTION_m_s2
 
 Array = NDArray[np.float64]
 PHASE_MARGIN_deg, GAIN_MARGIN_dB, PEAK_dB = 50.0, 8.0, 1.0
+SHAKEN_m_s2 = min(PERCEPTION_m_s2.values()) / 3.0  # rms in the felt band, by noise of the transducers
 FOLLOW_TO_Hz = 10.0
 GAIN_OFF = 0.15  # of the valve: load, oil, wear
 LOW_SHARE = 0.1  # corner of the pressure's high pass over the lowest resonance
@@ -173,6 +178,14 @@ class Search:
     def with_feed_forward(self, x: Array) -> Machine:
         return self.changed(x, *self.feed_forward(x))
 
+    def shaken_m_s2(self, loop: Loop) -> float:
+        """Rms acceleration of a loop's piston by the noise and the resolution of its transducers."""
+        own = self.machine.legs[loop.leg - 1].sensors
+        return loop.shaken_m_s2(
+            math.hypot(own.position_noise_m, own.position_resolution_m / math.sqrt(12.0)),
+            math.hypot(own.pressure_noise_Pa, own.pressure_resolution_Pa / math.sqrt(12.0)),
+        )
+
     def cost(self, x: Array) -> float:
         """Mean |T - 1|^2 with the valve's gain off either way, and the penalties."""
         self.evaluations += 1
@@ -189,6 +202,7 @@ class Search:
                     max(0.0, PHASE_MARGIN_deg - (figures.phase_margin_deg or 180.0)) / 10.0,
                     max(0.0, GAIN_MARGIN_dB - (figures.gain_margin_dB or 60.0)),
                     max(0.0, figures.peak_dB - PEAK_dB), 0.0 if figures.is_stable else 100.0,
+                    max(0.0, 20.0 * np.log10(max(self.shaken_m_s2(off), 1e-9) / SHAKEN_m_s2)),
                 ]  # fmt: skip
         return float(np.mean(error) + PENALTY * np.sum(np.square(beyond)))
 

@@ -25,7 +25,8 @@ from compensation.adaptive.edge_rounding import (
     start_rounding,
     upper_bound_V,
 )
-from compensation.adaptive.engagement import PHASES
+from compensation.adaptive.engagement import PHASES, begin_judging
+from compensation.adaptive.feedback import damping
 from compensation.adaptive.friction import add_to_friction, start_friction, stribeck_share
 from compensation.adaptive.layout import (
     FIT,
@@ -254,6 +255,33 @@ def test_stribeck_friction_is_found_without_differentiating() -> None:
                 update_stribeck(stribeck, p1, 1e6)
         stribeck.direction = 0.0
     assert stribeck.pressure_Pa == pytest.approx(2e4, abs=3e3)
+
+
+def test_a_piston_at_rest_tells_nothing_of_stribeck_friction() -> None:
+    """A reference that trembles by micrometres while the piston sticks, 100 kPa off: nothing is learned; one reversal that
+    is 300 kPa off moves what ten have told by 3 kPa, a tenth of three of its errors."""
+    stribeck, t = empty(STRIBECK), (np.arange(61) - 30) * 0.002
+    stribeck.tick_s, stribeck.reversals, stribeck.pressure_Pa = 0.002, 10, 2.4e4
+    for acceleration, off, expected in ((1e-3, 1e5, 2.4e4), (0.5, 3e5, 2.7e4)):
+        stribeck.ticks = 100  # the last reversal is long ago
+        for v in acceleration * t:
+            share = math.copysign(stribeck_share(float(v)), v)
+            if add_to_stribeck(stribeck, float(v), off * share, 0.0, share):
+                update_stribeck(stribeck, 8e4, 1e6)
+        assert stribeck.pressure_Pa == pytest.approx(expected, abs=1.0)
+        stribeck.direction = 0.0
+
+
+def test_the_controllers_own_pressure_feedback_takes_the_place_of_the_damping() -> None:
+    """80 1/s at 7e-11 m/Pa through a gain of 0.15 m/s/V are 37 nV/Pa: 0.5 V of what oscillates at 1e7 Pa, less what 25
+    nV/Pa of the controller give; none is left where those are 50."""
+    state = Adaptive().start(Context()).numbers
+    state.valve.edges[0].gain_m_s_V = state.valve.edges[1].gain_m_s_V = 0.15
+    state.settings.damping_max_V, state.deviation_Pa[:] = 10.0, 0.0
+    state.damping_taps[0], state.deviation_Pa[0] = 1.0, 1e7
+    for own, expected in ((0.0, 5.6e-9 / 0.15), (2.5e-8, 5.6e-9 / 0.15 - 2.5e-8), (5e-8, 0.0)):
+        state.settings.pressure_gain_V_per_Pa, state.damping_gain = own, 1.0
+        assert damping(state, 80.0 * 7e-11, (1.0, 1.0)) == pytest.approx(1e7 * expected, rel=1e-9)
 
 
 def test_reference_without_feed_forward_is_the_loop_with_a_straight_valve() -> None:
@@ -519,6 +547,38 @@ def test_restored_parameters_serve_as_they_are(adapted) -> None:
     made = compensation.create("adaptive", learn=False)
     state = made.restore(Context(), made.parameters(adapted.state))
     assert run(made, duration_s=16.0, state=state).peak(10.0, 16.0) <= 0.05
+
+
+def test_armed_it_compensates_from_the_first_motion(adapted) -> None:
+    """Restored, at rest for a second, then 0.05 m at 0.5 Hz at once: it is engaged before the motion begins, and in the
+    first half stroke the piston is within 0.4 mm of the setpoint (5 mm before, while plain control began)."""
+    made, begin = compensation.create("adaptive"), 1.0
+    state = made.restore(Context(), made.parameters(adapted.state))
+
+    def motion(time):
+        return 0.1 + 0.05 * np.sin(np.pi * (time - begin)) * np.clip((time - begin) / 0.5, 0.0, 1.0) ** 3 * (
+            time > begin
+        )
+
+    record = run(made, setpoint=motion, duration_s=2.5, state=state)
+    first = (record.time_s > begin) & (record.time_s < 2.4)
+    assert np.abs(record.position_m - motion(record.time_s))[first].max() < 4e-4
+    assert not record.statuses
+
+
+@pytest.mark.parametrize(
+    ("half_s", "reversal_m_s2", "armed"), [(1.0, 0.3, False), (0.02, 0.3, True), (1.0, 5e-4, True)]
+)
+def test_the_first_reversal_of_an_armed_start_is_not_judged(half_s, reversal_m_s2, armed) -> None:
+    """A bump of 10 m/s2, the beginning of the motion in it, trips nothing and is forgotten; after a half stroke that moved
+    anything the next one is judged, after a trembling reference it is not."""
+    state = Adaptive().start(Context()).numbers
+    engagement, monitor = state.engagement, state.monitor
+    engagement.armed, engagement.reversal_m_s2, engagement.ramp = True, reversal_m_s2, 1.0
+    monitor.low_m_s2, monitor.high_m_s2, monitor.baseline_m_s2[:] = -5.0, 5.0, 0.1
+    begin_judging(engagement, monitor, half_s)
+    assert engagement.armed == armed and engagement.lockout_s == 0.0
+    assert not worse_than_baseline(monitor, True, reversal_m_s2, 1.0)
 
 
 def test_worse_reversals_are_seen_and_ended(plain, adapted) -> None:

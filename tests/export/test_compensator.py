@@ -167,7 +167,7 @@ def test_the_code_needs_the_c_librarys_mathematics_alone(exported):
 
 FUNCTIONS = {
     f"hexsim_adaptive_{name}"
-    for name in ("init", "step", "expect", "design", "get_parameters", "set_parameters", "state_size")
+    for name in ("init", "step", "expect", "hear", "design", "get_parameters", "set_parameters", "state_size")
 }
 
 

@@ -153,6 +153,17 @@ def test_legs_that_are_swapped_in_all_their_columns_are_refused(hexapod):
     assert any("legs 1 and 4 look swapped" in says for says in found)
 
 
+def test_one_late_leg_is_no_other_geometry(tmp_path):
+    """The position of leg 3 behind a lag of 4 ms, in pure roll at 100 Hz: it spoils the axes that hardly move (yaw correlates
+    by 0.8) and not the roll itself. Such a log was refused as of another geometry; with two legs exchanged it is."""
+    other_plant.write_machine(tmp_path, 51, {"position_lag@3": 4.0}, "hexapod", runs=["validate_roll"], duration_s=10.0)
+    log, machine = read_log(tmp_path / "validate_roll.csv.gz"), load_machine(tmp_path)
+    log = log.part(slice(None, None, 10), rate=100.0)
+    assert "refuse" not in severities(log, machine).values()
+    swapped = with_column(log, position_2_m=log.columns["position_5_m"], position_5_m=log.columns["position_2_m"])
+    assert "refuse" in severities(swapped, machine).values()
+
+
 def test_swapped_pressures_are_refused(hexapod):
     log, machine = hexapod
     columns = {

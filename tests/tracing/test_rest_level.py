@@ -39,7 +39,7 @@ from hexsim.tracing.fitting.rest_evidence import (
 )
 from hexsim.tracing.fitting.rest_level import RestFit, ordinary_effects, prior_precision, row_counts, row_sizes
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
-from hexsim.tracing.steps import shapes, violations
+from hexsim.tracing.steps import dominant, shapes, violations
 from hexsim.tracing.steps.balance_search import with_fast_rows
 from hexsim.tracing.steps.dominant import followed, may_be_a_filter, sure_effects, worth_a_refit
 from hexsim.tracing.steps.logs import begin
@@ -202,6 +202,14 @@ def test_each_rule_alone_keeps_an_effect_from_being_sure():
         assert not sure(replace(SURE, **changes))
 
 
+def test_another_leg_is_no_witness_of_harm():
+    """A pressure's gain in leg 1 mends its continuity; what all legs share shifts, and leg 4 has 7 % more: no harm of its own."""
+    falls, own = np.array([1.6, 0.0, 0.0, -0.04]), [0]
+    problem = BalanceProblem(logs=(), parts=())
+    assert harm_of(falls, problem, own) == 0.0
+    assert harm_of(falls, problem) == pytest.approx(np.exp(0.08) - 1.0)
+
+
 def test_of_several_own_balances_one_that_holds_again_suffices():
     """Held out too: a slow row that something else spoils says nothing against the fast one."""
     spoiled, mended = (np.array([4.9]),) * 4, tuple(map(np.array, ([2.0], [1.05], [2.0], [1.05])))
@@ -289,6 +297,24 @@ def test_of_two_that_leave_alike_the_one_nearer_to_its_usual_size_is_likelier(mo
     usual, small, large = (hypothesis(monkeypatch, 0.0, 2e-14 * x) for x in (1.0, 1.0 / 9.0, 9.0))
     assert usual == pytest.approx(150.0)
     assert small == large == pytest.approx(154.0)
+
+
+def test_of_a_tie_with_a_small_reality_of_ordinary_size_nothing_is_named(monkeypatch):
+    """A spool of 127 Hz stands before the delay of 1.6 ms that does as well and is likelier; one of 30 Hz does not."""
+    monkeypatch.setattr(dominant, "odds_against", lambda rival, problem, unseen: rival.odds)
+
+    def rival(name, value, odds):
+        candidate = named(name)
+        values = {candidate.effect.parameters[0].name: value}
+        return SimpleNamespace(fit=SimpleNamespace(candidates=[candidate], values=[values]), odds=odds)
+
+    late, slight, slow = (
+        rival("valve_delay", 1.6e-3, 0.0),
+        rival("spool_lag", 127.0, 9.0),
+        rival("spool_lag", 30.0, 9.0),
+    )
+    first = [min(tie, key=lambda own: dominant.likelihood(own, None, None)) for tie in ((late, slight), (late, slow))]
+    assert first == [slight, late]
 
 
 def test_a_number_costs_only_as_far_as_the_logs_know_it(monkeypatch):

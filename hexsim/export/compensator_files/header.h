@@ -13,7 +13,7 @@ extern "C" {
 #define @PREFIX@_PARAMETERS @PARAMETERS@       /* numbers that are learned */
 #define @PREFIX@_PREVIEW @PREVIEW@          /* setpoints that the preview should hold: this tick's and the next; 1 if unknown */
 
-/* What a step tells, or-ed. Plain control acts alone from @PREFIX@_WORSE on. */
+/* What a step tells, or-ed. Plain control acts alone with any from @PREFIX@_WORSE to @PREFIX@_VALVE_AT_END. */
 enum {
   @PREFIX@_DESIGN_WANTED = 1,   /* call @prefix@_design before the next steps */
   @PREFIX@_WORSE = 2,           /* reversals became worse than plain control's */
@@ -21,7 +21,8 @@ enum {
   @PREFIX@_SIGNAL_LOST = 8,     /* a signal is not a number */
   @PREFIX@_POSITION_FROZEN = 16,
   @PREFIX@_PRESSURE_FROZEN = 32,
-  @PREFIX@_VALVE_AT_END = 64    /* of its range for 5 ticks */
+  @PREFIX@_VALVE_AT_END = 64,   /* of its range for 5 ticks */
+  @PREFIX@_TELLS = 128          /* a reversal told something: @prefix@_hear of the other legs of the machine */
 };
 
 /* Places in `settings`. */
@@ -62,6 +63,10 @@ int @prefix@_step(double *state, double setpoint_m, const double *preview_m, int
    (count of them, as of preview_m) [m/s2]: force over the mass that the leg has while all legs move alike. README.md says
    how. Without it a leg expects the load of its own acceleration. It holds for one step. */
 void @prefix@_expect(double *state, const double *loads_m_s2, int count);
+
+/* After a tick in which the step of `other` gave @PREFIX@_TELLS, when all legs have stepped: what that reversal told of the
+   delay. For legs with equal settings. */
+void @prefix@_hear(double *state, const double *other);
 
 /* The design of the taps that a step asked for: takes longer than a step. At once, or in the idle time of the next ticks,
    never while a step of the same state runs. Until then the former taps act. */

@@ -11,7 +11,13 @@ from hexsim.signals.table import places, table
 from hexsim.signals.units import UNITS
 from hexsim.tracing.balances.controller import is_position_loop
 from hexsim.tracing.checks.finding import Finding, loss, notice, refusal
-from hexsim.tracing.checks.sensor_agreement import Agreement, acceleration_agreement, order_that_fits, staircase_bias
+from hexsim.tracing.checks.sensor_agreement import (
+    Agreement,
+    acceleration_agreement,
+    order_that_fits,
+    staircase_bias,
+    whole_correlation,
+)
 from hexsim.tracing.checks.swapped import swapped_legs, swapped_pressures
 
 SLOW_Hz = 200.0  # below this rate valve and oil dynamics (20-110 Hz) cannot be seen
@@ -202,8 +208,11 @@ def sensors_against_each_other(log: Log, machine: Machine) -> list[Finding]:
         together = log.n_legs == 1 or np.median([result.correlation for result in results.values()] or [1.0]) > 0.9
     except HexsimError:  # positions that belong to no pose
         results, together = {}, False
+    legs = None
     if not together:
         legs = order_that_fits(log, machine)
+        together = legs is None and bool(results) and whole_correlation(results, machine) > 0.9
+    if not together:
         hint = (
             f"legs {legs[0]} and {legs[1]} look swapped" if legs else "other numbers of the legs, or another geometry?"
         )

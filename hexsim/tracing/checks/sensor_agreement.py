@@ -30,7 +30,7 @@ LONGEST_DELAY_s = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """reference(t) = gain * channel(t + delay) + offset, with standard errors."""
+    """reference(t) = gain * channel(t + delay) + offset, with standard errors. size: rms of the reference's motion."""
 
     gain: float
     gain_error: float
@@ -38,6 +38,7 @@ class Agreement:
     delay_s: float
     delay_error_s: float
     correlation: float
+    size: float
 
 
 def staircase_bias(machine: Machine, rate_Hz: float) -> float:
@@ -88,6 +89,16 @@ def acceleration_agreement(log: Log, machine: Machine, order: tuple[int, ...] | 
         for name in names
         if np.std(reference[name]) > 5 * noise
     }
+
+
+def whole_correlation(results: dict[str, Agreement], machine: Machine) -> float:
+    """Of all channels together, each by the square of its motion; an angle counts by the travel that it gives the joints.
+
+    One leg that is late spoils the axes in which the platform hardly moves, not the one in which it does.
+    """
+    reach = float(np.sqrt(np.mean(np.sum(machine_kinematics(machine).platform_joints ** 2, axis=-1))))
+    weights = [(own.size * (reach if name.startswith("angular") else 1.0)) ** 2 for name, own in results.items()]
+    return float(np.average([own.correlation for own in results.values()], weights=weights)) if results else 0.0
 
 
 def sharpest(acceleration: Array, every: int) -> slice | None:
@@ -163,6 +174,7 @@ def agreement(reference: Array, channel: Array, rate_Hz: float, noise: float, ha
         delay_s=shift / rate_Hz,
         delay_error_s=sigma / slope / np.sqrt(n_independent) / rate_Hz,
         correlation=float(abs(found[best])),
+        size=float(np.std(r)),
     )
 
 

@@ -124,7 +124,7 @@ def label_of(one: RestFit, named: frozenset[str]) -> str:
 def as_measured(one: Fit, problem: BalanceProblem, simulated: SimulatedProblem, log: Log) -> BalanceProblem | None:
     """The balances of a motion as this hypothesis would write it: its own residual there is 0. None after a divergence."""
     machine = one.fitted_machine()
-    written = replace(simulated, logs=(log,), input_uncertainty=(), start_slopes=()).simulated(machine, 0)
+    written = replace(simulated, logs=(log,), input_uncertainty=()).simulated(machine, 0)
     clean = [used(written, part.balance.residual(written, machine)) for part in problem.parts]
     if not all(np.isfinite(own).all() for own in clean):
         return None

@@ -13,7 +13,7 @@ from hexsim.signals.channels import SETTLE_S, channel_arrays, kind_of
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
-from hexsim.tracing.simulation.simulator import simulate_log, slopes_of_start
+from hexsim.tracing.simulation.simulator import simulate_log
 
 Array = np.ndarray
 
@@ -24,14 +24,12 @@ class SimulatedProblem(FitProblem):
 
     feedback: 0 the declared position loop, 1 the logged volts held to the logged position (see `simulation.rig.Controller`).
     input_uncertainty: how far no simulation can know the answer, a log (n_channels, n) in physical units.
-    start_slopes: a log, what its start pressures change about the machine that the uncertainty is of.
     """
 
     logs: tuple[Log, ...]
     noise: dict[str, float]
     feedback: int = 0
     input_uncertainty: tuple[Array, ...] = ()
-    start_slopes: tuple[Array | None, ...] = ()
     measured: tuple[dict[str, Array], ...] = field(init=False)
     weights: tuple[Array | float, ...] = field(
         init=False
@@ -74,8 +72,7 @@ class SimulatedProblem(FitProblem):
 
     def simulated(self, machine: Machine, i: int) -> Log:
         """Log i as the machine would have written it, without noise; channels that it has not are left out."""
-        log, slopes = self.logs[i], self.start_slopes[i] if self.start_slopes else None
-        out = simulate_log(machine, log, self.feedback, self.noise, slopes)
+        log, out = self.logs[i], simulate_log(machine, self.logs[i], self.feedback, self.noise)
         there = {
             stem: rows for stem, rows in out.items() if stem in ("position", "valve") or log.signal(stem) is not None
         }
@@ -99,8 +96,7 @@ class SimulatedProblem(FitProblem):
         """
         if self.feedback == 1 and any(log.volts is None for log in self.logs):
             return self
-        slopes = in_parallel(lambda log: slopes_of_start(machine, log, self.feedback, self.noise), self.logs)
-        bare = replace(self, input_uncertainty=(), start_slopes=tuple(slopes))
+        bare = replace(self, input_uncertainty=())
         jobs = [(i, seed) for i in range(len(self.logs)) for seed in range(rules.INPUT_SEEDS)]
         plain = in_parallel(lambda i: bare.answer(machine, i), range(len(self.logs)))
         spreads = in_parallel(lambda job: (bare._disturbed(machine, *job) - plain[job[0]]) ** 2, jobs)
@@ -111,7 +107,7 @@ class SimulatedProblem(FitProblem):
             width = max(int(rules.INPUT_WINDOW_S * log.rate), 1)
             mean = uniform_filter1d(np.nan_to_num(np.mean(own, axis=0)), width, axis=1, mode="nearest")
             spread.append(margin * np.sqrt(np.maximum(mean, 0.0)))
-        return replace(bare, input_uncertainty=tuple(spread))
+        return replace(self, input_uncertainty=tuple(spread))
 
     def _disturbed(self, machine: Machine, i: int, seed: int) -> Array:
         """The answer (n_channels, n) when what drives the model is off at random."""
@@ -127,4 +123,4 @@ class SimulatedProblem(FitProblem):
             half = 0.5 * float(np.quantile(steps, 0.1)) if len(steps) else 0.0
             rounding = np.repeat(rng.uniform(-half, half, (log.n_legs, log.n // ticks + 1)), ticks, axis=1)[:, : log.n]
             off = replace(log, volts=log.volts + rounding, position=log.position + noise)
-        return replace(self, logs=(off,), start_slopes=self.start_slopes[i : i + 1]).answer(machine, 0)
+        return replace(self, logs=(off,)).answer(machine, 0)

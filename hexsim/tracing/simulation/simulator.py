@@ -10,42 +10,25 @@ from hexsim.declaration import Machine
 from hexsim.signals.log import Log
 from hexsim.tracing.simulation import closed_loop as loop
 from hexsim.tracing.simulation.rig import Rig, rig_of
-from hexsim.tracing.simulation.start import opening, outputs, shot, start_state
+from hexsim.tracing.simulation.start import outputs, shot, start_state
 
 Array = np.ndarray
 
 
-def simulate_log(
-    machine: Machine, log: Log, feedback: int, noise: Mapping[str, float], start_slopes: Array | None = None
-) -> dict[str, Array]:
+def simulate_log(machine: Machine, log: Log, feedback: int, noise: Mapping[str, float]) -> dict[str, Array]:
     """Outputs as the sensors show them, without noise; NaN after a divergence.
 
     position, valve, pressure_bottom, pressure_top, pressure_difference (n_legs, n); pressure_supply (n,);
     acceleration (1, n) of a bench, (3, n) of a platform, angular_acceleration (3, n) of a platform.
-    noise: of the channels by kind, which weighs what the start of the log shows.  start_slopes: `slopes_of_start` of a
-    machine nearby; without them they are worked out anew.
+    noise: of the channels by kind, which weighs what the start of the log shows.
     """
     rig, resolved = rig_of(machine, feedback, log.loaded, log.rate)
     if (finer := samples_of_sample(log.rate, rig.controller.rate_Hz)) > 1:
-        out = simulate_log(machine, log.finer(finer), feedback, noise, start_slopes)
+        out = simulate_log(machine, log.finer(finer), feedback, noise)
         return {name: rows[..., ::finer] for name, rows in out.items()}
-    inputs, start = inputs_of(log, rig), start_state(rig, resolved, log)
-    if (first := opening(rig, inputs, log, noise, len(start))) is not None:
-        start = shot(first, start, start_slopes)
+    inputs = inputs_of(log, rig)
+    start = shot(rig, inputs, start_state(rig, resolved, log), log, noise)
     return outputs(loop.answer(rig, inputs, start), log.n_legs)
-
-
-def slopes_of_start(machine: Machine, log: Log, feedback: int, noise: Mapping[str, float]) -> Array | None:
-    """What the start pressures of two-chamber legs change in the first seconds of a log, about a machine; see `start.shot`."""
-    rig, resolved = rig_of(machine, feedback, log.loaded, log.rate)
-    if (finer := samples_of_sample(log.rate, rig.controller.rate_Hz)) > 1:
-        return slopes_of_start(machine, log.finer(finer), feedback, noise)
-    inputs, start = inputs_of(log, rig), start_state(rig, resolved, log)
-    if (first := opening(rig, inputs, log, noise, len(start))) is None:
-        return None
-    start = shot(first, start)
-    slopes = first.slopes(start, first.off(start))
-    return slopes if np.isfinite(slopes).all() else None
 
 
 def inputs_of(log: Log, rig: Rig) -> loop.Inputs:

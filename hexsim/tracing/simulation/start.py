@@ -1,14 +1,13 @@
 """The state in which a simulation of a log begins: load, pressures, supply.
 
 Both pressures of a leg with two chambers on the valve are states that no load fixes. They begin as measured, and are
-then corrected by SHOTS steps of single shooting over the first SHOT_S of the log: the pressures to which the model answers
-best there. So a log may begin in any transient.
+then corrected by SHOTS steps of single shooting over the first SHOT_S of the log, all along the slopes of the first: the
+pressures to which the model answers best there. So a log may begin in any transient.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from collections.abc import Mapping
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -137,26 +136,17 @@ def load_at(rig: Rig, resolved: Resolved, y: Array, v: Array) -> tuple[Array, fl
     return thrust, float(own[2]), np.concatenate([place, turned, twist[:3], rotation.T @ twist[3:]])
 
 
-class Opening(NamedTuple):
-    """The first SHOT_S of a log. off: start state -> (measured - simulated)/noise, all channels in a row. steps: of the start
-    pressures, a state each.  weak: what holds them, in units of these steps."""
+def shot(rig: Rig, inputs: loop.Inputs, state: Array, log: Log, noise: Mapping[str, float]) -> Array:
+    """The start state with the pressures of two-chamber legs corrected by what follows, see above; else as it is.
 
-    off: Callable[[Array], Array]
-    steps: Array
-    weak: Array
-
-    def slopes(self, state: Array, rest: Array) -> Array:
-        """Columns of the start pressures about a state that leaves `rest`."""
-        return np.array([rest - self.off(state + step) for step in self.steps])
-
-
-def opening(rig: Rig, inputs: loop.Inputs, log: Log, noise: Mapping[str, float], n_states: int) -> Opening | None:
-    """None without two-chamber legs, and of a log that shows nothing but positions."""
+    Least squares over all channels of the first SHOT_S with their noise, the pressures held to where they stand by what
+    the log leaves open of them. A start that diverges, and a log that shows nothing but positions, change nothing.
+    """
     two = [i for i, row in enumerate(rig.legs) if row[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE]
     n = min(int(SHOT_S * log.rate), log.n)
     shown = {stem: np.atleast_2d(rows)[:, :n] for stem in COMPARED if (rows := log.signal(stem)) is not None}
     if not two or not any(np.any(rows) for stem, rows in shown.items() if stem != "position"):
-        return None
+        return state
     scale = np.concatenate([np.full(len(rows), noise[table()[stem].kind]) for stem, rows in shown.items()])[:, None]
     measured = np.concatenate(list(shown.values())) / scale
     head = inputs._replace(**{name: np.ascontiguousarray(getattr(inputs, name)[..., :n]) for name in loop.SIGNALS})
@@ -168,29 +158,20 @@ def opening(rig: Rig, inputs: loop.Inputs, log: Log, noise: Mapping[str, float],
         ).ravel()
 
     places = [motion.LEGS + i * motion.LEG_STATES + which for i in two for which in (motion.LEG_P1, motion.LEG_P2)]
-    steps = np.zeros((len(places), n_states))
+    steps = np.zeros((len(places), len(state)))
     steps[range(len(places)), places] = SHOT_Pa
     both = "pressure_bottom" in shown and "pressure_top" in shown
     open_Pa = SHOT_NOISE * noise["pressure_bottom_Pa"] if both else UNKNOWN_Pa
-    return Opening(off, steps, (SHOT_Pa / open_Pa) ** 2 * np.eye(len(places)))
-
-
-def shot(opening: Opening, state: Array, slopes: Array | None = None) -> Array:
-    """The start state with the pressures of two-chamber legs corrected by what follows, see above.
-
-    Least squares over all channels of the first SHOT_S with their noise, the pressures held to where they stand by what
-    the log leaves open of them. A start that diverges changes nothing.
-    slopes: of a machine nearby, kept: a twelfth of the simulations; each step is as short as they are wrong.
-    """
-    off, steps, weak = opening
-    moved = np.zeros(len(steps))
+    weak, moved = (SHOT_Pa / open_Pa) ** 2 * np.eye(len(places)), np.zeros(len(places))
+    rest = off(state)
+    columns = np.array([rest - off(state + step) for step in steps])
+    if not np.isfinite(columns).all():
+        return state
     for _ in range(SHOTS):
-        at = state + moved @ steps
-        rest = off(at)
-        columns = opening.slopes(at, rest) if slopes is None else slopes
-        if not (np.isfinite(columns).all() and np.isfinite(rest).all()):
-            return state
         moved += np.linalg.solve(columns @ columns.T + weak, columns @ rest - weak @ moved)
+        rest = off(state + moved @ steps)
+        if not np.isfinite(rest).all():
+            return state
     return state + moved @ steps
 
 

@@ -167,9 +167,14 @@ def label_of(rival: RestFit) -> str:
     return rival.fit.candidates[-1].label
 
 
-def likelihood(rival: RestFit, problem: BalanceProblem, unseen: BalanceProblem) -> tuple[bool, float]:
-    """Of a tie the first: a physical cause, then what the logs and the sizes say."""
-    return rival.fit.candidates[-1].effect.generic, odds_against(rival, problem, unseen)
+def likelihood(rival: RestFit, problem: BalanceProblem, unseen: BalanceProblem) -> tuple[bool, bool, float]:
+    """Of a tie the first: what any machine has so much of, a physical cause, then what the logs and the sizes say.
+
+    What a small reality of ordinary size does as well is fitted and not named.
+    """
+    candidate = rival.fit.candidates[-1]
+    small = candidate.effect.name in rules.ORDINARY and abs(rest_level.size_of(rival.fit)) < least_remarkable(candidate)
+    return not small, candidate.effect.generic, odds_against(rival, problem, unseen)
 
 
 def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem) -> list[RestFit]:

@@ -1,0 +1,163 @@
+"""What the adaptive algorithm survives on four-way valves: `python benchmarks/compensation_four_way.py [--seeds A:B] ...`
+
+As compensation_robustness.py, whose bumps, motions and margins these are, on the legs of tests/compensation/pair_plant.py:
+every condition alone and random pairs, masses and motions drawn by the seed, from nothing learned. A finished case is a
+line of docs/results/compensation_four_way.jsonl (delete it after the algorithm has changed). Writes
+docs/results/compensation_four_way.md. Stops before a new case after --minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import subprocess
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from compensation_robustness import IRREGULAR, MOTIONS, Case, IRREGULAR_s, bumps, irregular, is_worse, key, upper_bound
+from leg_plant import sine  # pyright: ignore[reportMissingImports] (with the tests)
+from pair_plant import PairLeg, run_pair  # pyright: ignore[reportMissingImports] (with the tests)
+
+import compensation
+
+RESULT = Path(__file__).parents[1] / "docs" / "results" / "compensation_four_way.md"
+CONDITIONS: dict[str, dict[str, float]] = {
+    "as declared": {},
+    "position delay 2 ms": {"position_delay_s": 2e-3},
+    "position delay 4 ms": {"position_delay_s": 4e-3},
+    "position delay 6 ms": {"position_delay_s": 6e-3},
+    "valve delay 2 ms": {"valve_delay_s": 2e-3},
+    "valve delay 4 ms": {"valve_delay_s": 4e-3},
+    "valve delay 6 ms": {"valve_delay_s": 6e-3},
+    "no piston leak": {"piston_leak_m3_s_Pa": 0.0},
+    "piston leak 1.5e-12": {"piston_leak_m3_s_Pa": 1.5e-12},
+    "piston leak 3e-12": {"piston_leak_m3_s_Pa": 3e-12},
+    "null 0.09 V": {"null_V": 0.09},
+    "null -0.15 V": {"null_V": -0.15},
+    "air 1 %": {"air": 0.01},
+    "air 3 %": {"air": 0.03},
+    "hysteresis 30 mV": {"backlash_V": 0.03},
+    "return line 1e9 Pa s/m3": {"return_Pa_s_m3": 1e9},
+    "spool 50 Hz": {"spool_Hz": 50.0},
+    "spool 120 Hz": {"spool_Hz": 120.0},
+    "overlap 5 um": {"overlap_m": 5e-6},
+    "overlap 10 um": {"overlap_m": 1e-5},
+    "overlap 20 um": {"overlap_m": 2e-5},
+    "underlap 5 um": {"overlap_m": -5e-6},
+    "sharp edges": {"rounding_m": 2e-7},
+    "differential cylinder": {"ratio": 0.48},
+    "Coulomb friction 300 N": {"coulomb_N": 300.0},
+}
+MASSES_kg = (120.0, 250.0, 500.0)
+
+
+def result_of(case: Case) -> Case:
+    """The case with what came of it."""
+    changes: dict[str, float] = {}
+    for name in case["conditions"]:
+        changes |= CONDITIONS[name]
+    if case["motion"] == IRREGULAR:
+        motion, duration_s, period_s = irregular(case["seed"]), IRREGULAR_s, None
+    else:
+        amplitude_m, frequency_Hz, duration_s = MOTIONS[case["motion"]]
+        motion, period_s = sine(amplitude_m, frequency_Hz), 1.0 / frequency_Hz
+    leg, both = PairLeg(mass_kg=case["mass_kg"], **changes), [compensation.create(n) for n in ("none", "adaptive")]
+    records = [run_pair(c, leg, motion, duration_s, period_s=period_s, seed=case["seed"]) for c in both]
+    plain, mine = (bumps(record, motion, duration_s) for record in records)
+    made = [turned for _, turned, _ in plain]
+    by_bump = [is_worse(b, a) for (b, *_), (a, *_) in zip(plain, mine, strict=True)]
+    by_peak = [is_worse(b, a) for (*_, b), (*_, a) in zip(plain, mine, strict=True)]
+    chosen = [bump if turned else peak for bump, peak, turned in zip(by_bump, by_peak, made, strict=True)]
+    peaks = [
+        r.peaks(period_s)[-3:].max() if period_s else max(b for b, *_ in f[-8:]) / 2
+        for r, f in zip(records, (plain, mine), strict=True)
+    ]
+    return {
+        **case, "reversals": len(chosen), "worse": sum(chosen), "worse_bump": sum(by_bump), "not_made": made.count(False),
+        "worse_made": sum(w and m for w, m in zip(chosen, made, strict=True)),
+        "plain": round(float(peaks[0]), 4), "adaptive": round(float(peaks[1]), 4),
+        "worst_m_s2": round(max(a - b for (b, *_), (a, *_) in zip(plain, mine, strict=True)), 3),
+        "engaged": bool(records[1].added_V.any()),
+    }  # fmt: skip
+
+
+def cases(seeds: Iterable[int], pairs: int) -> list[Case]:
+    """As compensation_robustness.cases; every fourth seed has the bench's sine at 250 kg for each condition alone."""
+    motions, found = [*MOTIONS, IRREGULAR], []
+    for seed in seeds:
+        draw = np.random.default_rng(seed)
+        together = list(itertools.combinations(list(CONDITIONS)[1:], 2))
+        chosen = [(name,) for name in CONDITIONS]
+        chosen += [together[i] for i in draw.choice(len(together), pairs, replace=False)]
+        for conditions in chosen:
+            alone = seed % 4 == 0 and len(conditions) == 1
+            motion, mass_kg = motions[draw.integers(4)], MASSES_kg[draw.integers(3)]
+            motion, mass_kg = (motions[0], 250.0) if alone else (motion, mass_kg)
+            found.append({"conditions": conditions, "mass_kg": mass_kg, "motion": motion, "seed": seed, "host": False})
+    return found
+
+
+def page(done: list[Case], command: str, commit: str) -> str:
+    """The tables."""
+    total, bad, made, bump, missed = (
+        sum(c[name] for c in done) for name in ("reversals", "worse", "worse_made", "worse_bump", "not_made")
+    )
+    plain_too = total - missed
+    lines = [
+        "# What compensation survives on four-way valves", "",
+        f"Commit {commit}, `{command}`. Legs of tests/compensation/pair_plant.py (no code of hexsim), proportional control, from",
+        "nothing learned. Bumps, motions and margins as in [compensation_robustness.md](compensation_robustness.md).", "",
+        f"{len(done)} runs, {total} reversals, **{bad} worse** than plain control by 5 % and 0.03 m/s2: a share below "
+        f"{upper_bound(bad, total):.1e} with 95 % confidence.",
+        f"Of {plain_too} that plain control makes as well {made}, below {upper_bound(made, plain_too):.1e}. {missed} turns it does not "
+        f"make: {bad - made} by the deviation from the command, {bump - made} by bumps.", "",
+        "| condition | bench sine: plain | adaptive | share | all runs | engaged | reversals | worse | largest growth [m/s2] |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]  # fmt: skip
+    for name in [*CONDITIONS, "random pairs"]:
+        mine = [
+            c
+            for c in done
+            if (len(c["conditions"]) == 2 if name == "random pairs" else list(c["conditions"]) == [name])
+        ]
+        bench = [
+            c for c in mine if c["mass_kg"] == 250.0 and c["motion"] == "0.05 m 0.5 Hz" and len(c["conditions"]) == 1
+        ]
+        pair = [max(c[k] for c in bench) for k in ("plain", "adaptive")] if bench else []
+        shown = [f"{pair[0]:.3f}", f"{pair[1]:.3f}", f"1/{pair[0] / pair[1]:.1f}"] if bench else ["", "", ""]
+        sums = [str(sum(c[k] for c in mine)) for k in ("engaged", "reversals", "worse")]
+        growth = f"{max((c['worst_m_s2'] for c in mine), default=0.0):.2f}"
+        lines.append(f"| {' | '.join([name, *shown, str(len(mine)), *sums, growth])} |")
+    lines += ["", "| worse reversals in | of | growth [m/s2] |", "|---|---|---|"]
+    lines += [f"| {key(c)} | {c['worse']}/{c['reversals']} | {c['worst_m_s2']:.2f} |" for c in done if c["worse"]]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", default="9700:9708")
+    parser.add_argument("--pairs", type=int, default=25, help="random pairs a seed")
+    parser.add_argument("--minutes", type=float, default=1e9)
+    parser.add_argument("--journal", type=Path, default=RESULT.with_suffix(".jsonl"))
+    arguments = parser.parse_args()
+    journal, end = arguments.journal, time.monotonic() + 60.0 * arguments.minutes
+    done = [json.loads(line) for line in journal.read_text().splitlines()] if journal.exists() else []
+    known = {key(c) for c in done}
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
+    with journal.open("a") as lines:
+        for case in cases(range(*map(int, arguments.seeds.split(":"))), arguments.pairs):
+            if key(case) in known or time.monotonic() > end:
+                continue
+            found = json.loads(json.dumps(result_of(case)))
+            done.append(found)
+            lines.write(json.dumps(found) + "\n")
+            lines.flush()
+    command = f"python benchmarks/compensation_four_way.py --seeds {arguments.seeds}"
+    journal.with_suffix(".md").write_text(page(done, command, commit))
+
+
+if __name__ == "__main__":
+    main()
