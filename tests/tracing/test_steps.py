@@ -76,7 +76,7 @@ def test_a_swallowed_ctrl_c_ends_the_trace_at_its_next_step(tmp_path, monkeypatc
     """A library that swallows the KeyboardInterrupt costs one step: exit code 2, a sentence, nothing written."""
     went_on, before = [], signal.getsignal(signal.SIGINT)  # ignored where a shell started the tests in the background
 
-    def swallowing(folder, fit, validate, out, progress):
+    def swallowing(folder, fit, validate, out, progress, load_kg, loaded):
         try:
             os.kill(os.getpid(), signal.SIGINT)
             progress("never said: the signal comes first", 0.1)
