@@ -77,7 +77,7 @@ def picture(rows: list[dict], path: Path) -> None:
         )
         plot.set_ylim(0.0, 0.62)
     plots[0].set_ylabel("bump in 50 Hz [m/s²]")
-    plots[1].legend(loc="center right", frameon=False, fontsize=8.0)
+    plots[1].legend(loc="center right", bbox_to_anchor=(1.0, 0.35), frameon=False, fontsize=8.0)
     path.write_bytes(png(figure, 120))
 
 

@@ -111,7 +111,7 @@ def picture(time, felt, table, what):
         )
         row = table["xyz"[k]]
         late, off = row["delay_ms"], row["difference_rms_m_s2"]
-        plot.set_title(f"{description}: felt {late:.0f} ms after the command, rms of the difference {off:.2f} m/s²")
+        plot.set_title(f"{description}: felt {late:.0f} ms after the command, rms of the difference {off:.3f} m/s²")
         plot.set_ylabel("[m/s²]")
     plots[0].set_title(plots[0].get_title(), pad=22)
     legend(plots[0], columns=3)

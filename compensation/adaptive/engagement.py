@@ -205,9 +205,6 @@ def _track_excitation(state, setpoint_m_s2):
     faded = engagement.excitation_m_s2 * (1 - state.settings.tick_s / EXCITATION_MEMORY_S)
     engagement.excitation_m_s2 = size if size > faded else faded
     if engagement.after_reversal:
-        moved = engagement.peak_m_s2 > AT_REST_M_S2 and engagement.half_ticks * state.settings.tick_s > ARMED_ENGAGE_S
-        if moved:  # else the reference has joined a noisy reading
-            engagement.armed = False
         engagement.excitation_m_s2 = engagement.reversal_m_s2 = engagement.peak_m_s2
         engagement.peak_m_s2 = 0.0
         engagement.stability_limit_m_s2 = _stability_limit_m_s2(state)
@@ -251,6 +248,14 @@ def _judge_reversal(engagement, monitor, extending):
 
 
 @compiled
+def begin_judging(engagement, monitor, half_s):
+    """The first reversal of an armed start is not judged: its range holds the beginning of the motion. Neither is the
+    trembling of a reference that has joined a noisy reading."""
+    engagement.armed = half_s < ARMED_ENGAGE_S or engagement.reversal_m_s2 < AT_REST_M_S2
+    monitor.low_m_s2, monitor.high_m_s2 = math.inf, -math.inf
+
+
+@compiled
 def _track_valve(engagement, valve, control_V):
     """For how long plain control has held the valve open, and how long the overlap closed it before.
 
@@ -283,7 +288,10 @@ def _track_reversals(state, velocity_m_s):
     if half == 0 or ticks > 0.55 * half:
         return
     if ticks == 2 * half // 5:
-        _judge_reversal(engagement, state.monitor, velocity_m_s > 0.0)
+        if engagement.armed:
+            begin_judging(engagement, state.monitor, half * settings.tick_s)
+        else:
+            _judge_reversal(engagement, state.monitor, velocity_m_s > 0.0)
     engagement.engage_window = ticks >= 0.4 * half and engagement.open_ticks * settings.tick_s > MIN_OPEN_S
     engagement.between = ticks >= half // 5
     if ticks == half // 5:

@@ -123,8 +123,9 @@ def tick_of(state, table, preview, setpoint_m, position_m, control_V, valve_V, b
 
 @compiled
 def hear(state, other):
-    """After a tick in which another leg of the machine told TELLS: what its reversal says of the delay."""
-    if abs(state.valve.lag_s - other.valve.lag_s) < LAGS_ALIKE_S:
+    """After a tick in which another leg of the machine told TELLS: what its reversal says of the delay. On four-way valves
+    each leg's lag holds a leak by its own load: nothing is heard."""
+    if not state.valve.four_way and abs(state.valve.lag_s - other.valve.lag_s) < LAGS_ALIKE_S:
         hear_delay(state.delay, other.delay)
 
 

@@ -25,7 +25,7 @@ from compensation.adaptive.edge_rounding import (
     start_rounding,
     upper_bound_V,
 )
-from compensation.adaptive.engagement import PHASES
+from compensation.adaptive.engagement import PHASES, begin_judging
 from compensation.adaptive.feedback import damping
 from compensation.adaptive.friction import add_to_friction, start_friction, stribeck_share
 from compensation.adaptive.layout import (
@@ -563,6 +563,22 @@ def test_armed_it_compensates_from_the_first_motion(adapted) -> None:
     record = run(made, setpoint=motion, duration_s=2.5, state=state)
     first = (record.time_s > begin) & (record.time_s < 2.4)
     assert np.abs(record.position_m - motion(record.time_s))[first].max() < 4e-4
+    assert not record.statuses
+
+
+@pytest.mark.parametrize(
+    ("half_s", "reversal_m_s2", "armed"), [(1.0, 0.3, False), (0.02, 0.3, True), (1.0, 5e-4, True)]
+)
+def test_the_first_reversal_of_an_armed_start_is_not_judged(half_s, reversal_m_s2, armed) -> None:
+    """A bump of 10 m/s2, the beginning of the motion in it, trips nothing and is forgotten; after a half stroke that moved
+    anything the next one is judged, after a trembling reference it is not."""
+    state = Adaptive().start(Context()).numbers
+    engagement, monitor = state.engagement, state.monitor
+    engagement.armed, engagement.reversal_m_s2, engagement.ramp = True, reversal_m_s2, 1.0
+    monitor.low_m_s2, monitor.high_m_s2, monitor.baseline_m_s2[:] = -5.0, 5.0, 0.1
+    begin_judging(engagement, monitor, half_s)
+    assert engagement.armed == armed and engagement.lockout_s == 0.0
+    assert not worse_than_baseline(monitor, True, reversal_m_s2, 1.0)
 
 
 def test_worse_reversals_are_seen_and_ended(plain, adapted) -> None:

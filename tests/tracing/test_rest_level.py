@@ -202,6 +202,14 @@ def test_each_rule_alone_keeps_an_effect_from_being_sure():
         assert not sure(replace(SURE, **changes))
 
 
+def test_another_leg_is_no_witness_of_harm():
+    """A pressure's gain in leg 1 mends its continuity; what all legs share shifts, and leg 4 has 7 % more: no harm of its own."""
+    falls, own = np.array([1.6, 0.0, 0.0, -0.04]), [0]
+    problem = BalanceProblem(logs=(), parts=())
+    assert harm_of(falls, problem, own) == 0.0
+    assert harm_of(falls, problem) == pytest.approx(np.exp(0.08) - 1.0)
+
+
 def test_of_several_own_balances_one_that_holds_again_suffices():
     """Held out too: a slow row that something else spoils says nothing against the fast one."""
     spoiled, mended = (np.array([4.9]),) * 4, tuple(map(np.array, ([2.0], [1.05], [2.0], [1.05])))

@@ -12,13 +12,14 @@ from hexsim.readers import read_log
 from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named
-from hexsim.tracing.fitting.fit import start_fit
+from hexsim.tracing.fitting.fit import parameter_columns, start_fit
 from hexsim.tracing.fitting.parameters import candidates, named, priors
+from hexsim.tracing.fitting.screening import screen
 from hexsim.tracing.fitting.selection import with_candidate
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.simulation.start import start_of
-from hexsim.tracing.steps.ties import same_terms, stand_ins
+from hexsim.tracing.steps.ties import alike_in_balances, same_terms, stand_ins
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -111,3 +112,19 @@ def test_a_hose_and_a_dead_volume_are_one_term(bench):
             hose = fit.values[0]["compliance_m3_Pa"]
             assert rival.values[0]["volume_m3"] == pytest.approx(hose * machine.oil.bulk_modulus_Pa, rel=1e-4)
             assert rival.chi2 == pytest.approx(fit.chi2, rel=1e-3)
+
+
+def test_only_what_the_balances_leave_open_is_tried_as_a_tie(bench):
+    """In the continuity a hose and a dead volume do the same, a null offset does not; what the balance does not show (a mass)
+    may be a tie, and for an effect that it does not show so may all. Nor does a mass reach a misfit that is all continuity."""
+    machine, log = bench
+    part = BalanceRows(balance=balance_named("continuity", machine), sigma=np.ones(1), rows=(0,))
+    problem = BalanceProblem(logs=(log,), parts=(part,))
+    fit = parameter_columns(start_fit(machine, priors(machine), problem), problem)
+    possible = [named(name) for name in ("hose_compliance", "dead_volume", "null_offset", "mass_change")]
+    lines = screen(fit, possible, problem)
+    assert alike_in_balances(possible[0], possible, lines) == [possible[0], possible[1], possible[3]]
+    assert alike_in_balances(possible[3], possible, lines) == possible
+    reach = {line.candidate.label: line.reach for line in lines}
+    assert reach["mass_change"] == 0.0
+    assert reach["hose_compliance"] == pytest.approx(fit.chi2)
