@@ -75,6 +75,8 @@ def update_stribeck(stribeck, inertia_Pa, highest_Pa):
     missing = dot(PHI, stribeck.deviation_Pa, count)
     missing -= inertia_Pa * dot(PHI_SECOND, stribeck.position_error_m, count) / stribeck.tick_s**2
     stribeck.reversals += 1
-    error_Pa = clip(missing / projected, -MOST_MISSING * REVERSAL_ERROR_PA, MOST_MISSING * REVERSAL_ERROR_PA)
-    stribeck.pressure_Pa += max(MIN_RATE, 1.0 / (stribeck.reversals + stribeck.known)) * error_Pa
+    rate, error_Pa = max(MIN_RATE, 1.0 / (stribeck.reversals + stribeck.known)), missing / projected
+    if rate == MIN_RATE:  # known already
+        error_Pa = clip(error_Pa, -MOST_MISSING * REVERSAL_ERROR_PA, MOST_MISSING * REVERSAL_ERROR_PA)
+    stribeck.pressure_Pa += rate * error_Pa
     stribeck.pressure_Pa = min(max(stribeck.pressure_Pa, 0.0), highest_Pa)

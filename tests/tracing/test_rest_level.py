@@ -1,5 +1,6 @@
 """At the level of the rest: small realities keep to their size, a large effect is found with its number beside them."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +19,7 @@ from hexsim.tracing.balances.continuity import Continuity, FastContinuity, fast_
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import with_noise
 from hexsim.tracing.balances.platform import Platform
-from hexsim.tracing.fitting import rest_level, rest_odds
+from hexsim.tracing.fitting import rest_evidence, rest_level, rest_odds
 from hexsim.tracing.fitting.fit import Fit, answered, start_fit
 from hexsim.tracing.fitting.parameters import (
     candidates,
@@ -35,7 +36,9 @@ from hexsim.tracing.fitting.rest_evidence import (
     most_restored,
     own_rows,
     sure,
+    tie_limit,
     values_in_leg,
+    worse,
 )
 from hexsim.tracing.fitting.rest_level import RestFit, ordinary_effects, prior_precision, row_counts, row_sizes
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
@@ -200,6 +203,23 @@ def test_each_rule_alone_keeps_an_effect_from_being_sure():
         {"share": 0.7, "curve": 0.4},
     ):
         assert not sure(replace(SURE, **changes))
+
+
+def test_a_rival_that_leaves_less_held_out_is_tied_by_a_wider_margin(monkeypatch):
+    """A rival 15 % worse in the fit runs is out where it is worse held out too, and tied where it leaves less there; 60 %
+    worse it is out in both."""
+    monkeypatch.setattr(rest_evidence, "start_fit_at", lambda fit, unseen: fit.held_out)
+    noise = [np.random.default_rng(0).standard_normal((1, 5000))]
+
+    def leaves(share, unseen):
+        scaled = (SimpleNamespace(misfit=[3.0 * math.sqrt(own) * noise[0]]) for own in (share, unseen))
+        return SimpleNamespace(fit=SimpleNamespace(misfit=next(scaled).misfit, held_out=next(scaled)))
+
+    best, runs = leaves(1.0, 1.0), SimpleNamespace(thin_s=0.01)
+    for share, unseen, out in ((1.15, 1.05, True), (1.15, 0.95, False), (1.6, 1.05, True), (1.6, 0.95, True)):
+        rival = leaves(share, unseen)
+        limit = tie_limit(rival, best.fit.held_out.misfit, runs)
+        assert worse(rival, best, [0], 0.01, limit) is out
 
 
 def test_another_leg_is_no_witness_of_harm():

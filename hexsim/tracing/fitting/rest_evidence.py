@@ -89,7 +89,12 @@ def evidence_of(
     falls = np.log(np.maximum(base.sizes, 1.0)) - np.log(np.maximum(rival.sizes, 1.0))
     harm, runs = harm_of(falls, problem, own) if candidate.effect.balance == "sensor" else 0.0, apart(rival, problem)
     others = [other for other in rivals if other.fit.candidates[-1].label != candidate.label]
-    tied = [other for other in others if not (worse(other, rival, own, thin) or worse(other, rival, everywhere, thin))]
+    limits = [tie_limit(other, after, unseen) for other in others]
+    tied = [
+        other
+        for other, limit in zip(others, limits, strict=True)
+        if not any(worse(other, rival, rows, thin, limit) for rows in (own, everywhere))
+    ]
     return Evidence(
         candidate=candidate,
         share=share,
@@ -154,11 +159,17 @@ def least(resampled: Array) -> float:
     return float(np.quantile(resampled, rules.PARTLY_DOUBT))
 
 
-def worse(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float) -> bool:
+def tie_limit(other: RestFit, after: Sequence[Array], unseen: BalanceProblem) -> float:
+    """Share by which another must be worse to be no tie; wider where it leaves less of the held-out runs than `after`."""
+    share, _ = shares_of(after, start_fit_at(other.fit, unseen).misfit, unseen.thin_s)
+    return rules.PARTLY_TIE_UNSEEN if share > 0.0 else rules.PARTLY_TIE
+
+
+def worse(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float, limit: float = rules.PARTLY_TIE) -> bool:
     """Does the other surely leave more in these rows, by more than the rest can hide?"""
     before, after = ([m[rows] for m in found.fit.misfit] for found in (other, rival))
     share, resampled = shares_of(before, after, thin_s)
-    return share > rules.PARTLY_TIE and least(resampled) > 0.0
+    return share > limit and least(resampled) > 0.0
 
 
 def harm_of(falls: Array, problem: BalanceProblem, own: list[int] | slice = slice(None)) -> float:
