@@ -88,13 +88,14 @@ def worse_than_baseline(monitor, extending, reversal_m_s2, ramp):
 
 @compiled
 def worth_compensating(monitor, step_m_s2, told, noise_range):
-    """Whether plain control's bumps are larger than those of a compensation that is still learning. step_m_s2:
+    """Whether plain control's bumps, both directions' mean, are larger than those of a compensation that is still learning;
+    the larger one for a platform's leg, whose bumps are small beside those of the others. step_m_s2:
     acceleration that the friction step gives the load; told: a platform's leg is told its load; noise_range: standard
     errors that noise adds to a bump."""
     risk = (RISK_SHARE_TOLD if told else RISK_SHARE) * step_m_s2
     least = min(FELT_M_S2, risk) + noise_range * bump_noise_m_s2(monitor)
     first, second = monitor.baseline_m_s2
-    return (max(first, second) if told else min(first, second)) > least
+    return (max(first, second) if told else 0.5 * (first + second)) > least
 
 
 @compiled

@@ -30,7 +30,7 @@ from compensation.adaptive.leak import (
     start_passage,
     used_leak_m_s,
 )
-from compensation.adaptive.monitor import bump_noise_m_s2, start_monitor, worse_than_baseline
+from compensation.adaptive.monitor import bump_noise_m_s2, start_monitor, worse_than_baseline, worth_compensating
 from compensation.adaptive.prediction import MAX_OFFSET_M, predict, prediction_table, start_prediction, watch_setpoint
 from compensation.adaptive.presliding import add_to_presliding, bristle, update_presliding
 from compensation.adaptive.recursive_least_squares import shift_fit, start_fit, update_fit
@@ -210,6 +210,16 @@ def test_several_reversals_a_little_worse_end_compensation() -> None:
             if worse_than_baseline(monitor, True, 0.1, 1.0):
                 found.append(k)
         assert found == trips
+
+
+def test_unequal_bumps_are_worth_compensating_by_their_mean() -> None:
+    """A leg of 0.33 m/s2 in one direction and 0.06 in the other engages, one of 0.16 and 0.06 does not; a platform's leg that
+    is told its load does. The bound is 0.3 of what a friction step of 0.4 m/s2 does, without noise."""
+    monitor = empty(MONITOR)
+    start_monitor(monitor, 0.002, 0.0)
+    for bumps, told, worth in (((0.33, 0.06), False, True), ((0.16, 0.06), False, False), ((0.16, 0.06), True, True)):
+        monitor.baseline_m_s2[:] = bumps
+        assert worth_compensating(monitor, 0.4, told, 0.0) == worth
 
 
 def watched(predictor: Record, preview_m: np.ndarray, setpoint_m: float) -> bool:
