@@ -55,7 +55,8 @@ class RestFit:
 
 def row_sizes(misfit: Sequence[Array]) -> Array:
     """rms of every row over all logs, (n_rows,)."""
-    return np.sqrt(sum(np.sum(m**2, axis=1) for m in misfit) / sum(m.shape[1] for m in misfit))
+    with np.errstate(over="ignore"):  # a trial that diverges is infinitely large, and not taken
+        return np.sqrt(sum(np.sum(m**2, axis=1) for m in misfit) / sum(m.shape[1] for m in misfit))
 
 
 def cost_of(fit: Fit, problem: FitProblem) -> float:
