@@ -3,25 +3,19 @@
 As compensation_robustness.py, whose bumps, motions and margins these are, on the legs of tests/compensation/pair_plant.py:
 every condition alone and random pairs, masses and motions drawn by the seed, from nothing learned. A finished case is a
 line of docs/results/compensation_four_way.jsonl (delete it after the algorithm has changed). Writes
-docs/results/compensation_four_way.md. Stops before a new case after --minutes.
+docs/results/compensation_four_way.md.
 """
 
 from __future__ import annotations
 
 import argparse
 import itertools
-import json
-import subprocess
-import time
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from compensation_robustness import IRREGULAR, MOTIONS, Case, IRREGULAR_s, bumps, irregular, is_worse, key, upper_bound
-from leg_plant import sine  # pyright: ignore[reportMissingImports] (with the tests)
+from compensation_robustness import IRREGULAR, MOTIONS, Case, compared, key, run_missing, upper_bound
 from pair_plant import PairLeg, run_pair  # pyright: ignore[reportMissingImports] (with the tests)
-
-import compensation
 
 RESULT = Path(__file__).parents[1] / "docs" / "results" / "compensation_four_way.md"
 CONDITIONS: dict[str, dict[str, float]] = {
@@ -59,29 +53,7 @@ def result_of(case: Case) -> Case:
     changes: dict[str, float] = {}
     for name in case["conditions"]:
         changes |= CONDITIONS[name]
-    if case["motion"] == IRREGULAR:
-        motion, duration_s, period_s = irregular(case["seed"]), IRREGULAR_s, None
-    else:
-        amplitude_m, frequency_Hz, duration_s = MOTIONS[case["motion"]]
-        motion, period_s = sine(amplitude_m, frequency_Hz), 1.0 / frequency_Hz
-    leg, both = PairLeg(mass_kg=case["mass_kg"], **changes), [compensation.create(n) for n in ("none", "adaptive")]
-    records = [run_pair(c, leg, motion, duration_s, period_s=period_s, seed=case["seed"]) for c in both]
-    plain, mine = (bumps(record, motion, duration_s) for record in records)
-    made = [turned for _, turned, _ in plain]
-    by_bump = [is_worse(b, a) for (b, *_), (a, *_) in zip(plain, mine, strict=True)]
-    by_peak = [is_worse(b, a) for (*_, b), (*_, a) in zip(plain, mine, strict=True)]
-    chosen = [bump if turned else peak for bump, peak, turned in zip(by_bump, by_peak, made, strict=True)]
-    peaks = [
-        r.peaks(period_s)[-3:].max() if period_s else max(b for b, *_ in f[-8:]) / 2
-        for r, f in zip(records, (plain, mine), strict=True)
-    ]
-    return {
-        **case, "reversals": len(chosen), "worse": sum(chosen), "worse_bump": sum(by_bump), "not_made": made.count(False),
-        "worse_made": sum(w and m for w, m in zip(chosen, made, strict=True)),
-        "plain": round(float(peaks[0]), 4), "adaptive": round(float(peaks[1]), 4),
-        "worst_m_s2": round(max(a - b for (b, *_), (a, *_) in zip(plain, mine, strict=True)), 3),
-        "engaged": bool(records[1].added_V.any()),
-    }  # fmt: skip
+    return compared(case, lambda: PairLeg(mass_kg=case["mass_kg"], **changes), run_pair)
 
 
 def cases(seeds: Iterable[int], pairs: int) -> list[Case]:
@@ -140,23 +112,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="9700:9708")
     parser.add_argument("--pairs", type=int, default=25, help="random pairs a seed")
-    parser.add_argument("--minutes", type=float, default=1e9)
+    parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--journal", type=Path, default=RESULT.with_suffix(".jsonl"))
     arguments = parser.parse_args()
-    journal, end = arguments.journal, time.monotonic() + 60.0 * arguments.minutes
-    done = [json.loads(line) for line in journal.read_text().splitlines()] if journal.exists() else []
-    known = {key(c) for c in done}
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
-    with journal.open("a") as lines:
-        for case in cases(range(*map(int, arguments.seeds.split(":"))), arguments.pairs):
-            if key(case) in known or time.monotonic() > end:
-                continue
-            found = json.loads(json.dumps(result_of(case)))
-            done.append(found)
-            lines.write(json.dumps(found) + "\n")
-            lines.flush()
+    planned = cases(range(*map(int, arguments.seeds.split(":"))), arguments.pairs)
+    done, commit = run_missing(planned, arguments.journal, result_of, arguments.processes)
     command = f"python benchmarks/compensation_four_way.py --seeds {arguments.seeds}"
-    journal.with_suffix(".md").write_text(page(done, command, commit))
+    arguments.journal.with_suffix(".md").write_text(page(done, command, commit))
 
 
 if __name__ == "__main__":

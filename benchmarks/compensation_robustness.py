@@ -136,7 +136,11 @@ def result_of(case: Case) -> Case:
     changes: dict[str, float] = {}
     for name in case["conditions"]:
         changes |= CONDITIONS[name][0]
-    leg = Leg(mass_kg=case["mass_kg"], **changes)
+    return compared(case, lambda: Leg(mass_kg=case["mass_kg"], **changes), run)
+
+
+def compared(case: Case, leg_of: Callable[[], Any], drive: Callable[..., Record]) -> Case:
+    """The case with what came of it on a leg, driven without and with compensation."""
     if case["motion"] == IRREGULAR:
         motion, duration_s, period_s = irregular(case["seed"]), IRREGULAR_s, None
     else:
@@ -146,7 +150,7 @@ def result_of(case: Case) -> Case:
         compensation.create("none"),
         compensation.create("adaptive", **({"preview_s": 0.0} if case["host"] else {})),
     ]
-    records = [run(c, Leg(**vars(leg)), motion, duration_s, period_s=period_s, seed=case["seed"]) for c in both]
+    records = [drive(c, leg_of(), motion, duration_s, period_s=period_s, seed=case["seed"]) for c in both]
     found = [bumps(record, motion, duration_s) for record in records]
     made = [reversed_ for _, reversed_, _ in found[0]]
     worse_peak = [is_worse(b, a) for (*_, b), (*_, a) in zip(*found, strict=True)]
@@ -236,6 +240,24 @@ def _row(name: str, mine: list[Case], target: float | None) -> str:
     )
 
 
+def run_missing(
+    planned: Iterable[Case], journal: Path, judge: Callable[[Case], Case], processes: int
+) -> tuple[list[Case], str]:
+    """All cases of the journal, those planned that it has not yet run and written; the commit."""
+    done = [json.loads(line) for line in journal.read_text().splitlines()] if journal.exists() else []
+    known = {key(c) for c in done}
+    missing = [c for c in planned if key(c) not in known]
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
+    with ProcessPoolExecutor(processes) as pool, journal.open("a") as lines:
+        for case in pool.map(judge, missing):
+            found = json.loads(json.dumps(case))
+            done.append(found)
+            lines.write(json.dumps(found) + "\n")
+            lines.flush()
+            print(json.dumps(found), flush=True)
+    return done, commit
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="9000:9016")
@@ -245,19 +267,8 @@ def main() -> None:
     parser.add_argument("--journal", type=Path, default=JOURNAL)
     arguments = parser.parse_args()
     planned = cases(range(*map(int, arguments.seeds.split(":"))), arguments.pairs, arguments.host)
-    journal = arguments.journal
-    done = [json.loads(line) for line in journal.read_text().splitlines()] if journal.exists() else []
-    known = {key(c) for c in done}
-    missing = [c for c in planned if key(c) not in known]
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
-    with ProcessPoolExecutor(arguments.processes) as pool, journal.open("a") as lines:
-        for case in pool.map(result_of, missing):
-            found = json.loads(json.dumps(case))
-            done.append(found)
-            lines.write(json.dumps(found) + "\n")
-            lines.flush()
-            print(json.dumps(found), flush=True)
-    journal.with_suffix(".md").write_text(page(done, arguments.seeds, commit))
+    done, commit = run_missing(planned, arguments.journal, result_of, arguments.processes)
+    arguments.journal.with_suffix(".md").write_text(page(done, arguments.seeds, commit))
 
 
 if __name__ == "__main__":

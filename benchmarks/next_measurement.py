@@ -191,9 +191,8 @@ def score(line: dict[str, Any], named: list[list[Any]]) -> str:
     factor = SAME_SIZE.get(line["effect"])
     if factor and len(values) == 1:
         put_in = line["effects"][line["effect"]]
-        put_in = (
-            int(put_in) if line["effect"] == "valve_delay" else put_in
-        )  # the second plant delays by whole milliseconds
+        if line["effect"] == "valve_delay":  # the second plant delays by whole milliseconds
+            put_in = int(put_in)
         value, size = next(iter(values.values())), factor * put_in
         if abs(value / size - 1.0) > 0.15:
             return "right, number off"

@@ -32,6 +32,16 @@ class Load(Section):
         description="hexapod: from the origin of the platform's frame [m]",
     )
 
+    @property
+    def mass_key(self) -> str:
+        """The entry that holds what is carried."""
+        return "platform_mass_kg" if self.moving_mass_kg is None else "moving_mass_kg"
+
+    @property
+    def carried_mass_kg(self) -> float:
+        """Mass on the rod, or the platform with what stands on it [kg]; 0 where none is declared."""
+        return getattr(self, self.mass_key) or 0.0
+
     @field_validator("platform_inertia_kg_m2")
     @classmethod
     def _inertia_is_physical(cls, value: tuple[float, float, float] | None) -> tuple[float, float, float] | None:

@@ -69,8 +69,7 @@ def moving_body(resolved: Resolved, loaded: bool = False) -> RigidBody:
 
 def with_additional_mass(load: Load) -> Load:
     """The load with what people put on it."""
-    key = "platform_mass_kg" if load.moving_mass_kg is None else "moving_mass_kg"
-    return load.model_copy(update={key: getattr(load, key) + (load.additional_mass_kg or 0.0)})
+    return load.model_copy(update={load.mass_key: load.carried_mass_kg + (load.additional_mass_kg or 0.0)})
 
 
 def platform_body(load: Load, payload: Sequence[Payload] = (), sprung: float = 0.0) -> RigidBody:

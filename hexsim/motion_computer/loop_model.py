@@ -30,6 +30,7 @@ from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import N_MEMORY, C, Control
 from hexsim.motion_computer.declared_control import control_of
 from hexsim.motion_computer.leg_load import holding_forces, leg_compliance
+from hexsim.smoothness.band import BANDWIDTH_Hz
 
 Array = NDArray[np.float64]
 OPEN = 0.01  # of the spool's travel, beyond the lap
@@ -37,7 +38,7 @@ P1, P2, X, RATE, Y, V, VOLTS = range(7)
 Matrices = tuple[Any, Any, Any, Any]  # A, B, C, D: arrays
 STEPS = (1e3, 1e3, 1e-8, 1e-4, 1e-6, 1e-5, 1e-5)  # of the numerical derivative: Pa, Pa, m, m/s, m, m/s, V
 EQUAL = 1e-6  # relative difference of modes that count as one
-FELT_Hz, BAND_POINTS = 50.0, 100  # band in which acceleration is felt
+BAND_POINTS = 100  # frequencies of the felt band
 
 
 def leg_at(p: Array, force: float, supply_Pa: float, sign: float) -> tuple[Array, Array]:
@@ -192,7 +193,7 @@ class Loop:
         """Piston over setpoint (n,)."""
         return response(self.closed, frequency_Hz, self.tick_s)[:, 0, 0]
 
-    def shaken_m_s2(self, position_m: float, pressure_Pa: float, band_Hz: float = FELT_Hz) -> float:
+    def shaken_m_s2(self, position_m: float, pressure_Pa: float, band_Hz: float = BANDWIDTH_Hz) -> float:
         """Acceleration of the piston below `band_Hz`, rms, by white noise of the readings, rms of a tick's.
 
         a^2 = int |w^2 T|^2 2 T_s n^2 df, T piston over reading.

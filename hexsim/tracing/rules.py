@@ -49,9 +49,7 @@ PARTLY_BLOCK_S = 2.0  # [s] blocks that are resampled: longer than the rest's co
 PARTLY_DRAWS = 200
 PARTLY_DOUBT = 0.025  # share of the resamples that may say otherwise
 PARTLY_SPREAD = 0.2  # runs may differ in an effect's number by this share, or three standard errors
-PARTLY_HARM = (
-    0.07  # a sensor's effect may make no row's mean square larger by this share, or by this share of what it takes
-)
+PARTLY_HARM = 0.07  # a sensor's effect may make no row's mean square larger by this share, or by this of what it takes
 PARTLY_LATE_S = 1e-4  # [s] an accelerometer that is later has no gain that is sure
 PARTLY_REFITTED = 16  # candidates that are refitted beside the small realities, by what their columns promise
 PARTLY_PROMISE = 0.3  # share of the least fall that a column, or a start, must promise to be refitted

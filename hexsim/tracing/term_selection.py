@@ -19,9 +19,7 @@ RARE = 0.15  # share of the samples below which a term acts rarely
 ACTS = 0.05  # of a column's largest value: beyond it the term acts
 OCCASIONS = 6  # least number of occasions on which a rare term acts
 RARE_GAIN = 0.1  # least fall of the loss where a rare term acts
-EVERY_RUN = (
-    1.0 / 3.0
-)  # fall of the loss in each held-out run that needs no further test: chance does not give it thrice
+EVERY_RUN = 1.0 / 3.0  # fall of the loss in each held-out run that chance does not give: no further test
 CHANCE = 0.01  # of signed ranks
 
 
@@ -106,21 +104,14 @@ def select(balance: OwnBalance, runs: Sequence[RunData]) -> tuple[Chosen, list[s
     losses = losses_of(balance, runs, chosen)
     trials_of = [one for term in balance.candidates for one in variants(term, runs)]
     while len(chosen) < MOST_TERMS:
-        trials = []
-        for k, term in enumerate(trials_of):
-            if term.name in {one.name for one in chosen} or not physical(balance, runs, (*chosen, term)):
-                continue
-            gain = gain_of(losses, losses_of(balance, runs, (*chosen, term)), runs, term)
-            if gain > 0:
-                trials.append((gain, k))
+        trials = earning(balance, runs, losses, chosen, others_of(trials_of, chosen))
         if not trials:
             break
-        best, index = max(trials)
-        name = trials_of[index].name
+        best, term = trials[-1]
         if not chosen:
-            near = [trials_of[k].name for gain, k in trials if gain > (1 - TIE) * best]
-            tied = sorted({one for one in near if one != name})
-        chosen = (*chosen, placed(balance, runs, chosen, trials_of[index]))
+            near = [one.name for gain, one in trials if gain > (1 - TIE) * best]
+            tied = sorted(set(near) - {term.name})
+        chosen = (*chosen, placed(balance, runs, chosen, term))
         losses = losses_of(balance, runs, chosen)
     return exchanged(balance, runs, chosen, trials_of), tied
 
@@ -130,18 +121,31 @@ def exchanged(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen, tria
     stood for one that comes later."""
     for k in range(len(chosen)):
         rest = (*chosen[:k], *chosen[k + 1 :])
-        losses, found = losses_of(balance, runs, chosen), []
-        for i, other in enumerate(trials_of):
-            trial = (*rest, other)
-            if other.name in {one.name for one in chosen} or not physical(balance, runs, trial):
-                continue
-            gain = gain_of(losses, losses_of(balance, runs, trial), runs, other)
-            if gain > 0:
-                found.append((gain, i))
-        if found:
-            other = placed(balance, runs, rest, trials_of[max(found)[1]])
+        trials = earning(balance, runs, losses_of(balance, runs, chosen), rest, others_of(trials_of, chosen))
+        if trials:
+            other = placed(balance, runs, rest, trials[-1][1])
             chosen = (*chosen[:k], other, *chosen[k + 1 :])
     return chosen
+
+
+def others_of(trials_of: Sequence[Term], chosen: Chosen) -> list[Term]:
+    """Terms, at all their places, but those of the chosen ones' names."""
+    return [term for term in trials_of if term.name not in {one.name for one in chosen}]
+
+
+def earning(
+    balance: OwnBalance, runs: Sequence[RunData], losses: Sequence[Array], beside: Chosen, terms: Sequence[Term]
+) -> list[tuple[float, Term]]:
+    """Terms that earn their place beside others by falls of these losses, each with its gain, the best last."""
+    found = []
+    for term in terms:
+        trial = (*beside, term)
+        if (
+            physical(balance, runs, trial)
+            and (gain := gain_of(losses, losses_of(balance, runs, trial), runs, term)) > 0
+        ):
+            found.append((gain, term))
+    return sorted(found, key=lambda trial: trial[0])
 
 
 def placed(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen, term: Term) -> Term:

@@ -211,7 +211,7 @@ def sensors_against_each_other(log: Log, machine: Machine) -> list[Finding]:
     legs = None
     if not together:
         legs = order_that_fits(log, machine)
-        together = legs is None and bool(results) and whole_correlation(results, machine) > 0.9
+        together = legs is None and whole_correlation(results, machine) > 0.9
     if not together:
         hint = (
             f"legs {legs[0]} and {legs[1]} look swapped" if legs else "other numbers of the legs, or another geometry?"

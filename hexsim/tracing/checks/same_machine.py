@@ -24,7 +24,7 @@ def check_same_machine(logs: Sequence[Log], machine: Machine) -> list[Finding]:
     found = []
     first = logs[0]
     gravity, extra = machine.machine.gravity_m_s2, machine.load.additional_mass_kg or 0.0
-    weight = (machine.load.moving_mass_kg or machine.load.platform_mass_kg or 0.0) * gravity
+    weight = machine.load.carried_mass_kg * gravity
     for other in logs[1:]:
         if other.n_legs != first.n_legs:
             kinds = f"log {first.name} is of a {first.kind}, log {other.name} of a {other.kind}"

@@ -130,8 +130,7 @@ class MotionFamily:
 def loaded_machine(machine: Machine) -> dict[str, float]:
     """What the additional mass changes on the machine, for a scenario."""
     load = with_additional_mass(machine.load)
-    key = "platform_mass_kg" if machine.is_hexapod else "moving_mass_kg"
-    return {f"load.{key}": float(getattr(load, key))}
+    return {f"load.{load.mass_key}": load.carried_mass_kg}
 
 
 def signal(kind: str, reach: float, low_Hz: float, high_Hz: float, slope: float, seed: int) -> dict[str, Any]:

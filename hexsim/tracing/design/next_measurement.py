@@ -16,7 +16,6 @@ import tomli_w
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.scenarios.scenario import Scenario, scenario_from_dict
 from hexsim.tracing.design.information import SHARP, Number, OpenRefits, Promise, at_the_rest, hypothesis
@@ -124,7 +123,7 @@ def next_measurement(
     tables, found = checked(asked, best, wanted, family)
     load_kg = trace.machine.load.additional_mass_kg if "machine" in tables else None
     if found.tied and not may_load:
-        would = asked.with_load(heavier := LOAD_SHARE * own_mass(trace.machine))
+        would = asked.with_load(heavier := LOAD_SHARE * trace.machine.load.carried_mass_kg)
         log = replace(family.log(tables), loaded=True)
         load_kg = heavier if set(found.tied) - set(would.checked(log, would.promise(log)).tied) else None
     purpose = purpose_of(tables, asked.labels, found, numbers, wanted, load_kg)
@@ -137,11 +136,6 @@ def next_measurement(
         cannot=cannot_tell(trace, found, numbers),
         load_kg=load_kg if "machine" in tables else None,
     )
-
-
-def own_mass(machine: Machine) -> float:
-    """What the machine carries as declared [kg]."""
-    return float(machine.load.moving_mass_kg or machine.load.platform_mass_kg or 0.0)
 
 
 def checked(

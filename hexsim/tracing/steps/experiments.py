@@ -119,8 +119,7 @@ def separation(first: Machine, second: Machine, noise: dict[str, float], tables:
 
 def heavier_load(machine: Machine) -> dict[str, float]:
     """What a person may change where no motion separates: an incline grows with the mass, a constant force does not."""
-    key = "platform_mass_kg" if machine.is_hexapod else "moving_mass_kg"
-    return {f"load.{key}": HEAVIER * float(getattr(machine.load, key))}
+    return {f"load.{machine.load.mass_key}": HEAVIER * machine.load.carried_mass_kg}
 
 
 def experiment_for(first: Fit, second: Fit, names: tuple[str, str], noise: dict[str, float]) -> Experiment:
