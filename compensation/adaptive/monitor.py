@@ -26,6 +26,7 @@ STANDARD_ERRORS, DRIFT_ERRORS = 2.5, 0.5  # of h: of the excess of several rever
 ALIKE = 0.05  # relative difference in acceleration up to which reversals are alike
 BASELINE_SHARE = 0.5  # low-pass of the baseline, a reversal
 FELT_M_S2 = 0.15  # bump of plain control from which a compensation that is still learning can be trusted to gain
+FELT_ALONE_M_S2 = 0.09  # of a single leg, the mean of both directions
 # of the load's acceleration by the friction step: less than this it cannot lose; and where the load is told, not found
 RISK_SHARE, RISK_SHARE_TOLD = 0.3, 0.12
 GENTLE_M_S2 = 0.1  # reversal acceleration from which windows tell the inertia
@@ -93,12 +94,13 @@ def worth_compensating(monitor, step_m_s2, told, noise_range):
     the larger one for a platform's leg, whose bumps are small beside those of the others. step_m_s2:
     acceleration that the friction step gives the load; told: a platform's leg is told its load; noise_range: standard
     errors that noise adds to a bump."""
-    risk = (RISK_SHARE_TOLD if told else RISK_SHARE) * step_m_s2
-    if not told:  # gentler motion does not tell the load's mass
-        risk *= max(1.0, GENTLE_M_S2 / max(monitor.reversal_m_s2[0], monitor.reversal_m_s2[1], 1e-9))
-    least = min(FELT_M_S2, risk) + noise_range * bump_noise_m_s2(monitor)
+    noise_m_s2 = noise_range * bump_noise_m_s2(monitor)
     first, second = monitor.baseline_m_s2
-    return (max(first, second) if told else 0.5 * (first + second)) > least
+    if told:
+        return max(first, second) > min(FELT_M_S2, RISK_SHARE_TOLD * step_m_s2) + noise_m_s2
+    reversal_m_s2 = max(monitor.reversal_m_s2[0], monitor.reversal_m_s2[1], 1e-9)
+    least = min(FELT_ALONE_M_S2, RISK_SHARE * step_m_s2) * max(1.0, GENTLE_M_S2 / reversal_m_s2)
+    return 0.5 * (first + second) > least + noise_m_s2
 
 
 @compiled
