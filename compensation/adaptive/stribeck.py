@@ -67,6 +67,12 @@ def begin_stribeck(stribeck, pressure_Pa, error_Pa, highest_Pa):
 
 
 @compiled
+def hold_step(stribeck, change_Pa, highest_Pa):
+    """The half step was found anew, by windows: what reversals told is how much both are together."""
+    stribeck.pressure_Pa = clip(stribeck.pressure_Pa - stribeck.at_rest * change_Pa, 0.0, highest_Pa)
+
+
+@compiled
 def update_stribeck(stribeck, inertia_Pa, highest_Pa):
     """The reversal in the history corrects P_s; `inertia_Pa` is p1, pressure per m/s2."""
     count = 2 * REACH + 1
@@ -75,7 +81,7 @@ def update_stribeck(stribeck, inertia_Pa, highest_Pa):
         return
     missing = dot(PHI, stribeck.deviation_Pa, count)
     missing -= inertia_Pa * dot(PHI_SECOND, stribeck.position_error_m, count) / stribeck.tick_s**2
-    stribeck.reversals += 1
+    stribeck.reversals, stribeck.at_rest = stribeck.reversals + 1, AT_REST / abs(projected)
     weight, error_Pa = clip((projected / USUAL_PROJECTION) ** 2, 1.0, MOST_WEIGHT), missing / projected
     rate = weight / (weight - 1.0 + stribeck.reversals + stribeck.known)
     if rate < MIN_RATE * weight:  # known already
