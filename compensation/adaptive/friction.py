@@ -87,7 +87,8 @@ def _finish_window(friction, position_m):
     friction.windows[up] += 1
     before_Pa = friction.half_step_Pa
     friction.half_step_Pa = 1e6 * clip(friction.fit.theta[4], 0.0, MAX_HALF_STEP_MPA)
-    hold_step(friction.stribeck, friction.half_step_Pa - before_Pa, 2.0 * friction.half_step_Pa)
+    if friction.told:
+        hold_step(friction.stribeck, friction.half_step_Pa - before_Pa, 2.0 * friction.half_step_Pa)
     error_Pa = 1e6 * math.sqrt(max(friction.fit.residual, NOISE_MPA**2) * friction.fit.covariance[6, 6])
     begin_stribeck(friction.stribeck, 1e6 * friction.fit.theta[6], error_Pa, TYPICAL_STRIBECK * friction.half_step_Pa)
 

@@ -245,6 +245,7 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
         elif add_to_rounding(state.rounding, state.leak, z, v, means, valve):
             tell_leak(state.leak, valve)
             state.trim.rounding_V = lower_bound_V(state.rounding)
+        state.friction.told = state.reference.load_given == 2
         add_to_friction(state.friction, position_m, load_Pa, acceleration_m_s2)
     if abs(valve.lag_s - state.lag_s) > LAG_TOLERANCE_S and valve_ready(valve):
         if not engaged:
