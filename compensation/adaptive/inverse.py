@@ -42,7 +42,7 @@ def advance_inverse(inverse, oil_m, roots, valve, trim, path, leak_m_s):
         rounding_V = max(trim.rounding_V, LEAST_ROUNDING_V)
         up_V, down_V = max(up_V - SHARP * rounding_V, 0.0), max(down_V - SHARP * rounding_V, 0.0)
         volts = pair_volts(mean, valve.edges, roots, rounding_V)
-        flow[2] = max(volts - up_V, 0.0) if mean > 0 else min(volts + down_V, 0.0)
+        flow[2] = _beyond(volts, up_V) if mean > 0 else -_beyond(-volts, down_V)
     flow[2] += inverse.crossing_V[0]
     inverse.crossing_V[0], inverse.crossing_V[1] = inverse.crossing_V[1], 0.0
     if first * last < 0.0:
@@ -56,6 +56,12 @@ def advance_inverse(inverse, oil_m, roots, valve, trim, path, leak_m_s):
     inverse.dead_band_V[0] = inverse.dead_band_V[1]
     inverse.dead_band_V[1] = 0.5 * sharpness * (up_V * (1.0 + side) - down_V * (1.0 - side))
     return flow[0], older
+
+
+@compiled
+def _beyond(volts, edge_V):
+    """Volts beyond an edge; in the tick that crosses a wide overlap they end before it, which the dead-band volts do."""
+    return max(volts - edge_V, 0.0) if edge_V > 0.0 else volts
 
 
 @compiled
