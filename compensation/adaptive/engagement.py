@@ -39,7 +39,15 @@ from .chambers import compliance_m_Pa
 from .edge_rounding import explains_reversals, upper_bound_V
 from .friction import friction_ready, inertia_Pa, resonance_growth_1_s, step_acceleration_m_s2
 from .layout import DEMANDS, LEAD_TICKS, PREVIEW_TICKS
-from .monitor import NOISE_RANGE, NOISE_RANGE_ALONE, PAIR_NOISE, add_to_monitor, monitor_ready, worse_than_baseline, worth_compensating
+from .monitor import (
+    NOISE_RANGE,
+    NOISE_RANGE_ALONE,
+    PAIR_NOISE,
+    add_to_monitor,
+    monitor_ready,
+    worse_than_baseline,
+    worth_compensating,
+)
 from .valve import lags_agree, valve_ready
 
 PHASES = ("plain control", "engaging", "compensated", "feed-forward going out", "disengaging", "tripped")
@@ -159,7 +167,9 @@ def _checks_passed(state):
             state.monitor,
             step_acceleration_m_s2(state.friction),
             state.reference.load_given == 2,
-            PAIR_NOISE if state.valve.four_way else (NOISE_RANGE if state.reference.load_given == 2 else NOISE_RANGE_ALONE),
+            PAIR_NOISE
+            if state.valve.four_way
+            else (NOISE_RANGE if state.reference.load_given == 2 else NOISE_RANGE_ALONE),
         )
         and lags_agree(state.valve)
         and explains_reversals(state.rounding)

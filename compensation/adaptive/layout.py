@@ -81,6 +81,7 @@ STRIBECK = record(  # stribeck.py
     known="f8",  # reversals that what windows told counts for
     ticks="i8",  # since the velocity changed sign
     deviation_Pa=("f8", (2 * REACH + 1,)), position_error_m=("f8", (2 * REACH + 1,)), share=("f8", (2 * REACH + 1,)),
+    most_weight="f8",  # of a slow reversal
     at_rest="f8",  # P_s that a half step stands for at the last reversal; 0 before the first one
 )  # fmt: skip
 PRESLIDING = record(  # presliding.py

@@ -252,8 +252,8 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
             stretch_demands(state, look_ahead_shift(valve.lag_s, settings.tick_s))
             want_design(state, round_lag(valve.lag_s))
         elif state.engagement.after_reversal:  # a spool's lag does not jump; an edge that is read badly may
-            most_s = LAG_REVERSAL_S
-            want_design(state, round_lag(clip(valve.lag_s, state.lag_s - most_s, state.lag_s + most_s)))
+            moved_s = clip(valve.lag_s - state.lag_s, -LAG_REVERSAL_S, LAG_REVERSAL_S)
+            want_design(state, round_lag(state.lag_s + moved_s))
     elif friction_ready(state.friction) and valve_ready(valve):
         resonance_Hz = resonance_of_load_Hz(state.friction, settings)
         if abs(resonance_Hz - state.resonance_Hz) > RESONANCE_TOLERANCE * resonance_Hz:
