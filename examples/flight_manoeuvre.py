@@ -18,7 +18,7 @@ import jsbsim
 import numpy as np
 import polars as pl
 
-from hexsim.cueing.protocols import FEET_m, NAMES
+from hexsim.cueing.protocols import NAMES, FEET_m
 from hexsim.cueing.washout import g
 
 RATE_Hz = 120.0

@@ -4,8 +4,8 @@
 
 The manoeuvre is generated: pull away, brake, a double lane change, and a bump; or it is a table of a vehicle's motion,
 as flight_manoeuvre.py writes one (`--vehicle flight.csv`). A classical washout splits it (`hexsim.cueing.washout`):
-what is quick goes through high-pass filters to position, what is slow leans the
-platform so that gravity stands in for it (tilt coordination, limited to 3 deg/s so that the leaning itself is not felt).
+what is quick goes through high-pass filters to position, what is slow leans the platform so that gravity stands in for
+it (tilt coordination, limited to 3 deg/s so that the leaning itself is not felt).
 
     python examples/motion_cueing.py --compensator adaptive --tune --host 60,jitter=0.2,loss=0.02
 

@@ -39,7 +39,15 @@ from .chambers import compliance_m_Pa
 from .edge_rounding import explains_reversals, upper_bound_V
 from .friction import friction_ready, inertia_Pa, resonance_growth_1_s, step_acceleration_m_s2
 from .layout import DEMANDS, LEAD_TICKS, PREVIEW_TICKS
-from .monitor import NOISE_RANGE, PAIR_NOISE, add_to_monitor, begin_range, monitor_ready, worse_than_baseline, worth_compensating
+from .monitor import (
+    NOISE_RANGE,
+    PAIR_NOISE,
+    add_to_monitor,
+    begin_range,
+    monitor_ready,
+    worse_than_baseline,
+    worth_compensating,
+)
 from .valve import lags_agree, valve_ready
 
 PHASES = ("plain control", "engaging", "compensated", "feed-forward going out", "disengaging", "tripped")

@@ -6,10 +6,12 @@ Acceleration from positions, over blocks of BLOCK ticks, high-passed over APART 
 
 m_i are means of successive blocks. h passes about 3 to 40 Hz, so that it hardly holds the motion itself. Its range
 over a reversal is the bump. A motion that is itself that quick, as in rough air, is no bump: of a compensated reversal
-counts what the piston deviates from the reference, where that is less. The baseline is plain control's last bump of either direction, with the acceleration asked
-for at that reversal. What compensated bumps exceed it by is
-summed over the reversals (CUSUM): one that is much worse, or several that are a little, end compensation. Of two unlike
-reversals, the one with more acceleration may have the larger bump, and more is allowed.
+counts what the piston deviates from the reference, where that is less.
+
+The baseline is plain control's last bump of either direction, with the acceleration asked for at that reversal. What
+compensated bumps exceed it by is summed over the reversals (CUSUM): one that is much worse, or several that are a
+little, end compensation. Of two unlike reversals, the one with more acceleration may have the larger bump, and more is
+allowed.
 """
 
 from __future__ import annotations
