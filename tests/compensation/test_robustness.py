@@ -207,7 +207,8 @@ def test_several_reversals_a_little_worse_end_compensation() -> None:
         monitor.baseline_m_s2[:], monitor.reversal_m_s2[:] = 0.5, 0.1
         bump = 1.05 * 0.5 + over * bump_noise_m_s2(monitor)
         for k in range(6):
-            monitor.low_m_s2, monitor.high_m_s2 = 0.0, bump
+            for shaken in (monitor.piston, monitor.off):
+                shaken.low_m_s2, shaken.high_m_s2 = 0.0, bump
             if worse_than_baseline(monitor, True, 0.1, 1.0):
                 found.append(k)
         assert found == trips
