@@ -1,4 +1,4 @@
-"""The spool's null settles as the valve warms up: V0 (1 - exp(-t/tau))."""
+"""The spool's null settles as the valve warms up: V0 (1 - exp(-t/tau)). One slower than a minute is a null drift."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EFFECT = Effect(
     source="null shift with temperature: 1-3 % of rated signal over 40 K (servo valve data sheets)",
     parameters=(
         EffectParameter(name="offset_V", unit="V", bounds=(-10.0, 10.0), typical=0.05),
-        EffectParameter(name="time_constant_s", unit="s", bounds=(0.5, 1e4), typical=8.0, default=8.0),
+        EffectParameter(name="time_constant_s", unit="s", bounds=(0.5, 60.0), typical=8.0, default=8.0),
     ),
     apply=apply,
 )
