@@ -39,7 +39,15 @@ from .chambers import compliance_m_Pa
 from .edge_rounding import explains_reversals, upper_bound_V
 from .friction import friction_ready, inertia_Pa, resonance_growth_1_s, step_acceleration_m_s2
 from .layout import DEMANDS, LEAD_TICKS, PREVIEW_TICKS
-from .monitor import NOISE_RANGE, PAIR_NOISE, add_to_monitor, monitor_ready, worse_than_baseline, worth_compensating
+from .monitor import (
+    NOISE_RANGE,
+    PAIR_NOISE,
+    add_to_monitor,
+    begin_range,
+    monitor_ready,
+    worse_than_baseline,
+    worth_compensating,
+)
 from .valve import lags_agree, valve_ready
 
 PHASES = ("plain control", "engaging", "compensated", "feed-forward going out", "disengaging", "tripped")
@@ -72,7 +80,7 @@ def update_engagement(state, setpoint_m_s2, position_m, control_V, behind_m):
     setpoint_m_s2: acceleration of the setpoint, PREVIEW_TICKS ahead; behind_m: reference now less the piston.
     """
     engagement, reference, settings = state.engagement, state.reference, state.settings
-    add_to_monitor(state.monitor, position_m)
+    add_to_monitor(state.monitor, position_m, behind_m)
     if engagement.ramp == 0.0:
         _track_valve(engagement, state.valve, control_V - state.valve.null_V)
     _track_reversals(state, reference.velocity_m_s)
@@ -252,7 +260,7 @@ def begin_judging(engagement, monitor, half_s):
     """The first reversal of an armed start is not judged: its range holds the beginning of the motion. Neither is the
     trembling of a reference that has joined a noisy reading."""
     engagement.armed = half_s < ARMED_ENGAGE_S or engagement.reversal_m_s2 < AT_REST_M_S2
-    monitor.low_m_s2, monitor.high_m_s2 = math.inf, -math.inf
+    begin_range(monitor)
 
 
 @compiled

@@ -237,7 +237,8 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
         start_leak(state.leak)
     _find_delay(state, position_m, p, v, velocity_m_s, roots, compensated)
     if compensated and not valve.four_way:
-        add_to_trim(state.trim, state.oil_error_m, velocity_m_s, 0.5 * valve.edges[0].dead_band_V)
+        identified_V, highest_V = lower_bound_V(state.rounding), 0.5 * valve.edges[0].dead_band_V
+        add_to_trim(state.trim, state.oil_error_m, velocity_m_s - valve.leak_m_s, identified_V, highest_V)
     if valve_usable(valve):
         if engaged and not told_while_compensated(valve):
             state.rounding.ticks = 0

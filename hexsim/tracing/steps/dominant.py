@@ -209,6 +209,17 @@ def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence], beside: Fit
     )
 
 
+def beside_its_own(found: RestFit, legs: Sequence[str], small: Sequence[Candidate], problem: BalanceProblem) -> RestFit:
+    """A hypothesis refitted with small realities of these legs alone, besides what all legs share of them.
+
+    A leg's own null offset does a part of what a leak in that leg does. Only what adds up: two spools in a row are none.
+    """
+    there = {c.label for c in found.fit.candidates}
+    adding = [c for c in small if c.effect.places == "leg" and np.isfinite(c.effect.parameters[0].neutral)]
+    own = [alone for leg in legs for c in adding if (alone := replace(c, where=leg)).label not in there]
+    return rest_level.refined(rest_level.begun(found.fit, own, 0.0, problem), problem) if own else found
+
+
 def beside_small(trace: Trace) -> tuple[RestFit, BalanceProblem, BalanceProblem]:
     """The declared machine with its small realities, refitted; the balances of the fit runs and those of the held-out ones."""
     machine = own_machine(trace.machine, trace.violations)
@@ -241,6 +252,9 @@ def sure_effects(trace: Trace, tell: Tell) -> Sure:
             found += [] if may_be_a_filter(own.candidate, found, best.fit) else [own]
         elif found:
             break  # effects come in the order of what they take: what is left takes less than what any machine has
+    small = rest_level.ordinary_effects(trace.candidates)
+    legs = sorted({own.candidate.where for own in found if own.candidate.where.startswith("leg")})
+    best, *left = in_parallel(lambda one: beside_its_own(one, legs, small, problem), [best, *left])
     return Sure(best=best, left=left, named=found, tried=rounds, hidden=hidden, problem=problem)
 
 
