@@ -18,6 +18,7 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window, velocity
 from hexsim.tracing.balances import spool
+from hexsim.tracing.balances.bends import bends_at, kinks, tick_samples
 from hexsim.tracing.balances.memory import remembered
 
 Array = np.ndarray
@@ -132,32 +133,6 @@ class SensedLeg:
         return Window(1.0 / self.window.dt, 0.03).mean(kinks(self.acceleration, self.ticks))
 
 
-def kinks(acceleration: Array, ticks: slice | None) -> Array:
-    """What the samples miss of an acceleration whose slope jumps when the volts do, (n,) [m/s2].
-
-    Between ticks it bends back: the samples' mean is (omega h)^2/12 too small, 4 % at the oil's 110 Hz and 1 kHz
-    (Euler-Maclaurin: the sum lacks h/12 of each jump of the slope). The jump is the second difference at a tick
-    less that of its neighbours, so that a spool which smooths it brings nothing.
-    """
-    missing = np.zeros_like(acceleration)
-    if ticks is not None:
-        bend = np.zeros_like(acceleration)
-        bend[1:-1] = np.diff(acceleration, 2)
-        jump = bend.copy()
-        jump[1:-1] -= 0.5 * (bend[:-2] + bend[2:])
-        missing[ticks] = jump[ticks] / 12.0
-    return missing
-
-
-def tick_samples(log: Log, leg: int, controller_Hz: float) -> slice | None:
-    """Samples at which the volts of a leg change, None where they may at every sample or are not logged."""
-    every = round(log.rate / controller_Hz)
-    if every < 2 or log.volts is None:
-        return None
-    steps = np.abs(np.diff(log.volts[leg], prepend=log.volts[leg, :1]))
-    return slice(max(range(every), key=lambda first: float(np.sum(steps[first::every]))), None, every)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeasuredPoint:
     """Signals of one leg with the sensors' known gains taken out: (n,) each. Volts as they reach the spool."""
@@ -253,6 +228,8 @@ def _sense(
     difference = log.signal("pressure_difference")
     P2 = None if top is None or rod_side is None else true_of(rod_side[leg], top)
     v = velocity(y, acceleration, log.rate)
+    if acceleration is not None and ticks is not None and log.volts is not None:
+        ticks = bends_at(acceleration, log.volts[leg], ticks)
     return SensedLeg(
         y=y,
         v=v,
