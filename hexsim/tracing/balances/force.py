@@ -32,7 +32,8 @@ from hexsim.tracing.balances.memory import latest
 Array = np.ndarray
 OF_FLOW = (  # of a leg's row: no force depends on it
     *range(P.RETURN_RESISTANCE, P.AIR_FRACTION + 1), P.PIPELINE_VOLUME, P.HOSE_COMPLIANCE,
-    *range(P.LEAK_SUPPLY_CHAMBER, P.HYSTERESIS_SPREAD + 1),
+    *range(P.LEAK_SUPPLY_CHAMBER, P.HYSTERESIS_SPREAD + 1), P.RELIEF_CONDUCTANCE, P.RELIEF_OPENS, P.NULL_WARM_UP,
+    P.NULL_WARM_UP_TIME,
 )  # fmt: skip
 
 
