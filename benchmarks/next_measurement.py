@@ -11,7 +11,8 @@ Rough machines are traced by the balances alone, which decide there; clean ones 
 People can put 60 kg on, weighed to 0.5 %: the design may ask for it. Beside it one more multisine without, and one with it.
 
 right     the effect that was put in is named (of a rough machine: it, or a small reality that is there), and nothing else
-sharp     no tie, every number of it known to 10 %, and within 15 % of the truth where the library has the same number
+sharp     no tie, every number of it known to 10 %, and within 15 % of the truth where the library has the same number; one
+          that says that there is nothing is known
 honest    the design's first line says that no motion does it, and the right name is in that line
 ceiling   no run can make it sharp: a number of the right name that all motions which the design tried, one after the other,
           leave known to worse than 10 %, because a declared parameter is known no better
@@ -172,6 +173,9 @@ def score(line: dict[str, Any], named: list[list[Any]]) -> str:
     """right and sharp; right, tied; right, not sharp; right, number off; nothing named; wrong."""
     from tracing_evaluation import RIGHT
 
+    from hexsim.hydraulics.effects import effect_named
+    from hexsim.tracing.design.information import says_nothing
+
     right = RIGHT[line["effect"]]
     small = {"small_friction_of_position": "position_dependent_friction", "small_spool_lag": "spool_lag",
              "small_seal_friction": "pressure_dependent_friction", "small_air": "entrained_air",
@@ -188,7 +192,10 @@ def score(line: dict[str, Any], named: list[list[Any]]) -> str:
     _, values, errors, tied = found[0]
     if tied:
         return "right, tied"
-    if not all((errors.get(key) or np.inf) <= 0.1 * scale_of(key, value) for key, value in values.items()):
+    if not all(
+        says_nothing(effect_named(found[0][0]), key, value) or (errors.get(key) or np.inf) <= 0.1 * scale_of(key, value)
+        for key, value in values.items()
+    ):
         return "right, not sharp"
     factor = SAME_SIZE.get(line["effect"])
     if factor and len(values) == 1:

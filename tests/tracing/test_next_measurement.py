@@ -27,10 +27,12 @@ from hexsim.tracing.design.believed import reproduced
 from hexsim.tracing.design.ceiling import ceiling_of
 from hexsim.tracing.design.information import (
     Hypothesis,
+    Number,
     Promise,
     growth,
     hypothesis,
     promise,
+    says_nothing,
     shrunk,
 )
 from hexsim.tracing.design.motions import KINDS, STEP_SHARE, MotionFamily
@@ -155,6 +157,24 @@ def test_friction_is_never_known_better_than_it_is_declared(bench, leaking):
     words = {f"coulomb_{way}_N is declared to 12 %" for way in ("extend", "retract")}
     assert set(errors["force_N"][1].split(" and ")) == words
     assert errors["conductance_m3_s_Pa"][0] < 1e-3 * LEAK
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "value", "nothing"),
+    [
+        ("spool_rate_limit", "frequency_Hz", 2000.0, True),  # its range ends there: no lag beside the limit
+        ("spool_rate_limit", "frequency_Hz", 150.0, False),
+        ("spool_rate_limit", "rate_m_s", 10.0, True),  # vanishes at infinity
+        ("spool_rate_limit", "rate_m_s", 1e-5, False),
+        ("entrained_air", "volume_fraction", 0.0, True),
+        ("entrained_air", "volume_fraction", 0.3, False),  # the end of its range, and anything but nothing
+    ],
+)
+def test_a_number_that_says_nothing_is_not_asked_for(effect, name, value, nothing):
+    """It counts as known, whatever its error."""
+    assert says_nothing(named(effect).effect, name, value) == nothing
+    number = Number(effect=effect, name=name, value=value, standard_error=value, place=0, nothing=nothing)
+    assert (number.relative == 0.0) == nothing
 
 
 def test_small_realities_are_not_asked_for(bench, leaking):

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hexsim.hydraulics.effects.effect import Effect
 from hexsim.machine.files import changed
 from hexsim.signals.channels import kind_of
 from hexsim.signals.log import Log
@@ -45,14 +46,27 @@ class Number:
     standard_error: float
     place: int
     absolute: bool = False  # a phase: its error counts as it is
+    nothing: bool = False  # the number says that there is nothing, see `says_nothing`
 
     @property
     def relative(self) -> float:
         return self.relative_of(self.standard_error)
 
     def relative_of(self, error: float) -> float:
-        """An error as a share of the number."""
+        """An error as a share of the number; of nothing, nothing."""
+        if self.nothing:
+            return 0.0
         return error if self.absolute else error / abs(self.value) if self.value else float("inf")
+
+
+def says_nothing(effect: Effect, name: str, value: float) -> bool:
+    """0; of a number that vanishes at infinity its largest; of one beside the effect's size an end of its range: a spool of
+    2 kHz beside the limit of its speed does not lag."""
+    own = next(one for one in effect.parameters if one.name == name)
+    bottom, top = np.isclose(value, own.bounds, rtol=1e-3, atol=0.0)
+    if own is effect.parameters[0]:
+        return value == 0.0 or bool(top and np.isinf(own.neutral))
+    return value == 0.0 or bool(bottom or top)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,6 +99,7 @@ class Hypothesis:
                         standard_error=error,
                         place=place,
                         absolute=parameter.typical == 0.0,
+                        nothing=says_nothing(candidate.effect, parameter.name, values[parameter.name]),
                     )
                 )
                 place += 1
@@ -184,10 +199,8 @@ def promise(hypotheses: list[Hypothesis], log: Log, noise: dict[str, float]) -> 
     calm &= reproduced(fine, coarse, np.sqrt(np.diag(inverse_before)), log.rate)
     if np.mean(calm) < CALM_SHARE:
         return nothing_told(first, labels.values())
-    columns = [fine * calm]
-    new = normal_matrix(columns)
-    after = first.known + new
-    flat = columns[0].reshape(len(after), -1)
+    flat = (fine * calm).reshape(len(fine), -1)
+    after = first.known + (new := flat @ flat.T)
     inverse_after = inverse(after)
     separations = {}
     for i, k in pairs:

@@ -65,7 +65,7 @@ def cannot_tell(trace: Trace, found: Promise, numbers: tuple[Number, ...], ceili
         for one, other in found.tied
     ]
     for place, (number, error) in enumerate(zip(numbers, found.errors, strict=True)):
-        if number.value and number.relative_of(error) > SHARP:
+        if number.relative_of(error) > SHARP:
             least = least_words(number, ceiling, place)
             said.append(
                 f"{number.name} of {number.effect} to better than {100 * number.relative_of(error):.0f} %"
