@@ -61,6 +61,30 @@ def test_leaks_are_laminar_and_go_the_right_way(row):
     assert flow_at(row, 0.0) == pytest.approx(land * (PS - P1) - land * (P1 - 1e5), rel=1e-12)
 
 
+def test_a_relief_flow_begins_at_its_threshold(row):
+    """Valve shut: nothing below it, G (P1 - Pr) out above; the slope that limits the time step is that of the flow."""
+    row[P.RELIEF_CONDUCTANCE], row[P.RELIEF_OPENS] = 1e-11, P1 + 2e5
+    assert flow_at(row, 0.0) == 0.0
+    row[P.RELIEF_OPENS] = P1 - 2e5
+    assert flow_at(row, 0.0) == pytest.approx(-2e-6, rel=1e-12)
+    assert ports.flow_slope(row, 0.0, P1, PS) == pytest.approx(-1e-11, rel=1e-9)
+
+
+def test_a_hardening_spring_pulls_to_the_middle_with_the_third_power(row):
+    """1.6 N at 20 mm from half stroke for 2e5 N/m3, 12.8 N at 40 mm, against the travel on either side."""
+    bare = [leg.leg_force(row, 0.1 + off, 0.0, 0.0, P1, 0.0, PS, 0.0, 0.0) for off in (-0.04, 0.0, 0.02)]
+    row[P.HARDENING] = 2e5
+    hard = [leg.leg_force(row, 0.1 + off, 0.0, 0.0, P1, 0.0, PS, 0.0, 0.0) for off in (-0.04, 0.0, 0.02)]
+    assert np.subtract(hard, bare) == pytest.approx([12.8, 0.0, -1.6], abs=1e-9)
+
+
+def test_the_null_settles_while_the_valve_warms_up(row):
+    """50 mV with 8 s: nothing at the start, 1 - 1/e of it after 8 s, all of it at last."""
+    row[P.NULL_WARM_UP], row[P.NULL_WARM_UP_TIME] = 0.05, 8.0
+    for t, share in ((0.0, 0.0), (8.0, 1 - math.exp(-1)), (1e3, 1.0)):
+        assert leg.commanded_spool(row, 0.05 * share, t) == pytest.approx(0.0, abs=1e-18)
+
+
 def test_null_offset_and_drift_shift_the_curve(row):
     """u_0 + r t: after 10 s at 1 mV/s and 20 mV the spool stands at 0 for 30 mV."""
     row[P.NULL_OFFSET], row[P.NULL_DRIFT] = 0.02, 1e-3
