@@ -28,6 +28,7 @@ from scipy.stats import binomtest
 
 if TYPE_CHECKING:
     from hexsim.tracing.state import Trace
+    from hexsim.tracing.steps.dominant import Sure
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing"), str(ROOT / "benchmarks")]
@@ -41,7 +42,6 @@ def run_one(seed: int, dominant: str | None, hexapod: bool = False) -> dict:
     import rough_machines
     from tracing_evaluation import commit
 
-    from hexsim.tracing.fitting.rest_evidence import values_in_leg
     from hexsim.tracing.steps.dominant import sure_effects
 
     effects, name, leg = (
@@ -50,18 +50,8 @@ def run_one(seed: int, dominant: str | None, hexapod: bool = False) -> dict:
     started = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         found = sure_effects(begun_trace(folder, seed, effects, hexapod), lambda doing: None)
-    fit = found.best.fit
-    named = [
-        {
-            "name": own.candidate.effect.name,
-            "where": own.candidate.where,
-            "values": values_in_leg(fit, own.candidate),
-            "tied": own.tied,
-        }
-        for own in found.named
-    ]
     judged = [[asdict(own) | {"candidate": own.label} for own in tried] for tried in found.tried]
-    line = {"seed": seed, "dominant": name, "leg": leg, "effects": effects, "named": named}
+    line = {"seed": seed, "dominant": name, "leg": leg, "effects": effects, "named": named_of(found)}
     line |= {"hexapod": hexapod, "rest": found.best.sizes.tolist()}
     line |= {"judged": judged, "seconds": round(time.process_time() - started, 1), "commit": commit()}
     return line | {"score": score(line)}
@@ -80,6 +70,21 @@ def begun_trace(folder: str, seed: int, effects: dict[str, float], hexapod: bool
     for step in (violations.STEP, shapes.STEP):
         trace = step.run(trace, lambda doing: None)
     return trace
+
+
+def named_of(found: Sure) -> list[dict]:
+    """What a trace names, with its numbers."""
+    from hexsim.tracing.fitting.rest_evidence import values_in_leg
+
+    return [
+        {
+            "name": own.candidate.effect.name,
+            "where": own.candidate.where,
+            "values": values_in_leg(found.best.fit, own.candidate),
+            "tied": own.tied,
+        }
+        for own in found.named
+    ]
 
 
 def there(line: dict) -> set[str]:

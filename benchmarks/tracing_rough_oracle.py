@@ -28,14 +28,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from tracing_rough import NUMBER, ROOT, begun_trace, there
+from tracing_rough import NUMBER, ROOT, begun_trace, named_of, score, there
 
 from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import Fit, answered, coordinates_of, fit_at, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, named, to_coordinate
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.problems.balance import BalanceProblem
-from hexsim.tracing.steps.dominant import beside_small, contenders, rivals_of
+from hexsim.tracing.steps.dominant import beside_small, contenders, rivals_of, sure_effects
 
 OUT = ROOT / "docs" / "results" / "tracing_rough_oracle.jsonl"
 ONE_IN_HUNDRED = 2.0 * float(np.log(99.0))
@@ -58,12 +58,19 @@ def asked(line: dict) -> dict:
     seed, dominant = line["seed"], line["dominant"]
     with tempfile.TemporaryDirectory() as folder:
         trace = begun_trace(folder, seed, line["effects"])
+        now = line | {"named": named_of(sure_effects(trace, lambda doing: None))}
         base, problem, unseen = beside_small(trace)
         base = with_ripple(base, line, problem)
         begun, _ = rivals_of(base, trace.candidates, problem, False)
         rivals = contenders(begun, base, problem)
     others = [own for own in rivals if own.fit.candidates[-1].effect.name not in RIGHT.get(dominant, set())]
-    found = {"seed": seed, "dominant": dominant, "score": line["score"], "N": rest_level.independent(problem)}
+    found = {
+        "seed": seed,
+        "dominant": dominant,
+        "was": line["score"],
+        "score": score(now),
+        "N": rest_level.independent(problem),
+    }
     if dominant is None:
         foreign = [own for own in others if own.fit.candidates[-1].effect.name not in there(line)]
         best = min(foreign, key=lambda own: own.cost, default=base)
@@ -98,7 +105,7 @@ def asked(line: dict) -> dict:
         "put": number,
         "least": free.fit.values[-1][first],
         "relative_error": sd / abs(rest_level.size_of(free.fit)),
-        "named": [[own["name"], next(iter(own["values"].values())), own["tied"]] for own in line["named"]],
+        "named": [[own["name"], next(iter(own["values"].values())), own["tied"]] for own in now["named"]],
     }
 
 
@@ -182,8 +189,8 @@ def chosen(lines: Sequence[dict], right: int, quiet: int) -> list[dict]:
     """All that is not right, and so many of the right and the quiet ones, drawn evenly."""
     rng = np.random.default_rng(0)
     found = [line for line in lines if line["score"] not in ("right", "quiet")]
-    for score, count in (("right", right), ("quiet", quiet)):
-        possible = [line for line in lines if line["score"] == score]
+    for kind, count in (("right", right), ("quiet", quiet)):
+        possible = [line for line in lines if line["score"] == kind]
         places = rng.choice(len(possible), size=min(count, len(possible)), replace=False) if possible else []
         found += [possible[k] for k in sorted(places)]
     return found
@@ -208,7 +215,7 @@ def verdict(line: dict, fall: float, lead: float) -> str:
 
 
 def summarise(lines: Sequence[dict]) -> None:
-    """A line a machine that is not right, then how many of each score can be told."""
+    """A line a machine that is not right by the rules as they stand, then how many of each can be told."""
     fall, lead = thresholds(lines)
     quiet = [line["fall"] for line in lines if line["dominant"] is None]
     print(f"needed: fall {fall:.0f} (of {len(quiet)} without a large effect), lead {lead:.0f}")

@@ -177,9 +177,10 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
         u += state.valve.null_V - damping(state, settings.damping_1_s * compliance, roots)
     if settings.learn:
         _identify(state, position_m, valve_V, bottom_Pa, supply_Pa, load, now)
-    watch_turns(state.trust, (ahead - behind) / (2.0 * settings.tick_s), settings.tick_s)
+    setpoint_m_s = (ahead - behind) / (2.0 * settings.tick_s)
+    watch_turns(state.trust, setpoint_m_s, settings.tick_s)
     setpoint_m_s2 = (ahead - 2 * here + behind) / (settings.tick_s * settings.tick_s)
-    update_engagement(state, setpoint_m_s2, position_m, control_V, now[3] - position_m)
+    update_engagement(state, setpoint_m_s, setpoint_m_s2, position_m, control_V, now[3] - position_m)
     return weight(state.engagement.ramp) * clip(u, -settings.voltage_max_V, settings.voltage_max_V)
 
 

@@ -76,6 +76,13 @@ class Balance(ABC):
         """What of the residual rests on when the samples were taken, as `residual`: no violation of this size is one."""
         return None
 
+    def noise_gains(self, resolved: Resolved) -> Array:
+        """Gains (n_places,) of the transducers that make most of its noise; (1,) where they are one, or it does not matter.
+
+        A gain that is taken out takes out noise too: undone, else a gain too large looks likelier.
+        """
+        return np.ones(1)
+
     def reported_as(self, signal: str) -> str:
         """The name under which a residual that depends on this signal is reported."""
         return self.name

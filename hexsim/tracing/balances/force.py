@@ -19,7 +19,14 @@ from hexsim.machine.geometry import moving_body, suspension
 from hexsim.mechanics.rigid_body import pushed_back
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances.balance import Balance, MeasuredPoint, leg_key, measured_point, resolved_machine
+from hexsim.tracing.balances.balance import (
+    Balance,
+    MeasuredPoint,
+    channel_settings,
+    leg_key,
+    measured_point,
+    resolved_machine,
+)
 from hexsim.tracing.balances.memory import latest
 
 Array = np.ndarray
@@ -91,6 +98,10 @@ class Force(Balance):
 
     def places(self, log: Log) -> list[str]:
         return ["leg 1"]
+
+    def noise_gains(self, resolved: Resolved) -> Array:
+        """The pressures make about half of it, the speed by friction the other."""
+        return np.sqrt(np.array([channel_settings(resolved, 0, "pressure", "Pa")[1]]))
 
     def residual(self, log: Log, machine: Machine) -> Array:
         resolved, window = resolved_machine(machine), Window(log.rate)
