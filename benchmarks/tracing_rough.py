@@ -21,9 +21,14 @@ import time
 from collections import Counter
 from dataclasses import asdict, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import binomtest
+
+if TYPE_CHECKING:
+    from hexsim.tracing.state import Trace
+    from hexsim.tracing.steps.dominant import Sure
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing"), str(ROOT / "benchmarks")]
@@ -35,40 +40,51 @@ def run_one(seed: int, dominant: str | None, hexapod: bool = False) -> dict:
     """Write one machine, look for its sure effects. judged: the evidence for all that was judged, a round a list."""
     import rough_hexapods
     import rough_machines
-    from other_plant import write_machine
     from tracing_evaluation import commit
 
-    from hexsim.tracing.fitting.rest_evidence import values_in_leg
-    from hexsim.tracing.steps import shapes, violations
     from hexsim.tracing.steps.dominant import sure_effects
-    from hexsim.tracing.steps.logs import begin
 
     effects, name, leg = (
         rough_hexapods.draw(seed, dominant) if hexapod else (*rough_machines.draw(seed, dominant), None)
     )
-    runs = (["fit"], ["validate_heave", "validate_roll"]) if hexapod else (["fit", "sweep"], ["validate"])
     started = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        write_machine(folder, seed, effects, "hexapod" if hexapod else "bench")
-        trace = begin(folder, *runs)
-        for step in (violations.STEP, shapes.STEP):
-            trace = step.run(trace, lambda doing: None)
-        found = sure_effects(trace, lambda doing: None)
-    fit = found.best.fit
-    named = [
+        found = sure_effects(begun_trace(folder, seed, effects, hexapod), lambda doing: None)
+    judged = [[asdict(own) | {"candidate": own.label} for own in tried] for tried in found.tried]
+    line = {"seed": seed, "dominant": name, "leg": leg, "effects": effects, "named": named_of(found)}
+    line |= {"hexapod": hexapod, "rest": found.best.sizes.tolist()}
+    line |= {"judged": judged, "seconds": round(time.process_time() - started, 1), "commit": commit()}
+    return line | {"score": score(line)}
+
+
+def begun_trace(folder: str, seed: int, effects: dict[str, float], hexapod: bool = False) -> Trace:
+    """The trace of one machine, written into this folder, up to what its balances and shapes say."""
+    from other_plant import write_machine
+
+    from hexsim.tracing.steps import shapes, violations
+    from hexsim.tracing.steps.logs import begin
+
+    runs = (["fit"], ["validate_heave", "validate_roll"]) if hexapod else (["fit", "sweep"], ["validate"])
+    write_machine(folder, seed, effects, "hexapod" if hexapod else "bench")
+    trace = begin(folder, *runs)
+    for step in (violations.STEP, shapes.STEP):
+        trace = step.run(trace, lambda doing: None)
+    return trace
+
+
+def named_of(found: Sure) -> list[dict]:
+    """What a trace names, with its numbers."""
+    from hexsim.tracing.fitting.rest_evidence import values_in_leg
+
+    return [
         {
             "name": own.candidate.effect.name,
             "where": own.candidate.where,
-            "values": values_in_leg(fit, own.candidate),
+            "values": values_in_leg(found.best.fit, own.candidate),
             "tied": own.tied,
         }
         for own in found.named
     ]
-    judged = [[asdict(own) | {"candidate": own.label} for own in tried] for tried in found.tried]
-    line = {"seed": seed, "dominant": name, "leg": leg, "effects": effects, "named": named}
-    line |= {"hexapod": hexapod, "rest": found.best.sizes.tolist()}
-    line |= {"judged": judged, "seconds": round(time.process_time() - started, 1), "commit": commit()}
-    return line | {"score": score(line)}
 
 
 def there(line: dict) -> set[str]:

@@ -2,9 +2,10 @@
 
     python examples/motion_cueing.py --out cueing             writes setpoints.csv, felt.csv, cueing.png, cueing.json
 
-The manoeuvre is generated: pull away, brake, a double lane change, and a bump. A classical washout
-splits it (`hexsim.cueing.washout`): what is quick goes through high-pass filters to position, what is slow leans the
-platform so that gravity stands in for it (tilt coordination, limited to 3 deg/s so that the leaning itself is not felt).
+The manoeuvre is generated: pull away, brake, a double lane change, and a bump; or it is a table of a vehicle's motion,
+as flight_manoeuvre.py writes one (`--vehicle flight.csv`). A classical washout splits it (`hexsim.cueing.washout`):
+what is quick goes through high-pass filters to position, what is slow leans the platform so that gravity stands in for
+it (tilt coordination, limited to 3 deg/s so that the leaning itself is not felt).
 
     python examples/motion_cueing.py --compensator adaptive --tune --host 60,jitter=0.2,loss=0.02
 
@@ -22,6 +23,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from hexsim.cueing.protocols import NAMES
 from hexsim.cueing.washout import Washout, g, poses, specific_force
 from hexsim.machine import load_machine
 from hexsim.machine.geometry import machine_kinematics
@@ -55,6 +57,17 @@ def manoeuvre(time):
     lane = np.where((time > 14.0) & (time < 18.0), 2.5 * np.sin(np.pi * (time - 14.0)), 0.0) * bell(time, 13.5, 5.0)
     bump = 2.0 * (bell(time, 21.0, 0.3) - bell(time, 21.3, 0.6) * 0.5)
     return np.column_stack([forward, lane, bump])
+
+
+def vehicle_motion(table):
+    """Time (n,), accelerations (n, 3) and rates (n, 3) at RATE_Hz: of a table, or of the manoeuvre."""
+    if table is None:
+        time = np.arange(0.0, 25.0, 1.0 / RATE_Hz)
+        return time, manoeuvre(time), np.zeros((len(time), 3))
+    rows = pl.read_csv(table)
+    time = np.arange(0.0, rows["time_s"].max(), 1.0 / RATE_Hz)
+    found = np.column_stack([np.interp(time, rows["time_s"], rows[name]) for name in NAMES])
+    return time, found[:, :3], found[:, 3:]
 
 
 def compare(log, kinematics, vehicle):
@@ -123,6 +136,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("cueing"))
     parser.add_argument("--machine", default="micro_motion_system")
+    parser.add_argument("--vehicle", type=Path, default=None, help=f"table of a vehicle: time_s, {', '.join(NAMES)}")
     parser.add_argument("--compensator", default="none")
     parser.add_argument("--fast", action="store_true", help="tendon model instead of full legs")
     parser.add_argument("--host", default=None, help="a host that knows no future plays it: 60,jitter=0.2,loss=0.02")
@@ -130,9 +144,8 @@ def main() -> None:
     arguments = parser.parse_args()
     machine = load_machine(arguments.machine)
     kinematics = machine_kinematics(machine)
-    time = np.arange(0.0, 25.0, 1.0 / RATE_Hz)
-    vehicle = manoeuvre(time)
-    pose = poses(WASHOUT, vehicle)
+    time, vehicle, rates = vehicle_motion(arguments.vehicle)
+    pose = poses(WASHOUT, vehicle, rates)
     kinematics.check_trajectory(time, pose, margin_m=machine.cylinder.cushion_length_m)
     arguments.out.mkdir(parents=True, exist_ok=True)
     names = ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")
@@ -146,7 +159,7 @@ def main() -> None:
     run = simulate(machine, load_scenario(setpoints), fast=arguments.fast, compensator=compensator, host=host)
     log = run.log.head(run.log.height - 100)  # the setpoints end there
     moments = log["time_s"].to_numpy()
-    felt = compare(log, kinematics, manoeuvre(moments))
+    felt = compare(log, kinematics, np.column_stack([np.interp(moments, time, a) for a in vehicle.T]))
     table = figures(moments, felt)
     (arguments.out / "cueing.json").write_text(json.dumps(table, indent=1), encoding="utf-8")
     what = "plain control" if run.compensator == "none" else f"compensator {run.compensator}"

@@ -180,5 +180,7 @@ def test_trace_explains_an_effect_with_a_picture(tmp_path):
     for words in ("Coulomb friction differs", "force balance of leg 1", "velocity", "check", "mend"):
         assert words in shown.output
     assert (tmp_path / "coulomb_friction_change.png").stat().st_size > 10_000
+    other = CliRunner().invoke(app, ["trace", "--explain", "rod_seal_leakage"])  # of cylinders with two chambers alone
+    assert other.exit_code == 0 and "servo_bench" in other.output
     wrong = CliRunner().invoke(app, ["trace", "--explain", "gremlins"])
     assert wrong.exit_code != 0

@@ -49,7 +49,7 @@ REJECT_ERRORS = 7.0  # standard errors of q below zero at which the identified v
 MISFIT_SHARE, MAX_MISFIT = 0.2, 3.0  # low-pass of the misfit, and its bound
 
 TRIM_V_M = 200.0  # volts of rounding per metre of excess oil displacement at one reversal: 1 mV for 5 um
-TRIM_BIAS_M = 1e-6  # taken off each excess, so that noise does not add up to a rounding
+TRIM_BIAS_M = 1e-6  # of each excess, towards what is identified, so that noise does not add up to a rounding
 MIN_ROUNDING_V = 4e-3  # below it edges are taken as sharp
 
 
@@ -218,8 +218,11 @@ def rounding_correction_V(trim, speed_m_s, gain_m_s_V, dead_band_V):
 
 
 @compiled
-def add_to_trim(trim, oil_error_m, flow_m_s, highest_V):
-    """One tick: oil displacement less the demanded one, of the last ticks, newest first; the flow demanded now."""
+def add_to_trim(trim, oil_error_m, flow_m_s, identified_V, highest_V):
+    """One tick: oil displacement less the demanded one, of the last ticks, newest first; the flow demanded of the valve now.
+
+    identified_V: the rounding as identified, to which a small excess leads back.
+    """
     direction = 1.0 if flow_m_s > 0 else -1.0
     if direction != trim.direction:
         trim.direction, trim.ticks = direction, 0
@@ -229,4 +232,5 @@ def add_to_trim(trim, oil_error_m, flow_m_s, highest_V):
     if trim.ticks == TRIM_TICKS:
         excess = 0.5 * (direction * (oil_error_m[0] - trim.reversal_m) + trim.before_m)
         if abs(excess) < MAX_EXCESS_M:
-            trim.rounding_V = clip(trim.rounding_V + TRIM_V_M * (excess - TRIM_BIAS_M), 0.0, highest_V)
+            bias_m = math.copysign(TRIM_BIAS_M, trim.rounding_V - identified_V)
+            trim.rounding_V = clip(trim.rounding_V + TRIM_V_M * (excess - bias_m), 0.0, highest_V)

@@ -16,8 +16,8 @@ On entry to ENGAGING the reference joins the piston, so that the volts begin wit
 change into each other while the ramp moves, as the excitation comes and goes.
 
 Armed: started with what was learned before, of this machine or its twin. It engages as soon as the setpoints ahead
-begin to move, with plain control's bumps of then as the baseline. Where the piston stands at its setpoint nothing lags
-yet: the ramp ends before the piston moves, g = 1. Else g rises in `ARMED_FEED_FORWARD_S`. The first reversal tells
+begin to move, with plain control's bumps of then as the baseline. Where the motion has not begun nothing lags yet: the
+ramp ends before the piston moves, g = 1. Else g rises in `ARMED_FEED_FORWARD_S`. The first reversal tells
 whether the motion is excited.
 
 Excited: the acceleration of the setpoint at reversals exceeds max(`min_excitation_m_s2`, 1.3 x stability limit), until
@@ -44,6 +44,7 @@ from .monitor import (
     NOISE_RANGE_ALONE,
     PAIR_NOISE,
     add_to_monitor,
+    begin_range,
     monitor_ready,
     worse_than_baseline,
     worth_compensating,
@@ -64,6 +65,7 @@ MAX_WAIT_S = 1.0  # for the middle of a half stroke, to leave a valve that is no
 MIN_OPEN_S = 0.08  # time the valve has been open under plain control before engaging
 ARMED_ENGAGE_S, ARMED_FEED_FORWARD_S = 0.1, 0.4  # ramp and g after a start with what was learned
 JOIN_ERRORS = 4.0  # standard deviations of a position within which a piston stands at its setpoint
+JOIN_M_S2, JOIN_M_S = 5e-3, 3e-3  # or with which the loop brings it there; of a setpoint whose motion has not begun
 TRIP_SPEED = 4.0  # of the ramp when tripped, over that of engaging
 
 
@@ -74,13 +76,13 @@ def weight(ramp):
 
 
 @compiled
-def update_engagement(state, setpoint_m_s2, position_m, control_V, behind_m):
+def update_engagement(state, setpoint_m_s, setpoint_m_s2, position_m, control_V, behind_m):
     """One tick of the transfer.
 
-    setpoint_m_s2: acceleration of the setpoint, PREVIEW_TICKS ahead; behind_m: reference now less the piston.
+    setpoint_m_s, setpoint_m_s2: of the setpoint, PREVIEW_TICKS ahead; behind_m: reference now less the piston.
     """
     engagement, reference, settings = state.engagement, state.reference, state.settings
-    add_to_monitor(state.monitor, position_m)
+    add_to_monitor(state.monitor, position_m, behind_m)
     if engagement.ramp == 0.0:
         _track_valve(engagement, state.valve, control_V - state.valve.null_V)
     _track_reversals(state, reference.velocity_m_s)
@@ -97,7 +99,7 @@ def update_engagement(state, setpoint_m_s2, position_m, control_V, behind_m):
     if phase == TRIPPED:
         engagement.ramp = max(0.0, engagement.ramp - TRIP_SPEED * step)
     elif phase == ENGAGING:
-        if engagement.ramp == 0.0 and engagement.armed and abs(behind_m) < JOIN_ERRORS * state.monitor.noise_m:
+        if engagement.ramp == 0.0 and engagement.armed and stands_at_setpoint(state, setpoint_m_s, behind_m):
             reference.feed_forward = reference.linear = 1.0
             engagement.ramp_step = 1.0 / PREVIEW_TICKS
         elif engagement.ramp == 0.0:
@@ -195,6 +197,14 @@ def keep_plain_control(state, known):
 
 
 @compiled
+def stands_at_setpoint(state, setpoint_m_s, behind_m):
+    """Whether the motion has not begun, and plain control brings the piston to its setpoint unfelt, or it is within noise."""
+    loop_1_s, size = max(state.reference.loop_1_s[0], state.reference.loop_1_s[1]), abs(behind_m)
+    near = size < JOIN_ERRORS * state.monitor.noise_m or size * loop_1_s * loop_1_s < JOIN_M_S2
+    return near and abs(setpoint_m_s) < JOIN_M_S
+
+
+@compiled
 def _join(state, behind_m):
     """Shift the reference, and the demands already made for the ticks ahead, to where the piston is."""
     state.reference.lag_m += behind_m
@@ -262,7 +272,7 @@ def begin_judging(engagement, monitor, half_s):
     """The first reversal of an armed start is not judged: its range holds the beginning of the motion. Neither is the
     trembling of a reference that has joined a noisy reading."""
     engagement.armed = half_s < ARMED_ENGAGE_S or engagement.reversal_m_s2 < AT_REST_M_S2
-    monitor.low_m_s2, monitor.high_m_s2 = math.inf, -math.inf
+    begin_range(monitor)
 
 
 @compiled

@@ -164,12 +164,15 @@ DELAY = record(  # delay.py
 )  # fmt: skip
 LATENESS = record(tick_s="f8", late_s="f8", pressures_Pa=("f8", (LATE_TICKS + 2,)))  # lateness.py  # fmt: skip
 TRUST = record(error_m_s2="f8", trusted="i8", since_s="f8", turning_s="f8", direction="f8")  # trust.py
-MONITOR = record(  # monitor.py
-    tick_s="f8",
-    noise_m="f8",  # standard deviation of a position
+SHAKEN = record(  # monitor.py: h of a position, and its range since the last reversal
     positions_m=("f8", (3 * BLOCK,)), sums_m=("f8", (3,)), accelerations_m_s2=("f8", (2 * APART + 1,)),
     count="i8",  # ticks, until the filter is filled
     low_m_s2="f8", high_m_s2="f8",
+)  # fmt: skip
+MONITOR = record(  # monitor.py
+    tick_s="f8",
+    noise_m="f8",  # standard deviation of a position
+    piston=SHAKEN, off=SHAKEN,  # off: the piston less the reference
     baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,)), excess_m_s2=("f8", (2,)),  # retracting after it first, then extending
 )  # fmt: skip
 ENGAGEMENT = record(  # engagement.py

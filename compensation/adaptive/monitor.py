@@ -5,10 +5,13 @@ Acceleration from positions, over blocks of BLOCK ticks, high-passed over APART 
     a = (m_0 - 2 m_1 + m_2) / (BLOCK T)^2,     h = a_k - (a_{k - APART} + a_{k + APART}) / 2
 
 m_i are means of successive blocks. h passes about 3 to 40 Hz, so that it hardly holds the motion itself. Its range
-over a reversal is the bump. The baseline is plain control's last bump of either direction, with the acceleration asked
-for at that reversal. What compensated bumps exceed it by is
-summed over the reversals (CUSUM): one that is much worse, or several that are a little, end compensation. Of two unlike
-reversals, the one with more acceleration may have the larger bump, and more is allowed.
+over a reversal is the bump. A motion that is itself that quick, as in rough air, is no bump: of a compensated reversal
+counts what the piston deviates from the reference, where that is less.
+
+The baseline is plain control's last bump of either direction, with the acceleration asked for at that reversal. What
+compensated bumps exceed it by is summed over the reversals (CUSUM): one that is much worse, or several that are a
+little, end compensation. Of two unlike reversals, the one with more acceleration may have the larger bump, and more is
+allowed.
 """
 
 from __future__ import annotations
@@ -39,28 +42,41 @@ PAIR_NOISE = 2.0  # of it that adds to a bump; a four-way valve without overlap 
 def start_monitor(monitor, tick_s, noise_m):
     """noise_m: standard deviation of a position."""
     monitor.tick_s, monitor.noise_m = tick_s, noise_m
-    monitor.low_m_s2, monitor.high_m_s2 = math.inf, -math.inf
+    begin_range(monitor)
 
 
 @compiled
-def add_to_monitor(monitor, position_m):
-    """One tick."""
-    positions, sums = monitor.positions_m, monitor.sums_m
+def begin_range(monitor):
+    """The range of h begins anew."""
+    for shaken in (monitor.piston, monitor.off):
+        shaken.low_m_s2, shaken.high_m_s2 = math.inf, -math.inf
+
+
+@compiled
+def add_to_monitor(monitor, position_m, behind_m):
+    """One tick; behind_m: the reference less the piston."""
+    _add(monitor.piston, position_m, monitor.tick_s)
+    _add(monitor.off, -behind_m, monitor.tick_s)
+
+
+@compiled
+def _add(shaken, position_m, tick_s):
+    positions, sums = shaken.positions_m, shaken.sums_m
     first, second, third = positions[FIRST], positions[SECOND], positions[THIRD]
     sums[0] += position_m - first
     sums[1] += first - second
     sums[2] += second - third
     push(positions, position_m)
-    kept = monitor.accelerations_m_s2
-    push(kept, (sums[0] - 2.0 * sums[1] + sums[2]) / (BLOCK * (BLOCK * monitor.tick_s) ** 2))
-    if monitor.count < FILLED:
-        monitor.count += 1
+    kept = shaken.accelerations_m_s2
+    push(kept, (sums[0] - 2.0 * sums[1] + sums[2]) / (BLOCK * (BLOCK * tick_s) ** 2))
+    if shaken.count < FILLED:
+        shaken.count += 1
         return
     h = kept[APART] - 0.5 * (kept[0] + kept[2 * APART])
-    if h < monitor.low_m_s2:
-        monitor.low_m_s2 = h
-    if h > monitor.high_m_s2:
-        monitor.high_m_s2 = h
+    if h < shaken.low_m_s2:
+        shaken.low_m_s2 = h
+    if h > shaken.high_m_s2:
+        shaken.high_m_s2 = h
 
 
 @compiled
@@ -69,7 +85,10 @@ def worse_than_baseline(monitor, extending, reversal_m_s2, ramp):
 
     reversal_m_s2: acceleration asked for at it; ramp: 0 plain control, whose bump becomes the baseline.
     """
-    bump, monitor.low_m_s2, monitor.high_m_s2 = monitor.high_m_s2 - monitor.low_m_s2, math.inf, -math.inf
+    bump, off = monitor.piston.high_m_s2 - monitor.piston.low_m_s2, monitor.off.high_m_s2 - monitor.off.low_m_s2
+    begin_range(monitor)
+    if ramp == 1.0 and off < bump:
+        bump = off
     if not bump >= 0.0:
         return False
     i = 1 if extending else 0

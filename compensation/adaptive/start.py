@@ -16,8 +16,8 @@ from .monitor import start_monitor
 from .prediction import start_prediction
 from .spool import look_ahead_shift, round_lag
 from .step import want_design
-from .taps import design
 from .stribeck import MOST_WEIGHT
+from .taps import design
 from .trust import UNKNOWN_M_S2
 from .valve import keep_valve, restore_valve, start_valve, valve_ready
 

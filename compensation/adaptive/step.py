@@ -178,9 +178,10 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
         u += state.valve.null_V - damping(state, settings.damping_1_s * compliance, roots)
     if settings.learn:
         _identify(state, position_m, valve_V, bottom_Pa, supply_Pa, load, now)
-    watch_turns(state.trust, (ahead - behind) / (2.0 * settings.tick_s), settings.tick_s)
+    setpoint_m_s = (ahead - behind) / (2.0 * settings.tick_s)
+    watch_turns(state.trust, setpoint_m_s, settings.tick_s)
     setpoint_m_s2 = (ahead - 2 * here + behind) / (settings.tick_s * settings.tick_s)
-    update_engagement(state, setpoint_m_s2, position_m, control_V, now[3] - position_m)
+    update_engagement(state, setpoint_m_s, setpoint_m_s2, position_m, control_V, now[3] - position_m)
     return weight(state.engagement.ramp) * clip(u, -settings.voltage_max_V, settings.voltage_max_V)
 
 
@@ -238,7 +239,8 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
         start_leak(state.leak)
     _find_delay(state, position_m, p, v, velocity_m_s, roots, compensated)
     if compensated and not valve.four_way:
-        add_to_trim(state.trim, state.oil_error_m, velocity_m_s, 0.5 * valve.edges[0].dead_band_V)
+        identified_V, highest_V = lower_bound_V(state.rounding), 0.5 * valve.edges[0].dead_band_V
+        add_to_trim(state.trim, state.oil_error_m, velocity_m_s - valve.leak_m_s, identified_V, highest_V)
     if valve_usable(valve):
         if engaged and not told_while_compensated(valve):
             state.rounding.ticks = 0

@@ -146,6 +146,8 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
     console.print(Text.assemble("verdict  ", (verdict, f"bold {VERDICT_STYLE.get(verdict, '')}".strip())))
     for remark in report.get("remarks", []):
         console.print(f"note     {remark}")
+    for line in report.get("would_show", []):
+        console.print(f"hidden   {line}")
     console.print()
     for title, header, rows in (
         _findings(report),

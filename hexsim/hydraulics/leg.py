@@ -28,7 +28,10 @@ LEAST_BRISTLE_LEVEL = 1.0e-3  # [N] a bristle divides by the level; far below an
 @compiled
 def commanded_spool(p, volts, t):
     """Spool position that the volts ask for [m], with null offset and drift."""
-    return valve.spool_command(volts, p[P.NULL_OFFSET] + p[P.NULL_DRIFT] * t, p[P.SPOOL_GAIN], p[P.SPOOL_TRAVEL])
+    null = p[P.NULL_OFFSET] + p[P.NULL_DRIFT] * t
+    if p[P.NULL_WARM_UP] != 0.0:
+        null += p[P.NULL_WARM_UP] * -math.expm1(-t / p[P.NULL_WARM_UP_TIME])
+    return valve.spool_command(volts, null, p[P.SPOOL_GAIN], p[P.SPOOL_TRAVEL])
 
 
 @compiled
@@ -61,6 +64,8 @@ def inflow(p, y, v, volts, x, P1, Ps, t):
     """Net flow into the bottom chamber through valve and leaks [m3/s]: phi_1 of Eq. 3.4 and what extends it."""
     flow = supply_edge_flow(p, x, P1, Ps) - tank_edge_flow(p, x, P1)
     flow += p[P.LEAK_SUPPLY_CHAMBER] * (Ps - P1) - p[P.LEAK_CHAMBER_TANK] * (P1 - p[P.TANK_PRESSURE])
+    if p[P.RELIEF_CONDUCTANCE] != 0.0:
+        flow -= p[P.RELIEF_CONDUCTANCE] * max(P1 - p[P.RELIEF_OPENS], 0.0)
     if p[P.CHECK_GAIN] > 0.0:
         flow += manifold.inflow(p, P1, Ps, manifold.taper(p, y))
     if p[P.LEARNED_BALANCE] == learned.CONTINUITY:
@@ -192,6 +197,8 @@ def force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t):
         y, v, p[P.STROKE], p[P.CUSHION_LENGTH], p[P.CUSHION_STIFFNESS], p[P.CUSHION_DAMPING]
     )
     force += p[P.EXTRA_FORCE] - p[P.EXTRA_SPRING] * (y - 0.5 * p[P.STROKE]) - p[P.EXTRA_DAMPING] * v
+    if p[P.HARDENING] != 0.0:
+        force -= p[P.HARDENING] * (y - 0.5 * p[P.STROKE]) ** 3
     if p[P.TONE_FORCE] != 0.0:
         force += p[P.TONE_FORCE] * math.sin(2.0 * math.pi * p[P.TONE_FREQUENCY] * t + p[P.TONE_PHASE])
     if p[P.LEARNED_BALANCE] == learned.FORCE:

@@ -113,6 +113,13 @@ class P(IntEnum):
     SETTLING_TAPER = 79  # the orifice narrows over this much stroke above the stop [m]
     CHECK_GAIN = 80  # check valves from chamber to supply and from tank to chamber [m3/s/sqrt(Pa)]
     FLOW_POINTS = 81  # points of the flow curve; 0: the openings follow the overlaps
+    # what a leg of any kind may have besides
+    RELIEF_CONDUCTANCE = 82  # from the bottom chamber to the tank beyond RELIEF_OPENS
+    RELIEF_OPENS = 83
+    HARDENING = 84  # of the spring about half stroke [N/m3]
+    NULL_WARM_UP = 85  # of the spool's null, with its time constant
+    NULL_WARM_UP_TIME = 86
+    LEARNED_FORM = 87
 
 
 ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B
@@ -230,6 +237,7 @@ def _friction(friction: Friction) -> dict[P, float]:
         P.SHARPNESS: friction.sharpness_m_s,
         P.ARCTAN_SLOPE: friction.arctan_slope_s_m if friction.form == "report" else 0.0,
         P.RIPPLE_LENGTH: 1.0,
+        P.NULL_WARM_UP_TIME: 1.0,
     }
 
 

@@ -119,7 +119,8 @@ def is_slope_below(p, x, P1, Ps, h, limit):
     """Is -h `flow_slope` surely below the limit [m3/Pa]? A quick answer; False leaves it open."""
     if p[P.CLEARANCE_CONDUCTANCE] != 0.0 or p[P.RETURN_RESISTANCE] > 0.0 or p[P.CHECK_GAIN] > 0.0:
         return False
-    half = 0.5 * (limit - h * (p[P.LEAK_SUPPLY_CHAMBER] + p[P.LEAK_CHAMBER_TANK] + p[P.LEAK_PISTON]))
+    leaks = p[P.LEAK_SUPPLY_CHAMBER] + p[P.LEAK_CHAMBER_TANK] + p[P.LEAK_PISTON] + p[P.RELIEF_CONDUCTANCE]
+    half = 0.5 * (limit - h * leaks)
     if half <= 0.0:
         return False
     supply = is_edge_below(p, x, Ps - P1, edge_PA(p), h, half)
@@ -145,6 +146,8 @@ def flow_slope(p, x, P1, Ps):
     slope = port_slope(p, x, P1, Ps, edge_PA(p), edge_AT(p))
     if p[P.CHECK_GAIN] > 0.0:
         slope += manifold.slope(p, P1, Ps)
+    if p[P.RELIEF_OPENS] < P1:
+        slope -= p[P.RELIEF_CONDUCTANCE]
     return slope - p[P.LEAK_SUPPLY_CHAMBER] - p[P.LEAK_CHAMBER_TANK] - p[P.LEAK_PISTON]
 
 

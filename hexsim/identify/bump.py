@@ -107,6 +107,7 @@ def measure_bump(
     tables = heave(machine, PERIODS / FREQUENCY_Hz + FADE_s)
     for name, asked in zip(LOGS, ("none", ALGORITHM), strict=True):
         host.compensate(asked, learned, machine.n_legs)
+        host.rest()  # its model of plain control begins at the setpoint: where the machine stands shows in a second
         doing = "the bump without compensation" if asked == "none" else "the bump with compensation"
         write_log(
             host.drive(setpoints_of(machine, tables), lambda share, doing=doing: tell(doing, share)),

@@ -32,6 +32,7 @@ ANSWER_s = 0.5  # a reply that takes longer is lost
 REFUSALS = 6  # in a row, of an address at which nobody listens
 FIRST_TRIES, TRIES = 120, 600  # in lockstep: machine time stands still meanwhile, and a machine may have to compile
 ASKED, ANSWERED = 300, 20  # times that a compensator is asked for (a machine may compile it), packets between them
+REST_s = 2.0  # at neutral: a log begins where the oil and the piston are at rest
 SKIPPED_s = 0.25  # a longer silence of the host itself is not made up for
 SETTLED_s = 60.0  # machine time in which a state must be reached
 LOST_SHARE = 0.05  # of the telemetry that may be lost in a run
@@ -151,6 +152,11 @@ class Host:
                     f"the machine does not reach {state.name.lower()}: it is in {reply.state.name.lower()}"
                 )
             reply = self.exchange()
+
+    def rest(self) -> None:
+        """Let what moves come to rest, on the machine and in its motion computer."""
+        for _ in range(round(REST_s / PERIOD_s)):
+            self.exchange()
 
     def compensate(self, name: str, learned: Sequence[Parameters], n_legs: int) -> None:
         """Ask for a compensator that starts with what was learned, an entry a leg; "none": for plain control.

@@ -25,13 +25,13 @@ from hexsim.errors import HexsimError
 from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
 from hexsim.identify import bump
-from hexsim.identify.host import Host, MachineFault, PERIOD_s
+from hexsim.identify.host import Host, MachineFault
 from hexsim.identify.motions import setpoints_of
 from hexsim.identify.record import Round, Story
 from hexsim.machine.files import find_machine_file, load_machine, save_machine
 from hexsim.motion_computer.states import State
 from hexsim.tracing.design import next_measurement
-from hexsim.tracing.design.information import SHARP
+from hexsim.tracing.design.information import SHARP, says_nothing
 from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.design.next_measurement import surviving
 from hexsim.tracing.design.words import NO_GAIN
@@ -45,7 +45,6 @@ SMALL_s = 5.0  # of the first, careful motion
 SMALL_SHARE = 0.2  # of the first motion
 SLOWEST_LOOP_s = 0.3  # by which a leg may follow later
 ROUNDS = 6  # at most
-REST_s = 2.0  # at neutral before the first motion: a log begins where the oil and the piston are at rest
 GUIDED_s = 12.0  # machine time of a round besides its motion: to neutral and back
 # kind, axis, size, two frequencies, slope, seed: see `MotionFamily.bounds`
 FIRST = np.array([0, 0, 0.9, 0.2, 0.75, 0.5, 1])
@@ -138,8 +137,7 @@ def _to_neutral(host: Host) -> None:
         State.NORMAL: "return_neutral",
     }
     host.until(State.NEUTRAL, starts.get(state, "none"))
-    for _ in range(round(REST_s / PERIOD_s)):
-        host.exchange()
+    host.rest()
 
 
 def _settle(host: Host, tell: Show) -> None:
@@ -259,7 +257,7 @@ def open_points(result: Trace) -> list[str]:
             found.append(" or ".join((effect.candidate.label, *effect.tied_with)))
         for name, value in effect.values.items():
             error = effect.standard_errors.get(name, float("nan"))
-            if value and not error <= SHARP * abs(value):
+            if not says_nothing(effect.candidate.effect, name, value) and not error <= SHARP * abs(value):
                 found.append(f"{name} of {effect.candidate.label} is known to {100 * error / abs(value):.0f} %")
     return found
 

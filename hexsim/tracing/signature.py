@@ -61,8 +61,8 @@ def signature(name: str) -> Signature:
         raise HexsimError(f"{name} has no size of its own: it is learned from logs, so that it has no signature")
     kind = "bench" if "bench" in effect.kinds else "hexapod"
     best: tuple[float, Signature] | None = None
-    for place in MACHINES[kind]:
-        found = on_machine(effect, load_machine(place), kind)
+    for machine in (one for place in MACHINES[kind] if effect.fits(one := load_machine(place))):
+        found = on_machine(effect, machine, kind)
         if found is not None and (best is None or found[0] > 3.0 * best[0]):
             best = found
     if best is None:

@@ -14,6 +14,7 @@ from hexsim.tracing.checks.finding import Finding
 from hexsim.tracing.dependence import Dependence
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.parameters import Candidate
+from hexsim.tracing.fitting.rest_hidden import Hidden
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.screening import Screened
 from hexsim.tracing.fitting.selection import Search
@@ -95,7 +96,7 @@ class Trace:
 
     base: the declared machine refitted; final: the best hypothesis, base itself where no effect helps.
     screening, screened: the first round over the library and the number of residuals that it looked at.
-    hidden: effect -> size below which what is left hides it, of a machine that no model fits.
+    hidden: effect -> the size below which what is left hides it, and beside what, of a machine that no model fits.
     rest: of such a machine the hypotheses that its balances leave, the best first; of `rest_problem`.
     predicted: rests that follow a signal though each sample of them is as small as noise.
     ties: an effect of `final` -> label -> the hypothesis that does as well.  decided: the last step's sentence.
@@ -114,7 +115,7 @@ class Trace:
     balance_problem: BalanceProblem | None = None
     screening: list[Screened] = field(default_factory=list)
     screened: int = 0
-    hidden: dict[str, float] = field(default_factory=dict)
+    hidden: dict[str, Hidden] = field(default_factory=dict)
     rest: tuple[RestFit, ...] = ()
     rest_problem: BalanceProblem | None = None
     predicted: tuple[Predicted, ...] = ()

@@ -25,6 +25,7 @@ from hexsim.tracing.term_selection import (
     RARE_GAIN,
     Chosen,
     acts,
+    foretold,
     placed,
     residual,
     rms,
@@ -58,7 +59,8 @@ class OwnVerdict:
     """verdict: a sentence that begins "explained in part by", "not attributable", "unexplained" or "nothing missing".
 
     rest_share: rms of the residual on held-out runs by that of the target; depends_on: strongest (signal, held-out R2).
-    places: hinge -> (place, spread over folds). refused: candidates left out, a sentence each. terms: what was named.
+    places: hinge -> (place, spread over folds). refused: candidates left out, a sentence each. terms: what was named,
+    what takes most first. alone: of a term that is not named the run that holds most of what shows it.
     """
 
     balance: str
@@ -72,6 +74,7 @@ class OwnVerdict:
     places: dict[str, tuple[float, float]]
     refused: tuple[str, ...]
     terms: Chosen
+    alone: dict[str, str]
 
 
 def trace_own(balance: OwnBalance, points: Sequence[Point]) -> OwnVerdict:
@@ -93,11 +96,10 @@ def trace_own(balance: OwnBalance, points: Sequence[Point]) -> OwnVerdict:
         name=balance.name, unit=balance.unit, target=balance.target, terms=balance.terms, candidates=usable
     )
     declared = np.array([term.declared or 0.0 for term in balance.terms])
-    folds, found = [], []
-    for i, run in enumerate(runs):
-        others = [other for j, other in enumerate(runs) if j != i]
-        chosen, tied = select(balance, others)
-        found.append(chosen)
+    folds, without = [], [[other for other in runs if other is not run] for run in runs]
+    selected = [select(balance, others) for others in without]
+    found = foretold(balance, runs, [chosen for chosen, _ in selected])
+    for run, others, chosen, (_, tied) in zip(runs, without, found, selected, strict=True):
         coefficients = solve(balance, others, chosen)
         before, after = residual(run, solve(balance, others, ()), ()), residual(run, coefficients, chosen)
         rare = [acts(run, term) for term in chosen if np.mean(acts(run, term)) < RARE]
@@ -128,11 +130,12 @@ def verdict_of(
     ties = sorted({name for fold in folds for name in fold.tied} - common)
     share = after / max(float(np.sqrt(np.mean([np.mean(run.target**2) for run in runs]))), 1e-300)
     named: tuple[str, ...] = ()
+    alone = carried(runs, folds, found)
     if not any(fold.chosen for fold in folds):
         text = "unexplained: no candidate earns its place on runs it has not seen"
         text = "nothing missing" if share < GAIN else text
     elif common and not worse and gained:
-        named = tuple(term.name for term in balance.candidates if term.name in common)
+        named = in_order(balance, runs, [next(t for own in found for t in own if t.name == name) for name in common])
         tie = f" (tied with {', '.join(ties)})" if ties else ""
         text = f"explained in part by {' + '.join(named)}{tie}: {before:.3g} -> {after:.3g} {balance.unit} held out"
         if acting:
@@ -143,7 +146,7 @@ def verdict_of(
             [f"the folds choose {' / '.join(' + '.join(f.chosen) or 'nothing' for f in folds)}"] if not common else []
         )
         why_not += [f"run {', '.join(worse)} gets worse"] if worse else []
-        why_not += carried(runs, folds, found)
+        why_not += [sentence for _, sentence in alone.values()]
         why_not += [f"gain {1 - after / before:.1%}"] if not why_not else []
         text = f"not attributable: {'; '.join(why_not)}"
     terms: Chosen = ()
@@ -159,12 +162,24 @@ def verdict_of(
         balance=balance.name, unit=balance.unit, folds=folds, named=named, verdict=text + left,
         coefficients=numbers(balance, runs, terms), rest_share=share, depends_on=(signal, r2),
         places=places_of(found, terms), refused=why, terms=terms,
+        alone={} if named else {name: run for name, (run, _) in alone.items()},
     )  # fmt: skip
 
 
-def carried(runs: Sequence[RunData], folds: Sequence[Fold], found: Sequence[Chosen]) -> list[str]:
-    """Why some folds do not choose what others do: one run holds most of what shows it."""
-    said = []
+def in_order(balance: OwnBalance, runs: Sequence[RunData], terms: Sequence[Term]) -> tuple[str, ...]:
+    """Names of terms, first the one without which most is left."""
+
+    def left_without(term: Term) -> float:
+        rest = tuple(other for other in terms if other is not term)
+        coefficients = solve(balance, runs, rest)
+        return -sum(float(np.sum(residual(run, coefficients, rest) ** 2)) for run in runs)
+
+    return tuple(term.name for term in sorted(terms, key=left_without))
+
+
+def carried(runs: Sequence[RunData], folds: Sequence[Fold], found: Sequence[Chosen]) -> dict[str, tuple[str, str]]:
+    """Why some folds do not choose what others do, one run holds most of what shows it: term -> (run, sentence)."""
+    said = {}
     for name in sorted({term.name for chosen in found for term in chosen}):
         without = [fold.held_out for fold in folds if name not in fold.chosen]
         term = next(term for chosen in found for term in chosen if term.name == name)
@@ -172,10 +187,8 @@ def carried(runs: Sequence[RunData], folds: Sequence[Fold], found: Sequence[Chos
         most = int(np.argmax(sizes))
         if runs[most].name in without and sizes[most] > 0.5 * sizes.sum():
             at = "" if term.place is None else f" beyond {term.place:.4g}"
-            said.append(
-                f"{name}{at} acts most in run {runs[most].name} ({sizes[most] / sizes.sum():.0%} of it): the others alone do "
-                "not show it"
-            )
+            text = f"{name}{at} acts most in run {runs[most].name} ({sizes[most] / sizes.sum():.0%} of it)"
+            said[name] = (runs[most].name, f"{text}: the others alone do not show it")
     return said
 
 

@@ -21,6 +21,7 @@ OCCASIONS = 6  # least number of occasions on which a rare term acts
 RARE_GAIN = 0.1  # least fall of the loss where a rare term acts
 EVERY_RUN = 1.0 / 3.0  # fall of the loss in each held-out run that chance does not give: no further test
 CHANCE = 0.01  # of signed ranks
+SHOWN = 0.05  # of a column's largest sum of squares in a run: from there a run shows the term
 
 
 def solve(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> Array:
@@ -126,6 +127,42 @@ def exchanged(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen, tria
             other = placed(balance, runs, rest, trials[-1][1])
             chosen = (*chosen[:k], other, *chosen[k + 1 :])
     return chosen
+
+
+def foretold(balance: OwnBalance, runs: Sequence[RunData], found: Sequence[Chosen]) -> list[Chosen]:
+    """What each fold chooses, with what it could not choose: of two runs that show a bumper, a fold has one, on which to fit
+    it or to score it. It counts as chosen where every fold that has two such runs or more chooses it, and the one run
+    foretells the run that is held out: less is left where the term acts, and in all.
+    """
+    chosen = list(found)
+    for term in {term.name: term for own in found for term in own}.values():
+        sizes = np.array([float(np.sum(run.column(term) ** 2)) for run in runs])
+        shows = sizes > SHOWN * sizes.max()
+        tells = [int(shows.sum() - shown) > 1 for shown in shows]
+        lacks = [all(one.name != term.name for one in own) for own in found]
+        if not any(tells) or any(lack for lack, tell in zip(lacks, tells, strict=True) if tell):
+            continue
+        for i in (i for i, lack in enumerate(lacks) if lack):
+            others = [run for j, run in enumerate(runs) if j != i]
+            trial = (*chosen[i], best_placed(balance, others, chosen[i], term))
+            before, after = (residual(runs[i], solve(balance, others, own), own) for own in (chosen[i], trial))
+            on = acts(runs[i], trial[-1])
+            less = rms(after) < rms(before) and on.any() and rms(after[on]) < (1.0 - RARE_GAIN) * rms(before[on])
+            chosen[i] = trial if less and physical(balance, others, trial) else chosen[i]
+    return chosen
+
+
+def best_placed(balance: OwnBalance, runs: Sequence[RunData], beside: Chosen, term: Term) -> Term:
+    """A term, a hinge at the place that leaves least of these runs."""
+    if term.over is None or term.place is None:
+        return term
+
+    def left(one: Term) -> float:
+        trial = (*beside, one)
+        coefficients = solve(balance, runs, trial)
+        return sum(float(np.sum(residual(run, coefficients, trial) ** 2)) for run in runs)
+
+    return placed(balance, runs, beside, min(variants(_anywhere(term), runs), key=left))
 
 
 def others_of(trials_of: Sequence[Term], chosen: Chosen) -> list[Term]:

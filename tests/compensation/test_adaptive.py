@@ -227,14 +227,32 @@ def test_worse_reversals_are_seen_from_positions(frequency_Hz) -> None:
     start_monitor(monitor, tick, noise)
     for stroke in range(60):
         t = (stroke * half + np.arange(half)) * tick
-        y = 0.005 * np.sin(2 * math.pi * frequency_Hz * t) + rng.normal(0, noise, half)
-        for value in y + (bump if stroke == 58 else bump[-1] if stroke > 58 else 0.0):
-            add_to_monitor(monitor, float(value))
-        ranges.append(monitor.high_m_s2 - monitor.low_m_s2)
+        reference = 0.005 * np.sin(2 * math.pi * frequency_Hz * t)
+        y = reference + rng.normal(0, noise, half) + (bump if stroke == 58 else bump[-1] if stroke > 58 else 0.0)
+        for value, asked in zip(y, reference, strict=True):
+            add_to_monitor(monitor, float(value), float(asked - value))
+        ranges.append(monitor.piston.high_m_s2 - monitor.piston.low_m_s2)
         worse.append(worse_than_baseline(monitor, stroke % 2 == 0, 0.1, 0.0 if stroke < 8 else 1.0))
     assert worse[58]
     assert not any(worse[:58])
     assert ranges[58] - np.median(ranges[8:58]) == pytest.approx(1.2, abs=0.5)
+
+
+@pytest.mark.parametrize(("bump_m_s2", "worse"), [(0.0, False), (0.6, True)])
+def test_a_rough_motion_that_the_piston_follows_is_no_bump(bump_m_s2, worse) -> None:
+    """A baseline of 0.3 m/s2 in a smooth motion; then rough air, 1 m/s2 at 6 Hz, which the piston follows to its noise of
+    3.1 um: not worse. With +-0.6 m/s2 for 30 ms each way beside it, it is."""
+    tick, rng, monitor = 0.002, np.random.default_rng(0), empty(MONITOR)
+    start_monitor(monitor, tick, 3.1e-6)
+    monitor.baseline_m_s2[:], monitor.reversal_m_s2[:] = 0.3, 0.5
+    t = tick * np.arange(500)
+    asked = 1.0 / (12 * math.pi) ** 2 * np.sin(12 * math.pi * t)
+    pulse = np.r_[np.zeros(200), np.repeat([bump_m_s2, -bump_m_s2], 15), np.zeros(270)]
+    piston = asked + np.cumsum(np.cumsum(pulse)) * tick**2 + rng.normal(0, 3.1e-6, len(t))
+    for y, y_m in zip(piston, asked, strict=True):
+        add_to_monitor(monitor, float(y), float(y_m - y))
+    assert monitor.piston.high_m_s2 - monitor.piston.low_m_s2 > 1.5
+    assert worse_than_baseline(monitor, True, 0.5, 1.0) is worse
 
 
 def test_stribeck_friction_is_found_without_differentiating() -> None:
@@ -588,7 +606,9 @@ def test_the_first_reversal_of_an_armed_start_is_not_judged(half_s, reversal_m_s
     state = Adaptive().start(Context()).numbers
     engagement, monitor = state.engagement, state.monitor
     engagement.armed, engagement.reversal_m_s2, engagement.ramp = True, reversal_m_s2, 1.0
-    monitor.low_m_s2, monitor.high_m_s2, monitor.baseline_m_s2[:] = -5.0, 5.0, 0.1
+    for shaken in (monitor.piston, monitor.off):
+        shaken.low_m_s2, shaken.high_m_s2 = -5.0, 5.0
+    monitor.baseline_m_s2[:] = 0.1
     begin_judging(engagement, monitor, half_s)
     assert engagement.armed == armed and engagement.lockout_s == 0.0
     assert not worse_than_baseline(monitor, True, reversal_m_s2, 1.0)

@@ -63,7 +63,9 @@ def test_an_effect_changes_the_machine(name):
 def test_an_effect_vanishes_at_its_neutral_size(name):
     """A size of zero leaves every number as declared, exactly. (A pump line has no zero: it is left out instead.)"""
     effect = library()[name]
-    shape_only = {  # a wave of no height may have a length
+    shape_only = {  # a wave of no height may have a length, a flow of none a threshold
+        "relief_flow": {P.RELIEF_OPENS},
+        "null_warm_up": {P.NULL_WARM_UP_TIME},
         "position_dependent_friction": {P.RIPPLE_LENGTH, P.RIPPLE_PHASE},
         "outside_force_tone": {P.TONE_FREQUENCY, P.TONE_PHASE},
     }

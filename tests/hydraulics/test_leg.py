@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hexsim.hydraulics import leg, ports, rod_side
-from hexsim.hydraulics.learned import CONTINUITY, FORCE, SIGNALS, curve, term
+from hexsim.hydraulics.learned import CONTINUITY, DIRECTION, FORCE, HALF, PRODUCT, SIGNALS, curve, term
 from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P, declared_rows
 from hexsim.machine import load_machine
 
@@ -59,6 +59,30 @@ def test_leaks_are_laminar_and_go_the_right_way(row):
     row[P.CLEARANCE_CONDUCTANCE], row[P.CLEARANCE_LENGTH] = 2.7e-13, 3e-6
     land = 2.7e-13 / (1 + 5 / 3)
     assert flow_at(row, 0.0) == pytest.approx(land * (PS - P1) - land * (P1 - 1e5), rel=1e-12)
+
+
+def test_a_relief_flow_begins_at_its_threshold(row):
+    """Valve shut: nothing below it, G (P1 - Pr) out above; the slope that limits the time step is that of the flow."""
+    row[P.RELIEF_CONDUCTANCE], row[P.RELIEF_OPENS] = 1e-11, P1 + 2e5
+    assert flow_at(row, 0.0) == 0.0
+    row[P.RELIEF_OPENS] = P1 - 2e5
+    assert flow_at(row, 0.0) == pytest.approx(-2e-6, rel=1e-12)
+    assert ports.flow_slope(row, 0.0, P1, PS) == pytest.approx(-1e-11, rel=1e-9)
+
+
+def test_a_hardening_spring_pulls_to_the_middle_with_the_third_power(row):
+    """1.6 N at 20 mm from half stroke for 2e5 N/m3, 12.8 N at 40 mm, against the travel on either side."""
+    bare = [leg.leg_force(row, 0.1 + off, 0.0, 0.0, P1, 0.0, PS, 0.0, 0.0) for off in (-0.04, 0.0, 0.02)]
+    row[P.HARDENING] = 2e5
+    hard = [leg.leg_force(row, 0.1 + off, 0.0, 0.0, P1, 0.0, PS, 0.0, 0.0) for off in (-0.04, 0.0, 0.02)]
+    assert np.subtract(hard, bare) == pytest.approx([12.8, 0.0, -1.6], abs=1e-9)
+
+
+def test_the_null_settles_while_the_valve_warms_up(row):
+    """50 mV with 8 s: nothing at the start, 1 - 1/e of it after 8 s, all of it at last."""
+    row[P.NULL_WARM_UP], row[P.NULL_WARM_UP_TIME] = 0.05, 8.0
+    for t, share in ((0.0, 0.0), (8.0, 1 - math.exp(-1)), (1e3, 1.0)):
+        assert leg.commanded_spool(row, 0.05 * share, t) == pytest.approx(0.0, abs=1e-18)
 
 
 def test_null_offset_and_drift_shift_the_curve(row):
@@ -230,6 +254,18 @@ def test_learned_term_reads_the_signal_it_names(row):
     for number, name in enumerate(SIGNALS):
         learned(row, CONTINUITY, number)
         assert term(row, *values.values()) == curve(row, values[name])
+
+
+def test_learned_term_in_its_form(row):
+    """A product is the velocity times the curve. Of a direction's two curves of 16 knots each holds its own way; at rest their mean."""
+    learned(row, FORCE, 0)
+    row[P.LEARNED_FORM] = PRODUCT
+    assert term(row, 0.4, -0.3, 0.0, 0.0, 0.0, 0.0) == pytest.approx(-0.3 * curve(row, 0.4))
+    row[P.LEARNED_FORM] = DIRECTION
+    row[LEARNED_TABLE : LEARNED_TABLE + 2 * HALF] = np.repeat([5.0, -7.0], HALF) + np.tile(np.arange(HALF), 2)
+    out, rest, back = (term(row, -1.1, v, 0.0, 0.0, 0.0, 0.0) for v in (0.1, 0.0, -0.1))
+    assert (out, rest, back) == pytest.approx((10.0, 4.0, -2.0))
+    assert term(row, 9.0, 0.1, 0.0, 0.0, 0.0, 0.0) == pytest.approx(20.0, abs=1e-5)  # the last knot of its own curve
 
 
 def test_learned_term_joins_the_balance_it_names(row):

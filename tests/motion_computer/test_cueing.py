@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from hexsim.cueing.washout import Washout, poses, specific_force
@@ -65,3 +66,25 @@ def test_the_example_runs_end_to_end(tmp_path, monkeypatch, capsys) -> None:
     assert 80 < table["x"]["delay_ms"] < 300
     assert (tmp_path / "cueing.png").stat().st_size > 20_000
     assert (tmp_path / "felt.csv").exists() and "correlation" in capsys.readouterr().out
+
+
+def test_a_flight_is_a_table_for_the_example(tmp_path, monkeypatch) -> None:
+    """JSBSim's C172, by its signs: nose up (negative pitch rate, axes forward left up) and pressed into the seat first, a roll to
+    the left (negative) at 9 s and back at 16 s, less push with the throttle at idle. The example
+    plays the first five seconds of it: what is felt up follows what was commanded."""
+    pytest.importorskip("jsbsim", reason="flies the aircraft; pip install jsbsim")
+    monkeypatch.setattr(sys, "argv", ["flight_manoeuvre.py", "--out", str(tmp_path / "flight.csv")])
+    runpy.run_path(str(PATH.with_name("flight_manoeuvre.py")), run_name="__main__")
+    flight = pl.read_csv(tmp_path / "flight.csv")
+    mean = lambda name, start, end: flight.filter(pl.col("time_s").is_between(start, end))[name].mean()  # noqa: E731
+    assert abs(mean("up_m_s2", 0.0, 3.0)) < 0.1
+    assert mean("pitch_rad_s", 3.0, 4.0) < -0.03 and mean("up_m_s2", 3.2, 4.2) > 1.5
+    assert mean("up_m_s2", 4.4, 5.0) < -1.5
+    assert mean("roll_rad_s", 9.0, 10.5) < -0.1 and mean("roll_rad_s", 16.0, 17.5) > 0.1
+    assert mean("forward_m_s2", 30.0, 32.0) < -0.7
+    flight.filter(pl.col("time_s") < 6.0).write_csv(tmp_path / "short.csv")
+    monkeypatch.setattr(
+        sys, "argv", ["motion_cueing.py", "--fast", "--vehicle", str(tmp_path / "short.csv"), "--out", str(tmp_path)]
+    )
+    runpy.run_path(str(PATH), run_name="__main__")
+    assert json.loads((tmp_path / "cueing.json").read_text())["z"]["correlation"] > 0.7

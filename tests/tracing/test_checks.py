@@ -17,7 +17,7 @@ from hexsim.scenarios import load_scenario
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.simulation import simulate
-from hexsim.tracing.balances.balance import kinks, tick_samples
+from hexsim.tracing.balances.bends import kinks, tick_samples
 from hexsim.tracing.checks.checks import check_log, refuse_misleading
 from hexsim.tracing.checks.same_machine import check_same_machine
 from hexsim.tracing.checks.sensor_agreement import acceleration_agreement

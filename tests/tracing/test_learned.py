@@ -4,18 +4,24 @@ The data come from the second plant, whose discharge coefficient grows with the 
 """
 
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from other_plant import write_machine
 
+from hexsim.hydraulics.learned import term
+from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
+from hexsim.machine.files import changed
 from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
+from hexsim.tracing.dependence import dependence_of
 from hexsim.tracing.fitting.fit import refine, start_fit
 from hexsim.tracing.fitting.parameters import priors
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.held_out_errors import error_table
-from hexsim.tracing.steps.learned import learned_fit
+from hexsim.tracing.steps.learned import curve_table, learned_fit
 from hexsim.tracing.steps.logs import read_runs
 from hexsim.tracing.steps.residuals import unexplained_residuals
 from hexsim.tracing.steps.violations import violations
@@ -53,3 +59,25 @@ def test_a_gap_without_a_name(questions):
     assert errors["position_m"]["with_effect"] < 0.5 * errors["position_m"]["refit"]
     assert errors["pressure_bottom_Pa"]["with_effect"] < 1.3 * errors["pressure_bottom_Pa"]["noise"]
     assert len(fit.fitted_machine().effects["learned_term"]["curve"]["values"]) == 33
+
+
+@pytest.mark.parametrize("form", ["plain", "direction", "product"])
+def test_the_simulator_takes_back_what_the_residual_shows(form):
+    """Force rests of each form over the position, 30 N in 2 N of noise: the leg's learned term is minus them, within 2 N rms."""
+    rng, t = np.random.default_rng(3), np.arange(12000) / 500.0
+    y = 0.1 + 0.05 * np.sin(2 * np.pi * 0.31 * t) + 0.03 * np.sin(2 * np.pi * 0.83 * t)
+    v = np.gradient(y, t)
+    g = 30.0 * np.sin(40.0 * y)
+    truth = {"plain": g, "direction": np.where(v > 0, g, 10.0 - 0.5 * g), "product": 10.0 * v * g}[form]
+    signals = [{"position_m": y, "velocity_m_s": v}]
+    found = dependence_of(
+        [truth + 2.0 * rng.standard_normal(len(t))], signals, [v], 500.0, ("position_m", "velocity_m_s")
+    )
+    assert (found.signal, found.form) == ("position_m", form)
+    machine = load_machine("bench")
+    rest = SimpleNamespace(
+        dependence=found, balance="force", violation=SimpleNamespace(where="leg 1", machine=SimpleNamespace(n_legs=1))
+    )
+    row = resolve(changed(machine, {"effects": {"learned_term": curve_table(rest)}})).rows[0]
+    taken = np.array([term(row, a, b, 0.0, 0.0, 0.0, 0.0) for a, b in zip(y[::20], v[::20], strict=True)])
+    assert np.sqrt(np.mean((taken + truth[::20]) ** 2)) < 2.0

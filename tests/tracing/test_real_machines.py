@@ -123,6 +123,22 @@ def test_power_take_off_gets_no_confident_name():
         assert all(fold.declared > 0 and fold.refit > 0 for fold in verdict.folds)
 
 
+@buoy_logs
+def test_power_take_off_is_sent_to_a_second_run_that_reaches_the_relief(tmp_path):
+    """Two folds lack the run that shows the relief: no name, and the next step says which run is to be measured again."""
+    from hexsim.tracing.own.trace import trace_folder
+
+    own = (REPOSITORY / "examples" / "own_machines" / "mbari_pto" / "balances.toml").read_text()
+    own = own.replace("../../../../shared/measured/mbari_pto", str(MEASURED / "mbari_pto"))
+    (tmp_path / "balances.toml").write_text(own)
+    (tmp_path / "mapping.toml").write_bytes(
+        (REPOSITORY / "examples" / "own_machines" / "mbari_pto" / "mapping.toml").read_bytes()
+    )
+    [balance] = trace_folder(tmp_path)[2]["balances"]
+    assert balance["named"] == []
+    assert balance["next"].startswith("measure a second run in which relief lower to upper acts as in FrictionID")
+
+
 @valve_logs
 def test_servo_valve():
     """Orifice law (exponent 0.5 +- 0.02), hysteresis apart from the meter's lag, a null leakage peak that the clearance

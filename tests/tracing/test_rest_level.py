@@ -42,6 +42,7 @@ from hexsim.tracing.fitting.rest_evidence import (
 )
 from hexsim.tracing.fitting.rest_level import RestFit, ordinary_effects, prior_precision, row_counts, row_sizes
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
+from hexsim.tracing.problems.problem import FitProblem
 from hexsim.tracing.steps import dominant, shapes, violations
 from hexsim.tracing.steps.balance_search import with_fast_rows
 from hexsim.tracing.steps.dominant import followed, may_be_a_filter, sure_effects, worth_a_refit
@@ -385,6 +386,54 @@ def test_own_rows_of_an_effect_in_one_leg_of_a_hexapod():
     assert own_rows(named("valve_hysteresis"), problem) == [0, 1, 2, 3, 4, 5]
     for name in ("coulomb_friction_change", "pressure_dependent_friction", "spring"):
         assert own_rows(named(name, "leg 3"), problem) == [6, 7, 8, 9, 10, 11]
+
+
+class LegFlows(FitProblem):
+    """Six legs whose flow is leak times pressure plus null offset times gain. true: (leaks [1e-12], offsets [V]), six each."""
+
+    samples = 6 * 2000
+
+    def __init__(self, leaks, offsets):
+        rng, time = np.random.default_rng(9), np.arange(2000) * 0.02
+        self.logs = (Log(name="fit", kind="hexapod", time=time, rate=50.0, position=np.zeros((6, 2000))),)
+        self.pressure, self.gain = 50.0 * (1.0 + 0.2 * rng.standard_normal((2, 6, 2000)))
+        self.flow = (
+            leaks[:, None] * self.pressure + 100.0 * offsets[:, None] * self.gain + rng.standard_normal((6, 2000))
+        )
+
+    def channels(self, i):
+        return [f"continuity of leg {k + 1}" for k in range(6)]
+
+    def residual(self, machine, i):
+        def of_legs(name, key):
+            tables = machine.effects.get(name, [])
+            tables = tables if isinstance(tables, list) else [tables]
+            legs = [f"leg {k + 1}" for k in range(6)]
+            return np.array([sum(t[key] for t in tables if t.get("where", leg) == leg) for leg in legs])
+
+        leaks, offsets = of_legs("leakage_chamber_to_tank", "conductance_m3_s_Pa"), of_legs("null_offset", "offset_V")
+        return self.flow - 1e12 * leaks[:, None] * self.pressure - 100.0 * offsets[:, None] * self.gain
+
+
+def test_a_legs_own_null_offset_takes_nothing_from_the_leak_in_it():
+    """A leak of 1.7e-12 in leg 3 beside -5 mV that no other leg has: 5 % off with what all legs share, right beside its own."""
+    problem = LegFlows(np.array([0, 0, 1.7, 0, 0, 0]), np.array([2e-3, 2e-3, -5e-3, 2e-3, 2e-3, 2e-3]))
+    machine = load_machine("micro_motion_system")
+    small = [c for c in ordinary_effects(candidates(machine)) if c.effect.name == "null_offset"]
+    leak = named("leakage_chamber_to_tank", "leg 3")
+    bare = start_fit(machine, (), problem)
+    begun = rest_level.begun(rest_level.begun(bare, small, 0.0, problem), [leak], 1.0, problem)
+    shared = rest_level.refined(begun, problem)
+    own = dominant.beside_its_own(shared, ["leg 3"], small, problem)
+
+    def number(found):
+        return values_in_leg(found.fit, leak)["conductance_m3_s_Pa"]
+
+    assert [c.label for c in own.fit.candidates] == ["null_offset", leak.label, "null_offset in leg 3"]
+    assert number(shared) < 0.95 * 1.7e-12
+    assert number(own) == pytest.approx(1.7e-12, rel=0.01)
+    assert values_in_leg(own.fit, own.fit.candidates[-1])["offset_V"] == pytest.approx(-5e-3, rel=0.1)
+    assert dominant.beside_its_own(shared, [], small, problem) is shared
 
 
 @pytest.mark.slow

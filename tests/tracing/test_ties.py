@@ -9,7 +9,7 @@ import pytest
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.readers import read_log
-from hexsim.signals.channels import noise_of
+from hexsim.signals.channels import channel_arrays, noise_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named
 from hexsim.tracing.fitting.fit import parameter_columns, start_fit
@@ -18,7 +18,7 @@ from hexsim.tracing.fitting.screening import screen
 from hexsim.tracing.fitting.selection import with_candidate
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.simulation.start import start_of
+from hexsim.tracing.simulation.start import ringing_Pa, start_of
 from hexsim.tracing.steps.ties import alike_in_balances, same_terms, stand_ins
 
 DATA = Path(__file__).parents[1] / "data"
@@ -62,6 +62,26 @@ def test_what_no_simulation_can_know(bench, monkeypatch):
     all_of_it = problem.with_input_uncertainty(machine).sigma(0)
     spread, tenth = (np.median(np.sqrt(s[-1] ** 2 - plain[-1] ** 2)) for s in (all_of_it, wide))
     assert spread == pytest.approx(10.0 * tenth, rel=0.2)
+
+
+def test_oil_that_rings_as_a_log_begins_has_any_phase(bench):
+    """20 kPa at 120 Hz from the first sample on: they widen what the pressure may be off by to half of them at least in the
+    first 20 ms, and by nothing after five seconds, as the model's oil comes to rest. Noise alone does not ring."""
+    machine, log = bench
+    noise = noise_of(machine, [log])
+    ringing = dataclasses.replace(
+        log, pressure=log.pressure + 2e4 * np.sin(2 * np.pi * 120.0 * (log.time - log.time[0]))
+    )
+    found = ringing_Pa(ringing, noise["pressure_bottom_Pa"])
+    assert found == pytest.approx([2e4 / np.sqrt(2.0)], rel=0.15)  # in 100 samples, with noise
+    assert ringing_Pa(log, noise["pressure_bottom_Pa"]) == 0.0
+    quiet, wide = (
+        SimulatedProblem(logs=(own,), noise=noise).with_input_uncertainty(machine).input_uncertainty[0]
+        for own in (log, ringing)
+    )
+    k, tenth = list(channel_arrays(log)).index("pressure_bottom_Pa"), round(0.1 * log.rate)
+    assert wide[k, :20].min() > 1e4 > 5 * quiet[k, :20].max()
+    assert np.allclose(wide[k, -tenth:], quiet[k, -tenth:], rtol=0.1)
 
 
 def test_coarser_volts_are_known_less(bench):

@@ -14,7 +14,7 @@ from importlib.metadata import entry_points
 from hexsim.declaration import Machine
 from hexsim.tracing.balances.balance import Balance
 
-HELPERS = ("balance", "memory", "null", "spool")  # modules of this folder that define no balance
+HELPERS = ("balance", "bends", "memory", "null", "spool")  # modules of this folder that define no balance
 
 __all__ = ["Balance", "balance_named", "caption_of", "family", "learned_term_of", "library"]
 

@@ -18,6 +18,7 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window, velocity
 from hexsim.tracing.balances import spool
+from hexsim.tracing.balances.bends import bends_at, kinks, tick_samples
 from hexsim.tracing.balances.memory import remembered
 
 Array = np.ndarray
@@ -75,6 +76,13 @@ class Balance(ABC):
         """What of the residual rests on when the samples were taken, as `residual`: no violation of this size is one."""
         return None
 
+    def noise_gains(self, resolved: Resolved) -> Array:
+        """Gains (n_places,) of the transducers that make most of its noise; (1,) where they are one, or it does not matter.
+
+        A gain that is taken out takes out noise too: undone, else a gain too large looks likelier.
+        """
+        return np.ones(1)
+
     def reported_as(self, signal: str) -> str:
         """The name under which a residual that depends on this signal is reported."""
         return self.name
@@ -130,32 +138,6 @@ class SensedLeg:
         """What the samples miss of the accelerometer's mean, under the wider window [m/s2]."""
         assert self.acceleration is not None
         return Window(1.0 / self.window.dt, 0.03).mean(kinks(self.acceleration, self.ticks))
-
-
-def kinks(acceleration: Array, ticks: slice | None) -> Array:
-    """What the samples miss of an acceleration whose slope jumps when the volts do, (n,) [m/s2].
-
-    Between ticks it bends back: the samples' mean is (omega h)^2/12 too small, 4 % at the oil's 110 Hz and 1 kHz
-    (Euler-Maclaurin: the sum lacks h/12 of each jump of the slope). The jump is the second difference at a tick
-    less that of its neighbours, so that a spool which smooths it brings nothing.
-    """
-    missing = np.zeros_like(acceleration)
-    if ticks is not None:
-        bend = np.zeros_like(acceleration)
-        bend[1:-1] = np.diff(acceleration, 2)
-        jump = bend.copy()
-        jump[1:-1] -= 0.5 * (bend[:-2] + bend[2:])
-        missing[ticks] = jump[ticks] / 12.0
-    return missing
-
-
-def tick_samples(log: Log, leg: int, controller_Hz: float) -> slice | None:
-    """Samples at which the volts of a leg change, None where they may at every sample or are not logged."""
-    every = round(log.rate / controller_Hz)
-    if every < 2 or log.volts is None:
-        return None
-    steps = np.abs(np.diff(log.volts[leg], prepend=log.volts[leg, :1]))
-    return slice(max(range(every), key=lambda first: float(np.sum(steps[first::every]))), None, every)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -253,6 +235,8 @@ def _sense(
     difference = log.signal("pressure_difference")
     P2 = None if top is None or rod_side is None else true_of(rod_side[leg], top)
     v = velocity(y, acceleration, log.rate)
+    if acceleration is not None and ticks is not None and log.volts is not None:
+        ticks = bends_at(acceleration, log.volts[leg], ticks)
     return SensedLeg(
         y=y,
         v=v,

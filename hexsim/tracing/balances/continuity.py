@@ -18,14 +18,17 @@ from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics import rod_side
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.ports import top_inflow
+from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import (
     Balance,
     MeasuredPoint,
     SensedLeg,
+    channel_settings,
     leg_key,
     measured_point,
+    position_settings,
     resolved_machine,
 )
 from hexsim.tracing.balances.memory import latest
@@ -170,6 +173,10 @@ class Continuity(Balance):
     def reported_as(self, signal: str) -> str:
         return "valve" if signal == "valve_V" else self.name
 
+    def noise_gains(self, resolved: Resolved) -> Array:
+        """Of the positions, whose rate is noisier than the pressures'."""
+        return np.array([position_settings(resolved, leg)[1] for leg in range(resolved.machine.n_legs)])
+
     def residual(self, log: Log, machine: Machine) -> Array:
         return of_legs(inflow_of, residual_of, log, machine)
 
@@ -224,8 +231,13 @@ class FastContinuity(Continuity):
     def wants(self, log: Log, machine: Machine) -> bool:
         return self.measurable(log, machine) and log.rate >= LEAST_FAST_RATE_HZ
 
+    def noise_gains(self, resolved: Resolved) -> Array:
+        """In its noise already."""
+        return np.ones(1)
+
     def residual(self, log: Log, machine: Machine) -> Array:
-        noise = np.hypot(self.flow_noise_m3_s, self.rate_noise_Pa_s * mean_capacity(log, machine))
+        _, gain, _, _ = channel_settings(resolved_machine(machine), 0, "pressure", "Pa")
+        noise = np.hypot(self.flow_noise_m3_s, self.rate_noise_Pa_s * mean_capacity(log, machine) / gain)
         return of_legs(inflow_of, fast_residual_of, log, machine) / noise
 
 

@@ -19,13 +19,21 @@ from hexsim.machine.geometry import moving_body, suspension
 from hexsim.mechanics.rigid_body import pushed_back
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances.balance import Balance, MeasuredPoint, leg_key, measured_point, resolved_machine
+from hexsim.tracing.balances.balance import (
+    Balance,
+    MeasuredPoint,
+    channel_settings,
+    leg_key,
+    measured_point,
+    resolved_machine,
+)
 from hexsim.tracing.balances.memory import latest
 
 Array = np.ndarray
 OF_FLOW = (  # of a leg's row: no force depends on it
     *range(P.RETURN_RESISTANCE, P.AIR_FRACTION + 1), P.PIPELINE_VOLUME, P.HOSE_COMPLIANCE,
-    *range(P.LEAK_SUPPLY_CHAMBER, P.HYSTERESIS_SPREAD + 1),
+    *range(P.LEAK_SUPPLY_CHAMBER, P.HYSTERESIS_SPREAD + 1), P.RELIEF_CONDUCTANCE, P.RELIEF_OPENS, P.NULL_WARM_UP,
+    P.NULL_WARM_UP_TIME,
 )  # fmt: skip
 
 
@@ -90,6 +98,10 @@ class Force(Balance):
 
     def places(self, log: Log) -> list[str]:
         return ["leg 1"]
+
+    def noise_gains(self, resolved: Resolved) -> Array:
+        """The pressures make about half of it, the speed by friction the other."""
+        return np.sqrt(np.array([channel_settings(resolved, 0, "pressure", "Pa")[1]]))
 
     def residual(self, log: Log, machine: Machine) -> Array:
         resolved, window = resolved_machine(machine), Window(log.rate)

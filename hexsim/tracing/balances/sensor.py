@@ -40,6 +40,10 @@ class Sensor(Balance):
     def residual(self, log: Log, machine: Machine) -> Array:
         return sensed_leg(log, resolved_machine(machine), 0).disagreement[None]
 
+    def noise_gains(self, resolved: Resolved) -> Array:
+        """Both are about as noisy."""
+        return np.sqrt(np.array([position_settings(resolved, 0)[1] * resolved.sensors.acceleration_gain]))
+
     def sampling(self, log: Log, machine: Machine) -> Array:
         return sensed_leg(log, resolved_machine(machine), 0).between_ticks[None]
 

@@ -12,7 +12,7 @@ from hexsim.hydraulics.parameters import P
 Array = np.ndarray
 AT_ONCE = 50.0  # a spool so many times faster than the samples follows at once
 OF_SPOOL = (  # all of a row that the spool depends on
-    P.HYSTERESIS, P.VALVE_DELAY, P.NULL_OFFSET, P.NULL_DRIFT, P.SPOOL_GAIN, P.SPOOL_TRAVEL,
+    P.HYSTERESIS, P.VALVE_DELAY, P.NULL_OFFSET, P.NULL_DRIFT, P.NULL_WARM_UP, P.NULL_WARM_UP_TIME, P.SPOOL_GAIN, P.SPOOL_TRAVEL,
     P.SPOOL_OMEGA, P.SPOOL_DAMPING, P.SPOOL_RATE,
 )  # fmt: skip
 

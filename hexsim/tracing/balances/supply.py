@@ -98,6 +98,10 @@ class Supply(Balance):
     def places(self, log: Log) -> list[str]:
         return ["all legs"]
 
+    def noise_gains(self, resolved: Resolved) -> Array:
+        """Of the supply's transducer."""
+        return np.array([resolved.sensors.supply_pressure_gain])
+
     def residual(self, log: Log, machine: Machine) -> Array:
         resolved, window = resolved_machine(machine), Window(log.rate)
         supply = resolved.supply

@@ -19,7 +19,7 @@ from hexsim.machine.geometry import machine_kinematics
 from hexsim.signals.log import Log
 from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances.balance import kinks, tick_samples
+from hexsim.tracing.balances.bends import kinks, tick_samples
 
 Array = np.ndarray
 HALF_WIDTH_s = (

@@ -8,7 +8,8 @@ import numpy as np
 
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, coordinates_of
-from hexsim.tracing.fitting.rest_level import RestFit, independent, prior_precision, row_counts, row_sizes
+from hexsim.tracing.fitting.rest_level import RestFit, independent, row_counts, row_sizes
+from hexsim.tracing.fitting.rest_priors import off_prior, prior_precision
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
@@ -57,7 +58,7 @@ def estimate(found: RestFit, place: int, problem: FitProblem, runs: Sequence[int
     fit = found.fit
     H, P, scores = _curvature(fit, found.columns, problem, runs)
     here = coordinates_of(fit)
-    held = prior_precision(fit) * here * sum(r.shape[1] for r in fit.misfit) / independent(problem)
+    held = prior_precision(fit) * off_prior(fit) * sum(r.shape[1] for r in fit.misfit) / independent(problem)
     step = np.linalg.pinv(H, rcond=1e-12, hermitian=True) @ (scores.sum(axis=0) - held)
     covariance = _sandwich(H, P, scores)
     return float(here[place] + step[place]), float(np.sqrt(max(covariance[place, place], 0.0)))

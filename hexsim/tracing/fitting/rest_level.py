@@ -26,7 +26,8 @@ from hexsim.tracing.fitting.fit import (
     fit_at,
     parameter_columns,
 )
-from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, named, to_coordinate, to_value
+from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
+from hexsim.tracing.fitting.rest_priors import is_held, off_prior, prior_precision
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
@@ -61,7 +62,7 @@ def row_sizes(misfit: Sequence[Array]) -> Array:
 
 def cost_of(fit: Fit, problem: FitProblem) -> float:
     """J of a fit."""
-    return cost_of_rows(fit, problem) + float(prior_precision(fit) @ coordinates_of(fit) ** 2)
+    return cost_of_rows(fit, problem) + float(prior_precision(fit) @ off_prior(fit) ** 2)
 
 
 def cost_of_rows(fit: Fit, problem: FitProblem) -> float:
@@ -201,7 +202,7 @@ def weighted_system(fit: Fit, columns: list[Array], problem: FitProblem) -> tupl
         A += scaled.reshape(k, -1) @ X.reshape(k, -1).T
         b += scaled.reshape(k, -1) @ r.ravel()
     A[range(m), range(m)] += held
-    b[:m] -= held * coordinates_of(fit)
+    b[:m] -= held * off_prior(fit)
     return A, b
 
 
@@ -262,35 +263,13 @@ def begun_with(bare: Fit, candidate: Candidate, start: Array, problem: FitProble
     return answered(replace(there, candidates=(*bare.candidates, candidate), values=(*there.values, values)), problem)
 
 
-def asked_for(
-    fit: Fit, columns: list[Array], own: tuple[float, float], problem: FitProblem
-) -> tuple[Array, float, float]:
+def asked_for(fit: Fit, columns: list[Array], own: tuple[float, float], problem: FitProblem) -> tuple[Array, float]:
     """(coordinates that the columns ask for, the effect's number last, which stands at 0; what J's tangent promises for
-    them; that number's standard error beside the rest and all others). own: its bounds."""
+    them). own: its bounds."""
     A, b = weighted_system(fit, columns, problem)
     here, (low, high) = coordinates_of(fit), bounds_of(fit)
     x = bounded(A, b, np.append(low - here, own[0]), np.append(high - here, own[1]))
-    known = np.linalg.pinv(A, rcond=1e-12, hermitian=True)[-1, -1]
-    promised = float(2.0 * b @ x - x @ A @ x)
-    return np.append(here, 0.0) + x, promised, float(np.sqrt(known)) if known > 0.0 else np.inf
-
-
-def prior_precision(fit: Fit) -> Array:
-    """Of every coordinate (k,): 3 over the square of its reach for declared parameters and small realities, else 0.
-
-    Without it a small reality that can do a little of what a large effect does takes that much of its number.
-    """
-    precision = [3.0] * len(fit.priors)
-    for candidate in fit.candidates:
-        for number in candidate.free():
-            low, high = coordinate_bounds(number)
-            precision.append(3.0 / max(-low, high, 1e-9) ** 2 if is_held(candidate) else 0.0)
-    return np.array(precision)
-
-
-def is_held(candidate: Candidate) -> bool:
-    """Is it a small reality, held to its ordinary size?"""
-    return candidate.effect.name in rules.ORDINARY and candidate.effect != named(candidate.effect.name).effect
+    return np.append(here, 0.0) + x, float(2.0 * b @ x - x @ A @ x)
 
 
 def size_of(fit: Fit, k: int = -1) -> float:

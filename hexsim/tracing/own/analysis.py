@@ -101,9 +101,9 @@ def remarks_of(balance: OwnBalance, verdict: OwnVerdict, held_out: dict[str, dic
         if term.declared is not None and term.uncertainty > 0:
             off = (value - term.declared) / term.uncertainty
             if abs(off) > FAR:
+                size = f"{value:.4g} +- {error:.2g} {term.unit}".removesuffix(" 1")
                 found.append(
-                    f"{term.name} is {value:.4g} +- {error:.2g} {term.unit}, {abs(off):.1f} standard deviations from the "
-                    f"declared {term.declared:.4g}"
+                    f"{term.name} is {size}, {abs(off):.1f} standard deviations from the declared {term.declared:.4g}"
                 )
     for fold in verdict.folds:
         if fold.refit > WORSE * fold.declared:
@@ -205,6 +205,9 @@ def next_step(trace: OwnTrace) -> str:
     """What a person would do next."""
     verdict = trace.verdict
     pulses = [said(found, trace.balance.unit) for found in trace.events.values() if found]
+    if verdict.alone:
+        name, run = next(iter(verdict.alone.items()))
+        return f"measure a second run in which {name} acts as in {run}"
     if pulses:
         return f"find what acts in pulses: {pulses[0]}"
     if verdict.verdict.startswith("not attributable"):

@@ -70,7 +70,8 @@ def said(found: list[Event], unit: str) -> str:
     sizes = np.array([event.size for event in found])
     lasting = np.array([event.stop_s - event.start_s for event in found])
     between = np.diff([event.start_s for event in found])
-    text = f"{len(found)} pulses of {np.median(sizes):.4g} {unit} (spread {np.std(sizes):.2g}), {np.median(lasting):.3g} s each"
+    pulses = "1 pulse" if len(found) == 1 else f"{len(found)} pulses"
+    text = f"{pulses} of {np.median(sizes):.4g} {unit} (spread {np.std(sizes):.2g}), {np.median(lasting):.3g} s each"
     text += f", the first at {found[0].start_s:.3f} s"
     if len(between) > 2 and np.std(between) < 0.05 * np.median(between):
         text += f", every {np.median(between):.4g} s"

@@ -14,6 +14,7 @@ from hexsim.declaration import Machine
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance
+from hexsim.tracing.balances.balance import resolved_machine
 from hexsim.tracing.balances.null import used, window_weights
 from hexsim.tracing.problems.problem import FitProblem
 
@@ -40,7 +41,8 @@ class BalanceRows:
         rows = list(self.rows)
         left = used(log, self.balance.residual(log, machine))
         left = left - self.clean[i] if self.clean else left
-        return -left[rows, ::every] / self.sigma[rows, None] * window_weights(log)[::every]
+        noise = self.sigma / np.abs(self.balance.noise_gains(resolved_machine(machine)))
+        return -left[rows, ::every] / noise[rows, None] * window_weights(log)[::every]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,8 +14,10 @@ from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
 from hexsim.tracing.simulation.simulator import simulate_log
+from hexsim.tracing.simulation.start import ringing_Pa
 
 Array = np.ndarray
+RING = np.sqrt(2.0)  # amplitude over rms
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,13 +68,16 @@ class SimulatedProblem(FitProblem):
     def settle(self, i: int) -> int:
         return min(int(SETTLE_S * self.logs[i].rate), self.logs[i].n // 4)
 
-    def answer(self, machine: Machine, i: int) -> Array:
+    def answer(self, machine: Machine, i: int, off_Pa: Array | float = 0.0) -> Array:
         """Simulated channels of log i in physical units (n_channels, n)."""
-        return np.stack(list(channel_arrays(self.simulated(machine, i)).values()))
+        return np.stack(list(channel_arrays(self.simulated(machine, i, off_Pa)).values()))
 
-    def simulated(self, machine: Machine, i: int) -> Log:
-        """Log i as the machine would have written it, without noise; channels that it has not are left out."""
-        log, out = self.logs[i], simulate_log(machine, self.logs[i], self.feedback, self.noise)
+    def simulated(self, machine: Machine, i: int, off_Pa: Array | float = 0.0) -> Log:
+        """Log i as the machine would have written it, without noise; channels that it has not are left out.
+
+        off_Pa (n_legs,): added to the pressures in which it begins.
+        """
+        log, out = self.logs[i], simulate_log(machine, self.logs[i], self.feedback, self.noise, off_Pa)
         there = {
             stem: rows for stem, rows in out.items() if stem in ("position", "valve") or log.signal(stem) is not None
         }
@@ -92,7 +97,8 @@ class SimulatedProblem(FitProblem):
 
         A slow passage with falling friction makes any difference grow, a hundredfold at some machines: there a log says
         nothing about a model. The declared loop's setpoints are off by INPUT_SHARE of the position's noise. Where logged
-        volts drive the model, they are off by their resolution and the position by its noise.
+        volts drive the model, they are off by their resolution and the position by its noise. Oil that rings as a log begins
+        rings in another phase.
         """
         if self.feedback == 1 and any(log.volts is None for log in self.logs):
             return self
@@ -112,6 +118,7 @@ class SimulatedProblem(FitProblem):
     def _disturbed(self, machine: Machine, i: int, seed: int) -> Array:
         """The answer (n_channels, n) when what drives the model is off at random."""
         log, rng = self.logs[i], np.random.default_rng(seed)
+        off_Pa = RING * ringing_Pa(log, self.noise["pressure_bottom_Pa"]) * (1.0 if seed % 2 else -1.0)
         noise = self.noise["position_m"] * rng.standard_normal(log.position.shape)
         if self.feedback == 0:
             assert log.setpoint is not None
@@ -123,4 +130,4 @@ class SimulatedProblem(FitProblem):
             half = 0.5 * float(np.quantile(steps, 0.1)) if len(steps) else 0.0
             rounding = np.repeat(rng.uniform(-half, half, (log.n_legs, log.n // ticks + 1)), ticks, axis=1)[:, : log.n]
             off = replace(log, volts=log.volts + rounding, position=log.position + noise)
-        return replace(self, logs=(off,)).answer(machine, 0)
+        return replace(self, logs=(off,)).answer(machine, 0, off_Pa)

@@ -14,7 +14,9 @@ from hexsim.machine import save_machine
 from hexsim.recording.quantity import quantity, split_key
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.parameters import to_value
+from hexsim.tracing.fitting.rest_hidden import Hidden
 from hexsim.tracing.fitting.screening import Screened
+from hexsim.tracing.report.hidden import would_show
 from hexsim.tracing.report.page import report_page
 from hexsim.tracing.report.trades import trade_entries
 from hexsim.tracing.state import NamedEffect, Trace, UnexplainedResidual, Violation
@@ -37,6 +39,7 @@ def report_of(result: Trace) -> dict[str, Any]:
         "effects": [effect_entry(effect) for effect in result.effects] + [rest for rest in result.learned],
         "unexplained": [unexplained_entry(rest) for rest in result.unexplained],
         "detectable": detectable(result.screening, rules.alarm(result.screened), result.hidden),
+        "would_show": would_show(result),
         "parameters": parameter_entries(result),
         "budget": [
             row | {"rms": finite(row["rms"]), "multiple_of_noise": finite(row["multiple_of_noise"])}
@@ -146,7 +149,7 @@ def unexplained_entry(rest: UnexplainedResidual) -> dict[str, Any]:
     }
 
 
-def detectable(lines: list[Screened], alarm: float, hidden: dict[str, float]) -> dict[str, Any]:
+def detectable(lines: list[Screened], alarm: float, hidden: dict[str, Hidden]) -> dict[str, Any]:
     """Smallest size of each effect that the fit runs would show: sqrt(alarm) standard deviations of the sensors' noise.
 
     beside_rest: the smallest that would be named beside what no model of this machine explains.
@@ -165,7 +168,7 @@ def detectable(lines: list[Screened], alarm: float, hidden: dict[str, float]) ->
             "explained_by_parameters": finite(line.explained_by_others),
         }
         if effect.name in hidden:
-            found[effect.name]["beside_rest"] = finite(hidden[effect.name])
+            found[effect.name]["beside_rest"] = finite(hidden[effect.name].size)
         if math.isinf(size.neutral):
             found[effect.name]["description"] = "seen where the value is below this"
         if effect.shown_by:

@@ -9,25 +9,30 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
 from hexsim.tracing.simulation import closed_loop as loop
+from hexsim.tracing.simulation import motion
 from hexsim.tracing.simulation.rig import Rig, rig_of
 from hexsim.tracing.simulation.start import outputs, shot, start_state
 
 Array = np.ndarray
 
 
-def simulate_log(machine: Machine, log: Log, feedback: int, noise: Mapping[str, float]) -> dict[str, Array]:
+def simulate_log(
+    machine: Machine, log: Log, feedback: int, noise: Mapping[str, float], off_Pa: Array | float = 0.0
+) -> dict[str, Array]:
     """Outputs as the sensors show them, without noise; NaN after a divergence.
 
     position, valve, pressure_bottom, pressure_top, pressure_difference (n_legs, n); pressure_supply (n,);
     acceleration (1, n) of a bench, (3, n) of a platform, angular_acceleration (3, n) of a platform.
-    noise: of the channels by kind, which weighs what the start of the log shows.
+    noise: of the channels by kind, which weighs what the start of the log shows. off_Pa (n_legs,): added to the pressures at
+    the bottom in which it begins.
     """
     rig, resolved = rig_of(machine, feedback, log.loaded, log.rate)
     if (finer := samples_of_sample(log.rate, rig.controller.rate_Hz)) > 1:
-        out = simulate_log(machine, log.finer(finer), feedback, noise)
+        out = simulate_log(machine, log.finer(finer), feedback, noise, off_Pa)
         return {name: rows[..., ::finer] for name, rows in out.items()}
     inputs = inputs_of(log, rig)
     start = shot(rig, inputs, start_state(rig, resolved, log), log, noise)
+    start[motion.LEGS + motion.LEG_P1 : motion.LEGS + log.n_legs * motion.LEG_STATES : motion.LEG_STATES] += off_Pa
     return outputs(loop.answer(rig, inputs, start), log.n_legs)
 
 

@@ -31,6 +31,8 @@ START_S = 0.02  # [s] of the log that give position, speed and pressures at its 
 SHOT_S = 0.4  # [s] of the log that correct the pressures
 SHOTS = 3
 SHOT_Pa = 1.0e3  # finite difference of a start pressure: ten times wider, the answer bends and the steps fall short
+RINGING_S = 0.1  # [s] of the log that tell whether its oil rings as it begins
+RINGING, CURVE = 2.0, 6  # times the noise, from which it does; order of the curve that is no ringing, up to 30 Hz
 UNKNOWN_Pa = 1.0e6  # what a start pressure may be off by that is not measured
 SHOT_NOISE = 3.0  # what the first START_S may be off by, in units of the pressures' noise
 
@@ -90,6 +92,18 @@ def measured_start(rig: Rig, log: Log) -> dict[str, Array]:
             first = np.polyfit(log.time[:head] - log.time[0], np.atleast_2d(rows)[:, :head].T, 1)[1]
             found[stem] = (first - sensor[:, 1]) / sensor[:, 0]
     return found
+
+
+def ringing_Pa(log: Log, noise_Pa: float) -> Array:
+    """Rms (n_legs,) of the pressures at the bottom about a smooth curve over their first RINGING_S, beyond noise; 0 where
+    that is hardly more than noise. The start state is without it: of oil that rings no start tells the phase."""
+    if log.pressure is None:
+        return np.zeros(log.n_legs)
+    n = max(int(RINGING_S * log.rate), 2 * CURVE)
+    basis = np.vander(np.linspace(-1.0, 1.0, n), CURVE + 1)
+    first = log.pressure[:, :n].T
+    square = np.sum((first - basis @ np.linalg.lstsq(basis, first)[0]) ** 2, axis=0) / (n - CURVE - 1)
+    return np.where(square > (RINGING * noise_Pa) ** 2, np.sqrt(np.maximum(square - noise_Pa**2, 0.0)), 0.0)
 
 
 def start_pressures(

@@ -21,8 +21,9 @@ import numpy as np
 from hexsim.tracing import rules
 from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import Fit, coordinates_of, start_fit, start_fit_at
-from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
+from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds
 from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure, values_in_leg
+from hexsim.tracing.fitting.rest_hidden import Hidden, hidden_of
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.rest_odds import odds_against
 from hexsim.tracing.fitting.screening import columns_of
@@ -42,20 +43,19 @@ Job = tuple[float, Candidate, Array]  # what the column promises, the effect, th
 
 def rivals_of(
     base: RestFit, possible: Sequence[Candidate], problem: BalanceProblem, named_already: bool
-) -> tuple[list[RestFit], dict[str, float]]:
+) -> tuple[list[RestFit], dict[str, Hidden]]:
     """The candidates whose columns promise most, each added to the base and refitted, the best first; and what is hidden.
 
-    hidden: effect -> size of its first number below which it would not be named beside this rest.
+    hidden: effect -> the size below which it would not be named beside this rest, and what covers it.
     """
     asked: dict[str, Job] = {}
-    hidden: dict[str, float] = {}
+    hidden: dict[str, Hidden] = {}
     for candidate, own in zip(possible, columns_of(base.fit, list(possible), problem), strict=True):
         if not all(np.all(np.isfinite(column)) for column in own):
             continue
-        job, sd = promise_of(base, candidate, own, problem)
-        if np.isfinite(sd):
-            shown = max(sd * float(np.sqrt(least_fall(problem))), least_remarkable(candidate))
-            hidden.setdefault(candidate.effect.name, abs(to_value(candidate.effect.parameters[0], shown)))
+        job, covered = promise_of(base, candidate, own, problem)
+        if covered is not None:
+            hidden.setdefault(candidate.effect.name, covered)
         if job[0] > asked.get(candidate.label, (-np.inf,))[0]:
             asked[candidate.label] = job
     jobs = worth_a_refit(list(asked.values()), bending=not named_already)
@@ -70,17 +70,19 @@ def rivals_of(
     return sorted((rival for rival in tried if rival is not None), key=lambda rival: rival.cost), hidden
 
 
-def promise_of(base: RestFit, candidate: Candidate, own: Sequence[Array], problem: BalanceProblem) -> tuple[Job, float]:
-    """What a candidate promises and the coordinates that its column asks for; the standard error of its number.
+def promise_of(
+    base: RestFit, candidate: Candidate, own: Sequence[Array], problem: BalanceProblem
+) -> tuple[Job, Hidden | None]:
+    """What a candidate promises and the coordinates that its column asks for; what the rest hides of it.
 
     A column tells little of a delay that is much longer than its step: its typical size is asked besides.
     """
     number, slow = candidate.effect.parameters[0], problem.slow_alone()
     bare, columns = rest_level.released(base, candidate)
     grown = [np.concatenate([X, x[None]]) for X, x in zip(columns, own, strict=True)]
-    start, fall, sd = rest_level.asked_for(bare, grown, coordinate_bounds(number), problem)
+    start, fall = rest_level.asked_for(bare, grown, coordinate_bounds(number), problem)
     if slow is not problem:
-        alone, promised, _ = rest_level.asked_for(bare, grown, coordinate_bounds(number), slow)
+        alone, promised = rest_level.asked_for(bare, grown, coordinate_bounds(number), slow)
         start, fall = (alone, promised) if promised > fall else (start, fall)
     here = np.append(coordinates_of(bare), 0.0)
     start = here + (start - here) * min(1.0, LARGEST_START / max(abs(start[-1]), 1e-9))
@@ -90,7 +92,7 @@ def promise_of(base: RestFit, candidate: Candidate, own: Sequence[Array], proble
         left = rest_level.cost_of(rest_level.begun_with(bare, candidate, typical, problem), slow)
         promised = rest_level.cost_of(base.fit, slow) - left
         start, fall = (typical, promised) if promised > fall else (start, fall)
-    return (fall, candidate, start), sd
+    return (fall, candidate, start), hidden_of(bare, grown, candidate, problem, least_fall(problem))
 
 
 def acts_late(candidate: Candidate) -> bool:
@@ -120,7 +122,7 @@ def least_fall(problem: BalanceProblem) -> float:
 class Sure:
     """What `sure_effects` found. tried: the evidence for every effect that was judged, sure or not, a round a list.
 
-    hidden: effect -> size below which the rest hides it.  left: hypotheses that stay beside `best`: ties of what is named,
+    hidden: effect -> what the rest hides of it.  left: hypotheses that stay beside `best`: ties of what is named,
     each with what was named after it, or where nothing is named the rivals that come nearest to it.
     """
 
@@ -128,13 +130,13 @@ class Sure:
     left: list[RestFit]
     named: list[Evidence]
     tried: list[list[Evidence]]
-    hidden: dict[str, float]
+    hidden: dict[str, Hidden]
     problem: BalanceProblem
 
 
 def grown_by_one(
     base: RestFit, trace: Trace, problem: BalanceProblem, unseen: BalanceProblem
-) -> tuple[RestFit | None, list[Evidence], dict[str, float], list[RestFit]]:
+) -> tuple[RestFit | None, list[Evidence], dict[str, Hidden], list[RestFit]]:
     """The base with the next sure effect, or None; the evidence for what was judged, that of the sure one last; `hidden`;
     the rivals that stay."""
     there = {c.label for c in base.fit.candidates if not rest_level.is_held(c)}
@@ -207,18 +209,35 @@ def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence], beside: Fit
     )
 
 
-def sure_effects(trace: Trace, tell: Tell) -> Sure:
-    """Forward selection at the level of the rest; nothing named where nothing is sure."""
+def beside_its_own(found: RestFit, legs: Sequence[str], small: Sequence[Candidate], problem: BalanceProblem) -> RestFit:
+    """A hypothesis refitted with small realities of these legs alone, besides what all legs share of them.
+
+    A leg's own null offset does a part of what a leak in that leg does. Only what adds up: two spools in a row are none.
+    """
+    there = {c.label for c in found.fit.candidates}
+    adding = [c for c in small if c.effect.places == "leg" and np.isfinite(c.effect.parameters[0].neutral)]
+    own = [alone for leg in legs for c in adding if (alone := replace(c, where=leg)).label not in there]
+    return rest_level.refined(rest_level.begun(found.fit, own, 0.0, problem), problem) if own else found
+
+
+def beside_small(trace: Trace) -> tuple[RestFit, BalanceProblem, BalanceProblem]:
+    """The declared machine with its small realities, refitted; the balances of the fit runs and those of the held-out ones."""
     machine = own_machine(trace.machine, trace.violations)
     problem, unseen = (
         with_fast_rows(joint_problem(runs, trace.violations, machine), runs, machine)
         for runs in (trace.fit_problem, trace.validate_problem)
     )
     small = rest_level.ordinary_effects(trace.candidates)
-    best = rest_level.start_rest_fit(start_fit(trace.machine, trace.base.priors, problem), small, problem)
+    bare = start_fit(trace.machine, trace.base.priors, problem)
+    return rest_level.start_rest_fit(bare, small, problem), problem, unseen
+
+
+def sure_effects(trace: Trace, tell: Tell) -> Sure:
+    """Forward selection at the level of the rest; nothing named where nothing is sure."""
+    best, problem, unseen = beside_small(trace)
     found: list[Evidence] = []
     rounds: list[list[Evidence]] = []
-    hidden: dict[str, float] = {}
+    hidden: dict[str, Hidden] = {}
     left: list[RestFit] = []
     while len(found) < rules.MOST_EFFECTS and len(rounds) < rules.MOST_EFFECTS + rules.MOST_UNREMARKABLE:
         tell(f"looking for sure effects, {len(found)} found")
@@ -233,6 +252,9 @@ def sure_effects(trace: Trace, tell: Tell) -> Sure:
             found += [] if may_be_a_filter(own.candidate, found, best.fit) else [own]
         elif found:
             break  # effects come in the order of what they take: what is left takes less than what any machine has
+    small = rest_level.ordinary_effects(trace.candidates)
+    legs = sorted({own.candidate.where for own in found if own.candidate.where.startswith("leg")})
+    best, *left = in_parallel(lambda one: beside_its_own(one, legs, small, problem), [best, *left])
     return Sure(best=best, left=left, named=found, tried=rounds, hidden=hidden, problem=problem)
 
 

@@ -33,17 +33,24 @@ def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str
     """Effect name -> numbers of its shape. machine: with the parameters at which the residual is looked at."""
     keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), 5) for log in logs]
     platform, force = Platform(), Force()
+    high = _high_pressure(logs, keep)
     if all(platform.wants(log, machine) for log in logs):
         heave = [platform.residual(log, machine)[ROWS.index("z"), k] for log, k in zip(logs, keep, strict=True)]
-        return {"flexible_payload": {"frequency_Hz": _payload_frequency(logs, keep, heave)}}
+        return high | {"flexible_payload": {"frequency_Hz": _payload_frequency(logs, keep, heave)}}
     if not all(force.wants(log, machine) for log in logs):
-        return {}
+        return high
     residuals = [force.residual(log, machine)[0, k] for log, k in zip(logs, keep, strict=True)]
-    return {
+    return high | {
         "position_dependent_friction": {"wavelength_m": _wavelength(machine, logs, keep, residuals)},
         "flexible_payload": {"frequency_Hz": _payload_frequency(logs, keep, residuals)},
         "outside_force_tone": {"frequency_Hz": tone_of(residuals, logs[0].rate / 5)[0]},
     }
+
+
+def _high_pressure(logs: Sequence[Log], keep: list[slice]) -> dict[str, dict[str, float]]:
+    """Pressure [Pa] that a quarter of the samples exceed: about there a threshold may lie."""
+    felt = [log.pressure[:, k].ravel() for log, k in zip(logs, keep, strict=True) if log.pressure is not None]
+    return {"relief_flow": {"opening_pressure_Pa": float(np.quantile(np.concatenate(felt), 0.75))}} if felt else {}
 
 
 def _gain(X: Array, r: Array) -> float:
