@@ -32,7 +32,7 @@ from hexsim.studies.tune_start import FREQUENCY_Hz, half_hertz_sine, simulate_tw
 
 Array = NDArray[np.float64]
 ALGORITHM = "adaptive"
-FADE_s, PERIODS = 4.0, 5  # to full size, and at full size
+FADE_s, PERIODS = 2.0, 5  # to full size, short enough that the first reversal is one that is compensated; and at full size
 LEARNING_s = 30.0  # of the twin
 KEYS = ("edge_rounding_m", "spool_travel_max_m", "voltage_max_V")
 LOGS = ("heave_plain", "heave_compensated")
