@@ -41,6 +41,7 @@ from .friction import friction_ready, inertia_Pa, resonance_growth_1_s, step_acc
 from .layout import DEMANDS, LEAD_TICKS, PREVIEW_TICKS
 from .monitor import (
     NOISE_RANGE,
+    NOISE_RANGE_ALONE,
     PAIR_NOISE,
     add_to_monitor,
     begin_range,
@@ -48,7 +49,7 @@ from .monitor import (
     worse_than_baseline,
     worth_compensating,
 )
-from .valve import lags_agree, valve_ready
+from .valve import crossing_in_time, lags_agree, valve_ready
 
 PHASES = ("plain control", "engaging", "compensated", "feed-forward going out", "disengaging", "tripped")
 PLAIN, ENGAGING, COMPENSATED, FEED_FORWARD_OUT, DISENGAGING, TRIPPED = range(6)
@@ -168,9 +169,12 @@ def _checks_passed(state):
             state.monitor,
             step_acceleration_m_s2(state.friction),
             state.reference.load_given == 2,
-            PAIR_NOISE if state.valve.four_way else NOISE_RANGE,
+            PAIR_NOISE
+            if state.valve.four_way
+            else (NOISE_RANGE if state.reference.load_given == 2 else NOISE_RANGE_ALONE),
         )
         and lags_agree(state.valve)
+        and crossing_in_time(state.valve)
         and explains_reversals(state.rounding)
         and state.valve.leak_known != 0
     )
