@@ -1,7 +1,7 @@
 """After a trace that leaves something open: one designed run of 20 s, against one more multisine of the same length.
 
-    python benchmarks/next_measurement.py --seeds 3062-3121 --out docs/results/next_measurement2.jsonl
-    python benchmarks/next_measurement.py --summary docs/results/next_measurement2.jsonl
+    python benchmarks/next_measurement.py --seeds 3082-3141 --out docs/results/next_measurement3.jsonl
+    python benchmarks/next_measurement.py --summary docs/results/next_measurement3.jsonl
 
 Machines of the second plant: even seeds rough (`rough_machines.draw`), odd seeds clean with one effect of the library, of
 0.05 to 1 of its typical size. The first trace has the multisine of 20 s to fit and a sine held out. A machine that it
@@ -11,8 +11,11 @@ Rough machines are traced by the balances alone, which decide there; clean ones 
 People can put 60 kg on, weighed to 0.5 %: the design may ask for it. Beside it one more multisine without, and one with it.
 
 right     the effect that was put in is named (of a rough machine: it, or a small reality that is there), and nothing else
-sharp     no tie, every number of it known to 10 %, and within 15 % of the truth where the library has the same number
+sharp     no tie, every number of it known to 10 %, and within 15 % of the truth where the library has the same number; one
+          that says that there is nothing is known
 honest    the design's first line says that no motion does it, and the right name is in that line
+ceiling   no run can make it sharp: a number of the right name that all motions which the design tried, one after the other,
+          leave known to worse than 10 %, because a declared parameter is known no better
 """
 
 from __future__ import annotations
@@ -170,6 +173,9 @@ def score(line: dict[str, Any], named: list[list[Any]]) -> str:
     """right and sharp; right, tied; right, not sharp; right, number off; nothing named; wrong."""
     from tracing_evaluation import RIGHT
 
+    from hexsim.hydraulics.effects import effect_named
+    from hexsim.tracing.design.information import says_nothing
+
     right = RIGHT[line["effect"]]
     small = {"small_friction_of_position": "position_dependent_friction", "small_spool_lag": "spool_lag",
              "small_seal_friction": "pressure_dependent_friction", "small_air": "entrained_air",
@@ -186,7 +192,10 @@ def score(line: dict[str, Any], named: list[list[Any]]) -> str:
     _, values, errors, tied = found[0]
     if tied:
         return "right, tied"
-    if not all((errors.get(key) or np.inf) <= 0.1 * scale_of(key, value) for key, value in values.items()):
+    if not all(
+        says_nothing(effect_named(found[0][0]), key, value) or (errors.get(key) or np.inf) <= 0.1 * scale_of(key, value)
+        for key, value in values.items()
+    ):
         return "right, not sharp"
     factor = SAME_SIZE.get(line["effect"])
     if factor and len(values) == 1:
@@ -219,6 +228,13 @@ def summarise(lines: list[dict[str, Any]]) -> None:
         }
         print(f"{kind}: {len(own)} machines, {len(opened)} left open; right and sharp after it: {good}")
         honest = [line["seed"] for line in opened if answered_honestly(line)]
+        most = [line["seed"] for line in opened if beyond_the_ceiling(line)]
+        made = [
+            s
+            for s in most
+            if any(line["seed"] == s and line["designed"]["score"] == "right and sharp" for line in opened)
+        ]
+        print(f"  the design says that no run makes it sharp: {len(most)} {most}, and it was all the same: {made}")
         print(f"  the design says that no motion does it, with the right name: {len(honest)} {honest}")
     ratios = np.array([ratio for line in lines if "designed" in line for ratio in error_ratios(line)])
     if len(ratios):
@@ -234,6 +250,17 @@ def answered_honestly(line: dict[str, Any]) -> bool:
 
     said = line["design"]["purpose"]
     return said.startswith("no motion") and any(name in said for name in RIGHT[line["effect"]])
+
+
+def beyond_the_ceiling(line: dict[str, Any]) -> bool:
+    """Does the design say that a number of the right name stays known to worse than 10 % after any run?"""
+    from tracing_evaluation import RIGHT
+
+    return any(
+        own["least"] > 0.1 * scale_of(own["parameter"], own["value"])
+        for own in line["design"]["numbers"]
+        if own["effect"].split(" in ")[0] in RIGHT[line["effect"]] and own.get("least") is not None
+    )
 
 
 def error_ratios(line: dict[str, Any]) -> list[float]:

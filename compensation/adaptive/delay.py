@@ -67,7 +67,7 @@ def add_to_delay(delay, position_m, pressure_Pa, volts_V, flow_m_s, roots, valve
     if flow_m_s != 0.0:
         delay.direction = flow_m_s
     delay.ticks += 1
-    if delay.ticks == AFTER + 1 and compensated:
+    if delay.ticks == AFTER + 1 and compensated and delay.pressures_Pa[0] != 0.0:  # the history is full
         _prepare(delay, roots, valve, compliance_m_Pa)
     return delay.tested >= 0 and _compare(delay)
 

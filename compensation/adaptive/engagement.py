@@ -16,8 +16,8 @@ On entry to ENGAGING the reference joins the piston, so that the volts begin wit
 change into each other while the ramp moves, as the excitation comes and goes.
 
 Armed: started with what was learned before, of this machine or its twin. It engages as soon as the setpoints ahead
-begin to move, with plain control's bumps of then as the baseline. Where the piston stands at its setpoint nothing lags
-yet: the ramp ends before the piston moves, g = 1. Else g rises in `ARMED_FEED_FORWARD_S`. The first reversal tells
+begin to move, with plain control's bumps of then as the baseline. Where the motion has not begun nothing lags yet: the
+ramp ends before the piston moves, g = 1. Else g rises in `ARMED_FEED_FORWARD_S`. The first reversal tells
 whether the motion is excited.
 
 Excited: the acceleration of the setpoint at reversals exceeds max(`min_excitation_m_s2`, 1.3 x stability limit), until
@@ -41,6 +41,7 @@ from .friction import friction_ready, inertia_Pa, resonance_growth_1_s, step_acc
 from .layout import DEMANDS, LEAD_TICKS, PREVIEW_TICKS
 from .monitor import (
     NOISE_RANGE,
+    NOISE_RANGE_ALONE,
     PAIR_NOISE,
     add_to_monitor,
     begin_range,
@@ -48,7 +49,7 @@ from .monitor import (
     worse_than_baseline,
     worth_compensating,
 )
-from .valve import lags_agree, valve_ready
+from .valve import crossing_in_time, lags_agree, valve_ready
 
 PHASES = ("plain control", "engaging", "compensated", "feed-forward going out", "disengaging", "tripped")
 PLAIN, ENGAGING, COMPENSATED, FEED_FORWARD_OUT, DISENGAGING, TRIPPED = range(6)
@@ -64,6 +65,7 @@ MAX_WAIT_S = 1.0  # for the middle of a half stroke, to leave a valve that is no
 MIN_OPEN_S = 0.08  # time the valve has been open under plain control before engaging
 ARMED_ENGAGE_S, ARMED_FEED_FORWARD_S = 0.1, 0.4  # ramp and g after a start with what was learned
 JOIN_ERRORS = 4.0  # standard deviations of a position within which a piston stands at its setpoint
+JOIN_M_S2, JOIN_M_S = 5e-3, 3e-3  # or with which the loop brings it there; of a setpoint whose motion has not begun
 TRIP_SPEED = 4.0  # of the ramp when tripped, over that of engaging
 
 
@@ -74,10 +76,10 @@ def weight(ramp):
 
 
 @compiled
-def update_engagement(state, setpoint_m_s2, position_m, control_V, behind_m):
+def update_engagement(state, setpoint_m_s, setpoint_m_s2, position_m, control_V, behind_m):
     """One tick of the transfer.
 
-    setpoint_m_s2: acceleration of the setpoint, PREVIEW_TICKS ahead; behind_m: reference now less the piston.
+    setpoint_m_s, setpoint_m_s2: of the setpoint, PREVIEW_TICKS ahead; behind_m: reference now less the piston.
     """
     engagement, reference, settings = state.engagement, state.reference, state.settings
     add_to_monitor(state.monitor, position_m, behind_m)
@@ -97,7 +99,7 @@ def update_engagement(state, setpoint_m_s2, position_m, control_V, behind_m):
     if phase == TRIPPED:
         engagement.ramp = max(0.0, engagement.ramp - TRIP_SPEED * step)
     elif phase == ENGAGING:
-        if engagement.ramp == 0.0 and engagement.armed and abs(behind_m) < JOIN_ERRORS * state.monitor.noise_m:
+        if engagement.ramp == 0.0 and engagement.armed and stands_at_setpoint(state, setpoint_m_s, behind_m):
             reference.feed_forward = reference.linear = 1.0
             engagement.ramp_step = 1.0 / PREVIEW_TICKS
         elif engagement.ramp == 0.0:
@@ -167,9 +169,12 @@ def _checks_passed(state):
             state.monitor,
             step_acceleration_m_s2(state.friction),
             state.reference.load_given == 2,
-            PAIR_NOISE if state.valve.four_way else NOISE_RANGE,
+            PAIR_NOISE
+            if state.valve.four_way
+            else (NOISE_RANGE if state.reference.load_given == 2 else NOISE_RANGE_ALONE),
         )
         and lags_agree(state.valve)
+        and crossing_in_time(state.valve)
         and explains_reversals(state.rounding)
         and state.valve.leak_known != 0
     )
@@ -190,6 +195,14 @@ def arm(state, known):
 def keep_plain_control(state, known):
     """Bumps of plain control's reversals, and what was asked for at them."""
     known.baseline_m_s2[:], known.reversal_m_s2[:] = state.monitor.baseline_m_s2, state.monitor.reversal_m_s2
+
+
+@compiled
+def stands_at_setpoint(state, setpoint_m_s, behind_m):
+    """Whether the motion has not begun, and plain control brings the piston to its setpoint unfelt, or it is within noise."""
+    loop_1_s, size = max(state.reference.loop_1_s[0], state.reference.loop_1_s[1]), abs(behind_m)
+    near = size < JOIN_ERRORS * state.monitor.noise_m or size * loop_1_s * loop_1_s < JOIN_M_S2
+    return near and abs(setpoint_m_s) < JOIN_M_S
 
 
 @compiled

@@ -19,7 +19,7 @@ from .arithmetic import clip, copy, fill_zero
 from .chambers import compliance_m_Pa
 from .presliding import bristle
 from .recursive_least_squares import bound_influence, scale_covariance, start_fit, update_fit
-from .stribeck import MIN_RATE, begin_stribeck
+from .stribeck import MIN_RATE, begin_stribeck, hold_step
 
 MAX_HALF_STEP_MPA = 1.0
 DM = 10.0  # [dm/m]
@@ -85,9 +85,12 @@ def _finish_window(friction, position_m):
     phi[5] = friction.position_weight
     update_fit(friction.fit, phi, 0.0)
     friction.windows[up] += 1
+    before_Pa = friction.half_step_Pa
     friction.half_step_Pa = 1e6 * clip(friction.fit.theta[4], 0.0, MAX_HALF_STEP_MPA)
+    if friction.told:
+        hold_step(friction.stribeck, friction.half_step_Pa - before_Pa, 2.0 * friction.half_step_Pa)
     error_Pa = 1e6 * math.sqrt(max(friction.fit.residual, NOISE_MPA**2) * friction.fit.covariance[6, 6])
-    begin_stribeck(friction.stribeck, 1e6 * friction.fit.theta[6], error_Pa, 2.0 * friction.half_step_Pa)
+    begin_stribeck(friction.stribeck, 1e6 * friction.fit.theta[6], error_Pa, TYPICAL_STRIBECK * friction.half_step_Pa)
 
 
 @compiled

@@ -15,7 +15,7 @@ from .chambers import pair_volts
 from .edge_rounding import rounding_correction_V
 from .spool import blocked_flow
 
-LEAST_ROUNDING_V, SHARP = 1e-3, 2.0  # of a four-way valve; roundings by which the step across its overlap is less
+LEAST_ROUNDING_V, SHARP = 1e-3, 4.0  # of a four-way valve; roundings by which the step across its overlap is less
 CROSSING_FLOW_SHARE = 0.6  # of the blocked oil that is compensated [1]; less than half or all leaves a larger bump
 
 
@@ -41,7 +41,8 @@ def advance_inverse(inverse, oil_m, roots, valve, trim, path, leak_m_s):
     if valve.four_way:
         rounding_V = max(trim.rounding_V, LEAST_ROUNDING_V)
         up_V, down_V = max(up_V - SHARP * rounding_V, 0.0), max(down_V - SHARP * rounding_V, 0.0)
-        flow[2] = pair_volts(mean, valve.edges, roots, rounding_V) - (up_V if mean > 0 else -down_V)
+        volts = pair_volts(mean, valve.edges, roots, rounding_V)
+        flow[2] = _beyond(volts, up_V) if mean > 0 else -_beyond(-volts, down_V)
     flow[2] += inverse.crossing_V[0]
     inverse.crossing_V[0], inverse.crossing_V[1] = inverse.crossing_V[1], 0.0
     if first * last < 0.0:
@@ -55,6 +56,12 @@ def advance_inverse(inverse, oil_m, roots, valve, trim, path, leak_m_s):
     inverse.dead_band_V[0] = inverse.dead_band_V[1]
     inverse.dead_band_V[1] = 0.5 * sharpness * (up_V * (1.0 + side) - down_V * (1.0 - side))
     return flow[0], older
+
+
+@compiled
+def _beyond(volts, edge_V):
+    """Volts beyond an edge; in the tick that crosses a wide overlap they end before it, which the dead-band volts do."""
+    return max(volts - edge_V, 0.0) if edge_V > 0.0 else volts
 
 
 @compiled

@@ -81,6 +81,8 @@ STRIBECK = record(  # stribeck.py
     known="f8",  # reversals that what windows told counts for
     ticks="i8",  # since the velocity changed sign
     deviation_Pa=("f8", (2 * REACH + 1,)), position_error_m=("f8", (2 * REACH + 1,)), share=("f8", (2 * REACH + 1,)),
+    most_weight="f8",  # of a slow reversal
+    at_rest="f8",  # P_s that a half step stands for at the last reversal; 0 before the first one
 )  # fmt: skip
 PRESLIDING = record(  # presliding.py
     length_m="f8",  # L
@@ -95,6 +97,7 @@ FRICTION = record(  # friction.py
     count="i8", start_m="f8", middle_m="f8", sum_load="f8", sum_a="f8",
     windows=("i8", (2,)),  # retracting, extending
     half_step_Pa="f8", phi=("f8", (FIT_SIZE,)),
+    told="i8",  # the load is told by a platform, whose other legs bias the half step while they engage
 )  # fmt: skip
 REFERENCE = record(  # reference.py: y_m at the tick boundary looked at last
     tick_s="f8",

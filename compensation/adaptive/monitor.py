@@ -29,9 +29,12 @@ STANDARD_ERRORS, DRIFT_ERRORS = 2.5, 0.5  # of h: of the excess of several rever
 ALIKE = 0.05  # relative difference in acceleration up to which reversals are alike
 BASELINE_SHARE = 0.5  # low-pass of the baseline, a reversal
 FELT_M_S2 = 0.15  # bump of plain control from which a compensation that is still learning can be trusted to gain
+FELT_ALONE_M_S2 = 0.115  # of a single leg, the mean of both directions
 # of the load's acceleration by the friction step: less than this it cannot lose; and where the load is told, not found
 RISK_SHARE, RISK_SHARE_TOLD = 0.3, 0.12
-NOISE_RANGE = 5.0  # standard errors between the extremes of noise
+GENTLE_M_S2 = 0.1  # reversal acceleration from which windows tell the inertia
+NOISE_RANGE = 5.0  # standard errors between the extremes of noise; half of a bump's own swing hides some of them
+NOISE_RANGE_ALONE = 4.4
 PAIR_NOISE = 2.0  # of it that adds to a bump; a four-way valve without overlap can be trusted with smaller ones
 
 
@@ -111,10 +114,17 @@ def worth_compensating(monitor, step_m_s2, told, noise_range):
     the larger one for a platform's leg, whose bumps are small beside those of the others. step_m_s2:
     acceleration that the friction step gives the load; told: a platform's leg is told its load; noise_range: standard
     errors that noise adds to a bump."""
-    risk = (RISK_SHARE_TOLD if told else RISK_SHARE) * step_m_s2
-    least = min(FELT_M_S2, risk) + noise_range * bump_noise_m_s2(monitor)
+    noise_m_s2 = noise_range * bump_noise_m_s2(monitor)
     first, second = monitor.baseline_m_s2
-    return (max(first, second) if told else 0.5 * (first + second)) > least
+    if told:
+        return max(first, second) > min(FELT_M_S2, RISK_SHARE_TOLD * step_m_s2) + noise_m_s2
+    least, reversal_m_s2 = (
+        min(FELT_ALONE_M_S2, RISK_SHARE * step_m_s2),
+        max(monitor.reversal_m_s2[0], monitor.reversal_m_s2[1]),
+    )
+    if 0.0 < reversal_m_s2 < GENTLE_M_S2:
+        least *= GENTLE_M_S2 / reversal_m_s2
+    return 0.5 * (first + second) > least + noise_m_s2
 
 
 @compiled

@@ -28,7 +28,7 @@ CENTRES, HALF_WIDTH = (-10, -6, -2, 2, 6, 10), 6  # ticks, of phi_k about the re
 MEMORY = 0.93  # of the sums, a reversal
 EVIDENCE = 60.0  # log-likelihood ratio, doubled, from which there are bristles
 MISFIT = 10.0  # times the noise that the best L may leave: more is another cause, such as load from the other legs (40 to 170)
-LEAST_WEIGHT = 14.0  # of the sums: four reversals
+LEAST_WEIGHT = 11.0  # of the sums: three reversals
 NOISE_M, NOISE_PA = 3.3e-6, 4e3
 
 

@@ -16,6 +16,7 @@ from .monitor import start_monitor
 from .prediction import start_prediction
 from .spool import look_ahead_shift, round_lag
 from .step import want_design
+from .stribeck import MOST_WEIGHT
 from .taps import design
 from .trust import UNKNOWN_M_S2
 from .valve import keep_valve, restore_valve, start_valve, valve_ready
@@ -37,6 +38,7 @@ def start(s):
     if settings.rod_ratio > 0.0:
         _start_pair(s.valve, settings.rod_ratio < LEAST_SYMMETRIC)
     start_friction(s.friction, tick_s, settings.stroke_m, window, settings.min_speed_m_s, settings.memory_windows)
+    s.friction.stribeck.most_weight = 1.0 if s.valve.four_way else MOST_WEIGHT
     resolution_m = settings.position_resolution_m
     start_monitor(s.monitor, tick_s, sqrt(settings.position_noise_m**2 + resolution_m * resolution_m / 12.0))
     start_rounding(s.rounding, s.valve.four_way)

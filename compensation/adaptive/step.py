@@ -56,6 +56,7 @@ SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
 DEVIATION_SHARE = 0.06  # low-pass of the pressure's deviation from the demand, a tick
 PRESSURE_MEAN_S = 0.2  # time constant of the pressures that the gain of plain control is computed with
 DELAY_TOLERANCE_S = 1e-4  # change of the delay from which the taps are designed anew
+LAG_REVERSAL_S = 1.5e-4  # most that the lag of a compensated leg moves at a reversal
 LAG_TOLERANCE_S = 2e-5  # change of the lag from which the taps are designed anew
 RESONANCE_TOLERANCE = 0.06  # relative change of the load's resonance from which they are, too
 MIN_DROP_SHARE = 0.02  # of the reference drop: lower bound of a pressure drop
@@ -177,9 +178,10 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
         u += state.valve.null_V - damping(state, settings.damping_1_s * compliance, roots)
     if settings.learn:
         _identify(state, position_m, valve_V, bottom_Pa, supply_Pa, load, now)
-    watch_turns(state.trust, (ahead - behind) / (2.0 * settings.tick_s), settings.tick_s)
+    setpoint_m_s = (ahead - behind) / (2.0 * settings.tick_s)
+    watch_turns(state.trust, setpoint_m_s, settings.tick_s)
     setpoint_m_s2 = (ahead - 2 * here + behind) / (settings.tick_s * settings.tick_s)
-    update_engagement(state, setpoint_m_s2, position_m, control_V, now[3] - position_m)
+    update_engagement(state, setpoint_m_s, setpoint_m_s2, position_m, control_V, now[3] - position_m)
     return weight(state.engagement.ramp) * clip(u, -settings.voltage_max_V, settings.voltage_max_V)
 
 
@@ -245,11 +247,15 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
         elif add_to_rounding(state.rounding, state.leak, z, v, means, valve):
             tell_leak(state.leak, valve)
             state.trim.rounding_V = lower_bound_V(state.rounding)
+        state.friction.told = state.reference.load_given == 2
         add_to_friction(state.friction, position_m, load_Pa, acceleration_m_s2)
     if abs(valve.lag_s - state.lag_s) > LAG_TOLERANCE_S and valve_ready(valve):
         if not engaged:
             stretch_demands(state, look_ahead_shift(valve.lag_s, settings.tick_s))
-        want_design(state, round_lag(valve.lag_s))
+            want_design(state, round_lag(valve.lag_s))
+        elif state.engagement.after_reversal:  # a spool's lag does not jump; an edge that is read badly may
+            moved_s = clip(valve.lag_s - state.lag_s, -LAG_REVERSAL_S, LAG_REVERSAL_S)
+            want_design(state, round_lag(state.lag_s + moved_s))
     elif friction_ready(state.friction) and valve_ready(valve):
         resonance_Hz = resonance_of_load_Hz(state.friction, settings)
         if abs(resonance_Hz - state.resonance_Hz) > RESONANCE_TOLERANCE * resonance_Hz:

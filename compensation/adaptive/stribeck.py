@@ -23,6 +23,7 @@ from .layout import REACH
 
 MIN_RATE = 0.1  # of the correction taken up at a reversal, from the tenth on
 REVERSAL_ERROR_PA, MAX_KNOWN = 1e4, 4.0  # of P_s from one reversal; reversals that windows count for at most
+USUAL_PROJECTION, MOST_WEIGHT = 3.6, 5.0  # sum phi share [1] at 0.5 m/s2; a slower reversal tells P_s better
 MIN_PROJECTION = 1.5  # sum phi share [1] below which a reversal is too quick to tell
 MAX_PROJECTION = 0.95  # of that at rest, above which nothing has moved
 MOST_MISSING = 3.0  # of REVERSAL_ERROR_PA: more is not friction
@@ -66,6 +67,12 @@ def begin_stribeck(stribeck, pressure_Pa, error_Pa, highest_Pa):
 
 
 @compiled
+def hold_step(stribeck, change_Pa, highest_Pa):
+    """The half step was found anew, by windows: what reversals told is how much both are together."""
+    stribeck.pressure_Pa = clip(stribeck.pressure_Pa - stribeck.at_rest * change_Pa, 0.0, highest_Pa)
+
+
+@compiled
 def update_stribeck(stribeck, inertia_Pa, highest_Pa):
     """The reversal in the history corrects P_s; `inertia_Pa` is p1, pressure per m/s2."""
     count = 2 * REACH + 1
@@ -74,9 +81,14 @@ def update_stribeck(stribeck, inertia_Pa, highest_Pa):
         return
     missing = dot(PHI, stribeck.deviation_Pa, count)
     missing -= inertia_Pa * dot(PHI_SECOND, stribeck.position_error_m, count) / stribeck.tick_s**2
-    stribeck.reversals += 1
-    rate, error_Pa = max(MIN_RATE, 1.0 / (stribeck.reversals + stribeck.known)), missing / projected
-    if rate == MIN_RATE:  # known already
+    stribeck.reversals, stribeck.at_rest = stribeck.reversals + 1, AT_REST / abs(projected)
+    weight, error_Pa = (
+        clip((projected / USUAL_PROJECTION) ** 2, 1.0, max(stribeck.most_weight, 1.0)),
+        missing / projected,
+    )
+    rate = weight / (weight - 1.0 + stribeck.reversals + stribeck.known)
+    if rate < MIN_RATE * weight:  # known already
+        rate = MIN_RATE * weight
         error_Pa = clip(error_Pa, -MOST_MISSING * REVERSAL_ERROR_PA, MOST_MISSING * REVERSAL_ERROR_PA)
     stribeck.pressure_Pa += rate * error_Pa
     stribeck.pressure_Pa = min(max(stribeck.pressure_Pa, 0.0), highest_Pa)

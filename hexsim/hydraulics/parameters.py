@@ -119,6 +119,7 @@ class P(IntEnum):
     HARDENING = 84  # of the spring about half stroke [N/m3]
     NULL_WARM_UP = 85  # of the spool's null, with its time constant
     NULL_WARM_UP_TIME = 86
+    LEARNED_FORM = 87
 
 
 ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B

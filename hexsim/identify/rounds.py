@@ -31,7 +31,7 @@ from hexsim.identify.record import Round, Story
 from hexsim.machine.files import find_machine_file, load_machine, save_machine
 from hexsim.motion_computer.states import State
 from hexsim.tracing.design import next_measurement
-from hexsim.tracing.design.information import SHARP
+from hexsim.tracing.design.information import SHARP, says_nothing
 from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.design.next_measurement import surviving
 from hexsim.tracing.design.words import NO_GAIN
@@ -257,7 +257,7 @@ def open_points(result: Trace) -> list[str]:
             found.append(" or ".join((effect.candidate.label, *effect.tied_with)))
         for name, value in effect.values.items():
             error = effect.standard_errors.get(name, float("nan"))
-            if value and not error <= SHARP * abs(value):
+            if not says_nothing(effect.candidate.effect, name, value) and not error <= SHARP * abs(value):
                 found.append(f"{name} of {effect.candidate.label} is known to {100 * error / abs(value):.0f} %")
     return found
 

@@ -35,7 +35,8 @@ TONE_R2 = 0.5  # least share of the residual in one line, in every run
 class Dependence:
     """The strongest dependence of a residual, and R^2 of every signal.
 
-    knots and curve: g at its knots, in the residual's unit; for "direction" the one of v > 0; empty for "late", "play" and "tone".
+    knots and curve: g at its knots, in the residual's unit; for "direction" the one of v > 0, `back` that of v <= 0; for "product"
+    at the speed `speed_m_s`; empty for "late", "play" and "tone".
     r2_cv of "size" is that of |r|. memory_s: time constant of the low-pass.
     """
 
@@ -48,6 +49,8 @@ class Dependence:
     curve: Array
     curve_sd: Array
     table: dict[str, float]  # signal -> best R^2 over forms
+    back: Array | None = None
+    speed_m_s: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,8 +87,12 @@ def design(form: str, x: Array, v: Array, knots: Array) -> Array:
     if form == "direction":
         return np.concatenate([basis * (v > 0)[:, None], basis * (v <= 0)[:, None]], axis=1)
     if form == "product":
-        return basis * v[:, None] / max(float(np.std(v)), 1e-12)
+        return basis * v[:, None] / typical_speed(v)
     return basis
+
+
+def typical_speed(v: Array) -> float:
+    return max(float(np.std(v)), 1e-12)
 
 
 def ridge(X: Array, r: Array) -> tuple[Array, Array]:
@@ -230,13 +237,16 @@ def dependence_of(
     chosen, score = found[signal]
     theta, inverse = ridge(chosen.X, target)
     spread = float(np.sqrt(np.mean((target - chosen.X @ theta) ** 2)))
+    k = len(chosen.knots)
     return Dependence(
         signal=signal,
         form=chosen.form,
         r2_cv=score,
         memory_s=chosen.memory_s,
         knots=chosen.knots,
-        curve=theta[: len(chosen.knots)],
-        curve_sd=spread * np.sqrt(np.diag(inverse))[: len(chosen.knots)],
+        curve=theta[:k],
+        curve_sd=spread * np.sqrt(np.diag(inverse))[:k],
         table=table,
+        back=theta[k:] if chosen.form == "direction" else None,
+        speed_m_s=typical_speed(np.concatenate(velocities)) if chosen.form == "product" else 1.0,
     )

@@ -9,7 +9,8 @@ from leg_plant import Leg, run, sine
 import compensation
 from compensation import Compensator, Context, Sample
 from compensation.adaptive import Adaptive
-from compensation.adaptive.delay import found_delay_s, hear_delay
+from compensation.adaptive.delay import add_to_delay, found_delay_s, hear_delay
+from compensation.adaptive.engagement import stands_at_setpoint
 from compensation.adaptive.layout import DELAY, LATES, REACH, TRUST, empty
 from compensation.adaptive.trust import SHORT_S, judge_compensated, watch_turns
 from hexsim.machine import load_machine
@@ -125,3 +126,30 @@ def test_lag_and_null_do_not_wander_together_in_slow_motion() -> None:
     leg = Leg(valve_delay_s=4e-3, tank_line_Pa_s_m3=1e9, mass_kg=160.0)
     run(Watched(), leg, sine(0.03, 0.2), 26.0, period_s=5.0, seed=9600)
     assert np.abs(np.array(lags[4000:]) - 7.7e-3).max() < 1e-3
+
+
+@pytest.mark.parametrize(("start", "judged"), [(20, 0), (60, 1)])
+def test_a_reversal_within_the_first_ticks_tells_nothing(start: int, judged: int) -> None:
+    """At 4 MPa, a reversal 20 ticks after the start: the history holds ticks before the start, without pressure, and is not
+    judged; one after 60 ticks is."""
+    numbers = Adaptive().start(Context()).numbers
+    delay, roots = numbers.delay, (1.0, 1.0)
+    delay.lag_s = LAG_S
+    for k in range(120):
+        flow = 0.05 if k < start else -0.05
+        add_to_delay(delay, 1e-4 * k, 4e6, flow, flow, roots, numbers.valve, 4e-11, True)
+    assert delay.reversals == judged
+
+
+@pytest.mark.parametrize(
+    ("setpoint_m_s", "behind_m", "loop_1_s", "stands"),
+    [(0.0, 3e-5, 7.6, 1), (0.0, 3e-5, 45.0, 0), (0.0, 1e-5, 45.0, 1), (0.0, 1e-3, 7.6, 0), (0.01, 0.0, 7.6, 0)],
+)
+def test_a_piston_near_its_setpoint_stands_there_until_the_motion_begins(
+    setpoint_m_s, behind_m, loop_1_s, stands
+) -> None:
+    """30 um are 0.002 m/s2 at 7.6 1/s, unfelt, and 0.06 at 45 1/s; 10 um are noise; 1 mm is a lag; 10 mm/s is a motion."""
+    numbers = Adaptive().start(Context()).numbers
+    numbers.reference.loop_1_s[:] = loop_1_s
+    for sign in (1.0, -1.0):
+        assert stands_at_setpoint(numbers, sign * setpoint_m_s, sign * behind_m) == stands

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hexsim.hydraulics import leg, ports, rod_side
-from hexsim.hydraulics.learned import CONTINUITY, FORCE, SIGNALS, curve, term
+from hexsim.hydraulics.learned import CONTINUITY, DIRECTION, FORCE, HALF, PRODUCT, SIGNALS, curve, term
 from hexsim.hydraulics.parameters import LEARNED_KNOTS, LEARNED_TABLE, P, declared_rows
 from hexsim.machine import load_machine
 
@@ -254,6 +254,18 @@ def test_learned_term_reads_the_signal_it_names(row):
     for number, name in enumerate(SIGNALS):
         learned(row, CONTINUITY, number)
         assert term(row, *values.values()) == curve(row, values[name])
+
+
+def test_learned_term_in_its_form(row):
+    """A product is the velocity times the curve. Of a direction's two curves of 16 knots each holds its own way; at rest their mean."""
+    learned(row, FORCE, 0)
+    row[P.LEARNED_FORM] = PRODUCT
+    assert term(row, 0.4, -0.3, 0.0, 0.0, 0.0, 0.0) == pytest.approx(-0.3 * curve(row, 0.4))
+    row[P.LEARNED_FORM] = DIRECTION
+    row[LEARNED_TABLE : LEARNED_TABLE + 2 * HALF] = np.repeat([5.0, -7.0], HALF) + np.tile(np.arange(HALF), 2)
+    out, rest, back = (term(row, -1.1, v, 0.0, 0.0, 0.0, 0.0) for v in (0.1, 0.0, -0.1))
+    assert (out, rest, back) == pytest.approx((10.0, 4.0, -2.0))
+    assert term(row, 9.0, 0.1, 0.0, 0.0, 0.0, 0.0) == pytest.approx(20.0, abs=1e-5)  # the last knot of its own curve
 
 
 def test_learned_term_joins_the_balance_it_names(row):

@@ -4,28 +4,34 @@ The data come from the second plant, whose discharge coefficient grows with the 
 """
 
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from other_plant import write_machine
 
+from hexsim.hydraulics.learned import term
+from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
+from hexsim.machine.files import changed
 from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
+from hexsim.tracing.dependence import dependence_of
 from hexsim.tracing.fitting.fit import refine, start_fit
 from hexsim.tracing.fitting.parameters import priors
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.held_out_errors import error_table
-from hexsim.tracing.steps.learned import learned_fit
+from hexsim.tracing.steps.learned import curve_table, learned_fit
 from hexsim.tracing.steps.logs import read_runs
 from hexsim.tracing.steps.residuals import unexplained_residuals
 from hexsim.tracing.steps.violations import violations
 
 
 @pytest.fixture
-def questions(tmp_path, monkeypatch):
+def questions(tmp_path, monkeypatch, request):
     """Fit runs and a held-out run of 8 s; few null seeds, which only say how far above the null a violation is."""
     monkeypatch.setattr(rules, "NULL_SEEDS", 3)
-    write_machine(tmp_path, 1, {"discharge_of_pressure": None}, "bench", duration_s=8.0)
+    write_machine(tmp_path, 1, {getattr(request, "param", "discharge_of_pressure"): None}, "bench", duration_s=8.0)
     machine = load_machine(tmp_path)
     logs, _ = read_runs(Path(tmp_path), ["fit", "sweep", "validate"], machine)
     noise = noise_of(machine, logs)
@@ -53,3 +59,48 @@ def test_a_gap_without_a_name(questions):
     assert errors["position_m"]["with_effect"] < 0.5 * errors["position_m"]["refit"]
     assert errors["pressure_bottom_Pa"]["with_effect"] < 1.3 * errors["pressure_bottom_Pa"]["noise"]
     assert len(fit.fitted_machine().effects["learned_term"]["curve"]["values"]) == 33
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("questions", "form", "left"),
+    [
+        ("flow_gain_of_position", "product", 0.05),
+        ("stick_at_one_place", "direction", 0.6),
+        ("oil_warms_up", "product", 0.6),
+    ],
+    indirect=["questions"],
+)
+def test_gaps_that_go_with_the_direction_or_times_the_velocity(questions, form, left):
+    """A valve that passes more at long stroke, a friction bump at one place, friction that fades: the learned term of that form
+    leaves this share of the held-out position error at most."""
+    machine, problem, held_out = questions
+    rest = unexplained_residuals(violations(machine, machine, problem), problem)[0]
+    assert rest.dependence.form == form
+    base = refine(start_fit(machine, priors(machine), problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)
+    found = learned_fit(rest, base, problem, held_out)
+    assert found is not None and found[1]["curve"]["form"] == form
+    errors = error_table(held_out, machine, base.fitted_machine(), found[0].fitted_machine())["validate"]["position_m"]
+    assert errors["with_effect"] < left * errors["refit"]
+
+
+@pytest.mark.parametrize("form", ["plain", "direction", "product"])
+def test_the_simulator_takes_back_what_the_residual_shows(form):
+    """Force rests of each form over the position, 30 N in 2 N of noise: the leg's learned term is minus them, within 2 N rms."""
+    rng, t = np.random.default_rng(3), np.arange(12000) / 500.0
+    y = 0.1 + 0.05 * np.sin(2 * np.pi * 0.31 * t) + 0.03 * np.sin(2 * np.pi * 0.83 * t)
+    v = np.gradient(y, t)
+    g = 30.0 * np.sin(40.0 * y)
+    truth = {"plain": g, "direction": np.where(v > 0, g, 10.0 - 0.5 * g), "product": 10.0 * v * g}[form]
+    signals = [{"position_m": y, "velocity_m_s": v}]
+    found = dependence_of(
+        [truth + 2.0 * rng.standard_normal(len(t))], signals, [v], 500.0, ("position_m", "velocity_m_s")
+    )
+    assert (found.signal, found.form) == ("position_m", form)
+    machine = load_machine("bench")
+    rest = SimpleNamespace(
+        dependence=found, balance="force", violation=SimpleNamespace(where="leg 1", machine=SimpleNamespace(n_legs=1))
+    )
+    row = resolve(changed(machine, {"effects": {"learned_term": curve_table(rest)}})).rows[0]
+    taken = np.array([term(row, a, b, 0.0, 0.0, 0.0, 0.0) for a, b in zip(y[::20], v[::20], strict=True)])
+    assert np.sqrt(np.mean((taken + truth[::20]) ** 2)) < 2.0

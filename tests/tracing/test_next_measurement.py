@@ -23,7 +23,18 @@ from hexsim.signals.channels import noise_of
 from hexsim.tracing.balances import balance_named
 from hexsim.tracing.checks.same_machine import check_same_machine
 from hexsim.tracing.design import next_measurement
-from hexsim.tracing.design.information import Hypothesis, Promise, growth, hypothesis, promise, shrunk
+from hexsim.tracing.design.believed import reproduced
+from hexsim.tracing.design.ceiling import ceiling_of
+from hexsim.tracing.design.information import (
+    Hypothesis,
+    Number,
+    Promise,
+    growth,
+    hypothesis,
+    promise,
+    says_nothing,
+    shrunk,
+)
 from hexsim.tracing.design.motions import KINDS, STEP_SHARE, MotionFamily
 from hexsim.tracing.design.next_measurement import surviving, what_is_open
 from hexsim.tracing.design.rest import as_measured
@@ -113,6 +124,57 @@ def test_the_same_run_again_halves_the_variance(bench, leaking):
     calm = [hypothesis("leak", leaking, problem)]
     found = promise(calm, dataclasses.replace(log, position=log.setpoint), problem.noise)
     assert found.errors[0] == pytest.approx(calm[0].numbers[0].standard_error / np.sqrt(2.0), rel=0.03)
+
+
+def test_a_column_that_depends_on_its_step_is_no_knowledge():
+    """Columns of two steps that are alike but for one stretch of a second are believed outside it, a tenth of a second away;
+    where the number is known so well that their difference is far below the noise, everywhere."""
+    time = np.arange(4000) * 1e-3
+    fine = np.sin(2 * np.pi * 20.0 * time)[None, None]
+    coarse = fine * np.where((time >= 1.0) & (time < 2.0), 1.5, 1.01)
+    believed = reproduced(fine, coarse, np.array([1.0]), 1000.0)
+    assert believed[:900].all() and believed[2100:].all() and not believed[1100:1900].any()
+    assert reproduced(fine, coarse, np.array([1e-3]), 1000.0).all()
+
+
+def test_friction_is_never_known_better_than_it_is_declared(bench, leaking):
+    """Coulomb friction that changed by the same out and in trades with both declared numbers, 12 % of 65 and 60 N: however
+    often a run is made, +-(65 + 60)/2 0.12/sqrt(6) = 3.06 N remain. A leak is told to a thousandth."""
+    machine, log, problem = bench
+    problem, effect = problem.with_input_uncertainty(machine), named("coulomb_friction_change")
+    both = dataclasses.replace(
+        with_candidate(leaking, effect, 0.2, problem), values=({"conductance_m3_s_Pa": LEAK}, {"force_N": 1.0})
+    )
+    one = hypothesis("both", both, problem)
+    one = dataclasses.replace(one, fit=dataclasses.replace(both, covariance=np.linalg.inv(one.known)))
+    told = promise([one], log, problem.noise).told
+    assert told is not None
+    often = ceiling_of(one, [30.0 * told])
+    errors = {
+        number.name: (error, why) for number, error, why in zip(one.numbers, often.errors, often.declared, strict=True)
+    }
+    assert errors["force_N"][0] == pytest.approx(3.06, rel=0.15)
+    words = {f"coulomb_{way}_N is declared to 12 %" for way in ("extend", "retract")}
+    assert set(errors["force_N"][1].split(" and ")) == words
+    assert errors["conductance_m3_s_Pa"][0] < 1e-3 * LEAK
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "value", "nothing"),
+    [
+        ("spool_rate_limit", "frequency_Hz", 2000.0, True),  # its range ends there: no lag beside the limit
+        ("spool_rate_limit", "frequency_Hz", 150.0, False),
+        ("spool_rate_limit", "rate_m_s", 10.0, True),  # vanishes at infinity
+        ("spool_rate_limit", "rate_m_s", 1e-5, False),
+        ("entrained_air", "volume_fraction", 0.0, True),
+        ("entrained_air", "volume_fraction", 0.3, False),  # the end of its range, and anything but nothing
+    ],
+)
+def test_a_number_that_says_nothing_is_not_asked_for(effect, name, value, nothing):
+    """It counts as known, whatever its error."""
+    assert says_nothing(named(effect).effect, name, value) == nothing
+    number = Number(effect=effect, name=name, value=value, standard_error=value, place=0, nothing=nothing)
+    assert (number.relative == 0.0) == nothing
 
 
 def test_small_realities_are_not_asked_for(bench, leaking):

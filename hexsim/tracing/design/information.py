@@ -12,15 +12,18 @@ Atkinson and Fedorov, Biometrika 1975. Linear in the numbers: far from the fitte
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hexsim.hydraulics.effects.effect import Effect
 from hexsim.machine.files import changed
 from hexsim.signals.channels import kind_of
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances.null import with_noise
+from hexsim.tracing.design.believed import CALM_SHARE, COARSE, calm_samples, reproduced
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, refine, start_fit_at
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
@@ -29,7 +32,6 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 Array = np.ndarray
 SHARP = 0.1  # a number known to this share is sharp
 UNKNOWN = 1e-9  # share of what is known after a motion below which nothing is known
-CALM, CALM_SHARE = 5.0, 0.5  # times the noise; least share of a motion
 CREDIBLE = 2.0  # information a coordinate: errors smaller by e
 LEAST = 0.05  # of the needed separation: less is nothing
 
@@ -44,14 +46,27 @@ class Number:
     standard_error: float
     place: int
     absolute: bool = False  # a phase: its error counts as it is
+    nothing: bool = False  # the number says that there is nothing, see `says_nothing`
 
     @property
     def relative(self) -> float:
         return self.relative_of(self.standard_error)
 
     def relative_of(self, error: float) -> float:
-        """An error as a share of the number."""
+        """An error as a share of the number; of nothing, nothing."""
+        if self.nothing:
+            return 0.0
         return error if self.absolute else error / abs(self.value) if self.value else float("inf")
+
+
+def says_nothing(effect: Effect, name: str, value: float) -> bool:
+    """0; of a number that vanishes at infinity its largest; of one beside the effect's size an end of its range: a spool of
+    2 kHz beside the limit of its speed does not lag."""
+    own = next(one for one in effect.parameters if one.name == name)
+    bottom, top = np.isclose(value, own.bounds, rtol=1e-3, atol=0.0)
+    if own is effect.parameters[0]:
+        return value == 0.0 or bool(top and np.isinf(own.neutral))
+    return value == 0.0 or bool(bottom or top)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,19 +99,20 @@ class Hypothesis:
                         standard_error=error,
                         place=place,
                         absolute=parameter.typical == 0.0,
+                        nothing=says_nothing(candidate.effect, parameter.name, values[parameter.name]),
                     )
                 )
                 place += 1
         return found
 
 
-def sensitivities(fit: Fit, problem: FitProblem) -> list[Array]:
-    """Columns of all coordinates of a fit where it stands, a log: (k, n_channels, n)."""
-    there = parameter_columns(start_fit_at(fit, problem), problem)
+def sensitivities(fit: Fit, problem: FitProblem, share: float = 1.0) -> list[Array]:
+    """Columns of all coordinates of a fit where it stands, a log: (k, n_channels, n). share: of the usual step."""
+    there = parameter_columns(start_fit_at(fit, problem), problem, share)
     assert there.columns is not None
     own = there.columns
     if fit.candidates:
-        own = [np.concatenate(pair) for pair in zip(own, effect_columns(there, problem), strict=True)]
+        own = [np.concatenate(pair) for pair in zip(own, effect_columns(there, problem, share), strict=True)]
     return own
 
 
@@ -132,6 +148,7 @@ class Promise:
     needed: float = 4 * rules.TIE_CHI2  # least separation that separates
     enough: float = 10.0  # times that: more is worth nothing
     measure: str = "chi2"
+    told: Array | None = None  # normal matrix of the motion
 
     def worth(self, wanted: int | None) -> float:
         """What a design makes as large as it can. wanted: the number to be sharpened, where nothing is to be separated.
@@ -176,26 +193,30 @@ def promise(hypotheses: list[Hypothesis], log: Log, noise: dict[str, float]) -> 
     pairs = [(i, k) for i in range(len(hypotheses)) for k in range(i + 1, len(hypotheses))]
     labels = {(i, k): (hypotheses[i].label, hypotheses[k].label) for i, k in pairs}
     if np.mean(calm) < CALM_SHARE:
-        now = tuple(number.standard_error for number in first.numbers)
-        return Promise(separations=dict.fromkeys(labels.values(), 0.0), errors=now, information=-CREDIBLE)
-    columns = [own * calm for own in sensitivities(first.fit, problem)]
-    after = first.known + normal_matrix(columns)
-    flat = columns[0].reshape(len(after), -1)
-    inverse_before, inverse_after = inverse(first.known), inverse(after)
+        return nothing_told(first, labels.values())
+    fine, coarse = (sensitivities(first.fit, problem, share)[0] for share in (1.0, COARSE))
+    inverse_before = inverse(first.known)
+    calm &= reproduced(fine, coarse, np.sqrt(np.diag(inverse_before)), log.rate)
+    if np.mean(calm) < CALM_SHARE:
+        return nothing_told(first, labels.values())
+    flat = (fine * calm).reshape(len(fine), -1)
+    after = first.known + (new := flat @ flat.T)
+    inverse_after = inverse(after)
     separations = {}
     for i, k in pairs:
         d = ((answers[k] - answers[i]) / sigma * calm).ravel()
         b = flat @ d
         separations[labels[i, k]] = max(float(d @ d - b @ inverse_after @ b), 0.0)
     shrink = np.sqrt(np.maximum(np.diag(inverse_after), 0.0) / np.maximum(np.diag(inverse_before), 1e-300))
-    return Promise(separations=separations, errors=shrunk(first, shrink), information=growth(first.known, after))
+    return Promise(
+        separations=separations, errors=shrunk(first, shrink), information=growth(first.known, after), told=new
+    )
 
 
-def calm_samples(problem: SimulatedProblem) -> Array:
-    """Samples (n_used,) of the first log at which the spread of the accelerations is within CALM times their noise."""
-    rows = [k for k, name in enumerate(problem.channels(0)) if "acceleration" in name]
-    limit = CALM * np.array([problem.noise[kind_of(problem.channels(0)[k])] for k in rows])[:, None]
-    return np.all(problem.input_uncertainty[0][rows, problem.settle(0) :] < limit, axis=0)
+def nothing_told(first: Hypothesis, pairs: Iterable[tuple[str, str]]) -> Promise:
+    """Of a motion in which too little can be believed."""
+    now = tuple(number.standard_error for number in first.numbers)
+    return Promise(separations=dict.fromkeys(pairs, 0.0), errors=now, information=-CREDIBLE)
 
 
 def growth(before: Array, after: Array) -> float:

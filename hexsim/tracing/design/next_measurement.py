@@ -18,6 +18,7 @@ from scipy.stats import qmc
 
 from hexsim.errors import HexsimError
 from hexsim.scenarios.scenario import Scenario, scenario_from_dict
+from hexsim.tracing.design.ceiling import Ceiling, ceiling_of
 from hexsim.tracing.design.information import SHARP, Number, OpenRefits, Promise, at_the_rest, hypothesis
 from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.design.rest import OpenRest, label_of, open_rest
@@ -40,13 +41,14 @@ Open = OpenRest | OpenRefits
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NextMeasurement:
-    """A motion with what it is for, what it is expected to give and what it cannot tell."""
+    """A motion with what it is for, what it is expected to give and what it cannot tell; what no motion tells."""
 
     tables: dict[str, Any]
     purpose: str
     promise: Promise
     numbers: tuple[Number, ...]
     cannot: tuple[str, ...]
+    ceiling: Ceiling
     load_kg: float | None = None  # that is on the machine in this motion
 
     @property
@@ -83,9 +85,11 @@ class NextMeasurement:
             "numbers": [
                 {
                     "effect": number.effect, "parameter": number.name, "value": number.value,
-                    "standard_error": number.standard_error, "expected": error,
+                    "standard_error": number.standard_error, "expected": error, "least": least, "because": why,
                 }
-                for number, error in zip(self.numbers, self.promise.errors, strict=True)
+                for number, error, least, why in zip(
+                    self.numbers, self.promise.errors, self.ceiling.errors, self.ceiling.declared, strict=True
+                )
             ],
             "information": self.promise.information,
             "load_kg": self.load_kg,
@@ -113,27 +117,29 @@ def next_measurement(
     wanted = worst(numbers) if len(asked.labels) == 1 else None
     may_load = may_load and trace.machine.load.additional_mass_kg is not None
     family = MotionFamily(trace.machine, duration_s, may_load and bool(numbers), must_load=may_load and not numbers)
-    best = _search(family, partial(_promise, family, asked), wanted, (first, rounds), say)
-    if not best:
+    tried = _search(family, partial(_promise, family, asked), wanted, (first, rounds), say)
+    if not tried:
         raise HexsimError(
             f"machine {trace.machine.name} with {asked.labels[0]} diverges in every motion inside its limits that was "
             "simulated: no motion can be designed from these numbers; check stroke and cushions, or measure any rich motion"
         )
     say("checking it by refits", 1.0)
-    tables, found = checked(asked, best, wanted, family)
+    tables, found = checked(asked, contenders(tried), wanted, family)
+    ceiling = ceiling_of(asked.first, [own.told for _, own in tried if own.told is not None])
     load_kg = trace.machine.load.additional_mass_kg if "machine" in tables else None
     if found.tied and not may_load:
         would = asked.with_load(heavier := LOAD_SHARE * trace.machine.load.carried_mass_kg)
         log = replace(family.log(tables), loaded=True)
         load_kg = heavier if set(found.tied) - set(would.checked(log, would.promise(log)).tied) else None
-    purpose = purpose_of(tables, asked.labels, found, numbers, wanted, load_kg)
+    purpose = purpose_of(tables, asked.labels, found, numbers, wanted, load_kg, ceiling)
     tables["description"] = purpose[:1000]
     return NextMeasurement(
         tables=tables,
         purpose=purpose,
         promise=found,
         numbers=numbers,
-        cannot=cannot_tell(trace, found, numbers),
+        cannot=cannot_tell(trace, found, numbers, ceiling),
+        ceiling=ceiling,
         load_kg=load_kg if "machine" in tables else None,
     )
 
@@ -234,7 +240,7 @@ def _search(
     size: tuple[int, int],
     say: Tell,
 ) -> list[tuple[dict[str, Any], Promise]]:
-    """The best motions that differential evolution finds, from points spread by Sobol's sequence."""
+    """All motions that differential evolution tries, from points spread by Sobol's sequence, the best first."""
     kept: list[tuple[float, tuple[dict[str, Any], Promise]]] = []
     tried, (first, rounds) = 0, size
 
@@ -256,7 +262,11 @@ def _search(
         cost, family.bounds, integrality=family.integrality, maxiter=rounds, polish=False, rng=0, updating="deferred",
         tol=0.0, **settings,
     )  # fmt: skip
-    ranked = [item for _, item in sorted(kept, key=lambda item: -item[0])]
+    return [item for _, item in sorted(kept, key=lambda item: -item[0])]
+
+
+def contenders(ranked: list[tuple[dict[str, Any], Promise]]) -> list[tuple[dict[str, Any], Promise]]:
+    """The best with a load and the best without, and the next best."""
     loaded = ["machine" in tables for tables, _ in ranked]
     firsts = {loaded.index(own) for own in set(loaded)}  # the best with a load, and the best without
     places = sorted(firsts | set(range(len(ranked))), key=lambda k: (k not in firsts, k))[:CHECKED]

@@ -143,7 +143,8 @@ def promise(asked: OpenRest, log: Log) -> Promise:
     columns = [rest_level.all_columns(there[0], seen)[0]]
     columns += [columns_of_rival(fit, there[0], columns[0], seen) for fit in there[1:]]
     weights = weights / columns[0].shape[2]
-    after = asked.known[0] + weighted(columns[0], columns[0], weights)
+    new = weighted(columns[0], columns[0], weights)
+    after = asked.known[0] + new
     share = np.sqrt(np.diag(inverse(after)) / np.maximum(np.diag(inverse(asked.known[0])), 1e-300))
     told = discovery(asked, there[0], seen, columns[0], weights, after)
     dull = [share[number.place] for number in asked.first.numbers if number.relative > SHARP]
@@ -158,6 +159,7 @@ def promise(asked: OpenRest, log: Log) -> Promise:
         needed=SEPARATED,
         enough=ENOUGH,
         measure=MEASURE,
+        told=new,
     )
 
 

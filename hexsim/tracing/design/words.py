@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from hexsim.tracing.design.ceiling import Ceiling
 from hexsim.tracing.design.information import SHARP, Number, Promise
 from hexsim.tracing.state import Trace
 
+UNKNOWN = Ceiling(errors=(), declared=())
 NO_GAIN = 0.8  # a motion that leaves more than this share of an error does not sharpen it
 
 
@@ -18,6 +20,7 @@ def purpose_of(
     numbers: tuple[Number, ...],
     wanted: int | None,
     load_kg: float | None,
+    ceiling: Ceiling = UNKNOWN,
 ) -> str:
     """The first line. load_kg: the load of the motion, or one that would separate what no motion does."""
     mass = f"a load of {load_kg:.3g} kg" if load_kg else ""
@@ -33,10 +36,12 @@ def purpose_of(
         return f"no motion separates {', '.join(labels)}{would}"
     if wanted is not None:
         number, expected = numbers[wanted], found.errors[wanted]
-        now = f"{number.name} of {number.effect} better: {number.value:.3g} +- {number.standard_error:.2g} now"
-        if number.relative_of(expected) > SHARP and expected > NO_GAIN * number.standard_error:
-            return f"no motion tells {now}; what is declared would have to be known better"
-        return f"to know {now}{put_on}"
+        what = f"{number.name} of {number.effect} better"
+        now = f"{number.value:.3g} +- {number.standard_error:.2g} now"
+        least = least_words(number, ceiling, wanted)
+        if expected > NO_GAIN * number.standard_error and (least or number.relative_of(expected) > SHARP):
+            return f"no motion tells {what}{least or ' in this time'}; {now}"
+        return f"to know {what}{put_on}: {now}{least and '; no motion tells it better'}{least}"
     if numbers:
         return f"to know all declared parameters better{put_on}: nothing is left to be told apart"
     return (
@@ -44,15 +49,28 @@ def purpose_of(
     )
 
 
-def cannot_tell(trace: Trace, found: Promise, numbers: tuple[Number, ...]) -> tuple[str, ...]:
+def least_words(number: Number, ceiling: Ceiling, place: int) -> str:
+    """Why no motion makes a number sharp; empty where all motions that were tried together would."""
+    share = number.relative_of(ceiling.errors[place])
+    if not share > SHARP:
+        return ""
+    why = ceiling.declared[place]
+    return f" than {100 * share:.0f} %" + (f": {why}" if why else "")
+
+
+def cannot_tell(trace: Trace, found: Promise, numbers: tuple[Number, ...], ceiling: Ceiling) -> tuple[str, ...]:
     """What stays open after it."""
     said = [
         f"{one} from {other}: {found.separations[one, other]:.2g} of at least {found.needed:.2g} that are needed"
         for one, other in found.tied
     ]
-    for number, error in zip(numbers, found.errors, strict=True):
-        if number.value and number.relative_of(error) > SHARP:
-            said.append(f"{number.name} of {number.effect} to better than {100 * number.relative_of(error):.0f} %")
+    for place, (number, error) in enumerate(zip(numbers, found.errors, strict=True)):
+        if number.relative_of(error) > SHARP:
+            least = least_words(number, ceiling, place)
+            said.append(
+                f"{number.name} of {number.effect} to better than {100 * number.relative_of(error):.0f} %"
+                + (f", and no motion better{least}" if least else "")
+            )
     for rest in trace.unexplained:
         said.append(f"what the rest of the {rest.balance} balance in {rest.violation.where} is: no hypothesis names it")
     return tuple(said)

@@ -188,7 +188,8 @@ def effect_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
         ]
         title, description = effect["name"].replace("_", " "), effect["description"]
         if not title:
-            title, description = "learned curve", f"over the {SIGNALS[effect['curve']['signal']][0]}, of unknown cause"
+            over = SIGNALS[effect["curve"]["signal"]][0]
+            title, description = "learned curve", f"{FORMS[effect['curve']['form']].format(over)}, of unknown cause"
         tied = [name.replace("_", " ") for name in effect["tied_with"]]
         rows.append(effect | {"values": values, "title": title, "description": description, "ties": tied})
     return rows

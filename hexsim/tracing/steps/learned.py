@@ -1,5 +1,7 @@
 """A learned term for a residual with a clear dependence: its curve put into the simulator, under no physical name.
 
+A curve over one signal, one for each direction of motion, or the velocity times one.
+
 The residual of a balance is what the model has too much of, so the term is minus the curve. It is kept only if, with
 the declared parameters refitted beside it, every held-out run gets better.
 """
@@ -11,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hexsim.hydraulics.learned import SIGNALS
+from hexsim.hydraulics.learned import FORMS, HALF, SIGNALS
 from hexsim.hydraulics.parameters import LEARNED_KNOTS
 from hexsim.machine.files import changed
 from hexsim.tracing import rules
@@ -23,19 +25,26 @@ from hexsim.tracing.state import Step, Tell, Trace, UnexplainedResidual
 from hexsim.tracing.steps.verdict import held_out_gains
 
 Array = np.ndarray
+WORDS = {
+    "plain": "a measured curve over {}",
+    "direction": "a measured curve over {} for each direction of motion",
+    "product": "the velocity times a measured curve over {}",
+}
 
 
 def curve_table(rest: UnexplainedResidual) -> dict[str, Any] | None:
-    """The [effects.learned_term] table of a residual, or None when it is no plain curve over a signal that a leg knows."""
+    """The [effects.learned_term] table of a residual, or None when it is of no form and signal that a leg knows."""
     found = rest.dependence
     joined = learned_term_of(rest.balance)
-    able = found.form == "plain" and found.signal in SIGNALS and joined is not None
+    able = found.form in FORMS and found.signal in SIGNALS and joined is not None
     if not able or found.r2_cv < rules.LEARNED_R2 or rest.violation.where.startswith("platform"):
         return None
-    knots = np.linspace(found.knots[0], found.knots[-1], LEARNED_KNOTS)
-    values = -np.interp(knots, found.knots, found.curve)
+    curves = (found.curve / found.speed_m_s,) if found.back is None else (found.curve, found.back)
+    knots = np.linspace(found.knots[0], found.knots[-1], LEARNED_KNOTS if found.back is None else HALF)
+    values = -np.concatenate([np.interp(knots, found.knots, own) for own in curves])
     curve = {
         "balance": joined,
+        "form": found.form,
         "signal": found.signal,
         "start": float(knots[0]),
         "step": float(knots[1] - knots[0]),
@@ -77,7 +86,7 @@ def learned_fit(
             "dBIC": float(fit.chi2 - base.chi2 + LEARNED_KNOTS * np.log(fit.n)),
             "held_out_gain": gains,
         },
-        "description": f"a measured curve over {rest.dependence.signal}, of unknown cause",
+        "description": f"{WORDS[rest.dependence.form].format(rest.dependence.signal)}, of unknown cause",
     }
 
 

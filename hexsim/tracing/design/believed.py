@@ -1,0 +1,41 @@
+"""Samples of a motion that can be believed: where small differences do not grow.
+
+Near a standstill a difference grows, of noise as of a number. There a simulation promises much, and no trace gets it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from hexsim.signals.channels import kind_of
+from hexsim.tracing import rules
+from hexsim.tracing.problems.simulated import SimulatedProblem
+
+Array = np.ndarray
+CALM, CALM_SHARE = 5.0, 0.5  # times the noise; least share of a motion
+COARSE = 3.0  # times the step of the finite differences
+UNALIKE = 0.2  # share by which the columns of two steps differ where they are not reproduced
+SLIGHT = 0.3  # of the noise: a smaller difference does not matter
+
+
+def calm_samples(problem: SimulatedProblem) -> Array:
+    """Samples (n_used,) of the first log at which the spread of the accelerations is within CALM times their noise."""
+    rows = [k for k, name in enumerate(problem.channels(0)) if "acceleration" in name]
+    limit = CALM * np.array([problem.noise[kind_of(problem.channels(0)[k])] for k in rows])[:, None]
+    return np.all(problem.input_uncertainty[0][rows, problem.settle(0) :] < limit, axis=0)
+
+
+def reproduced(columns: Array, coarse: Array, spread: Array, rate_Hz: float) -> Array:
+    """Samples (n,) at which columns (k, n_channels, n) hardly depend on the step of their finite differences.
+
+    coarse: the columns with another step; spread (k,): how far a coordinate may be off now. Two numbers that do the same
+    have the same columns. Where a small difference grows they have not, and the difference would pass for knowledge.
+    """
+
+    def size(rows: Array) -> Array:
+        return uniform_filter1d(rows**2, max(round(rules.INPUT_WINDOW_S * rate_Hz), 1), axis=-1, mode="nearest")
+
+    off = size(columns - coarse)
+    matters = off * spread[:, None, None] ** 2 > SLIGHT**2
+    return ~np.any(matters & (off > UNALIKE**2 * size(coarse)), axis=(0, 1))

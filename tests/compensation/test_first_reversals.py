@@ -1,0 +1,97 @@
+"""What keeps the first compensated reversals no worse than plain control's, and quick to learn."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from compensation import Context
+from compensation.adaptive import Adaptive
+from compensation.adaptive.friction import TYPICAL_STRIBECK, add_to_friction, start_friction, stribeck_share
+from compensation.adaptive.inverse import advance_inverse
+from compensation.adaptive.layout import FRICTION, MONITOR, STRIBECK, VALVE, empty
+from compensation.adaptive.monitor import start_monitor, worth_compensating
+from compensation.adaptive.stribeck import MOST_WEIGHT, add_to_stribeck, hold_step, update_stribeck
+from compensation.adaptive.valve import crossing_in_time
+
+
+def test_a_wide_overlap_is_crossed_by_the_dead_band_volts_alone() -> None:
+    """0.4 V of overlap, edges rounded by 0.04 V, flow that reverses within a tick: no tick asks for volts against the side
+    that its flow goes to. The tick of the crossing had up to 0.2 V of them."""
+    numbers = Adaptive().start(Context(four_way=True, area_top_m2=1.2566e-3)).numbers
+    valve, inverse = numbers.valve, numbers.inverse
+    for edge in valve.edges:
+        edge.dead_band_V, edge.gain_m_s_V = 0.4, 0.07
+    numbers.trim.rounding_V = 0.04
+    for k in range(60):
+        advance_inverse(
+            inverse, 0.25 * ((k - 30.3) * 0.002) ** 2, (1.0, 1.0), valve, numbers.trim, numbers.crossing_path, 0.0
+        )
+        flow_m_s = inverse.flows_m_s[0]
+        assert inverse.flow_V[2] - inverse.crossing_V[0] == pytest.approx(0.0) or inverse.flow_V[2] * flow_m_s > 0.0
+
+
+def test_slow_reversals_tell_stribeck_friction_better() -> None:
+    """20 kPa missing after ten reversals: the next one at 0.1 m/s2 tells half of it, at 0.5 m/s2 a tenth. With a tenth at
+    any speed the 600 kg machine still had 0.07 m/s2 after eight reversals at 0.1 m/s2."""
+    for acceleration, part in ((0.1, 0.5), (0.5, 0.1)):
+        stribeck, t = empty(STRIBECK), (np.arange(61) - 30) * 0.002
+        stribeck.tick_s, stribeck.reversals, stribeck.most_weight, stribeck.ticks = 0.002, 10, MOST_WEIGHT, 100
+        for v in acceleration * t:
+            share = math.copysign(stribeck_share(float(v)), v)
+            if add_to_stribeck(stribeck, float(v), 2e4 * share, 0.0, share):
+                update_stribeck(stribeck, 8e4, 1e6)
+        assert stribeck.pressure_Pa == pytest.approx(part * 2e4, rel=0.05)
+
+
+def test_what_reversals_told_is_held_while_windows_find_the_half_step() -> None:
+    """At a reversal half step and Stribeck friction act together. Windows that take 5 kPa off the half step add what makes the
+    same, within its bounds, and nothing before the first reversal."""
+    stribeck = empty(STRIBECK)
+    stribeck.pressure_Pa = 1e4
+    hold_step(stribeck, -5e3, 1e5)
+    assert stribeck.pressure_Pa == 1e4
+    stribeck.at_rest = 2.0
+    hold_step(stribeck, -5e3, 1e5)
+    assert stribeck.pressure_Pa == pytest.approx(2e4)
+    hold_step(stribeck, 2e4, 1e5)
+    assert stribeck.pressure_Pa == 0.0
+
+
+def test_slow_windows_begin_with_typical_stribeck_friction_at_most() -> None:
+    """A position that reads late shows as 100 kPa of Stribeck friction beside a half step of 50 kPa: the first reversal begins
+    with half of the step. With all of it its bump was beyond plain control's."""
+    rng, friction, t = np.random.default_rng(0), empty(FRICTION), np.arange(9000) * 0.002
+    start_friction(friction, 0.002, 0.2, 16, 3e-3, 200.0)
+    w = 2 * math.pi * 0.5
+    y, v = 0.1 + 0.02 * np.sin(w * t), 0.02 * w * np.cos(w * t)
+    load = np.sign(v) * (5e4 + 1e5 * np.exp(-np.abs(v) / 5e-3)) + rng.normal(0, 4e3, len(t))
+    for row in zip(y, load, -w * w * (y - 0.1), strict=True):
+        add_to_friction(friction, *map(float, row))
+    assert friction.stribeck.pressure_Pa <= 1.1 * TYPICAL_STRIBECK * friction.half_step_Pa
+
+
+@pytest.mark.parametrize(("reversal_m_s2", "worth"), [(0.0, True), (0.5, True), (0.04, False)])
+def test_gentle_motion_is_worth_less(reversal_m_s2: float, worth: bool) -> None:
+    """Bumps of 0.15 m/s2 are worth compensating, where they are told by reversals of 0.5 m/s2 and not of 0.04: windows that
+    slow took a load of 160 kg for 480 kg, and its first reversals were 1.8 times plain control's."""
+    monitor = empty(MONITOR)
+    start_monitor(monitor, 0.002, 0.0)
+    monitor.baseline_m_s2[:], monitor.reversal_m_s2[:] = 0.15, reversal_m_s2
+    assert worth_compensating(monitor, 0.33, False, 0.0) == worth
+
+
+@pytest.mark.parametrize(
+    ("overlap_V", "lag_s", "left"), [(0.4, 7.2e-3, True), (0.4, 3.3e-3, False), (0.1, 9e-3, False)]
+)
+def test_an_overlap_both_wide_and_late_is_left_alone(overlap_V: float, lag_s: float, left: bool) -> None:
+    """20 um of a four-way valve are 0.4 V on either side. On a three-way valve nothing is left alone for it."""
+    valve = empty(VALVE)
+    valve.lag_s, valve.four_way = lag_s, 1
+    for edge in valve.edges:
+        edge.dead_band_V = overlap_V
+    assert crossing_in_time(valve) == (not left)
+    valve.four_way = 0
+    assert crossing_in_time(valve)
