@@ -99,7 +99,11 @@ def there(line: dict) -> set[str]:
     }
 
 
-SAME_AS = {"seal_friction": "pressure_dependent_friction", "friction_of_position": "position_dependent_friction"}
+SAME_AS = {
+    "air": "entrained_air",
+    "seal_friction": "pressure_dependent_friction",
+    "friction_of_position": "position_dependent_friction",
+}
 
 
 def score(line: dict) -> str:

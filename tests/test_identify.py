@@ -177,7 +177,7 @@ def test_the_bump_is_the_worst_peak_from_the_second_reversal_on():
     time = np.arange(0.0, 20.0, 1e-3)
     felt = 0.5 * np.sin(np.pi * time)
     for k in range(20):
-        felt += (0.8 if k == 4 else 0.3) * (-1) ** k * np.exp(-(((time - k - 0.5) / 0.02) ** 2))
+        felt += (0.8 if k == round(bump.FADE_s) else 0.3) * (-1) ** k * np.exp(-(((time - k - 0.5) / 0.02) ** 2))
     log = pl.DataFrame({"time_s": time, "acceleration_m_s2": felt})
     for given in (log, log.filter(pl.int_range(pl.len()) % 97 != 5)):
         assert worst(taken_apart(load_machine("bench"), given)) == pytest.approx(0.3, abs=0.04)
@@ -421,6 +421,24 @@ def test_the_story_names_what_is_named(tmp_path):
     assert "What the declared machine lacks: leakage supply to chamber (explained)." in page
     assert "1 round, 1.2 minutes" in page
     assert errors_by_kind(error, "declared") == {"position_m": pytest.approx(300.0)}
+
+
+def test_the_page_says_what_a_partly_explained_machine_keeps(tmp_path):
+    """The rest that has no name stands beside the verdict and in the round's line; the verdict is said once; a bump that is no
+    smaller is no 1/1."""
+    found = {"name": "valve_hysteresis", "where": "leg 1", "parameters": {"half_width_V": 0.026}}
+    only = Round(
+        number=1, purpose="a rich motion", log="round_1", verdict="partly", sentences=(), effects=[found], error={}
+    )  # fmt: skip
+    ended = "partly: nothing is left to be told apart, and every number is sharp"
+    story = Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended=ended)
+    page = write_story(story).read_text(encoding="utf-8")
+    assert "What the declared machine lacks: valve hysteresis (partly: what is left beside it has no name)." in page
+    assert "It ended because: nothing is left to be told apart" in page
+    assert "no number; a rest that no effect names" in page
+    for after, words in ((0.454, "no smaller"), (0.2, "44%"), (0.04, "1/11")):
+        both = SimpleNamespace(before=0.453, after=after)
+        assert bump.Bump.share.fget(both).startswith(words)
 
 
 def test_a_leg_that_does_not_follow_is_refused():

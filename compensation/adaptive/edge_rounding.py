@@ -49,6 +49,7 @@ REJECT_ERRORS = 7.0  # standard errors of q below zero at which the identified v
 MISFIT_SHARE, MAX_MISFIT = 0.2, 3.0  # low-pass of the misfit, and its bound
 
 TRIM_V_M = 200.0  # volts of rounding per metre of excess oil displacement at one reversal: 1 mV for 5 um
+KNOWN_SHARE = 0.3  # of that where a rounding is identified: 0.4 mV against 0.6 mV of noise a reversal
 TRIM_BIAS_M = 1e-6  # of each excess, towards what is identified, so that noise does not add up to a rounding
 MIN_ROUNDING_V = 4e-3  # below it edges are taken as sharp
 
@@ -233,4 +234,5 @@ def add_to_trim(trim, oil_error_m, flow_m_s, identified_V, highest_V):
         excess = 0.5 * (direction * (oil_error_m[0] - trim.reversal_m) + trim.before_m)
         if abs(excess) < MAX_EXCESS_M:
             bias_m = math.copysign(TRIM_BIAS_M, trim.rounding_V - identified_V)
-            trim.rounding_V = clip(trim.rounding_V + TRIM_V_M * (excess - bias_m), 0.0, highest_V)
+            gain_V_m = TRIM_V_M * (KNOWN_SHARE if identified_V > 0.0 else 1.0)
+            trim.rounding_V = clip(trim.rounding_V + gain_V_m * (excess - bias_m), 0.0, highest_V)

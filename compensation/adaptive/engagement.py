@@ -50,7 +50,7 @@ from .monitor import (
     worse_than_baseline,
     worth_compensating,
 )
-from .valve import lags_agree, valve_ready
+from .valve import crossing_in_time, lags_agree, valve_ready
 
 PHASES = ("plain control", "engaging", "compensated", "feed-forward going out", "disengaging", "tripped")
 PLAIN, ENGAGING, COMPENSATED, FEED_FORWARD_OUT, DISENGAGING, TRIPPED = range(6)
@@ -193,6 +193,7 @@ def _checks_passed(state):
             else (NOISE_RANGE if state.reference.load_given == 2 else NOISE_RANGE_ALONE),
         )
         and lags_agree(state.valve)
+        and crossing_in_time(state.valve)
         and explains_reversals(state.rounding)
         and state.valve.leak_known != 0
     )

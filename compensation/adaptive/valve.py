@@ -46,6 +46,7 @@ from .valve_edge import (
 
 MAX_LAG_OIL_M = 15e-6  # oil at a crossing of the overlap by which the lags of both edges may differ: one spool, one lag
 MAX_LAG_OIL_PAIR_M = 5e-5  # on a four-way valve under load, whose directions differ by 0.6 ms about the spool's lag
+MAX_CROSSING_V_S = 5.5e-3  # overlap times lag up to which a four-way valve's is compensated
 NULL_TOLERANCE_V = 5e-3  # by which the null may be off the middle of the edges
 NULL_ALPHA, NULL_BETA = 0.08, 0.47  # most with which the null follows, a window; and its rate, of the square of it
 NULL_PERIOD = 2.0  # with which it follows, over the windows of the last two half strokes
@@ -98,6 +99,14 @@ def lags_agree(valve):
     difference_s = 0.5 * abs(lag_difference_s(down) + lag_difference_s(up))
     most_m = MAX_LAG_OIL_PAIR_M if valve.four_way else MAX_LAG_OIL_M
     return crossing_m_s * max(abs(down.lag_s - up.lag_s), difference_s) < most_m
+
+
+@compiled
+def crossing_in_time(valve):
+    """Whether a four-way valve is not both wide and late: across 0.8 V of overlap with 7 ms of lag, 4 of them the
+    position's, one direction stayed 1.5 times worse than plain control."""
+    width_V = valve.edges[0].dead_band_V + valve.edges[1].dead_band_V
+    return not valve.four_way or width_V * valve.lag_s < MAX_CROSSING_V_S
 
 
 @compiled

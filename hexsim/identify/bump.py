@@ -32,8 +32,12 @@ from hexsim.studies.tune_start import FREQUENCY_Hz, half_hertz_sine, simulate_tw
 
 Array = NDArray[np.float64]
 ALGORITHM = "adaptive"
-FADE_s, PERIODS = 4.0, 5  # to full size, and at full size
+FADE_s, PERIODS = (
+    2.0,
+    5,
+)  # to full size, short enough that the first reversal is one that is compensated; and at full size
 LEARNING_s = 30.0  # of the twin
+UNCHANGED = 0.9  # of the bump: what is left where plain control has acted
 KEYS = ("edge_rounding_m", "spool_travel_max_m", "voltage_max_V")
 LOGS = ("heave_plain", "heave_compensated")
 
@@ -54,6 +58,15 @@ class Bump:
     def after(self) -> float:
         """[m/s2]"""
         return worst(self.compensated)
+
+    @property
+    def share(self) -> str:
+        """What is left of it, in words."""
+        if self.after > UNCHANGED * self.before:
+            return "no smaller: the compensator did not act"
+        return (
+            f"1/{self.before / self.after:.0f}" if self.before > 2.5 * self.after else f"{self.after / self.before:.0%}"
+        )
 
     def to_json(self) -> dict[str, Any]:
         return {

@@ -49,6 +49,7 @@ def write_story(story: Story) -> Path:
         "identify.html.j2", title=f"Identification of {story.machine.name}", story=story, sentence=sentence(story),
         effects=effects(story), declared=declared(story.machine), figure=shown, caption=BUDGET + BUMP * bool(story.bump),
         grown=grown, grown_caption=ROUNDS, bump=bump_sentence(story),
+        ended=why_ended(story), left=left_open(story),
     )  # fmt: skip
     write_text(place, page)
     return place
@@ -75,8 +76,7 @@ def bump_sentence(story: Story) -> str:
     """The bump before and after, or why there is none."""
     if story.bump is None:
         return story.no_bump and f"The bump was not compared: {story.no_bump}."
-    before, after = story.bump.before, story.bump.after
-    share = f"1/{before / after:.0f}"
+    before, after, share = story.bump.before, story.bump.after, story.bump.share
     return f"The bump at each reversal of the machine: {before:.3f} m/s² as it was, {after:.3f} m/s² compensated ({share})."
 
 
@@ -100,7 +100,20 @@ def sentence(story: Story) -> str:
     ended = story.rounds[-1].verdict
     if not names:
         return f"No effect is named: {ended}."
-    return f"What the declared machine lacks: {', '.join(names)} ({ended})."
+    rest = "partly: what is left beside it has no name" if ended == "partly" else ended
+    return f"What the declared machine lacks: {', '.join(names)} ({rest})."
+
+
+def why_ended(story: Story) -> str:
+    """Without the verdict, which the page has said."""
+    verdict = story.rounds[-1].verdict if story.rounds else ""
+    return story.ended.removeprefix(f"{verdict}: ")
+
+
+def left_open(story: Story) -> list[str]:
+    """What each round has left open, in words."""
+    rest = {"partly": "no number; a rest that no effect names"}
+    return ["; ".join(one.sentences) or rest.get(one.verdict, "nothing") for one in story.rounds]
 
 
 def headline(story: Story) -> str:

@@ -30,6 +30,7 @@ from hexsim.tracing.term_selection import (
     residual,
     rms,
     select,
+    shown_once,
     solve,
 )
 
@@ -162,7 +163,7 @@ def verdict_of(
         balance=balance.name, unit=balance.unit, folds=folds, named=named, verdict=text + left,
         coefficients=numbers(balance, runs, terms), rest_share=share, depends_on=(signal, r2),
         places=places_of(found, terms), refused=why, terms=terms,
-        alone={} if named else {name: run for name, (run, _) in alone.items()},
+        alone={name: run for name, (run, _) in alone.items() if not named} or shown_once(balance, runs, terms),
     )  # fmt: skip
 
 

@@ -152,9 +152,24 @@ def foretold(balance: OwnBalance, runs: Sequence[RunData], found: Sequence[Chose
     return chosen
 
 
+def shown_once(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> dict[str, str]:
+    """Candidates that one run alone shows, of which they would take a third: name -> run. No name: nothing can score them."""
+    found = {}
+    for term in balance.candidates:
+        if term.name in {one.name for one in chosen}:
+            continue
+        trial = (*chosen, best_placed(balance, runs, chosen, term))
+        sizes = np.array([float(np.sum(run.column(trial[-1]) ** 2)) for run in runs])
+        if np.sum(sizes > SHOWN * sizes.max()) == 1 and physical(balance, runs, trial):
+            run = runs[int(np.argmax(sizes))]
+            before, after = (rms(residual(run, solve(balance, runs, own), own)) for own in (chosen, trial))
+            found |= {term.name: run.name} if after**2 < (1.0 - EVERY_RUN) * before**2 else {}
+    return found
+
+
 def best_placed(balance: OwnBalance, runs: Sequence[RunData], beside: Chosen, term: Term) -> Term:
     """A term, a hinge at the place that leaves least of these runs."""
-    if term.over is None or term.place is None:
+    if term.over is None:
         return term
 
     def left(one: Term) -> float:

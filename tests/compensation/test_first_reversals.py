@@ -11,9 +11,10 @@ from compensation import Context
 from compensation.adaptive import Adaptive
 from compensation.adaptive.friction import TYPICAL_STRIBECK, add_to_friction, start_friction, stribeck_share
 from compensation.adaptive.inverse import advance_inverse
-from compensation.adaptive.layout import FRICTION, MONITOR, STRIBECK, empty
+from compensation.adaptive.layout import FRICTION, MONITOR, STRIBECK, VALVE, empty
 from compensation.adaptive.monitor import start_monitor, worth_compensating
 from compensation.adaptive.stribeck import MOST_WEIGHT, add_to_stribeck, hold_step, update_stribeck
+from compensation.adaptive.valve import crossing_in_time
 
 
 def test_a_wide_overlap_is_crossed_by_the_dead_band_volts_alone() -> None:
@@ -80,3 +81,17 @@ def test_gentle_motion_is_worth_less(reversal_m_s2: float, worth: bool) -> None:
     start_monitor(monitor, 0.002, 0.0)
     monitor.baseline_m_s2[:], monitor.reversal_m_s2[:] = 0.15, reversal_m_s2
     assert worth_compensating(monitor, 0.33, False, 0.0) == worth
+
+
+@pytest.mark.parametrize(
+    ("overlap_V", "lag_s", "left"), [(0.4, 7.2e-3, True), (0.4, 3.3e-3, False), (0.1, 9e-3, False)]
+)
+def test_an_overlap_both_wide_and_late_is_left_alone(overlap_V: float, lag_s: float, left: bool) -> None:
+    """20 um of a four-way valve are 0.4 V on either side. On a three-way valve nothing is left alone for it."""
+    valve = empty(VALVE)
+    valve.lag_s, valve.four_way = lag_s, 1
+    for edge in valve.edges:
+        edge.dead_band_V = overlap_V
+    assert crossing_in_time(valve) == (not left)
+    valve.four_way = 0
+    assert crossing_in_time(valve)

@@ -28,10 +28,10 @@ from hexsim.tracing.steps.violations import violations
 
 
 @pytest.fixture
-def questions(tmp_path, monkeypatch):
+def questions(tmp_path, monkeypatch, request):
     """Fit runs and a held-out run of 8 s; few null seeds, which only say how far above the null a violation is."""
     monkeypatch.setattr(rules, "NULL_SEEDS", 3)
-    write_machine(tmp_path, 1, {"discharge_of_pressure": None}, "bench", duration_s=8.0)
+    write_machine(tmp_path, 1, {getattr(request, "param", "discharge_of_pressure"): None}, "bench", duration_s=8.0)
     machine = load_machine(tmp_path)
     logs, _ = read_runs(Path(tmp_path), ["fit", "sweep", "validate"], machine)
     noise = noise_of(machine, logs)
@@ -59,6 +59,29 @@ def test_a_gap_without_a_name(questions):
     assert errors["position_m"]["with_effect"] < 0.5 * errors["position_m"]["refit"]
     assert errors["pressure_bottom_Pa"]["with_effect"] < 1.3 * errors["pressure_bottom_Pa"]["noise"]
     assert len(fit.fitted_machine().effects["learned_term"]["curve"]["values"]) == 33
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("questions", "form", "left"),
+    [
+        ("flow_gain_of_position", "product", 0.05),
+        ("stick_at_one_place", "direction", 0.6),
+        ("oil_warms_up", "product", 0.6),
+    ],
+    indirect=["questions"],
+)
+def test_gaps_that_go_with_the_direction_or_times_the_velocity(questions, form, left):
+    """A valve that passes more at long stroke, a friction bump at one place, friction that fades: the learned term of that form
+    leaves this share of the held-out position error at most."""
+    machine, problem, held_out = questions
+    rest = unexplained_residuals(violations(machine, machine, problem), problem)[0]
+    assert rest.dependence.form == form
+    base = refine(start_fit(machine, priors(machine), problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)
+    found = learned_fit(rest, base, problem, held_out)
+    assert found is not None and found[1]["curve"]["form"] == form
+    errors = error_table(held_out, machine, base.fitted_machine(), found[0].fitted_machine())["validate"]["position_m"]
+    assert errors["with_effect"] < left * errors["refit"]
 
 
 @pytest.mark.parametrize("form", ["plain", "direction", "product"])

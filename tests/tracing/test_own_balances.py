@@ -103,7 +103,7 @@ def test_nothing_rare_is_said_of_a_machine_without_it(tmp_path):
 @pytest.mark.parametrize("showing", [(1, 3), (3,)])
 def test_a_bumper_that_two_runs_meet_is_named_as_each_foretells_the_other(tmp_path, showing):
     """The others' fold has one run that shows it, none to score it on; the size that it gives is right in the run held out.
-    Met in one run alone it is no name.
+    Met in one run alone it is no name, and the next step is a second run that meets it.
     """
     known = DECLARED.replace("uncertainty = 1e-12", "uncertainty = 1e-15").replace("= 2e-5", "= 1e-8")
     folder = folder_of(tmp_path, text=known)
@@ -112,9 +112,11 @@ def test_a_bumper_that_two_runs_meet_is_named_as_each_foretells_the_other(tmp_pa
         low = run["p_Pa"] if seed in showing else 0.7 * run["p_Pa"]
         taken = LEAK * (run["p_Pa"] - low)
         run.with_columns(p_Pa=low, flow_m3_s=run["flow_m3_s"] - taken).write_csv(folder / f"run{seed}.csv")
-    verdict = trace_folder(folder)[1][0].verdict
+    _, (trace,), report = trace_folder(folder)
+    verdict = trace.verdict
     if len(showing) == 1:
         assert verdict.named == ()
+        assert report["balances"][0]["next"] == "measure a second run in which relief acts as in run3"
         return
     assert verdict.named == ("relief",)
     assert verdict.coefficients["relief"][0] == pytest.approx(RELIEF, rel=0.15)
