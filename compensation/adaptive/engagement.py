@@ -10,13 +10,14 @@ feed-forward in the reference (reference.py). Phases and transitions:
 | COMPENSATED | ramp = 1 and excited | 1 | up to 1 in `feed_forward_s` |
 | FEED_FORWARD_OUT | ramp = 1 and no longer excited | 1 | down to 0 in `disengage_s` |
 | DISENGAGING | g = 0, after a reversal or at rest | down, within a half stroke | 0 |
-| TRIPPED | valve no longer identified, between two reversals; or lockout by the monitor | down in `engage_s` / 4 | held, 0 at the end |
+| TRIPPED | valve no longer identified, between two reversals; or lockout | down in `engage_s` / 4 | held, 0 at the end |
 
 On entry to ENGAGING the reference joins the piston, so that the volts begin without a step. ENGAGING and DISENGAGING
 change into each other while the ramp moves, as the excitation comes and goes.
 
 Armed: started with what was learned before, of this machine or its twin. It engages as soon as the setpoints ahead
-begin to move, with plain control's bumps of then as the baseline. Where the motion has not begun nothing lags yet: the
+begin to move, with plain control's bumps of then as the baseline. A piston that then does not follow as where it was
+learned is another machine's, and is let go before the first reversal. Where the motion has not begun nothing lags yet: the
 ramp ends before the piston moves, g = 1. Else g rises in `ARMED_FEED_FORWARD_S`. The first reversal tells
 whether the motion is excited.
 
@@ -66,6 +67,7 @@ MIN_OPEN_S = 0.08  # time the valve has been open under plain control before eng
 ARMED_ENGAGE_S, ARMED_FEED_FORWARD_S = 0.1, 0.4  # ramp and g after a start with what was learned
 JOIN_ERRORS = 4.0  # standard deviations of a position within which a piston stands at its setpoint
 JOIN_M_S2, JOIN_M_S = 5e-3, 3e-3  # or with which the loop brings it there; of a setpoint whose motion has not begun
+OTHER_RATIO, OTHER_V = 2.0, 0.01  # over how far a piston follows where it was learned: another machine
 TRIP_SPEED = 4.0  # of the ramp when tripped, over that of engaging
 
 
@@ -96,6 +98,7 @@ def update_engagement(state, setpoint_m_s, setpoint_m_s2, position_m, control_V,
         engagement.lockout_s -= settings.tick_s
 
     phase = engagement.phase = _next_phase(state, identified)
+    _watch_following(state, settings.position_gain_V_per_m * abs(behind_m))
     if phase == TRIPPED:
         engagement.ramp = max(0.0, engagement.ramp - TRIP_SPEED * step)
     elif phase == ENGAGING:
@@ -108,6 +111,22 @@ def update_engagement(state, setpoint_m_s, setpoint_m_s2, position_m, control_V,
     elif phase == DISENGAGING:
         engagement.ramp = max(0.0, engagement.ramp - engagement.ramp_step)
     _move_feed_forward(state, identified)
+
+
+@compiled
+def _watch_following(state, volts_V):
+    """How far the piston is off the reference, in volts of the loop. Armed it may be twice as far as where it was learned, or
+    the machine is another one, and nothing of what was learned is used on it. Of a controller that feeds forward itself
+    this tells nothing: its own motion does not begin as the reference does."""
+    engagement, settings = state.engagement, state.settings
+    if engagement.ramp < 1.0:
+        return
+    if not engagement.armed and state.reference.feed_forward == 1.0:
+        faded = engagement.follows_V * (1.0 - settings.tick_s / EXCITATION_MEMORY_S)
+        engagement.follows_V = max(faded, volts_V)
+    known = engagement.follows_V > 0.0 and settings.controller_feeds_forward == 0.0
+    if engagement.armed and known and volts_V > OTHER_RATIO * engagement.follows_V + OTHER_V:
+        engagement.armed, engagement.other, engagement.lockout_s = False, True, LOCKOUT_S
 
 
 @compiled
@@ -188,13 +207,14 @@ def arm(state, known):
     if not (valve_ready(state.valve) and friction_ready(state.friction) and monitor_ready(monitor)):
         return
     engagement.armed, engagement.friction_share, state.trust.trusted, state.trust.error_m_s2 = True, 1.0, True, 0.0
-    engagement.stability_limit_m_s2 = _stability_limit_m_s2(state)
+    engagement.stability_limit_m_s2, engagement.follows_V = _stability_limit_m_s2(state), known.follows_V
 
 
 @compiled
 def keep_plain_control(state, known):
-    """Bumps of plain control's reversals, and what was asked for at them."""
+    """Bumps of plain control's reversals, what was asked for at them, and how far a compensated piston follows."""
     known.baseline_m_s2[:], known.reversal_m_s2[:] = state.monitor.baseline_m_s2, state.monitor.reversal_m_s2
+    known.follows_V = state.engagement.follows_V
 
 
 @compiled
@@ -260,7 +280,7 @@ def _stability_limit_m_s2(state):
 def _judge_reversal(engagement, monitor, extending):
     """A compensated reversal worse than the baseline trips, with a longer lockout each time."""
     if worse_than_baseline(monitor, extending, engagement.reversal_m_s2, engagement.ramp):
-        engagement.lockout_s = LOCKOUT_S * LOCKOUT_RATIO**engagement.trips
+        engagement.lockout_s, engagement.other = LOCKOUT_S * LOCKOUT_RATIO**engagement.trips, False
         engagement.trips, engagement.good_reversals = engagement.trips + 1, 0
     elif engagement.ramp == 1.0:
         engagement.good_reversals += 1

@@ -114,7 +114,7 @@ def tick_of(state, table, preview, setpoint_m, position_m, control_V, valve_V, b
     volts = step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V, bottom_Pa, supply_Pa, extra_V)
     told = DESIGN_WANTED if state.design_wanted else 0
     if state.engagement.lockout_s > 0.0:
-        told |= WORSE
+        told |= REJECTED if state.engagement.other else WORSE
     if valve_rejected(state.valve):
         told |= REJECTED
     if state.settings.learn and state.delay.tells:

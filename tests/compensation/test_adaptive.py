@@ -598,6 +598,25 @@ def test_armed_it_compensates_from_the_first_motion(adapted) -> None:
 
 
 @pytest.mark.parametrize(
+    ("change", "other"),
+    [({}, False), ({"mass_kg": 50.0}, False), ({"overlap_m": 15e-6}, True), ({"leak_supply_m3_s_Pa": 2e-12}, True)],
+)
+def test_armed_on_another_machine_it_lets_go_before_the_first_reversal(adapted, change, other) -> None:
+    """Restored on a leg with three times the overlap, or a leak: within the first half stroke (1 s from the first motion) the
+    piston is further off the reference than where it was learned, and plain control acts. A quarter more mass is no other machine."""
+    made, begin = compensation.create("adaptive"), 1.0
+    state = made.restore(Context(), made.parameters(adapted.state))
+    shape = lambda time: np.clip((time - begin) / 0.5, 0.0, 1.0) ** 3 * (time > begin)  # noqa: E731
+    record = run(
+        made, leg=Leg(**change), setpoint=lambda time: 0.1 + 0.05 * np.sin(np.pi * (time - begin)) * shape(time),
+        duration_s=1.6, state=state,
+    )  # fmt: skip
+    said = [text for _, text in record.statuses if "plain control" in text]
+    assert bool(said) is other and all("no longer follows what was learned" in text for text in said)
+    assert bool(record.added_V[-1] == 0.0) is other
+
+
+@pytest.mark.parametrize(
     ("half_s", "reversal_m_s2", "armed"), [(1.0, 0.3, False), (0.02, 0.3, True), (1.0, 5e-4, True)]
 )
 def test_the_first_reversal_of_an_armed_start_is_not_judged(half_s, reversal_m_s2, armed) -> None:
