@@ -252,6 +252,7 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     if abs(valve.lag_s - state.lag_s) > LAG_TOLERANCE_S and valve_ready(valve):
         if not engaged:
             stretch_demands(state, look_ahead_shift(valve.lag_s, settings.tick_s))
+        if not engaged or valve.four_way:
             want_design(state, round_lag(valve.lag_s))
         elif state.engagement.after_reversal:  # a spool's lag does not jump; an edge that is read badly may
             moved_s = clip(valve.lag_s - state.lag_s, -LAG_REVERSAL_S, LAG_REVERSAL_S)
