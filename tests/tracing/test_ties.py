@@ -134,6 +134,19 @@ def test_a_hose_and_a_dead_volume_are_one_term(bench):
             assert rival.chi2 == pytest.approx(fit.chi2, rel=1e-3)
 
 
+@pytest.mark.parametrize(("force_N", "expected"), [(5.0, {"incline"}), (-5.0, set())])
+def test_an_incline_stands_for_a_force_of_its_sign_only(bench, force_N, expected):
+    """m g (1 - cos) is a constant force that lifts: of one that pulls an incline is no other name (it was one, at 0 rad)."""
+    machine, log = bench
+    part = BalanceRows(balance=balance_named("force", machine), sigma=np.ones(1), rows=(0,))
+    problem = SimulatedProblem(logs=(log,), noise=noise_of(machine, [log]))
+    fit = with_candidate(start_fit(machine, (), problem), named("constant_force"), 0.1, problem)
+    fit = dataclasses.replace(fit, values=({"force_N": force_N},))
+    balances = BalanceProblem(logs=(log,), parts=(part,))
+    found = same_terms(fit, 0, [named("incline"), named("mass_change")], balances, problem)
+    assert set(found) == expected
+
+
 def test_only_what_the_balances_leave_open_is_tried_as_a_tie(bench):
     """In the continuity a hose and a dead volume do the same, a null offset does not; what the balance does not show (a mass)
     may be a tie, and for an effect that it does not show so may all. Nor does a mass reach a misfit that is all continuity."""

@@ -17,7 +17,7 @@ import numpy as np
 from hexsim.tracing import rules
 from hexsim.tracing.balances.controller import Loop
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, start_fit_at
-from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
+from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_coordinate, to_value
 from hexsim.tracing.fitting.screening import Screened, columns_of
 from hexsim.tracing.fitting.selection import information, scale_of, try_candidate
 from hexsim.tracing.problems.balance import BalanceProblem
@@ -136,6 +136,9 @@ def same_terms(
         if np.sum((does - coordinate * own) ** 2) > SAME_TERM * (does @ does):
             continue
         number = candidate.effect.parameters[0]
+        low, high = coordinate_bounds(number)
+        if not low <= coordinate <= high:  # an incline pushes one way only
+            continue
         values = (*fit.values[:k], {number.name: to_value(number, coordinate)}, *fit.values[k + 1 :])
         swapped = replace(fit, candidates=(*fit.candidates[:k], candidate, *fit.candidates[k + 1 :]), values=values)
         found[candidate.label] = replace(start_fit_at(swapped, problem), covariance=fit.covariance)
