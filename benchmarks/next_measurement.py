@@ -228,13 +228,10 @@ def summarise(lines: list[dict[str, Any]]) -> None:
         }
         print(f"{kind}: {len(own)} machines, {len(opened)} left open; right and sharp after it: {good}")
         honest = [line["seed"] for line in opened if answered_honestly(line)]
-        most = [line["seed"] for line in opened if beyond_the_ceiling(line)]
-        made = [
-            s
-            for s in most
-            if any(line["seed"] == s and line["designed"]["score"] == "right and sharp" for line in opened)
-        ]
-        print(f"  the design says that no run makes it sharp: {len(most)} {most}, and it was all the same: {made}")
+        most = [line for line in opened if beyond_the_ceiling(line)]
+        seeds = [line["seed"] for line in most]
+        made = [line["seed"] for line in most if line["designed"]["score"] == "right and sharp"]
+        print(f"  the design says that no run makes it sharp: {len(most)} {seeds}, and it was all the same: {made}")
         print(f"  the design says that no motion does it, with the right name: {len(honest)} {honest}")
     ratios = np.array([ratio for line in lines if "designed" in line for ratio in error_ratios(line)])
     if len(ratios):

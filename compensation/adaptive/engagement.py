@@ -41,12 +41,10 @@ from .edge_rounding import explains_reversals, upper_bound_V
 from .friction import friction_ready, inertia_Pa, resonance_growth_1_s, step_acceleration_m_s2
 from .layout import DEMANDS, LEAD_TICKS, PREVIEW_TICKS
 from .monitor import (
-    NOISE_RANGE,
-    NOISE_RANGE_ALONE,
-    PAIR_NOISE,
     add_to_monitor,
     begin_range,
     monitor_ready,
+    noise_range,
     worse_than_baseline,
     worth_compensating,
 )
@@ -188,9 +186,7 @@ def _checks_passed(state):
             state.monitor,
             step_acceleration_m_s2(state.friction),
             state.reference.load_given == 2,
-            PAIR_NOISE
-            if state.valve.four_way
-            else (NOISE_RANGE if state.reference.load_given == 2 else NOISE_RANGE_ALONE),
+            noise_range(state.valve.four_way, state.reference.load_given == 2),
         )
         and lags_agree(state.valve)
         and crossing_in_time(state.valve)

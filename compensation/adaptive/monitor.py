@@ -118,13 +118,19 @@ def worth_compensating(monitor, step_m_s2, told, noise_range):
     first, second = monitor.baseline_m_s2
     if told:
         return max(first, second) > min(FELT_M_S2, RISK_SHARE_TOLD * step_m_s2) + noise_m_s2
-    least, reversal_m_s2 = (
-        min(FELT_ALONE_M_S2, RISK_SHARE * step_m_s2),
-        max(monitor.reversal_m_s2[0], monitor.reversal_m_s2[1]),
-    )
+    least = min(FELT_ALONE_M_S2, RISK_SHARE * step_m_s2)
+    reversal_m_s2 = max(monitor.reversal_m_s2[0], monitor.reversal_m_s2[1])
     if 0.0 < reversal_m_s2 < GENTLE_M_S2:
         least *= GENTLE_M_S2 / reversal_m_s2
     return 0.5 * (first + second) > least + noise_m_s2
+
+
+@compiled
+def noise_range(four_way, told):
+    """Standard errors that noise adds to a bump."""
+    if four_way:
+        return PAIR_NOISE
+    return NOISE_RANGE if told else NOISE_RANGE_ALONE
 
 
 @compiled

@@ -82,10 +82,8 @@ def update_stribeck(stribeck, inertia_Pa, highest_Pa):
     missing = dot(PHI, stribeck.deviation_Pa, count)
     missing -= inertia_Pa * dot(PHI_SECOND, stribeck.position_error_m, count) / stribeck.tick_s**2
     stribeck.reversals, stribeck.at_rest = stribeck.reversals + 1, AT_REST / abs(projected)
-    weight, error_Pa = (
-        clip((projected / USUAL_PROJECTION) ** 2, 1.0, max(stribeck.most_weight, 1.0)),
-        missing / projected,
-    )
+    error_Pa = missing / projected
+    weight = clip((projected / USUAL_PROJECTION) ** 2, 1.0, max(stribeck.most_weight, 1.0))
     rate = weight / (weight - 1.0 + stribeck.reversals + stribeck.known)
     if rate < MIN_RATE * weight:  # known already
         rate = MIN_RATE * weight

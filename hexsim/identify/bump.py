@@ -32,10 +32,8 @@ from hexsim.studies.tune_start import FREQUENCY_Hz, half_hertz_sine, simulate_tw
 
 Array = NDArray[np.float64]
 ALGORITHM = "adaptive"
-FADE_s, PERIODS = (
-    2.0,
-    5,
-)  # to full size, short enough that the first reversal is one that is compensated; and at full size
+FADE_s = 2.0  # to full size: short, so that the first reversal is one that is compensated
+PERIODS = 5  # at full size
 LEARNING_s = 30.0  # of the twin
 UNCHANGED = 0.9  # of the bump: what is left where plain control has acted
 KEYS = ("edge_rounding_m", "spool_travel_max_m", "voltage_max_V")

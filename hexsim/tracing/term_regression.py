@@ -31,7 +31,9 @@ from hexsim.tracing.term_selection import (
     rms,
     select,
     shown_once,
+    sizes_of,
     solve,
+    squares_left,
 )
 
 __all__ = ["Alignment", "OwnBalance", "OwnVerdict", "Point", "Term", "aligned", "late_by", "run_data", "trace_own"]
@@ -171,9 +173,7 @@ def in_order(balance: OwnBalance, runs: Sequence[RunData], terms: Sequence[Term]
     """Names of terms, first the one without which most is left."""
 
     def left_without(term: Term) -> float:
-        rest = tuple(other for other in terms if other is not term)
-        coefficients = solve(balance, runs, rest)
-        return -sum(float(np.sum(residual(run, coefficients, rest) ** 2)) for run in runs)
+        return -squares_left(balance, runs, tuple(other for other in terms if other is not term))
 
     return tuple(term.name for term in sorted(terms, key=left_without))
 
@@ -184,7 +184,7 @@ def carried(runs: Sequence[RunData], folds: Sequence[Fold], found: Sequence[Chos
     for name in sorted({term.name for chosen in found for term in chosen}):
         without = [fold.held_out for fold in folds if name not in fold.chosen]
         term = next(term for chosen in found for term in chosen if term.name == name)
-        sizes = np.array([float(np.sum(run.column(term) ** 2)) for run in runs])
+        sizes = sizes_of(term, runs)
         most = int(np.argmax(sizes))
         if runs[most].name in without and sizes[most] > 0.5 * sizes.sum():
             at = "" if term.place is None else f" beyond {term.place:.4g}"

@@ -136,7 +136,7 @@ def foretold(balance: OwnBalance, runs: Sequence[RunData], found: Sequence[Chose
     """
     chosen = list(found)
     for term in {term.name: term for own in found for term in own}.values():
-        sizes = np.array([float(np.sum(run.column(term) ** 2)) for run in runs])
+        sizes = sizes_of(term, runs)
         shows = sizes > SHOWN * sizes.max()
         tells = [int(shows.sum() - shown) > 1 for shown in shows]
         lacks = [all(one.name != term.name for one in own) for own in found]
@@ -159,7 +159,7 @@ def shown_once(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> 
         if term.name in {one.name for one in chosen}:
             continue
         trial = (*chosen, best_placed(balance, runs, chosen, term))
-        sizes = np.array([float(np.sum(run.column(trial[-1]) ** 2)) for run in runs])
+        sizes = sizes_of(trial[-1], runs)
         if np.sum(sizes > SHOWN * sizes.max()) == 1 and physical(balance, runs, trial):
             run = runs[int(np.argmax(sizes))]
             before, after = (rms(residual(run, solve(balance, runs, own), own)) for own in (chosen, trial))
@@ -172,12 +172,19 @@ def best_placed(balance: OwnBalance, runs: Sequence[RunData], beside: Chosen, te
     if term.over is None:
         return term
 
-    def left(one: Term) -> float:
-        trial = (*beside, one)
-        coefficients = solve(balance, runs, trial)
-        return sum(float(np.sum(residual(run, coefficients, trial) ** 2)) for run in runs)
+    best = min(variants(_anywhere(term), runs), key=lambda one: squares_left(balance, runs, (*beside, one)))
+    return placed(balance, runs, beside, best)
 
-    return placed(balance, runs, beside, min(variants(_anywhere(term), runs), key=left))
+
+def squares_left(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> float:
+    """Sum of the squared residuals of all runs with these terms, fitted to them."""
+    coefficients = solve(balance, runs, chosen)
+    return sum(float(np.sum(residual(run, coefficients, chosen) ** 2)) for run in runs)
+
+
+def sizes_of(term: Term, runs: Sequence[RunData]) -> Array:
+    """Sum of the squares of a term's column in every run, (n_runs,)."""
+    return np.array([float(np.sum(run.column(term) ** 2)) for run in runs])
 
 
 def others_of(trials_of: Sequence[Term], chosen: Chosen) -> list[Term]:
@@ -210,9 +217,7 @@ def placed(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen, term: T
     low, high = grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)]
 
     def left(place: float) -> float:
-        trial = (*chosen, at_place(term, float(place)))
-        coefficients = solve(balance, runs, trial)
-        return sum(float(np.sum(residual(run, coefficients, trial) ** 2)) for run in runs)
+        return squares_left(balance, runs, (*chosen, at_place(term, float(place))))
 
     if low is None or high is None or not high > low:
         return term

@@ -1,17 +1,7 @@
 """Flow from the bottom chamber to the tank above a threshold: q = G max(P1 - Pr, 0)."""
 
-from __future__ import annotations
-
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.parameters import P
-from hexsim.hydraulics.resolved import Resolved
-
-
-def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
-    """One threshold a leg."""
-    resolved.rows[list(legs), P.RELIEF_CONDUCTANCE] = values["conductance_m3_s_Pa"]
-    resolved.rows[list(legs), P.RELIEF_OPENS] = values["opening_pressure_Pa"]
-
 
 EFFECT = Effect(
     name="relief_flow",
@@ -19,8 +9,11 @@ EFFECT = Effect(
     description="above a pressure oil leaves the bottom chamber to the tank, as through a relief valve",
     source="Merritt 1967, 9-2; cartridge reliefs pass 1e-11 to 1e-9 m3/s/Pa beyond their setting",
     parameters=(
-        EffectParameter(name="conductance_m3_s_Pa", unit="m3/s/Pa", bounds=(0.0, 1e-8), typical=1.0e-11),
-        EffectParameter(name="opening_pressure_Pa", unit="Pa", bounds=(0.0, 1e8), typical=3.5e6, default=3.5e6),
+        EffectParameter(
+            name="conductance_m3_s_Pa", unit="m3/s/Pa", bounds=(0.0, 1e-8), typical=1.0e-11, slot=P.RELIEF_CONDUCTANCE
+        ),
+        EffectParameter(
+            name="opening_pressure_Pa", unit="Pa", bounds=(0.0, 1e8), typical=3.5e6, default=3.5e6, slot=P.RELIEF_OPENS
+        ),
     ),
-    apply=apply,
 )

@@ -11,17 +11,14 @@ An effect shows from sqrt(least fall of J) standard errors on. Linear about the 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.parameters import Candidate, to_value
 from hexsim.tracing.fitting.rest_evidence import least_remarkable
 from hexsim.tracing.fitting.rest_priors import prior_precision
-from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
 HELPS = 0.9  # a coordinate hides a size that it leaves below this share of its error
@@ -43,14 +40,12 @@ class Hidden:
     known_to: float = 0.0
 
 
-def hidden_of(
-    bare: Fit, columns: Sequence[Array], candidate: Candidate, problem: FitProblem, least: float
-) -> Hidden | None:
-    """What the rest hides of an effect, whose column is the last of these; None where the logs do not see it.
+def hidden_of(bare: Fit, A: Array, candidate: Candidate, least: float) -> Hidden | None:
+    """What the rest hides of an effect; None where the logs do not see it.
 
+    A: normal matrix of J, the effect's size last.
     least: the fall of J from which it would be named, by the least remarkable size at the least.
     """
-    A, _ = rest_level.weighted_system(bare, list(columns), problem)
     C = np.linalg.pinv(A, rcond=1e-12, hermitian=True)
     number = candidate.effect.parameters[0]
     if C[-1, -1] <= 0.0:

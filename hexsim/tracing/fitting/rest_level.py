@@ -263,10 +263,10 @@ def begun_with(bare: Fit, candidate: Candidate, start: Array, problem: FitProble
     return answered(replace(there, candidates=(*bare.candidates, candidate), values=(*there.values, values)), problem)
 
 
-def asked_for(fit: Fit, columns: list[Array], own: tuple[float, float], problem: FitProblem) -> tuple[Array, float]:
-    """(coordinates that the columns ask for, the effect's number last, which stands at 0; what J's tangent promises for
-    them). own: its bounds."""
-    A, b = weighted_system(fit, columns, problem)
+def asked_for(fit: Fit, system: tuple[Array, Array], own: tuple[float, float]) -> tuple[Array, float]:
+    """(coordinates that the columns of a weighted system ask for, the effect's number last, which stands at 0; what J's
+    tangent promises for them). own: its bounds."""
+    A, b = system
     here, (low, high) = coordinates_of(fit), bounds_of(fit)
     x = bounded(A, b, np.append(low - here, own[0]), np.append(high - here, own[1]))
     return np.append(here, 0.0) + x, float(2.0 * b @ x - x @ A @ x)

@@ -80,9 +80,10 @@ def promise_of(
     number, slow = candidate.effect.parameters[0], problem.slow_alone()
     bare, columns = rest_level.released(base, candidate)
     grown = [np.concatenate([X, x[None]]) for X, x in zip(columns, own, strict=True)]
-    start, fall = rest_level.asked_for(bare, grown, coordinate_bounds(number), problem)
+    system, bounds = rest_level.weighted_system(bare, grown, problem), coordinate_bounds(number)
+    start, fall = rest_level.asked_for(bare, system, bounds)
     if slow is not problem:
-        alone, promised = rest_level.asked_for(bare, grown, coordinate_bounds(number), slow)
+        alone, promised = rest_level.asked_for(bare, rest_level.weighted_system(bare, grown, slow), bounds)
         start, fall = (alone, promised) if promised > fall else (start, fall)
     here = np.append(coordinates_of(bare), 0.0)
     start = here + (start - here) * min(1.0, LARGEST_START / max(abs(start[-1]), 1e-9))
@@ -92,7 +93,7 @@ def promise_of(
         left = rest_level.cost_of(rest_level.begun_with(bare, candidate, typical, problem), slow)
         promised = rest_level.cost_of(base.fit, slow) - left
         start, fall = (typical, promised) if promised > fall else (start, fall)
-    return (fall, candidate, start), hidden_of(bare, grown, candidate, problem, least_fall(problem))
+    return (fall, candidate, start), hidden_of(bare, system[0], candidate, least_fall(problem))
 
 
 def acts_late(candidate: Candidate) -> bool:
