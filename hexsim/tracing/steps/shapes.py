@@ -27,6 +27,7 @@ from hexsim.tracing.state import Step, Tell, Trace, Violation
 from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
+OCTAVES_Hz = (4.0, 8.0, 16.0, 32.0)  # of a payload's spring
 
 
 def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str, float]]:
@@ -112,6 +113,12 @@ def worth_screening(
     worst = max(legs, key=lambda line: line.violation / line.null)
     there = {line.where for line in legs if line.violated} | {worst.where}
     return [c for c in everything if not c.where.startswith("leg ") or c.where in there or c.effect.places == "one leg"]
+
+
+def with_octaves(possible: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates, a payload's spring at every octave besides: where the force balance holds, its rest shows no shape."""
+    sprung = [c for c in possible if c.effect.name == "flexible_payload"]
+    return [*possible, *(replace(c, shape=c.shape | {"frequency_Hz": own}) for c in sprung for own in OCTAVES_Hz)]
 
 
 def propose(trace: Trace, tell: Tell) -> Trace:
