@@ -177,6 +177,12 @@ def test_a_column_at_one_shape_promises_the_least(bench):
     ]
     listed = [own.candidate.effect.name for own in shortlist(lines, 1.0, 157.6)]
     assert listed == ["constant_force", "flexible_payload"]
+    others = [
+        line(name, 160.0)
+        for name in ("mass_change", "spring", "null_offset", "incline", "hose_compliance", "null_drift")
+    ]
+    listed = shortlist([*others, line("overlap_change", 161.0), line("pressure_gain", 159.0), *lines], 1.0, 157.6)
+    assert len(listed) == 9 and listed[-1].candidate.effect.name == "flexible_payload"
     assert shortlist(lines, 1.0, 160.0) == []
 
 

@@ -46,22 +46,21 @@ def scale_of(fit: Fit) -> float:
 def shortlist(lines: list[Screened], scale: float, alarm: float) -> list[Screened]:
     """The best shape of each effect and place, those with a gain that could matter, at most REFITTED_CANDIDATES.
 
-    The column of an effect with more than one number is taken at one shape: it promises the least that a refit takes.
+    The column of an effect with more than one number is taken at one shape and promises the least that a refit takes:
+    SHAPES_REFITTED more of them, where anything reaches the alarm.
     """
     best: dict[str, Screened] = {}
     for line in lines:
         key = line.candidate.label
         if key not in best or line.score > best[key].score:
             best[key] = line
-    most = max((line.gain_chi2 for line in best.values()), default=0.0)
-    if most <= alarm * scale:
+    ranked = sorted(best.values(), key=lambda line: -line.gain_chi2)
+    if not ranked or ranked[0].gain_chi2 <= alarm * scale:
         return []
-    few = rules.REFIT_GAIN_SHARE * most
-    worth = [
-        line for line in best.values()
-        if line.gain_chi2 > (few if len(line.candidate.free()) > 1 else max(alarm * scale, few))
-    ]  # fmt: skip
-    return sorted(worth, key=lambda line: -line.gain_chi2)[: rules.REFITTED_CANDIDATES]
+    few = rules.REFIT_GAIN_SHARE * ranked[0].gain_chi2
+    worth = [line for line in ranked if line.gain_chi2 > max(alarm * scale, few)][: rules.REFITTED_CANDIDATES]
+    shaped = [line for line in ranked if line.gain_chi2 > few and len(line.candidate.free()) > 1 and line not in worth]
+    return worth + shaped[: rules.SHAPES_REFITTED]
 
 
 def bending(lines: list[Screened], listed: list[Screened]) -> list[Screened]:
