@@ -181,7 +181,9 @@ def test_a_worn_bore_leaks_from_chamber_to_chamber(row):
     assert np.diff(into_b) == pytest.approx(-3e-6, rel=1e-9)
     demands = [leg.supply_demand_in_step(p, 0.1, 0.0, 0.0, P1, P2, PS) for p in (sound, row)]
     assert demands[0] == demands[1]
-    heats = [leg.heat(p, 0.1, 0.0, 0.0, P1, P2, PS, 0.0, q, demands[0]) for p, q in zip((sound, row), into_a, strict=True)]
+    heats = [
+        leg.heat(p, 0.1, 0.0, 0.0, P1, P2, PS, 0.0, q, demands[0]) for p, q in zip((sound, row), into_a, strict=True)
+    ]
     assert np.diff(heats) == pytest.approx(1e-12 * (P1 - P2) ** 2, rel=1e-6)
 
 

@@ -92,7 +92,9 @@ def test_all_friction_settles_while_the_seals_warm_up(row, v):
     row[P.FRICTION_WARM_UP], row[P.FRICTION_WARM_UP_TIME] = 0.08, 5.0
     for t, factor in ((0.0, 1.08), (5.0, 1 + 0.08 * math.exp(-1)), (1e3, 1.0)):
         assert leg.friction_force(row, 0.1, v, P1, 0.0, 0.0, t) == pytest.approx(factor * warm, rel=1e-12)
-    cold = leg.leg_force(row, 0.1, v, 0.0, P1, 0.0, PS, 0.0, 0.0) - leg.leg_force(row, 0.1, v, 0.0, P1, 0.0, PS, 0.0, 1e3)
+    cold = leg.leg_force(row, 0.1, v, 0.0, P1, 0.0, PS, 0.0, 0.0) - leg.leg_force(
+        row, 0.1, v, 0.0, P1, 0.0, PS, 0.0, 1e3
+    )
     assert cold == pytest.approx(-0.08 * warm, rel=1e-9)
 
 
