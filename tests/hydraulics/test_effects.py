@@ -66,6 +66,8 @@ def test_an_effect_vanishes_at_its_neutral_size(name):
     shape_only = {  # a wave of no height may have a length, a flow of none a threshold
         "relief_flow": {P.RELIEF_OPENS},
         "null_warm_up": {P.NULL_WARM_UP_TIME},
+        "friction_warm_up": {P.FRICTION_WARM_UP_TIME},
+        "worn_bore": {P.WEAR_PLACE, P.WEAR_WIDTH},
         "position_dependent_friction": {P.RIPPLE_LENGTH, P.RIPPLE_PHASE},
         "outside_force_tone": {P.TONE_FREQUENCY, P.TONE_PHASE},
     }

@@ -1,4 +1,4 @@
-"""Shapes worth screening, read off the force balance: a wavelength, a payload's frequency, an outside line.
+"""Shapes worth screening, read off the balances: a wavelength, a payload's frequency, an outside line, a worn place.
 
 Each is the maximum of a scan of single regressors over the balance's residual; the scan costs microseconds where a
 simulated column costs a tenth of a second. What the residual does not show gets the library's default shape.
@@ -17,6 +17,7 @@ from hexsim.signals.channels import SETTLE_S
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import measured_point, resolved_machine
+from hexsim.tracing.balances.continuity import Continuity
 from hexsim.tracing.balances.controller import Loop
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import END_S
@@ -27,13 +28,14 @@ from hexsim.tracing.state import Step, Tell, Trace, Violation
 from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
+PLACES = 150  # along the stroke at which wear is looked for
 
 
 def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str, float]]:
     """Effect name -> numbers of its shape. machine: with the parameters at which the residual is looked at."""
     keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), 5) for log in logs]
     platform, force = Platform(), Force()
-    high = _high_pressure(logs, keep)
+    high = _high_pressure(logs, keep) | _worn_place(machine, logs, keep)
     if all(platform.wants(log, machine) for log in logs):
         forces = [platform.residual(log, machine)[:3, k] for log, k in zip(logs, keep, strict=True)]
         return high | {"flexible_payload": _payload_shape(logs, keep, forces, [felt_by_load(g, machine) for g in logs])}
@@ -51,6 +53,36 @@ def _high_pressure(logs: Sequence[Log], keep: list[slice]) -> dict[str, dict[str
     """Pressure [Pa] that a quarter of the samples exceed: about there a threshold may lie."""
     felt = [log.pressure[:, k].ravel() for log, k in zip(logs, keep, strict=True) if log.pressure is not None]
     return {"relief_flow": {"opening_pressure_Pa": float(np.quantile(np.concatenate(felt), 0.75))}} if felt else {}
+
+
+def _worn_place(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> dict[str, dict[str, float]]:
+    """Place and width [m] of the bump of a leak past the piston that takes most of a leg's continuity, beside an even leak.
+
+    Sums over the places of the stroke serve all bumps: a bump b takes (sum b R)^2 / sum b^2 D, R = sum r dp, D = sum dp^2.
+    """
+    balance, resolved = Continuity(), resolved_machine(machine)
+    if not all(balance.wants(log, machine) for log in logs):
+        return {}
+    residuals = [balance.residual(log, machine) for log in logs]
+    best = (0.0, {})
+    for leg in range(machine.n_legs):
+        points = [measured_point(log, machine, resolved, leg) for log in logs]
+        drops = [(point.Ps if point.P2 is None else point.P2) - point.P1 for point in points]
+        y, dp, r = (
+            np.concatenate([own[k] for own, k in zip(signals, keep, strict=True)])
+            for signals in ([point.y for point in points], drops, [own[leg] for own in residuals])
+        )
+        edges = np.linspace(y.min(), y.max() + 1e-9, PLACES + 1)
+        middle, place = 0.5 * (edges[1:] + edges[:-1]), np.digitize(y, edges) - 1
+        R, D = (np.bincount(place, weights=weights, minlength=PLACES) for weights in (r * dp, dp**2))
+        for width in np.geomspace(2.0, 0.3 * PLACES, 8) * (edges[1] - edges[0]):
+            bumps = np.exp(-(((middle - middle[:, None]) / width) ** 2))
+            bumps -= (bumps @ D)[:, None] / D.sum()  # beside an even leak
+            gains = (bumps @ R) ** 2 / np.maximum(bumps**2 @ D, 1e-300)
+            k = int(np.argmax(gains))
+            if gains[k] > best[0]:
+                best = (float(gains[k]), {"place_m": float(middle[k]), "width_m": float(max(width, 1e-3))})
+    return {"worn_bore": best[1]} if best[1] else {}
 
 
 def _gain(X: Array, r: Array) -> float:
