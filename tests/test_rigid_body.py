@@ -41,7 +41,8 @@ def body_of_points(points=POINTS, masses=MASSES):
 def spring_along(axis, mass=70.0, place=(0.2, -0.1, 0.5), gravity=(0.0, 0.0, -G)):
     """A mass on a spring of 6 Hz, unstressed where gravity asks for it."""
     omega, n = 2 * np.pi * 6.0, np.array(axis) / np.linalg.norm(axis)
-    return Suspension(mass, omega, 0.05, tuple(map(float, n)), place, float(n @ gravity) / omega**2)
+    x, y, z = map(float, n)
+    return Suspension(mass, omega, 0.05, (x, y, z), place, float(n @ gravity) / omega**2)
 
 
 def random_motion(seed=0):

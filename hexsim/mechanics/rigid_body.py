@@ -140,9 +140,7 @@ def joint_wrenches(body, acceleration, omega, gravity):
     wrench = np.empty(acceleration.shape)
     for i in range(acceleration.shape[0]):
         motion, field = acceleration[i], gravity[i]
-        force, moment = joint_wrench(
-            body, triple(motion, 0), triple(motion, 3), triple(omega[i], 0), triple(field, 0)
-        )
+        force, moment = joint_wrench(body, triple(motion, 0), triple(motion, 3), triple(omega[i], 0), triple(field, 0))
         wrench[i, 0], wrench[i, 1], wrench[i, 2] = force
         wrench[i, 3], wrench[i, 4], wrench[i, 5] = moment
     return wrench
@@ -233,7 +231,8 @@ def ride(suspension: Suspension, felt: Array, rate: float) -> tuple[Array, Array
     felt: acceleration less gravity along the spring.
     """
     bottom = [1.0, 2 * suspension.damping * suspension.omega, suspension.omega**2]
-    travel, speed = (lfilter(*bilinear(top, bottom, rate), felt - felt[0]) for top in ([-1.0], [-1.0, 0.0]))
+    filters = [bilinear(top, bottom, rate) for top in ([-1.0], [-1.0, 0.0])]
+    travel, speed = (np.asarray(lfilter(*own, felt - felt[0])) for own in filters)
     return travel - felt[0] / suspension.omega**2, speed
 
 

@@ -16,8 +16,8 @@ from hexsim.tracing.steps.shapes import proposed_shapes
 
 RATE_Hz = 1000.0
 SURGE = {"mass_kg": 60.0, "frequency_Hz": 4.5, "tilt_rad": np.pi / 2, "azimuth_rad": 0.0, "height_m": 0.2}
-SWAY = {"mass_kg": 40.0, "frequency_Hz": 6.0, "tilt_rad": np.pi / 2, "azimuth_rad": np.pi / 2}
-ASKEW = {"mass_kg": 50.0, "frequency_Hz": 5.0, "tilt_rad": 0.8, "azimuth_rad": -1.1}
+SWAY = {"mass_kg": 60.0, "frequency_Hz": 6.0, "tilt_rad": np.pi / 2, "azimuth_rad": np.pi / 2}
+ASKEW = {"mass_kg": 80.0, "frequency_Hz": 5.0, "tilt_rad": 0.8, "azimuth_rad": -1.1}
 
 
 def log_with(machine, **payload):
@@ -34,19 +34,21 @@ def log_with(machine, **payload):
 @pytest.mark.parametrize("payload", [SURGE, SWAY, ASKEW])
 def test_the_platform_balance_holds_with_the_mode_and_shows_its_axis_without(payload):
     """With the mode no row is more than 10 % above what the samples leave of a machine without one, and without it the forces
-    are 1.5 times that; the axis, either end of it, is read off them within 0.2 rad, its frequency within a step of the scan
+    of one row are 1.5 times that; the axis, either end of it, is read off them within 0.2 rad, its frequency within a step of the scan
     (15 %)."""
     machine = load_machine("micro_motion_system")
     log, with_mode = log_with(machine, **payload), changed(machine, {"effects": {"flexible_payload": payload}})
     pairs = ((log_with(machine, mass_kg=0.0), machine), (log, machine), (log, with_mode))
     bare, without, left = (Platform().residual(own, one)[:, 1500:-500].std(axis=1) for own, one in pairs)
     assert np.all(left < 1.1 * bare)
-    assert np.linalg.norm(without[:3]) > 1.5 * np.linalg.norm(bare[:3])
+    assert np.max(without[:3] / bare[:3]) > 1.5
     shape = proposed_shapes(machine, [log])["flexible_payload"]
     assert shape["frequency_Hz"] == pytest.approx(payload["frequency_Hz"], rel=0.15)
 
     def axis(tilt_rad, azimuth_rad, **_):
-        return np.array([np.sin(tilt_rad) * np.cos(azimuth_rad), np.sin(tilt_rad) * np.sin(azimuth_rad), np.cos(tilt_rad)])
+        return np.array(
+            [np.sin(tilt_rad) * np.cos(azimuth_rad), np.sin(tilt_rad) * np.sin(azimuth_rad), np.cos(tilt_rad)]
+        )
 
     assert abs(axis(**shape) @ axis(**payload)) > np.cos(0.2)
 

@@ -145,8 +145,8 @@ def load_at(rig: Rig, resolved: Resolved, y: Array, v: Array) -> tuple[Array, fl
     twist, own = np.linalg.solve(jacobian, v), rotation.T @ gravity
     at_rest, down = joint_wrenches(body, np.zeros((1, 6)), np.zeros((1, 3)), own[None])[0], float(own @ spring.axis)
     if spring.mass > 0.0:
-        none, (x, y, z) = (0.0, 0.0, 0.0), map(float, own)
-        at_rest += np.concatenate(ride_wrench(spring, none, none, none, (x, y, z), down / spring.omega**2, 0.0)[:2])
+        none, field = (0.0, 0.0, 0.0), (float(own[0]), float(own[1]), float(own[2]))
+        at_rest += np.concatenate(ride_wrench(spring, none, none, none, field, down / spring.omega**2, 0.0)[:2])
     thrust = kinematics.static_leg_forces(pose, kinematics.from_platform_frame(pose, at_rest))
     place = pose[:3] + np.array([0.0, 0.0, kinematics.neutral_height_m])
     turned = Rotation.from_matrix(rotation).as_quat()[[3, 0, 1, 2]]
