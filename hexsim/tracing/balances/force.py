@@ -79,8 +79,9 @@ def thrust_key(resolved: Resolved, leg: int) -> Hashable:
 
 
 def push_of_payloads(resolved: Resolved, felt: Array, rate: float) -> Array:
-    """Force (n,) [N] that payloads on springs push back with; felt: acceleration less gravity along the springs (n,)."""
-    pushes = [mode.mass_kg * pushed_back(suspension(mode), felt, rate) for mode in resolved.payload_modes]
+    """Force (n,) [N] that payloads on springs push a bench back with; felt: acceleration less gravity (n,)."""
+    springs = [suspension(mode, resolved.gravity_m_s2) for mode in resolved.payload_modes]
+    pushes = [spring.mass * pushed_back(spring, felt, rate) for spring in springs]
     return np.sum(pushes, axis=0) if pushes else np.zeros(len(felt))
 
 

@@ -21,7 +21,7 @@ from hexsim.tracing.balances.continuity import Continuity
 from hexsim.tracing.balances.controller import Loop
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import END_S
-from hexsim.tracing.balances.platform import ROWS, Platform
+from hexsim.tracing.balances.platform import Platform, felt_by_load
 from hexsim.tracing.dependence import tone_of
 from hexsim.tracing.fitting.parameters import Candidate, candidates
 from hexsim.tracing.state import Step, Tell, Trace, Violation
@@ -41,14 +41,14 @@ def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str
     platform, force = Platform(), Force()
     high = _high_pressure(logs, keep) | _worn_place(machine, logs, keep) | _scale_ripple(machine, logs, keep)
     if all(platform.wants(log, machine) for log in logs):
-        heave = [platform.residual(log, machine)[ROWS.index("z"), k] for log, k in zip(logs, keep, strict=True)]
-        return high | {"flexible_payload": {"frequency_Hz": _payload_frequency(logs, keep, heave)}}
+        forces = [platform.residual(log, machine)[:3, k] for log, k in zip(logs, keep, strict=True)]
+        return high | {"flexible_payload": _payload_shape(logs, keep, forces, [felt_by_load(g, machine) for g in logs])}
     if not all(force.wants(log, machine) for log in logs):
         return high
     residuals = [force.residual(log, machine)[0, k] for log, k in zip(logs, keep, strict=True)]
     return high | {
         "position_dependent_friction": {"wavelength_m": _wavelength(machine, logs, keep, residuals)},
-        "flexible_payload": {"frequency_Hz": _payload_frequency(logs, keep, residuals)},
+        "flexible_payload": _payload_shape(logs, keep, [r[None] for r in residuals], [g.acceleration for g in logs]),
         "outside_force_tone": {"frequency_Hz": tone_of(residuals, logs[0].rate / 5)[0]},
     }
 
@@ -144,21 +144,38 @@ def _wavelength(machine: Machine, logs: Sequence[Log], keep: list[slice], residu
     return float(max(lengths, key=gain))
 
 
-def _payload_frequency(logs: Sequence[Log], keep: list[slice], residuals: list[Array]) -> float:
-    """Of the spring on which a part of the load would explain most of a force residual along the vertical axis."""
-    r = np.concatenate(residuals)
+def _payload_shape(
+    logs: Sequence[Log], keep: list[slice], residuals: list[Array], felt: Sequence[Array | None]
+) -> dict[str, float]:
+    """Of the spring on which a part of the load would explain most of the residual forces: frequency, axis of a platform.
+
+    residuals, felt: a run (n_axes, .) each. A part m that swings along n pushes back by m n n' B, B what springs along each axis
+    would: n is the first principal axis of the matrix that does so.
+    """
+    r = np.concatenate(residuals, axis=1).T
     frequencies = np.geomspace(1.0, 60.0, 30)
+    swings = [own - own.mean(axis=1, keepdims=True) for own in felt if own is not None]
 
-    def gain(frequency: float) -> float:
+    def columns(frequency: float) -> Array:
         spring = Suspension(mass=1.0, omega=2 * np.pi * frequency, damping=0.05)
-        columns = []
-        for log, k in zip(logs, keep, strict=True):
-            assert log.acceleration is not None
-            felt = log.acceleration[-1]  # of a bench, or along the platform's z axis
-            columns.append(Window(log.rate).mean(np.stack([pushed_back(spring, felt, log.rate), felt]))[:, k])
-        return _gain(np.concatenate(columns, axis=1).T, r)
+        found = []
+        for log, k, own in zip(logs, keep, swings, strict=True):
+            back = [pushed_back(spring, row, log.rate) for row in own]
+            found.append(Window(log.rate).mean(np.concatenate([back, own]))[:, k])
+        return np.concatenate(found, axis=1).T
 
-    return float(max(frequencies, key=gain))
+    best = float(max(frequencies, key=lambda frequency: _gain(columns(frequency), r)))
+    axes = r.shape[1]
+    if axes == 1:
+        return {"frequency_Hz": best}
+    back = np.linalg.lstsq(columns(best), r, rcond=None)[0][:axes]
+    x, y, z = np.linalg.eigh(back + back.T)[1][:, -1]
+    side = -1.0 if z < 0.0 else 1.0
+    return {
+        "frequency_Hz": best,
+        "tilt_rad": float(np.arccos(np.clip(abs(z), 0.0, 1.0))),
+        "azimuth_rad": float(np.arctan2(side * y, side * x)),
+    }
 
 
 def worth_screening(
