@@ -1,6 +1,7 @@
 """The bore is worn at one place: q = G exp(-((y - y0)/w)^2) dp past the piston's seal, laminar.
 
-Wear wider than 5 cm is an even leak.  dp: from chamber to chamber where both are on the valve, else from the supply in the annulus to the bottom chamber.
+dp: from chamber to chamber where both are on the valve, else from the supply in the annulus to the bottom chamber.
+Wear wider than 5 cm is an even leak.
 """
 
 from __future__ import annotations
