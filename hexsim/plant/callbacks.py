@@ -82,7 +82,7 @@ def leg_rates(p, places, act, act_dot, y, v, volts, t, h):
     if places[A.SUPPLY] >= 0.0:  # before anything is written, so that the compiler shares terms with the rates
         P1, P2, z = state[0], state[1], state[4]
         demand = leg.supply_demand_in_step(p, y, v, x, P1, P2, Ps, h)
-        heat = leg.heat(p, y, v, x, P1, P2, Ps, z, flow, demand, h)
+        heat = leg.heat(p, y, v, x, P1, P2, Ps, z, flow, demand, h, t)
     if places[A.SPOOL] >= 0.0:
         act_dot[int(places[A.SPOOL])], act_dot[int(places[A.SPOOL]) + 1] = rates[2], rates[3]
     if places[A.BRISTLE] >= 0.0:

@@ -64,7 +64,7 @@ def _leg_rows(rows, layout, which, act, y, v, volts, time, out):
             x = leg.metering_spool(p, volts[k, i], time[k], place)
             out[0, k, i], out[1, k, i], out[2, k, i], out[6, k, i] = P1, P2, x, Ps
             out[3, k, i] = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k])
-            out[4, k, i] = leg.friction_force(p, y[k, i], v[k, i], P1, z, P2)
+            out[4, k, i] = leg.friction_force(p, y[k, i], v[k, i], P1, z, P2, time[k])
             out[5, k, i] = leg.leg_force(p, y[k, i], v[k, i], volts[k, i], P1, P2, Ps, z, time[k])
 
 
@@ -172,8 +172,8 @@ def _power_unit_rows(supplies, rows, layout, h, which, act, y, v, volts, time, o
             inflow = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k])
             asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, P2, Ps, h[k])
             demand += asked
-            heat += leg.heat(p, y[k, i], v[k, i], x, P1, P2, Ps, z, inflow, asked, h[k])
-            friction = leg.friction_force(p, y[k, i], v[k, i], P1, z, P2)
+            heat += leg.heat(p, y[k, i], v[k, i], x, P1, P2, Ps, z, inflow, asked, h[k], time[k])
+            friction = leg.friction_force(p, y[k, i], v[k, i], P1, z, P2, time[k])
             force = P1 * p[P.AREA_BOTTOM] - P2 * p[P.AREA_TOP] - friction
             work += force * v[k, i]
         out[0, k], out[1, k], out[2, k], out[3, k], out[4, k] = speed, flow, line_flow, pump_pressure, temperature

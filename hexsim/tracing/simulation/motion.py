@@ -20,9 +20,9 @@ from hexsim.mechanics.leg_geometry import leg_line
 from hexsim.mechanics.rigid_body import (
     axial_acceleration,
     body_acceleration,
-    centre_acceleration,
     dot,
     quaternion_rate,
+    ride_wrench,
     rotated,
     rotated_back,
     rotation_of,
@@ -85,15 +85,20 @@ def leg_rates(p, y, v, volts, t, ps, state, k, h, rate):
 
 
 @compiled
-def write_platform_rates(load, state, at, rotation, wrench, pull, rate):
-    """Rates of a platform under the wrench of its legs (world) and the pull of its payload [m/s2].
+def write_platform_rates(load, state, at, rotation, wrench, rate):
+    """Rates of a platform under the wrench of its legs (world).
 
-    Returns (a, w') in its frame, and what the payload feels along z.
+    Returns (a, w') in its frame, and what its payload on a spring feels along it. Of that the moments of what accelerates it are
+    those of its place at rest: its travel times its acceleration is left out.
     """
-    body, q = load.body, (state[at + 3], state[at + 4], state[at + 5], state[at + 6])
+    body, spring, q = load.body, load.spring, (state[at + 3], state[at + 4], state[at + 5], state[at + 6])
     omega, gravity = triple(state, at + OMEGA), rotated_back(rotation, load.gravity)
-    force, moment = rotated_back(rotation, wrench[0]), rotated_back(rotation, wrench[1])
-    a, turning = body_acceleration(body, load.compliance, force, moment, omega, gravity, -load.spring.mass * pull)
+    (fx, fy, fz), (mx, my, mz) = rotated_back(rotation, wrench[0]), rotated_back(rotation, wrench[1])
+    none, travel, speed = (0.0, 0.0, 0.0), state[TRAVEL], state[TRAVEL_RATE]
+    if spring.mass > 0.0:
+        F, M, _ = ride_wrench(spring, none, none, omega, gravity, travel, speed)
+        fx, fy, fz, mx, my, mz = fx - F[0], fy - F[1], fz - F[2], mx - M[0], my - M[1], mz - M[2]
+    a, turning = body_acceleration(body, load.compliance, (fx, fy, fz), (mx, my, mz), omega, gravity)
     in_world, turn = rotated(rotation, a), quaternion_rate(q, omega)
     for k in range(4):
         rate[at + QUATERNION + k] = turn[k]
@@ -101,7 +106,7 @@ def write_platform_rates(load, state, at, rotation, wrench, pull, rate):
         rate[at + PLACE + k] = state[at + VELOCITY + k]
         rate[at + VELOCITY + k] = in_world[k]
         rate[at + OMEGA + k] = turning[k]
-    return a, turning, centre_acceleration(body.centre, a, turning, omega)[2] - gravity[2]
+    return a, turning, ride_wrench(spring, a, turning, omega, gravity, travel, speed)[2]
 
 
 @compiled
@@ -148,7 +153,7 @@ def rates(legs, geometry, s, load, held, t, h, state, rate):
         a, turning = (0.0, 0.0, axial_acceleration(load.body, f2, load.gravity[2], -spring.mass * pull)), none
         rate[at + POSITION], rate[at + SPEED], felt = state[at + SPEED], a[2], a[2] - load.gravity[2]
     else:
-        a, turning, felt = write_platform_rates(load, state, at, pose[1], ((f0, f1, f2), (m0, m1, m2)), pull, rate)
+        a, turning, felt = write_platform_rates(load, state, at, pose[1], ((f0, f1, f2), (m0, m1, m2)), rate)
     if spring.mass > 0.0:
         rate[TRAVEL], rate[TRAVEL_RATE] = state[TRAVEL_RATE], -pull - felt
     return a, turning
