@@ -36,6 +36,7 @@ def numbers(machine):
     legs = np.concatenate(list(resolved.leg_sensors.values()))
     built = [resolved.mechanics.base_joints, resolved.mechanics.platform_joints, resolved.mechanics.retracted_length_m]
     built += [resolved.imu_turn_rad, resolved.imu_place_m, resolved.loop_gain, resolved.loop_delay_ticks]
+    built += [resolved.position_ripple]
     built = np.concatenate([np.ravel(array) for array in built])
     return np.concatenate(
         [resolved.rows.ravel(), resolved.supply, legs, resolved.gravity_m_s2, plain, tuples, modes, built]

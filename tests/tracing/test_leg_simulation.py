@@ -50,6 +50,11 @@ REMEMBERED = {
         {"spool_rate_limit": {"rate_m_s": 8e-4}},
         {"position_lag": {"time_constant_s": 4e-3}, "pressure_lag": {"time_constant_s": 8e-3}},
         {"learned_term": {"curve": REMEMBERED}},
+        {
+            "friction_warm_up": {"share_at_start": 0.3, "time_constant_s": 2.0},
+            "worn_bore": {"conductance_m3_s_Pa": 2e-12},
+            "position_ripple": {"amplitude_m": 2e-5, "phase_rad": 0.5},
+        },
     ],
     ids=lambda effects: next(iter(effects), "declared"),
 )

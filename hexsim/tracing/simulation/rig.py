@@ -34,7 +34,7 @@ class Load(NamedTuple):
 
 class Sensors(NamedTuple):
     """y_m = gain y(t - delay) + offset, behind a lag: rows (gain, offset, delay [s], lag [s]) of a leg, (n_legs, 4), and of an
-    accelerometer.
+    accelerometer; of a position three more, the ripple of its scale (`signals.ripple`).
 
     pressure: of the bottom chambers; top: of the rod sides.  filters: declared low-passes of position, pressures and linear
     accelerations as second-order sections (., 6), none where there are no rows.  imu_place [m], imu_rotation (3, 3): of the
@@ -150,7 +150,7 @@ def sensors_of(resolved: Resolved, rate_Hz: float) -> Sensors:
         for kind, unit in (("position", "m"), ("pressure", "Pa"))
     )
     return Sensors(
-        position=position,
+        position=np.column_stack([position, resolved.position_ripple]),
         pressure=pressure,
         top=pressure,
         acceleration=acceleration,

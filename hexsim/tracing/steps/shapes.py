@@ -16,7 +16,7 @@ from hexsim.mechanics.rigid_body import Suspension, pushed_back
 from hexsim.signals.channels import SETTLE_S
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
-from hexsim.tracing.balances.balance import measured_point, resolved_machine
+from hexsim.tracing.balances.balance import measured_point, resolved_machine, sensed_leg
 from hexsim.tracing.balances.continuity import Continuity
 from hexsim.tracing.balances.controller import Loop
 from hexsim.tracing.balances.force import Force
@@ -29,13 +29,17 @@ from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
 PLACES = 150  # along the stroke at which wear is looked for
+PITCHES_M = (2e-4, 1e-2)  # of a scale's ripple
+CELL_M, CELLS = 2e-5, 2**17  # places at which a ripple is summed: 0.4 lines a metre between two pitches
+FINE_S = 0.05  # [s] half width of the window that takes off how the piston moved
+SLOW_M_S = 0.01  # below it a ripple is slower than that window
 
 
 def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str, float]]:
     """Effect name -> numbers of its shape. machine: with the parameters at which the residual is looked at."""
     keep = [slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), 5) for log in logs]
     platform, force = Platform(), Force()
-    high = _high_pressure(logs, keep) | _worn_place(machine, logs, keep)
+    high = _high_pressure(logs, keep) | _worn_place(machine, logs, keep) | _scale_ripple(machine, logs, keep)
     if all(platform.wants(log, machine) for log in logs):
         forces = [platform.residual(log, machine)[:3, k] for log, k in zip(logs, keep, strict=True)]
         return high | {"flexible_payload": _payload_shape(logs, keep, forces, [felt_by_load(g, machine) for g in logs])}
@@ -83,6 +87,35 @@ def _worn_place(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> dic
             if gains[k] > best[0]:
                 best = (float(gains[k]), {"place_m": float(middle[k]), "width_m": float(max(width, 1e-3))})
     return {"worn_bore": best[1]} if best[1] else {}
+
+
+def _scale_ripple(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> dict[str, dict[str, float]]:
+    """Pitch [m] and phase of the wave along the stroke in what the positions show beyond how the pistons moved.
+
+    That is the position less the integral of its velocity, under a window; its sums over the places of the stroke have one
+    Fourier transform for all pitches. Of several legs the one that stands out most.
+    """
+    resolved, best = resolved_machine(machine), (0.0, {})
+    lines = np.fft.rfftfreq(CELLS, CELL_M)
+    among = (lines > 1.0 / PITCHES_M[1]) & (lines < 1.0 / PITCHES_M[0])
+    for leg in range(machine.n_legs):
+        sums = np.zeros(CELLS)
+        for log, k in zip(logs, keep, strict=True):
+            sensed = sensed_leg(log, resolved, leg)
+            own = slice(k.start, k.stop)
+            beyond = sensed.y - np.cumsum(sensed.v) / log.rate
+            beyond = (beyond - Window(log.rate, FINE_S).mean(beyond))[own]
+            weight = sensed.v[own] ** 2 / (sensed.v[own] ** 2 + SLOW_M_S**2)
+            cells = np.clip(np.rint(sensed.y[own] / CELL_M), 0, CELLS - 1).astype(int)
+            sums += np.bincount(cells, weights=weight * beyond, minlength=CELLS)
+        wave = np.where(among, np.fft.rfft(sums), 0.0)
+        power = np.abs(wave)
+        j = int(np.argmax(power))
+        level = float(power[j] / max(np.sqrt(np.mean(power[among] ** 2)), 1e-300))
+        if level > best[0]:
+            phase = float(np.angle(1j * wave[j]))  # of A sin: -i A/2 exp(i phase)
+            best = (level, {"pitch_m": float(1.0 / lines[j]), "phase_rad": phase})
+    return {"position_ripple": best[1]} if best[1] else {}
 
 
 def _gain(X: Array, r: Array) -> float:
