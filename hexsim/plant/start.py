@@ -66,7 +66,7 @@ def hold_still(plant: Any, bottom_Pa: Array) -> None:
         top = supply + tank - bottom_Pa[i] if on_valve else supply
         plant.data.act[int(plant.layout[i, A.ROD_SIDE])] = top / MPa
     for i in np.flatnonzero(plant.layout[: plant.n_legs, A.MEMORY] >= 0):
-        begin_memory(plant, i, bottom_Pa[i])
+        begin_memory(plant, int(i), bottom_Pa[i])
 
 
 def begin_memory(plant: Any, i: int, bottom_Pa: float) -> None:
