@@ -11,6 +11,7 @@ Rough machines are traced by the balances alone, which decide there; clean ones 
 People can put 60 kg on, weighed to 0.5 %: the design may ask for it. Beside it one more multisine without, and one with it.
 
 right     the effect that was put in is named (of a rough machine: it, or a small reality that is there), and nothing else
+          a pump whose largest flow no motion inside the limits takes has its line alone: right is a supply droop
 sharp     no tie, every number of it known to 10 %, and within 15 % of the truth where the library has the same number; one
           that says that there is nothing is known
 honest    the design's first line says that no motion does it, and the right name is in that line
@@ -34,6 +35,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing"), str(ROOT / "benchmarks")]
 LOAD_kg, LOAD_KNOWN = 60.0, 0.005
+LARGEST_FLOW_m3_s = 0.3 * np.pi / 4 * 0.03**2  # at 0.3 m/s: the rod side stands at the supply
 SAME_SIZE = {  # effects whose number the library has too: its value for one of the plant's
     **dict.fromkeys(("leakage_supply_to_chamber", "leakage_chamber_to_tank", "null_offset", "null_drift"), 1.0),
     **dict.fromkeys(
@@ -171,12 +173,10 @@ def outcome(result: Any, line: dict[str, Any]) -> dict[str, Any]:
 
 def score(line: dict[str, Any], named: list[list[Any]]) -> str:
     """right and sharp; right, tied; right, not sharp; right, number off; nothing named; wrong."""
-    from tracing_evaluation import RIGHT
-
     from hexsim.hydraulics.effects import effect_named
     from hexsim.tracing.design.information import says_nothing
 
-    right = RIGHT[line["effect"]]
+    right = right_names(line)
     small = {"small_friction_of_position": "position_dependent_friction", "small_spool_lag": "spool_lag",
              "small_seal_friction": "pressure_dependent_friction", "small_air": "entrained_air",
              "small_return_line": "return_line_back_pressure"}  # fmt: skip
@@ -206,6 +206,14 @@ def score(line: dict[str, Any], named: list[list[Any]]) -> str:
         if abs(value / size - 1.0) > 0.15:
             return "right, number off"
     return "right and sharp"
+
+
+def right_names(line: dict[str, Any]) -> set[str]:
+    """Names of the library for what was put in."""
+    from tracing_evaluation import RIGHT
+
+    never = line["effect"] == "pump_limit" and line["effects"]["pump_limit"] > LARGEST_FLOW_m3_s
+    return RIGHT["supply_droop" if never else line["effect"]]
 
 
 def scale_of(key: str, value: float) -> float:
@@ -243,20 +251,16 @@ def summarise(lines: list[dict[str, Any]]) -> None:
 
 def answered_honestly(line: dict[str, Any]) -> bool:
     """Does the design's first line say that no motion does it, of the right name?"""
-    from tracing_evaluation import RIGHT
-
     said = line["design"]["purpose"]
-    return said.startswith("no motion") and any(name in said for name in RIGHT[line["effect"]])
+    return said.startswith("no motion") and any(name in said for name in right_names(line))
 
 
 def beyond_the_ceiling(line: dict[str, Any]) -> bool:
     """Does the design say that a number of the right name stays known to worse than 10 % after any run?"""
-    from tracing_evaluation import RIGHT
-
     return any(
         own["least"] > 0.1 * scale_of(own["parameter"], own["value"])
         for own in line["design"]["numbers"]
-        if own["effect"].split(" in ")[0] in RIGHT[line["effect"]] and own.get("least") is not None
+        if own["effect"].split(" in ")[0] in right_names(line) and own.get("least") is not None
     )
 
 

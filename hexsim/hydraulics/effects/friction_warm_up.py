@@ -1,4 +1,6 @@
-"""Friction settles as seals and oil warm up: all of it times 1 + a exp(-t/tau). Declared friction is that of a warm leg."""
+"""Friction settles as seals and oil warm up: all of it times 1 + a exp(-t/tau). Declared friction is that of a warm leg.
+
+What takes longer than half a minute is a change of friction."""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ EFFECT = Effect(
     source="seal friction against temperature: 0.5-2 % per K; 5-50 % from a cold start",
     parameters=(
         EffectParameter(name="share_at_start", unit="1", bounds=(-0.9, 5.0), typical=0.3),
-        EffectParameter(name="time_constant_s", unit="s", bounds=(0.5, 60.0), typical=8.0, default=8.0),
+        EffectParameter(name="time_constant_s", unit="s", bounds=(0.5, 30.0), typical=8.0, default=8.0),
     ),
     apply=apply,
 )

@@ -18,7 +18,7 @@ EFFECT = Effect(
     source="interpolation errors of scales: 0.1-2 % of the pitch; pitches of 0.2-10 mm",
     parameters=(
         EffectParameter(name="amplitude_m", unit="m", bounds=(-1e-3, 1e-3), typical=2.0e-5),
-        EffectParameter(name="pitch_m", unit="m", bounds=(1e-4, 0.05), typical=1.0e-3, default=1.0e-3, step_share=0.03),
+        EffectParameter(name="pitch_m", unit="m", bounds=(1e-4, 0.02), typical=1.0e-3, default=1.0e-3, step_share=0.03),
         EffectParameter(name="phase_rad", unit="rad", bounds=(-6.3, 6.3), typical=0.0, default=0.0),
     ),
     apply=apply,

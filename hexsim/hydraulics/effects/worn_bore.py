@@ -1,6 +1,7 @@
 """The bore is worn at one place: q = G exp(-((y - y0)/w)^2) dp past the piston's seal, laminar.
 
 dp: from chamber to chamber where both are on the valve, else from the supply in the annulus to the bottom chamber.
+Wear wider than 5 cm is an even leak.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ EFFECT = Effect(
     parameters=(
         EffectParameter(name="conductance_m3_s_Pa", unit="m3/s/Pa", bounds=(0.0, 1e-8), typical=1.0e-12),
         EffectParameter(name="place_m", unit="m", bounds=(0.0, 10.0), typical=0.1, default=0.1),
-        EffectParameter(name="width_m", unit="m", bounds=(1e-3, 1.0), typical=0.01, default=0.01),
+        EffectParameter(name="width_m", unit="m", bounds=(1e-3, 0.05), typical=0.01, default=0.01),
     ),
     apply=apply,
 )

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import tomli_w
 from scipy.optimize import differential_evolution
-from scipy.stats import qmc
 
 from hexsim.errors import HexsimError
 from hexsim.scenarios.scenario import Scenario, scenario_from_dict
@@ -240,7 +239,7 @@ def _search(
     size: tuple[int, int],
     say: Tell,
 ) -> list[tuple[dict[str, Any], Promise]]:
-    """All motions that differential evolution tries, from points spread by Sobol's sequence, the best first."""
+    """All motions that differential evolution tries from `MotionFamily.first_points`, the best first."""
     kept: list[tuple[float, tuple[dict[str, Any], Promise]]] = []
     tried, (first, rounds) = 0, size
 
@@ -255,9 +254,10 @@ def _search(
         kept.append((worth, found))
         return -worth
 
-    low, high = np.transpose(family.bounds)
-    start = qmc.scale(qmc.Sobol(len(low), rng=0).random(first), low, high + 1e-9)
-    settings: dict[str, Any] = {"init": start, "workers": in_parallel}  # scipy's stubs know neither
+    settings: dict[str, Any] = {
+        "init": family.first_points(first),
+        "workers": in_parallel,
+    }  # scipy's stubs know neither
     differential_evolution(
         cost, family.bounds, integrality=family.integrality, maxiter=rounds, polish=False, rng=0, updating="deferred",
         tol=0.0, **settings,
