@@ -12,7 +12,8 @@ is much softer than the data sheet's is not delivered in full either. A platform
 legs that lag differently would tilt the platform.
 
 While e is above SURE, the step of friction is spread over more speed, and so over more time the gentler a reversal is. Delay,
-bristles and soft oil make it come early or late, which is worst where plain control's bump is least.
+bristles and soft oil make it come early or late, which is worst where plain control's bump is least. What is held back is
+known, and no part of e. On four-way valves it is not: there hysteresis stayed loud by it.
 """
 
 from __future__ import annotations
