@@ -136,6 +136,7 @@ def keep_delay(delay, lateness, known):
     """What was identified, in numbers."""
     copy(delay.sums, known.sums)
     known.reversals, known.late_s = delay.reversals, lateness.late_s
+    known.oil[0], known.oil[1] = delay.pressure_square, delay.pressure_product
 
 
 @compiled
@@ -143,6 +144,7 @@ def restore_delay(delay, lateness, known):
     """Start with what was identified before."""
     copy(known.sums, delay.sums)
     delay.reversals, lateness.late_s = int(known.reversals), known.late_s
+    delay.pressure_square, delay.pressure_product = known.oil[0], known.oil[1]
 
 
 @compiled

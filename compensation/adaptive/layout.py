@@ -272,7 +272,8 @@ EDGE_LEARNED = record(
 LEARNED = record(
     flow=record(null_V="f8", leak_m_s="f8", retract=EDGE_LEARNED, extend=EDGE_LEARNED), rounding_V="f8",
     friction=record(theta_MPa=("f8", (6,)), windows=("f8", (2,)), half_step_Pa="f8", stribeck_Pa="f8"),
-    delay=record(sums=("f8", (SPOOLS * LATES,)), reversals="f8", late_s="f8"),
+    delay=record(sums=("f8", (SPOOLS * LATES,)), reversals="f8", late_s="f8", oil=("f8", (2,))),
+    presliding=record(squares=("f8", (LENGTHS,)), products=("f8", (LENGTHS,)), shapes=("f8", (LENGTHS,)), weight="f8"),
     plain_control=record(baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,)), follows_V="f8"),
 )  # fmt: skip
 
@@ -290,10 +291,10 @@ def as_dict(record: Record) -> dict[str, Any]:
 
 
 def fill(record: Record, values: dict[str, Any]) -> None:
-    """The inverse of `as_dict`; what `values` has besides is left. Older files have nothing of plain control, or not
-    how far the piston follows, and the delay's sums by spool alone."""
+    """The inverse of `as_dict`; what `values` has besides is left. Older files have nothing of plain control, bristles or
+    softer oil, or not how far the piston follows, and the delay's sums by spool alone."""
     for name in record.dtype.names:
-        if name in ("plain_control", "follows_V") and name not in values:
+        if name in ("plain_control", "follows_V", "oil", "presliding") and name not in values:
             continue
         if record[name].dtype.names:
             fill(record[name], values[name])
