@@ -4,7 +4,7 @@ Plain control's volts are slow, and of a spool they show the lag alone: a second
 phase of a delay as long as its lag, up to the third order in frequency. Only where the volts jump, at a compensated
 reversal, do the two part. So a bank of spools, all with the identified total lag, is run over each of them:
 
-    d = tau - tau_s,     x_s = spool(tau_s) u(t - d),     z_s' = k f(x_s) R
+    d = tau - tau_s,     x_s = spool(tau_s) u(t - d),     z_s' = k f(x_s) R,     f with the rounding of the edges
     S_sj += |(1 - Q Q') (y + c P(t - j T/2) - z_s)|^2 / noise^2,     c = V / (E A1)
 
 A position transducer that is late by j half ticks makes its part of the delay; the pressure is not late. So the bank is
@@ -26,6 +26,7 @@ import numpy as np
 
 from ..compiled import compiled
 from .arithmetic import clip, copy, dot
+from .chambers import softplus_V
 from .layout import AFTER, BEFORE, LATE_TICKS, LATES, PAST_VOLTS, SPOOLS
 from .spool import step_response
 
@@ -53,11 +54,13 @@ NUISANCE = _nuisance()  # Q (BEFORE + AFTER + 1, 3)
 
 
 @compiled
-def add_to_delay(delay, position_m, pressure_Pa, volts_V, flow_m_s, roots, valve, compliance_m_Pa, compensated):
+def add_to_delay(
+    delay, position_m, pressure_Pa, volts_V, flow_m_s, roots, valve, rounding_V, compliance_m_Pa, compensated
+):
     """One tick: position now less what leaked, pressure now, volts of the tick past, demanded flow now. True when a
     reversal was judged.
 
-    compensated: whether the reversal that lies AFTER ticks back, if one does, was.
+    rounding_V: of the edges; compensated: whether the reversal that lies AFTER ticks back, if one does, was.
     """
     _append(delay.volts_V, volts_V)
     _append(delay.oil_m, position_m)
@@ -68,7 +71,7 @@ def add_to_delay(delay, position_m, pressure_Pa, volts_V, flow_m_s, roots, valve
         delay.direction = flow_m_s
     delay.ticks += 1
     if delay.ticks == AFTER + 1 and compensated and delay.pressures_Pa[0] != 0.0:  # the history is full
-        _prepare(delay, roots, valve, compliance_m_Pa)
+        _prepare(delay, roots, valve, rounding_V, compliance_m_Pa)
     return delay.tested >= 0 and _compare(delay)
 
 
@@ -148,7 +151,7 @@ def restore_delay(delay, lateness, known):
 
 
 @compiled
-def _prepare(delay, roots, valve, compliance_m_Pa):
+def _prepare(delay, roots, valve, rounding_V, compliance_m_Pa):
     """The reversal in the history is the one to compare."""
     volts, down, up = delay.task_volts_V, valve.edges[0], valve.edges[1]
     for i in range(len(volts)):
@@ -167,7 +170,7 @@ def _prepare(delay, roots, valve, compliance_m_Pa):
             follower = volts[i] = clip(follower, volts[i] - half, volts[i] + half)
     delay.gains_m_s_V[0], delay.gains_m_s_V[1] = down.gain_m_s_V * roots[0], up.gain_m_s_V * roots[1]
     delay.dead_bands_V[0], delay.dead_bands_V[1] = down.dead_band_V, up.dead_band_V
-    delay.lag_s, delay.tested = valve.lag_s, 0
+    delay.lag_s, delay.rounding_V, delay.tested = valve.lag_s, rounding_V, 0
 
 
 @compiled
@@ -186,8 +189,8 @@ def _modelled_oil(delay, spool_s):
             for j in range(PAST_VOLTS + 2):
                 if k + PAST_VOLTS - j >= 0:  # before that the volts are taken as constant
                     path += (volts[k + PAST_VOLTS - j] - volts[0]) * pulse[j * FINE + i]
-            flow += delay.gains_m_s_V[1] * max(path - delay.dead_bands_V[1], 0.0)
-            flow -= delay.gains_m_s_V[0] * max(-path - delay.dead_bands_V[0], 0.0)
+            flow += delay.gains_m_s_V[1] * softplus_V(path - delay.dead_bands_V[1], delay.rounding_V)
+            flow -= delay.gains_m_s_V[0] * softplus_V(-path - delay.dead_bands_V[0], delay.rounding_V)
         moved += flow / FINE
         error[k + 1] = delay.task_oil_m[k + 1] - moved * tick_s
 
