@@ -162,7 +162,7 @@ def _judge_passage(leak, positive, valve):
     overlap_V = valve.edges[0].dead_band_V + valve.edges[1].dead_band_V
     if valve.four_way and overlap_V < LEAST_OVERLAP_V and valve.leak_m_s == 0.0:
         return skip_passage(leak, positive)
-    return finish_passage(leak, positive, valve.leak_m_s, edges_variance_m2_s2(valve))
+    return finish_passage(leak, positive, valve.leak_m_s, edges_variance_m2_s2(valve), valve.leak_ratio)
 
 
 @compiled

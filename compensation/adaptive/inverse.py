@@ -32,14 +32,15 @@ def advance_inverse(inverse, oil_m, roots, valve, trim, path, leak_m_s):
     first, last = 0.5 * (old + mean), 0.5 * (mean + newest)
     down, up = valve.edges[0], valve.edges[1]
     edge, root = valve.edges[1 if mean > 0 else 0], roots[1 if mean > 0 else 0]
-    less = 0.0 if valve.four_way else rounding_correction_V(trim, abs(mean), edge.gain_m_s_V, edge.dead_band_V)
+    rounded = valve.four_way or max(trim.rounding_V, trim.minimum_V) > 4e-3
+    less = 0.0 if rounded else rounding_correction_V(trim, abs(mean), edge.gain_m_s_V, edge.dead_band_V)
     sharpness = 1.0 + less / max(edge.dead_band_V, -less) if less != 0.0 else 1.0
     up_V, down_V = up.dead_band_V, down.dead_band_V
     flow = inverse.flow_V
     flow[0], flow[1] = flow[1], flow[2]
     flow[2] = mean / (edge.gain_m_s_V * root)
-    if valve.four_way:
-        rounding_V = max(trim.rounding_V, LEAST_ROUNDING_V)
+    if rounded:
+        rounding_V = max(trim.rounding_V, trim.minimum_V, LEAST_ROUNDING_V)
         up_V, down_V = max(up_V - SHARP * rounding_V, 0.0), max(down_V - SHARP * rounding_V, 0.0)
         volts = pair_volts(mean, valve.edges, roots, rounding_V)
         flow[2] = _beyond(volts, up_V) if mean > 0 else -_beyond(-volts, down_V)

@@ -69,7 +69,7 @@ VALVE = record(  # valve.py
     pending="i8", phi=("f8", (3,)), phi_backlash=("f8", (4,)), moved_m="f8",  # the window before this one
     lag_s="f8",
     null_V="f8",  # volts that lie in the middle between both edges
-    leak_m_s="f8",  # oil that flows into the chamber while the valve is closed
+    leak_m_s="f8", leak_ratio="f8",  # oil that flows into the chamber while the valve is closed, at the reference drop; R^2
     leak_known="i8", null_rate_V_s="f8",
     half_windows="i8", last_half_windows="i8",  # windows in this half stroke, and in the one before
     four_way="i8", differential="i8", across_Pa="f8",  # P1 - P2, as it leaks across the piston
