@@ -5,9 +5,9 @@ phase of a delay as long as its lag, up to the third order in frequency. Only wh
 reversal, do the two part. So a bank of spools, all with the identified total lag, is run over each of them:
 
     d = tau - tau_s,     x_s = spool(tau_s) u(t - d),     z_s' = k f(x_s) R,     f with the rounding of the edges
-    S_sj += |(1 - Q Q') (y + c P(t - j T/2) - z_s)|^2 / noise^2,     c = V / (E A1)
+    S_sj += |(1 - Q Q') (y + c P(t - l_j) - z_s)|^2 / noise^2,     c = V / (E A1)
 
-A position transducer that is late by j half ticks makes its part of the delay; the pressure is not late. So the bank is
+A position transducer that is late by l_j, up to three ticks, makes its part of the delay; the pressure is not late. So the bank is
 of spools and of lateness: which of the pressures past makes oil with the position. Q holds what other errors leave: a
 constant, a slope (leak, null) and a kink at the reversal (gain, dead band). S / 2 is a negative log-likelihood. Too long a
 delay is benign: the lead then trusts the spool too much, and is a little slow. Too short a one makes the volts
@@ -33,6 +33,8 @@ from .spool import step_response
 SPOOL_LAGS_S = 1e-3 * np.array(
     [1.2, 1.5, 1.8, 2.1, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.2, 4.6, 5.0, 5.5, 6.0, 6.7, 7.5]
 )  # (SPOOLS,)
+LATE = np.array([0.0, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 2.75, 3.0])  # (LATES,) l_j [ticks]
+LATE_SLACK = 0.125  # by which a lateness may be longer than the delay that it is part of [ticks]
 FINE = 5  # samples a tick
 NOISE_M = 3.3e-6  # of an oil displacement
 MEMORY = 0.985  # of the sums, a reversal
@@ -118,11 +120,11 @@ def _moments(delay, lag_s):
     for i in range(SPOOLS):
         late = max(lag_s - SPOOL_LAGS_S[i], 0.0)
         for j in range(LATES):
-            if j == 0 or 0.5 * j * delay.tick_s < late + 0.25 * delay.tick_s:
+            if j == 0 or (LATE[j] - LATE_SLACK) * delay.tick_s < late:
                 k = i * LATES + j
                 weight = math.exp(0.5 * (least - delay.sums[k] - share * delay.heard[k]))
                 total, mean, square = total + weight, mean + weight * late, square + weight * late * late
-                lateness += 0.5 * weight * j * delay.tick_s
+                lateness += weight * LATE[j] * delay.tick_s
     return total, mean, square, lateness
 
 
@@ -159,8 +161,11 @@ def _prepare(delay, roots, valve, rounding_V, compliance_m_Pa):
     for i in range(len(delay.oil_m)):
         delay.task_oil_m[i] = delay.oil_m[i]
         for j in range(LATES):
-            near = i + LATE_TICKS - j // 2
-            delay.task_pressures_Pa[j, i] = 0.5 * (delay.pressures_Pa[near] + delay.pressures_Pa[near - j % 2])
+            whole = int(LATE[j])
+            part, near = LATE[j] - whole, i + LATE_TICKS - whole
+            delay.task_pressures_Pa[j, i] = (
+                (1.0 - part) * delay.pressures_Pa[near] + part * delay.pressures_Pa[near - 1]
+            )
     for j in range(LATES):
         _without_nuisance(delay.task_pressures_Pa[j])
     delay.compliance_m_Pa = compliance_m_Pa
