@@ -56,13 +56,11 @@ NUISANCE = _nuisance()  # Q (BEFORE + AFTER + 1, 3)
 
 
 @compiled
-def add_to_delay(
-    delay, position_m, pressure_Pa, volts_V, flow_m_s, roots, valve, rounding_V, compliance_m_Pa, compensated
-):
+def add_to_delay(delay, position_m, pressure_Pa, volts_V, flow_m_s, roots, valve, compliance_m_Pa, compensated):
     """One tick: position now less what leaked, pressure now, volts of the tick past, demanded flow now. True when a
     reversal was judged.
 
-    rounding_V: of the edges; compensated: whether the reversal that lies AFTER ticks back, if one does, was.
+    compensated: whether the reversal that lies AFTER ticks back, if one does, was. `delay.rounding_V` is that of the edges.
     """
     _append(delay.volts_V, volts_V)
     _append(delay.oil_m, position_m)
@@ -73,7 +71,7 @@ def add_to_delay(
         delay.direction = flow_m_s
     delay.ticks += 1
     if delay.ticks == AFTER + 1 and compensated and delay.pressures_Pa[0] != 0.0:  # the history is full
-        _prepare(delay, roots, valve, rounding_V, compliance_m_Pa)
+        _prepare(delay, roots, valve, compliance_m_Pa)
     return delay.tested >= 0 and _compare(delay)
 
 
@@ -153,7 +151,7 @@ def restore_delay(delay, lateness, known):
 
 
 @compiled
-def _prepare(delay, roots, valve, rounding_V, compliance_m_Pa):
+def _prepare(delay, roots, valve, compliance_m_Pa):
     """The reversal in the history is the one to compare."""
     volts, down, up = delay.task_volts_V, valve.edges[0], valve.edges[1]
     for i in range(len(volts)):
@@ -175,7 +173,7 @@ def _prepare(delay, roots, valve, rounding_V, compliance_m_Pa):
             follower = volts[i] = clip(follower, volts[i] - half, volts[i] + half)
     delay.gains_m_s_V[0], delay.gains_m_s_V[1] = down.gain_m_s_V * roots[0], up.gain_m_s_V * roots[1]
     delay.dead_bands_V[0], delay.dead_bands_V[1] = down.dead_band_V, up.dead_band_V
-    delay.lag_s, delay.rounding_V, delay.tested = valve.lag_s, rounding_V, 0
+    delay.lag_s, delay.tested = valve.lag_s, 0
 
 
 @compiled

@@ -224,7 +224,7 @@ def add_to_trim(trim, oil_error_m, flow_m_s, identified_V, highest_V):
 
     identified_V: the rounding as identified, to which a small excess leads back.
     """
-    direction = 1.0 if flow_m_s > 0 else -1.0
+    direction, trim.known = 1.0 if flow_m_s > 0 else -1.0, identified_V > 0.0
     if direction != trim.direction:
         trim.direction, trim.ticks = direction, 0
         trim.reversal_m = oil_error_m[0]

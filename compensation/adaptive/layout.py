@@ -142,6 +142,7 @@ LEAK = record(  # leak.py
 TRIM = record(  # edge_rounding.py
     rounding_V="f8",
     minimum_V="f8",  # no less is used while compensation engages
+    known="i8",  # the rounding is identified or given, and not trimmed alone
     direction="f8", ticks="i8",
     reversal_m="f8",  # oil displacement less the demanded one, at the reversal
     before_m="f8",  # by how much it had grown before, against the new direction

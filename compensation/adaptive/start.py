@@ -7,7 +7,7 @@ from math import sqrt
 from ..compiled import compiled
 from .delay import keep_delay, restore_delay
 from .demand import stretch_demands
-from .edge_rounding import restore_rounding, start_rounding
+from .edge_rounding import lower_bound_V, restore_rounding, start_rounding
 from .engagement import AT_REST_M_S2, arm, keep_plain_control
 from .friction import keep_friction, restore_friction, start_friction
 from .layout import PREVIEW_TICKS
@@ -71,6 +71,7 @@ def restore(s, known):
     restore_presliding(s.friction.presliding, known.presliding, known.friction.half_step_Pa)
     s.trim.rounding_V = known.rounding_V
     restore_rounding(s.rounding, s.trim.rounding_V)
+    s.trim.known = lower_bound_V(s.rounding) > 0.0
     restore_delay(s.delay, s.lateness, known.delay)
     if valve_ready(s.valve):
         restore_leak(s.leak, s.valve.leak_m_s)

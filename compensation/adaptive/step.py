@@ -297,9 +297,8 @@ def _find_delay(state, position_m, p, volts_V, velocity_m_s, roots, compensated)
     delay, lateness, valve = state.delay, state.lateness, state.valve
     y, flow_m_s = position_m - state.leaked_m, velocity_m_s - valve.leak_m_s * valve.leak_ratio
     compliance = compliance_m_Pa(state.settings, position_m)
-    delay.tells = add_to_delay(
-        delay, y, p, volts_V, flow_m_s, roots, valve, state.trim.rounding_V, compliance, compensated
-    )
+    delay.rounding_V = state.trim.rounding_V
+    delay.tells = add_to_delay(delay, y, p, volts_V, flow_m_s, roots, valve, compliance, compensated)
     if delay.tells or (delay.hears and state.lag_s > 0.0):
         delay.hears = False
         late_s = found_lateness_s(delay, state.lag_s)

@@ -61,7 +61,7 @@ def start_valve(valve, tick_s, window, min_speed_m_s, settle, memory):
     """Both directions unknown. window: ticks; min_speed_m_s: mean speed of the piston from which a window counts;
     settle: ticks after the volts change sign in which the spool crosses; memory: windows."""
     valve.tick_s, valve.window, valve.min_speed_m_s, valve.settle = tick_s, window, min_speed_m_s, settle
-    valve.side, valve.ticks = -1.0, 1
+    valve.side, valve.ticks, valve.leak_ratio = -1.0, 1, 1.0
     start_edge(valve.edges[0], memory)
     start_edge(valve.edges[1], memory)
 
