@@ -2,9 +2,9 @@
 
 Two signals leave it apart, for the spool follows each through taps of its own (taps.py): the volts for the mean flow
 of a tick, and the dead-band compensation, which crosses the overlap where the flow reverses. While the spool crosses,
-the valve is shut and blocks flow. Where the edges are known to be rounded the first signal is the inverse of both
-edges together, and the second the step across what of the overlap lies within. Crossing flow compensation gives a share of the blocked oil in the two ticks before
-the crossing and in the two after it.
+the valve is shut and blocks flow. Crossing flow compensation gives a share of the blocked oil in the two ticks before
+the crossing and in the two after it. Where edges are known to be rounded the first signal is the inverse of both edges
+together, and the second the step across what of the overlap lies within.
 """
 
 from __future__ import annotations
