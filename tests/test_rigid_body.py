@@ -17,6 +17,7 @@ from hexsim.mechanics.rigid_body import (
     mass_matrix,
     pushed_back,
     quaternion_rate,
+    ride_wrench,
     rigid_body,
     rotation_of,
     spring_acceleration,
@@ -29,12 +30,19 @@ POINTS = np.array([[0.3, 0.1, 0.2], [-0.4, 0.5, 0.6], [0.2, -0.6, 0.1], [0.1, 0.
 MASSES = np.array([120.0, 80.0, 150.0, 60.0])  # [kg]
 
 
-def body_of_points(points=POINTS, masses=MASSES, sprung=0.0):
+def body_of_points(points=POINTS, masses=MASSES):
     """Point masses held together."""
     mass, centre = masses.sum(), masses @ points / masses.sum()
     arms = points - centre
     inertia = sum(m * (a @ a * np.eye(3) - np.outer(a, a)) for m, a in zip(masses, arms, strict=True))
-    return rigid_body(mass, centre, inertia, carried=mass, sprung=sprung)
+    return rigid_body(mass, centre, inertia, carried=mass)
+
+
+def spring_along(axis, mass=70.0, place=(0.2, -0.1, 0.5), gravity=(0.0, 0.0, -G)):
+    """A mass on a spring of 6 Hz, unstressed where gravity asks for it."""
+    omega, n = 2 * np.pi * 6.0, np.array(axis) / np.linalg.norm(axis)
+    x, y, z = map(float, n)
+    return Suspension(mass, omega, 0.05, (x, y, z), place, float(n @ gravity) / omega**2)
 
 
 def random_motion(seed=0):
@@ -44,12 +52,17 @@ def random_motion(seed=0):
 
 
 def test_at_rest_the_joints_carry_the_weight():
-    """F = m_c g upwards, M = c x F, to rounding; a mass on a spring that pushes back its weight adds it at the centre."""
-    body = body_of_points(sprung=50.0)._replace(carried=500.0)
+    """F = m_c g upwards, M = c x F, to rounding; a mass on a spring along any axis adds its weight where it stands."""
+    body = body_of_points()._replace(carried=500.0)
     none, down = (0.0, 0.0, 0.0), (0.0, 0.0, -G)
-    force, moment = joint_wrench(body, none, none, none, down, 50.0 * G)
-    assert force == pytest.approx((0.0, 0.0, 550.0 * G), rel=1e-14)
+    force, moment = joint_wrench(body, none, none, none, down)
+    assert force == pytest.approx((0.0, 0.0, 500.0 * G), rel=1e-14)
     assert moment == pytest.approx(np.cross(body.centre, force), rel=1e-12)
+    for axis in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.3, -0.5, 0.7)):
+        spring = spring_along(axis, 50.0)
+        force, moment, _ = ride_wrench(spring, none, none, none, down, spring.rest, 0.0)
+        assert force == pytest.approx((0.0, 0.0, 50.0 * G), rel=1e-12, abs=1e-10)
+        assert moment == pytest.approx(np.cross(spring.place, force), rel=1e-12, abs=1e-10)
 
 
 def test_wrench_is_what_accelerates_every_point():
@@ -69,7 +82,7 @@ def test_wrench_is_what_accelerates_every_point():
     rotation = kinematics.rotation(here)
     twist_rate = kinematics.to_platform_frame(here, kinematics.twist_rate(here, rate, second))
     omega = kinematics.to_platform_frame(here, kinematics.twist(here, rate))[3:]
-    wrench = joint_wrenches(body, twist_rate[None], omega[None], np.zeros((1, 3)), np.zeros(1))[0]
+    wrench = joint_wrenches(body, twist_rate[None], omega[None], np.zeros((1, 3)))[0]
 
     def places(t):
         return pose(t)[:3] + POINTS @ kinematics.rotation(pose(t)).T
@@ -81,20 +94,49 @@ def test_wrench_is_what_accelerates_every_point():
 
 def test_acceleration_undoes_wrench():
     """The motion that asks for a wrench is the motion that the wrench makes, with a mass on a spring: 1e-12."""
-    body = body_of_points(sprung=70.0)
+    body, spring, none = body_of_points(), spring_along((0.3, -0.5, 0.7)), (0.0, 0.0, 0.0)
     a, turning, omega, gravity = random_motion()
-    force, moment = joint_wrench(body, a, turning, omega, gravity, 300.0)
-    compliance = np.linalg.inv(mass_matrix(body))
-    back = body_acceleration(body, compliance, force, moment, omega, gravity, 300.0)
+    asked = np.array(joint_wrench(body, a, turning, omega, gravity))
+    asked += ride_wrench(spring, a, turning, omega, gravity, spring.rest, 0.3)[:2]
+    asked -= ride_wrench(spring, none, none, omega, gravity, spring.rest, 0.3)[:2]
+    compliance = np.linalg.inv(mass_matrix(body, spring))
+    back = body_acceleration(body, compliance, tuple(asked[0]), tuple(asked[1]), omega, gravity)
     assert np.concatenate(back) == pytest.approx(np.concatenate([a, turning]), rel=1e-12)
+
+
+def test_a_mass_on_a_spring_feels_its_own_path():
+    """What a mass on a slide in a turning body is pushed with is m (p'' - g) of its path, by finite differences: 1e-5.
+
+    Its travel is a sine of its own; along the slide the spring would have to push as the wrench's share along it says.
+    """
+    spring, h, t = spring_along((0.3, -0.5, 0.7), gravity=(0.0, 0.0, 0.0)), 1e-4, 0.3
+    kinematics = HexapodKinematics.from_geometry(1.6, 6.0, 1.2, 8.0, 1.8, 0.6)
+    amplitude, w = np.array([0.05, 0.04, 0.06, 0.1, 0.12, 0.08]), np.array([5.0, 7.0, 6.0, 8.0, 6.5, 9.0])
+    phase, n = np.arange(6), np.array(spring.axis)
+
+    def path(t):
+        pose, q = amplitude * np.sin(w * t + phase), 0.02 * np.sin(20.0 * t)
+        return pose[:3] + kinematics.rotation(pose) @ (spring.place + q * n)
+
+    here, rate, second = amplitude * np.sin(w * t + phase), amplitude * w * np.cos(w * t + phase), 0.0
+    second = -(w**2) * here
+    a = kinematics.to_platform_frame(here, kinematics.twist_rate(here, rate, second))
+    omega = kinematics.to_platform_frame(here, kinematics.twist(here, rate))[3:]
+    q, speed, turn = 0.02 * np.sin(20.0 * t), 0.4 * np.cos(20.0 * t), -8.0 * np.sin(20.0 * t)
+    force, moment, felt = ride_wrench(spring, tuple(a[:3]), tuple(a[3:]), tuple(omega), (0.0, 0.0, 0.0), q, speed)
+    true = (path(t + h) - 2 * path(t) + path(t - h)) / h**2 @ kinematics.rotation(here)
+    along = -spring_acceleration(spring, q, speed)
+    assert np.array(force) / spring.mass == pytest.approx(true + (along - n @ true) * n, rel=1e-5)
+    assert moment == pytest.approx(np.cross(spring.place + q * n, force), rel=1e-12)
+    assert felt == pytest.approx(n @ true - turn, rel=1e-5)
 
 
 def test_along_the_axis_it_is_the_third_row():
     """A body that only moves along z: the platform's equation without turning and with its centre on the axis."""
-    body = rigid_body(600.0, [0.0, 0.0, 0.3], np.eye(3), carried=650.0, sprung=70.0)
+    body = rigid_body(600.0, [0.0, 0.0, 0.3], np.eye(3), carried=650.0)
     none, down = (0.0, 0.0, 0.0), (0.0, 0.0, -G)
     a = axial_acceleration(body, 9000.0, -G, 400.0)
-    assert joint_wrench(body, (0.0, 0.0, a), none, none, down, 400.0)[0][2] == pytest.approx(9000.0, rel=1e-14)
+    assert joint_wrench(body, (0.0, 0.0, a), none, none, down)[0][2] + 400.0 == pytest.approx(9000.0, rel=1e-14)
 
 
 def test_two_bodies_joined_are_their_points_together():
@@ -113,7 +155,7 @@ def test_a_free_body_keeps_its_energy_and_its_spin():
     def rates(s):
         """q, then velocity of the origin and rates in the body's frame: v' = a - w x v there."""
         omega = (s[7], s[8], s[9])
-        a, turning = body_acceleration(body, compliance, none, none, omega, none, 0.0)
+        a, turning = body_acceleration(body, compliance, none, none, omega, none)
         return np.concatenate([quaternion_rate((s[0], s[1], s[2], s[3]), omega), a - np.cross(omega, s[4:7]), turning])
 
     def figures(s):

@@ -18,8 +18,8 @@ from hexsim.hydraulics.ports import (
     is_slope_below,
     supply_edge_flow,
     tank_edge_flow,
-    top_inflow,
     top_supply_flow,
+    worn_conductance,
 )
 
 LEAST_BRISTLE_LEVEL = 1.0e-3  # [N] a bristle divides by the level; far below any seal
@@ -60,25 +60,27 @@ def flow_curve(p, x):
 
 
 @compiled
-def inflow(p, y, v, volts, x, P1, Ps, t):
+def inflow(p, y, v, volts, x, P1, Ps, t, memory=0.0):
     """Net flow into the bottom chamber through valve and leaks [m3/s]: phi_1 of Eq. 3.4 and what extends it."""
     flow = supply_edge_flow(p, x, P1, Ps) - tank_edge_flow(p, x, P1)
     flow += p[P.LEAK_SUPPLY_CHAMBER] * (Ps - P1) - p[P.LEAK_CHAMBER_TANK] * (P1 - p[P.TANK_PRESSURE])
     if p[P.RELIEF_CONDUCTANCE] != 0.0:
         flow -= p[P.RELIEF_CONDUCTANCE] * max(P1 - p[P.RELIEF_OPENS], 0.0)
+    if p[P.WEAR_CONDUCTANCE] != 0.0 and p[P.ROD_SIDE_CHAMBER] != ROD_SIDE_VALVE:
+        flow += worn_conductance(p, y) * (Ps - P1)
     if p[P.CHECK_GAIN] > 0.0:
         flow += manifold.inflow(p, P1, Ps, manifold.taper(p, y))
     if p[P.LEARNED_BALANCE] == learned.CONTINUITY:
-        flow += learned.term(p, y, v, volts, P1, Ps, t)
+        flow += learned.term(p, y, v, volts, P1, Ps, t, memory)
     return flow
 
 
 @compiled
-def inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t):
+def inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t, memory=0.0):
     """`inflow` less what leaks across the piston of a leg with two chambers on the valve [m3/s]."""
-    flow = inflow(p, y, v, volts, x, P1, Ps, t)
+    flow = inflow(p, y, v, volts, x, P1, Ps, t, memory)
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
-        flow -= p[P.LEAK_PISTON] * (P1 - P2)
+        flow -= (p[P.LEAK_PISTON] + worn_conductance(p, y)) * (P1 - P2)
     return flow
 
 
@@ -111,7 +113,7 @@ def pressure_slowdown(p, y, x, P1, Ps, h):
     capacity = chamber_capacity(p, y, P1)
     if is_slope_below(p, x, P1, Ps, h, 2.0 * capacity):
         return 1.0
-    return chamber.slowdown(-h * flow_slope(p, x, P1, Ps), capacity)
+    return chamber.slowdown(h * (worn_conductance(p, y) - flow_slope(p, x, P1, Ps)), capacity)
 
 
 @compiled
@@ -130,18 +132,28 @@ def supply_demand(p, v, x, P1, P2, Ps):
 
 @compiled
 def supply_demand_in_step(p, y, v, x, P1, P2, Ps, h=0.0):
-    """`supply_demand` with what a rod side of its own takes within a time step h."""
+    """`supply_demand` with what a worn bore takes, and a rod side of its own within a time step h (0 = exact)."""
     demand = supply_demand(p, v, x, P1, P2, Ps)
+    if p[P.WEAR_CONDUCTANCE] != 0.0 and p[P.ROD_SIDE_CHAMBER] != ROD_SIDE_VALVE:
+        demand += worn_conductance(p, y) * (Ps - P1)
     if 0.0 < p[P.ROD_SIDE_CHAMBER] < ROD_SIDE_VALVE:
         demand += rod_side.intake(p, y, v, P2, Ps, h) - rod_side.port_flow(p, P2, Ps)
     return demand
 
 
 @compiled
-def friction_level(p, y, v, P1, P2=0.0):
+def cold_factor(p, t):
+    """By what all friction is larger t [s] after the start: 1 + a exp(-t/tau); 1 of a warm machine."""
+    if p[P.FRICTION_WARM_UP] == 0.0:
+        return 1.0
+    return 1.0 + p[P.FRICTION_WARM_UP] * math.exp(-t / p[P.FRICTION_WARM_UP_TIME])
+
+
+@compiled
+def friction_level(p, y, v, P1, P2=0.0, t=math.inf):
     """g(v) = F_c + F_s exp(-|v|/c_s) [N] of the direction of motion, with seal and position-dependent parts.
 
-    P2: asked for by seals of a rod side on the valve alone.
+    P2: asked for by seals of a rod side on the valve alone.  t [s]: after the start; without it, warm.
     """
     coulomb, static = p[P.COULOMB_EXTEND], p[P.STATIC_EXTEND]
     if v < 0.0:
@@ -152,47 +164,50 @@ def friction_level(p, y, v, P1, P2=0.0):
         coulomb += p[P.SEAL_FRICTION_TOP] * max(P2, 0.0) + p[P.SEAL_FRICTION_ACROSS] * abs(P1 - P2)
     if p[P.RIPPLE_FORCE] != 0.0:
         coulomb += p[P.RIPPLE_FORCE] * math.sin(2.0 * math.pi * y / p[P.RIPPLE_LENGTH] + p[P.RIPPLE_PHASE])
-    level = friction.stribeck_level(v, max(coulomb, 0.0), static, p[P.STRIBECK_VELOCITY])
+    level = cold_factor(p, t) * friction.stribeck_level(v, max(coulomb, 0.0), static, p[P.STRIBECK_VELOCITY])
     return max(level, LEAST_BRISTLE_LEVEL) if p[P.BRISTLE_STIFFNESS] > 0.0 else level
 
 
 @compiled
-def bristle_rate(p, y, v, P1, z, P2=0.0):
+def bristle_rate(p, y, v, P1, z, P2=0.0, t=math.inf):
     """dz/dt of the presliding bristle [m/s]."""
-    return friction.bristle_rate(v, z, friction_level(p, y, v, P1, P2), p[P.BRISTLE_STIFFNESS])
+    return friction.bristle_rate(v, z, friction_level(p, y, v, P1, P2, t), p[P.BRISTLE_STIFFNESS])
 
 
 @compiled
-def friction_force(p, y, v, P1, z, P2=0.0):
+def friction_force(p, y, v, P1, z, P2=0.0, t=math.inf):
     """Friction [N] against the motion, Eq. 2.4 / 3.9, or LuGre when the leg has a bristle z [m]."""
-    viscous = p[P.VISCOUS_RETRACT] if v < 0.0 else p[P.VISCOUS_EXTEND]
+    viscous = cold_factor(p, t) * (p[P.VISCOUS_RETRACT] if v < 0.0 else p[P.VISCOUS_EXTEND])
     if p[P.BRISTLE_STIFFNESS] > 0.0:
-        rate = bristle_rate(p, y, v, P1, z, P2)
+        rate = bristle_rate(p, y, v, P1, z, P2, t)
         return viscous * v + p[P.BRISTLE_STIFFNESS] * z + p[P.BRISTLE_DAMPING] * rate
-    level = friction_level(p, y, v, P1, P2)
+    level = friction_level(p, y, v, P1, P2, t)
     return viscous * v + friction.direction(v, p[P.SHARPNESS], p[P.ARCTAN_SLOPE]) * level
 
 
 @compiled
-def heat(p, y, v, x, P1, P2, Ps, z, flow, demand, h=0.0):
+def heat(p, y, v, x, P1, P2, Ps, z, flow, demand, h=0.0, t=math.inf):
     """Heat [W] that the leg puts into the oil: throttling in valve, leaks and rod side port, and friction.
 
     What the supply gives (Ps q) less what the chambers take (P1 phi_1 of `flow`, and P2 q_2 or -Ps A2 v).
     """
     throttled = Ps * demand - P1 * flow
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
-        throttled -= P2 * top_inflow(p, x, P1, P2, Ps)
+        throttled -= P2 * rod_side.valve_inflow(p, y, x, P1, P2, Ps)
     elif p[P.ROD_SIDE_CHAMBER] > 0.0:
         throttled -= P2 * rod_side.intake(p, y, v, P2, Ps, h)
     else:
         throttled += Ps * p[P.AREA_TOP] * v
-    return throttled + friction_force(p, y, v, P1, z, P2) * v
+    return throttled + friction_force(p, y, v, P1, z, P2, t) * v
 
 
 @compiled
-def force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t):
-    """What acts along the leg besides P1 A1 [N]: rod side, friction, end stops and the effects of the force balance."""
-    force = -P2 * p[P.AREA_TOP] - friction_force(p, y, v, P1, z, P2)
+def force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t, memory=0.0):
+    """What acts along the leg besides P1 A1 [N]: rod side, friction, end stops and the effects of the force balance.
+
+    memory: of a learned term.
+    """
+    force = -P2 * p[P.AREA_TOP] - friction_force(p, y, v, P1, z, P2, t)
     force += friction.end_stop_force(
         y, v, p[P.STROKE], p[P.CUSHION_LENGTH], p[P.CUSHION_STIFFNESS], p[P.CUSHION_DAMPING]
     )
@@ -202,27 +217,28 @@ def force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t):
     if p[P.TONE_FORCE] != 0.0:
         force += p[P.TONE_FORCE] * math.sin(2.0 * math.pi * p[P.TONE_FREQUENCY] * t + p[P.TONE_PHASE])
     if p[P.LEARNED_BALANCE] == learned.FORCE:
-        force += learned.term(p, y, v, volts, P1, Ps, t)
+        force += learned.term(p, y, v, volts, P1, Ps, t, memory)
     return force
 
 
 @compiled
-def leg_force(p, y, v, volts, P1, P2, Ps, z, t):
+def leg_force(p, y, v, volts, P1, P2, Ps, z, t, memory=0.0):
     """Force of the leg on the load [N]: the pressure of the bottom chamber and all that acts besides."""
-    return P1 * p[P.AREA_BOTTOM] + force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t)
+    return P1 * p[P.AREA_BOTTOM] + force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t, memory)
 
 
 @compiled
-def leg_derivatives(p, y, v, volts, t, Ps, state, h):
+def leg_derivatives(p, y, v, volts, t, Ps, state, h, memory=0.0):
     """Rates of a leg's states, its metering spool position [m] and its net flow [m3/s].
 
     state: (P1, P2, x, x', z), pressures [Pa], spool [m] and [m/s], bristle [m]; the rates come in the same order, 0 for
     a state that the leg has not. h [s]: time step of who integrates; laws faster than it are slowed to it (pressures and
-    bristle to h lambda = 2, a rod side's port to 1), towards the same balance. h = 0: exact.
+    bristle to h lambda = 2, a rod side's port to 1), towards the same balance. h = 0: exact. memory: of a learned
+    term, whose own rate is `learned.memory_rate`.
     """
     P1, P2, place, speed, z = state
     x = metering_spool(p, volts, t, place)
-    flow = inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t)
+    flow = inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t, memory)
     dP1 = pressure_rate_of(p, y, v, P1, flow) / pressure_slowdown(p, y, x, P1, Ps, h)
     dP2 = dx = acceleration = dz = 0.0
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
@@ -235,8 +251,8 @@ def leg_derivatives(p, y, v, volts, t, Ps, state, h):
             place, speed, command, p[P.SPOOL_OMEGA], p[P.SPOOL_DAMPING], p[P.SPOOL_RATE]
         )
     if p[P.BRISTLE_STIFFNESS] > 0.0:
-        stiff = p[P.BRISTLE_STIFFNESS] * abs(v) / friction_level(p, y, v, P1, P2)
-        dz = bristle_rate(p, y, v, P1, z, P2) / max(1.0, 0.5 * h * stiff)
+        stiff = p[P.BRISTLE_STIFFNESS] * abs(v) / friction_level(p, y, v, P1, P2, t)
+        dz = bristle_rate(p, y, v, P1, z, P2, t) / max(1.0, 0.5 * h * stiff)
     return (dP1, dP2, dx, acceleration, dz), x, flow
 
 

@@ -68,6 +68,7 @@ LEG_POWERS: dict[P, tuple[float, float, float]] = {
     P.LEAK_SUPPLY_CHAMBER: (0, 0, -1),
     P.LEAK_CHAMBER_TANK: (0, 0, -1),
     P.LEAK_PISTON: (0, 0, -1),
+    P.WEAR_CONDUCTANCE: (0, 0, -1),
     P.LEAK_TOP_TANK: (0, 0, -1),
     P.CLEARANCE_CONDUCTANCE: (0, 0, -1),
     P.RETURN_RESISTANCE: (0, 0, 1),

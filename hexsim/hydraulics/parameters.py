@@ -120,6 +120,12 @@ class P(IntEnum):
     NULL_WARM_UP = 85  # of the spool's null, with its time constant
     NULL_WARM_UP_TIME = 86
     LEARNED_FORM = 87
+    FRICTION_WARM_UP = 88  # share more of all friction at the start, with its time constant
+    FRICTION_WARM_UP_TIME = 89
+    WEAR_CONDUCTANCE = 90  # past the piston's seal where the bore is worn, with place and width of the wear
+    WEAR_PLACE = 91
+    WEAR_WIDTH = 92
+    LEARNED_MEMORY = 93  # time constant of the low-pass that a learned term's signal has passed [s]; 0: none
 
 
 ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B
@@ -238,6 +244,8 @@ def _friction(friction: Friction) -> dict[P, float]:
         P.ARCTAN_SLOPE: friction.arctan_slope_s_m if friction.form == "report" else 0.0,
         P.RIPPLE_LENGTH: 1.0,
         P.NULL_WARM_UP_TIME: 1.0,
+        P.FRICTION_WARM_UP_TIME: 1.0,
+        P.WEAR_WIDTH: 1.0,
     }
 
 

@@ -120,12 +120,21 @@ def is_slope_below(p, x, P1, Ps, h, limit):
     if p[P.CLEARANCE_CONDUCTANCE] != 0.0 or p[P.RETURN_RESISTANCE] > 0.0 or p[P.CHECK_GAIN] > 0.0:
         return False
     leaks = p[P.LEAK_SUPPLY_CHAMBER] + p[P.LEAK_CHAMBER_TANK] + p[P.LEAK_PISTON] + p[P.RELIEF_CONDUCTANCE]
-    half = 0.5 * (limit - h * leaks)
+    half = 0.5 * (limit - h * (leaks + p[P.WEAR_CONDUCTANCE]))
     if half <= 0.0:
         return False
     supply = is_edge_below(p, x, Ps - P1, edge_PA(p), h, half)
     tank = P1 - p[P.TANK_PRESSURE]
     return supply and is_edge_below(p, -x, tank, edge_AT(p), h, half)
+
+
+@compiled
+def worn_conductance(p, y):
+    """Laminar conductance [m3/s/Pa] past the piston's seal at y [m] for the wear of the bore: G exp(-((y - y0)/w)^2)."""
+    if p[P.WEAR_CONDUCTANCE] == 0.0:
+        return 0.0
+    off = (y - p[P.WEAR_PLACE]) / p[P.WEAR_WIDTH]
+    return p[P.WEAR_CONDUCTANCE] * math.exp(-off * off)
 
 
 @compiled

@@ -30,6 +30,7 @@ class Resolved:
     loop_gain, loop_delay_ticks (n_legs,): of the controllers as they run, against the declared ones.
     mechanics: legs as they are built; the motion computer has those of the machine file.
     imu_turn_rad, imu_place_m (3,): how the accelerometers are turned (rotation vector) and shifted against [sensors].
+    position_ripple (n_legs, 3): amplitude and pitch [m], phase [rad] of the position transducers' scales.
     oil_temperature_degC: temperature for which rows and supply hold (only a power unit changes it).
     """
 
@@ -44,9 +45,11 @@ class Resolved:
     leg_sensors: dict[str, np.ndarray] = field(default_factory=dict)
     loop_gain: np.ndarray = field(init=False)
     loop_delay_ticks: np.ndarray = field(init=False)
+    position_ripple: np.ndarray = field(init=False)
     oil_temperature_degC: float = 35.0
     imu_turn_rad: np.ndarray = field(default_factory=lambda: np.zeros(3))
     imu_place_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         self.loop_gain, self.loop_delay_ticks = np.ones(len(self.rows)), np.zeros(len(self.rows))
+        self.position_ripple = np.tile([0.0, 1e-3, 0.0], (len(self.rows), 1))

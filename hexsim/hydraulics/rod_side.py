@@ -6,7 +6,7 @@ dP2/dt = (q + A2 v)/C2,   q = K sqrt(Ps - P2) through the port, or what port B g
 from hexsim.compiled import compiled
 from hexsim.hydraulics import chamber, valve
 from hexsim.hydraulics.parameters import P
-from hexsim.hydraulics.ports import top_inflow, top_slope
+from hexsim.hydraulics.ports import top_inflow, top_slope, worn_conductance
 
 
 @compiled
@@ -45,8 +45,14 @@ def port_rate(p, y, v, P2, Ps, h=0.0):
 
 
 @compiled
+def valve_inflow(p, y, x, P1, P2, Ps):
+    """Net flow into a rod side on the valve [m3/s]: port B, leaks, and what a worn bore lets through."""
+    return top_inflow(p, x, P1, P2, Ps) + worn_conductance(p, y) * (P1 - P2)
+
+
+@compiled
 def valve_rate(p, y, v, x, P1, P2, Ps, h):
     """dP2/dt [Pa/s] of a rod side on the valve's port B, slowed to the time step h [s] as P1 is."""
     room = capacity(p, y, P2)
-    rate = chamber.pressure_rate(top_inflow(p, x, P1, P2, Ps) + p[P.AREA_TOP] * v, room, P2)
-    return rate / chamber.slowdown(-h * top_slope(p, x, P2, Ps), room)
+    rate = chamber.pressure_rate(valve_inflow(p, y, x, P1, P2, Ps) + p[P.AREA_TOP] * v, room, P2)
+    return rate / chamber.slowdown(h * (worn_conductance(p, y) - top_slope(p, x, P2, Ps)), room)

@@ -27,7 +27,7 @@ from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, rod_side, supply
 from hexsim.hydraulics.chamber import ATMOSPHERE, CAVITATION_SOFT
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
-from hexsim.hydraulics.ports import top_slope
+from hexsim.hydraulics.ports import top_slope, worn_conductance
 from hexsim.hydraulics.supply import LINE, POWER_UNIT, S
 
 Array = NDArray[np.float64]
@@ -135,11 +135,12 @@ def near_standstill(p, v, v_before):
 def leg_steps(rule, p, y, v, x, P1, P2, Ps, z):
     """Steps a second [1/s] that a leg asks for in this state."""
     capacity = leg.chamber_capacity(p, y, P1)
-    law = max(-leg.flow_slope(p, x, P1, Ps), 0.0) / (capacity * FLOW)
+    worn = worn_conductance(p, y)
+    law = max(worn - leg.flow_slope(p, x, P1, Ps), 0.0) / (capacity * FLOW)
     springs = 1.0 / capacity
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
         room = rod_side.capacity(p, y, P2)
-        law = max(law, -top_slope(p, x, P2, Ps) / (room * FLOW))
+        law = max(law, (worn - top_slope(p, x, P2, Ps)) / (room * FLOW))
         springs += (p[P.AREA_TOP] / p[P.AREA_BOTTOM]) ** 2 / room
     if p[P.BRISTLE_STIFFNESS] > 0.0 and abs(leg.bristle_rate(p, y, v, P1, z, P2)) > SETTLED * abs(v):
         law = max(law, p[P.BRISTLE_STIFFNESS] * abs(v) / (leg.friction_level(p, y, v, P1, P2) * FLOW))

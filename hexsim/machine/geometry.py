@@ -52,15 +52,14 @@ def _leg_bodies(load: Load, cylinder: Cylinder, neutral_length: float) -> LegBod
 def moving_body(resolved: Resolved, loaded: bool = False) -> RigidBody:
     """A bench's mass; or platform and, at its joints, the legs as far as they have mass (as in the tendon model).
 
-    loaded: with the additional mass, a point at the centre of mass.
+    Without payloads on springs. loaded: with the additional mass, a point at the centre of mass.
     """
     load = with_additional_mass(resolved.load) if loaded else resolved.load
-    sprung = sum(mode.mass_kg for mode in resolved.payload_modes)
     kinematics = resolved.mechanics
     if not kinematics.has_platform:
         mass = load.moving_mass_kg or 0.0
-        return rigid_body(mass, np.zeros(3), np.zeros((3, 3)), carried=mass, sprung=sprung)
-    platform = platform_body(load, resolved.machine.payload, sprung)
+        return rigid_body(mass, np.zeros(3), np.zeros((3, 3)), carried=mass)
+    platform = platform_body(load, resolved.machine.payload)
     if load.leg_mass_kg <= 0:
         return platform
     neutral = float(kinematics.leg_lengths(np.zeros(6))[0])
@@ -72,10 +71,18 @@ def with_additional_mass(load: Load) -> Load:
     return load.model_copy(update={load.mass_key: load.carried_mass_kg + (load.additional_mass_kg or 0.0)})
 
 
-def platform_body(load: Load, payload: Sequence[Payload] = (), sprung: float = 0.0) -> RigidBody:
-    """A hexapod's platform with what is bolted to it, as one body; sprung [kg] rides on springs along z."""
+def held_body(resolved: Resolved, loaded: bool = False) -> RigidBody:
+    """`moving_body` with the payloads on springs held where they stand at rest."""
+    body = moving_body(resolved, loaded)
+    for mode in resolved.payload_modes:
+        body = joined(body, rigid_body(mode.mass_kg, mode.position_m, np.zeros((3, 3)), carried=mode.mass_kg))
+    return body
+
+
+def platform_body(load: Load, payload: Sequence[Payload] = ()) -> RigidBody:
+    """A hexapod's platform with what is bolted to it, as one body."""
     mass, inertia = load.platform_mass_kg or 0.0, np.diag(load.platform_inertia_kg_m2 or (0.0, 0.0, 0.0))
-    body = rigid_body(mass, load.centre_of_mass_m, inertia, carried=mass, sprung=sprung)
+    body = rigid_body(mass, load.centre_of_mass_m, inertia, carried=mass)
     for part in payload:
         body = joined(
             body, rigid_body(part.mass_kg, part.position_m, np.diag(part.inertia_kg_m2), carried=part.mass_kg)
@@ -83,6 +90,8 @@ def platform_body(load: Load, payload: Sequence[Payload] = (), sprung: float = 0
     return body
 
 
-def suspension(mode: PayloadMode) -> Suspension:
+def suspension(mode: PayloadMode, gravity_m_s2: np.ndarray) -> Suspension:
     """A payload's spring and damper as numbers."""
-    return Suspension(mode.mass_kg, 2 * math.pi * mode.frequency_Hz, mode.damping_ratio)
+    omega = 2 * math.pi * mode.frequency_Hz
+    rest = float(gravity_m_s2 @ np.array(mode.axis)) / omega**2
+    return Suspension(mode.mass_kg, omega, mode.damping_ratio, mode.axis, mode.position_m, rest)

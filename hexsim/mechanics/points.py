@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hexsim.mechanics.leg_geometry import write_rotation
-from hexsim.mechanics.rigid_body import centre_accelerations, rigid_body
+from hexsim.mechanics.rigid_body import point_accelerations
 
 Array = NDArray[np.float64]
 
@@ -24,8 +24,8 @@ def point_velocity(velocity: Array, omega: Array, point_m: ArrayLike) -> Array:
 def point_acceleration(acceleration: Array, turning: Array, omega: Array, point_m: ArrayLike) -> Array:
     """a_p (n, 3) from a, w' and w (n, 3)."""
     motion = np.ascontiguousarray(np.concatenate([acceleration, turning], axis=1))
-    body = rigid_body(0.0, point_m, np.zeros((3, 3)), carried=0.0)
-    return centre_accelerations(body, motion, np.ascontiguousarray(omega))
+    x, y, z = map(float, np.asarray(point_m))
+    return point_accelerations((x, y, z), motion, np.ascontiguousarray(omega))
 
 
 def mounting(orientation_deg: ArrayLike) -> Array:

@@ -3,11 +3,14 @@
 Everything in the body's frame, about its origin O (the centre of the platform joints); c: centre of mass from O.
 
     a_c = a + w' x c + w x (w x c)                              acceleration of the centre of mass
-    F   = m a_c - m_c g + m_s (felt_x, felt_y, 0) + (0, 0, B)   felt = a_c - g, what a mass that rides along feels
-    M   = I w' + w x (I w) + c x F
+    F   = m a_c - m_c g,   M = I w' + w x (I w) + c x F
 
 (F, M): the wrench that the joints must put on the body. m moves, m_c is carried (they differ where legs are shared between
-body and base). m_s rides on springs along z: across that axis it moves with the body, along it its spring pushes back by B.
+body and base). A mass m_s on a spring along n (unit vector, fixed in the body) with travel q adds
+
+    f   = a + w' x p + w x (w x p) + 2 q' w x n - g,   p = place + (q - rest) n     what it feels besides q''
+    q'' = -(w_s^2 q + 2 zeta w_s q') - n . f
+    F_s = m_s (f + q'' n),   M_s = p x F_s                      across n it moves with the body
 """
 
 from __future__ import annotations
@@ -26,21 +29,27 @@ Vector = tuple[float, float, float]
 
 
 class RigidBody(NamedTuple):
-    """mass that moves, mass that is carried, mass on springs along z [kg]; centre [m]; rows of the inertia about it [kg m2]."""
+    """mass that moves, mass that is carried [kg]; centre [m]; rows of the inertia about it [kg m2]."""
 
     mass: float
     carried: float
-    sprung: float
     centre: Vector
     inertia: tuple[Vector, Vector, Vector]
 
 
 class Suspension(NamedTuple):
-    """A mass [kg] on a spring and damper: natural frequency [rad/s], damping ratio. mass 0: there is none."""
+    """A mass [kg] on a spring and damper: natural frequency [rad/s], damping ratio. mass 0: there is none.
+
+    axis: unit vector of its travel; place [m]: where it stands when the body is level and at rest, and rest [m]: its travel
+    from the unstressed spring there.
+    """
 
     mass: float
     omega: float
     damping: float
+    axis: Vector = (0.0, 0.0, 1.0)
+    place: Vector = (0.0, 0.0, 0.0)
+    rest: float = 0.0
 
 
 @compiled
@@ -77,15 +86,11 @@ def centre_acceleration(c, a, turning, omega):
 
 
 @compiled
-def joint_wrench(body, a, turning, omega, gravity, pushed_back):
-    """(F, M) for a motion under gravity; pushed_back: B [N]."""
-    m, carried, riding = body.mass, body.carried, body.sprung
+def joint_wrench(body, a, turning, omega, gravity):
+    """(F, M) for a motion under gravity."""
+    m, carried = body.mass, body.carried
     x, y, z = centre_acceleration(body.centre, a, turning, omega)
-    force = (
-        m * x - carried * gravity[0] + riding * (x - gravity[0]),
-        m * y - carried * gravity[1] + riding * (y - gravity[1]),
-        m * z - carried * gravity[2] + pushed_back,
-    )
+    force = (m * x - carried * gravity[0], m * y - carried * gravity[1], m * z - carried * gravity[2])
     spun, lever = cross(omega, rotated(body.inertia, omega)), cross(body.centre, force)
     grown = rotated(body.inertia, turning)
     return force, (grown[0] + spun[0] + lever[0], grown[1] + spun[1] + lever[1], grown[2] + spun[2] + lever[2])
@@ -98,45 +103,80 @@ def triple(values, first):
 
 
 @compiled
-def joint_wrenches(body, acceleration, omega, gravity, pushed_back):
-    """(F, M) of every sample (n, 6): acceleration (a, w') (n, 6), omega and gravity (n, 3), pushed_back (n,)."""
+def ride_wrench(suspension, a, turning, omega, gravity, travel, rate):
+    """(F_s, M_s, n . f) of a mass on a spring, for a motion of the body and its own travel [m] and rate [m/s]."""
+    n, place, off = suspension.axis, suspension.place, travel - suspension.rest
+    p = (place[0] + off * n[0], place[1] + off * n[1], place[2] + off * n[2])
+    x, y, z = centre_acceleration(p, a, turning, omega)
+    turned, twice = cross(omega, n), 2.0 * rate
+    f = (
+        x + twice * turned[0] - gravity[0],
+        y + twice * turned[1] - gravity[1],
+        z + twice * turned[2] - gravity[2],
+    )
+    felt = dot(n, f)
+    along, m = spring_acceleration(suspension, travel, rate) + felt, suspension.mass
+    force = (m * (f[0] - along * n[0]), m * (f[1] - along * n[1]), m * (f[2] - along * n[2]))
+    return force, cross(p, force), felt
+
+
+@compiled
+def add_ride_wrenches(wrench, suspension, acceleration, omega, gravity, travel, rate):
+    """Add (F_s, M_s) of every sample to a wrench (n, 6); the rest as in `joint_wrenches`, travel and rate (n,)."""
+    for i in range(wrench.shape[0]):
+        motion = acceleration[i]
+        force, moment, _ = ride_wrench(
+            suspension, triple(motion, 0), triple(motion, 3), triple(omega[i], 0), triple(gravity[i], 0), travel[i],
+            rate[i],
+        )  # fmt: skip
+        for k in range(3):
+            wrench[i, k] += force[k]
+            wrench[i, 3 + k] += moment[k]
+
+
+@compiled
+def joint_wrenches(body, acceleration, omega, gravity):
+    """(F, M) of every sample (n, 6): acceleration (a, w') (n, 6), omega and gravity (n, 3)."""
     wrench = np.empty(acceleration.shape)
     for i in range(acceleration.shape[0]):
         motion, field = acceleration[i], gravity[i]
-        force, moment = joint_wrench(
-            body, triple(motion, 0), triple(motion, 3), triple(omega[i], 0), triple(field, 0), pushed_back[i]
-        )
+        force, moment = joint_wrench(body, triple(motion, 0), triple(motion, 3), triple(omega[i], 0), triple(field, 0))
         wrench[i, 0], wrench[i, 1], wrench[i, 2] = force
         wrench[i, 3], wrench[i, 4], wrench[i, 5] = moment
     return wrench
 
 
 @compiled
-def centre_accelerations(body, acceleration, omega):
-    """a_c of every sample (n, 3)."""
-    centre = np.empty(omega.shape)
+def point_accelerations(place, acceleration, omega):
+    """Acceleration (n, 3) of a point of the body, every sample."""
+    found = np.empty(omega.shape)
     for i in range(omega.shape[0]):
         motion = acceleration[i]
-        centre[i, 0], centre[i, 1], centre[i, 2] = centre_acceleration(
-            body.centre, triple(motion, 0), triple(motion, 3), triple(omega[i], 0)
+        found[i, 0], found[i, 1], found[i, 2] = centre_acceleration(
+            place, triple(motion, 0), triple(motion, 3), triple(omega[i], 0)
         )
-    return centre
+    return found
 
 
-def mass_matrix(body: RigidBody) -> Array:
-    """(6, 6): how the wrench grows with (a, w'), constant in the body's frame."""
+def mass_matrix(body: RigidBody, riding: Suspension | None = None) -> Array:
+    """(6, 6): how the wrench grows with (a, w'), constant in the body's frame. riding: where it stands at rest."""
     nothing = np.zeros((6, 3))
-    return joint_wrenches(body, np.eye(6), nothing, nothing, np.zeros(6)).T
+    own = joint_wrenches(body, np.eye(6), nothing, nothing).T
+    if riding is None:
+        return own
+    moved = np.hstack([np.eye(3), -np.cross(np.eye(3), riding.place)])  # acceleration of its place
+    across = moved - np.outer(riding.axis, riding.axis) @ moved
+    return own + riding.mass * across.T @ across
 
 
 @compiled
-def body_acceleration(body, compliance, force, moment, omega, gravity, pushed_back):
+def body_acceleration(body, compliance, force, moment, omega, gravity):
     """(a, w') under the wrench of the joints: what is left of it at zero acceleration, times the inverse mass matrix.
 
     compliance: inverse of `mass_matrix`, (6, 6).
     """
     none = (0.0, 0.0, 0.0)
-    F, M = joint_wrench(body, none, none, omega, gravity, pushed_back)
+    F, M = joint_wrench(body, none, none, omega, gravity)
     f, m = (force[0] - F[0], force[1] - F[1], force[2] - F[2]), (moment[0] - M[0], moment[1] - M[1], moment[2] - M[2])
     c = compliance
     a = (row_times(c, 0, f, m), row_times(c, 1, f, m), row_times(c, 2, f, m))
@@ -156,11 +196,11 @@ def axial_acceleration(body, force, gravity, pushed_back):
     return (force + body.carried * gravity - pushed_back) / body.mass
 
 
-def rigid_body(mass: float, centre: ArrayLike, inertia: ArrayLike, carried: float, sprung: float = 0.0) -> RigidBody:
+def rigid_body(mass: float, centre: ArrayLike, inertia: ArrayLike, carried: float) -> RigidBody:
     """A body from centre (3,) and inertia about it (3, 3)."""
     x, y, z = (float(c) for c in np.asarray(centre))
     rows = tuple((float(row[0]), float(row[1]), float(row[2])) for row in np.asarray(inertia))
-    return RigidBody(float(mass), float(carried), float(sprung), (x, y, z), (rows[0], rows[1], rows[2]))
+    return RigidBody(float(mass), float(carried), (x, y, z), (rows[0], rows[1], rows[2]))
 
 
 def joined(one: RigidBody, other: RigidBody) -> RigidBody:
@@ -171,7 +211,7 @@ def joined(one: RigidBody, other: RigidBody) -> RigidBody:
     for body in (one, other):
         arm = np.array(body.centre) - centre
         inertia = inertia + body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return rigid_body(mass, centre, inertia, one.carried + other.carried, one.sprung + other.sprung)
+    return rigid_body(mass, centre, inertia, one.carried + other.carried)
 
 
 # A mass on a spring: travel q along the axis from the unstressed spring, q'' = -(w^2 q + 2 zeta w q') - felt.
@@ -184,15 +224,21 @@ def spring_acceleration(suspension, travel, rate):
     return omega * omega * travel + 2.0 * suspension.damping * omega * rate
 
 
-def pushed_back(suspension: Suspension, felt: Array, rate: float) -> Array:
-    """Specific force (n,) [m/s2] that a mass on a spring gives back when its foot feels `felt` (n,), steady at first.
+def ride(suspension: Suspension, felt: Array, rate: float) -> tuple[Array, Array]:
+    """Travel (n,) [m] and its rate [m/s] of a mass on a spring whose foot feels `felt` (n,), steady at first.
 
-    (2 zeta w p + w^2)/(p^2 + 2 zeta w p + w^2), the transfer function of `spring_acceleration`, by the bilinear rule (0.1 %
-    off in frequency at 17 Hz and 1 kHz). felt: acceleration less gravity along the spring.
+    -1/(p^2 + 2 zeta w p + w^2) and -p/(...) by the bilinear rule (0.1 % off in frequency at 17 Hz and 1 kHz).
+    felt: acceleration less gravity along the spring.
     """
-    damper = 2 * suspension.damping * suspension.omega
-    top, bottom = bilinear([damper, suspension.omega**2], [1.0, damper, suspension.omega**2], rate)
-    return lfilter(top, bottom, felt - felt[0]) + felt[0]
+    bottom = [1.0, 2 * suspension.damping * suspension.omega, suspension.omega**2]
+    filters = [bilinear(top, bottom, rate) for top in ([-1.0], [-1.0, 0.0])]
+    travel, speed = (np.asarray(lfilter(*own, felt - felt[0])) for own in filters)
+    return travel - felt[0] / suspension.omega**2, speed
+
+
+def pushed_back(suspension: Suspension, felt: Array, rate: float) -> Array:
+    """Specific force (n,) [m/s2] that a mass on a spring gives back when its foot feels `felt` (n,), see `ride`."""
+    return -spring_acceleration(suspension, *ride(suspension, felt, rate))
 
 
 @compiled

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.hydraulics.resolved import Resolved
-from hexsim.machine.geometry import moving_body
+from hexsim.machine.geometry import held_body
 from hexsim.mechanics.rigid_body import joint_wrenches, mass_matrix
 
 Array = NDArray[np.float64]
@@ -26,14 +26,14 @@ DISPLACED_m = 1e-4  # of a leg, for the derivative of the holding forces
 def leg_compliance(resolved: Resolved) -> Array:
     """Acceleration of each leg for a force on each, at neutral (n_legs, n_legs) [1/kg]: J M^-1 J'."""
     jacobian = resolved.machine.mechanics.jacobian(np.zeros(6))
-    return jacobian @ np.linalg.pinv(mass_matrix(moving_body(resolved))) @ jacobian.T  # a bench's mass does not turn
+    return jacobian @ np.linalg.pinv(mass_matrix(held_body(resolved))) @ jacobian.T  # a bench's mass does not turn
 
 
 def holding_forces(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
     """Axial forces (n_legs,) [N] that hold the load at rest: J' F = -weight."""
     none, mechanics = np.zeros((1, 6)), resolved.machine.mechanics
     gravity = resolved.gravity_m_s2 @ mechanics.rotation(pose)
-    wrench = joint_wrenches(moving_body(resolved), none, none[:, :3], gravity[None, :], np.zeros(1))[0]
+    wrench = joint_wrenches(held_body(resolved), none, none[:, :3], gravity[None, :])[0]
     in_world = mechanics.from_platform_frame(pose, wrench)
     return np.linalg.lstsq(mechanics.jacobian(pose).T, in_world, rcond=None)[0].astype(np.float64)
 

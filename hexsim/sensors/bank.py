@@ -18,6 +18,7 @@ from hexsim.compiled import compiled
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.lag import lagged
+from hexsim.signals.ripple import rippled
 from hexsim.signals.sensor import ERRORS, Sensor
 from hexsim.signals.table import STANDARD, sensors
 
@@ -68,13 +69,14 @@ class Transducers:
         self.resolution = errors["resolution"]
         self.noise = errors["noise"] * random.standard_normal((ticks, n))
         self.sections = low_pass(sensor, resolved, tick_s)
+        self.ripple = getattr(resolved, sensor.ripple).T.copy() if sensor.ripple else np.zeros((3, n))
         self._memory: list[Array] = []  # of lag and filter
         self._next = 0  # tick that the filter has not seen yet
 
     @property
     def is_direct(self) -> bool:
-        """Whether they read the present value, without delay, lag or filter."""
-        return not self.delay.any() and not self.smooths
+        """Whether they read the present value, without delay, lag, filter or ripple."""
+        return not (self.delay.any() or self.smooths or self.ripple[0].any())
 
     @property
     def smooths(self) -> bool:
@@ -98,11 +100,13 @@ class Transducers:
         self._memory, self._next = [], 0
 
     def filtered(self, rows: Array) -> Array:
-        """The next true rows (m, n) behind lag and filter, which begin at rest at the first row of all."""
+        """The next true rows (m, n) behind scale, lag and filter, which begin at rest at the first row of all."""
         return self._through(rows, self._memory, self.tick_s)
 
     def _through(self, rows: Array, memory: list[Array], sample_s: float) -> Array:
-        """Rows `sample_s` apart behind lag and filter. memory: empty before the first row; it is brought up to date."""
+        """Rows `sample_s` apart behind scale, lag and filter. memory: empty before the first row; it is brought up to date."""
+        if self.ripple[0].any():
+            rows = rippled(rows, *self.ripple)
         if not self.smooths:
             return rows
         rest = np.zeros((0, 2, 1)) if self.sections is None else sosfilt_zi(self.sections)[:, :, None]
@@ -114,7 +118,7 @@ class Transducers:
         return out
 
     def read(self, true: Array, tick: int) -> Array:
-        """The same without delay, lag and filter; noise of that tick."""
+        """The same without delay, ripple, lag and filter; noise of that tick."""
         return measure(true, self.noise[tick], self.gain, self.offset, self.resolution)
 
     def next(self, true: Array, tick: int) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolve import resolve
-from hexsim.machine.geometry import machine_kinematics, moving_body
+from hexsim.machine.geometry import held_body, machine_kinematics
 from hexsim.mechanics.rigid_body import joint_wrenches
 from hexsim.signals.log import Log
 from hexsim.signals.table import accelerations_of
@@ -34,7 +34,7 @@ def leg_loads(log: Log, machine: Machine) -> tuple[Array, Array]:
     load = machine.load
     if machine.geometry is None or load.platform_mass_kg is None or load.platform_inertia_kg_m2 is None:
         raise HexsimError(f"machine {machine.name} has no [geometry] or platform: the legs' loads cannot be computed")
-    legs, body = machine_kinematics(machine), moving_body(resolve(machine), log.loaded)
+    legs, body = machine_kinematics(machine), held_body(resolve(machine), log.loaded)
     look = Window(log.rate, 0.04)
     positions = np.stack([look.mean(log.columns[f"position_{i}_m"]) for i in range(1, 7)])
     pose = legs.forward(positions.T)
@@ -42,6 +42,6 @@ def leg_loads(log: Log, machine: Machine) -> tuple[Array, Array]:
     measured = np.stack([log.columns[name] for name in accelerations_of(6)], axis=-1)
     omega = legs.to_platform_frame(pose, twist)[:, 3:]
     gravity = np.array([0.0, 0.0, -machine.machine.gravity_m_s2]) @ legs.rotation(pose)
-    wrench = joint_wrenches(body, measured, np.ascontiguousarray(omega), gravity, np.zeros(len(pose)))
+    wrench = joint_wrenches(body, measured, np.ascontiguousarray(omega), gravity)
     thrust = legs.static_leg_forces(pose, legs.from_platform_frame(pose, wrench))
     return thrust.T, legs.leg_accelerations(pose, twist, legs.from_platform_frame(pose, measured)).T

@@ -36,6 +36,7 @@ def numbers(machine):
     legs = np.concatenate(list(resolved.leg_sensors.values()))
     built = [resolved.mechanics.base_joints, resolved.mechanics.platform_joints, resolved.mechanics.retracted_length_m]
     built += [resolved.imu_turn_rad, resolved.imu_place_m, resolved.loop_gain, resolved.loop_delay_ticks]
+    built += [resolved.position_ripple]
     built = np.concatenate([np.ravel(array) for array in built])
     return np.concatenate(
         [resolved.rows.ravel(), resolved.supply, legs, resolved.gravity_m_s2, plain, tuples, modes, built]
@@ -66,6 +67,8 @@ def test_an_effect_vanishes_at_its_neutral_size(name):
     shape_only = {  # a wave of no height may have a length, a flow of none a threshold
         "relief_flow": {P.RELIEF_OPENS},
         "null_warm_up": {P.NULL_WARM_UP_TIME},
+        "friction_warm_up": {P.FRICTION_WARM_UP_TIME},
+        "worn_bore": {P.WEAR_PLACE, P.WEAR_WIDTH},
         "position_dependent_friction": {P.RIPPLE_LENGTH, P.RIPPLE_PHASE},
         "outside_force_tone": {P.TONE_FREQUENCY, P.TONE_PHASE},
     }

@@ -7,7 +7,7 @@ import pytest
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.hydraulics import leg, ports
+from hexsim.hydraulics import leg, ports, rod_side
 from hexsim.hydraulics.parameters import ROD_SIDE_SUPPLY, P, declared_rows
 from hexsim.machine.files import changed
 
@@ -167,6 +167,31 @@ def test_power_balance_of_a_leg(row, x, v):
         + 2e-12 * (P1 - P2) ** 2 + 3e-13 * P2**2 + leg.friction_force(row, 0.1, v, P1, 0.0) * v
     )  # fmt: skip
     assert leg.heat(row, 0.1, v, x, P1, P2, PS, 0.0, into_a, demand) == pytest.approx(by_hand, rel=1e-9)
+
+
+def test_a_worn_bore_leaks_from_chamber_to_chamber(row):
+    """What leaves the one enters the other, G (P1 - P2) at the place, and all of its power is heat; the supply gives none."""
+    row[P.WEAR_CONDUCTANCE], row[P.WEAR_PLACE], row[P.WEAR_WIDTH] = 1e-12, 0.1, 0.008
+    sound, P1, P2 = declared_like(row), 6e6, 9e6
+    into_a, into_b = (
+        [leg.inflow_bottom(p, 0.1, 0.0, 0.0, 0.0, P1, P2, PS, 0.0) for p in (sound, row)],
+        [rod_side.valve_inflow(p, 0.1, 0.0, P1, P2, PS) for p in (sound, row)],
+    )
+    assert np.diff(into_a) == pytest.approx(3e-6, rel=1e-9)
+    assert np.diff(into_b) == pytest.approx(-3e-6, rel=1e-9)
+    demands = [leg.supply_demand_in_step(p, 0.1, 0.0, 0.0, P1, P2, PS) for p in (sound, row)]
+    assert demands[0] == demands[1]
+    heats = [
+        leg.heat(p, 0.1, 0.0, 0.0, P1, P2, PS, 0.0, q, demands[0]) for p, q in zip((sound, row), into_a, strict=True)
+    ]
+    assert np.diff(heats) == pytest.approx(1e-12 * (P1 - P2) ** 2, rel=1e-6)
+
+
+def declared_like(row):
+    """The row with a bore as new."""
+    sound = row.copy()
+    sound[P.WEAR_CONDUCTANCE] = 0.0
+    return sound
 
 
 REFUSED = [

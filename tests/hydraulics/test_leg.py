@@ -85,6 +85,37 @@ def test_the_null_settles_while_the_valve_warms_up(row):
         assert leg.commanded_spool(row, 0.05 * share, t) == pytest.approx(0.0, abs=1e-18)
 
 
+@pytest.mark.parametrize("v", [0.05, -0.05])
+def test_all_friction_settles_while_the_seals_warm_up(row, v):
+    """8 % with 5 s: 1.08 times the warm friction at the start, 1 + 0.08/e of it after 5 s, the warm one at last."""
+    warm = leg.friction_force(row, 0.1, v, P1, 0.0)
+    row[P.FRICTION_WARM_UP], row[P.FRICTION_WARM_UP_TIME] = 0.08, 5.0
+    for t, factor in ((0.0, 1.08), (5.0, 1 + 0.08 * math.exp(-1)), (1e3, 1.0)):
+        assert leg.friction_force(row, 0.1, v, P1, 0.0, 0.0, t) == pytest.approx(factor * warm, rel=1e-12)
+    cold = leg.leg_force(row, 0.1, v, 0.0, P1, 0.0, PS, 0.0, 0.0) - leg.leg_force(
+        row, 0.1, v, 0.0, P1, 0.0, PS, 0.0, 1e3
+    )
+    assert cold == pytest.approx(-0.08 * warm, rel=1e-9)
+
+
+def test_a_worn_bore_leaks_where_the_seal_passes_it(row):
+    """Valve shut: G (Ps - P1) at the place, 1/e of it a width aside, nothing far off; the supply gives what flows in."""
+    row[P.WEAR_CONDUCTANCE], row[P.WEAR_PLACE], row[P.WEAR_WIDTH] = 1e-12, 0.09, 0.008
+    for y, share in ((0.09, 1.0), (0.082, math.exp(-1)), (0.098, math.exp(-1)), (0.19, 0.0)):
+        flow = leg.inflow_bottom(row, y, 0.0, 0.0, 0.0, P1, PS, PS, 0.0)
+        assert flow == pytest.approx(1e-12 * share * (PS - P1), rel=1e-12, abs=1e-30)
+        assert leg.supply_demand_in_step(row, y, 0.0, 0.0, P1, PS, PS) == pytest.approx(flow, rel=1e-12, abs=1e-30)
+
+
+def test_a_worn_bore_slows_a_time_step_by_its_slope(row):
+    """Valve shut, a bore that is open: with h G = 4 C the pressure's rate is halved to h lambda = 2; far off it is not."""
+    h = 1e-4
+    row[P.WEAR_PLACE], row[P.WEAR_WIDTH] = 0.09, 0.008
+    row[P.WEAR_CONDUCTANCE] = 4.0 * leg.chamber_capacity(row, 0.09, P1) / h
+    assert leg.pressure_slowdown(row, 0.09, 0.0, P1, PS, h) == pytest.approx(2.0, rel=1e-9)
+    assert leg.pressure_slowdown(row, 0.18, 0.0, P1, PS, h) == 1.0
+
+
 def test_null_offset_and_drift_shift_the_curve(row):
     """u_0 + r t: after 10 s at 1 mV/s and 20 mV the spool stands at 0 for 30 mV."""
     row[P.NULL_OFFSET], row[P.NULL_DRIFT] = 0.02, 1e-3
@@ -249,11 +280,15 @@ def test_learned_curve_of_nan_is_nan(row):
 
 
 def test_learned_term_reads_the_signal_it_names(row):
-    """Each of SIGNALS in turn moves the term, and the others do not."""
-    values = dict(zip(SIGNALS, (0.11, 0.23, 0.37, 0.53, 0.71, 0.97), strict=True))
+    """Each of SIGNALS in turn moves the term, and the others do not; the speed is the velocity without its sign. With a time
+    constant it is over what was remembered."""
+    values = dict(zip(SIGNALS, (0.11, -0.23, 0.37, 0.53, 0.71, 0.97, 0.23), strict=True))
     for number, name in enumerate(SIGNALS):
+        row[P.LEARNED_MEMORY] = 0.0
         learned(row, CONTINUITY, number)
         assert term(row, *values.values()) == curve(row, values[name])
+        row[P.LEARNED_MEMORY] = 0.4
+        assert term(row, *list(values.values())[:6], 0.61) == curve(row, 0.61)
 
 
 def test_learned_term_in_its_form(row):

@@ -29,7 +29,7 @@ def leg_forces(poses: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) 
     twist, twist_rate = k.twist(poses, rates), k.twist_rate(poses, rates, accelerations)
     gravity = np.einsum("a,nab->nb", RESOLVED.gravity_m_s2, k.rotation(poses))
     felt, turning = k.to_platform_frame(poses, twist_rate), k.to_platform_frame(poses, twist)[:, 3:]
-    wrench = joint_wrenches(body, felt, np.ascontiguousarray(turning), gravity, np.zeros(len(poses)))
+    wrench = joint_wrenches(body, felt, np.ascontiguousarray(turning), gravity)
     world = k.from_platform_frame(poses, wrench)
     return np.linalg.solve(np.swapaxes(k.jacobian(poses), 1, 2), world[..., None])[..., 0]
 

@@ -435,6 +435,7 @@ BUILT_OTHERWISE = {
 
 # what the project's library calls the effects that it has under another name
 LIBRARY_NAMES = {
+    "scale_ripple": "position_ripple",
     "pump_limit": "pump_flow_limit",
     "supply_accumulator": "gas_accumulator",
     "return_line": "return_line_back_pressure",

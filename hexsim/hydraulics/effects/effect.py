@@ -30,6 +30,8 @@ class EffectParameter:
     neutral = math.inf: the effect vanishes as the number grows (a frequency, a stiffness); tracing works on 1/value.
     grid: values to screen when the number shapes the effect and does not scale it (a wavelength, a phase).
     power: of the number to which a small effect grows; tracing works on number^power, in which it is linear.
+    step_share: of the usual finite difference: a wave of many periods is not linear in its length.
+    kinds: machine kinds on which it means something; tracing looks for it there.
     """
 
     name: str  # with its unit
@@ -41,6 +43,8 @@ class EffectParameter:
     default: float | None = None  # when the file may leave it out
     grid: tuple[float, ...] = ()
     power: float = 1.0
+    step_share: float = 1.0
+    kinds: tuple[str, ...] = ("bench", "hexapod")
 
 
 @dataclass(frozen=True, kw_only=True)

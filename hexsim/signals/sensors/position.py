@@ -13,4 +13,5 @@ SENSOR = Sensor(
     delay="position_delay_s",
     lag="position_lag_s",
     filter="position_filter",
+    ripple="position_ripple",
 )

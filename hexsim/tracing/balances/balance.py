@@ -16,13 +16,16 @@ from hexsim.hydraulics.parameters import ROD_SIDE_SUPPLY, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
+from hexsim.signals.ripple import unrippled
 from hexsim.signals.weak_form import Window, velocity
 from hexsim.tracing.balances import spool
 from hexsim.tracing.balances.bends import bends_at, kinks, tick_samples
 from hexsim.tracing.balances.memory import remembered
 
 Array = np.ndarray
-Settings = tuple[float, float, float, float]  # offset, gain, delay [s], lag [s] of a sensor
+Settings = tuple[
+    float, ...
+]  # offset, gain, delay [s], lag [s] of a sensor; of a position three more, its scale's ripple
 FORCE_SIGNALS = (
     "velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa",
 )  # fmt: skip
@@ -190,7 +193,8 @@ def channel_settings(resolved: Resolved, leg: int, channel: str, unit: str) -> S
 
 def position_settings(resolved: Resolved, leg: int) -> Settings:
     """Of the position sensor of a leg."""
-    return channel_settings(resolved, leg, "position", "m")
+    amplitude, pitch, phase = (float(number) for number in resolved.position_ripple[leg])
+    return *channel_settings(resolved, leg, "position", "m"), amplitude, pitch, phase
 
 
 def sensor_settings(resolved: Resolved, leg: int) -> tuple[Settings, Settings, Settings | None, Settings]:
@@ -221,10 +225,11 @@ def _sense(
     ticks: slice | None,
 ) -> SensedLeg:
     def true_of(shown: Array, settings: Settings) -> Array:
-        offset, gain, delay, lag = settings
+        offset, gain, delay, lag, *ripple = settings
         signal = (shown - offset) / gain
         sharp = signal + lag * log.rate * np.gradient(signal) if lag else signal  # s = f + tau df/dt, see signals.lag
-        return advanced(sharp, delay * log.rate)
+        there = advanced(sharp, delay * log.rate)
+        return unrippled(there, *ripple) if ripple and ripple[0] else there
 
     y = true_of(log.position[leg], position)
     acceleration = None

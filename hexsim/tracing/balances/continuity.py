@@ -16,8 +16,8 @@ from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics import rod_side
+from hexsim.hydraulics.learned import memories
 from hexsim.hydraulics.parameters import P
-from hexsim.hydraulics.ports import top_inflow
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
@@ -40,25 +40,25 @@ FAST_S = 0.006  # [s] half width of the window under which the oil's own motion 
 LEAST_FAST_RATE_HZ = 500.0  # of a log in which it can be
 OF_FORCE = (  # of a leg's row: no flow depends on it
     *range(P.CUSHION_LENGTH, P.CUSHION_DAMPING + 1), *range(P.VISCOUS_EXTEND, P.TONE_PHASE + 1), P.SEAL_FRICTION_TOP,
-    P.SEAL_FRICTION_ACROSS,
+    P.SEAL_FRICTION_ACROSS, P.HARDENING, P.FRICTION_WARM_UP, P.FRICTION_WARM_UP_TIME,
 )  # fmt: skip
 
 
 @compiled
 def inflows(p, y, v, volts, x, P1, P2, Ps, t):
     """phi of every sample [m3/s]."""
-    flow = np.empty(y.shape[0])
+    flow, memory = np.empty(y.shape[0]), memories(p, y, v, volts, P1, Ps, t)
     for i in range(y.shape[0]):
-        flow[i] = leg_equations.inflow_bottom(p, y[i], v[i], volts[i], x[i], P1[i], P2[i], Ps[i], t[i])
+        flow[i] = leg_equations.inflow_bottom(p, y[i], v[i], volts[i], x[i], P1[i], P2[i], Ps[i], t[i], memory[i])
     return flow
 
 
 @compiled
-def top_inflows(p, x, P1, P2, Ps):
+def top_inflows(p, y, x, P1, P2, Ps):
     """phi_B of every sample [m3/s]."""
     flow = np.empty(x.shape[0])
     for i in range(x.shape[0]):
-        flow[i] = top_inflow(p, x[i], P1[i], P2[i], Ps[i])
+        flow[i] = rod_side.valve_inflow(p, y[i], x[i], P1[i], P2[i], Ps[i])
     return flow
 
 
@@ -96,7 +96,7 @@ def inflow_of(p: Array, point: MeasuredPoint) -> Array:
 def top_inflow_of(p: Array, point: MeasuredPoint) -> Array:
     """phi_B (n,) [m3/s]."""
     assert point.P1 is not None and point.P2 is not None
-    return top_inflows(p, point.x, point.P1, point.P2, point.Ps)
+    return top_inflows(p, point.y, point.x, point.P1, point.P2, point.Ps)
 
 
 def capacity_of(p: Array, sensed: SensedLeg) -> Array:

@@ -13,6 +13,7 @@ import numpy as np
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
+from hexsim.hydraulics.learned import memories
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.machine.geometry import moving_body, suspension
@@ -33,7 +34,7 @@ Array = np.ndarray
 OF_FLOW = (  # of a leg's row: no force depends on it
     *range(P.RETURN_RESISTANCE, P.AIR_FRACTION + 1), P.PIPELINE_VOLUME, P.HOSE_COMPLIANCE,
     *range(P.LEAK_SUPPLY_CHAMBER, P.HYSTERESIS_SPREAD + 1), P.RELIEF_CONDUCTANCE, P.RELIEF_OPENS, P.NULL_WARM_UP,
-    P.NULL_WARM_UP_TIME,
+    P.NULL_WARM_UP_TIME, *range(P.WEAR_CONDUCTANCE, P.WEAR_WIDTH + 1),
 )  # fmt: skip
 
 
@@ -42,14 +43,15 @@ def forces_beyond_pressure(p, y, v, volts, P1, P2, Ps, t):
     """What acts along the leg besides P1 A1, every sample [N]; the bristle runs along where the leg has one."""
     n = y.shape[0]
     force = np.empty(n)
+    memory = memories(p, y, v, volts, P1, Ps, t)
     z = 0.0
     for i in range(n):
-        force[i] = leg_equations.force_beyond_pressure(p, y[i], v[i], volts[i], P1[i], P2[i], Ps[i], z, t[i])
+        force[i] = leg_equations.force_beyond_pressure(p, y[i], v[i], volts[i], P1[i], P2[i], Ps[i], z, t[i], memory[i])
         if p[P.BRISTLE_STIFFNESS] > 0.0 and i + 1 < n:
             h = (t[i + 1] - t[i]) / 10.0
-            stiff = p[P.BRISTLE_STIFFNESS] * abs(v[i]) / leg_equations.friction_level(p, y[i], v[i], P1[i], P2[i])
+            stiff = p[P.BRISTLE_STIFFNESS] * abs(v[i]) / leg_equations.friction_level(p, y[i], v[i], P1[i], P2[i], t[i])
             for _ in range(10):
-                z += h * leg_equations.bristle_rate(p, y[i], v[i], P1[i], z, P2[i]) / (1.0 + h * stiff)
+                z += h * leg_equations.bristle_rate(p, y[i], v[i], P1[i], z, P2[i], t[i]) / (1.0 + h * stiff)
     return force
 
 
@@ -79,8 +81,9 @@ def thrust_key(resolved: Resolved, leg: int) -> Hashable:
 
 
 def push_of_payloads(resolved: Resolved, felt: Array, rate: float) -> Array:
-    """Force (n,) [N] that payloads on springs push back with; felt: acceleration less gravity along the springs (n,)."""
-    pushes = [mode.mass_kg * pushed_back(suspension(mode), felt, rate) for mode in resolved.payload_modes]
+    """Force (n,) [N] that payloads on springs push a bench back with; felt: acceleration less gravity (n,)."""
+    springs = [suspension(mode, resolved.gravity_m_s2) for mode in resolved.payload_modes]
+    pushes = [spring.mass * pushed_back(spring, felt, rate) for spring in springs]
     return np.sum(pushes, axis=0) if pushes else np.zeros(len(felt))
 
 

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolved import Resolved
-from hexsim.machine.geometry import moving_body
-from hexsim.mechanics.rigid_body import centre_accelerations, joint_wrenches
+from hexsim.machine.geometry import moving_body, suspension
+from hexsim.mechanics.rigid_body import add_ride_wrenches, joint_wrenches, point_accelerations, ride
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import (
@@ -28,7 +28,7 @@ from hexsim.tracing.balances.balance import (
     position_settings,
     resolved_machine,
 )
-from hexsim.tracing.balances.force import Force, force_pressures, leg_thrust, push_of_payloads, thrust_key
+from hexsim.tracing.balances.force import Force, force_pressures, leg_thrust, thrust_key
 from hexsim.tracing.balances.memory import latest, remembered
 
 Array = np.ndarray
@@ -89,6 +89,10 @@ class PlatformMotion:
     rotation: Array
     omega: Array
 
+    def gravity(self, resolved: Resolved) -> Array:
+        """(n, 3) in the platform frame [m/s2]."""
+        return resolved.gravity_m_s2 @ self.rotation
+
 
 def platform_motion(log: Log, resolved: Resolved, sensed: Sequence[SensedLeg]) -> PlatformMotion:
     """Forward kinematics and velocities of every sample under the window, once for a log and its position sensors."""
@@ -145,11 +149,24 @@ def wrench_residual(log: Log, machine: Machine) -> tuple[Array, Array]:
     for i, (row, point) in enumerate(zip(resolved.rows, points, strict=True)):
         thrusts[:, i] = latest(log, ("thrust", i), thrust_key(resolved, i), partial(leg_thrust, row, point))
     wrench = (thrusts[:, None] @ motion.lines)[:, 0].T
-    acceleration = np.ascontiguousarray(felt_by_imu(log, resolved, motion.omega))
-    gravity = resolved.gravity_m_s2 @ motion.rotation
-    felt = (centre_accelerations(body, acceleration, motion.omega) - gravity)[:, 2]
-    asked = joint_wrenches(body, acceleration, motion.omega, gravity, push_of_payloads(resolved, felt, log.rate))
+    acceleration, gravity = np.ascontiguousarray(felt_by_imu(log, resolved, motion.omega)), motion.gravity(resolved)
+    asked = joint_wrenches(body, acceleration, motion.omega, gravity)
+    for mode in resolved.payload_modes:
+        spring = suspension(mode, resolved.gravity_m_s2)
+        felt = (point_accelerations(spring.place, acceleration, motion.omega) - gravity) @ np.array(spring.axis)
+        travel, rate = ride(spring, felt, log.rate)
+        add_ride_wrenches(asked, spring, acceleration, motion.omega, gravity, travel, rate)
     return window.mean(wrench - asked.T), motion.lines
+
+
+def felt_by_load(log: Log, machine: Machine) -> Array:
+    """Acceleration less gravity (3, n) at the centre of mass, in the platform frame  [m/s2]."""
+    resolved = resolved_machine(machine)
+    sensed = [measured_point(log, machine, resolved, i).sensed for i in range(6)]
+    motion = platform_motion(log, resolved, sensed)
+    acceleration = np.ascontiguousarray(felt_by_imu(log, resolved, motion.omega))
+    centre = moving_body(resolved, log.loaded).centre
+    return (point_accelerations(centre, acceleration, motion.omega) - motion.gravity(resolved)).T
 
 
 BALANCES = (LegForce(), Platform())

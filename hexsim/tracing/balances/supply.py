@@ -29,11 +29,11 @@ START_S = 0.02  # [s] of a log that give the pressure at which a power unit begi
 
 
 @compiled
-def demands(p, v, x, P1, P2, Ps):
+def demands(p, y, v, x, P1, P2, Ps):
     """Flow that a leg takes from the supply, every sample [m3/s]."""
     flow = np.empty(v.shape[0])
     for i in range(v.shape[0]):
-        flow[i] = leg_equations.supply_demand(p, v[i], x[i], P1[i], P2[i], Ps[i])
+        flow[i] = leg_equations.supply_demand_in_step(p, y[i], v[i], x[i], P1[i], P2[i], Ps[i])
     return flow
 
 
@@ -79,7 +79,7 @@ def demand_of_all(log: Log, machine: Machine, resolved: Resolved) -> Array:
         point, row = measured_point(log, machine, resolved, i), resolved.rows[i]
         if point.P1 is not None:
             P2 = point.Ps + row[P.TANK_PRESSURE] - point.P1 if point.P2 is None else point.P2
-            demand += demands(row, point.v, point.x, point.P1, P2, point.Ps)
+            demand += demands(row, point.y, point.v, point.x, point.P1, P2, point.Ps)
     return demand
 
 

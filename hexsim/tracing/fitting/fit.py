@@ -141,7 +141,7 @@ def effect_neighbours(fit: Fit, share: float, only: int | None = None) -> tuple[
         for parameter in candidate.free():
             here = to_coordinate(parameter, fit.values[k][parameter.name])
             least = INVERSE_STEP if math.isinf(parameter.neutral) else 0.1 * EFFECT_STEP
-            step = share * max(EFFECT_STEP * abs(here), least)
+            step = parameter.step_share * share * max(EFFECT_STEP * abs(here), least)
             if here + step > coordinate_bounds(parameter)[1]:
                 step = -step
             values = dict(fit.values[k])

@@ -114,17 +114,17 @@ def candidates(machine: Machine, proposed: dict[str, dict[str, float]] | None = 
         if not effect.fits(machine) or not effect.parameters:
             continue
         own = (proposed or {}).get(effect.name, {})
-        for variant in components(effect):
+        for variant in components(effect, machine):
             for where in places(effect, machine):
                 found += [Candidate(effect=variant, where=where, shape=own | shape) for shape in shapes(effect)]
     return found
 
 
-def components(effect: Effect) -> list[Effect]:
+def components(effect: Effect, machine: Machine) -> list[Effect]:
     """An effect once for each number that may be its size: the first one, or each component in turn."""
-    numbers = effect.parameters
+    numbers = tuple(number for number in effect.parameters if machine.machine.kind in number.kinds)
     if not effect.vector:
-        return [effect]
+        return [replace(effect, parameters=numbers)]
     return [replace(effect, parameters=numbers[k:] + numbers[:k]) for k in range(len(numbers))]
 
 

@@ -13,7 +13,7 @@ from hexsim.signals.channels import kind_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import caption_of
 from hexsim.tracing.report import balance_figure, budget, figures, trades
-from hexsim.tracing.report.signals import SCALE, SIGNALS, channel_words
+from hexsim.tracing.report.signals import SCALE, SIGNALS, behind_low_pass, channel_words
 from hexsim.tracing.state import NamedEffect, Trace, Violation
 
 CAPTIONS = {
@@ -188,7 +188,7 @@ def effect_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
         ]
         title, description = effect["name"].replace("_", " "), effect["description"]
         if not title:
-            over = SIGNALS[effect["curve"]["signal"]][0]
+            over = behind_low_pass(SIGNALS[effect["curve"]["signal"]][0], effect["curve"].get("memory_s"))
             title, description = "learned curve", f"{FORMS[effect['curve']['form']].format(over)}, of unknown cause"
         tied = [name.replace("_", " ") for name in effect["tied_with"]]
         rows.append(effect | {"values": values, "title": title, "description": description, "ties": tied})
@@ -199,7 +199,8 @@ def unexplained_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for rest in report["unexplained"]:
         signal = SIGNALS.get(rest["depends_on"], (rest["depends_on"],))[0]
-        description = FORMS.get(rest["form"], "").format(signal)
+        memory_s = None if rest["form"] == "memory" else rest["memory_s"]
+        description = FORMS.get(rest["form"], "").format(behind_low_pass(signal, memory_s))
         if rest["frequency_Hz"]:
             description = f"a tone at {rest['frequency_Hz']:.2f} Hz that no input contains"
         others = sorted(

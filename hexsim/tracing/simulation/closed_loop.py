@@ -16,6 +16,7 @@ from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.steps import near_standstill
 from hexsim.mechanics.rigid_body import cross, triple
 from hexsim.signals.lag import lag_weights
+from hexsim.signals.ripple import rippled
 from hexsim.tracing.simulation.motion import (
     LEG_P1,
     LEG_STATES,
@@ -217,6 +218,8 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
         for j in range(n_legs):
             k = LEGS + j * LEG_STATES
             y_true[j, i], p_true[j, i] = y[j], state[k + LEG_P1]
+            if position[j, 4] != 0.0:
+                y_true[j, i] = rippled(y[j], position[j, 4], position[j, 5], position[j, 6])
             top_true[j, i] = rod_side_pressure(legs[j], state, k)
             sharp[j] = shown(y_true[j], i, position[j], rate, sharp[j])
             out[j, i] = smoothed(filters[0], memory[j], sharp[j], i == 0)

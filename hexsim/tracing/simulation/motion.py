@@ -12,7 +12,7 @@ temperature: a log of a minute warms it by tenths of a degree.
 from __future__ import annotations
 
 from hexsim.compiled import compiled
-from hexsim.hydraulics import leg, supply
+from hexsim.hydraulics import learned, leg, supply
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.steps import count_steps, leg_steps, power_unit_steps
 from hexsim.hydraulics.supply import S
@@ -20,9 +20,9 @@ from hexsim.mechanics.leg_geometry import leg_line
 from hexsim.mechanics.rigid_body import (
     axial_acceleration,
     body_acceleration,
-    centre_acceleration,
     dot,
     quaternion_rate,
+    ride_wrench,
     rotated,
     rotated_back,
     rotation_of,
@@ -32,7 +32,7 @@ from hexsim.mechanics.rigid_body import (
 
 # states: supply pressure, payload on its spring, power unit; then those of each leg; then those of the load
 SUPPLY, TRAVEL, TRAVEL_RATE, MOTOR, PUMP_FLOW, LINE_FLOW, PUMP_PRESSURE, LEGS = range(8)
-LEG_P1, LEG_P2, LEG_X, LEG_XD, LEG_Z, LEG_STATES = range(6)
+LEG_P1, LEG_P2, LEG_X, LEG_XD, LEG_Z, LEG_MEMORY, LEG_STATES = range(7)
 POSITION, SPEED, N_AXIS = range(3)  # of a mass on an axis
 PLACE, QUATERNION, VELOCITY, OMEGA, N_PLATFORM = (
     0,
@@ -77,23 +77,30 @@ def write_leg_motion(geometry, state, y, v):
 def leg_rates(p, y, v, volts, t, ps, state, k, h, rate):
     """Write the rates of a leg's states from place k on; return its force [N], spool [m] and rod side [Pa]."""
     own = (state[k + LEG_P1], state[k + LEG_P2], state[k + LEG_X], state[k + LEG_XD], state[k + LEG_Z])
-    slopes, x, _ = leg.leg_derivatives(p, y, v, volts, t, ps, own, h)
-    for q in range(LEG_STATES):
+    memory = state[k + LEG_MEMORY]
+    slopes, x, _ = leg.leg_derivatives(p, y, v, volts, t, ps, own, h, memory)
+    for q in range(LEG_MEMORY):
         rate[k + q] = slopes[q]
+    rate[k + LEG_MEMORY] = learned.memory_rate(p, y, v, volts, own[0], ps, t, memory)
     p2 = rod_side_pressure(p, state, k)
-    return leg.leg_force(p, y, v, volts, own[0], p2, ps, own[4], t), x, p2
+    return leg.leg_force(p, y, v, volts, own[0], p2, ps, own[4], t, memory), x, p2
 
 
 @compiled
-def write_platform_rates(load, state, at, rotation, wrench, pull, rate):
-    """Rates of a platform under the wrench of its legs (world) and the pull of its payload [m/s2].
+def write_platform_rates(load, state, at, rotation, wrench, rate):
+    """Rates of a platform under the wrench of its legs (world).
 
-    Returns (a, w') in its frame, and what the payload feels along z.
+    Returns (a, w') in its frame, and what its payload on a spring feels along it. Of that the moments of what accelerates it are
+    those of its place at rest: its travel times its acceleration is left out.
     """
-    body, q = load.body, (state[at + 3], state[at + 4], state[at + 5], state[at + 6])
+    body, spring, q = load.body, load.spring, (state[at + 3], state[at + 4], state[at + 5], state[at + 6])
     omega, gravity = triple(state, at + OMEGA), rotated_back(rotation, load.gravity)
-    force, moment = rotated_back(rotation, wrench[0]), rotated_back(rotation, wrench[1])
-    a, turning = body_acceleration(body, load.compliance, force, moment, omega, gravity, -load.spring.mass * pull)
+    (fx, fy, fz), (mx, my, mz) = rotated_back(rotation, wrench[0]), rotated_back(rotation, wrench[1])
+    none, travel, speed = (0.0, 0.0, 0.0), state[TRAVEL], state[TRAVEL_RATE]
+    if spring.mass > 0.0:
+        F, M, _ = ride_wrench(spring, none, none, omega, gravity, travel, speed)
+        fx, fy, fz, mx, my, mz = fx - F[0], fy - F[1], fz - F[2], mx - M[0], my - M[1], mz - M[2]
+    a, turning = body_acceleration(body, load.compliance, (fx, fy, fz), (mx, my, mz), omega, gravity)
     in_world, turn = rotated(rotation, a), quaternion_rate(q, omega)
     for k in range(4):
         rate[at + QUATERNION + k] = turn[k]
@@ -101,7 +108,7 @@ def write_platform_rates(load, state, at, rotation, wrench, pull, rate):
         rate[at + PLACE + k] = state[at + VELOCITY + k]
         rate[at + VELOCITY + k] = in_world[k]
         rate[at + OMEGA + k] = turning[k]
-    return a, turning, centre_acceleration(body.centre, a, turning, omega)[2] - gravity[2]
+    return a, turning, ride_wrench(spring, a, turning, omega, gravity, travel, speed)[2]
 
 
 @compiled
@@ -148,7 +155,7 @@ def rates(legs, geometry, s, load, held, t, h, state, rate):
         a, turning = (0.0, 0.0, axial_acceleration(load.body, f2, load.gravity[2], -spring.mass * pull)), none
         rate[at + POSITION], rate[at + SPEED], felt = state[at + SPEED], a[2], a[2] - load.gravity[2]
     else:
-        a, turning, felt = write_platform_rates(load, state, at, pose[1], ((f0, f1, f2), (m0, m1, m2)), pull, rate)
+        a, turning, felt = write_platform_rates(load, state, at, pose[1], ((f0, f1, f2), (m0, m1, m2)), rate)
     if spring.mass > 0.0:
         rate[TRAVEL], rate[TRAVEL_RATE] = state[TRAVEL_RATE], -pull - felt
     return a, turning
@@ -198,5 +205,6 @@ def carrying_pressure(p, y, v, p2, ps, thrust):
     """Pressure [Pa] of the bottom chamber that gives the thrust [N] in steady motion: friction may depend on it."""
     p1 = 0.5 * ps
     for _ in range(20):
-        p1 = (thrust - leg.force_beyond_pressure(p, y, v, 0.0, p1, p2, ps, 0.0, 0.0)) / p[P.AREA_BOTTOM]
+        memory = learned.signal_of(p, y, v, 0.0, p1, ps, 0.0)
+        p1 = (thrust - leg.force_beyond_pressure(p, y, v, 0.0, p1, p2, ps, 0.0, 0.0, memory)) / p[P.AREA_BOTTOM]
     return p1

@@ -23,7 +23,7 @@ FILTER_SHARE = 0.45  # of the rate: a cut-off above it
 class Load(NamedTuple):
     """What the legs carry: a mass on the axis of one leg, or a rigid platform on six; a payload on a spring.
 
-    compliance: inverse mass matrix of a platform (6, 6).  gravity: in the world [m/s2].
+    compliance: inverse mass matrix of a platform with the payload as it stands at rest (6, 6).  gravity: in the world [m/s2].
     """
 
     body: RigidBody
@@ -34,7 +34,7 @@ class Load(NamedTuple):
 
 class Sensors(NamedTuple):
     """y_m = gain y(t - delay) + offset, behind a lag: rows (gain, offset, delay [s], lag [s]) of a leg, (n_legs, 4), and of an
-    accelerometer.
+    accelerometer; of a position three more, the ripple of its scale (`signals.ripple`).
 
     pressure: of the bottom chambers; top: of the rod sides.  filters: declared low-passes of position, pressures and linear
     accelerations as second-order sections (., 6), none where there are no rows.  imu_place [m], imu_rotation (3, 3): of the
@@ -120,9 +120,10 @@ def geometry_of(resolved: Resolved) -> Array:
 def load_of(resolved: Resolved, loaded: bool = False) -> Load:
     """Bodies; of payloads on springs the first."""
     modes = resolved.payload_modes
-    spring = suspension(modes[0]) if modes else Suspension(0.0, 0.0, 0.0)
+    spring = suspension(modes[0], resolved.gravity_m_s2) if modes else Suspension(0.0, 0.0, 0.0)
     body = moving_body(resolved, loaded)
-    compliance = np.linalg.inv(mass_matrix(body)) if any(body.inertia[0]) else np.diag([1 / body.mass] * 3 + [0.0] * 3)
+    turns = any(body.inertia[0])
+    compliance = np.linalg.inv(mass_matrix(body, spring)) if turns else np.diag([1 / body.mass] * 3 + [0.0] * 3)
     x, y, z = (float(g) for g in resolved.gravity_m_s2)
     return Load(body=body, compliance=compliance, gravity=(x, y, z), spring=spring)
 
@@ -149,7 +150,7 @@ def sensors_of(resolved: Resolved, rate_Hz: float) -> Sensors:
         for kind, unit in (("position", "m"), ("pressure", "Pa"))
     )
     return Sensors(
-        position=position,
+        position=np.column_stack([position, resolved.position_ripple]),
         pressure=pressure,
         top=pressure,
         acceleration=acceleration,

@@ -12,12 +12,13 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from hexsim.hydraulics import learned
 from hexsim.hydraulics import leg as equations
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S, pump_flow_command
 from hexsim.mechanics.kinematics import HexapodKinematics
-from hexsim.mechanics.rigid_body import joint_wrenches
+from hexsim.mechanics.rigid_body import joint_wrenches, ride_wrench
 from hexsim.signals.channels import COMPARED
 from hexsim.signals.log import Log
 from hexsim.signals.table import table
@@ -64,6 +65,7 @@ def start_state(rig: Rig, resolved: Resolved, log: Log) -> Array:
         own[motion.LEG_P1], own[motion.LEG_P2] = start_pressures(row, (y[i], v[i]), ps, force, known)
         if row[P.SPOOL_OMEGA] > 0.0:
             own[motion.LEG_X] = equations.commanded_spool(row, 0.0, 0.0)
+        own[motion.LEG_MEMORY] = learned.signal_of(row, y[i], v[i], 0.0, own[motion.LEG_P1], ps, 0.0)
     travel = down / rig.load.spring.omega**2 if rig.load.spring.mass > 0 else 0.0
     return np.concatenate([[ps, travel, 0.0], power_unit_at(rig.supply, ps), legs.ravel(), load])
 
@@ -134,20 +136,23 @@ def start_pressures(
 
 
 def load_at(rig: Rig, resolved: Resolved, y: Array, v: Array) -> tuple[Array, float, Array]:
-    """(thrusts (n_legs,) [N] that carry the load without acceleration, gravity along its z axis [m/s2], its states)."""
-    body, gravity = rig.load.body, np.array(rig.load.gravity)
+    """(thrusts (n_legs,) [N] that carry the load without acceleration, gravity along its payload's spring [m/s2], its states)."""
+    body, spring, gravity = rig.load.body, rig.load.spring, np.array(rig.load.gravity)
     if len(y) == 1:
-        return -(body.carried + body.sprung) * gravity[2:], float(gravity[2]), np.array([y[0], v[0]])
+        return -(body.carried + spring.mass) * gravity[2:], float(gravity[2]), np.array([y[0], v[0]])
     kinematics = resolved.mechanics
     assert isinstance(kinematics, HexapodKinematics)
     pose = kinematics.forward(y)
     rotation, jacobian = kinematics.rotation(pose), kinematics.jacobian(pose)
     twist, own = np.linalg.solve(jacobian, v), rotation.T @ gravity
-    at_rest = joint_wrenches(body, np.zeros((1, 6)), np.zeros((1, 3)), own[None], np.array([-body.sprung * own[2]]))[0]
+    at_rest, down = joint_wrenches(body, np.zeros((1, 6)), np.zeros((1, 3)), own[None])[0], float(own @ spring.axis)
+    if spring.mass > 0.0:
+        none, field = (0.0, 0.0, 0.0), (float(own[0]), float(own[1]), float(own[2]))
+        at_rest += np.concatenate(ride_wrench(spring, none, none, none, field, down / spring.omega**2, 0.0)[:2])
     thrust = kinematics.static_leg_forces(pose, kinematics.from_platform_frame(pose, at_rest))
     place = pose[:3] + np.array([0.0, 0.0, kinematics.neutral_height_m])
     turned = Rotation.from_matrix(rotation).as_quat()[[3, 0, 1, 2]]
-    return thrust, float(own[2]), np.concatenate([place, turned, twist[:3], rotation.T @ twist[3:]])
+    return thrust, down, np.concatenate([place, turned, twist[:3], rotation.T @ twist[3:]])
 
 
 def shot(rig: Rig, inputs: loop.Inputs, state: Array, log: Log, noise: Mapping[str, float]) -> Array:

@@ -1,0 +1,38 @@
+"""The cyclic error of a scale, and what stands behind a reading."""
+
+import numpy as np
+import pytest
+
+from hexsim.hydraulics.resolve import resolve
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.sensors.bank import SensorBank
+from hexsim.signals.ripple import rippled, unrippled
+
+
+@pytest.mark.parametrize(("y", "error"), [(0.1, 0.0), (0.10025, 4e-6), (0.1005, 0.0), (0.10075, -4e-6)])
+def test_a_scale_errs_by_its_amplitude_a_quarter_pitch_from_where_it_is_right(y, error):
+    """4 um with 1 mm: 0 at whole and half lines, the amplitude of either sign between them."""
+    assert rippled(y, 4e-6, 1e-3, 0.0) - y == pytest.approx(error, abs=1e-12)
+
+
+@pytest.mark.parametrize("amplitude", [0.0, 4e-6, 8e-5])
+def test_a_reading_leads_back_to_where_the_scale_stands(amplitude):
+    """To 1e-12 m at half of the steepest wave that can be undone; without a wave to the bit."""
+    y = np.linspace(0.0, 0.2, 5001)
+    back = unrippled(rippled(y, amplitude, 1e-3, 0.7), amplitude, 1e-3, 0.7)
+    np.testing.assert_allclose(back, y, rtol=0.0, atol=1e-12 if amplitude else 0.0)
+
+
+def test_log_and_controller_read_the_same_wave():
+    """A rippled position, a tick at a time and as a whole column: y + A sin(2 pi y/L + phase) of an ideal transducer."""
+    ripple = {"amplitude_m": 2e-5, "pitch_m": 2e-3, "phase_rad": 0.4}
+    ideal = {"sensors.position_noise_m": 0.0, "sensors.position_resolution_m": 0.0}
+    resolved = resolve(changed(load_machine("bench"), ideal | {"effects.position_ripple": ripple}))
+    sensor = SensorBank(resolved, 30, 1e-3, 1)["position"]
+    y = np.linspace(0.1, 0.104, 30)[:, None]
+    column = sensor.rows(y)
+    np.testing.assert_allclose(column, y + 2e-5 * np.sin(np.pi * y / 1e-3 + 0.4), rtol=0.0, atol=1e-15)
+    ticks = [sensor.at(k, y[: k + 1]) for k in range(30)]
+    np.testing.assert_array_equal(np.array(ticks), column)
+    assert not sensor.is_direct

@@ -1,0 +1,76 @@
+"""Effects at one place of the stroke or while a machine warms up: their shape read off, their balances mended, their numbers."""
+
+import numpy as np
+import pytest
+from other_plant import write_machine
+
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.tracing.balances.continuity import Continuity, TopContinuity
+from hexsim.tracing.balances.force import Force
+from hexsim.tracing.balances.sensor import Sensor
+from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.steps import shapes
+from hexsim.tracing.steps.experiments import setpoint_log
+from hexsim.tracing.steps.logs import begin
+from hexsim.tracing.trace import trace
+
+MOTION = {
+    "name": "sine", "mode": "actuator", "duration_s": 4.0, "fade_s": 1.0,
+    "axes": {"leg_1": {"kind": "sine", "amplitude": 0.03, "frequency_Hz": 0.7}},
+}  # fmt: skip
+WEAR = {"conductance_m3_s_Pa": 1e-12, "width_m": 0.008}
+WARMTH = {"share_at_start": 0.3, "time_constant_s": 2.0}
+RIPPLE = {"amplitude_m": 2e-5, "pitch_m": 2e-3, "phase_rad": 0.4}
+
+
+@pytest.mark.parametrize(
+    ("machine", "name", "values", "balance"),
+    [
+        ("bench", "worn_bore", WEAR, Continuity),
+        ("servo_bench", "worn_bore", WEAR, Continuity),
+        ("servo_bench", "worn_bore", WEAR, TopContinuity),
+        ("bench", "friction_warm_up", WARMTH, Force),
+        ("bench", "position_ripple", RIPPLE, Sensor),
+    ],
+)
+def test_its_balance_holds_again_with_the_effect(machine, name, values, balance):
+    """A noise-free log: what the effect leaves in its balance falls below a fifth with the effect declared."""
+    bench = changed(load_machine(machine), {"sensors": {}})
+    place = {"place_m": 0.5 * bench.cylinder.stroke_m - 0.008} if name == "worn_bore" else {}
+    built = changed(bench, {f"effects.{name}": values | place})
+    problem = SimulatedProblem(logs=(setpoint_log(bench, MOTION),), noise=dict.fromkeys(bench.uncertainty, 1.0))
+    usual, log = problem.simulated(bench, 0), problem.simulated(built, 0)
+    inner = slice(round(log.rate), -100)
+    floor = balance().residual(usual, bench)[:, inner]
+    without, with_it = (balance().residual(log, one)[:, inner] for one in (bench, built))
+    assert np.linalg.norm(with_it - floor) < 0.2 * np.linalg.norm(without - floor)
+
+
+def test_place_and_pitch_are_read_off_the_logs(tmp_path):
+    """A bench of the second plant, parameters off, 3 um of ripple of 1 mm and wear at 92 mm, 8 mm wide: the pitch within
+    0.1 %, so that the wave keeps its phase over the stroke; the place within half a width, the width within a factor of 2."""
+    write_machine(tmp_path, 5, {"scale_ripple": 3e-6, "worn_bore": 5e-13})
+    state = begin(tmp_path, ["fit", "sweep"], ["validate"])
+    found = shapes.proposed_shapes(state.machine, state.fit_problem.logs)
+    assert found["position_ripple"]["pitch_m"] == pytest.approx(1e-3, rel=1e-3)
+    assert found["worn_bore"]["place_m"] == pytest.approx(0.092, abs=0.004)
+    assert 0.004 < found["worn_bore"]["width_m"] < 0.016
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("injected", "name", "numbers"),
+    [
+        # the second plant's friction fades by 8 % of what it is at the start: 0.08/0.92 of what it is when warm
+        ({"friction_warm_up": 0.08}, "friction_warm_up", {"share_at_start": 0.08 / 0.92, "time_constant_s": 8.0}),
+        ({"worn_bore": 5e-13}, "worn_bore", {"conductance_m3_s_Pa": 5e-13, "place_m": 0.092, "width_m": 0.008}),
+        ({"scale_ripple": 3e-5}, "position_ripple", {"amplitude_m": 3e-5, "pitch_m": 1e-3}),
+    ],
+)
+def test_it_is_named_with_its_numbers(tmp_path, injected, name, numbers):
+    """A bench of the second plant, its parameters off, traced whole: that effect alone, within 5 %."""
+    write_machine(tmp_path, 44, injected)
+    [effect] = trace(tmp_path, ["fit", "sweep"], ["validate"]).report["effects"]
+    assert effect["name"] == name
+    assert {key: effect["parameters"][key] for key in numbers} == pytest.approx(numbers, rel=0.05)
