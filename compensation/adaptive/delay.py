@@ -33,7 +33,7 @@ from .spool import step_response
 SPOOL_LAGS_S = 1e-3 * np.array(
     [1.2, 1.5, 1.8, 2.1, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.2, 4.6, 5.0, 5.5, 6.0, 6.7, 7.5]
 )  # (SPOOLS,)
-LATE = np.array([0.0, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25, 2.5, 2.75, 3.0])  # (LATES,) l_j [ticks]
+LATE = np.concatenate([np.arange(0.0, 0.5, 0.125), np.arange(0.5, 3.25, 0.25)])  # (LATES,) l_j [ticks]
 LATE_SLACK = 0.125  # by which a lateness may be longer than the delay that it is part of [ticks]
 FINE = 5  # samples a tick
 NOISE_M = 3.3e-6  # of an oil displacement
@@ -161,9 +161,8 @@ def _prepare(delay, roots, valve, compliance_m_Pa):
         for j in range(LATES):
             whole = int(LATE[j])
             part, near = LATE[j] - whole, i + LATE_TICKS - whole
-            delay.task_pressures_Pa[j, i] = (
-                (1.0 - part) * delay.pressures_Pa[near] + part * delay.pressures_Pa[near - 1]
-            )
+            here, before = delay.pressures_Pa[near], delay.pressures_Pa[near - 1]
+            delay.task_pressures_Pa[j, i] = here + part * (before - here)
     for j in range(LATES):
         _without_nuisance(delay.task_pressures_Pa[j])
     delay.compliance_m_Pa = compliance_m_Pa

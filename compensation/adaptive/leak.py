@@ -96,6 +96,13 @@ def leak_ratio(valve, roots):
 
 
 @compiled
+def follow_leak(valve, roots):
+    """Oil that leaks into the chamber now, as velocity; the valve's own windows take it at the same drop."""
+    valve.leak_ratio = leak_ratio(valve, roots)
+    return valve.leak_m_s * valve.leak_ratio
+
+
+@compiled
 def tell_leak(leak, valve):
     """Has the valve's identification take the leak off."""
     valve.leak_known, leak_m_s = leak_known(leak), used_leak_m_s(leak, valve.leak_m_s)

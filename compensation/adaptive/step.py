@@ -41,7 +41,7 @@ from .friction import (
 from .inverse import advance_inverse
 from .lateness import due_pressure_Pa, pressure_then_Pa
 from .layout import LEAD_TAPS, PREVIEW_TICKS
-from .leak import leak_ratio, start_leak, tell_leak
+from .leak import follow_leak, leak_ratio, start_leak, tell_leak
 from .loop_feedback import fed_back_V
 from .piston_leak import leaked_across_m_s
 from .prediction import predict, watch_setpoint
@@ -225,12 +225,10 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     _, share, acceleration_m_s2, reference_m, oil_m, velocity_m_s, sign, friction_step = now
     compensated, engaged = state.engagement.ramp == 1.0, state.engagement.ramp > 0.0
     means, roots = _measured_roots(state, position_m, p, supply_Pa)
-    state.last_bottom_Pa = p
-    p_late = pressure_then_Pa(state.lateness, p)
+    state.last_bottom_Pa, p_late = p, pressure_then_Pa(state.lateness, p)
     z = position_m + compliance_m_Pa(settings, position_m) * p_late
     push(state.oil_error_m, z - oil_m)
-    valve.leak_ratio = leak_ratio(valve, means)
-    leak_m_s = valve.leak_m_s * valve.leak_ratio
+    leak_m_s = follow_leak(valve, means)
     state.leaked_m += leak_m_s * settings.tick_s
     if valve.four_way:
         chambers = state.chambers

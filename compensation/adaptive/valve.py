@@ -218,8 +218,8 @@ def _finish_window(valve, edge, z_m, size, through):
     tick = valve.tick_s
     moved = valve.direction * (z_m - valve.start_m)
     slowest = valve.min_speed_m_s if valve.leak_known else UNKNOWN_LEAK * valve.min_speed_m_s
-    leaked_m = valve.leak_ratio * valve.leak_m_s * valve.window * tick
-    travelled = abs(z_m - valve.start_m + leaked_m)  # a leak moves oil at rest, too
+    leak_m_s = valve.leak_m_s * valve.leak_ratio
+    travelled = abs(z_m - valve.start_m + leak_m_s * valve.window * tick)  # a leak moves oil at rest, too
     if min(moved, travelled) < slowest * valve.window * tick:
         _restart(valve)
         return
