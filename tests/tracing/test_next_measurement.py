@@ -298,6 +298,9 @@ def test_a_tie_that_no_motion_separates_is_said_first():
     assert purpose_of({}, pair, stays, (), None, None).startswith(
         "no motion separates incline, constant_force; another load"
     )
+    assert purpose_of({}, pair, stays, (), None, None, alike=True).endswith(
+        "separates incline, constant_force; they are one term, that no log takes apart: look at the machine"
+    )
     goes = dataclasses.replace(stays, separations={pair: 500.0})
     assert purpose_of({}, pair, goes, (), None, None) == "to separate incline, constant_force"
 
