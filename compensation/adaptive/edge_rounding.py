@@ -94,6 +94,12 @@ def upper_bound_V(rounding):
 
 
 @compiled
+def reversals_seen(rounding):
+    """Whether a reversal was held against the identified valve."""
+    return rounding.variance_V4 < rounding.prior_V**4
+
+
+@compiled
 def explains_reversals(rounding):
     """Whether reversals move the oil that the identified valve lets through."""
     return rounding.misfit < MAX_MISFIT**2 and rounding.square_V2 > -REJECT_ERRORS * _error(rounding)
@@ -148,6 +154,12 @@ def told_while_compensated(valve):
 
 
 @compiled
+def jumps(valve):
+    """Whether a four-way valve's spool jumps across an overlap."""
+    return valve.four_way and not told_while_compensated(valve)
+
+
+@compiled
 def _openings(rounding, volts, valve, edge, roots):
     """Sharp and rounded: openings [V], or of a four-way valve what both edge pairs let through [m/s]."""
     if valve.four_way:
@@ -162,7 +174,7 @@ def _judge_passage(leak, positive, valve):
     overlap_V = valve.edges[0].dead_band_V + valve.edges[1].dead_band_V
     if valve.four_way and overlap_V < LEAST_OVERLAP_V and valve.leak_m_s == 0.0:
         return skip_passage(leak, positive)
-    return finish_passage(leak, positive, valve.leak_m_s, edges_variance_m2_s2(valve))
+    return finish_passage(leak, positive, valve.leak_m_s, edges_variance_m2_s2(valve), valve.leak_ratio)
 
 
 @compiled
@@ -224,7 +236,7 @@ def add_to_trim(trim, oil_error_m, flow_m_s, identified_V, highest_V):
 
     identified_V: the rounding as identified, to which a small excess leads back.
     """
-    direction = 1.0 if flow_m_s > 0 else -1.0
+    direction, trim.known = 1.0 if flow_m_s > 0 else -1.0, identified_V > 0.0
     if direction != trim.direction:
         trim.direction, trim.ticks = direction, 0
         trim.reversal_m = oil_error_m[0]

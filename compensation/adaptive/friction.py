@@ -30,7 +30,7 @@ TYPICAL_STRIBECK, REVERSALS_NEEDED = 0.5, 5  # P_s over half the step, assumed u
 NOISE_MPA, MAX_ERRORS = 2e-3, 3.0  # of a window's mean; errors from which on a window counts for less
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PRIOR = (500.0, 500.0, 500.0, 500.0, 250.0, POSITION_PRIOR, 15.0)
-RESTORED_VARIANCE, RESTORED_REVERSALS = 0.01, round(1.0 / MIN_RATE)  # of the prior's; of Stribeck friction
+RESTORED_VARIANCE, RESTORED_REVERSALS = 1e-5, round(1.0 / MIN_RATE)  # of the prior's: 3 %; of Stribeck friction
 MAX_LOAD_MISFIT_MPA = 6.9e-3  # rms of a window up to which the load is the leg's own
 PAIR_STEP_MIN_S = 1e-3  # least width of the step on a four-way valve: pressure that leads turns a heavy load early
 MIN_WINDOWS = 20  # in each direction, before the fit is used
@@ -187,11 +187,11 @@ def demanded_pressure(reference, friction, weight, settings):
     if weight == 0.0:
         return 0.0, 0.0, 0.0, 0.0
     v, a = reference.velocity_m_s, reference.acceleration_m_s2
-    sign = 1.0 if v > 0.0 else -1.0
-    if abs(v) < abs(a) * settings.step_max_s + settings.presliding_m_s:
+    sign, presliding_m_s = 1.0 if v > 0.0 else -1.0, settings.presliding_m_s + friction.unsure_m_s
+    if abs(v) < abs(a) * settings.step_max_s + presliding_m_s:
         least_s = PAIR_STEP_MIN_S if settings.rod_ratio > 0.0 else settings.step_min_s
         width_s = clip(step_acceleration_m_s2(friction) / settings.jerk_m_s3, least_s, settings.step_max_s)
-        x = v / (abs(a) * width_s + settings.presliding_m_s)
+        x = v / (abs(a) * width_s + presliding_m_s)
         if -1.0 < x < 1.0:
             sign = x * (2.0 - abs(x))
     p = friction.presliding
