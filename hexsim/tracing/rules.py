@@ -69,18 +69,21 @@ ORDINARY = {  # what a machine has of an effect without being remarkable: fitted
     "accelerometer_delay": 6.0e-4,
     "accelerometer_gain": 0.006,
     "entrained_air": 0.004,
+    "friction_warm_up": 0.1,
     "leakage_chamber_to_tank": 2.0e-13,
     "leakage_supply_to_chamber": 2.0e-13,
     "null_drift": 5.0e-4,
     "null_offset": 0.008,
     "overlap_change": 5.0e-7,
     "position_delay": 6.0e-4,
+    "position_ripple": 5.0e-6,
     "pressure_dependent_friction": 3.0e-6,
     "return_line_back_pressure": 1.0e8,
     "spool_lag": 100.0,
     "spring": 250.0,
     "supply_pressure_gain": 0.004,
     "unequal_ports": 0.012,
+    "worn_bore": 3.0e-13,
 }
 
 
