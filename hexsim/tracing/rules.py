@@ -83,7 +83,6 @@ ORDINARY = {  # what a machine has of an effect without being remarkable: fitted
     "spring": 250.0,
     "supply_pressure_gain": 0.004,
     "unequal_ports": 0.012,
-    "worn_bore": 3.0e-13,
 }
 
 
