@@ -94,6 +94,12 @@ def upper_bound_V(rounding):
 
 
 @compiled
+def reversals_seen(rounding):
+    """Whether a reversal was held against the identified valve."""
+    return rounding.variance_V4 < rounding.prior_V**4
+
+
+@compiled
 def explains_reversals(rounding):
     """Whether reversals move the oil that the identified valve lets through."""
     return rounding.misfit < MAX_MISFIT**2 and rounding.square_V2 > -REJECT_ERRORS * _error(rounding)
@@ -145,6 +151,12 @@ def add_to_rounding(rounding, leak, z_m, valve_V, roots, valve):
 def told_while_compensated(valve):
     """Whether compensated passages tell the rounding too: not where the spool jumps across an overlap."""
     return valve.four_way and valve.edges[0].dead_band_V + valve.edges[1].dead_band_V < LEAST_OVERLAP_V
+
+
+@compiled
+def jumps(valve):
+    """Whether a four-way valve's spool jumps across an overlap."""
+    return valve.four_way and not told_while_compensated(valve)
 
 
 @compiled

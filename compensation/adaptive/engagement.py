@@ -25,9 +25,7 @@ Excited: the acceleration of the setpoint at reversals exceeds max(`min_excitati
 it falls below the stability limit. The limit is the reversal acceleration below which the hydraulic resonance of a
 light load grows too much, as friction falls with speed.
 
-Checks before engaging: valve and friction identified; excited at the last reversal; the overlap closes the valve for
-less than a quarter of the half stroke; the performance monitor has a baseline that is worth it; both edges agree on the spool's lag;
-the reversals of plain control are explained by the identified valve (edge_rounding.py).
+Checks before engaging: checks.py.
 """
 
 from __future__ import annotations
@@ -37,18 +35,13 @@ import math
 from ..compiled import compiled
 from .arithmetic import clip
 from .chambers import compliance_m_Pa
-from .edge_rounding import explains_reversals, upper_bound_V
-from .friction import friction_ready, inertia_Pa, resonance_growth_1_s, step_acceleration_m_s2
+from .checks import checks_passed, excited_enough
+from .edge_rounding import jumps, upper_bound_V
+from .friction import friction_ready, inertia_Pa, resonance_growth_1_s
 from .layout import DEMANDS, LEAD_TICKS, PREVIEW_TICKS
-from .monitor import (
-    add_to_monitor,
-    begin_range,
-    monitor_ready,
-    noise_range,
-    worse_than_baseline,
-    worth_compensating,
-)
-from .valve import crossing_in_time, lags_agree, valve_ready
+from .monitor import add_to_monitor, begin_range, monitor_ready, worse_than_baseline
+from .trust import unsure_m_s
+from .valve import valve_ready
 
 PHASES = ("plain control", "engaging", "compensated", "feed-forward going out", "disengaging", "tripped")
 PLAIN, ENGAGING, COMPENSATED, FEED_FORWARD_OUT, DISENGAGING, TRIPPED = range(6)
@@ -56,8 +49,6 @@ AT_REST_M_S2 = 1e-3  # acceleration below which nothing moves
 
 EXCITATION_MEMORY_S = 10.0  # time constant with which the recent peak of the excitation decays
 STABILITY_SPEED_M_S = 1.2e-3  # stability limit [m/s2] over growth rate of the hydraulic resonance [1/s]
-ENABLE_RATIO = 1.3  # enable/disable hysteresis ratio of the excitation
-MAX_CLOSED_SHARE = 0.25  # of a half stroke; with more, plain control's motion is not the reference's
 LOCKOUT_S, LOCKOUT_RATIO = 4.0, 4.0  # after the first trip, and how many times longer after each further one
 REVERSALS_TO_FORGIVE = 20  # good ones, after which one trip is forgotten
 MAX_WAIT_S = 1.0  # for the middle of a half stroke, to leave a valve that is no longer identified
@@ -163,7 +154,7 @@ def _next_phase(state, identified):
             engagement.ramp_step = state.settings.tick_s / ARMED_ENGAGE_S
             return ENGAGING
         allowed = engagement.excited and engagement.friction_share == 1.0 and engagement.engage_window
-        return ENGAGING if allowed and _checks_passed(state) else PLAIN
+        return ENGAGING if allowed and checks_passed(state) else PLAIN
     if engagement.ramp < 1.0:
         return ENGAGING if engagement.excited or engagement.armed else DISENGAGING
     if engagement.excited or engagement.armed:
@@ -172,27 +163,6 @@ def _next_phase(state, identified):
     lags = state.reference.linear == 0.0 or state.settings.controller_feeds_forward != 0.0
     may_leave = lags and (engagement.after_reversal or at_rest)
     return DISENGAGING if may_leave else FEED_FORWARD_OUT
-
-
-@compiled
-def _checks_passed(state):
-    """Whether the motion is fit for compensation and the identified valve explains plain control's reversals."""
-    engagement = state.engagement
-    return (
-        _above_enable_threshold(engagement, state.settings)
-        and engagement.closed_ticks < MAX_CLOSED_SHARE * engagement.half_ticks
-        and monitor_ready(state.monitor)
-        and worth_compensating(
-            state.monitor,
-            step_acceleration_m_s2(state.friction),
-            state.reference.load_given == 2,
-            noise_range(state.valve.four_way, state.reference.load_given == 2),
-        )
-        and lags_agree(state.valve)
-        and crossing_in_time(state.valve)
-        and explains_reversals(state.rounding)
-        and state.valve.leak_known != 0
-    )
 
 
 @compiled
@@ -245,16 +215,12 @@ def _track_excitation(state, setpoint_m_s2):
         engagement.excitation_m_s2 = engagement.reversal_m_s2 = engagement.peak_m_s2
         engagement.peak_m_s2 = 0.0
         engagement.stability_limit_m_s2 = _stability_limit_m_s2(state)
+        sure = state.friction.told or engagement.armed or jumps(state.valve)
+        state.friction.unsure_m_s = 0.0 if sure else unsure_m_s(state.trust)
     if engagement.excitation_m_s2 < engagement.stability_limit_m_s2:
         engagement.excited = False
-    elif _above_enable_threshold(engagement, state.settings):
+    elif excited_enough(engagement, state.settings):
         engagement.excited = True
-
-
-@compiled
-def _above_enable_threshold(engagement, settings):
-    enable, least = ENABLE_RATIO * engagement.stability_limit_m_s2, settings.min_excitation_m_s2
-    return engagement.excitation_m_s2 > (enable if enable > least else least)
 
 
 @compiled

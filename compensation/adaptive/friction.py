@@ -187,11 +187,11 @@ def demanded_pressure(reference, friction, weight, settings):
     if weight == 0.0:
         return 0.0, 0.0, 0.0, 0.0
     v, a = reference.velocity_m_s, reference.acceleration_m_s2
-    sign = 1.0 if v > 0.0 else -1.0
-    if abs(v) < abs(a) * settings.step_max_s + settings.presliding_m_s:
+    sign, presliding_m_s = 1.0 if v > 0.0 else -1.0, settings.presliding_m_s + friction.unsure_m_s
+    if abs(v) < abs(a) * settings.step_max_s + presliding_m_s:
         least_s = PAIR_STEP_MIN_S if settings.rod_ratio > 0.0 else settings.step_min_s
         width_s = clip(step_acceleration_m_s2(friction) / settings.jerk_m_s3, least_s, settings.step_max_s)
-        x = v / (abs(a) * width_s + settings.presliding_m_s)
+        x = v / (abs(a) * width_s + presliding_m_s)
         if -1.0 < x < 1.0:
             sign = x * (2.0 - abs(x))
     p = friction.presliding

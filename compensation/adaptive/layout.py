@@ -97,7 +97,7 @@ FRICTION = record(  # friction.py
     count="i8", start_m="f8", middle_m="f8", sum_load="f8", sum_a="f8",
     windows=("i8", (2,)),  # retracting, extending
     half_step_Pa="f8", phi=("f8", (FIT_SIZE,)),
-    told="i8",  # the load is told by a platform, whose other legs bias the half step while they engage
+    told="i8", unsure_m_s="f8",  # the load is told by a platform, whose other legs bias the half step; see trust.py
 )  # fmt: skip
 REFERENCE = record(  # reference.py: y_m at the tick boundary looked at last
     tick_s="f8",
@@ -163,15 +163,16 @@ DELAY = record(  # delay.py
     error_m=("f8", (BEFORE + AFTER + 1,)), pulse=("f8", (5 * (PAST_VOLTS + 2),)),  # work
 )  # fmt: skip
 LATENESS = record(tick_s="f8", late_s="f8", pressures_Pa=("f8", (LATE_TICKS + 2,)))  # lateness.py  # fmt: skip
-TRUST = record(error_m_s2="f8", trusted="i8", since_s="f8", turning_s="f8", direction="f8")  # trust.py
+TRUST = record(  # trust.py
+    error_m_s2="f8", trusted="i8", since_s="f8", turning_s="f8", direction="f8", least_m_s2="f8", lag_s="f8", holds="i8"
+)
 SHAKEN = record(  # monitor.py: h of a position, and its range since the last reversal
     positions_m=("f8", (3 * BLOCK,)), sums_m=("f8", (3,)), accelerations_m_s2=("f8", (2 * APART + 1,)),
     count="i8",  # ticks, until the filter is filled
     low_m_s2="f8", high_m_s2="f8",
 )  # fmt: skip
 MONITOR = record(  # monitor.py
-    tick_s="f8",
-    noise_m="f8",  # standard deviation of a position
+    tick_s="f8", noise_m="f8",  # standard deviation of a position
     piston=SHAKEN, off=SHAKEN,  # off: the piston less the reference
     baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,)), excess_m_s2=("f8", (2,)),  # retracting after it first, then extending
 )  # fmt: skip
@@ -210,8 +211,7 @@ PREDICTION = record(  # prediction.py
     offset_m="f8",  # by which packets made the setpoint jump, less what has come in since
     steady_ticks="i8",  # since it jumped
     usual_m="f8",  # mean size of the error of one tick
-    started="i8",
-    last_m="f8",  # given at the tick before
+    started="i8", last_m="f8",  # given at the tick before
     moved_m="f8",  # in the last tick
     acceleration_m="f8",  # a tick squared, low-pass
 )  # fmt: skip

@@ -32,6 +32,7 @@ FELT_M_S2 = 0.15  # bump of plain control from which a compensation that is stil
 FELT_ALONE_M_S2 = 0.115  # of a single leg, the mean of both directions
 # of the load's acceleration by the friction step: less than this it cannot lose; and where the load is told, not found
 RISK_SHARE, RISK_SHARE_TOLD = 0.3, 0.12
+CROSSING_OIL_M = 1.7e-5  # too much and too little together, across overlaps of 5 to 20 um, 120 to 250 kg
 GENTLE_M_S2 = 0.1  # reversal acceleration from which windows tell the inertia
 NOISE_RANGE = 5.0  # standard errors between the extremes of noise; half of a bump's own swing hides some of them
 NOISE_RANGE_ALONE = 4.4
@@ -123,6 +124,14 @@ def worth_compensating(monitor, step_m_s2, told, noise_range):
     if 0.0 < reversal_m_s2 < GENTLE_M_S2:
         least *= GENTLE_M_S2 / reversal_m_s2
     return 0.5 * (first + second) > least + noise_m_s2
+
+
+@compiled
+def worth_crossing(monitor, resonance_Hz):
+    """Where a four-way valve's spool jumps across an overlap: whether the smaller of plain control's bumps is larger than
+    what the oil that such a jump lets through wrongly gives the load at its resonance, more for a light one."""
+    wrong_m_s2 = CROSSING_OIL_M * (2.0 * math.pi * resonance_Hz) ** 2
+    return min(monitor.baseline_m_s2[0], monitor.baseline_m_s2[1]) > wrong_m_s2
 
 
 @compiled

@@ -60,7 +60,7 @@ def flow_curve(p, x):
 
 
 @compiled
-def inflow(p, y, v, volts, x, P1, Ps, t):
+def inflow(p, y, v, volts, x, P1, Ps, t, memory=0.0):
     """Net flow into the bottom chamber through valve and leaks [m3/s]: phi_1 of Eq. 3.4 and what extends it."""
     flow = supply_edge_flow(p, x, P1, Ps) - tank_edge_flow(p, x, P1)
     flow += p[P.LEAK_SUPPLY_CHAMBER] * (Ps - P1) - p[P.LEAK_CHAMBER_TANK] * (P1 - p[P.TANK_PRESSURE])
@@ -71,14 +71,14 @@ def inflow(p, y, v, volts, x, P1, Ps, t):
     if p[P.CHECK_GAIN] > 0.0:
         flow += manifold.inflow(p, P1, Ps, manifold.taper(p, y))
     if p[P.LEARNED_BALANCE] == learned.CONTINUITY:
-        flow += learned.term(p, y, v, volts, P1, Ps, t)
+        flow += learned.term(p, y, v, volts, P1, Ps, t, memory)
     return flow
 
 
 @compiled
-def inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t):
+def inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t, memory=0.0):
     """`inflow` less what leaks across the piston of a leg with two chambers on the valve [m3/s]."""
-    flow = inflow(p, y, v, volts, x, P1, Ps, t)
+    flow = inflow(p, y, v, volts, x, P1, Ps, t, memory)
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
         flow -= (p[P.LEAK_PISTON] + worn_conductance(p, y)) * (P1 - P2)
     return flow
@@ -202,8 +202,11 @@ def heat(p, y, v, x, P1, P2, Ps, z, flow, demand, h=0.0, t=math.inf):
 
 
 @compiled
-def force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t):
-    """What acts along the leg besides P1 A1 [N]: rod side, friction, end stops and the effects of the force balance."""
+def force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t, memory=0.0):
+    """What acts along the leg besides P1 A1 [N]: rod side, friction, end stops and the effects of the force balance.
+
+    memory: of a learned term.
+    """
     force = -P2 * p[P.AREA_TOP] - friction_force(p, y, v, P1, z, P2, t)
     force += friction.end_stop_force(
         y, v, p[P.STROKE], p[P.CUSHION_LENGTH], p[P.CUSHION_STIFFNESS], p[P.CUSHION_DAMPING]
@@ -214,27 +217,28 @@ def force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t):
     if p[P.TONE_FORCE] != 0.0:
         force += p[P.TONE_FORCE] * math.sin(2.0 * math.pi * p[P.TONE_FREQUENCY] * t + p[P.TONE_PHASE])
     if p[P.LEARNED_BALANCE] == learned.FORCE:
-        force += learned.term(p, y, v, volts, P1, Ps, t)
+        force += learned.term(p, y, v, volts, P1, Ps, t, memory)
     return force
 
 
 @compiled
-def leg_force(p, y, v, volts, P1, P2, Ps, z, t):
+def leg_force(p, y, v, volts, P1, P2, Ps, z, t, memory=0.0):
     """Force of the leg on the load [N]: the pressure of the bottom chamber and all that acts besides."""
-    return P1 * p[P.AREA_BOTTOM] + force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t)
+    return P1 * p[P.AREA_BOTTOM] + force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t, memory)
 
 
 @compiled
-def leg_derivatives(p, y, v, volts, t, Ps, state, h):
+def leg_derivatives(p, y, v, volts, t, Ps, state, h, memory=0.0):
     """Rates of a leg's states, its metering spool position [m] and its net flow [m3/s].
 
     state: (P1, P2, x, x', z), pressures [Pa], spool [m] and [m/s], bristle [m]; the rates come in the same order, 0 for
     a state that the leg has not. h [s]: time step of who integrates; laws faster than it are slowed to it (pressures and
-    bristle to h lambda = 2, a rod side's port to 1), towards the same balance. h = 0: exact.
+    bristle to h lambda = 2, a rod side's port to 1), towards the same balance. h = 0: exact. memory: of a learned
+    term, whose own rate is `learned.memory_rate`.
     """
     P1, P2, place, speed, z = state
     x = metering_spool(p, volts, t, place)
-    flow = inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t)
+    flow = inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t, memory)
     dP1 = pressure_rate_of(p, y, v, P1, flow) / pressure_slowdown(p, y, x, P1, Ps, h)
     dP2 = dx = acceleration = dz = 0.0
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:

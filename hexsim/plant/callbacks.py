@@ -29,7 +29,7 @@ from numba.extending import intrinsic, overload
 
 from hexsim.compiled import compiled
 from hexsim.errors import HexsimError
-from hexsim.hydraulics import leg, supply
+from hexsim.hydraulics import learned, leg, supply
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.supply import S
 from hexsim.plant import states
@@ -73,11 +73,17 @@ def leg_state(places, act, Ps):
 
 
 @compiled
+def memory_of(places, act):
+    """What the learned term of a leg remembers; 0 where it has no such state."""
+    return act[int(places[A.MEMORY])] if places[A.MEMORY] >= 0.0 else 0.0
+
+
+@compiled
 def leg_rates(p, places, act, act_dot, y, v, volts, t, h):
     """Write the rates of one leg's states into act_dot; return its demand on the supply [m3/s] and its heat [W]."""
     Ps = supply_pressure(p, places, act)
-    state = leg_state(places, act, Ps)
-    rates, x, flow = leg.leg_derivatives(p, y, v, volts, t, Ps, state, h)
+    state, memory = leg_state(places, act, Ps), memory_of(places, act)
+    rates, x, flow = leg.leg_derivatives(p, y, v, volts, t, Ps, state, h, memory)
     demand, heat = 0.0, 0.0
     if places[A.SUPPLY] >= 0.0:  # before anything is written, so that the compiler shares terms with the rates
         P1, P2, z = state[0], state[1], state[4]
@@ -87,6 +93,8 @@ def leg_rates(p, places, act, act_dot, y, v, volts, t, h):
         act_dot[int(places[A.SPOOL])], act_dot[int(places[A.SPOOL]) + 1] = rates[2], rates[3]
     if places[A.BRISTLE] >= 0.0:
         act_dot[int(places[A.BRISTLE])] = rates[4]
+    if places[A.MEMORY] >= 0.0:
+        act_dot[int(places[A.MEMORY])] = learned.memory_rate(p, y, v, volts, state[0], Ps, t, memory)
     if places[A.ROD_SIDE] >= 0.0:
         act_dot[int(places[A.ROD_SIDE])] = rates[1] / MPa
     act_dot[int(places[A.PRESSURE])] = rates[0] / MPa
@@ -98,7 +106,7 @@ def leg_bias(p, places, act, y, v, volts, t):
     """Force along the leg besides P1 A1 [N]."""
     Ps = supply_pressure(p, places, act)
     P1, P2, _, _, z = leg_state(places, act, Ps)
-    return leg.force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t)
+    return leg.force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t, memory_of(places, act))
 
 
 @compiled

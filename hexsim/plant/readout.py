@@ -15,7 +15,7 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.mechanics.mechanics import Mechanics
 from hexsim.mechanics.points import imu_reading, mounting
-from hexsim.plant.callbacks import leg_state, supply_pressure, supply_state
+from hexsim.plant.callbacks import leg_state, memory_of, supply_pressure, supply_state
 from hexsim.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -61,11 +61,11 @@ def _leg_rows(rows, layout, which, act, y, v, volts, time, out):
             p = rows[which[k], i]
             Ps = supply_pressure(p, layout[i], act[k])
             P1, P2, place, _, z = leg_state(layout[i], act[k], Ps)
-            x = leg.metering_spool(p, volts[k, i], time[k], place)
+            x, memory = leg.metering_spool(p, volts[k, i], time[k], place), memory_of(layout[i], act[k])
             out[0, k, i], out[1, k, i], out[2, k, i], out[6, k, i] = P1, P2, x, Ps
-            out[3, k, i] = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k])
+            out[3, k, i] = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k], memory)
             out[4, k, i] = leg.friction_force(p, y[k, i], v[k, i], P1, z, P2, time[k])
-            out[5, k, i] = leg.leg_force(p, y[k, i], v[k, i], volts[k, i], P1, P2, Ps, z, time[k])
+            out[5, k, i] = leg.leg_force(p, y[k, i], v[k, i], volts[k, i], P1, P2, Ps, z, time[k], memory)
 
 
 def leg_signals(plant: Plant, time: Array, qpos: Array, qvel: Array, act: Array, volts: Array) -> LegSignals:
@@ -168,8 +168,8 @@ def _power_unit_rows(supplies, rows, layout, h, which, act, y, v, volts, time, o
             p = rows[which[k], i]
             Ps = supply_pressure(p, layout[i], act[k])
             P1, P2, place, _, z = leg_state(layout[i], act[k], Ps)
-            x = leg.metering_spool(p, volts[k, i], time[k], place)
-            inflow = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k])
+            x, memory = leg.metering_spool(p, volts[k, i], time[k], place), memory_of(layout[i], act[k])
+            inflow = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k], memory)
             asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, P2, Ps, h[k])
             demand += asked
             heat += leg.heat(p, y[k, i], v[k, i], x, P1, P2, Ps, z, inflow, asked, h[k], time[k])

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError
-from hexsim.hydraulics import leg
+from hexsim.hydraulics import learned, leg
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.supply import POWER_UNIT, S, power_unit_start
-from hexsim.plant.callbacks import POWER_UNIT_SCALE, MPa
+from hexsim.plant.callbacks import POWER_UNIT_SCALE, MPa, supply_pressure
 from hexsim.plant.states import A
 
 Array = NDArray[np.float64]
@@ -65,6 +65,16 @@ def hold_still(plant: Any, bottom_Pa: Array) -> None:
         on_valve = plant.rows[i, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE
         top = supply + tank - bottom_Pa[i] if on_valve else supply
         plant.data.act[int(plant.layout[i, A.ROD_SIDE])] = top / MPa
+    for i in np.flatnonzero(plant.layout[: plant.n_legs, A.MEMORY] >= 0):
+        begin_memory(plant, int(i), bottom_Pa[i])
+
+
+def begin_memory(plant: Any, i: int, bottom_Pa: float) -> None:
+    """What the learned term of leg i remembers begins at its signal."""
+    y, v, volts = plant.piston_positions()[i], float(plant.data.actuator_velocity[i]), plant.context.spool_volts[i]
+    supply = float(supply_pressure(plant.rows[i], plant.layout[i], plant.data.act))
+    now = learned.signal_of(plant.rows[i], y, v, volts, bottom_Pa, supply, plant.data.time)
+    plant.data.act[int(plant.layout[i, A.MEMORY])] = now
 
 
 def start_supply(plant: Any) -> None:
@@ -82,6 +92,8 @@ def begin_states(plant: Any, before: Array) -> None:
     for i, (was, row, places) in enumerate(zip(before, plant.rows, plant.layout, strict=False)):
         if row[P.SPOOL_OMEGA] > 0.0 and was[P.SPOOL_OMEGA] <= 0.0:
             act[int(places[A.SPOOL])] = leg.commanded_spool(row, plant.context.spool_volts[i], t)
+        if row[P.LEARNED_MEMORY] > 0.0 and was[P.LEARNED_MEMORY] <= 0.0:
+            begin_memory(plant, i, act[plant.pressure_places[i]] * MPa)
         if row[P.BRISTLE_STIFFNESS] > 0.0 and was[P.BRISTLE_STIFFNESS] <= 0.0:
             y, v = plant.piston_positions()[i], float(plant.data.actuator_velocity[i])
             dry = leg.friction_force(was, y, v, act[plant.pressure_places[i]] * MPa, 0.0, t=t)

@@ -1,8 +1,8 @@
 """Where a plant keeps the states of legs and supply in MuJoCo's `act`: the layout behind each row of `actuator_user`.
 
 The row is physics (`hydraulics.parameters.P`, `hydraulics.supply.S`), the layout is the plant's own. A leg's states stand
-together, [spool, spool velocity, bristle, rod side pressure [MPa], bottom pressure [MPa]] as far as it has them; the
-supply's stand behind all legs.
+together, [spool, spool velocity, bristle, memory, rod side pressure [MPa], bottom pressure [MPa]] as far as it has them;
+the supply's stand behind all legs.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ class A(IntEnum):
     ROD_SIDE = 3
     PRESSURE = 4  # last state of the actuator
     SUPPLY = 5  # of a leg: where Ps stands; of the supply: its first state
+    MEMORY = 6  # of a learned term
 
 
 LEG, SUPPLY = 6.0e6 + 61, 6.0e6 + 62  # no number that another model would keep in its user data by chance
@@ -45,6 +46,8 @@ def lay_out_states(resolved: Resolved) -> np.ndarray:
             leg[A.SPOOL], place = place, place + 2
         if row[P.BRISTLE_STIFFNESS] > 0:
             leg[A.BRISTLE], place = place, place + 1
+        if row[P.LEARNED_MEMORY] > 0:
+            leg[A.MEMORY], place = place, place + 1
         if row[P.ROD_SIDE_CHAMBER] > 0:
             leg[A.ROD_SIDE], place = place, place + 1
         leg[A.PRESSURE], place = place, place + 1

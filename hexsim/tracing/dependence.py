@@ -3,6 +3,7 @@
 Forms for a signal s, because a missing gain looks like a curve only after the flow is taken out:
     plain r = g(s)      direction r = g(s) for each sign of v      product r = v g(s)
     memory r = sign(v) g(|v| through a low-pass): what the speed was lately, for the velocity only
+plain, direction and product also of s through a low-pass, whose time constant is found, where that predicts clearly better
     late, play: the residual follows what a delay or a backlash of the channel itself would do (columns of the caller)
     size |r| = g(s): where the residual is large, asked only when its sign follows nothing
 g is piecewise linear between quantiles. R^2 is that of blocks that the fit has not seen. A line in the spectrum that
@@ -15,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
 Array = np.ndarray
@@ -24,6 +26,11 @@ BLOCK_S = 0.5  # [s]
 CURVES = ("plain", "direction", "product")
 FORMS = (*CURVES, "memory", "late", "play")  # the plainest first
 MEMORIES_S = (0.1, 0.4, 1.6)  # [s] time constants of the low-pass
+LAGS_S = (
+    0.2,
+    0.8,
+    3.2,
+)  # [s] time constants from which that of a signal's low-pass is looked for, a factor of two either way
 SIMPLER = 0.03  # a plainer form is kept when it is at most this much worse in R^2
 UNCLEAR = 0.2  # below this R^2 the residual's size is asked
 LARGEST = 0.98  # quantile of |r| above which its size counts no more
@@ -37,7 +44,7 @@ class Dependence:
 
     knots and curve: g at its knots, in the residual's unit; for "direction" the one of v > 0, `back` that of v <= 0; for "product"
     at the speed `speed_m_s`; empty for "late", "play" and "tone".
-    r2_cv of "size" is that of |r|. memory_s: time constant of the low-pass.
+    r2_cv of "size" is that of |r|. memory_s: time constant of the low-pass, None without one.
     """
 
     signal: str
@@ -97,21 +104,25 @@ def typical_speed(v: Array) -> float:
 
 def ridge(X: Array, r: Array) -> tuple[Array, Array]:
     """Coefficients and the inverse of the normal matrix, weakly regularised."""
-    A = X.T @ X
-    A[np.diag_indices_from(A)] += 1e-6 * np.trace(A) / len(A) + 1e-12
+    return ridge_of(X.T @ X, X.T @ r)
+
+
+def ridge_of(A: Array, b: Array) -> tuple[Array, Array]:
+    """The same of normal equations A = X'X, b = X'r."""
+    A = A + (1e-6 * np.trace(A) / len(A) + 1e-12) * np.eye(len(A))
     inverse = np.linalg.inv(A)
-    return inverse @ (X.T @ r), inverse
+    return inverse @ b, inverse
 
 
 def r2_of(X: Array, r: Array, blocks: Array) -> float:
     """Cross-validated R^2: blocks go to folds in turn."""
     rest = 0.0
-    for fold in range(FOLDS):
-        out = blocks % FOLDS == fold
-        if not out.any() or out.all():
-            continue
-        theta, _ = ridge(X[~out], r[~out])
-        rest += float(np.sum((r[out] - X[out] @ theta) ** 2))
+    folds = [(X[own], r[own]) for own in (blocks % FOLDS == fold for fold in range(FOLDS)) if own.any()]
+    parts = [(x.T @ x, x.T @ y) for x, y in folds]
+    A, b = sum(one for one, _ in parts), sum(one for _, one in parts)
+    for (x, y), (own_A, own_b) in zip(folds, parts, strict=True):
+        theta, _ = ridge_of(A - own_A, b - own_b)
+        rest += float(np.sum((y - x @ theta) ** 2))
     total = float(np.sum((r - r.mean()) ** 2))
     return 1.0 - rest / max(total, 1e-300)
 
@@ -166,6 +177,28 @@ def memories(velocities: Sequence[Array], rate: float) -> list[Regressors]:
             Regressors(form="memory", X=hats(lately, knots) * np.sign(v)[:, None], knots=knots, memory_s=memory_s)
         )
     return found
+
+
+def best_memory(
+    names: Sequence[str], r: Array, blocks: Array, signals: Sequence[Mapping[str, Array]], v: Array, rate: float
+) -> tuple[str, Regressors, float]:
+    """The signal, form and time constant of a low-pass with the best R^2; the first of those that do nearly alike."""
+
+    def scored(name: str, form: str, memory_s: float) -> tuple[Regressors, float]:
+        lately = np.concatenate([low_passed(own[name], memory_s, rate) for own in signals])
+        knots = knots_of(lately)
+        one = Regressors(form=form, X=design(form, lately, v, knots), knots=knots, memory_s=memory_s)
+        return one, r2_of(one.X, r, blocks)
+
+    tried = [(n, f, m, scored(n, f, m)[1]) for f in CURVES for n in names for m in LAGS_S]
+    most = max(score for *_, score in tried) - SIMPLER
+    name, form, _, _ = next(one for one in tried if one[3] > most)
+    near = max((one for one in tried if one[:2] == (name, form)), key=lambda one: one[3])[2]
+    found = minimize_scalar(
+        lambda x: -scored(name, form, float(np.exp(x)))[1], method="bounded", options={"xatol": 0.02},
+        bounds=(np.log(near / 2.5), np.log(near * 2.5)),
+    )  # fmt: skip
+    return name, *scored(name, form, float(np.exp(found.x)))
 
 
 def of_size(x: Array, size: Array, blocks: Array) -> tuple[Regressors, float]:
@@ -235,6 +268,12 @@ def dependence_of(
     best = max(found[name][1] for name in found if name in order)
     signal = next(name for name in order if name in found and found[name][1] > best - FOLLOWS)
     chosen, score = found[signal]
+    others = [name for name in order if name in moving and name != "time_s"]
+    if target is r and others and best < 1.0 - FOLLOWS:
+        name, one, later = best_memory(others, r, blocks, signals, np.concatenate(velocities), rate)
+        if later > best + FOLLOWS:
+            signal, chosen, score = name, one, later
+            table[name] = later
     theta, inverse = ridge(chosen.X, target)
     spread = float(np.sqrt(np.mean((target - chosen.X @ theta) ** 2)))
     k = len(chosen.knots)

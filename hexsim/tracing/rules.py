@@ -9,6 +9,7 @@ NOISE_REDUCED = 1.05  # chi2 a sample at which nothing is left to explain
 NEAR_NOISE = 4.0  # chi2 a sample below which a hypothesis is judged with its own input uncertainty
 MOST_EFFECTS = 3
 REFITTED_CANDIDATES = 8  # candidates of a screening that are refitted on the opening seconds
+SHAPES_REFITTED = 4  # besides, of effects with a shape, of which one column tells little
 REFIT_GAIN_SHARE = 0.1  # only candidates with this share of the best linear gain are refitted
 TRIAGE_S = 6.0  # [s] these opening seconds
 TRIAGE_STEPS = 6

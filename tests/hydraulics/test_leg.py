@@ -280,11 +280,15 @@ def test_learned_curve_of_nan_is_nan(row):
 
 
 def test_learned_term_reads_the_signal_it_names(row):
-    """Each of SIGNALS in turn moves the term, and the others do not."""
-    values = dict(zip(SIGNALS, (0.11, 0.23, 0.37, 0.53, 0.71, 0.97), strict=True))
+    """Each of SIGNALS in turn moves the term, and the others do not; the speed is the velocity without its sign. With a time
+    constant it is over what was remembered."""
+    values = dict(zip(SIGNALS, (0.11, -0.23, 0.37, 0.53, 0.71, 0.97, 0.23), strict=True))
     for number, name in enumerate(SIGNALS):
+        row[P.LEARNED_MEMORY] = 0.0
         learned(row, CONTINUITY, number)
         assert term(row, *values.values()) == curve(row, values[name])
+        row[P.LEARNED_MEMORY] = 0.4
+        assert term(row, *list(values.values())[:6], 0.61) == curve(row, 0.61)
 
 
 def test_learned_term_in_its_form(row):

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from other_plant import write_machine
 
-from hexsim.hydraulics.learned import term
+from hexsim.hydraulics.learned import memories, term
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.signals.channels import noise_of
 from hexsim.tracing import rules
-from hexsim.tracing.dependence import dependence_of
+from hexsim.tracing.dependence import dependence_of, low_passed
 from hexsim.tracing.fitting.fit import refine, start_fit
 from hexsim.tracing.fitting.parameters import priors
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -104,3 +104,34 @@ def test_the_simulator_takes_back_what_the_residual_shows(form):
     row = resolve(changed(machine, {"effects": {"learned_term": curve_table(rest)}})).rows[0]
     taken = np.array([term(row, a, b, 0.0, 0.0, 0.0, 0.0) for a, b in zip(y[::20], v[::20], strict=True)])
     assert np.sqrt(np.mean((taken + truth[::20]) ** 2)) < 2.0
+
+
+@pytest.mark.parametrize(("form", "memory_s"), [("plain", 0.7), ("direction", 1.9), ("product", 0.35), ("memory", 0.4)])
+def test_a_time_constant_is_found_and_put_into_the_simulator(form, memory_s):
+    """Force rests of 30 N over what a low-pass kept of the pressure, or of the speed, in 2 N of noise: the time constant comes within
+    10 % (of "memory", which has a grid, exactly), and the leg's learned term is minus them, within 3 N rms: a tenth of it."""
+    rng, t = np.random.default_rng(4), np.arange(16000) / 500.0
+    y = 0.1 + 0.05 * np.sin(2 * np.pi * 0.31 * t) + 0.03 * np.sin(2 * np.pi * 0.83 * t)
+    v, P1 = np.gradient(y, t), 3e6 + 1e6 * low_passed(rng.standard_normal(len(t)), 0.3, 500.0) * 15.0
+    late = low_passed(np.abs(v) if form == "memory" else P1, memory_s, 500.0)
+    g = 30.0 * np.sin(40.0 * late) if form == "memory" else 30.0 * np.tanh((late - 3e6) / 4e5)
+    truth = {
+        "plain": g,
+        "direction": np.where(v > 0, g, 10.0 - 0.5 * g),
+        "product": 10.0 * v * g,
+        "memory": np.sign(v) * g,
+    }
+    rest = truth[form]
+    names = ("velocity_m_s", "position_m", "pressure_bottom_Pa")
+    signals = [dict(zip(names, (v, y, P1), strict=True))]
+    found = dependence_of([rest + 2.0 * rng.standard_normal(len(t))], signals, [v], 500.0, names)
+    assert (found.signal, found.form) == ("velocity_m_s" if form == "memory" else "pressure_bottom_Pa", form)
+    assert found.memory_s == pytest.approx(memory_s, rel=0.1)
+    machine = load_machine("bench")
+    own = SimpleNamespace(
+        dependence=found, balance="force", violation=SimpleNamespace(where="leg 1", machine=SimpleNamespace(n_legs=1))
+    )
+    row, none = resolve(changed(machine, {"effects": {"learned_term": curve_table(own)}})).rows[0], np.zeros(len(t))
+    m = memories(row, y, v, none, P1, none, t)
+    taken = np.array([term(row, y[i], v[i], 0.0, P1[i], 0.0, t[i], m[i]) for i in range(0, len(t), 20)])
+    assert np.sqrt(np.mean((taken + rest[::20]) ** 2)) < 3.0

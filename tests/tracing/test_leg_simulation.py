@@ -33,6 +33,12 @@ def quiet(machine):
     return type(machine).model_validate(tables)
 
 
+REMEMBERED = {
+    "balance": "force", "signal": "speed_m_s", "start": 0.0, "step": 0.004, "memory_s": 0.4, "form": "direction",
+    "values": [-4.0 * k for k in range(16)] + [5.0 * k for k in range(16)],
+}  # fmt: skip
+
+
 @pytest.mark.parametrize(
     "effects",
     [
@@ -43,6 +49,7 @@ def quiet(machine):
         {"spool_lag": {"frequency_Hz": 40.0}},
         {"spool_rate_limit": {"rate_m_s": 8e-4}},
         {"position_lag": {"time_constant_s": 4e-3}, "pressure_lag": {"time_constant_s": 8e-3}},
+        {"learned_term": {"curve": REMEMBERED}},
         {
             "friction_warm_up": {"share_at_start": 0.3, "time_constant_s": 2.0},
             "worn_bore": {"conductance_m3_s_Pa": 2e-12},

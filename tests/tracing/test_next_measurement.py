@@ -94,6 +94,24 @@ def test_every_motion_stays_inside_the_limits(name):
     assert made == set(KINDS)
 
 
+@pytest.mark.parametrize("name", ["bench", "micro_motion_system"])
+def test_the_first_motions_use_what_the_machine_may(name):
+    """All of them can be made, the first eight are of every kind, with a load and without; the first takes 0.9 of the
+    stroke and 0.85 of the speed that are allowed, together."""
+    machine = load_machine(name)
+    family, limits = MotionFamily(machine, 20.0, may_load=True), leg_limits(machine)
+    points = family.first_points(16)
+    low, high = np.transpose(family.bounds)
+    assert points.shape == (16, len(low)) and np.all(points >= low) and np.all(points <= high + 1e-6)
+    made = [family.scenario(point) for point in points[:14]]
+    assert all(tables is not None for tables in made)
+    assert {next(iter(tables["axes"].values()))["kind"] for tables in made[:8]} == set(KINDS)
+    assert {"machine" in tables for tables in made[:8]} == {True, False}
+    legs = setpoint_log(machine, made[0], 500.0).setpoint - np.asarray(machine.mechanics.neutral_positions)[:, None]
+    assert np.abs(legs).max() > 0.9 * limits.excursion.min()
+    assert np.abs(np.diff(legs)).max() * 500.0 > 0.85 * limits.velocity.min()
+
+
 def test_a_hypothesis_is_not_apart_from_itself(bench, leaking):
     """The separation of two equal machines is nothing."""
     _, log, problem = bench
@@ -279,6 +297,9 @@ def test_a_tie_that_no_motion_separates_is_said_first():
     )
     assert purpose_of({}, pair, stays, (), None, None).startswith(
         "no motion separates incline, constant_force; another load"
+    )
+    assert purpose_of({}, pair, stays, (), None, None, alike=True).endswith(
+        "separates incline, constant_force; they are one term, that no log takes apart: look at the machine"
     )
     goes = dataclasses.replace(stays, separations={pair: 500.0})
     assert purpose_of({}, pair, goes, (), None, None) == "to separate incline, constant_force"

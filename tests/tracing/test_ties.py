@@ -14,8 +14,8 @@ from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named
 from hexsim.tracing.fitting.fit import parameter_columns, start_fit
 from hexsim.tracing.fitting.parameters import candidates, named, priors
-from hexsim.tracing.fitting.screening import screen
-from hexsim.tracing.fitting.selection import with_candidate
+from hexsim.tracing.fitting.screening import Screened, screen
+from hexsim.tracing.fitting.selection import inert, shortlist, with_candidate
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.simulation.start import ringing_Pa, start_of
@@ -145,6 +145,45 @@ def test_an_incline_stands_for_a_force_of_its_sign_only(bench, force_N, expected
     balances = BalanceProblem(logs=(log,), parts=(part,))
     found = same_terms(fit, 0, [named("incline"), named("mass_change")], balances, problem)
     assert set(found) == expected
+
+
+@pytest.mark.parametrize(("flow_max_m3_s", "nothing"), [(1e-3, True), (1e-5, False)])
+def test_a_pump_limit_that_no_motion_takes_is_the_line_alone(bench, flow_max_m3_s, nothing):
+    """At 1e-3 m3/s the bench takes less at any time, and the pump is a supply droop with a number more: no name of its own.
+    At 1e-5 m3/s it starves the bench."""
+    machine, log = bench
+    starved = changed(machine, {"effects.pump_flow_limit.flow_max_m3_s": flow_max_m3_s})
+    problem = SimulatedProblem(logs=(log.head(2.0),), noise=noise_of(machine, [log]))
+    problem = SimulatedProblem(logs=(problem.simulated(starved, 0),), noise=problem.noise)
+    fit = with_candidate(start_fit(machine, (), problem), named("pump_flow_limit"), 1e-4 / flow_max_m3_s, problem)
+    assert inert(fit, problem) == nothing
+
+
+def test_a_column_at_one_shape_promises_the_least(bench):
+    """A payload's column at a wrong frequency promises less than it takes: with more than a tenth of the best it is refitted,
+    once anything reaches the alarm. What has one number must reach the alarm itself."""
+
+    def line(name, gain):
+        return Screened(
+            candidate=named(name), size=0.1, gain_chi2=gain, gain_cv=0.0, gain_se=0.0, blocks=1, sd=0.01,
+            explained_by_others=0.0, reach=1e9, column=(),
+        )  # fmt: skip
+
+    lines = [
+        line("constant_force", 158.3),
+        line("flexible_payload", 90.9),
+        line("dead_volume", 42.4),
+        line("pump_flow_limit", 9.0),
+    ]
+    listed = [own.candidate.effect.name for own in shortlist(lines, 1.0, 157.6)]
+    assert listed == ["constant_force", "flexible_payload"]
+    others = [
+        line(name, 160.0)
+        for name in ("mass_change", "spring", "null_offset", "incline", "hose_compliance", "null_drift")
+    ]
+    listed = shortlist([*others, line("overlap_change", 161.0), line("pressure_gain", 159.0), *lines], 1.0, 157.6)
+    assert len(listed) == 9 and listed[-1].candidate.effect.name == "flexible_payload"
+    assert shortlist(lines, 1.0, 160.0) == []
 
 
 def test_only_what_the_balances_leave_open_is_tried_as_a_tie(bench):

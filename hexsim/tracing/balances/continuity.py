@@ -16,6 +16,7 @@ from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
 from hexsim.hydraulics import rod_side
+from hexsim.hydraulics.learned import memories
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
@@ -46,9 +47,9 @@ OF_FORCE = (  # of a leg's row: no flow depends on it
 @compiled
 def inflows(p, y, v, volts, x, P1, P2, Ps, t):
     """phi of every sample [m3/s]."""
-    flow = np.empty(y.shape[0])
+    flow, memory = np.empty(y.shape[0]), memories(p, y, v, volts, P1, Ps, t)
     for i in range(y.shape[0]):
-        flow[i] = leg_equations.inflow_bottom(p, y[i], v[i], volts[i], x[i], P1[i], P2[i], Ps[i], t[i])
+        flow[i] = leg_equations.inflow_bottom(p, y[i], v[i], volts[i], x[i], P1[i], P2[i], Ps[i], t[i], memory[i])
     return flow
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg as leg_equations
+from hexsim.hydraulics.learned import memories
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.machine.geometry import moving_body, suspension
@@ -42,9 +43,10 @@ def forces_beyond_pressure(p, y, v, volts, P1, P2, Ps, t):
     """What acts along the leg besides P1 A1, every sample [N]; the bristle runs along where the leg has one."""
     n = y.shape[0]
     force = np.empty(n)
+    memory = memories(p, y, v, volts, P1, Ps, t)
     z = 0.0
     for i in range(n):
-        force[i] = leg_equations.force_beyond_pressure(p, y[i], v[i], volts[i], P1[i], P2[i], Ps[i], z, t[i])
+        force[i] = leg_equations.force_beyond_pressure(p, y[i], v[i], volts[i], P1[i], P2[i], Ps[i], z, t[i], memory[i])
         if p[P.BRISTLE_STIFFNESS] > 0.0 and i + 1 < n:
             h = (t[i + 1] - t[i]) / 10.0
             stiff = p[P.BRISTLE_STIFFNESS] * abs(v[i]) / leg_equations.friction_level(p, y[i], v[i], P1[i], P2[i], t[i])

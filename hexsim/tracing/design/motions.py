@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.stats import qmc
 
 from hexsim.declaration import Machine
 from hexsim.machine.geometry import with_additional_mass
@@ -29,6 +30,22 @@ SEEDS = 64  # of phases
 FADE_S = 2.0
 FREE = 1.05  # the largest size stays this factor inside the limits
 ROUNDS = 3  # of scaling: legs are not quite linear in the pose
+FIRST_MOTIONS = (  # kind, lower and upper frequency, slope, size
+    ("sweep", "slow", "slow", 0.5, 1.0),
+    ("multisine", "slow", "fast", 0.5, 1.0),
+    ("block", "slow", "slow", 0.5, 1.0),
+    ("constant_acceleration_reversals", "slow", "slow", 0.5, 1.0),
+    ("sweep", "fast", "fastest", 0.9, 1.0),
+    ("constant_velocity_strokes", "slowest", "slow", 0.5, 1.0),
+    ("multisine", "fast", "fastest", 0.5, 1.0),
+    ("sweep", "slow", "fast", 0.5, 1.0),
+    ("multisine", "slowest", "fastest", 0.5, 1.0),
+    ("sweep", "middle", "middle", 0.5, 1.0),
+    ("constant_velocity_strokes", "slow", "slow", 0.9, 1.0),
+    ("constant_acceleration_reversals", "middle", "middle", 0.9, 1.0),
+    ("sweep", "fast", "fast", 0.5, 1.0),
+    ("multisine", "slow", "slow", 0.5, 0.3),
+)
 
 
 @dataclass(frozen=True)
@@ -71,6 +88,32 @@ class MotionFamily:
     def reach(self) -> Array:
         """Excursion of each axis alone [m or rad]."""
         return pose_limits(self.machine).excursion
+
+    def first_points(self, count: int) -> Array:
+        """Motions to begin with (count, n): full size, about the frequencies at which two limits are reached together; then
+        points spread by Sobol's sequence.
+
+        Below v/(2 pi x) the stroke limits a motion, above a/(2 pi v) the acceleration; between them it is as fast as allowed:
+        the flow is largest, and the supply, the gas and the edges work hardest.
+        """
+        limits = self.limits
+        corners = (limits.velocity / limits.excursion, limits.acceleration / limits.velocity)
+        slow, fast = (float(np.clip(np.median(own) / (2.0 * np.pi), SLOWEST_Hz, FASTEST_Hz)) for own in corners)
+        named = {
+            "slowest": SLOWEST_Hz,
+            "slow": slow,
+            "middle": np.sqrt(slow * fast),
+            "fast": fast,
+            "fastest": FASTEST_Hz,
+        }
+        place = {name: float(np.log(f / SLOWEST_Hz) / np.log(FASTEST_Hz / SLOWEST_Hz)) for name, f in named.items()}
+        rows = [
+            (KINDS.index(kind), k % len(self.axes), size, place[low], place[high], slope, k, (k // 2 + k) % 2)
+            for k, (kind, low, high, slope, size) in enumerate(FIRST_MOTIONS)
+        ]
+        low, high = np.transpose(self.bounds)
+        more = qmc.scale(qmc.Sobol(len(low), rng=0).random(count), low, high + 1e-9)
+        return np.concatenate([np.array(rows, float)[:, : len(low)], more])[:count]
 
     def scenario(self, point: Array) -> dict[str, Any] | None:
         """Tables of the scenario; None where it cannot be made inside the limits."""

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import tomli_w
 from scipy.optimize import differential_evolution
-from scipy.stats import qmc
 
 from hexsim.errors import HexsimError
 from hexsim.scenarios.scenario import Scenario, scenario_from_dict
@@ -34,6 +33,7 @@ FIRST, ROUNDS = 16, 1  # motions tried at first, and rounds of as many that come
 CONTENDERS = 3  # of a machine that is not explained
 LOAD_SHARE = 1.5  # of the machine's own mass: a load that is thought of where nobody has said what can be put on
 LOAD_COST = 0.1  # log: a motion with a load must be worth a tenth more
+ONE_TERM = 1e-3  # of the needed separation: what is closer in every motion is one term of the balances
 CHECKED = 3  # of the best motions are checked by refits
 Tell = Callable[[str, float], None]
 Open = OpenRest | OpenRefits
@@ -131,7 +131,9 @@ def next_measurement(
         would = asked.with_load(heavier := LOAD_SHARE * trace.machine.load.carried_mass_kg)
         log = replace(family.log(tables), loaded=True)
         load_kg = heavier if set(found.tied) - set(would.checked(log, would.promise(log)).tied) else None
-    purpose = purpose_of(tables, asked.labels, found, numbers, wanted, load_kg, ceiling)
+    apart = {pair: max(own.separations.get(pair, 0.0) for _, own in tried) for pair in found.tied}
+    alike = bool(apart) and max(apart.values()) < ONE_TERM * found.needed
+    purpose = purpose_of(tables, asked.labels, found, numbers, wanted, load_kg, ceiling, alike)
     tables["description"] = purpose[:1000]
     return NextMeasurement(
         tables=tables,
@@ -240,7 +242,7 @@ def _search(
     size: tuple[int, int],
     say: Tell,
 ) -> list[tuple[dict[str, Any], Promise]]:
-    """All motions that differential evolution tries, from points spread by Sobol's sequence, the best first."""
+    """All motions that differential evolution tries from `MotionFamily.first_points`, the best first."""
     kept: list[tuple[float, tuple[dict[str, Any], Promise]]] = []
     tried, (first, rounds) = 0, size
 
@@ -255,9 +257,10 @@ def _search(
         kept.append((worth, found))
         return -worth
 
-    low, high = np.transpose(family.bounds)
-    start = qmc.scale(qmc.Sobol(len(low), rng=0).random(first), low, high + 1e-9)
-    settings: dict[str, Any] = {"init": start, "workers": in_parallel}  # scipy's stubs know neither
+    settings: dict[str, Any] = {
+        "init": family.first_points(first),
+        "workers": in_parallel,
+    }  # scipy's stubs know neither
     differential_evolution(
         cost, family.bounds, integrality=family.integrality, maxiter=rounds, polish=False, rng=0, updating="deferred",
         tol=0.0, **settings,

@@ -21,12 +21,15 @@ def purpose_of(
     wanted: int | None,
     load_kg: float | None,
     ceiling: Ceiling = UNKNOWN,
+    alike: bool = False,
 ) -> str:
-    """The first line. load_kg: the load of the motion, or one that would separate what no motion does."""
+    """The first line. load_kg: the load of the motion, or one that would separate what no motion does. alike: what stays
+    together is alike in all motions that were tried, as a hose and a dead volume are."""
     mass = f"a load of {load_kg:.3g} kg" if load_kg else ""
     put_on = f", with {mass} on it" if "machine" in tables else ""
     might = "another sensor might" if put_on else "another load or another sensor might"
     would = f"; {mass} would" if mass and not put_on else f"; {might}"
+    would = "; they are one term, that no log takes apart: look at the machine" if alike else would
     stay = [other for _, other in found.tied]
     apart = [label for label in labels[1:] if label not in stay]
     if apart:

@@ -44,16 +44,23 @@ def scale_of(fit: Fit) -> float:
 
 
 def shortlist(lines: list[Screened], scale: float, alarm: float) -> list[Screened]:
-    """The best shape of each effect and place, those with a gain that could matter, at most REFITTED_CANDIDATES."""
+    """The best shape of each effect and place, those with a gain that could matter, at most REFITTED_CANDIDATES.
+
+    The column of an effect with more than one number is taken at one shape and promises the least that a refit takes:
+    SHAPES_REFITTED more of them, where anything reaches the alarm.
+    """
     best: dict[str, Screened] = {}
     for line in lines:
         key = line.candidate.label
         if key not in best or line.score > best[key].score:
             best[key] = line
-    most = max((line.gain_chi2 for line in best.values()), default=0.0)
-    least = max(alarm * scale, rules.REFIT_GAIN_SHARE * most)
-    worth = sorted((line for line in best.values() if line.gain_chi2 > least), key=lambda line: -line.gain_chi2)
-    return worth[: rules.REFITTED_CANDIDATES]
+    ranked = sorted(best.values(), key=lambda line: -line.gain_chi2)
+    if not ranked or ranked[0].gain_chi2 <= alarm * scale:
+        return []
+    few = rules.REFIT_GAIN_SHARE * ranked[0].gain_chi2
+    worth = [line for line in ranked if line.gain_chi2 > max(alarm * scale, few)][: rules.REFITTED_CANDIDATES]
+    shaped = [line for line in ranked if line.gain_chi2 > few and len(line.candidate.free()) > 1 and line not in worth]
+    return worth + shaped[: rules.SHAPES_REFITTED]
 
 
 def bending(lines: list[Screened], listed: list[Screened]) -> list[Screened]:
@@ -127,15 +134,15 @@ def advance(fit: Fit, candidates: list[Candidate], problem: FitProblem, tick: Ti
     tried = in_parallel(lambda rival: refine(parameter_columns(rival, head), head, fresh=True), near)
     tried.sort(key=lambda rival: rival.chi2)
     if head is problem:
-        return Stage(lines=lines, rivals=ranked(tried))
+        return Stage(lines=lines, rivals=ranked(tried, head))
     finalists = [rival for rival in tried if rival.chi2 <= rules.FINALIST_RATIO * tried[0].chi2]
     rivals = in_parallel(lambda rival: refine(start_fit_at(rival, problem), problem, fresh=True), finalists)
-    return Stage(lines=lines, rivals=ranked(rivals))
+    return Stage(lines=lines, rivals=ranked(rivals, problem))
 
 
-def ranked(rivals: list[Fit]) -> list[Fit]:
+def ranked(rivals: list[Fit], problem: FitProblem) -> list[Fit]:
     """Refitted rivals, the best first, those left out whose effect does nothing."""
-    return named_first(sorted((rival for rival in rivals if not inert(rival)), key=information))
+    return named_first(sorted((rival for rival in rivals if not inert(rival, problem)), key=information))
 
 
 def named_first(rivals: list[Fit]) -> list[Fit]:
@@ -180,10 +187,16 @@ def information(fit: Fit) -> float:
     return fit.chi2 + float(np.log(fit.n)) * scale_of(fit) * sum(len(c.free()) for c in fit.candidates)
 
 
-def inert(fit: Fit) -> bool:
-    """Does the last effect stand where it does nothing? Then what helped was another part of it."""
+def inert(fit: Fit, problem: FitProblem) -> bool:
+    """Does the last effect stand where it does nothing? Then what helped was another part of it: the line of a pump whose
+    largest flow no motion takes is a supply droop, and no tie of one."""
     size = fit.candidates[-1].effect.parameters[0]
-    return abs(to_coordinate(size, fit.values[-1][size.name])) < rules.NEGLIGIBLE_SHARE and bool(np.isinf(size.neutral))
+    if not np.isinf(size.neutral):
+        return False
+    if abs(to_coordinate(size, fit.values[-1][size.name])) < rules.NEGLIGIBLE_SHARE:
+        return True
+    unbound = (*fit.values[:-1], fit.values[-1] | {size.name: size.bounds[1]})
+    return answered(replace(fit, values=unbound), problem).chi2 - fit.chi2 < scale_of(fit)
 
 
 def noise_reached(fit: Fit) -> bool:

@@ -16,10 +16,10 @@ from hexsim.recording.figure_style import WIDTH_IN, legend_above, png, styled
 from hexsim.recording.quantity import scale_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named, family, library
-from hexsim.tracing.dependence import CURVES, design, hats, knots_of, ridge
-from hexsim.tracing.report.signals import NOISE_BAND, SIGNALS
+from hexsim.tracing.dependence import CURVES, design, hats, knots_of, low_passed, ridge
+from hexsim.tracing.report.signals import NOISE_BAND, SIGNALS, behind_low_pass
 from hexsim.tracing.state import Trace, Violation
-from hexsim.tracing.steps.residuals import kept, signals_of, unexplained_of
+from hexsim.tracing.steps.residuals import THIN, kept, signals_of, unexplained_of
 
 Array = np.ndarray
 NULL_BAND = "#E7EFF6"
@@ -30,11 +30,12 @@ LEAST_R2 = 0.5  # of a dependence that is drawn in place of the balance's usual 
 
 @dataclass(frozen=True, kw_only=True)
 class Explained:
-    """By what the residual of a balance is drawn: a signal, the form of the curve over it, an outside frequency."""
+    """By what the residual of a balance is drawn: a signal, its low-pass, the form of the curve over it, an outside frequency."""
 
     signal: str
     form: str
     frequency_Hz: float | None = None
+    memory_s: float | None = None
 
 
 def explained_by(result: Trace, line: Violation) -> Explained:
@@ -49,8 +50,9 @@ def explained_by(result: Trace, line: Violation) -> Explained:
     if found.r2_cv < LEAST_R2:
         return Explained(signal=balance.usual_signal, form="plain")
     return Explained(
-        signal="time_s" if found.form == "tone" else found.signal, form=found.form, frequency_Hz=found.frequency_Hz
-    )
+        signal="time_s" if found.form == "tone" else found.signal, form=found.form, frequency_Hz=found.frequency_Hz,
+        memory_s=None if found.form == "memory" else found.memory_s,
+    )  # fmt: skip
 
 
 def place_words(line: Violation) -> str:
@@ -64,12 +66,13 @@ def unit_of(line: Violation) -> str:
     return moment if moment and place_words(line) in ("roll", "pitch", "yaw") else force
 
 
-def residual_points(result: Trace, line: Violation, machine: Machine, signal: str) -> tuple[Array, Array, Array]:
+def residual_points(result: Trace, line: Violation, machine: Machine, by: Explained) -> tuple[Array, Array, Array]:
     """(signal, residual, velocity) of a balance over the fit runs."""
     balance, found = balance_named(line.name, line.machine), []
     for log in result.fit_problem.logs:
         own, v = signals_of(log, machine, line.where)
-        found.append((own[signal], balance.residual(log, machine)[line.place, kept(log)], v))
+        x = low_passed(own[by.signal], by.memory_s, log.rate / THIN) if by.memory_s else own[by.signal]
+        found.append((x, balance.residual(log, machine)[line.place, kept(log)], v))
     x, r, v = zip(*found, strict=True)
     return np.concatenate(x), np.concatenate(r), np.concatenate(v)
 
@@ -108,7 +111,7 @@ def balances(result: Trace) -> bytes:
 
 def draw_residual(plot: Axes, result: Trace, line: Violation, machine: Machine, by: Explained) -> None:
     """Points coloured by the direction of motion, the curve of the dependence through them, noise behind."""
-    x, r, v = residual_points(result, line, machine, by.signal)
+    x, r, v = residual_points(result, line, machine, by)
     one, unit = scale_of(2 * line.sigma, unit_of(line))
     words, scale, x_unit = SIGNALS[by.signal]
     for limit, color in (
@@ -126,7 +129,7 @@ def draw_residual(plot: Axes, result: Trace, line: Violation, machine: Machine, 
         plot.plot(scale * x[shown], r[shown] / one, ".", ms=2, mew=0, color=pale, rasterized=True)
     for color, knots, curve in fitted_curves(by.form, x, r, v):
         plot.plot(scale * knots, curve / one, color=color, lw=1.7)
-    plot.set_xlabel(f"{words} [{x_unit}]")
+    plot.set_xlabel(f"{behind_low_pass(words, by.memory_s)} [{x_unit}]")
     plot.set_ylabel(f"residual [{unit}]")
 
 

@@ -18,6 +18,7 @@ SCALE = {
 SIGNALS = {
     "position_m": ("position", 1e3, "mm"),
     "velocity_m_s": ("velocity", 1e3, "mm/s"),
+    "speed_m_s": ("speed", 1e3, "mm/s"),
     "valve_V": ("valve voltage", 1.0, "V"),
     "time_s": ("time", 1.0, "s"),
     "pressure_bottom_Pa": ("chamber pressure", 1e-5, "bar"),
@@ -27,6 +28,11 @@ SIGNALS = {
     "acceleration_m_s2": ("acceleration", 1.0, "m/s²"),
 }
 NOISE_BAND = "#CBE0F0"
+
+
+def behind_low_pass(words: str, memory_s: float | None) -> str:
+    """The words for a signal that a residual follows with a memory."""
+    return f"{words} behind a low-pass of {memory_s:.2g} s" if memory_s else words
 
 
 def channel_words(channel: str) -> str:

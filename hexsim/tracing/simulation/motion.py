@@ -12,7 +12,7 @@ temperature: a log of a minute warms it by tenths of a degree.
 from __future__ import annotations
 
 from hexsim.compiled import compiled
-from hexsim.hydraulics import leg, supply
+from hexsim.hydraulics import learned, leg, supply
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.steps import count_steps, leg_steps, power_unit_steps
 from hexsim.hydraulics.supply import S
@@ -32,7 +32,7 @@ from hexsim.mechanics.rigid_body import (
 
 # states: supply pressure, payload on its spring, power unit; then those of each leg; then those of the load
 SUPPLY, TRAVEL, TRAVEL_RATE, MOTOR, PUMP_FLOW, LINE_FLOW, PUMP_PRESSURE, LEGS = range(8)
-LEG_P1, LEG_P2, LEG_X, LEG_XD, LEG_Z, LEG_STATES = range(6)
+LEG_P1, LEG_P2, LEG_X, LEG_XD, LEG_Z, LEG_MEMORY, LEG_STATES = range(7)
 POSITION, SPEED, N_AXIS = range(3)  # of a mass on an axis
 PLACE, QUATERNION, VELOCITY, OMEGA, N_PLATFORM = (
     0,
@@ -77,11 +77,13 @@ def write_leg_motion(geometry, state, y, v):
 def leg_rates(p, y, v, volts, t, ps, state, k, h, rate):
     """Write the rates of a leg's states from place k on; return its force [N], spool [m] and rod side [Pa]."""
     own = (state[k + LEG_P1], state[k + LEG_P2], state[k + LEG_X], state[k + LEG_XD], state[k + LEG_Z])
-    slopes, x, _ = leg.leg_derivatives(p, y, v, volts, t, ps, own, h)
-    for q in range(LEG_STATES):
+    memory = state[k + LEG_MEMORY]
+    slopes, x, _ = leg.leg_derivatives(p, y, v, volts, t, ps, own, h, memory)
+    for q in range(LEG_MEMORY):
         rate[k + q] = slopes[q]
+    rate[k + LEG_MEMORY] = learned.memory_rate(p, y, v, volts, own[0], ps, t, memory)
     p2 = rod_side_pressure(p, state, k)
-    return leg.leg_force(p, y, v, volts, own[0], p2, ps, own[4], t), x, p2
+    return leg.leg_force(p, y, v, volts, own[0], p2, ps, own[4], t, memory), x, p2
 
 
 @compiled
@@ -203,5 +205,6 @@ def carrying_pressure(p, y, v, p2, ps, thrust):
     """Pressure [Pa] of the bottom chamber that gives the thrust [N] in steady motion: friction may depend on it."""
     p1 = 0.5 * ps
     for _ in range(20):
-        p1 = (thrust - leg.force_beyond_pressure(p, y, v, 0.0, p1, p2, ps, 0.0, 0.0)) / p[P.AREA_BOTTOM]
+        memory = learned.signal_of(p, y, v, 0.0, p1, ps, 0.0)
+        p1 = (thrust - leg.force_beyond_pressure(p, y, v, 0.0, p1, p2, ps, 0.0, 0.0, memory)) / p[P.AREA_BOTTOM]
     return p1

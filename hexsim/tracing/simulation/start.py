@@ -12,6 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from hexsim.hydraulics import learned
 from hexsim.hydraulics import leg as equations
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.resolved import Resolved
@@ -64,6 +65,7 @@ def start_state(rig: Rig, resolved: Resolved, log: Log) -> Array:
         own[motion.LEG_P1], own[motion.LEG_P2] = start_pressures(row, (y[i], v[i]), ps, force, known)
         if row[P.SPOOL_OMEGA] > 0.0:
             own[motion.LEG_X] = equations.commanded_spool(row, 0.0, 0.0)
+        own[motion.LEG_MEMORY] = learned.signal_of(row, y[i], v[i], 0.0, own[motion.LEG_P1], ps, 0.0)
     travel = down / rig.load.spring.omega**2 if rig.load.spring.mass > 0 else 0.0
     return np.concatenate([[ps, travel, 0.0], power_unit_at(rig.supply, ps), legs.ravel(), load])
 

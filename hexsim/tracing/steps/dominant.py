@@ -27,7 +27,7 @@ from hexsim.tracing.fitting.rest_hidden import Hidden, hidden_of
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.rest_odds import odds_against
 from hexsim.tracing.fitting.screening import columns_of
-from hexsim.tracing.fitting.selection import residual_at_noise_level
+from hexsim.tracing.fitting.selection import inert, residual_at_noise_level
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace
@@ -67,7 +67,8 @@ def rivals_of(
         return rest_level.with_effect(base, candidate, problem, start, begins, max(promised, least))
 
     tried = in_parallel(tried_with, jobs)
-    return sorted((rival for rival in tried if rival is not None), key=lambda rival: rival.cost), hidden
+    acting = [rival for rival in tried if rival is not None and not inert(rival.fit, problem)]
+    return sorted(acting, key=lambda rival: rival.cost), hidden
 
 
 def promise_of(

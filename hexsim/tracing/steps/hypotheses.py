@@ -134,6 +134,8 @@ def refit_hypotheses(trace: Trace, tell: Tell) -> Trace:
     trace.search.stages[0].rivals = rivals
     if not rivals:
         return replace(trace, decided="no effect that the balances ask for reaches the noise")
+    if residual_at_noise_level(base.misfit) and base.chi2 - rivals[0].chi2 < rules.alarm(base.n):
+        return replace(trace, decided="what the balances ask for takes nothing of the simulated runs")
     trace = refit_with_own_input_uncertainty(replace(trace, final=pruned(rivals[0], trace.fit_problem)))
     return replace(trace, decided=f"{hypothesis_words(trace.final)}: chi2 {trace.final.reduced:.3g} a sample")
 

@@ -1,6 +1,7 @@
 """A learned term for a residual with a clear dependence: its curve put into the simulator, under no physical name.
 
-A curve over one signal, one for each direction of motion, or the velocity times one.
+A curve over one signal, one for each direction of motion, or the velocity times one; over the signal itself, or over what a
+first-order low-pass has kept of it.
 
 The residual of a balance is what the model has too much of, so the term is minus the curve. It is kept only if, with
 the declared parameters refitted beside it, every held-out run gets better.
@@ -32,24 +33,33 @@ WORDS = {
 }
 
 
+def words(curve: dict[str, Any]) -> str:
+    """What a learned curve is over."""
+    past = f" behind a low-pass of {curve['memory_s']:.2g} s" if "memory_s" in curve else ""
+    return WORDS[curve["form"]].format(curve["signal"] + past)
+
+
 def curve_table(rest: UnexplainedResidual) -> dict[str, Any] | None:
     """The [effects.learned_term] table of a residual, or None when it is of no form and signal that a leg knows."""
     found = rest.dependence
     joined = learned_term_of(rest.balance)
-    able = found.form in FORMS and found.signal in SIGNALS and joined is not None
+    form, signal, back = found.form, found.signal, found.back
+    if form == "memory":  # against the motion: one curve out, its opposite in
+        form, signal, back = "direction", "speed_m_s", -found.curve
+    able = form in FORMS and signal in SIGNALS and joined is not None
     if not able or found.r2_cv < rules.LEARNED_R2 or rest.violation.where.startswith("platform"):
         return None
-    curves = (found.curve / found.speed_m_s,) if found.back is None else (found.curve, found.back)
-    knots = np.linspace(found.knots[0], found.knots[-1], LEARNED_KNOTS if found.back is None else HALF)
+    curves = (found.curve / found.speed_m_s,) if back is None else (found.curve, back)
+    knots = np.linspace(found.knots[0], found.knots[-1], LEARNED_KNOTS if back is None else HALF)
     values = -np.concatenate([np.interp(knots, found.knots, own) for own in curves])
     curve = {
         "balance": joined,
-        "form": found.form,
-        "signal": found.signal,
+        "form": form,
+        "signal": signal,
         "start": float(knots[0]),
         "step": float(knots[1] - knots[0]),
         "values": [float(value) for value in values],
-    }
+    } | ({} if found.memory_s is None else {"memory_s": float(found.memory_s)})
     where = (
         {}
         if rest.violation.where == "leg 1" and rest.violation.machine.n_legs == 1
@@ -86,7 +96,7 @@ def learned_fit(
             "dBIC": float(fit.chi2 - base.chi2 + LEARNED_KNOTS * np.log(fit.n)),
             "held_out_gain": gains,
         },
-        "description": f"{WORDS[rest.dependence.form].format(rest.dependence.signal)}, of unknown cause",
+        "description": f"{words(table['curve'])}, of unknown cause",
     }
 
 

@@ -28,6 +28,7 @@ from hexsim.tracing.state import Step, Tell, Trace, Violation
 from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
+OCTAVES_Hz = (4.0, 8.0, 16.0, 32.0)  # of a payload's spring
 PLACES = 150  # along the stroke at which wear is looked for
 PITCHES_M = (2e-4, 1e-2)  # of a scale's ripple
 CELL_M, CELLS = 2e-5, 2**17  # places at which a ripple is summed: 0.4 lines a metre between two pitches
@@ -197,6 +198,12 @@ def worth_screening(
     worst = max(legs, key=lambda line: line.violation / line.null)
     there = {line.where for line in legs if line.violated} | {worst.where}
     return [c for c in everything if not c.where.startswith("leg ") or c.where in there or c.effect.places == "one leg"]
+
+
+def with_octaves(possible: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates, a payload's spring at every octave besides: where the force balance holds, its rest shows no shape."""
+    sprung = [c for c in possible if c.effect.name == "flexible_payload"]
+    return [*possible, *(replace(c, shape=c.shape | {"frequency_Hz": own}) for c in sprung for own in OCTAVES_Hz)]
 
 
 def propose(trace: Trace, tell: Tell) -> Trace:

@@ -20,16 +20,17 @@ from hexsim.tracing.fitting.selection import (
 )
 from hexsim.tracing.state import Step, Tell, Trace
 from hexsim.tracing.steps.hypotheses import hypothesis_words, refit_with_own_input_uncertainty, simulated_rivals
+from hexsim.tracing.steps.shapes import with_octaves
 
 
 def simulated_search(trace: Trace, tell: Tell) -> Search:
     """The search, ended by refits on the whole runs."""
-    base, problem = trace.base, trace.fit_problem
+    base, problem, possible = trace.base, trace.fit_problem, with_octaves(trace.candidates)
     head = problem.head(rules.TRIAGE_S)
     if head is problem or residual_at_noise_level(cut(base, problem, head).misfit):
-        return search(base, trace.candidates, problem, tell, least_gain=rules.LEAST_GAIN_SIMULATED)
+        return search(base, possible, problem, tell, least_gain=rules.LEAST_GAIN_SIMULATED)
     opening = refine(start_fit_at(base, head), head, fresh=True, relative=rules.BASE_TOLERANCE)
-    found = search(opening, trace.candidates, head, tell, least_gain=rules.LEAST_GAIN_SIMULATED)
+    found = search(opening, possible, head, tell, least_gain=rules.LEAST_GAIN_SIMULATED)
     rivals = simulated_rivals(found, problem, tell)
     stages = [replace(stage, rivals=[]) for stage in found.stages]
     if rivals:

@@ -19,7 +19,7 @@ from hexsim.tracing.balances.controller import Loop
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_coordinate, to_value
 from hexsim.tracing.fitting.screening import Screened, columns_of
-from hexsim.tracing.fitting.selection import information, scale_of, try_candidate
+from hexsim.tracing.fitting.selection import inert, information, scale_of, try_candidate
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -112,7 +112,8 @@ def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedP
 
     tied = {}
     for (candidate, _), rival in zip(near, in_parallel(refitted, near), strict=True):
-        if rival is not None and rival.chi2 - fit.chi2 < rules.TIE_CHI2 * scale_of(fit):
+        near_enough = rival is not None and rival.chi2 - fit.chi2 < rules.TIE_CHI2 * scale_of(fit)
+        if rival is not None and near_enough and not inert(rival, problem):
             tied[candidate.label] = rival
     return dict(sorted(tied.items()))
 
