@@ -95,8 +95,8 @@ def _worn_place(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> dic
 def _scale_ripple(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> dict[str, dict[str, float]]:
     """Pitch [m] and phase of the wave along the stroke in what the positions show beyond how the pistons moved.
 
-    None where no pitch stands out. It is the position less the integral of its velocity, under a window; its sums over the places of the stroke have one
-    Fourier transform for all pitches. Of several legs the one that stands out most.
+    That is the position less the integral of its velocity, under a window; its sums over the places of the stroke have one
+    Fourier transform for all pitches. Of several legs the one that stands out most; none where no pitch does.
     """
     resolved, best = resolved_machine(machine), (0.0, {})
     lines = np.fft.rfftfreq(CELLS, CELL_M)
