@@ -18,7 +18,7 @@ def test_a_scale_errs_by_its_amplitude_a_quarter_pitch_from_where_it_is_right(y,
 
 @pytest.mark.parametrize("amplitude", [0.0, 4e-6, 8e-5])
 def test_a_reading_leads_back_to_where_the_scale_stands(amplitude):
-    """To 1e-12 m at half of the steepest wave that can be undone; without a wave to the bit."""
+    """To 1e-12 m up to half of the steepest wave that can be undone; without a wave to the bit."""
     y = np.linspace(0.0, 0.2, 5001)
     back = unrippled(rippled(y, amplitude, 1e-3, 0.7), amplitude, 1e-3, 0.7)
     np.testing.assert_allclose(back, y, rtol=0.0, atol=1e-12 if amplitude else 0.0)
