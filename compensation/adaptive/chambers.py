@@ -48,7 +48,7 @@ def equivalent_Pa(settings, bottom_Pa, top_Pa, supply_Pa):
 @compiled
 def softplus_V(volts, rounding_V):
     """Opening of one edge, `volts` beyond where it opens: s log(1 + exp(x / s)), or sharp."""
-    if rounding_V == 0.0 or volts > 30.0 * rounding_V:
+    if abs(volts) >= 30.0 * rounding_V:
         return max(volts, 0.0)
     return rounding_V * math.log1p(math.exp(volts / rounding_V))
 

@@ -4,10 +4,10 @@ Plain control's volts are slow, and of a spool they show the lag alone: a second
 phase of a delay as long as its lag, up to the third order in frequency. Only where the volts jump, at a compensated
 reversal, do the two part. So a bank of spools, all with the identified total lag, is run over each of them:
 
-    d = tau - tau_s,     x_s = spool(tau_s) u(t - d),     z_s' = k f(x_s) R
-    S_sj += |(1 - Q Q') (y + c P(t - j T/2) - z_s)|^2 / noise^2,     c = V / (E A1)
+    d = tau - tau_s,     x_s = spool(tau_s) u(t - d),     z_s' = k f(x_s) R,     f with the rounding of the edges
+    S_sj += |(1 - Q Q') (y + c P(t - l_j) - z_s)|^2 / noise^2,     c = V / (E A1)
 
-A position transducer that is late by j half ticks makes its part of the delay; the pressure is not late. So the bank is
+A position transducer that is late by l_j, up to three ticks, makes its part of the delay; the pressure is not late. So the bank is
 of spools and of lateness: which of the pressures past makes oil with the position. Q holds what other errors leave: a
 constant, a slope (leak, null) and a kink at the reversal (gain, dead band). S / 2 is a negative log-likelihood. Too long a
 delay is benign: the lead then trusts the spool too much, and is a little slow. Too short a one makes the volts
@@ -26,12 +26,15 @@ import numpy as np
 
 from ..compiled import compiled
 from .arithmetic import clip, copy, dot
+from .chambers import softplus_V
 from .layout import AFTER, BEFORE, LATE_TICKS, LATES, PAST_VOLTS, SPOOLS
 from .spool import step_response
 
 SPOOL_LAGS_S = 1e-3 * np.array(
     [1.2, 1.5, 1.8, 2.1, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.2, 4.6, 5.0, 5.5, 6.0, 6.7, 7.5]
 )  # (SPOOLS,)
+LATE = np.concatenate([np.arange(0.0, 0.5, 0.125), np.arange(0.5, 3.25, 0.25)])  # (LATES,) l_j [ticks]
+LATE_SLACK = 0.125  # by which a lateness may be longer than the delay that it is part of [ticks]
 FINE = 5  # samples a tick
 NOISE_M = 3.3e-6  # of an oil displacement
 MEMORY = 0.985  # of the sums, a reversal
@@ -57,7 +60,7 @@ def add_to_delay(delay, position_m, pressure_Pa, volts_V, flow_m_s, roots, valve
     """One tick: position now less what leaked, pressure now, volts of the tick past, demanded flow now. True when a
     reversal was judged.
 
-    compensated: whether the reversal that lies AFTER ticks back, if one does, was.
+    compensated: whether the reversal that lies AFTER ticks back, if one does, was. `delay.rounding_V` is that of the edges.
     """
     _append(delay.volts_V, volts_V)
     _append(delay.oil_m, position_m)
@@ -115,11 +118,11 @@ def _moments(delay, lag_s):
     for i in range(SPOOLS):
         late = max(lag_s - SPOOL_LAGS_S[i], 0.0)
         for j in range(LATES):
-            if j == 0 or 0.5 * j * delay.tick_s < late + 0.25 * delay.tick_s:
+            if j == 0 or (LATE[j] - LATE_SLACK) * delay.tick_s < late:
                 k = i * LATES + j
                 weight = math.exp(0.5 * (least - delay.sums[k] - share * delay.heard[k]))
                 total, mean, square = total + weight, mean + weight * late, square + weight * late * late
-                lateness += 0.5 * weight * j * delay.tick_s
+                lateness += weight * LATE[j] * delay.tick_s
     return total, mean, square, lateness
 
 
@@ -136,6 +139,7 @@ def keep_delay(delay, lateness, known):
     """What was identified, in numbers."""
     copy(delay.sums, known.sums)
     known.reversals, known.late_s = delay.reversals, lateness.late_s
+    known.oil[0], known.oil[1] = delay.pressure_square, delay.pressure_product
 
 
 @compiled
@@ -143,6 +147,7 @@ def restore_delay(delay, lateness, known):
     """Start with what was identified before."""
     copy(known.sums, delay.sums)
     delay.reversals, lateness.late_s = int(known.reversals), known.late_s
+    delay.pressure_square, delay.pressure_product = known.oil[0], known.oil[1]
 
 
 @compiled
@@ -154,8 +159,10 @@ def _prepare(delay, roots, valve, compliance_m_Pa):
     for i in range(len(delay.oil_m)):
         delay.task_oil_m[i] = delay.oil_m[i]
         for j in range(LATES):
-            near = i + LATE_TICKS - j // 2
-            delay.task_pressures_Pa[j, i] = 0.5 * (delay.pressures_Pa[near] + delay.pressures_Pa[near - j % 2])
+            whole = int(LATE[j])
+            part, near = LATE[j] - whole, i + LATE_TICKS - whole
+            here, before = delay.pressures_Pa[near], delay.pressures_Pa[near - 1]
+            delay.task_pressures_Pa[j, i] = here + part * (before - here)
     for j in range(LATES):
         _without_nuisance(delay.task_pressures_Pa[j])
     delay.compliance_m_Pa = compliance_m_Pa
@@ -184,8 +191,8 @@ def _modelled_oil(delay, spool_s):
             for j in range(PAST_VOLTS + 2):
                 if k + PAST_VOLTS - j >= 0:  # before that the volts are taken as constant
                     path += (volts[k + PAST_VOLTS - j] - volts[0]) * pulse[j * FINE + i]
-            flow += delay.gains_m_s_V[1] * max(path - delay.dead_bands_V[1], 0.0)
-            flow -= delay.gains_m_s_V[0] * max(-path - delay.dead_bands_V[0], 0.0)
+            flow += delay.gains_m_s_V[1] * softplus_V(path - delay.dead_bands_V[1], delay.rounding_V)
+            flow -= delay.gains_m_s_V[0] * softplus_V(-path - delay.dead_bands_V[0], delay.rounding_V)
         moved += flow / FINE
         error[k + 1] = delay.task_oil_m[k + 1] - moved * tick_s
 

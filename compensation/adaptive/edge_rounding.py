@@ -174,7 +174,7 @@ def _judge_passage(leak, positive, valve):
     overlap_V = valve.edges[0].dead_band_V + valve.edges[1].dead_band_V
     if valve.four_way and overlap_V < LEAST_OVERLAP_V and valve.leak_m_s == 0.0:
         return skip_passage(leak, positive)
-    return finish_passage(leak, positive, valve.leak_m_s, edges_variance_m2_s2(valve))
+    return finish_passage(leak, positive, valve.leak_m_s, edges_variance_m2_s2(valve), valve.leak_ratio)
 
 
 @compiled
@@ -236,7 +236,7 @@ def add_to_trim(trim, oil_error_m, flow_m_s, identified_V, highest_V):
 
     identified_V: the rounding as identified, to which a small excess leads back.
     """
-    direction = 1.0 if flow_m_s > 0 else -1.0
+    direction, trim.known = 1.0 if flow_m_s > 0 else -1.0, identified_V > 0.0
     if direction != trim.direction:
         trim.direction, trim.ticks = direction, 0
         trim.reversal_m = oil_error_m[0]

@@ -3,7 +3,8 @@
 Two signals leave it apart, for the spool follows each through taps of its own (taps.py): the volts for the mean flow
 of a tick, and the dead-band compensation, which crosses the overlap where the flow reverses. While the spool crosses,
 the valve is shut and blocks flow. Crossing flow compensation gives a share of the blocked oil in the two ticks before
-the crossing and in the two after it.
+the crossing and in the two after it. Where edges are known to be rounded the first signal is the inverse of both edges
+together, and the second the step across what of the overlap lies within.
 """
 
 from __future__ import annotations
@@ -12,10 +13,10 @@ import math
 
 from ..compiled import compiled
 from .chambers import pair_volts
-from .edge_rounding import rounding_correction_V
+from .edge_rounding import MIN_ROUNDING_V, rounding_correction_V
 from .spool import blocked_flow
 
-LEAST_ROUNDING_V, SHARP = 1e-3, 4.0  # of a four-way valve; roundings by which the step across its overlap is less
+LEAST_ROUNDING_V, SHARP = 1e-3, 4.0  # of a four-way valve; roundings by which the step across an overlap is less
 CROSSING_FLOW_SHARE = 0.6  # of the blocked oil that is compensated [1]; less than half or all leaves a larger bump
 
 
@@ -32,14 +33,15 @@ def advance_inverse(inverse, oil_m, roots, valve, trim, path, leak_m_s):
     first, last = 0.5 * (old + mean), 0.5 * (mean + newest)
     down, up = valve.edges[0], valve.edges[1]
     edge, root = valve.edges[1 if mean > 0 else 0], roots[1 if mean > 0 else 0]
-    less = 0.0 if valve.four_way else rounding_correction_V(trim, abs(mean), edge.gain_m_s_V, edge.dead_band_V)
+    rounded = valve.four_way or (trim.known != 0 and trim.rounding_V > MIN_ROUNDING_V)
+    less = 0.0 if rounded else rounding_correction_V(trim, abs(mean), edge.gain_m_s_V, edge.dead_band_V)
     sharpness = 1.0 + less / max(edge.dead_band_V, -less) if less != 0.0 else 1.0
     up_V, down_V = up.dead_band_V, down.dead_band_V
     flow = inverse.flow_V
     flow[0], flow[1] = flow[1], flow[2]
     flow[2] = mean / (edge.gain_m_s_V * root)
-    if valve.four_way:
-        rounding_V = max(trim.rounding_V, LEAST_ROUNDING_V)
+    if rounded:
+        rounding_V = max(trim.rounding_V, trim.minimum_V, LEAST_ROUNDING_V)
         up_V, down_V = max(up_V - SHARP * rounding_V, 0.0), max(down_V - SHARP * rounding_V, 0.0)
         volts = pair_volts(mean, valve.edges, roots, rounding_V)
         flow[2] = _beyond(volts, up_V) if mean > 0 else -_beyond(-volts, down_V)

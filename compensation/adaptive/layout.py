@@ -26,7 +26,7 @@ RESPONSE = 40  # ticks of the spool's response that a design looks at
 SPOOLS = 17  # of the bank that tells delay from spool
 BEFORE, AFTER, PAST_VOLTS = 14, 16, 12  # ticks about a reversal that are compared, and of volts before them
 TRIM_TICKS = 8  # on either side of a compensated reversal
-LATES = 15  # half ticks by which a position may be late, and none
+LATES = 15  # by how much a position may be late
 LATE_TICKS = 7
 REACH = 16  # ticks on either side of a reversal in which Stribeck friction is looked for
 LENGTHS = 12  # of bristles, of the bank
@@ -69,7 +69,7 @@ VALVE = record(  # valve.py
     pending="i8", phi=("f8", (3,)), phi_backlash=("f8", (4,)), moved_m="f8",  # the window before this one
     lag_s="f8",
     null_V="f8",  # volts that lie in the middle between both edges
-    leak_m_s="f8",  # oil that flows into the chamber while the valve is closed
+    leak_m_s="f8", leak_ratio="f8",  # oil that flows into the chamber while the valve is closed, at the reference drop; R^2
     leak_known="i8", null_rate_V_s="f8",
     half_windows="i8", last_half_windows="i8",  # windows in this half stroke, and in the one before
     four_way="i8", differential="i8", across_Pa="f8",  # P1 - P2, as it leaks across the piston
@@ -142,6 +142,7 @@ LEAK = record(  # leak.py
 TRIM = record(  # edge_rounding.py
     rounding_V="f8",
     minimum_V="f8",  # no less is used while compensation engages
+    known="i8",  # the rounding is identified or given, and not trimmed alone
     direction="f8", ticks="i8",
     reversal_m="f8",  # oil displacement less the demanded one, at the reversal
     before_m="f8",  # by how much it had grown before, against the new direction
@@ -155,7 +156,8 @@ DELAY = record(  # delay.py
     ticks="i8",  # since the demanded flow reversed
     tested="i8",  # spools compared with the reversal in hand; -1 = none is
     task_volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), task_oil_m=("f8", (BEFORE + AFTER + 1,)),
-    gains_m_s_V=("f8", (2,)), dead_bands_V=("f8", (2,)), lag_s="f8", found=("f8", (SPOOLS * LATES,)), compliance_m_Pa="f8",
+    gains_m_s_V=("f8", (2,)), dead_bands_V=("f8", (2,)), rounding_V="f8", lag_s="f8", compliance_m_Pa="f8",
+    found=("f8", (SPOOLS * LATES,)),
     pressures_Pa=("f8", (BEFORE + AFTER + 1 + LATE_TICKS,)),  # oldest first
     task_pressures_Pa=("f8", (LATES, BEFORE + AFTER + 1)),  # by how late the position is
     least_m2="f8", best_product="f8", best_square="f8",
@@ -272,7 +274,8 @@ EDGE_LEARNED = record(
 LEARNED = record(
     flow=record(null_V="f8", leak_m_s="f8", retract=EDGE_LEARNED, extend=EDGE_LEARNED), rounding_V="f8",
     friction=record(theta_MPa=("f8", (6,)), windows=("f8", (2,)), half_step_Pa="f8", stribeck_Pa="f8"),
-    delay=record(sums=("f8", (SPOOLS * LATES,)), reversals="f8", late_s="f8"),
+    delay=record(sums=("f8", (SPOOLS * LATES,)), reversals="f8", late_s="f8", oil=("f8", (2,))),
+    presliding=record(squares=("f8", (LENGTHS,)), products=("f8", (LENGTHS,)), shapes=("f8", (LENGTHS,)), weight="f8"),
     plain_control=record(baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,)), follows_V="f8"),
 )  # fmt: skip
 
@@ -290,10 +293,10 @@ def as_dict(record: Record) -> dict[str, Any]:
 
 
 def fill(record: Record, values: dict[str, Any]) -> None:
-    """The inverse of `as_dict`; what `values` has besides is left. Older files have nothing of plain control, or not
-    how far the piston follows, and the delay's sums by spool alone."""
+    """The inverse of `as_dict`; what `values` has besides is left. Older files have nothing of plain control, bristles or
+    softer oil, or not how far the piston follows, and the delay's sums by spool alone."""
     for name in record.dtype.names:
-        if name in ("plain_control", "follows_V") and name not in values:
+        if name in ("plain_control", "follows_V", "oil", "presliding") and name not in values:
             continue
         if record[name].dtype.names:
             fill(record[name], values[name])

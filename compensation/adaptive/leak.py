@@ -2,7 +2,8 @@
 
 A leak shifts the edges that the windows see, in volts, as a null offset does. Only while the valve is closed do the two
 part: with the edges as the windows see them, a passage moves q T more oil than it should, T the time between the edges,
-whatever the speed.
+whatever the speed. A laminar leak goes with its drop, as R^2 of its edge: q = l R^2, from the supply where l > 0, to the
+tank where l < 0. l is what is identified, the leak at the reference drop.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from .valve import set_leak
 
 LEAK_PRIOR_M_S = 8e-3  # standard deviation before anything is known
 MAX_LEAK_M_S = 2e-2  # a passage with more is something else
-LEAK_TOLERANCE_M_S = 2e-4  # a smaller one, or a smaller change, is not taken into account
+LEAK_TOLERANCE_M_S, LEAK_CHANGE_M_S = 2e-4, 5e-5  # a smaller one, and a smaller change, is not taken into account
 LEAK_NOISE_M = 7e-6  # of a passage: two positions, and the residual of the identified edges
 LEAK_MEMORY, LEAK_PASSAGES = 15.0, 2  # passages; and how many must have been seen
 LEAK_ERRORS = 4.0  # standard errors from which there is a leak; half of them to stay
@@ -56,15 +57,15 @@ def add_to_passage(leak, excess_m, closed_s):
 
 
 @compiled
-def finish_passage(leak, positive, taken_m_s, variance_m2_s2=0.0):
+def finish_passage(leak, positive, taken_m_s, variance_m2_s2=0.0, ratio=1.0):
     """The spool is on a straight part again; `taken_m_s` is the leak taken off already, `variance_m2_s2` that of the
-    edges which the passage is held against. True if the leak that is taken off must change."""
-    excess_m, closed_s, across = leak.excess_m, leak.closed_s, positive != (leak.positive != 0)
+    edges which the passage is held against, `ratio` R^2. True if the leak that is taken off must change."""
+    excess_m, closed_s, across = leak.excess_m, ratio * leak.closed_s, positive != (leak.positive != 0)
     start_passage(leak, positive)
     if not across or closed_s <= 0.0 or not abs(excess_m) < MAX_LEAK_M_S * closed_s:
         return False
     error = excess_m / closed_s + taken_m_s - leak.leak_m_s
-    expected = (LEAK_NOISE_M / closed_s) ** 2 + variance_m2_s2
+    expected = (LEAK_NOISE_M / closed_s) ** 2 + variance_m2_s2 / (ratio * ratio)
     total = expected + leak.variance
     if leak.restarts < MAX_RESTARTS and error * error > INCONSISTENT**2 * total:
         # what was gathered was made with edges that have moved since
@@ -77,7 +78,7 @@ def finish_passage(leak, positive, taken_m_s, variance_m2_s2=0.0):
     leak.leak_m_s += share * error
     leak.variance = min(leak.variance * (1.0 - share) * (1.0 + share / LEAK_MEMORY), LEAK_PRIOR_M_S**2)
     found = used_leak_m_s(leak, taken_m_s)
-    return leak_known(leak) and abs(found - taken_m_s) > LEAK_TOLERANCE_M_S
+    return leak_known(leak) and abs(found - taken_m_s) > LEAK_CHANGE_M_S
 
 
 @compiled
@@ -89,10 +90,23 @@ def skip_passage(leak, positive):
 
 
 @compiled
+def leak_ratio(valve, roots):
+    """R^2 of the drop that the leak goes over. roots: sqrt(dp/dp_ref) to the tank and from the supply; 1 on a four-way valve."""
+    return 1.0 if valve.four_way else roots[1 if valve.leak_m_s >= 0.0 else 0] ** 2
+
+
+@compiled
+def follow_leak(valve, roots):
+    """Oil that leaks into the chamber now, as velocity; the valve's own windows take it at the same drop."""
+    valve.leak_ratio = leak_ratio(valve, roots)
+    return valve.leak_m_s * valve.leak_ratio
+
+
+@compiled
 def tell_leak(leak, valve):
     """Has the valve's identification take the leak off."""
     valve.leak_known, leak_m_s = leak_known(leak), used_leak_m_s(leak, valve.leak_m_s)
-    if leak_known(leak) and abs(leak_m_s - valve.leak_m_s) > LEAK_TOLERANCE_M_S:
+    if leak_known(leak) and abs(leak_m_s - valve.leak_m_s) > LEAK_CHANGE_M_S:
         set_leak(valve, leak_m_s)
 
 

@@ -20,7 +20,7 @@ import math
 import numpy as np
 
 from ..compiled import compiled
-from .arithmetic import push
+from .arithmetic import copy, push
 from .layout import LENGTHS, REACH
 
 LENGTHS_M = 1e-6 * np.array([0.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0, 38.0, 52.0, 71.0, 98.0, 135.0])  # (LENGTHS,)
@@ -87,6 +87,25 @@ def update_presliding(p, deviation_Pa, position_error_m, inertia_Pa, half_step_P
             p.products[i] += p.missing[k] * p.profile[k]
             p.shapes[i] += p.profile[k] * p.profile[k]
     p.weight = MEMORY * p.weight + count - 2.0
+    p.length_m = _length_m(p, 2.0 * half_step_Pa)
+
+
+@compiled
+def keep_presliding(p, known):
+    """What was identified, in numbers."""
+    copy(p.squares, known.squares)
+    copy(p.products, known.products)
+    copy(p.shapes, known.shapes)
+    known.weight = p.weight
+
+
+@compiled
+def restore_presliding(p, known, half_step_Pa):
+    """Start with what was identified before."""
+    copy(known.squares, p.squares)
+    copy(known.products, p.products)
+    copy(known.shapes, p.shapes)
+    p.weight = known.weight
     p.length_m = _length_m(p, 2.0 * half_step_Pa)
 
 

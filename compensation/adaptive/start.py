@@ -7,13 +7,14 @@ from math import sqrt
 from ..compiled import compiled
 from .delay import keep_delay, restore_delay
 from .demand import stretch_demands
-from .edge_rounding import restore_rounding, start_rounding
+from .edge_rounding import lower_bound_V, restore_rounding, start_rounding
 from .engagement import AT_REST_M_S2, arm, keep_plain_control
 from .friction import keep_friction, restore_friction, start_friction
 from .layout import PREVIEW_TICKS
 from .leak import restore_leak, start_leak
 from .monitor import start_monitor
 from .prediction import start_prediction
+from .presliding import keep_presliding, restore_presliding
 from .spool import look_ahead_shift, round_lag
 from .step import want_design
 from .stribeck import MOST_WEIGHT
@@ -67,8 +68,10 @@ def restore(s, known):
     """Into a state that was just started: what `keep` kept. known: a record LEARNED."""
     restore_valve(s.valve, known.flow)
     restore_friction(s.friction, known.friction)
+    restore_presliding(s.friction.presliding, known.presliding, known.friction.half_step_Pa)
     s.trim.rounding_V = known.rounding_V
     restore_rounding(s.rounding, s.trim.rounding_V)
+    s.trim.known = lower_bound_V(s.rounding) > 0.0
     restore_delay(s.delay, s.lateness, known.delay)
     if valve_ready(s.valve):
         restore_leak(s.leak, s.valve.leak_m_s)
@@ -83,6 +86,7 @@ def keep(s, known):
     """What was learned, into `known`, a record LEARNED."""
     keep_valve(s.valve, known.flow)
     keep_friction(s.friction, known.friction)
+    keep_presliding(s.friction.presliding, known.presliding)
     known.rounding_V = s.trim.rounding_V
     keep_delay(s.delay, s.lateness, known.delay)
     keep_plain_control(s, known.plain_control)

@@ -42,7 +42,7 @@ from .friction import (
 from .inverse import advance_inverse
 from .lateness import due_pressure_Pa, pressure_then_Pa
 from .layout import LEAD_TAPS, PREVIEW_TICKS
-from .leak import start_leak, tell_leak
+from .leak import follow_leak, leak_ratio, start_leak, tell_leak
 from .loop_feedback import fed_back_V
 from .piston_leak import leaked_across_m_s
 from .prediction import predict, watch_setpoint
@@ -163,7 +163,8 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
     state.mean_deviation_Pa += DEVIATION_SHARE * (deviation - state.mean_deviation_Pa)
 
     bottom = pressure + state.mean_deviation_Pa + state.supply_Pa * settings.area_ratio
-    roots, leak_m_s = _roots(settings, state.supply_Pa, bottom), state.valve.leak_m_s
+    roots = _roots(settings, state.supply_Pa, bottom)
+    leak_m_s = state.valve.leak_m_s * leak_ratio(state.valve, roots)
     if settings.rod_ratio > 0.0:
         load_ahead, engaged = pressure + state.mean_deviation_Pa, state.engagement.ramp > 0.0
         roots = roots_ahead(state.chambers, settings, reference, oil, load_ahead, state.supply_Pa, engaged, state.shift)
@@ -203,7 +204,7 @@ def _track_plain_control(state, bottom, supply):
     state.mean_supply_Pa += share * (supply - state.mean_supply_Pa)
     roots = _roots(settings, state.mean_supply_Pa, state.mean_bottom_Pa)
     kp = settings.position_gain_V_per_m
-    reference.null_m, reference.leak_m_s = valve.null_V / kp, valve.leak_m_s
+    reference.null_m, reference.leak_m_s = valve.null_V / kp, valve.leak_m_s * leak_ratio(valve, roots)
     for i in range(2):
         reference.loop_1_s[i] = kp * valve.edges[i].gain_m_s_V * roots[i]
         reference.dead_band_m[i] = max(valve.edges[i].dead_band_V, 0.0) / kp
@@ -225,11 +226,11 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     _, share, acceleration_m_s2, reference_m, oil_m, velocity_m_s, sign, friction_step = now
     compensated, engaged = state.engagement.ramp == 1.0, state.engagement.ramp > 0.0
     means, roots = _measured_roots(state, position_m, p, supply_Pa)
-    state.last_bottom_Pa = p
-    p_late = pressure_then_Pa(state.lateness, p)
+    state.last_bottom_Pa, p_late = p, pressure_then_Pa(state.lateness, p)
     z = position_m + compliance_m_Pa(settings, position_m) * p_late
     push(state.oil_error_m, z - oil_m)
-    state.leaked_m += valve.leak_m_s * settings.tick_s
+    leak_m_s = follow_leak(valve, means)
+    state.leaked_m += leak_m_s * settings.tick_s
     if valve.four_way:
         chambers = state.chambers
         valve.across_Pa = across_Pa(settings, position_m, chambers.mean_bottom_Pa, chambers.mean_top_Pa)
@@ -241,7 +242,7 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     _find_delay(state, position_m, p, v, velocity_m_s, roots, compensated)
     if compensated and not valve.four_way:
         identified_V, highest_V = lower_bound_V(state.rounding), 0.5 * valve.edges[0].dead_band_V
-        add_to_trim(state.trim, state.oil_error_m, velocity_m_s - valve.leak_m_s, identified_V, highest_V)
+        add_to_trim(state.trim, state.oil_error_m, velocity_m_s - leak_m_s, identified_V, highest_V)
     if valve_usable(valve):
         if engaged and not told_while_compensated(valve):
             state.rounding.ticks = 0
@@ -268,7 +269,7 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     complete = add_to_stribeck(stribeck, velocity_m_s, lacks_Pa, late, share)
     travel_m = abs(velocity_m_s) * settings.tick_s
     add_to_presliding(presliding, sign, travel_m, stribeck_share(velocity_m_s), friction_step)
-    if complete and compensated:
+    if complete and compensated and not state.engagement.armed:  # armed it is where the motion begins, no reversal
         softness = softness_m_Pa(state.delay) / compliance_m_Pa(settings, 0.5 * settings.stroke_m)
         judge_compensated(state.trust, stribeck.deviation_Pa, inertia, softness, state.lag_s)
         update_presliding(
@@ -294,8 +295,9 @@ def _measured_roots(state, position_m, p, supply_Pa):
 def _find_delay(state, position_m, p, volts_V, velocity_m_s, roots, compensated):
     """One tick of the delay, and of how much of it is the position's."""
     delay, lateness, valve = state.delay, state.lateness, state.valve
-    y, flow_m_s = position_m - state.leaked_m, velocity_m_s - valve.leak_m_s
+    y, flow_m_s = position_m - state.leaked_m, velocity_m_s - valve.leak_m_s * valve.leak_ratio
     compliance = compliance_m_Pa(state.settings, position_m)
+    delay.rounding_V = state.trim.rounding_V
     delay.tells = add_to_delay(delay, y, p, volts_V, flow_m_s, roots, valve, compliance, compensated)
     if delay.tells or (delay.hears and state.lag_s > 0.0):
         delay.hears = False

@@ -52,10 +52,7 @@ NULL_ALPHA, NULL_BETA = 0.08, 0.47  # most with which the null follows, a window
 NULL_PERIOD = 2.0  # with which it follows, over the windows of the last two half strokes
 NULL_ERROR_V, NULL_RATE_V_S, NULL_TICKS = 5e-3, 0.03, 100  # bounds: an error, the rate, ticks between windows
 UNKNOWN_LEAK = 3.0  # times the slowest speed of a window, while a leak may move the piston by itself
-RESTORED_VARIANCE, RESTORED_COUNT = (
-    1e-4,
-    50,
-)  # of the prior's, of an edge that was known; windows its residual stands for
+RESTORED_VARIANCE, RESTORED_COUNT = 1e-5, 50  # of the prior's, of a known edge: 1 mV; windows its residual stands for
 USABLE_WINDOWS = 8  # from which the gain is right within some per cent
 
 
@@ -64,7 +61,7 @@ def start_valve(valve, tick_s, window, min_speed_m_s, settle, memory):
     """Both directions unknown. window: ticks; min_speed_m_s: mean speed of the piston from which a window counts;
     settle: ticks after the volts change sign in which the spool crosses; memory: windows."""
     valve.tick_s, valve.window, valve.min_speed_m_s, valve.settle = tick_s, window, min_speed_m_s, settle
-    valve.side, valve.ticks = -1.0, 1
+    valve.side, valve.ticks, valve.leak_ratio = -1.0, 1, 1.0
     start_edge(valve.edges[0], memory)
     start_edge(valve.edges[1], memory)
 
@@ -154,8 +151,8 @@ def set_leak(valve, leak_m_s):
     change = leak_m_s - valve.leak_m_s
     valve.leak_m_s = leak_m_s
     down, up = valve.edges[0], valve.edges[1]
-    shift_edge(up, 0.0, change)
-    shift_edge(down, 0.0, -change)
+    shift_edge(up, 0.0, change * valve.leak_ratio)
+    shift_edge(down, 0.0, -change * valve.leak_ratio)
     _restart(valve)
     if abs(change) > 0.25 * valve.min_speed_m_s:
         restart_edge(up)
@@ -221,7 +218,8 @@ def _finish_window(valve, edge, z_m, size, through):
     tick = valve.tick_s
     moved = valve.direction * (z_m - valve.start_m)
     slowest = valve.min_speed_m_s if valve.leak_known else UNKNOWN_LEAK * valve.min_speed_m_s
-    travelled = abs(z_m - valve.start_m + valve.leak_m_s * valve.window * tick)  # a leak moves oil at rest, too
+    leak_m_s = valve.leak_m_s * valve.leak_ratio
+    travelled = abs(z_m - valve.start_m + leak_m_s * valve.window * tick)  # a leak moves oil at rest, too
     if min(moved, travelled) < slowest * valve.window * tick:
         _restart(valve)
         return

@@ -6,7 +6,8 @@ import numpy as np
 
 from hexsim.compiled import compiled
 
-NEWTON_STEPS = 6  # of the inverse: 1e-12 m at 2 pi A/L = 0.5
+NEAR_M = 1e-9  # Newton's step below which the next one is none
+MOST_STEPS = 8
 
 
 @compiled
@@ -15,11 +16,13 @@ def rippled(y, amplitude, pitch, phase):
     return y + amplitude * np.sin(2.0 * np.pi * y / pitch + phase)
 
 
-@compiled
-def unrippled(shown, amplitude, pitch, phase):
-    """Where a scale stands that shows this [m], an array or a number: Newton's steps from what it shows."""
+def unrippled(shown: np.ndarray, amplitude: float, pitch: float, phase: float) -> np.ndarray:
+    """Where a scale stands that shows this (n,) [m]: Newton's steps from what it shows."""
     y, k = shown, 2.0 * np.pi / pitch
-    for _ in range(NEWTON_STEPS):
-        slope = 1.0 + amplitude * k * np.cos(k * y + phase)
-        y = y - (rippled(y, amplitude, pitch, phase) - shown) / np.maximum(slope, 0.1)
+    for _ in range(MOST_STEPS):
+        angle = k * y + phase
+        step = (shown - y - amplitude * np.sin(angle)) / np.maximum(1.0 + amplitude * k * np.cos(angle), 0.1)
+        y = y + step
+        if np.max(np.abs(step)) < NEAR_M:
+            break
     return y

@@ -18,7 +18,7 @@ def test_a_scale_errs_by_its_amplitude_a_quarter_pitch_from_where_it_is_right(y,
 
 @pytest.mark.parametrize("amplitude", [0.0, 4e-6, 8e-5])
 def test_a_reading_leads_back_to_where_the_scale_stands(amplitude):
-    """To 1e-12 m at half of the steepest wave that can be undone; without a wave to the bit."""
+    """To 1e-12 m up to half of the steepest wave that can be undone; without a wave to the bit."""
     y = np.linspace(0.0, 0.2, 5001)
     back = unrippled(rippled(y, amplitude, 1e-3, 0.7), amplitude, 1e-3, 0.7)
     np.testing.assert_allclose(back, y, rtol=0.0, atol=1e-12 if amplitude else 0.0)
@@ -36,3 +36,10 @@ def test_log_and_controller_read_the_same_wave():
     ticks = [sensor.at(k, y[: k + 1]) for k in range(30)]
     np.testing.assert_array_equal(np.array(ticks), column)
     assert not sensor.is_direct
+
+
+def test_a_wave_beside_a_wave_of_its_pitch_adds_up():
+    """What any machine has of it and what one is asked for stand in two tables: 5 and 30 um are 35 um, not the last one."""
+    waves = [{"amplitude_m": size, "pitch_m": 2e-3, "phase_rad": 0.4} for size in (5e-6, 3e-5)]
+    resolved = resolve(changed(load_machine("bench"), {"effects.position_ripple": waves}))
+    assert resolved.position_ripple[0] == pytest.approx([3.5e-5, 2e-3, 0.4], rel=1e-12)

@@ -68,18 +68,21 @@ def test_a_gap_without_a_name(questions):
         ("flow_gain_of_position", "product", 0.05),
         ("stick_at_one_place", "direction", 0.6),
         ("oil_warms_up", "product", 0.6),
+        ("friction_memory", "memory", 0.6),
     ],
     indirect=["questions"],
 )
 def test_gaps_that_go_with_the_direction_or_times_the_velocity(questions, form, left):
-    """A valve that passes more at long stroke, a friction bump at one place, friction that fades: the learned term of that form
+    """A valve that passes more at long stroke, a friction bump at one place, friction that fades, friction that grows with the speed
+    of the last 0.4 s (a curve over the low-passed speed out, its opposite in): the learned term of that form
     leaves this share of the held-out position error at most."""
     machine, problem, held_out = questions
     rest = unexplained_residuals(violations(machine, machine, problem), problem)[0]
     assert rest.dependence.form == form
     base = refine(start_fit(machine, priors(machine), problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)
     found = learned_fit(rest, base, problem, held_out)
-    assert found is not None and found[1]["curve"]["form"] == form
+    assert found is not None and found[1]["curve"]["form"] == {"memory": "direction"}.get(form, form)
+    assert ("memory_s" in found[1]["curve"]) == (form == "memory")
     errors = error_table(held_out, machine, base.fitted_machine(), found[0].fitted_machine())["validate"]["position_m"]
     assert errors["with_effect"] < left * errors["refit"]
 

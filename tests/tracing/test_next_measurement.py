@@ -37,7 +37,7 @@ from hexsim.tracing.design.information import (
 )
 from hexsim.tracing.design.motions import KINDS, STEP_SHARE, MotionFamily
 from hexsim.tracing.design.next_measurement import surviving, what_is_open
-from hexsim.tracing.design.rest import as_measured
+from hexsim.tracing.design.rest import as_measured, labels_of
 from hexsim.tracing.design.words import purpose_of
 from hexsim.tracing.fitting.fit import refine, start_fit
 from hexsim.tracing.fitting.parameters import named, priors
@@ -231,6 +231,20 @@ def test_an_error_that_ends_at_a_bound_is_not_made_small_by_it(leaking):
     assert shrunk(one, share)[0] == pytest.approx(one.numbers[0].standard_error)
     calm = dataclasses.replace(one, fit=leaking)
     assert shrunk(calm, share)[0] == pytest.approx(1e-3 * calm.numbers[0].standard_error)
+
+
+def test_what_stands_beside_every_name_is_no_part_of_one():
+    """A ripple that is fitted in all hypotheses is in none of their names; what is sure stays, and a rival of it is told whole."""
+
+    def fitted(*effects):
+        return SimpleNamespace(fit=SimpleNamespace(candidates=[named(effect) for effect in effects]))
+
+    ripple = "position_ripple"
+    found = [fitted(ripple, "constant_force"), fitted(ripple, "incline"), fitted(ripple)]
+    assert labels_of(found, frozenset()) == ["constant_force", "incline", "small realities alone"]
+    found = [fitted("spring", ripple, "incline"), fitted("spring", ripple, "mass_change")]
+    assert labels_of(found, frozenset({"spring", "incline"})) == ["spring and incline", "spring and mass_change"]
+    assert labels_of(found[:1], frozenset({"incline"})) == ["incline"]
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """Effects of the second plant that no library has: the balance that stays violated, and what its rest depends on."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -49,3 +50,18 @@ def test_every_form_of_a_dependence_has_a_drawing_and_words(form):
     for _, knots, curve in curves:
         assert knots.shape == curve.shape and np.all(np.isfinite(curve))
     assert form == "tone" or "{}" in report_page.FORMS[form]
+
+
+def test_the_sentence_says_which_signal_is_the_worst_before_and_after():
+    """Of a machine with a sure effect another leg may be the worst afterwards: each error stands with its own signal, and what is
+    left with its place."""
+    errors = {
+        f"position_{leg}_m": {"noise": 1.0, "declared": 9.0, "refit": before, "with_effect": after}
+        for leg, before, after in ((3, 423.0, 8.5), (4, 42.0, 45.7))
+    }
+    rest = {"balance": "continuity", "where": "leg 4", "depends_on": "time_s", "form": "plain", "frequency_Hz": None}
+    report = {"error": {"roll": errors}, "unexplained": [rest | {"memory_s": 1.5, "r2_of_signals": {}}]}
+    effect = SimpleNamespace(tied_with=[], share=0.9, gain_cv=0.8)
+    said = report_page.sentence(SimpleNamespace(report=report, verdict="partly", effects=[effect]))
+    assert "from 423 (position of leg 3) to 45.7 (position of leg 4) times its sensor's noise" in said
+    assert "in the continuity balance of leg 4: a curve over the time behind a low-pass of 1.5 s." in said

@@ -42,7 +42,7 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
 EFFECT = Effect(
     name="flexible_payload",
     balance="force",
-    description="a part of the payload moves on a spring (flexible mount, sloshing)",
+    description="a part of the payload moves on a spring along one axis (flexible mount, sloshing)",
     source="Ibrahim 2005; mounts 3-30 Hz",
     parameters=(
         EffectParameter(name="mass_kg", unit="kg", bounds=(0.0, 1e5), typical=4.0),

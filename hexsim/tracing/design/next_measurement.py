@@ -20,7 +20,7 @@ from hexsim.scenarios.scenario import Scenario, scenario_from_dict
 from hexsim.tracing.design.ceiling import Ceiling, ceiling_of
 from hexsim.tracing.design.information import SHARP, Number, OpenRefits, Promise, at_the_rest, hypothesis
 from hexsim.tracing.design.motions import MotionFamily
-from hexsim.tracing.design.rest import OpenRest, label_of, open_rest
+from hexsim.tracing.design.rest import OpenRest, labels_of, open_rest
 from hexsim.tracing.design.words import cannot_tell, purpose_of
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit
@@ -195,7 +195,7 @@ def surviving(trace: Trace) -> list[tuple[str, Fit]]:
     """
     if in_the_balances(trace):
         named = frozenset(effect.candidate.label for effect in trace.effects)
-        return [(label_of(one, named), one.fit) for one in trace.rest]
+        return list(zip(labels_of(trace.rest, named), (one.fit for one in trace.rest), strict=True))
     effects = [effect.candidate.label for effect in trace.effects]
     found = [(" and ".join(effects) or _label(trace.final), trace.final)]
     for tied in trace.ties:

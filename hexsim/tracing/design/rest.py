@@ -100,7 +100,7 @@ def open_rest(
     known = tuple(rest_level.weighted_system(one.fit, one.columns, problem)[0] for one in found)
     fit, labels = (
         replace(best.fit, covariance=rest_errors.sandwich(best, problem)),
-        [label_of(one, named) for one in found],
+        labels_of(found, named),
     )
     return OpenRest(
         labels=tuple(labels),
@@ -115,10 +115,14 @@ def open_rest(
     )
 
 
-def label_of(one: RestFit, named: frozenset[str]) -> str:
-    """The effects of a hypothesis: the sure ones, else what stands beside the small realities."""
-    effects = [c.label for c in one.fit.candidates if not rest_level.is_held(c)]
-    return " and ".join([c for c in effects if c in named] or effects) or "small realities alone"
+def labels_of(found: Sequence[RestFit], named: frozenset[str]) -> list[str]:
+    """The effects of each hypothesis: of the first the sure ones; else what is sure or not in all, such as a scale's ripple
+    that is fitted beside every name."""
+    effects = [[c.label for c in one.fit.candidates if not rest_level.is_held(c)] for one in found]
+    shared = set.intersection(*map(set, effects)) - named if len(found) > 1 else set()
+    told = [[c for c in own if c not in shared] for own in effects]
+    told[0] = [c for c in told[0] if c in named] or told[0]
+    return [" and ".join(own) or "small realities alone" for own in told]
 
 
 def as_measured(one: Fit, problem: BalanceProblem, simulated: SimulatedProblem, log: Log) -> BalanceProblem | None:

@@ -65,7 +65,7 @@ class Candidate:
 
     def table(self, values: dict[str, float]) -> dict[str, Any]:
         """The [effects.*] table of a machine file."""
-        return values | ({} if self.where == "all legs" else {"where": self.where})
+        return self.shape | values | ({} if self.where == "all legs" else {"where": self.where})
 
     def start(self) -> dict[str, float]:
         """Values at a coordinate size of 0: neutral size, shape as screened."""

@@ -84,16 +84,20 @@ def row_counts(problem: FitProblem) -> Array | float:
 
 
 def ordinary_effects(possible: Sequence[Candidate]) -> list[Candidate]:
-    """The small realities among these candidates, one number each, held to its ordinary size."""
-    found = {}
+    """The small realities among these candidates, one number each, held to its ordinary size.
+
+    A shape that was read off the logs stays; of several legs each would have its own, and no small one is asked for.
+    """
+    found, many = {}, any(candidate.where.startswith("leg") for candidate in possible)
     for candidate in possible:
         effect = candidate.effect
-        if effect.name in rules.ORDINARY and candidate.where == "all legs":
+        shape = {key: value for key, value in candidate.shape.items() if not any(p.grid for p in effect.parameters)}
+        if effect.name in rules.ORDINARY and candidate.where == "all legs" and not (shape and many):
             size, most = effect.parameters[0], rules.ORDINARY[effect.name]
             low, high = size.bounds
             bounds = (most, high) if np.isinf(size.neutral) else (max(low, -most), min(high, most))
             small = replace(effect, parameters=(replace(size, bounds=bounds),))
-            found[effect.name] = replace(candidate, effect=small, shape={})
+            found[effect.name] = replace(candidate, effect=small, shape=shape)
     return list(found.values())
 
 

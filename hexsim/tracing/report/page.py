@@ -118,9 +118,8 @@ def effect_words(effect: NamedEffect) -> str:
 def sentence(result: Trace) -> str:
     """What the verdict rests on, with numbers."""
     report = result.report
-    before, channel = worst_error(report, "refit")
-    after = worst_error(report, "with_effect")[0]
-    signal = channel_words(channel) if channel else "signal"
+    (before, channel), (after, last) = (worst_error(report, model) for model in ("refit", "with_effect"))
+    signal, later = (channel_words(name) if name else "signal" for name in (channel, last))
     if result.verdict == "nothing missing":
         kinds = dict.fromkeys(kind_of(name) for name in result.fit_problem.channels(0))
         seen = " and ".join(SCALE[kind][0].split(",")[0] for kind in kinds)
@@ -129,7 +128,7 @@ def sentence(result: Trace) -> str:
             f"sensors' noise in {seen}: at most {plain(before)} times the noise on held-out motion."
         )
     if result.verdict == "partly":
-        return partly_sentence(result, plain(before), plain(after), signal)
+        return partly_sentence(result, f"{plain(before)} ({signal})", f"{plain(after)} ({later})")
     if result.effects:
         ties = sorted({tied.replace("_", " ") for e in result.effects for tied in e.tied_with})
         tied = f" These runs cannot tell it from {' or '.join(ties)}." if ties else ""
@@ -138,29 +137,31 @@ def sentence(result: Trace) -> str:
             f"declared parameters are fitted; with it every signal comes to {plain(after)} times the noise or less.{tied}"
         )
     rests = unexplained_rows(report)
-    where = (
-        f" The residual is in the {rests[0]['balance']} balance of {rests[0]['place']}: {rests[0]['description']}."
-        if rests
-        else ""
+    where = f" The residual is in {place_of(rests[0])}" if rests else ""
+    learned = (
+        f" A curve learned from the logs brings the largest to {plain(after)}, under no name." if result.learned else ""
     )
-    learned = f" A curve learned from the logs brings it to {plain(after)}, under no name." if result.learned else ""
     return (
         f"However the declared parameters are fitted, the {signal} stays {plain(before)} times its sensor's noise off on "
         f"held-out motion.{where}{learned}"
     )
 
 
-def partly_sentence(result: Trace, before: str, after: str, signal: str) -> str:
+def place_of(rest: Mapping[str, Any]) -> str:
+    return f"the {rest['balance']} balance of {rest['place']}: {rest['description']}."
+
+
+def partly_sentence(result: Trace, before: str, after: str) -> str:
     """What is sure of a machine that no model fits, and what is left."""
     first = result.effects[0]
     rivals = " or ".join(first.tied_with).replace("_", " ")
     tied = f" These runs cannot tell it from {rivals}." if rivals else ""
     rests = unexplained_rows(result.report)
-    left = f" What is left is in the {rests[0]['balance']} balance: {rests[0]['description']}." if rests else ""
+    left = f" What is left is in {place_of(rests[0])}" if rests else ""
     return (
         f"It takes {first.share:.0%} of the mean square that the balances leave on the fit runs and {first.gain_cv:.0%} on the "
-        f"held-out ones, with the same number in each run.{tied} The {signal} goes from {before} to {after} times its sensor's "
-        f"noise on held-out motion.{left}"
+        f"held-out ones, with the same number in each run.{tied} The largest error on held-out motion goes from {before} "
+        f"to {after} times its sensor's noise.{left}"
     )
 
 

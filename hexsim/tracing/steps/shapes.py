@@ -33,6 +33,8 @@ PLACES = 150  # along the stroke at which wear is looked for
 PITCHES_M = (2e-4, 1e-2)  # of a scale's ripple
 CELL_M, CELLS = 2e-5, 2**17  # places at which a ripple is summed: 0.4 lines a metre between two pitches
 FINE_S = 0.05  # [s] half width of the window that takes off how the piston moved
+LINE = 6.0  # times the rms of all pitches: noise comes to 3, a ripple of 2 um to 14
+SEEN_FIRST = ("position_ripple",)  # without their shape they have no column
 SLOW_M_S = 0.01  # below it a ripple is slower than that window
 
 
@@ -94,7 +96,7 @@ def _scale_ripple(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> d
     """Pitch [m] and phase of the wave along the stroke in what the positions show beyond how the pistons moved.
 
     That is the position less the integral of its velocity, under a window; its sums over the places of the stroke have one
-    Fourier transform for all pitches. Of several legs the one that stands out most.
+    Fourier transform for all pitches. Of several legs the one that stands out most; none where no pitch does.
     """
     resolved, best = resolved_machine(machine), (0.0, {})
     lines = np.fft.rfftfreq(CELLS, CELL_M)
@@ -116,7 +118,7 @@ def _scale_ripple(machine: Machine, logs: Sequence[Log], keep: list[slice]) -> d
         if level > best[0]:
             phase = float(np.angle(1j * wave[j]))  # of A sin: -i A/2 exp(i phase)
             best = (level, {"pitch_m": float(1.0 / lines[j]), "phase_rad": phase})
-    return {"position_ripple": best[1]} if best[1] else {}
+    return {"position_ripple": best[1]} if best[0] > LINE else {}
 
 
 def _gain(X: Array, r: Array) -> float:
@@ -188,7 +190,8 @@ def worth_screening(
     volts are those of the declared loop has no error: a simulation alone would take it for one of the valve.
     """
     loop = any(line.name == Loop.name for line in lines)
-    everything = [c for c in candidates(machine, proposed) if loop or c.effect.balance != Loop.name]
+    possible = [c for c in candidates(machine, proposed) if c.shape or c.effect.name not in SEEN_FIRST]
+    everything = [c for c in possible if loop or c.effect.balance != Loop.name]
     legs = [line for line in lines if line.where.startswith("leg ")]
     if machine.n_legs == 1 or not legs:
         return everything
