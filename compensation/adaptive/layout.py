@@ -97,7 +97,7 @@ FRICTION = record(  # friction.py
     count="i8", start_m="f8", middle_m="f8", sum_load="f8", sum_a="f8",
     windows=("i8", (2,)),  # retracting, extending
     half_step_Pa="f8", phi=("f8", (FIT_SIZE,)),
-    told="i8", unsure_m_s="f8",  # the load is told by a platform, whose other legs bias the half step; see trust.py
+    told="i8",  # the load is told by a platform, whose other legs bias the half step while they engage
 )  # fmt: skip
 REFERENCE = record(  # reference.py: y_m at the tick boundary looked at last
     tick_s="f8",

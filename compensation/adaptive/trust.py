@@ -10,10 +10,6 @@ for what the pressure lacks about compensated reversals,
 as acceleration of the load. It is low-passed from reversal to reversal; below QUIET g rises, above LOUD it falls. Oil that
 is much softer than the data sheet's is not delivered in full either. A platform's leg that is told its load does not wait:
 legs that lag differently would tilt the platform.
-
-While e is above SURE, the step of friction is spread over more speed, and so over more time the gentler a reversal is. Delay,
-bristles and soft oil make it come early or late, which is worst where plain control's bump is least. What is held back is
-known, and no part of e. On four-way valves it is not: there hysteresis stayed loud by it.
 """
 
 from __future__ import annotations
@@ -32,7 +28,6 @@ FILTER = np.convolve(np.full(5, 0.2), np.full(4, 0.25))  # 3 dB down at 33 Hz
 NOISE_PA = 4e3 * float(np.linalg.norm(FILTER))  # of F P~
 SHORT_S, MEMORY_S = 0.45, 30.0  # between the two reversals of a small turn; for which it is remembered
 TURN_M_S = 2e-3  # speed from which the setpoint has turned
-UNSURE_S, SURE_M_S2 = 5e-3, 0.1  # speed over which friction's step is spread further, of e above this
 LOUDER = 2.0  # e over the least, from which the lag in use goes back to that of the least
 FORGOTTEN = 1.1  # with which the least grows, a reversal
 SOFT = 0.3  # of the data sheet's compliance: oil softer by this
@@ -48,13 +43,6 @@ def watch_turns(trust, setpoint_m_s, tick_s):
             trust.turning_s = MEMORY_S if trust.since_s < SHORT_S else trust.turning_s
             trust.since_s = 0.0
         trust.direction = setpoint_m_s
-
-
-@compiled
-def unsure_m_s(trust):
-    """Speed by which the step of friction is spread further. Friction is passive: where the pressure steps too late the
-    piston stands, and what is felt is the acceleration asked for at most; where it steps too early the load is pushed."""
-    return UNSURE_S * max(trust.error_m_s2 - SURE_M_S2, 0.0)
 
 
 @compiled
