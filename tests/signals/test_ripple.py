@@ -36,3 +36,10 @@ def test_log_and_controller_read_the_same_wave():
     ticks = [sensor.at(k, y[: k + 1]) for k in range(30)]
     np.testing.assert_array_equal(np.array(ticks), column)
     assert not sensor.is_direct
+
+
+def test_a_wave_beside_a_wave_of_its_pitch_adds_up():
+    """What any machine has of it and what one is asked for stand in two tables: 5 and 30 um are 35 um, not the last one."""
+    waves = [{"amplitude_m": size, "pitch_m": 2e-3, "phase_rad": 0.4} for size in (5e-6, 3e-5)]
+    resolved = resolve(changed(load_machine("bench"), {"effects.position_ripple": waves}))
+    assert resolved.position_ripple[0] == pytest.approx([3.5e-5, 2e-3, 0.4], rel=1e-12)

@@ -10,8 +10,8 @@ from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
-    """One exponential a leg."""
-    resolved.rows[list(legs), P.FRICTION_WARM_UP] = values["share_at_start"]
+    """One exponential a leg; shares of several of one time constant add up."""
+    resolved.rows[list(legs), P.FRICTION_WARM_UP] += values["share_at_start"]
     resolved.rows[list(legs), P.FRICTION_WARM_UP_TIME] = values["time_constant_s"]
 
 

@@ -7,8 +7,10 @@ from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
-    """One wave in the scale of these legs."""
-    resolved.position_ripple[list(legs)] = list(values.values())
+    """One wave in the scale of these legs; amplitudes of several of one pitch add up."""
+    own = list(legs)
+    resolved.position_ripple[own, 0] += values["amplitude_m"]
+    resolved.position_ripple[own, 1:] = values["pitch_m"], values["phase_rad"]
 
 
 EFFECT = Effect(
