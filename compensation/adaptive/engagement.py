@@ -36,7 +36,7 @@ from ..compiled import compiled
 from .arithmetic import clip
 from .chambers import compliance_m_Pa
 from .checks import checks_passed, excited_enough
-from .edge_rounding import jumps, upper_bound_V
+from .edge_rounding import upper_bound_V
 from .friction import friction_ready, inertia_Pa, resonance_growth_1_s
 from .layout import DEMANDS, LEAD_TICKS, PREVIEW_TICKS
 from .monitor import add_to_monitor, begin_range, monitor_ready, worse_than_baseline
@@ -215,7 +215,7 @@ def _track_excitation(state, setpoint_m_s2):
         engagement.excitation_m_s2 = engagement.reversal_m_s2 = engagement.peak_m_s2
         engagement.peak_m_s2 = 0.0
         engagement.stability_limit_m_s2 = _stability_limit_m_s2(state)
-        sure = state.friction.told or engagement.armed or jumps(state.valve)
+        sure = state.friction.told or engagement.armed or state.valve.four_way
         state.friction.unsure_m_s = 0.0 if sure else unsure_m_s(state.trust)
     if engagement.excitation_m_s2 < engagement.stability_limit_m_s2:
         engagement.excited = False

@@ -178,20 +178,27 @@ def stribeck_share(velocity_m_s):
 
 
 @compiled
-def demanded_pressure(reference, friction, weight, settings):
-    """P1 - Ps A2/A1 [Pa] that the reference needs, its step at a reversal, the signed share of the Stribeck pressure
-    in it, and the sign that friction goes to.
+def held_back(friction, velocity_m_s):
+    """Share of the step at a reversal that is not asked for yet at a speed, while reversals are loud (trust.py)."""
+    near = 1.0 - abs(velocity_m_s) / friction.unsure_m_s if friction.unsure_m_s > 0.0 else 0.0
+    return near * near if near > 0.0 else 0.0
 
-    weight: of friction. Its step at a reversal is spread as the settings say.
+
+@compiled
+def demanded_pressure(reference, friction, weight, settings):
+    """P1 - Ps A2/A1 [Pa] that the reference is given, the step at a reversal that it needs, the signed share of the Stribeck
+    pressure in it, and the sign that friction goes to.
+
+    weight: of friction. Its step at a reversal is spread as the settings say, and some of it is held back (`held_back`).
     """
     if weight == 0.0:
         return 0.0, 0.0, 0.0, 0.0
     v, a = reference.velocity_m_s, reference.acceleration_m_s2
-    sign, presliding_m_s = 1.0 if v > 0.0 else -1.0, settings.presliding_m_s + friction.unsure_m_s
-    if abs(v) < abs(a) * settings.step_max_s + presliding_m_s:
+    sign = 1.0 if v > 0.0 else -1.0
+    if abs(v) < abs(a) * settings.step_max_s + settings.presliding_m_s:
         least_s = PAIR_STEP_MIN_S if settings.rod_ratio > 0.0 else settings.step_min_s
         width_s = clip(step_acceleration_m_s2(friction) / settings.jerk_m_s3, least_s, settings.step_max_s)
-        x = v / (abs(a) * width_s + presliding_m_s)
+        x = v / (abs(a) * width_s + settings.presliding_m_s)
         if -1.0 < x < 1.0:
             sign = x * (2.0 - abs(x))
     p = friction.presliding
@@ -199,4 +206,4 @@ def demanded_pressure(reference, friction, weight, settings):
     share = p.bristle * stribeck_share(v)
     step = p.bristle * friction.half_step_Pa + share * friction.stribeck.pressure_Pa
     smooth_Pa = smooth_pressure_Pa(friction, reference.position_m, v, reference.load_m_s2)
-    return weight * (smooth_Pa + step), step, share, sign
+    return weight * (smooth_Pa + step - held_back(friction, v) * step), step, share, sign

@@ -33,6 +33,7 @@ from .friction import (
     add_to_friction,
     demanded_pressure,
     friction_ready,
+    held_back,
     inertia_Pa,
     resonance_of_load_Hz,
     stribeck_share,
@@ -264,7 +265,8 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
             want_design(state, state.lag_s)
     friction, late = state.friction, position_m - reference_m
     stribeck, presliding, inertia = friction.stribeck, friction.presliding, inertia_Pa(friction)
-    complete = add_to_stribeck(stribeck, velocity_m_s, state.deviation_Pa[0], late, share)
+    lacks_Pa = state.deviation_Pa[0] - held_back(friction, velocity_m_s) * friction_step
+    complete = add_to_stribeck(stribeck, velocity_m_s, lacks_Pa, late, share)
     travel_m = abs(velocity_m_s) * settings.tick_s
     add_to_presliding(presliding, sign, travel_m, stribeck_share(velocity_m_s), friction_step)
     if complete and compensated and not state.engagement.armed:  # armed it is where the motion begins, no reversal

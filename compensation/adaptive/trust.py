@@ -12,7 +12,8 @@ is much softer than the data sheet's is not delivered in full either. A platform
 legs that lag differently would tilt the platform.
 
 While e is above SURE, the step of friction is spread over more speed, and so over more time the gentler a reversal is. Delay,
-bristles and soft oil make it come early or late, which is worst where plain control's bump is least.
+bristles and soft oil make it come early or late, which is worst where plain control's bump is least. What is held back is
+known, and no part of e. On four-way valves it is not: there hysteresis stayed loud by it.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ FILTER = np.convolve(np.full(5, 0.2), np.full(4, 0.25))  # 3 dB down at 33 Hz
 NOISE_PA = 4e3 * float(np.linalg.norm(FILTER))  # of F P~
 SHORT_S, MEMORY_S = 0.45, 30.0  # between the two reversals of a small turn; for which it is remembered
 TURN_M_S = 2e-3  # speed from which the setpoint has turned
-UNSURE_S, SURE_M_S2 = 8e-3, 0.1  # speed over which friction's step is spread further, of e above this
+UNSURE_S, SURE_M_S2 = 5e-3, 0.1  # speed over which friction's step is spread further, of e above this
 LOUDER = 2.0  # e over the least, from which the lag in use goes back to that of the least
 FORGOTTEN = 1.1  # with which the least grows, a reversal
 SOFT = 0.3  # of the data sheet's compliance: oil softer by this

@@ -45,8 +45,8 @@ def test_trust_goes_by_what_the_pressure_lacks(bump_m_s2: float, trusted: int) -
 
 
 def test_the_step_of_friction_is_spread_while_reversals_are_loud() -> None:
-    """e of 0.4 m/s2, before anything is known, spreads it by 2.4 mm/s: at a reversal of 0.15 m/s2 the pressure asked for 5 ms
-    after it is less than half of what it is with e of 0.1 m/s2, and 50 ms after it the same."""
+    """e of 0.4 m/s2, before anything is known, spreads it by 1.5 mm/s: at a reversal of 0.15 m/s2 the pressure asked for 5 ms
+    after it is less than 0.8 of what it is with e of 0.1 m/s2, and 50 ms after it the same."""
     numbers = Adaptive().start(Context()).numbers
     reference, friction = numbers.reference, numbers.friction
     friction.half_step_Pa, reference.acceleration_m_s2 = 5e4, 0.15
@@ -56,9 +56,9 @@ def test_the_step_of_friction_is_spread_while_reversals_are_loud() -> None:
         friction.unsure_m_s = unsure_m_s(numbers.trust)
         for t in (5e-3, 50e-3):
             reference.velocity_m_s = 0.15 * t
-            asked_Pa[e, t] = demanded_pressure(reference, friction, 1.0, numbers.settings)[1]
-    assert friction.unsure_m_s == pytest.approx(2.4e-3)
-    assert asked_Pa[0.4, 5e-3] < 0.5 * asked_Pa[0.1, 5e-3] and asked_Pa[0.4, 50e-3] == asked_Pa[0.1, 50e-3] > 5e4 - 1.0
+            asked_Pa[e, t] = demanded_pressure(reference, friction, 1.0, numbers.settings)[0]
+    assert friction.unsure_m_s == pytest.approx(1.5e-3)
+    assert asked_Pa[0.4, 5e-3] < 0.8 * asked_Pa[0.1, 5e-3] and asked_Pa[0.4, 50e-3] == asked_Pa[0.1, 50e-3] > 5e4 - 1.0
 
 
 @pytest.mark.parametrize(("four_way", "lag_s"), [(1, 9.6e-3), (0, 5.0e-3)])
