@@ -60,7 +60,7 @@ def rounded():
 
 
 def test_rounded_edges_are_no_delay(rounded) -> None:
-    """Edges rounded by 18 mV: the bank of spools finds none of the 0.6 ms of delay that it found with sharp edges."""
+    """Edges rounded by 18 mV, as given: less than 0.25 ms of delay is found where there is none."""
     leg, learned = rounded
     algorithm = compensation.create("adaptive")
     state = algorithm.restore(Context(), learned)

@@ -60,17 +60,18 @@ def test_place_and_pitch_are_read_off_the_logs(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("injected", "name", "numbers"),
+    ("seed", "injected", "name", "numbers"),
     [
-        # the second plant's friction fades by 8 % of what it is at the start: 0.08/0.92 of what it is when warm
-        ({"friction_warm_up": 0.08}, "friction_warm_up", {"share_at_start": 0.08 / 0.92, "time_constant_s": 8.0}),
-        ({"worn_bore": 5e-13}, "worn_bore", {"conductance_m3_s_Pa": 5e-13, "place_m": 0.092, "width_m": 0.008}),
-        ({"scale_ripple": 3e-5}, "position_ripple", {"amplitude_m": 3e-5, "pitch_m": 1e-3}),
+        # the second plant's friction fades by 8 % of what it is at the start: 0.08/0.92 of what it is when warm. Where that
+        # takes a parameter out of its declared reach, as viscous friction of seed 44, its change is named besides
+        (3, {"friction_warm_up": 0.08}, "friction_warm_up", {"share_at_start": 0.08 / 0.92, "time_constant_s": 8.0}),
+        (44, {"worn_bore": 5e-13}, "worn_bore", {"conductance_m3_s_Pa": 5e-13, "place_m": 0.092, "width_m": 0.008}),
+        (44, {"scale_ripple": 3e-5}, "position_ripple", {"amplitude_m": 3e-5, "pitch_m": 1e-3}),
     ],
 )
-def test_it_is_named_with_its_numbers(tmp_path, injected, name, numbers):
+def test_it_is_named_with_its_numbers(tmp_path, seed, injected, name, numbers):
     """A bench of the second plant, its parameters off, traced whole: that effect alone, within 5 %."""
-    write_machine(tmp_path, 44, injected)
+    write_machine(tmp_path, seed, injected)
     [effect] = trace(tmp_path, ["fit", "sweep"], ["validate"]).report["effects"]
     assert effect["name"] == name
     assert {key: effect["parameters"][key] for key in numbers} == pytest.approx(numbers, rel=0.05)
