@@ -165,9 +165,7 @@ DELAY = record(  # delay.py
     error_m=("f8", (BEFORE + AFTER + 1,)), pulse=("f8", (5 * (PAST_VOLTS + 2),)),  # work
 )  # fmt: skip
 LATENESS = record(tick_s="f8", late_s="f8", pressures_Pa=("f8", (LATE_TICKS + 2,)))  # lateness.py  # fmt: skip
-TRUST = record(  # trust.py
-    error_m_s2="f8", trusted="i8", since_s="f8", turning_s="f8", direction="f8", least_m_s2="f8", lag_s="f8", holds="i8"
-)
+TRUST = record(error_m_s2="f8", trusted="i8", since_s="f8", turning_s="f8", direction="f8")  # trust.py
 SHAKEN = record(  # monitor.py: h of a position, and its range since the last reversal
     positions_m=("f8", (3 * BLOCK,)), sums_m=("f8", (3,)), accelerations_m_s2=("f8", (2 * APART + 1,)),
     count="i8",  # ticks, until the filter is filled

@@ -49,7 +49,7 @@ from .presliding import add_to_presliding, update_presliding
 from .reference import advance_reference, expect_load
 from .spool import look_ahead_shift, round_lag
 from .stribeck import add_to_stribeck, update_stribeck
-from .trust import judge_compensated, trusted_lag_s, watch_turns
+from .trust import judge_compensated, watch_turns
 from .valve import add_to_valve, recentre, valve_ready, valve_rejected, valve_usable
 
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
@@ -250,14 +250,14 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
             state.trim.rounding_V = lower_bound_V(state.rounding)
         state.friction.told = state.reference.load_given == 2
         add_to_friction(state.friction, position_m, load_Pa, acceleration_m_s2)
-    lag_s = trusted_lag_s(state.trust, valve) if engaged else valve.lag_s
-    if abs(lag_s - state.lag_s) > LAG_TOLERANCE_S and valve_ready(valve):
+    if abs(valve.lag_s - state.lag_s) > LAG_TOLERANCE_S and valve_ready(valve):
         if not engaged:
-            stretch_demands(state, look_ahead_shift(lag_s, settings.tick_s))
+            stretch_demands(state, look_ahead_shift(valve.lag_s, settings.tick_s))
         if not engaged or valve.four_way:
-            want_design(state, round_lag(lag_s))
+            want_design(state, round_lag(valve.lag_s))
         elif state.engagement.after_reversal:  # a spool's lag does not jump; an edge that is read badly may
-            want_design(state, round_lag(state.lag_s + clip(lag_s - state.lag_s, -LAG_REVERSAL_S, LAG_REVERSAL_S)))
+            moved_s = clip(valve.lag_s - state.lag_s, -LAG_REVERSAL_S, LAG_REVERSAL_S)
+            want_design(state, round_lag(state.lag_s + moved_s))
     elif friction_ready(state.friction) and valve_ready(valve):
         resonance_Hz = resonance_of_load_Hz(state.friction, settings)
         if abs(resonance_Hz - state.resonance_Hz) > RESONANCE_TOLERANCE * resonance_Hz:
@@ -269,7 +269,7 @@ def _identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     add_to_presliding(presliding, sign, travel_m, stribeck_share(velocity_m_s), friction_step)
     if complete and compensated and not state.engagement.armed:  # armed it is where the motion begins, no reversal
         softness = softness_m_Pa(state.delay) / compliance_m_Pa(settings, 0.5 * settings.stroke_m)
-        judge_compensated(state.trust, stribeck.deviation_Pa, inertia, softness, state.lag_s)
+        judge_compensated(state.trust, stribeck.deviation_Pa, inertia, softness)
         update_presliding(
             presliding, stribeck.deviation_Pa, stribeck.position_error_m, inertia, friction.half_step_Pa,
             settings.tick_s,

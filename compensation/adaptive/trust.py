@@ -28,8 +28,6 @@ FILTER = np.convolve(np.full(5, 0.2), np.full(4, 0.25))  # 3 dB down at 33 Hz
 NOISE_PA = 4e3 * float(np.linalg.norm(FILTER))  # of F P~
 SHORT_S, MEMORY_S = 0.45, 30.0  # between the two reversals of a small turn; for which it is remembered
 TURN_M_S = 2e-3  # speed from which the setpoint has turned
-LOUDER = 2.0  # e over the least, from which the lag in use goes back to that of the least
-FORGOTTEN = 1.1  # with which the least grows, a reversal
 SOFT = 0.3  # of the data sheet's compliance: oil softer by this
 
 
@@ -46,16 +44,8 @@ def watch_turns(trust, setpoint_m_s, tick_s):
 
 
 @compiled
-def trusted_lag_s(trust, valve):
-    """Lag to compensate: the one found, or on a four-way valve that of the quietest reversal, where the ones since then are
-    much louder: in slow motion lag and null are hardly told apart, and wander together."""
-    return trust.lag_s if trust.holds and valve.four_way else valve.lag_s
-
-
-@compiled
-def judge_compensated(trust, deviation_Pa, inertia_Pa, softness, lag_s):
-    """A compensated reversal in the history (2 REACH + 1,), made with this lag; softness: of the oil beyond the data
-    sheet's, over it."""
+def judge_compensated(trust, deviation_Pa, inertia_Pa, softness):
+    """A compensated reversal in the history (2 REACH + 1,); softness: of the oil beyond the data sheet's, over it."""
     count = 2 * REACH + 2 - len(FILTER)
     middle = 0.5 * (count - 1)
     mean = along = square = 0.0
@@ -71,10 +61,6 @@ def judge_compensated(trust, deviation_Pa, inertia_Pa, softness, lag_s):
     e = sqrt(max(left, 0.0)) / inertia_Pa
     trust.error_m_s2 += SHARE * (e - trust.error_m_s2)
     quiet = QUIET_M_S2 + NOISE_PA / inertia_Pa
-    trust.least_m_s2 *= FORGOTTEN
-    if trust.lag_s == 0.0 or e < trust.least_m_s2:
-        trust.least_m_s2, trust.lag_s = max(e, quiet), lag_s
-    trust.holds = e > LOUDER * trust.least_m_s2
     if softness > SOFT or trust.error_m_s2 > LOUD_RATIO * quiet:
         trust.trusted = False
     elif trust.error_m_s2 < quiet:
