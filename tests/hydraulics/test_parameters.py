@@ -133,6 +133,7 @@ def everything(machine):
         made.imu_place_m,
         made.loop_gain,
         made.loop_delay_ticks,
+        made.position_ripple,
     ]
     numbers += [legs.base_joints, legs.platform_joints, legs.retracted_length_m]
     return [n.tolist() for n in numbers], made.load, made.sensors, made.payload_modes
