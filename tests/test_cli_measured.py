@@ -26,7 +26,7 @@ REPORT = {
     ],
     "unexplained": [
         {"balance": "force", "where": "leg 1", "rms": 12.0, "unit": "N", "depends_on": "position_m", "r2_cv": 0.82,
-         "frequency_Hz": None, "form": "plain", "r2_of_signals": {"position_m": 0.82}}
+         "frequency_Hz": None, "form": "plain", "memory_s": None, "r2_of_signals": {"position_m": 0.82}}
     ],
     "error": {"validate": {"position_m": {"declared": 1e-4, "refit": 9e-5, "with_effect": 6e-6, "noise": 3e-6}}},
 }  # fmt: skip
