@@ -96,6 +96,12 @@ def leak_ratio(valve, roots):
 
 
 @compiled
+def leak_at_m_s(valve, roots):
+    """Oil that leaks into the chamber at this drop, as velocity [m/s]."""
+    return valve.leak_m_s * leak_ratio(valve, roots)
+
+
+@compiled
 def follow_leak(valve, roots):
     """Oil that leaks into the chamber now, as velocity; the valve's own windows take it at the same drop."""
     valve.leak_ratio = leak_ratio(valve, roots)

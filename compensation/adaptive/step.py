@@ -41,7 +41,7 @@ from .friction import (
 from .inverse import advance_inverse
 from .lateness import due_pressure_Pa, pressure_then_Pa
 from .layout import LEAD_TAPS, PREVIEW_TICKS
-from .leak import follow_leak, leak_ratio, start_leak, tell_leak
+from .leak import follow_leak, leak_at_m_s, start_leak, tell_leak
 from .loop_feedback import fed_back_V
 from .piston_leak import leaked_across_m_s
 from .prediction import predict, watch_setpoint
@@ -163,7 +163,7 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
 
     bottom = pressure + state.mean_deviation_Pa + state.supply_Pa * settings.area_ratio
     roots = _roots(settings, state.supply_Pa, bottom)
-    leak_m_s = state.valve.leak_m_s * leak_ratio(state.valve, roots)
+    leak_m_s = leak_at_m_s(state.valve, roots)
     if settings.rod_ratio > 0.0:
         load_ahead, engaged = pressure + state.mean_deviation_Pa, state.engagement.ramp > 0.0
         roots = roots_ahead(state.chambers, settings, reference, oil, load_ahead, state.supply_Pa, engaged, state.shift)
@@ -203,7 +203,7 @@ def _track_plain_control(state, bottom, supply):
     state.mean_supply_Pa += share * (supply - state.mean_supply_Pa)
     roots = _roots(settings, state.mean_supply_Pa, state.mean_bottom_Pa)
     kp = settings.position_gain_V_per_m
-    reference.null_m, reference.leak_m_s = valve.null_V / kp, valve.leak_m_s * leak_ratio(valve, roots)
+    reference.null_m, reference.leak_m_s = valve.null_V / kp, leak_at_m_s(valve, roots)
     for i in range(2):
         reference.loop_1_s[i] = kp * valve.edges[i].gain_m_s_V * roots[i]
         reference.dead_band_m[i] = max(valve.edges[i].dead_band_V, 0.0) / kp

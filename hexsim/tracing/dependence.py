@@ -26,11 +26,8 @@ BLOCK_S = 0.5  # [s]
 CURVES = ("plain", "direction", "product")
 FORMS = (*CURVES, "memory", "late", "play")  # the plainest first
 MEMORIES_S = (0.1, 0.4, 1.6)  # [s] time constants of the low-pass
-LAGS_S = (
-    0.2,
-    0.8,
-    3.2,
-)  # [s] time constants from which that of a signal's low-pass is looked for, a factor of two either way
+# [s] Time constants from which that of a signal's low-pass is looked for, a factor of 2.5 either way.
+LAGS_S = (0.2, 0.8, 3.2)
 SIMPLER = 0.03  # a plainer form is kept when it is at most this much worse in R^2
 UNCLEAR = 0.2  # below this R^2 the residual's size is asked
 LARGEST = 0.98  # quantile of |r| above which its size counts no more
@@ -165,6 +162,11 @@ def low_passed(x: Array, time_constant_s: float, rate: float) -> Array:
     """First-order low-pass, in its steady state at the first sample."""
     pole = np.exp(-1.0 / (time_constant_s * rate))
     return lfilter([1 - pole], [1, -pole], x, zi=[pole * x[0]])[0]
+
+
+def behind_low_pass(words: str, memory_s: float | None) -> str:
+    """The words for a signal that a residual follows behind a low-pass, or at once."""
+    return f"{words} behind a low-pass of {memory_s:.2g} s" if memory_s else words
 
 
 def memories(velocities: Sequence[Array], rate: float) -> list[Regressors]:

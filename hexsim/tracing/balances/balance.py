@@ -23,9 +23,8 @@ from hexsim.tracing.balances.bends import bends_at, kinks, tick_samples
 from hexsim.tracing.balances.memory import remembered
 
 Array = np.ndarray
-Settings = tuple[
-    float, ...
-]  # offset, gain, delay [s], lag [s] of a sensor; of a position three more, its scale's ripple
+# Offset, gain, delay [s] and lag [s] of a sensor; of a position three more, its scale's ripple.
+Settings = tuple[float, ...]
 FORCE_SIGNALS = (
     "velocity_m_s", "position_m", "acceleration_m_s2", "time_s", "pressure_bottom_Pa", "pressure_supply_Pa",
 )  # fmt: skip

@@ -257,10 +257,8 @@ def _search(
         kept.append((worth, found))
         return -worth
 
-    settings: dict[str, Any] = {
-        "init": family.first_points(first),
-        "workers": in_parallel,
-    }  # scipy's stubs know neither
+    # scipy's stubs know neither of the two.
+    settings: dict[str, Any] = {"init": family.first_points(first), "workers": in_parallel}
     differential_evolution(
         cost, family.bounds, integrality=family.integrality, maxiter=rounds, polish=False, rng=0, updating="deferred",
         tol=0.0, **settings,

@@ -16,8 +16,8 @@ from hexsim.recording.figure_style import WIDTH_IN, legend_above, png, styled
 from hexsim.recording.quantity import scale_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named, family, library
-from hexsim.tracing.dependence import CURVES, design, hats, knots_of, low_passed, ridge
-from hexsim.tracing.report.signals import NOISE_BAND, SIGNALS, behind_low_pass
+from hexsim.tracing.dependence import CURVES, behind_low_pass, design, hats, knots_of, low_passed, ridge
+from hexsim.tracing.report.signals import NOISE_BAND, SIGNALS
 from hexsim.tracing.state import Trace, Violation
 from hexsim.tracing.steps.residuals import THIN, kept, signals_of, unexplained_of
 

@@ -12,8 +12,9 @@ from hexsim.recording.report import data_url, render
 from hexsim.signals.channels import kind_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import caption_of
+from hexsim.tracing.dependence import behind_low_pass
 from hexsim.tracing.report import balance_figure, budget, figures, trades
-from hexsim.tracing.report.signals import SCALE, SIGNALS, behind_low_pass, channel_words
+from hexsim.tracing.report.signals import SCALE, SIGNALS, channel_words
 from hexsim.tracing.state import NamedEffect, Trace, Violation
 
 CAPTIONS = {

@@ -30,11 +30,6 @@ SIGNALS = {
 NOISE_BAND = "#CBE0F0"
 
 
-def behind_low_pass(words: str, memory_s: float | None) -> str:
-    """The words for a signal that a residual follows with a memory."""
-    return f"{words} behind a low-pass of {memory_s:.2g} s" if memory_s else words
-
-
 def channel_words(channel: str) -> str:
     """pressure_bottom_3_Pa -> chamber pressure of leg 3."""
     kind = kind_of(channel)

@@ -90,8 +90,8 @@ def leg_rates(p, y, v, volts, t, ps, state, k, h, rate):
 def write_platform_rates(load, state, at, rotation, wrench, rate):
     """Rates of a platform under the wrench of its legs (world).
 
-    Returns (a, w') in its frame, and what its payload on a spring feels along it. Of that the moments of what accelerates it are
-    those of its place at rest: its travel times its acceleration is left out.
+    Returns (a, w') in its frame, and what its payload on a spring feels along it, 0 without one. Of that the moments of
+    what accelerates it are those of its place at rest: its travel times its acceleration is left out.
     """
     body, spring, q = load.body, load.spring, (state[at + 3], state[at + 4], state[at + 5], state[at + 6])
     omega, gravity = triple(state, at + OMEGA), rotated_back(rotation, load.gravity)
@@ -108,7 +108,8 @@ def write_platform_rates(load, state, at, rotation, wrench, rate):
         rate[at + PLACE + k] = state[at + VELOCITY + k]
         rate[at + VELOCITY + k] = in_world[k]
         rate[at + OMEGA + k] = turning[k]
-    return a, turning, ride_wrench(spring, a, turning, omega, gravity, travel, speed)[2]
+    felt = ride_wrench(spring, a, turning, omega, gravity, travel, speed)[2] if spring.mass > 0.0 else 0.0
+    return a, turning, felt
 
 
 @compiled

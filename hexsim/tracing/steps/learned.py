@@ -19,6 +19,7 @@ from hexsim.hydraulics.parameters import LEARNED_KNOTS
 from hexsim.machine.files import changed
 from hexsim.tracing import rules
 from hexsim.tracing.balances import learned_term_of
+from hexsim.tracing.dependence import behind_low_pass
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.selection import scale_of
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -35,8 +36,7 @@ WORDS = {
 
 def words(curve: dict[str, Any]) -> str:
     """What a learned curve is over."""
-    past = f" behind a low-pass of {curve['memory_s']:.2g} s" if "memory_s" in curve else ""
-    return WORDS[curve["form"]].format(curve["signal"] + past)
+    return WORDS[curve["form"]].format(behind_low_pass(curve["signal"], curve.get("memory_s")))
 
 
 def curve_table(rest: UnexplainedResidual) -> dict[str, Any] | None:

@@ -207,7 +207,7 @@ def with_octaves(possible: Sequence[Candidate]) -> list[Candidate]:
 
 
 def propose(trace: Trace, tell: Tell) -> Trace:
-    """The candidates that are worth a column, with the shapes that the force balance shows."""
+    """The candidates that are worth a column, with the shapes that the balances show."""
     shapes = proposed_shapes(own_machine(trace.machine, trace.violations), trace.fit_problem.logs)
     found = worth_screening(trace.machine, trace.violations, shapes)
     read = [f"{name} {key} = {value:.3g}" for name, shape in shapes.items() for key, value in shape.items()]
