@@ -19,7 +19,7 @@ from hexsim.tracing.balances.continuity import Continuity, FastContinuity, fast_
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import with_noise
 from hexsim.tracing.balances.platform import Platform
-from hexsim.tracing.fitting import rest_evidence, rest_level, rest_odds
+from hexsim.tracing.fitting import rest_evidence, rest_level, rest_odds, rest_priors
 from hexsim.tracing.fitting.fit import Fit, answered, start_fit
 from hexsim.tracing.fitting.parameters import (
     candidates,
@@ -360,6 +360,24 @@ def test_a_spool_that_the_base_took_for_the_effect_is_given_back():
     assert rest_level.without_lag(without, joint) is None
 
 
+def test_a_delay_is_held_against_its_spool_with_every_later_effect(monkeypatch):
+    """Coulomb friction beside a delay: begun without the small spool it leaves less, and is kept; beside a leak, which does
+    not act late, no other beginning is tried."""
+    base = SimpleNamespace(cost=1000.0)
+    problem = SimpleNamespace(logs=[SimpleNamespace(time=np.array([0.0, 20.0]))])
+
+    def beside(label):
+        fit = SimpleNamespace(candidates=(named(label), named("coulomb_friction_change")))
+        return SimpleNamespace(fit=fit, cost=742.0)
+
+    given_back = SimpleNamespace(fit=beside("valve_delay").fit, cost=733.0)
+    monkeypatch.setattr(rest_level, "without_lag", lambda rival, problem: given_back)
+    monkeypatch.setattr(rest_level, "renewed", lambda rival, problem: rival)
+    late, leaking = beside("valve_delay"), beside("leakage_across_piston")
+    assert dominant.contenders([late], base, problem) == [given_back]
+    assert dominant.contenders([leaking], base, problem) == [leaking]
+
+
 def test_effects_whose_columns_tell_little_leave_room_for_those_that_promise_most():
     """Of six legs and all of them such an effect takes one place of the list, the best; a leak that promises most is in it."""
     machine = load_machine("micro_motion_system")
@@ -463,7 +481,7 @@ def test_a_tie_takes_the_effect_that_was_named_since(monkeypatch):
     asked = create_autospec(rest_level.with_effect, return_value="fit")
     monkeypatch.setattr(rest_level, "with_effect", asked)
     monkeypatch.setattr(rest_level, "size_of", lambda fit: 0.3)
-    monkeypatch.setattr(rest_level, "is_held", lambda candidate: False)
+    monkeypatch.setattr(rest_priors, "is_held", lambda candidate: False)
     tie, best = (
         SimpleNamespace(fit=SimpleNamespace(candidates=[SimpleNamespace(label=label)])) for label in ("air", "leak")
     )

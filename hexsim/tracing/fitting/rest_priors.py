@@ -45,3 +45,14 @@ def is_bounded(number: EffectParameter) -> bool:
 def is_held(candidate: Candidate) -> bool:
     """Is it a small reality, held to its ordinary size?"""
     return candidate.effect.name in rules.ORDINARY and candidate.effect != named(candidate.effect.name).effect
+
+
+def effects_of(fit: Fit) -> list[Candidate]:
+    """The effects of a hypothesis that are no small realities."""
+    return [candidate for candidate in fit.candidates if not is_held(candidate)]
+
+
+def acts_late(candidate: Candidate) -> bool:
+    """Is its size a delay or a time constant, or that of a lag that vanishes at infinity?"""
+    number = candidate.effect.parameters[0]
+    return number.unit in ("s", "Hz")

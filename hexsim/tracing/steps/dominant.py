@@ -26,6 +26,7 @@ from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_re
 from hexsim.tracing.fitting.rest_hidden import Hidden, hidden_of
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.rest_odds import odds_against
+from hexsim.tracing.fitting.rest_priors import acts_late, effects_of
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.fitting.selection import inert, residual_at_noise_level
 from hexsim.tracing.problems.balance import BalanceProblem
@@ -97,12 +98,6 @@ def promise_of(
     return (fall, candidate, start), hidden_of(bare, system[0], candidate, least_fall(problem))
 
 
-def acts_late(candidate: Candidate) -> bool:
-    """Is its size a delay or a time constant, or that of a lag that vanishes at infinity?"""
-    number = candidate.effect.parameters[0]
-    return number.unit in ("s", "Hz")
-
-
 def worth_a_refit(asked: Sequence[Job], bending: bool) -> list[Job]:
     """Those whose columns promise most. bending: before them, each effect whose column tells little, at its best place."""
     ranked = sorted(asked, key=lambda job: -job[0])
@@ -141,7 +136,7 @@ def grown_by_one(
 ) -> tuple[RestFit | None, list[Evidence], dict[str, Hidden], list[RestFit]]:
     """The base with the next sure effect, or None; the evidence for what was judged, that of the sure one last; `hidden`;
     the rivals that stay."""
-    there = {c.label for c in base.fit.candidates if not rest_level.is_held(c)}
+    there = {c.label for c in effects_of(base.fit)}
     possible = [c for c in trace.candidates if c.label not in there]
     begun, hidden = rivals_of(base, possible, problem, bool(there))
     rivals, tried = contenders(begun, base, problem), []
@@ -162,7 +157,7 @@ def grown_by_one(
 def followed(tie: RestFit, best: RestFit, problem: BalanceProblem) -> RestFit | None:
     """A tie of an earlier effect with the effect that `best` has got since."""
     own, size = best.fit.candidates[-1], rest_level.size_of(best.fit)
-    if own.label in {c.label for c in tie.fit.candidates if not rest_level.is_held(c)}:
+    if own.label in {c.label for c in effects_of(tie.fit)}:
         return None
     return rest_level.with_effect(tie, own, problem, size, -np.inf, -np.inf)
 
@@ -182,11 +177,14 @@ def likelihood(rival: RestFit, problem: BalanceProblem, unseen: BalanceProblem) 
 
 
 def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem) -> list[RestFit]:
-    """The rivals, the best of them refitted with all columns anew: what stands beside an effect decides between two."""
+    """The rivals, the best of them refitted with all columns anew: what stands beside an effect decides between two.
+
+    Beside what acts late, begun without the small spool too: with each effect a part of a delay may pass into one.
+    """
     best = max((base.cost - rival.cost for rival in rivals), default=0.0)
     least = max(rules.PARTLY_PROMISE * least_fall(problem), rules.PARTLY_NEAR * best)
     near = [rival for rival in rivals[: rules.PARTLY_TRIED] if base.cost - rival.cost > least]
-    late = (rest_level.without_lag(rival, problem) for rival in near if acts_late(rival.fit.candidates[-1]))
+    late = (rest_level.without_lag(rival, problem) for rival in near if any(map(acts_late, effects_of(rival.fit))))
     begun = [*near, *(own for own in late if own is not None)]
     anew = in_parallel(lambda rival: rest_level.renewed(rival, problem), begun)
     better = [
