@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from hexsim.declaration import Controller, Machine
 from hexsim.declaration.controller import LONGEST_DELAY_TICKS
@@ -21,6 +22,11 @@ from hexsim.tracing.balances.memory import remembered
 Array = np.ndarray
 AT_NOISE = 5.0  # times the noise of the position through the gain: volts within it are those of the loop
 ALIKE = 0.02  # share of the volts, likewise
+# times the position's noise: what a transducer that is not logged differs by, and what that leaves (clean logs: 0.05, 1.2)
+OWN_SEEN, OWN_LEFT = 0.2, 2.0
+OWN_PLAINER = 0.98  # of what a loop of another gain leaves: 4 % of the square, 20 times the share that alarms a fit
+LEAST_TICKS = 500
+SPEED_S = 0.02  # [s] over which a speed is averaged
 GAIN_OFF, DELAY_OFF = 0.005, 0.02  # a loop is as declared within this share of its gain and these ticks
 
 
@@ -76,6 +82,40 @@ def loop_of_leg(asked: Array, volts: Array, limit_V: float) -> LoopOfLeg | None:
         if gain > 0.0 and min(share) > -DELAY_OFF * gain and (best is None or left < best.left_V):
             best = LoopOfLeg(gain=gain, delay_ticks=whole + float(share[1]) / gain, left_V=left)
     return best
+
+
+def reads_another_transducer(log: Log, machine: Machine) -> bool:
+    """Does the declared loop read a position that is not the logged one? The volts then tell how the logged one is off: by an
+    offset, a gain and a delay, to the noise,
+
+        u/K - (s - y_m) = b0 + b1 y_m + b2 v,   u = K (s - y)
+
+    and no loop of another gain and delay leaves as little. A transducer with an error that the loop reads itself leaves
+    nothing there. Volts at their limit tell nothing."""
+    if log.setpoint is None or log.volts is None or not is_position_loop(machine.controller):
+        return False
+    K, limit = machine.of_legs("controller", "gain_V_per_m"), machine.of_legs("valve", "voltage_max_V")
+    noise, every = noise_of(machine, [log])["position_m"], max(round(log.rate / machine.controller.rate_Hz), 1)
+    ticks, width, seen = slice(log.tick_phase(every), None, every), max(round(SPEED_S * log.rate), 1), False
+    for volts, setpoint, position, gain, most in zip(log.volts, log.setpoint, log.position, K, limit, strict=True):
+        inside = np.abs(volts[ticks])[1:] < 0.99 * most
+        error, speed = setpoint - position, np.gradient(uniform_filter1d(position, width)) * log.rate
+        off = (volts / gain - error)[ticks][1:][inside]
+        transducer = np.stack([np.ones(log.n), position, speed], axis=1)[ticks][1:][inside]
+        loop = np.stack([error[ticks][1:], error[ticks][:-1]], axis=1)[inside]
+        if len(off) < LEAST_TICKS:
+            return False
+        left, seen_here = left_by(transducer, off)
+        if left > OWN_LEFT * noise:
+            return False
+        seen |= seen_here > OWN_SEEN * noise and left < OWN_PLAINER * left_by(loop, off)[0]
+    return seen
+
+
+def left_by(columns: Array, values: Array) -> tuple[float, float]:
+    """Rms of values (n,) that columns (n, k) leave by least squares, and of what they take."""
+    taken = columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+    return float(np.sqrt(np.mean((values - taken) ** 2))), float(np.sqrt(np.mean(taken**2)))
 
 
 class Loop(Balance):

@@ -13,6 +13,7 @@ from hexsim.signals.channels import SETTLE_S, channel_arrays, kind_of
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
+from hexsim.tracing.simulation.rig import DECLARED_LOOP, LOGGED_VOLTS
 from hexsim.tracing.simulation.simulator import simulate_log
 from hexsim.tracing.simulation.start import ringing_Pa
 
@@ -24,13 +25,13 @@ RING = np.sqrt(2.0)  # amplitude over rms
 class SimulatedProblem(FitProblem):
     """Logs that a model must answer, with the noise of their channels.
 
-    feedback: 0 the declared position loop, 1 the logged volts held to the logged position (see `simulation.rig.Controller`).
+    feedback: what gives the volts, see `simulation.rig.Controller`.
     input_uncertainty: how far no simulation can know the answer, a log (n_channels, n) in physical units.
     """
 
     logs: tuple[Log, ...]
     noise: dict[str, float]
-    feedback: int = 0
+    feedback: int = DECLARED_LOOP
     input_uncertainty: tuple[Array, ...] = ()
     measured: tuple[dict[str, Array], ...] = field(init=False)
     weights: tuple[Array | float, ...] = field(
@@ -100,13 +101,13 @@ class SimulatedProblem(FitProblem):
         volts drive the model, they are off by their resolution and the position by its noise. Oil that rings as a log begins
         rings in another phase.
         """
-        if self.feedback == 1 and any(log.volts is None for log in self.logs):
+        if self.feedback == LOGGED_VOLTS and any(log.volts is None for log in self.logs):
             return self
         bare = replace(self, input_uncertainty=())
         jobs = [(i, seed) for i in range(len(self.logs)) for seed in range(rules.INPUT_SEEDS)]
         plain = in_parallel(lambda i: bare.answer(machine, i), range(len(self.logs)))
         spreads = in_parallel(lambda job: (bare._disturbed(machine, *job) - plain[job[0]]) ** 2, jobs)
-        margin = rules.LOGGED_VOLTS_MARGIN if self.feedback == 1 else 1.0
+        margin = rules.LOGGED_VOLTS_MARGIN if self.feedback == LOGGED_VOLTS else 1.0
         spread = []
         for i, log in enumerate(self.logs):
             own = [square for (k, _), square in zip(jobs, spreads, strict=True) if k == i]
@@ -120,7 +121,7 @@ class SimulatedProblem(FitProblem):
         log, rng = self.logs[i], np.random.default_rng(seed)
         off_Pa = RING * ringing_Pa(log, self.noise["pressure_bottom_Pa"]) * (1.0 if seed % 2 else -1.0)
         noise = self.noise["position_m"] * rng.standard_normal(log.position.shape)
-        if self.feedback == 0:
+        if self.feedback != LOGGED_VOLTS:
             assert log.setpoint is not None
             off = replace(log, setpoint=log.setpoint + rules.INPUT_SHARE * noise)
         else:

@@ -30,7 +30,7 @@ from hexsim.tracing.simulation.motion import (
     steps_of_sample,
     write_leg_motion,
 )
-from hexsim.tracing.simulation.rig import Controller, Load, Rig, Sensors
+from hexsim.tracing.simulation.rig import LOGGED_VOLTS, OWN_TRANSDUCER, Controller, Load, Rig, Sensors
 
 FOLLOW = 0.3  # of the gain: with all of it the noise of the logged position rings the oil, with less rounded volts let it drift
 DIVERGENCE_LIMIT = 1e3  # [m], [m/s], [rad/s] a load beyond it has diverged
@@ -136,8 +136,8 @@ def smoothed(sections, memory, value, begins):
 
 @compiled
 def asked_volts(controller, inputs, j, i, position):
-    """Volts of leg j's loop at sample i for the position that its sensor shows."""
-    if controller.follows:
+    """Volts of leg j's loop at sample i for the position that it reads."""
+    if controller.feedback == LOGGED_VOLTS:
         volts = inputs.volts[j, i] + FOLLOW * controller.gain_V_per_m[j] * (inputs.position[j, i] - position)
     else:
         volts = controller.gain_V_per_m[j] * (inputs.setpoint[j, i] - position)
@@ -169,7 +169,7 @@ def lent(rig, inputs, room):
             ),
             Controller(
                 borrowed(controller.gain_V_per_m), borrowed(controller.delay_ticks), controller.rate_Hz,
-                borrowed(controller.limit_V), controller.follows,
+                borrowed(controller.limit_V), controller.feedback,
             ),
             rule,
         ),
@@ -223,8 +223,9 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
             top_true[j, i] = rod_side_pressure(legs[j], state, k)
             sharp[j] = shown(y_true[j], i, position[j], rate, sharp[j])
             out[j, i] = smoothed(filters[0], memory[j], sharp[j], i == 0)
-            asked[j, i] = asked_volts(controller, inputs, j, i, out[j, i]) if tick else asked[j, i - 1]
-            late = 0.0 if controller.follows else controller.delay_ticks[j]
+            read = y[j] if controller.feedback == OWN_TRANSDUCER else out[j, i]
+            asked[j, i] = asked_volts(controller, inputs, j, i, read) if tick else asked[j, i - 1]
+            late = 0.0 if controller.feedback == LOGGED_VOLTS else controller.delay_ticks[j]
             u_true[j, i] = computed(asked[j], i, late, every) if tick else u_true[j, i - 1]
             ahead = delayed(u_true[j], i, legs[j, P.VALVE_DELAY] * rate)
             held[j], apart[j] = valve.hysteresis(

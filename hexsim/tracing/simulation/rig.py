@@ -18,6 +18,7 @@ from hexsim.signals.table import sensors
 
 Array = np.ndarray
 FILTER_SHARE = 0.45  # of the rate: a cut-off above it
+DECLARED_LOOP, LOGGED_VOLTS, OWN_TRANSDUCER = range(3)  # see `Controller`
 
 
 class Load(NamedTuple):
@@ -54,14 +55,15 @@ class Sensors(NamedTuple):
 class Controller(NamedTuple):
     """u = K (s - y_m) every 1/rate_Hz, at most limit_V, delay_ticks later, all (n_legs,).
 
-    follows: the logged volts, held to the logged position, instead.
+    feedback: DECLARED_LOOP, on the position as the log shows it; LOGGED_VOLTS, held to the logged position, instead;
+    OWN_TRANSDUCER, the declared loop on a transducer of its own, without the errors of the one that is logged.
     """
 
     gain_V_per_m: Array
     delay_ticks: Array
     rate_Hz: float
     limit_V: Array
-    follows: bool
+    feedback: int
 
 
 class Rig(NamedTuple):
@@ -81,7 +83,7 @@ class Rig(NamedTuple):
 
 
 def rig_of(machine: Machine, feedback: int = 0, loaded: bool = False, rate_Hz: float = 1000.0) -> tuple[Rig, Resolved]:
-    """The machine's numbers. feedback: 0 the declared position loop, 1 the logged volts. loaded: with its additional mass.
+    """The machine's numbers. feedback: see `Controller`. loaded: with its additional mass.
 
     rate_Hz: of the samples.
     """
@@ -98,7 +100,7 @@ def rig_of(machine: Machine, feedback: int = 0, loaded: bool = False, rate_Hz: f
             controller.computing_delay_ticks + resolved.loop_delay_ticks,
             float(controller.rate_Hz),
             machine.of_legs("valve", "voltage_max_V"),
-            bool(feedback),
+            feedback,
         ),
         rule=step_rule(resolved.rows, resolved.supply, leg_compliance(resolved, load), load.spring.omega),
     )

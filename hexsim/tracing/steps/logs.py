@@ -14,7 +14,7 @@ from hexsim.machine.files import changed, find_machine_file
 from hexsim.readers import log_files, read_stretches
 from hexsim.signals.channels import noise_of
 from hexsim.signals.log import Log
-from hexsim.tracing.balances.controller import loops_of
+from hexsim.tracing.balances.controller import loops_of, reads_another_transducer
 from hexsim.tracing.checks.checks import refuse_misleading
 from hexsim.tracing.checks.finding import Finding
 from hexsim.tracing.checks.imu import at_origin
@@ -23,8 +23,14 @@ from hexsim.tracing.fitting.fit import start_fit
 from hexsim.tracing.fitting.parameters import priors
 from hexsim.tracing.fitting.selection import Search
 from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.simulation.rig import DECLARED_LOOP, LOGGED_VOLTS, OWN_TRANSDUCER
 from hexsim.tracing.state import Trace
 
+DRIVEN = {
+    DECLARED_LOOP: "the declared loop's setpoints drive",
+    LOGGED_VOLTS: "the logged volts drive",
+    OWN_TRANSDUCER: "the declared loop's setpoints, its position read by a transducer that is not logged, drive",
+}
 LOAD_KNOWN = 0.005  # half width of what people put on, relative: it was weighed
 SHORTEST_STRETCH_S = 2.0  # of a run with gaps; the first 0.3 s of each do not count
 
@@ -50,22 +56,27 @@ def read_runs(
 
 
 def feedback_of(machine: Machine, logs: Sequence[Log], noise: dict[str, float]) -> int:
-    """0 when the logged volts are those of the declared position loop, whatever its gain and computing delay; 1 when another
-    controller was at work."""
+    """What gives the volts (`simulation.rig.Controller`): the declared loop, whatever its gain and computing delay, on the
+    logged position or on a transducer of its own; the logged volts where another controller was at work."""
+    own = [reads_another_transducer(log, machine) for log in logs]
+    if any(another_controller(machine, log, noise) for log, there in zip(logs, own, strict=True) if not there):
+        return LOGGED_VOLTS
+    return OWN_TRANSDUCER if any(own) else DECLARED_LOOP
+
+
+def another_controller(machine: Machine, log: Log, noise: dict[str, float]) -> bool:
+    """Are the volts of a log those of no position loop?"""
+    if log.setpoint is None:
+        return True
+    if log.volts is None:
+        return False
     K = machine.of_legs("controller", "gain_V_per_m")[:, None]
     limit = machine.of_legs("valve", "voltage_max_V")[:, None]
-    for log in logs:
-        if log.setpoint is None:
-            return 1
-        if log.volts is None:
-            continue
-        asked = np.clip(K * (log.setpoint - log.position), -limit, limit)
-        every = max(round(log.rate / machine.controller.rate_Hz), 1)
-        off = np.median(np.abs(log.volts - asked)[:, log.tick_phase(every) :: every])
-        another = off > 5 * K.max() * noise["position_m"] and off > 0.02 * np.std(log.volts)
-        if another and loops_of(log, machine) is None:
-            return 1
-    return 0
+    asked = np.clip(K * (log.setpoint - log.position), -limit, limit)
+    every = max(round(log.rate / machine.controller.rate_Hz), 1)
+    off = np.median(np.abs(log.volts - asked)[:, log.tick_phase(every) :: every])
+    another = off > 5 * K.max() * noise["position_m"] and off > 0.02 * np.std(log.volts)
+    return bool(another) and loops_of(log, machine) is None
 
 
 def refuse_same_logs(folder: Path, fit: Sequence[str], validate: Sequence[str]) -> None:
@@ -81,7 +92,7 @@ def refuse_same_logs(folder: Path, fit: Sequence[str], validate: Sequence[str]) 
 def refuse_undriven(logs: Sequence[Log], feedback: int) -> None:
     """A model needs the setpoints of its loop or the valve's volts."""
     for log in logs:
-        if feedback == 1 and log.volts is None:
+        if feedback == LOGGED_VOLTS and log.volts is None:
             raise HexsimError(
                 f"log {log.name} has no valve_V, and setpoints of the declared loop are missing: nothing drives the model, "
                 "so that nothing can be said about the machine; log the valve's volts or the setpoint"
@@ -129,7 +140,7 @@ def begin(
     problem = SimulatedProblem(logs=tuple(fit_logs), noise=noise, feedback=feedback)
     base = start_fit(machine, priors(machine), problem)
     count = sum(len(found) for found in findings.values())
-    driven = "the declared loop's setpoints" if feedback == 0 else "the logged volts"
+    driven = DRIVEN[feedback]
     return Trace(
         machine=machine,
         fit_problem=problem,
@@ -138,5 +149,5 @@ def begin(
         base=base,
         final=base,
         search=Search(base=base, best=base),
-        decided=f"{len(fit_logs)} to fit, {len(held_out_logs)} held out, {count} findings; {driven} drive the model",
+        decided=f"{len(fit_logs)} to fit, {len(held_out_logs)} held out, {count} findings; {driven} the model",
     )

@@ -18,6 +18,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting.selection import residual_at_noise_level
 from hexsim.tracing.predictable import Predicted, predicted
 from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.simulation.rig import LOGGED_VOLTS
 from hexsim.tracing.state import Step, Tell, Trace
 
 Array = np.ndarray
@@ -90,7 +91,7 @@ def hold_against_signals(trace: Trace, tell: Tell) -> Trace:
     small = trace.verdict == "explained" and residual_at_noise_level(trace.base.misfit)
     if trace.verdict != "nothing missing" and not small:
         return replace(trace, decided="not needed: something is missing")
-    if trace.fit_problem.feedback:
+    if trace.fit_problem.feedback == LOGGED_VOLTS:
         return replace(trace, decided="not asked: logged volts drive the model, and they hold the position's noise")
     found = followed(trace)
     sure = [own for own in found if own.share > rules.PREDICTED_SHARE and own.above > rules.PREDICTED_ABOVE]
