@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+from scipy.interpolate import CubicSpline
 
 from hexsim.declaration import Controller, Machine
 from hexsim.declaration.controller import LONGEST_DELAY_TICKS
@@ -26,7 +26,7 @@ ALIKE = 0.02  # share of the volts, likewise
 OWN_SEEN, OWN_LEFT = 0.2, 2.0
 OWN_PLAINER = 0.98  # of what a loop of another gain leaves: 4 % of the square, 20 times the share that alarms a fit
 LEAST_TICKS = 500
-SPEED_S = 0.02  # [s] over which a speed is averaged
+DELAY_STEPS, LONGEST_s = 4, 0.05  # of Gauss-Newton; [s] a delay is within it
 GAIN_OFF, DELAY_OFF = 0.005, 0.02  # a loop is as declared within this share of its gain and these ticks
 
 
@@ -85,10 +85,10 @@ def loop_of_leg(asked: Array, volts: Array, limit_V: float) -> LoopOfLeg | None:
 
 
 def reads_another_transducer(log: Log, machine: Machine) -> bool:
-    """Does the declared loop read a position that is not the logged one? The volts then tell how the logged one is off: by an
-    offset, a gain and a delay, to the noise,
+    """Does the declared loop read a position that is not the logged one? The volts tell the position y that it reads; the
+    logged one is that with an offset, a gain and a delay, to the noise,
 
-        u/K - (s - y_m) = b0 + b1 y_m + b2 v,   u = K (s - y)
+        y = s - u/K,    y_m(t) = b0 + (1 + b1) y(t - b2)
 
     and no loop of another gain and delay leaves as little. A transducer with an error that the loop reads itself leaves
     nothing there. Volts at their limit tell nothing."""
@@ -96,20 +96,33 @@ def reads_another_transducer(log: Log, machine: Machine) -> bool:
         return False
     K, limit = machine.of_legs("controller", "gain_V_per_m"), machine.of_legs("valve", "voltage_max_V")
     noise, every = noise_of(machine, [log])["position_m"], max(round(log.rate / machine.controller.rate_Hz), 1)
-    ticks, width, seen = slice(log.tick_phase(every), None, every), max(round(SPEED_S * log.rate), 1), False
+    ticks, seen = slice(log.tick_phase(every), None, every), False
     for volts, setpoint, position, gain, most in zip(log.volts, log.setpoint, log.position, K, limit, strict=True):
-        inside = np.abs(volts[ticks])[1:] < 0.99 * most
-        error, speed = setpoint - position, np.gradient(uniform_filter1d(position, width)) * log.rate
-        off = (volts / gain - error)[ticks][1:][inside]
-        transducer = np.stack([np.ones(log.n), position, speed], axis=1)[ticks][1:][inside]
-        loop = np.stack([error[ticks][1:], error[ticks][:-1]], axis=1)[inside]
-        if len(off) < LEAST_TICKS:
+        inside = (np.abs(volts[ticks]) < 0.99 * most)[1:]
+        if inside.sum() < LEAST_TICKS:
             return False
-        left, seen_here = left_by(transducer, off)
+        read, error = (setpoint - volts / gain)[ticks], (setpoint - position)[ticks]
+        left, taken = left_by_transducer(log.time[ticks], read, position[ticks], inside)
         if left > OWN_LEFT * noise:
             return False
-        seen |= seen_here > OWN_SEEN * noise and left < OWN_PLAINER * left_by(loop, off)[0]
+        loop = np.stack([error[1:], error[:-1]], axis=1)[inside]
+        of_loop, _ = left_by(loop, (volts / gain)[ticks][1:][inside] - loop[:, 0])
+        seen |= taken > OWN_SEEN * noise and left < OWN_PLAINER * of_loop
     return seen
+
+
+def left_by_transducer(time: Array, read: Array, shown: Array, inside: Array) -> tuple[float, float]:
+    """Rms [m] of what an offset, a gain and a delay leave of shown - read (n,), and of what they take, by Gauss-Newton.
+
+    inside (n - 1,): which samples count, from the second on.
+    """
+    curve, delay, left = CubicSpline(time, read), 0.0, shown
+    for _ in range(DELAY_STEPS):
+        at, rate = curve(time - delay), curve(time - delay, 1)
+        columns, off = np.stack([np.ones(len(at)), at, -rate], axis=1)[1:][inside], (shown - at)[1:][inside]
+        found = np.linalg.lstsq(columns, off, rcond=None)[0]
+        left, delay = off - columns @ found, float(np.clip(delay + found[2], -LONGEST_s, LONGEST_s))
+    return float(np.sqrt(np.mean(left**2))), float(np.sqrt(np.mean(((shown - read)[1:][inside] - left) ** 2)))
 
 
 def left_by(columns: Array, values: Array) -> tuple[float, float]:
