@@ -14,10 +14,11 @@ from hexsim.simulation import simulate
 from hexsim.tracing.simulation.rig import DECLARED_LOOP, LOGGED_VOLTS, OWN_TRANSDUCER
 from hexsim.tracing.steps.logs import begin, feedback_of, read_runs
 
-ERRORS = {  # of the second plant's log, whose loop reads the piston itself: size, and hexsim's key with the same error
-    "position_gain": (0.005, "sensors.position_gain", 1.005),
-    "position_delay": (0.45, "sensors.position_delay_s", 0.45e-3),
-}
+ERRORS = [  # of the second plant's log, whose loop reads the piston itself: its size, and hexsim's key with the same error
+    ("position_gain", 0.005, "sensors.position_gain", 1.005),
+    ("position_delay", 0.45, "sensors.position_delay_s", 0.45e-3),
+    ("position_delay", 6.0, "sensors.position_delay_s", 6e-3),
+]
 TRUE = {  # the second plant's fields of the parameters that are drawn
     "valve.discharge_coefficient": "discharge", "oil.bulk_modulus_Pa": "modulus",
     "friction.viscous_extend_N_s_m": "viscous_out", "friction.viscous_retract_N_s_m": "viscous_in",
@@ -29,10 +30,8 @@ TRUE = {  # the second plant's fields of the parameters that are drawn
 @pytest.fixture(params=ERRORS)
 def erring(request, tmp_path):
     """A first state of a trace, and the machine with all its true numbers."""
-    size, key, value = ERRORS[request.param]
-    plant = write_machine(
-        tmp_path, 3117, {request.param: size}, runs=("fit", "validate"), duration_s=8.0, suffix=".csv"
-    )
+    name, size, key, value = request.param
+    plant = write_machine(tmp_path, 3117, {name: size}, runs=("fit", "validate"), duration_s=8.0, suffix=".csv")
     state = begin(tmp_path, ["fit"], ["validate"])
     own = {dotted: float(plant.legs[field][0]) for dotted, field in TRUE.items()}
     rig = {"supply.pressure_Pa": "supply_pressure", "load.moving_mass_kg": "mass"}
