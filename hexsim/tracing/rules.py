@@ -7,6 +7,7 @@ LEAST_GAIN = 0.03  # least share of the excess chi2 that an effect must take awa
 LEAST_GAIN_SIMULATED = 0.3  # the same in the last search, by simulation: what helps less explains nothing there
 NOISE_REDUCED = 1.05  # chi2 a sample at which nothing is left to explain
 NEAR_NOISE = 4.0  # chi2 a sample below which a hypothesis is judged with its own input uncertainty
+PROMISE_MARGIN = 4.0  # times what its columns promise a fit may still come down: twice the change of what is left
 MOST_EFFECTS = 3
 REFITTED_CANDIDATES = 8  # candidates of a screening that are refitted on the opening seconds
 SHAPES_REFITTED = 4  # besides, of effects with a shape, of which one column tells little

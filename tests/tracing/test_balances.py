@@ -13,6 +13,7 @@ from hexsim.machine import load_machine
 from hexsim.readers import log_files, read_log
 from hexsim.signals.channels import noise_of
 from hexsim.tracing import balances, rules
+from hexsim.tracing.balances.continuity import FastContinuity
 from hexsim.tracing.fitting.parameters import named, with_settings
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps.residuals import unexplained_residuals
@@ -110,3 +111,16 @@ def test_what_a_log_keeps_of_machines_asked_before_changes_no_residual(tmp_path)
     for one in (machine, *asked, machine):
         for balance in used:
             assert np.array_equal(balance.residual(log, one), balance.residual(replace(log), one)), balance.name
+
+
+@pytest.mark.parametrize("kind", ["bench", "hexapod"])
+def test_a_balance_at_some_samples_is_the_one_of_all(tmp_path, kind):
+    """What fits ask for, every 20th sample, is what the whole residual has there, to rounding of what it is a difference of."""
+    write_machine(tmp_path, 3, {}, kind, runs=("fit",), duration_s=1.0)
+    machine, log = load_machine(tmp_path), read_log(log_files(tmp_path, "fit"))
+    at = slice(300, log.n - 60, 20)
+    used = [balance for balance in balances.library() if balance.wants(log, machine)]
+    assert {"supply", "continuity", "sensor", "force"} <= {balance.name for balance in used}
+    for balance in [*used, *([FastContinuity()] if kind == "bench" else [])]:
+        whole, some = balance.residual(log, machine), balance.residual_at(log, machine, at)
+        assert some == pytest.approx(whole[:, at], rel=0.0, abs=1e-9 * np.max(np.abs(whole)))

@@ -42,7 +42,7 @@ def test_a_late_valve_bends_the_acceleration_between_the_controllers_ticks(tmp_p
         trace = begin(tmp_path / f"{delay_ms:g}", ["fit"], ["validate"])
         point = sensed_leg(trace.fit_problem.logs[0], resolved_machine(trace.machine), 0)
         at_ticks = replace(point, ticks=slice(0, None, 2))
-        left[delay_ms] = [float(np.std(own.disagreement[500:-500])) for own in (point, at_ticks)]
+        left[delay_ms] = [float(np.std(own.disagreement()[500:-500])) for own in (point, at_ticks)]
     assert left[0.0][0] == left[0.0][1]
     assert left[5.0][0] < 1.2 * left[0.0][0]
     assert left[5.0][1] > 4.0 * left[5.0][0]

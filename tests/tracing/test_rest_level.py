@@ -70,8 +70,8 @@ def test_accelerometer_of_a_clean_bench_has_no_slope_against_the_second_derivati
     trace = begin(DATA / "bench_none", ["fit"], ["validate"])
     point = sensed_leg(trace.fit_problem.logs[0], resolved_machine(trace.machine), 0)
     kept = slice(500, -500)
-    rest, a = point.disagreement[kept], point.window.mean(point.acceleration)[kept]
-    missed = point.between_ticks[kept]
+    rest, a = point.disagreement()[kept], point.window.mean(point.acceleration)[kept]
+    missed = point.between_ticks()[kept]
     assert abs(rest @ a) / (a @ a) < 0.005
     assert abs((rest + missed) @ a) / (a @ a) > 0.025
 

@@ -56,3 +56,14 @@ def test_a_payload_on_a_spring_gives_back_what_its_transfer_function_says(freque
     last = back[-5000:] - 9.81
     assert np.sqrt(2 * np.mean(last**2)) == pytest.approx(expected, rel=0.02)
     assert np.allclose(pushed_back(mode, np.full(100, 9.81), rate), 9.81, rtol=1e-9, atol=0)
+
+
+@pytest.mark.parametrize("half_width_s", [0.006, 0.02, 0.04])
+def test_some_samples_are_as_of_all(half_width_s):
+    """Mean, rate and second rate at every 20th sample are those of all samples, to rounding; also where the window leaves the run."""
+    x = np.random.default_rng(0).standard_normal((2, len(T)))
+    for at in (slice(100, 1950, 20), slice(3, None, 20)):
+        whole, some = Window(RATE, half_width_s), Window(RATE, half_width_s, at)
+        for name in ("mean", "rate", "second_rate"):
+            expected = getattr(whole, name)(x)[:, at]
+            assert getattr(some, name)(x) == pytest.approx(expected, abs=1e-12 * np.max(np.abs(expected)))

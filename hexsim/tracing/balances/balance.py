@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from threading import get_ident, local
 from typing import ClassVar
 
@@ -17,10 +17,10 @@ from hexsim.hydraulics.resolve import resolve
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
 from hexsim.signals.ripple import unrippled
-from hexsim.signals.weak_form import Window, velocity
+from hexsim.signals.weak_form import WHOLE, Window, velocity
 from hexsim.tracing.balances import spool
 from hexsim.tracing.balances.bends import bends_at, kinks, tick_samples
-from hexsim.tracing.balances.memory import remembered
+from hexsim.tracing.balances.memory import latest_of, remembered
 
 Array = np.ndarray
 # Offset, gain, delay [s] and lag [s] of a sensor; of a position three more, its scale's ripple.
@@ -73,6 +73,10 @@ class Balance(ABC):
     @abstractmethod
     def residual(self, log: Log, machine: Machine) -> Array:
         """The residual under a window, a row a place: (n_places, n)."""
+
+    def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
+        """The same at some samples, (n_places, n_at): what fits ask for. A balance may do that for less."""
+        return self.residual(log, machine)[:, at]
 
     def sampling(self, log: Log, machine: Machine) -> Array | None:
         """What of the residual rests on when the samples were taken, as `residual`: no violation of this size is one."""
@@ -128,18 +132,16 @@ class SensedLeg:
         assert self.acceleration is not None
         return velocity(self.y, self.acceleration + kinks(self.acceleration, self.ticks), 1.0 / self.window.dt)
 
-    @cached_property
-    def disagreement(self) -> Array:
+    def disagreement(self, at: slice = WHOLE) -> Array:
         """d2y/dt2 less what the accelerometer shows, under a wider window [m/s2]."""
         assert self.acceleration is not None
-        wide = Window(1.0 / self.window.dt, 0.03)
-        return wide.second_rate(self.y) - wide.mean(self.acceleration) - self.between_ticks
+        wide = Window(1.0 / self.window.dt, 0.03, at)
+        return wide.second_rate(self.y) - wide.mean(self.acceleration) - self.between_ticks(at)
 
-    @cached_property
-    def between_ticks(self) -> Array:
+    def between_ticks(self, at: slice = WHOLE) -> Array:
         """What the samples miss of the accelerometer's mean, under the wider window [m/s2]."""
         assert self.acceleration is not None
-        return Window(1.0 / self.window.dt, 0.03).mean(kinks(self.acceleration, self.ticks))
+        return Window(1.0 / self.window.dt, 0.03, at).mean(kinks(self.acceleration, self.ticks))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -211,7 +213,8 @@ def sensed_leg(log: Log, resolved: Resolved, leg: int) -> SensedLeg:
     """What the sensors of a leg say, computed once for a log and its sensors' settings."""
     settings = sensor_settings(resolved, leg)
     rate_Hz = resolved.machine.controller.rate_Hz
-    return remembered(log, (leg, *settings), lambda: _sense(log, leg, *settings, tick_samples(log, leg, rate_Hz)))
+    sense = partial(_sense, log, leg, *settings)
+    return latest_of(log, ("sensed", leg), settings, lambda: sense(tick_samples(log, leg, rate_Hz)))
 
 
 def _sense(

@@ -20,7 +20,7 @@ from hexsim.hydraulics.learned import memories
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import Window
+from hexsim.signals.weak_form import WHOLE, Window
 from hexsim.tracing.balances.balance import (
     Balance,
     MeasuredPoint,
@@ -81,7 +81,7 @@ def top_capacities(p, y, P2):
 
 
 def compression(capacity: Array, pressure: Array, mean: Array, window: Window) -> Array:
-    """<w, C dP/dt> (n,) [m3/s] without a derivative of the pressure; mean: of the pressure under the window."""
+    """<w, C dP/dt> (n_at,) [m3/s] without a derivative of the pressure; mean: of the pressure under the window."""
     about = pressure - mean.mean()
     return window.rate(capacity * about) - window.mean(np.gradient(capacity, window.dt) * about)
 
@@ -105,47 +105,48 @@ def capacity_of(p: Array, sensed: SensedLeg) -> Array:
 
 
 def residual_of(p: Array, point: MeasuredPoint, flow: Array, window: Window) -> Array:
-    """Of the bottom chamber (n,) [m3/s]."""
+    """Of the bottom chamber (n_at,) [m3/s]."""
     assert point.P1 is not None
     sensed = point.sensed
     capacity = capacity_of(p, sensed)
     compressed = compression(capacity, point.P1, sensed.mean_P1, window)
-    return window.mean(flow) - p[P.AREA_BOTTOM] * sensed.mean_v - compressed
+    return window.mean(flow) - p[P.AREA_BOTTOM] * sensed.mean_v[window.at] - compressed
 
 
 def fast_residual_of(p: Array, point: MeasuredPoint, flow: Array, window: Window) -> Array:
-    """Of the bottom chamber (n,) [m3/s], what is slower than the usual window taken off."""
+    """Of the bottom chamber (n_at,) [m3/s], what is slower than the usual window taken off."""
     assert point.P1 is not None
-    sensed, short = point.sensed, Window(1.0 / window.dt, FAST_S)
-    capacity = capacity_of(p, sensed)
+    sensed, at, short = point.sensed, window.at, Window(1.0 / window.dt, FAST_S, window.at)
+    capacity = capacities(p, np.ascontiguousarray(sensed.mean_y[at]), np.ascontiguousarray(sensed.mean_P1[at]))
     net = flow - p[P.AREA_BOTTOM] * sensed.fast_v
     with np.errstate(invalid="ignore"):  # a flow without bound leaves NaN, as any divergence
-        return short.mean(net) - window.mean(net) - capacity * fast_rate(point.P1, 1.0 / window.dt)
+        return short.mean(net) - window.mean(net) - capacity * fast_rate(point.P1, 1.0 / window.dt, at)
 
 
-def fast_rate(signal: Array, rate_Hz: float) -> Array:
-    """Rate of a signal under the short window less that under the usual one, (n,) [1/s]."""
-    return Window(rate_Hz, FAST_S).rate(signal) - Window(rate_Hz).rate(signal)
+def fast_rate(signal: Array, rate_Hz: float, at: slice = WHOLE) -> Array:
+    """Rate of a signal under the short window less that under the usual one, (n_at,) [1/s]."""
+    return Window(rate_Hz, FAST_S, at).rate(signal) - Window(rate_Hz, at=at).rate(signal)
 
 
 def top_residual_of(p: Array, point: MeasuredPoint, flow: Array, window: Window) -> Array:
-    """Of a rod side on the valve (n,) [m3/s]."""
+    """Of a rod side on the valve (n_at,) [m3/s]."""
     assert point.P2 is not None
     sensed = point.sensed
     capacity = top_capacities(p, sensed.mean_y, sensed.mean_P2)
     compressed = compression(capacity, point.P2, sensed.mean_P2, window)
-    return window.mean(flow) + p[P.AREA_TOP] * sensed.mean_v - compressed
+    return window.mean(flow) + p[P.AREA_TOP] * sensed.mean_v[window.at] - compressed
 
 
-def of_legs(flow_of: FlowOf, left: LeftOf, log: Log, machine: Machine) -> Array:
-    """The residual of each leg, a row a leg."""
-    resolved, window = resolved_machine(machine), Window(log.rate)
+def of_legs(flow_of: FlowOf, left: LeftOf, log: Log, machine: Machine, at: slice) -> Array:
+    """The residual of each leg at some samples, a row a leg."""
+    resolved, window = resolved_machine(machine), Window(log.rate, at=at)
 
     def residual(leg: int) -> Array:
         row, point = resolved.rows[leg], measured_point(log, machine, resolved, leg)
         key = leg_key(resolved, leg, OF_FORCE)
         flow = latest(log, (flow_of.__name__, leg), key, lambda: flow_of(row, point))
-        return latest(log, (left.__name__, leg), key, lambda: left(row, point, flow, window))
+        place = left.__name__, leg, at.start, at.stop, at.step
+        return latest(log, place, key, lambda: left(row, point, flow, window))
 
     return np.stack([residual(leg) for leg in range(log.n_legs)])
 
@@ -178,7 +179,10 @@ class Continuity(Balance):
         return np.array([position_settings(resolved, leg)[1] for leg in range(resolved.machine.n_legs)])
 
     def residual(self, log: Log, machine: Machine) -> Array:
-        return of_legs(inflow_of, residual_of, log, machine)
+        return self.residual_at(log, machine, WHOLE)
+
+    def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
+        return of_legs(inflow_of, residual_of, log, machine, at)
 
 
 class TopContinuity(Continuity):
@@ -198,15 +202,19 @@ class TopContinuity(Continuity):
     def reported_as(self, signal: str) -> str:
         return self.name
 
-    def residual(self, log: Log, machine: Machine) -> Array:
-        return of_legs(top_inflow_of, top_residual_of, log, machine)
+    def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
+        return of_legs(top_inflow_of, top_residual_of, log, machine, at)
 
 
 def mean_capacity(log: Log, machine: Machine) -> float:
     """Of the bottom chamber of the first leg over a log [m3/Pa]."""
     resolved = resolved_machine(machine)
-    sensed = measured_point(log, machine, resolved, 0).sensed
-    return float(np.mean(capacity_of(resolved.rows[0], sensed)))
+    row, key = resolved.rows[0], leg_key(resolved, 0, OF_FORCE)
+
+    def mean() -> Array:
+        return np.mean(capacity_of(row, measured_point(log, machine, resolved, 0).sensed), keepdims=True)
+
+    return float(latest(log, "mean capacity", key, mean)[0])
 
 
 class FastContinuity(Continuity):
@@ -235,10 +243,10 @@ class FastContinuity(Continuity):
         """In its noise already."""
         return np.ones(1)
 
-    def residual(self, log: Log, machine: Machine) -> Array:
+    def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
         _, gain, _, _ = channel_settings(resolved_machine(machine), 0, "pressure", "Pa")
         noise = np.hypot(self.flow_noise_m3_s, self.rate_noise_Pa_s * mean_capacity(log, machine) / gain)
-        return of_legs(inflow_of, fast_residual_of, log, machine) / noise
+        return of_legs(inflow_of, fast_residual_of, log, machine, at) / noise
 
 
 BALANCES = (Continuity(), TopContinuity())

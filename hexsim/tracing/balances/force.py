@@ -19,7 +19,7 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.machine.geometry import moving_body, suspension
 from hexsim.mechanics.rigid_body import pushed_back
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import Window
+from hexsim.signals.weak_form import WHOLE, Window
 from hexsim.tracing.balances.balance import (
     Balance,
     MeasuredPoint,
@@ -107,7 +107,10 @@ class Force(Balance):
         return np.sqrt(np.array([channel_settings(resolved, 0, "pressure", "Pa")[1]]))
 
     def residual(self, log: Log, machine: Machine) -> Array:
-        resolved, window = resolved_machine(machine), Window(log.rate)
+        return self.residual_at(log, machine, WHOLE)
+
+    def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
+        resolved, window = resolved_machine(machine), Window(log.rate, at=at)
         point, p = measured_point(log, machine, resolved, 0), resolved.rows[0]
         assert point.sensed.acceleration is not None
         thrust = latest(log, "thrust", thrust_key(resolved, 0), lambda: leg_thrust(p, point))

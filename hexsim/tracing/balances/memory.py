@@ -29,7 +29,12 @@ def latest(log: Log, place: Hashable, key: Hashable, make: Callable[[], Array]) 
         made.flags.writeable = False
         return made
 
-    return _kept(remembered(log, ("latest", place), dict), key, read_only, KEPT_SETTINGS)
+    return latest_of(log, place, key, read_only)
+
+
+def latest_of(log: Log, place: Hashable, key: Hashable, make: Callable[[], Any]) -> Any:
+    """The same of what is no array."""
+    return _kept(remembered(log, ("latest", place), dict), key, make, KEPT_SETTINGS)
 
 
 def _kept(known: dict[Hashable, Any], key: Hashable, make: Callable[[], Any], most: int) -> Any:

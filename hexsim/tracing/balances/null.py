@@ -43,7 +43,12 @@ def with_noise(log: Log, noise: dict[str, float], resolution: float, rng: np.ran
 
 def used(log: Log, residual: Array) -> Array:
     """The samples of a residual that count."""
-    return residual[..., int((SETTLE_S + 0.1) * log.rate) : log.n - int(END_S * log.rate)]
+    return residual[..., used_samples(log)]
+
+
+def used_samples(log: Log, every: int = 1) -> slice:
+    """Places of the samples that count, or of some of them."""
+    return slice(int((SETTLE_S + 0.1) * log.rate), log.n - int(END_S * log.rate), every)
 
 
 def window_weights(log: Log) -> Array:

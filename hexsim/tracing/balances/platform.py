@@ -18,7 +18,7 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.machine.geometry import moving_body, suspension
 from hexsim.mechanics.rigid_body import add_ride_wrenches, joint_wrenches, point_accelerations, ride
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import Window
+from hexsim.signals.weak_form import WHOLE, Window
 from hexsim.tracing.balances.balance import (
     Balance,
     SensedLeg,
@@ -53,6 +53,9 @@ class Platform(Balance):
 
     def residual(self, log: Log, machine: Machine) -> Array:
         return wrench_residual(log, machine)[0]
+
+    def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
+        return wrench_residual(log, machine, at)[0]
 
 
 class LegForce(Balance):
@@ -139,9 +142,9 @@ def felt_by_imu(log: Log, resolved: Resolved, omega: Array) -> Array:
     return np.concatenate([a, turning], axis=1)
 
 
-def wrench_residual(log: Log, machine: Machine) -> tuple[Array, Array]:
+def wrench_residual(log: Log, machine: Machine, at: slice = WHOLE) -> tuple[Array, Array]:
     """r_J (6, n) under the window, and the legs' lines (n, 6, 6) in the platform frame: wrench = thrusts . lines."""
-    resolved, window = resolved_machine(machine), Window(log.rate)
+    resolved, window = resolved_machine(machine), Window(log.rate, at=at)
     body = moving_body(resolved, log.loaded)
     points = [measured_point(log, machine, resolved, i) for i in range(6)]
     motion = platform_motion(log, resolved, [point.sensed for point in points])
@@ -156,7 +159,7 @@ def wrench_residual(log: Log, machine: Machine) -> tuple[Array, Array]:
         felt = (point_accelerations(spring.place, acceleration, motion.omega) - gravity) @ np.array(spring.axis)
         travel, rate = ride(spring, felt, log.rate)
         add_ride_wrenches(asked, spring, acceleration, motion.omega, gravity, travel, rate)
-    return window.mean(wrench - asked.T), motion.lines
+    return window.mean(wrench - asked.T), motion.lines[at]
 
 
 def felt_by_load(log: Log, machine: Machine) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import Window
+from hexsim.signals.weak_form import WHOLE, Window
 from hexsim.tracing.balances.balance import Balance, position_settings, resolved_machine, sensed_leg
 from hexsim.tracing.balances.memory import latest
 from hexsim.tracing.balances.platform import ROWS, felt_by_imu, platform_motion
@@ -38,14 +38,17 @@ class Sensor(Balance):
         return ["leg 1"]
 
     def residual(self, log: Log, machine: Machine) -> Array:
-        return sensed_leg(log, resolved_machine(machine), 0).disagreement[None]
+        return self.residual_at(log, machine, WHOLE)
+
+    def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
+        return sensed_leg(log, resolved_machine(machine), 0).disagreement(at)[None]
 
     def noise_gains(self, resolved: Resolved) -> Array:
         """Both are about as noisy."""
         return np.sqrt(np.array([position_settings(resolved, 0)[1] * resolved.sensors.acceleration_gain]))
 
     def sampling(self, log: Log, machine: Machine) -> Array:
-        return sensed_leg(log, resolved_machine(machine), 0).between_ticks[None]
+        return sensed_leg(log, resolved_machine(machine), 0).between_ticks()[None]
 
 
 class Imu(Balance):

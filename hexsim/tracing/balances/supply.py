@@ -20,7 +20,7 @@ from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import LINE, POWER_UNIT, S, line_capacity, power_unit_rates, pump_flow_command
 from hexsim.signals.log import Log
-from hexsim.signals.weak_form import Window
+from hexsim.signals.weak_form import WHOLE, Window
 from hexsim.tracing.balances.balance import Balance, measured_point, resolved_machine
 
 Array = np.ndarray
@@ -103,7 +103,10 @@ class Supply(Balance):
         return np.array([resolved.sensors.supply_pressure_gain])
 
     def residual(self, log: Log, machine: Machine) -> Array:
-        resolved, window = resolved_machine(machine), Window(log.rate)
+        return self.residual_at(log, machine, WHOLE)
+
+    def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
+        resolved, window = resolved_machine(machine), Window(log.rate, at=at)
         supply = resolved.supply
         assert log.supply is not None
         Ps = log.supply / resolved.sensors.supply_pressure_gain

@@ -10,6 +10,7 @@ reduced misfit where the model does not reach the noise.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +25,7 @@ from hexsim.tracing.fitting.parameters import (
     to_value,
     with_settings,
 )
-from hexsim.tracing.problems.problem import N_CORES, FitProblem, in_job
+from hexsim.tracing.problems.problem import N_CORES, FitProblem, alive, chi2_of, in_job
 
 Array = np.ndarray
 MAX_STEPS = 14
@@ -83,13 +84,6 @@ class Fit:
         return tuple(errors)
 
 
-def chi2_of(misfit: list[Array]) -> float:
-    """Sum of squares; inf when a simulation diverged."""
-    with np.errstate(over="ignore"):  # a pressure that ran away before the load did
-        total = float(sum(np.sum(np.square(m)) for m in misfit))
-    return total if np.isfinite(total) else np.inf
-
-
 def answered(fit: Fit, problem: FitProblem) -> Fit:
     """The fit where it stands, with its misfit as the problem sees it."""
     misfit = [m[0] for m in problem.misfit([fit.fitted_machine()])]
@@ -124,12 +118,6 @@ def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
     steps = np.array(signs)[:, None, None] * share * PARAMETER_STEP
     varied = problem.misfit(machines)
     return replace(fit, columns=alive([(base - v) / steps for base, v in zip(fit.misfit, varied, strict=True)]))
-
-
-def alive(columns: list[Array]) -> list[Array]:
-    """Columns of all logs, 0 for a number whose neighbour's simulation diverges: it stays where it is."""
-    finite = np.all([np.isfinite(c).all(axis=(1, 2)) for c in columns], axis=0)
-    return [np.where(finite[:, None, None], c, 0.0) for c in columns]
 
 
 def effect_neighbours(fit: Fit, share: float, only: int | None = None) -> tuple[list[Machine], list[float]]:
@@ -185,23 +173,27 @@ def refine(
     relative: float = 0.0,
     fresh: bool = False,
     share: float = 1.0,
+    worth: Callable[[Fit, float], bool] | None = None,
 ) -> Fit:
     """Damped Gauss-Newton from where the fit stands until the cost falls by less than `tolerance` (or that share of the excess).
 
     fresh: make the columns of the declared parameters anew where they have become poor, and before the last step.
-    share: of the usual finite differences.
+    share: of the usual finite differences.  worth: is a fit worth a step that promises so much, as the last one kept its promise?
     """
     if not fit.priors and not fit.candidates:
         return fit
     fit = parameter_columns(fit, problem, share) if fit.columns is None else fit
-    damping, covariance, age = 0.0, None, 0
+    damping, covariance, age, trust = 0.0, None, 0, 1.0
     for _ in range(steps):
         A, b = _system(fit, problem, share)
         covariance = _inverse(A)
         better, kept = None, 0.0
+        first = _promise(_step(fit, A, b, damping)[1], A, b)
+        if worth is not None and not worth(fit, trust * first):
+            break
         for _ in range(6):
             coordinates, step = _step(fit, A, b, damping)
-            promise = float(2.0 * step @ b - step @ A @ step)  # fall of the cost by the linear model
+            promise = _promise(step, A, b)
             if promise < 0.2 * tolerance:
                 break
             trial = _evaluate(fit, coordinates, problem, share)
@@ -212,7 +204,7 @@ def refine(
             damping = max(damping * 30, 1e-3)
         stale = fresh and age > 0
         gain = 0.0 if better is None else _cost(fit) - _cost(better)
-        fit = better or fit
+        fit, trust = better or fit, min(gain / max(first, 1e-300), 1.0)
         if gain < max(tolerance, relative * (fit.chi2 - fit.n)) and not stale:
             break
         age += 1
@@ -233,6 +225,11 @@ def _system(fit: Fit, problem: FitProblem, share: float) -> tuple[Array, Array]:
     A[range(m), range(m)] += precision
     b[:m] += pull
     return A, b
+
+
+def _promise(step: Array, A: Array, b: Array) -> float:
+    """Fall of the cost by the linear model."""
+    return float(2.0 * step @ b - step @ A @ step)
 
 
 def _cost(fit: Fit) -> float:

@@ -154,17 +154,19 @@ def named_first(rivals: list[Fit]) -> list[Fit]:
     return rivals
 
 
-def residual_at_noise_level(misfit: Sequence[Array], share: float = 1.0) -> bool:
+def residual_at_noise_level(misfit: Sequence[Array], share: float = 1.0, fall: float = 0.0) -> bool:
     """Nothing but noise is left: every channel and its means over 25 and 400 samples (the latter loosely).
 
     share: of the run that the misfit is of; then the problem is whether the whole run can still be at the noise, the
-    rest of it being no better than noise.
+    rest of it being no better than noise.  fall: of chi2 that may still come, all of it where it is wanted. A change whose
+    sum of squares is that takes no more than its root from the root of any sum.
     """
     for m in misfit:
         for width, limit in rules.NOISE_WINDOWS:
-            n = m.shape[1] // width * width
-            means = m[:, :n].reshape(m.shape[0], -1, width).mean(axis=2) * np.sqrt(width)
-            if not np.all(np.mean(means**2, axis=1) * share < limit**2 - (1.0 - share)):
+            n = m.shape[1] // width
+            means = m[:, : n * width].reshape(m.shape[0], -1, width).mean(axis=2) * np.sqrt(width)
+            most = n * max(limit**2 - (1.0 - share), 0.0) / share
+            if not np.all(np.sqrt(np.sum(means**2, axis=1)) - np.sqrt(fall) < np.sqrt(most)):
                 return False
     return True
 

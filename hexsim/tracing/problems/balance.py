@@ -15,7 +15,7 @@ from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance
 from hexsim.tracing.balances.balance import resolved_machine
-from hexsim.tracing.balances.null import used, window_weights
+from hexsim.tracing.balances.null import used, used_samples, window_weights
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
@@ -39,10 +39,10 @@ class BalanceRows:
     def residual(self, log: Log, machine: Machine, i: int, every: int) -> Array:
         """0 - residual over its noise (n_rows, n): what must be added for the balance to hold."""
         rows = list(self.rows)
-        left = used(log, self.balance.residual(log, machine))
-        left = left - self.clean[i] if self.clean else left
+        left = self.balance.residual_at(log, machine, used_samples(log, every))
+        left = left - self.clean[i][:, ::every] if self.clean else left
         noise = self.sigma / np.abs(self.balance.noise_gains(resolved_machine(machine)))
-        return -left[rows, ::every] / noise[rows, None] * window_weights(log)[::every]
+        return -left[rows] / noise[rows, None] * window_weights(log)[::every]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

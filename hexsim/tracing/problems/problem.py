@@ -80,6 +80,19 @@ class FitProblem(ABC):
         return max(log.n / log.rate for log in self.logs)
 
 
+def chi2_of(misfit: list[Array]) -> float:
+    """Sum of squares; inf when a simulation diverged."""
+    with np.errstate(over="ignore"):  # a pressure that ran away before the load did
+        total = float(sum(np.sum(np.square(m)) for m in misfit))
+    return total if np.isfinite(total) else np.inf
+
+
+def alive(columns: list[Array]) -> list[Array]:
+    """Columns of all logs, 0 for a number whose neighbour's simulation diverges: it stays where it is."""
+    finite = np.all([np.isfinite(c).all(axis=(1, 2)) for c in columns], axis=0)
+    return [np.where(finite[:, None, None], c, 0.0) for c in columns]
+
+
 def in_job() -> bool:
     """Does this run in a job of `in_parallel`?"""
     return threading.current_thread().name.startswith(THREADS)

@@ -74,7 +74,8 @@ def rivals_of_balances(found: Search, trace: Trace, tell: Tell) -> list[Fit]:
 def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
     """A hypothesis of the balances refitted by simulation; None when it does not simulate or cannot reach the noise.
 
-    What leaves too much of the opening seconds, fitted to them alone, leaves too much of the whole. The whole is then
+    What leaves too much of the opening seconds, fitted to them alone, leaves too much of the whole: that fit ends as soon as
+    what its columns promise cannot bring it there. The whole is then
     fitted from there, or from the balances where that is nearer: opening seconds may hardly show an effect. A hypothesis
     that comes near is judged by what no simulation can know about itself, not about the declared machine: a delay or more
     static friction makes the same disturbances move the machine further.
@@ -84,17 +85,28 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
     start = start_fit_at(rival, head)
     if not np.isfinite(start.chi2):
         return None
-    opening = refine(start, head, fresh=True)
+
+    def worth(fit: Fit, promise: float) -> bool:
+        return may_come_near(fit, rules.PROMISE_MARGIN * promise, share)
+
+    opening = refine(start, head, fresh=True, worth=worth)
     if not residual_at_noise_level(opening.misfit, share):
         if opening.reduced > rules.NEAR_NOISE:
             return None
         own = head.with_input_uncertainty(opening.fitted_machine())
-        opening = refine(start_fit_at(opening, own), own, fresh=True)
+        opening = refine(start_fit_at(opening, own), own, fresh=True, worth=worth)
         if not residual_at_noise_level(opening.misfit, share):
             return None
         whole = fitted_from((opening, rival), problem.with_input_uncertainty(opening.fitted_machine()))
         return None if whole is None else start_fit_at(whole, problem)
     return fitted_from((opening, rival), problem)
+
+
+def may_come_near(fit: Fit, fall: float, share: float) -> bool:
+    """May a fit of the opening seconds still reach the noise, or come near it, when chi2 can fall by so much?"""
+    far = fit.reduced > rules.NEAR_NOISE
+    near = far and np.sqrt(fit.chi2) - np.sqrt(fall) < np.sqrt(rules.NEAR_NOISE * fit.n)
+    return near or residual_at_noise_level(fit.misfit, share, fall)
 
 
 def fitted_from(fits: Sequence[Fit], problem: SimulatedProblem) -> Fit | None:

@@ -1,0 +1,88 @@
+"""A fit of the opening seconds ends as soon as what its columns promise cannot bring it to the noise; no other fit does."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexsim.machine import load_machine
+from hexsim.readers import log_files, read_log
+from hexsim.signals.channels import noise_of
+from hexsim.tracing import rules
+from hexsim.tracing.fitting.fit import refine, start_fit
+from hexsim.tracing.fitting.parameters import named, priors
+from hexsim.tracing.fitting.selection import residual_at_noise_level, with_candidate
+from hexsim.tracing.problems.simulated import SimulatedProblem
+from hexsim.tracing.steps.hypotheses import may_come_near
+
+DATA = Path(__file__).parents[1] / "data" / "bench_leakage"
+
+
+def noise(n: int = 4000) -> np.ndarray:
+    """White noise of two channels."""
+    return np.random.default_rng(0).standard_normal((2, n))
+
+
+@pytest.mark.parametrize(("width", "limit"), rules.NOISE_WINDOWS)
+def test_what_the_best_change_of_its_size_takes_is_what_it_may_take(width, limit):
+    """A misfit above one window's limit: the change along it with the least sum of squares that brings it to the limit is a fall
+    of chi2 that may bring it there, and one with 10 % less of it may not."""
+    m = np.repeat(noise(4000 // width)[:1], width, axis=1) / np.sqrt(width)
+    m *= 2.0 * limit / np.sqrt(width * np.mean(m**2))  # twice the limit in means over `width`, less in shorter ones
+    needed = np.sum((0.5 * m) ** 2)
+    assert not residual_at_noise_level([m])
+    assert not residual_at_noise_level([m], fall=0.9 * needed)
+    lowered = 0.5 * (1.0 - 1e-9) * m
+    assert residual_at_noise_level([lowered]) and residual_at_noise_level([m], fall=1.0001 * needed)
+
+
+def test_a_share_of_the_run_counts_as_before():
+    """Of 6 s of 20 s at 1.2 times the noise the whole may still be at 1.08 times: (0.3 1.2^2 + 0.7)^0.5 = 1.06; at 1.4 it may not."""
+    for size, possible in ((1.2, True), (1.4, False)):
+        m = size * noise() / np.sqrt(np.mean(noise() ** 2, axis=1, keepdims=True))
+        assert residual_at_noise_level([m], share=0.3) == possible
+        assert not residual_at_noise_level([m])
+
+
+@pytest.fixture(scope="module")
+def opening() -> SimulatedProblem:
+    """Four seconds of a bench that leaks."""
+    log = read_log(log_files(DATA, "fit")).head(4.0)
+    return SimulatedProblem(logs=(log,), noise=noise_of(load_machine(DATA), [log]))
+
+
+def hypothesis(name: str, problem: SimulatedProblem):
+    machine = load_machine(DATA)
+    return with_candidate(start_fit(machine, priors(machine), problem), named(name), 0.5, problem)
+
+
+def worth(fit, promise: float) -> bool:
+    return may_come_near(fit, rules.PROMISE_MARGIN * promise, 1.0)
+
+
+def test_a_fit_that_reaches_the_noise_is_the_same_with_the_rule(opening):
+    """The leak that is there, begun at half its typical size: same numbers to the last bit, at the noise."""
+    begun = hypothesis("leakage_supply_to_chamber", opening)
+    whole, ended = refine(begun, opening, fresh=True), refine(begun, opening, fresh=True, worth=worth)
+    assert residual_at_noise_level(whole.misfit)
+    assert ended.values == whole.values and np.array_equal(ended.deviations, whole.deviations)
+
+
+def test_a_fit_that_cannot_ends_early_and_is_far(opening, monkeypatch):
+    """A spring in its place: the whole fit stays far above the noise, and the rule ends it with less than half the simulations."""
+    counts, simulated = [0], SimulatedProblem.residual
+
+    def counted(problem, machine, i):
+        counts[0] += 1
+        return simulated(problem, machine, i)
+
+    monkeypatch.setattr(SimulatedProblem, "residual", counted)
+    begun = hypothesis("spring", opening)
+    made = []
+    for rule in (None, worth):
+        counts[0] = 0
+        fit = refine(replace(begun), opening, fresh=True, worth=rule)
+        made.append(counts[0])
+        assert fit.reduced > rules.NEAR_NOISE
+    assert made[1] < 0.5 * made[0]
