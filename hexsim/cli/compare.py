@@ -40,7 +40,7 @@ def compare(
     json: options.Json = False,
     settings: options.Set = None,
     host: options.Packets = None,
-    recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write run.rrd for Rerun.")] = True,
+    recording: options.Recording = True,
     log_format: Annotated[LogFormat, typer.Option(help="Format of the log files.")] = "parquet",
 ) -> None:
     """Run a scenario with several compensators: table, figure, report, compare.json, one recording."""

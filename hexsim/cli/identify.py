@@ -32,7 +32,7 @@ def identify(
         bool,
         typer.Option("--compensate", help="At the end: the machine's bump in heave before and after compensation."),
     ] = False,
-    recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write recordings for Rerun.")] = True,
+    recording: options.Recording = True,
     json: options.Json = False,
 ) -> None:
     """Measure the machine behind a host interface, trace it, design the next motion, until nothing more can be told.

@@ -66,6 +66,7 @@ Packets = Annotated[
         help="A host that knows no future drives: packets a second, and more as in 60,jitter=0.2,loss=0.02,buffer=0.02.",
     ),
 ]
+Recording = Annotated[bool, typer.Option("--recording/--no-recording", help="Write recordings for Rerun.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else there.")]
 Set = Annotated[
     list[str] | None,

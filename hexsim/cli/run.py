@@ -35,7 +35,7 @@ def run(
     json: options.Json = False,
     settings: options.Set = None,
     host: options.Packets = None,
-    recording: Annotated[bool, typer.Option("--recording/--no-recording", help="Write run.rrd for Rerun.")] = True,
+    recording: options.Recording = True,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write figures and report.html.")] = True,
     log_format: Annotated[LogFormat, typer.Option(help="Format of the log file.")] = "parquet",
     mcap: Annotated[bool, typer.Option("--mcap", help="Write run.mcap for Foxglove, PlotJuggler and ROS.")] = False,
