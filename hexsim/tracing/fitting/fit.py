@@ -3,8 +3,7 @@
     minimise  sum ((measured - simulated)/noise)^2 + sum (deviation/prior sd)^2,   deviations within their half width
 
 Columns are finite differences of whole simulations. Columns of declared parameters are kept between hypotheses (the
-shifts are small); those of effects are made anew in every step. Covariance: inverse of the normal matrix, times the
-reduced misfit where the model does not reach the noise.
+shifts are small); those of effects are made anew in every step. Covariance: by the scatter of blocks, `covariance`.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from hexsim.declaration import Machine
+from hexsim.tracing.fitting.covariance import scattered
 from hexsim.tracing.fitting.parameters import (
     Candidate,
     Prior,
@@ -183,10 +183,12 @@ def refine(
     if not fit.priors and not fit.candidates:
         return fit
     fit = parameter_columns(fit, problem, share) if fit.columns is None else fit
-    damping, covariance, age, trust = 0.0, None, 0, 1.0
+    damping, age, trust = 0.0, 0, 1.0
+    A, columns, seen = np.zeros((0, 0)), [], []
     for _ in range(steps):
-        A, b = _system(fit, problem, share)
-        covariance = _inverse(A)
+        columns = _all_columns(fit, problem, share)
+        A, b = _system(fit, columns)
+        seen = fit.misfit
         better, kept = None, 0.0
         first = _promise(_step(fit, A, b, damping)[1], A, b)
         if worth is not None and not worth(fit, trust * first):
@@ -210,15 +212,19 @@ def refine(
         age += 1
         if fresh and (abs(kept - 1.0) > 1.0 - KEPT_SHARE or age > MAX_AGE):
             fit, age, damping = parameter_columns(fit, problem, share), 0, 0.0
-    return replace(fit, covariance=covariance, neighbours=None)
+    return replace(fit, covariance=scattered(A, prior_terms(fit)[0], columns, seen, problem), neighbours=None)
 
 
-def _system(fit: Fit, problem: FitProblem, share: float) -> tuple[Array, Array]:
-    """Normal equations of all coordinates, prior included."""
+def _all_columns(fit: Fit, problem: FitProblem, share: float) -> list[Array]:
+    """Columns of all coordinates: the kept ones of declared parameters, those of effects anew."""
     assert fit.columns is not None
-    columns = fit.columns
-    if fit.candidates:
-        columns = [np.concatenate(pair) for pair in zip(columns, effect_columns(fit, problem, share), strict=True)]
+    if not fit.candidates:
+        return fit.columns
+    return [np.concatenate(pair) for pair in zip(fit.columns, effect_columns(fit, problem, share), strict=True)]
+
+
+def _system(fit: Fit, columns: list[Array]) -> tuple[Array, Array]:
+    """Normal equations of all coordinates, prior included."""
     A, b = normal_equations(columns, fit.misfit)
     m = len(fit.priors)
     precision, pull = prior_terms(fit)
@@ -235,11 +241,6 @@ def _promise(step: Array, A: Array, b: Array) -> float:
 def _cost(fit: Fit) -> float:
     half_widths = np.array([prior.half_width for prior in fit.priors])
     return fit.chi2 + float(3.0 * np.sum((fit.deviations / half_widths) ** 2)) if len(fit.priors) else fit.chi2
-
-
-def _inverse(A: Array) -> Array:
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
-    return np.linalg.pinv(A * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale
 
 
 def coordinates_of(fit: Fit) -> Array:

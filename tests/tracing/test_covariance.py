@@ -1,0 +1,52 @@
+"""Errors of a refit hold the numbers where what is left is not white."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hexsim.tracing.fitting.covariance import inverse, scattered
+
+RATE_Hz, N, DRAWS = 1000.0, 20000, 60
+PROBLEM = SimpleNamespace(logs=[SimpleNamespace(time=np.arange(N) / RATE_Hz)])
+RING_Hz, RING_S = 80.0, 0.02  # oil that rings, and how long
+
+
+def columns_of(rng):
+    """A ring that random kicks excite, as a hose shows, and a slow wave (2, 1, N)."""
+    pole = np.exp((-1.0 / RING_S + 2j * np.pi * RING_Hz) / RATE_Hz)
+    ring = lfilter([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], rng.standard_normal(N))
+    return np.stack([ring / ring.std(), np.sin(2 * np.pi * 0.3 * np.arange(N) / RATE_Hz)])[:, None, :]
+
+
+def left_over(rng, share):
+    """White noise; a share of its variance rings as the oil does (1, N)."""
+    return np.sqrt(1.0 - share) * rng.standard_normal((1, N)) + np.sqrt(share) * columns_of(rng)[0]
+
+
+@pytest.mark.parametrize(("share", "times"), [(0.0, 1.0), (0.3, 1.6)])
+def test_an_error_is_the_scatter_of_the_number(share, times):
+    """Of 60 logs the first number scatters by its mean error within a quarter (chi of 60 draws: 9 %), 1.6 times as much as white
+    noise makes of it where a third of what is left rings; the slow wave's error stays as it was."""
+    rng = np.random.default_rng(1)
+    X = columns_of(rng)
+    A = np.einsum("kcn,lcn->kl", X, X)
+    errors, numbers = [], []
+    for _ in range(DRAWS):
+        r = left_over(rng, share)
+        numbers.append(inverse(A) @ np.einsum("kcn,cn->k", X, r))
+        left = r - np.einsum("k,kcn->cn", numbers[-1], X)
+        errors.append(np.sqrt(np.diag(scattered(A, np.zeros(0), [X], [left], PROBLEM))))
+    white = np.sqrt(np.diag(inverse(A)))
+    assert np.std(numbers, axis=0)[0] == pytest.approx(np.mean(errors, axis=0)[0], rel=0.25)
+    assert np.mean(errors, axis=0)[0] > times * white[0]
+    assert np.mean(errors, axis=0)[1] == pytest.approx(white[1], rel=0.25)
+
+
+def test_no_error_is_less_than_that_of_white_noise():
+    """Blocks that agree by chance, nothing left at all, and a prior on the first number."""
+    X = columns_of(np.random.default_rng(2))
+    A = np.einsum("kcn,lcn->kl", X, X) + np.diag([3.0, 0.0])
+    found = scattered(A, np.array([3.0]), [X], [np.zeros((1, N))], PROBLEM)
+    assert np.diag(found) == pytest.approx(np.diag(inverse(A)), rel=1e-9)
