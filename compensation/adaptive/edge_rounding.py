@@ -94,6 +94,12 @@ def upper_bound_V(rounding):
 
 
 @compiled
+def seem_sharp(rounding):
+    """Whether no reversal so far speaks of a rounding."""
+    return rounding.square_V2 < UPPER_ERRORS * _error(rounding)
+
+
+@compiled
 def reversals_seen(rounding):
     """Whether a reversal was held against the identified valve."""
     return rounding.variance_V4 < rounding.prior_V**4

@@ -35,11 +35,12 @@ import math
 from ..compiled import compiled
 from .arithmetic import clip
 from .chambers import compliance_m_Pa
-from .checks import checks_passed, excited_enough
+from .checks import checks_passed, excited_enough, plain_valve_told
 from .edge_rounding import upper_bound_V
 from .friction import friction_ready, inertia_Pa, resonance_growth_1_s
 from .layout import DEMANDS, LEAD_TICKS, PREVIEW_TICKS
 from .monitor import add_to_monitor, begin_range, monitor_ready, worse_than_baseline
+from .stroke import far_from_reversal, track_opening
 from .valve import valve_ready
 
 PHASES = ("plain control", "engaging", "compensated", "feed-forward going out", "disengaging", "tripped")
@@ -51,6 +52,7 @@ STABILITY_SPEED_M_S = 1.2e-3  # stability limit [m/s2] over growth rate of the h
 LOCKOUT_S, LOCKOUT_RATIO = 4.0, 4.0  # after the first trip, and how many times longer after each further one
 REVERSALS_TO_FORGIVE = 20  # good ones, after which one trip is forgotten
 MAX_WAIT_S = 1.0  # for the middle of a half stroke, to leave a valve that is no longer identified
+FRICTION_S = 0.1  # in which friction comes in before the ramp, of a leg that is told its load
 MIN_OPEN_S = 0.08  # time the valve has been open under plain control before engaging
 ARMED_ENGAGE_S, ARMED_FEED_FORWARD_S = 0.1, 0.4  # ramp and g after a start with what was learned
 JOIN_ERRORS = 4.0  # standard deviations of a position within which a piston stands at its setpoint
@@ -74,14 +76,16 @@ def update_engagement(state, setpoint_m_s, setpoint_m_s2, position_m, control_V,
     engagement, reference, settings = state.engagement, state.reference, state.settings
     add_to_monitor(state.monitor, position_m, behind_m)
     if engagement.ramp == 0.0:
-        _track_valve(engagement, state.valve, control_V - state.valve.null_V)
+        track_opening(engagement, state.valve, control_V - state.valve.null_V)
     _track_reversals(state, reference.velocity_m_s)
     _track_excitation(state, setpoint_m_s2)
 
     identified, step = valve_ready(state.valve), settings.tick_s / settings.engage_s
     friction_target = 1.0 if identified and friction_ready(state.friction) else 0.0
     if friction_target != engagement.friction_share:
-        engagement.friction_share += clip(friction_target - engagement.friction_share, -step, step)
+        hurries = engagement.ramp == 0.0 and plain_valve_told(state)  # nothing acts yet: only histories must fill
+        most = settings.tick_s / (FRICTION_S if hurries else settings.engage_s)
+        engagement.friction_share += clip(friction_target - engagement.friction_share, -most, most)
     if engagement.lockout_s > 0.0:
         engagement.lockout_s -= settings.tick_s
 
@@ -256,26 +260,12 @@ def begin_judging(engagement, monitor, half_s):
 
 
 @compiled
-def _track_valve(engagement, valve, control_V):
-    """For how long plain control has held the valve open, and how long the overlap closed it before.
-
-    A wide overlap keeps the valve closed for much of a small motion.
-    """
-    edge = valve.edges[1 if control_V > 0.0 else 0]
-    if abs(control_V) > edge.dead_band_V + edge.backlash_V:
-        engagement.open_ticks += 1
-    elif engagement.open_ticks:
-        engagement.open_ticks, engagement.closed_ticks = 0, 1
-    else:
-        engagement.closed_ticks += 1
-
-
-@compiled
 def _track_reversals(state, velocity_m_s):
     """Reversals of the reference, and the windows between two of them.
 
     The ramp falls wholly between two reversals. Disengaging begins a fifth into a half stroke. Engaging begins at two
-    fifths, when the oscillation that plain control's reversal excited has decayed.
+    fifths, when the oscillation that plain control's reversal excited has decayed; of a leg that is told its load as long
+    as the stroke goes on, too.
     """
     engagement, settings = state.engagement, state.settings
     engagement.reversal_ticks += 1
@@ -285,14 +275,16 @@ def _track_reversals(state, velocity_m_s):
         engagement.direction = velocity_m_s
     half, ticks = engagement.half_ticks, engagement.reversal_ticks - LEAD_TICKS - state.shift
     engagement.after_reversal = engagement.engage_window = engagement.between = False
+    opened = engagement.open_ticks * settings.tick_s > MIN_OPEN_S
     if half == 0 or ticks > 0.55 * half:
+        engagement.engage_window = opened and state.reference.load_given == 2 and far_from_reversal(state, velocity_m_s)
         return
     if ticks == 2 * half // 5:
         if engagement.armed:
             begin_judging(engagement, state.monitor, half * settings.tick_s)
         else:
             _judge_reversal(engagement, state.monitor, velocity_m_s > 0.0)
-    engagement.engage_window = ticks >= 0.4 * half and engagement.open_ticks * settings.tick_s > MIN_OPEN_S
+    engagement.engage_window = ticks >= 0.4 * half and opened
     engagement.between = ticks >= half // 5
     if ticks == half // 5:
         engagement.after_reversal = True

@@ -96,6 +96,8 @@ def worse_than_baseline(monitor, extending, reversal_m_s2, ramp):
     baseline, reversal = monitor.baseline_m_s2[i], monitor.reversal_m_s2[i]
     alike = abs(reversal_m_s2 - reversal) < ALIKE * reversal_m_s2
     if ramp == 0.0:
+        usual = monitor.usual_m_s2[i]
+        monitor.usual_m_s2[i] = usual + (BASELINE_SHARE if usual > 0.0 else 1.0) * (bump - usual)
         monitor.baseline_m_s2[i] = baseline + BASELINE_SHARE * (bump - baseline) if alike else bump
         monitor.reversal_m_s2[i] = reversal_m_s2
         return False
@@ -112,13 +114,14 @@ def worse_than_baseline(monitor, extending, reversal_m_s2, ramp):
 @compiled
 def worth_compensating(monitor, step_m_s2, told, noise_range):
     """Whether plain control's bumps, both directions' mean, are larger than those of a compensation that is still learning;
-    the larger one for a platform's leg, whose bumps are small beside those of the others. step_m_s2:
+    for a platform's leg, whose bumps are small beside those of the others, the larger one, or the mean of late. step_m_s2:
     acceleration that the friction step gives the load; told: a platform's leg is told its load; noise_range: standard
     errors that noise adds to a bump."""
     noise_m_s2 = noise_range * bump_noise_m_s2(monitor)
     first, second = monitor.baseline_m_s2
     if told:
-        return max(first, second) > min(FELT_M_S2, RISK_SHARE_TOLD * step_m_s2) + noise_m_s2
+        usual_m_s2 = max(monitor.usual_m_s2[0], monitor.usual_m_s2[1])
+        return max(first, second, usual_m_s2) > min(FELT_M_S2, RISK_SHARE_TOLD * step_m_s2) + noise_m_s2
     least = min(FELT_ALONE_M_S2, RISK_SHARE * step_m_s2)
     reversal_m_s2 = max(monitor.reversal_m_s2[0], monitor.reversal_m_s2[1])
     if 0.0 < reversal_m_s2 < GENTLE_M_S2:

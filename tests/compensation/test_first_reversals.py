@@ -11,11 +11,13 @@ from pair_plant import PairLeg, run_pair
 
 from compensation import Context
 from compensation.adaptive import Adaptive
+from compensation.adaptive.checks import plain_valve_told
 from compensation.adaptive.friction import TYPICAL_STRIBECK, add_to_friction, start_friction, stribeck_share
 from compensation.adaptive.inverse import advance_inverse
 from compensation.adaptive.layout import FRICTION, MONITOR, STRIBECK, VALVE, empty
-from compensation.adaptive.monitor import start_monitor, worth_compensating, worth_crossing
+from compensation.adaptive.monitor import start_monitor, worse_than_baseline, worth_compensating, worth_crossing
 from compensation.adaptive.stribeck import MOST_WEIGHT, add_to_stribeck, hold_step, update_stribeck
+from compensation.adaptive.stroke import far_from_reversal
 from compensation.adaptive.valve import crossing_in_time
 
 
@@ -83,6 +85,49 @@ def test_gentle_motion_is_worth_less(reversal_m_s2: float, worth: bool) -> None:
     start_monitor(monitor, 0.002, 0.0)
     monitor.baseline_m_s2[:], monitor.reversal_m_s2[:] = 0.15, reversal_m_s2
     assert worth_compensating(monitor, 0.33, False, 0.0) == worth
+
+
+def test_one_small_bump_does_not_keep_a_leg_of_a_platform_waiting() -> None:
+    """Bumps of 0.9 and then 0.1 m/s2: a platform's leg, which is told its load, is still worth compensating by their mean of 0.5;
+    a leg alone is not."""
+    monitor = empty(MONITOR)
+    start_monitor(monitor, 0.002, 0.0)
+    for reversal_m_s2, bump_m_s2 in ((0.5, 0.9), (0.1, 0.1)):
+        for shaken in (monitor.piston, monitor.off):
+            shaken.low_m_s2, shaken.high_m_s2 = 0.0, bump_m_s2
+        worse_than_baseline(monitor, False, reversal_m_s2, 0.0)
+    assert [worth_compensating(monitor, 4.0, told, 0.0) for told in (True, False)] == [True, False]
+
+
+@pytest.mark.parametrize(("change", "plain"), [({}, True), ({"null_V": 0.01}, False), ({"leak_m_s": 1e-3}, False)])
+def test_a_leak_that_no_reversal_told_is_no_reason_to_wait(change: dict[str, float], plain: bool) -> None:
+    """Edges at 45 mV to either side of zero: a leak would have to undo a null offset just so, and a platform's leg engages without
+    having seen one. Off zero, or with a leak that was found, it waits; and so does a leg alone, and one whose edges are rounded."""
+    numbers = Adaptive().start(Context()).numbers
+    numbers.reference.load_given = 2
+    for edge in numbers.valve.edges:
+        edge.plain_fit.theta[:3] = 0.15, 0.15 * 0.045, 0.0
+    for name, value in change.items():
+        numbers.valve[name] = value
+    assert plain_valve_told(numbers) == plain
+    numbers.rounding.square_V2 = 9e-4
+    assert not plain_valve_told(numbers)
+    numbers.rounding.square_V2, numbers.reference.load_given = 0.0, 1
+    assert not plain_valve_told(numbers)
+
+
+@pytest.mark.parametrize(
+    ("velocity_m_s", "acceleration_m_s2", "far"), [(0.06, -0.1, 1), (0.04, -0.1, 0), (0.04, 0.1, 1), (1e-3, 0, 0)]
+)
+def test_a_leg_engages_late_in_a_stroke_if_its_speed_outlasts_the_ramp(velocity_m_s, acceleration_m_s2, far) -> None:
+    """A ramp of 0.5 s, in which 0.1 m/s2 take 0.05 m/s off: 0.06 m/s is enough and 0.04 is not, but for a leg that speeds up; the
+    same the other way round. One that hardly moves is near its reversal."""
+    numbers = Adaptive().start(Context()).numbers
+    engagement = numbers.engagement
+    engagement.half_ticks, engagement.ramp_step = 700, 1.0 / 250
+    for sign in (1.0, -1.0):
+        engagement.acceleration_m_s2 = sign * acceleration_m_s2
+        assert far_from_reversal(numbers, sign * velocity_m_s) == far
 
 
 @pytest.mark.parametrize(("resonance_Hz", "bumps_m_s2", "worth"), [(38.0, (0.85, 1.7), 0), (26.0, (0.85, 0.6), 1)])
