@@ -1,13 +1,15 @@
 """The signature of an effect: what the declared machine's balances leave of runs in which the effect acts at typical size.
 
 A machine that travels with hexsim is simulated without noise on a motion of many frequencies, with the effect and without
-it. Shown is the balance that the effect violates most, over the signal whose curve explains most of its residual.
+it. Shown is the balance that the effect violates most, or the platform's for what is of it, over the signal whose curve
+explains most of its residual. A wave along the stroke or in time is shown over one of its periods, all of them laid on
+each other; what settles is shown over time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -35,12 +37,17 @@ DURATION_S = {"bench": 10.0, "hexapod": 6.0}
 RATE_Hz = 1000.0
 TONES = ((0.3, 0.35), (0.7, 0.2), (1.6, 0.1), (3.1, 0.04), (6.3, 0.01))  # (Hz, share of a quarter of the stroke)
 ALIKE = 0.05  # of R2: of signals that do so alike the balance's own order decides
+SHOWN_Hz = 25.0  # a wave that goes by faster is lost in a balance's window
+SEEN = 0.2  # from this on an effect of the platform is shown there, else where it changes most
 ROUGH = 0.02  # of a run without the effect: what sampling alone leaves
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Signature:
-    """Residual (m,) of a balance over a signal (m,), with the effect (and without it), moving out or in (m,) bool."""
+    """Residual (m,) of a balance over a signal (m,), with the effect (and without it), moving out or in (m,) bool.
+
+    period: of a wave, in the signal's unit; x is then the place within it.
+    """
 
     effect: Effect
     values: dict[str, float]
@@ -52,6 +59,7 @@ class Signature:
     residual: Array
     without: Array
     outward: Array
+    period: float | None = None
 
 
 def signature(name: str) -> Signature:
@@ -88,17 +96,39 @@ def on_machine(effect: Effect, machine: Machine, kind: str) -> tuple[float, Sign
                 found.append(
                     (rms(used(log, after - before)[place]) / size, balance, place, before[place], after[place])
                 )
-    ratio, balance, place, before, after = max(found, key=lambda one: one[0])
+    own = [one for one in found if one[1].name == effect.balance == "platform" and one[0] > SEEN]
+    ratio, balance, place, before, after = max(own or found, key=lambda one: one[0])
     if ratio < ROUGH:
         return None
     where = balance.places(log)[place]
     signals, v = signals_of(log, machine, where)
-    rest, own = after[kept(log)], {name: x for name, x in signals.items() if name in balance.signals}
-    shares = {name: explained(own[name], rest) for name in balance.signals if name in own}
+    rest, usual = after[kept(log)], [name for name in balance.signals if name in signals]
+    shares = {name: explained(signals[name], rest) for name in usual}
     name = next(name for name, share in shares.items() if share > max(shares.values()) - ALIKE)
-    return ratio, Signature(
-        effect=effect, values=values, machine=machine.machine.name, balance=balance, where=where, signal=name, x=own[name],
+    name = "time_s" if "time_constant_s" in values else name
+    shown = Signature(
+        effect=effect, values=values, machine=machine.machine.name, balance=balance, where=where, signal=name, x=signals[name],
         residual=rest, without=before[kept(log)], outward=v > 0,
+    )  # fmt: skip
+    return ratio, over_a_period(shown, signals, v)
+
+
+def over_a_period(found: Signature, signals: dict[str, Array], v: Array) -> Signature:
+    """Of an effect that is a wave: its residual over one period. Along the stroke only where the piston is slow enough for
+    the balance's window to show the wave, and fast enough for the wave to be felt."""
+    values = found.values
+    if "phase_rad" not in values:
+        return found
+    if "frequency_Hz" in values:
+        return replace(
+            found, signal="time_s", x=signals["time_s"] % (period := 1.0 / values["frequency_Hz"]), period=period
+        )
+    period = values.get("pitch_m") or values["wavelength_m"]
+    rate = np.abs(v) / period
+    shown = rate < SHOWN_Hz if found.balance.name != "sensor" else (rate > 0.4 * SHOWN_Hz) & (rate < SHOWN_Hz)
+    return replace(
+        found, signal="position_m", x=signals["position_m"][shown] % period, period=period, residual=found.residual[shown],
+        without=found.without[shown], outward=found.outward[shown],
     )  # fmt: skip
 
 
@@ -145,10 +175,20 @@ def rms(x: Array) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
 
 
+def axis_of(found: Signature) -> tuple[str, float, str]:
+    """(words, scale, unit) of the signal."""
+    label, scale, unit = SIGNALS.get(found.signal, (found.signal, 1.0, ""))
+    return (
+        (label if found.period is None else f"{label} within a period of {scale * found.period:.3g} {unit}"),
+        scale,
+        unit,
+    )
+
+
 @styled
 def picture(found: Signature) -> Figure:
     """The residual over its signal: with the effect, moving out and in, and without it."""
-    label, scale, unit = SIGNALS.get(found.signal, (found.signal, 1.0, ""))
+    label, scale, unit = axis_of(found)
     title = (
         f"{found.effect.name.replace('_', ' ')} in the {found.balance.name} balance of {found.where}, {found.machine}"
     )
@@ -169,7 +209,8 @@ def picture(found: Signature) -> Figure:
 def drawn(found: Signature, width: int = 61, height: int = 13) -> Sequence[str]:
     """The same in characters: + moving out, o moving in, mean of columns; the axis is the residual's zero."""
     x, y = found.x, found.residual
-    edges = np.linspace(np.min(x), np.max(x) + 1e-300, width + 1)
+    low, high = (0.0, found.period) if found.period else (np.min(x), np.max(x) + 1e-300)
+    edges = np.linspace(low, high, width + 1)
     column = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, width - 1)
     rows = [[" "] * width for _ in range(height)]
     means = {}
@@ -184,7 +225,7 @@ def drawn(found: Signature, width: int = 61, height: int = 13) -> Sequence[str]:
     rows[zero] = ["-"] * width
     for (mark, k), value in means.items():
         rows[round((high - value) / span * (height - 1))][k] = mark
-    label, scale, unit = SIGNALS.get(found.signal, (found.signal, 1.0, ""))
+    label, scale, unit = axis_of(found)
     left = [f"{high:.2g}", *[""] * (height - 2), f"{low:.2g}"]
     left[zero] = left[zero] or "0"
     lines = [f"{text:>9} |{''.join(row)}" for text, row in zip(left, rows, strict=True)]
