@@ -40,6 +40,7 @@ import compensation  # noqa: E402
 
 RESULT = ROOT / "docs" / "results" / "compensation_robustness.md"
 JOURNAL = RESULT.with_suffix(".jsonl")
+FLOOR = RESULT.with_name("reversal_chance.jsonl")  # reversal_chance.py: plain control against itself
 ROUGH = {
     "ripple_m": 4e-6, "spool_Hz": 150.0, "position_delay_s": 4e-4, "warm_up": 0.08, "seal_N_Pa": 2e-6, "air": 3e-3,
     "drift_V_s": 2.5e-4, "worn_m3_s_Pa": 2e-13, "tank_line_Pa_s_m3": 1e8,
@@ -131,32 +132,39 @@ def bumps(
     ]
 
 
-def result_of(case: Case) -> Case:
-    """The case with what came of it."""
+def motion_of(case: Case) -> tuple[Callable[[np.ndarray], np.ndarray], float, float | None]:
+    """Motion, its duration and its period, if it has one."""
+    if case["motion"] == IRREGULAR:
+        return irregular(case["seed"]), IRREGULAR_s, None
+    amplitude_m, frequency_Hz, duration_s = MOTIONS[case["motion"]]
+    return sine(amplitude_m, frequency_Hz), duration_s, 1.0 / frequency_Hz
+
+
+def leg_of(case: Case) -> Leg:
+    """The leg of a case."""
     changes: dict[str, float] = {}
     for name in case["conditions"]:
         changes |= CONDITIONS[name][0]
-    return compared(case, lambda: Leg(mass_kg=case["mass_kg"], **changes), run)
+    return Leg(mass_kg=case["mass_kg"], **changes)
+
+
+def result_of(case: Case) -> Case:
+    """The case with what came of it."""
+    return compared(case, lambda: leg_of(case), run)
 
 
 def compared(case: Case, leg_of: Callable[[], Any], drive: Callable[..., Record]) -> Case:
     """The case with what came of it on a leg, driven without and with compensation."""
-    if case["motion"] == IRREGULAR:
-        motion, duration_s, period_s = irregular(case["seed"]), IRREGULAR_s, None
-    else:
-        amplitude_m, frequency_Hz, duration_s = MOTIONS[case["motion"]]
-        motion, period_s = sine(amplitude_m, frequency_Hz), 1.0 / frequency_Hz
+    motion, duration_s, period_s = motion_of(case)
     both = [
         compensation.create("none"),
         compensation.create("adaptive", **({"preview_s": 0.0} if case["host"] else {})),
     ]
     records = [drive(c, leg_of(), motion, duration_s, period_s=period_s, seed=case["seed"]) for c in both]
     found = [bumps(record, motion, duration_s) for record in records]
-    made = [reversed_ for _, reversed_, _ in found[0]]
-    worse_peak = [is_worse(b, a) for (*_, b), (*_, a) in zip(*found, strict=True)]
+    made, worse = [reversed_ for _, reversed_, _ in found[0]], worse_reversals(*found)
     found = [[bump for bump, *_ in one] for one in found]
     worse_bump = [is_worse(b, a) for b, a in zip(*found, strict=True)]
-    worse = [bump if turned else peak for bump, peak, turned in zip(worse_bump, worse_peak, made, strict=True)]
     peaks = [r.peaks(period_s)[-3:].max() if period_s else max(b[-8:]) / 2 for r, b in zip(records, found, strict=True)]
     return {
         **case, "reversals": len(worse), "worse": sum(worse),
@@ -166,6 +174,14 @@ def compared(case: Case, leg_of: Callable[[], Any], drive: Callable[..., Record]
         "worst_m_s2": round(max(a - b for b, a in zip(*found, strict=True)), 3),
         "engaged": bool(records[1].added_V.any()), "trips": int(records[1].state.inner.numbers.engagement.trips),
     }  # fmt: skip
+
+
+def worse_reversals(plain: list[tuple[float, bool, float]], other: list[tuple[float, bool, float]]) -> list[bool]:
+    """Of each reversal of `bumps` whether it is worse than plain control's."""
+    return [
+        is_worse(bump, b) if turned else is_worse(off, o)
+        for (bump, turned, off), (b, _, o) in zip(plain, other, strict=True)
+    ]
 
 
 def is_worse(plain: float, compensated: float) -> bool:
@@ -209,7 +225,7 @@ def page(done: list[Case], seeds: str, commit: str) -> str:
         f"{len(done)} runs, {total} reversals, **{worse} worse** than plain control by 5 % and 0.03 m/s2: a share below "
         f"{upper_bound(worse, total):.1e} with 95 % confidence. {missed} of the reversals plain control did not make: its lag and its",
         "dead band swallowed the small turn that was asked for. There the largest deviation from the command is compared:",
-        f"{worse - made} are worse; by bumps, of a turn against none, {bump - made} are.", "",
+        f"{worse - made} are worse; by bumps, of a turn against none, {bump - made} are.", "", floor_line(), "",
         "| condition | bench sine: plain | adaptive | target | all runs | engaged | reversals | worse | largest growth [m/s2] |",
         "|---|---|---|---|---|---|---|---|---|",
     ]  # fmt: skip
@@ -228,6 +244,13 @@ def page(done: list[Case], seeds: str, commit: str) -> str:
         if c["worse"]
     ]
     return "\n".join(lines) + "\n"
+
+
+def floor_line() -> str:
+    """What of the count is chance."""
+    floor = [json.loads(line) for line in FLOOR.read_text().splitlines()] if FLOOR.exists() else []
+    worse, total = (sum(c[name] for c in floor) for name in ("worse", "reversals"))
+    return f"Plain control against itself, with other sensor noise alone: {worse} of {total} worse by the same rule."
 
 
 def _row(name: str, mine: list[Case], target: float | None) -> str:

@@ -142,3 +142,21 @@ def test_speeds_counts_cpu_time(peer):
     sleeping, working = peer.speeds([lambda: time.sleep(0.02), work], 1.0, 2)
     assert sleeping > 2.0 * working
     assert 25.0 < working <= 50.0
+
+
+def test_a_reversal_is_held_against_the_same_one_of_plain_control(benchmark):
+    """Bumps count where plain control's piston turns, by 5 % and by 0.03 m/s2 both; where it stands still, what the motion
+    deviates from the command counts and not the bump of the turn."""
+    worse = benchmark("compensation_robustness").worse_reversals
+    plain = [(0.5, True, 0.1), (0.5, True, 0.1), (0.1, True, 0.1), (0.01, False, 0.2), (0.01, False, 0.2)]
+    other = [(0.52, True, 0.9), (0.56, True, 0.1), (0.12, True, 0.9), (0.9, True, 0.2), (0.9, True, 0.3)]
+    assert worse(plain, other) == [False, True, False, False, True]
+    assert worse(plain, plain) == [False] * 5
+
+
+def test_plain_control_with_the_same_noise_is_not_worse_than_itself(benchmark):
+    """Same seed and same noise: bump for bump the same. Another noise moves them."""
+    chance = benchmark("reversal_chance")
+    case = {"conditions": ["as declared"], "mass_kg": 40.0, "motion": "0.01 m 1 Hz", "seed": 3, "host": False}
+    first = chance.bumps_of(case, "none", 0)
+    assert first == chance.bumps_of(case, "none", 0) != chance.bumps_of(case, "none", 1)
