@@ -172,14 +172,19 @@ def residual_at_noise_level(misfit: Sequence[Array], share: float = 1.0, fall: f
 
 
 def pruned(fit: Fit, problem: FitProblem) -> Fit:
-    """Without the effects that the others make superfluous."""
+    """Without the effects that the others make superfluous; a refit that cannot come near enough ends early."""
     for k in range(len(fit.candidates) - 1, -1, -1):
         if len(fit.candidates) < 2 or not residual_at_noise_level(fit.misfit):
             break
+        most = fit.chi2 + rules.alarm(fit.n) * scale_of(fit)
+
+        def worth(less: Fit, promise: float, most: float = most) -> bool:
+            return np.sqrt(less.chi2) - np.sqrt(rules.PROMISE_MARGIN * promise) < np.sqrt(most)
+
         candidates, values = fit.candidates[:k] + fit.candidates[k + 1 :], fit.values[:k] + fit.values[k + 1 :]
         less = start_fit_at(replace(fit, candidates=candidates, values=values), problem)
-        less = refine(less, problem, fresh=True)
-        if less.chi2 - fit.chi2 < rules.alarm(fit.n) * scale_of(fit):
+        less = refine(less, problem, fresh=True, worth=worth)
+        if less.chi2 < most:
             fit = less
     return fit
 
