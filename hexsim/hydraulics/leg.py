@@ -143,10 +143,10 @@ def supply_demand_in_step(p, y, v, x, P1, P2, Ps, h=0.0):
 
 @compiled
 def cold_factor(p, t):
-    """By what all friction is larger t [s] after the start: 1 + a exp(-t/tau); 1 of a warm machine."""
+    """By what all friction is larger t [s] after the start than declared: 1 + s + a exp(-t/tau); 1 where nothing warms up."""
     if p[P.FRICTION_WARM_UP] == 0.0:
         return 1.0
-    return 1.0 + p[P.FRICTION_WARM_UP] * math.exp(-t / p[P.FRICTION_WARM_UP_TIME])
+    return 1.0 + p[P.FRICTION_SETTLED] + p[P.FRICTION_WARM_UP] * math.exp(-t / p[P.FRICTION_WARM_UP_TIME])
 
 
 @compiled

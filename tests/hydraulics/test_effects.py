@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
+from hexsim.hydraulics import leg
 from hexsim.hydraulics.effects import library
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
@@ -85,6 +86,15 @@ def test_bounds_hold(name):
     parameter = effect.parameters[0]
     with pytest.raises(HexsimError, match=rf"{name}.*{parameter.name}.*must lie in"):
         with_effect(machine_for(effect), name, values_of(effect, parameter.bounds[1] * 1.01))
+
+
+@pytest.mark.parametrize(("declared_cold", "start", "end"), [(0.0, 1.25, 1.0), (1.0, 1.0, 0.8)])
+def test_friction_warms_up_from_the_declared_one_or_to_it(declared_cold, start, end):
+    """A quarter more than warm at the start: a declared friction that is the cold one falls by a fifth of it."""
+    values = values_of(library()["friction_warm_up"], 0.25) | {"declared_cold": declared_cold}
+    row = resolve(with_effect(BENCH, "friction_warm_up", values)).rows[0]
+    assert leg.cold_factor(row, 0.0) == pytest.approx(start, rel=1e-12)
+    assert leg.cold_factor(row, 1e4) == pytest.approx(end, rel=1e-12)
 
 
 def test_an_effect_in_one_leg_leaves_the_others():

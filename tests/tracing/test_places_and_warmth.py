@@ -62,9 +62,10 @@ def test_place_and_pitch_are_read_off_the_logs(tmp_path):
 @pytest.mark.parametrize(
     ("seed", "injected", "name", "numbers"),
     [
-        # the second plant's friction fades by 8 % of what it is at the start: 0.08/0.92 of what it is when warm. Where that
-        # takes a parameter out of its declared reach, as viscous friction of seed 44, its change is named besides
+        # the second plant's friction fades by 8 % of what it is at the start, the declared one: 0.08/0.92 of what it is when
+        # warm. Of seed 44 that takes viscous friction out of its declared reach, unless the declared one may be the cold one
         (3, {"friction_warm_up": 0.08}, "friction_warm_up", {"share_at_start": 0.08 / 0.92, "time_constant_s": 8.0}),
+        (44, {"friction_warm_up": 0.08}, "friction_warm_up", {"share_at_start": 0.08 / 0.92, "time_constant_s": 8.0}),
         (44, {"worn_bore": 5e-13}, "worn_bore", {"conductance_m3_s_Pa": 5e-13, "place_m": 0.092, "width_m": 0.008}),
         (44, {"scale_ripple": 3e-5}, "position_ripple", {"amplitude_m": 3e-5, "pitch_m": 1e-3}),
     ],

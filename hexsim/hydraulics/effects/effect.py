@@ -32,6 +32,7 @@ class EffectParameter:
     power: of the number to which a small effect grows; tracing works on number^power, in which it is linear.
     step_share: of the usual finite difference: a wave of many periods is not linear in its length.
     kinds: machine kinds on which it means something; tracing looks for it there.
+    of_the_file: says what the machine file means and nothing of the machine: nobody asks how well it is known.
     """
 
     name: str  # with its unit
@@ -45,6 +46,7 @@ class EffectParameter:
     power: float = 1.0
     step_share: float = 1.0
     kinds: tuple[str, ...] = ("bench", "hexapod")
+    of_the_file: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,5 +1,6 @@
-"""Friction settles as seals and oil warm up: all of it times 1 + a exp(-t/tau). Declared friction is that of a warm leg.
+"""Friction settles as seals and oil warm up: all of it times (1 + a exp(-t/tau)) / (1 + a c).
 
+c says of which machine the declared friction is: 0 of a warm one, 1 of a cold one. a is a share of the warm friction either way.
 What takes longer than half a minute is a change of friction."""
 
 from __future__ import annotations
@@ -11,8 +12,11 @@ from hexsim.hydraulics.resolved import Resolved
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
     """One exponential a leg; shares of several of one time constant add up."""
-    resolved.rows[list(legs), P.FRICTION_WARM_UP] += values["share_at_start"]
-    resolved.rows[list(legs), P.FRICTION_WARM_UP_TIME] = values["time_constant_s"]
+    own, share = list(legs), values["share_at_start"]
+    settled = 1.0 / (1.0 + share * values["declared_cold"])
+    resolved.rows[own, P.FRICTION_WARM_UP] += share * settled
+    resolved.rows[own, P.FRICTION_SETTLED] += settled - 1.0
+    resolved.rows[own, P.FRICTION_WARM_UP_TIME] = values["time_constant_s"]
 
 
 EFFECT = Effect(
@@ -23,6 +27,10 @@ EFFECT = Effect(
     parameters=(
         EffectParameter(name="share_at_start", unit="1", bounds=(-0.9, 5.0), typical=0.3),
         EffectParameter(name="time_constant_s", unit="s", bounds=(0.5, 30.0), typical=8.0, default=8.0),
+        EffectParameter(
+            name="declared_cold", unit="1", bounds=(0.0, 1.0), typical=0.0, default=0.0, grid=(0.0, 1.0),
+            step_share=20.0, of_the_file=True,
+        ),
     ),
     apply=apply,
-)
+)  # fmt: skip

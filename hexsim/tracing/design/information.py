@@ -61,8 +61,10 @@ class Number:
 
 def says_nothing(effect: Effect, name: str, value: float) -> bool:
     """0; of a number that vanishes at infinity its largest; of one beside the effect's size an end of its range: a spool of
-    2 kHz beside the limit of its speed does not lag."""
+    2 kHz beside the limit of its speed does not lag. And one that is of the machine file alone."""
     own = next(one for one in effect.parameters if one.name == name)
+    if own.of_the_file:
+        return True
     bottom, top = np.isclose(value, own.bounds, rtol=1e-3, atol=0.0)
     if own is effect.parameters[0]:
         return value == 0.0 or bool(top and np.isinf(own.neutral))
