@@ -463,6 +463,32 @@ def test_the_compensator_starts_with_the_rounding_of_the_file():
     assert bump.with_rounding(learned, servo) == learned
 
 
+def test_the_compensator_of_a_leg_that_leaks_starts_with_the_null_of_the_file():
+    """A null and a leak that trade: 1.5 mV too much of the null go, and the leak is less by as much oil, so that both edges pass the
+    same flow, k (u - null -+ dead band) + leak, at any volts. Without a leak, with a null that drifts, on a four-way valve:
+    as learned."""
+    edge = {
+        "theta": [0.15, 0.00675, 6e-4],
+        "theta_backlash": [0.15, 0.00675, 6e-4, 0.0],
+        "gain_m_s_V": 0.15,
+        "dead_band_V": 0.045,
+    }
+    flow = {"null_V": 7.5e-3, "leak_m_s": 5.7e-3, "extend": edge, "retract": edge}
+    bench = changed(load_machine("bench"), {"effects.null_offset.offset_V": 6e-3})
+    [found] = bump.with_null([{"flow": flow}], bench)
+    out, back = found["flow"]["extend"], found["flow"]["retract"]
+    assert found["flow"]["null_V"] + 0.5 * (out["dead_band_V"] - back["dead_band_V"]) == pytest.approx(6e-3)
+    for before, after, side in ((edge, out, 1.0), (edge, back, -1.0)):
+        for learned, own in ((flow, before), (found["flow"], after)):
+            assert own["theta"][1] == own["theta_backlash"][1] == pytest.approx(0.15 * own["dead_band_V"])
+            closed_m_s = 0.15 * (-learned["null_V"] - side * own["dead_band_V"]) + learned["leak_m_s"]
+            assert closed_m_s == pytest.approx(0.15 * (-7.5e-3 - side * 0.045) + 5.7e-3)
+    tight = [{"flow": flow | {"leak_m_s": 0.0}}]
+    assert bump.with_null(tight, bench) == tight
+    assert bump.with_null([{"flow": flow}], changed(bench, {"effects.null_drift.drift_V_s": 1e-3})) == [{"flow": flow}]
+    assert bump.with_null([{"flow": flow}], load_machine("servo_bench")) == [{"flow": flow}]
+
+
 def test_what_follows_a_signal_at_the_noise_is_said():
     """Of a machine at its noise whose rest follows a signal, the rest is open, and no rival that is not there."""
     rest = SimpleNamespace(sentence="what is left of pressure follows itself by a curve")
