@@ -38,7 +38,8 @@ Array = NDArray[np.float64]
 ALGORITHM = "adaptive"
 FADE_s = 2.0  # to full size: short, so that the first reversal is one that is compensated
 PERIODS = 5  # at full size
-LEARNING_s = 120.0  # of the twin: of a late position 30 s tell 0.16 of 0.4 ms, these 0.25
+LEARNING_s = 120.0  # of a bench's twin: of a late position 30 s tell 0.16 of 0.4 ms, these 0.25
+LEARNING_PLATFORM_s = 30.0  # of a platform's, which costs more
 STEADY_V = 1e-3  # by which a null may drift meanwhile
 NO_DELAY = {"sums": 0.0, "reversals": 0.0, "late_s": 0.0}  # start parameters that tell nothing of it
 UNCHANGED = 0.9  # of the bump: what is left where plain control has acted
@@ -101,7 +102,7 @@ def start_parameters(twin: Machine, show: Callable[[float], None] = lambda share
     Where the file knows a rounding of the valve's edges it learns twice, the second time with that rounding and the delay
     anew: with 10 of 18 mV the bank of spools takes 0.6 ms of a slow spool's lag for delay.
     """
-    motion = scenario_from_dict(heave(twin, LEARNING_s))
+    motion = scenario_from_dict(heave(twin, LEARNING_PLATFORM_s if twin.is_hexapod else LEARNING_s))
     learned = simulate_twin(twin, motion, ALGORITHM, show).compensator_parameters
     known = with_rounding(with_null(learned, twin), twin)
     if known == learned:
@@ -118,10 +119,10 @@ def with_null(learned: list[Parameters], machine: Machine) -> list[Parameters]:
 
     Windows see the sum of a null and a leak, k (u - null) + leak, to 0.03 mV; the parts differ only while both edges are
     closed, and 15 passages with their noise leave 1.5 mV. The trace has held both against the logs. A null that drifts,
-    and a four-way valve, keep what was learned.
+    a four-way valve and a platform's legs, on which that was not measured, keep what was learned.
     """
     rows, (_, travel, limit) = resolve(machine).rows, (machine.of_legs("valve", key) for key in KEYS)
-    if machine.cylinder.rod_side == "valve":
+    if machine.is_hexapod or machine.cylinder.rod_side == "valve":
         return learned
     found = []
     for own, row, volts_per_m in zip(learned, rows, limit / travel, strict=True):
