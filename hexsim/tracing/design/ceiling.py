@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexsim.tracing.design.information import Hypothesis, inverse, shrunk
+from hexsim.tracing.design.information import Hypothesis, shrunk
+from hexsim.tracing.fitting.covariance import inverse
 
 Array = np.ndarray
 BLAMED, NAMED = 0.1, 2  # squared correlation; parameters that are named at most

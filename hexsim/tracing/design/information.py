@@ -25,6 +25,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.balances.null import with_noise
 from hexsim.tracing.design.believed import CALM_SHARE, COARSE, calm_samples, reproduced
 from hexsim.tracing.fitting import rest_level
+from hexsim.tracing.fitting.covariance import inverse
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, refine, start_fit_at
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -294,9 +295,3 @@ class OpenRefits:
         """About the machine that people can put this on."""
         own = tuple(replace(one, fit=with_load(one.fit, load_kg)) for one in self.hypotheses)
         return replace(self, hypotheses=own)
-
-
-def inverse(matrix: Array) -> Array:
-    """Of a scaled normal matrix; directions that no log knows stay unknown."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return np.linalg.pinv(matrix * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale

@@ -24,8 +24,9 @@ import numpy as np
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances.null import used
-from hexsim.tracing.design.information import SHARP, Hypothesis, Promise, inverse, shrunk, with_load
+from hexsim.tracing.design.information import SHARP, Hypothesis, Promise, shrunk, with_load
 from hexsim.tracing.fitting import rest_errors, rest_level
+from hexsim.tracing.fitting.covariance import inverse
 from hexsim.tracing.fitting.fit import Fit, bounds_of, coordinates_of, effect_columns, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate
 from hexsim.tracing.fitting.rest_evidence import least, own_rows, shares_of

@@ -22,7 +22,7 @@ SCATTER_S = 0.5  # [s] longer than oil rings, short enough for some tens of bloc
 
 
 def inverse(A: Array) -> Array:
-    """Of a normal matrix whose coordinates have sizes of their own."""
+    """Of a normal matrix whose coordinates have sizes of their own; directions that no log knows stay unknown."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
     return np.linalg.pinv(A * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale
 
