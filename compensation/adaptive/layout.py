@@ -175,7 +175,7 @@ MONITOR = record(  # monitor.py
     tick_s="f8", noise_m="f8",  # standard deviation of a position
     piston=SHAKEN, off=SHAKEN,  # off: the piston less the reference
     baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,)), excess_m_s2=("f8", (2,)),  # retracting after it first, then extending
-    usual_m_s2=("f8", (2,)),  # mean of plain control's bumps of late
+    usual_m_s2=("f8", (2,)), least_m_s2=("f8", (2,)),  # mean and smallest of plain control's bumps of late
 )  # fmt: skip
 ENGAGEMENT = record(  # engagement.py
     phase="i8",

@@ -27,12 +27,16 @@ FILLED = 3 * BLOCK + 2 * APART  # ticks until the filter is filled
 RATIO_ALIKE, RATIO_UNLIKE = 1.05, 1.5  # allowed bump over the baseline, at a reversal like the baseline's or unlike it
 STANDARD_ERRORS, DRIFT_ERRORS = 2.5, 0.5  # of h: of the excess of several reversals; and allowed at each of them
 ALIKE = 0.05  # relative difference in acceleration up to which reversals are alike
-BASELINE_SHARE = 0.5  # low-pass of the baseline, a reversal
+BASELINE_SHARE, LEAST_SHARE = (
+    0.5,
+    0.3,
+)  # low-pass of the baseline, a reversal; with which the smallest bump is forgotten
 FELT_M_S2 = 0.15  # bump of plain control from which a compensation that is still learning can be trusted to gain
 FELT_ALONE_M_S2 = 0.115  # of a single leg, the mean of both directions
 # of the load's acceleration by the friction step: less than this it cannot lose; and where the load is told, not found
 RISK_SHARE, RISK_SHARE_TOLD = 0.3, 0.12
 CROSSING_OIL_M = 1.7e-5  # too much and too little together, across overlaps of 5 to 20 um, 120 to 250 kg
+MUCH_LESS = 0.7  # of the smallest bump of late: another kind of reversal, and no noise
 GENTLE_M_S2 = 0.1  # reversal acceleration from which windows tell the inertia
 NOISE_RANGE = 5.0  # standard errors between the extremes of noise; half of a bump's own swing hides some of them
 NOISE_RANGE_ALONE = 4.4
@@ -98,6 +102,9 @@ def worse_than_baseline(monitor, extending, reversal_m_s2, ramp):
     if ramp == 0.0:
         usual = monitor.usual_m_s2[i]
         monitor.usual_m_s2[i] = usual + (BASELINE_SHARE if usual > 0.0 else 1.0) * (bump - usual)
+        least = monitor.least_m_s2[i]
+        smaller = least == 0.0 or bump < MUCH_LESS * least
+        monitor.least_m_s2[i] = bump if smaller else least + LEAST_SHARE * (bump - least)
         monitor.baseline_m_s2[i] = baseline + BASELINE_SHARE * (bump - baseline) if alike else bump
         monitor.reversal_m_s2[i] = reversal_m_s2
         return False
@@ -131,10 +138,11 @@ def worth_compensating(monitor, step_m_s2, told, noise_range):
 
 @compiled
 def worth_crossing(monitor, resonance_Hz):
-    """Where a four-way valve's spool jumps across an overlap: whether the smaller of plain control's bumps is larger than
-    what the oil that such a jump lets through wrongly gives the load at its resonance, more for a light one."""
+    """Where a four-way valve's spool jumps across an overlap: whether the smallest of plain control's bumps of late is larger than
+    what the oil that such a jump lets through wrongly gives the load at its resonance, more for a light one. In irregular
+    motion the last bump of either direction is chance."""
     wrong_m_s2 = CROSSING_OIL_M * (2.0 * math.pi * resonance_Hz) ** 2
-    return min(monitor.baseline_m_s2[0], monitor.baseline_m_s2[1]) > wrong_m_s2
+    return min(monitor.least_m_s2[0], monitor.least_m_s2[1]) > wrong_m_s2
 
 
 @compiled
