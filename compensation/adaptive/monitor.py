@@ -27,10 +27,8 @@ FILLED = 3 * BLOCK + 2 * APART  # ticks until the filter is filled
 RATIO_ALIKE, RATIO_UNLIKE = 1.05, 1.5  # allowed bump over the baseline, at a reversal like the baseline's or unlike it
 STANDARD_ERRORS, DRIFT_ERRORS = 2.5, 0.5  # of h: of the excess of several reversals; and allowed at each of them
 ALIKE = 0.05  # relative difference in acceleration up to which reversals are alike
-BASELINE_SHARE, LEAST_SHARE = (
-    0.5,
-    0.3,
-)  # low-pass of the baseline, a reversal; with which the smallest bump is forgotten
+BASELINE_SHARE = 0.5  # low-pass of the baseline, a reversal
+LEAST_SHARE = 0.3  # with which the smallest bump is forgotten, a reversal
 FELT_M_S2 = 0.15  # bump of plain control from which a compensation that is still learning can be trusted to gain
 FELT_ALONE_M_S2 = 0.115  # of a single leg, the mean of both directions
 # of the load's acceleration by the friction step: less than this it cannot lose; and where the load is told, not found
