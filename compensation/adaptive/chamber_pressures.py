@@ -44,6 +44,12 @@ def across_Pa(settings, position_m, bottom_Pa, top_Pa):
 
 
 @compiled
+def edge_roots(settings, supply_Pa, bottom_Pa):
+    """R = sqrt(dp / dp_ref) of a single chamber's edges, to the tank and from the supply."""
+    return _root(settings, bottom_Pa - settings.tank_pressure_Pa), _root(settings, supply_Pa - bottom_Pa)
+
+
+@compiled
 def pair_roots(settings, position_m, bottom_Pa, top_Pa, supply_Pa):
     """R of the edge pairs, retracting and extending."""
     tank = settings.tank_pressure_Pa

@@ -10,13 +10,13 @@ from .demand import stretch_demands
 from .edge_rounding import lower_bound_V, restore_rounding, start_rounding
 from .engagement import AT_REST_M_S2, arm, keep_plain_control
 from .friction import keep_friction, restore_friction, start_friction
+from .identification import want_design
 from .layout import PREVIEW_TICKS
 from .leak import restore_leak, start_leak
 from .monitor import start_monitor
 from .prediction import start_prediction
 from .presliding import keep_presliding, restore_presliding
 from .spool import look_ahead_shift, round_lag
-from .step import want_design
 from .stribeck import MOST_WEIGHT
 from .taps import design
 from .trust import UNKNOWN_M_S2
