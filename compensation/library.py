@@ -14,7 +14,8 @@ import numpy as np
 
 from .adaptive.adaptive import Adaptive, sentence
 from .adaptive.guarded import GUARDED
-from .adaptive.layout import LEARNED, SETTINGS, as_dict, empty, fill
+from .adaptive.layout import LEARNED, SETTINGS, empty
+from .adaptive.learned import as_dict, fill
 from .adaptive.step import DESIGN_WANTED, TELLS
 from .compensator import Compensator, Context, Parameters, Sample
 from .guard import SENTENCES

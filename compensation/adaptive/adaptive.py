@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..compensator import Compensator, Context, Parameters, Sample
-from .layout import LEARNED, STATE, Record, as_dict, empty, fill
+from .layout import LEARNED, STATE, Record, empty
+from .learned import as_dict, fill
 from .prediction import prediction_table
 from .start import keep, restore, start
 from .step import DESIGN_WANTED, REJECTED, TELLS, WORSE, hear_first, tick

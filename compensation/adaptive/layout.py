@@ -282,23 +282,3 @@ LEARNED = record(
 def empty(layout: np.dtype) -> Record:
     """A record of a layout, all zero."""
     return np.zeros(1, layout)[0]
-
-
-def as_dict(record: Record) -> dict[str, Any]:
-    """A record of doubles by name, its arrays as lists."""
-    return {
-        name: as_dict(value) if (value := record[name]).dtype.names else value.tolist() for name in record.dtype.names
-    }
-
-
-def fill(record: Record, values: dict[str, Any]) -> None:
-    """The inverse of `as_dict`; what `values` has besides is left. Older files have nothing of plain control, bristles or
-    softer oil, or not how far the piston follows, and the delay's sums by spool alone."""
-    for name in record.dtype.names:
-        if name in ("plain_control", "follows_V", "oil", "presliding") and name not in values:
-            continue
-        if record[name].dtype.names:
-            fill(record[name], values[name])
-        else:
-            value = np.asarray(values[name])
-            record[name] = value if value.size == record[name].size else value.repeat(record[name].size // value.size)

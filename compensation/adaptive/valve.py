@@ -109,9 +109,8 @@ def crossing_in_time(valve):
 @compiled
 def edges_variance_m2_s2(valve):
     """Variance of where both edges open, as velocities k delta."""
-    return edge_variance_m2_s2(valve.edges[0], valve.with_backlash) + edge_variance_m2_s2(
-        valve.edges[1], valve.with_backlash
-    )
+    down, up = valve.edges[0], valve.edges[1]
+    return edge_variance_m2_s2(down, valve.with_backlash) + edge_variance_m2_s2(up, valve.with_backlash)
 
 
 @compiled

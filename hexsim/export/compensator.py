@@ -23,7 +23,8 @@ from numba import carray, cfunc, types
 from compensation import Context, preview_count
 from compensation.adaptive import Adaptive
 from compensation.adaptive.guarded import GUARDED, SIZE, restart_guarded, start_guarded, tick_guarded
-from compensation.adaptive.layout import LEARNED, SETTINGS, empty, fill
+from compensation.adaptive.layout import LEARNED, SETTINGS, empty
+from compensation.adaptive.learned import fill
 from compensation.adaptive.prediction import prediction_table
 from compensation.adaptive.start import keep
 from compensation.adaptive.step import expect, hear

@@ -1,0 +1,29 @@
+"""What was learned, by name: the records of layout.py to plain numbers and back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .layout import Record
+
+
+def as_dict(record: Record) -> dict[str, Any]:
+    """A record of doubles by name, its arrays as lists."""
+    return {
+        name: as_dict(value) if (value := record[name]).dtype.names else value.tolist() for name in record.dtype.names
+    }
+
+
+def fill(record: Record, values: dict[str, Any]) -> None:
+    """The inverse of `as_dict`; what `values` has besides is left. Older files have nothing of plain control, bristles or
+    softer oil, or not how far the piston follows, and the delay's sums by spool alone."""
+    for name in record.dtype.names:
+        if name in ("plain_control", "follows_V", "oil", "presliding") and name not in values:
+            continue
+        if record[name].dtype.names:
+            fill(record[name], values[name])
+        else:
+            value = np.asarray(values[name])
+            record[name] = value if value.size == record[name].size else value.repeat(record[name].size // value.size)
