@@ -167,7 +167,7 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
 
 def markdown(report: Mapping[str, Any]) -> str:
     """Verdict, effects and unexplained residuals for the text panel of the recording."""
-    from hexsim.tracing.report.page import effect_rows, unexplained_rows
+    from hexsim.tracing.report.tables import effect_rows, unexplained_rows
 
     lines = [f"verdict: **{report['verdict']}**", ""]
     for effect in effect_rows(report):

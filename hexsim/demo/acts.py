@@ -24,7 +24,7 @@ from hexsim.simulation import Run, simulate
 from hexsim.smoothness.summary import PERCEPTION_m_s2
 from hexsim.studies.compare import compare, write_comparison
 from hexsim.tracing.report.budget import waterfall
-from hexsim.tracing.report.page import effect_rows
+from hexsim.tracing.report.tables import effect_rows
 from hexsim.tracing.trace import trace
 
 MACHINE, BENCH, MOTION = "micro_motion_system", "bench", "heave"

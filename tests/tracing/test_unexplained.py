@@ -13,6 +13,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.dependence import FORMS
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.report import page as report_page
+from hexsim.tracing.report import tables
 from hexsim.tracing.report.balance_figure import fitted_curves
 from hexsim.tracing.steps.logs import read_runs
 from hexsim.tracing.steps.residuals import unexplained_residuals
@@ -49,7 +50,7 @@ def test_every_form_of_a_dependence_has_a_drawing_and_words(form):
     assert 1 <= len(curves) <= 2
     for _, knots, curve in curves:
         assert knots.shape == curve.shape and np.all(np.isfinite(curve))
-    assert form == "tone" or "{}" in report_page.FORMS[form]
+    assert form == "tone" or "{}" in tables.FORMS[form]
 
 
 def test_the_sentence_says_which_signal_is_the_worst_before_and_after():

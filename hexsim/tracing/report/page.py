@@ -6,16 +6,22 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from hexsim.hydraulics.effects import effect_named
-from hexsim.recording.quantity import plain, quantity, split_key, with_error
+from hexsim.recording.quantity import plain, quantity
 from hexsim.recording.report import data_url, render
 from hexsim.signals.channels import kind_of
-from hexsim.tracing import rules
-from hexsim.tracing.balances import caption_of
-from hexsim.tracing.dependence import behind_low_pass
 from hexsim.tracing.report import balance_figure, budget, figures, trades
-from hexsim.tracing.report.signals import SCALE, SIGNALS, channel_words
-from hexsim.tracing.state import NamedEffect, Trace, Violation
+from hexsim.tracing.report.signals import SCALE, channel_words
+from hexsim.tracing.report.tables import (
+    balance_rows,
+    detectable_rows,
+    effect_rows,
+    error_rows,
+    parameter_rows,
+    place_of,
+    screening_rows,
+    unexplained_rows,
+)
+from hexsim.tracing.state import NamedEffect, Trace
 
 CAPTIONS = {
     "budget": "How far off is each model on motion that no fit has seen? "
@@ -38,16 +44,6 @@ CAPTIONS = {
     "Where each declared parameter ended inside its declared uncertainty (the grey bar; its half width at the "
     "right). Orange: held back by its limit.",
     "pairs": trades.CAPTION,
-}
-MOST_ROWS = 12  # of a table; what is beyond folds away
-FORMS = {
-    "plain": "a curve over the {}",
-    "direction": "a curve over the {} for each direction of motion",
-    "product": "the velocity times a curve over the {}",
-    "memory": "a curve over the low-passed {}, opposing the motion",
-    "late": "the error that a delay of the {} would make",
-    "play": "the error that backlash in the measured {} would make",
-    "size": "of either sign; only its size follows the {}",
 }
 
 
@@ -148,10 +144,6 @@ def sentence(result: Trace) -> str:
     )
 
 
-def place_of(rest: Mapping[str, Any]) -> str:
-    return f"the {rest['balance']} balance of {rest['place']}: {rest['description']}."
-
-
 def partly_sentence(result: Trace, before: str, after: str) -> str:
     """What is sure of a machine that no model fits, and what is left."""
     first = result.effects[0]
@@ -177,127 +169,3 @@ def cards(result: Trace) -> list[tuple[str, str, str]]:
     violated = sum(b["violated"] for b in report["balances"])
     found.append((f"{violated} of {len(report['balances'])}", "", "balances violated"))
     return found
-
-
-def effect_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
-    rows = []
-    for effect in report["effects"]:
-        errors = effect.get("standard_error", {})
-        units = {p.name: p.unit for p in effect_named(effect["name"]).parameters} if effect["name"] else {}
-        values = [
-            (split_key(key)[0], with_error(value, errors.get(key), units[key]))
-            for key, value in effect["parameters"].items()
-        ]
-        title, description = effect["name"].replace("_", " "), effect["description"]
-        if not title:
-            over = behind_low_pass(SIGNALS[effect["curve"]["signal"]][0], effect["curve"].get("memory_s"))
-            title, description = "learned curve", f"{FORMS[effect['curve']['form']].format(over)}, of unknown cause"
-        tied = [name.replace("_", " ") for name in effect["tied_with"]]
-        rows.append(effect | {"values": values, "title": title, "description": description, "ties": tied})
-    return rows
-
-
-def unexplained_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
-    rows = []
-    for rest in report["unexplained"]:
-        signal = SIGNALS.get(rest["depends_on"], (rest["depends_on"],))[0]
-        memory_s = None if rest["form"] == "memory" else rest["memory_s"]
-        description = FORMS.get(rest["form"], "").format(behind_low_pass(signal, memory_s))
-        if rest["frequency_Hz"]:
-            description = f"a tone at {rest['frequency_Hz']:.2f} Hz that no input contains"
-        others = sorted(
-            (
-                (SIGNALS[name][0], r2)
-                for name, r2 in rest["r2_of_signals"].items()
-                if name in SIGNALS and r2 is not None
-            ),
-            key=lambda entry: -entry[1],
-        )
-        place = rest["where"] if rest["where"].startswith(("leg ", "all legs")) else f"the {rest['where']}"
-        rows.append(rest | {"description": description, "place": place, "others": others[:4]})
-    return rows
-
-
-def error_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Held-out errors, each with its multiple of the noise. shown: the worst of its kind, where there are many."""
-    rows, worst = [], {}
-    for log, channels in report["error"].items():
-        for name, row in channels.items():
-            unit, noise = split_key(name)[1], row["noise"]
-            cells = {
-                model: (quantity(row[model], unit), row[model] / noise if row[model] and noise else None)
-                for model in ("declared", "refit", "with_effect")
-            }
-            rows.append({"log": log, "signal": channel_words(name), "noise": quantity(noise, unit), **cells})
-            kind = (log, kind_of(name))
-            if kind not in worst or (cells["refit"][1] or 0) > (worst[kind]["refit"][1] or 0):
-                worst[kind] = rows[-1]
-    chosen = {id(row) for row in worst.values()}
-    return [row | {"shown": len(rows) <= MOST_ROWS or id(row) in chosen} for row in rows]
-
-
-def balance_rows(result: Trace) -> list[dict[str, Any]]:
-    """Every balance at every place. shown: violated, or the worst of its name, where there are many."""
-    worst: dict[str, Violation] = {}
-    for line in sorted(result.violations, key=lambda v: -v.above_null):
-        worst.setdefault(line.name, line)
-    few = len(result.violations) <= MOST_ROWS
-    return [
-        {
-            "name": line.name,
-            "description": caption_of(line.name),
-            "where": balance_figure.place_words(line),
-            "size": quantity(line.rms, balance_figure.unit_of(line)),
-            "times": line.violation,
-            "limit": rules.VIOLATED * max(line.null, 1.0),
-            "violated": line.violated,
-            "shown": few or line.violated or line is worst[line.name],
-        }
-        for line in result.violations
-    ]
-
-
-def detectable_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
-    return [
-        d | {"name": name.replace("_", " "), "size": quantity(d["theta_min"], d["unit"]),
-             "beside": quantity(d["beside_rest"], d["unit"]) if d.get("beside_rest") else "",
-             "note": d.get("description") or (f"shown by {d['shown_by']}" if d.get("shown_by") else "")}
-        for name, d in report["detectable"].items()
-    ]  # fmt: skip
-
-
-def parameter_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
-    rows = []
-    for key, p in report["parameters"].items():
-        name, unit = split_key(key)
-        shift = p["fitted"] / p["declared"] - 1 if p["declared"] else math.nan
-        fitted = with_error(p["fitted"], p["standard_error"], unit)
-        rows.append(p | {"name": name, "from": quantity(p["declared"], unit, 4), "to": fitted, "percent": 100 * shift})
-    return rows
-
-
-def screening_rows(result: Trace, most: int = 14) -> list[dict[str, Any]]:
-    """The first round: each effect's best shape, and what became of it."""
-    if not result.search.stages:
-        return []
-    stage = result.search.stages[0]
-    refitted = {rival.candidates[-1].label: rival.reduced for rival in stage.rivals if len(rival.candidates) == 1}
-    named = {effect.candidate.label: result.final.reduced for effect in result.effects}
-    tied = {label: rival.reduced for rivals in result.ties for label, rival in rivals.items()}
-    refitted |= tied | named
-    rows: dict[str, dict[str, Any]] = {}
-    for line in stage.lines:
-        label = line.candidate.label
-        if label in rows:
-            continue
-        became = "named" if label in named else "tie" if label in tied else "refitted" if label in refitted else ""
-        rows[label] = {
-            "name": label.replace("_", " "),
-            "balance": line.candidate.effect.balance,
-            "cv": line.gain_cv,
-            "se": line.gain_se,
-            "reduced": refitted.get(label),
-            "became": became,
-        }
-    shown = list(rows.values())
-    return shown[:most] + [row for row in shown[most:] if row["became"]]
