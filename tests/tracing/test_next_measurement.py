@@ -291,14 +291,15 @@ def test_what_a_motion_promises_of_a_rest_is_what_its_trace_finds(late):
 
 
 def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):
-    """As it would be measured, without its rest, every row of the best hypothesis is 0, and a copy is not apart from it."""
+    """As it would be measured, without its rest, every row of the best hypothesis is 0, and a copy is not apart from it. 1e-9 of
+    the noise: the rest is taken at all samples and asked for at some, two orders of one sum."""
     asked = what_is_open(late)
     twice = dataclasses.replace(
         asked, labels=("one", "other"), found=(asked.best, asked.best), known=(asked.known[0], asked.known[0])
     )
     log = setpoint_log(late.machine, MotionFamily(late.machine, 10.0).scenario(np.array([4, 0, 1.0, 0.3, 0.6, 0.5, 3])))
     seen = as_measured(asked.best.fit, asked.problem, asked.simulated, log)
-    assert np.abs(seen.residual(asked.best.fit.fitted_machine(), 0)).max() == 0.0
+    assert np.abs(seen.residual(asked.best.fit.fitted_machine(), 0)).max() < 1e-9
     assert twice.promise(log).separations["one", "other"] == pytest.approx(0.0, abs=1e-9)
 
 
