@@ -120,9 +120,8 @@ def over_a_period(found: Signature, signals: dict[str, Array], v: Array) -> Sign
     if "phase_rad" not in values:
         return found
     if "frequency_Hz" in values:
-        return replace(
-            found, signal="time_s", x=signals["time_s"] % (period := 1.0 / values["frequency_Hz"]), period=period
-        )
+        period = 1.0 / values["frequency_Hz"]
+        return replace(found, signal="time_s", x=signals["time_s"] % period, period=period)
     period = values.get("pitch_m") or values["wavelength_m"]
     rate = np.abs(v) / period
     shown = rate < SHOWN_Hz if found.balance.name != "sensor" else (rate > 0.4 * SHOWN_Hz) & (rate < SHOWN_Hz)
@@ -178,11 +177,9 @@ def rms(x: Array) -> float:
 def axis_of(found: Signature) -> tuple[str, float, str]:
     """(words, scale, unit) of the signal."""
     label, scale, unit = SIGNALS.get(found.signal, (found.signal, 1.0, ""))
-    return (
-        (label if found.period is None else f"{label} within a period of {scale * found.period:.3g} {unit}"),
-        scale,
-        unit,
-    )
+    if found.period is not None:
+        label = f"{label} within a period of {scale * found.period:.3g} {unit}"
+    return label, scale, unit
 
 
 @styled

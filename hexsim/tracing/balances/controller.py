@@ -106,7 +106,7 @@ def reads_another_transducer(log: Log, machine: Machine) -> bool:
         if left > OWN_LEFT * noise:
             return False
         loop = np.stack([error[1:], error[:-1]], axis=1)[inside]
-        of_loop, _ = left_by(loop, (volts / gain)[ticks][1:][inside] - loop[:, 0])
+        of_loop = left_by(loop, (volts / gain)[ticks][1:][inside] - loop[:, 0])
         seen |= taken > OWN_SEEN * noise and left < OWN_PLAINER * of_loop
     return seen
 
@@ -125,10 +125,10 @@ def left_by_transducer(time: Array, read: Array, shown: Array, inside: Array) ->
     return float(np.sqrt(np.mean(left**2))), float(np.sqrt(np.mean(((shown - read)[1:][inside] - left) ** 2)))
 
 
-def left_by(columns: Array, values: Array) -> tuple[float, float]:
-    """Rms of values (n,) that columns (n, k) leave by least squares, and of what they take."""
-    taken = columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
-    return float(np.sqrt(np.mean((values - taken) ** 2))), float(np.sqrt(np.mean(taken**2)))
+def left_by(columns: Array, values: Array) -> float:
+    """Rms of what columns (n, k) leave of values (n,) by least squares."""
+    left = values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+    return float(np.sqrt(np.mean(left**2)))
 
 
 class Loop(Balance):

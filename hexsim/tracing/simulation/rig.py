@@ -82,7 +82,9 @@ class Rig(NamedTuple):
     rule: StepRule
 
 
-def rig_of(machine: Machine, feedback: int = 0, loaded: bool = False, rate_Hz: float = 1000.0) -> tuple[Rig, Resolved]:
+def rig_of(
+    machine: Machine, feedback: int = DECLARED_LOOP, loaded: bool = False, rate_Hz: float = 1000.0
+) -> tuple[Rig, Resolved]:
     """The machine's numbers. feedback: see `Controller`. loaded: with its additional mass.
 
     rate_Hz: of the samples.
