@@ -25,7 +25,7 @@ def print_explanation(name: str, out: Path | None, json: bool) -> None:
     from hexsim.hydraulics.advice import advice_of
     from hexsim.hydraulics.effects import effect_named
     from hexsim.recording.figure_style import png
-    from hexsim.tracing.signature import drawn, picture, signature
+    from hexsim.tracing.signature import drawn, picture, signature, title_of, unit_of
 
     effect, said = effect_named(name, "--explain"), advice_of(name)
     found = signature(name) if effect.parameters else None
@@ -53,7 +53,7 @@ def print_explanation(name: str, out: Path | None, json: bool) -> None:
         console.print(Text.assemble((f"{'shown by':<10}", "bold"), effect.shown_by))
     if found is not None:
         console.print()
-        words = f"{found.balance.name} balance of {found.where} [{found.balance.unit}], {found.machine}: + moving out, o moving in"
+        words = f"{title_of(found)} [{unit_of(found)}]: + moving out, o moving in"
         for line in (words, *drawn(found)):
             console.print(Text(line, no_wrap=True, overflow="crop"))
     if place is not None:

@@ -17,11 +17,16 @@ TABLE = Path(__file__).parent / "effects" / "advice.toml"
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """signature: what it looks like in the logs. check: on the machine. mend: what to do about it."""
+    """signature: what it looks like in the logs. check: on the machine. mend: what to do about it.
+
+    shown_in, over: balance and signal of its picture, where they are not left to the picture.
+    """
 
     signature: str = "no signature is written for this effect: see its description"
     check: str = "no check is written for this effect"
     mend: str = "–"
+    shown_in: str = ""
+    over: str = ""
 
 
 @cache

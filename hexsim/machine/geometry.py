@@ -12,8 +12,8 @@ from hexsim.declaration.load import Payload
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.resolved import PayloadMode, Resolved
 from hexsim.mechanics.kinematics import HexapodKinematics
-from hexsim.mechanics.leg_inertia import LegBodies, lumped_legs
-from hexsim.mechanics.rigid_body import RigidBody, Suspension, joined, rigid_body
+from hexsim.mechanics.leg_inertia import LegBodies, legs_at_platform, lumped_legs
+from hexsim.mechanics.rigid_body import RigidBody, Suspension, joined, mass_matrix, rigid_body
 
 LEAST_LEG_FRACTION = 1e-3  # a machine without leg mass gets full legs of this share of the platform's mass each
 
@@ -64,6 +64,19 @@ def moving_body(resolved: Resolved, loaded: bool = False) -> RigidBody:
         return platform
     neutral = float(kinematics.leg_lengths(np.zeros(6))[0])
     return joined(platform, lumped_legs(kinematics, leg_bodies(resolved, neutral)))
+
+
+def legs_beyond_body(resolved: Resolved) -> np.ndarray:
+    """Mass matrix (6, 6) of six legs at neutral, less that of the body that stands for them in `moving_body`; 0 without legs.
+
+    A rigid body has one mass for all directions, legs have not. Its growth with the pose and what goes with the square of
+    the velocity are left out.
+    """
+    kinematics = resolved.mechanics
+    if not kinematics.has_platform or resolved.load.leg_mass_kg <= 0:
+        return np.zeros((6, 6))
+    bodies = leg_bodies(resolved, float(kinematics.leg_lengths(np.zeros(6))[0]))
+    return legs_at_platform(kinematics, bodies)[0] - mass_matrix(lumped_legs(kinematics, bodies))
 
 
 def with_additional_mass(load: Load) -> Load:

@@ -3,7 +3,7 @@
 A machine that travels with hexsim is simulated without noise on a motion of many frequencies, with the effect and without
 it. Shown is the balance that the effect violates most, or the platform's for what is of it, over the signal whose curve
 explains most of its residual. A wave along the stroke or in time is shown over one of its periods, all of them laid on
-each other; what settles is shown over time.
+each other; what settles over time; what swings over the frequency of a sweep; a bristle over the travel since the reversal.
 """
 
 from __future__ import annotations
@@ -12,33 +12,46 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
+from hexsim.hydraulics.advice import advice_of
 from hexsim.hydraulics.effects import Effect, effect_named
 from hexsim.machine import load_machine
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, new_figure, styled
-from hexsim.recording.quantity import scale_of
+from hexsim.recording.quantity import quantity, scale_of
 from hexsim.signals.log import Log
 from hexsim.signals.table import table
 from hexsim.tracing.balances import Balance, library
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.fitting.parameters import Candidate, with_settings
-from hexsim.tracing.report.signals import SIGNALS
+from hexsim.tracing.signature_axes import AXES, chosen_signal, picture_signals, travel_since_reversal, without_jolts
 from hexsim.tracing.simulation.simulator import simulate_log
-from hexsim.tracing.steps.residuals import kept, signals_of
+from hexsim.tracing.steps.residuals import kept
 
 Array = np.ndarray
 MACHINES = {"bench": ("bench", "servo_bench"), "hexapod": ("micro_motion_system", "servo_hexapod")}
 DURATION_S = {"bench": 10.0, "hexapod": 6.0}
 RATE_Hz = 1000.0
 TONES = ((0.3, 0.35), (0.7, 0.2), (1.6, 0.1), (3.1, 0.04), (6.3, 0.01))  # (Hz, share of a quarter of the stroke)
-ALIKE = 0.05  # of R2: of signals that do so alike the balance's own order decides
+SWEEP_m_s = (
+    0.25  # velocity asked for by the sweep, from a quarter of the effect's frequency to twice that: beyond the overlap
+)
 SHOWN_Hz = 25.0  # a wave that goes by faster is lost in a balance's window
-SEEN = 0.2  # from this on an effect of the platform is shown there, else where it changes most
+SEEN = (
+    0.2  # times the residual without it: from this on an effect is shown in its own balance, else where it changes most
+)
+TURNING_m = 3e-4  # of travel after a reversal, shown of a bristle
+SHOWN_AT = {  # where the typical size does nothing in this motion, or little but what another effect does
+    "air_of_a_chamber": {"bottom_fraction": 0.05},
+    "inertia_change": {"x_kg_m2": 30.0, "y_kg_m2": 30.0, "z_kg_m2": 50.0},
+    "pump_flow_limit": {"flow_max_m3_s": 4e-5},
+    "relief_flow": {"opening_pressure_Pa": 9.3e6},
+}
 ROUGH = 0.02  # of a run without the effect: what sampling alone leaves
 
 
@@ -78,12 +91,24 @@ def signature(name: str) -> Signature:
     return best[1]
 
 
+def candidate_of(effect: Effect) -> Candidate:
+    """In all legs, or in leg 1 what does nothing where all have it alike."""
+    return Candidate(effect=effect, where="leg 1" if effect.places == "one leg" else "all legs")
+
+
+def shown_values(effect: Effect) -> dict[str, float]:
+    """Its typical size; of a vector in the frame of the platform all three numbers, else the first."""
+    first = 3 if effect.vector and not effect.four_way else 1
+    typical = {p.name: p.typical for p in effect.parameters[:first]}
+    return candidate_of(effect).start() | typical | SHOWN_AT.get(effect.name, {})
+
+
 def on_machine(effect: Effect, machine: Machine, kind: str) -> tuple[float, Signature] | None:
     """(times the residual without it, signature) on one machine; None where nothing changes or nothing simulates."""
-    candidate = Candidate(effect=effect)
-    values = candidate.start() | {p.name: p.typical for p in effect.parameters[: 3 if effect.vector else 1]}
-    changed = with_settings(machine, {}, [(candidate, values)])
-    asked = asked_log(machine, kind)
+    values = shown_values(effect)
+    changed = with_settings(machine, {}, [(candidate_of(effect), values)])
+    sweep_Hz = values["frequency_Hz"] if "damping_ratio" in values else None
+    asked = asked_log(machine, kind, sweep_Hz)
     plain, log = (answered(one, asked) for one in (machine, changed))
     if not np.all(np.isfinite(log.position)):
         return None
@@ -96,21 +121,27 @@ def on_machine(effect: Effect, machine: Machine, kind: str) -> tuple[float, Sign
                 found.append(
                     (rms(used(log, after - before)[place]) / size, balance, place, before[place], after[place])
                 )
-    own = [one for one in found if one[1].name == effect.balance == "platform" and one[0] > SEEN]
+    home = "continuity" if effect.balance == "valve" else effect.balance
+    home = advice_of(effect.name).shown_in or home
+    own = [one for one in found if one[1].name.startswith(home) and effect.balance != "sensor" and one[0] > SEEN]
     ratio, balance, place, before, after = max(own or found, key=lambda one: one[0])
     if ratio < ROUGH:
         return None
     where = balance.places(log)[place]
-    signals, v = signals_of(log, machine, where)
-    rest, usual = after[kept(log)], [name for name in balance.signals if name in signals]
-    shares = {name: explained(signals[name], rest) for name in usual}
-    name = next(name for name, share in shares.items() if share > max(shares.values()) - ALIKE)
-    name = "time_s" if "time_constant_s" in values else name
+    signals, v = picture_signals(log, machine, where)
+    rest = after[kept(log)]
+    over = advice_of(effect.name).over
+    if not over:
+        settles = "time_constant_s" in values and effect.balance != "sensor"
+        plain_rest = without_jolts(rest) if where.startswith("platform") else rest
+        over = "time_s" if settles else chosen_signal(balance, signals, plain_rest)
     shown = Signature(
-        effect=effect, values=values, machine=machine.machine.name, balance=balance, where=where, signal=name, x=signals[name],
+        effect=effect, values=values, machine=machine.machine.name, balance=balance, where=where, signal=over, x=signals[over],
         residual=rest, without=before[kept(log)], outward=v > 0,
     )  # fmt: skip
-    return ratio, over_a_period(shown, signals, v)
+    if sweep_Hz is not None:
+        return ratio, replace(shown, signal="frequency_Hz", x=sweep(sweep_Hz, log.time)[0][kept(log)])
+    return ratio, over_the_turning(over_a_period(shown, signals, v), signals, v)
 
 
 def over_a_period(found: Signature, signals: dict[str, Array], v: Array) -> Signature:
@@ -131,13 +162,36 @@ def over_a_period(found: Signature, signals: dict[str, Array], v: Array) -> Sign
     )  # fmt: skip
 
 
-def asked_log(machine: Machine, kind: str) -> Log:
-    """A log that holds setpoints alone: heave and, of a hexapod, roll and pitch of many frequencies."""
+def over_the_turning(found: Signature, signals: dict[str, Array], v: Array) -> Signature:
+    """Of a bristle: its residual just after the reversals."""
+    if "bristle_stiffness_N_m" not in found.values:
+        return found
+    travel = travel_since_reversal(signals["position_m"], v)
+    near = travel < TURNING_m
+    return replace(
+        found, signal="travel_m", x=travel[near], residual=found.residual[near], without=found.without[near],
+        outward=found.outward[near],
+    )  # fmt: skip
+
+
+def sweep(middle_Hz: float, t: Array) -> tuple[Array, Array]:
+    """Frequency [Hz] and position [m] of a sweep of constant velocity, from middle_Hz/4 to 2 middle_Hz."""
+    growth = np.log(8.0) / t[-1]
+    frequency = 0.25 * middle_Hz * np.exp(growth * t)
+    angle = 2.0 * np.pi * (frequency - frequency[0]) / growth
+    return frequency, SWEEP_m_s / (2.0 * np.pi * frequency) * np.sin(angle)
+
+
+def asked_log(machine: Machine, kind: str, sweep_Hz: float | None) -> Log:
+    """A log that holds setpoints alone: heave and, of a hexapod, roll and pitch of many frequencies; a sweep of heave about
+    that frequency where one is given."""
     n = int(DURATION_S[kind] * RATE_Hz)
     t = np.arange(n) / RATE_Hz
     fade = np.clip(t, 0.0, 1.0) ** 2 * (3.0 - 2.0 * np.clip(t, 0.0, 1.0))
     reach = 0.25 * machine.cylinder.stroke_m
     waves = [fade * sum(a * np.sin(2 * np.pi * f * t + k * f) for f, a in TONES) for k in range(3)]
+    if sweep_Hz is not None:
+        waves = [fade * sweep(sweep_Hz, t)[1] / reach, 0.0 * t, 0.0 * t]
     if kind == "bench":
         setpoint = 0.5 * machine.cylinder.stroke_m + reach * waves[0][None]
     else:
@@ -160,47 +214,60 @@ def answered(machine: Machine, asked: Log) -> Log:
     return Log(name=asked.name, kind=asked.kind, time=asked.time, rate=asked.rate, columns=columns)
 
 
-def explained(x: Array, y: Array) -> float:
-    """R2 of the curve of y over x in 30 bins."""
-    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, 31)))
-    if len(edges) < 4:
-        return 0.0
-    place = np.clip(np.searchsorted(edges, x) - 1, 0, len(edges) - 2)
-    mean = np.bincount(place, y, minlength=len(edges)) / np.maximum(np.bincount(place, minlength=len(edges)), 1)
-    return 1.0 - float(np.var(y - mean[place])) / max(float(np.var(y)), 1e-300)
-
-
 def rms(x: Array) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
 
 
 def axis_of(found: Signature) -> tuple[str, float, str]:
     """(words, scale, unit) of the signal."""
-    label, scale, unit = SIGNALS.get(found.signal, (found.signal, 1.0, ""))
+    label, scale, unit = AXES[found.signal]
     if found.period is not None:
         label = f"{label} within a period of {scale * found.period:.3g} {unit}"
     return label, scale, unit
+
+
+def unit_of(found: Signature) -> str:
+    """Of the residual: a balance of a platform has one unit for its forces, another for its moments."""
+    units = found.balance.unit.split(", ")
+    return units[-1] if found.where.split()[-1] in ("roll", "pitch", "yaw") else units[0]
+
+
+def title_of(found: Signature) -> str:
+    """Effect, its size, the balance and where."""
+    first = found.effect.parameters[0]
+    size = quantity(found.values[first.name], first.unit, 2)
+    balance, *side = found.balance.name.split(" of ")
+    place = " of ".join([*side, found.where])
+    return f"{found.effect.name.replace('_', ' ')}, {size}: {balance} balance of {place}, {found.machine}"
 
 
 @styled
 def picture(found: Signature) -> Figure:
     """The residual over its signal: with the effect, moving out and in, and without it."""
     label, scale, unit = axis_of(found)
-    title = (
-        f"{found.effect.name.replace('_', ' ')} in the {found.balance.name} balance of {found.where}, {found.machine}"
-    )
-    figure, (plot,) = new_figure(1, title, height=4.2)
-    x, (size, shown) = scale * found.x, scale_of(float(np.max(np.abs(found.residual))), found.balance.unit)
-    plot.plot(x, found.without / size, ".", ms=2.0, color=palette.RAW, label="without it")
+    figure, (plot,) = new_figure(1, title_of(found), height=4.2)
+    x, (size, shown) = scale * found.x, scale_of(float(np.max(np.abs(found.residual))), unit_of(found))
+    add_dots(plot, x, found.without / size, palette.RAW, "without it")
+    leg = "leg 1 " if found.where.startswith("platform") else ""
     for rows, color, words in (
-        (found.outward, palette.LEGS[0], "moving out"),
-        (~found.outward, palette.DEVIATION, "moving in"),
+        (found.outward, palette.LEGS[0], f"{leg}moving out"),
+        (~found.outward, palette.DEVIATION, f"{leg}moving in"),
     ):
-        plot.plot(x[rows], found.residual[rows] / size, ".", ms=2.0, color=color, label=f"with it, {words}")
+        add_dots(plot, x[rows], found.residual[rows] / size, color, f"with it, {words}")
+    if leg:
+        middle = [without_jolts(rows) / size for rows in (found.without, found.residual)]
+        low, high = np.min(middle), np.max(middle)
+        plot.set_ylim(low - 0.3 * (high - low), high + 0.3 * (high - low))
     plot.set_xlabel(f"{label} [{unit}]")
     plot.set_ylabel(f"residual [{shown}]")
     legend(plot)
     return figure
+
+
+def add_dots(plot: Axes, x: Array, y: Array, color: str, words: str) -> None:
+    """Small in the plot, large in its legend."""
+    plot.plot(x, y, ".", ms=2.0, color=color)
+    plot.plot([], [], ".", ms=6.0, color=color, label=words)
 
 
 def drawn(found: Signature, width: int = 61, height: int = 13) -> Sequence[str]:

@@ -24,7 +24,7 @@ EFFECT = Effect(
     name="spool_lag",
     balance="valve",
     description="the spool lags behind its command",
-    source="shared field sizes: 20-100 Hz, damping 0.7",
+    source="data sheets of servo and proportional valves: 20-100 Hz at the amplitude in use, damping 0.7",
     parameters=(
         EffectParameter(name="frequency_Hz", unit="Hz", bounds=(2.0, 2000.0), typical=60.0, neutral=math.inf),
         EffectParameter(name="damping", unit="1", bounds=(0.2, 3.0), typical=0.7, default=0.7),

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolved import Resolved
-from hexsim.machine.geometry import moving_body, suspension
+from hexsim.machine.geometry import legs_beyond_body, moving_body, suspension
 from hexsim.mechanics.rigid_body import add_ride_wrenches, joint_wrenches, point_accelerations, ride
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import WHOLE, Window
@@ -153,7 +153,7 @@ def wrench_residual(log: Log, machine: Machine, at: slice = WHOLE) -> tuple[Arra
         thrusts[:, i] = latest(log, ("thrust", i), thrust_key(resolved, i), partial(leg_thrust, row, point))
     wrench = (thrusts[:, None] @ motion.lines)[:, 0].T
     acceleration, gravity = np.ascontiguousarray(felt_by_imu(log, resolved, motion.omega)), motion.gravity(resolved)
-    asked = joint_wrenches(body, acceleration, motion.omega, gravity)
+    asked = joint_wrenches(body, acceleration, motion.omega, gravity) + acceleration @ legs_beyond_body(resolved)
     for mode in resolved.payload_modes:
         spring = suspension(mode, resolved.gravity_m_s2)
         felt = (point_accelerations(spring.place, acceleration, motion.omega) - gravity) @ np.array(spring.axis)

@@ -11,7 +11,7 @@ from hexsim.declaration import Machine
 from hexsim.hydraulics.resolve import resolve
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.steps import StepRule, step_rule
-from hexsim.machine.geometry import moving_body, suspension
+from hexsim.machine.geometry import legs_beyond_body, moving_body, suspension
 from hexsim.mechanics.rigid_body import RigidBody, Suspension, Vector, mass_matrix
 from hexsim.sensors.bank import low_pass
 from hexsim.signals.table import sensors
@@ -24,7 +24,8 @@ DECLARED_LOOP, LOGGED_VOLTS, OWN_TRANSDUCER = range(3)  # see `Controller`
 class Load(NamedTuple):
     """What the legs carry: a mass on the axis of one leg, or a rigid platform on six; a payload on a spring.
 
-    compliance: inverse mass matrix of a platform with the payload as it stands at rest (6, 6).  gravity: in the world [m/s2].
+    compliance: inverse mass matrix (6, 6) of a platform with its legs at neutral and the payload as it stands at rest.
+    gravity: in the world [m/s2].
     """
 
     body: RigidBody
@@ -127,7 +128,8 @@ def load_of(resolved: Resolved, loaded: bool = False) -> Load:
     spring = suspension(modes[0], resolved.gravity_m_s2) if modes else Suspension(0.0, 0.0, 0.0)
     body = moving_body(resolved, loaded)
     turns = any(body.inertia[0])
-    compliance = np.linalg.inv(mass_matrix(body, spring)) if turns else np.diag([1 / body.mass] * 3 + [0.0] * 3)
+    matrix = mass_matrix(body, spring) + legs_beyond_body(resolved)
+    compliance = np.linalg.inv(matrix) if turns else np.diag([1 / body.mass] * 3 + [0.0] * 3)
     x, y, z = (float(g) for g in resolved.gravity_m_s2)
     return Load(body=body, compliance=compliance, gravity=(x, y, z), spring=spring)
 
