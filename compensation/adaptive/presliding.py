@@ -10,7 +10,12 @@ L = 0 friction follows the sign. L is found at compensated reversals from the fr
 P~ and y~ being pressure and position less their demands, step what was demanded. It is projected on smooth functions
 phi_k over parts of the reversal; the second derivative goes over to them. For each L of a bank, the Stribeck pressure
 and a constant are fitted, and what is left is summed over the reversals: a negative log-likelihood. Without clear
-evidence L is 0.
+evidence L is 0. With N the mean square that the best L leaves, over its noise, the evidence, 2 log-likelihood ratio / N, must
+exceed
+
+    10 + 2 N^2,     60 at most
+
+Other causes (a delay not found yet, soft oil, a slow spool) look like bristles as well, and they leave much: N is 6 and more.
 """
 
 from __future__ import annotations
@@ -26,9 +31,9 @@ from .layout import LENGTHS, REACH
 LENGTHS_M = 1e-6 * np.array([0.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0, 38.0, 52.0, 71.0, 98.0, 135.0])  # (LENGTHS,)
 CENTRES, HALF_WIDTH = (-10, -6, -2, 2, 6, 10), 6  # ticks, of phi_k about the reversal
 MEMORY = 0.93  # of the sums, a reversal
-EVIDENCE = 60.0  # log-likelihood ratio, doubled, from which there are bristles
+EVIDENCE, EVIDENCE_MISFIT, MOST_EVIDENCE = 10.0, 2.0, 60.0  # from which there are bristles: see above
 MISFIT = 10.0  # times the noise that the best L may leave: more is another cause, such as load from the other legs (40 to 170)
-LEAST_WEIGHT = 11.0  # of the sums: three reversals
+LEAST_WEIGHT = 7.5  # of the sums: two reversals
 NOISE_M, NOISE_PA = 3.3e-6, 4e3
 
 
@@ -127,7 +132,8 @@ def _length_m(p, highest_Pa):
         p.left[i] = p.squares[i] - 2.0 * best * p.products[i] + best * best * p.shapes[i]
         least = min(least, p.left[i])
     scale = max(1.0, least / p.weight)
-    if p.weight < LEAST_WEIGHT or scale > MISFIT or p.left[0] - least < EVIDENCE * scale:
+    needed = min(EVIDENCE + EVIDENCE_MISFIT * scale * scale, MOST_EVIDENCE)
+    if p.weight < LEAST_WEIGHT or scale > MISFIT or p.left[0] - least < needed * scale:
         return 0.0
     total = length = 0.0
     for i in range(LENGTHS):
