@@ -489,6 +489,23 @@ def test_the_compensator_of_a_leg_that_leaks_starts_with_the_null_of_the_file():
     assert bump.with_null([{"flow": flow}], load_machine("servo_bench")) == [{"flow": flow}]
 
 
+def test_the_compensator_starts_with_the_delays_of_the_file_where_the_twin_is_smoother(monkeypatch):
+    """A valve that is 1 ms late and a position that is 0.4: 1.4 ms, 0.4 of them the position's, where the twin's bump falls by more
+    than a tenth with them; else, without a delay in the file, and of a four-way valve, as learned."""
+    learned, late = [{"delay": {"late_s": 2.5e-4}}], {"effects.position_delay.delay_s": 4e-4}
+    bench = changed(load_machine("bench"), late | {"effects.valve_delay.delay_s": 1e-3})
+    bumps = {"as learned": 0.05, "told": 0.02}
+    monkeypatch.setattr(
+        bump, "twin_bump", lambda twin, one: bumps["told" if "told_s" in one[0]["delay"] else "as learned"]
+    )
+    [found] = bump.with_delay(learned, bench)
+    assert found["delay"] == {"late_s": 2.5e-4, "told_s": pytest.approx([1.4e-3, 4e-4])}
+    assert bump.with_delay(learned, load_machine("bench")) == learned
+    assert bump.with_delay(learned, changed(load_machine("servo_bench"), late)) == learned
+    bumps["told"] = 0.046
+    assert bump.with_delay(learned, bench) == learned
+
+
 def test_what_follows_a_signal_at_the_noise_is_said():
     """Of a machine at its noise whose rest follows a signal, the rest is open, and no rival that is not there."""
     rest = SimpleNamespace(sentence="what is left of pressure follows itself by a curve")

@@ -85,17 +85,23 @@ def _append(history, value):
 
 @compiled
 def found_delay_s(delay, lag_s):
-    """The delay taken, of a total lag: mean of its likelihood, and a part of its standard deviation more."""
+    """The delay taken, of a total lag: the one that was told; else the mean of its likelihood, and a part of its standard
+    deviation more."""
+    most_s = max(lag_s - SPOOL_LAGS_S[0], 0.0)
+    if delay.told_s[0] > 0.0:
+        return min(delay.told_s[0], most_s)
     total, mean, square, _ = _moments(delay, lag_s)
     mean /= total
     errors = ERRORS + ERRORS_FIRST / (1.0 + delay.reversals + delay.heard_reversals)
     deviation = math.sqrt(max(square / total - mean * mean, 0.0))
-    return min((1.0 + CAUTION) * mean + errors * deviation, max(lag_s - SPOOL_LAGS_S[0], 0.0))
+    return min((1.0 + CAUTION) * mean + errors * deviation, most_s)
 
 
 @compiled
 def found_lateness_s(delay, lag_s):
-    """How much of the delay is the position transducer's: mean of its likelihood."""
+    """How much of the delay is the position transducer's: as told, else mean of its likelihood."""
+    if delay.told_s[0] > 0.0:
+        return delay.told_s[1]
     total, _, _, late_s = _moments(delay, lag_s)
     return late_s / total
 
@@ -140,6 +146,7 @@ def keep_delay(delay, lateness, known):
     copy(delay.sums, known.sums)
     known.reversals, known.late_s = delay.reversals, lateness.late_s
     known.oil[0], known.oil[1] = delay.pressure_square, delay.pressure_product
+    copy(delay.told_s, known.told_s)
 
 
 @compiled
@@ -148,6 +155,7 @@ def restore_delay(delay, lateness, known):
     copy(known.sums, delay.sums)
     delay.reversals, lateness.late_s = int(known.reversals), known.late_s
     delay.pressure_square, delay.pressure_product = known.oil[0], known.oil[1]
+    copy(known.told_s, delay.told_s)
 
 
 @compiled

@@ -150,6 +150,7 @@ TRIM = record(  # edge_rounding.py
 DELAY = record(  # delay.py
     tick_s="f8", sums=("f8", (SPOOLS * LATES,)), reversals="i8",
     heard=("f8", (SPOOLS * LATES,)), heard_reversals="f8",  # the same of the other legs of a machine
+    told_s=("f8", (2,)),  # start parameters: the delay, and how much of it is the position's; 0 = not told
     tells="i8", hears="i8",  # a reversal was judged in this tick; one was heard of
     volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), oil_m=("f8", (BEFORE + AFTER + 1,)),  # oldest first
     direction="f8",
@@ -273,7 +274,7 @@ EDGE_LEARNED = record(
 LEARNED = record(
     flow=record(null_V="f8", leak_m_s="f8", retract=EDGE_LEARNED, extend=EDGE_LEARNED), rounding_V="f8",
     friction=record(theta_MPa=("f8", (6,)), windows=("f8", (2,)), half_step_Pa="f8", stribeck_Pa="f8"),
-    delay=record(sums=("f8", (SPOOLS * LATES,)), reversals="f8", late_s="f8", oil=("f8", (2,))),
+    delay=record(sums=("f8", (SPOOLS * LATES,)), reversals="f8", late_s="f8", oil=("f8", (2,)), told_s=("f8", (2,))),
     presliding=record(squares=("f8", (LENGTHS,)), products=("f8", (LENGTHS,)), shapes=("f8", (LENGTHS,)), weight="f8"),
     plain_control=record(baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,)), follows_V="f8"),
 )  # fmt: skip

@@ -18,9 +18,9 @@ def as_dict(record: Record) -> dict[str, Any]:
 
 def fill(record: Record, values: dict[str, Any]) -> None:
     """The inverse of `as_dict`; what `values` has besides is left. Older files have nothing of plain control, bristles or
-    softer oil, or not how far the piston follows, and the delay's sums by spool alone."""
+    softer oil, or not how far the piston follows, or no delay that is told, and the delay's sums by spool alone."""
     for name in record.dtype.names:
-        if name in ("plain_control", "follows_V", "oil", "presliding") and name not in values:
+        if name in ("plain_control", "follows_V", "oil", "presliding", "told_s") and name not in values:
             continue
         if record[name].dtype.names:
             fill(record[name], values[name])

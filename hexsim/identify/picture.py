@@ -80,7 +80,7 @@ def draw_bump(plot: Axes, bump: Bump) -> None:
                   va="center", fontsize=8)  # fmt: skip
     plot.set_xlabel("time of the heave, 0.5 Hz [s]")
     plot.set_ylabel("acceleration beside\nthe sine, 50 Hz [m/s²]")
-    plot.set_title(f"The bump at each reversal of the machine: {bump.share}", loc="left", pad=20)
+    plot.set_title(f"The bump at each reversal of the machine: {bump.left}", loc="left", pad=20)
     legend(plot, 2)
 
 

@@ -8,7 +8,8 @@ from leg_plant import Leg, run
 import compensation
 from compensation import Context
 from compensation.adaptive import Adaptive
-from compensation.adaptive.delay import softness_m_Pa
+from compensation.adaptive.delay import SPOOL_LAGS_S, found_delay_s, found_lateness_s, softness_m_Pa
+from compensation.adaptive.layout import LATES
 from compensation.adaptive.presliding import LENGTHS_M
 
 LAG_S = 2 * 0.7 / (2 * 3.141592653589793 * 60.0)  # of the leg's spool
@@ -48,6 +49,26 @@ def test_a_position_that_is_late_by_a_part_of_a_tick_is_found(late_s) -> None:
     """0.4 and 0.6 ms, of a tick of 2 ms: found within 0.25 ms after 20 reversals."""
     found = run(compensation.create("adaptive"), Leg(position_delay_s=late_s), duration_s=24.0).state.inner.numbers
     assert found.lateness.late_s == pytest.approx(late_s, abs=2.5e-4)
+
+
+def test_a_delay_that_is_told_stands() -> None:
+    """Told 0.41 ms, 0.3 of them the position's, beside twelve reversals that say another: taken as told, but no more than a lag
+    leaves beside the fastest spool, and kept. A file without it, and nothing told, go by the reversals."""
+    algorithm = Adaptive()
+    state = algorithm.start(Context())
+    state.numbers.delay.reversals, state.numbers.delay.sums[:] = 12, 40.0
+    state.numbers.delay.sums[LATES * 5] = 0.0  # a spool of 2.7 ms, nothing late
+    learned = algorithm.parameters(state)
+    told = learned | {"delay": learned["delay"] | {"told_s": [4.1e-4, 3e-4]}}
+    for start in (told, algorithm.parameters(algorithm.restore(Context(), told))):
+        delay = algorithm.restore(Context(), start).numbers.delay
+        assert (found_delay_s(delay, 4e-3), found_lateness_s(delay, 4e-3)) == (4.1e-4, 3e-4)
+        assert found_delay_s(delay, 1.4e-3) == pytest.approx(1.4e-3 - SPOOL_LAGS_S[0])
+    older = {name: value for name, value in learned["delay"].items() if name != "told_s"}
+    for start in (learned, learned | {"delay": older}):
+        delay = algorithm.restore(Context(), start).numbers.delay
+        assert found_delay_s(delay, 4e-3) == pytest.approx(1.3e-3, rel=0.1)  # 6 % of caution
+        assert found_lateness_s(delay, 4e-3) == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.fixture(scope="module")
