@@ -14,6 +14,8 @@ right     the effect that was put in is named (of a rough machine: it, or a smal
           a pump whose largest flow no motion inside the limits takes has its line alone: right is a supply droop
 sharp     no tie, every number of it known to 10 %, and within 15 % of the truth where the library has the same number; one
           that says that there is nothing is known
+one term  the same of a term that has two names in the report, each with its number: a hose and a dead volume. Nothing is left
+          that a log could tell; counted by itself
 honest    the design's first line says that no motion does it, and the right name is in that line; a hose and a dead volume
           are one term of the balances, that no log takes apart: counted in the same line
 ceiling   no run can make it sharp: a number of the right name that all motions which the design tried, one after the other,
@@ -36,6 +38,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing"), str(ROOT / "benchmarks")]
 LOAD_kg, LOAD_KNOWN = 60.0, 0.005
+ONE_TERM = "right and sharp, one term"
+SHARP_SCORES = ("right and sharp", ONE_TERM)
 LARGEST_FLOW_m3_s = 0.3 * np.pi / 4 * 0.03**2  # at 0.3 m/s: the rod side stands at the supply
 SAME_SIZE = {  # effects whose number the library has too: its value for one of the plant's
     **dict.fromkeys(("leakage_supply_to_chamber", "leakage_chamber_to_tank", "null_offset", "null_drift"), 1.0),
@@ -146,28 +150,33 @@ def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
 
 def traced_in_balances(folder: Path, fit: list[str], loaded: list[str]) -> Any:
     """A trace up to the sure effects, without a simulated refit."""
-    from hexsim.tracing.steps import dominant, shapes, violations
+    from hexsim.tracing.steps import dominant, shapes, ties, violations
     from hexsim.tracing.steps.logs import begin
 
     state = begin(folder, fit, ["validate"], LOAD_kg, loaded)
-    for step in (violations.STEP, shapes.STEP, dominant.STEP):
+    for step in (violations.STEP, shapes.STEP, dominant.STEP, ties.STEP):
         state = step.run(state, lambda doing: None)
     return state
 
 
 def left_open(first: dict[str, Any]) -> bool:
     """Has the trace left something open? Where it sees nothing there is nothing to ask."""
-    return first["score"] != "right and sharp" and first["verdict"] != "nothing missing"
+    return first["score"] not in SHARP_SCORES and first["verdict"] != "nothing missing"
 
 
 def outcome(result: Any, line: dict[str, Any]) -> dict[str, Any]:
     """Verdict, names with numbers and errors, and the score."""
-    named = [[e.candidate.effect.name, e.values, e.standard_errors, list(e.tied_with)] for e in result.effects]
+    named = [
+        [e.candidate.effect.name, e.values, e.standard_errors, list(e.tied_with),
+         [[own.candidate.effect.name, own.values, own.standard_errors] for own in e.readings]]
+        for e in result.effects
+    ]  # fmt: skip
     return {"verdict": result.verdict, "named": named, "score": score(line, named)}
 
 
 def score(line: dict[str, Any], named: list[list[Any]]) -> str:
-    """right and sharp; right, tied, not sharp or number off; another that is there; nothing named; wrong."""
+    """right and sharp, of one name or as one term; right, tied, not sharp or number off; another that is there; nothing named;
+    wrong."""
     from hexsim.hydraulics.effects import effect_named
     from hexsim.tracing.design.information import says_nothing
 
@@ -175,14 +184,16 @@ def score(line: dict[str, Any], named: list[list[Any]]) -> str:
     there = names_there(line["effects"])
     if not named:
         return "nothing named"
+    named, terms = (list(own) for own in zip(*(as_put_in(row, right) for row in named), strict=True))
     found = [row for row in named if row[0] in right]
     if any(row[0] not in right | there for row in named):
         tied = [row for row in named if any(label.split(" in ")[0] in right for label in row[3])]
         return "wrong" if not (tied or found) else "right, tied" if tied else "right among others"
     if not found:
         return "another that is there"
+    alone = terms[named.index(found[0])]
     _, values, errors, tied = found[0]
-    if tied:
+    if tied and not alone:
         return "right, tied"
     if not all(
         says_nothing(effect_named(found[0][0]), key, value) or (errors.get(key) or np.inf) <= 0.1 * scale_of(key, value)
@@ -197,7 +208,16 @@ def score(line: dict[str, Any], named: list[list[Any]]) -> str:
         value, size = next(iter(values.values())), factor * put_in
         if abs(value / size - 1.0) > 0.15:
             return "right, number off"
-    return "right and sharp"
+    return ONE_TERM if alone else "right and sharp"
+
+
+def as_put_in(row: list[Any], right: set[str]) -> tuple[list[Any], bool]:
+    """A row of `named` under the right one of its term's names, and whether it is tied with nothing but these."""
+    read = row[4] if len(row) > 4 else []
+    labels = {name for name, _, _ in read}
+    alone = bool(read) and all(label.split(" in ")[0] in labels for label in row[3])
+    own = next((one for one in read if one[0] in right), None)
+    return ([*own, row[3]] if own and row[0] not in right else row[:4]), alone
 
 
 def right_names(line: dict[str, Any]) -> set[str]:
@@ -232,14 +252,18 @@ def summarise(lines: list[dict[str, Any]]) -> None:
         opened = [line for line in own if "multisine" in line and left_open(line["first"])]
         print(f"{kind}: nothing missing {sum(line['first']['verdict'] == 'nothing missing' for line in own)}")
         good = {
-            key: sum(line[key]["score"] == "right and sharp" for line in opened if key in line)
+            key: sum(line[key]["score"] in SHARP_SCORES for line in opened if key in line)
             for key in ("designed", "multisine", "with_load")
         }
+        terms = [
+            line["seed"] for line in own if ONE_TERM in (line["first"]["score"], line.get("designed", {}).get("score"))
+        ]
         print(f"{kind}: {len(own)} machines, {len(opened)} left open; right and sharp after it: {good}")
         honest = [line["seed"] for line in opened if answered_honestly(line)]
         alike = [line["seed"] for line in opened if "one term" in line["design"]["purpose"]]
         most = {line["seed"]: line["designed"]["score"] for line in opened if beyond_the_ceiling(line)}
         made = [seed for seed, own in most.items() if own == "right and sharp"]
+        print(f"  of one term with two names: {terms}")
         print(
             f"  the design says that no run makes it sharp: {len(most)} {list(most)}, and it was all the same: {made}"
         )
@@ -268,7 +292,7 @@ def beyond_the_ceiling(line: dict[str, Any]) -> bool:
 
 def error_ratios(line: dict[str, Any]) -> list[float]:
     """Predicted over reached standard errors of the numbers that the last trace names as well."""
-    reached = {(name, key): error for name, _, errors, _ in line["designed"]["named"] for key, error in errors.items()}
+    reached = {(row[0], key): error for row in line["designed"]["named"] for key, error in row[2].items()}
     pairs = [
         (own["expected"], reached.get((own["effect"].split(" in ")[0], own["parameter"])))
         for own in line["design"]["numbers"]

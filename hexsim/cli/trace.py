@@ -140,6 +140,9 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
     """Verdict, effects with numbers and errors, what is unexplained, and the error before and after."""
     from rich.text import Text
 
+    from hexsim.tracing.report.readings import term_sentence
+    from hexsim.tracing.report.tables import checks_of
+
     console = output()
     verdict = report["verdict"]
     console.print(Text.assemble("verdict  ", (verdict, f"bold {VERDICT_STYLE.get(verdict, '')}".strip())))
@@ -160,8 +163,10 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
             console.print(text_table(title, header, rows))
             console.print()
     for effect in report.get("effects", []):
-        if effect.get("check_first"):
-            console.print(f"check    {effect['name'].replace('_', ' ')}: {effect['check_first']}")
+        if said := term_sentence(effect):
+            console.print(f"known    {said}")
+        for name, check in checks_of(effect):
+            console.print(f"check    {name.replace('_', ' ')}: {check}")
     console.print(f"files    {place}")
 
 

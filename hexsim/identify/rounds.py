@@ -34,7 +34,7 @@ from hexsim.tracing.design import next_measurement
 from hexsim.tracing.design.information import SHARP, says_nothing
 from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.design.next_measurement import surviving
-from hexsim.tracing.design.words import NO_GAIN
+from hexsim.tracing.design.words import NO_GAIN, one_term_words
 from hexsim.tracing.state import Trace
 from hexsim.tracing.trace import trace
 
@@ -183,7 +183,10 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
         story.fitted = result.fitted
         _keep(story, before_s + host.time_s)
         if not open_points(result):
-            story.ended = f"{result.verdict}: nothing is left to be told apart, and every number is sharp"
+            terms = [f"; {one_term_words(effect)}" for effect in result.effects if effect.readings]
+            story.ended = (
+                f"{result.verdict}: nothing is left to be told apart, and every number is sharp{''.join(terms)}"
+            )
             return
         design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number), may_load=False)
         if not worth_a_run(design.to_json(), result.verdict == "unexplained"):
@@ -253,8 +256,8 @@ def open_points(result: Trace) -> list[str]:
         labels = [label for label, _ in surviving(result)]
         found.append(" or ".join(labels) if len(labels) > 1 else "the rest is unexplained")
     for effect in result.effects:
-        if effect.tied_with:
-            found.append(" or ".join((effect.candidate.label, *effect.tied_with)))
+        if effect.apart:
+            found.append(" or ".join((effect.candidate.label, *effect.apart)))
         for name, value in effect.values.items():
             error = effect.standard_errors.get(name, float("nan"))
             if not says_nothing(effect.candidate.effect, name, value) and not error <= SHARP * abs(value):

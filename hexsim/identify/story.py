@@ -13,11 +13,12 @@ from hexsim.identify.picture import rounds_figure, story_figure
 from hexsim.identify.record import Story
 from hexsim.readers import read_log
 from hexsim.recording.figure_style import png
-from hexsim.recording.quantity import split_key, with_error
 from hexsim.recording.report import data_url, render
 from hexsim.recording.rerun_recording import write_recording
 from hexsim.recording.signals import Signals
+from hexsim.tracing.report.readings import names_of, numbers_of, one_term, term_sentence
 from hexsim.tracing.report.recording import write_trace_recordings
+from hexsim.tracing.report.tables import checks_of
 
 BUDGET = (
     "What does each step leave? "
@@ -76,8 +77,10 @@ def bump_sentence(story: Story) -> str:
     """The bump before and after, or why there is none."""
     if story.bump is None:
         return story.no_bump and f"The bump was not compared: {story.no_bump}."
-    before, after, share = story.bump.before, story.bump.after, story.bump.share
-    return f"The bump at each reversal of the machine: {before:.3f} m/s² as it was, {after:.3f} m/s² compensated ({share})."
+    before, after, left = story.bump.before, story.bump.after, story.bump.left
+    return (
+        f"The bump at each reversal of the machine: {before:.3f} m/s² as it was, {after:.3f} m/s² compensated ({left})."
+    )
 
 
 def declared(machine: Machine) -> str:
@@ -127,18 +130,20 @@ def effects(story: Story) -> list[dict[str, Any]]:
     rows = []
     named = [effect for effect in story.rounds[-1].effects if effect["name"]] if story.rounds else []
     for effect in named:
-        errors = effect.get("standard_error", {})
-        numbers = []
-        for key, value in effect.get("parameters", {}).items():
-            name, unit = split_key(key)
-            numbers.append((name, with_error(value, errors.get(key), unit)))
+        names = names_of(effect)
+        other = [f"{name}: {value}" for own in effect.get("one_term_with", []) for name, value in numbers_of(own)]
         rows.append(
             {
-                "title": effect["name"].replace("_", " "),
+                "title": " or ".join(names),
                 "where": effect["where"],
-                "numbers": numbers,
+                "numbers": numbers_of(effect),
+                "other": [f"as {name}, {own}" for name, own in zip(names[1:], other, strict=True)],
                 "description": effect_named(effect["name"]).description,
-                "tied": ", ".join(effect.get("tied_with", [])),
+                "term": term_sentence(effect),
+                "checks": checks_of(effect),
+                "tied": ", ".join(
+                    t.replace("_", " ") for t in effect.get("tied_with", []) if t not in one_term(effect)
+                ),
             }
         )
     return rows

@@ -65,6 +65,15 @@ class UnexplainedResidual:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Reading:
+    """Another name of one and the same term of the balances, with the number that does the same."""
+
+    candidate: Candidate
+    values: dict[str, float]
+    standard_errors: dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
 class NamedEffect:
     """An effect of the final hypothesis with what speaks for it."""
 
@@ -79,6 +88,13 @@ class NamedEffect:
     held_out: tuple[float, ...] = ()  # fall of chi2 in each held-out run
     single_leg: bool = False
     share: float = float("nan")  # of the rest's mean square that it takes, of a machine that no model fits
+    readings: tuple[Reading, ...] = ()  # of the ties those that no log takes apart from it
+
+    @property
+    def apart(self) -> tuple[str, ...]:
+        """Ties that another log may take apart from it."""
+        one = {own.candidate.label for own in self.readings}
+        return tuple(label for label in self.tied_with if label not in one)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,12 +13,13 @@ from hexsim.signals.channels import channel_arrays, noise_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import balance_named
 from hexsim.tracing.fitting.fit import parameter_columns, start_fit
-from hexsim.tracing.fitting.parameters import candidates, named, priors
+from hexsim.tracing.fitting.parameters import candidates, named, priors, to_coordinate
 from hexsim.tracing.fitting.screening import Screened, screen
 from hexsim.tracing.fitting.selection import inert, shortlist, with_candidate
 from hexsim.tracing.problems.balance import BalanceProblem, BalanceRows
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.simulation.start import ringing_Pa, start_of
+from hexsim.tracing.steps.one_term import read_as
 from hexsim.tracing.steps.ties import alike_in_balances, same_terms, stand_ins
 
 DATA = Path(__file__).parents[1] / "data"
@@ -132,6 +133,23 @@ def test_a_hose_and_a_dead_volume_are_one_term(bench):
             hose = fit.values[0]["compliance_m3_Pa"]
             assert rival.values[0]["volume_m3"] == pytest.approx(hose * machine.oil.bulk_modulus_Pa, rel=1e-4)
             assert rival.chi2 == pytest.approx(fit.chi2, rel=1e-3)
+
+
+def test_a_hose_reads_as_a_dead_volume_with_the_error_of_the_oil(bench):
+    """V = C E: 1 % of C and 2 % of E, of which each may be wrong alone, are sqrt(5) % of V; wrong together
+    in opposite directions, 1 %. Columns are finite differences: 1 %."""
+    machine, log = bench
+    part = BalanceRows(balance=balance_named("continuity", machine), sigma=np.ones(1), rows=(0,))
+    balances = BalanceProblem(logs=(log,), parts=(part,))
+    known = tuple(own for own in priors(machine) if "bulk_modulus" in own.key)
+    fit = with_candidate(start_fit(machine, known, balances), named("hose_compliance"), 0.6, balances)
+    hose, oil = fit.values[0]["compliance_m3_Pa"], machine.oil.bulk_modulus_Pa
+    in_C, in_E = 0.01 * to_coordinate(fit.candidates[0].free()[0], hose), 0.02 / known[0].half_width
+    for together, expected in ((0.0, np.sqrt(5.0)), (-1.0, 1.0)):
+        covariance = np.array([[in_E**2, together * in_E * in_C], [together * in_E * in_C, in_C**2]])
+        read = read_as(dataclasses.replace(fit, covariance=covariance), 0, named("dead_volume"), balances)
+        assert read.values["volume_m3"] == pytest.approx(hose * oil, rel=1e-3)
+        assert read.standard_errors["volume_m3"] == pytest.approx(0.01 * expected * hose * oil, rel=1e-2)
 
 
 @pytest.mark.parametrize(("force_N", "expected"), [(5.0, {"incline"}), (-5.0, set())])

@@ -12,5 +12,6 @@ EFFECT = Effect(
         EffectParameter(name="volume_m3", unit="m3", bounds=(0.0, 0.1), typical=3.0e-5, slot=P.PIPELINE_VOLUME),
     ),
     shown_by="motion with fast pressure changes: steps of the setpoint, a sweep through the oil resonance",
+    term="compliance of the chamber",
     nonlinear_response=True,
 )

@@ -60,6 +60,7 @@ class Effect:
     shown_by: the input that would show an effect that slow motion does not show.
     generic: stands for any cause of its form; of a tie, the other is named.
     vector: its numbers are components of one thing: any of them may be the one that is there.
+    term: what it adds to its balance, where another effect adds the same: no log takes two such effects apart.
     nonlinear_response: a softer chamber moves the oil's resonance, so that the answer is far from proportional to its size.
     """
 
@@ -76,6 +77,7 @@ class Effect:
     shown_by: str = ""
     generic: bool = False
     vector: bool = False
+    term: str = ""
     nonlinear_response: bool = False
 
     def fits(self, machine: Machine) -> bool:

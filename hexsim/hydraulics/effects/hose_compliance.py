@@ -18,5 +18,6 @@ EFFECT = Effect(
         ),
     ),
     shown_by="motion with fast pressure changes: steps of the setpoint, a sweep through the oil resonance",
+    term="compliance of the chamber",
     nonlinear_response=True,
 )

@@ -21,9 +21,10 @@ from hexsim.tracing.design.ceiling import Ceiling, ceiling_of
 from hexsim.tracing.design.information import SHARP, Number, OpenRefits, Promise, at_the_rest, hypothesis
 from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.design.rest import OpenRest, labels_of, open_rest
-from hexsim.tracing.design.words import cannot_tell, purpose_of
+from hexsim.tracing.design.words import beside_one_term, cannot_tell, purpose_of
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit
+from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.selection import with_candidate
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import Trace
@@ -134,6 +135,7 @@ def next_measurement(
     apart = {pair: max(own.separations.get(pair, 0.0) for _, own in tried) for pair in found.tied}
     alike = load_kg is None and bool(apart) and max(apart.values()) < ONE_TERM * found.needed
     purpose = purpose_of(tables, asked.labels, found, numbers, wanted, load_kg, ceiling, alike)
+    purpose = beside_one_term(purpose, trace.effects)
     tables["description"] = purpose[:1000]
     return NextMeasurement(
         tables=tables,
@@ -169,7 +171,7 @@ def what_is_open(trace: Trace) -> Open:
     if in_the_balances(trace):
         assert trace.rest_problem is not None
         named = frozenset(effect.candidate.label for effect in trace.effects)
-        return open_rest(trace.rest, named, trace.candidates, trace.rest_problem, trace.fit_problem)
+        return open_rest(standing(trace), named, trace.candidates, trace.rest_problem, trace.fit_problem)
     jobs = surviving(trace)
     problem = at_the_rest(trace.fit_problem, jobs[0][1])
     named = frozenset(effect.candidate.label for effect in trace.effects)
@@ -195,17 +197,31 @@ def surviving(trace: Trace) -> list[tuple[str, Fit]]:
     """
     if in_the_balances(trace):
         named = frozenset(effect.candidate.label for effect in trace.effects)
-        return list(zip(labels_of(trace.rest, named), (one.fit for one in trace.rest), strict=True))
+        rest = standing(trace)
+        return list(zip(labels_of(rest, named), (one.fit for one in rest), strict=True))
     effects = [effect.candidate.label for effect in trace.effects]
     found = [(" and ".join(effects) or _label(trace.final), trace.final)]
     for tied in trace.ties:
-        found += [(label, rival) for label, rival in tied.items()]
+        found += [(label, rival) for label, rival in tied.items() if label not in other_names(trace)]
     if trace.verdict == "unexplained" and not trace.predicted:
         rivals = [rival for stage in trace.search.stages for rival in stage.rivals]
         rivals = sorted(rivals, key=lambda rival: rival.chi2)[:CONTENDERS]
         found = [(_label(rival), rival) for rival in rivals] or found
     unique = dict(reversed(found))
     return [(label, unique[label]) for label in dict(found)]
+
+
+def other_names(trace: Trace) -> set[str]:
+    """Labels that are a named effect's term under another name: nothing is to be told apart there."""
+    return {own.candidate.label for effect in trace.effects for own in effect.readings}
+
+
+def standing(trace: Trace) -> tuple[RestFit, ...]:
+    """The hypotheses of the balances, one term under one name."""
+    others = other_names(trace)
+    return trace.rest[:1] + tuple(
+        one for one in trace.rest[1:] if not others & {candidate.label for candidate in one.fit.candidates}
+    )
 
 
 def with_small_realities(fit: Fit, trace: Trace) -> Fit:

@@ -7,9 +7,10 @@ from typing import Any
 
 from hexsim.tracing.design.ceiling import Ceiling
 from hexsim.tracing.design.information import SHARP, Number, Promise
-from hexsim.tracing.state import Trace
+from hexsim.tracing.state import NamedEffect, Trace
 
 UNKNOWN = Ceiling(errors=(), declared=())
+ALL_KNOWN = "to know all declared parameters better"
 NO_GAIN = 0.8  # a motion that leaves more than this share of an error does not sharpen it
 
 
@@ -46,10 +47,23 @@ def purpose_of(
             return f"no motion tells {what}{least or ' in this time'}; {now}"
         return f"to know {what}{put_on}: {now}{least and '; no motion tells it better'}{least}"
     if numbers:
-        return f"to know all declared parameters better{put_on}: nothing is left to be told apart"
-    return (
-        f"to know all declared parameters better, and what any machine has a little of{put_on}: no hypothesis is left"
-    )
+        return f"{ALL_KNOWN}{put_on}: nothing is left to be told apart"
+    return f"{ALL_KNOWN}, and what any machine has a little of{put_on}: no hypothesis is left"
+
+
+def beside_one_term(purpose: str, effects: Sequence[NamedEffect]) -> str:
+    """The first line where a named effect is one term with another: that no log takes them apart, alone where nothing else
+    is left to be told."""
+    said = "; ".join(one_term_words(effect) for effect in effects if effect.readings)
+    if not said:
+        return purpose
+    return f"{said}: look at the machine" if purpose.startswith(ALL_KNOWN) else f"{purpose}; {said}"
+
+
+def one_term_words(effect: NamedEffect) -> str:
+    """hose_compliance, dead_volume are one term ..."""
+    labels = (effect.candidate.label, *(own.candidate.label for own in effect.readings))
+    return f"no motion separates {', '.join(labels)}; they are one term, that no log takes apart"
 
 
 def least_words(number: Number, ceiling: Ceiling, place: int) -> str:

@@ -116,6 +116,16 @@ def effect_entry(effect: NamedEffect) -> dict[str, Any]:
         "parameters": {name: finite(value) for name, value in effect.values.items()},
         "standard_error": {name: finite(value) for name, value in effect.standard_errors.items()},
         "tied_with": list(effect.tied_with),
+        "term": candidate.effect.term,
+        "one_term_with": [
+            {
+                "name": own.candidate.effect.name,
+                "check_first": advice_of(own.candidate.effect.name).check,
+                "parameters": {name: finite(value) for name, value in own.values.items()},
+                "standard_error": {name: finite(value) for name, value in own.standard_errors.items()},
+            }
+            for own in effect.readings
+        ],
         "evidence": {
             "block_cv_gain": finite(effect.gain_cv),
             "blocks": effect.blocks,

@@ -107,9 +107,12 @@ def verdict_line(result: Trace) -> str:
 
 
 def effect_words(effect: NamedEffect) -> str:
-    """supply droop, 2.40 ×10⁹ Pa·s/m³."""
-    size = effect.candidate.effect.parameters[0]
-    return f"{effect.candidate.label.replace('_', ' ')}, {quantity(effect.values[size.name], size.unit)}"
+    """supply droop, 2.40 ×10⁹ Pa·s/m³; all names of what is one term."""
+    read = []
+    for own in (effect, *effect.readings):
+        size = own.candidate.effect.parameters[0]
+        read.append(f"{own.candidate.label.replace('_', ' ')}, {quantity(own.values[size.name], size.unit)}")
+    return " or ".join(read)
 
 
 def sentence(result: Trace) -> str:
@@ -127,7 +130,7 @@ def sentence(result: Trace) -> str:
     if result.verdict == "partly":
         return partly_sentence(result, f"{plain(before)} ({signal})", f"{plain(after)} ({later})")
     if result.effects:
-        ties = sorted({tied.replace("_", " ") for e in result.effects for tied in e.tied_with})
+        ties = sorted({tied.replace("_", " ") for e in result.effects for tied in e.apart})
         tied = f" These runs cannot tell it from {' or '.join(ties)}." if ties else ""
         return (
             f"Without it the {signal} stays {plain(before)} times its sensor's noise off on held-out motion, however the "
@@ -147,7 +150,7 @@ def sentence(result: Trace) -> str:
 def partly_sentence(result: Trace, before: str, after: str) -> str:
     """What is sure of a machine that no model fits, and what is left."""
     first = result.effects[0]
-    rivals = " or ".join(first.tied_with).replace("_", " ")
+    rivals = " or ".join(first.apart).replace("_", " ")
     tied = f" These runs cannot tell it from {rivals}." if rivals else ""
     rests = unexplained_rows(result.report)
     left = f" What is left is in {place_of(rests[0])}" if rests else ""

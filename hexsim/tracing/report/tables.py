@@ -6,13 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from hexsim.hydraulics.effects import effect_named
 from hexsim.recording.quantity import quantity, split_key, with_error
 from hexsim.signals.channels import kind_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import caption_of
 from hexsim.tracing.dependence import behind_low_pass
 from hexsim.tracing.report import balance_figure
+from hexsim.tracing.report.readings import numbers_of, term_sentence
 from hexsim.tracing.report.signals import SIGNALS, channel_words
 from hexsim.tracing.state import Trace, Violation
 
@@ -35,19 +35,26 @@ def place_of(rest: Mapping[str, Any]) -> str:
 def effect_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for effect in report["effects"]:
-        errors = effect.get("standard_error", {})
-        units = {p.name: p.unit for p in effect_named(effect["name"]).parameters} if effect["name"] else {}
-        values = [
-            (split_key(key)[0], with_error(value, errors.get(key), units[key]))
-            for key, value in effect["parameters"].items()
+        values = numbers_of(effect) if effect["name"] else []
+        values += [
+            (f"or, as {own['name'].replace('_', ' ')}: {words}", value)
+            for own in effect.get("one_term_with", [])
+            for words, value in numbers_of(own)
         ]
         title, description = effect["name"].replace("_", " "), effect["description"]
         if not title:
             over = behind_low_pass(SIGNALS[effect["curve"]["signal"]][0], effect["curve"].get("memory_s"))
             title, description = "learned curve", f"{FORMS[effect['curve']['form']].format(over)}, of unknown cause"
         tied = [name.replace("_", " ") for name in effect["tied_with"]]
-        rows.append(effect | {"values": values, "title": title, "description": description, "ties": tied})
+        own = {"values": values, "title": title, "description": description, "ties": tied}
+        rows.append(effect | own | {"term": term_sentence(effect), "checks": checks_of(effect)})
     return rows
+
+
+def checks_of(effect: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """(name, what to check first on the machine) of an effect, and of its term's other names."""
+    rows = (effect, *effect.get("one_term_with", []))
+    return [(own["name"], own["check_first"]) for own in rows if own.get("check_first")]
 
 
 def unexplained_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:

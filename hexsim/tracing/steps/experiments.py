@@ -138,10 +138,11 @@ def experiment_for(first: Fit, second: Fit, names: tuple[str, str], noise: dict[
 
 
 def plan_experiments(trace: Trace, tell: Tell) -> Trace:
-    """For every tie the motion that would separate it, as a scenario file."""
+    """For every tie the motion that would separate it, as a scenario file; none for what is one term."""
     entries, scenarios = [], {}
     for effect, tied in zip(trace.effects, trace.ties, strict=True):
-        for label, rival in tied.items():
+        for label in sorted(set(tied) & set(effect.apart)):
+            rival = tied[label]
             names = (effect.candidate.label, label)
             found = experiment_for(trace.final, rival, names, trace.fit_problem.noise)
             scenarios[found.file_name] = found.text()

@@ -25,6 +25,7 @@ from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace
 from hexsim.tracing.steps.hypotheses import simulated_fit
+from hexsim.tracing.steps.one_term import flat, with_readings
 from hexsim.tracing.steps.verdict import held_out_gains
 
 Array = np.ndarray
@@ -41,11 +42,6 @@ def without(fit: Fit, k: int, problem: SimulatedProblem) -> Fit:
         values=fit.values[:k] + fit.values[k + 1 :],
     )
     return parameter_columns(start_fit_at(bare, problem), problem)
-
-
-def flat(columns: Sequence[Array]) -> Array:
-    """Columns of all logs as rows (n_columns, n)."""
-    return np.concatenate([c.reshape(c.shape[0], -1) for c in columns], axis=1)
 
 
 def stand_ins(
@@ -183,13 +179,19 @@ def named_effect(trace: Trace, k: int, tied: tuple[str, ...], gains: tuple[float
 
 
 def look_for_ties(trace: Trace, tell: Tell) -> Trace:
-    """Of an explained machine: the ties of each effect, and each effect with its evidence."""
+    """Of an explained machine: the ties of each effect, and each effect with its evidence. The balances have told those of
+    a partly explained one."""
+    if trace.verdict == "partly" and trace.rest_problem is not None:
+        effects = with_readings(trace.effects, trace.final, trace.candidates, trace.rest_problem)
+        return replace(trace, effects=effects, decided="not needed: the balances have told")
     if trace.verdict != "explained":
         return replace(trace, decided="not needed: no effect is named")
     final, ties = with_ties(trace.final, trace)
     trace = replace(trace, final=final, ties=ties)
     gains = tuple(held_out_gains(final, trace.base, trace.validate_problem))
     effects = [named_effect(trace, k, tuple(tied), gains) for k, tied in enumerate(ties)]
+    if trace.balance_problem is not None:
+        effects = with_readings(effects, final, trace.candidates, trace.balance_problem)
     tied = sorted({label for own in ties for label in own})
     return replace(
         trace,

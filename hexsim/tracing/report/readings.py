@@ -1,0 +1,52 @@
+"""One term under two names, in words: what is known of it, and the number under either name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from hexsim.hydraulics.effects import effect_named
+from hexsim.recording.quantity import plain, split_key, with_error
+
+
+def numbers_of(entry: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """(words, value with its error) of each number of an effect of report.json, or of another name of it."""
+    units = {number.name: number.unit for number in effect_named(entry["name"]).parameters}
+    errors = entry.get("standard_error", {})
+    return [
+        (split_key(key)[0], with_error(value, errors.get(key), units[key]))
+        for key, value in entry["parameters"].items()
+    ]
+
+
+def names_of(entry: Mapping[str, Any]) -> list[str]:
+    """All names of an effect's term, its own first."""
+    return [own["name"].replace("_", " ") for own in (entry, *entry.get("one_term_with", []))]
+
+
+def one_term(entry: Mapping[str, Any]) -> set[str]:
+    """The other names of an effect's term, as `tied_with` has them."""
+    place = f" in {entry['where']}"
+    names = {own["name"] for own in entry.get("one_term_with", [])}
+    return names | {name + place for name in names}
+
+
+def term_sentence(entry: Mapping[str, Any]) -> str:
+    """What is known of a term that has more than one name; empty for an effect with a name of its own."""
+    if not entry.get("one_term_with"):
+        return ""
+    read = [f"{own['name'].replace('_', ' ')} of {numbers_of(own)[0][1]}" for own in (entry, *entry["one_term_with"])]
+    return (
+        f"added {entry['term']}, known to {known_to(entry)}: a {' or a '.join(read)}. "
+        "They do the same in every log, so that no run tells which it is: look at the machine"
+    )
+
+
+def known_to(entry: Mapping[str, Any]) -> str:
+    """Relative standard error of an effect's number, of its best name: the others have a declared parameter's error in theirs."""
+    found = []
+    for own in (entry, *entry.get("one_term_with", [])):
+        ((key, value),) = own["parameters"].items()
+        if value and own["standard_error"].get(key):
+            found.append(own["standard_error"][key] / abs(value))
+    return f"{plain(100 * min(found), 2)} %" if found else "an unknown share"
