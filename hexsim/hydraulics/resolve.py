@@ -18,7 +18,10 @@ from hexsim.hydraulics.supply import POWER_UNIT, SUPPLY_POWERS, S, declared_supp
 
 
 def resolve(machine: Machine) -> Resolved:
-    """Declared rows, then each effect of the machine's file in turn."""
+    """Declared rows, then each effect of the machine's file in turn.
+
+    A scale counts its lines: the pitch of a ripple is that of the reading, and a position gain stretches the wave on the machine.
+    """
     resolved = Resolved(
         machine=machine,
         rows=declared_rows(machine),
@@ -30,6 +33,7 @@ def resolve(machine: Machine) -> Resolved:
         leg_sensors={key: machine.of_legs("sensors", key) for key in OF_SENSOR},
     )
     add_effects(resolved, effect_settings(machine))
+    resolved.position_ripple[:, 1] /= resolved.leg_sensors["position_gain"]
     if machine.power_unit is not None:
         resolved.supply[S.AIR_FRACTION] = resolved.rows[:, P.AIR_FRACTION].mean()
         resolved.oil_temperature_degC = machine.oil.temperature_degC

@@ -43,3 +43,15 @@ def test_a_wave_beside_a_wave_of_its_pitch_adds_up():
     waves = [{"amplitude_m": size, "pitch_m": 2e-3, "phase_rad": 0.4} for size in (5e-6, 3e-5)]
     resolved = resolve(changed(load_machine("bench"), {"effects.position_ripple": waves}))
     assert resolved.position_ripple[0] == pytest.approx([3.5e-5, 2e-3, 0.4], rel=1e-12)
+
+
+def test_a_scale_counts_its_lines():
+    """With a position gain of 3 % the wave keeps its pitch in the reading, whose lines are 1/1.03 as long on the machine: a fifth of a
+    metre later it has the phase that the reading says, and is off by six waves by the pitch on the machine."""
+    tables = {"position_ripple": {"amplitude_m": 2e-5, "pitch_m": 1e-3}, "position_gain": {"relative_change": 0.03}}
+    ideal = {"sensors.position_noise_m": 0.0, "sensors.position_resolution_m": 0.0}
+    resolved = resolve(changed(load_machine("bench"), ideal | {"effects": tables}))
+    y = np.linspace(0.0, 0.2, 4001)[:, None]
+    shown = SensorBank(resolved, len(y), 1e-3, 1)["position"].rows(y)
+    wave = shown / 1.03 - y
+    np.testing.assert_allclose(wave, 2e-5 * np.sin(2.0 * np.pi * 1.03 * y / 1e-3), rtol=0.0, atol=1e-12)

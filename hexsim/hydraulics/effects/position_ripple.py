@@ -1,4 +1,6 @@
-"""The scale of a position transducer errs from line to line: it reads y + A sin(2 pi y/L + phase). A controller reads it too."""
+"""The scale of a position transducer errs from line to line: it reads y + A sin(2 pi y/L + phase). A controller reads it too.
+
+L is the pitch of the reading: beside a position gain g the wave is L/g long on the machine (`hydraulics.resolve`)."""
 
 from __future__ import annotations
 
