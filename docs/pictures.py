@@ -53,7 +53,7 @@ def trace() -> Pictures:
     result = run(ROOT / "tests" / "data" / "bench_leakage", ["fit", "sweep"], ["validate"])
     return {
         "trace_budget": budget.waterfall(result),
-        "trace_comparison": figures.comparison(result),
+        "trace_comparison": figures.comparison(result, figures.answers_of(result)),
         "trace_balances": balance_figure.balances(result),
         "trace_parameters": figures.parameters(result),
     }

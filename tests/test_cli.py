@@ -150,6 +150,13 @@ def test_help_is_quick_and_loads_no_simulator():
     assert ended.returncode == 0, ended.stderr
 
 
+def test_tracing_loads_no_simulator_of_platforms():
+    """A trace answers its logs by its own simulation: it waits neither for MuJoCo nor, before it records, for Rerun."""
+    code = "import sys; import hexsim.tracing.trace; sys.exit(', '.join({'mujoco', 'rerun'} & set(sys.modules)) or 0)"
+    ended = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+
+
 def test_help_says_units():
     """Units stand in the help of the options that have one; brackets would be taken for markup and dropped."""
     shown = " ".join(CliRunner(env={"COLUMNS": "200"}).invoke(app, ["run", "--help"]).stdout.split())

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import platform
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hexsim import __version__
 from hexsim.files.json_files import plain
 from hexsim.machine.files import machine_tables
-from hexsim.simulation import Run
+
+if TYPE_CHECKING:
+    from hexsim.simulation import Run
 
 VERSIONS_OF = ("mujoco", "numpy", "scipy", "numba", "polars")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,9 +12,11 @@ from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, new_figure, styled
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit_text
 from hexsim.recording.summary_table import number
-from hexsim.simulation import Run
 from hexsim.smoothness import ReversalBump, deviation_from_command, reversal_bumps
 from hexsim.smoothness.perception import felt_figures
+
+if TYPE_CHECKING:
+    from hexsim.simulation import Run
 
 FELT_HEADS = ("delay ms", "time felt", "reversals felt", "weighted rms", "of it unwanted", "jerk rms")
 

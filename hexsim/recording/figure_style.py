@@ -28,6 +28,7 @@ STYLE: dict[Any, Any] = {
     "text.parse_math": False,  # names of machines, scenarios and logs may hold any sign
     "axes.titlesize": 9.5,
     "axes.titleweight": "bold",
+    "axes.titley": 1.0,  # where a title stands without ticks above the plot: not to be found out at every drawing
     "axes.labelcolor": palette.INK,
     "text.color": palette.INK,
     "axes.edgecolor": "#9AA5B1",
@@ -140,8 +141,9 @@ def direction_colors() -> tuple[str, str]:
 
 
 def png(figure: Figure, dpi: int = DPI) -> bytes:
-    """The figure as the bytes of a PNG file."""
+    """The figure as the bytes of a PNG file, drawn once: `savefig` lays out, then draws twice."""
     buffer = BytesIO()
+    figure.set_dpi(dpi)
     with matplotlib.rc_context(STYLE):
-        figure.savefig(buffer, format="png", dpi=dpi)
+        FigureCanvasAgg(figure).print_png(buffer)
     return buffer.getvalue()

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from datetime import datetime
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jinja2
 import tomli_w
@@ -20,7 +20,9 @@ from hexsim.recording.felt import FELT_HEADS, felt_cells, felt_of
 from hexsim.recording.quantity import plain, quantity, share, spelled
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit, axis_unit_text
 from hexsim.recording.summary_table import axis_header, axis_label, axis_rows, comparison_rows, facts, number
-from hexsim.simulation import Run
+
+if TYPE_CHECKING:
+    from hexsim.simulation import Run
 
 CAPTIONS = {
     "motion": "Does the platform follow? "

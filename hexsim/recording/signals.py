@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,10 @@ from hexsim.recording.deviation import Deviation, axis_deviation, given_deviatio
 from hexsim.signals.log import Log
 from hexsim.signals.signal import HEXAPOD_AXES, ROTATIONS
 from hexsim.signals.table import SETPOINT, motion_column, pose_column, table
-from hexsim.simulation import Run
 from hexsim.smoothness import band_limit
+
+if TYPE_CHECKING:
+    from hexsim.simulation import Run
 
 Array = NDArray[np.float64]
 AXIS_NAMES = {"x": "surge", "y": "sway", "z": "heave", "roll": "roll", "pitch": "pitch", "yaw": "yaw", "leg": "leg"}

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hexsim.recording.signals import AXIS_NAMES, axis_unit, axis_unit_text
-from hexsim.simulation import Run
+
+if TYPE_CHECKING:
+    from hexsim.simulation import Run
 
 NOTHING = "–"
 LEAST_ACCELERATION = 1e-4  # [m/s2, rad/s2] far below the noise of an accelerometer

@@ -31,6 +31,7 @@ LOGGED_VOLTS_MARGIN = 1.25  # on the noise that logged volts bring in: one reali
 INPUT_SHARE = 1.0  # of the position's noise: the declared loop reads its positions with it, and no simulation knows it
 INPUT_SEEDS = 3  # simulations of it
 INPUT_WINDOW_S = 0.1  # [s] over which its spread is averaged
+LONG_S = 60.0  # [s] of a longer log that the declared machine's refit begins with
 BASE_TOLERANCE = 0.02  # the declared machine's refit stops when a step takes less than this share of the excess chi2
 NEGLIGIBLE_SHARE = 0.01  # an effect that vanishes at infinity does nothing below this share of its typical strength
 NULL_S_HEXAPOD = 8.0  # [s] of each run that a hexapod's null simulations cover

@@ -1,13 +1,16 @@
 """Figures and reports: that they show the numbers of the log."""
 
+import io
 import re
 
+import matplotlib
 import numpy as np
 import pytest
 from made_up_run import BUMP_M_S2, bump, log_of, made_up_log, made_up_machine, made_up_run
 from markupsafe import escape
+from matplotlib.image import imread as read_png
 
-from hexsim.recording.figure_style import png
+from hexsim.recording.figure_style import STYLE, png
 from hexsim.recording.figures import acceleration, comparison, flow_curve, motion, run_figures
 from hexsim.recording.report import run_report
 from hexsim.recording.rerun_recording import write_recording
@@ -32,6 +35,18 @@ def test_every_axis_of_every_figure_has_a_unit(hexapod, names):
             if plot.get_visible() and plot in figure.get_axes():
                 assert "[" in plot.get_ylabel() + plot.get_title(loc="left"), figure.get_suptitle()
         assert png(figure, dpi=40).startswith(b"\x89PNG")
+
+
+def test_a_figure_drawn_once_is_that_of_savefig(monkeypatch):
+    """Each figure has the pixels that matplotlib's `savefig` gives, which draws twice and looks for the place of each title."""
+    drawn = {name: png(figure, dpi=60) for name, figure in run_figures(Signals.of_run(made_up_run())).items()}
+    monkeypatch.setitem(STYLE, "axes.titley", None)
+    for name, figure in run_figures(Signals.of_run(made_up_run())).items():
+        usual = io.BytesIO()
+        with matplotlib.rc_context(STYLE):
+            figure.savefig(usual, format="png", dpi=60)
+        usual.seek(0)
+        assert np.array_equal(read_png(io.BytesIO(drawn[name])), read_png(usual)), name
 
 
 def test_the_deviation_is_the_bump_that_was_drawn():

@@ -12,6 +12,7 @@ from hexsim.signals.log import Log
 
 Array = np.ndarray
 KEPT_SETTINGS = 8  # of sensors, for each log
+KEPT_SAMPLES = 1_200_000  # of a signal: fewer settings of a log of minutes, but the base and a neighbour a thread
 
 _known: WeakKeyDictionary[Log, dict[Hashable, Any]] = WeakKeyDictionary()
 
@@ -34,7 +35,8 @@ def latest(log: Log, place: Hashable, key: Hashable, make: Callable[[], Array]) 
 
 def latest_of(log: Log, place: Hashable, key: Hashable, make: Callable[[], Any]) -> Any:
     """The same of what is no array."""
-    return _kept(remembered(log, ("latest", place), dict), key, make, KEPT_SETTINGS)
+    most = max(min(KEPT_SETTINGS, KEPT_SAMPLES // log.n), 3)
+    return _kept(remembered(log, ("latest", place), dict), key, make, most)
 
 
 def _kept(known: dict[Hashable, Any], key: Hashable, make: Callable[[], Any], most: int) -> Any:

@@ -27,17 +27,19 @@ def inverse(A: Array) -> Array:
     return np.linalg.pinv(A * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale
 
 
-def scattered(A: Array, precision: Array, columns: list[Array], misfit: list[Array], problem: FitProblem) -> Array:
-    """Covariance (k, k) of all coordinates. precision: P's diagonal, of the first coordinates.
-
-    columns, misfit: a log (k, n_channels, n) and (n_channels, n).
-    """
+def scores_of(columns: list[Array], misfit: list[Array], problem: FitProblem) -> Array:
+    """g of every block (n_blocks, k). columns, misfit: a log (k, n_channels, n) and (n_channels, n)."""
     scores = []
     for X, r, log in zip(columns, misfit, problem.logs, strict=True):
         count = max(int((log.time[-1] - log.time[0]) / SCATTER_S), 2)
         for part in np.array_split(np.arange(r.shape[1]), count):
-            scores.append(X[:, :, part].reshape(len(A), -1) @ r[:, part].ravel())
-    g = np.array(scores) * math.sqrt(len(scores) / (len(scores) - 1))
+            scores.append(X[:, :, part].reshape(len(X), -1) @ r[:, part].ravel())
+    return np.array(scores)
+
+
+def scattered(A: Array, precision: Array, scores: Array) -> Array:
+    """Covariance (k, k) of all coordinates. precision: P's diagonal, of the first coordinates; scores: `scores_of`."""
+    g = scores * math.sqrt(len(scores) / (len(scores) - 1))
     S, own = g.T @ g, np.arange(len(precision))
     S[own, own] += precision
     white = inverse(A)

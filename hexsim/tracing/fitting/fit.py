@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from hexsim.declaration import Machine
-from hexsim.tracing.fitting.covariance import scattered
+from hexsim.tracing.fitting.covariance import scattered, scores_of
 from hexsim.tracing.fitting.parameters import (
     Candidate,
     Prior,
@@ -116,8 +116,11 @@ def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
         machines.append(replace(fit, deviations=deviations).fitted_machine())
         signs.append(sign)
     steps = np.array(signs)[:, None, None] * share * PARAMETER_STEP
-    varied = problem.misfit(machines)
-    return replace(fit, columns=alive([(base - v) / steps for base, v in zip(fit.misfit, varied, strict=True)]))
+    columns = problem.misfit(machines)
+    for base, own in zip(fit.misfit, columns, strict=True):  # in place: of a long log they are hundreds of megabytes
+        np.subtract(base, own, out=own)
+        own /= steps
+    return replace(fit, columns=alive(columns))
 
 
 def effect_neighbours(fit: Fit, share: float, only: int | None = None) -> tuple[list[Machine], list[float]]:
@@ -184,11 +187,9 @@ def refine(
         return fit
     fit = parameter_columns(fit, problem, share) if fit.columns is None else fit
     damping, age, trust = 0.0, 0, 1.0
-    A, columns, seen = np.zeros((0, 0)), [], []
+    A, scores = np.zeros((0, 0)), np.zeros((0, 0))
     for _ in range(steps):
-        columns = _all_columns(fit, problem, share)
-        A, b = _system(fit, columns)
-        seen = fit.misfit
+        A, b, scores = _system(fit, _all_columns(fit, problem, share), problem)
         better, kept = None, 0.0
         first = _promise(_step(fit, A, b, damping)[1], A, b)
         if worth is not None and not worth(fit, trust * first):
@@ -211,8 +212,13 @@ def refine(
             break
         age += 1
         if fresh and (abs(kept - 1.0) > 1.0 - KEPT_SHARE or age > MAX_AGE):
+            fit, better, trial = (
+                replace(fit, columns=None),
+                None,
+                None,
+            )  # before the new ones: of long logs both are large
             fit, age, damping = parameter_columns(fit, problem, share), 0, 0.0
-    return replace(fit, covariance=scattered(A, prior_terms(fit)[0], columns, seen, problem), neighbours=None)
+    return replace(fit, covariance=scattered(A, prior_terms(fit)[0], scores), neighbours=None)
 
 
 def _all_columns(fit: Fit, problem: FitProblem, share: float) -> list[Array]:
@@ -223,14 +229,14 @@ def _all_columns(fit: Fit, problem: FitProblem, share: float) -> list[Array]:
     return [np.concatenate(pair) for pair in zip(fit.columns, effect_columns(fit, problem, share), strict=True)]
 
 
-def _system(fit: Fit, columns: list[Array]) -> tuple[Array, Array]:
-    """Normal equations of all coordinates, prior included."""
+def _system(fit: Fit, columns: list[Array], problem: FitProblem) -> tuple[Array, Array, Array]:
+    """Normal equations of all coordinates, prior included; the scores of their blocks, which say how well they are known."""
     A, b = normal_equations(columns, fit.misfit)
     m = len(fit.priors)
     precision, pull = prior_terms(fit)
     A[range(m), range(m)] += precision
     b[:m] += pull
-    return A, b
+    return A, b, scores_of(columns, fit.misfit, problem)
 
 
 def _promise(step: Array, A: Array, b: Array) -> float:

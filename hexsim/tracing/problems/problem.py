@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any, Self
@@ -64,11 +64,15 @@ class FitProblem(ABC):
         return self
 
     def misfit(self, machines: Sequence[Machine]) -> list[Array]:
-        """Residuals of many machines at once, on all cores: a log, (n_machines, n_channels, n_used)."""
+        """Residuals of many machines at once, on all cores: a log, (n_machines, n_channels, n_used), the caller's own."""
         jobs = [(machine, i) for machine in machines for i in range(len(self.logs))]
-        results = in_parallel(lambda job: self.residual(*job), jobs)
-        k = len(self.logs)
-        return [np.stack(results[i::k]) for i in range(k)]
+        found: list[Array] = []
+        for job, residual in enumerate(in_turn(lambda job: self.residual(*job), jobs)):
+            k, i = divmod(job, len(self.logs))
+            if k == 0:
+                found.append(np.empty((len(machines), *residual.shape)))
+            found[i][k] = residual  # at once: a list of all of them would be a second copy
+        return found
 
     def blocks(self, i: int) -> int:
         """How many blocks of about a second log i has."""
@@ -88,9 +92,11 @@ def chi2_of(misfit: list[Array]) -> float:
 
 
 def alive(columns: list[Array]) -> list[Array]:
-    """Columns of all logs, 0 for a number whose neighbour's simulation diverges: it stays where it is."""
+    """These columns of all logs, 0 for a number whose neighbour's simulation diverges: it stays where it is."""
     finite = np.all([np.isfinite(c).all(axis=(1, 2)) for c in columns], axis=0)
-    return [np.where(finite[:, None, None], c, 0.0) for c in columns]
+    for own in columns:
+        own[~finite] = 0.0
+    return columns
 
 
 def in_job() -> bool:
@@ -103,9 +109,12 @@ def in_parallel(function: Callable[[Any], Any], jobs: Iterable[Any]) -> list[Any
 
     A job that asks for jobs of its own does them itself, one after the other.
     """
-    if in_job():
-        return [function(job) for job in jobs]
-    return list(_threads().map(function, jobs))
+    return list(in_turn(function, jobs))
+
+
+def in_turn(function: Callable[[Any], Any], jobs: Iterable[Any]) -> Iterator[Any]:
+    """`in_parallel`, each result as its turn comes: none is kept that the caller does not keep."""
+    return map(function, jobs) if in_job() else _threads().map(function, jobs)
 
 
 @cache

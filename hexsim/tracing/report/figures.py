@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -11,7 +13,9 @@ from hexsim.declaration import Machine
 from hexsim.recording import palette
 from hexsim.recording.figure_style import WIDTH_IN, legend_above, plain_frequencies, plain_powers, png, styled
 from hexsim.recording.quantity import split_key
-from hexsim.signals.channels import kind_of
+from hexsim.signals.channels import channel_arrays, kind_of
+from hexsim.signals.log import Log
+from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.report.signals import NOISE_BAND, SCALE, SIGNALS, channel_words
 from hexsim.tracing.state import Trace
 from hexsim.tracing.steps.held_out_errors import banded
@@ -66,16 +70,19 @@ def model_lines(result: Trace) -> list[Line2D]:
     return [Line2D([], [], color=COLOURS[key], lw=1.6, label=names[key]) for key in machines_of(result)]
 
 
+def answers_of(result: Trace) -> dict[str, Log]:
+    """What each model answers to the first held-out run: made once, for all figures."""
+    models = machines_of(result)
+    answers = in_parallel(lambda machine: result.validate_problem.simulated(machine, 0), models.values())
+    return dict(zip(models, answers, strict=True))
+
+
 @styled
-def comparison(result: Trace) -> bytes:
+def comparison(result: Trace, answers: Mapping[str, Log]) -> bytes:
     """Measured against simulated on the first held-out run: signals left, what is left of them right."""
     problem, part = result.validate_problem, shown_part(result)
     log, channels = problem.logs[0], worst_channels(result, problem.logs[0].name)
-    time = log.time[part]
-    answers = {
-        name: dict(zip(problem.channels(0), problem.answer(m, 0), strict=True))
-        for name, m in machines_of(result).items()
-    }
+    time, shown = log.time[part], {name: channel_arrays(answer) for name, answer in answers.items()}
     figure = Figure(figsize=(WIDTH_IN, 0.5 + 1.9 * len(channels)), layout="constrained")
     axes = figure.subplots(len(channels), 2, squeeze=False, sharex=True)
     for (left, right), channel in zip(axes, channels, strict=True):
@@ -85,7 +92,7 @@ def comparison(result: Trace) -> bytes:
         left.plot(time, whole, color=MEASURED, lw=MEASURED_WIDTH)
         noise = rest_scale * result.error[log.name][channel]["noise"]
         right.axhspan(-2 * noise, 2 * noise, color=NOISE_BAND, zorder=0)
-        for key, answer in answers.items():
+        for key, answer in shown.items():
             left.plot(time, scale * banded(channel, log.time, answer[channel])[part], color=COLOURS[key], lw=0.9)
             rest = banded(channel, log.time, measured - answer[channel])[part]
             right.plot(time, rest_scale * rest, color=COLOURS[key], lw=0.7)
@@ -104,15 +111,15 @@ def comparison(result: Trace) -> bytes:
 
 
 @styled
-def spectra(result: Trace) -> bytes:
+def spectra(result: Trace, answers: Mapping[str, Log]) -> bytes:
     """Spectra of what is left on the first held-out run, and the sensors' noise."""
     problem, log = result.validate_problem, result.validate_problem.logs[0]
     channels = worst_channels(result, log.name)
     rows = (len(channels) + 1) // 2
     figure = Figure(figsize=(WIDTH_IN, 0.5 + 2.2 * rows), layout="constrained")
     axes = figure.subplots(rows, 2, squeeze=False).ravel()
-    for name, machine in machines_of(result).items():
-        answer = dict(zip(problem.channels(0), problem.answer(machine, 0), strict=True))
+    for name, simulated in answers.items():
+        answer = channel_arrays(simulated)
         for plot, channel in zip(axes, channels, strict=False):
             rest = (problem.measured[0][channel] - answer[channel])[problem.settle(0) :]
             if np.all(np.isfinite(rest)):
@@ -149,16 +156,15 @@ def density(x: Array, rate: float) -> tuple[Array, Array]:
 
 
 @styled
-def portraits(result: Trace) -> bytes:
+def portraits(result: Trace, answers: Mapping[str, Log]) -> bytes:
     """Phase portraits of the first held-out run: velocity over position, pressure over velocity, velocity over volts."""
-    problem, log, models = result.validate_problem, result.validate_problem.logs[0], machines_of(result)
-    leg = portrait_leg(result)
+    log, leg = result.validate_problem.logs[0], portrait_leg(result)
     part = shown_part(result)
     shown = slice(part.start // THIN, part.stop // THIN)
     pairs = [("position_m", "velocity_m_s"), ("velocity_m_s", "pressure_bottom_Pa"), ("valve_V", "velocity_m_s")]
     measured, _ = signals_of(log, result.machine, leg)
     pairs = [pair for pair in pairs if all(name in measured for name in pair)]
-    drawn = {name: signals_of(problem.simulated(m, 0), result.machine, leg)[0] for name, m in models.items()}
+    drawn = {name: signals_of(answer, result.machine, leg)[0] for name, answer in answers.items()}
     figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
     for plot, pair in zip(figure.subplots(1, len(pairs), squeeze=False)[0], pairs, strict=True):
         (x_name, x_scale, x_unit), (y_name, y_scale, y_unit) = (SIGNALS[name] for name in pair)

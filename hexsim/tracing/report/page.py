@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from hexsim.recording.quantity import plain, quantity
@@ -51,12 +52,13 @@ def report_page(result: Trace) -> str:
     """The whole page."""
     report, run = result.report, result.validate_problem.logs[0].name
     leg = figures.portrait_leg(result).capitalize() if result.machine.is_hexapod else "The leg"
+    answers = figures.answers_of(result)
     makers = {
         "budget": budget.waterfall,
-        "comparison": figures.comparison,
+        "comparison": partial(figures.comparison, answers=answers),
         **({"balances": balance_figure.balances} if result.violations else {}),
-        "portraits": figures.portraits,
-        "spectra": figures.spectra,
+        "portraits": partial(figures.portraits, answers=answers),
+        "spectra": partial(figures.spectra, answers=answers),
         "parameters": figures.parameters,
         **({"pairs": trades.pairs} if report["trades"] else {}),
     }

@@ -1,4 +1,8 @@
-"""The declared parameters refitted by simulation, inside their uncertainty: the base that every effect must beat."""
+"""The declared parameters refitted by simulation, inside their uncertainty: the base that every effect must beat.
+
+A log of minutes is first fitted over its first one: most steps are then short. The last ones, with the uncertainty of the
+inputs at the machine that this gave, see all of it.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +26,7 @@ def refit_declared(trace: Trace, tell: Tell) -> Trace:
             f"the declared machine cannot be simulated along {names}: its answer diverges. valve_V must be the command of "
             "a valve, not of a pump; check signs and units of the columns, or declare own balances (balances.toml)"
         )
-    first = problem.with_input_uncertainty(start.fitted_machine())
+    first = problem.head(rules.LONG_S).with_input_uncertainty(start.fitted_machine())
     base = refine(start_fit_at(start, first), first, fresh=True, relative=rules.BASE_TOLERANCE)
     problem, held_out = (q.with_input_uncertainty(base.fitted_machine()) for q in (problem, held_out))
     base = refine(start_fit_at(base, problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)

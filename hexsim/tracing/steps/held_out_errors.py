@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.signals.channels import kind_of
 from hexsim.smoothness import band_limit
+from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace
 
@@ -46,18 +48,22 @@ def noise_floor(problem: SimulatedProblem, i: int) -> dict[str, float]:
     return floor
 
 
+def errors_of(problem: SimulatedProblem, machines: Sequence[Machine]) -> list[list[dict[str, float]]]:
+    """`channel_errors` of every machine on every log, on all cores: a machine, a log."""
+    k = len(problem.logs)
+    jobs = [(machine, i) for machine in machines for i in range(k)]
+    found = in_parallel(lambda job: channel_errors(problem, job[1], job[0]), jobs)
+    return [found[j : j + k] for j in range(0, len(found), k)]
+
+
 def error_table(
     problem: SimulatedProblem, declared: Machine, refit: Machine, fitted: Machine
 ) -> dict[str, dict[str, dict[str, float]]]:
     """The report's `error`: log -> channel -> declared, refit, with_effect, noise."""
-    table = {}
+    models, table = errors_of(problem, [declared, refit, fitted]), {}
     for i, log in enumerate(problem.logs):
-        columns = {
-            "declared": channel_errors(problem, i, declared),
-            "refit": channel_errors(problem, i, refit),
-            "with_effect": channel_errors(problem, i, fitted),
-            "noise": noise_floor(problem, i),
-        }
+        columns = dict(zip(("declared", "refit", "with_effect"), (own[i] for own in models), strict=True))
+        columns["noise"] = noise_floor(problem, i)
         table[log.name] = {
             name: {kind: column[name] for kind, column in columns.items()} for name in problem.channels(i)
         }
@@ -81,14 +87,20 @@ def budget_machines(trace: Trace) -> dict[str, Machine]:
     return machines
 
 
-def budget_of(trace: Trace) -> list[dict[str, Any]]:
-    """Rows (channel, run, step, rms, multiple of noise) on held-out motion."""
-    problem, rows = trace.validate_problem, []
+def budget_of(trace: Trace, table: Mapping[str, Mapping[str, Mapping[str, float]]]) -> list[dict[str, Any]]:
+    """Rows (channel, run, step, rms, multiple of noise) on held-out motion. table: `error_table`, where most of it stands."""
+    problem, steps, rows = trace.validate_problem, budget_machines(trace), []
+    known = {"declared": trace.machine, "refit": steps["parameters refitted"], "with_effect": trace.fitted}
+    stands = {
+        step: next((kind for kind, own in known.items() if own == machine), "") for step, machine in steps.items()
+    }
+    others = [step for step, kind in stands.items() if not kind]
+    made = dict(zip(others, errors_of(problem, [steps[step] for step in others]), strict=True))
     for i, log in enumerate(problem.logs):
-        floor = noise_floor(problem, i)
-        for step, machine in budget_machines(trace).items():
-            for channel, rms in channel_errors(problem, i, machine).items():
-                multiple = rms / max(floor[channel], 1e-300)
+        for step, kind in stands.items():
+            for channel, own in table[log.name].items():
+                rms = own[kind] if kind else made[step][i][channel]
+                multiple = rms / max(own["noise"], 1e-300)
                 rows.append(
                     {"channel": channel, "run": log.name, "step": step, "rms": rms, "multiple_of_noise": multiple}
                 )
@@ -102,7 +114,7 @@ def held_out_errors(trace: Trace, tell: Tell) -> Trace:
     return replace(
         trace,
         error=table,
-        budget=budget_of(trace),
+        budget=budget_of(trace, table),
         decided=f"largest error of the last model: {worst:.3g} times the noise",
     )
 
