@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hexsim.tracing.fitting.covariance import inverse, scattered, scores_of
+from hexsim.tracing.fitting import normal
+from hexsim.tracing.fitting.covariance import inverse, scattered
+from hexsim.tracing.fitting.normal import scores_of
 
 RATE_Hz, N, DRAWS = 1000.0, 20000, 60
 PROBLEM = SimpleNamespace(logs=[SimpleNamespace(time=np.arange(N) / RATE_Hz)])
@@ -37,7 +39,7 @@ def test_an_error_is_the_scatter_of_the_number(share, times):
         r = left_over(rng, share)
         numbers.append(inverse(A) @ np.einsum("kcn,cn->k", X, r))
         left = r - np.einsum("k,kcn->cn", numbers[-1], X)
-        errors.append(np.sqrt(np.diag(scattered(A, np.zeros(0), scores_of([X], [left], PROBLEM)))))
+        errors.append(np.sqrt(np.diag(scattered(A, np.zeros(0), scores_of([[X]], [left], PROBLEM)))))
     white = np.sqrt(np.diag(inverse(A)))
     assert np.std(numbers, axis=0)[0] == pytest.approx(np.mean(errors, axis=0)[0], rel=0.25)
     assert np.mean(errors, axis=0)[0] > times * white[0]
@@ -48,5 +50,16 @@ def test_no_error_is_less_than_that_of_white_noise():
     """Blocks that agree by chance, nothing left at all, and a prior on the first number."""
     X = columns_of(np.random.default_rng(2))
     A = np.einsum("kcn,lcn->kl", X, X) + np.diag([3.0, 0.0])
-    found = scattered(A, np.array([3.0]), scores_of([X], [np.zeros((1, N))], PROBLEM))
+    found = scattered(A, np.array([3.0]), scores_of([[X]], [np.zeros((1, N))], PROBLEM))
     assert np.diag(found) == pytest.approx(np.diag(inverse(A)), rel=1e-9)
+
+
+def test_columns_in_parts_and_blocks_give_the_normal_equations_of_the_whole(monkeypatch):
+    """Parts of a log's columns, taken block by block as of a long log, sum to X'X and X'r of all in one: to rounding, 1e-12."""
+    rng = np.random.default_rng(3)
+    X, r = rng.standard_normal((5, 3, 1000)), rng.standard_normal((3, 1000))
+    flat = X.reshape(5, -1)
+    monkeypatch.setattr(normal, "AT_ONCE", 300)
+    A, b = normal.normal_equations([(X[:3], X[3:])], [r])
+    assert pytest.approx(flat @ flat.T, rel=1e-12, abs=1e-12 * flat.size) == A
+    assert b == pytest.approx(flat @ r.ravel(), rel=1e-12, abs=1e-12 * flat.size)

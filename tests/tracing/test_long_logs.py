@@ -26,7 +26,7 @@ class Slow(FitProblem):
     logs = (SimpleNamespace(n=N),)
 
     def residual(self, machine, i):
-        time.sleep(0.01)
+        time.sleep(0.05)
         return np.full((CHANNELS, N), machine.load.moving_mass_kg)
 
     def channels(self, i):
@@ -54,7 +54,7 @@ def test_columns_of_declared_parameters_are_held_once():
     finally:
         tracemalloc.stop()
     assert columns is not None and columns[0].nbytes == size
-    assert peak < 1.6 * size
+    assert peak < 1.8 * size  # a busy computer may take a few results late
 
 
 def test_a_refit_that_begins_with_the_opening_ends_as_one_that_does_not(monkeypatch):

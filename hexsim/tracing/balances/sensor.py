@@ -12,7 +12,7 @@ from hexsim.declaration import Machine
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import WHOLE, Window
-from hexsim.tracing.balances.balance import Balance, position_settings, resolved_machine, sensed_leg
+from hexsim.tracing.balances.balance import Balance, position_settings, resolved_machine, sensed_leg, sensor_settings
 from hexsim.tracing.balances.memory import latest
 from hexsim.tracing.balances.platform import ROWS, felt_by_imu, platform_motion
 
@@ -41,7 +41,9 @@ class Sensor(Balance):
         return self.residual_at(log, machine, WHOLE)
 
     def residual_at(self, log: Log, machine: Machine, at: slice) -> Array:
-        return sensed_leg(log, resolved_machine(machine), 0).disagreement(at)[None]
+        resolved, place = resolved_machine(machine), ("disagreement", at.start, at.stop, at.step)
+        sensed = sensed_leg(log, resolved, 0)
+        return latest(log, place, sensor_settings(resolved, 0), lambda: sensed.disagreement(at))[None]
 
     def noise_gains(self, resolved: Resolved) -> Array:
         """Both are about as noisy."""

@@ -3,7 +3,7 @@
 A controller reads its transducer's noise and shakes the machine with it, most at the frequency of the oil, at which a hose
 or a mass shows. So the errors come from the scatter of blocks of the logs:
 
-    A^-1 (S + P) A^-1,   S = sum g g' over blocks of SCATTER_S,   g = X'r of a block,   P: the priors' precision
+    A^-1 (S + P) A^-1,   S = sum g g' over blocks of `normal.SCATTER_S`,   g = X'r of a block,   P: the priors' precision
 
 A: normal matrix with P. No error is less than that of white noise, A^-1: of 12 s on a bench it came out 2 to 4 times too
 small for a hose and for friction. Beside a misfit the blocks scatter more, and the errors grow with it.
@@ -15,10 +15,7 @@ import math
 
 import numpy as np
 
-from hexsim.tracing.problems.problem import FitProblem
-
 Array = np.ndarray
-SCATTER_S = 0.5  # [s] longer than oil rings, short enough for some tens of blocks
 
 
 def inverse(A: Array) -> Array:
@@ -27,18 +24,8 @@ def inverse(A: Array) -> Array:
     return np.linalg.pinv(A * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale
 
 
-def scores_of(columns: list[Array], misfit: list[Array], problem: FitProblem) -> Array:
-    """g of every block (n_blocks, k). columns, misfit: a log (k, n_channels, n) and (n_channels, n)."""
-    scores = []
-    for X, r, log in zip(columns, misfit, problem.logs, strict=True):
-        count = max(int((log.time[-1] - log.time[0]) / SCATTER_S), 2)
-        for part in np.array_split(np.arange(r.shape[1]), count):
-            scores.append(X[:, :, part].reshape(len(X), -1) @ r[:, part].ravel())
-    return np.array(scores)
-
-
 def scattered(A: Array, precision: Array, scores: Array) -> Array:
-    """Covariance (k, k) of all coordinates. precision: P's diagonal, of the first coordinates; scores: `scores_of`."""
+    """Covariance (k, k) of all coordinates. precision: P's diagonal, of the first coordinates; scores: g of every block."""
     g = scores * math.sqrt(len(scores) / (len(scores) - 1))
     S, own = g.T @ g, np.arange(len(precision))
     S[own, own] += precision

@@ -9,14 +9,16 @@ shifts are small); those of effects are made anew in every step. Covariance: by 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from hexsim.declaration import Machine
-from hexsim.tracing.fitting.covariance import scattered, scores_of
+from hexsim.tracing import rules
+from hexsim.tracing.fitting.covariance import scattered
+from hexsim.tracing.fitting.normal import Columns, normal_equations, scores_of
 from hexsim.tracing.fitting.parameters import (
     Candidate,
     Prior,
@@ -150,17 +152,6 @@ def effect_columns(fit: Fit, problem: FitProblem, share: float = 1.0, only: int 
     return alive([(base - v) / np.array(steps)[:, None, None] for base, v in zip(fit.misfit, varied, strict=True)])
 
 
-def normal_equations(columns: list[Array], misfit: list[Array]) -> tuple[Array, Array]:
-    """A = X'X and b = X'r over all logs and channels."""
-    k = columns[0].shape[0]
-    A, b = np.zeros((k, k)), np.zeros(k)
-    for X, r in zip(columns, misfit, strict=True):
-        flat = X.reshape(k, -1)
-        A += flat @ flat.T
-        b += flat @ r.ravel()
-    return A, b
-
-
 def prior_terms(fit: Fit) -> tuple[Array, Array]:
     """Prior in units of half widths: precision and pull of each declared parameter (uniform: sd = 1/sqrt(3))."""
     precision = np.full(len(fit.priors), 3.0)
@@ -218,18 +209,22 @@ def refine(
                 None,
             )  # before the new ones: of long logs both are large
             fit, age, damping = parameter_columns(fit, problem, share), 0, 0.0
-    return replace(fit, covariance=scattered(A, prior_terms(fit)[0], scores), neighbours=None)
+    covariance = scattered(A, prior_terms(fit)[0], scores)
+    kept = (
+        fit.columns if problem.duration_s <= rules.LONG_S else None
+    )  # of a long log: made anew where they are asked for
+    return replace(fit, covariance=covariance, neighbours=None, columns=kept)
 
 
-def _all_columns(fit: Fit, problem: FitProblem, share: float) -> list[Array]:
-    """Columns of all coordinates: the kept ones of declared parameters, those of effects anew."""
+def _all_columns(fit: Fit, problem: FitProblem, share: float) -> list[Columns]:
+    """Columns of all coordinates, a log: the kept ones of declared parameters, those of effects anew."""
     assert fit.columns is not None
     if not fit.candidates:
-        return fit.columns
-    return [np.concatenate(pair) for pair in zip(fit.columns, effect_columns(fit, problem, share), strict=True)]
+        return [(own,) for own in fit.columns]
+    return list(zip(fit.columns, effect_columns(fit, problem, share), strict=True))
 
 
-def _system(fit: Fit, columns: list[Array], problem: FitProblem) -> tuple[Array, Array, Array]:
+def _system(fit: Fit, columns: Sequence[Columns], problem: FitProblem) -> tuple[Array, Array, Array]:
     """Normal equations of all coordinates, prior included; the scores of their blocks, which say how well they are known."""
     A, b = normal_equations(columns, fit.misfit)
     m = len(fit.priors)

@@ -90,8 +90,11 @@ class SimulatedProblem(FitProblem):
         return np.hypot(noise, self.input_uncertainty[i]) if self.input_uncertainty else noise
 
     def residual(self, machine: Machine, i: int) -> Array:
-        measured = np.stack(list(self.measured[i].values()))
-        return ((measured - self.answer(machine, i)) / self.sigma(i))[:, self.settle(i) :] * self.weights[i]
+        rest = self.answer(machine, i)
+        for row, measured, sigma in zip(rest, self.measured[i].values(), self.sigma(i), strict=True):
+            np.subtract(measured, row, out=row)  # in place: each array of a long log takes tens of megabytes
+            row /= sigma
+        return rest[:, self.settle(i) :] * self.weights[i]
 
     def with_input_uncertainty(self, machine: Machine) -> Self:
         """The problem with what no simulation can know: the answer's spread when what drives the model is off a little.

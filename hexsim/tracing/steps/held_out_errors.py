@@ -62,8 +62,8 @@ def error_table(
     """The report's `error`: log -> channel -> declared, refit, with_effect, noise."""
     models, table = errors_of(problem, [declared, refit, fitted]), {}
     for i, log in enumerate(problem.logs):
-        columns = dict(zip(("declared", "refit", "with_effect"), (own[i] for own in models), strict=True))
-        columns["noise"] = noise_floor(problem, i)
+        errors = [*(own[i] for own in models), noise_floor(problem, i)]
+        columns = dict(zip(("declared", "refit", "with_effect", "noise"), errors, strict=True))
         table[log.name] = {
             name: {kind: column[name] for kind, column in columns.items()} for name in problem.channels(i)
         }

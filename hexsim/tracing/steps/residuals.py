@@ -78,20 +78,19 @@ def with_play(position: Array, half_width: float, window: Window) -> Array:
 
 def distortions(balance: Balance, log: Log, violation: Violation, residual: Array) -> dict[tuple[str, str], Array]:
     """(signal, form) -> how the residual would change if that channel were late or had play, (n_kept, k)."""
-    window, machine = Window(log.rate), violation.machine
+    window, machine, places = Window(log.rate), violation.machine, kept(log)
     noise = noise_of(machine, [log])["position_m"]
-    found: dict[tuple[str, str], list[Log]] = {}
+
+    def change(**channel: Array) -> Array:
+        return (balance.residual(replace(log, **channel), machine)[violation.place] - residual)[places]
+
+    found: dict[tuple[str, str], list[Array]] = {}
     for signal, channel in CHANNELS.items():
         values = getattr(log, channel)
         if values is not None:
-            found[signal, "late"] = [replace(log, **{channel: late(values)})]
-    found["position_m", "play"] = [
-        replace(log, position=with_play(log.position, k * noise, window)) for k in PLAY_NOISE
-    ]
-    return {
-        key: np.stack([(balance.residual(one, machine)[violation.place] - residual)[kept(log)] for one in logs], axis=1)
-        for key, logs in found.items()
-    }
+            found[signal, "late"] = [change(**{channel: late(values)})]
+    found["position_m", "play"] = [change(position=with_play(log.position, k * noise, window)) for k in PLAY_NOISE]
+    return {key: np.stack(changes, axis=1) for key, changes in found.items()}
 
 
 def unexplained_of(balance: Balance, violation: Violation, logs: Sequence[Log]) -> UnexplainedResidual:
