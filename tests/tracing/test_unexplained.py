@@ -62,7 +62,7 @@ def test_the_sentence_says_which_signal_is_the_worst_before_and_after():
     }
     rest = {"balance": "continuity", "where": "leg 4", "depends_on": "time_s", "form": "plain", "frequency_Hz": None}
     report = {"error": {"roll": errors}, "unexplained": [rest | {"memory_s": 1.5, "r2_of_signals": {}}]}
-    effect = SimpleNamespace(tied_with=[], share=0.9, gain_cv=0.8)
+    effect = SimpleNamespace(apart=(), share=0.9, gain_cv=0.8)
     said = report_page.sentence(SimpleNamespace(report=report, verdict="partly", effects=[effect]))
     assert "from 423 (position of leg 3) to 45.7 (position of leg 4) times its sensor's noise" in said
     assert "in the continuity balance of leg 4: a curve over the time behind a low-pass of 1.5 s." in said
