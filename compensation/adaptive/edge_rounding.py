@@ -30,6 +30,7 @@ from .arithmetic import clip
 from .chambers import pair_flow_m_s
 from .layout import TRIM_TICKS
 from .leak import add_to_passage, finish_passage, leak_known, skip_passage, start_passage
+from .null import both_open
 from .spool import round_lag, set_spool_model
 from .valve import edges_variance_m2_s2, valve_ready, valve_usable
 
@@ -135,7 +136,7 @@ def add_to_rounding(rounding, leak, z_m, valve_V, roots, valve):
     sharp, rounded = _openings(rounding, mean, valve, edge, roots)
     moved = tick_s if valve.four_way else edge.gain_m_s_V * roots[1 if valve_V > 0.0 else 0] * tick_s
     rounding.sharp_m += moved * sharp
-    rounding.closed_ticks += 1 if sharp == 0.0 else 0
+    rounding.closed_ticks += (1 if sharp == 0.0 else 0) - (1 if both_open(valve, mean) else 0)
     rounding.rounded_m += moved * (rounded - sharp)
     if straight or before * x <= 0.0:
         add_to_passage(leak, z_m - rounding.start_m - rounding.sharp_m, rounding.closed_ticks * tick_s)
@@ -144,7 +145,9 @@ def add_to_rounding(rounding, leak, z_m, valve_V, roots, valve):
             rounding.ticks = rounding.closed_ticks = 0
             return True
         if leak_known(leak):
-            _update(rounding, z_m, MEMORY if valve_ready(valve) else MEMORY_EARLY)
+            open_s = rounding.closed_ticks * tick_s if valve.underlap else 0.0
+            unsure_m2 = (edges_variance_m2_s2(valve) + leak.variance) * open_s * open_s
+            _update(rounding, z_m, MEMORY if valve_ready(valve) else MEMORY_EARLY, unsure_m2)
         rounding.closed_ticks, rounding.ticks = 0, 1 if straight else 2
         rounding.start_m, rounding.sharp_m, rounding.rounded_m = z_m, 0.0, 0.0
         return True
@@ -178,7 +181,7 @@ def _openings(rounding, volts, valve, edge, roots):
 def _judge_passage(leak, positive, valve):
     """True if the leak that is taken off must change."""
     overlap_V = valve.edges[0].dead_band_V + valve.edges[1].dead_band_V
-    if valve.four_way and overlap_V < LEAST_OVERLAP_V and valve.leak_m_s == 0.0:
+    if valve.four_way and not valve.underlap and overlap_V < LEAST_OVERLAP_V and valve.leak_m_s == 0.0:
         return skip_passage(leak, positive)
     return finish_passage(leak, positive, valve.leak_m_s, edges_variance_m2_s2(valve), valve.leak_ratio)
 
@@ -211,13 +214,13 @@ def _advance_spool(rounding, volts, backlash_V):
 
 
 @compiled
-def _update(rounding, z_m, memory):
-    """A passage in: one step of least squares with forgetting."""
+def _update(rounding, z_m, memory, unsure_m2):
+    """A passage in: one step of least squares with forgetting. unsure_m2: variance that edges and leak give it."""
     phi = rounding.rounded_m / rounding.probe_V**2
     excess = z_m - rounding.start_m - rounding.sharp_m - phi * rounding.square_V2
     if abs(excess) > MAX_EXCESS_M + abs(phi) * rounding.largest_V**2:
         return
-    expected = NOISE_M**2 + phi * rounding.variance_V4 * phi
+    expected = NOISE_M**2 + unsure_m2 + phi * rounding.variance_V4 * phi
     rounding.misfit += MISFIT_SHARE * (excess * excess / expected - rounding.misfit)
     share = rounding.variance_V4 * phi / expected
     rounding.square_V2 += share * excess

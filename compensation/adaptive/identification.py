@@ -19,12 +19,13 @@ from .friction import (
 )
 from .lateness import pressure_then_Pa
 from .leak import follow_leak, start_leak, tell_leak
+from .null import edges_moved
 from .piston_leak import leaked_across_m_s
 from .presliding import add_to_presliding, update_presliding
 from .spool import look_ahead_shift, round_lag
 from .stribeck import add_to_stribeck, update_stribeck
 from .trust import judge_compensated
-from .valve import add_to_valve, recentre, valve_ready, valve_usable
+from .valve import add_to_valve, valve_ready, valve_usable
 
 DELAY_TOLERANCE_S = 1e-4  # change of the delay from which the taps are designed anew
 LAG_REVERSAL_S = 1.5e-4  # most that the lag of a compensated leg moves at a reversal
@@ -50,7 +51,7 @@ def identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
         state.leaked_m -= leaked_across_m_s(valve, valve.across_Pa) * settings.tick_s
     z -= state.leaked_m
     add_to_valve(valve, z, v, means[1 if v > 0 else 0])
-    if not engaged and recentre(valve):
+    if not engaged and edges_moved(valve):
         start_leak(state.leak)
     find_delay(state, position_m, p, v, velocity_m_s, roots, compensated)
     if compensated and not valve.four_way:

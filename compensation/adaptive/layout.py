@@ -72,7 +72,9 @@ VALVE = record(  # valve.py
     leak_m_s="f8", leak_ratio="f8",  # oil that flows into the chamber while the valve is closed, at the reference drop; R^2
     leak_known="i8", null_rate_V_s="f8",
     half_windows="i8", last_half_windows="i8",  # windows in this half stroke, and in the one before
-    four_way="i8", differential="i8", across_Pa="f8",  # P1 - P2, as it leaks across the piston
+    four_way="i8", differential="i8",
+    underlap="i8",  # both edges are open at null: windows keep clear of where they are
+    across_Pa="f8",  # P1 - P2, as it leaks across the piston
     across_sum="f8", across_phi="f8", across_means=("f8", (2,)), across_squares="f8", across_m_s_Pa="f8",  # piston_leak.py
     ticks="i8",  # since the last window that was used
 )  # fmt: skip

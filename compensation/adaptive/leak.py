@@ -62,7 +62,7 @@ def finish_passage(leak, positive, taken_m_s, variance_m2_s2=0.0, ratio=1.0):
     edges which the passage is held against, `ratio` R^2. True if the leak that is taken off must change."""
     excess_m, closed_s, across = leak.excess_m, ratio * leak.closed_s, positive != (leak.positive != 0)
     start_passage(leak, positive)
-    if not across or closed_s <= 0.0 or not abs(excess_m) < MAX_LEAK_M_S * closed_s:
+    if not across or closed_s == 0.0 or not abs(excess_m) < MAX_LEAK_M_S * abs(closed_s):
         return False
     error = excess_m / closed_s + taken_m_s - leak.leak_m_s
     expected = (LEAK_NOISE_M / closed_s) ** 2 + variance_m2_s2 / (ratio * ratio)

@@ -23,6 +23,7 @@ from ..compiled import compiled
 
 NO_LAG_M = 1e-9  # lag that counts as none once the feed-forward is all in
 SOFTNESS = 2.0  # half dead bands about zero within which D is softened
+SOFTNESS_UNDERLAP = 1.0  # of a negative one: the gain is twice as high where both edges are open
 
 
 @compiled
@@ -72,6 +73,6 @@ def _loop_m_s(reference, lag_m):
     up = 1 if lag_m > 0.0 else 0
     dead_band = reference.dead_band_m[up]
     if dead_band != 0.0 and left != 0.0:
-        soft = SOFTNESS * dead_band
+        soft = (SOFTNESS if dead_band > 0.0 else SOFTNESS_UNDERLAP) * dead_band
         lag_m *= 1.0 - left * dead_band / sqrt(lag_m * lag_m + soft * soft)
     return reference.loop_1_s[up] * lag_m + left * reference.leak_m_s

@@ -15,6 +15,7 @@ from .layout import PREVIEW_TICKS
 from .leak import restore_leak, start_leak
 from .monitor import start_monitor
 from .prediction import start_prediction
+from .null import has_underlap
 from .presliding import keep_presliding, restore_presliding
 from .spool import look_ahead_shift, round_lag
 from .stribeck import MOST_WEIGHT
@@ -67,6 +68,7 @@ def _start_pair(valve, differential):
 def restore(s, known):
     """Into a state that was just started: what `keep` kept. known: a record LEARNED."""
     restore_valve(s.valve, known.flow)
+    s.valve.underlap = has_underlap(s.valve)
     restore_friction(s.friction, known.friction)
     restore_presliding(s.friction.presliding, known.presliding, known.friction.half_step_Pa)
     s.trim.rounding_V = known.rounding_V

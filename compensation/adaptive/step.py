@@ -188,4 +188,5 @@ def _track_plain_control(state, bottom, supply):
     reference.null_m, reference.leak_m_s = valve.null_V / kp, leak_at_m_s(valve, roots)
     for i in range(2):
         reference.loop_1_s[i] = kp * valve.edges[i].gain_m_s_V * roots[i]
-        reference.dead_band_m[i] = max(valve.edges[i].dead_band_V, 0.0) / kp
+        dead_band_V = valve.edges[i].dead_band_V
+        reference.dead_band_m[i] = (dead_band_V if valve.underlap else max(dead_band_V, 0.0)) / kp

@@ -34,7 +34,6 @@ from .valve_edge import (
     REJECT_ERRORS,
     WINDOW_NOISE_M,
     backlash_errors,
-    edge_V,
     edge_variance_m2_s2,
     lag_difference_s,
     restart_backlash_fit,
@@ -47,12 +46,12 @@ from .valve_edge import (
 MAX_LAG_OIL_M = 15e-6  # oil at a crossing of the overlap by which the lags of both edges may differ: one spool, one lag
 MAX_LAG_OIL_PAIR_M = 5e-5  # on a four-way valve under load, whose directions differ by 0.6 ms about the spool's lag
 MAX_CROSSING_V_S = 5.5e-3  # overlap times lag up to which a four-way valve's is compensated
-NULL_TOLERANCE_V = 5e-3  # by which the null may be off the middle of the edges
 NULL_ALPHA, NULL_BETA = 0.08, 0.47  # most with which the null follows, a window; and its rate, of the square of it
 NULL_PERIOD = 2.0  # with which it follows, over the windows of the last two half strokes
 NULL_ERROR_V, NULL_RATE_V_S, NULL_TICKS = 5e-3, 0.03, 100  # bounds: an error, the rate, ticks between windows
 UNKNOWN_LEAK = 3.0  # times the slowest speed of a window, while a leak may move the piston by itself
 RESTORED_VARIANCE, RESTORED_COUNT = 1e-5, 50  # of the prior's, of a known edge: 1 mV; windows its residual stands for
+CLEAR_V = 0.12  # beyond the other edge of a valve with underlap, from where a single edge pair lets oil through
 USABLE_WINDOWS = 8  # from which the gain is right within some per cent
 
 
@@ -114,21 +113,6 @@ def edges_variance_m2_s2(valve):
 
 
 @compiled
-def recentre(valve):
-    """Moves the null into the middle of the edges, where it is well off it; whether it was."""
-    down, up = valve.edges[0], valve.edges[1]
-    off = 0.5 * (edge_V(up) - edge_V(down))
-    off = clip(valve.null_V + off, -MAX_DEAD_BAND_V, MAX_DEAD_BAND_V) - valve.null_V
-    if not valve_usable(valve) or abs(off) < NULL_TOLERANCE_V:
-        return False
-    valve.null_V += off
-    shift_edge(up, off, 0.0)
-    shift_edge(down, -off, 0.0)
-    _restart(valve)
-    return True
-
-
-@compiled
 def _follow_null(valve, error_m, edge):
     """What a window left over moves the null, and its rate (alpha-beta filter), in half a period and no sooner: within a
     half stroke an error of the lag looks like a null that drifts, and both would wander."""
@@ -152,8 +136,8 @@ def set_leak(valve, leak_m_s):
     down, up = valve.edges[0], valve.edges[1]
     shift_edge(up, 0.0, change * valve.leak_ratio)
     shift_edge(down, 0.0, -change * valve.leak_ratio)
-    _restart(valve)
-    if abs(change) > 0.25 * valve.min_speed_m_s:
+    restart_window(valve)
+    if abs(change) > 0.25 * valve.min_speed_m_s and not valve.underlap:
         restart_edge(up)
         restart_edge(down)
 
@@ -168,9 +152,11 @@ def add_to_valve(valve, z_m, valve_V, root):
     if direction != valve.direction:
         valve.direction, valve.wait = direction, valve.settle
         valve.last_half_windows, valve.half_windows = valve.half_windows, 0
-        _restart(valve)
+        restart_window(valve)
         return
     edge = valve.edges[1 if direction > 0 else 0]
+    if valve.underlap and size < CLEAR_V - valve.edges[0 if direction > 0 else 1].dead_band_V:
+        restart_window(valve)
     half = max(edge.fitted_backlash_V, MIN_BACKLASH_V)
     beyond = valve.side * (valve.reversal_V - valve_V)
     if beyond >= 0.0:
@@ -204,7 +190,8 @@ def add_to_valve(valve, z_m, valve_V, root):
 
 
 @compiled
-def _restart(valve):
+def restart_window(valve):
+    """The window in hand and the one before it do not count."""
     valve.count, valve.moving, valve.pending = 0, False, False
 
 
@@ -220,7 +207,7 @@ def _finish_window(valve, edge, z_m, size, through):
     leak_m_s = valve.leak_m_s * valve.leak_ratio
     travelled = abs(z_m - valve.start_m + leak_m_s * valve.window * tick)  # a leak moves oil at rest, too
     if min(moved, travelled) < slowest * valve.window * tick:
-        _restart(valve)
+        restart_window(valve)
         return
     if valve.pending:
         down, up = valve.edges[0], valve.edges[1]

@@ -121,6 +121,13 @@ def restart_edge(edge):
 
 
 @compiled
+def begin_edge(edge):
+    """The same, and what it left over is forgotten."""
+    restart_edge(edge)
+    edge.plain_fit.count = edge.backlash_fit.count = 0
+
+
+@compiled
 def _reject(edge):
     """The valve no longer behaves as identified."""
     edge.ready = False

@@ -32,11 +32,12 @@ from compensation.adaptive.leak import (
     used_leak_m_s,
 )
 from compensation.adaptive.monitor import bump_noise_m_s2, start_monitor, worse_than_baseline, worth_compensating
+from compensation.adaptive.null import recentre
 from compensation.adaptive.prediction import MAX_OFFSET_M, predict, prediction_table, start_prediction, watch_setpoint
 from compensation.adaptive.presliding import add_to_presliding, bristle, update_presliding
 from compensation.adaptive.recursive_least_squares import shift_fit, start_fit, update_fit
 from compensation.adaptive.spool import look_ahead_shift
-from compensation.adaptive.valve import recentre, start_valve
+from compensation.adaptive.valve import start_valve
 
 
 def test_shifted_fit_is_the_fit_of_shifted_data() -> None:
