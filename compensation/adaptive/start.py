@@ -14,8 +14,8 @@ from .identification import want_design
 from .layout import PREVIEW_TICKS
 from .leak import restore_leak, start_leak
 from .monitor import start_monitor
-from .prediction import start_prediction
 from .null import has_underlap
+from .prediction import start_prediction
 from .presliding import keep_presliding, restore_presliding
 from .spool import look_ahead_shift, round_lag
 from .stribeck import MOST_WEIGHT
