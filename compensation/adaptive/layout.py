@@ -26,6 +26,7 @@ RESPONSE = 40  # ticks of the spool's response that a design looks at
 SPOOLS = 17  # of the bank that tells delay from spool
 BEFORE, AFTER, PAST_VOLTS = 14, 16, 12  # ticks about a reversal that are compared, and of volts before them
 TRIM_TICKS = 8  # on either side of a compensated reversal
+LAG_TICKS = 8  # that a valve's lag may span
 LATES = 15  # by how much a position may be late
 LATE_TICKS = 7
 REACH = 16  # ticks on either side of a reversal in which Stribeck friction is looked for
@@ -63,6 +64,7 @@ VALVE = record(  # valve.py
     settle="i8",  # ticks after the volts change sign in which the spool crosses
     direction="i8", wait="i8", count="i8",
     start_m="f8", start_V="f8", start_through_V="f8",  # z, |u| and |p| at the window's start
+    past_V=("f8", (LAG_TICKS,)),  # of a four-way valve
     sums=("f8", (4,)),  # of u R, R, b R, s R
     reversal_V="f8", side="f8",  # b, s
     moving="i8", with_backlash="i8",

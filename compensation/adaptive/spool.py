@@ -34,6 +34,18 @@ def step_response(t_s, lag_s, delay_s):
 
 
 @compiled
+def mean_over_lag(past, ticks):
+    """Mean of the newest `ticks` of a history: what a delay of them has not let through yet, over it. The newest value alone
+    leaves the second order, lag^2/2 u': compensated volts made it 15 um a window at 7 ms, and the valve was rejected."""
+    ticks = min(ticks, len(past) - 1.0)
+    whole = int(ticks)
+    total = (ticks - whole) * past[whole]
+    for i in range(whole):
+        total += past[i]
+    return total / ticks
+
+
+@compiled
 def round_lag(lag_s):
     """Lag [s] on the grid that filters are designed for."""
     return clip(np.rint(lag_s / LAG_STEP_S) * LAG_STEP_S, 0.0, LAG_MAX_S)

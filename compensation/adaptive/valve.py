@@ -24,9 +24,10 @@ from __future__ import annotations
 import math
 
 from ..compiled import compiled
-from .arithmetic import clip
+from .arithmetic import clip, push
 from .piston_leak import tell_piston_leak
 from .recursive_least_squares import scale_covariance
+from .spool import mean_over_lag
 from .valve_edge import (
     ACCEPT_ERRORS,
     MAX_DEAD_BAND_V,
@@ -52,6 +53,7 @@ NULL_ERROR_V, NULL_RATE_V_S, NULL_TICKS = 5e-3, 0.03, 100  # bounds: an error, t
 UNKNOWN_LEAK = 3.0  # times the slowest speed of a window, while a leak may move the piston by itself
 RESTORED_VARIANCE, RESTORED_COUNT = 1e-5, 50  # of the prior's, of a known edge: 1 mV; windows its residual stands for
 CLEAR_V = 0.12  # beyond the other edge of a valve with underlap, from where a single edge pair lets oil through
+LONG_LAG_TICKS = 3.0  # from which the volts within a lag are looked at one by one
 USABLE_WINDOWS = 8  # from which the gain is right within some per cent
 
 
@@ -147,6 +149,8 @@ def add_to_valve(valve, z_m, valve_V, root):
     """One tick: oil displacement now less what leaked, volts of the tick past less the null, mean sqrt(dp/dp_ref)
     in it of their edge."""
     valve.ticks += 1
+    if valve.four_way:
+        push(valve.past_V, valve_V)
     direction = 1 if valve_V > 0.0 else -1
     size = direction * valve_V
     if direction != valve.direction:
@@ -166,7 +170,9 @@ def add_to_valve(valve, z_m, valve_V, root):
     if valve.wait > 0:
         valve.wait -= 1
         return
-    through = direction * (valve.reversal_V + half * valve.side)
+    through, moved_V = direction * (valve.reversal_V + half * valve.side), 0.0
+    if valve.four_way and valve.lag_s > LONG_LAG_TICKS * valve.tick_s:
+        moved_V = size - direction * mean_over_lag(valve.past_V, valve.lag_s / valve.tick_s)
     if valve.count:
         valve.across_sum += valve.across_Pa
         s = valve.sums
@@ -179,10 +185,10 @@ def add_to_valve(valve, z_m, valve_V, root):
             s[2] += size * root
             s[3] += direction * (valve.side + (valve.reversal_V - valve_V) / half) * root
         if valve.count == valve.window:
-            _finish_window(valve, edge, z_m, size, through)
+            _finish_window(valve, edge, z_m, size - moved_V, through - moved_V)
             valve.count = 0
     if valve.count == 0:
-        valve.start_m, valve.start_V, valve.start_through_V = z_m, size, through
+        valve.start_m, valve.start_V, valve.start_through_V = z_m, size - moved_V, through - moved_V
         for i in range(4):
             valve.sums[i] = 0.0
         valve.across_sum = 0.0
