@@ -130,7 +130,7 @@ def cueing() -> Pictures:
     }
     drawn = {"washout": png(washout_figure(washouts, 3.0), DPI)}
     with tempfile.TemporaryDirectory() as folder:
-        arguments = "--fast --compensator adaptive --tune --host 60,jitter=0.2,loss=0.02 --out"
+        arguments = "--fast --compensator adaptive --tune --host 60,jitter=0.2,loss=0.02,derivatives --out"
         with patch.object(sys, "argv", ["motion_cueing.py", *arguments.split(), folder]):
             runpy.run_path(str(ROOT / "examples" / "motion_cueing.py"), run_name="__main__")
         return drawn | {"cueing_host": (Path(folder) / "cueing.png").read_bytes()}

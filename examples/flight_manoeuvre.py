@@ -14,12 +14,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import jsbsim
 import numpy as np
 import polars as pl
 
 from hexsim.cueing.protocols import NAMES, FEET_m
 from hexsim.cueing.washout import g
+
+try:
+    import jsbsim
+except ModuleNotFoundError:
+    raise SystemExit("JSBSim is not installed: pip install jsbsim") from None
 
 RATE_Hz = 120.0
 DURATION_s = 40.0

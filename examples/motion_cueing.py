@@ -7,10 +7,10 @@ as flight_manoeuvre.py writes one (`--vehicle flight.csv`). A classical washout 
 what is quick goes through high-pass filters to position, what is slow leans the platform so that gravity stands in for
 it (tilt coordination, limited to 3 deg/s so that the leaning itself is not felt).
 
-    python examples/motion_cueing.py --compensator adaptive --tune --host 60,jitter=0.2,loss=0.02
+    python examples/motion_cueing.py --compensator adaptive --tune --host 60,jitter=0.2,loss=0.02,derivatives
 
 With `--tune` the compensator starts with what it has learned on the machine's simulated twin; with `--host` packets of a
-host that knows no future drive the machine.
+host that knows no future drive the machine, `derivatives` with velocities and accelerations in them.
 setpoints.csv is an ordinary setpoint file: `hexsim run cueing/setpoints.csv` plays it too.
 """
 
@@ -36,6 +36,7 @@ from hexsim.smoothness import band_limit, response_delay_s
 from hexsim.studies.tune_start import FILE, teach
 
 RATE_Hz = 500.0
+FELT_m_s2 = 0.05  # bumps below are not felt
 WASHOUT = Washout()
 
 
@@ -110,8 +111,9 @@ def figures(time, felt):
 
 @styled
 def picture(time, felt, table, what):
-    figure, plots = new_figure(3, f"Specific force on the platform: {what}", heights=[1.7, 1.7, 1.7])
-    for plot, (k, description) in zip(plots, enumerate(("forward", "left", "up")), strict=True):
+    figure, plots = new_figure(4, f"Specific force on the platform: {what}", heights=[1.7, 1.7, 1.7, 1.2])
+    colours = (palette.RESPONSE, palette.DEVIATION, palette.REFERENCE)
+    for plot, (k, description) in zip(plots[:3], enumerate(("forward", "left", "up")), strict=True):
         plot.plot(time, felt["felt"][:, k], color=palette.RESPONSE, lw=0.8, label="felt on the machine, 50 Hz band")
         plot.plot(time, felt["commanded"][:, k], color=palette.DEVIATION, lw=1.1, label="commanded by the washout")
         plot.plot(
@@ -124,8 +126,16 @@ def picture(time, felt, table, what):
         )
         row = table["xyz"[k]]
         late, off = row["delay_ms"], row["difference_rms_m_s2"]
-        plot.set_title(f"{description}: felt {late:.0f} ms after the command, rms of the difference {off:.3f} m/s²")
+        plot.set_title(f"{description}: delay {late:.0f} ms, rms of felt less commanded {off:.3f} m/s²")
         plot.set_ylabel("[m/s²]")
+        plots[3].plot(time, felt["felt"][:, k] - felt["commanded"][:, k], color=colours[k], lw=0.8, label=description)
+    plots[3].set_title(
+        "felt less commanded, in a scale of its own; between the dotted lines people do not feel it", pad=22
+    )
+    plots[3].set_ylabel("[m/s²]")
+    for side in (-1.0, 1.0):
+        plots[3].axhline(side * FELT_m_s2, color=palette.REFERENCE, lw=1.0, ls=":")
+    legend(plots[3], columns=3)
     plots[0].set_title(plots[0].get_title(), pad=22)
     legend(plots[0], columns=3)
     plots[-1].set_xlabel("time [s]")

@@ -63,7 +63,8 @@ Packets = Annotated[
     str | None,
     typer.Option(
         "--host",
-        help="A host that knows no future drives: packets a second, and more as in 60,jitter=0.2,loss=0.02,buffer=0.02.",
+        help="A host that knows no future drives: packets a second, and more as in 60,jitter=0.2,loss=0.02,buffer=0.02 or "
+        "60,derivatives, where packets carry velocities and accelerations.",
     ),
 ]
 Recording = Annotated[bool, typer.Option("--recording/--no-recording", help="Write recordings for Rerun.")]

@@ -27,7 +27,7 @@ from hexsim.files.toml_files import read_toml
 
 Array = NDArray[np.float64]
 g = 9.81  # m/s2
-SMOOTHING_S = 0.05  # low-pass behind the rate limit
+SMOOTHING_S = 0.025  # of each of two lags behind the rate limit: one alone leaves steps of angular acceleration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +100,7 @@ class Cueing:
         ]
         low = w.low_pass_rad_s
         self._lean = [_Filter([low**2], [1.0, 2.0 * low, low**2], rate_Hz) for _ in range(2)]
-        self._smooth = [_Filter([1.0], [SMOOTHING_S, 1.0], rate_Hz) for _ in range(2)]
+        self._smooth = [_Filter([1.0], np.polymul([SMOOTHING_S, 1.0], [SMOOTHING_S, 1.0]), rate_Hz) for _ in range(2)]
         turn = np.polymul([1.0, w.turn_rad_s], [1.0, w.back_rad_s])
         self._turn = [_Filter([1.0, 0.0], turn, rate_Hz) for _ in range(3)]
         self._tilt, self._place = np.zeros(2), np.zeros(3)

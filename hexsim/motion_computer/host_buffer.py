@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.motion_computer.host_packet import HostCommand
-from hexsim.motion_computer.host_prediction import KEPT, add_setpoint, new_prediction, predicted, refit
+from hexsim.motion_computer.host_prediction import AXES, KEPT, add_setpoint, new_prediction, predicted, refit
 
 Array = NDArray[np.float64]
 HISTORY = KEPT  # setpoints
@@ -45,6 +45,15 @@ def _follows(before: HostCommand, command: HostCommand) -> bool:
     )
 
 
+def _sample(command: HostCommand) -> tuple[float, int, Array]:
+    """Time, sequence, and the setpoints with their derivatives (3, AXES), NaN where the host does not give them."""
+    motion = np.full((3, AXES), np.nan)
+    motion[0] = command.setpoints
+    if command.derivatives is not None:
+        motion[1:] = command.derivatives
+    return command.time_s, command.sequence, motion
+
+
 class HostBuffer:
     """Setpoints of one host. counts: accepted, duplicate, late (too late to be played), inconsistent (clock or
     sequence contradict the newest packet), resynchronised (the newest was the inconsistent one).
@@ -59,7 +68,7 @@ class HostBuffer:
         self._clear()
 
     def _clear(self) -> None:
-        self._samples: list[tuple[float, int, tuple[float, ...]]] = []  # (host time, sequence, setpoints)
+        self._samples: list[tuple[float, int, Array]] = []  # (host time, sequence, setpoints and derivatives (3, AXES))
         self._offset = 0.0
         self._period = 0.0
         self.newest: HostCommand | None = None
@@ -101,7 +110,7 @@ class HostBuffer:
         if is_newer:
             self.newest = command
         self.last_packet_s = now_s
-        insort(self._samples, (command.time_s, command.sequence, command.setpoints))
+        insort(self._samples, _sample(command), key=lambda sample: sample[:2])
         del self._samples[:-HISTORY]
         self._predict(add_setpoint if is_newer else refit)
         self.counts["accepted"] += 1
@@ -111,10 +120,10 @@ class HostBuffer:
         """Fit the predictors to the setpoints there are."""
         if self.latency_s is None:
             return
-        times, values = np.array([one[0] for one in self._samples]), np.array([one[2] for one in self._samples])
+        times, motions = np.array([one[0] for one in self._samples]), np.array([one[2] for one in self._samples])
         period = self._period or COAST_S
         horizon = (max(self.ahead_s + 0.5 * period - self.latency_s, LEAST_HORIZON_S),) if fit is add_setpoint else ()
-        fit(self._prediction, times, values, period, *horizon)
+        fit(self._prediction, times, motions, period, *horizon)
 
     def _resynchronise(self, command: HostCommand, now_s: float) -> bool:
         """Refuse a packet that contradicts what is known of the host's clock and sequence, until CONSISTENT in a row
@@ -126,7 +135,7 @@ class HostBuffer:
             return False
         first = self._inconsistent[0]
         before = [sample for sample in self._samples if sample[0] < first.time_s and _ahead(sample[1], first) > 0]
-        self._samples = [*before, *((one.time_s, one.sequence, one.setpoints) for one in self._inconsistent)][-HISTORY:]
+        self._samples = [*before, *(_sample(one) for one in self._inconsistent)][-HISTORY:]
         self._period = (command.time_s - first.time_s) / _ahead(first.sequence, command)
         self._offset, self._played = now_s - command.time_s, min(self._played, command.time_s)
         self.newest, self.last_packet_s, self._inconsistent = command, now_s, []
@@ -154,7 +163,7 @@ class HostBuffer:
         self._played = time
         place = bisect_right(self._samples, time, key=lambda sample: sample[0])
         if place == 0:
-            return np.array(self._samples[0][2]), zero, zero
+            return self._samples[0][2][0], zero, zero
         if place == len(self._samples):
             return self._coast(time)
         return self._cubic(place, time)
@@ -170,12 +179,14 @@ class HostBuffer:
     def _slope(self, place: int) -> Array:
         """Velocity at a setpoint: the parabola through it and its neighbours; one-sided at the ends."""
         samples = self._samples
-        here = np.array(samples[place][2])
+        here, given = samples[place][2][:2]
+        if np.isfinite(given[0]):
+            return given
         before = place - 1 if place > 0 else place
         after = place + 1 if place + 1 < len(samples) else place
         t0, t1, t2 = samples[before][0], samples[place][0], samples[after][0]
-        left = (here - np.array(samples[before][2])) / (t1 - t0) if before != place else None
-        right = (np.array(samples[after][2]) - here) / (t2 - t1) if after != place else None
+        left = (here - samples[before][2][0]) / (t1 - t0) if before != place else None
+        right = (samples[after][2][0] - here) / (t2 - t1) if after != place else None
         if left is None:
             return np.zeros(6) if right is None else right
         if right is None:
@@ -186,7 +197,7 @@ class HostBuffer:
         t0, _, p0 = self._samples[place - 1]
         t1, _, p1 = self._samples[place]
         h, r = t1 - t0, (time - t0) / (t1 - t0)
-        start, change = np.array(p0), np.array(p1) - np.array(p0)
+        start, change = p0[0], p1[0] - p0[0]
         m0, m1 = h * self._slope(place - 1), h * self._slope(place)
         c2, c3 = 3.0 * change - 2.0 * m0 - m1, m0 + m1 - 2.0 * change
         return (
@@ -200,5 +211,5 @@ class HostBuffer:
         beyond = time - self._samples[last][0]
         slope = self._slope(last) if last > 0 else zero
         if beyond > COAST_S:
-            return np.array(self._samples[last][2]) + COAST_S * slope, zero, zero
-        return np.array(self._samples[last][2]) + beyond * slope, slope, zero
+            return self._samples[last][2][0] + COAST_S * slope, zero, zero
+        return self._samples[last][2][0] + beyond * slope, slope, zero

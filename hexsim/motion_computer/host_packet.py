@@ -10,6 +10,10 @@ Command, host to machine, 72 bytes
     16      float64   time [s] of the setpoint, host's own clock, rising
     24      6 float64 setpoints: x y z [m] roll pitch yaw [rad] from neutral; mode 1: legs 1..6 [m] from mid stroke
 
+The same with the derivatives of the setpoints, b"HXC2", 168 bytes
+    72      6 float64 first derivatives of the setpoints [m/s, rad/s]
+    120     6 float64 second derivatives [m/s2, rad/s2]
+
 Reply, machine to host, 136 bytes, after each tick in which a valid command came
     0       4 bytes   b"HXS1"
     4       uint16    state: 0 off, 1 starting, 2 neutral, 3 manual, 4 normal, 5 settling, 6 fault
@@ -37,38 +41,51 @@ from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.states import State
 
 COMMAND = struct.Struct("<4sHHIId6d")
+DERIVATIVES = struct.Struct("<6d6d")
 REPLY = struct.Struct("<4sHHIIddd6d6d")
-COMMAND_MAGIC, REPLY_MAGIC = b"HXC1", b"HXS1"
+COMMAND_MAGIC, DERIVATIVES_MAGIC, REPLY_MAGIC = b"HXC1", b"HXC2", b"HXS1"
 NUMBERS = ("none", *COMMANDS)
-LARGEST = 1.0e3  # no setpoint in m or rad is larger
+LARGEST = 1.0e3  # no setpoint in m or rad is larger, nor its derivatives
 Six = tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class HostCommand:
+    """derivatives: first and second ones of the setpoints, where the host knows them."""
+
     sequence: int
     time_s: float
     setpoints: Six
     command: str = "none"
     mode: int = 0
+    derivatives: tuple[Six, Six] | None = None
 
     def pack(self) -> bytes:
         if self.command not in NUMBERS:
             raise HexsimError(f"unknown command {self.command!r}: give one of {', '.join(NUMBERS)}")
         number = NUMBERS.index(self.command)
-        return COMMAND.pack(COMMAND_MAGIC, number, self.mode, self.sequence % 2**32, 0, self.time_s, *self.setpoints)
+        magic = COMMAND_MAGIC if self.derivatives is None else DERIVATIVES_MAGIC
+        packet = COMMAND.pack(magic, number, self.mode, self.sequence % 2**32, 0, self.time_s, *self.setpoints)
+        if self.derivatives is None:
+            return packet
+        return packet + DERIVATIVES.pack(*self.derivatives[0], *self.derivatives[1])
 
 
 def unpack_command(data: bytes) -> HostCommand | None:
     """The command, or None for anything that is not one: wrong size, magic, number, or values that are not finite."""
-    if len(data) != COMMAND.size or data[:4] != COMMAND_MAGIC:
+    more = {COMMAND_MAGIC: 0, DERIVATIVES_MAGIC: DERIVATIVES.size}.get(data[:4])
+    if more is None or len(data) != COMMAND.size + more:
         return None
-    _, number, mode, sequence, reserved, time_s, *setpoints = COMMAND.unpack(data)
+    _, number, mode, sequence, reserved, time_s, *setpoints = COMMAND.unpack_from(data)
+    changes = DERIVATIVES.unpack_from(data, COMMAND.size) if more else ()
     if number >= len(NUMBERS) or mode > 1 or reserved != 0 or not math.isfinite(time_s):
         return None
-    if not all(abs(value) <= LARGEST for value in setpoints):  # False for NaN too
+    if not all(abs(value) <= LARGEST for value in (*setpoints, *changes)):  # False for NaN too
         return None
-    return HostCommand(sequence=sequence, time_s=time_s, setpoints=tuple(setpoints), command=NUMBERS[number], mode=mode)
+    return HostCommand(
+        sequence=sequence, time_s=time_s, setpoints=tuple(setpoints), command=NUMBERS[number], mode=mode,
+        derivatives=(changes[:6], changes[6:]) if more else None,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

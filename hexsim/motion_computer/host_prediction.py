@@ -7,6 +7,10 @@ predictor said of its time `horizon` before is known to be off by e_j:
     w_j ~ 1 / (e_j^2 + (T_e e_j')^2 + e_0^2),     p(t) = sum_j w_j p_j(t) / sum_j w_j
 
 e_j^2 is a mean over the last packets, e_j' the change of e_j a second: a prediction that jumps is worse than a wrong one.
+
+Packets that carry velocity and acceleration have predictors of their own, through the last 1 to 4 of them: each packet
+is three equations, p, T v and T^2 a, T being the packets' period. The others stay, for a host's derivatives may be wrong
+or jump; their e_0 is larger then.
 """
 
 from __future__ import annotations
@@ -25,10 +29,16 @@ ORDERS_AND_COUNTS = np.array(  # by the number of setpoints, so that sums over t
     [(0, 1), (1, 2), (2, 3), (2, 4), (3, 4), (3, 5), (1, 6), (3, 6), (4, 6), (2, 8), (4, 8), (3, 12), (5, 12), (2, 16),
      (4, 16), (3, 24), (5, 24), (4, 32), (5, 48)]
 )  # fmt: skip
-PREDICTORS, TERMS = len(ORDERS_AND_COUNTS), 6
+PLAIN, TERMS = len(ORDERS_AND_COUNTS), 6
+ORDERS_AND_COUNTS = np.vstack([ORDERS_AND_COUNTS, [(2, 1), (3, 2), (4, 2), (3, 3), (4, 3), (5, 4)]])
+PREDICTORS = len(ORDERS_AND_COUNTS)  # those from PLAIN on use derivatives
 MEMORY_S = 0.2  # of the squared errors
 RATE_S = 0.04  # T_e
 FLOOR = 2e-7  # e_0 [m or rad]
+PLAIN_FLOOR = np.array(
+    [1e-4] * 3 + [3e-6] * 3
+)  # e_0 [m, rad] of the predictors without, where packets carry derivatives:
+# translations of a washout are smooth; its tilt is behind a rate limit, and second derivatives change within a packet
 
 
 class Prediction(NamedTuple):
@@ -37,7 +47,9 @@ class Prediction(NamedTuple):
     coefficients: Array  # (KEPT, PREDICTORS, TERMS, AXES)
     times: Array  # (KEPT,) of the newest setpoint of each fit, on the host's clock
     periods: Array  # (KEPT,)
-    counts: Array  # (KEPT,) setpoints that a fit was made of
+    counts: (
+        Array  # (KEPT, 2): setpoints that a fit was made of; how many of them, the newest in a row, have derivatives
+    )
     squares: Array  # (PREDICTORS, AXES), means of the squared errors, 1 before the first
     errors: Array  # (PREDICTORS, AXES), last
     judged: Array  # (PREDICTORS,), how often
@@ -47,53 +59,67 @@ class Prediction(NamedTuple):
 def new_prediction() -> Prediction:
     """Nothing is known."""
     return Prediction(
-        np.zeros((KEPT, PREDICTORS, TERMS, AXES)), np.full(KEPT, -np.inf), np.ones(KEPT), np.zeros(KEPT),
+        np.zeros((KEPT, PREDICTORS, TERMS, AXES)), np.full(KEPT, -np.inf), np.ones(KEPT), np.zeros((KEPT, 2)),
         np.ones((PREDICTORS, AXES)), np.zeros((PREDICTORS, AXES)), np.zeros(PREDICTORS), np.array([0.0, -np.inf]),
     )  # fmt: skip
 
 
 @compiled
-def add_setpoint(prediction, times, values, period_s, horizon_s):
-    """Setpoints (n, AXES) at the host's times (n,), oldest first; the newest has just come."""
-    _judge(prediction, times[-1], values[-1], horizon_s)
+def add_setpoint(prediction, times, motions, period_s, horizon_s):
+    """Setpoints with their derivatives (n, 3, AXES), NaN where there are none, at the host's times (n,), oldest first; the
+    newest has just come."""
+    _judge(prediction, times[-1], motions[-1, 0], horizon_s)
     place = (int(prediction.state[0]) + 1) % KEPT
     prediction.state[0] = place
-    refit(prediction, times, values, period_s)
+    refit(prediction, times, motions, period_s)
 
 
 @compiled
-def refit(prediction, times, values, period_s):
+def refit(prediction, times, motions, period_s):
     """The newest fit anew: a setpoint from before has come late."""
     place = int(prediction.state[0])
     prediction.times[place], prediction.periods[place] = times[-1], period_s
-    prediction.counts[place] = len(times)
-    _fit(times, values, period_s, prediction.coefficients[place])
+    count = moving = len(times)
+    for i in range(len(times)):
+        if np.isnan(motions[i, 1, 0]):
+            moving = len(times) - 1 - i
+    prediction.counts[place, 0], prediction.counts[place, 1] = count, moving
+    _fit(times, motions, period_s, prediction.coefficients[place], 0, count)
+    _fit(times, motions, period_s, prediction.coefficients[place], PLAIN, moving)
 
 
 @compiled
-def _fit(times, values, period_s, out):
-    """Coefficients (PREDICTORS, TERMS, AXES) of all predictors that have enough setpoints."""
-    count = len(times)
+def _can(j, counts):
+    """Whether a fit of so many setpoints has predictor j."""
+    return ORDERS_AND_COUNTS[j, 1] <= counts[1 if j >= PLAIN else 0]
+
+
+@compiled
+def _fit(times, motions, period_s, out, first, usable):
+    """Coefficients (PREDICTORS, TERMS, AXES) of the predictors from `first` on that have enough setpoints: those without
+    derivatives, or from PLAIN on those with them."""
+    derivatives = 3 if first == PLAIN else 1
+    newest = len(times) - 1
     sums, products = np.zeros(2 * TERMS - 1), np.zeros((TERMS, AXES))
     gram, solved = np.zeros((TERMS, TERMS)), np.zeros((TERMS, AXES))
     reached = 0
-    for j in range(PREDICTORS):
+    for j in range(first, PREDICTORS if first == PLAIN else PLAIN):
         n, wanted = ORDERS_AND_COUNTS[j, 0] + 1, ORDERS_AND_COUNTS[j, 1]
-        if wanted > count:
+        if wanted > usable:
             break
         while reached < wanted:
+            _add_equations((times[newest - reached] - times[newest]) / period_s, motions[newest - reached],
+                           motions[newest, 0], period_s, derivatives, sums, products)  # fmt: skip
             reached += 1
-            x, power = (times[count - reached] - times[count - 1]) / period_s, 1.0
-            for k in range(2 * TERMS - 1):
-                sums[k] += power
-                if k < TERMS:
-                    for d in range(AXES):
-                        products[k, d] += power * (values[count - reached, d] - values[count - 1, d])
-                power *= x
-        scale = period_s / max(times[count - 1] - times[count - wanted], period_s)
+        scale = period_s / max(times[newest] - times[newest + 1 - wanted], period_s)
         for a in range(n):
             for b in range(n):
-                gram[a, b] = sums[a + b] * scale ** (a + b)
+                total = sums[a + b]
+                if derivatives == 3 and a > 0 and b > 0:
+                    total += a * b * sums[a + b - 2]
+                    if a > 1 and b > 1:
+                        total += a * (a - 1) * b * (b - 1) * sums[a + b - 4]
+                gram[a, b] = total * scale ** (a + b)
             for d in range(AXES):
                 solved[a, d] = products[a, d] * scale**a
         _solve(gram, solved, n)
@@ -101,7 +127,23 @@ def _fit(times, values, period_s, out):
             for d in range(AXES):
                 out[j, a, d] = solved[a, d] * scale**a if a < n else 0.0
         for d in range(AXES):
-            out[j, 0, d] += values[count - 1, d]
+            out[j, 0, d] += motions[newest, 0, d]
+
+
+@compiled
+def _add_equations(x, motion, origin, period_s, derivatives, sums, products):
+    """One setpoint (3, AXES) at x periods, less the origin: sums of powers of x, and the right sides of its equations."""
+    power = 1.0
+    for k in range(2 * TERMS - 1):
+        sums[k] += power
+        power *= x
+    for i in range(derivatives):
+        power = period_s**i
+        for k in range(i, TERMS):
+            factor = 1.0 if i == 0 else float(k) if i == 1 else float(k * (k - 1))
+            for d in range(AXES):
+                products[k, d] += power * factor * (motion[i, d] - (origin[d] if i == 0 else 0.0))
+            power *= x
 
 
 @compiled
@@ -131,13 +173,13 @@ def _judge(prediction, time, value, horizon_s):
     for i in range(KEPT):
         if prediction.times[i] <= time - horizon_s and (then < 0 or prediction.times[i] > prediction.times[then]):
             then = i
-    if then < 0 or prediction.counts[then] == 0:
+    if then < 0 or prediction.counts[then, 0] == 0:
         return
     x = (time - prediction.times[then]) / prediction.periods[then]
     gap = min(max(time - prediction.state[1], 1e-3), 1.0)
     for j in range(PREDICTORS):
-        if ORDERS_AND_COUNTS[j, 1] > prediction.counts[then]:
-            break
+        if not _can(j, prediction.counts[then]):
+            continue
         prediction.judged[j] += 1.0
         share = max(min(1.0, gap / MEMORY_S), 1.0 / prediction.judged[j])
         for d in range(AXES):
@@ -157,17 +199,19 @@ def predicted(prediction, time):
     place = int(prediction.state[0])
     out, period = np.zeros((3, AXES)), prediction.periods[place]
     x = (time - prediction.times[place]) / period
+    moving = prediction.counts[place, 1] > 0
     for d in range(AXES):
         total = 0.0
         for j in range(PREDICTORS):
-            if ORDERS_AND_COUNTS[j, 1] > prediction.counts[place]:
-                break
+            if not _can(j, prediction.counts[place]):
+                continue
             p = v = a = 0.0
             for k in range(TERMS - 1, -1, -1):
                 a = a * x + 2.0 * v
                 v = v * x + p
                 p = p * x + prediction.coefficients[place, j, k, d]
-            weight = 1.0 / (prediction.squares[j, d] + FLOOR**2)
+            floor = PLAIN_FLOOR[d] if moving and j < PLAIN else FLOOR
+            weight = 1.0 / (prediction.squares[j, d] + floor**2)
             total += weight
             out[0, d] += weight * p
             out[1, d] += weight * v / period

@@ -17,18 +17,21 @@ from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
 
 Array = NDArray[np.float64]
+STEP_s = 1e-3  # of the differences that stand for the derivatives a host knows
 
 
 @dataclass(frozen=True, kw_only=True)
 class Host:
     """rate_Hz: packets a second. jitter: standard deviation of how late one comes, in periods. loss: share that never
-    comes. buffer_s: latency given away; None: the machine's. seed: of jitter and loss."""
+    comes. buffer_s: latency given away; None: the machine's. seed: of jitter and loss. derivatives: packets carry the
+    setpoints' velocities and accelerations, too."""
 
     rate_Hz: float = 500.0
     jitter: float = 0.0
     loss: float = 0.0
     buffer_s: float | None = None
     seed: int = 0
+    derivatives: bool = False
 
     def __post_init__(self) -> None:
         for name, least, most in (
@@ -43,30 +46,43 @@ class Host:
 
     @classmethod
     def parse(cls, text: str) -> Host:
-        """Of RATE[,jitter=SHARE][,loss=SHARE][,buffer=SECONDS][,seed=N], as the command line gives it."""
+        """Of RATE[,jitter=SHARE][,loss=SHARE][,buffer=SECONDS][,seed=N][,derivatives], as the command line gives it."""
         rate, *rest = text.split(",")
         try:
-            pairs = dict(pair.split("=") for pair in rest)
+            pairs = dict(pair.split("=") for pair in rest if pair != "derivatives")
             seed = int(pairs.pop("seed", 0))
             numbers = {key: float(value) for key, value in pairs.items()}
             if "buffer" in numbers:
                 numbers["buffer_s"] = numbers.pop("buffer")
-            return cls(rate_Hz=float(rate), seed=seed, **numbers)
+            return cls(rate_Hz=float(rate), seed=seed, derivatives="derivatives" in rest, **numbers)
         except (ValueError, TypeError):
             raise HexsimError(
                 f"--host {text!r} is no host: give its packets a second, and what else it has: 60,jitter=0.2,loss=0.02,buffer=0.02"
             ) from None
 
-    def packets(self, setpoints: Array, mode: int) -> Iterator[tuple[float, HostCommand]]:
-        """(arrival [s], packet) in the order of arrival, of setpoints (n, 6) at this host's rate."""
+    def packets(
+        self, motion: Callable[[Array], Array], duration_s: float, mode: int
+    ) -> Iterator[tuple[float, HostCommand]]:
+        """(arrival [s], packet) in the order of arrival, of a motion's setpoints (n, 6) at times (n,)."""
         draw = np.random.default_rng(self.seed)
-        sent = np.arange(len(setpoints)) / self.rate_Hz
+        sent = np.arange(math.ceil(duration_s * self.rate_Hz) + 1) / self.rate_Hz
+        setpoints = motion(sent)
+        changes = _derivatives(motion, sent) if self.derivatives else None
         late = np.abs(draw.normal(0.0, 1.0, len(sent))) * self.jitter / self.rate_Hz
         arrives, comes = sent + late, draw.random(len(sent)) >= self.loss
         for k in np.argsort(arrives, kind="stable"):
             if comes[k]:
-                pose = tuple(float(value) for value in setpoints[k])
-                yield float(arrives[k]), HostCommand(sequence=int(k), time_s=float(sent[k]), setpoints=pose, mode=mode)
+                command = HostCommand(
+                    sequence=int(k), time_s=float(sent[k]), setpoints=tuple(setpoints[k].tolist()), mode=mode,
+                    derivatives=None if changes is None else (tuple(changes[0][k].tolist()), tuple(changes[1][k].tolist())),
+                )  # fmt: skip
+                yield float(arrives[k]), command
+
+
+def _derivatives(motion: Callable[[Array], Array], time: Array) -> tuple[Array, Array]:
+    """First and second derivative (n, 6) of a motion that begins at rest."""
+    before, here, after = (motion(np.maximum(time + k * STEP_s, 0.0)) for k in (-1, 0, 1))
+    return (after - before) / (2.0 * STEP_s), (after - 2.0 * here + before) / STEP_s**2
 
 
 def hosted_setpoints(machine: Machine, scenario: Scenario, host: Host, ticks: int, preview: int) -> Array:
@@ -92,7 +108,7 @@ def played(
     """
     tick_s, made = 1.0 / machine.controller.rate_Hz, HostSetpoints(machine, preview, buffer_s=host.buffer_s)
     made.start(mode)
-    waiting = host.packets(motion(np.arange(math.ceil(ticks * tick_s * host.rate_Hz) + 1) / host.rate_Hz), mode)
+    waiting = host.packets(motion, ticks * tick_s, mode)
     packet = next(waiting, None)
     out = np.empty((ticks + preview, machine.n_legs))
     for k in range(ticks):

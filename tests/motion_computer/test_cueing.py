@@ -46,6 +46,15 @@ def test_a_lasting_acceleration_is_felt_as_tilt() -> None:
     assert np.abs(np.diff(pose[:, 3:5], axis=0)).max() * RATE_Hz <= np.radians(3.0) * 1.001
 
 
+def test_leaning_begins_and_ends_without_a_step_of_angular_acceleration() -> None:
+    """A lasting acceleration through the rate limit: from tick to tick the pitch acceleration changes by less than a tenth of
+    its largest value, for two lags of 25 ms pass 2 ms / 25 ms = 8 % a tick; a single lag passes a kink of rate whole."""
+    acceleration = np.zeros((len(TIME), 3))
+    acceleration[2500:, 0] = 2.0
+    angular = np.diff(poses(Washout(), acceleration)[:, 4], 2) * RATE_Hz**2
+    assert np.abs(np.diff(angular)).max() < 0.1 * np.abs(angular).max()
+
+
 def test_acceleration_to_the_left_is_felt_to_the_left() -> None:
     """The same for a lasting acceleration to the left: roll gives it its sign."""
     acceleration = np.zeros((len(TIME), 3))

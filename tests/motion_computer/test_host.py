@@ -26,12 +26,19 @@ def test_packets_have_their_documented_layout() -> None:
     assert data[:4] == b"HXC1"
     assert struct.unpack_from("<HHII", data, 4) == (3, 1, 7, 0)
     assert struct.unpack_from("<d6d", data, 16) == (1.5, *SIX)
+    more = HostCommand(
+        sequence=7, time_s=1.5, setpoints=SIX, command="run_normal", mode=1, derivatives=(SIX[::-1], SIX)
+    )
+    assert len(more.pack()) == 168 and more.pack()[:4] == b"HXC2" and more.pack()[4:72] == data[4:]
+    assert struct.unpack_from("<6d6d", more.pack(), 72) == (*SIX[::-1], *SIX)
 
 
 def test_packets_survive_the_wire() -> None:
     """Packing and unpacking gives back the same command and the same reply."""
     command = HostCommand(sequence=2**32 - 1, time_s=-3.0, setpoints=SIX, command="settle")
     assert unpack_command(command.pack()) == command
+    more = HostCommand(sequence=3, time_s=0.5, setpoints=SIX, derivatives=(SIX[::-1], SIX))
+    assert unpack_command(more.pack()) == more
     reply = Reply(
         state=State.FAULT, errors=Error.SENSOR | Error.WORKSPACE, sequence=9, arrived=True, refused=False, time_s=1.0,
         behind_s=0.25, age_s=0.01, pose=SIX, reference=SIX[::-1],
@@ -53,6 +60,8 @@ def test_what_is_no_command_is_none() -> None:
         good[:6] + b"\x02\x00" + good[8:],
     ]
     bad.append(good[:12] + b"\x01" + good[13:])
+    more = HostCommand(sequence=1, time_s=0.0, setpoints=SIX, derivatives=(SIX, SIX)).pack()
+    bad += [more[:-8], b"HXC1" + more[4:], more[:-8] + struct.pack("<d", float("nan")), more[:72] + b"\xff" * 96]
     for value in (float("nan"), float("inf"), -1e300):
         bad.append(COMMAND.pack(b"HXC1", 0, 0, 1, 0, 0.0, *SIX[:5], value))
     bad.append(COMMAND.pack(b"HXC1", 0, 0, 1, 0, float("nan"), *SIX))
