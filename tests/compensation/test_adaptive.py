@@ -47,11 +47,12 @@ from compensation.adaptive.layout import (
 )
 from compensation.adaptive.leak import start_leak
 from compensation.adaptive.monitor import add_to_monitor, start_monitor, worse_than_baseline
+from compensation.adaptive.null import recentre
 from compensation.adaptive.recursive_least_squares import inflate, start_fit, update_fit
 from compensation.adaptive.reference import advance_reference
 from compensation.adaptive.spool import blocked_flow, set_spool_model
 from compensation.adaptive.stribeck import add_to_stribeck, update_stribeck
-from compensation.adaptive.valve import add_to_valve, lags_agree, recentre, start_valve
+from compensation.adaptive.valve import add_to_valve, lags_agree, start_valve
 from compensation.adaptive.valve_edge import MAX_DEAD_BAND_V, start_edge, update_edge
 
 ALL_SPOOL = [1e3] * (LATES * (len(SPOOL_LAGS_S) - 1)) + [0.0] * LATES  # sums that tell of no delay
