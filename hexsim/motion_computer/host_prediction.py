@@ -35,10 +35,9 @@ PREDICTORS = len(ORDERS_AND_COUNTS)  # those from PLAIN on use derivatives
 MEMORY_S = 0.2  # of the squared errors
 RATE_S = 0.04  # T_e
 FLOOR = 2e-7  # e_0 [m or rad]
-PLAIN_FLOOR = np.array(
-    [1e-4] * 3 + [3e-6] * 3
-)  # e_0 [m, rad] of the predictors without, where packets carry derivatives:
-# translations of a washout are smooth; its tilt is behind a rate limit, and second derivatives change within a packet
+# e_0 [m, rad] of the predictors without derivatives, where packets carry them. Translations of a washout are smooth; its tilt is
+# behind a rate limit, and second derivatives change within a packet.
+PLAIN_FLOOR = np.array([1e-4, 1e-4, 1e-4, 3e-6, 3e-6, 3e-6])
 
 
 class Prediction(NamedTuple):
@@ -47,9 +46,7 @@ class Prediction(NamedTuple):
     coefficients: Array  # (KEPT, PREDICTORS, TERMS, AXES)
     times: Array  # (KEPT,) of the newest setpoint of each fit, on the host's clock
     periods: Array  # (KEPT,)
-    counts: (
-        Array  # (KEPT, 2): setpoints that a fit was made of; how many of them, the newest in a row, have derivatives
-    )
+    counts: Array  # (KEPT, 2) setpoints of a fit; how many of them, the newest in a row, have derivatives
     squares: Array  # (PREDICTORS, AXES), means of the squared errors, 1 before the first
     errors: Array  # (PREDICTORS, AXES), last
     judged: Array  # (PREDICTORS,), how often
