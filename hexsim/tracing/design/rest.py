@@ -150,7 +150,9 @@ def promise(asked: OpenRest, log: Log) -> Promise:
     weights = weights / columns[0].shape[2]
     new = weighted(columns[0], columns[0], weights)
     after = asked.known[0] + new
-    share = np.sqrt(np.diag(inverse(after)) / np.maximum(np.diag(inverse(asked.known[0])), 1e-300))
+    before = np.diag(inverse(asked.known[0]))
+    known = before > 0.0  # a number at the end of its range, which no log moves, stays as it is
+    share = np.sqrt(np.where(known, np.diag(inverse(after)) / np.where(known, before, 1.0), 1.0))
     told = discovery(asked, there[0], seen, columns[0], weights, after)
     dull = [share[number.place] for number in asked.first.numbers if number.relative > SHARP]
     separations = {
