@@ -303,6 +303,17 @@ def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):
     assert twice.promise(log).separations["one", "other"] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_motion_into_a_cushion_is_not_asked_for(late):
+    """Setpoints inside the stroke promise something; the same, stretched until the piston comes into a cushion, promise nothing."""
+    asked = what_is_open(late)
+    log = setpoint_log(late.machine, MotionFamily(late.machine, 10.0).scenario(np.array([4, 0, 1.0, 0.3, 0.6, 0.5, 3])))
+    mid = 0.5 * late.machine.cylinder.stroke_m
+    reach = np.abs(log.setpoint - mid).max()
+    stretched = dataclasses.replace(log, setpoint=mid + (log.setpoint - mid) * 2.0 * mid / reach)
+    assert asked.promise(log).information > 0.0
+    assert asked.promise(stretched).information == -np.inf
+
+
 def test_a_tie_that_no_motion_separates_is_said_first():
     """The first line says so, and what would; with a motion that does it says what it is for."""
     pair = ("incline", "constant_force")

@@ -1,4 +1,4 @@
-"""Samples of a motion that can be believed: where small differences do not grow.
+"""Motions, and samples of them, that can be believed: clear of the cushions, and where small differences do not grow.
 
 Near a standstill a difference grows, of noise as of a number. There a simulation promises much, and no trace gets it.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from hexsim.machine import Machine
 from hexsim.signals.channels import kind_of
 from hexsim.tracing import rules
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -17,6 +18,12 @@ CALM, CALM_SHARE = 5.0, 0.5  # times the noise; least share of a motion
 COARSE = 3.0  # times the step of the finite differences
 UNALIKE = 0.2  # share by which the columns of two steps differ where they are not reproduced
 SLIGHT = 0.3  # of the noise: a smaller difference does not matter
+
+
+def enters_a_cushion(machine: Machine, position_m: Array) -> bool:
+    """Whether a piston, by its positions (n_legs, n), comes into a cushion. Setpoints are clear of them; a slow spool overshoots."""
+    stroke_m, cushion_m = (np.array(machine.of_legs("cylinder", name)) for name in ("stroke_m", "cushion_length_m"))
+    return bool(np.any(position_m < cushion_m[:, None]) or np.any(position_m > (stroke_m - cushion_m)[:, None]))
 
 
 def calm_samples(problem: SimulatedProblem) -> Array:

@@ -23,7 +23,7 @@ from hexsim.signals.channels import kind_of
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances.null import with_noise
-from hexsim.tracing.design.believed import CALM_SHARE, COARSE, calm_samples, reproduced
+from hexsim.tracing.design.believed import CALM_SHARE, COARSE, calm_samples, enters_a_cushion, reproduced
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.covariance import inverse
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, refine, start_fit_at
@@ -191,7 +191,8 @@ def promise(hypotheses: list[Hypothesis], log: Log, noise: dict[str, float]) -> 
     answers = in_parallel(lambda one: problem.answer(one.fit.fitted_machine(), 0)[:, settle:], hypotheses)
     sigma = problem.sigma(0)[:, settle:]
     calm = calm_samples(problem)
-    if not all(np.isfinite(answer).all() for answer in answers):
+    positions = answers[0][[kind_of(name) == "position" for name in problem.channels(0)]]
+    if enters_a_cushion(first.fit.fitted_machine(), positions) or not all(np.isfinite(own).all() for own in answers):
         return Promise(separations={}, errors=tuple(np.inf for _ in first.numbers), information=-np.inf)
     pairs = [(i, k) for i in range(len(hypotheses)) for k in range(i + 1, len(hypotheses))]
     labels = {(i, k): (hypotheses[i].label, hypotheses[k].label) for i, k in pairs}

@@ -24,6 +24,7 @@ import numpy as np
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances.null import used
+from hexsim.tracing.design.believed import enters_a_cushion
 from hexsim.tracing.design.information import SHARP, Hypothesis, Promise, shrunk, with_load
 from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.covariance import inverse
@@ -127,11 +128,12 @@ def labels_of(found: Sequence[RestFit], named: frozenset[str]) -> list[str]:
 
 
 def as_measured(one: Fit, problem: BalanceProblem, simulated: SimulatedProblem, log: Log) -> BalanceProblem | None:
-    """The balances of a motion as this hypothesis would write it: its own residual there is 0. None after a divergence."""
+    """The balances of a motion as this hypothesis would write it: its own residual there is 0. None after a divergence
+    and where a piston comes into a cushion."""
     machine = one.fitted_machine()
     written = replace(simulated, logs=(log,), input_uncertainty=()).simulated(machine, 0)
     clean = [used(written, part.balance.residual(written, machine)) for part in problem.parts]
-    if not all(np.isfinite(own).all() for own in clean):
+    if enters_a_cushion(machine, written.position) or not all(np.isfinite(own).all() for own in clean):
         return None
     parts = tuple(replace(part, clean=(own,)) for part, own in zip(problem.parts, clean, strict=True))
     return replace(problem, logs=(written,), parts=parts)
@@ -192,7 +194,7 @@ def columns_of_rival(rival: Fit, first: Fit, columns: Array, seen: BalanceProble
 
 
 def no_promise(asked: OpenRest) -> Promise:
-    """Of a motion in which the best hypothesis diverges."""
+    """Of a motion in which the best hypothesis diverges or comes into a cushion."""
     return Promise(
         separations={},
         errors=tuple(np.inf for _ in asked.first.numbers),
