@@ -32,7 +32,7 @@ from .layout import TRIM_TICKS
 from .leak import add_to_passage, finish_passage, leak_known, skip_passage, start_passage
 from .null import both_open
 from .spool import round_lag, set_spool_model
-from .valve import edges_variance_m2_s2, valve_ready, valve_usable
+from .valve import edges_variance_m2_s2, overlap_V, valve_ready, valve_usable
 
 PRIOR_V = 12e-3  # standard deviation of s before anything is known
 MAX_ROUNDING_V = 25e-3
@@ -159,7 +159,7 @@ def add_to_rounding(rounding, leak, z_m, valve_V, roots, valve):
 @compiled
 def told_while_compensated(valve):
     """Whether compensated passages tell the rounding too: not where the spool jumps across an overlap."""
-    return valve.four_way and valve.edges[0].dead_band_V + valve.edges[1].dead_band_V < LEAST_OVERLAP_V
+    return valve.four_way and overlap_V(valve) < LEAST_OVERLAP_V
 
 
 @compiled
@@ -180,8 +180,7 @@ def _openings(rounding, volts, valve, edge, roots):
 @compiled
 def _judge_passage(leak, positive, valve):
     """True if the leak that is taken off must change."""
-    overlap_V = valve.edges[0].dead_band_V + valve.edges[1].dead_band_V
-    if valve.four_way and not valve.underlap and overlap_V < LEAST_OVERLAP_V and valve.leak_m_s == 0.0:
+    if valve.four_way and not valve.underlap and overlap_V(valve) < LEAST_OVERLAP_V and valve.leak_m_s == 0.0:
         return skip_passage(leak, positive)
     return finish_passage(leak, positive, valve.leak_m_s, edges_variance_m2_s2(valve), valve.leak_ratio)
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from ..compiled import compiled
 from .arithmetic import clip
-from .valve import restart_window, valve_usable
+from .valve import overlap_V, restart_window, valve_usable
 from .valve_edge import MAX_DEAD_BAND_V, begin_edge, edge_V, shift_edge
 
 NULL_TOLERANCE_V = 5e-3  # by which the null may be off the middle of the edges
@@ -46,7 +46,7 @@ def recentre(valve):
 @compiled
 def has_underlap(valve):
     """Whether the edges, as far as they are known, are both open between them."""
-    return valve_usable(valve) and valve.edges[0].dead_band_V + valve.edges[1].dead_band_V < -UNDERLAP_V
+    return valve_usable(valve) and overlap_V(valve) < -UNDERLAP_V
 
 
 @compiled
@@ -54,7 +54,7 @@ def _underlap_found(valve):
     """Whether from now on windows keep clear of an underlap, in which both edge pairs let oil through. Those so far did not.
     A backlash that is not known yet looks like one for a while."""
     if valve.underlap:
-        valve.underlap = valve.edges[0].dead_band_V + valve.edges[1].dead_band_V < -0.5 * UNDERLAP_V
+        valve.underlap = overlap_V(valve) < -0.5 * UNDERLAP_V
         return False
     if not has_underlap(valve):
         return False

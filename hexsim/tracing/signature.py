@@ -38,13 +38,9 @@ MACHINES = {"bench": ("bench", "servo_bench"), "hexapod": ("micro_motion_system"
 DURATION_S = {"bench": 10.0, "hexapod": 6.0}
 RATE_Hz = 1000.0
 TONES = ((0.3, 0.35), (0.7, 0.2), (1.6, 0.1), (3.1, 0.04), (6.3, 0.01))  # (Hz, share of a quarter of the stroke)
-SWEEP_m_s = (
-    0.25  # velocity asked for by the sweep, from a quarter of the effect's frequency to twice that: beyond the overlap
-)
+SWEEP_m_s = 0.25  # velocity that a sweep asks for, from a quarter to twice the effect's frequency: beyond the overlap
 SHOWN_Hz = 25.0  # a wave that goes by faster is lost in a balance's window
-SEEN = (
-    0.2  # times the residual without it: from this on an effect is shown in its own balance, else where it changes most
-)
+SEEN = 0.2  # of the residual without it: from this on an effect is shown in its own balance, else where it changes most
 TURNING_m = 3e-4  # of travel after a reversal, shown of a bristle
 SHOWN_AT = {  # where the typical size does nothing in this motion, or little but what another effect does
     "air_of_a_chamber": {"bottom_fraction": 0.05},

@@ -6,18 +6,18 @@ import math
 
 import numpy as np
 import pytest
+from bristles import length_found_m
 from leg_plant import sine
 from pair_plant import PairLeg, run_pair
 
 from compensation import Context
 from compensation.adaptive import Adaptive
-from compensation.adaptive.arithmetic import push
 from compensation.adaptive.checks import plain_valve_told
 from compensation.adaptive.friction import TYPICAL_STRIBECK, add_to_friction, start_friction, stribeck_share
 from compensation.adaptive.inverse import advance_inverse
-from compensation.adaptive.layout import FRICTION, LEARNED, MONITOR, PRESLIDING, REACH, STRIBECK, VALVE, empty
+from compensation.adaptive.layout import FRICTION, LEARNED, MONITOR, PRESLIDING, STRIBECK, VALVE, empty
 from compensation.adaptive.monitor import start_monitor, worse_than_baseline, worth_compensating, worth_crossing
-from compensation.adaptive.presliding import add_to_presliding, bristle, restore_presliding, update_presliding
+from compensation.adaptive.presliding import restore_presliding
 from compensation.adaptive.stribeck import MOST_WEIGHT, add_to_stribeck, hold_step, update_stribeck
 from compensation.adaptive.stroke import far_from_reversal
 from compensation.adaptive.valve import crossing_in_time
@@ -184,16 +184,8 @@ def test_short_bristles_of_a_heavy_leg_are_told_by_its_first_reversals(length_m:
     """160 kg, for which 3 um of noise is 4 times as much as for 40 kg, 50 kPa of half step fed all at once, 4 kPa of noise:
     five reversals at 0.5 m/s2 tell bristles of 8 and 20 um, to a half of their length (1.2 and 1.3 of the bank's steps), and
     twenty no bristles where there are none."""
-    rng, p, deviation = np.random.default_rng(seed), empty(PRESLIDING), np.zeros(2 * REACH + 1)
-    for _ in range(5 if length_m else 20):
-        s = -1.0
-        for v in 0.5 * 0.002 * np.arange(-REACH, REACH + 1):
-            sign, travel_m = float(np.sign(v)), float(abs(v)) * 0.002
-            s = bristle(s, sign, travel_m, length_m)
-            add_to_presliding(p, sign, travel_m, 0.0, 5e4 * sign)
-            push(deviation, 5e4 * (s - sign) + 4e3 * float(rng.normal()))
-        update_presliding(p, deviation, rng.normal(0, 3e-6, len(deviation)), 1.27e5, 5e4, 0.002)
-    assert p.length_m == pytest.approx(length_m, rel=0.5)
+    found_m = length_found_m(length_m, 1.27e5, 5 if length_m else 20, seed)
+    assert found_m == pytest.approx(length_m, rel=0.5)
 
 
 @pytest.mark.parametrize(

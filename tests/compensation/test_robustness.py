@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bristles import length_found_m
 from designs import damped_share, damping_filter, lead, tick_response
 from leg_plant import Leg, run, sine
 from scipy.signal import butter, sosfiltfilt
 
 import compensation
 from compensation import Context
-from compensation.adaptive.arithmetic import push
 from compensation.adaptive.damping_design import MAX_WRONG_SHARE
 from compensation.adaptive.layout import (
     FIT,
     LEAK,
     MONITOR,
     PREDICTION,
-    PRESLIDING,
-    REACH,
     VALVE,
     Record,
     empty,
@@ -34,7 +32,6 @@ from compensation.adaptive.leak import (
 from compensation.adaptive.monitor import bump_noise_m_s2, start_monitor, worse_than_baseline, worth_compensating
 from compensation.adaptive.null import recentre
 from compensation.adaptive.prediction import MAX_OFFSET_M, predict, prediction_table, start_prediction, watch_setpoint
-from compensation.adaptive.presliding import add_to_presliding, bristle, update_presliding
 from compensation.adaptive.recursive_least_squares import shift_fit, start_fit, update_fit
 from compensation.adaptive.spool import look_ahead_shift
 from compensation.adaptive.valve import start_valve
@@ -185,18 +182,7 @@ def test_null_is_moved_without_changing_what_the_valve_does() -> None:
 def test_bristles_are_told_from_how_friction_reverses(length_m) -> None:
     """20 reversals at 0.5 m/s2, 50 kPa of half step, of which a compensator without bristles feeds all at once, 4 kPa
     and 3 um of noise, 40 kg: their length within 15 %, and none where there are none."""
-    rng, p, inertia = np.random.default_rng(0), empty(PRESLIDING), 3.2e4
-    deviation = np.zeros(2 * REACH + 1)
-    for _ in range(20):
-        s = -1.0
-        for v in 0.5 * 0.002 * np.arange(-REACH, REACH + 1):
-            sign, travel_m = float(np.sign(v)), float(abs(v)) * 0.002
-            s = bristle(s, sign, travel_m, length_m)
-            add_to_presliding(p, sign, travel_m, 0.0, 5e4 * sign)
-            push(deviation, 5e4 * (s - sign) + 4e3 * float(rng.normal()))
-        late = rng.normal(0, 3e-6, len(deviation))
-        update_presliding(p, deviation, late, inertia, 5e4, 0.002)
-    assert p.length_m == pytest.approx(length_m, rel=0.15)
+    assert length_found_m(length_m, 3.2e4, 20, 0) == pytest.approx(length_m, rel=0.15)
 
 
 def test_several_reversals_a_little_worse_end_compensation() -> None:

@@ -11,6 +11,7 @@ from hexsim.tracing.state import NamedEffect, Trace
 
 UNKNOWN = Ceiling(errors=(), declared=())
 ALL_KNOWN = "to know all declared parameters better"
+NOT_APART = "they are one term, that no log takes apart"
 NO_GAIN = 0.8  # a motion that leaves more than this share of an error does not sharpen it
 
 
@@ -30,7 +31,7 @@ def purpose_of(
     put_on = f", with {mass} on it" if "machine" in tables else ""
     might = "another sensor might" if put_on else "another load or another sensor might"
     would = f"; {mass} would" if mass and not put_on else f"; {might}"
-    would = "; they are one term, that no log takes apart: look at the machine" if alike else would
+    would = f"; {NOT_APART}: look at the machine" if alike else would
     stay = [other for _, other in found.tied]
     apart = [label for label in labels[1:] if label not in stay]
     if apart:
@@ -63,7 +64,7 @@ def beside_one_term(purpose: str, effects: Sequence[NamedEffect]) -> str:
 def one_term_words(effect: NamedEffect) -> str:
     """hose_compliance, dead_volume are one term ..."""
     labels = (effect.candidate.label, *(own.candidate.label for own in effect.readings))
-    return f"no motion separates {', '.join(labels)}; they are one term, that no log takes apart"
+    return f"no motion separates {', '.join(labels)}; {NOT_APART}"
 
 
 def least_words(number: Number, ceiling: Ceiling, place: int) -> str:

@@ -203,17 +203,13 @@ def refine(
             break
         age += 1
         if fresh and (abs(kept - 1.0) > 1.0 - KEPT_SHARE or age > MAX_AGE):
-            fit, better, trial = (
-                replace(fit, columns=None),
-                None,
-                None,
-            )  # before the new ones: of long logs both are large
+            # gone before the new ones are made: of a long log both are large
+            fit, better, trial = replace(fit, columns=None), None, None
             fit, age, damping = parameter_columns(fit, problem, share), 0, 0.0
     covariance = scattered(A, prior_terms(fit)[0], scores)
-    kept = (
-        fit.columns if problem.duration_s <= rules.LONG_S else None
-    )  # of a long log: made anew where they are asked for
-    return replace(fit, covariance=covariance, neighbours=None, columns=kept)
+    # of a long log they are made anew where they are asked for
+    columns = fit.columns if problem.duration_s <= rules.LONG_S else None
+    return replace(fit, covariance=covariance, neighbours=None, columns=columns)
 
 
 def _all_columns(fit: Fit, problem: FitProblem, share: float) -> list[Columns]:

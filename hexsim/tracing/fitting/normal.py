@@ -21,6 +21,11 @@ def rows_of(parts: Columns, samples: slice) -> Array:
     return whole.reshape(len(whole), -1)
 
 
+def flat(columns: Sequence[Array]) -> Array:
+    """Columns of all logs as rows (n_columns, n)."""
+    return np.concatenate([c.reshape(c.shape[0], -1) for c in columns], axis=1)
+
+
 def normal_equations(columns: Sequence[Columns], misfit: Sequence[Array]) -> tuple[Array, Array]:
     """A = X'X and b = X'r over all logs and channels. columns: a log, in parts; misfit: a log (n_channels, n)."""
     k = sum(len(part) for part in columns[0])

@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, start_fit_at
+from hexsim.tracing.fitting.normal import flat
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.state import NamedEffect, Reading
@@ -64,8 +65,3 @@ def all_columns(fit: Fit, balances: BalanceProblem) -> Array:
     there = parameter_columns(start_fit_at(fit, balances), balances)
     assert there.columns is not None
     return np.concatenate([flat(there.columns), flat(effect_columns(there, balances))])
-
-
-def flat(columns: Sequence[Array]) -> Array:
-    """Columns of all logs as rows (n_columns, n)."""
-    return np.concatenate([c.reshape(c.shape[0], -1) for c in columns], axis=1)

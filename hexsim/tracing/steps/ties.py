@@ -17,6 +17,7 @@ import numpy as np
 from hexsim.tracing import rules
 from hexsim.tracing.balances.controller import Loop
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, start_fit_at
+from hexsim.tracing.fitting.normal import flat
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_coordinate, to_value
 from hexsim.tracing.fitting.screening import Screened, columns_of
 from hexsim.tracing.fitting.selection import inert, information, scale_of, try_candidate
@@ -25,7 +26,7 @@ from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace
 from hexsim.tracing.steps.hypotheses import simulated_fit
-from hexsim.tracing.steps.one_term import flat, with_readings
+from hexsim.tracing.steps.one_term import with_readings
 from hexsim.tracing.steps.verdict import held_out_gains
 
 Array = np.ndarray
