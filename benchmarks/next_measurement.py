@@ -12,6 +12,7 @@ People can put 60 kg on, weighed to 0.5 %: the design may ask for it. Beside it 
 
 right     the effect that was put in is named (of a rough machine: it, or a small reality that is there), and nothing else
           a pump whose largest flow no motion inside the limits takes has its line alone: right is a supply droop
+          a spool whose speed limit no log of a trace takes is one of first order, 477 Hz: right is a spool lag
 sharp     no tie, every number of it known to 10 %, and within 15 % of the truth where the library has the same number; one
           that says that there is nothing is known
 one term  the same of a term that has two names in the report, each with its number: a hose and a dead volume. Nothing is left
@@ -37,7 +38,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing"), str(ROOT / "benchmarks")]
-from next_measurement_score import ONE_TERM, SHARP_SCORES, right_names, scale_of, score  # noqa: E402
+from next_measurement_score import ONE_TERM, SHARP_SCORES, never_taken, right_names, scale_of, score  # noqa: E402
 
 LOAD_kg, LOAD_KNOWN = 60.0, 0.005
 
@@ -99,10 +100,12 @@ def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
 
     effects, name = draw(seed)
 
-    def traced(fit: list[str], loaded: list[str]) -> Any:
+    def traced(fit: list[str], loaded: list[str]) -> tuple[Any, dict[str, Any]]:
         if seed % 2 == 0:
-            return traced_in_balances(folder, fit, loaded)
-        return trace(folder, fit, ["validate"], load_kg=LOAD_kg, loaded=loaded)
+            found = traced_in_balances(folder, fit, loaded)
+        else:
+            found = trace(folder, fit, ["validate"], load_kg=LOAD_kg, loaded=loaded)
+        return found, outcome(found, line, [folder / f"{log}.csv" for log in [*fit, "validate"]])
 
     line: dict[str, Any] = {"seed": seed, "rough": seed % 2 == 0, "effect": name, "effects": effects}
     began = time.process_time()
@@ -110,8 +113,7 @@ def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
         folder = Path(place)
         plant = write_machine(folder, seed, effects, runs=("fit", "fit_more", "validate"), suffix=".csv")
         try:
-            first = traced(["fit"], [])
-            line["first"] = outcome(first, line)
+            first, line["first"] = traced(["fit"], [])
             tell(f"first {line['first']}")
             if left_open(line["first"]):
                 design = next_measurement(first)
@@ -126,7 +128,7 @@ def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
                     "with_load": "fit_more_loaded",
                 }.items():
                     on = [run] if key == "with_load" or (key == "designed" and loaded) else []
-                    line[key] = outcome(traced(["fit", run], on), line)
+                    line[key] = traced(["fit", run], on)[1]
                     tell(f"{key} {line[key]}")
         except HexsimError as error:
             line["refused"] = str(error)
@@ -149,21 +151,22 @@ def left_open(first: dict[str, Any]) -> bool:
     return first["score"] not in SHARP_SCORES and first["verdict"] != "nothing missing"
 
 
-def outcome(result: Any, line: dict[str, Any]) -> dict[str, Any]:
-    """Verdict, names with numbers and errors, and the score."""
+def outcome(result: Any, line: dict[str, Any], logs: list[Path]) -> dict[str, Any]:
+    """Verdict, names with numbers and errors, and the score. logs: of the trace."""
     named = [
         [e.candidate.effect.name, e.values, e.standard_errors, list(e.tied_with),
          [[own.candidate.effect.name, own.values, own.standard_errors] for own in e.readings]]
         for e in result.effects
     ]  # fmt: skip
-    return {"verdict": result.verdict, "named": named, "score": score(line, named)}
+    never = {"never_taken": True} if never_taken(line, logs) else {}
+    return {"verdict": result.verdict, "named": named, "score": score(line, named, bool(never))} | never
 
 
 def summarise(lines: list[dict[str, Any]]) -> None:
     """Counts, and the ratio of predicted to reached errors. Scores are those of the present rules."""
     for line in lines:
         for own in (line[key] for key in ("first", "designed", "multisine", "with_load") if key in line):
-            own["score"] = score(line, own["named"])
+            own["score"] = score(line, own["named"], own.get("never_taken", False))
     for kind in ("rough", "clean"):
         own = [line for line in lines if line["rough"] == (kind == "rough") and "first" in line]
         opened = [line for line in own if "multisine" in line and left_open(line["first"])]
@@ -195,7 +198,12 @@ def summarise(lines: list[dict[str, Any]]) -> None:
 def answered_honestly(line: dict[str, Any]) -> bool:
     """Does the design's first line say that no motion does it, of the right name?"""
     said = line["design"]["purpose"]
-    return said.startswith("no motion") and any(name in said for name in right_names(line))
+    return said.startswith("no motion") and any(name in said for name in right_names(line, never_at_first(line)))
+
+
+def never_at_first(line: dict[str, Any]) -> bool:
+    """Does no log of the first trace take the limit?"""
+    return line["first"].get("never_taken", False)
 
 
 def beyond_the_ceiling(line: dict[str, Any]) -> bool:
@@ -203,7 +211,7 @@ def beyond_the_ceiling(line: dict[str, Any]) -> bool:
     return any(
         own["least"] > 0.1 * scale_of(own["parameter"], own["value"])
         for own in line["design"]["numbers"]
-        if own["effect"].split(" in ")[0] in right_names(line) and own.get("least") is not None
+        if own["effect"].split(" in ")[0] in right_names(line, never_at_first(line)) and own.get("least") is not None
     )
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 ONE_TERM = "right and sharp, one term"
 SHARP_SCORES = ("right and sharp", ONE_TERM)
+SPOOL_m_s_V = 3000.0 * 1.1e-4  # of the second plant's spool, first order, after a step of the volts
 LARGEST_FLOW_m3_s = 0.3 * np.pi / 4 * 0.03**2  # at 0.3 m/s: the rod side stands at the supply
 SAME_SIZE = {  # effects whose number the library has too: its value for one of the plant's
     **dict.fromkeys(("leakage_supply_to_chamber", "leakage_chamber_to_tank", "null_offset", "null_drift"), 1.0),
@@ -25,13 +28,13 @@ SAME_SIZE = {  # effects whose number the library has too: its value for one of 
 }
 
 
-def score(line: dict[str, Any], named: list[list[Any]]) -> str:
+def score(line: dict[str, Any], named: list[list[Any]], never: bool = False) -> str:
     """right and sharp, of one name or as one term; right, tied, not sharp or number off; another that is there; nothing named;
-    wrong."""
+    wrong. never: no log of the trace takes the limit that was put in."""
     from hexsim.hydraulics.effects import effect_named
     from hexsim.tracing.design.information import says_nothing
 
-    right = right_names(line)
+    right = right_names(line, never)
     there = names_there(line["effects"])
     if not named:
         return "nothing named"
@@ -71,12 +74,26 @@ def as_put_in(row: list[Any], right: set[str]) -> tuple[list[Any], bool]:
     return ([*own, row[3]] if own and row[0] not in right else row[:4]), alone
 
 
-def right_names(line: dict[str, Any]) -> set[str]:
-    """Names of the library for what was put in."""
+def never_taken(line: dict[str, Any], logs: Iterable[Path]) -> bool:
+    """Does no log take the limit of the spool's speed that was put in? Then its spool is one of first order, 3000 1/s.
+
+    Between two samples the volts are held, and a step has decayed by the next: the largest one asks for the largest speed.
+    """
+    import polars as pl
+
+    if line["effect"] != "spool_rate_limit":
+        return False
+    steps = [pl.read_csv(log)["valve_V"].diff().abs().max() for log in logs]
+    return SPOOL_m_s_V * float(np.max(steps)) < line["effects"]["spool_rate_limit"]
+
+
+def right_names(line: dict[str, Any], never: bool = False) -> set[str]:
+    """Names of the library for what was put in. never: see `score`; of a pump the limit says it."""
     from tracing_evaluation import RIGHT
 
-    never = line["effect"] == "pump_limit" and line["effects"]["pump_limit"] > LARGEST_FLOW_m3_s
-    return RIGHT["supply_droop" if never else line["effect"]]
+    if line["effect"] == "pump_limit" and line["effects"]["pump_limit"] > LARGEST_FLOW_m3_s:
+        return RIGHT["supply_droop"]
+    return RIGHT["spool_lag" if never else line["effect"]]
 
 
 def names_there(effects: dict[str, float]) -> set[str]:

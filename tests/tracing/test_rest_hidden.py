@@ -16,15 +16,17 @@ from hexsim.tracing.balances.continuity import Continuity, FastContinuity
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import used, with_noise
 from hexsim.tracing.balances.sensor import Sensor
-from hexsim.tracing.fitting.fit import Fit
+from hexsim.tracing.fitting.fit import Fit, answered
 from hexsim.tracing.fitting.parameters import named, priors, with_settings
 from hexsim.tracing.fitting.rest_hidden import Hidden, hidden_of
 from hexsim.tracing.fitting.rest_priors import off_prior, prior_precision
 from hexsim.tracing.problems.balance import BalanceRows
-from hexsim.tracing.report.hidden import would_show
+from hexsim.tracing.report.hidden import reached, would_show
+from hexsim.tracing.steps import balance_search, violations
 from hexsim.tracing.steps.logs import begin
 
-BENCH = load_machine(Path(__file__).parents[1] / "data" / "bench_none")
+DATA = Path(__file__).parents[1] / "data"
+BENCH = load_machine(DATA / "bench_none")
 
 
 def bare_fit(*effects, values=()):
@@ -124,3 +126,20 @@ def test_a_gain_that_is_taken_out_leaves_the_noise_of_a_row_as_it_was():
             rows = BalanceRows(balance=balance, sigma=np.ones(1), rows=(0,), clean=clean)
             sizes.append(np.std(rows.residual(noisy, gained, 0, 1)))
         assert sizes[1] == pytest.approx(sizes[0], rel=0.04), balance.name
+
+
+def test_a_limit_that_no_motion_reaches_is_not_said_to_show():
+    """Of a spool of 250 Hz: its speed after the volts' largest step is all that a log asks for, and a limit shows from below that.
+    Its spool alone, without a limit, moves the balances by far more than noise: that says nothing of a limit."""
+    trace = begin(DATA / "bench_none", ["fit"], ["validate"])
+    for step in (violations.STEP, balance_search.STEP):
+        trace = step.run(trace, lambda doing: None)
+    trace = replace(trace, final=trace.base)
+    limit, problem = named("spool_rate_limit"), trace.balance_problem
+    shown = reached(trace, limit)
+    gain = BENCH.valve.spool_travel_max_m / BENCH.valve.voltage_max_V
+    asked = 2 * np.pi * 250.0 * gain * np.abs(np.diff(trace.fit_problem.logs[0].volts[0])).max()
+    assert 0.1 * asked < shown < asked
+    never = limit.start() | {"rate_m_s": 2.0 * asked}
+    alone = answered(replace(trace.base, candidates=(limit,), values=(never,)), problem)
+    assert sum(np.sum((a - b) ** 2) for a, b in zip(alone.misfit, trace.base.misfit, strict=True)) > 1e3

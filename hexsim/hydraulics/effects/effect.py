@@ -61,6 +61,7 @@ class Effect:
     generic: stands for any cause of its form; of a tie, the other is named.
     vector: its numbers are components of one thing: any of them may be the one that is there.
     term: what it adds to its balance, where another effect adds the same: no log takes two such effects apart.
+    limit: its size acts only where motion reaches it, and its other numbers act without.
     nonlinear_response: a softer chamber moves the oil's resonance, so that the answer is far from proportional to its size.
     """
 
@@ -78,6 +79,7 @@ class Effect:
     generic: bool = False
     vector: bool = False
     term: str = ""
+    limit: bool = False
     nonlinear_response: bool = False
 
     def fits(self, machine: Machine) -> bool:

@@ -29,4 +29,5 @@ EFFECT = Effect(
         EffectParameter(name="frequency_Hz", unit="Hz", bounds=(2.0, 2000.0), typical=250.0, default=250.0),
     ),
     apply=apply,
+    limit=True,
 )

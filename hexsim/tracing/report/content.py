@@ -13,10 +13,8 @@ from hexsim.hydraulics.advice import advice_of
 from hexsim.machine import save_machine
 from hexsim.recording.quantity import quantity, split_key
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.parameters import to_value
-from hexsim.tracing.fitting.rest_hidden import Hidden
-from hexsim.tracing.fitting.screening import Screened
-from hexsim.tracing.report.hidden import would_show
+from hexsim.tracing.fitting.parameters import Candidate, to_value
+from hexsim.tracing.report.hidden import reached_limits, would_show
 from hexsim.tracing.report.page import report_page
 from hexsim.tracing.report.trades import trade_entries
 from hexsim.tracing.state import NamedEffect, Trace, UnexplainedResidual, Violation
@@ -38,7 +36,7 @@ def report_of(result: Trace) -> dict[str, Any]:
         "balances": [balance_entry(line) for line in result.violations],
         "effects": [effect_entry(effect) for effect in result.effects] + [rest for rest in result.learned],
         "unexplained": [unexplained_entry(rest) for rest in result.unexplained],
-        "detectable": detectable(result.screening, rules.alarm(result.screened), result.hidden),
+        "detectable": detectable(result),
         "would_show": would_show(result),
         "parameters": parameter_entries(result),
         "budget": [
@@ -159,20 +157,22 @@ def unexplained_entry(rest: UnexplainedResidual) -> dict[str, Any]:
     }
 
 
-def detectable(lines: list[Screened], alarm: float, hidden: dict[str, Hidden]) -> dict[str, Any]:
+def detectable(result: Trace) -> dict[str, Any]:
     """Smallest size of each effect that the fit runs would show: sqrt(alarm) standard deviations of the sensors' noise.
 
+    Of a limit the largest that they would show, with its other numbers as they are looked for.
     beside_rest: the smallest that would be named beside what no model of this machine explains.
     """
     found: dict[str, Any] = {}
-    for line in sorted(lines, key=lambda line: line.sd):
+    limits, hidden, alarm = reached_limits(result), result.hidden, rules.alarm(result.screened)
+    for line in sorted(result.screening, key=lambda line: line.sd):
         effect = line.candidate.effect
         if effect.name in found or not math.isfinite(line.sd):
             continue
         size = effect.parameters[0]
         least = math.sqrt(alarm) * line.sd
         found[effect.name] = {
-            "theta_min": finite(abs(to_value(size, least))),
+            "theta_min": finite(limits.get(effect.name, abs(to_value(size, least)))),
             "unit": size.unit,
             "parameter": size.name,
             "explained_by_parameters": finite(line.explained_by_others),
@@ -180,10 +180,17 @@ def detectable(lines: list[Screened], alarm: float, hidden: dict[str, Hidden]) -
         if effect.name in hidden:
             found[effect.name]["beside_rest"] = finite(hidden[effect.name].size)
         if math.isinf(size.neutral):
-            found[effect.name]["description"] = "seen where the value is below this"
+            found[effect.name]["description"] = "seen where the value is below this" + shape_words(line.candidate)
         if effect.shown_by:
             found[effect.name]["shown_by"] = effect.shown_by
     return dict(sorted(found.items()))
+
+
+def shape_words(candidate: Candidate) -> str:
+    """Of a limit the other numbers beside which it would be seen."""
+    start, others = candidate.start(), candidate.effect.parameters[1:] if candidate.effect.limit else ()
+    said = [f"{split_key(p.name)[0].replace('_', ' ')} {quantity(start[p.name], p.unit)}" for p in others]
+    return f", beside {' and '.join(said)}" if said else ""
 
 
 def parameter_entries(result: Trace) -> dict[str, Any]:
