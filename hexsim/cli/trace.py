@@ -197,13 +197,15 @@ def _steps(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[
 
 def _effects(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:
     from hexsim.recording.summary_table import number
+    from hexsim.tracing.report.readings import without_error
 
     rows = []
     for effect in report.get("effects", []):
         values = [
-            f"{key} = {value:.3g} ± {effect.get('standard_error', {}).get(key, float('nan')):.1g}"
+            f"{key} = {value:.3g}, {why}" if (why := without_error(effect, key))
+            else f"{key} = {value:.3g} ± {effect.get('standard_error', {}).get(key, float('nan')):.1g}"
             for key, value in effect.get("parameters", {}).items()
-        ]
+        ]  # fmt: skip
         name = effect["name"] or "learned term"
         tied = ", ".join(effect.get("tied_with", [])) or "–"
         gain = number(effect.get("evidence", {}).get("block_cv_gain"))

@@ -27,6 +27,7 @@ from hexsim.tracing.design.believed import CALM_SHARE, COARSE, calm_samples, ent
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.covariance import inverse
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, refine, start_fit_at
+from hexsim.tracing.fitting.parameters import end_of_range
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
 
@@ -66,10 +67,10 @@ def says_nothing(effect: Effect, name: str, value: float) -> bool:
     own = next(one for one in effect.parameters if one.name == name)
     if own.of_the_file:
         return True
-    bottom, top = np.isclose(value, own.bounds, rtol=1e-3, atol=0.0)
+    end = end_of_range(own, value)
     if own is effect.parameters[0]:
-        return value == 0.0 or bool(top and np.isinf(own.neutral))
-    return value == 0.0 or bool(bottom or top)
+        return value == 0.0 or (end == "upper" and bool(np.isinf(own.neutral)))
+    return value == 0.0 or bool(end)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

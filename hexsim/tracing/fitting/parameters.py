@@ -19,6 +19,8 @@ from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects import Effect, EffectParameter, effect_named, library
 
 Array = np.ndarray
+ENDS = ("lower", "upper")
+AT_END = 1e-3  # of a bound: as near to it is at the end of its range
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,6 +103,14 @@ def coordinate_bounds(parameter: EffectParameter) -> tuple[float, float]:
     if math.isinf(parameter.neutral):
         return 0.0, parameter.typical / low
     return to_coordinate(parameter, low), to_coordinate(parameter, high)
+
+
+def end_of_range(parameter: EffectParameter, value: float) -> str:
+    """Which end of its range a number has run to: lower, upper or none of them, empty."""
+    return next(
+        (end for end, bound in zip(ENDS, parameter.bounds, strict=True) if math.isclose(value, bound, rel_tol=AT_END)),
+        "",
+    )
 
 
 def candidates(machine: Machine, proposed: dict[str, dict[str, float]] | None = None) -> list[Candidate]:

@@ -13,11 +13,11 @@ from hexsim.hydraulics.advice import advice_of
 from hexsim.machine import save_machine
 from hexsim.recording.quantity import quantity, split_key
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.parameters import Candidate, to_value
+from hexsim.tracing.fitting.parameters import Candidate, end_of_range, to_value
 from hexsim.tracing.report.hidden import reached_limits, would_show
 from hexsim.tracing.report.page import report_page
 from hexsim.tracing.report.trades import trade_entries
-from hexsim.tracing.state import NamedEffect, Trace, UnexplainedResidual, Violation
+from hexsim.tracing.state import NamedEffect, Reading, Trace, UnexplainedResidual, Violation
 
 WORSE = 1.1  # times its rms as declared: a held-out signal that the refit makes worse
 
@@ -111,16 +111,14 @@ def effect_entry(effect: NamedEffect) -> dict[str, Any]:
         "name": candidate.effect.name,
         "balance": candidate.effect.balance,
         "where": where,
-        "parameters": {name: finite(value) for name, value in effect.values.items()},
-        "standard_error": {name: finite(value) for name, value in effect.standard_errors.items()},
+        **number_entries(effect),
         "tied_with": list(effect.tied_with),
         "term": candidate.effect.term,
         "one_term_with": [
             {
                 "name": own.candidate.effect.name,
                 "check_first": advice_of(own.candidate.effect.name).check,
-                "parameters": {name: finite(value) for name, value in own.values.items()},
-                "standard_error": {name: finite(value) for name, value in own.standard_errors.items()},
+                **number_entries(own),
             }
             for own in effect.readings
         ],
@@ -133,6 +131,19 @@ def effect_entry(effect: NamedEffect) -> dict[str, Any]:
         },
         "description": candidate.effect.description,
         "check_first": advice_of(candidate.effect.name).check,
+    }
+
+
+def number_entries(effect: NamedEffect | Reading) -> dict[str, Any]:
+    """Numbers with their standard errors. at_bound: those at an end of their range, which the logs may ask beyond; unmoved:
+    those whose change changes nothing in the logs. Of neither is the error one."""
+    numbers = [n for n in effect.candidate.effect.parameters if n.name in effect.values and not n.of_the_file]
+    ends = {n.name: end for n in numbers if (end := end_of_range(n, effect.values[n.name]))}
+    return {
+        "parameters": {name: finite(value) for name, value in effect.values.items()},
+        "standard_error": {name: finite(value) for name, value in effect.standard_errors.items()},
+        "at_bound": ends,
+        "unmoved": [n.name for n in numbers if n.name not in ends and effect.standard_errors.get(n.name) == 0.0],
     }
 
 

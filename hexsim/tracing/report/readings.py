@@ -6,17 +6,26 @@ from collections.abc import Mapping
 from typing import Any
 
 from hexsim.hydraulics.effects import effect_named
-from hexsim.recording.quantity import plain, split_key, with_error
+from hexsim.recording.quantity import plain, quantity, split_key, with_error
 
 
 def numbers_of(entry: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """(words, value with its error) of each number of an effect of report.json, or of another name of it."""
+    """(words, value with its error or why it has none) of each number of an effect of report.json, or of another name of it."""
     units = {number.name: number.unit for number in effect_named(entry["name"]).parameters}
     errors = entry.get("standard_error", {})
-    return [
-        (split_key(key)[0], with_error(value, errors.get(key), units[key]))
-        for key, value in entry["parameters"].items()
-    ]
+    found = []
+    for key, value in entry["parameters"].items():
+        why = without_error(entry, key)
+        told = f"{quantity(value, units[key])}, {why}" if why else with_error(value, errors.get(key), units[key])
+        found.append((split_key(key)[0], told))
+    return found
+
+
+def without_error(entry: Mapping[str, Any], key: str) -> str:
+    """Why a number of an effect of report.json has no error; empty where it has one."""
+    if end := entry.get("at_bound", {}).get(key):
+        return f"the {end} end of its range"
+    return "nothing in these logs depends on it" if key in entry.get("unmoved", ()) else ""
 
 
 def names_of(entry: Mapping[str, Any]) -> list[str]:
@@ -47,6 +56,6 @@ def known_to(entry: Mapping[str, Any]) -> str:
     found = []
     for own in (entry, *entry.get("one_term_with", [])):
         ((key, value),) = own["parameters"].items()
-        if value and own["standard_error"].get(key):
+        if value and own["standard_error"].get(key) and not without_error(own, key):
             found.append(own["standard_error"][key] / abs(value))
     return f"{plain(100 * min(found), 2)} %" if found else "an unknown share"
