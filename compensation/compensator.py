@@ -192,6 +192,10 @@ class Compensator(abc.ABC):
         """The same in the middle of a motion, after a fault."""
         return self.restore(context, parameters)
 
+    def preview_of(self, state: Any) -> float:
+        """Preview [s] that a state looks at, at most `preview_s`. A host that knows no future has to predict as much."""
+        return self.preview_s
+
     def tells(self, state: Any) -> bool:
         """Whether the last step learned what another leg of the same machine may `hear`."""
         return False
@@ -248,6 +252,9 @@ class Wrapped(Compensator):
     def resume(self, context: Context, parameters: Parameters) -> Any:
         return self.inner.resume(context, parameters)
 
+    def preview_of(self, state: Any) -> float:
+        return self.inner.preview_of(state)
+
     def tells(self, state: Any) -> bool:
         return self.inner.tells(state)
 
@@ -265,6 +272,7 @@ def clip(value: float, low: float, high: float) -> float:
     return value if value > low else low
 
 
-def preview_count(compensator: Compensator, context: Context) -> int:
-    """How many setpoints `Sample.preview_m` holds for this compensator."""
-    return 1 + round(compensator.preview_s * context.rate_Hz)
+def preview_count(compensator: Compensator, context: Context, state: Any = None) -> int:
+    """How many setpoints `Sample.preview_m` holds for this compensator, or for the state that it starts with."""
+    seconds = compensator.preview_s if state is None else compensator.preview_of(state)
+    return 1 + round(seconds * context.rate_Hz)

@@ -179,6 +179,9 @@ class Guarded(Wrapped):
     def resume(self, context: Context, parameters: Parameters) -> GuardState:
         return self._around(context, self.inner.resume(context, parameters))
 
+    def preview_of(self, state: GuardState) -> float:
+        return self.inner.preview_of(state.inner)
+
     def tells(self, state: GuardState) -> bool:
         return state.acted and self.inner.tells(state.inner)
 

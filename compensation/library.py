@@ -16,6 +16,7 @@ from .adaptive.adaptive import Adaptive, sentence
 from .adaptive.guarded import GUARDED
 from .adaptive.layout import LEARNED, SETTINGS, empty
 from .adaptive.learned import as_dict, fill
+from .adaptive.start import looks_ahead_s
 from .adaptive.step import DESIGN_WANTED, TELLS
 from .compensator import Compensator, Context, Parameters, Sample
 from .guard import SENTENCES
@@ -90,6 +91,9 @@ class Library(Compensator):
         if state.told & DESIGN_WANTED:
             self._call("design", state.numbers)
         return added.value, state
+
+    def preview_of(self, state: LibraryState) -> float:
+        return min(self.preview_s, looks_ahead_s(state.numbers[0].algorithm))
 
     def tells(self, state: LibraryState) -> bool:
         return bool(state.told & TELLS)

@@ -125,8 +125,8 @@ def picture(time, felt, table, what):
             label=f"vehicle, scaled by {WASHOUT.scale:g}",
         )
         row = table["xyz"[k]]
-        late, off = row["delay_ms"], row["difference_rms_m_s2"]
-        plot.set_title(f"{description}: delay {late:.0f} ms, rms of felt less commanded {off:.3f} m/s²")
+        late, off = round(row["delay_ms"]), row["difference_rms_m_s2"]
+        plot.set_title(f"{description}: delay {late} ms, rms of felt less commanded {off:.3f} m/s²")
         plot.set_ylabel("[m/s²]")
         plots[3].plot(time, felt["felt"][:, k] - felt["commanded"][:, k], color=colours[k], lw=0.8, label=description)
     plots[3].set_title(

@@ -10,7 +10,7 @@ from ..compensator import Compensator, Context, Parameters, Sample
 from .layout import LEARNED, STATE, Record, empty
 from .learned import as_dict, fill
 from .prediction import prediction_table
-from .start import keep, restore, start
+from .start import keep, looks_ahead_s, restore, start
 from .step import DESIGN_WANTED, REJECTED, TELLS, WORSE, hear_first, tick
 from .taps import design
 
@@ -93,6 +93,9 @@ class Adaptive(Compensator):
         if state.told & DESIGN_WANTED:
             design(state.numbers)
         return volts, state
+
+    def preview_of(self, state: AdaptiveState) -> float:
+        return min(self.preview_s, looks_ahead_s(state.numbers))
 
     def tells(self, state: AdaptiveState) -> bool:
         return bool(state.told & TELLS)

@@ -11,7 +11,7 @@ from .edge_rounding import lower_bound_V, restore_rounding, start_rounding
 from .engagement import AT_REST_M_S2, arm, keep_plain_control
 from .friction import keep_friction, restore_friction, start_friction
 from .identification import want_design
-from .layout import PREVIEW_TICKS
+from .layout import MAX_SHIFT, PREVIEW_TICKS
 from .leak import restore_leak, start_leak
 from .monitor import start_monitor
 from .null import has_underlap
@@ -92,3 +92,8 @@ def keep(s, known):
     known.rounding_V = s.trim.rounding_V
     keep_delay(s.delay, s.lateness, known.delay)
     keep_plain_control(s, known.plain_control)
+
+
+def looks_ahead_s(s) -> float:
+    """How far ahead [s] setpoints are looked at: as the learned lag asks for, if armed; one still to be found may be any."""
+    return (PREVIEW_TICKS + (s.shift if s.engagement.armed else MAX_SHIFT) + 1) * s.settings.tick_s

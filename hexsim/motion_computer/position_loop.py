@@ -89,7 +89,7 @@ class PositionLoop:
             self.load = ExpectedLoad.of(resolve(self.machine))
         made = list(zip(self.compensators, self._contexts, strict=False))
         self.states: list[Any] = [c.start(context) for c, context in made]
-        self.previews = [preview_count(c, context) for c, context in made]
+        self.previews = [preview_count(*both, state) for both, state in zip(made, self.states, strict=True)]
         self.preview = max(self.previews, default=1)
         self.compensation = np.zeros(len(self._contexts))
         self._status = [""] * len(self.compensators)

@@ -6,7 +6,7 @@ import pytest
 from leg_plant import Leg, run
 
 import compensation
-from compensation import Context
+from compensation import Context, preview_count
 from compensation.adaptive import Adaptive
 from compensation.adaptive.delay import SPOOL_LAGS_S, found_delay_s, found_lateness_s, softness_m_Pa
 from compensation.adaptive.layout import LATES
@@ -100,3 +100,20 @@ def test_where_a_motion_begins_nothing_known_is_lost(rounded, seed) -> None:
     assert found.friction.stribeck.pressure_Pa == pytest.approx(learned["friction"]["stribeck_Pa"], abs=500.0)
     assert found.friction.fit.theta[1] == pytest.approx(learned["friction"]["theta_MPa"][1], rel=0.1)
     assert found.valve.edges[1].dead_band_V == pytest.approx(learned["flow"]["extend"]["dead_band_V"], abs=1.5e-3)
+
+
+def test_a_learned_lag_asks_for_no_more_preview_than_it_needs() -> None:
+    """From nothing a lag may be any: 28 ms. Started with a lag of 3.7 ms 20 ms are looked at, and what lies beyond changes
+    no volt; 18 ms are too few, and the future is predicted then. With 4 ms of valve delay, two ticks more."""
+    algorithm = compensation.create("adaptive")
+    assert preview_count(algorithm, Context(), algorithm.start(Context())) == preview_count(algorithm, Context()) == 15
+    learned = algorithm.parameters(run(algorithm, duration_s=16.0).state)
+    enough = algorithm.preview_of(algorithm.restore(Context(), learned))
+    assert enough == pytest.approx(0.020, abs=1e-9)
+    volts = []
+    for seconds in (0.028, enough, enough - 0.002):
+        made = compensation.create("adaptive", preview_s=seconds)
+        volts.append(run(made, duration_s=4.0, state=made.restore(Context(), learned)).added_V)
+    assert volts[0].any() and (volts[0] == volts[1]).all() and (volts[0] != volts[2]).any()
+    late = algorithm.parameters(run(algorithm, Leg(valve_delay_s=4e-3), duration_s=16.0).state)
+    assert algorithm.preview_of(algorithm.restore(Context(), late)) == pytest.approx(0.024, abs=1e-9)
