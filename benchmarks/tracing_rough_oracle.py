@@ -13,9 +13,9 @@ are free, as a trace knows them; the fits begin where the trace begins and at th
 
 J is -2 log likelihood in units of what is left. Were its rest noise, a lead of 2 log 99 = 9.2 would be wrong once in a
 hundred. Small realities that no column holds add to that, and by how much is measured (`thresholds`): the largest fall that a
-cause brings which is not in the machine, where nothing large is; the largest lead of such a cause over the true one. A
-machine can be told where its fall and its lead are above these and where J is least within 15 % of the true number: no rule
-that reads these balances can prove more.
+cause brings which is not in the machine, where nothing large is; the largest lead of such a cause over the true one. What is
+ahead of a hidden cause and in the machine, a small wear, counts for neither. A machine can be told where its fall and its lead
+are above these and where J is least within 15 % of the true number: no rule that reads these balances can prove more.
 """
 
 from __future__ import annotations
@@ -96,6 +96,7 @@ def asked(line: dict) -> dict:
     sd = float(np.sqrt(rest_errors.sandwich(free, problem)[place, place]))
     return found | {
         "rival": label_of(rival),
+        "rival_there": rival.fit.candidates[-1].effect.name in there(line),
         "fall": J["base"] - J["truth"],
         "lead": J["rival"] - J["truth"],
         "number": held.cost - free.cost,
@@ -199,7 +200,7 @@ def chosen(lines: Sequence[dict], right: int, quiet: int) -> list[dict]:
 def thresholds(lines: Sequence[dict]) -> tuple[float, float]:
     """(fall, lead) of J above which a cause is there, and is that one."""
     quiet = [line["fall"] for line in lines if line["dominant"] is None]
-    behind = [-line["lead"] for line in lines if line["dominant"] is not None]
+    behind = [-line["lead"] for line in lines if line["dominant"] is not None and not line.get("rival_there")]
     return max([ONE_IN_HUNDRED, *quiet]), max([ONE_IN_HUNDRED, *behind])
 
 

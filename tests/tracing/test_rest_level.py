@@ -9,6 +9,7 @@ from unittest.mock import create_autospec
 import numpy as np
 import pytest
 from other_plant import write_machine
+from rough_machines import draw
 
 from hexsim.machine import load_machine
 from hexsim.signals.log import Log
@@ -77,12 +78,14 @@ def test_accelerometer_of_a_clean_bench_has_no_slope_against_the_second_derivati
 
 
 def test_small_realities_are_held_to_their_ordinary_size():
-    """Every one of the table is an effect of the library with one number, which cannot leave its ordinary size."""
+    """Every one of the table is an effect of the library with one number, which cannot leave its ordinary size, and what the
+    machine file means by it."""
     possible = candidates(load_machine(DATA / "bench_none"))
     small = {candidate.effect.name: candidate for candidate in ordinary_effects(possible)}
     assert set(small) == set(rules.ORDINARY)
     for name, candidate in small.items():
-        [number] = candidate.effect.parameters
+        number, *meant = candidate.effect.parameters
+        assert all(other.of_the_file for other in meant)
         reach = number.bounds[0] if np.isinf(number.neutral) else number.bounds[1]
         assert reach == pytest.approx(rules.ORDINARY[name])
 
@@ -90,16 +93,45 @@ def test_small_realities_are_held_to_their_ordinary_size():
 def test_a_small_reality_costs_as_much_at_its_reach_as_a_declared_parameter_at_its_half_width():
     """3 each, of either sign, at infinity too: else what a small one can do of a large effect is taken off its number."""
     small = tuple(ordinary_effects(candidates(load_machine(DATA / "bench_none"))))
-    values = tuple({c.effect.parameters[0].name: 0.0} for c in small)
+    values = tuple(c.start() | {c.effect.parameters[0].name: 0.0} for c in small)
     bare = Fit(
         machine=load_machine(DATA / "bench_none"), priors=(), deviations=np.zeros(0), candidates=(*small, named("spring")),
         values=(*values, {"stiffness_N_m": 0.0}), chi2=0.0, n=0, misfit=[],
     )  # fmt: skip
-    precision = prior_precision(bare)
-    for candidate, own in zip(small, precision[:-1], strict=True):
-        low, high = coordinate_bounds(candidate.effect.parameters[0])
-        assert own * max(-low, high) ** 2 == pytest.approx(3.0), candidate.label
-    assert precision[-1] == 0.0
+    *precision, last = prior_precision(bare)
+    for candidate, number in ((c, number) for c in small for number in c.free()):
+        low, high = coordinate_bounds(number)
+        reach = 0.5 * (high - low) if number.of_the_file else max(-low, high)
+        assert precision.pop(0) * reach**2 == pytest.approx(3.0), (candidate.label, number.name)
+    assert last == 0.0 and not precision
+
+
+def test_friction_that_fades_does_so_from_a_declared_value_of_a_cold_or_of_a_warm_machine():
+    """Which one no log shows: 3 of J at either end, nothing in the middle, where it begins. It fades and never grows: with
+    either sign it would be a change of all friction by a tenth."""
+    [warm] = [c for c in ordinary_effects(candidates(load_machine(DATA / "bench_none"))) if "warm_up" in c.label]
+    for cold, cost in ((warm.start()["declared_cold"], 0.0), (0.0, 3.0), (1.0, 3.0)):
+        fit = Fit(
+            machine=load_machine(DATA / "bench_none"), priors=(), deviations=np.zeros(0), candidates=(warm,),
+            values=({"share_at_start": 0.0, "declared_cold": cold},), chi2=0.0, n=0, misfit=[],
+        )  # fmt: skip
+        assert prior_precision(fit) @ rest_priors.off_prior(fit) ** 2 == pytest.approx(cost)
+    assert warm.start()["declared_cold"] == 0.5
+    assert warm.effect.parameters[0].bounds == (0.0, rules.ORDINARY["friction_warm_up"])
+
+
+@pytest.mark.slow
+def test_a_pressure_gain_is_no_offset_where_friction_fades_from_a_value_near_its_reach(tmp_path):
+    """Coulomb friction 10 % below its declaration of 12 %, which fades by 6.6 %: with the friction declared of the warm
+    machine alone an offset of 1.4 bar left less than the gain that is there. The gain within 5 %, which took the offset's
+    place as a tie."""
+    effects, _ = draw(1515)
+    write_machine(tmp_path, 1515, effects)
+    [own] = (found := sure_effects(violated(tmp_path), lambda doing: None)).named
+    assert own.candidate.effect.name == "pressure_gain"
+    fit = found.best.fit
+    [gain] = fit.values[fit.candidates.index(own.candidate)].values()
+    assert gain == pytest.approx(effects["pressure_gain"], rel=0.05)
 
 
 def soft_bench(compliance):

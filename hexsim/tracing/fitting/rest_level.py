@@ -27,7 +27,7 @@ from hexsim.tracing.fitting.fit import (
     parameter_columns,
 )
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
-from hexsim.tracing.fitting.rest_priors import is_held, off_prior, prior_precision
+from hexsim.tracing.fitting.rest_priors import is_held, middle_of, off_prior, prior_precision
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
@@ -84,7 +84,8 @@ def row_counts(problem: FitProblem) -> Array | float:
 
 
 def ordinary_effects(possible: Sequence[Candidate]) -> list[Candidate]:
-    """The small realities among these candidates, one number each, held to its ordinary size.
+    """The small realities among these candidates, one number each, held to its ordinary size, and what the machine file
+    means by it, which no log shows.
 
     A shape that was read off the logs stays; of several legs each would have its own, and no small one is asked for.
     """
@@ -95,9 +96,11 @@ def ordinary_effects(possible: Sequence[Candidate]) -> list[Candidate]:
         if effect.name in rules.ORDINARY and candidate.where == "all legs" and not (shape and many):
             size, most = effect.parameters[0], rules.ORDINARY[effect.name]
             low, high = size.bounds
-            bounds = (most, high) if np.isinf(size.neutral) else (max(low, -most), min(high, most))
-            small = replace(effect, parameters=(replace(size, bounds=bounds),))
-            found[effect.name] = replace(candidate, effect=small, shape=shape)
+            low = 0.0 if effect.name in rules.FADES else max(low, -most)
+            bounds = (most, high) if np.isinf(size.neutral) else (low, min(high, most))
+            meant = tuple(number for number in effect.parameters if number.of_the_file)
+            small = replace(effect, parameters=(replace(size, bounds=bounds), *meant))
+            found[effect.name] = replace(candidate, effect=small, shape=shape | {n.name: middle_of(n) for n in meant})
     return list(found.values())
 
 
@@ -117,7 +120,7 @@ def start_rest_fit(bare: Fit, small: Sequence[Candidate], problem: FitProblem) -
 def begun(fit: Fit, small: Sequence[Candidate], size: float, problem: FitProblem) -> Fit:
     """The fit with these small realities besides, each begun at this size."""
     numbers = [candidate.effect.parameters[0] for candidate in small]
-    values = tuple({number.name: to_value(number, size)} for number in numbers)
+    values = tuple(c.start() | {number.name: to_value(number, size)} for c, number in zip(small, numbers, strict=True))
     return answered(replace(fit, candidates=(*fit.candidates, *small), values=(*fit.values, *values)), problem)
 
 
