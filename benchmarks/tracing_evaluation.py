@@ -64,6 +64,8 @@ RIGHT = {
     "supply_pressure_gain": {"supply_pressure_gain"},
     "position_gain": {"position_gain"},
     "position_delay": {"position_delay"},
+    "position_lag": {"position_lag"},
+    "pressure_lag": {"pressure_lag"},
     "centre_of_mass": {"centre_of_mass"},
     "platform_inertia": {"inertia_change"},
     "leg_differs": {"valve_gain_change"},
