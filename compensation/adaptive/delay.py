@@ -176,6 +176,8 @@ def _prepare(delay, roots, valve, compliance_m_Pa):
     delay.compliance_m_Pa = compliance_m_Pa
     if valve.with_backlash:
         half, follower = valve.edges[1 if volts[-1] > 0.0 else 0].backlash_V, volts[0]
+        if valve.four_way:  # near critical lap the spool is open where the history begins
+            follower += math.copysign(half, volts[0] - volts[-1])
         for i in range(len(volts)):
             follower = volts[i] = clip(follower, volts[i] - half, volts[i] + half)
     delay.gains_m_s_V[0], delay.gains_m_s_V[1] = down.gain_m_s_V * roots[0], up.gain_m_s_V * roots[1]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from ..compiled import compiled
 from .arithmetic import clip, dot
 from .layout import LEAD_TICKS
 
 BACKLASH_WIDTH_V = 1e-3  # smoothing width of the backlash inverse: half of the travel from one side to the other
+NO_CROSSING_V = 2e-3  # by which the volts behind a backlash may be off before it is crossed
 DAMPING_RECOVERY_S, DAMPING_DECAY = 5.0, 0.98  # of the damping gain; the decay a tick, above half of its bound
 
 
@@ -33,3 +36,15 @@ def backlash_inverse(state, volts):
     held = clip(state.backlash_input_V, volts - BACKLASH_WIDTH_V, volts + BACKLASH_WIDTH_V)
     state.backlash_input_V = held
     return state.valve.edges[1 if volts > 0.0 else 0].backlash_V * (volts - held) / BACKLASH_WIDTH_V
+
+
+@compiled
+def cross_backlash(state, control_V, valve_V, volts):
+    """Volts to add to `volts` so that behind the backlash of a four-way valve there is what both and the controller ask for,
+    pressure damping included. valve_V: sent in the tick past. One spool has one backlash: the mean of what both edges tell."""
+    half_V = 0.5 * (state.valve.edges[0].backlash_V + state.valve.edges[1].backlash_V)
+    behind_V = state.backlash_input_V = clip(state.backlash_input_V, valve_V - half_V, valve_V + half_V)
+    missing_V = control_V + volts - behind_V
+    if abs(missing_V) < NO_CROSSING_V:
+        return clip(valve_V - control_V - volts, -half_V, half_V)
+    return math.copysign(half_V, missing_V)

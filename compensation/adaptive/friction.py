@@ -25,6 +25,9 @@ MAX_HALF_STEP_MPA = 1.0
 DM = 10.0  # [dm/m]
 STRIBECK_VELOCITY_M_S = 5e-3  # over which friction falls after breakaway; a common size, and the report's
 POSITION_PRIOR = 10.0  # standard deviation of p5 [2 kPa/dm]: load hardly depends on position
+PAIR_POSITION_PRIOR = (
+    1.0  # of a four-way valve's, where a backlash shifts the phase: p1 went into p5 (47 of 132 kPa s2/m)
+)
 TYPICAL_STRIBECK, REVERSALS_NEEDED = 0.5, 5  # P_s over half the step, assumed until so many reversals were seen
 # prior standard deviations in units of the noise of a window's mean (2 kPa): 1 MPa or 1 MPa per (m/s2, dm/s)
 NOISE_MPA, MAX_ERRORS = 2e-3, 3.0  # of a window's mean; errors from which on a window counts for less
@@ -37,12 +40,12 @@ MIN_WINDOWS = 20  # in each direction, before the fit is used
 
 
 @compiled
-def start_friction(friction, tick_s, stroke_m, window, min_speed_m_s, memory):
-    """Nothing is known. window: ticks; memory: windows. Pressures in MPa, lengths in dm inside, so that the numbers are
-    alike."""
+def start_friction(friction, tick_s, stroke_m, window, min_speed_m_s, memory, position_prior):
+    """Nothing is known. window: ticks; memory: windows; position_prior: standard deviation of p5. Pressures in MPa, lengths in
+    dm inside, so that the numbers are alike."""
     friction.tick_s, friction.stroke_m, friction.window = tick_s, stroke_m, window
     friction.min_speed_m_s, friction.stribeck.tick_s = min_speed_m_s, tick_s
-    friction.position_weight = 1.0 / (POSITION_PRIOR * math.sqrt(memory))
+    friction.position_weight = 1.0 / (position_prior * math.sqrt(memory))
     start_fit(friction.fit, NOTHING, PRIOR, memory, False)
 
 
@@ -200,3 +203,12 @@ def demanded_pressure(reference, friction, weight, settings):
     step = p.bristle * friction.half_step_Pa + share * friction.stribeck.pressure_Pa
     smooth_Pa = smooth_pressure_Pa(friction, reference.position_m, v, reference.load_m_s2)
     return weight * (smooth_Pa + step), step, share, sign
+
+
+@compiled
+def missing_step_Pa(reference, friction, settings, step_Pa):
+    """What of friction's step is still to come at the reversal that the reference is in; 0 between reversals."""
+    v, a = reference.velocity_m_s, reference.acceleration_m_s2
+    if abs(v) > abs(a) * settings.tick_s + settings.presliding_m_s:
+        return 0.0
+    return math.copysign(friction.half_step_Pa + friction.stribeck.pressure_Pa, a) - step_Pa

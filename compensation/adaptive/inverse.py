@@ -29,7 +29,7 @@ def advance_inverse(inverse, oil_m, roots, valve, trim, path, leak_m_s):
     newest = (oil_m - inverse.oil_m) / inverse.tick_s - leak_m_s
     inverse.oil_m = oil_m
     old, mean = inverse.flows_m_s[0], inverse.flows_m_s[1]
-    inverse.flows_m_s[0], inverse.flows_m_s[1] = mean, newest
+    inverse.old_m_s, inverse.flows_m_s[0], inverse.flows_m_s[1] = old, mean, newest
     first, last = 0.5 * (old + mean), 0.5 * (mean + newest)
     down, up = valve.edges[0], valve.edges[1]
     edge, root = valve.edges[1 if mean > 0 else 0], roots[1 if mean > 0 else 0]
@@ -47,7 +47,8 @@ def advance_inverse(inverse, oil_m, roots, valve, trim, path, leak_m_s):
         flow[2] = _beyond(volts, up_V) if mean > 0 else -_beyond(-volts, down_V)
     flow[2] += inverse.crossing_V[0]
     inverse.crossing_V[0], inverse.crossing_V[1] = inverse.crossing_V[1], 0.0
-    if first * last < 0.0:
+    inverse.crossed = first * last < 0.0
+    if inverse.crossed:
         share = first / (first - last)
         half = 0.5 * sharpness * (up_V + down_V)
         _compensate_crossing(inverse, share, (last - first) / (edge.gain_m_s_V * root), half, path)

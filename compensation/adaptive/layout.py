@@ -21,6 +21,7 @@ MAX_SHIFT = 4  # further ticks that a long lag is looked ahead for
 DEMANDS = PREVIEW_TICKS + MAX_SHIFT + 1
 PATH_FINE, PATH_BEFORE, PATH_AFTER = 10, 3, 5  # samples a tick of the crossing's path, ticks before and after it
 PATH = (PATH_BEFORE + PATH_AFTER) * PATH_FINE
+CROSSING_TICKS = 7  # whose oil is reckoned where a spool jumps across an overlap, the third one crosses it
 MAX_DAMPING_TAPS = 16
 RESPONSE = 40  # ticks of the spool's response that a design looks at
 SPOOLS = 17  # of the bank that tells delay from spool
@@ -124,6 +125,9 @@ INVERSE = record(  # inverse.py
     flow_V=("f8", (3,)),  # for the flow, the next to leave first
     crossing_V=("f8", (2,)),  # crossing flow compensation of the two ticks to come
     dead_band_V=("f8", (2,)),  # dead-band compensation of the two ticks before
+    crossed="i8", old_m_s="f8",  # the newest tick but one crosses the overlap; the flow before it
+    path_flow_V=("f8", (CROSSING_TICKS,)), path_dead_V=("f8", (CROSSING_TICKS,)),  # work of crossing_oil.py
+    crossing_m_s=("f8", (CROSSING_TICKS - 1,)),
 )  # fmt: skip
 ROUNDING = record(  # edge_rounding.py
     prior_V="f8", largest_V="f8", straight_V="f8", lower_errors="f8", least_probe_V="f8",
@@ -258,6 +262,7 @@ STATE = record(
     viscous_share="f8",  # rate at which viscous friction damps it, over `damping_1_s`
     shift="i8",  # ticks that the taps lie earlier
     lead_taps=("f8", (LEAD_TAPS,)), crossing_taps=("f8", (LEAD_TAPS,)), crossing_path=("f8", (PATH,)),
+    lead_path=("f8", (PATH,)),  # of the spool that follows a step of the flow
     damping_taps=("f8", (MAX_DAMPING_TAPS,)),
     flow_V=("f8", (LEAD_TAPS,)), dead_band_V=("f8", (LEAD_TAPS,)),  # spool demand for the flow; across the dead band
     deviation_Pa=("f8", (MAX_DAMPING_TAPS,)), mean_deviation_Pa="f8",  # measured less demanded pressure; slow mean

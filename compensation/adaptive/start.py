@@ -9,7 +9,7 @@ from .delay import keep_delay, restore_delay
 from .demand import stretch_demands
 from .edge_rounding import lower_bound_V, restore_rounding, start_rounding
 from .engagement import AT_REST_M_S2, arm, keep_plain_control
-from .friction import keep_friction, restore_friction, start_friction
+from .friction import PAIR_POSITION_PRIOR, POSITION_PRIOR, keep_friction, restore_friction, start_friction
 from .identification import want_design
 from .layout import MAX_SHIFT, PREVIEW_TICKS
 from .leak import restore_leak, start_leak
@@ -39,7 +39,10 @@ def start(s):
     start_valve(s.valve, tick_s, window, settings.min_speed_m_s, round(SETTLE_S / tick_s), settings.memory_windows)
     if settings.rod_ratio > 0.0:
         _start_pair(s.valve, settings.rod_ratio < LEAST_SYMMETRIC)
-    start_friction(s.friction, tick_s, settings.stroke_m, window, settings.min_speed_m_s, settings.memory_windows)
+    prior = PAIR_POSITION_PRIOR if s.valve.four_way else POSITION_PRIOR
+    start_friction(
+        s.friction, tick_s, settings.stroke_m, window, settings.min_speed_m_s, settings.memory_windows, prior
+    )
     s.friction.stribeck.most_weight = 1.0 if s.valve.four_way else MOST_WEIGHT
     resolution_m = settings.position_resolution_m
     start_monitor(s.monitor, tick_s, sqrt(settings.position_noise_m**2 + resolution_m * resolution_m / 12.0))

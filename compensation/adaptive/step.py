@@ -22,11 +22,13 @@ from ..compiled import compiled
 from .arithmetic import clip, dot, push
 from .chamber_pressures import edge_roots, measure_pressures, roots_ahead
 from .chambers import compliance_m_Pa, equivalent_Pa
+from .crossing_oil import settle_crossing, stay_on_side
 from .delay import hear_delay, softness_m_Pa
 from .demand import append_demand, drop_demand
+from .edge_rounding import jumps
 from .engagement import update_engagement, weight
-from .feedback import backlash_inverse, damping
-from .friction import demanded_pressure
+from .feedback import backlash_inverse, cross_backlash, damping
+from .friction import demanded_pressure, missing_step_Pa
 from .identification import identify
 from .inverse import advance_inverse
 from .lateness import due_pressure_Pa
@@ -151,14 +153,23 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
         roots = roots_ahead(state.chambers, settings, reference, oil, load_ahead, state.supply_Pa, engaged, state.shift)
         leak_m_s -= leaked_across_m_s(state.valve, state.chambers.across_Pa)
     oil += softness_m_Pa(state.delay) * friction_share * friction_step
+    crosses, missing_m = jumps(state.valve), 0.0
+    if crosses:
+        missing_m = compliance * friction_share * missing_step_Pa(reference, state.friction, settings, friction_step)
+        oil = stay_on_side(state.inverse, oil, leak_m_s, v, reference.acceleration_m_s2, missing_m)
     flow, dead_band = advance_inverse(state.inverse, oil, roots, state.valve, state.trim, state.crossing_path, leak_m_s)
+    if crosses:
+        settle_crossing(state, dead_band, roots, leak_m_s, v, reference.acceleration_m_s2, missing_m)
     push(state.flow_V, flow)
     push(state.dead_band_V, dead_band)
     if state.engagement.ramp > 0.0:
         u += fed_back
         u += dot(state.lead_taps, state.flow_V, LEAD_TAPS) + dot(state.crossing_taps, state.dead_band_V, LEAD_TAPS)
-        u += backlash_inverse(state, u) - settings.position_gain_V_per_m * lag
+        four_way = settings.rod_ratio > 0.0
+        u += (0.0 if four_way else backlash_inverse(state, u)) - settings.position_gain_V_per_m * lag
         u += state.valve.null_V - damping(state, settings.damping_1_s * compliance, roots)
+        if four_way:
+            u += cross_backlash(state, control_V, valve_V, u)
     if settings.learn:
         identify(state, position_m, valve_V, bottom_Pa, supply_Pa, load, now)
     setpoint_m_s = (ahead - behind) / (2.0 * settings.tick_s)

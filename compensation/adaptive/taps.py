@@ -34,6 +34,7 @@ def design(state):
     lead(work, state.lead_taps, lag_s, tick_s, settings.lead_smoothing, delay_s, shift)
     crossing_lead(work, state.crossing_taps, lag_s, tick_s, delay_s, shift)
     crossing_path(work, state.crossing_path, state.crossing_taps, lag_s, tick_s, delay_s, shift)
+    crossing_path(work, state.lead_path, state.lead_taps, lag_s, tick_s, delay_s, shift)
     late_s = min(round_lag(state.lateness.late_s), delay_s)  # of the position; pressure is not late
     load = state.resonance_Hz, state.viscous_share
     damping_filter(work, state.damping_taps, lag_s - late_s, delay_s - late_s, load, settings)
