@@ -26,7 +26,7 @@ DM = 10.0  # [dm/m]
 STRIBECK_VELOCITY_M_S = 5e-3  # over which friction falls after breakaway; a common size, and the report's
 POSITION_PRIOR = 10.0  # standard deviation of p5 [2 kPa/dm]: load hardly depends on position
 PAIR_POSITION_PRIOR = (
-    1.0  # of a four-way valve's, where a backlash shifts the phase: p1 went into p5 (47 of 132 kPa s2/m)
+    1.0  # of a four-way valve: a backlash shifts the phase of a, and p1 goes into p5 (47 of 132 kPa s2/m)
 )
 TYPICAL_STRIBECK, REVERSALS_NEEDED = 0.5, 5  # P_s over half the step, assumed until so many reversals were seen
 # prior standard deviations in units of the noise of a window's mean (2 kPa): 1 MPa or 1 MPa per (m/s2, dm/s)
@@ -40,7 +40,7 @@ MIN_WINDOWS = 20  # in each direction, before the fit is used
 
 
 @compiled
-def start_friction(friction, tick_s, stroke_m, window, min_speed_m_s, memory, position_prior):
+def start_friction(friction, tick_s, stroke_m, window, min_speed_m_s, memory, position_prior=POSITION_PRIOR):
     """Nothing is known. window: ticks; memory: windows; position_prior: standard deviation of p5. Pressures in MPa, lengths in
     dm inside, so that the numbers are alike."""
     friction.tick_s, friction.stroke_m, friction.window = tick_s, stroke_m, window

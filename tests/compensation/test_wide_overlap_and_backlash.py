@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from leg_plant import sine
-from pair_plant import PairLeg, run_pair
+from pair_plant import PairLeg, context_of, run_pair
 
 from compensation import create
 from compensation.adaptive.crossing_oil import STAY_OIL_M, stay_on_side
+from compensation.adaptive.feedback import cross_backlash
 from compensation.adaptive.layout import INVERSE, empty
 
 
@@ -52,3 +53,18 @@ def test_the_spool_stays_on_its_side_for_little_oil_alone() -> None:
     assert asked(-little, -1.8e-3, 0.1) == pytest.approx(0.0, abs=1e-8)
     assert asked(-little, -3.4e-3, 0.1) == pytest.approx(-little)
     assert np.isclose(asked(2.0 * little, 1e-3, -0.5), 2.0 * little)
+
+
+def test_behind_a_backlash_there_is_what_is_asked_for() -> None:
+    """Volts drawn as a random walk of 8 mV a tick, which turns within the backlash of 60 mV: behind it they are off by less
+    than the 2 mV from which it is crossed; sent as they are they would be off by up to 30 mV."""
+    numbers = create("adaptive").start(context_of(PairLeg(), None)).inner.numbers
+    for edge in numbers.valve.edges:
+        edge.backlash_V = 0.03
+    walk = np.cumsum(np.random.default_rng(3).normal(0.0, 8e-3, 500))
+    sent_V, behind_V, off_V = 0.0, 0.0, []
+    for asked_V in walk:
+        sent_V = float(asked_V) + cross_backlash(numbers, 0.25, sent_V, float(asked_V) - 0.25)
+        behind_V = min(max(behind_V, sent_V - 0.03), sent_V + 0.03)
+        off_V.append(abs(behind_V - asked_V))
+    assert max(off_V) < 2e-3 + 1e-9
