@@ -10,6 +10,7 @@ import pytest
 from other_plant import write_machine
 
 from hexsim.machine import load_machine
+from hexsim.tracing import rules
 from hexsim.tracing.balances.balance import resolved_machine, sensed_leg
 from hexsim.tracing.balances.bends import bends_at
 from hexsim.tracing.balances.continuity import Continuity, FastContinuity
@@ -17,11 +18,12 @@ from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import used, with_noise
 from hexsim.tracing.balances.sensor import Sensor
 from hexsim.tracing.fitting.fit import Fit, answered
+from hexsim.tracing.fitting.limits import reached
 from hexsim.tracing.fitting.parameters import named, priors, with_settings
 from hexsim.tracing.fitting.rest_hidden import Hidden, hidden_of
 from hexsim.tracing.fitting.rest_priors import off_prior, prior_precision
 from hexsim.tracing.problems.balance import BalanceRows
-from hexsim.tracing.report.hidden import reached, would_show
+from hexsim.tracing.report.hidden import would_show
 from hexsim.tracing.steps import balance_search, violations
 from hexsim.tracing.steps.logs import begin
 
@@ -134,9 +136,8 @@ def test_a_limit_that_no_motion_reaches_is_not_said_to_show():
     trace = begin(DATA / "bench_none", ["fit"], ["validate"])
     for step in (violations.STEP, balance_search.STEP):
         trace = step.run(trace, lambda doing: None)
-    trace = replace(trace, final=trace.base)
     limit, problem = named("spool_rate_limit"), trace.balance_problem
-    shown = reached(trace, limit)
+    shown = reached(trace.base, limit, problem, rules.alarm(trace.screened))
     gain = BENCH.valve.spool_travel_max_m / BENCH.valve.voltage_max_V
     asked = 2 * np.pi * 250.0 * gain * np.abs(np.diff(trace.fit_problem.logs[0].volts[0])).max()
     assert 0.1 * asked < shown < asked

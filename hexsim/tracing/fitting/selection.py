@@ -194,16 +194,16 @@ def information(fit: Fit) -> float:
     return fit.chi2 + float(np.log(fit.n)) * scale_of(fit) * sum(len(c.free()) for c in fit.candidates)
 
 
-def inert(fit: Fit, problem: FitProblem) -> bool:
+def inert(fit: Fit, problem: FitProblem, least: float = 1.0) -> bool:
     """Does the last effect stand where it does nothing? Then what helped was another part of it: the line of a pump whose
-    largest flow no motion takes is a supply droop, and no tie of one."""
+    largest flow no motion takes is a supply droop, and no tie of one. least: chi2 that it must be worth, at the noise."""
     size = fit.candidates[-1].effect.parameters[0]
     if not np.isinf(size.neutral):
         return False
     if abs(to_coordinate(size, fit.values[-1][size.name])) < rules.NEGLIGIBLE_SHARE:
         return True
     unbound = (*fit.values[:-1], fit.values[-1] | {size.name: size.bounds[1]})
-    return answered(replace(fit, values=unbound), problem).chi2 - fit.chi2 < scale_of(fit)
+    return answered(replace(fit, values=unbound), problem).chi2 - fit.chi2 < least * scale_of(fit)
 
 
 def noise_reached(fit: Fit) -> bool:

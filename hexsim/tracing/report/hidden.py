@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import numpy as np
-
 from hexsim.recording.quantity import quantity, split_key
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.fit import answered
-from hexsim.tracing.fitting.parameters import Candidate, named
+from hexsim.tracing.fitting.limits import limits_of, reached
+from hexsim.tracing.fitting.parameters import named
 from hexsim.tracing.fitting.rest_hidden import Hidden
 from hexsim.tracing.state import Trace
 
 MOST = 4  # sentences
 KNOWN_WELL = 5e-3  # of a parameter: hardly anybody measures it better
-HALVINGS = 8  # of a limit's range of six decades: to 6 %
 
 
 def would_show(result: Trace) -> list[str]:
@@ -58,29 +53,9 @@ def sentence(name: str, covered: Hidden, result: Trace) -> str:
 
 
 def reached_limits(result: Trace) -> dict[str, float]:
-    """Effect -> the largest limit that the fit runs would show, beside what is named, its other numbers as they are looked for.
-
-    A limit that no motion reaches does nothing, however small its inverse: no column tells where it begins.
-    """
-    problem, named_ones = result.balance_problem, {own.effect.name for own in result.final.candidates}
-    lines = [line.candidate for line in result.screening if line.candidate.effect.limit]
-    limits = {own.effect.name: own for own in reversed(lines) if own.effect.name not in named_ones}
-    return {} if problem is None else {name: reached(result, own) for name, own in limits.items()}
-
-
-def reached(result: Trace, candidate: Candidate) -> float:
-    """The largest limit that moves the balances by an alarm; its lower bound where none does."""
-    problem, fit, size = result.balance_problem, result.final, candidate.effect.parameters[0]
-    assert problem is not None
-
-    def rests(limit: float) -> list[np.ndarray]:
-        values = (*fit.values, candidate.start() | {size.name: limit})
-        return answered(replace(fit, candidates=(*fit.candidates, candidate), values=values), problem).misfit
-
-    low, high = size.bounds
-    free, alarm = rests(high), rules.alarm(result.screened)
-    for _ in range(HALVINGS):
-        middle = float(np.sqrt(low * high))
-        shown = sum(float(np.sum((own - was) ** 2)) for own, was in zip(rests(middle), free, strict=True)) > alarm
-        low, high = (middle, high) if shown else (low, middle)
-    return low
+    """Effect -> the largest limit that the fit runs would show, beside what is named."""
+    problem, fit = result.balance_problem, result.final
+    if problem is None:
+        return {}
+    limits = limits_of([line.candidate for line in result.screening], fit)
+    return {own.effect.name: reached(fit, own, problem, rules.alarm(result.screened)) for own in limits}

@@ -17,6 +17,7 @@ import numpy as np
 from hexsim.tracing import rules
 from hexsim.tracing.balances.controller import Loop
 from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, start_fit_at
+from hexsim.tracing.fitting.limits import limits_of, reached
 from hexsim.tracing.fitting.normal import flat
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_coordinate, to_value
 from hexsim.tracing.fitting.screening import Screened, columns_of
@@ -115,6 +116,33 @@ def ties_of(fit: Fit, k: int, possible: Sequence[Candidate], problem: SimulatedP
     return dict(sorted(tied.items()))
 
 
+def better_limit(fit: Fit, k: int, trace: Trace) -> Fit | None:
+    """The hypothesis with a limit in the place of effect k, where that is better by more than a tie and the limit itself is worth
+    an alarm, else None.
+
+    A search that begins where no motion takes a limit does not find it, and ends with what is nearest: a spool whose speed is
+    limited was named one of another lag.
+    """
+    problem, balances, own = trace.fit_problem, trace.balance_problem, fit.candidates[k].effect
+    limits = [candidate for candidate in limits_of(trace.candidates, fit) if candidate.effect.balance == own.balance]
+    if balances is None or own.limit or not limits:
+        return None
+    head, margin = problem.head(rules.TRIAGE_S), rules.TIE_CHI2 * scale_of(fit)
+    bare, alarm = without(fit, k, head), rules.alarm(trace.screened)
+    here = start_fit_at(fit, head).chi2
+    found = None
+    for candidate in limits:
+        size = candidate.effect.parameters[0]
+        begun = to_coordinate(size, reached(start_fit_at(bare, balances), candidate, balances, alarm))
+        opening = try_candidate(bare, candidate, begun, head, rules.TRIAGE_STEPS)
+        if opening is None or opening.chi2 > here + margin:
+            continue
+        rival = simulated_fit(opening, problem)
+        if rival is not None and rival.chi2 < (found or fit).chi2 - margin and not inert(rival, problem, alarm):
+            found = rival
+    return found
+
+
 def same_terms(
     fit: Fit, k: int, possible: Sequence[Candidate], balances: BalanceProblem, problem: SimulatedProblem
 ) -> dict[str, Fit]:
@@ -147,6 +175,9 @@ def with_ties(fit: Fit, trace: Trace) -> tuple[Fit, list[dict[str, Fit]]]:
     """The hypothesis and the ties of each of its effects; a physical cause goes before one that stands for any of its form."""
     problem, balances = trace.fit_problem, trace.balance_problem
     ties = []
+    for k in range(len(fit.candidates)):
+        if (better := better_limit(fit, k, trace)) is not None:
+            return with_ties(better, trace)
     for k, own in enumerate(fit.candidates):
         near = alike_in_balances(own, trace.candidates, trace.screening)
         same = {} if balances is None else same_terms(fit, k, near, balances, problem)
