@@ -87,9 +87,7 @@ ORDINARY = {  # what a machine has of an effect without being remarkable: fitted
     "supply_pressure_gain": 0.004,
     "unequal_ports": 0.012,
 }
-FADES = frozenset(
-    {"friction_warm_up"}
-)  # of these a machine has one sign alone: oil and seals warm up, and friction falls
+FADES = frozenset({"friction_warm_up"})  # one sign alone: oil and seals warm up, and friction falls
 
 
 def alarm(n: int) -> float:

@@ -25,11 +25,8 @@ def effect(name: str, values: dict[str, float], errors: dict[str, float], readin
     [
         (2000.0, "at_bound", "the upper end of its range"),  # a limit of the spool's speed alone, and no lag beside it
         (2.0, "at_bound", "the lower end of its range"),
-        (
-            250.0,
-            "unmoved",
-            "nothing in these logs depends on it",
-        ),  # where it began: the declared spool has a frequency of its own
+        # where it began: the declared spool has a frequency of its own
+        (250.0, "unmoved", "nothing in these logs depends on it"),
     ],
 )
 def test_a_number_without_an_error_is_not_said_to_have_none(frequency_Hz, key, words, tmp_path, capsys) -> None:

@@ -129,11 +129,10 @@ def better_limit(fit: Fit, k: int, trace: Trace) -> Fit | None:
         return None
     head, margin = problem.head(rules.TRIAGE_S), rules.TIE_CHI2 * scale_of(fit)
     bare, alarm = without(fit, k, head), rules.alarm(trace.screened)
-    here = start_fit_at(fit, head).chi2
+    here, at_balances = start_fit_at(fit, head).chi2, start_fit_at(bare, balances)
     found = None
     for candidate in limits:
-        size = candidate.effect.parameters[0]
-        begun = to_coordinate(size, reached(start_fit_at(bare, balances), candidate, balances, alarm))
+        begun = to_coordinate(candidate.effect.parameters[0], reached(at_balances, candidate, balances, alarm))
         opening = try_candidate(bare, candidate, begun, head, rules.TRIAGE_STEPS)
         if opening is None or opening.chi2 > here + margin:
             continue
@@ -172,7 +171,8 @@ def same_terms(
 
 
 def with_ties(fit: Fit, trace: Trace) -> tuple[Fit, list[dict[str, Fit]]]:
-    """The hypothesis and the ties of each of its effects; a physical cause goes before one that stands for any of its form."""
+    """The hypothesis and the ties of each of its effects; a limit that is better goes before what the search ended with, a
+    physical cause before one that stands for any of its form."""
     problem, balances = trace.fit_problem, trace.balance_problem
     ties = []
     for k in range(len(fit.candidates)):
