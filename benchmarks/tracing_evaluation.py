@@ -75,6 +75,7 @@ RIGHT = {
     "platform_joint_z": {"platform_joint_offset"},
     "leg_zero": {"leg_zero_offset", "position_offset"},
     "imu_turn": {"imu_orientation"},
+    "oil_warms_up": {"viscous_friction_drift"},  # outside the library till it had this: fades evenly, by half in 20 s
 }
 
 
@@ -195,7 +196,7 @@ def score(line: dict, effects: dict) -> str:
             return "tie"
         return "right among others" if any(entry[0] in right for entry in named) else "wrong"
     if named:
-        return "wrong"
+        return "right" if {entry[0] for entry in named} <= RIGHT.get(name, set()) else "wrong"
     if line["verdict"] == "nothing missing":
         return "missed"
     if not line["unexplained"]:

@@ -150,6 +150,15 @@ def cold_factor(p, t):
 
 
 @compiled
+def viscous_friction(p, v, t=math.inf):
+    """Viscous part of friction [N] against the motion, t [s] after the start; without it warm, and nothing has faded."""
+    viscous = cold_factor(p, t) * (p[P.VISCOUS_RETRACT] if v < 0.0 else p[P.VISCOUS_EXTEND])
+    if p[P.VISCOUS_FADING] != 0.0 and t < math.inf:
+        viscous *= math.exp(-p[P.VISCOUS_FADING] * t)
+    return viscous * v
+
+
+@compiled
 def friction_level(p, y, v, P1, P2=0.0, t=math.inf):
     """g(v) = F_c + F_s exp(-|v|/c_s) [N] of the direction of motion, with seal and position-dependent parts.
 
@@ -177,12 +186,12 @@ def bristle_rate(p, y, v, P1, z, P2=0.0, t=math.inf):
 @compiled
 def friction_force(p, y, v, P1, z, P2=0.0, t=math.inf):
     """Friction [N] against the motion, Eq. 2.4 / 3.9, or LuGre when the leg has a bristle z [m]."""
-    viscous = cold_factor(p, t) * (p[P.VISCOUS_RETRACT] if v < 0.0 else p[P.VISCOUS_EXTEND])
+    viscous = viscous_friction(p, v, t)
     if p[P.BRISTLE_STIFFNESS] > 0.0:
         rate = bristle_rate(p, y, v, P1, z, P2, t)
-        return viscous * v + p[P.BRISTLE_STIFFNESS] * z + p[P.BRISTLE_DAMPING] * rate
+        return viscous + p[P.BRISTLE_STIFFNESS] * z + p[P.BRISTLE_DAMPING] * rate
     level = friction_level(p, y, v, P1, P2, t)
-    return viscous * v + friction.direction(v, p[P.SHARPNESS], p[P.ARCTAN_SLOPE]) * level
+    return viscous + friction.direction(v, p[P.SHARPNESS], p[P.ARCTAN_SLOPE]) * level
 
 
 @compiled

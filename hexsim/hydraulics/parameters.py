@@ -127,6 +127,7 @@ class P(IntEnum):
     WEAR_WIDTH = 92
     LEARNED_MEMORY = 93  # time constant of the low-pass that a learned term's signal has passed [s]; 0: none
     FRICTION_SETTLED = 94  # share more of all friction in the end, when it has warmed up
+    VISCOUS_FADING = 95  # rate at which viscous friction falls [1/s]
 
 
 ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B

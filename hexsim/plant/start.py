@@ -97,5 +97,5 @@ def begin_states(plant: Any, before: Array) -> None:
         if row[P.BRISTLE_STIFFNESS] > 0.0 and was[P.BRISTLE_STIFFNESS] <= 0.0:
             y, v = plant.piston_positions()[i], float(plant.data.actuator_velocity[i])
             dry = leg.friction_force(was, y, v, act[plant.pressure_places[i]] * MPa, 0.0, t=t)
-            dry -= leg.cold_factor(was, t) * v * was[P.VISCOUS_EXTEND if v >= 0.0 else P.VISCOUS_RETRACT]
+            dry -= leg.viscous_friction(was, v, t)
             act[int(places[A.BRISTLE])] = dry / row[P.BRISTLE_STIFFNESS]

@@ -98,6 +98,16 @@ def test_all_friction_settles_while_the_seals_warm_up(row, v):
     assert cold == pytest.approx(-0.08 * warm, rel=1e-9)
 
 
+@pytest.mark.parametrize("v", [0.05, -0.05])
+def test_viscous_friction_fades_evenly_and_dry_friction_stays(row, v):
+    """1 % a second: nothing gone at the start, 1 - 1/e of the viscous part alone after 100 s; where no time is asked for, none."""
+    whole = leg.friction_force(row, 0.1, v, P1, 0.0)
+    viscous = v * row[P.VISCOUS_EXTEND if v > 0.0 else P.VISCOUS_RETRACT]
+    row[P.VISCOUS_FADING] = 0.01
+    for t, gone in ((0.0, 0.0), (100.0, 1 - math.exp(-1)), (math.inf, 0.0)):
+        assert whole - leg.friction_force(row, 0.1, v, P1, 0.0, 0.0, t) == pytest.approx(gone * viscous, abs=1e-12)
+
+
 def test_a_worn_bore_leaks_where_the_seal_passes_it(row):
     """Valve shut: G (Ps - P1) at the place, 1/e of it a width aside, nothing far off; the supply gives what flows in."""
     row[P.WEAR_CONDUCTANCE], row[P.WEAR_PLACE], row[P.WEAR_WIDTH] = 1e-12, 0.09, 0.008

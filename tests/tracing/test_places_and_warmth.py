@@ -1,5 +1,7 @@
 """Effects at one place of the stroke or while a machine warms up: their shape read off, their balances mended, their numbers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from other_plant import write_machine
@@ -10,7 +12,8 @@ from hexsim.tracing.balances.continuity import Continuity, TopContinuity
 from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.sensor import Sensor
 from hexsim.tracing.problems.simulated import SimulatedProblem
-from hexsim.tracing.steps import shapes
+from hexsim.tracing.steps import shapes, violations
+from hexsim.tracing.steps.dominant import sure_effects
 from hexsim.tracing.steps.experiments import setpoint_log
 from hexsim.tracing.steps.logs import begin
 from hexsim.tracing.trace import trace
@@ -32,6 +35,7 @@ RIPPLE = {"amplitude_m": 2e-5, "pitch_m": 2e-3, "phase_rad": 0.4}
         ("servo_bench", "worn_bore", WEAR, TopContinuity),
         ("bench", "friction_warm_up", WARMTH, Force),
         ("bench", "position_ripple", RIPPLE, Sensor),
+        ("bench", "viscous_friction_drift", {"fading_1_s": 0.1}, Force),
     ],
 )
 def test_its_balance_holds_again_with_the_effect(machine, name, values, balance):
@@ -56,6 +60,37 @@ def test_place_and_pitch_are_read_off_the_logs(tmp_path):
     assert found["position_ripple"]["pitch_m"] == pytest.approx(1e-3, rel=1e-3)
     assert found["worn_bore"]["place_m"] == pytest.approx(0.092, abs=0.004)
     assert 0.004 < found["worn_bore"]["width_m"] < 0.016
+
+
+@pytest.fixture(scope="module")
+def oil_that_warms(tmp_path_factory):
+    """A bench of the second plant whose viscous friction falls by half in 20 s, in a straight line: its balances."""
+    folder = tmp_path_factory.mktemp("oil")
+    write_machine(folder, 407, {"oil_warms_up": 0.5})
+    state = begin(folder, ["fit", "sweep"], ["validate"])
+    for step in (violations.STEP, shapes.STEP):
+        state = step.run(state, lambda doing: None)
+    return state
+
+
+@pytest.mark.slow
+def test_viscous_friction_that_fades_is_not_named_a_fading_of_all_friction(oil_that_warms):
+    """It was named a warm-up of all friction by 249 % in 30 s, the end of its range. By half in 20 s is log(2)/20 a second on the
+    mean, from half to twice of which a straight line goes: within a tenth."""
+    [named] = (found := sure_effects(oil_that_warms, lambda doing: None)).named
+    assert named.candidate.effect.name == "viscous_friction_drift"
+    assert found.best.fit.values[-1]["fading_1_s"] == pytest.approx(np.log(2.0) / 20.0, rel=0.1)
+
+
+@pytest.mark.slow
+def test_nothing_is_named_where_the_cause_is_in_no_library_and_its_stand_in_ends_beyond_its_range(oil_that_warms):
+    """Without viscous friction that fades, the warm-up of all friction takes 90 % of the rest, twice the warm friction at the
+    start, which no seal has: no name."""
+    fewer = tuple(c for c in oil_that_warms.candidates if c.effect.name != "viscous_friction_drift")
+    found = sure_effects(replace(oil_that_warms, candidates=fewer), lambda doing: None)
+    assert not found.named
+    [stand_in] = [own for own in found.tried[0] if own.candidate.effect.name == "friction_warm_up"]
+    assert stand_in.share > 0.8 and not stand_in.in_range
 
 
 @pytest.mark.slow

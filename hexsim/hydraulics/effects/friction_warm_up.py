@@ -1,7 +1,8 @@
 """Friction settles as seals and oil warm up: all of it times (1 + a exp(-t/tau)) / (1 + a c).
 
 c says of which machine the declared friction is: 0 of a warm one, 1 of a cold one. a is a share of the warm friction either way.
-What takes longer than half a minute is a change of friction."""
+What takes longer than half a minute is a change of friction. A cold seal rubs at most twice as much as a warm one: 2 % a
+kelvin, 50 K."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ EFFECT = Effect(
     description="friction is larger after the start and settles as seals and oil warm up",
     source="seal friction against temperature: 0.5-2 % per K; 5-50 % from a cold start",
     parameters=(
-        EffectParameter(name="share_at_start", unit="1", bounds=(-0.9, 5.0), typical=0.3),
+        EffectParameter(name="share_at_start", unit="1", bounds=(0.0, 1.0), typical=0.3),
         EffectParameter(name="time_constant_s", unit="s", bounds=(0.5, 30.0), typical=8.0, default=8.0),
         EffectParameter(
             name="declared_cold", unit="1", bounds=(0.0, 1.0), typical=0.0, default=0.0, grid=(0.0, 1.0),

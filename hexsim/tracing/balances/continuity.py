@@ -41,7 +41,7 @@ LEAST_FAST_RATE_HZ = 500.0  # of a log in which it can be
 OF_FORCE = (  # of a leg's row: no flow depends on it
     *range(P.CUSHION_LENGTH, P.CUSHION_DAMPING + 1), *range(P.VISCOUS_EXTEND, P.TONE_PHASE + 1), P.SEAL_FRICTION_TOP,
     P.SEAL_FRICTION_ACROSS, P.HARDENING, P.FRICTION_WARM_UP, P.FRICTION_WARM_UP_TIME,
-    P.FRICTION_SETTLED,
+    P.FRICTION_SETTLED, P.VISCOUS_FADING,
 )  # fmt: skip
 
 

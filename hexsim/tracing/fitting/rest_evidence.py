@@ -17,11 +17,12 @@ from hexsim.tracing.balances.null import used
 from hexsim.tracing.dependence import CURVES, block_numbers, design, knots_of, r2_of
 from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import Fit, start_fit_at
-from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
+from hexsim.tracing.fitting.parameters import Candidate, end_of_range, to_coordinate, to_value
 from hexsim.tracing.fitting.rest_level import RestFit, row_sizes
 from hexsim.tracing.problems.balance import BalanceProblem
 
 Array = np.ndarray
+TIME_CONSTANT = "time_constant_s"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +38,7 @@ class Evidence:
     kept: of the fall that the change of the held-out misfit could bring at most, the share that it brings: 1 where it lies all
     in the rest, whatever little of the effect that motion asks for.
     curve: mean square that a curve over one signal leaves of its own row, over what the effect leaves there.
+    in_range: its size, and the time in which it settles, are inside their range: what asks for more is another thing.
     """
 
     candidate: Candidate
@@ -54,6 +56,7 @@ class Evidence:
     harm: float = 0.0
     traded: float = np.inf
     kept: float = 0.0
+    in_range: bool = True
 
     @property
     def label(self) -> str:
@@ -74,6 +77,7 @@ def sure(evidence: Evidence) -> bool:
         and e.spread < 1.0
         and min(e.harm, e.traded) < rules.PARTLY_HARM
         and not better_curve
+        and e.in_range
     )
 
 
@@ -115,8 +119,16 @@ def evidence_of(
         traded=float(np.log1p(harm)) / max(2.0 * float(np.max(falls)), 1e-12),
         kept=kept_of(before, after),
         curve=left_by_a_curve(base, rival, own, problem),
+        in_range=in_range(rival.fit),
         tied=tuple(sorted(other.fit.candidates[-1].label for other in tied)),
     )
+
+
+def in_range(fit: Fit) -> bool:
+    """Are the size of the last effect, and the time in which it settles if it does, inside what a machine can have?"""
+    (size, *others), values = fit.candidates[-1].free(), fit.values[-1]
+    asked = [size, *(number for number in others if number.name == TIME_CONSTANT)]
+    return not any(end_of_range(number, values[number.name]) for number in asked)
 
 
 def block_squares(misfit: Sequence[Array], thin_s: float) -> Array:
