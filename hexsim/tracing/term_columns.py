@@ -26,7 +26,8 @@ PLACES = (0.005, 0.01, 0.02, 0.03, 0.05, 0.075, *np.arange(0.1, 0.95, 0.05), 0.9
 class Point:
     """Aligned signals of one run. `mean` and `rate` are <w, x> and <w, dx/dt>; point["name"] is a raw channel.
 
-    short: window for derivatives inside a product. rows: samples of the run that count, None for all.
+    short: window for derivatives inside a product. rows: samples of the run that count, None for all. aligning: the
+    samples on which channels are aligned, in the place of those that are scored.
     """
 
     log: Log
@@ -34,6 +35,7 @@ class Point:
     shifts_s: Mapping[str, Array] = field(default_factory=dict)
     short: Window | None = None
     rows: slice | None = None
+    aligning: bool = False
 
     def __getitem__(self, name: str) -> Array:
         if name not in self.log.columns:
@@ -48,7 +50,8 @@ class Point:
         """Samples that are scored: where channels were aligned on the first half of each part, the second half; of windows
         that see no filled stretch."""
         n = len(self.log.time)
-        keep = (np.arange(n) * 2 * PARTS // n) % 2 == 1 if len(self.shifts_s) else np.ones(n, dtype=bool)
+        second = (np.arange(n) * 2 * PARTS // n) % 2 == 1
+        keep = second != self.aligning if len(self.shifts_s) else np.ones(n, dtype=bool)
         if self.rows is not None:
             keep &= np.isin(np.arange(n), np.arange(n)[self.rows])
         return keep & self.log.whole(self.window.half * self.window.dt, 2)

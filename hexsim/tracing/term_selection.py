@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+from scipy.optimize import lsq_linear, minimize_scalar
 from scipy.stats import wilcoxon
 
 from hexsim.tracing.term_columns import BLOCKS, OwnBalance, RunData, Term, at_place, variants
@@ -13,7 +13,7 @@ from hexsim.tracing.term_columns import BLOCKS, OwnBalance, RunData, Term, at_pl
 Array = np.ndarray
 Chosen = tuple[Term, ...]
 GAIN = 0.03  # least relative gain of the held-out loss for a term
-MOST_TERMS = 3
+MOST_TERMS = 8  # each must earn its place on runs it has not seen
 TIE = 0.10  # candidates within this of the best gain are a tie
 RARE = 0.15  # share of the samples below which a term acts rarely
 ACTS = 0.05  # of a column's largest value: beyond it the term acts
@@ -26,6 +26,20 @@ SHOWN = 0.05  # of a column's largest sum of squares in a run: from there a run 
 
 def solve(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> Array:
     """Coefficients of declared terms (pulled to their declared values by their uncertainty) and chosen candidates."""
+    rows, right, scale = _system(balance, runs, chosen)
+    return np.linalg.lstsq(rows, right, rcond=None)[0] / scale
+
+
+def solve_physical(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> Array:
+    """`solve` with every candidate on the side of nothing that physics allows."""
+    rows, right, scale = _system(balance, runs, chosen)
+    signs = np.array([0] * len(balance.terms) + [term.sign for term in chosen])
+    bounds = np.where(signs > 0, 0.0, -np.inf), np.where(signs < 0, 0.0, np.inf)
+    return lsq_linear(rows, right, bounds).x / scale
+
+
+def _system(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> tuple[Array, Array, Array]:
+    """Rows (m + pulls, k), right side and scale (k,) of the least squares, in standard deviations; solution / scale."""
     A = np.vstack([run.matrix(chosen) for run in runs])
     b = np.concatenate([run.target for run in runs])
     pulls = [(i, t) for i, t in enumerate(balance.terms) if t.declared is not None and t.uncertainty > 0]
@@ -41,7 +55,7 @@ def solve(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> Array
         prior[0, i] = 1.0 / term.uncertainty
         rows.append(prior)
         right.append(np.array([(term.declared or 0.0) / term.uncertainty]))
-    return np.linalg.lstsq(np.vstack(rows) / scale, np.concatenate(right), rcond=None)[0] / scale
+    return np.vstack(rows) / scale, np.concatenate(right), scale
 
 
 def residual(run: RunData, coefficients: Array, chosen: Chosen) -> Array:

@@ -12,7 +12,7 @@ area_m2 = 8.87e-4
 pressure_Pa = "pressure_lower_Pa - pressure_upper_Pa"
 
 [align.motor_speed_rad_s]                 # this channel is late, by another time in each part of each run
-reference = "velocity_m_s"                # what it must follow
+reference = "velocity_m_s"                # what it must follow; its balances then say by how much it is late
 channel = "motor_speed_rad_s"             # what of it, default the channel
 window_s = 0.15
 constant = true                           # one delay for the whole run; default: one for each quarter

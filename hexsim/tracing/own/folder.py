@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -22,6 +22,7 @@ from hexsim.readers import load_mapping, log_files, read_stretches
 from hexsim.readers.files import log_name, readers, suffix_of
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
+from hexsim.tracing.own.alignment import Sentences, refined
 from hexsim.tracing.own.declaration import BalanceTable, Declaration, TermTable
 from hexsim.tracing.own.expressions import formula, plain
 from hexsim.tracing.term_columns import Expression, OwnBalance, Point, Term, aligned
@@ -29,7 +30,6 @@ from hexsim.tracing.term_columns import Expression, OwnBalance, Point, Term, ali
 FILE, MODULE = "balances.toml", "balances.py"
 LEAST_RUNS = 3
 PARTS = 6  # that fewer runs are cut into
-LEFT = 0.1  # of a window's half width: standard deviation of the delay that alignment leaves
 NUDGE_SAMPLES = 1.0  # of a channel whose delay is a candidate
 
 
@@ -64,9 +64,15 @@ def load_own(folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = ()
         folder / asked.runs.folder, folder, fit or asked.runs.fit, validate or asked.runs.validate_on
     )
     sentences: dict[str, list[str]] = {}
-    points = [point_of(log, asked, names, sentences) for log in logs]
-    scored = [point_of(log, asked, names, sentences) for log in held_out]
-    balances = tuple(balance_of(table, names, str(where), points) for table in asked.balances)
+    late: Sentences = {}
+    points = [point_of(log, asked, names, sentences, late) for log in logs]
+    scored = [point_of(log, asked, names, sentences, late) for log in held_out]
+    balances = tuple(balance_of(table, names, str(where)) for table in asked.balances)
+    beside = [balance_of(fitted_beside(table), names, str(where)) for table in asked.balances]
+    constant = [channel for channel, align in asked.align.items() if align.constant]
+    points, scored = refined(beside, points, scored, constant, late)
+    for run, of_channel in late.items():
+        sentences[run].extend(of_channel.values())
     return OwnMachine(
         name=asked.name or folder.resolve().name, balances=balances, fit=in_parts(points, sentences),
         validate=tuple(scored), sentences=sentences, declaration=asked,
@@ -96,8 +102,10 @@ def logs_of(data: Path, folder: Path, fit: Sequence[str], validate: Sequence[str
     return logs, [part for parts in read[len(paths) :] for part in parts]
 
 
-def point_of(log: Log, asked: Declaration, names: dict[str, str], sentences: dict[str, list[str]]) -> Point:
-    """The run with its late channels moved, and what is to be said of it."""
+def point_of(
+    log: Log, asked: Declaration, names: dict[str, str], sentences: dict[str, list[str]], late: Sentences
+) -> Point:
+    """The run with its late channels moved, what is to be said of it, and of each channel in `late`."""
     said = sentences.setdefault(log.name, list(log.losses))
     bare = Point(log=log, window=Window(log.rate, asked.runs.window_s), short=short_window(log, asked))
     shifts = {}
@@ -113,7 +121,7 @@ def point_of(log: Log, asked: Declaration, names: dict[str, str], sentences: dic
         reference = plain(align.reference, where, names)(Point(log=log, window=look, short=look))
         found = aligned(look, f"{channel} of run {log.name}", seen, reference, align.constant)
         shifts[channel] = found.delay_s
-        said.append(found.sentence)
+        late.setdefault(log.name, {})[channel] = found.sentence
     return Point(log=bare.log, window=bare.window, short=bare.short, shifts_s=shifts)
 
 
@@ -139,12 +147,14 @@ def in_parts(points: Sequence[Point], sentences: dict[str, list[str]]) -> tuple[
     return tuple(found)
 
 
-def balance_of(table: BalanceTable, names: dict[str, str], where: str, points: Sequence[Point]) -> OwnBalance:
-    """Functions of a point for the formulas of a balance, and the delay that alignment has left of each moved channel in it.
+def fitted_beside(table: BalanceTable) -> BalanceTable:
+    """The balance with those candidates that can be fitted beside a delay: no other delay, no place to be found."""
+    fixed = [one for one in table.candidates if not one.late and (one.place is not None or not _axis(one))]
+    return table.model_copy(update={"candidates": fixed})
 
-    Alignment looks for the delay at which a channel follows its reference. What else is in the channel (compressibility
-    beside a flow) shifts it; this balance can tell by how much.
-    """
+
+def balance_of(table: BalanceTable, names: dict[str, str], where: str) -> OwnBalance:
+    """Functions of a point for the formulas of a balance."""
     place = f"{where} balance {table.name}"
     target = formula(table.target, place, names)
     terms = tuple(term_of(one, names, place) for one in table.terms)
@@ -154,14 +164,6 @@ def balance_of(table: BalanceTable, names: dict[str, str], where: str, points: S
         return target(point) - sum((c * term.column(point) for c, term in declared), np.zeros(len(point.log.time)))
 
     candidates = tuple(late_term(one, left) if one.late else term_of(one, names, place) for one in table.candidates)
-    asked = {one.late for one in table.candidates}
-    for channel in sorted({name for point in points for name in point.shifts_s} - asked):
-        moved = late_term(TermTable(name=f"delay left of {channel}", unit="s", late=channel), left)
-        if any(np.any(moved.column(point)) for point in points if channel in point.shifts_s):
-            terms = (
-                *terms,
-                replace(moved, declared=0.0, uncertainty=LEFT * points[0].window.half * points[0].window.dt),
-            )
     valid = None
     if table.valid is not None:
         inside = plain(table.valid, place, names)
@@ -174,13 +176,12 @@ def term_of(table: TermTable, names: dict[str, str], where: str) -> Term:
     where = f"{where} term {table.name}"
     common = {"name": table.name, "unit": table.unit, "declared": table.declared, "uncertainty": table.uncertainty,
               "sign": table.sign}  # fmt: skip
-    axes = {"above": table.above, "below": table.below, "step": table.step}
-    given = [key for key, text in axes.items() if text is not None]
+    given = _axis(table)
     if not given:
         return Term(column=formula(table.column, where, names), **common)
     if len(given) > 1:
         raise HexsimError(f"{where}: give one of above, below and step")
-    over, factor = plain(axes[given[0]] or "", where, names), plain(table.column, where, names)
+    over, factor = plain(getattr(table, given[0]), where, names), plain(table.column, where, names)
 
     def column_at(point: Point, place: float) -> np.ndarray:
         x = over(point) - place
@@ -191,6 +192,11 @@ def term_of(table: TermTable, names: dict[str, str], where: str) -> Term:
         at = table.place
         return Term(column=lambda p: column_at(p, at), **common)
     return Term(over=over, column_at=column_at, **common)
+
+
+def _axis(table: TermTable) -> list[str]:
+    """What gives a hinge or a threshold its place."""
+    return [key for key in ("above", "below", "step") if getattr(table, key) is not None]
 
 
 def late_term(table: TermTable, left: Expression) -> Term:
