@@ -223,7 +223,8 @@ SURE = Evidence(
 
 
 def test_each_rule_alone_keeps_an_effect_from_being_sure():
-    """Little taken and its balance not restored, nothing surely held out, another balance, runs that differ, a better curve."""
+    """Little taken and its balance not restored, nothing surely held out, another balance, runs that differ, a better curve,
+    a number at the end of its range."""
     little = {"share": 0.2, "unseen": 0.1}
     assert sure(SURE)
     assert sure(replace(SURE, **little))  # its own balance is at the noise again
@@ -234,6 +235,7 @@ def test_each_rule_alone_keeps_an_effect_from_being_sure():
         {"spread": 1.1},
         {"harm": 0.1},
         {"share": 0.7, "curve": 0.4},
+        {"in_range": False},
     ):
         assert not sure(replace(SURE, **changes))
 

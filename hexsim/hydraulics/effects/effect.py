@@ -62,6 +62,7 @@ class Effect:
     vector: its numbers are components of one thing: any of them may be the one that is there.
     term: what it adds to its balance, where another effect adds the same: no log takes two such effects apart.
     limit: its size acts only where motion reaches it, and its other numbers act without.
+    second_order_lag: its numbers are frequency and damping of a second-order lag.
     nonlinear_response: a softer chamber moves the oil's resonance, so that the answer is far from proportional to its size.
     """
 
@@ -80,6 +81,7 @@ class Effect:
     vector: bool = False
     term: str = ""
     limit: bool = False
+    second_order_lag: bool = False
     nonlinear_response: bool = False
 
     def fits(self, machine: Machine) -> bool:

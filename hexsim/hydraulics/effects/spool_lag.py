@@ -30,4 +30,5 @@ EFFECT = Effect(
         EffectParameter(name="damping", unit="1", bounds=(0.2, 3.0), typical=0.7, default=0.7),
     ),
     apply=apply,
+    second_order_lag=True,
 )

@@ -20,6 +20,7 @@ from hexsim.hydraulics.effects import Effect, EffectParameter, effect_named, lib
 
 Array = np.ndarray
 ENDS = ("lower", "upper")
+TIME_CONSTANT = "time_constant_s"
 AT_END = 1e-3  # of a bound: as near to it is at the end of its range
 
 
@@ -111,6 +112,13 @@ def end_of_range(parameter: EffectParameter, value: float) -> str:
         (end for end, bound in zip(ENDS, parameter.bounds, strict=True) if math.isclose(value, bound, rel_tol=AT_END)),
         "",
     )
+
+
+def in_range(candidate: Candidate, values: dict[str, float]) -> bool:
+    """Are the size of an effect, and the time in which it settles if it does, inside what a machine can have?"""
+    size, *others = candidate.free()
+    asked = [size, *(number for number in others if number.name == TIME_CONSTANT)]
+    return not any(end_of_range(number, values[number.name]) for number in asked)
 
 
 def candidates(machine: Machine, proposed: dict[str, dict[str, float]] | None = None) -> list[Candidate]:

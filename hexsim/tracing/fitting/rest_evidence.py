@@ -17,12 +17,11 @@ from hexsim.tracing.balances.null import used
 from hexsim.tracing.dependence import CURVES, block_numbers, design, knots_of, r2_of
 from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import Fit, start_fit_at
-from hexsim.tracing.fitting.parameters import Candidate, end_of_range, to_coordinate, to_value
+from hexsim.tracing.fitting.parameters import Candidate, in_range, to_coordinate, to_value
 from hexsim.tracing.fitting.rest_level import RestFit, row_sizes
 from hexsim.tracing.problems.balance import BalanceProblem
 
 Array = np.ndarray
-TIME_CONSTANT = "time_constant_s"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,16 +118,9 @@ def evidence_of(
         traded=float(np.log1p(harm)) / max(2.0 * float(np.max(falls)), 1e-12),
         kept=kept_of(before, after),
         curve=left_by_a_curve(base, rival, own, problem),
-        in_range=in_range(rival.fit),
+        in_range=in_range(candidate, rival.fit.values[-1]),
         tied=tuple(sorted(other.fit.candidates[-1].label for other in tied)),
     )
-
-
-def in_range(fit: Fit) -> bool:
-    """Are the size of the last effect, and the time in which it settles if it does, inside what a machine can have?"""
-    (size, *others), values = fit.candidates[-1].free(), fit.values[-1]
-    asked = [size, *(number for number in others if number.name == TIME_CONSTANT)]
-    return not any(end_of_range(number, values[number.name]) for number in asked)
 
 
 def block_squares(misfit: Sequence[Array], thin_s: float) -> Array:

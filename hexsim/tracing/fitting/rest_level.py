@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from hexsim.tracing import rules
+from hexsim.tracing.fitting import lag_coordinates
 from hexsim.tracing.fitting.fit import (
     Fit,
     answered,
@@ -185,12 +186,14 @@ def _columns(fit: Fit, problem: FitProblem, kept: list[Array] | None) -> list[Ar
 
 
 def _step(fit: Fit, cost: float, columns: list[Array], problem: FitProblem) -> tuple[Fit | None, float]:
-    """The first bounded step, damped more and more, with which J falls; None when it does not."""
+    """The first bounded step, damped more and more, with which J falls; None when it does not. Of a lag in straight coordinates."""
     A, b = weighted_system(fit, columns, problem)
-    here, (low, high) = coordinates_of(fit), bounds_of(fit)
+    coordinates, (low, high), lags = coordinates_of(fit), bounds_of(fit), lag_coordinates.lags_of(fit)
+    turn, here = lag_coordinates.slopes(coordinates, lags), lag_coordinates.straight(coordinates, lags)
+    A, b, (least, most) = turn.T @ A @ turn, turn.T @ b, lag_coordinates.straight_bounds(low, high, lags)
     for damping in DAMPINGS:
-        step = bounded(A + damping * np.diag(np.diag(A)), b, low - here, high - here)
-        trial = answered(fit_at(fit, np.clip(here + step, low, high)), problem)
+        step = bounded(A + damping * np.diag(np.diag(A)), b, least - here, most - here)
+        trial = answered(fit_at(fit, lag_coordinates.bent(here + step, lags, low, high)), problem)
         fall = cost - cost_of(trial, problem)
         if fall > 0.0:
             return trial, fall
