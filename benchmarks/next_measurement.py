@@ -17,6 +17,8 @@ sharp     no tie, every number of it known to 10 %, and within 15 % of the truth
           that says that there is nothing is known
 one term  the same of a term that has two names in the report, each with its number: a hose and a dead volume. Nothing is left
           that a log could tell; counted by itself
+in all    the right name, alone, its number not sharp or off, and what it makes with the declared parameters that it adds to
+          known to 10 % and within 15 % of the truth: the sums that the report says. Counted by itself, not as sharp
 honest    the design's first line says that no motion does it, and the right name is in that line; a hose and a dead volume
           are one term of the balances, that no log takes apart: counted in the same line
 ceiling   no run can make it sharp: a number of the right name that all motions which the design tried, one after the other,
@@ -38,7 +40,15 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing"), str(ROOT / "benchmarks")]
-from next_measurement_score import ONE_TERM, SHARP_SCORES, never_taken, right_names, scale_of, score  # noqa: E402
+from next_measurement_score import (  # noqa: E402
+    ONE_TERM,
+    SHARP_SCORES,
+    known_in_all,
+    never_taken,
+    right_names,
+    scale_of,
+    score,
+)
 
 LOAD_kg, LOAD_KNOWN = 60.0, 0.005
 
@@ -112,6 +122,7 @@ def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         plant = write_machine(folder, seed, effects, runs=("fit", "fit_more", "validate"), suffix=".csv")
+        line["true"] = true_parameters(plant)
         try:
             first, line["first"] = traced(["fit"], [])
             tell(f"first {line['first']}")
@@ -135,6 +146,14 @@ def run_one(seed: int, tell: Callable[[str], None]) -> dict[str, Any]:
     return line | {"seconds": round(time.process_time() - began)}
 
 
+def true_parameters(plant: Any) -> dict[str, float]:
+    """What the machine file declares, as the machine of a seed has it with its effects."""
+    from other_plant import UNCERTAIN_LEG
+
+    own = {key: float(plant.legs[field][0]) for field, key in UNCERTAIN_LEG.items()}
+    return own | {"moving_mass_kg": float(plant.rig["mass"][0])}
+
+
 def traced_in_balances(folder: Path, fit: list[str], loaded: list[str]) -> Any:
     """A trace up to the sure effects, without a simulated refit."""
     from hexsim.tracing.steps import dominant, shapes, ties, violations
@@ -153,13 +172,17 @@ def left_open(first: dict[str, Any]) -> bool:
 
 def outcome(result: Any, line: dict[str, Any], logs: list[Path]) -> dict[str, Any]:
     """Verdict, names with numbers and errors, and the score. logs: of the trace."""
+    from hexsim.tracing.fitting.fitted_numbers import totals_of
+
     named = [
         [e.candidate.effect.name, e.values, e.standard_errors, list(e.tied_with),
          [[own.candidate.effect.name, own.values, own.standard_errors] for own in e.readings]]
         for e in result.effects
     ]  # fmt: skip
     never = {"never_taken": True} if never_taken(line, logs) else {}
-    return {"verdict": result.verdict, "named": named, "score": score(line, named, bool(never))} | never
+    sums = [own for e in result.effects for own in totals_of(result.final, e.candidate)]
+    in_all = {"in_all": {own.key: [own.value, own.standard_error] for own in sums}} if sums else {}
+    return {"verdict": result.verdict, "named": named, "score": score(line, named, bool(never))} | never | in_all
 
 
 def summarise(lines: list[dict[str, Any]]) -> None:
@@ -184,6 +207,9 @@ def summarise(lines: list[dict[str, Any]]) -> None:
         most = {line["seed"]: line["designed"]["score"] for line in opened if beyond_the_ceiling(line)}
         made = [seed for seed, own in most.items() if own == "right and sharp"]
         print(f"  of one term with two names: {terms}")
+        for key in ("first", "designed", "multisine", "with_load"):
+            sums = [line["seed"] for line in opened if key in line and known_in_all(line, line[key])]
+            print(f"  not sharp, and known in all with what is declared, {key}: {sums}")
         print(
             f"  the design says that no run makes it sharp: {len(most)} {list(most)}, and it was all the same: {made}"
         )

@@ -65,6 +65,17 @@ def score(line: dict[str, Any], named: list[list[Any]], never: bool = False) -> 
     return ONE_TERM if alone else "right and sharp"
 
 
+def known_in_all(line: dict[str, Any], own: dict[str, Any]) -> bool:
+    """The right name alone with a number that is not sharp, or off, and every sum of it and what is declared known to 10 % and
+    within 15 % of the truth."""
+    if own["score"] not in ("right, not sharp", "right, number off") or not own.get("in_all"):
+        return False
+    return all(
+        error <= 0.1 * abs(value) and abs(value / line["true"][key] - 1.0) <= 0.15
+        for key, (value, error) in own["in_all"].items()
+    )
+
+
 def as_put_in(row: list[Any], right: set[str]) -> tuple[list[Any], bool]:
     """A row of `named` under the right one of its term's names, and whether it is tied with nothing but these."""
     read = row[4] if len(row) > 4 else []

@@ -140,7 +140,7 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
     """Verdict, effects with numbers and errors, what is unexplained, and the error before and after."""
     from rich.text import Text
 
-    from hexsim.tracing.report.readings import term_sentence
+    from hexsim.tracing.report.readings import term_sentence, total_sentence
     from hexsim.tracing.report.tables import checks_of
 
     console = output()
@@ -163,7 +163,7 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
             console.print(text_table(title, header, rows))
             console.print()
     for effect in report.get("effects", []):
-        if said := term_sentence(effect):
+        for said in filter(None, (term_sentence(effect), total_sentence(effect))):
             console.print(f"known    {said}")
         for name, check in checks_of(effect):
             console.print(f"check    {name.replace('_', ' ')}: {check}")

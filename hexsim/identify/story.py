@@ -16,7 +16,7 @@ from hexsim.recording.figure_style import png
 from hexsim.recording.report import data_url, render
 from hexsim.recording.rerun_recording import write_recording
 from hexsim.recording.signals import Signals
-from hexsim.tracing.report.readings import names_of, numbers_of, one_term, term_sentence
+from hexsim.tracing.report.readings import names_of, numbers_of, one_term, term_sentence, total_sentence
 from hexsim.tracing.report.recording import write_trace_recordings
 from hexsim.tracing.report.tables import checks_of
 
@@ -140,6 +140,7 @@ def effects(story: Story) -> list[dict[str, Any]]:
                 "other": [f"as {name}, {own}" for name, own in zip(names[1:], other, strict=True)],
                 "description": effect_named(effect["name"]).description,
                 "term": term_sentence(effect),
+                "total": total_sentence(effect),
                 "checks": checks_of(effect),
                 "tied": ", ".join(
                     t.replace("_", " ") for t in effect.get("tied_with", []) if t not in one_term(effect)

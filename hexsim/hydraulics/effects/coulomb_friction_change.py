@@ -19,6 +19,14 @@ EFFECT = Effect(
     balance="force",
     description="Coulomb friction differs from the declared one",
     source="seal wear and preload; a 63/35 mm cylinder has 1741 N",
-    parameters=(EffectParameter(name="force_N", unit="N", bounds=(-1e6, 1e6), typical=40.0),),
+    parameters=(
+        EffectParameter(
+            name="force_N",
+            unit="N",
+            bounds=(-1e6, 1e6),
+            typical=40.0,
+            adds_to=("coulomb_extend_N", "coulomb_retract_N"),
+        ),
+    ),
     apply=apply,
 )

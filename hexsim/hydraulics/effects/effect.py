@@ -33,6 +33,7 @@ class EffectParameter:
     step_share: of the usual finite difference: a wave of many periods is not linear in its length.
     kinds: machine kinds on which it means something; tracing looks for it there.
     of_the_file: says what the machine file means and nothing of the machine: nobody asks how well it is known.
+    adds_to: keys of the machine file to whose values it adds, in the same unit: logs show the sum.
     """
 
     name: str  # with its unit
@@ -47,6 +48,7 @@ class EffectParameter:
     step_share: float = 1.0
     kinds: tuple[str, ...] = ("bench", "hexapod")
     of_the_file: bool = False
+    adds_to: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,15 @@ EFFECT = Effect(
     balance="force",
     description="the moving mass differs from the declared one",
     source="forgotten payload",
-    parameters=(EffectParameter(name="mass_kg", unit="kg", bounds=(-1e5, 1e5), typical=4.0),),
+    parameters=(
+        EffectParameter(
+            name="mass_kg",
+            unit="kg",
+            bounds=(-1e5, 1e5),
+            typical=4.0,
+            adds_to=("moving_mass_kg", "platform_mass_kg"),
+        ),
+    ),
     apply=apply,
     places="platform",
 )

@@ -19,6 +19,14 @@ EFFECT = Effect(
     balance="force",
     description="the friction peak at small speed differs from the declared one",
     source="seals at rest: peak up to the Coulomb force",
-    parameters=(EffectParameter(name="static_N", unit="N", bounds=(-1e6, 1e6), typical=40.0),),
+    parameters=(
+        EffectParameter(
+            name="static_N",
+            unit="N",
+            bounds=(-1e6, 1e6),
+            typical=40.0,
+            adds_to=("static_extend_N", "static_retract_N"),
+        ),
+    ),
     apply=apply,
 )

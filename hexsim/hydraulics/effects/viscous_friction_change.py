@@ -19,6 +19,14 @@ EFFECT = Effect(
     balance="force",
     description="viscous friction differs from the declared one",
     source="oil temperature: viscosity halves in 15 K",
-    parameters=(EffectParameter(name="viscous_N_s_m", unit="N s/m", bounds=(-1e7, 1e7), typical=800.0),),
+    parameters=(
+        EffectParameter(
+            name="viscous_N_s_m",
+            unit="N s/m",
+            bounds=(-1e7, 1e7),
+            typical=800.0,
+            adds_to=("viscous_extend_N_s_m", "viscous_retract_N_s_m"),
+        ),
+    ),
     apply=apply,
 )

@@ -21,9 +21,10 @@ from hexsim.tracing.design.ceiling import Ceiling, ceiling_of
 from hexsim.tracing.design.information import SHARP, Number, OpenRefits, Promise, at_the_rest, hypothesis
 from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.design.rest import OpenRest, labels_of, open_rest
-from hexsim.tracing.design.words import beside_one_term, cannot_tell, purpose_of
+from hexsim.tracing.design.words import beside_one_term, cannot_tell, purpose_of, with_the_sums
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit
+from hexsim.tracing.fitting.fitted_numbers import totals_of
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.selection import with_candidate
 from hexsim.tracing.problems.problem import in_parallel
@@ -136,6 +137,9 @@ def next_measurement(
     alike = load_kg is None and bool(apart) and max(apart.values()) < ONE_TERM * found.needed
     purpose = purpose_of(tables, asked.labels, found, numbers, wanted, load_kg, ceiling, alike)
     purpose = beside_one_term(purpose, trace.effects)
+    if wanted is not None:
+        own = [c for c in trace.final.candidates if c.label == numbers[wanted].effect]
+        purpose = with_the_sums(purpose, [total for c in own for total in totals_of(trace.final, c)])
     tables["description"] = purpose[:1000]
     return NextMeasurement(
         tables=tables,

@@ -7,6 +7,7 @@ from typing import Any
 
 from hexsim.tracing.design.ceiling import Ceiling
 from hexsim.tracing.design.information import SHARP, Number, Promise
+from hexsim.tracing.fitting.fitted_numbers import Total
 from hexsim.tracing.state import NamedEffect, Trace
 
 UNKNOWN = Ceiling(errors=(), declared=())
@@ -65,6 +66,14 @@ def one_term_words(effect: NamedEffect) -> str:
     """hose_compliance, dead_volume are one term ..."""
     labels = (effect.candidate.label, *(own.candidate.label for own in effect.readings))
     return f"no motion separates {', '.join(labels)}; {NOT_APART}"
+
+
+def with_the_sums(purpose: str, totals: Sequence[Total]) -> str:
+    """The first line where no motion tells a number that adds to declared parameters: the sums that the logs do know."""
+    told = [f"{own.key} {own.value:.4g} +- {own.standard_error:.2g}" for own in totals if own.known_better]
+    if not told or not purpose.startswith("no motion tells"):
+        return purpose
+    return f"{purpose}; with what is declared it is known: {' and '.join(told)} in all"
 
 
 def least_words(number: Number, ceiling: Ceiling, place: int) -> str:

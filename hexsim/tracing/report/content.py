@@ -13,6 +13,8 @@ from hexsim.hydraulics.advice import advice_of
 from hexsim.machine import save_machine
 from hexsim.recording.quantity import quantity, split_key
 from hexsim.tracing import rules
+from hexsim.tracing.fitting.fit import Fit
+from hexsim.tracing.fitting.fitted_numbers import totals_of
 from hexsim.tracing.fitting.parameters import Candidate, end_of_range, to_value
 from hexsim.tracing.report.hidden import reached_limits, would_show
 from hexsim.tracing.report.page import report_page
@@ -34,7 +36,8 @@ def report_of(result: Trace) -> dict[str, Any]:
         "machine": result.machine.name,
         "remarks": remarks(result),
         "balances": [balance_entry(line) for line in result.violations],
-        "effects": [effect_entry(effect) for effect in result.effects] + [rest for rest in result.learned],
+        "effects": [effect_entry(effect) | {"in_all": total_entries(effect, result.final)} for effect in result.effects]
+        + [rest for rest in result.learned],
         "unexplained": [unexplained_entry(rest) for rest in result.unexplained],
         "detectable": detectable(result),
         "would_show": would_show(result),
@@ -132,6 +135,23 @@ def effect_entry(effect: NamedEffect) -> dict[str, Any]:
         "description": candidate.effect.description,
         "check_first": advice_of(candidate.effect.name).check,
     }
+
+
+def total_entries(effect: NamedEffect, fit: Fit) -> list[dict[str, Any]]:
+    """The declared parameters that an effect adds to, with it; none where a leg has a value of its own."""
+    if effect.candidate not in fit.candidates or fit.values[fit.candidates.index(effect.candidate)] != effect.values:
+        return []
+    return [
+        {
+            "key": own.key,
+            "declared": own.declared,
+            "half_width": own.half_width,
+            "value": finite(own.value),
+            "standard_error": finite(own.standard_error),
+            "known_better": own.known_better,
+        }
+        for own in totals_of(fit, effect.candidate)
+    ]
 
 
 def number_entries(effect: NamedEffect | Reading) -> dict[str, Any]:

@@ -1,4 +1,5 @@
-"""One term under two names, in words: what is known of it, and the number under either name."""
+"""In words: one term under two names with its number under either, and what an effect makes with the declared parameters
+that it adds to."""
 
 from __future__ import annotations
 
@@ -48,6 +49,24 @@ def term_sentence(entry: Mapping[str, Any]) -> str:
     return (
         f"added {entry['term']}, known to {known_to(entry)}: a {' or a '.join(read)}. "
         "They do the same in every log, so that no run tells which it is: look at the machine"
+    )
+
+
+def total_sentence(entry: Mapping[str, Any]) -> str:
+    """What a declared parameter and the effect make together, where that is known much better than the effect alone; else empty."""
+    totals = [own for own in entry.get("in_all", []) if own["known_better"]]
+    if not totals:
+        return ""
+    units = [split_key(own["key"])[1] for own in totals]
+    whole, declared = [], []
+    for own, unit in zip(totals, units, strict=True):
+        told = with_error(own["value"], own["standard_error"], unit)
+        whole.append(f"{split_key(own['key'])[0]} {told}")
+        declared.append(f"{quantity(own['declared'], unit, 4)} to {plain(100 * own['half_width'], 2)} %")
+    name = entry["name"].replace("_", " ")
+    return (
+        f"{' and '.join(whole)} in all, {name} included. Declared {'are' if len(declared) > 1 else 'is'} "
+        f"{' and '.join(declared)}; the error of the {name} is that of what is declared"
     )
 
 

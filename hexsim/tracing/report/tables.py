@@ -12,7 +12,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.balances import caption_of
 from hexsim.tracing.dependence import behind_low_pass
 from hexsim.tracing.report import balance_figure
-from hexsim.tracing.report.readings import numbers_of, term_sentence
+from hexsim.tracing.report.readings import numbers_of, term_sentence, total_sentence
 from hexsim.tracing.report.signals import SIGNALS, channel_words
 from hexsim.tracing.state import Trace, Violation
 
@@ -47,7 +47,8 @@ def effect_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
             title, description = "learned curve", f"{FORMS[effect['curve']['form']].format(over)}, of unknown cause"
         tied = [name.replace("_", " ") for name in effect["tied_with"]]
         own = {"values": values, "title": title, "description": description, "ties": tied}
-        rows.append(effect | own | {"term": term_sentence(effect), "checks": checks_of(effect)})
+        known = {"term": term_sentence(effect), "total": total_sentence(effect)}
+        rows.append(effect | own | known | {"checks": checks_of(effect)})
     return rows
 
 

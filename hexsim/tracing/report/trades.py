@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from hexsim.hydraulics.effects.effect import EffectParameter
 from hexsim.recording import palette
 from hexsim.recording.figure_style import WIDTH_IN, png, styled
 from hexsim.recording.quantity import scale_of, split_key
 from hexsim.tracing.fitting.fit import Fit
-from hexsim.tracing.fitting.parameters import to_coordinate, to_value
+from hexsim.tracing.fitting.fitted_numbers import Number, numbers_of
 from hexsim.tracing.state import Trace
 
 Array = np.ndarray
@@ -25,52 +23,6 @@ CAPTION = (
 LEAST_CORRELATION = 0.9  # of two numbers that trade
 MOST_DRAWN = 6
 ACROSS = 3  # panels a row
-SLOPE_STEP = 1e-4  # coordinate: about a value all numbers are straight
-
-
-@dataclass(frozen=True, kw_only=True)
-class Number:
-    """A fitted number: what it is of, its key with the unit, value, standard error; place among the coordinates.
-
-    slope: of the value over its coordinate.  named: is it of an effect that the trace names?
-    """
-
-    of: str
-    key: str
-    unit: str
-    value: float
-    standard_error: float
-    slope: float
-    place: int
-    named: bool
-
-
-def numbers_of(fit: Fit, named: Sequence[str]) -> list[Number]:
-    """Every fitted number with its error; none without a covariance. named: labels of the effects that are named."""
-    if fit.covariance is None:
-        return []
-    sd = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    found = []
-    for prior, deviation in zip(fit.priors, fit.deviations, strict=True):
-        slope, k = prior.half_width * prior.declared, len(found)
-        found.append(Number(of="declared", key=prior.key, unit=split_key(prior.key)[1],
-                            value=float(prior.declared * (1.0 + deviation)), standard_error=float(abs(slope) * sd[k]),
-                            slope=slope, place=k, named=False))  # fmt: skip
-    for candidate, values in zip(fit.candidates, fit.values, strict=True):
-        for number in candidate.free():
-            k, value = len(found), values[number.name]
-            slope = slope_of(number, value)
-            found.append(Number(of=candidate.label, key=number.name, unit=number.unit, value=float(value),
-                                standard_error=abs(slope) * float(sd[k]), slope=slope, place=k,
-                                named=candidate.label in named))  # fmt: skip
-    return found
-
-
-def slope_of(number: EffectParameter, value: float) -> float:
-    """Of a value over its coordinate; a size that vanishes at infinity falls as its coordinate grows."""
-    here = to_coordinate(number, value)
-    low, high = to_value(number, here - SLOPE_STEP), to_value(number, here + SLOPE_STEP)
-    return (high - low) / (2.0 * SLOPE_STEP)
 
 
 def trades(fit: Fit, named: Sequence[str]) -> list[tuple[Number, Number, float]]:
