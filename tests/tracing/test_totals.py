@@ -63,7 +63,7 @@ def test_the_report_says_the_sum_where_it_is_known_better() -> None:
     entry = effect_entry(effect_of(fit)) | {"in_all": total_entries(effect_of(fit), fit)}
     said = total_sentence(entry)
     assert said.startswith("viscous extend 2377 ± 24 N·s/m and viscous retract 1977 ± 24 N·s/m in all")
-    assert "2200 N·s/m to 12 % and 1800 N·s/m to 12 %" in said
+    assert "what is declared (2200 N·s/m to 12 %, 1800 N·s/m to 12 %) and the viscous friction change together" in said
     assert effect_rows({"effects": [entry]})[0]["total"] == said
     loose = fitted(VISCOUS, 1.0, 0.0)
     assert not any(own["known_better"] for own in total_entries(effect_of(loose), loose))

@@ -57,16 +57,15 @@ def total_sentence(entry: Mapping[str, Any]) -> str:
     totals = [own for own in entry.get("in_all", []) if own["known_better"]]
     if not totals:
         return ""
-    units = [split_key(own["key"])[1] for own in totals]
     whole, declared = [], []
-    for own, unit in zip(totals, units, strict=True):
-        told = with_error(own["value"], own["standard_error"], unit)
-        whole.append(f"{split_key(own['key'])[0]} {told}")
+    for own in totals:
+        words, unit = split_key(own["key"])
+        whole.append(f"{words} {with_error(own['value'], own['standard_error'], unit)}")
         declared.append(f"{quantity(own['declared'], unit, 4)} to {plain(100 * own['half_width'], 2)} %")
     name = entry["name"].replace("_", " ")
     return (
-        f"{' and '.join(whole)} in all, {name} included. Declared {'are' if len(declared) > 1 else 'is'} "
-        f"{' and '.join(declared)}; the error of the {name} is that of what is declared"
+        f"{' and '.join(whole)} in all: what is declared ({', '.join(declared)}) and the {name} together. "
+        f"How much of it is the {name}, no run tells better than that is declared"
     )
 
 
