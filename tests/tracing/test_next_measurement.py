@@ -23,7 +23,7 @@ from hexsim.signals.channels import noise_of
 from hexsim.tracing.balances import balance_named
 from hexsim.tracing.checks.same_machine import check_same_machine
 from hexsim.tracing.design import next_measurement
-from hexsim.tracing.design.believed import reproduced
+from hexsim.tracing.design.believed import hangs_on, reproduced
 from hexsim.tracing.design.ceiling import ceiling_of
 from hexsim.tracing.design.information import (
     Hypothesis,
@@ -38,7 +38,7 @@ from hexsim.tracing.design.information import (
 from hexsim.tracing.design.motions import KINDS, STEP_SHARE, MotionFamily
 from hexsim.tracing.design.next_measurement import surviving, what_is_open
 from hexsim.tracing.design.rest import as_measured, labels_of
-from hexsim.tracing.design.words import purpose_of
+from hexsim.tracing.design.words import expected_words, purpose_of
 from hexsim.tracing.fitting.fit import refine, start_fit
 from hexsim.tracing.fitting.parameters import named, priors
 from hexsim.tracing.fitting.rest_evidence import worse
@@ -275,7 +275,7 @@ def test_a_tie_of_a_partly_explained_machine_is_asked_about(late):
 
 def test_what_a_motion_promises_of_a_rest_is_what_its_trace_finds(late):
     """Slow blocks separate the delay from the spool, slow strokes do not; the refits of the trace itself say the same, and that
-    the delay's error shrinks."""
+    the delay's error shrinks. In slow strokes it hangs on the small spool that any machine may have."""
     asked = what_is_open(late)
     family = MotionFamily(late.machine, 10.0)
     pair = asked.labels[:2]
@@ -287,7 +287,33 @@ def test_what_a_motion_promises_of_a_rest_is_what_its_trace_finds(late):
     assert all(pair not in own.tied for own in found["block"])
     assert all(pair in own.tied for own in found["slow"])
     assert all(own.errors[0] < asked.first.numbers[0].standard_error for own in found["block"])
+    assert [found[name][1].hangs_on for name in ("block", "slow")] == [("",), ("spool_lag",)]
     assert found["block"][0].words(np.log(1.25)) == "the second leaves 25 % more mean square than the rest"
+
+
+def test_an_error_that_hangs_on_a_small_reality_is_promised_with_that():
+    """A delay of 6.9 +- 0.9 ms, promised to 0.1 ms beside a small spool that does nearly the same: the line says what else may be.
+    Alone, or where little is promised, it says no more than the numbers."""
+    delay = Number(effect="valve_delay", name="delay_s", value=6.9e-3, standard_error=9e-4, place=0)
+    alone = "valve_delay delay_s = 0.0069: error 0.0009 now, 0.0001 expected"
+    assert expected_words(delay, 1e-4, "") == alone
+    assert expected_words(delay, 1e-4, "spool_lag").startswith(f"{alone}, about as now where a little spool_lag ")
+    assert expected_words(delay, 8.9e-4, "spool_lag").endswith("0.00089 expected")
+
+
+def test_what_the_logs_show_is_nothing_that_an_error_hangs_on(late):
+    """Two coordinates that go together after a motion: the delay hangs on the spool where that is within its error of nothing now,
+    and not where the logs show it."""
+    fit = what_is_open(late).first.fit
+    labels = [""] * len(fit.priors) + [c.label for c in fit.candidates for _ in c.free()]
+    delay, spool = labels.index("valve_delay"), labels.index("spool_lag")
+    sizes = np.ones(len(labels))
+    together = np.eye(len(labels))
+    together[delay, spool] = together[spool, delay] = -0.99
+    for size, said in {1.0: "spool_lag", 1e-3: ""}.items():
+        sizes[spool] = size
+        now = dataclasses.replace(fit, covariance=np.diag(sizes**2))
+        assert hangs_on(now, dataclasses.replace(fit, covariance=together), [delay]) == (said,)
 
 
 def test_the_motion_of_the_best_hypothesis_leaves_it_nothing(late):

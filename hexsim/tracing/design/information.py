@@ -153,6 +153,7 @@ class Promise:
     enough: float = 10.0  # times that: more is worth nothing
     measure: str = "chi2"
     told: Array | None = None  # normal matrix of the motion
+    hangs_on: tuple[str, ...] = ()  # of each error, see `believed.hangs_on`
 
     def worth(self, wanted: int | None) -> float:
         """What a design makes as large as it can. wanted: the number to be sharpened, where nothing is to be separated.

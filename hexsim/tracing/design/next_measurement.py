@@ -21,7 +21,7 @@ from hexsim.tracing.design.ceiling import Ceiling, ceiling_of
 from hexsim.tracing.design.information import SHARP, Number, OpenRefits, Promise, at_the_rest, hypothesis
 from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.design.rest import OpenRest, labels_of, open_rest
-from hexsim.tracing.design.words import beside_one_term, cannot_tell, purpose_of, with_the_sums
+from hexsim.tracing.design.words import beside_one_term, cannot_tell, expected_words, purpose_of, with_the_sums
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.fitted_numbers import totals_of
@@ -67,9 +67,9 @@ class NextMeasurement:
         found = [self.purpose]
         for (one, other), size in self.promise.separations.items():
             found.append(f"expected separation of {one} and {other}: {self.promise.words(size)}")
-        for number, error in zip(self.numbers, self.promise.errors, strict=True):
-            now = f"{number.standard_error:.2g}"
-            found.append(f"{number.effect} {number.name} = {number.value:.4g}: error {now} now, {error:.2g} expected")
+        hangs_on = self.promise.hangs_on or ("",) * len(self.numbers)
+        for number, error, beside in zip(self.numbers, self.promise.errors, hangs_on, strict=True):
+            found.append(expected_words(number, error, beside))
         if self.load_kg:
             found.append(
                 f"put {self.load_kg:.4g} kg on it; its log: hexsim trace ... --load {self.load_kg:.4g} --loaded NAME"
@@ -87,10 +87,12 @@ class NextMeasurement:
             "numbers": [
                 {
                     "effect": number.effect, "parameter": number.name, "value": number.value,
-                    "standard_error": number.standard_error, "expected": error, "least": least, "because": why,
+                    "standard_error": number.standard_error, "expected": error, "hangs_on": beside, "least": least,
+                    "because": why,
                 }
-                for number, error, least, why in zip(
-                    self.numbers, self.promise.errors, self.ceiling.errors, self.ceiling.declared, strict=True
+                for number, error, beside, least, why in zip(
+                    self.numbers, self.promise.errors, self.promise.hangs_on or ("",) * len(self.numbers),
+                    self.ceiling.errors, self.ceiling.declared, strict=True,
                 )
             ],
             "information": self.promise.information,

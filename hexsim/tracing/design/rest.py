@@ -24,7 +24,7 @@ import numpy as np
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances.null import used
-from hexsim.tracing.design.believed import enters_a_cushion
+from hexsim.tracing.design.believed import enters_a_cushion, hangs_on
 from hexsim.tracing.design.information import SHARP, Hypothesis, Promise, shrunk, with_load
 from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.covariance import inverse
@@ -283,8 +283,7 @@ def rehearsed(asked: OpenRest, log: Log) -> Promise:
     numbers = replace(asked.first, fit=fit).numbers
     return Promise(
         separations=separations, errors=tuple(n.standard_error for n in numbers), information=0.0, needed=SEPARATED,
-        enough=ENOUGH,
-        measure=MEASURE,
+        enough=ENOUGH, measure=MEASURE, hangs_on=hangs_on(asked.first.fit, fit, [n.place for n in numbers]),
     )  # fmt: skip
 
 
