@@ -30,7 +30,6 @@ RATES = ("jerk_m_s3", "valve_rate_V_s", "pressure_bottom_rate_Pa_s", "pressure_t
 ALIKE = 0.05  # of R2: of signals that do so alike the balance's own order decides, and a rate must do that much better
 CONSTANT = 3.0  # mean over standard deviation from which on a residual is a constant
 FOLLOWS = 0.5  # R2 from which on such a residual is none
-JOLTS = 5.0  # per cent at either end: on a platform, what sampling leaves where a leg turns
 
 
 def picture_signals(log: Log, machine: Machine, where: str) -> tuple[dict[str, Array], Array]:
@@ -68,12 +67,6 @@ def chosen_signal(balance: Balance, signals: dict[str, Array], residual: Array) 
     first = next(name for name in own if shares[name] > best - ALIKE)
     quickest = max(shares, key=lambda name: shares[name])
     return quickest if shares[quickest] > best + ALIKE else first
-
-
-def without_jolts(residual: Array) -> Array:
-    """Cut to what its middle 90 per cent span."""
-    low, high = np.percentile(residual, (JOLTS, 100.0 - JOLTS))
-    return np.clip(residual, low, high)
 
 
 def explained(x: Array, y: Array) -> float:

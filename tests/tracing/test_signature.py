@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hexsim.hydraulics.effects import library
-from hexsim.tracing.signature import drawn, signature, unit_of
+from hexsim.tracing.signature import drawn, picture, rms, signature, unit_of
 from hexsim.tracing.signature_axes import explained
 
 
@@ -36,22 +36,36 @@ def test_what_settles_is_shown_over_time_and_inertia_where_it_acts():
 
 
 def test_a_payload_on_a_spring_is_shown_over_the_frequency_of_a_sweep():
-    """The residual swings most within 15 % of the payload's own frequency, five times as far as a third of that below: a sweep
-    passes a resonance of damping 0.05 before it has answered in full."""
+    """The residual swings most within 5 % of the payload's own frequency, where the picture has a line, five times as far as a third
+    of that below: a resonance of damping 0.05 answers 0.4 s late, in which the sweep goes on by 2 %, and peaks 0.25 % below."""
     found = signature("flexible_payload")
     assert found.signal == "frequency_Hz"
     own = found.values["frequency_Hz"]
-    assert found.x[np.argmax(np.abs(found.residual))] == pytest.approx(own, rel=0.15)
+    assert found.x[np.argmax(np.abs(found.residual))] == pytest.approx(own, rel=0.05)
     at_rest, swinging = (np.abs(found.residual[np.abs(found.x / f - 1.0) < 0.15]).max() for f in (own / 3.0, own))
     assert swinging > 5.0 * at_rest
+    marked = [line for line in picture(found).axes[0].lines if f"{own:g} Hz" in str(line.get_label())]
+    assert [list(line.get_xdata()) for line in marked] == [[own, own]]
+
+
+def test_inertia_is_a_line_through_zero():
+    """Its moment over the acceleration: the slope is the inertia that was added, within a tenth (turning about the other axes adds to
+    it), and of the residual's variance the line leaves less than a tenth. Jolts where legs turn would leave most."""
+    found = signature("inertia_change")
+    axis = found.signal.split("_")[2]
+    slope = float(found.x @ found.residual / (found.x @ found.x))
+    assert slope == pytest.approx(found.values[f"{axis}_kg_m2"], rel=0.1)
+    assert np.var(found.residual - slope * found.x) < 0.1 * np.var(found.residual)
 
 
 @pytest.mark.parametrize("name", ["base_joint_offset", "position_offset"])
 def test_what_does_nothing_in_all_legs_alike_is_shown_in_one(name):
-    """All base joints shifted alike move the machine and nothing in it: leg 1 alone leaves a residual that its motion explains."""
+    """All base joints shifted alike move the machine and nothing in it: leg 1 alone leaves a residual that its motion explains, or
+    a constant one, three times what sampling leaves at least."""
     found = signature(name)
-    assert explained(found.x, found.residual) > 0.5
-    assert found.residual.std() > 2.0 * found.without.std()
+    constant = abs(found.residual.mean()) > 3.0 * found.residual.std()
+    assert constant or explained(found.x, found.residual) > 0.5
+    assert rms(found.residual) > 3.0 * rms(found.without)
 
 
 def test_a_relief_valve_leaves_nothing_below_its_opening_pressure():
