@@ -20,7 +20,7 @@ from hexsim.signals.ripple import unrippled
 from hexsim.signals.weak_form import WHOLE, Window, velocity
 from hexsim.tracing.balances import spool
 from hexsim.tracing.balances.bends import bends_at, kinks, tick_samples
-from hexsim.tracing.balances.memory import latest_of, remembered
+from hexsim.tracing.memory import latest_of, remembered
 
 Array = np.ndarray
 # Offset, gain, delay [s] and lag [s] of a sensor; of a position three more, its scale's ripple.

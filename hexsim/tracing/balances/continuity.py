@@ -31,7 +31,7 @@ from hexsim.tracing.balances.balance import (
     position_settings,
     resolved_machine,
 )
-from hexsim.tracing.balances.memory import latest
+from hexsim.tracing.memory import latest
 
 Array = np.ndarray
 FlowOf = Callable[[Array, MeasuredPoint], Array]

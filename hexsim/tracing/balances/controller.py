@@ -17,7 +17,7 @@ from hexsim.signals.channels import noise_of
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances.balance import Balance, resolved_machine
-from hexsim.tracing.balances.memory import remembered
+from hexsim.tracing.memory import remembered
 
 Array = np.ndarray
 AT_NOISE = 5.0  # times the noise of the position through the gain: volts within it are those of the loop

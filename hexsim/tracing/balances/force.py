@@ -28,7 +28,7 @@ from hexsim.tracing.balances.balance import (
     measured_point,
     resolved_machine,
 )
-from hexsim.tracing.balances.memory import latest
+from hexsim.tracing.memory import latest
 
 Array = np.ndarray
 OF_FLOW = (  # of a leg's row: no force depends on it

@@ -11,7 +11,7 @@ from hexsim.declaration import Machine
 from hexsim.signals.channels import SETTLE_S
 from hexsim.signals.log import Log
 from hexsim.tracing.balances.balance import Balance
-from hexsim.tracing.balances.memory import remembered
+from hexsim.tracing.memory import remembered
 
 Array = np.ndarray
 REACH_S = 0.06  # [s] of the widest window of a balance and what delays move it by

@@ -29,7 +29,7 @@ from hexsim.tracing.balances.balance import (
     resolved_machine,
 )
 from hexsim.tracing.balances.force import Force, force_pressures, leg_thrust, thrust_key
-from hexsim.tracing.balances.memory import latest, remembered
+from hexsim.tracing.memory import latest, remembered
 
 Array = np.ndarray
 ROWS = ("x", "y", "z", "roll", "pitch", "yaw")

@@ -13,8 +13,8 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import WHOLE, Window
 from hexsim.tracing.balances.balance import Balance, position_settings, resolved_machine, sensed_leg, sensor_settings
-from hexsim.tracing.balances.memory import latest
 from hexsim.tracing.balances.platform import ROWS, felt_by_imu, platform_motion
+from hexsim.tracing.memory import latest
 
 Array = np.ndarray
 LOOK_S = 0.04  # [s] half width: d2y/dt2 of a position of 3 um noise is about as quiet as the IMU

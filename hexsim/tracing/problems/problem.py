@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import threading
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from typing import Any, Self
 
@@ -17,8 +18,8 @@ from hexsim.signals.log import Log
 from hexsim.tracing import rules
 
 Array = np.ndarray
-THREADS = "hexsim fits"
 N_CORES = max(os.cpu_count() or 1, 1)
+_own = threading.local()
 
 
 class FitProblem(ABC):
@@ -101,22 +102,56 @@ def alive(columns: list[Array]) -> list[Array]:
 
 def in_job() -> bool:
     """Does this run in a job of `in_parallel`?"""
-    return threading.current_thread().name.startswith(THREADS)
+    return getattr(_own, "in_job", False)
 
 
 def in_parallel(function: Callable[[Any], Any], jobs: Iterable[Any]) -> list[Any]:
     """function(job) of every job, in their order, on all cores; compiled simulations release the interpreter.
 
-    A job that asks for jobs of its own does them itself, one after the other.
+    Who asks works too, and so it is with jobs of a job: cores that have come to the end of theirs help with what is left.
     """
     return list(in_turn(function, jobs))
 
 
 def in_turn(function: Callable[[Any], Any], jobs: Iterable[Any]) -> Iterator[Any]:
     """`in_parallel`, each result as its turn comes: none is kept that the caller does not keep."""
-    return map(function, jobs) if in_job() else _threads().map(function, jobs)
+    waiting = deque((job, Future()) for job in jobs)
+    results = deque(future for _, future in waiting)
+    helpers = [_threads().submit(_work, function, waiting) for _ in range(min(N_CORES, len(waiting)) - 1)]
+    try:
+        while results:
+            result = results.popleft()
+            while not result.done() and _one(function, waiting):
+                pass  # as long as another core is at it, the next
+            yield result.result()
+    finally:
+        waiting.clear()
+        for helper in helpers:
+            helper.cancel()
+
+
+def _work(function: Callable[[Any], Any], waiting: deque[tuple[Any, Future]]) -> None:
+    """Do jobs until none waits."""
+    while _one(function, waiting):
+        pass
+
+
+def _one(function: Callable[[Any], Any], waiting: deque[tuple[Any, Future]]) -> bool:
+    """Do the first job that waits. False: none does."""
+    try:
+        job, result = waiting.popleft()
+    except IndexError:
+        return False
+    outer, _own.in_job = in_job(), True
+    try:
+        result.set_result(function(job))
+    except Exception as error:
+        result.set_exception(error)
+    finally:
+        _own.in_job = outer
+    return True
 
 
 @cache
 def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=N_CORES, thread_name_prefix=THREADS)
+    return ThreadPoolExecutor(max_workers=max(N_CORES - 1, 1), thread_name_prefix="hexsim fits")

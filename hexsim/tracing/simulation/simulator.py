@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
+from typing import Any
 
 import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
+from hexsim.tracing.memory import latest
 from hexsim.tracing.simulation import closed_loop as loop
 from hexsim.tracing.simulation import motion
 from hexsim.tracing.simulation.rig import Rig, rig_of
 from hexsim.tracing.simulation.start import outputs, shot, start_state
 
 Array = np.ndarray
+KEPT_BYTES = 32 * 2**20  # of answers to a log: a refit's columns are asked for again by the next, weighed otherwise
 
 
 def simulate_log(
@@ -33,7 +36,22 @@ def simulate_log(
     inputs = inputs_of(log, rig)
     start = shot(rig, inputs, start_state(rig, resolved, log), log, noise)
     start[motion.LEGS + motion.LEG_P1 : motion.LEGS + log.n_legs * motion.LEG_STATES : motion.LEG_STATES] += off_Pa
-    return outputs(loop.answer(rig, inputs, start), log.n_legs)
+    return outputs(answer_of(log, rig, inputs, start), log.n_legs)
+
+
+def answer_of(log: Log, rig: Rig, inputs: loop.Inputs, start: Array) -> Array:
+    """`loop.answer`, read-only. The latest are kept while the log lives: refits begin where the last one ended."""
+    most = KEPT_BYTES // (log.n * start.itemsize * (4 * log.n_legs + 1 + len(rig.sensors.acceleration)))
+    if most < 2:  # of a log of minutes
+        return loop.answer(rig, inputs, start)
+    return latest(log, "answer", (numbers_of(rig), start.tobytes()), lambda: loop.answer(rig, inputs, start), most)
+
+
+def numbers_of(value: Any) -> Hashable:
+    """All numbers of nested tuples and arrays, as a key."""
+    if isinstance(value, tuple):
+        return tuple(numbers_of(part) for part in value)
+    return value.tobytes() if isinstance(value, np.ndarray) else value
 
 
 def inputs_of(log: Log, rig: Rig) -> loop.Inputs:

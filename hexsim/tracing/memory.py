@@ -22,20 +22,20 @@ def remembered(log: Log, key: Hashable, make: Callable[[], Any]) -> Any:
     return _kept(_known.setdefault(log, {}), key, make, KEPT_SETTINGS * log.n_legs + 1)
 
 
-def latest(log: Log, place: Hashable, key: Hashable, make: Callable[[], Array]) -> Array:
-    """`remembered` for the latest few keys of a place: of neighbouring machines a fit asks for much that has not changed."""
+def latest(log: Log, place: Hashable, key: Hashable, make: Callable[[], Array], most: int | None = None) -> Array:
+    """`remembered` for the latest `most` keys of a place: of neighbouring machines a fit asks for much that has not changed."""
 
     def read_only() -> Array:
         made = make()
         made.flags.writeable = False
         return made
 
-    return latest_of(log, place, key, read_only)
+    return latest_of(log, place, key, read_only, most)
 
 
-def latest_of(log: Log, place: Hashable, key: Hashable, make: Callable[[], Any]) -> Any:
+def latest_of(log: Log, place: Hashable, key: Hashable, make: Callable[[], Any], most: int | None = None) -> Any:
     """The same of what is no array."""
-    most = max(min(KEPT_SETTINGS, KEPT_SAMPLES // log.n), 3)
+    most = max(min(KEPT_SETTINGS, KEPT_SAMPLES // log.n), 3) if most is None else most
     return _kept(remembered(log, ("latest", place), dict), key, make, most)
 
 
