@@ -148,7 +148,8 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
     bottom = pressure + state.mean_deviation_Pa + state.supply_Pa * settings.area_ratio
     roots = edge_roots(settings, state.supply_Pa, bottom)
     leak_m_s = leak_at_m_s(state.valve, roots)
-    if settings.rod_ratio > 0.0:
+    four_way = state.valve.four_way != 0
+    if four_way:
         load_ahead, engaged = pressure + state.mean_deviation_Pa, state.engagement.ramp > 0.0
         roots = roots_ahead(state.chambers, settings, reference, oil, load_ahead, state.supply_Pa, engaged, state.shift)
         leak_m_s -= leaked_across_m_s(state.valve, state.chambers.across_Pa)
@@ -165,7 +166,6 @@ def step(state, behind, here, ahead, setpoint_m, position_m, control_V, valve_V,
     if state.engagement.ramp > 0.0:
         u += fed_back
         u += dot(state.lead_taps, state.flow_V, LEAD_TAPS) + dot(state.crossing_taps, state.dead_band_V, LEAD_TAPS)
-        four_way = settings.rod_ratio > 0.0
         u += (0.0 if four_way else backlash_inverse(state, u)) - settings.position_gain_V_per_m * lag
         u += state.valve.null_V - damping(state, settings.damping_1_s * compliance, roots)
         if four_way:
