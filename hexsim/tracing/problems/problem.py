@@ -146,6 +146,7 @@ def _one(function: Callable[[Any], Any], waiting: deque[tuple[Any, Future]]) -> 
     try:
         result.set_result(function(job))
     except Exception as error:
+        waiting.clear()  # all before it have begun; the others will not be asked for
         result.set_exception(error)
     finally:
         _own.in_job = outer
