@@ -145,17 +145,19 @@ def tone_of(residuals: Sequence[Array], rate: float) -> tuple[float, float]:
     width = rate / len(longest)
 
     def shares(f: float) -> list[float]:
-        found = []
-        for r in residuals:
-            t = np.arange(len(r)) / rate
-            X = np.stack([np.cos(2 * np.pi * f * t), np.sin(2 * np.pi * f * t), np.ones(len(r))], axis=1)
-            theta = np.linalg.lstsq(X, r, rcond=None)[0]
-            found.append(1 - float(np.sum((r - X @ theta) ** 2)) / max(float(np.sum((r - r.mean()) ** 2)), 1e-300))
-        return found
+        return [line_share(r, f, rate) for r in residuals]
 
     fine = best + np.linspace(-width, width, 41)
     frequency = float(max(fine, key=lambda f: sum(shares(float(f)))))
     return frequency, min(shares(frequency))
+
+
+def line_share(residual: Array, frequency_Hz: float, rate: float) -> float:
+    """Share of the variance of a residual (n,) that the line at a frequency takes."""
+    t = np.arange(len(residual)) / rate
+    X = np.stack([np.cos(2 * np.pi * frequency_Hz * t), np.sin(2 * np.pi * frequency_Hz * t), np.ones(len(t))], axis=1)
+    left = residual - X @ np.linalg.lstsq(X, residual, rcond=None)[0]
+    return 1 - float(np.sum(left**2)) / max(float(np.sum((residual - residual.mean()) ** 2)), 1e-300)
 
 
 def low_passed(x: Array, time_constant_s: float, rate: float) -> Array:

@@ -53,6 +53,8 @@ PARTLY_DRAWS = 200
 PARTLY_DOUBT = 0.025  # share of the resamples that may say otherwise
 PARTLY_SPREAD = 0.2  # runs may differ in an effect's number by this share, or three standard errors
 PARTLY_HARM = 0.07  # a sensor's effect may make no row's mean square larger by this share, or by this of what it takes
+PARTLY_LINE = 0.1  # a tone with this share of a row of continuity is no outside force; of one 0.003 at most was left,
+#   of a hum of the pressure signal 0.83 and more
 PARTLY_LATE_S = 1e-4  # [s] an accelerometer that is later has no gain that is sure
 PARTLY_REFITTED = 16  # candidates that are refitted beside the small realities, by what their columns promise
 PARTLY_PROMISE = 0.3  # share of the least fall that a column, or a start, must promise to be refitted

@@ -12,12 +12,10 @@ import numpy as np
 
 from hexsim.tracing import rules
 from hexsim.tracing.balances import library
-from hexsim.tracing.balances.balance import measured_point, resolved_machine
-from hexsim.tracing.balances.null import used
-from hexsim.tracing.dependence import CURVES, block_numbers, design, knots_of, r2_of
 from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import Fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, in_range, to_coordinate, to_value
+from hexsim.tracing.fitting.rest_dependence import left_by_a_curve, line_in_continuity
 from hexsim.tracing.fitting.rest_level import RestFit, row_sizes
 from hexsim.tracing.problems.balance import BalanceProblem
 
@@ -38,6 +36,7 @@ class Evidence:
     in the rest, whatever little of the effect that motion asks for.
     curve: mean square that a curve over one signal leaves of its own row, over what the effect leaves there.
     in_range: its size, and the time in which it settles, are inside their range: what asks for more is another thing.
+    line: of a tone, the largest share of a row of continuity that stands at its frequency.
     """
 
     candidate: Candidate
@@ -56,6 +55,7 @@ class Evidence:
     traded: float = np.inf
     kept: float = 0.0
     in_range: bool = True
+    line: float = 0.0
 
     @property
     def label(self) -> str:
@@ -77,6 +77,7 @@ def sure(evidence: Evidence) -> bool:
         and min(e.harm, e.traded) < rules.PARTLY_HARM
         and not better_curve
         and e.in_range
+        and e.line < rules.PARTLY_LINE
     )
 
 
@@ -119,6 +120,7 @@ def evidence_of(
         kept=kept_of(before, after),
         curve=left_by_a_curve(base, rival, own, problem),
         in_range=in_range(candidate, rival.fit.values[-1]),
+        line=line_in_continuity(rival.fit, problem),
         tied=tuple(sorted(other.fit.candidates[-1].label for other in tied)),
     )
 
@@ -258,41 +260,3 @@ def apart(found: RestFit, problem: BalanceProblem) -> list[tuple[float, float]]:
     """(coordinate, standard error) of the last effect's first number from each run alone."""
     place = len(found.fit.priors) + sum(len(c.free()) for c in found.fit.candidates[:-1])
     return [rest_errors.estimate(found, place, problem, (i,)) for i in range(len(problem.logs))]
-
-
-def left_by_a_curve(base: RestFit, rival: RestFit, own: Sequence[int], problem: BalanceProblem) -> float:
-    """What a free curve over one signal leaves of the effect's own row, over what the effect leaves; on unseen blocks.
-
-    The row in which the effect takes most. A curve that leaves far less says that the effect stands in for something.
-    """
-    if not own:
-        return np.inf
-    row = max(own, key=lambda k: base.sizes[k] / rival.sizes[k])
-    place = problem.channels(0)[row].rpartition(" of ")[2]
-    place = place if place.startswith("leg") else rival.fit.candidates[-1].where
-    leg = int(place.split()[1]) - 1 if place.startswith("leg") else 0
-    rest = np.concatenate([m[row] for m in base.fit.misfit])
-    blocks = block_numbers([m.shape[1] for m in base.fit.misfit], round(rules.PARTLY_BLOCK_S / problem.thin_s))
-    signals = [signals_at(problem, i, base, leg) for i in range(len(problem.logs))]
-    v = np.concatenate([own_signals["velocity_m_s"] for own_signals in signals])
-    best = 0.0
-    for name in signals[0]:
-        x = np.concatenate([own_signals[name] for own_signals in signals])
-        if np.ptp(x) > 0.0:
-            best = max(best, *(r2_of(design(form, x, v, knots_of(x)), rest, blocks) for form in CURVES))
-    left = max(float(np.var(rest)) * (1.0 - best), 1.0)
-    return left / max(float(rival.sizes[row] ** 2), 1.0)
-
-
-def signals_at(problem: BalanceProblem, i: int, base: RestFit, leg: int) -> dict[str, Array]:
-    """Signals of a leg in log i at the samples of the problem's rows."""
-    log, machine = problem.logs[i], base.fit.machine
-    point = measured_point(log, machine, resolved_machine(machine), leg)
-    window, every = point.sensed.window, problem.every(log)
-    found = {"position_m": point.y, "velocity_m_s": point.v, "valve_V": point.volts, "pressure_supply_Pa": point.Ps}
-    if point.P1 is not None:
-        found["pressure_bottom_Pa"] = point.P1
-    if log.acceleration is not None:
-        found["acceleration_m_s2"] = log.acceleration[-1]
-    smooth = {name: used(log, window.mean(x))[::every] for name, x in found.items()}
-    return smooth | {"time_s": used(log, point.t)[::every]}
