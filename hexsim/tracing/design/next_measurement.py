@@ -57,6 +57,11 @@ class NextMeasurement:
     def scenario(self) -> Scenario:
         return scenario_from_dict(self.tables)
 
+    @property
+    def hangs_on(self) -> tuple[str, ...]:
+        """Of each number the small reality that its expected error hangs on, or "" (`believed.hangs_on`)."""
+        return self.promise.hangs_on or ("",) * len(self.numbers)
+
     def text(self) -> str:
         """The scenario file; what is expected stands in its first lines."""
         lines = [f"# {line}" for line in self.lines()]
@@ -67,8 +72,7 @@ class NextMeasurement:
         found = [self.purpose]
         for (one, other), size in self.promise.separations.items():
             found.append(f"expected separation of {one} and {other}: {self.promise.words(size)}")
-        hangs_on = self.promise.hangs_on or ("",) * len(self.numbers)
-        for number, error, beside in zip(self.numbers, self.promise.errors, hangs_on, strict=True):
+        for number, error, beside in zip(self.numbers, self.promise.errors, self.hangs_on, strict=True):
             found.append(expected_words(number, error, beside))
         if self.load_kg:
             found.append(
@@ -91,7 +95,7 @@ class NextMeasurement:
                     "because": why,
                 }
                 for number, error, beside, least, why in zip(
-                    self.numbers, self.promise.errors, self.promise.hangs_on or ("",) * len(self.numbers),
+                    self.numbers, self.promise.errors, self.hangs_on,
                     self.ceiling.errors, self.ceiling.declared, strict=True,
                 )
             ],

@@ -17,7 +17,7 @@ correlation has put it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -148,14 +148,14 @@ def holds(balance: OwnBalance, point: Point, channel: str) -> bool:
     )
 
 
-def unknowns(balances: Sequence[OwnBalance], points: Sequence[Point], split: Sequence[str] = ()) -> list[Late]:
-    """Every delay to be found: of a run, or of each part for the channels in `split`."""
+def unknowns(points: Sequence[Point], channels: Collection[str], split: Collection[str] = ()) -> list[Late]:
+    """Every delay of these channels to be found: of a run, or of each part for those in `split`."""
     whole = tuple(range(PARTS))
     return [
         Late(run=i, channel=name, parts=parts)
         for i, point in enumerate(points)
         for name in point.shifts_s
-        if any(holds(balance, point, name) for balance in balances)
+        if name in channels
         for parts in ([(k,) for k in whole] if name in split else [whole])
     ]
 
@@ -169,28 +169,28 @@ def refined(
     balances: with the candidates that are fitted beside the delays. constant: channels of one delay a run.
     """
     fit, scored = ([replace(point, aligning=True) for point in some] for some in (points, held_out))
-    channels = {name for point in fit for name in point.shifts_s}
-    balances = [b for b in balances if any(holds(b, p, name) for p in fit for name in channels & p.shifts_s.keys())]
-    lates = unknowns(balances, fit)
-    if not lates:
+    held = [{name for point in fit for name in point.shifts_s if holds(balance, point, name)} for balance in balances]
+    channels = set().union(*held)
+    if not channels:
         return list(points), list(held_out)
+    balances = [balance for balance, names in zip(balances, held, strict=True) if names]
+    lates = unknowns(fit, channels)
     problem = Problem(balances=balances, points=fit)
     found = problem.fit(lates, starts(fit, lates))
-    split = sorted({late.channel for late in lates} - set(constant))
-    if split:
-        finer = unknowns(balances, fit, split)
-        start = [found.seconds[lates.index(replace(late, parts=tuple(range(PARTS))))] for late in finer]
+    if split := channels - set(constant):
+        finer = unknowns(fit, channels, split)
+        start = [found.seconds[lates.index(replace(one, parts=tuple(range(PARTS))))] for one in finer]
         parts = problem.fit(finer, np.array(start))
         found = parts if parts.criterion < found.criterion - CLEARLY else found
     moved = found.moved(starts(fit, found.lates))
     if not moved:
         return list(points), list(held_out)
-    if scored:
+    lates = unknowns(scored, channels, {one.channel for one in found.lates if len(one.parts) == 1})
+    if lates:
         numbers = problem.rests(found.lates, found.seconds)[1]
-        lates = unknowns(balances, scored, sorted({late.channel for late in found.lates if len(late.parts) == 1}))
         alone = Problem(balances=balances, points=scored, numbers=numbers)
-        scored = told(held_out, alone.fit(lates, starts(scored, lates)), moved, late)
-    return told(points, found, moved, late), scored
+        held_out = told(held_out, alone.fit(lates, starts(scored, lates)), moved, late)
+    return told(points, found, moved, late), list(held_out)
 
 
 def told(points: Sequence[Point], found: Fit, moved: set[str], late: Sentences) -> list[Point]:
