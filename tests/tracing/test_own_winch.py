@@ -154,3 +154,16 @@ def test_a_delay_that_a_candidate_does_as_well_stays_where_correlation_put_it(tm
     for point in machine.fit:
         assert point.shifts_s["flow_m3_s"] == pytest.approx(LATE_S, abs=5e-4)
         assert not any("by its reference alone" in text for text in machine.sentences[point.log.name])
+
+
+def test_a_held_out_run_whose_late_channel_stands_still_is_scored_without_a_delay(tmp_path):
+    """The others are aligned; the run says that there is nothing to align, and has its place in the budget."""
+    for seed in range(5):
+        still = {"flow_m3_s": np.zeros(int(SECONDS * RATE))} if seed == 4 else {}
+        pl.DataFrame(logged(seed) | still).write_csv(tmp_path / f"run{seed}.csv")
+    (tmp_path / "balances.toml").write_text(TABLES)
+    (tmp_path / "mapping.toml").write_text('kind = "own"\n' + "".join(f"[columns.{name}]\n" for name in COLUMNS))
+    machine, traces, _ = trace_folder(tmp_path)
+    assert all(point.shifts_s["flow_m3_s"] == pytest.approx(LATE_S, abs=5e-4) for point in machine.fit)
+    assert "flow_m3_s stands still: nothing to align" in machine.sentences["run4"]
+    assert all("run4" in trace.held_out for trace in traces)
