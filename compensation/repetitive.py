@@ -70,7 +70,7 @@ class Repetitive(Adaptive):
         if not isinstance(state, RepetitiveState) or state.ticks == 0:
             return 0.0
         phase, s = state.phase, state.numbers
-        state.error_m[phase] = sample.setpoint_m - sample.position_m
+        state.error_m[phase] = float(sample.preview_m[0]) - sample.position_m
         settled = s.engagement.ramp == 1.0 and s.reference.feed_forward == 1.0
         state.settled_ticks = state.settled_ticks + 1 if settled else 0
         state.phase = phase + 1 if phase + 1 < state.ticks else 0

@@ -90,8 +90,8 @@ def tick_of(state, table, preview, setpoint_m, position_m, control_V, valve_V, b
     n = len(preview) if len(preview) > look + 1 else 1
     middle = (n - 1) // 2
     bend = preview[0] - 2.0 * preview[middle] + preview[2 * middle]
-    if watch_setpoint(state.prediction, n, bend, setpoint_m):
-        behind, here, ahead = predict(state.prediction, table, look, setpoint_m)
+    if watch_setpoint(state.prediction, n, bend, preview[0]):
+        behind, here, ahead = predict(state.prediction, table, look, preview[0])
         state.reference.load_given = 0
     else:
         behind, here, ahead = preview[look - 1], preview[look], preview[look + 1]

@@ -30,6 +30,7 @@ from hexsim.motion_computer.controller import (
     leg_path,
     of_the_setpoint,
     saturated,
+    smoothed,
 )
 from hexsim.motion_computer.declared_control import control_of
 from hexsim.plant import Plant
@@ -110,7 +111,8 @@ def loop_equations(plant: Plant) -> dict[str, Any]:
     """What the motion computer of the plant's machine adds: legs from setpoints and its declared controllers, up to the
     volts that are asked for (control), and from there to the valves (command). A compensator may add in between.
 
-    Positions and pressures are read in place, with the declared gain, offset and resolution, without noise.
+    `followed` (2, n_legs): setpoints behind their filter, and before it, which a compensator is given. Positions and
+    pressures are read in place, with the declared gain, offset and resolution, without noise.
     """
     number, pointer = types.float64, types.CPointer(types.float64)
     n_legs, control, n_inputs = plant.n_legs, control_of(plant.machine), len(plant.kinematics.dofs)
@@ -123,7 +125,7 @@ def loop_equations(plant: Plant) -> dict[str, Any]:
     def control_tick(
         inputs, places, pressures, tops, supply_pressure, memory, setpoints, followed, forward, asked, is_first
     ):  # fmt: skip
-        setpoint, path, out = carray(setpoints, (n_legs,)), carray(followed, (1, n_legs)), carray(asked, (n_legs,))
+        setpoint, path, out = carray(setpoints, (n_legs,)), carray(followed, (2, n_legs)), carray(asked, (n_legs,))
         ahead, kept, top = carray(forward, (n_legs,)), carray(memory, (n_legs, size)), carray(tops, (n_legs,))
         at, below = carray(places, (n_legs,)), carray(pressures, (n_legs,))
         setpoint[:] = piston_positions(carray(inputs, (n_inputs,)))
@@ -131,7 +133,8 @@ def loop_equations(plant: Plant) -> dict[str, Any]:
         load, declared = below - ratio * top, Control(rows, inertia)
         if is_first > 0.0:
             begin(declared, kept, setpoint, at, load)
-        leg_path(declared, kept, setpoint.reshape(1, -1), path)
+        leg_path(declared, kept, setpoint.reshape(1, -1), path[1:])
+        smoothed(declared, kept, path[1], path[0])
         feed_forward(declared, kept, path[0], ahead)
         feedback(declared, kept, path[0], at, load, out)
         for i in range(n_legs):

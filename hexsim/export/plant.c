@@ -280,7 +280,7 @@ static Status hold(Instance *c, double span) {
 /* One tick of the motion computer: from the present positions and pressures to volts. The future is not known. */
 static void control(Instance *c) {
   Numbers *now = &c->now;
-  double position[N_LEGS], bottom[N_LEGS], top[N_LEGS], path[N_LEGS], forward[N_LEGS], asked[N_LEGS], supply, added;
+  double position[N_LEGS], bottom[N_LEGS], top[N_LEGS], path[2 * N_LEGS], forward[N_LEGS], asked[N_LEGS], supply, added;
   int tells[N_LEGS] = {0};
   if (!c->outputs_hold) evaluate(c);
   for (int i = 0; i < N_LEGS; i++) {
@@ -292,7 +292,7 @@ static void control(Instance *c) {
   hexsim_control(now->inputs, position, bottom, top, &supply, now->memory, now->setpoints, path, forward, asked,
                  now->commands == 0);
   for (int i = 0; i < N_LEGS && now->parameters[COMPENSATOR_PARAMETER] > 0; i++) {
-    int told = hexsim_adaptive_step(now->compensators[i], path[i], path + i, 1, position[i], asked[i], forward[i],
+    int told = hexsim_adaptive_step(now->compensators[i], path[i], path + N_LEGS + i, 1, position[i], asked[i], forward[i],
                                     now->commanded[i], bottom[i], top[i], supply, &added);
     if (told & 1) hexsim_adaptive_design(now->compensators[i]);
     tells[i] = told & 128;

@@ -144,19 +144,20 @@ def straight(every, m, setpoints, out):
 
 @compiled
 def leg_path(control, memory, setpoints, out):
-    """Setpoints (k, n_legs) of this tick and the next k - 1 as the loop follows them, into `out`: straight lines where they
-    come more slowly than the ticks, then the filter. The memory goes one tick further."""
-    ahead = np.empty(2)
+    """Setpoints (k, n_legs) of this tick and the next k - 1 into `out`, before the filter: straight lines where they come
+    more slowly than the ticks."""
     for i in range(control.rows.shape[0]):
-        c, m = control.rows[i, C.SMOOTHING :], memory[i, M.SMOOTHING : M.SMOOTHING + 2]
         out[:, i] = setpoints[:, i]
         if control.rows[i, C.EVERY] > 1.0:
             straight(int(control.rows[i, C.EVERY]), memory[i], setpoints[:, i], out[:, i])
-        if c[0] > 0.0:
-            out[0, i] = second_order(c, m, out[0, i])
-            ahead[:] = m
-            for k in range(1, setpoints.shape[0]):
-                out[k, i] = second_order(c, ahead, out[k, i])
+
+
+@compiled
+def smoothed(control, memory, setpoint, out):
+    """The setpoint (n_legs,) of this tick behind its filter, as the controller follows it, into `out`, which may be `setpoint`."""
+    for i in range(control.rows.shape[0]):
+        c, m = control.rows[i, C.SMOOTHING :], memory[i, M.SMOOTHING : M.SMOOTHING + 2]
+        out[i] = second_order(c, m, setpoint[i]) if c[0] > 0.0 else setpoint[i]
 
 
 @compiled
@@ -270,6 +271,7 @@ def tick(control, memory, setpoint, position, pressure, out):
     """One tick of all legs without a compensator: valve volts (n_legs,) [V] into `out`. pressure: p (n_legs,) [Pa]."""
     path, forward = np.empty((1, out.shape[0])), np.empty(out.shape[0])
     leg_path(control, memory, setpoint.reshape(1, -1), path)
+    smoothed(control, memory, path[0], path[0])
     feed_forward(control, memory, path[0], forward)
     feedback(control, memory, path[0], position, pressure, out)
     for i in range(out.shape[0]):

@@ -2,6 +2,9 @@
 
     u = sat(controller + u_c)          `controller.py`; by default Kp (setpoint - position), report 2.2.4
 
+A controller's setpoint filter smooths what it feeds forward. A compensator feeds forward itself: its preview is of before
+the filter, whose delay is not felt (sqrt(2)/omega: 15 ms of a tuned machine).
+
 Runs at the controller's rate; the volts are held in between (zero-order hold).
 """
 
@@ -124,8 +127,10 @@ class PositionLoop:
             self._running = True
         asked, path = np.empty(len(positions)), np.empty_like(setpoints)
         controller.leg_path(control, memory, setpoints, path)
-        controller.feed_forward(control, memory, path[0], self.feed_forward)
-        controller.feedback(control, memory, path[0], positions, load, asked)
+        followed = np.empty_like(asked)  # behind the setpoint filter: what the controller works with
+        controller.smoothed(control, memory, path[0], followed)
+        controller.feed_forward(control, memory, followed, self.feed_forward)
+        controller.feedback(control, memory, followed, positions, load, asked)
         asked += self.feed_forward
         if self.compensators and pressures is not None:
             own = np.empty(len(positions))
@@ -134,7 +139,7 @@ class PositionLoop:
             for i, compensator in enumerate(self.compensators):
                 sample = Sample(
                     time_s=time_s,
-                    setpoint_m=float(path[0, i]),
+                    setpoint_m=float(followed[i]),
                     preview_m=path[: self.previews[i], i],
                     position_m=float(positions[i]),
                     control_V=float(asked[i]),

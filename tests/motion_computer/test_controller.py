@@ -132,18 +132,20 @@ def test_notch_takes_its_frequency_away(bench):
 
 
 def test_setpoint_filter_is_scipys_butterworth(bench):
-    """The same response as scipy's digital Butterworth; no kick at the start; the preview is smoothed alike."""
+    """The same response as scipy's digital Butterworth; no kick at the start; the preview is of before it."""
     control = declared(bench, setpoint_filter_Hz=20.0)
     b, a = signal.butter(2, 20.0, fs=1 / T)
     setpoint = 0.1 + 0.01 * np.sin(np.arange(300) * 0.1)
     smooth = signal.lfilter(b, a, setpoint, zi=signal.lfilter_zi(b, a) * setpoint[0])[0]
     assert play(control, setpoint, np.full(300, 0.1)) == pytest.approx(50.0 * (smooth - 0.1), abs=1e-12)
-    memory, ahead, path = controller.new_memory(1), np.empty((10, 1)), []
+    memory, ahead, followed, path = controller.new_memory(1), np.empty((10, 1)), np.empty(1), []
     controller.begin(control, memory, setpoint[:1], setpoint[:1], np.zeros(1))
     for k in range(200):
         controller.leg_path(control, memory, setpoint[k : k + 10, None], ahead)
-        path.append(ahead[:, 0].copy())
-    assert path[150] == pytest.approx(smooth[150:160], abs=1e-12)
+        controller.smoothed(control, memory, ahead[0], followed)
+        assert np.array_equal(ahead[:, 0], setpoint[k : k + 10])
+        path.append(followed[0])
+    assert path == pytest.approx(smooth[:200], abs=1e-12)
 
 
 def test_slow_setpoints_are_joined_by_straight_lines(bench):

@@ -46,8 +46,8 @@ int @prefix@_init(double *state, const double *settings);
 
 /* One tick. Gives flags, and into `added_V` the volts to add to control_V. Finite and within the valve's range whatever
    it is given.
-   setpoint_m      where the piston is to be, 0 at full retraction
-   preview_m       setpoints of this tick and the next (preview_count of them; 1 = the future is not known)
+   setpoint_m      where the position controller takes the piston, behind a filter that it may have; 0 at full retraction
+   preview_m       before that filter: setpoints of this tick and the next (preview_count of them; 1 = no future is known)
    position_m      measured
    control_V       of the position controller at this tick
    feed_forward_V  the part of control_V that it feeds forward from the setpoint; else 0

@@ -1,0 +1,70 @@
+"""A controller's setpoint filter is not felt once a compensator feeds forward."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from compensation import Compensator, Context, Parameters, Sample
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.motion_computer.position_loop import PositionLoop
+from hexsim.scenarios.scenario import scenario_from_dict
+from hexsim.simulation import simulate
+from hexsim.smoothness import response_delay_s
+
+FILTER_Hz = 14.55  # of the shipped tuned machine
+DELAY_S = math.sqrt(2.0) / (2.0 * math.pi * FILTER_Hz)  # of a Butterworth filter of second order, at low frequencies
+
+
+class Kept(Compensator):
+    """Adds nothing and keeps the samples."""
+
+    name, preview_s = "kept", 0.01
+
+    def start(self, context: Context) -> list[Sample]:
+        return []
+
+    def step(self, state: list[Sample], sample: Sample) -> tuple[float, list[Sample]]:
+        state.append(sample)
+        return 0.0, state
+
+    def parameters(self, state: list[Sample]) -> Parameters:
+        return {}
+
+    def restore(self, context: Context, parameters: Parameters) -> list[Sample]:
+        return []
+
+
+@pytest.fixture(scope="module")
+def filtered():
+    """A bench that feeds the velocity forward, behind the filter."""
+    keys = {"setpoint_filter_Hz": FILTER_Hz, "velocity_feed_forward_V_s_per_m": 6.4}
+    return changed(load_machine("bench"), {f"controller.{key}": value for key, value in keys.items()})
+
+
+def test_a_compensator_is_given_setpoints_before_the_filter(filtered) -> None:
+    """Its preview is what was asked for; `setpoint_m`, from which the controller's volts come, is behind the filter: of a
+    ramp of 0.1 m/s 1.5 mm late."""
+    loop, ramp = PositionLoop(filtered, [Kept()], None), 0.05 + 0.1 * 0.002 * np.arange(206.0)
+    for k in range(200):
+        loop.tick(0.002 * k, ramp[k : k + 6, None], np.array([0.1]), np.array([3.5e6]), 7e6)
+    last = loop.states[0][-1]
+    assert np.array_equal(last.preview_m, ramp[199:205])
+    assert last.preview_m[0] - last.setpoint_m == pytest.approx(0.1 * DELAY_S, rel=0.01)
+    volts = filtered.controller.gain_V_per_m * (last.setpoint_m - last.position_m) + last.feed_forward_V
+    assert last.control_V == pytest.approx(volts, rel=1e-12)
+
+
+@pytest.mark.parametrize(("algorithm", "at_least_s", "at_most_s"), [("none", DELAY_S, 0.03), ("adaptive", -0.001, 0.001), ("repetitive", -0.001, 0.001)])
+def test_the_filters_delay_is_not_felt(filtered, algorithm: str, at_least_s: float, at_most_s: float) -> None:
+    """Half a hertz, 0.05 m: plain control comes later than its filter, a compensated piston within half a tick of 2 ms; and
+    what `repetitive` learns from period to period does not bring the filter's delay back."""
+    axes = {"z": {"kind": "sine", "amplitude": 0.05, "frequency_Hz": 0.5}}
+    heave = scenario_from_dict({"name": "heave", "mode": "dof", "duration_s": 20.0, "fade_s": 2.0, "axes": axes})
+    log = simulate(filtered, heave, compensator=algorithm).log
+    time, piston, asked = (log[name].to_numpy() for name in ("time_s", "position_1_m", "setpoint_1_m"))
+    late = time > 14.0
+    assert at_least_s < response_delay_s(time[late], piston[late], asked[late]) < at_most_s
