@@ -31,8 +31,12 @@ class Sample:
     """
 
     time_s: float
-    setpoint_m: float  # piston position that the controller compares with, behind its setpoint filter; 0 at full retraction
-    preview_m: np.ndarray  # (n,) before it: demanded at this tick and the next n - 1 ticks, n = 1 + round(preview_s * rate)
+    setpoint_m: (
+        float  # piston position that the controller compares with, behind its setpoint filter; 0 at full retraction
+    )
+    preview_m: (
+        np.ndarray
+    )  # (n,) before it: demanded at this tick and the next n - 1 ticks, n = 1 + round(preview_s * rate)
     position_m: float  # measured, with noise and quantisation
     control_V: float  # output of the controller at this tick, Kp (setpoint - position) and what else it has
     valve_V: float  # total sent to the valve at the previous tick, after saturation

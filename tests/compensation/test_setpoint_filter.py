@@ -58,13 +58,16 @@ def test_a_compensator_is_given_setpoints_before_the_filter(filtered) -> None:
     assert last.control_V == pytest.approx(volts, rel=1e-12)
 
 
-@pytest.mark.parametrize(("algorithm", "at_least_s", "at_most_s"), [("none", DELAY_S, 0.03), ("adaptive", -0.001, 0.001), ("repetitive", -0.001, 0.001)])
+@pytest.mark.parametrize(
+    ("algorithm", "at_least_s", "at_most_s"),
+    [("none", DELAY_S, math.inf), ("adaptive", -0.001, 0.001), ("repetitive", -0.001, 0.001)],
+)
 def test_the_filters_delay_is_not_felt(filtered, algorithm: str, at_least_s: float, at_most_s: float) -> None:
     """Half a hertz, 0.05 m: plain control comes later than its filter, a compensated piston within half a tick of 2 ms; and
     what `repetitive` learns from period to period does not bring the filter's delay back."""
     axes = {"z": {"kind": "sine", "amplitude": 0.05, "frequency_Hz": 0.5}}
     heave = scenario_from_dict({"name": "heave", "mode": "dof", "duration_s": 20.0, "fade_s": 2.0, "axes": axes})
     log = simulate(filtered, heave, compensator=algorithm).log
-    time, piston, asked = (log[name].to_numpy() for name in ("time_s", "position_1_m", "setpoint_1_m"))
+    time, piston, asked = (log[name].to_numpy() for name in ("time_s", "position_m", "setpoint_m"))
     late = time > 14.0
     assert at_least_s < response_delay_s(time[late], piston[late], asked[late]) < at_most_s
