@@ -26,6 +26,7 @@ import numpy as np
 
 from ..compiled import compiled
 from .arithmetic import clip, copy, dot
+from .chamber_pressures import edge_roots
 from .chambers import softplus_V
 from .layout import AFTER, BEFORE, LATE_TICKS, LATES, PAST_VOLTS, SPOOLS
 from .spool import step_response
@@ -38,12 +39,12 @@ LATE_SLACK = 0.125  # by which a lateness may be longer than the delay that it i
 FINE = 5  # samples a tick
 NOISE_M = 3.3e-6  # of an oil displacement
 MEMORY = 0.985  # of the sums, a reversal
-ERRORS, ERRORS_FIRST = 0.2, 1.3  # standard deviations added to the delay at last; and further ones at first
-CAUTION = 0.06  # of the delay, added to it: found delays were 2 to 6 % short
+ERRORS, ERRORS_FIRST = 0.0, 1.3  # standard deviations added to the delay at last; and further ones at first
+BETWEEN = 3  # parts of the interval between two spools of the bank, in which S is interpolated
 MODEL_SUM = 0.3  # of a reversal, which errors of the rest of the model may make
 MAX_SUM = 40.0  # that one reversal may add
 
-SOFTNESS_MEMORY, SOFTNESS_REVERSALS, SOFTNESS_ERRORS = 0.95, 4, 2.0  # a reversal; before it is used; taken off
+SOFTNESS_MEMORY, SOFTNESS_REVERSALS, SOFTNESS_ERRORS = 0.97, 4, 1.0  # a reversal; before it is used; taken off
 MAX_SOFTNESS_M_PA = 1e-10
 
 
@@ -55,12 +56,31 @@ def _nuisance() -> np.ndarray:
 NUISANCE = _nuisance()  # Q (BEFORE + AFTER + 1, 3)
 
 
+def _between() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Spools between those of the bank (M,), the first of the three that S is interpolated from (M,), their weights (M, 3)."""
+    bank, parts = SPOOL_LAGS_S, np.arange(BETWEEN) / BETWEEN
+    lags = np.append((bank[:-1, None] + np.diff(bank)[:, None] * parts).ravel(), bank[-1])
+    first = np.clip([np.abs(bank - lag).argmin() - 1 for lag in lags], 0, SPOOLS - 3)
+    weights = np.ones((len(lags), 3))
+    for a in range(3):
+        for b in {0, 1, 2} - {a}:
+            weights[:, a] *= (lags - bank[first + b]) / (bank[first + a] - bank[first + b])
+    return lags, first, weights
+
+
+BETWEEN_LAGS_S, FIRST_OF_THREE, WEIGHTS_OF_THREE = _between()
+
+
 @compiled
-def add_to_delay(delay, position_m, pressure_Pa, volts_V, flow_m_s, roots, valve, compliance_m_Pa, compensated):
-    """One tick: position now less what leaked, pressure now, volts of the tick past, demanded flow now. True when a
+def add_to_delay(
+    delay, settings, position_m, pressure_Pa, supply_Pa, volts_V, flow_m_s, roots, valve, compliance_m_Pa, compensated,
+    late_s,
+):
+    """One tick: position now less what leaked, pressures now, volts of the tick past, demanded flow now. True when a
     reversal was judged.
 
-    compensated: whether the reversal that lies AFTER ticks back, if one does, was. `delay.rounding_V` is that of the edges.
+    roots: R of both edges, of a four-way valve; of a single chamber they follow its pressure over the reversal.
+    late_s: of the position, as known so far; compensated: whether the reversal that lies AFTER ticks back, if one does, was. `delay.rounding_V` is that of the edges.
     """
     _append(delay.volts_V, volts_V)
     _append(delay.oil_m, position_m)
@@ -71,7 +91,13 @@ def add_to_delay(delay, position_m, pressure_Pa, volts_V, flow_m_s, roots, valve
         delay.direction = flow_m_s
     delay.ticks += 1
     if delay.ticks == AFTER + 1 and compensated and delay.pressures_Pa[0] != 0.0:  # the history is full
-        _prepare(delay, roots, valve, compliance_m_Pa)
+        _prepare(delay, valve, compliance_m_Pa)
+        for i in range(BEFORE + AFTER):
+            if settings.rod_ratio == 0.0:
+                near = LATE_TICKS + i - round(late_s / delay.tick_s)
+                mean_Pa = 0.5 * (delay.pressures_Pa[near] + delay.pressures_Pa[near + 1])
+                roots = edge_roots(settings, supply_Pa, mean_Pa)
+            delay.task_roots[0, i], delay.task_roots[1, i] = roots
     return delay.tested >= 0 and _compare(delay)
 
 
@@ -94,7 +120,7 @@ def found_delay_s(delay, lag_s):
     mean /= total
     errors = ERRORS + ERRORS_FIRST / (1.0 + delay.reversals + delay.heard_reversals)
     deviation = math.sqrt(max(square / total - mean * mean, 0.0))
-    return min((1.0 + CAUTION) * mean + errors * deviation, most_s)
+    return min(mean + errors * deviation, most_s)
 
 
 @compiled
@@ -121,12 +147,15 @@ def _moments(delay, lag_s):
     share, least = 1.0 / (1.0 + delay.reversals), math.inf
     for k in range(SPOOLS * LATES):
         least = min(least, delay.sums[k] + share * delay.heard[k])
-    for i in range(SPOOLS):
-        late = max(lag_s - SPOOL_LAGS_S[i], 0.0)
+    for m in range(len(BETWEEN_LAGS_S)):
+        late, first = max(lag_s - BETWEEN_LAGS_S[m], 0.0), FIRST_OF_THREE[m]
         for j in range(LATES):
             if j == 0 or (LATE[j] - LATE_SLACK) * delay.tick_s < late:
-                k = i * LATES + j
-                weight = math.exp(0.5 * (least - delay.sums[k] - share * delay.heard[k]))
+                s = 0.0
+                for a in range(3):
+                    k = (first + a) * LATES + j
+                    s += WEIGHTS_OF_THREE[m, a] * (delay.sums[k] + share * delay.heard[k])
+                weight = math.exp(0.5 * (least - s))
                 total, mean, square = total + weight, mean + weight * late, square + weight * late * late
                 lateness += weight * LATE[j] * delay.tick_s
     return total, mean, square, lateness
@@ -159,7 +188,7 @@ def restore_delay(delay, lateness, known):
 
 
 @compiled
-def _prepare(delay, roots, valve, compliance_m_Pa):
+def _prepare(delay, valve, compliance_m_Pa):
     """The reversal in the history is the one to compare."""
     volts, down, up = delay.task_volts_V, valve.edges[0], valve.edges[1]
     for i in range(len(volts)):
@@ -180,7 +209,7 @@ def _prepare(delay, roots, valve, compliance_m_Pa):
             follower += math.copysign(half, volts[0] - volts[-1])
         for i in range(len(volts)):
             follower = volts[i] = clip(follower, volts[i] - half, volts[i] + half)
-    delay.gains_m_s_V[0], delay.gains_m_s_V[1] = down.gain_m_s_V * roots[0], up.gain_m_s_V * roots[1]
+    delay.gains_m_s_V[0], delay.gains_m_s_V[1] = down.gain_m_s_V, up.gain_m_s_V
     delay.dead_bands_V[0], delay.dead_bands_V[1] = down.dead_band_V, up.dead_band_V
     delay.lag_s, delay.tested = valve.lag_s, 0
 
@@ -195,15 +224,17 @@ def _modelled_oil(delay, spool_s):
         pulse[i] = step_response(t, delay.lag_s, delay_s) - step_response(t - tick_s, delay.lag_s, delay_s)
     moved, error[0] = 0.0, delay.task_oil_m[0]
     for k in range(len(error) - 1):
-        flow = 0.0
+        into = out = 0.0
         for i in range(FINE):
             path = volts[0]
             for j in range(PAST_VOLTS + 2):
                 if k + PAST_VOLTS - j >= 0:  # before that the volts are taken as constant
                     path += (volts[k + PAST_VOLTS - j] - volts[0]) * pulse[j * FINE + i]
-            flow += delay.gains_m_s_V[1] * softplus_V(path - delay.dead_bands_V[1], delay.rounding_V)
-            flow -= delay.gains_m_s_V[0] * softplus_V(-path - delay.dead_bands_V[0], delay.rounding_V)
-        moved += flow / FINE
+            into += softplus_V(path - delay.dead_bands_V[1], delay.rounding_V)
+            out += softplus_V(-path - delay.dead_bands_V[0], delay.rounding_V)
+        into *= delay.gains_m_s_V[1] * delay.task_roots[1, k]
+        out *= delay.gains_m_s_V[0] * delay.task_roots[0, k]
+        moved += (into - out) / FINE
         error[k + 1] = delay.task_oil_m[k + 1] - moved * tick_s
 
 

@@ -262,4 +262,5 @@ def add_to_trim(trim, oil_error_m, flow_m_s, identified_V, highest_V):
         if abs(excess) < MAX_EXCESS_M:
             bias_m = math.copysign(TRIM_BIAS_M, trim.rounding_V - identified_V)
             gain_V_m = TRIM_V_M * (KNOWN_SHARE if identified_V > 0.0 else 1.0)
-            trim.rounding_V = clip(trim.rounding_V + gain_V_m * (excess - bias_m), 0.0, highest_V)
+            if identified_V > 0.0:
+                trim.rounding_V = clip(trim.rounding_V + gain_V_m * (excess - bias_m), 0.0, highest_V)

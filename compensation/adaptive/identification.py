@@ -27,7 +27,7 @@ from .stribeck import add_to_stribeck, update_stribeck
 from .trust import judge_compensated
 from .valve import add_to_valve, valve_ready, valve_usable
 
-DELAY_TOLERANCE_S = 1e-4  # change of the delay from which the taps are designed anew
+DELAY_TOLERANCE_S = 4e-5  # change of the delay from which the taps are designed anew
 LAG_REVERSAL_S = 1.5e-4  # most that the lag of a compensated leg moves at a reversal
 LAG_TOLERANCE_S = 2e-5  # change of the lag from which the taps are designed anew
 RESONANCE_TOLERANCE = 0.06  # relative change of the load's resonance from which they are, too
@@ -39,8 +39,9 @@ def identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     settings, v, valve = state.settings, valve_V - state.valve.null_V, state.valve
     _, share, acceleration_m_s2, reference_m, oil_m, velocity_m_s, sign, friction_step = now
     compensated, engaged = state.engagement.ramp == 1.0, state.engagement.ramp > 0.0
-    means, roots = _measured_roots(state, position_m, p, supply_Pa)
-    state.last_bottom_Pa, p_late = p, pressure_then_Pa(state.lateness, p)
+    p_late = pressure_then_Pa(state.lateness, p)
+    means, roots = _measured_roots(state, position_m, p_late, supply_Pa)
+    state.last_bottom_Pa = p_late
     z = position_m + compliance_m_Pa(settings, position_m) * p_late
     push(state.oil_error_m, z - oil_m)
     leak_m_s = follow_leak(valve, means)
@@ -53,7 +54,7 @@ def identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     add_to_valve(valve, z, v, means[1 if v > 0 else 0])
     if not engaged and edges_moved(valve):
         start_leak(state.leak)
-    find_delay(state, position_m, p, v, velocity_m_s, roots, compensated)
+    find_delay(state, position_m, p, supply_Pa, v, velocity_m_s, roots, compensated)
     if compensated and not valve.four_way:
         identified_V, highest_V = lower_bound_V(state.rounding), 0.5 * valve.edges[0].dead_band_V
         add_to_trim(state.trim, state.oil_error_m, velocity_m_s - leak_m_s, identified_V, highest_V)
@@ -94,7 +95,7 @@ def identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
 
 @compiled
 def _measured_roots(state, position_m, p, supply_Pa):
-    """R of the edges retracting and extending: with the mean pressures of the tick past, and now."""
+    """R of the edges retracting and extending: with the mean pressures of the tick past, and now, p that of the position."""
     settings, chambers = state.settings, state.chambers
     if settings.rod_ratio == 0.0:
         return edge_roots(settings, supply_Pa, 0.5 * (p + state.last_bottom_Pa)), edge_roots(settings, supply_Pa, p)
@@ -105,13 +106,15 @@ def _measured_roots(state, position_m, p, supply_Pa):
 
 
 @compiled
-def find_delay(state, position_m, p, volts_V, velocity_m_s, roots, compensated):
+def find_delay(state, position_m, p, supply_Pa, volts_V, velocity_m_s, roots, compensated):
     """One tick of the delay, and of how much of it is the position's."""
     delay, lateness, valve = state.delay, state.lateness, state.valve
     y, flow_m_s = position_m - state.leaked_m, velocity_m_s - valve.leak_m_s * valve.leak_ratio
     compliance = compliance_m_Pa(state.settings, position_m)
     delay.rounding_V = state.trim.rounding_V
-    delay.tells = add_to_delay(delay, y, p, volts_V, flow_m_s, roots, valve, compliance, compensated)
+    delay.tells = add_to_delay(
+        delay, state.settings, y, p, supply_Pa, volts_V, flow_m_s, roots, valve, compliance, compensated, lateness.late_s
+    )
     if delay.tells or (delay.hears and state.lag_s > 0.0):
         delay.hears = False
         late_s = found_lateness_s(delay, state.lag_s)

@@ -169,6 +169,7 @@ DELAY = record(  # delay.py
     found=("f8", (SPOOLS * LATES,)),
     pressures_Pa=("f8", (BEFORE + AFTER + 1 + LATE_TICKS,)),  # oldest first
     task_pressures_Pa=("f8", (LATES, BEFORE + AFTER + 1)),  # by how late the position is
+    task_roots=("f8", (2, BEFORE + AFTER)),  # sqrt(dp/dp_ref) of the edges, a tick
     least_m2="f8", best_product="f8", best_square="f8",
     pressure_square="f8", pressure_product="f8",  # of pressure and oil that is missing
     error_m=("f8", (BEFORE + AFTER + 1,)), pulse=("f8", (5 * (PAST_VOLTS + 2),)),  # work
