@@ -52,6 +52,9 @@ STABILITY_SPEED_M_S = 1.2e-3  # stability limit [m/s2] over growth rate of the h
 LOCKOUT_S, LOCKOUT_RATIO = 4.0, 4.0  # after the first trip, and how many times longer after each further one
 REVERSALS_TO_FORGIVE = 20  # good ones, after which one trip is forgotten
 MAX_WAIT_S = 1.0  # for the middle of a half stroke, to leave a valve that is no longer identified
+MAX_WAIT_OTHERS_S = 10.0  # most that a leg of a platform waits for the others
+TELL_TICKS, HEARD_S = 50, 0.3  # between two times that a leg says how far it is; for which others remember it
+READY_S = 3.0  # for which a leg that was ready counts as ready, whatever its last reversal was like
 FRICTION_S = 0.1  # in which friction comes in before the ramp, of a leg that is told its load
 MIN_OPEN_S = 0.08  # time the valve has been open under plain control before engaging
 ARMED_ENGAGE_S, ARMED_FEED_FORWARD_S = 0.1, 0.4  # ramp and g after a start with what was learned
@@ -89,7 +92,7 @@ def update_engagement(state, setpoint_m_s, setpoint_m_s2, position_m, control_V,
     if engagement.lockout_s > 0.0:
         engagement.lockout_s -= settings.tick_s
 
-    phase = engagement.phase = _next_phase(state, identified)
+    phase = engagement.phase = _next_phase(state, identified, _may_engage(state, identified))
     _watch_following(state, settings.position_gain_V_per_m * abs(behind_m))
     if phase == TRIPPED:
         engagement.ramp = max(0.0, engagement.ramp - TRIP_SPEED * step)
@@ -144,7 +147,7 @@ def _move_feed_forward(state, identified):
 
 
 @compiled
-def _next_phase(state, identified):
+def _next_phase(state, identified, may_engage):
     """The table's second column."""
     engagement = state.engagement
     engagement.lost_ticks = 0 if identified else engagement.lost_ticks + 1
@@ -156,8 +159,7 @@ def _next_phase(state, identified):
         if engagement.armed and moves and engagement.reversal_ticks > DEMANDS:
             engagement.ramp_step = state.settings.tick_s / ARMED_ENGAGE_S
             return ENGAGING
-        allowed = engagement.excited and engagement.friction_share == 1.0 and engagement.engage_window
-        return ENGAGING if allowed and checks_passed(state) else PLAIN
+        return ENGAGING if may_engage else PLAIN
     if engagement.ramp < 1.0:
         return ENGAGING if engagement.excited or engagement.armed else DISENGAGING
     if engagement.excited or engagement.armed:
@@ -166,6 +168,43 @@ def _next_phase(state, identified):
     lags = state.reference.linear == 0.0 or state.settings.controller_feeds_forward != 0.0
     may_leave = lags and (engagement.after_reversal or at_rest)
     return DISENGAGING if may_leave else FEED_FORWARD_OUT
+
+
+@compiled
+def _may_engage(state, identified):
+    """Whether a leg under plain control is ready to engage, it may do so now, and no other leg of its platform is waited for.
+
+    Where some legs are compensated and others are not, bumps that cancelled in an axis no longer do: with three legs that know
+    their machine one reversal in fourteen is worse than plain control's. So those that are ready wait for those that are not.
+    """
+    engagement, tick_s, told = state.engagement, state.settings.tick_s, state.reference.load_given == 2
+    plain = engagement.ramp == 0.0 and engagement.lockout_s <= 0.0
+    known = plain and identified and engagement.excited and engagement.friction_share == 1.0
+    ready = known and (engagement.engage_window or told) and checks_passed(state)
+    engagement.ready_s = READY_S if ready else max(0.0, engagement.ready_s - tick_s)
+    engagement.asks = plain and told and engagement.excited and engagement.ready_s == 0.0
+    engagement.ticks = engagement.ticks + 1 if told else 0
+    engagement.asked_s = max(0.0, engagement.asked_s - tick_s)
+    engagement.joined_s = max(0.0, engagement.joined_s - tick_s)
+    others = engagement.asked_s > 0.0 and engagement.joined_s == 0.0
+    waits = ready and others and engagement.waited_s < MAX_WAIT_OTHERS_S
+    engagement.waited_s = engagement.waited_s + tick_s if waits else (engagement.waited_s if plain else 0.0)
+    return ready and engagement.engage_window and not waits
+
+
+@compiled
+def tells_now(engagement):
+    """Whether this tick tells the other legs of a platform how far this one is."""
+    return engagement.ticks % TELL_TICKS == 1
+
+
+@compiled
+def hear_engagement(engagement, other):
+    """Another leg tells how far it is."""
+    if other.asks:
+        engagement.asked_s = HEARD_S
+    if other.ramp > 0.0:
+        engagement.joined_s = HEARD_S
 
 
 @compiled

@@ -213,6 +213,10 @@ ENGAGEMENT = record(  # engagement.py
     armed="i8",  # started with what was learned: engages before the first reversal
     follows_V="f8",  # largest of late by which the loop brings a compensated piston back to the reference
     other="i8",  # the lockout is of a machine that is not the one that was learned
+    asks="i8", ticks="i8",  # a platform's leg that is to engage and not ready yet; ticks of a platform's leg
+    asked_s="f8", joined_s="f8",  # for which another leg that asks, one that is compensated, is remembered
+    waited_s="f8",  # for which this leg, ready itself, has waited
+    ready_s="f8",  # for which it counts as ready, though a check fails at the last reversal
 )  # fmt: skip
 PREDICTION = record(  # prediction.py
     look="i8",

@@ -26,7 +26,7 @@ from .crossing_oil import settle_crossing, stay_on_side
 from .delay import hear_delay, softness_m_Pa
 from .demand import append_demand, drop_demand
 from .edge_rounding import jumps
-from .engagement import update_engagement, weight
+from .engagement import hear_engagement, tells_now, update_engagement, weight
 from .feedback import backlash_inverse, cross_backlash, damping
 from .friction import demanded_pressure, missing_step_Pa
 from .identification import identify
@@ -101,16 +101,17 @@ def tick_of(state, table, preview, setpoint_m, position_m, control_V, valve_V, b
         told |= REJECTED if state.engagement.other else WORSE
     if valve_rejected(state.valve):
         told |= REJECTED
-    if state.settings.learn and state.delay.tells:
+    if (state.settings.learn and state.delay.tells) or tells_now(state.engagement):
         told |= TELLS
     return volts, told
 
 
 @compiled
 def hear(state, other):
-    """After a tick in which another leg of the machine told TELLS: what its reversal says of the delay. On four-way valves
-    each leg's lag holds a leak by its own load: nothing is heard."""
-    if not state.valve.four_way and abs(state.valve.lag_s - other.valve.lag_s) < LAGS_ALIKE_S:
+    """After a tick in which another leg of the machine told TELLS: how far it is with engaging, and what its reversal says of the
+    delay. On four-way valves each leg's lag holds a leak by its own load: nothing is heard of it."""
+    hear_engagement(state.engagement, other.engagement)
+    if other.delay.tells and not state.valve.four_way and abs(state.valve.lag_s - other.valve.lag_s) < LAGS_ALIKE_S:
         hear_delay(state.delay, other.delay)
 
 
