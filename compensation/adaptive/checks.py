@@ -35,7 +35,7 @@ def checks_passed(state):
             state.reference.load_given == 2,
             noise_range(state.valve.four_way, state.reference.load_given == 2),
         )
-        and lags_agree(state.valve)
+        and lags_agree(state.valve, state.reference.load_given == 2)
         and crossing_in_time(state.valve)
         and (
             not jumps(state.valve)

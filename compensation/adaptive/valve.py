@@ -45,6 +45,7 @@ from .valve_edge import (
 )
 
 MAX_LAG_OIL_M = 15e-6  # oil at a crossing of the overlap by which the lags of both edges may differ: one spool, one lag
+MAX_LAG_OIL_TOLD_M = 2.5e-5  # 1.8 ms: of a leg that has just become ready, two standard errors
 MAX_LAG_OIL_PAIR_M = 5e-5  # on a four-way valve under load, whose directions differ by 0.6 ms about the spool's lag
 MAX_CROSSING_V_S = 5.5e-3  # overlap times lag up to which a four-way valve's is compensated
 NULL_ALPHA, NULL_BETA = 0.08, 0.47  # most with which the null follows, a window; and its rate, of the square of it
@@ -87,15 +88,15 @@ def valve_usable(valve):
 
 
 @compiled
-def lags_agree(valve):
+def lags_agree(valve, told):
     """Whether both directions, and the fits without and with backlash, find the lag of one spool.
 
-    Measured as oil at a crossing of the overlap.
+    Measured as oil at a crossing of the overlap. told: a platform's leg, which the other legs wait for.
     """
     down, up = valve.edges[0], valve.edges[1]
     crossing_m_s = max(down.gain_m_s_V, up.gain_m_s_V) * (down.dead_band_V + up.dead_band_V)
     difference_s = 0.5 * abs(lag_difference_s(down) + lag_difference_s(up))
-    most_m = MAX_LAG_OIL_PAIR_M if valve.four_way else MAX_LAG_OIL_M
+    most_m = MAX_LAG_OIL_PAIR_M if valve.four_way else (MAX_LAG_OIL_TOLD_M if told else MAX_LAG_OIL_M)
     return crossing_m_s * max(abs(down.lag_s - up.lag_s), difference_s) < most_m
 
 
