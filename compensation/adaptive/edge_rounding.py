@@ -44,7 +44,7 @@ NOISE_M = 5e-6  # of a passage: two positions, and the residual of the identifie
 MAX_EXCESS_M = 3e-5  # a passage, or a compensated reversal, with more than this is something else
 MAX_PASSAGE_S = 0.5  # so is a passage that takes longer
 MEMORY, MEMORY_EARLY = 15.0, 2.0  # passages; the second while the valve itself is being identified
-LOWER_ERRORS, LOWER_ERRORS_PAIR = 3.0, 1.0  # standard errors of q from which edges are taken as rounded
+LOWER_ERRORS, LOWER_ERRORS_TOLD, LOWER_ERRORS_PAIR = 3.0, 4.0, 1.0  # standard errors of q from which edges are rounded
 UPPER_ERRORS = 2.0  # standard errors of q added for the upper confidence bound
 REJECT_ERRORS = 7.0  # standard errors of q below zero at which the identified valve is rejected
 MISFIT_SHARE, MAX_MISFIT = 0.2, 3.0  # low-pass of the misfit, and its bound
@@ -77,6 +77,13 @@ def start_rounding(rounding, four_way):
         rounding.straight_V, rounding.lower_errors = PAIR * STRAIGHT_V, LOWER_ERRORS_PAIR
     rounding.variance_V4, rounding.misfit, rounding.lag_s = rounding.prior_V**4, 1.0, -1.0
     rounding.model[0], rounding.probe_V = 1.0, rounding.least_probe_V
+
+
+@compiled
+def disturb_rounding(rounding, told):
+    """told: a platform's leg, whose passages other legs disturb."""
+    if told and rounding.lower_errors == LOWER_ERRORS:
+        rounding.lower_errors = LOWER_ERRORS_TOLD
 
 
 @compiled

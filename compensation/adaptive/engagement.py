@@ -58,6 +58,7 @@ READY_S = 3.0  # for which a leg that was ready counts as ready, whatever its la
 FRICTION_S = 0.1  # in which friction comes in before the ramp, of a leg that is told its load
 MIN_OPEN_S = 0.08  # time the valve has been open under plain control before engaging
 ARMED_ENGAGE_S, ARMED_FEED_FORWARD_S = 0.1, 0.4  # ramp and g after a start with what was learned
+TOLD_FEED_FORWARD = 0.5  # of the time in which g comes in, of a platform's leg: the others begin with it
 JOIN_ERRORS = 4.0  # standard deviations of a position within which a piston stands at its setpoint
 JOIN_M_S2, JOIN_M_S = 5e-3, 3e-3  # or with which the loop brings it there; of a setpoint whose motion has not begun
 OTHER_RATIO, OTHER_V = 2.0, 0.01  # over how far a piston follows where it was learned: another machine
@@ -132,7 +133,8 @@ def _move_feed_forward(state, identified):
         reference.feed_forward = reference.linear = 0.0
     elif engagement.ramp == 1.0:
         coming = identified and (engagement.excited or engagement.armed)
-        rise_s = ARMED_FEED_FORWARD_S if engagement.armed else settings.feed_forward_s
+        rise_s = settings.feed_forward_s * (TOLD_FEED_FORWARD if reference.load_given == 2 else 1.0)
+        rise_s = ARMED_FEED_FORWARD_S if engagement.armed else rise_s
         change = settings.tick_s / rise_s if coming else -settings.tick_s / settings.disengage_s
         reference.linear = clip(reference.linear + change, 0.0, 1.0)
         waits = state.trust.turning_s > 0.0 and not state.trust.trusted

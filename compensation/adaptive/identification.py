@@ -8,7 +8,7 @@ from .chamber_pressures import across_Pa, edge_roots, pair_roots
 from .chambers import compliance_m_Pa
 from .delay import add_to_delay, found_delay_s, found_lateness_s, softness_m_Pa
 from .demand import stretch_demands
-from .edge_rounding import add_to_rounding, add_to_trim, lower_bound_V, told_while_compensated
+from .edge_rounding import add_to_rounding, add_to_trim, disturb_rounding, lower_bound_V, told_while_compensated
 from .friction import (
     add_to_friction,
     friction_ready,
@@ -58,6 +58,7 @@ def identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     if compensated and not valve.four_way:
         identified_V, highest_V = lower_bound_V(state.rounding), 0.5 * valve.edges[0].dead_band_V
         add_to_trim(state.trim, state.oil_error_m, velocity_m_s - leak_m_s, identified_V, highest_V)
+    disturb_rounding(state.rounding, state.reference.load_given == 2)
     if valve_usable(valve):
         if engaged and not told_while_compensated(valve):
             state.rounding.ticks = 0
