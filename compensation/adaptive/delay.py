@@ -4,14 +4,15 @@ Plain control's volts are slow, and of a spool they show the lag alone: a second
 phase of a delay as long as its lag, up to the third order in frequency. Only where the volts jump, at a compensated
 reversal, do the two part. So a bank of spools, all with the identified total lag, is run over each of them:
 
-    d = tau - tau_s,     x_s = spool(tau_s) u(t - d),     z_s' = k f(x_s) R,     f with the rounding of the edges
+    d = tau - tau_s,     x_s = spool(tau_s) u(t - d),     z_s' = k f(x_s) R(t),     f with the rounding of the edges
     S_sj += |(1 - Q Q') (y + c P(t - l_j) - z_s)|^2 / noise^2,     c = V / (E A1)
 
 A position transducer that is late by l_j, up to three ticks, makes its part of the delay; the pressure is not late. So the bank is
 of spools and of lateness: which of the pressures past makes oil with the position. Q holds what other errors leave: a
-constant, a slope (leak, null) and a kink at the reversal (gain, dead band). S / 2 is a negative log-likelihood. Too long a
-delay is benign: the lead then trusts the spool too much, and is a little slow. Too short a one makes the volts
-overshoot into the flow. So a standard deviation is added.
+constant, a slope (leak, null) and a kink at the reversal (gain, dead band). R follows the pressure, which steps at a reversal
+by friction: 1.5 % of the flow on one side made every delay 0.1 ms short. S / 2 is a negative log-likelihood, between the spools of
+the bank a parabola. A delay of 6 ms that is wrong by 0.2 ms either way leaves 0.1 m/s2 of 0.9 (100 and 160 kg). At the first
+reversals a standard deviation is added: too long a delay makes the lead a little slow, too short a one overshoots into the flow.
 
 Legs of one machine are alike. What a reversal of another leg told is added, over 1 + the own reversals:
 
@@ -26,7 +27,6 @@ import numpy as np
 
 from ..compiled import compiled
 from .arithmetic import clip, copy, dot
-from .chamber_pressures import edge_roots
 from .chambers import softplus_V
 from .layout import AFTER, BEFORE, LATE_TICKS, LATES, PAST_VOLTS, SPOOLS
 from .spool import step_response
@@ -39,7 +39,7 @@ LATE_SLACK = 0.125  # by which a lateness may be longer than the delay that it i
 FINE = 5  # samples a tick
 NOISE_M = 3.3e-6  # of an oil displacement
 MEMORY = 0.985  # of the sums, a reversal
-ERRORS, ERRORS_FIRST = 0.0, 1.3  # standard deviations added to the delay at last; and further ones at first
+ERRORS_FIRST = 1.3  # standard deviations added to the delay at the first reversals, over 1 + their number
 BETWEEN = 3  # parts of the interval between two spools of the bank, in which S is interpolated
 MODEL_SUM = 0.3  # of a reversal, which errors of the rest of the model may make
 MAX_SUM = 40.0  # that one reversal may add
@@ -72,19 +72,17 @@ BETWEEN_LAGS_S, FIRST_OF_THREE, WEIGHTS_OF_THREE = _between()
 
 
 @compiled
-def add_to_delay(
-    delay, settings, position_m, pressure_Pa, supply_Pa, volts_V, flow_m_s, roots, valve, compliance_m_Pa, compensated,
-    late_s,
-):
-    """One tick: position now less what leaked, pressures now, volts of the tick past, demanded flow now. True when a
-    reversal was judged.
+def add_to_delay(delay, position_m, pressure_Pa, volts_V, flow_m_s, roots, valve, compliance_m_Pa, compensated):
+    """One tick: position now less what leaked, pressure now, volts of the tick past, demanded flow now, R of both edges in the
+    tick past. True when a reversal was judged.
 
-    roots: R of both edges, of a four-way valve; of a single chamber they follow its pressure over the reversal.
-    late_s: of the position, as known so far; compensated: whether the reversal that lies AFTER ticks back, if one does, was. `delay.rounding_V` is that of the edges.
+    compensated: whether the reversal that lies AFTER ticks back, if one does, was. `delay.rounding_V` is that of the edges.
     """
     _append(delay.volts_V, volts_V)
     _append(delay.oil_m, position_m)
     _append(delay.pressures_Pa, pressure_Pa)
+    for i in range(2):
+        _append(delay.roots[i], roots[i])
     if flow_m_s * delay.direction < 0.0:
         delay.ticks = 0
     if flow_m_s != 0.0:
@@ -92,12 +90,6 @@ def add_to_delay(
     delay.ticks += 1
     if delay.ticks == AFTER + 1 and compensated and delay.pressures_Pa[0] != 0.0:  # the history is full
         _prepare(delay, valve, compliance_m_Pa)
-        for i in range(BEFORE + AFTER):
-            if settings.rod_ratio == 0.0:
-                near = LATE_TICKS + i - round(late_s / delay.tick_s)
-                mean_Pa = 0.5 * (delay.pressures_Pa[near] + delay.pressures_Pa[near + 1])
-                roots = edge_roots(settings, supply_Pa, mean_Pa)
-            delay.task_roots[0, i], delay.task_roots[1, i] = roots
     return delay.tested >= 0 and _compare(delay)
 
 
@@ -111,14 +103,14 @@ def _append(history, value):
 
 @compiled
 def found_delay_s(delay, lag_s):
-    """The delay taken, of a total lag: the one that was told; else the mean of its likelihood, and a part of its standard
-    deviation more."""
+    """The delay taken, of a total lag: the one that was told; else the mean of its likelihood, and at the first reversals its
+    standard deviation more."""
     most_s = max(lag_s - SPOOL_LAGS_S[0], 0.0)
     if delay.told_s[0] > 0.0:
         return min(delay.told_s[0], most_s)
     total, mean, square, _ = _moments(delay, lag_s)
     mean /= total
-    errors = ERRORS + ERRORS_FIRST / (1.0 + delay.reversals + delay.heard_reversals)
+    errors = ERRORS_FIRST / (1.0 + delay.reversals + delay.heard_reversals)
     deviation = math.sqrt(max(square / total - mean * mean, 0.0))
     return min(mean + errors * deviation, most_s)
 
@@ -209,7 +201,9 @@ def _prepare(delay, valve, compliance_m_Pa):
             follower += math.copysign(half, volts[0] - volts[-1])
         for i in range(len(volts)):
             follower = volts[i] = clip(follower, volts[i] - half, volts[i] + half)
-    delay.gains_m_s_V[0], delay.gains_m_s_V[1] = down.gain_m_s_V, up.gain_m_s_V
+    for k in range(BEFORE + AFTER):
+        delay.task_gains_m_s_V[0, k] = down.gain_m_s_V * delay.roots[0, k]
+        delay.task_gains_m_s_V[1, k] = up.gain_m_s_V * delay.roots[1, k]
     delay.dead_bands_V[0], delay.dead_bands_V[1] = down.dead_band_V, up.dead_band_V
     delay.lag_s, delay.tested = valve.lag_s, 0
 
@@ -232,9 +226,7 @@ def _modelled_oil(delay, spool_s):
                     path += (volts[k + PAST_VOLTS - j] - volts[0]) * pulse[j * FINE + i]
             into += softplus_V(path - delay.dead_bands_V[1], delay.rounding_V)
             out += softplus_V(-path - delay.dead_bands_V[0], delay.rounding_V)
-        into *= delay.gains_m_s_V[1] * delay.task_roots[1, k]
-        out *= delay.gains_m_s_V[0] * delay.task_roots[0, k]
-        moved += (into - out) / FINE
+        moved += (delay.task_gains_m_s_V[1, k] * into - delay.task_gains_m_s_V[0, k] * out) / FINE
         error[k + 1] = delay.task_oil_m[k + 1] - moved * tick_s
 
 

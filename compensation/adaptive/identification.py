@@ -8,7 +8,13 @@ from .chamber_pressures import across_Pa, edge_roots, pair_roots
 from .chambers import compliance_m_Pa
 from .delay import add_to_delay, found_delay_s, found_lateness_s, softness_m_Pa
 from .demand import stretch_demands
-from .edge_rounding import add_to_rounding, add_to_trim, disturb_rounding, lower_bound_V, told_while_compensated
+from .edge_rounding import (
+    add_to_rounding,
+    add_to_trim,
+    disturb_rounding,
+    lower_bound_V,
+    told_while_compensated,
+)
 from .friction import (
     add_to_friction,
     friction_ready,
@@ -40,7 +46,7 @@ def identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     _, share, acceleration_m_s2, reference_m, oil_m, velocity_m_s, sign, friction_step = now
     compensated, engaged = state.engagement.ramp == 1.0, state.engagement.ramp > 0.0
     p_late = pressure_then_Pa(state.lateness, p)
-    means, roots = _measured_roots(state, position_m, p_late, supply_Pa)
+    means = _mean_roots(state, position_m, p_late, supply_Pa)
     state.last_bottom_Pa = p_late
     z = position_m + compliance_m_Pa(settings, position_m) * p_late
     push(state.oil_error_m, z - oil_m)
@@ -54,7 +60,7 @@ def identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     add_to_valve(valve, z, v, means[1 if v > 0 else 0])
     if not engaged and edges_moved(valve):
         start_leak(state.leak)
-    find_delay(state, position_m, p, supply_Pa, v, velocity_m_s, roots, compensated)
+    find_delay(state, position_m, p, v, velocity_m_s, means, compensated)
     if compensated and not valve.four_way:
         identified_V, highest_V = lower_bound_V(state.rounding), 0.5 * valve.edges[0].dead_band_V
         add_to_trim(state.trim, state.oil_error_m, velocity_m_s - leak_m_s, identified_V, highest_V)
@@ -95,27 +101,22 @@ def identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
 
 
 @compiled
-def _measured_roots(state, position_m, p, supply_Pa):
-    """R of the edges retracting and extending: with the mean pressures of the tick past, and now, p that of the position."""
+def _mean_roots(state, position_m, p, supply_Pa):
+    """R of the edges retracting and extending, with the mean pressures of the tick past; p: that of the position."""
     settings, chambers = state.settings, state.chambers
     if settings.rod_ratio == 0.0:
-        return edge_roots(settings, supply_Pa, 0.5 * (p + state.last_bottom_Pa)), edge_roots(settings, supply_Pa, p)
-    return (
-        pair_roots(settings, position_m, chambers.mean_bottom_Pa, chambers.mean_top_Pa, chambers.supply_Pa),
-        pair_roots(settings, position_m, chambers.bottom_Pa, chambers.top_Pa, chambers.supply_Pa),
-    )
+        return edge_roots(settings, supply_Pa, 0.5 * (p + state.last_bottom_Pa))
+    return pair_roots(settings, position_m, chambers.mean_bottom_Pa, chambers.mean_top_Pa, chambers.supply_Pa)
 
 
 @compiled
-def find_delay(state, position_m, p, supply_Pa, volts_V, velocity_m_s, roots, compensated):
+def find_delay(state, position_m, p, volts_V, velocity_m_s, roots, compensated):
     """One tick of the delay, and of how much of it is the position's."""
     delay, lateness, valve = state.delay, state.lateness, state.valve
     y, flow_m_s = position_m - state.leaked_m, velocity_m_s - valve.leak_m_s * valve.leak_ratio
     compliance = compliance_m_Pa(state.settings, position_m)
     delay.rounding_V = state.trim.rounding_V
-    delay.tells = add_to_delay(
-        delay, state.settings, y, p, supply_Pa, volts_V, flow_m_s, roots, valve, compliance, compensated, lateness.late_s
-    )
+    delay.tells = add_to_delay(delay, y, p, volts_V, flow_m_s, roots, valve, compliance, compensated)
     if delay.tells or (delay.hears and state.lag_s > 0.0):
         delay.hears = False
         late_s = found_lateness_s(delay, state.lag_s)

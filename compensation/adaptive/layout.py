@@ -165,11 +165,11 @@ DELAY = record(  # delay.py
     ticks="i8",  # since the demanded flow reversed
     tested="i8",  # spools compared with the reversal in hand; -1 = none is
     task_volts_V=("f8", (BEFORE + AFTER + PAST_VOLTS,)), task_oil_m=("f8", (BEFORE + AFTER + 1,)),
-    gains_m_s_V=("f8", (2,)), dead_bands_V=("f8", (2,)), rounding_V="f8", lag_s="f8", compliance_m_Pa="f8",
+    dead_bands_V=("f8", (2,)), rounding_V="f8", lag_s="f8", compliance_m_Pa="f8",
     found=("f8", (SPOOLS * LATES,)),
     pressures_Pa=("f8", (BEFORE + AFTER + 1 + LATE_TICKS,)),  # oldest first
     task_pressures_Pa=("f8", (LATES, BEFORE + AFTER + 1)),  # by how late the position is
-    task_roots=("f8", (2, BEFORE + AFTER)),  # sqrt(dp/dp_ref) of the edges, a tick
+    roots=("f8", (2, BEFORE + AFTER)), task_gains_m_s_V=("f8", (2, BEFORE + AFTER)),  # R of the edges, k R
     least_m2="f8", best_product="f8", best_square="f8",
     pressure_square="f8", pressure_product="f8",  # of pressure and oil that is missing
     error_m=("f8", (BEFORE + AFTER + 1,)), pulse=("f8", (5 * (PAST_VOLTS + 2),)),  # work
