@@ -201,11 +201,11 @@ class Compensator(abc.ABC):
         return self.preview_s
 
     def tells(self, state: Any) -> bool:
-        """Whether the last step learned what another leg of the same machine may `hear`."""
+        """Whether the last step has something that the other legs of the same machine may `hear`."""
         return False
 
     def hear(self, state: Any, other: Any) -> None:
-        """Take what `other`, the state of a leg that is alike and `tells`, has just learned."""
+        """Take what `other`, the state of a leg that is alike and `tells`, has just learned, and how far it is with engaging."""
         return
 
     def status(self, state: Any) -> str:

@@ -88,7 +88,7 @@ def valve_usable(valve):
 
 
 @compiled
-def lags_agree(valve, told):
+def lags_agree(valve, told=False):
     """Whether both directions, and the fits without and with backlash, find the lag of one spool.
 
     Measured as oil at a crossing of the overlap. told: a platform's leg, which the other legs wait for.

@@ -10,8 +10,9 @@ import compensation
 from compensation import Compensator, Context, Sample
 from compensation.adaptive import Adaptive
 from compensation.adaptive.delay import add_to_delay, found_delay_s, hear_delay
-from compensation.adaptive.engagement import stands_at_setpoint
+from compensation.adaptive.engagement import HEARD_S, stands_at_setpoint
 from compensation.adaptive.layout import DELAY, LATES, REACH, TRUST, empty
+from compensation.adaptive.step import hear
 from compensation.adaptive.trust import SHORT_S, judge_compensated, watch_turns
 from hexsim.machine import load_machine
 from hexsim.motion_computer.position_loop import PositionLoop
@@ -153,3 +154,20 @@ def test_a_piston_near_its_setpoint_stands_there_until_the_motion_begins(
     numbers.reference.loop_1_s[:] = loop_1_s
     for sign in (1.0, -1.0):
         assert stands_at_setpoint(numbers, sign * setpoint_m_s, sign * behind_m) == stands
+
+
+@pytest.mark.parametrize(
+    ("asks", "ramp", "asked_s", "joined_s"), [(1, 0.0, HEARD_S, 0.0), (0, 0.3, 0.0, HEARD_S), (0, 0.0, 0.0, 0.0)]
+)
+def test_legs_hear_how_far_another_is(asks: int, ramp: float, asked_s: float, joined_s: float) -> None:
+    """One that is to engage and not ready is waited for, one that is compensated is joined, one that is neither says nothing; a
+    delay is heard of only where a reversal was judged."""
+    mine, other = Adaptive().start(Context()).numbers, Adaptive().start(Context()).numbers
+    other.engagement.asks, other.engagement.ramp = asks, ramp
+    other.delay.found[:] = 1.0
+    hear(mine, other)
+    assert (mine.engagement.asked_s, mine.engagement.joined_s) == (asked_s, joined_s)
+    assert mine.delay.heard_reversals == 0.0
+    other.delay.tells = 1
+    hear(mine, other)
+    assert mine.delay.heard_reversals == 1.0
