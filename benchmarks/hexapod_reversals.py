@@ -5,6 +5,9 @@ with one effect more that nothing is told of. Every case runs three times: plain
 learned with the same sensor noise, and plain control with other noise, which tells what chance gives. `--motion drawn`:
 the phases of the six sines are drawn by the seed, so that every seed is another motion.
 
+`--started 1,3,5`: these legs start with what they learned on the same machine in 40 s of another drawn motion, the others stay
+under plain control: what part of a platform does to the whole. `--started 1,2,3,4,5,6`: what is left where nothing is to be learned.
+
 Bump of a reversal: of an axis' own acceleration, peak to peak in 3 to 50 Hz from 0.1 s before the commanded reversal to
 0.35 s after it, as compensation_robustness.py counts it; reversals after the first 1.9 s. Worse: beyond plain control's
 by 5 % and by 0.03 m/s2 (rad/s2 in rotations). A finished case is a line of docs/results/hexapod_reversals.jsonl
@@ -15,7 +18,9 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import json
 import math
+import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -24,7 +29,7 @@ from compensation_robustness import ROOT, Case, WORSE_m_s2, is_worse, run_missin
 from reversal_chance import OTHER_NOISE
 from scipy.signal import butter, sosfiltfilt
 
-import compensation
+from hexsim.declaration import Machine
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.recording.signals import Signals
@@ -51,6 +56,7 @@ CONDITIONS: dict[str, dict[str, float]] = {
     "air 2 %": {"effects.entrained_air.volume_fraction": 0.02},
 }
 FIRST_s, BEFORE_s, AFTER_s = 1.9, 0.1, 0.35  # reversals from; window about each
+OTHER_MOTION, LEARNING_s = 5000, 40.0  # added to the seed, of the motion that legs which are started learn in
 LATE_s = 10.0  # from which compensation has settled
 Bumps = list[tuple[str, float, float]]  # axis, time [s], bump [m/s2 or rad/s2]
 
@@ -92,13 +98,27 @@ def worse_ones(plain: Bumps, other: Bumps) -> list[tuple[str, float, float, floa
     ]
 
 
+def started(machine: Machine, case: Case, folder: Path) -> str:
+    """Start parameters of the legs that are named, learned on the machine itself in another motion with other noise."""
+    other = dataclasses.replace(
+        motion_of({"motion": DRAWN, "seed": case["seed"] + OTHER_MOTION}), duration_s=LEARNING_s
+    )
+    run = simulate(machine, other, compensator="adaptive", fast=True, seed=case["seed"] + OTHER_MOTION)
+    legs = [p if leg in case["started"] else None for leg, p in enumerate(run.compensator_parameters, 1)]
+    place = folder / "compensator.json"
+    place.write_text(json.dumps({"compensator": "adaptive", "legs": legs}))
+    return str(place)
+
+
 def result_of(case: Case) -> Case:
     """The case with what came of it."""
     machine, scenario = changed(load_machine(MACHINE), CONDITIONS[case["conditions"][0]]), motion_of(case)
-    runs = [
-        simulate(machine, scenario, compensator=compensation.create(name), fast=True, seed=case["seed"] + noise)
-        for name, noise in (("none", 0), ("adaptive", 0), ("none", OTHER_NOISE))
-    ]
+    with tempfile.TemporaryDirectory() as folder:
+        adaptive = started(machine, case, Path(folder)) if case.get("started") else "adaptive"
+        runs = [
+            simulate(machine, scenario, compensator=name, fast=True, seed=case["seed"] + noise)
+            for name, noise in (("none", 0), (adaptive, 0), ("none", OTHER_NOISE))
+        ]
     plain, adaptive, again = map(bumps, runs)
     volts = runs[1].log.select("^compensation.*$").to_numpy() != 0.0
     on_s = [float(runs[1].log["time_s"][int(leg.argmax())]) if leg.any() else None for leg in volts.T]
@@ -140,10 +160,11 @@ def table(done: list[Case]) -> str:
     return "\n".join(lines)
 
 
-def cases(seeds: Iterable[int], motion: str) -> list[Case]:
-    """Every condition with every seed."""
+def cases(seeds: Iterable[int], motion: str, legs: list[int]) -> list[Case]:
+    """Every condition with every seed; legs: those that start with what was learned, none for all from nothing."""
+    more = {"started": legs} if legs else {}
     return [
-        {"conditions": [name], "mass_kg": 600.0, "motion": motion, "seed": seed, "host": False}
+        {"conditions": [name], "mass_kg": 600.0, "motion": motion, "seed": seed, "host": False, **more}
         for seed in seeds
         for name in CONDITIONS
     ]
@@ -153,10 +174,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="41:42")
     parser.add_argument("--motion", choices=(SHIPPED, DRAWN), default=SHIPPED)
+    parser.add_argument(
+        "--started", default="", help="legs that start with what was learned, 1 to 6; a journal of its own"
+    )
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--journal", type=Path, default=JOURNAL)
     arguments = parser.parse_args()
-    planned = cases(range(*map(int, arguments.seeds.split(":"))), arguments.motion)
+    legs = [int(leg) for leg in arguments.started.split(",") if leg]
+    planned = cases(range(*map(int, arguments.seeds.split(":"))), arguments.motion, legs)
     done, commit = run_missing(planned, arguments.journal, result_of, arguments.processes)
     print(f"Commit {commit}, by {WORSE_m_s2} m/s2 and 5 %\n\n{table(done)}")
 

@@ -40,6 +40,15 @@ def test_the_file_is_taken_as_a_compensator(taught) -> None:
         make_compensators(str(wrong), load_machine("bench"))
 
 
+def test_a_leg_without_start_parameters_stays_under_plain_control(taught) -> None:
+    """null in the place of a leg's parameters: nothing is ever added to it, and the other five start."""
+    path, found = taught
+    partly = path.parent / "partly.json"
+    partly.write_text(json.dumps({"compensator": "adaptive", "legs": [None, *found.learned * 5]}))
+    _, made = make_compensators(str(partly), load_machine("micro_motion_system"))
+    assert [one.name for one in made] == ["none"] + ["adaptive"] * 5
+
+
 def test_an_algorithm_that_learns_nothing_is_refused(tmp_path) -> None:
     """The exact inverse has no parameters to start with."""
     with pytest.raises(HexsimError, match="learns nothing: give adaptive or repetitive"):

@@ -16,7 +16,7 @@ SUFFIX = ".json"
 
 
 def started(path: Path, machine: Machine) -> tuple[str, list[Compensator]]:
-    """The algorithm's name, and one a leg that starts with its parameters.
+    """The algorithm's name, and one a leg that starts with its parameters; plain control where a leg's are null.
 
     Raises HexsimError where the file is none, is for another number of legs, or its numbers are not the algorithm's.
     """
@@ -28,7 +28,10 @@ def started(path: Path, machine: Machine) -> tuple[str, list[Compensator]]:
         ) from None
     try:
         name, legs = found["compensator"], found["legs"]
-        made: list[Compensator] = [Started(compensation.create(name), learned) for learned in legs]
+        made: list[Compensator] = [
+            compensation.create("none") if learned is None else Started(compensation.create(name), learned)
+            for learned in legs
+        ]
         for leg, one in enumerate(made, 1):
             one.start(compensator_context(machine, None, leg))
     except (KeyError, TypeError, ValueError, IndexError) as error:
