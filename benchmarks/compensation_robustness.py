@@ -6,6 +6,9 @@ pairs. Every case runs twice with the same sensor noise, without and with compen
 case is a line of docs/results/compensation_robustness.jsonl (delete it after the algorithm has changed). Writes
 docs/results/compensation_robustness.md.
 
+`--noises 320:332`: every condition alone with each mass in the bench's sine, with these sensor noises; prints medians and
+the worst, and writes nothing but its journal.
+
 Peak: of sines, the largest deviation from the basic harmonic in the 50 Hz band over the last three periods. Bump of a
 reversal: peak to peak in 3 to 50 Hz from 0.1 s before the commanded reversal to 0.35 s after it, reversals after the
 first 1.9 s, the first after engagement among them. Worse: beyond plain control's by 5 % and by 0.03 m/s2. Where plain
@@ -205,6 +208,34 @@ def cases(seeds: Iterable[int], pairs: int, host: bool) -> list[Case]:
     return found
 
 
+def noise_cases(seeds: Iterable[int]) -> list[Case]:
+    """Every condition alone with each mass in the bench's sine."""
+    motion = next(iter(MOTIONS))
+    return [
+        {"conditions": (name,), "mass_kg": mass_kg, "motion": motion, "seed": seed, "host": False}
+        for name in CONDITIONS
+        for mass_kg in MASSES_kg
+        for seed in seeds
+    ]
+
+
+def noise_table(done: list[Case]) -> str:
+    """Median and worst of the noises, plain control's median and how many are above the target, as Markdown."""
+    lines = ["| condition | target |", "|---|---|"]
+    for mass_kg in MASSES_kg:
+        lines[0] += f" {mass_kg:g} kg: plain | median | worst | above |"
+        lines[1] += "---|---|---|---|"
+    for name, (_, target) in CONDITIONS.items():
+        row = f"| {name} | {target or ''} |"
+        for mass_kg in MASSES_kg:
+            mine = [c for c in done if c["conditions"] == [name] and c["mass_kg"] == mass_kg]
+            plain, adaptive = (np.array([c[k] for c in mine]) for k in ("plain", "adaptive"))
+            above = f"{int((adaptive > target).sum())} of {len(mine)}" if target else ""
+            row += f" {np.median(plain):.2f} | {np.median(adaptive):.3f} | {adaptive.max():.3f} | {above} |"
+        lines.append(row)
+    return "\n".join(lines)
+
+
 def key(case: Case) -> str:
     return f"{' + '.join(case['conditions'])}, {case['mass_kg']:g} kg, {case['motion']}, {case['seed']}, {case['host']}"
 
@@ -287,8 +318,14 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=27, help="random pairs a seed")
     parser.add_argument("--host", action="store_true", help="without preview")
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--noises", default="", help="the bench's sine alone with these noises")
     parser.add_argument("--journal", type=Path, default=JOURNAL)
     arguments = parser.parse_args()
+    if arguments.noises:
+        planned = noise_cases(range(*map(int, arguments.noises.split(":"))))
+        done, commit = run_missing(planned, arguments.journal, result_of, arguments.processes)
+        print(f"Commit {commit}\n\n{noise_table(done)}")
+        return
     planned = cases(range(*map(int, arguments.seeds.split(":"))), arguments.pairs, arguments.host)
     done, commit = run_missing(planned, arguments.journal, result_of, arguments.processes)
     arguments.journal.with_suffix(".md").write_text(page(done, arguments.seeds, commit))

@@ -54,11 +54,11 @@ REVERSALS_TO_FORGIVE = 20  # good ones, after which one trip is forgotten
 MAX_WAIT_S = 1.0  # for the middle of a half stroke, to leave a valve that is no longer identified
 MAX_WAIT_OTHERS_S = 10.0  # most that a leg of a platform waits for the others
 TELL_TICKS, HEARD_S = 50, 0.3  # between two times that a leg says how far it is; for which others remember it
+GENTLE_SHARE = 0.45  # of its own strongest reversal of late, below which a leg does not wait for another one
 READY_S = 3.0  # for which a leg that was ready counts as ready, whatever its last reversal was like
 FRICTION_S = 0.1  # in which friction comes in before the ramp, of a leg that is told its load
 MIN_OPEN_S = 0.08  # time the valve has been open under plain control before engaging
 ARMED_ENGAGE_S, ARMED_FEED_FORWARD_S = 0.1, 0.4  # ramp and g after a start with what was learned
-TOLD_FEED_FORWARD = 0.5  # of the time in which g comes in, of a platform's leg: the others begin with it
 JOIN_ERRORS = 4.0  # standard deviations of a position within which a piston stands at its setpoint
 JOIN_M_S2, JOIN_M_S = 5e-3, 3e-3  # or with which the loop brings it there; of a setpoint whose motion has not begun
 OTHER_RATIO, OTHER_V = 2.0, 0.01  # over how far a piston follows where it was learned: another machine
@@ -133,8 +133,7 @@ def _move_feed_forward(state, identified):
         reference.feed_forward = reference.linear = 0.0
     elif engagement.ramp == 1.0:
         coming = identified and (engagement.excited or engagement.armed)
-        rise_s = settings.feed_forward_s * (TOLD_FEED_FORWARD if reference.load_given == 2 else 1.0)
-        rise_s = ARMED_FEED_FORWARD_S if engagement.armed else rise_s
+        rise_s = ARMED_FEED_FORWARD_S if engagement.armed else settings.feed_forward_s
         change = settings.tick_s / rise_s if coming else -settings.tick_s / settings.disengage_s
         reference.linear = clip(reference.linear + change, 0.0, 1.0)
         waits = state.trust.turning_s > 0.0 and not state.trust.trusted
@@ -202,8 +201,8 @@ def tells_now(engagement):
 
 @compiled
 def hear_engagement(engagement, other):
-    """Another leg tells how far it is."""
-    if other.asks:
+    """Another leg tells how far it is. One that turns much more gently is not waited for."""
+    if other.asks and other.strongest_m_s2 > GENTLE_SHARE * engagement.strongest_m_s2:
         engagement.asked_s = HEARD_S
     if other.ramp > 0.0:
         engagement.joined_s = HEARD_S
@@ -255,6 +254,8 @@ def _track_excitation(state, setpoint_m_s2):
         engagement.peak_m_s2 = size
     faded = engagement.excitation_m_s2 * (1 - state.settings.tick_s / EXCITATION_MEMORY_S)
     engagement.excitation_m_s2 = size if size > faded else faded
+    faded = engagement.strongest_m_s2 * (1 - state.settings.tick_s / EXCITATION_MEMORY_S)
+    engagement.strongest_m_s2 = max(faded, engagement.reversal_m_s2)
     if engagement.after_reversal:
         engagement.excitation_m_s2 = engagement.reversal_m_s2 = engagement.peak_m_s2
         engagement.peak_m_s2 = 0.0

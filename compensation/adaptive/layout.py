@@ -207,6 +207,7 @@ ENGAGEMENT = record(  # engagement.py
     acceleration_m_s2="f8",  # of the setpoint, low-pass
     excitation_m_s2="f8",  # its recent peak
     peak_m_s2="f8",  # since the last reversal was judged
+    strongest_m_s2="f8",  # reversal of late
     reversal_m_s2="f8",  # at the last reversal
     excited="i8",
     stability_limit_m_s2="f8",  # reversal acceleration below which compensation disengages
