@@ -157,12 +157,16 @@ def test_a_piston_near_its_setpoint_stands_there_until_the_motion_begins(
 
 
 @pytest.mark.parametrize(
-    ("asks", "ramp", "asked_s", "joined_s"), [(1, 0.0, HEARD_S, 0.0), (0, 0.3, 0.0, HEARD_S), (0, 0.0, 0.0, 0.0)]
+    ("asks", "turns_m_s2", "ramp", "asked_s", "joined_s"),
+    [(1, 0.2, 0.0, HEARD_S, 0.0), (1, 0.05, 0.0, 0.0, 0.0), (0, 0.2, 0.3, 0.0, HEARD_S), (0, 0.2, 0.0, 0.0, 0.0)],
 )
-def test_legs_hear_how_far_another_is(asks: int, ramp: float, asked_s: float, joined_s: float) -> None:
-    """One that is to engage and not ready is waited for, one that is compensated is joined, one that is neither says nothing; a
-    delay is heard of only where a reversal was judged."""
+def test_legs_hear_how_far_another_is(
+    asks: int, turns_m_s2: float, ramp: float, asked_s: float, joined_s: float
+) -> None:
+    """A leg that turns with 0.2 m/s2: another that is to engage and not ready is waited for, unless it turns with 0.05; one that is
+    compensated is joined, one that is neither says nothing. A delay is heard of only where a reversal was judged."""
     mine, other = Adaptive().start(Context()).numbers, Adaptive().start(Context()).numbers
+    mine.engagement.strongest_m_s2, other.engagement.strongest_m_s2 = 0.2, turns_m_s2
     other.engagement.asks, other.engagement.ramp = asks, ramp
     other.delay.found[:] = 1.0
     hear(mine, other)
