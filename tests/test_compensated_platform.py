@@ -47,3 +47,15 @@ def test_legs_engage_together(runs: tuple[Run, Run]) -> None:
     assert volts.any(axis=0).all()
     assert engaged_s.max() - engaged_s.min() < 1.0
     assert engaged_s.max() < 6.0
+
+
+def test_legs_that_hardly_move_hold_nobody_up() -> None:
+    """Roll: legs 3 and 6 turn with a fifth of the others' acceleration and are not ready within 8 s. The other four engage before
+    5 s; waiting for those two they began at 13 s."""
+    run = simulate(
+        load_machine("micro_motion_system"), load_scenario("roll", duration_s=8.0), compensator="adaptive", fast=True
+    )
+    volts = run.log.select([f"compensation_{leg}_V" for leg in range(1, 7)]).to_numpy()
+    engaged_s = run.log["time_s"].to_numpy()[(volts != 0.0).argmax(axis=0)]
+    assert [bool(leg.any()) for leg in volts.T] == [True, True, False, True, True, False]
+    assert engaged_s[[0, 1, 3, 4]].max() < 5.0
