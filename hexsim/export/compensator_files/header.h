@@ -22,7 +22,7 @@ enum {
   @PREFIX@_POSITION_FROZEN = 16,
   @PREFIX@_PRESSURE_FROZEN = 32,
   @PREFIX@_VALVE_AT_END = 64,   /* of its range for 5 ticks */
-  @PREFIX@_TELLS = 128          /* a reversal told something: @prefix@_hear of the other legs of the machine */
+  @PREFIX@_TELLS = 128          /* something for the other legs of the machine: @prefix@_hear of each */
 };
 
 /* Places in `settings`. */
@@ -64,8 +64,8 @@ int @prefix@_step(double *state, double setpoint_m, const double *preview_m, int
    how. Without it a leg expects the load of its own acceleration. It holds for one step. */
 void @prefix@_expect(double *state, const double *loads_m_s2, int count);
 
-/* After a tick in which the step of `other` gave @PREFIX@_TELLS, when all legs have stepped: what that reversal told of the
-   delay. For legs with equal settings. */
+/* After a tick in which the step of `other` gave @PREFIX@_TELLS, when all legs have stepped: what a reversal told of the
+   delay, and how far that leg is with engaging. For legs with equal settings. */
 void @prefix@_hear(double *state, const double *other);
 
 /* The design of the taps that a step asked for: takes longer than a step. At once, or in the idle time of the next ticks,
