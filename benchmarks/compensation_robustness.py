@@ -7,7 +7,7 @@ case is a line of docs/results/compensation_robustness.jsonl (delete it after th
 docs/results/compensation_robustness.md.
 
 `--noises 320:332`: every condition alone with each mass in the bench's sine, with these sensor noises; prints medians and
-the worst, and writes nothing but its journal.
+the worst. Its journal is compensation_noises.jsonl, apart from that of the count.
 
 Peak: of sines, the largest deviation from the basic harmonic in the 50 Hz band over the last three periods. Bump of a
 reversal: peak to peak in 3 to 50 Hz from 0.1 s before the commanded reversal to 0.35 s after it, reversals after the
@@ -43,6 +43,7 @@ import compensation  # noqa: E402
 
 RESULT = ROOT / "docs" / "results" / "compensation_robustness.md"
 JOURNAL = RESULT.with_suffix(".jsonl")
+NOISES = RESULT.with_name("compensation_noises.jsonl")
 FLOOR = RESULT.with_name("reversal_chance.jsonl")  # reversal_chance.py: plain control against itself
 ROUGH = {
     "ripple_m": 4e-6, "spool_Hz": 150.0, "position_delay_s": 4e-4, "warm_up": 0.08, "seal_N_Pa": 2e-6, "air": 3e-3,
@@ -319,16 +320,17 @@ def main() -> None:
     parser.add_argument("--host", action="store_true", help="without preview")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--noises", default="", help="the bench's sine alone with these noises")
-    parser.add_argument("--journal", type=Path, default=JOURNAL)
+    parser.add_argument("--journal", type=Path, help="in place of the one of docs/results")
     arguments = parser.parse_args()
+    journal = arguments.journal or (NOISES if arguments.noises else JOURNAL)
     if arguments.noises:
         planned = noise_cases(range(*map(int, arguments.noises.split(":"))))
-        done, commit = run_missing(planned, arguments.journal, result_of, arguments.processes)
+        done, commit = run_missing(planned, journal, result_of, arguments.processes)
         print(f"Commit {commit}\n\n{noise_table(done)}")
         return
     planned = cases(range(*map(int, arguments.seeds.split(":"))), arguments.pairs, arguments.host)
-    done, commit = run_missing(planned, arguments.journal, result_of, arguments.processes)
-    arguments.journal.with_suffix(".md").write_text(page(done, arguments.seeds, commit))
+    done, commit = run_missing(planned, journal, result_of, arguments.processes)
+    journal.with_suffix(".md").write_text(page(done, arguments.seeds, commit))
 
 
 if __name__ == "__main__":

@@ -175,14 +175,17 @@ def main() -> None:
     parser.add_argument("--seeds", default="41:42")
     parser.add_argument("--motion", choices=(SHIPPED, DRAWN), default=SHIPPED)
     parser.add_argument(
-        "--started", default="", help="legs that start with what was learned, 1 to 6; a journal of its own"
+        "--started",
+        default="",
+        help="legs that start with what was learned, 1 to 6; each choice has a journal of its own",
     )
     parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--journal", type=Path, default=JOURNAL)
+    parser.add_argument("--journal", type=Path, help="in place of the one of docs/results")
     arguments = parser.parse_args()
     legs = [int(leg) for leg in arguments.started.split(",") if leg]
     planned = cases(range(*map(int, arguments.seeds.split(":"))), arguments.motion, legs)
-    done, commit = run_missing(planned, arguments.journal, result_of, arguments.processes)
+    own = JOURNAL.with_stem("_".join([JOURNAL.stem, "started", *map(str, legs)])) if legs else JOURNAL
+    done, commit = run_missing(planned, arguments.journal or own, result_of, arguments.processes)
     print(f"Commit {commit}, by {WORSE_m_s2} m/s2 and 5 %\n\n{table(done)}")
 
 

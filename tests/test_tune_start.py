@@ -41,7 +41,7 @@ def test_the_file_is_taken_as_a_compensator(taught) -> None:
 
 
 def test_a_leg_without_start_parameters_stays_under_plain_control(taught) -> None:
-    """null in the place of a leg's parameters: nothing is ever added to it, and the other five start."""
+    """null in the place of a leg's parameters: it gets plain control's compensator, the other five the one that starts."""
     path, found = taught
     partly = path.parent / "partly.json"
     partly.write_text(json.dumps({"compensator": "adaptive", "legs": [None, *found.learned * 5]}))

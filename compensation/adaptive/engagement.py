@@ -6,7 +6,7 @@ feed-forward in the reference (reference.py). Phases and transitions:
 | phase | entered when | ramp | feed-forward g |
 |---|---|---|---|
 | PLAIN | ramp = 0 | 0 | 0 |
-| ENGAGING | from PLAIN: excited, in the engage window, all checks passed; or armed | up, within a half stroke | 0 |
+| ENGAGING | from PLAIN: excited, in the engage window, checks passed, no leg waited for; or armed | up, within a half stroke | 0 |
 | COMPENSATED | ramp = 1 and excited | 1 | up to 1 in `feed_forward_s` |
 | FEED_FORWARD_OUT | ramp = 1 and no longer excited | 1 | down to 0 in `disengage_s` |
 | DISENGAGING | g = 0, after a reversal or at rest | down, within a half stroke | 0 |

@@ -8,13 +8,7 @@ from .chamber_pressures import across_Pa, edge_roots, pair_roots
 from .chambers import compliance_m_Pa
 from .delay import add_to_delay, found_delay_s, found_lateness_s, softness_m_Pa
 from .demand import stretch_demands
-from .edge_rounding import (
-    add_to_rounding,
-    add_to_trim,
-    disturb_rounding,
-    lower_bound_V,
-    told_while_compensated,
-)
+from .edge_rounding import add_to_rounding, add_to_trim, disturb_rounding, lower_bound_V, told_while_compensated
 from .friction import (
     add_to_friction,
     friction_ready,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from leg_plant import Leg, Record, run
 
@@ -11,7 +13,7 @@ from compensation.adaptive.delay import BETWEEN_LAGS_S, FIRST_OF_THREE, SPOOL_LA
 from compensation.adaptive.layout import LATES, SPOOLS
 from compensation.compensator import Context
 
-SPOOL_LAG_S = 1.4 / (2.0 * 3.141592653589793 * 60.0)  # 2 damping / w of the 60 Hz spool of the plant
+SPOOL_LAG_S = 1.4 / (2.0 * math.pi * 60.0)  # 2 damping / w of the 60 Hz spool of the plant
 
 
 def test_a_parabola_between_spools_is_interpolated_exactly() -> None:
