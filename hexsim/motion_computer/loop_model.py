@@ -6,7 +6,7 @@ It stands open by OPEN of its travel beyond the lap, once either way: shut, an o
 wide open it damps more. Equal legs on a platform part into as many single loops as there are legs: the modes of
 A = J M^-1 J', each with the mass 1/eigenvalue. A machine whose legs differ is judged by each leg in each mode.
 
-Sampled exactly (zero-order hold, matrix exponential). The controller's matrices are read off
+Sampled exactly (zero-order hold, matrix exponential), delays as powers of z. The controller's matrices are read off
 `controller.py` itself, which is linear where nothing saturates: unit memory or unit input in, next memory and volts out.
 Left out: hysteresis, slew of the spool, supply as it droops, sensor noise and resolution.
 """
@@ -26,6 +26,7 @@ from hexsim.declaration import Machine
 from hexsim.hydraulics import leg, ports
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
 from hexsim.hydraulics.resolve import resolve
+from hexsim.hydraulics.resolved import Resolved
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import N_MEMORY, C, Control
 from hexsim.motion_computer.declared_control import control_of
@@ -39,6 +40,11 @@ Matrices = tuple[Any, Any, Any, Any]  # A, B, C, D: arrays
 STEPS = (1e3, 1e3, 1e-8, 1e-4, 1e-6, 1e-5, 1e-5)  # of the numerical derivative: Pa, Pa, m, m/s, m, m/s, V
 EQUAL = 1e-6  # relative difference of modes that count as one
 BAND_POINTS = 100  # frequencies of the felt band
+OUTSIDE = 1e-9  # of the unit circle, beyond which a pole counts as unstable
+STEP_rad = 0.5  # of an angle whose winding is counted
+POINTS_PER_TURN = 20  # of a delay's z^-n, to begin with
+NEAR_DECADES = 9  # of angles towards the integrators at z = 1
+REFINEMENTS = 40  # halvings of an angle's step: to the last bit of any resonance
 
 
 def leg_at(p: Array, force: float, supply_Pa: float, sign: float) -> tuple[Array, Array]:
@@ -91,15 +97,26 @@ def leg_matrices(p: Array, mass: float, force: float, supply_Pa: float, sign: fl
     return slopes[np.ix_(there, there)], slopes[there][:, [VOLTS]], read[:, there], np.zeros((3, 1))
 
 
-def with_filters(plant: Matrices, orders: tuple[int, int], cut_offs_Hz: tuple[float, float]) -> Matrices:
-    """The same behind the transducers' Butterworth low-passes, of y and of p as they are read; cut-off 0: none.
+def with_transducers(plant: Matrices, resolved: Resolved, leg: int) -> Matrices:
+    """The same behind the transducers of a leg, of y and of p as they are read: first-order lag, then Butterworth low-pass.
 
-    The third output stays the piston itself.
+    The third output stays the piston itself. leg: from 0.
     """
-    for output, (order, cut_off) in enumerate(zip(orders, cut_offs_Hz, strict=True)):
+    for output, name in enumerate(("position", "pressure")):
+        lag = _of_leg(resolved, f"{name}_lag_s", leg)
+        cut_off = getattr(resolved.sensors, f"{name}_filter_Hz")
+        if lag > 0.0:
+            plant = _filtered(plant, output, ([1.0], [lag, 1.0]))
         if cut_off > 0.0:
+            order = getattr(resolved.sensors, f"{name}_filter_order")
             plant = _filtered(plant, output, butter(order, 2 * np.pi * cut_off, analog=True))
     return plant
+
+
+def _of_leg(resolved: Resolved, key: str, leg: int) -> float:
+    """An error of a leg's transducer as it is in the run."""
+    values = resolved.leg_sensors.get(key)
+    return float(getattr(resolved.sensors, key) if values is None else values[leg])
 
 
 def _filtered(plant: Matrices, output: int, fraction: Any) -> Matrices:
@@ -112,12 +129,25 @@ def _filtered(plant: Matrices, output: int, fraction: Any) -> Matrices:
     return whole, np.vstack([B, np.zeros((len(F), 1))]), out, np.zeros((3, 1))
 
 
-def sampled(plant: Matrices, tick_s: float) -> Matrices:
-    """The same from tick to tick, u held in between."""
+def sampled(plant: Matrices, tick_s: float, late_ticks: float = 0.0) -> Matrices:
+    """The same from tick to tick, u held in between, and behind the fraction f of a delay of n + f ticks.
+
+    The volts of the tick before act for the first f of a tick, this tick's for the rest: exact, with one more state.
+    """
     A, B, read, through = plant
-    n = len(A)
-    whole = expm(np.block([[A, B], [np.zeros((1, n + 1))]]) * tick_s)
-    return whole[:n, :n], whole[:n, n:], read, through
+    n, part = len(A), late_ticks % 1.0
+
+    def held(time_s: float) -> tuple[Array, Array]:
+        """exp(A t), and the state that one volt builds up in t."""
+        whole = expm(np.block([[A, B], [np.zeros((1, n + 1))]]) * time_s)
+        return whole[:n, :n], whole[:n, n:]
+
+    rest, newer = held((1.0 - part) * tick_s)
+    if part == 0.0:
+        return rest, newer, read, through
+    first, older = held(part * tick_s)
+    whole = np.block([[rest @ first, rest @ older], [np.zeros((1, n + 1))]])
+    return whole, np.vstack([newer, [[1.0]]]), np.hstack([read, np.zeros((3, 1))]), through
 
 
 def controller_matrices(control: Control, mass: float) -> Matrices:
@@ -147,10 +177,9 @@ def reduced(system: Matrices) -> Matrices:
     return A[np.ix_(kept, kept)], B[kept], read[:, kept], through
 
 
-def response(system: Matrices, frequency_Hz: Array, tick_s: float) -> Array:
-    """C (z - A)^-1 B + D at z = exp(j w T), (n_frequencies, outputs, inputs)."""
+def transfer(system: Matrices, z: Array) -> Array:
+    """C (z - A)^-1 B + D at z (n,): (n, outputs, inputs)."""
     A, B, read, through = system
-    z = np.exp(2j * np.pi * frequency_Hz * tick_s)
     return (
         read @ np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(z), *B.shape))) + through
     )
@@ -158,40 +187,71 @@ def response(system: Matrices, frequency_Hz: Array, tick_s: float) -> Array:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loop:
-    """One leg's loop in one mode of the load. plant: u to (y, p) as read and y, controller: (r, y, p) to u, both sampled."""
+    """One leg's loop in one mode of the load. plant: u to (y, p) as read and y, controller: (r, y, p) to u, both sampled.
+
+    late_ticks: delays of the valve, of y and of p as they are read, of any length. The computer's is in the controller.
+    """
 
     leg: int  # from 1
     mode: int  # from 1, the heaviest first
     mass_kg: float
     extends: bool
     tick_s: float
-    extra_ticks: float  # delay of valve and transducer, beside the computer's
     plant: Matrices
     controller: Matrices
+    late_ticks: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def _sensed(self, z: Array) -> Array:
+        """(y, p, piston) over volts (n, 3). Readings are linear between ticks: (1 - f) z^-n + f z^-(n + 1)."""
+        volts, *readings = self.late_ticks
+        answers = transfer(self.plant, z)[:, :, 0] * z[:, None] ** -np.floor(volts)
+        for output, late in enumerate(readings):
+            whole, part = np.floor(late), late % 1.0
+            answers[:, output] *= z**-whole * (1.0 - part + part / z)
+        return answers
+
+    def _returned(self, z: Array) -> tuple[Array, Array, Array]:
+        """L, controller (n, 3) and plant (n, 3) at z (n,)."""
+        sensed, volts = self._sensed(z), transfer(self.controller, z)[:, 0]
+        return -np.sum(volts[:, 1:] * sensed[:, :2], axis=1), volts, sensed
 
     @cached_property
-    def closed(self) -> Matrices:
-        """From the setpoint and from noise of the readings (r, y, p) to the piston (y) of the loop closed."""
-        A, B, (y, p, piston), _ = self.plant
-        read = np.stack([y, p])
-        F, G, H, K = self.controller
-        whole = np.block([[A + B @ K[:, 1:] @ read, B @ H], [G[:, 1:] @ read, F]])
-        return whole, np.vstack([B @ K, G]), np.r_[piston, np.zeros(len(F))][None], np.zeros((1, 3))
-
-    @property
     def is_stable(self) -> bool:
-        """Whether every eigenvalue of the closed loop lies within the unit circle."""
-        return bool(np.abs(np.linalg.eigvals(self.closed[0])).max() < 1.0 - 1e-9)
+        """Nyquist: 1 + L winds about 0 on a circle just outside the unit circle as often as the open loop has poles outside.
+
+        The winding is counted by steps of the angle below STEP_rad, so that no delay is too long and no resonance too sharp.
+        """
+        far = np.linspace(0.0, np.pi, int(POINTS_PER_TURN * (sum(self.late_ticks) + len(self.plant[0]) + N_MEMORY)))[1:]
+        angles = np.r_[0.0, np.geomspace(OUTSIDE, far[0], POINTS_PER_TURN * NEAR_DECADES)[:-1], far]
+
+        def of(angle: Array) -> Array:
+            return 1.0 + self._returned((1.0 + OUTSIDE) * np.exp(1j * angle))[0]
+
+        values = of(angles)
+        for _ in range(REFINEMENTS):
+            wide = np.flatnonzero(np.abs(np.angle(values[1:] / values[:-1])) > STEP_rad)
+            if not len(wide):
+                break
+            middle = 0.5 * (angles[wide] + angles[wide + 1])
+            angles, values = np.insert(angles, wide + 1, middle), np.insert(values, wide + 1, of(middle))
+        turns = np.sum(np.angle(values[1:] / values[:-1])) / np.pi
+        outside = sum(
+            int(np.sum(np.abs(np.linalg.eigvals(part[0])) > 1.0 + OUTSIDE)) for part in (self.plant, self.controller)
+        )
+        return round(float(turns)) + outside == 0
 
     def open_response(self, frequency_Hz: Array) -> Array:
         """L (n,): volts that come back for volts sent, broken at the valve's command, sign turned."""
-        sensed = response(self.plant, frequency_Hz, self.tick_s)[:, :2]
-        volts = response(self.controller, frequency_Hz, self.tick_s)
-        return -(volts[:, :, 1:] @ sensed)[:, 0, 0]
+        return self._returned(np.exp(2j * np.pi * frequency_Hz * self.tick_s))[0]
+
+    def closed_responses(self, frequency_Hz: Array) -> Array:
+        """Piston over setpoint and over noise of the readings (r, y, p) of the loop closed, (n, 3)."""
+        back, volts, sensed = self._returned(np.exp(2j * np.pi * frequency_Hz * self.tick_s))
+        return volts * (sensed[:, 2] / (1.0 + back))[:, None]
 
     def closed_response(self, frequency_Hz: Array) -> Array:
         """Piston over setpoint (n,)."""
-        return response(self.closed, frequency_Hz, self.tick_s)[:, 0, 0]
+        return self.closed_responses(frequency_Hz)[:, 0]
 
     def shaken_m_s2(self, position_m: float, pressure_Pa: float, band_Hz: float = BANDWIDTH_Hz) -> float:
         """Acceleration of the piston below `band_Hz`, rms, by white noise of the readings, rms of a tick's.
@@ -199,7 +259,7 @@ class Loop:
         a^2 = int |w^2 T|^2 2 T_s n^2 df, T piston over reading.
         """
         f = np.linspace(0.0, band_Hz, BAND_POINTS + 1)[1:]
-        over = np.abs(response(self.closed, f, self.tick_s)[:, 0, 1:] * (2 * np.pi * f[:, None]) ** 2)
+        over = np.abs(self.closed_responses(f)[:, 1:] * (2 * np.pi * f[:, None]) ** 2)
         density = 2 * self.tick_s * np.sum((over * [position_m, pressure_Pa]) ** 2, axis=1)
         return float(np.sqrt(f[0] * (np.sum(density) - 0.5 * density[-1])))  # trapezia; 0 at rest
 
@@ -207,28 +267,24 @@ class Loop:
 def loops(machine: Machine) -> list[Loop]:
     """Every leg in every mode, extending and retracting; equal ones once."""
     resolved, tick_s = resolve(machine), 1.0 / machine.controller.rate_Hz
-    sensors, control = resolved.sensors, control_of(machine)
+    control = control_of(machine)
     masses = 1.0 / np.linalg.eigvalsh(leg_compliance(resolved))
     forces = holding_forces(resolved)
     found: list[Loop] = []
     seen: list[Array] = []
     for i, p in enumerate(resolved.rows):
-        late = p[P.VALVE_DELAY] + float(
-            resolved.leg_sensors["position_delay_s"][i] + resolved.leg_sensors["position_lag_s"][i]
-        )
-        own = Control(control.rows[i : i + 1].copy(), control.inertia)
-        own.rows[:, C.DELAY] += late / tick_s
+        own = Control(control.rows[i : i + 1], control.inertia)
+        position_s, pressure_s = (_of_leg(resolved, f"{name}_delay_s", i) for name in ("position", "pressure"))
+        late = (float(p[P.VALVE_DELAY]) / tick_s, position_s / tick_s, pressure_s / tick_s)
+        lags = [_of_leg(resolved, f"{name}_lag_s", i) for name in ("position", "pressure")]
         for mode, mass in enumerate(masses):
-            what = np.r_[p, own.rows[0], mass, forces[i] / max(abs(forces).max(), 1.0)]
+            what = np.r_[p, own.rows[0], late, lags, mass, forces[i] / max(abs(forces).max(), 1.0)]
             if any(np.allclose(what, other, rtol=EQUAL, atol=0.0) for other in seen):
                 continue
             seen.append(what)
+            controller = reduced(controller_matrices(own, float(mass)))
             for sign in (1.0, -1.0):
                 plant = leg_matrices(p, mass, forces[i], machine.supply.pressure_Pa, sign)
-                plant = with_filters(
-                    plant, (sensors.position_filter_order, sensors.pressure_filter_order),
-                    (sensors.position_filter_Hz, sensors.pressure_filter_Hz),
-                )  # fmt: skip
                 found.append(
                     Loop(
                         leg=i + 1,
@@ -236,9 +292,9 @@ def loops(machine: Machine) -> list[Loop]:
                         mass_kg=float(mass),
                         extends=sign > 0,
                         tick_s=tick_s,
-                        extra_ticks=late / tick_s,
-                        plant=sampled(plant, tick_s),
-                        controller=reduced(controller_matrices(own, float(mass))),
+                        plant=sampled(with_transducers(plant, resolved, i), tick_s, late[0]),
+                        controller=controller,
+                        late_ticks=late,
                     )
                 )
     return found

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 LOW_PHASE_MARGIN_deg = 30.0  # below: a warning
 DELAY_AT_Hz = 1.0
 POINTS = 400
+PER_TURN = 8  # frequencies in a turn of a delay's angle: a crossing of the real axis is never passed over
 BISECTIONS = 12
 
 
@@ -43,14 +44,16 @@ class LoopFigures:
     delay_s: float
 
 
-def frequencies(rate_Hz: float, points: int = POINTS) -> Array:
-    """From 0.05 Hz to just below half of the rate."""
-    return np.geomspace(0.05, 0.499 * rate_Hz, points)
+def frequencies(rate_Hz: float, points: int = POINTS, late_s: float = 0.0) -> Array:
+    """From 0.05 Hz to just below half of the rate; at least PER_TURN in each turn of a delay's angle."""
+    low, high = 0.05, 0.499 * rate_Hz
+    even = np.linspace(low, high, int(PER_TURN * late_s * high) + 2)
+    return np.union1d(np.geomspace(low, high, points), even)
 
 
 def figures_of(loop: Loop, points: int = POINTS) -> LoopFigures:
     """All figures of one loop."""
-    f = frequencies(1.0 / loop.tick_s, points)
+    f = frequencies(1.0 / loop.tick_s, points, sum(loop.late_ticks) * loop.tick_s)
     opened, closed = loop.open_response(f), loop.closed_response(f)
     crossings = _where_zero(f, np.abs(opened) - 1.0, lambda at: np.abs(loop.open_response(at)) - 1.0)
     angles = np.degrees(np.angle(loop.open_response(crossings))) if len(crossings) else np.zeros(0)

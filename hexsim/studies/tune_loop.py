@@ -26,7 +26,7 @@ from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.parameters import declared_rows
 from hexsim.machine.files import changed
-from hexsim.motion_computer.controller import C, Control
+from hexsim.motion_computer.controller import Control
 from hexsim.motion_computer.declared_control import control_of, oil_stiffness
 from hexsim.motion_computer.loop_model import Loop, controller_matrices, loops, reduced
 from hexsim.motion_computer.margins import LoopFigures, figures_of, first_below, worst_figures
@@ -157,8 +157,7 @@ class Search:
         """The loops with that controller."""
         control, made = control_of(self.changed(x, velocity, acceleration)), []
         for loop in self.loops:
-            own = Control(control.rows[loop.leg - 1 : loop.leg].copy(), control.inertia)
-            own.rows[:, C.DELAY] += loop.extra_ticks
+            own = Control(control.rows[loop.leg - 1 : loop.leg], control.inertia)
             made.append(dataclasses.replace(loop, controller=reduced(controller_matrices(own, loop.mass_kg))))
         return made
 

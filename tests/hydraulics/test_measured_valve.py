@@ -22,16 +22,22 @@ pytestmark = pytest.mark.skipif(
 RATED_mA, RATED_GPM = 25.0, 2.5
 SUPPLY_PSI, DROP_PSI = 3000.0, 1000.0  # of the tests with blocked ports; over both edges in the test of the flow
 POINTS_mA = (0.5, 1.0, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 24.5)
+TURN_mA = 1.0  # of the turning points of the sweep, four times its current's noise
 BLOCKS = 1000  # of the sweep: even ones are the sheet that is declared, odd ones are compared
+
+
+def middle_of(near):
+    """Row in the middle of those that are near a turning point: the turn of a triangle, wherever the last bit of a sample
+    lies."""
+    return round(float(np.mean(np.flatnonzero(near))))
 
 
 @pytest.fixture(scope="module")
 def sweep():
     """Signal [% of rated, positive where the flow is], flow [gal/min], whether the signal rises, block of the sweep."""
     current, flow = servovalve.read(STAND, "FlowGain")
-    smooth = np.convolve(np.pad(current, 50, mode="edge"), np.ones(101) / 101, "valid")
-    low = int(np.argmin(smooth))  # the current falls to it and rises again, and the flow rises as it falls
-    high = low + int(np.argmax(smooth[low:]))
+    low = middle_of(current < current.min() + TURN_mA)  # it falls and rises again, and the flow rises as it falls
+    high = low + middle_of(current[low:] > current[low:].max() - TURN_mA)
     current, flow, count = current[:high], flow[:high], np.arange(high)
     return -100 / RATED_mA * current, flow, count < low, count * BLOCKS // high
 
@@ -40,6 +46,14 @@ def flow_at(signal, flow, rises, at):
     """Flow [gal/min] of both ways at a signal [%]: a line through what was measured within 2 %; way up, way down."""
     near = np.abs(signal - at) < 2.0
     return [np.polyval(np.polyfit(signal[near & way] - at, flow[near & way], 1), 0.0) for way in (rises, ~rises)]
+
+
+def null_of(signal, flow):
+    """Signal [%] at which one way has no flow: the root of a line through what was measured below 0.2 gal/min, two counts
+    of the export."""
+    near = np.abs(flow) < 0.2
+    slope, offset = np.polyfit(signal[near], flow[near], 1)
+    return -offset / slope
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +113,7 @@ def test_gain_null_loop_and_saturation_are_those_measured(stand, sweep):
     loop, drawn_loop = (np.mean(ways[:, 1] - ways[:, 0]) for ways in (measured, drawn))
     assert drawn_gain == pytest.approx(gain, rel=0.01)
     assert drawn_loop / drawn_gain == pytest.approx(loop / gain, abs=0.4)
-    crossings = [np.mean(signal[(rises == way) & (np.abs(flow) < 0.02)]) for way in (True, False)]
+    crossings = [null_of(signal[rises == way], flow[rises == way]) for way in (True, False)]
     assert stand.figures["null_percent"] == pytest.approx(np.mean(crossings), abs=0.5)
     for end in (-96.0, 96.0):
         ways = flow_at(signal, flow, rises, end)

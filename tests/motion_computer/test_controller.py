@@ -11,7 +11,7 @@ from hexsim.machine.files import changed
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C, M
 from hexsim.motion_computer.declared_control import control_of
-from hexsim.motion_computer.loop_model import controller_matrices, reduced, response
+from hexsim.motion_computer.loop_model import controller_matrices, reduced, transfer
 
 T = 1 / 500
 FREQUENCIES = np.array([0.5, 2.0, 7.0, 20.0, 60.0, 120.0])
@@ -34,7 +34,7 @@ def play(control, setpoint, position=None, pressure=None):
 
 def answer(control, frequency_Hz, mass=40.0):
     """(setpoint, position, pressure) to volts at the frequencies: (n, 3)."""
-    return response(reduced(controller_matrices(control, mass)), frequency_Hz, T)[:, 0]
+    return transfer(reduced(controller_matrices(control, mass)), np.exp(2j * np.pi * frequency_Hz * T))[:, 0]
 
 
 def test_gain_alone_is_the_proportional_loop_of_the_report(bench):
@@ -215,7 +215,7 @@ def test_filters_converge_to_the_analogue_ones_with_second_order(bench):
             bench, rate_Hz=rate, pressure_feedback_V_per_Pa=1e-7, pressure_high_pass_Hz=10.0,
             velocity_gain_V_s_per_m=1.0, velocity_filter_Hz=30.0, gain_V_per_m=1e-3,
         )  # fmt: skip
-        found = response(reduced(controller_matrices(control, 40.0)), np.array([20.0]), 1 / rate)[0, 0]
+        found = transfer(reduced(controller_matrices(control, 40.0)), np.exp([2j * np.pi * 20.0 / rate]))[0, 0]
         s = 2j * math.pi * 20.0
         high = -1e-7 * s / (s + 2 * math.pi * 10.0)
         slope = -1e-3 - 2 * math.pi * 30.0 * s / (s + 2 * math.pi * 30.0)
