@@ -1,9 +1,12 @@
 """One run: what is refused before it, how it starts, what interrupts it, what its log holds."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import polars as pl
 import pytest
+from scipy.signal import cont2discrete, dlsim
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
@@ -11,6 +14,7 @@ from hexsim.machine.files import changed
 from hexsim.scenarios import available_scenarios, load_scenario, replay_scenario, scenario_from_dict
 from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.simulation import simulate
+from hexsim.smoothness.band import band_limit
 
 BENCH_COLUMNS = [
     "time_s",
@@ -178,6 +182,71 @@ def test_sensors_do_what_they_declare():
     assert np.std(noise) == pytest.approx(4e3, rel=0.05) and abs(noise.mean()) < 5 * 4e3 / np.sqrt(4000)
     ticks = log["acceleration_m_s2"].to_numpy() / 0.01
     np.testing.assert_allclose(ticks, np.rint(ticks), atol=1e-6)
+
+
+@pytest.mark.parametrize("rate_Hz", (50.0, 125.0, 500.0))
+def test_a_slow_log_changes_no_figure_and_no_reading(rate_Hz):
+    """Figures, and what transducers with filter, lag and delay read, are those of the log at 1 kHz: a tone of 60 Hz behind a
+    filter of 30 Hz reads the same in every row that both logs have."""
+    keys = {
+        "sensors.acceleration_filter_Hz": 30.0, "sensors.acceleration_delay_s": 0.004, "sensors.position_lag_s": 0.01,
+        "effects": {"outside_force_tone": {"amplitude_N": 100.0, "frequency_Hz": 60.0}},
+    }  # fmt: skip
+    bench, scenario = changed(load_machine("bench"), keys), load_scenario("heave", duration_s=4.0)
+    quick = simulate(bench, scenario)
+    slow = simulate(changed(bench, {"sensors.log_rate_Hz": rate_Hz}), scenario)
+    assert slow.log.height == round(4.0 * rate_Hz)
+    assert slow.summary["axes"] == quick.summary["axes"]
+    every = round(1000.0 / rate_Hz)
+    for column in ("time_s", "position_m", "pressure_bottom_Pa", "acceleration_m_s2", "true_position_m"):
+        np.testing.assert_array_equal(slow.log[column], quick.log[column].gather_every(every))
+
+
+def test_a_slow_log_holds_means_of_the_true_acceleration():
+    """A row of a 100 Hz log is the mean over the 10 ms about it, of the means over a tick that the log at 1 kHz holds; where
+    nothing jolts (2 % of the rows about the reversals left out), the change of velocity over those 10 ms within 1 %."""
+    bench = load_machine("bench")
+    quick, slow = (
+        simulate(changed(bench, {"sensors.log_rate_Hz": rate}), load_scenario("heave", duration_s=3.0)).log
+        for rate in (1000.0, 100.0)
+    )
+    ticks, rows = (log["true_acceleration_m_s2"].to_numpy() for log in (quick, slow))
+    for row in (1, 57, 150, 298):
+        part = ticks[10 * row - 5 : 10 * row + 6]
+        assert rows[row] == pytest.approx((part[1:] + part[:-1]).sum() / 20.0, abs=1e-12)
+    rate = np.diff(quick["velocity_m_s"].to_numpy()[5::10]) / 0.01
+    off = np.abs(rows[1 : 1 + len(rate)] - rate)
+    assert np.quantile(off, 0.98) < 0.01 * np.abs(rate).max()
+
+
+def test_noise_in_the_felt_band_does_not_depend_on_the_rate_of_the_log():
+    """Noise of the position below 50 Hz: 3 um sqrt(50/500) = 0.95 um at 1 kHz and at 10 kHz, within four standard errors of
+    400 degrees of freedom; and 3 um a reading at either."""
+    for rate_Hz in (1000.0, 10_000.0):
+        bench = changed(load_machine("bench"), {"sensors.log_rate_Hz": rate_Hz, "sensors.position_resolution_m": 0.0})
+        log = simulate(bench, load_scenario("heave", duration_s=4.0)).log
+        noise = (log["position_m"] - log["true_position_m"]).to_numpy()
+        declared = bench.sensors.position_noise_m
+        assert noise.std() == pytest.approx(declared, rel=4 / np.sqrt(2 * 4000))
+        felt = band_limit(log["time_s"].to_numpy(), noise).std()
+        assert felt == pytest.approx(declared * np.sqrt(0.1), rel=4 / np.sqrt(2 * 400))
+
+
+@pytest.mark.parametrize("frequency_Hz", (60.0, 250.0, 1000.0))
+def test_a_lagging_spool_is_the_exact_filter_of_its_volts(frequency_Hz):
+    """Fault `spool_lag` at any frequency: the second-order filter of volts held over a tick, to 1e-9 of the largest."""
+    fault = {"kind": "spool_lag", "time_s": 1.0, "leg": 1, "frequency_Hz": frequency_Hz, "damping": 0.7}
+    bench = changed(load_machine("bench"), {"valve.spool_frequency_Hz": 0.0})
+    log = simulate(bench, replace(load_scenario("heave", duration_s=2.0), faults=(fault,))).log
+    late = log["time_s"].to_numpy() >= 1.0 - 1e-9
+    volts, spool = log["valve_V"].to_numpy()[late], log["spool_m"].to_numpy()[late]
+    omega = 2 * np.pi * frequency_Hz
+    A, B = np.array([[0.0, 1.0], [-(omega**2), -1.4 * omega]]), np.array([[0.0], [omega**2]])
+    filter_of = cont2discrete((A, B, np.array([[1.0, 0.0]]), np.zeros((1, 1))), 1e-3)
+    filtered = dlsim(filter_of, volts, x0=[volts[0], 0.0])[1][:, 0]
+    gain = (spool @ filtered) / (filtered @ filtered)
+    assert gain == pytest.approx(bench.valve.spool_travel_max_m / bench.valve.voltage_max_V, rel=1e-6)
+    assert np.abs(spool - gain * filtered).max() < 1e-9 * np.abs(spool).max()
 
 
 def test_rates_that_do_not_fit_are_refused():

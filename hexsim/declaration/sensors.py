@@ -20,7 +20,8 @@ Turn = tuple[Angle, Angle, Angle]
 
 
 class Sensors(Section):
-    """Noise as one standard deviation of white noise a sample at the log rate of 1 kHz; 0 = ideal."""
+    """Noise as the standard deviation of a reading; 0 = ideal. It is white up to 500 Hz: a faster log or controller reads
+    the same value again, so that the noise in the felt band does not depend on their rates."""
 
     log_rate_Hz: float = between(1.0, 10_000.0, "samples of the log a second [Hz]", default=1000.0)
     position_noise_m: float = between(0.0, 0.1, "noise of the position [m]", default=0.0)

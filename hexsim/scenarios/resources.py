@@ -6,6 +6,7 @@ for figures and recording; 0.3 and 1.6 kB of disk a row of the log. The estimate
 
 from __future__ import annotations
 
+import math
 import shutil
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import psutil
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
+from hexsim.smoothness.band import BANDWIDTH_Hz
 
 try:
     import resource
@@ -20,14 +22,24 @@ except ImportError:  # Windows: a process has no limit of its own
     resource = None
 
 VALUES_A_TICK = 100  # of 8 bytes, a leg: states, noise and setpoints
+FIGURES_RATE_Hz = (
+    20 * BANDWIDTH_Hz
+)  # ticks of figures: a mean over one takes 0.4 % of an amplitude at the end of the band
 COLUMNS_A_LEG = 20  # of the log
 COPIES = 3  # of the log while it is made and plotted
 CONTROL_GROUP = Path("/sys/fs/cgroup")
 
 
+def tick_rate_Hz(machine: Machine) -> float:
+    """Rate of the ticks of a run: of the log or of the controller, whichever is faster, and a multiple of that where it is
+    too slow for the figures."""
+    rate = max(machine.sensors.log_rate_Hz, machine.controller.rate_Hz)
+    return rate * math.ceil(FIGURES_RATE_Hz / rate)
+
+
 def check_resources(machine: Machine, duration_s: float, folder: Path | None = None) -> None:
     """Raise HexsimError when the log would not fit into memory, or into the disk of `folder`, or has no two rows."""
-    rate = max(machine.sensors.log_rate_Hz, machine.controller.rate_Hz)
+    rate = tick_rate_Hz(machine)
     rows, legs = duration_s * machine.sensors.log_rate_Hz, machine.n_legs
     if rows < 2:
         raise HexsimError(

@@ -23,6 +23,9 @@ from hexsim.signals.sensor import ERRORS, Sensor
 from hexsim.signals.table import STANDARD, sensors
 
 Array = NDArray[np.float64]
+NOISE_RATE_Hz = (
+    1000.0  # independent readings a second of the noises of [sensors], which are declared for a log at 1 kHz
+)
 
 
 @compiled
@@ -55,6 +58,16 @@ def delayed(values: Array, delay_s: Array, tick_s: float) -> Array:
     return np.column_stack(columns)
 
 
+def noise_of_ticks(ticks: int, n: int, tick_s: float, random: np.random.Generator) -> Array:
+    """Noise (ticks, n) of standard deviation 1: white up to half of NOISE_RATE_Hz, whatever the ticks.
+
+    Slower ticks sample it, faster ones read the same value again: raising the rate of a log or of a controller takes no
+    noise out of the band in which people feel.
+    """
+    which = (np.arange(ticks) * min(1.0, NOISE_RATE_Hz * tick_s) + 1e-9).astype(int)
+    return random.standard_normal((int(which[-1]) + 1 if ticks else 0, n))[which]
+
+
 class Transducers:
     """All transducers of one sensor: errors (n,), a place for each leg or axis, and noise (ticks, n)."""
 
@@ -67,7 +80,7 @@ class Transducers:
         self.gain, self.offset, self.delay = errors["gain"], errors["offset"], errors["delay"]
         self.lag = errors["lag"]
         self.resolution = errors["resolution"]
-        self.noise = errors["noise"] * random.standard_normal((ticks, n))
+        self.noise = errors["noise"] * noise_of_ticks(ticks, n, tick_s, random)
         self.sections = low_pass(sensor, resolved, tick_s)
         self.ripple = getattr(resolved, sensor.ripple).T.copy() if sensor.ripple else np.zeros((3, n))
         self._memory: list[Array] = []  # of lag and filter
@@ -101,10 +114,10 @@ class Transducers:
 
     def filtered(self, rows: Array) -> Array:
         """The next true rows (m, n) behind scale, lag and filter, which begin at rest at the first row of all."""
-        return self._through(rows, self._memory, self.tick_s)
+        return self._through(rows, self._memory)
 
-    def _through(self, rows: Array, memory: list[Array], sample_s: float) -> Array:
-        """Rows `sample_s` apart behind scale, lag and filter. memory: empty before the first row; it is brought up to date."""
+    def _through(self, rows: Array, memory: list[Array]) -> Array:
+        """Rows of ticks behind scale, lag and filter. memory: empty before the first row; it is brought up to date."""
         if self.ripple[0].any():
             rows = rippled(rows, *self.ripple)
         if not self.smooths:
@@ -112,7 +125,7 @@ class Transducers:
         rest = np.zeros((0, 2, 1)) if self.sections is None else sosfilt_zi(self.sections)[:, :, None]
         memory[:] = memory or [np.tile(rows[0], (2, 1)), rest * rows[0]]
         out = rows.copy()
-        lagged(out, self.lag, sample_s, memory[0])
+        lagged(out, self.lag, self.tick_s, memory[0])
         if self.sections is not None:
             out, memory[1] = sosfilt(self.sections, out, axis=0, zi=memory[1])
         return out
@@ -125,11 +138,10 @@ class Transducers:
         """What they read of the next true values (n,), without delay; noise of that tick."""
         return self.read(self.filtered(true[None])[0], tick)
 
-    def rows(self, true: Array, every: int = 1) -> Array:
-        """What they read in a whole run (m, n), at every `every`-th tick."""
-        true = delayed(true, self.delay, every * self.tick_s)
-        true = self._through(true, [], every * self.tick_s)
-        return measure_rows(true, self.noise[::every][: len(true)], self.gain, self.offset, self.resolution)
+    def rows(self, true: Array) -> Array:
+        """What they read in a whole run (m, n), tick by tick."""
+        true = self._through(delayed(true, self.delay, self.tick_s), [])
+        return measure_rows(true, self.noise[: len(true)], self.gain, self.offset, self.resolution)
 
 
 def low_pass(sensor: Sensor, resolved: Resolved, tick_s: float) -> Array | None:
@@ -200,14 +212,16 @@ class SensorBank:
         """What a standard sensor reads in a whole run (m, n)."""
         return self[stem].rows(true)
 
-    def extra(self, truth: Mapping[str, Array], log_s: float) -> dict[str, Array]:
-        """Stem -> readings (m, n) of the machine's other sensors at the log's rows, `log_s` apart, from the true signals."""
+    def extra(self, truth: Mapping[str, Array]) -> dict[str, Array]:
+        """Stem -> readings (m, n) of the machine's other sensors, tick by tick, from the true signals."""
         read = {}
         if "pressure_top" in self._standard:
-            read["pressure_top"] = self["pressure_top"].rows(truth["true_pressure_top"], round(log_s / self.tick_s))
+            read["pressure_top"] = self["pressure_top"].rows(truth["true_pressure_top"])
         for stem in self.resolved.machine.extra_sensors:
             sensor = sensors()[stem]
             if sensor.source in truth:
                 true = truth[sensor.source]
-                read[stem] = Transducers(sensor, self.resolved, len(true), log_s, self._own_random(stem)).rows(true)
+                read[stem] = Transducers(sensor, self.resolved, len(true), self.tick_s, self._own_random(stem)).rows(
+                    true
+                )
         return read

@@ -24,19 +24,13 @@ FASTEST_m_s = 0.08  # down to the stops
 
 
 class FaultySensors(SensorBank):
-    """A sensor bank in which some transducers break or change: same noise as the sound one, from the same seed.
+    """A sensor bank in which some transducers break or change: same noise as the sound one, from the same seed."""
 
-    log_every: ticks between rows of the log, at which angular accelerations are sensed.
-    """
-
-    def __init__(
-        self, resolved: Resolved, ticks: int, tick_s: float, seed: int, faults: Sequence[Fault], log_every: int = 1
-    ) -> None:
+    def __init__(self, resolved: Resolved, ticks: int, tick_s: float, seed: int, faults: Sequence[Fault]) -> None:
         super().__init__(resolved, ticks, tick_s, seed)
         self._faults = [fault for fault in faults if isinstance(fault, (PositionSensor, LegBlind))]
         self._held: dict[Fault, float] = {}
         self._run = ticks, tick_s, seed
-        self._log_every = log_every
         self._changes: list[tuple[int, SensorBank]] = []
 
     def change(self, time_s: float, resolved: Resolved) -> None:
@@ -68,9 +62,8 @@ class FaultySensors(SensorBank):
 
     def rows(self, stem: str, true: Array) -> Array:
         measured = SensorBank.__getitem__(self, stem).rows(true)
-        every = self._log_every if stem == "angular_acceleration" else 1
         for first, bank in self._changes:
-            measured[-(-first // every) :] = bank.rows(stem, true)[-(-first // every) :]
+            measured[first:] = bank.rows(stem, true)[first:]
         for fault in self._faults if stem == "position" else ():
             column = measured[self._first(fault.time_s) :, fault.leg - 1]
             if len(column):

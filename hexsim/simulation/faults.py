@@ -30,13 +30,14 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import lru_cache, reduce
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError
+from scipy.linalg import expm
 
 from hexsim.declaration import Machine, Section, between, section_of, values_of
 from hexsim.errors import HexsimError
@@ -109,6 +110,13 @@ class ValveStuck(LegFault):
         return volts
 
 
+@lru_cache(maxsize=8)
+def lagged_spool(frequency_Hz: float, damping: float, tick_s: float) -> Array:
+    """exp(A T) (2, 2) of x'' = omega^2 (u - x) - 2 damping omega x': exact for a command held over a tick."""
+    omega = 2.0 * math.pi * frequency_Hz
+    return np.asarray(expm(np.array([[0.0, 1.0], [-omega * omega, -2.0 * damping * omega]]) * tick_s))
+
+
 @dataclass(frozen=True, kw_only=True)
 class SpoolLag(LegFault):
     kind: ClassVar[str] = "spool_lag"
@@ -117,13 +125,13 @@ class SpoolLag(LegFault):
 
     def act(self, bench: Workbench, time_s: float, volts: Array) -> Array:
         command = float(volts[self.leg - 1])
-        position, velocity = bench.memory.get(self, (command, 0.0))
-        omega = 2.0 * math.pi * self.frequency_Hz
-        velocity += bench.tick_s * (omega * omega * (command - position) - 2.0 * self.damping * omega * velocity)
-        position += bench.tick_s * velocity
-        bench.memory[self] = position, velocity
+        state = bench.memory.get(self, np.array([command, 0.0]))
+        bench.memory[self] = lagged_spool(self.frequency_Hz, self.damping, bench.tick_s) @ (state - [command, 0.0]) + [
+            command,
+            0.0,
+        ]
         volts = volts.copy()
-        volts[self.leg - 1] = position
+        volts[self.leg - 1] = state[0]
         return volts
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
+from scipy.ndimage import convolve1d
 
 from hexsim.mechanics.points import point_acceleration, point_velocity
 from hexsim.plant import Plant
@@ -20,11 +21,12 @@ from hexsim.smoothness import AxisMotion, BANDWIDTH_Hz, summary_axes
 from hexsim.smoothness.summary import PERCEPTION_m_s2
 
 Array = NDArray[np.float64]
+MEANS = ("true_acceleration", "true_angular_acceleration")  # over a sample of the log
 
 
 @dataclass(kw_only=True)
 class RecordedMotion:
-    """Raw motion of the bodies and what was asked of them, (m, ...) at the log rate."""
+    """Raw motion of the bodies and what was asked of them, (m, ...) at every tick."""
 
     time: Array
     setpoints: Array
@@ -35,9 +37,8 @@ class RecordedMotion:
 
 @dataclass(kw_only=True)
 class Recorded(RecordedMotion):
-    """Raw states of a run. ticks (m,) and most others at the log rate; positions and act at the tick rate."""
+    """Raw states of a run at every tick (m, ...). every: ticks from a row of the log to the next."""
 
-    ticks: NDArray[np.int64]
     positions: Array
     qacc: Array  # of the instant: what the accelerometer samples
     act: Array
@@ -45,26 +46,27 @@ class Recorded(RecordedMotion):
     volts: Array
     spool_volts: Array
     compensation: Array
+    every: int = 1
 
 
 def run_log(plant: Plant, scenario: Scenario, recorded: Recorded, sensors: SensorBank) -> pl.DataFrame:
-    """All columns; names of measured ones as in the shared log format, truth under its own names."""
-    rows = recorded.ticks
-    states = (recorded.time, recorded.qpos, recorded.qvel, recorded.act[rows], recorded.spool_volts)
+    """All columns; names of measured ones as in the shared log format, truth under its own names.
+
+    Everything is evaluated at every tick, transducers with their filters, too. The log takes every `recorded.every`-th
+    row; true accelerations are means over one of its samples about the instant, so that nothing aliases into the band.
+    """
+    states = (recorded.time, recorded.qpos, recorded.qvel, recorded.act, recorded.spool_volts)
     legs = leg_signals(plant, *states)
-    every_pressure = recorded.act[:, plant.pressure_places] * 1e6
-    supply = np.full(len(recorded.act), np.nan)
-    supply[rows] = legs.supply_Pa
     measured = {
         "setpoint": recorded.setpoints,
-        "position": sensors.rows("position", recorded.positions)[rows],
+        "position": sensors.rows("position", recorded.positions),
         "valve": recorded.volts,
-        "pressure_bottom": sensors.rows("pressure_bottom", every_pressure)[rows],
-        "pressure_supply": sensors.rows("pressure_supply", supply[:, None])[rows],
+        "pressure_bottom": sensors.rows("pressure_bottom", legs.pressure_bottom),
+        "pressure_supply": sensors.rows("pressure_supply", legs.supply_Pa[:, None]),
     }
     instant = platform_signals(plant, recorded.qpos, recorded.qvel, recorded.qacc)
     felt, turning = imu_motion(plant.resolved, instant, recorded.qvel[:, 3:6])
-    measured["acceleration"] = _sampled(sensors, felt, recorded)
+    measured["acceleration"] = sensors.rows("acceleration", felt)
     measured["angular_acceleration"] = sensors.rows("angular_acceleration", turning)
     pose, motion = _motion(plant, scenario, recorded)
     poses = {"platform": instant.pose, "commanded": pose}
@@ -86,16 +88,32 @@ def run_log(plant: Plant, scenario: Scenario, recorded: Recorded, sensors: Senso
         places()[name][0].stem: values[:, None]
         for name, values in power_unit_signals(plant, *states, recorded.timestep).items()
     }
-    log_s = float(recorded.time[1] - recorded.time[0]) if len(recorded.time) > 1 else 1.0
-    extra = sensors.extra(motion | truth, log_s)
+    extra = sensors.extra(motion | truth)
+    motion |= {stem: mean_of_sample(motion[stem], recorded.every) for stem in MEANS}
     named = _columns(measured | poses, plant.n_legs)
     named += sorted(_columns(motion, plant.n_legs), key=lambda column: column[0])  # x of all, then y, then z
     named += _columns(truth | extra, plant.n_legs)
+    named += _point_columns(plant, motion, instant.omega(plant.kinematics))
+    rows = slice(None, None, recorded.every)
+    return pl.DataFrame({"time_s": recorded.time[rows]} | {name: values[rows].copy() for _, name, values in named})
+
+
+def mean_of_sample(values: Array, ticks: int) -> Array:
+    """Means (m, n) over `ticks` ticks about each instant, of means over one tick: half of the outer ones if even."""
+    if ticks == 1:
+        return values
+    weights = np.ones(ticks + 1 - ticks % 2)
+    weights[[0, -1]] *= 1.0 if ticks % 2 else 0.5
+    return convolve1d(values, weights / ticks, axis=0, mode="nearest") if values.size else values
+
+
+def _point_columns(plant: Plant, motion: dict[str, Array], omega: Array) -> list[tuple[int, str, Array]]:
+    """The true acceleration of each declared point of the platform."""
+    named = []
     for point, place in plant.machine.points.items():
-        omega = instant.omega(plant.kinematics)
         felt = point_acceleration(motion["true_acceleration"], motion["true_angular_acceleration"], omega, place)
         named += [(k, name, felt[:, k]) for k, name in enumerate(point_signal(point).columns(plant.n_legs))]
-    return pl.DataFrame({"time_s": recorded.time} | {name: values for _, name, values in named})
+    return named
 
 
 def _columns(signals: dict[str, Array], n_legs: int) -> list[tuple[int, str, Array]]:
@@ -108,8 +126,12 @@ def _columns(signals: dict[str, Array], n_legs: int) -> list[tuple[int, str, Arr
 
 
 def motion_log(plant: Plant, scenario: Scenario, recorded: RecordedMotion) -> pl.DataFrame:
-    """The columns of a log that the figures of motion are made of: true and commanded motion."""
-    named = _columns(_motion(plant, scenario, recorded)[1], plant.n_legs)
+    """The columns of a log that the figures of motion are made of: true and commanded motion, at every tick."""
+    motion = _motion(plant, scenario, recorded)[1]
+    named = _columns(motion, plant.n_legs)
+    if plant.machine.points:
+        instant = platform_signals(plant, recorded.qpos, recorded.qvel, recorded.mean_acceleration)
+        named += _point_columns(plant, motion, instant.omega(plant.kinematics))
     return pl.DataFrame({"time_s": recorded.time} | {name: values for _, name, values in named})
 
 
@@ -125,15 +147,6 @@ def _motion(plant: Plant, scenario: Scenario, recorded: RecordedMotion) -> tuple
         "commanded_acceleration": acceleration[:, :3],
         "commanded_angular_acceleration": acceleration[:, 3:],
     }
-
-
-def _sampled(sensors: SensorBank, true: Array, recorded: Recorded) -> Array:
-    """Measured accelerations at the log's rows (noise of those ticks; delay counted in log samples)."""
-    if len(true) == len(recorded.positions):
-        return sensors.rows("acceleration", true)
-    return sensors.rows("acceleration", np.repeat(true, recorded.ticks[1], axis=0)[: len(recorded.positions)])[
-        recorded.ticks
-    ]
 
 
 def _commanded(plant: Plant, scenario: Scenario, recorded: RecordedMotion) -> tuple[Array, Array, Array]:
@@ -157,11 +170,13 @@ def run_summary(
     plant: Plant, scenario: Scenario, compensator: str, log: pl.DataFrame, recorded: Recorded, realtime: float,
     warnings: list[str],
 ) -> dict[str, Any]:  # fmt: skip
-    """The figures of a run, as in summary.json. Judged on the true acceleration, not on the noisy sensor."""
+    """The figures of a run, as in summary.json. Judged on the true acceleration at every tick, not on the noisy sensor,
+    whatever the rate of the log."""
+    motion = log if recorded.every == 1 else motion_log(plant, scenario, recorded)
     setpoints, positions = (table()[stem].columns(plant.n_legs) for stem in ("setpoint", "true_position"))
     errors = [log[setpoint] - log[position] for setpoint, position in zip(setpoints, positions, strict=True)]
     start = figures_start(scenario, recorded.time)
-    late = recorded.time >= start
+    late = log["time_s"].to_numpy() >= start
     return {
         "scenario": scenario.name,
         "machine": plant.machine.name,
@@ -171,8 +186,8 @@ def run_summary(
         else 0.0,
         "bandwidth_Hz": BANDWIDTH_Hz,
         "figures_from_s": start,
-        "axes": _axes(plant, scenario, log, start),
-        **({"points": _points(plant, scenario, log, start)} if plant.machine.points else {}),
+        "axes": _axes(plant, scenario, motion, start),
+        **({"points": _points(plant, scenario, motion, start)} if plant.machine.points else {}),
         "tracking_rms_m": [float(np.sqrt(np.mean(error.to_numpy()[late] ** 2))) for error in errors if late.any()],
         "realtime_factor": realtime,
         "timestep_mean_s": float(1.0 / np.mean(1.0 / recorded.timestep)),

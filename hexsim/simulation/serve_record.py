@@ -44,7 +44,7 @@ class ServeRecord:
         server, record, rows = self.server, self.record, slice(0, min(self.done, self.room))
         done = rows.stop
         recorded = Recorded(
-            time=np.arange(done, dtype=float) * self.tick_s, ticks=np.arange(done), setpoints=self.setpoints[rows],
+            time=np.arange(done, dtype=float) * self.tick_s, setpoints=self.setpoints[rows],
             positions=record.positions[rows], qpos=record.qpos[rows], qvel=record.qvel[rows], qacc=record.qacc[rows],
             mean_acceleration=mean_acceleration(record, done, self.tick_s), act=record.act[rows],
             timestep=self.tick_s / record.steps[rows], volts=record.volts[rows],

@@ -26,7 +26,7 @@ from hexsim.plant.plant import PlantError, whole_ratio
 from hexsim.plant.stepping import mean_acceleration
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
-from hexsim.scenarios.resources import check_resources
+from hexsim.scenarios.resources import check_resources, tick_rate_Hz
 from hexsim.scenarios.settings import machine_in
 from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.fault_run import FaultRun, FaultySensors
@@ -134,7 +134,7 @@ def simulate(
     loop = control(machine, compensators, scenario.period_s, lambda *message: messages.append(message))
     run = TickLoop(plant, loop, scenario, seed, host)
     if isinstance(loop, MotionComputer):
-        run.sensors = FaultySensors(plant.resolved, run.ticks, run.tick_s, seed, faults, run.log_every)
+        run.sensors = FaultySensors(plant.resolved, run.ticks, run.tick_s, seed, faults)
         run.faults = FaultRun(faults, plant, loop, run.sensors)
         interventions = [*interventions, run.faults]
         run.faults.begin()
@@ -163,10 +163,14 @@ class TickLoop:
     ) -> None:
         machine = plant.machine
         self.plant, self.loop = plant, loop
-        rate = max(machine.sensors.log_rate_Hz, machine.controller.rate_Hz)
+        rate = tick_rate_Hz(machine)
         self.tick_s = 1.0 / rate
-        self.control_every = whole_ratio(rate, machine.controller.rate_Hz, "log rate and control rate")
-        self.log_every = whole_ratio(rate, machine.sensors.log_rate_Hz, "control rate and log rate")
+        whole_ratio(
+            *sorted((machine.sensors.log_rate_Hz, machine.controller.rate_Hz), reverse=True),
+            "log rate and control rate",
+        )
+        self.control_every = round(rate / machine.controller.rate_Hz)
+        self.log_every = round(rate / machine.sensors.log_rate_Hz)
         self.ticks = round(scenario.duration_s * rate)
         if self.ticks < 1:
             raise HexsimError(
@@ -279,21 +283,20 @@ class TickLoop:
         self.setpoints[step] = self.loop.setpoint  # a motion computer that guides the machine has its own
 
     def recorded(self) -> Recorded:
-        """What was recorded, at the log rate."""
-        every = slice(0, self.done, self.log_every)
-        record = self.record
+        """What was recorded, at every tick."""
+        done, record = slice(0, self.done), self.record
         return Recorded(
-            time=np.arange(self.done, dtype=float)[every] * self.tick_s,
-            ticks=np.arange(self.done)[every],
-            setpoints=np.repeat(self.setpoints, self.control_every, axis=0)[every],
-            positions=record.positions[: self.done],
-            qpos=record.qpos[every],
-            qvel=record.qvel[every],
-            qacc=record.qacc[every],
-            mean_acceleration=mean_acceleration(record, self.done, self.tick_s)[every],
-            act=record.act[: self.done],
-            timestep=self.tick_s / record.steps[every],
-            volts=record.volts[every],
-            spool_volts=record.spool_volts[every],
-            compensation=self.compensation[every],
+            time=np.arange(self.done, dtype=float) * self.tick_s,
+            every=self.log_every,
+            setpoints=np.repeat(self.setpoints, self.control_every, axis=0)[done],
+            positions=record.positions[done],
+            qpos=record.qpos[done],
+            qvel=record.qvel[done],
+            qacc=record.qacc[done],
+            mean_acceleration=mean_acceleration(record, self.done, self.tick_s),
+            act=record.act[done],
+            timestep=self.tick_s / record.steps[done],
+            volts=record.volts[done],
+            spool_volts=record.spool_volts[done],
+            compensation=self.compensation[done],
         )

@@ -68,9 +68,7 @@ def test_margins_of_a_sampled_integrator_are_in_closed_form():
     def loop(gain):
         plant = (np.eye(1), np.array([[gain]]), np.array([[1.0], [0.0], [1.0]]), np.zeros((3, 1)))
         nothing = np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((1, 0)), np.array([[1.0, -1.0, 0.0]])
-        return Loop(
-            leg=1, mode=1, mass_kg=1.0, extends=True, tick_s=tick, plant=plant, controller=nothing
-        )
+        return Loop(leg=1, mode=1, mass_kg=1.0, extends=True, tick_s=tick, plant=plant, controller=nothing)
 
     figures, angle = figures_of(loop(a), 4000), 2 * math.asin(a / 2)
     assert figures.crossover_Hz == pytest.approx(angle / (2 * math.pi * tick), rel=1e-3)
@@ -125,7 +123,11 @@ def test_a_delay_of_any_length_turns_the_loop_by_its_angle(where, delay_s):
 
     Fractions are exact for volts that are held and linear for readings: 0.2 % of L at 20 Hz.
     """
-    keys = {"effects": {"valve_delay": {"delay_s": delay_s}}} if where == "valve" else {"sensors.position_delay_s": delay_s}
+    keys = (
+        {"effects": {"valve_delay": {"delay_s": delay_s}}}
+        if where == "valve"
+        else {"sensors.position_delay_s": delay_s}
+    )
     prompt, late = (loops(changed(load_machine("bench"), change))[0] for change in ({}, keys))
     f = np.geomspace(0.05, 20.0, 20_000)
     right = prompt.open_response(f) * np.exp(-2j * np.pi * f * delay_s)
@@ -192,9 +194,7 @@ def test_noise_that_a_loop_follows_is_felt():
     shaken = []
     for gain in (1.0, 0.5):
         nothing = np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((1, 0)), gain * np.array([[1.0, -1.0, 0.0]])
-        loop = Loop(
-            leg=1, mode=1, mass_kg=1.0, extends=True, tick_s=0.002, plant=plant, controller=nothing
-        )
+        loop = Loop(leg=1, mode=1, mass_kg=1.0, extends=True, tick_s=0.002, plant=plant, controller=nothing)
         shaken.append(loop.shaken_m_s2(3e-6, 0.0, 50.0))
     assert shaken[0] == pytest.approx((2 * math.pi) ** 2 * 3e-6 * math.sqrt(2 * 0.002 * 50.0**5 / 5), rel=1e-3)
     assert shaken[1] < 0.9 * shaken[0]
