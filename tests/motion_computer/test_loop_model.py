@@ -121,7 +121,8 @@ def test_late_volts_and_late_transducers_cost_phase(servo_bench):
 def test_a_delay_of_any_length_turns_the_loop_by_its_angle(where, delay_s):
     """L behind a delay d is L exp(-2 pi i f d) up to 20 Hz, whole ticks or not; and the margins follow from that product.
 
-    Fractions are exact for volts that are held and linear for readings: 0.2 % of L at 20 Hz.
+    Volts that are held are exact within a tick, and what the plant does between ticks takes 0.2 % of L at 20 Hz. Readings are linear between
+    ticks: (w T)^2/8 = 0.8 %.
     """
     keys = (
         {"effects": {"valve_delay": {"delay_s": delay_s}}}
@@ -131,7 +132,7 @@ def test_a_delay_of_any_length_turns_the_loop_by_its_angle(where, delay_s):
     prompt, late = (loops(changed(load_machine("bench"), change))[0] for change in ({}, keys))
     f = np.geomspace(0.05, 20.0, 20_000)
     right = prompt.open_response(f) * np.exp(-2j * np.pi * f * delay_s)
-    assert np.abs(late.open_response(f) / right - 1.0).max() < 0.002
+    assert np.abs(late.open_response(f) / right - 1.0).max() < (0.002 if where == "valve" else 0.008)
     k = np.flatnonzero(np.diff(np.sign(np.abs(right) - 1.0)))
     assert len(k) == 1
     figures = figures_of(late)
