@@ -139,7 +139,7 @@ def sampled(plant: Matrices, tick_s: float, late_ticks: float = 0.0) -> Matrices
 
     def held(time_s: float) -> tuple[Array, Array]:
         """exp(A t), and the state that one volt builds up in t."""
-        whole = expm(np.block([[A, B], [np.zeros((1, n + 1))]]) * time_s)
+        whole: Any = expm(np.block([[A, B], [np.zeros((1, n + 1))]]) * time_s)
         return whole[:n, :n], whole[:n, n:]
 
     rest, newer = held((1.0 - part) * tick_s)
@@ -238,7 +238,7 @@ class Loop:
         outside = sum(
             int(np.sum(np.abs(np.linalg.eigvals(part[0])) > 1.0 + OUTSIDE)) for part in (self.plant, self.controller)
         )
-        return round(float(turns)) + outside == 0
+        return round(float(turns)) == outside
 
     def open_response(self, frequency_Hz: Array) -> Array:
         """L (n,): volts that come back for volts sent, broken at the valve's command, sign turned."""

@@ -114,7 +114,8 @@ class ValveStuck(LegFault):
 def lagged_spool(frequency_Hz: float, damping: float, tick_s: float) -> Array:
     """exp(A T) (2, 2) of x'' = omega^2 (u - x) - 2 damping omega x': exact for a command held over a tick."""
     omega = 2.0 * math.pi * frequency_Hz
-    return np.asarray(expm(np.array([[0.0, 1.0], [-omega * omega, -2.0 * damping * omega]]) * tick_s))
+    over: Any = expm(np.array([[0.0, 1.0], [-omega * omega, -2.0 * damping * omega]]) * tick_s)
+    return over
 
 
 @dataclass(frozen=True, kw_only=True)

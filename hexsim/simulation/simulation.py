@@ -165,10 +165,8 @@ class TickLoop:
         self.plant, self.loop = plant, loop
         rate = tick_rate_Hz(machine)
         self.tick_s = 1.0 / rate
-        whole_ratio(
-            *sorted((machine.sensors.log_rate_Hz, machine.controller.rate_Hz), reverse=True),
-            "log rate and control rate",
-        )
+        slower, faster = sorted((machine.sensors.log_rate_Hz, machine.controller.rate_Hz))
+        whole_ratio(faster, slower, "log rate and control rate")
         self.control_every = round(rate / machine.controller.rate_Hz)
         self.log_every = round(rate / machine.sensors.log_rate_Hz)
         self.ticks = round(scenario.duration_s * rate)

@@ -156,12 +156,15 @@ def test_a_lag_of_the_transducer_is_not_a_delay():
 
 @pytest.mark.parametrize("seed", range(12))
 def test_stability_is_that_of_the_eigenvalues_of_the_whole_loop(seed):
-    """Drawn plants with a pole at z = 1 and a resonance behind delays: the winding of 1 + L says what the eigenvalues of the
+    """Drawn plants with a pole at z = 1, or beyond it, and a resonance behind delays: the winding of 1 + L says what the eigenvalues of the
     loop with its shift registers say, from well below to well above the limit."""
     random = np.random.default_rng(seed)
     turn, size = random.uniform(0.1, 1.0), random.uniform(0.9, 0.999)
     A = np.zeros((3, 3))
-    A[0, 0], A[1:, 1:] = 1.0, size * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    A[0, 0], A[1:, 1:] = (
+        1.0 + 0.01 * (seed % 2),
+        size * np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]),
+    )
     B, row = random.normal(size=(3, 1)), np.abs(random.normal(size=(1, 3)))
     B[0] = abs(B[0])
     volts, reading = random.integers(0, 6, 2)
