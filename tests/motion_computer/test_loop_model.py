@@ -121,8 +121,8 @@ def test_late_volts_and_late_transducers_cost_phase(servo_bench):
 def test_a_delay_of_any_length_turns_the_loop_by_its_angle(where, delay_s):
     """L behind a delay d is L exp(-2 pi i f d) up to 20 Hz, whole ticks or not; and the margins follow from that product.
 
-    Volts that are held are exact within a tick, and what the plant does between ticks takes 0.2 % of L at 20 Hz. Readings are linear between
-    ticks: (w T)^2/8 = 0.8 %.
+    Volts that are held are exact within a tick, and what the plant does between ticks takes 0.2 % of L at 20 Hz.
+    Readings are linear between ticks: (w T)^2/8 = 0.8 %.
     """
     keys = (
         {"effects": {"valve_delay": {"delay_s": delay_s}}}
@@ -156,8 +156,8 @@ def test_a_lag_of_the_transducer_is_not_a_delay():
 
 @pytest.mark.parametrize("seed", range(12))
 def test_stability_is_that_of_the_eigenvalues_of_the_whole_loop(seed):
-    """Drawn plants with a pole at z = 1, or beyond it, and a resonance behind delays: the winding of 1 + L says what the eigenvalues of the
-    loop with its shift registers say, from well below to well above the limit."""
+    """Drawn plants with a pole at z = 1, or beyond it, and a resonance behind delays: the winding of 1 + L says what the
+    eigenvalues of the loop with its shift registers say, from well below to well above the limit."""
     random = np.random.default_rng(seed)
     turn, size = random.uniform(0.1, 1.0), random.uniform(0.9, 0.999)
     A = np.zeros((3, 3))
