@@ -15,7 +15,7 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.mechanics.mechanics import Mechanics
 from hexsim.mechanics.points import imu_reading, mounting
-from hexsim.plant.callbacks import leg_state, memory_of, supply_pressure, supply_state
+from hexsim.plant.callbacks import chamber_state, leg_state, memory_of, supply_pressure, supply_state
 from hexsim.plant.plant import Plant
 
 Array = NDArray[np.float64]
@@ -168,11 +168,12 @@ def _power_unit_rows(supplies, rows, layout, h, which, act, y, v, volts, time, o
             p = rows[which[k], i]
             Ps = supply_pressure(p, layout[i], act[k])
             P1, P2, place, _, z = leg_state(layout[i], act[k], Ps)
+            s2 = chamber_state(layout[i], act[k], Ps)[1]
             x, memory = leg.metering_spool(p, volts[k, i], time[k], place), memory_of(layout[i], act[k])
             inflow = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k], memory)
-            asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, P2, Ps, h[k])
+            asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, s2, Ps, h[k])
             demand += asked
-            heat += leg.heat(p, y[k, i], v[k, i], x, P1, P2, Ps, z, inflow, asked, h[k], time[k])
+            heat += leg.heat(p, y[k, i], v[k, i], x, P1, s2, Ps, z, inflow, asked, h[k], time[k])
             friction = leg.friction_force(p, y[k, i], v[k, i], P1, z, P2, time[k])
             force = P1 * p[P.AREA_BOTTOM] - P2 * p[P.AREA_TOP] - friction
             work += force * v[k, i]

@@ -63,7 +63,7 @@ def test_accumulator_shut_below_its_precharge():
     row = unit()
     assert supply.accumulator_oil(row, 55 * BAR) == 0.0
     assert supply.accumulator_energy(row, 55 * BAR) == 0.0
-    assert supply.pump_side_capacity(row, 55 * BAR) == row[S.PUMP_SIDE_VOLUME] / row[S.BULK_MODULUS]
+    assert supply.pump_side_capacity(row, 55 * BAR) == row[S.PUMP_SIDE_VOLUME] / row[S.BULK_MODULUS] + row[S.HOSE_COMPLIANCE]
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.3, 1.4])
@@ -72,7 +72,7 @@ def test_capacity_and_energy_are_the_derivatives_of_the_gas_law(exponent, bar):
     """C_p = dV_oil/dP + V/E and d(energy)/dP = P dV_oil/dP, by central differences (error of order h^2: 1e-6)."""
     row, pressure, h = unit(polytropic_exponent=exponent), bar * BAR, 1e3
     slope = (supply.accumulator_oil(row, pressure + h) - supply.accumulator_oil(row, pressure - h)) / (2 * h)
-    oil = row[S.PUMP_SIDE_VOLUME] / row[S.BULK_MODULUS]
+    oil = row[S.PUMP_SIDE_VOLUME] / row[S.BULK_MODULUS] + row[S.HOSE_COMPLIANCE]
     assert supply.pump_side_capacity(row, pressure) - oil == pytest.approx(slope, rel=1e-6, abs=0.0)
     work = (supply.accumulator_energy(row, pressure + h) - supply.accumulator_energy(row, pressure - h)) / (2 * h)
     assert work == pytest.approx(pressure * slope, rel=1e-6)
