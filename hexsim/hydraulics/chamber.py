@@ -72,7 +72,7 @@ def state_rate(state, net_flow, room, room_rate=0.0):
 @compiled
 def slowdown(slope, room):
     """By what the net flow is divided in a step h [s] of a chamber whose net flow falls by slope/h [m3/s/Pa] with its pressure."""
-    return 0.5 * slope / room if slope > 2.0 * room else 1.0
+    return slope / room if slope > room else 1.0
 
 
 @compiled

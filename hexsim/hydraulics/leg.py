@@ -106,11 +106,13 @@ def bottom_rate(p, y, v, s1, net):
 def pressure_slowdown(p, y, x, P1, Ps, h):
     """By what the net flow is divided in a step h [s]; h lambda = -h (dq/dP1)/C, the step over the edge's time constant.
 
-    RK4 is stable up to h lambda = 2.78: an open valve at little pressure drop is slowed to h lambda = 2, towards the same
+    Flow through an edge falls as the root of its pressure drop: one step of h lambda = 1, its tangent, goes twice as far as
+    to where it vanishes, and RK4 settles there; beyond, its stages overshoot into a flow the other way and the pressure
+    stays bars beside its balance. So an open valve at little pressure drop is slowed to h lambda = 1, towards the same
     balance; 1 elsewhere.
     """
     capacity = chamber_capacity(p, y, P1)
-    if is_slope_below(p, x, P1, Ps, h, 2.0 * capacity):
+    if is_slope_below(p, x, P1, Ps, h, capacity):
         return 1.0
     return chamber.slowdown(h * (worn_conductance(p, y) - flow_slope(p, x, P1, Ps)), capacity)
 
@@ -242,8 +244,8 @@ def leg_derivatives(p, y, v, volts, t, Ps, state, h, memory=0.0):
     """Rates of a leg's states, its metering spool position [m] and its net flow [m3/s].
 
     state: (s1, s2, x, x', z), chambers [Pa], spool [m] and [m/s], bristle [m]; the rates come in the same order, 0 for
-    a state that the leg has not. h [s]: time step of who integrates; laws faster than it are slowed to it (pressures and
-    bristle to h lambda = 2, a rod side's port to 1), towards the same balance. h = 0: exact. memory: of a learned
+    a state that the leg has not. h [s]: time step of who integrates; laws faster than it are slowed to it (pressures to
+    h lambda = 1, the bristle to 2), towards the same balance. h = 0: exact. memory: of a learned
     term, whose own rate is `learned.memory_rate`.
     """
     s1, s2, place, speed, z = state

@@ -118,11 +118,11 @@ def test_a_worn_bore_leaks_where_the_seal_passes_it(row):
 
 
 def test_a_worn_bore_slows_a_time_step_by_its_slope(row):
-    """Valve shut, a bore that is open: with h G = 4 C the pressure's rate is halved to h lambda = 2; far off it is not."""
+    """Valve shut, a bore that is open: with h G = 4 C the pressure's rate is divided to h lambda = 1; far off it is not."""
     h = 1e-4
     row[P.WEAR_PLACE], row[P.WEAR_WIDTH] = 0.09, 0.008
     row[P.WEAR_CONDUCTANCE] = 4.0 * leg.chamber_capacity(row, 0.09, P1) / h
-    assert leg.pressure_slowdown(row, 0.09, 0.0, P1, PS, h) == pytest.approx(2.0, rel=1e-9)
+    assert leg.pressure_slowdown(row, 0.09, 0.0, P1, PS, h) == pytest.approx(4.0, rel=1e-9)
     assert leg.pressure_slowdown(row, 0.18, 0.0, P1, PS, h) == 1.0
 
 
