@@ -63,7 +63,10 @@ def test_accumulator_shut_below_its_precharge():
     row = unit()
     assert supply.accumulator_oil(row, 55 * BAR) == 0.0
     assert supply.accumulator_energy(row, 55 * BAR) == 0.0
-    assert supply.pump_side_capacity(row, 55 * BAR) == row[S.PUMP_SIDE_VOLUME] / row[S.BULK_MODULUS] + row[S.HOSE_COMPLIANCE]
+    assert (
+        supply.pump_side_capacity(row, 55 * BAR)
+        == row[S.PUMP_SIDE_VOLUME] / row[S.BULK_MODULUS] + row[S.HOSE_COMPLIANCE]
+    )
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.3, 1.4])
