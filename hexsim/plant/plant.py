@@ -16,7 +16,7 @@ from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects import Effect
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
-from hexsim.hydraulics.resolve import add_effects, resolve, warm_oil
+from hexsim.hydraulics.resolve import add_effects, check_load, resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.steps import StepRule, step_rule
 from hexsim.hydraulics.supply import POWER_UNIT, S, U
@@ -73,6 +73,8 @@ class Plant:
         self.model_kind: ModelKind = model if self.kinematics.has_platform else "full"
         final = resolve(machine)
         add_effects(final, later)
+        check_load(self.resolved)
+        check_load(final)
         self._final_modes = final.payload_modes
         self._load_moves = load_moves or final.load.centre_of_mass_m != machine.load.centre_of_mass_m
         self.longest_delay_s = float(final.rows[:, P.VALVE_DELAY].max())

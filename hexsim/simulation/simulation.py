@@ -29,12 +29,12 @@ from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.scenarios.resources import check_resources, tick_rate_Hz
 from hexsim.scenarios.settings import machine_in
 from hexsim.sensors.bank import SensorBank
-from hexsim.simulation.cavitation import cavitation_warnings
 from hexsim.simulation.fault_run import FaultRun, FaultySensors
 from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
 from hexsim.simulation.hosted import Host, hosted_setpoints
 from hexsim.simulation.plain_loop import PlainLoop, Transducer, run_plain
 from hexsim.simulation.run_log import Recorded, run_log, run_summary
+from hexsim.simulation.run_warnings import cavitation_warnings, time_step_warnings
 from hexsim.simulation.start_parameters import SUFFIX, started
 
 Array = NDArray[np.float64]
@@ -131,6 +131,7 @@ def simulate(
     later = later_effects(faults, machine)
     shifts = any(isinstance(fault, PayloadShift) for fault in faults)
     plant = Plant(machine, model=kind, timestep=timestep, later=later, load_moves=shifts)  # type: ignore[arg-type]
+    coarse = time_step_warnings(plant)
     control = MotionComputer if faults else PositionLoop
     loop = control(machine, compensators, scenario.period_s, lambda *message: messages.append(message))
     run = TickLoop(plant, loop, scenario, seed, host)
@@ -147,7 +148,7 @@ def simulate(
     realtime = float(recorded.time[-1] / wall) if len(recorded.time) > 1 else 0.0
     warnings = [f"tendon model: {TENDON_ERROR}"] if fast and plant.is_tendon else []
     warnings += [reason] if reason else []
-    warnings += cavitation_warnings(plant, *run.every_tick())
+    warnings += coarse + cavitation_warnings(plant, *run.every_tick())
     summary = run_summary(plant, scenario, name, log, recorded, realtime, warnings)
     summary |= run.faults.summary() if run.faults else {}
     return Run(

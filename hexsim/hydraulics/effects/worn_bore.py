@@ -30,4 +30,5 @@ EFFECT = Effect(
         EffectParameter(name="width_m", unit="m", bounds=(1e-3, 0.05), typical=0.01, default=0.01),
     ),
     apply=apply,
+    once=True,
 )

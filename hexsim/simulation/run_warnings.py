@@ -1,14 +1,37 @@
-"""Where oil turned to vapour in a run, as warnings of the run."""
+"""Warnings of a run: where oil turned to vapour, and a constant time step that the machine is too stiff for."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hexsim.hydraulics.leg import chamber_capacity
+from hexsim.hydraulics.steps import STIFF
 from hexsim.plant import Plant
 from hexsim.plant.readout import voids
 
 Array = NDArray[np.float64]
+STABLE_REAL, STABLE_RING = 2.78, 2.83  # h lambda and h omega up to which RK4 is stable
+
+
+def time_step_warnings(plant: Plant) -> list[str]:
+    """A sentence where a constant step is beyond RK4's bound of stability in some state: friction at standstill, or the oil's
+    springs at rest. Beyond it the run may diverge, or chatter within bounds."""
+    if plant.timestep is None:
+        return []
+    rule, y = plant.step_rule(), plant.piston_positions()
+    stiffest = max(1.0 / chamber_capacity(p, y[i], plant.bottom_pressures()[i]) for i, p in enumerate(plant.rows))
+    longest = {
+        "friction where a leg stands still": STABLE_REAL / (STIFF * rule.standstill),
+        "the oil's spring": STABLE_RING / np.sqrt(rule.springs * stiffest),
+    }
+    what = min(longest, key=lambda name: longest[name])
+    if plant.timestep <= longest[what]:
+        return []
+    return [
+        f"time step {1e3 * plant.timestep:g} ms: {what} is stable up to {1e3 * longest[what]:.2g} ms; figures of this run may be "
+        "those of the step: make it shorter, or leave the choice to hexsim"
+    ]
 
 
 def cavitation_warnings(plant: Plant, time: Array, positions: Array, act: Array) -> list[str]:
