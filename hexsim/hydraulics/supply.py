@@ -17,7 +17,7 @@ Power unit (gauge pressures; `_abs` = from vacuum), s the motor's speed as a fra
     C_s dP_s/dt = Q_l - q,  C_s = (V_manifold + V_annuli)/E + C_hose/2              manifold
     C_T dT/dt = heat - k (T - T_ambient)                                            reservoir
 
-C_hose = V_hose/E_hose lies half at either end of the line (pi section): its first mode against the manifold is 7 % below that
+C_hose = V_hose/E_hose lies half at either end of the line (pi section): its first mode against the manifold is 8 % below that
 of the distributed line, with all of it at the manifold it would be 27 %.
 P_p and P_s are volumes that may cavitate: their states are those of chambers (`chamber`).
 """
