@@ -66,7 +66,10 @@ def void(state, capacity_at_vapour):
 @compiled
 def state_rate(state, net_flow, room, room_rate=0.0):
     """ds/dt [Pa/s] for what flows in less what the piston sweeps [m3/s], Eq. 3.7. room: C [m3/Pa] at P(s); room_rate: dC/dt."""
-    return (net_flow + max(VAPOUR - state, 0.0) * room_rate) / room
+    rate = net_flow / room
+    if state < VAPOUR:
+        rate += (VAPOUR - state) * room_rate / room
+    return rate
 
 
 @compiled

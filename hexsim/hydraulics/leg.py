@@ -93,9 +93,9 @@ def chamber_capacity(p, y, P1):
 
 
 @compiled
-def bottom_rate(p, y, v, s1, net):
-    """ds1/dt [Pa/s] for what flows into the bottom chamber less what the piston sweeps [m3/s], Eq. 3.7."""
-    room, growth = chamber_capacity(p, y, chamber.pressure(s1)), 0.0
+def bottom_rate(p, y, v, s1, net, room):
+    """ds1/dt [Pa/s] for what flows into the bottom chamber less what the piston sweeps [m3/s], Eq. 3.7. room: its capacity."""
+    growth = 0.0
     if s1 < chamber.VAPOUR:
         oil = chamber.volume(y, p[P.AREA_BOTTOM], p[P.PIPELINE_VOLUME])
         growth = (room - p[P.HOSE_COMPLIANCE]) * p[P.AREA_BOTTOM] * v / oil if oil > chamber.VOLUME_FLOOR else 0.0
@@ -252,9 +252,9 @@ def leg_derivatives(p, y, v, volts, t, Ps, state, h, memory=0.0):
     P1, P2 = chamber.pressure(s1), chamber.pressure(s2)
     x = metering_spool(p, volts, t, place)
     flow = inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t, memory)
-    slower = pressure_slowdown(p, y, x, P1, Ps, h)
-    net = chamber.slowed(flow - p[P.AREA_BOTTOM] * v, s1, chamber_capacity(p, y, P1), slower, h)
-    ds1 = bottom_rate(p, y, v, s1, net)
+    room, slower = chamber_capacity(p, y, P1), pressure_slowdown(p, y, x, P1, Ps, h)
+    net = chamber.slowed(flow - p[P.AREA_BOTTOM] * v, s1, room, slower, h)
+    ds1 = bottom_rate(p, y, v, s1, net, room)
     ds2 = dx = acceleration = dz = 0.0
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
         ds2 = rod_side.valve_rate(p, y, v, x, P1, s2, Ps, h)

@@ -121,7 +121,7 @@ def leg_bias(p, places, act, y, v, volts, t):
     s1, s2, _, _, z = chamber_state(places, act, Ps)
     P1, P2 = chamber.pressure(s1), chamber.pressure(s2)
     force = leg.force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t, memory_of(places, act))
-    return force + (P1 - s1) * p[P.AREA_BOTTOM]
+    return force + (P1 - s1) * p[P.AREA_BOTTOM] if s1 < P1 else force
 
 
 @compiled

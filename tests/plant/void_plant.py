@@ -36,7 +36,9 @@ NAMES = {
 def numbers_of(plant):
     """The leg's numbers, mass and gravity, from the machine's declaration."""
     row, machine = plant.rows[0], plant.machine
-    return np.array([*(row[place] for place in NAMES.values()), machine.load.moving_mass_kg, machine.machine.gravity_m_s2])
+    return np.array(
+        [*(row[place] for place in NAMES.values()), machine.load.moving_mass_kg, machine.machine.gravity_m_s2]
+    )
 
 
 @njit
@@ -62,9 +64,7 @@ def rates(n, state, volts, pull, out):
     q2 = edge(n, -at, n[O3], n[G3], n[PS] - P2) - edge(n, at, n[O4], n[G4], P2 - n[PT]) if four else 0.0
     across = n[PISTON_LEAK] * (P1 - P2) if four else 0.0
     outward = v >= 0.0
-    viscous, coulomb, static = (
-        (n[VIS_OUT], n[C_OUT], n[S_OUT]) if outward else (n[VIS_IN], n[C_IN], n[S_IN])
-    )
+    viscous, coulomb, static = (n[VIS_OUT], n[C_OUT], n[S_OUT]) if outward else (n[VIS_IN], n[C_IN], n[S_IN])
     friction = viscous * v + math.tanh(v / n[SHARP]) * (coulomb + static * math.exp(-abs(v) / n[STRIBECK]))
     stops, low, high = 0.0, n[STOP] - y, y - n[STROKE] + n[STOP]
     if low > 0.0:

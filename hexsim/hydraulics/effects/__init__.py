@@ -83,7 +83,9 @@ def check_effects(machine: Machine, source: str) -> None:
         taken |= set(legs)
     lines = [name for name in there if library()[name].balance == "supply" and library()[name].once]
     if len(lines) > 1:
-        raise HexsimError(f"{source}: [effects.{lines[0]}] and [effects.{lines[1]}] are a supply line each: keep one of them")
+        raise HexsimError(
+            f"{source}: [effects.{lines[0]}] and [effects.{lines[1]}] are a supply line each: keep one of them"
+        )
 
 
 def _values(effect: Effect, table: dict[str, Any], place: str) -> dict[str, Any]:
