@@ -148,7 +148,7 @@ def simulate(
     realtime = float(recorded.time[-1] / wall) if len(recorded.time) > 1 else 0.0
     warnings = [f"tendon model: {TENDON_ERROR}"] if fast and plant.is_tendon else []
     warnings += [reason] if reason else []
-    warnings += coarse + cavitation_warnings(plant, *run.every_tick())
+    warnings += coarse + cavitation_warnings(plant, run.tick_s, recorded.positions, recorded.act)
     summary = run_summary(plant, scenario, name, log, recorded, realtime, warnings)
     summary |= run.faults.summary() if run.faults else {}
     return Run(
@@ -282,11 +282,6 @@ class TickLoop:
             sensors.pressure_top(tick, self.rod_sides),
         )
         self.setpoints[step] = self.loop.setpoint  # a motion computer that guides the machine has its own
-
-    def every_tick(self) -> tuple[Array, Array, Array]:
-        """Time (m,), positions (m, n_legs) and MuJoCo's act (m, n_states) of all ticks that were done."""
-        done = slice(0, self.done)
-        return np.arange(self.done, dtype=float) * self.tick_s, self.record.positions[done], self.record.act[done]
 
     def recorded(self) -> Recorded:
         """What was recorded, at every tick."""
