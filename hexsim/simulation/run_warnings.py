@@ -11,7 +11,14 @@ from hexsim.plant import Plant
 from hexsim.plant.readout import voids
 
 Array = NDArray[np.float64]
+TENDON_ERROR = "reversal peaks within 0.2 % and waveform within 0.5 % of full legs"
 STABLE_REAL, STABLE_RING = 2.78, 2.83  # h lambda and h omega up to which RK4 is stable
+
+
+def start_warnings(plant: Plant, fast: bool) -> list[str]:
+    """What is known before the run: the error of the tendon model where `fast` chose it, and a time step too long."""
+    tendon = [f"tendon model: {TENDON_ERROR}"] if fast and plant.is_tendon else []
+    return tendon + time_step_warnings(plant)
 
 
 def time_step_warnings(plant: Plant) -> list[str]:
