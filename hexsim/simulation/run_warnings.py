@@ -44,7 +44,7 @@ def time_step_warnings(plant: Plant) -> list[str]:
 def cavitation_warnings(plant: Plant, tick_s: float, positions: Array, act: Array) -> list[str]:
     """One sentence a volume of oil that cavitated: when, how long, how large the void. positions (m, n_legs), act
     (m, n_states): of every tick; a void that opens and closes between two ticks is not seen."""
-    time = np.arange(len(act)) * tick_s
+    time = np.arange(len(act), dtype=float) * tick_s
     return [_sentence(place, time, void, area) for place, (void, area) in voids(plant, time, positions, act).items()]
 
 
