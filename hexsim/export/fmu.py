@@ -29,6 +29,7 @@ from hexsim.export.model_description import model_description
 from hexsim.export.toolchain import SYSTEMS
 from hexsim.export.variables import OUTPUT_KINDS, Variables, mass_body, mass_key, mass_offset, variables_of
 from hexsim.files.atomic import written_whole
+from hexsim.hydraulics.chamber import VAPOUR
 from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.steps import LONGEST_S
 from hexsim.motion_computer.controller import N_MEMORY
@@ -174,7 +175,7 @@ def _places(plant: Plant, variables: Variables) -> dict[str, float]:
         "MASS_PARAMETER": parameters[mass_key(plant.machine)],
         "SUPPLY_PARAMETER": parameters.get("supply.pressure_Pa", -1), "SUPPLY_PRESSURE": supply.pressure_Pa,
         "TANK_PARAMETER": parameters.get("supply.tank_pressure_Pa", -1), "TANK_PRESSURE": supply.tank_pressure_Pa,
-        "NEUTRAL_HEIGHT": plant.kinematics.neutral_height_m,
+        "NEUTRAL_HEIGHT": plant.kinematics.neutral_height_m, "VAPOUR": VAPOUR,
     }  # fmt: skip
 
 

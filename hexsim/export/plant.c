@@ -1,6 +1,6 @@
 /* The plant of a machine: MuJoCo's bodies and hexsim's hydraulics, RK4 at a constant step. As `hexsim.plant.Plant`.
 
-   Pressures are in MPa inside MuJoCo's `act`. */
+   States of chambers are in MPa inside MuJoCo's `act`: pressures, above that of vapour (`hexsim.hydraulics.chamber`). */
 #include "plant.h"
 
 #include <stdarg.h>
@@ -234,15 +234,17 @@ static double pose(const Instance *c, int axis) {
   }
 }
 
+static double pressure(double state) { return fmax(state * MPa, VAPOUR); }
+
 static double output(const Instance *c, OutputKind kind, int i) {
   const double *act = c->data->act, *places = layout(c, kind == POSE ? 0 : i % N_LEGS);
   const double *turn = c->data->xmat + 9 * MASS_BODY, *qacc = c->data->qacc;
   switch (kind) {
     case POSITION: return c->data->actuator_length[i] - c->model->actuator_user[i * ROW + LENGTH_OFFSET];
     case VELOCITY: return c->data->actuator_velocity[i];
-    case BOTTOM: return act[(int)places[PRESSURE]] * MPa;
-    case TOP: return act[(int)places[ROD_SIDE]] * MPa;
-    case SUPPLY: return places[SUPPLY_PLACE] >= 0 ? act[(int)places[SUPPLY_PLACE]] * MPa
+    case BOTTOM: return pressure(act[(int)places[PRESSURE]]);
+    case TOP: return pressure(act[(int)places[ROD_SIDE]]);
+    case SUPPLY: return places[SUPPLY_PLACE] >= 0 ? pressure(act[(int)places[SUPPLY_PLACE]])
                                                   : c->model->actuator_user[ROW_SUPPLY_PRESSURE];
     case POSE: return pose(c, i);
     case VALVE: return c->now.volts[i];

@@ -20,7 +20,7 @@ from hexsim.gym.environment import legs_of
 from hexsim.gym.task import LARGEST, N_SEEN, SHARPEST_STEPS_A_SECOND, Episodes, Task, task_of
 from hexsim.hydraulics.parameters import P
 from hexsim.plant import Plant
-from hexsim.plant.callbacks import MPa
+from hexsim.plant.callbacks import pressures_of
 from hexsim.plant.mjcf import ModelKind
 
 
@@ -133,4 +133,4 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
         return legs_of(self.plant, self.state["qpos"], self.state["qvel"])
 
     def _pressure(self) -> np.ndarray:
-        return self.state["act"][:, self.plant.pressure_places] * MPa
+        return pressures_of(self.state["act"][:, self.plant.pressure_places])

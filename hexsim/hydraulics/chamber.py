@@ -1,16 +1,30 @@
-"""Chamber: volume, compressibility and pressure rate, Eq. 3.5-3.7.
+"""Chamber: volume, compressibility, pressure and the void that opens at vapour pressure, Eq. 3.5-3.7.
 
-    dP1/dt = (sum Q - A1 v) / (V/E(P) + C_hose),   V = max(A1 y + V_pl, floor)
+    dP1/dt = (sum Q - A1 v) / C,   C = V/E(P) + C_hose,   V = max(A1 y + V_pl, floor)
 
 With entrained air (volume fraction alpha at atmospheric pressure, polytropic n = 1.4, absolute pressure P):
     1/E(P) = (1/E + alpha (P0/P)^(1/n) / (n P)) / (1 + alpha (P0/P)^(1/n))
-No negative absolute pressure: below CAVITATION_SOFT above absolute zero, a falling rate fades out.
+
+Oil bears no tension: at its vapour pressure P_v it leaves a void W behind, and stays at P_v until inflow or a smaller
+chamber has closed it,
+
+    dW/dt = A1 v - sum Q
+
+A chamber has one state s for both, in Pa: the pressure while oil fills it, and below P_v the pressure that its oil would
+have if it could bear tension, which stands for the void:
+
+    P = max(s, P_v),   W = (P_v - s) C(P_v) for s < P_v
+    C ds/dt = sum Q - A1 v + max(P_v - s, 0) dC/dt
+
+So no oil is made or lost, dP/dt alone jumps, and a void that closes at speed ends in a rise of pressure.
+Limits: the void is vapour alone. Air that leaves the solution, and takes seconds to return, is not in it.
 """
 
 from hexsim.compiled import compiled
 
 ATMOSPHERE = 1.01325e5  # [Pa]; pressures are gauge, absolute zero is -ATMOSPHERE
-CAVITATION_SOFT = 2.0e4  # [Pa] a falling pressure rate fades out over this above absolute zero
+VAPOUR = 10.0 - ATMOSPHERE  # [Pa] gauge; mineral oils boil at 0.1 to 10 Pa absolute at 20 to 60 degC
+LEAST_OF_AIR = 2.0e4  # [Pa] absolute: below it free air swells at the rate it has there, and vapour soon does the rest
 VOLUME_FLOOR = 1.0e-6  # [m3] smallest chamber volume, reached only at the end stop
 AIR_EXPONENT = 1.4  # [-] adiabatic: bubbles are compressed faster than they exchange heat
 
@@ -26,7 +40,7 @@ def bulk_modulus(pressure, oil_modulus, air_fraction):
     """Effective bulk modulus [Pa] of oil with entrained air at gauge pressure `pressure`."""
     if air_fraction <= 0.0:
         return oil_modulus
-    absolute = max(pressure + ATMOSPHERE, CAVITATION_SOFT)
+    absolute = max(pressure + ATMOSPHERE, LEAST_OF_AIR)
     air = air_fraction * (ATMOSPHERE / absolute) ** (1.0 / AIR_EXPONENT)
     return (1.0 + air) / (1.0 / oil_modulus + air / (AIR_EXPONENT * absolute))
 
@@ -38,15 +52,41 @@ def capacity(oil_volume, pressure, oil_modulus, air_fraction, hose_compliance):
 
 
 @compiled
-def pressure_rate(net_flow, chamber_capacity, pressure):
-    """dP/dt [Pa/s] from the net flow into the chamber, Eq. 3.7; never through absolute zero."""
-    rate = net_flow / chamber_capacity
-    if rate < 0.0:
-        rate *= min(max((pressure + ATMOSPHERE) / CAVITATION_SOFT, 0.0), 1.0)
+def pressure(state):
+    """Pressure [Pa] of a chamber in this state: never below that of vapour."""
+    return max(state, VAPOUR)
+
+
+@compiled
+def void(state, capacity_at_vapour):
+    """Volume [m3] of vapour in a chamber in this state."""
+    return max(VAPOUR - state, 0.0) * capacity_at_vapour
+
+
+@compiled
+def state_rate(state, net_flow, room, room_rate=0.0):
+    """ds/dt [Pa/s] for what flows in less what the piston sweeps [m3/s], Eq. 3.7. room: C [m3/Pa] at P(s); room_rate: dC/dt."""
+    rate = net_flow / room
+    if state < VAPOUR:
+        rate += (VAPOUR - state) * room_rate / room
     return rate
 
 
 @compiled
-def slowdown(slope, chamber_capacity):
-    """By what dP/dt is divided in a step h [s] of a chamber whose net flow falls by slope/h [m3/s/Pa] with its pressure."""
-    return 0.5 * slope / chamber_capacity if slope > 2.0 * chamber_capacity else 1.0
+def slowdown(slope, room):
+    """By what the net flow is divided in a step h [s] of a chamber whose net flow falls by slope/h [m3/s/Pa] with its pressure."""
+    return slope / room if slope > room else 1.0
+
+
+@compiled
+def slowed(net_flow, state, room, slower, h):
+    """Net flow [m3/s] of a chamber whose pressure is faster than the step h [s], divided by `slower`.
+
+    The pressure of a void does not answer to flow: what closes it within the step counts in full, the rest is divided.
+    """
+    if slower <= 1.0:
+        return net_flow
+    closing = void(state, room) / h
+    if closing > 0.0 and net_flow <= closing:
+        return net_flow
+    return closing + (net_flow - closing) / slower

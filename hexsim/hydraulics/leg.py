@@ -2,6 +2,7 @@
 
 A leg's instant is (y, v, volts, x, P1, P2, Ps, t): piston position [m] from full retraction, velocity [m/s], valve
 volts, spool position [m], pressures of bottom chamber, rod side and supply [Pa], time [s]. `p` is its row of parameters.
+s1, s2 [Pa] are the states of the chambers, from which their pressures follow (`chamber`).
 An effect joins by one line in the balance that it extends. Whoever integrates a leg asks `leg_derivatives` and
 `leg_force`: MuJoCo's callbacks and the simulation of fits.
 """
@@ -12,7 +13,7 @@ import numpy as np
 
 from hexsim.compiled import compiled
 from hexsim.hydraulics import chamber, friction, learned, manifold, rod_side, valve
-from hexsim.hydraulics.parameters import FLOW_POINTS, FLOW_TABLE, ROD_SIDE_VALVE, P
+from hexsim.hydraulics.parameters import FLOW_POINTS, FLOW_TABLE, ROD_SIDE_PORT, ROD_SIDE_SUPPLY, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.ports import (
     flow_slope,
     is_slope_below,
@@ -66,7 +67,7 @@ def inflow(p, y, v, volts, x, P1, Ps, t, memory=0.0):
     flow += p[P.LEAK_SUPPLY_CHAMBER] * (Ps - P1) - p[P.LEAK_CHAMBER_TANK] * (P1 - p[P.TANK_PRESSURE])
     if p[P.RELIEF_CONDUCTANCE] != 0.0:
         flow -= p[P.RELIEF_CONDUCTANCE] * max(P1 - p[P.RELIEF_OPENS], 0.0)
-    if p[P.WEAR_CONDUCTANCE] != 0.0 and p[P.ROD_SIDE_CHAMBER] != ROD_SIDE_VALVE:
+    if p[P.WEAR_CONDUCTANCE] != 0.0 and p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_SUPPLY:
         flow += worn_conductance(p, y) * (Ps - P1)
     if p[P.CHECK_GAIN] > 0.0:
         flow += manifold.inflow(p, P1, Ps, manifold.taper(p, y))
@@ -77,10 +78,10 @@ def inflow(p, y, v, volts, x, P1, Ps, t, memory=0.0):
 
 @compiled
 def inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t, memory=0.0):
-    """`inflow` less what leaks across the piston of a leg with two chambers on the valve [m3/s]."""
+    """`inflow` less what leaks across the piston of a leg whose rod side is a chamber [m3/s]."""
     flow = inflow(p, y, v, volts, x, P1, Ps, t, memory)
-    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
-        flow -= (p[P.LEAK_PISTON] + worn_conductance(p, y)) * (P1 - P2)
+    if p[P.ROD_SIDE_CHAMBER] > 0.0:
+        flow -= rod_side.leak(p, y, P1, P2)
     return flow
 
 
@@ -92,26 +93,26 @@ def chamber_capacity(p, y, P1):
 
 
 @compiled
-def pressure_rate(p, y, v, volts, x, P1, Ps, t):
-    """dP1/dt [Pa/s], Eq. 3.7."""
-    return pressure_rate_of(p, y, v, P1, inflow(p, y, v, volts, x, P1, Ps, t))
-
-
-@compiled
-def pressure_rate_of(p, y, v, P1, flow):
-    """dP1/dt [Pa/s], Eq. 3.7, for a net flow into the bottom chamber that is already known."""
-    return chamber.pressure_rate(flow - p[P.AREA_BOTTOM] * v, chamber_capacity(p, y, P1), P1)
+def bottom_rate(p, y, v, s1, net, room):
+    """ds1/dt [Pa/s] for what flows into the bottom chamber less what the piston sweeps [m3/s], Eq. 3.7. room: its capacity."""
+    growth = 0.0
+    if s1 < chamber.VAPOUR:
+        oil = chamber.volume(y, p[P.AREA_BOTTOM], p[P.PIPELINE_VOLUME])
+        growth = (room - p[P.HOSE_COMPLIANCE]) * p[P.AREA_BOTTOM] * v / oil if oil > chamber.VOLUME_FLOOR else 0.0
+    return chamber.state_rate(s1, net, room, growth)
 
 
 @compiled
 def pressure_slowdown(p, y, x, P1, Ps, h):
-    """By what dP1/dt is divided in a step h [s]; with h lambda = -h (dq/dP1)/C the step over the edge's time constant.
+    """By what the net flow is divided in a step h [s]; h lambda = -h (dq/dP1)/C, the step over the edge's time constant.
 
-    RK4 is stable up to h lambda = 2.78: an open valve at little pressure drop is slowed to h lambda = 2, towards the same
+    Flow through an edge falls as the root of its pressure drop: one step of h lambda = 1, its tangent, goes twice as far as
+    to where it vanishes, and RK4 settles there; beyond, its stages overshoot into a flow the other way and the pressure
+    stays bars beside its balance. So an open valve at little pressure drop is slowed to h lambda = 1, towards the same
     balance; 1 elsewhere.
     """
     capacity = chamber_capacity(p, y, P1)
-    if is_slope_below(p, x, P1, Ps, h, 2.0 * capacity):
+    if is_slope_below(p, x, P1, Ps, h, capacity):
         return 1.0
     return chamber.slowdown(h * (worn_conductance(p, y) - flow_slope(p, x, P1, Ps)), capacity)
 
@@ -131,13 +132,14 @@ def supply_demand(p, v, x, P1, P2, Ps):
 
 
 @compiled
-def supply_demand_in_step(p, y, v, x, P1, P2, Ps, h=0.0):
+def supply_demand_in_step(p, y, v, x, P1, s2, Ps, h=0.0):
     """`supply_demand` with what a worn bore takes, and a rod side of its own within a time step h (0 = exact)."""
+    P2 = chamber.pressure(s2)
     demand = supply_demand(p, v, x, P1, P2, Ps)
-    if p[P.WEAR_CONDUCTANCE] != 0.0 and p[P.ROD_SIDE_CHAMBER] != ROD_SIDE_VALVE:
+    if p[P.WEAR_CONDUCTANCE] != 0.0 and p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_SUPPLY:
         demand += worn_conductance(p, y) * (Ps - P1)
-    if 0.0 < p[P.ROD_SIDE_CHAMBER] < ROD_SIDE_VALVE:
-        demand += rod_side.intake(p, y, v, P2, Ps, h) - rod_side.port_flow(p, P2, Ps)
+    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_PORT:
+        demand += rod_side.intake(p, y, v, P1, s2, Ps, h) - rod_side.port_flow(p, P2, Ps)
     return demand
 
 
@@ -195,16 +197,17 @@ def friction_force(p, y, v, P1, z, P2=0.0, t=math.inf):
 
 
 @compiled
-def heat(p, y, v, x, P1, P2, Ps, z, flow, demand, h=0.0, t=math.inf):
+def heat(p, y, v, x, P1, s2, Ps, z, flow, demand, h=0.0, t=math.inf):
     """Heat [W] that the leg puts into the oil: throttling in valve, leaks and rod side port, and friction.
 
     What the supply gives (Ps q) less what the chambers take (P1 phi_1 of `flow`, and P2 q_2 or -Ps A2 v).
     """
+    P2 = chamber.pressure(s2)
     throttled = Ps * demand - P1 * flow
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
         throttled -= P2 * rod_side.valve_inflow(p, y, x, P1, P2, Ps)
     elif p[P.ROD_SIDE_CHAMBER] > 0.0:
-        throttled -= P2 * rod_side.intake(p, y, v, P2, Ps, h)
+        throttled -= P2 * (rod_side.intake(p, y, v, P1, s2, Ps, h) + rod_side.leak(p, y, P1, P2))
     else:
         throttled += Ps * p[P.AREA_TOP] * v
     return throttled + friction_force(p, y, v, P1, z, P2, t) * v
@@ -240,20 +243,23 @@ def leg_force(p, y, v, volts, P1, P2, Ps, z, t, memory=0.0):
 def leg_derivatives(p, y, v, volts, t, Ps, state, h, memory=0.0):
     """Rates of a leg's states, its metering spool position [m] and its net flow [m3/s].
 
-    state: (P1, P2, x, x', z), pressures [Pa], spool [m] and [m/s], bristle [m]; the rates come in the same order, 0 for
-    a state that the leg has not. h [s]: time step of who integrates; laws faster than it are slowed to it (pressures and
-    bristle to h lambda = 2, a rod side's port to 1), towards the same balance. h = 0: exact. memory: of a learned
+    state: (s1, s2, x, x', z), chambers [Pa], spool [m] and [m/s], bristle [m]; the rates come in the same order, 0 for
+    a state that the leg has not. h [s]: time step of who integrates; laws faster than it are slowed to it (pressures to
+    h lambda = 1, the bristle to 2), towards the same balance. h = 0: exact. memory: of a learned
     term, whose own rate is `learned.memory_rate`.
     """
-    P1, P2, place, speed, z = state
+    s1, s2, place, speed, z = state
+    P1, P2 = chamber.pressure(s1), chamber.pressure(s2)
     x = metering_spool(p, volts, t, place)
     flow = inflow_bottom(p, y, v, volts, x, P1, P2, Ps, t, memory)
-    dP1 = pressure_rate_of(p, y, v, P1, flow) / pressure_slowdown(p, y, x, P1, Ps, h)
-    dP2 = dx = acceleration = dz = 0.0
+    room, slower = chamber_capacity(p, y, P1), pressure_slowdown(p, y, x, P1, Ps, h)
+    net = chamber.slowed(flow - p[P.AREA_BOTTOM] * v, s1, room, slower, h)
+    ds1 = bottom_rate(p, y, v, s1, net, room)
+    ds2 = dx = acceleration = dz = 0.0
     if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
-        dP2 = rod_side.valve_rate(p, y, v, x, P1, P2, Ps, h)
+        ds2 = rod_side.valve_rate(p, y, v, x, P1, s2, Ps, h)
     elif p[P.ROD_SIDE_CHAMBER] > 0.0:
-        dP2 = rod_side.port_rate(p, y, v, P2, Ps, h)
+        ds2 = rod_side.port_rate(p, y, v, P1, s2, Ps, h)
     if p[P.SPOOL_OMEGA] > 0.0:
         command = commanded_spool(p, volts, t)
         dx, acceleration = valve.spool_rates(
@@ -262,7 +268,7 @@ def leg_derivatives(p, y, v, volts, t, Ps, state, h, memory=0.0):
     if p[P.BRISTLE_STIFFNESS] > 0.0:
         stiff = p[P.BRISTLE_STIFFNESS] * abs(v) / friction_level(p, y, v, P1, P2, t)
         dz = bristle_rate(p, y, v, P1, z, P2, t) / max(1.0, 0.5 * h * stiff)
-    return (dP1, dP2, dx, acceleration, dz), x, flow
+    return (ds1, ds2, dx, acceleration, dz), x, flow
 
 
 @compiled

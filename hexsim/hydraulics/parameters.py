@@ -100,7 +100,7 @@ class P(IntEnum):
     OVERLAP_TANK_TOP = 67
     AREA_GRADIENT_SUPPLY_TOP = 68
     AREA_GRADIENT_TANK_TOP = 69
-    LEAK_PISTON = 70
+    LEAK_PISTON = 70  # from chamber to chamber, on the valve or behind a port
     LEAK_TOP_TANK = 71
     ROUNDING_SUPPLY_TOP = 72
     ROUNDING_TANK_TOP = 73
@@ -175,8 +175,10 @@ def _cylinder(machine: Machine, cylinder: Cylinder) -> dict[P, float]:
         P.CUSHION_DAMPING: cylinder.cushion_damping_N_s_m,
         P.ROD_SIDE_CHAMBER: ROD_SIDES[cylinder.rod_side],
     }
-    if cylinder.rod_side != "valve":  # the annulus is at supply pressure
+    if cylinder.rod_side == "supply":  # the annulus is at supply pressure
         return values | {P.LEAK_SUPPLY_CHAMBER: cylinder.piston_leakage_m3_s_Pa}
+    if cylinder.rod_side == "chamber":
+        return values | {P.LEAK_PISTON: cylinder.piston_leakage_m3_s_Pa}
     return values | {
         P.LEAK_PISTON: cylinder.piston_leakage_m3_s_Pa,
         P.LEAK_TOP_TANK: cylinder.rod_leakage_m3_s_Pa,

@@ -52,6 +52,23 @@ def add_effects(resolved: Resolved, settings: Iterable[tuple[Effect, tuple[int, 
         )
 
 
+def check_load(resolved: Resolved) -> None:
+    """Raise HexsimError where effects leave a load that no body can be: no mass, or moments of inertia that do not go together."""
+    load, machine = resolved.load, resolved.machine
+    key = "moving_mass_kg" if load.moving_mass_kg is not None else "platform_mass_kg"
+    mass, moments = getattr(load, key) or 0.0, load.platform_inertia_kg_m2 or (1.0, 1.0, 1.0)
+    if not mass > 0.0:
+        raise HexsimError(
+            f"machine {machine.machine.name}: [effects] leave {mass:g} kg of [load] {key} = {getattr(machine.load, key):g} kg: "
+            "let mass_change and flexible_payload take off less"
+        )
+    if not 0.0 < max(moments) <= sum(moments) - max(moments):
+        raise HexsimError(
+            f"machine {machine.machine.name}: [load] platform_inertia_kg_m2 with [effects] is "
+            f"{', '.join(f'{moment:g}' for moment in moments)}: each moment must be above 0 and at most the sum of the other two"
+        )
+
+
 def warm_oil(resolved: Resolved, temperature_degC: float) -> tuple[np.ndarray, np.ndarray]:
     """Take the oil of all rows to another temperature; return the factors of the legs' rows and of the supply's."""
     before, oil = resolved.oil_temperature_degC, resolved.machine.oil.properties

@@ -1,6 +1,8 @@
 """Rod side that is a chamber of its own: behind a port of the supply line, or on the valve's port B.
 
-dP2/dt = (q + A2 v)/C2,   q = K sqrt(Ps - P2) through the port, or what port B gives
+dP2/dt = (q + A2 v)/C2,   q = K sqrt(Ps - P2) through the port and G (P1 - P2) past the piston, or what port B gives
+
+s2 is the state of the chamber, P2 its pressure (`chamber`).
 """
 
 from hexsim.compiled import compiled
@@ -24,24 +26,43 @@ def capacity(p, y, P2):
 
 
 @compiled
-def intake(p, y, v, P2, Ps, h=0.0):
-    """What a rod side of its own takes from the supply line within a time step h [s] (0 = exact) [m3/s].
-
-    A wide port fills the annulus in microseconds, faster than the step. There the net flow is divided by
-    1 + max(h slope/C - 1, 0): P2 follows Ps within the step, towards the same balance, oil conserved.
-    """
-    port, moved = port_flow(p, P2, Ps), p[P.AREA_TOP] * v
-    slope = p[P.ROD_SIDE_CONDUCTANCE] * valve.smooth_root_slope(Ps - P2, p[P.PRESSURE_WIDTH])
-    excess = h * slope / capacity(p, y, P2) - 1.0
-    if excess <= 0.0:
-        return port
-    return (port + moved) / (1.0 + excess) - moved
+def state_rate(p, y, v, s2, net):
+    """ds2/dt [Pa/s] for a net flow [m3/s] that is already known."""
+    room, growth = capacity(p, y, chamber.pressure(s2)), 0.0
+    if s2 < chamber.VAPOUR:
+        oil = chamber.volume(p[P.STROKE] - y, p[P.AREA_TOP], p[P.ROD_SIDE_VOLUME])
+        growth = -room * p[P.AREA_TOP] * v / oil if oil > chamber.VOLUME_FLOOR else 0.0
+    return chamber.state_rate(s2, net, room, growth)
 
 
 @compiled
-def port_rate(p, y, v, P2, Ps, h=0.0):
-    """dP2/dt [Pa/s] of a rod side that is a chamber of its own behind a port."""
-    return chamber.pressure_rate(intake(p, y, v, P2, Ps, h) + p[P.AREA_TOP] * v, capacity(p, y, P2), P2)
+def leak(p, y, P1, P2):
+    """Flow past the piston from the bottom chamber into the rod side [m3/s]; more where the bore is worn."""
+    return (p[P.LEAK_PISTON] + worn_conductance(p, y)) * (P1 - P2)
+
+
+@compiled
+def intake(p, y, v, P1, s2, Ps, h=0.0):
+    """What a rod side of its own takes from the supply line within a time step h [s] (0 = exact) [m3/s].
+
+    A wide port fills the annulus in microseconds, faster than the step. There the net flow is divided by
+    max(h slope/C, 1): P2 follows Ps within the step, towards the same balance, oil conserved.
+    """
+    P2 = chamber.pressure(s2)
+    port = port_flow(p, P2, Ps)
+    slope = p[P.ROD_SIDE_CONDUCTANCE] * valve.smooth_root_slope(Ps - P2, p[P.PRESSURE_WIDTH])
+    room = capacity(p, y, P2)
+    if h * slope <= room:
+        return port
+    moved = p[P.AREA_TOP] * v + leak(p, y, P1, P2)
+    return chamber.slowed(port + moved, s2, room, h * slope / room, h) - moved
+
+
+@compiled
+def port_rate(p, y, v, P1, s2, Ps, h=0.0):
+    """ds2/dt [Pa/s] of a rod side that is a chamber of its own behind a port."""
+    net = intake(p, y, v, P1, s2, Ps, h) + p[P.AREA_TOP] * v + leak(p, y, P1, chamber.pressure(s2))
+    return state_rate(p, y, v, s2, net)
 
 
 @compiled
@@ -51,8 +72,10 @@ def valve_inflow(p, y, x, P1, P2, Ps):
 
 
 @compiled
-def valve_rate(p, y, v, x, P1, P2, Ps, h):
-    """dP2/dt [Pa/s] of a rod side on the valve's port B, slowed to the time step h [s] as P1 is."""
+def valve_rate(p, y, v, x, P1, s2, Ps, h):
+    """ds2/dt [Pa/s] of a rod side on the valve's port B, slowed to the time step h [s] as P1 is."""
+    P2 = chamber.pressure(s2)
     room = capacity(p, y, P2)
-    rate = chamber.pressure_rate(valve_inflow(p, y, x, P1, P2, Ps) + p[P.AREA_TOP] * v, room, P2)
-    return rate / chamber.slowdown(h * (worn_conductance(p, y) - top_slope(p, x, P2, Ps)), room)
+    net = valve_inflow(p, y, x, P1, P2, Ps) + p[P.AREA_TOP] * v
+    slower = chamber.slowdown(h * (worn_conductance(p, y) - top_slope(p, x, P2, Ps)), room)
+    return state_rate(p, y, v, s2, chamber.slowed(net, s2, room, slower, h))

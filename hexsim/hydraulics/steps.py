@@ -4,7 +4,8 @@
                           omega_spool/RING, 1/(R C)_line/RING, ...       what does not depend on the state
                           omega_oil/RING,    omega_oil^2 = max eig(A A1^2) max(1/C)    oil springs at their present volumes
                           -(dq/dP1)/C / FLOW                             open valve at little pressure drop
-                          1/FASTEST_LAW_S                                near absolute zero pressure, accumulator empty
+                          1/FASTEST_LAW_S, omega_oil/CROSSING            where a chamber may cavitate within SOON_S, or did
+                          1/FASTEST_LAW_S                                accumulator empty
                           max eig(A G)/STIFF  near standstill            G: slope of the friction at v = 0
                           1/RINGING_S  near standstill and for RINGING_FOR_S after it )
 
@@ -25,9 +26,16 @@ from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, rod_side, supply
-from hexsim.hydraulics.chamber import ATMOSPHERE, CAVITATION_SOFT
-from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P
-from hexsim.hydraulics.ports import top_slope, worn_conductance
+from hexsim.hydraulics.chamber import ATMOSPHERE, VAPOUR
+from hexsim.hydraulics.parameters import ROD_SIDE_SUPPLY, ROD_SIDE_VALVE, P
+from hexsim.hydraulics.ports import (
+    supply_edge_flow,
+    tank_edge_flow,
+    top_slope,
+    top_supply_flow,
+    top_tank_flow,
+    worn_conductance,
+)
 from hexsim.hydraulics.supply import LINE, POWER_UNIT, S
 
 Array = NDArray[np.float64]
@@ -40,6 +48,9 @@ FASTEST_LAW_S = 1.0e-4
 RING, FLOW, STIFF = 0.8, 1.0, 2.2  # largest h omega of a ring, h lambda of the valve's flow, h lambda of friction
 NEAR = 5.0  # widths of the friction's sign: tanh(5) = 1 - 1e-4
 EMPTY = 1.01  # of the precharge: the accumulator's capacity falls a thousandfold as its oil ends
+SOON_S = 3.0 * LONGEST_S  # a spool of 60 Hz shuts within 5 ms
+BELOW_AIR = 1.0e5  # [Pa] above vapour pressure: no chamber rests there
+CROSSING = 0.1  # largest h omega of a spring that begins or ends at once: (h omega)^2/8 of the speed is the error there
 SETTLED = 0.01  # of the speed: a bristle that deflects more slowly slides
 
 
@@ -145,11 +156,36 @@ def leg_steps(rule, p, y, v, x, P1, P2, Ps, z):
     if p[P.BRISTLE_STIFFNESS] > 0.0 and abs(leg.bristle_rate(p, y, v, P1, z, P2)) > SETTLED * abs(v):
         law = max(law, p[P.BRISTLE_STIFFNESS] * abs(v) / (leg.friction_level(p, y, v, P1, P2) * FLOW))
     steps = max(math.sqrt(rule.springs * springs) / RING, min(law, 1.0 / FASTEST_LAW_S))
-    if min(P1, P2, Ps) + ATMOSPHERE < NEAR * CAVITATION_SOFT:
-        steps = max(steps, 1.0 / FASTEST_LAW_S)
+    if may_cavitate(p, y, v, x, P1, P2, Ps, capacity):
+        steps = max(steps, 1.0 / FASTEST_LAW_S, math.sqrt(rule.springs * springs) / CROSSING)
     if min(y, p[P.STROKE] - y) < p[P.CUSHION_LENGTH]:
         steps = max(steps, rule.stop)
     return steps
+
+
+@compiled
+def may_cavitate(p, y, v, x, P1, P2, Ps, capacity):
+    """Is a pressure below that of the air, or on the way to that of vapour within SOON_S? capacity: of the bottom chamber.
+
+    Before the valve's flow is asked for: could what the piston sweeps do it alone?
+    """
+    if min(P1, P2, Ps) < VAPOUR + BELOW_AIR:
+        return True
+    swept = p[P.AREA_BOTTOM] * v * SOON_S
+    if P1 - swept / capacity < VAPOUR:
+        flow = supply_edge_flow(p, x, P1, Ps) - tank_edge_flow(p, x, P1)
+        if P1 + (SOON_S * flow - swept) / capacity < VAPOUR:
+            return True
+    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_SUPPLY:
+        return False
+    room, swept = rod_side.capacity(p, y, P2), -p[P.AREA_TOP] * v * SOON_S
+    if P2 - swept / room >= VAPOUR:
+        return False
+    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
+        flow = top_supply_flow(p, x, P2, Ps) - top_tank_flow(p, x, P2)
+    else:
+        flow = rod_side.port_flow(p, P2, Ps)
+    return P2 + (SOON_S * flow - swept) / room < VAPOUR
 
 
 @compiled

@@ -11,11 +11,15 @@ Power unit (gauge pressures; `_abs` = from vacuum), s the motor's speed as a fra
     ds/dt    = (on - s)/T_m                                                         motor
     dQ_p/dt  = (s min(Q_max clip((P0 - P_p)/droop, 0, 1), Q_motor) - Q_p)/T_p       pressure compensator, vane pump
                Q_motor = (power rating - friction)/P_p - leak                       no more than the motor can drive
-    C_p dP_p/dt = Q_p - Q_relief - Q_l,  C_p = V_gas/(n P_abs) + V_p/E              accumulator and pump side
+    C_p dP_p/dt = Q_p - Q_relief - Q_l,  C_p = V_gas/(n P_abs) + V_p/E + C_hose/2   accumulator and pump side
                V_gas = V_0 (P_pre/P_abs)^(1/n) above the precharge; below it the gas is shut off
     I dQ_l/dt = P_p - P_s - R_lam Q_l - R_turb Q_l |Q_l|                            line with filter and fittings
-    C_s dP_s/dt = Q_l - q,  C_s = (V_manifold + V_annuli)/E + V_hose/E_hose         manifold
+    C_s dP_s/dt = Q_l - q,  C_s = (V_manifold + V_annuli)/E + C_hose/2              manifold
     C_T dT/dt = heat - k (T - T_ambient)                                            reservoir
+
+C_hose = V_hose/E_hose lies half at either end of the line (pi section): its first mode against the manifold is 8 % below that
+of the distributed line, with all of it at the manifold it would be 27 %.
+P_p and P_s are volumes that may cavitate: their states are those of chambers (`chamber`).
 """
 
 from __future__ import annotations
@@ -56,7 +60,7 @@ class S(IntEnum):
     LINE_LAMINAR = 17
     LINE_TURBULENT = 18
     MANIFOLD_VOLUME = 19
-    HOSE_COMPLIANCE = 20
+    HOSE_COMPLIANCE = 20  # [m3/Pa] of half the hose, at either end of the line
     RELIEF_PRESSURE = 21
     RELIEF_CONDUCTANCE = 22
     BULK_MODULUS = 23
@@ -139,21 +143,24 @@ def line_capacity(s, pressure):
 
 
 @compiled
-def line_rate(s, pressure, demand, nominal, h):
-    """dPs/dt [Pa/s] of a manifold behind a laminar line whose pump gives no more than FLOW_MAX (0 = no limit).
+def line_rate(s, state, demand, nominal, h):
+    """Rate [Pa/s] of the state of a manifold behind a laminar line whose pump gives no more than FLOW_MAX (0 = no limit).
 
     h [s]: time step of who integrates; a line with R C < h/2 is slowed to that, towards the same balance. 0 = exact.
     """
+    pressure = chamber.pressure(state)
     delivered = (nominal - pressure) / s[S.RESISTANCE]
     if s[S.FLOW_MAX] > 0.0:
         delivered = min(delivered, s[S.FLOW_MAX])
-    return (delivered - demand) / max(line_capacity(s, pressure), 2.0 * h / s[S.RESISTANCE])
+    room = line_capacity(s, pressure)
+    slower = 2.0 * h / (s[S.RESISTANCE] * room)
+    return chamber.state_rate(state, chamber.slowed(delivered - demand, state, room, slower, h), room)
 
 
 @compiled
 def pump_side_capacity(s, pressure):
-    """C_p [m3/Pa] of accumulator and oil at the pump."""
-    oil = s[S.PUMP_SIDE_VOLUME] / s[S.BULK_MODULUS]
+    """C_p [m3/Pa] of accumulator, oil and half the hose at the pump."""
+    oil = s[S.PUMP_SIDE_VOLUME] / s[S.BULK_MODULUS] + s[S.HOSE_COMPLIANCE]
     if pressure + ATMOSPHERE <= s[S.PRECHARGE]:
         return oil
     return oil + gas_capacity(s, pressure)
@@ -161,7 +168,7 @@ def pump_side_capacity(s, pressure):
 
 @compiled
 def manifold_capacity(s, pressure):
-    """C_s [m3/Pa] of manifold, annuli and hose."""
+    """C_s [m3/Pa] of manifold, annuli and half the hose."""
     return chamber.capacity(s[S.MANIFOLD_VOLUME], pressure, s[S.BULK_MODULUS], s[S.AIR_FRACTION], s[S.HOSE_COMPLIANCE])
 
 
@@ -206,7 +213,8 @@ def power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure):
 @compiled
 def power_unit_rates(s, state, switched_on, demand, leg_heat):
     """d state/dt (6 numbers, places U, SI). demand [m3/s] and leg_heat [W]: of all legs together."""
-    speed, flow, line_flow, pump_pressure, temperature, pressure = state
+    speed, flow, line_flow, pump_state, temperature, manifold_state = state
+    pump_pressure, pressure = chamber.pressure(pump_state), chamber.pressure(manifold_state)
     net = flow - relief_flow(s, pump_pressure) - line_flow
     surge = (pump_pressure - pressure - line_drop(s, line_flow)) / s[S.LINE_INERTANCE]
     heat = leg_heat + power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure)
@@ -215,9 +223,9 @@ def power_unit_rates(s, state, switched_on, demand, leg_heat):
         (switched_on - speed) / s[S.MOTOR_TIME],
         (pump_flow_command(s, speed, pump_pressure) - flow) / s[S.PUMP_TIME],
         surge,
-        net / pump_side_capacity(s, pump_pressure),
+        chamber.state_rate(pump_state, net, pump_side_capacity(s, pump_pressure)),
         (heat - s[S.COOLING] * (temperature - s[S.AMBIENT])) / s[S.HEAT_CAPACITY],
-        chamber.pressure_rate(gain, manifold_capacity(s, pressure), pressure),
+        chamber.state_rate(manifold_state, gain, manifold_capacity(s, pressure)),
     )
 
 
@@ -272,7 +280,7 @@ def declared_supply(machine: Machine) -> np.ndarray:
         S.LINE_LAMINAR: hose + unit.filter_resistance_Pa_s_m3,
         S.LINE_TURBULENT: unit.line_resistance_Pa_s2_m6,
         S.MANIFOLD_VOLUME: unit.manifold_volume_m3 + annuli,
-        S.HOSE_COMPLIANCE: bore * unit.line_length_m / unit.hose_modulus_Pa,
+        S.HOSE_COMPLIANCE: 0.5 * bore * unit.line_length_m / unit.hose_modulus_Pa,
         S.RELIEF_PRESSURE: unit.relief_pressure_Pa,
         S.RELIEF_CONDUCTANCE: unit.relief_conductance_m3_s_Pa,
         S.BULK_MODULUS: oil.bulk_modulus_Pa,

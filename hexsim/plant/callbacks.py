@@ -4,7 +4,8 @@
 
 `mjcb_act_dyn` gives the rates of each actuator's states (the last one is the pressure), `mjcb_act_bias` what acts along
 the leg besides P1 A1, which is MuJoCo's linear gain on the last state.
-Inside MuJoCo pressures are in MPa (it rejects rates above 1e10); everywhere else they are in Pa.
+Inside MuJoCo the states of chambers are in MPa (it rejects rates above 1e10); everywhere else they are in Pa. They are
+pressures where oil fills the chamber (`hydraulics.chamber`): readers take `leg_state`, `supply_state`, `pressures_of`.
 
 All numbers come from the model (`actuator_user`: a leg's row, or the supply's, with its layout behind; the time step) and
 all states from the data, so one pair of callbacks serves any number of models and threads, and stays installed. A model
@@ -29,7 +30,7 @@ from numba.extending import intrinsic, overload
 
 from hexsim.compiled import compiled
 from hexsim.errors import HexsimError
-from hexsim.hydraulics import learned, leg, supply
+from hexsim.hydraulics import chamber, learned, leg, supply
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.supply import S
 from hexsim.plant import states
@@ -52,16 +53,28 @@ def _doubles(typingctx, address):
     return signature, codegen
 
 
+def pressures_of(states: np.ndarray) -> np.ndarray:
+    """Pressures [Pa] of chambers from their states in MuJoCo's act, of any shape."""
+    return np.maximum(states * MPa, chamber.VAPOUR)
+
+
 @compiled
 def supply_pressure(p, places, act):
-    """Ps [Pa]: the manifold's state, or the constant supply of the report."""
+    """Ps [Pa]: the manifold's, or the constant supply of the report."""
     place = int(places[A.SUPPLY])
-    return act[place] * MPa if place >= 0 else p[P.SUPPLY_PRESSURE]
+    return chamber.pressure(act[place] * MPa) if place >= 0 else p[P.SUPPLY_PRESSURE]
 
 
 @compiled
 def leg_state(places, act, Ps):
     """(P1, P2, x, x', z) of a leg from MuJoCo's act: SI units. A state that the leg has not is Ps or 0."""
+    s1, s2, x, speed, z = chamber_state(places, act, Ps)
+    return chamber.pressure(s1), chamber.pressure(s2), x, speed, z
+
+
+@compiled
+def chamber_state(places, act, Ps):
+    """(s1, s2, x, x', z): as `leg_state`, with the states of the chambers."""
     P1 = act[int(places[A.PRESSURE])] * MPa
     P2 = act[int(places[A.ROD_SIDE])] * MPa if places[A.ROD_SIDE] >= 0.0 else Ps
     x = speed = z = 0.0
@@ -82,19 +95,19 @@ def memory_of(places, act):
 def leg_rates(p, places, act, act_dot, y, v, volts, t, h):
     """Write the rates of one leg's states into act_dot; return its demand on the supply [m3/s] and its heat [W]."""
     Ps = supply_pressure(p, places, act)
-    state, memory = leg_state(places, act, Ps), memory_of(places, act)
+    state, memory = chamber_state(places, act, Ps), memory_of(places, act)
+    P1, s2, z = chamber.pressure(state[0]), state[1], state[4]
     rates, x, flow = leg.leg_derivatives(p, y, v, volts, t, Ps, state, h, memory)
     demand, heat = 0.0, 0.0
     if places[A.SUPPLY] >= 0.0:  # before anything is written, so that the compiler shares terms with the rates
-        P1, P2, z = state[0], state[1], state[4]
-        demand = leg.supply_demand_in_step(p, y, v, x, P1, P2, Ps, h)
-        heat = leg.heat(p, y, v, x, P1, P2, Ps, z, flow, demand, h, t)
+        demand = leg.supply_demand_in_step(p, y, v, x, P1, s2, Ps, h)
+        heat = leg.heat(p, y, v, x, P1, s2, Ps, z, flow, demand, h, t)
     if places[A.SPOOL] >= 0.0:
         act_dot[int(places[A.SPOOL])], act_dot[int(places[A.SPOOL]) + 1] = rates[2], rates[3]
     if places[A.BRISTLE] >= 0.0:
         act_dot[int(places[A.BRISTLE])] = rates[4]
     if places[A.MEMORY] >= 0.0:
-        act_dot[int(places[A.MEMORY])] = learned.memory_rate(p, y, v, volts, state[0], Ps, t, memory)
+        act_dot[int(places[A.MEMORY])] = learned.memory_rate(p, y, v, volts, P1, Ps, t, memory)
     if places[A.ROD_SIDE] >= 0.0:
         act_dot[int(places[A.ROD_SIDE])] = rates[1] / MPa
     act_dot[int(places[A.PRESSURE])] = rates[0] / MPa
@@ -103,17 +116,20 @@ def leg_rates(p, places, act, act_dot, y, v, volts, t, h):
 
 @compiled
 def leg_bias(p, places, act, y, v, volts, t):
-    """Force along the leg besides P1 A1 [N]."""
+    """Force along the leg besides s1 A1 [N], which MuJoCo's gain gives."""
     Ps = supply_pressure(p, places, act)
-    P1, P2, _, _, z = leg_state(places, act, Ps)
-    return leg.force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t, memory_of(places, act))
+    s1, s2, _, _, z = chamber_state(places, act, Ps)
+    P1, P2 = chamber.pressure(s1), chamber.pressure(s2)
+    force = leg.force_beyond_pressure(p, y, v, volts, P1, P2, Ps, z, t, memory_of(places, act))
+    return force + (P1 - s1) * p[P.AREA_BOTTOM] if s1 < P1 else force
 
 
 @compiled
 def supply_state(places, act):
-    """States of a power unit (6 numbers, places U) from MuJoCo's act: SI units. places: layout of the supply."""
+    """A power unit (6 numbers, places U) from MuJoCo's act: SI units, pressures. places: layout of the supply."""
     k = int(places[A.SUPPLY])
-    return act[k], act[k + 1], act[k + 2], act[k + 3] * MPa, act[k + 4], act[k + 5] * MPa
+    pump, manifold = chamber.pressure(act[k + 3] * MPa), chamber.pressure(act[k + 5] * MPa)
+    return act[k], act[k + 1], act[k + 2], pump, act[k + 4], manifold
 
 
 @compiled
@@ -121,8 +137,9 @@ def supply_rates(p, places, act, act_dot, switched_on, demand, heat, h):
     """Write the rates of the supply's states into act_dot; return that of Ps [MPa/s]."""
     k = int(places[A.SUPPLY])
     if p[S.MODEL] == supply.POWER_UNIT:
+        state = (act[k], act[k + 1], act[k + 2], act[k + 3] * MPa, act[k + 4], act[k + 5] * MPa)
         speed, flow, line_flow, pump_pressure, temperature, pressure = supply.power_unit_rates(
-            p, supply_state(places, act), switched_on, demand, heat
+            p, state, switched_on, demand, heat
         )
         act_dot[k], act_dot[k + 1], act_dot[k + 2] = speed, flow, line_flow
         act_dot[k + 3], act_dot[k + 4], act_dot[k + 5] = pump_pressure / MPa, temperature, pressure / MPa

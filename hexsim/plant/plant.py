@@ -16,12 +16,12 @@ from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.hydraulics.effects import Effect
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
-from hexsim.hydraulics.resolve import add_effects, resolve, warm_oil
+from hexsim.hydraulics.resolve import add_effects, check_load, resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.steps import StepRule, step_rule
 from hexsim.hydraulics.supply import POWER_UNIT, S, U
 from hexsim.plant import start, stepping
-from hexsim.plant.callbacks import MPa, install_hydraulics, installed
+from hexsim.plant.callbacks import install_hydraulics, installed, pressures_of
 from hexsim.plant.mjcf import ModelKind, build_spec
 from hexsim.plant.states import A, lay_out_states
 from hexsim.plant.structs import check_layout
@@ -73,6 +73,8 @@ class Plant:
         self.model_kind: ModelKind = model if self.kinematics.has_platform else "full"
         final = resolve(machine)
         add_effects(final, later)
+        check_load(self.resolved)
+        check_load(final)
         self._final_modes = final.payload_modes
         self._load_moves = load_moves or final.load.centre_of_mass_m != machine.load.centre_of_mass_m
         self.longest_delay_s = float(final.rows[:, P.VALVE_DELAY].max())
@@ -256,16 +258,17 @@ class Plant:
 
     def bottom_pressures(self) -> np.ndarray:
         """P1 of each leg (n_legs,) [Pa]."""
-        return self.data.act[self.pressure_places] * MPa
+        return pressures_of(self.data.act[self.pressure_places])
 
     @property
     def rod_side_places(self) -> NDArray[np.int64]:
-        """Where the pressures of rod sides that are chambers stand in the state (n_legs,); -1: on the supply."""
+        """Where the rod sides that are chambers stand in the state (n_legs,); -1: on the supply."""
         return self.layout[: self.n_legs, A.ROD_SIDE].astype(np.int64)
 
     def rod_side_pressures(self) -> np.ndarray:
         """P2 of each leg (n_legs,) [Pa]; Ps where the rod side is on the supply."""
-        return np.array([self.data.act[k] * MPa if k >= 0 else self.supply_pressure() for k in self.rod_side_places])
+        places, own = self.rod_side_places, self.rod_side_places >= 0
+        return np.where(own, pressures_of(self.data.act[np.maximum(places, 0)]), self.supply_pressure())
 
     def instant_acceleration(self) -> np.ndarray:
         """Generalised accelerations (nv,) of the present state under the present volts at the spools."""
@@ -275,7 +278,7 @@ class Plant:
     def supply_pressure(self) -> float:
         """Ps [Pa]."""
         place = int(self.layout[0, A.SUPPLY])
-        return float(self.data.act[place] * MPa) if place >= 0 else float(self.rows[0, P.SUPPLY_PRESSURE])
+        return float(pressures_of(self.data.act[place])) if place >= 0 else float(self.rows[0, P.SUPPLY_PRESSURE])
 
     def piston_positions(self) -> np.ndarray:
         """Piston positions (n_legs,) [m] of the present state (not of the last evaluation)."""

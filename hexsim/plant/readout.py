@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hexsim.compiled import compiled
-from hexsim.hydraulics import leg, supply
+from hexsim.hydraulics import chamber, leg, rod_side, supply
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolved import Resolved
-from hexsim.hydraulics.supply import POWER_UNIT, S
+from hexsim.hydraulics.supply import POWER_UNIT, S, U
 from hexsim.mechanics.mechanics import Mechanics
 from hexsim.mechanics.points import imu_reading, mounting
-from hexsim.plant.callbacks import leg_state, memory_of, supply_pressure, supply_state
+from hexsim.plant.callbacks import MPa, chamber_state, leg_state, memory_of, supply_pressure, supply_state
 from hexsim.plant.plant import Plant
+from hexsim.plant.states import A
 
 Array = NDArray[np.float64]
 
@@ -139,6 +140,45 @@ def imu_motion(resolved: Resolved, instant: PlatformSignals, omega: Array) -> tu
     return imu_reading(instant.acceleration, instant.angular_acceleration, omega, place, rotation)
 
 
+@compiled
+def _void_rows(rows, which, y, states, is_top, out):
+    """Fill out (m, n): volume of vapour [m3] in bottom chambers or rod sides in these states (m, n) [Pa]."""
+    for k in range(y.shape[0]):
+        for i in range(y.shape[1]):
+            if states[k, i] < chamber.VAPOUR:
+                p = rows[which[k], i]
+                if is_top:
+                    room = rod_side.capacity(p, y[k, i], chamber.VAPOUR)
+                else:
+                    room = leg.chamber_capacity(p, y[k, i], chamber.VAPOUR)
+                out[k, i] = chamber.void(states[k, i], room)
+
+
+def voids(plant: Plant, time: Array, positions: Array, act: Array) -> dict[str, tuple[Array, float]]:
+    """Volumes of oil that cavitated: name -> (volume of vapour (m,) [m3], area of the piston that pulls it [m2] or 0)."""
+    rows, supplies, which = versions(plant, time)
+    found, tops = {}, plant.rod_side_places
+    chambers = [("bottom chamber", plant.pressure_places, P.AREA_BOTTOM), ("rod side", np.maximum(tops, 0), P.AREA_TOP)]
+    for name, at, area in chambers:
+        out, is_top = np.zeros(positions.shape), area == P.AREA_TOP
+        _void_rows(rows, which, positions, act[:, at] * MPa, is_top, out)
+        for i in np.flatnonzero(out.any(axis=0) & ((tops >= 0) | (not is_top))):
+            found[f"leg {i + 1}, {name}," if plant.n_legs > 1 else name] = out[:, i], float(plant.rows[i, area])
+    if plant.has_supply_states:
+        last, s = int(plant.layout[-1, A.PRESSURE]), supplies[-1]
+        capacities = {"the supply line": (last, supply.line_capacity)}
+        if s[S.MODEL] == POWER_UNIT:
+            pump = int(plant.layout[-1, A.SUPPLY]) + U.PUMP_PRESSURE
+            capacities = {
+                "the manifold": (last, supply.manifold_capacity), "the pump side": (pump, supply.pump_side_capacity),
+            }  # fmt: skip
+        for name, (at, capacity) in capacities.items():
+            void = np.maximum(chamber.VAPOUR - act[:, at] * MPa, 0.0) * capacity(s, chamber.VAPOUR)
+            if void.any():
+                found[name] = void, 0.0
+    return found
+
+
 # Columns of a power unit. Flows and powers of all legs together.
 POWER_UNIT_COLUMNS = (
     "motor_speed",
@@ -168,11 +208,12 @@ def _power_unit_rows(supplies, rows, layout, h, which, act, y, v, volts, time, o
             p = rows[which[k], i]
             Ps = supply_pressure(p, layout[i], act[k])
             P1, P2, place, _, z = leg_state(layout[i], act[k], Ps)
+            s2 = chamber_state(layout[i], act[k], Ps)[1]
             x, memory = leg.metering_spool(p, volts[k, i], time[k], place), memory_of(layout[i], act[k])
             inflow = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k], memory)
-            asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, P2, Ps, h[k])
+            asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, s2, Ps, h[k])
             demand += asked
-            heat += leg.heat(p, y[k, i], v[k, i], x, P1, P2, Ps, z, inflow, asked, h[k], time[k])
+            heat += leg.heat(p, y[k, i], v[k, i], x, P1, s2, Ps, z, inflow, asked, h[k], time[k])
             friction = leg.friction_force(p, y[k, i], v[k, i], P1, z, P2, time[k])
             force = P1 * p[P.AREA_BOTTOM] - P2 * p[P.AREA_TOP] - friction
             work += force * v[k, i]

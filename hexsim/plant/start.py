@@ -93,9 +93,9 @@ def begin_states(plant: Any, before: Array) -> None:
         if row[P.SPOOL_OMEGA] > 0.0 and was[P.SPOOL_OMEGA] <= 0.0:
             act[int(places[A.SPOOL])] = leg.commanded_spool(row, plant.context.spool_volts[i], t)
         if row[P.LEARNED_MEMORY] > 0.0 and was[P.LEARNED_MEMORY] <= 0.0:
-            begin_memory(plant, i, act[plant.pressure_places[i]] * MPa)
+            begin_memory(plant, i, plant.bottom_pressures()[i])
         if row[P.BRISTLE_STIFFNESS] > 0.0 and was[P.BRISTLE_STIFFNESS] <= 0.0:
             y, v = plant.piston_positions()[i], float(plant.data.actuator_velocity[i])
-            dry = leg.friction_force(was, y, v, act[plant.pressure_places[i]] * MPa, 0.0, t=t)
+            dry = leg.friction_force(was, y, v, plant.bottom_pressures()[i], 0.0, t=t)
             dry -= leg.viscous_friction(was, v, t)
             act[int(places[A.BRISTLE])] = dry / row[P.BRISTLE_STIFFNESS]

@@ -1,8 +1,8 @@
 """Where a plant keeps the states of legs and supply in MuJoCo's `act`: the layout behind each row of `actuator_user`.
 
 The row is physics (`hydraulics.parameters.P`, `hydraulics.supply.S`), the layout is the plant's own. A leg's states stand
-together, [spool, spool velocity, bristle, memory, rod side pressure [MPa], bottom pressure [MPa]] as far as it has them;
-the supply's stand behind all legs.
+together, [spool, spool velocity, bristle, memory, rod side [MPa], bottom chamber [MPa]] as far as it has them; chambers as in
+`hydraulics.chamber`. The supply's stand behind all legs.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.compiled import borrowed, compiled
+from hexsim.hydraulics import chamber
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C, Control
 from hexsim.plant.callbacks import MPa
@@ -45,7 +46,7 @@ def pressures(context, sensor, places, k):
     """What the transducers of chambers read at tick k (n_legs,) [Pa]."""
     true = np.empty(places.shape[0])
     for i in range(places.shape[0]):
-        true[i] = context.act[places[i]] * MPa
+        true[i] = chamber.pressure(context.act[places[i]] * MPa)
     return measure(true, sensor.noise[k], sensor.gain, sensor.offset, sensor.resolution)
 
 

@@ -34,11 +34,11 @@ from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
 from hexsim.simulation.hosted import Host, hosted_setpoints
 from hexsim.simulation.plain_loop import PlainLoop, Transducer, run_plain
 from hexsim.simulation.run_log import Recorded, run_log, run_summary
+from hexsim.simulation.run_warnings import cavitation_warnings, start_warnings
 from hexsim.simulation.start_parameters import SUFFIX, started
 
 Array = NDArray[np.float64]
 DIVERGENCE_LIMIT = 1e9  # MPa, m/s2 or m: no state of a machine
-TENDON_ERROR = "reversal peaks within 0.2 % and waveform within 0.5 % of full legs"
 CHECK_EVERY_S = 0.1  # simulated time between checks of MuJoCo's warnings
 
 
@@ -130,6 +130,7 @@ def simulate(
     later = later_effects(faults, machine)
     shifts = any(isinstance(fault, PayloadShift) for fault in faults)
     plant = Plant(machine, model=kind, timestep=timestep, later=later, load_moves=shifts)  # type: ignore[arg-type]
+    warnings = start_warnings(plant, fast)
     control = MotionComputer if faults else PositionLoop
     loop = control(machine, compensators, scenario.period_s, lambda *message: messages.append(message))
     run = TickLoop(plant, loop, scenario, seed, host)
@@ -144,8 +145,7 @@ def simulate(
     recorded = run.recorded()
     log = run_log(plant, scenario, recorded, run.sensors)
     realtime = float(recorded.time[-1] / wall) if len(recorded.time) > 1 else 0.0
-    warnings = [f"tendon model: {TENDON_ERROR}"] if fast and plant.is_tendon else []
-    warnings += [reason] if reason else []
+    warnings += ([reason] if reason else []) + cavitation_warnings(plant, run.tick_s, recorded.positions, recorded.act)
     summary = run_summary(plant, scenario, name, log, recorded, realtime, warnings)
     summary |= run.faults.summary() if run.faults else {}
     return Run(

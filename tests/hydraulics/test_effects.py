@@ -11,6 +11,7 @@ from hexsim.hydraulics.effects import library
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine, machine_from_dict
+from hexsim.plant import Plant
 
 BENCH, HEXAPOD, FOUR_WAY = (load_machine(name) for name in ("bench", "micro_motion_system", "servo_bench"))
 NAMED = [name for name, effect in library().items() if effect.parameters]
@@ -124,3 +125,60 @@ def test_learned_term_wants_a_whole_curve():
         resolve(with_effect(BENCH, "learned_term", {"curve": curve | {"values": [0.0] * 5}}))
     with pytest.raises(HexsimError, match="needs balance, signal"):
         resolve(with_effect(BENCH, "learned_term", {"curve": {"balance": "force"}}))
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_two_tables_of_an_effect_add_up_or_are_refused(name):
+    """On the same legs the second neither replaces the first nor is lost; on legs of their own both stand."""
+    effect = library()[name]
+    machine, first = machine_for(effect), values_of(effect, effect.parameters[0].typical)
+    second = values_of(effect, 0.5 * effect.parameters[0].typical)
+    try:
+        both = numbers(with_effect(machine, name, [first, second]))
+    except HexsimError as error:
+        assert effect.once and "twice" in str(error)
+        return
+    assert not effect.once
+    for alone in (first, second):
+        only = numbers(with_effect(machine, name, alone))
+        assert len(only) != len(both) or np.any(only != both)
+
+
+def test_an_effect_that_a_leg_has_once_may_differ_from_leg_to_leg():
+    """Worn bores of legs 1 and 2 stand side by side; one of all legs and one of leg 2 are refused, and two supply lines too."""
+    tables = [{"conductance_m3_s_Pa": 1e-12, "where": "leg 1"}, {"conductance_m3_s_Pa": 2e-12, "where": "leg 2"}]
+    rows = resolve(with_effect(HEXAPOD, "worn_bore", tables)).rows
+    assert rows[:3, P.WEAR_CONDUCTANCE].tolist() == [1e-12, 2e-12, 0.0]
+    with pytest.raises(HexsimError, match=r"worn_bore\] is given twice for leg 2"):
+        with_effect(HEXAPOD, "worn_bore", [{"conductance_m3_s_Pa": 1e-12}, tables[1]])
+    plain = BENCH.model_dump(exclude_none=True)
+    lines = {"supply_droop": {"line_resistance_Pa_s_m3": 1e9}, "gas_accumulator": {}}
+    with pytest.raises(HexsimError, match="keep one of them"):
+        machine_from_dict(plain | {"effects": lines})
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_an_inclined_base_that_is_out_of_level_too(order):
+    """Both turn gravity, in either order: by 0.1 about y and 0.01 about x, to second order."""
+    effects = [("incline", {"angle_rad": 0.1}), ("gravity_direction", {"about_x_rad": 0.01})][::order]
+    g = resolve(machine_from_dict(HEXAPOD.model_dump(exclude_none=True) | {"effects": dict(effects)})).gravity_m_s2
+    np.testing.assert_allclose(g / np.linalg.norm(g), [math.sin(0.1), -0.01, -math.cos(0.1)], atol=2e-3 * 0.1)
+
+
+@pytest.mark.parametrize(
+    ("machine", "effects", "sentence"),
+    [
+        (BENCH, {"flexible_payload": {"mass_kg": 50.0}}, "leave -10 kg"),
+        (BENCH, {"flexible_payload": {"mass_kg": 40.0}}, "leave 0 kg"),
+        (BENCH, {"mass_change": {"mass_kg": -41.0}}, "leave -1 kg"),
+        (BENCH, {"flexible_payload": {"mass_kg": 30.0}, "mass_change": {"mass_kg": -15.0}}, "leave -5 kg"),
+        (HEXAPOD, {"mass_change": {"mass_kg": -601.0}}, "leave -1 kg"),
+        (HEXAPOD, {"flexible_payload": {"mass_kg": 600.0, "height_m": 0.5}}, "leave 0 kg"),
+        (HEXAPOD, {"inertia_change": {"x_kg_m2": -100.0}}, "each moment must be above 0"),
+        (HEXAPOD, {"inertia_change": {"z_kg_m2": 1e3}}, "sum of the other two"),
+    ],
+)
+def test_a_load_that_no_body_can_be_is_refused(machine, effects, sentence):
+    """Effects that take all mass, or leave moments of inertia of no body: one sentence instead of MuJoCo's traceback."""
+    with pytest.raises(HexsimError, match=sentence):
+        Plant(machine_from_dict(machine.model_dump(exclude_none=True) | {"effects": effects}))

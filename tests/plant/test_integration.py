@@ -188,3 +188,11 @@ def test_mean_acceleration_with_one_step_a_tick():
     """One step a tick: the cubic through the four velocities about each middle; against 16 steps a tick within 0.1 %."""
     fine, coarse = mean_accelerations(16, 2.5e-4), mean_accelerations(1, 2.5e-4)
     assert np.abs(coarse - fine).max() < 1e-3 * np.abs(fine).max()
+
+
+def test_a_constant_step_beyond_stability_is_said():
+    """1 ms is more than friction at standstill allows (0.23 ms); 0.1 ms and the chosen step say nothing."""
+    scenario, bench = load_scenario("heave", duration_s=0.3), load_machine("bench")
+    coarse, fine, chosen = (simulate(bench, scenario, timestep=step).warnings for step in (1e-3, 1e-4, None))
+    assert [text for text in coarse if "time step 1 ms" in text and "stable up to 0.23 ms" in text]
+    assert not any("time step" in text for text in fine + chosen)

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from hexsim.hydraulics import rod_side
+from hexsim.hydraulics import ports, rod_side
 from hexsim.hydraulics.parameters import P, declared_rows
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
+from hexsim.plant import Plant
+from hexsim.plant.readout import leg_signals
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 
@@ -52,12 +54,43 @@ def test_intake_is_the_port_where_the_port_is_slow():
     row = declared_rows(changed(load_machine("bench"), CHAMBER))[0]
     for step, P2 in ((0.0, 6.99e6), (1e-7, 6.99e6), (1e-4, 1.0e6)):
         row[P.ROD_SIDE_CONDUCTANCE] = WIDE if step < 1e-4 else 1e-8
-        assert rod_side.intake(row, 0.1, 0.1, P2, 7e6, step) == rod_side.port_flow(row, P2, 7e6)
+        assert rod_side.intake(row, 0.1, 0.1, 3e6, P2, 7e6, step) == rod_side.port_flow(row, P2, 7e6)
 
 
 def test_a_fast_port_reaches_the_same_balance():
     """The slowed flow vanishes where the port's does: with port flow -A2 v the pressure rate is 0."""
     row = declared_rows(changed(load_machine("bench"), CHAMBER))[0]
     speed = -rod_side.port_flow(row, 6.999e6, 7e6) / row[P.AREA_TOP]
-    assert rod_side.intake(row, 0.1, 0.5 * speed, 6.999e6, 7e6, 1e-4) != rod_side.port_flow(row, 6.999e6, 7e6)
-    assert rod_side.port_rate(row, 0.1, speed, 6.999e6, 7e6, 1e-4) == pytest.approx(0.0, abs=1e-3)
+    assert rod_side.intake(row, 0.1, 0.5 * speed, 3e6, 6.999e6, 7e6, 1e-4) != rod_side.port_flow(row, 6.999e6, 7e6)
+    assert rod_side.port_rate(row, 0.1, speed, 3e6, 6.999e6, 7e6, 1e-4) == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("volts", [2.0, -2.0])
+@pytest.mark.parametrize("worn", [{}, {"worn_bore": {"conductance_m3_s_Pa": 5e-12, "place_m": 0.1, "width_m": 0.05}}])
+def test_what_leaks_past_the_piston_comes_from_the_rod_side(volts, worn):
+    """A small port holds P2 off Ps: port + A2 v + G (P1 - P2) = C2 dP2/dt, and the bottom chamber loses the same leak."""
+    leak = 5e-12
+    machine = changed(
+        load_machine("bench"),
+        {
+            **CHAMBER, "cylinder.rod_side_conductance_m3_s_sqrtPa": 3e-8, "cylinder.piston_leakage_m3_s_Pa": leak,
+            "effects": worn,
+        },
+    )  # fmt: skip
+    plant = Plant(machine)
+    plant.prepare(1e3, 120)
+    for _ in range(120):
+        plant.tick(np.array([volts]))
+    r, time = plant.record, np.arange(120) * 1e-3
+    legs = leg_signals(plant, time, r.qpos, r.qvel, r.act, r.spool_volts)
+    P1, P2, y, v = (rows[:, 0] for rows in (legs.pressure_bottom, legs.pressure_top, legs.position, legs.velocity))
+    assert abs(P2[-1] - 7e6) > 2e5
+    row, across = plant.rows[0], leak + (5e-12 * np.exp(-(((y - 0.1) / 0.05) ** 2)) if worn else 0.0)
+    port = 3e-8 * (7e6 - P2) / ((7e6 - P2) ** 2 + row[P.PRESSURE_WIDTH] ** 2) ** 0.25
+    net = port + row[P.AREA_TOP] * v + across * (P1 - P2)
+    oil = (row[P.AREA_TOP] * (row[P.STROKE] - y) + row[P.ROD_SIDE_VOLUME]) / row[P.BULK_MODULUS]
+    taken_up = np.trapezoid(oil, P2)
+    assert np.trapezoid(net, time) == pytest.approx(taken_up, abs=0.02 * np.trapezoid(np.abs(across * (P1 - P2)), time))
+    x = legs.spool[-1, 0]
+    wanted = ports.supply_edge_flow(row, x, P1[-1], 7e6) - ports.tank_edge_flow(row, x, P1[-1])
+    assert legs.flow[-1, 0] == pytest.approx(wanted - (across * (P1 - P2) * np.ones(120))[-1], rel=1e-9)

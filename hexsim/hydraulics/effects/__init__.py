@@ -70,8 +70,22 @@ def effect_setting(
 
 
 def check_effects(machine: Machine, source: str) -> None:
-    """Raise HexsimError when an effect of the file is unknown, out of bounds or in no such place."""
-    effect_settings(machine, source)
+    """Raise HexsimError when an effect of the file is unknown, out of bounds, in no such place, or twice where it may be once."""
+    there: dict[str, set[int]] = {}
+    for effect, legs, _ in effect_settings(machine, source):
+        taken = there.setdefault(effect.name, set())
+        if effect.once and taken & set(legs):
+            where = "it" if effect.places in ("platform", "machine") else f"leg {min(taken & set(legs)) + 1}"
+            raise HexsimError(
+                f"{source}: [effects.{effect.name}] is given twice for {where}, and one would overwrite the other: "
+                'keep one table, or give each its own legs by `where = "leg 2"`'
+            )
+        taken |= set(legs)
+    lines = [name for name in there if library()[name].balance == "supply" and library()[name].once]
+    if len(lines) > 1:
+        raise HexsimError(
+            f"{source}: [effects.{lines[0]}] and [effects.{lines[1]}] are a supply line each: keep one of them"
+        )
 
 
 def _values(effect: Effect, table: dict[str, Any], place: str) -> dict[str, Any]:

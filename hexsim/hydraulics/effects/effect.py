@@ -65,6 +65,7 @@ class Effect:
     term: what it adds to its balance, where another effect adds the same: no log takes two such effects apart.
     limit: its size acts only where motion reaches it, and its other numbers act without.
     second_order_lag: its numbers are frequency and damping of a second-order lag.
+    once: its numbers describe one thing that a leg (or the machine) has once; of other effects, two tables on a leg add up.
     nonlinear_response: a softer chamber moves the oil's resonance, so that the answer is far from proportional to its size.
     """
 
@@ -84,6 +85,7 @@ class Effect:
     term: str = ""
     limit: bool = False
     second_order_lag: bool = False
+    once: bool = False
     nonlinear_response: bool = False
 
     def fits(self, machine: Machine) -> bool:

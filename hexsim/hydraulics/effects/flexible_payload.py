@@ -31,7 +31,7 @@ def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -
     if key == "moving_mass_kg" and (tilt, height) != (0.0, 0.0):
         raise HexsimError("[effects.flexible_payload] a bench moves along its axis only: leave out tilt and height")
     x, y, z = load.centre_of_mass_m
-    below = mass * height / left if height else 0.0
+    below = mass * height / left if height and left else 0.0  # no mass left: `resolve.check_load` says so
     resolved.load = load.model_copy(update={key: left, "centre_of_mass_m": (x, y, z - below)})
     mode = PayloadMode(mass_kg=mass, frequency_Hz=values["frequency_Hz"], damping_ratio=values["damping_ratio"])
     mode.position_m = (x, y, z + height)

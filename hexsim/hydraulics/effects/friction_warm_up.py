@@ -33,5 +33,5 @@ EFFECT = Effect(
             step_share=20.0, of_the_file=True,
         ),
     ),
-    apply=apply,
+    apply=apply, once=True,
 )  # fmt: skip

@@ -36,4 +36,5 @@ EFFECT = Effect(
     ),
     apply=apply,
     places="machine",
+    once=True,
 )

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
+from scipy.spatial.transform import Rotation
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.resolved import Resolved
 
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
-    """Turn gravity by the angle about the y axis."""
-    g = float(np.linalg.norm(resolved.gravity_m_s2))
-    angle = values["angle_rad"]
-    resolved.gravity_m_s2 = g * np.array([math.sin(angle), 0.0, -math.cos(angle)])
+    """Turn gravity by the angle about the y axis, on from where other effects have turned it."""
+    base = Rotation.from_rotvec([0.0, values["angle_rad"], 0.0])
+    resolved.gravity_m_s2 = base.inv().apply(resolved.gravity_m_s2)
 
 
 EFFECT = Effect(

@@ -55,4 +55,5 @@ EFFECT = Effect(
     source="Kennedy and O'Hagan 2001; Ebers, Steele and Kutz 2024",
     parameters=(),
     apply=apply,
+    once=True,
 )

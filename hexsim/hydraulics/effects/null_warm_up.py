@@ -23,4 +23,5 @@ EFFECT = Effect(
         EffectParameter(name="time_constant_s", unit="s", bounds=(0.5, 60.0), typical=8.0, default=8.0),
     ),
     apply=apply,
+    once=True,
 )

@@ -21,4 +21,5 @@ EFFECT = Effect(
             grid=(0.0, 1.5707963),
         ),
     ),
+    once=True,
 )

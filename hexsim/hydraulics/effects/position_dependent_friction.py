@@ -39,4 +39,5 @@ EFFECT = Effect(
         ),
     ),
     apply=apply,
+    once=True,
 )

@@ -31,4 +31,5 @@ EFFECT = Effect(
         EffectParameter(name="bristle_damping_N_s_m", unit="N s/m", bounds=(0.0, 1e6), typical=1.0e3, default=1.0e3),
     ),
     apply=apply,
+    once=True,
 )

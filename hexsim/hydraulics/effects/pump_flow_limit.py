@@ -37,4 +37,5 @@ EFFECT = Effect(
     apply=apply,
     places="machine",
     limit=True,
+    once=True,
 )

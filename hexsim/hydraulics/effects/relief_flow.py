@@ -16,4 +16,5 @@ EFFECT = Effect(
             name="opening_pressure_Pa", unit="Pa", bounds=(0.0, 1e8), typical=3.5e6, default=3.5e6, slot=P.RELIEF_OPENS
         ),
     ),
+    once=True,
 )

@@ -31,4 +31,5 @@ EFFECT = Effect(
     ),
     apply=apply,
     second_order_lag=True,
+    once=True,
 )

@@ -30,4 +30,5 @@ EFFECT = Effect(
     ),
     apply=apply,
     limit=True,
+    once=True,
 )

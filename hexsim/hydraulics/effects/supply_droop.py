@@ -25,4 +25,5 @@ EFFECT = Effect(
     ),
     apply=apply,
     places="machine",
+    once=True,
 )

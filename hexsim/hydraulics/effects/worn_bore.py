@@ -1,6 +1,6 @@
 """The bore is worn at one place: q = G exp(-((y - y0)/w)^2) dp past the piston's seal, laminar.
 
-dp: from chamber to chamber where both are on the valve, else from the supply in the annulus to the bottom chamber.
+dp: from chamber to chamber, or from the supply where the annulus is on it.
 Wear wider than 5 cm is an even leak.
 """
 
@@ -30,4 +30,5 @@ EFFECT = Effect(
         EffectParameter(name="width_m", unit="m", bounds=(1e-3, 0.05), typical=0.01, default=0.01),
     ),
     apply=apply,
+    once=True,
 )

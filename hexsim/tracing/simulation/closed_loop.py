@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hexsim.compiled import borrowed, compiled
-from hexsim.hydraulics import valve
+from hexsim.hydraulics import chamber, valve
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.steps import near_standstill
 from hexsim.mechanics.rigid_body import cross, triple
@@ -217,7 +217,7 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
         tick = i == 0 or (i - inputs.first_tick) % every == 0
         for j in range(n_legs):
             k = LEGS + j * LEG_STATES
-            y_true[j, i], p_true[j, i] = y[j], state[k + LEG_P1]
+            y_true[j, i], p_true[j, i] = y[j], chamber.pressure(state[k + LEG_P1])
             if position[j, 4] != 0.0:
                 y_true[j, i] = rippled(y[j], position[j, 4], position[j, 5], position[j, 6])
             top_true[j, i] = rod_side_pressure(legs[j], state, k)
@@ -237,7 +237,7 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
             sharp[r] = shown(top_true[j], i, top[j], rate, sharp[r])
             out[b, i] = smoothed(filters[1], memory[b], sharp[b], i == 0)
             out[r, i] = smoothed(filters[1], memory[r], sharp[r], i == 0)
-        out[4 * n_legs, i] = supply_gain * state[SUPPLY]
+        out[4 * n_legs, i] = supply_gain * chamber.pressure(state[SUPPLY])
         calm_s = 0.0 if inputs.near_rest[i] else calm_s + dt
         for j in range(n_legs):
             if near_standstill(legs[j], v[j], before[j]):

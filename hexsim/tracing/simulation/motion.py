@@ -12,7 +12,7 @@ temperature: a log of a minute warms it by tenths of a degree.
 from __future__ import annotations
 
 from hexsim.compiled import compiled
-from hexsim.hydraulics import learned, leg, supply
+from hexsim.hydraulics import chamber, learned, leg, supply
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.steps import count_steps, leg_steps, power_unit_steps
 from hexsim.hydraulics.supply import S
@@ -30,7 +30,7 @@ from hexsim.mechanics.rigid_body import (
     triple,
 )
 
-# states: supply pressure, payload on its spring, power unit; then those of each leg; then those of the load
+# states: supply, payload on its spring, power unit; then those of each leg; then those of the load. Volumes of oil as in `chamber`
 SUPPLY, TRAVEL, TRAVEL_RATE, MOTOR, PUMP_FLOW, LINE_FLOW, PUMP_PRESSURE, LEGS = range(8)
 LEG_P1, LEG_P2, LEG_X, LEG_XD, LEG_Z, LEG_MEMORY, LEG_STATES = range(7)
 POSITION, SPEED, N_AXIS = range(3)  # of a mass on an axis
@@ -75,15 +75,15 @@ def write_leg_motion(geometry, state, y, v):
 
 @compiled
 def leg_rates(p, y, v, volts, t, ps, state, k, h, rate):
-    """Write the rates of a leg's states from place k on; return its force [N], spool [m] and rod side [Pa]."""
+    """Write the rates of a leg's states from place k on; return its force [N], spool [m] and bottom pressure [Pa]."""
     own = (state[k + LEG_P1], state[k + LEG_P2], state[k + LEG_X], state[k + LEG_XD], state[k + LEG_Z])
     memory = state[k + LEG_MEMORY]
+    P1, p2 = chamber.pressure(own[0]), rod_side_pressure(p, state, k)
     slopes, x, _ = leg.leg_derivatives(p, y, v, volts, t, ps, own, h, memory)
     for q in range(LEG_MEMORY):
         rate[k + q] = slopes[q]
-    rate[k + LEG_MEMORY] = learned.memory_rate(p, y, v, volts, own[0], ps, t, memory)
-    p2 = rod_side_pressure(p, state, k)
-    return leg.leg_force(p, y, v, volts, own[0], p2, ps, own[4], t, memory), x, p2
+    rate[k + LEG_MEMORY] = learned.memory_rate(p, y, v, volts, P1, ps, t, memory)
+    return leg.leg_force(p, y, v, volts, P1, p2, ps, own[4], t, memory), x, P1
 
 
 @compiled
@@ -115,7 +115,13 @@ def write_platform_rates(load, state, at, rotation, wrench, rate):
 @compiled
 def rod_side_pressure(p, state, k):
     """P2 [Pa] of the leg whose states begin at place k."""
-    return state[k + LEG_P2] if p[P.ROD_SIDE_CHAMBER] > 0.0 else state[SUPPLY]
+    return chamber.pressure(state[k + LEG_P2] if p[P.ROD_SIDE_CHAMBER] > 0.0 else state[SUPPLY])
+
+
+@compiled
+def rod_side_state(p, state, k):
+    """s2 [Pa] of the leg whose states begin at place k; Ps where its rod side is no chamber."""
+    return state[k + LEG_P2] if p[P.ROD_SIDE_CHAMBER] > 0.0 else chamber.pressure(state[SUPPLY])
 
 
 @compiled
@@ -134,7 +140,7 @@ def write_supply_rates(s, state, demand, h, rate):
 @compiled
 def rates(legs, geometry, s, load, held, t, h, state, rate):
     """Write d state/dt at time t into `rate`; return (a, w') of the load. held: volts at the valves; h: step, for stiff laws."""
-    n_legs, ps, spring = legs.shape[0], state[SUPPLY], load.spring
+    n_legs, ps, spring = legs.shape[0], chamber.pressure(state[SUPPLY]), load.spring
     at = LEGS + n_legs * LEG_STATES
     alone = n_legs == 1
     none = (0.0, 0.0, 0.0)
@@ -145,9 +151,9 @@ def rates(legs, geometry, s, load, held, t, h, state, rate):
         if not alone:
             y, v, line, moment = leg_on_platform(pose, geometry, i)
         p, k = legs[i], LEGS + i * LEG_STATES
-        force, x, p2 = leg_rates(p, y, v, held[i], t, ps, state, k, h, rate)
+        force, x, P1 = leg_rates(p, y, v, held[i], t, ps, state, k, h, rate)
         if s[S.MODEL] != supply.CONSTANT:
-            demand += leg.supply_demand_in_step(p, y, v, x, state[k + LEG_P1], p2, ps, h)
+            demand += leg.supply_demand_in_step(p, y, v, x, P1, rod_side_state(p, state, k), ps, h)
         f0, f1, f2 = f0 + force * line[0], f1 + force * line[1], f2 + force * line[2]
         m0, m1, m2 = m0 + force * moment[0], m1 + force * moment[1], m2 + force * moment[2]
     write_supply_rates(s, state, demand, h, rate)
@@ -191,12 +197,13 @@ def integrate(legs, geometry, s, load, held, t, dt, steps, state, slopes):
 @compiled
 def steps_of_sample(legs, s, rule, state, y, v, held, t, calm_s, dt):
     """Time steps of the sample that begins with this state, calm_s after a leg was last near standstill."""
+    ps = chamber.pressure(state[SUPPLY])
     asked = power_unit_steps(s, state[PUMP_PRESSURE]) if s[S.MODEL] == supply.POWER_UNIT else 0.0
     for j in range(y.shape[0]):
         k = LEGS + j * LEG_STATES
         x = leg.metering_spool(legs[j], held[j], t, state[k + LEG_X])
-        p2 = rod_side_pressure(legs[j], state, k)
-        steps = leg_steps(rule, legs[j], y[j], v[j], x, state[k + LEG_P1], p2, state[SUPPLY], state[k + LEG_Z])
+        P1, p2 = chamber.pressure(state[k + LEG_P1]), rod_side_pressure(legs[j], state, k)
+        steps = leg_steps(rule, legs[j], y[j], v[j], x, P1, p2, ps, state[k + LEG_Z])
         asked = max(asked, steps)
     return count_steps(rule, asked, calm_s, dt)
 
