@@ -80,6 +80,10 @@ class Context:
     position_noise_m: float = 3.0e-6
     position_resolution_m: float = 3.0e-6
     pressure_noise_Pa: float = 4.0e3
+    pressure_resolution_Pa: float = 0.0
+    spool_damping: float = 0.7  # common of proportional valves
+    spool_frequency_Hz: float = 0.0  # 0: not declared
+    stribeck_velocity_m_s: float = 5.0e-3  # over which friction falls after breakaway; a common size
     velocity_gain_V_s_per_m: float = 0.0  # feedback of the controller beside its gain, and its filters
     velocity_filter_Hz: float = 60.0
     pressure_gain_V_per_Pa: float = 0.0
@@ -90,7 +94,7 @@ class Context:
     def __post_init__(self) -> None:
         positive = (
             "rate_Hz", "position_gain_V_per_m", "voltage_max_V", "stroke_m", "area_bottom_m2",
-            "area_top_m2", "supply_pressure_Pa", "bulk_modulus_Pa",
+            "area_top_m2", "supply_pressure_Pa", "bulk_modulus_Pa", "spool_damping", "stribeck_velocity_m_s",
         )  # fmt: skip
         for name in positive:
             value = getattr(self, name)

@@ -34,7 +34,6 @@ MEMORY = 0.93  # of the sums, a reversal
 EVIDENCE, EVIDENCE_MISFIT, MOST_EVIDENCE = 10.0, 2.0, 60.0  # from which there are bristles: see above
 MISFIT = 10.0  # times the noise that the best L may leave: more is another cause, such as load from the other legs (40 to 170)
 LEAST_WEIGHT = 7.5  # of the sums: two reversals
-NOISE_M, NOISE_PA = 3.3e-6, 4e3
 
 
 def _test_functions() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -70,7 +69,7 @@ def add_to_presliding(p, sign, travel_m, stribeck_share, step_Pa):
 @compiled
 def update_presliding(p, deviation_Pa, position_error_m, inertia_Pa, half_step_Pa, tick_s):
     """The reversal in the histories corrects the sums of the bank, and L."""
-    count, noise = len(CENTRES), math.hypot(inertia_Pa * NOISE_M * ROUGHNESS / tick_s**2, NOISE_PA * SIZE)
+    count, noise = len(CENTRES), math.hypot(inertia_Pa * p.noise_m * ROUGHNESS / tick_s**2, p.noise_Pa * SIZE)
     for i in range(LENGTHS):
         s = p.sign[2 * REACH]
         for k in range(count):

@@ -1,6 +1,7 @@
 """The spool as the algorithm takes it, and what its lag asks of the taps.
 
-The spool is second order with damping 0.7, so that one number describes it, its lag tau = 2 zeta / omega [s].
+The spool is second order with the damping of the data sheet, so that one number is to be found, its lag
+tau = 2 zeta / omega [s].
 """
 
 from __future__ import annotations
@@ -13,24 +14,40 @@ from ..compiled import compiled
 from .arithmetic import clip
 from .layout import MAX_SHIFT, PATH_BEFORE, PATH_FINE
 
-SPOOL_DAMPING = 0.7  # common value for proportional valves; the lag is what is identified
+NEARLY_CRITICAL = 1e-6  # of 1 - zeta^2, within which it is taken as 0: 1e-6 (w t)^2/6 is off
 LAG_STEP_S = 1e-5  # lags are rounded to this before a design is made
 LAG_MAX_S = 1.4e-2
 SHIFT_TICKS = 2.2  # of lag that LEAD_TICKS are enough for
 
 
 @compiled
-def step_response(t_s, lag_s, delay_s):
+def free_motion(damping, omega_1_s, t_s):
+    """c and s of x'' + 2 zeta w x' + w^2 x = 0 after a time: c = exp(-zeta w t) cos(w_d t), s = exp(-zeta w t) sin(w_d t)/w_d [s],
+    w_d = w sqrt(1 - zeta^2); beyond critical damping the same with cosh and sinh."""
+    decay, square = damping * omega_1_s, 1.0 - damping * damping
+    if square > NEARLY_CRITICAL:
+        wd = omega_1_s * math.sqrt(square)
+        size = math.exp(-decay * t_s)
+        return size * math.cos(wd * t_s), size * math.sin(wd * t_s) / wd
+    if square > -NEARLY_CRITICAL:
+        size = math.exp(-decay * t_s)
+        return size, size * t_s
+    wd = omega_1_s * math.sqrt(-square)
+    slow, fast = math.exp(-omega_1_s * omega_1_s / (decay + wd) * t_s), math.exp(-(decay + wd) * t_s)
+    return 0.5 * (slow + fast), 0.5 * (slow - fast) / wd
+
+
+@compiled
+def step_response(t_s, lag_s, delay_s, damping):
     """Unit step response of the spool at a time, zero before 0."""
     t_s, lag_s = t_s - delay_s, lag_s - delay_s
     if t_s < 0.0:
         return 0.0
     if lag_s <= 0.0:
         return 1.0
-    z = SPOOL_DAMPING
-    w = 2 * z / lag_s
-    wd = w * math.sqrt(1 - z * z)
-    return 1 - math.exp(-z * w * t_s) * (math.cos(wd * t_s) + z * w / wd * math.sin(wd * t_s))
+    w = 2 * damping / lag_s
+    c, s = free_motion(damping, w, t_s)
+    return 1 - (c + damping * w * s)
 
 
 @compiled
@@ -58,20 +75,15 @@ def look_ahead_shift(lag_s, tick_s):
 
 
 @compiled
-def set_spool_model(model, lag_s, tick_s):
+def set_spool_model(model, lag_s, tick_s, damping):
     """a, b, c, d of one tick of the spool: x += a (u - x) + b w, w = c (u - x) + d w, with w its rate [V/tick]."""
     if lag_s < 0.25 * tick_s:
         model[0], model[1], model[2], model[3] = 1.0, 0.0, 0.0, 0.0
         return
-    z = SPOOL_DAMPING
-    w = 2 * z / lag_s
-    wd, t = w * math.sqrt(1 - z * z), tick_s
-    decay = math.exp(-z * w * t)
-    cos, sin = math.cos(wd * t), math.sin(wd * t)
-    model[0] = 1 - decay * (cos + z * w / wd * sin)
-    model[1] = decay * sin / wd / tick_s
-    model[2] = decay * w * w / wd * sin * tick_s
-    model[3] = decay * (cos - z * w / wd * sin)
+    w = 2 * damping / lag_s
+    c, s = free_motion(damping, w, tick_s)
+    model[0], model[1] = 1 - (c + damping * w * s), s / tick_s
+    model[2], model[3] = w * w * s * tick_s, c - damping * w * s
 
 
 @compiled

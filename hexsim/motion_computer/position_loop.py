@@ -10,6 +10,7 @@ Runs at the controller's rate; the volts are held in between (zero-order hold).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -31,6 +32,7 @@ def compensator_context(machine: Machine, period_s: float | None, leg: int = 1) 
     """Of a leg, from 1: what an engineer reads off the data sheet; not the overlap, the friction or the discharge coefficient."""
     own = machine.legs[leg - 1]
     cylinder, sensors = own.cylinder, own.sensors
+    omega_1_s, damping, _ = own.valve.spool
     return Context(
         rate_Hz=machine.controller.rate_Hz,
         position_gain_V_per_m=own.controller.gain_V_per_m,
@@ -47,6 +49,10 @@ def compensator_context(machine: Machine, period_s: float | None, leg: int = 1) 
         position_noise_m=sensors.position_noise_m,
         position_resolution_m=sensors.position_resolution_m,
         pressure_noise_Pa=sensors.pressure_noise_Pa,
+        pressure_resolution_Pa=sensors.pressure_resolution_Pa,
+        spool_damping=damping,
+        spool_frequency_Hz=omega_1_s / (2.0 * math.pi),
+        stribeck_velocity_m_s=own.friction.stribeck_velocity_m_s,
         velocity_gain_V_s_per_m=own.controller.velocity_gain_V_s_per_m,
         velocity_filter_Hz=own.controller.velocity_filter_Hz,
         pressure_gain_V_per_Pa=own.controller.pressure_feedback_V_per_Pa,
