@@ -98,6 +98,10 @@ class Repetitive(Adaptive):
         table = list(state.table_V) if isinstance(state, RepetitiveState) else []
         return {**super().parameters(state), "table_V": table}
 
+    def finite(self, state: AdaptiveState) -> bool:
+        corrected = not isinstance(state, RepetitiveState) or state.ticks == 0 or math.isfinite(state.table_V[state.phase])
+        return corrected and super().finite(state)
+
     def restore(self, context: Context, parameters: Parameters) -> RepetitiveState:
         state = super().restore(context, parameters)
         assert isinstance(state, RepetitiveState)  # super().restore begins with our own start

@@ -26,12 +26,13 @@ from __future__ import annotations
 import math
 
 from ..compiled import compiled
+from ..spool_model import set_spool_model
 from .arithmetic import clip
 from .chambers import pair_flow_m_s
 from .layout import TRIM_TICKS
 from .leak import add_to_passage, finish_passage, leak_known, skip_passage, start_passage
 from .null import both_open
-from .spool import round_lag, set_spool_model
+from .spool import round_lag
 from .valve import edges_variance_m2_s2, overlap_V, valve_ready, valve_usable
 
 PRIOR_V = 12e-3  # standard deviation of s before anything is known

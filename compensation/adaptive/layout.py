@@ -259,7 +259,7 @@ SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); dou
     memory_windows="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8", max_stability_limit_m_s2="f8",
     min_excitation_m_s2="f8", learn="f8", rod_ratio="f8", pipeline_length_top_m="f8",
     velocity_gain_V_s_per_m="f8", velocity_pole="f8", velocity_share="f8", pressure_gain_V_per_Pa="f8",
-    pressure_pole="f8", pressure_share="f8",
+    pressure_pole="f8", pressure_share="f8", edge_V="f8", velocity_gain_m_s_V="f8", supply_pressure_Pa="f8",
 )  # fmt: skip
 DESIGN = record(  # taps.py, least_squares.py: work
     triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),
@@ -299,6 +299,16 @@ LEARNED = record(
     presliding=record(squares=("f8", (LENGTHS,)), products=("f8", (LENGTHS,)), shapes=("f8", (LENGTHS,)), weight="f8"),
     plain_control=record(baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,)), follows_V="f8"),
 )  # fmt: skip
+
+
+def kinds(layout: np.dtype) -> list[str]:
+    """"f8" or "i8" of each number of a layout, in its order."""
+    base, shape = layout.base, layout.shape
+    if base.names:
+        one = [kind for name in base.names for kind in kinds(base[name])]
+    else:
+        one = [base.str[1:]]
+    return one * int(np.prod(shape, dtype=int))
 
 
 def empty(layout: np.dtype) -> Record:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..compiled import compiled
 from .delay import keep_delay, restore_delay, start_delay
 from .demand import stretch_demands
@@ -9,7 +11,7 @@ from .edge_rounding import lower_bound_V, restore_rounding, start_rounding
 from .engagement import AT_REST_M_S2, arm, keep_plain_control
 from .friction import PAIR_POSITION_PRIOR, POSITION_PRIOR, keep_friction, restore_friction, start_friction
 from .identification import want_design
-from .layout import MAX_SHIFT, PREVIEW_TICKS
+from .layout import MAX_SHIFT, PREVIEW_TICKS, STATE, kinds
 from .leak import restore_leak, start_leak
 from .monitor import start_monitor
 from .noise import position_error_m, set_noises
@@ -85,6 +87,19 @@ def restore(s, known):
         want_design(s, round_lag(s.valve.lag_s))
         design(s)
     arm(s, known.plain_control)
+
+
+IS_FLOAT = np.array([kind == "f8" for kind in kinds(STATE)])  # (doubles of the state,)
+
+
+@compiled
+def finite_from(numbers, first):
+    """Whether the doubles of a state are finite; numbers: doubles in which it begins at `first`, integers among them."""
+    odd = 0
+    for i in range(len(IS_FLOAT)):
+        x = numbers[first + i]
+        odd += 1 if (x - x != 0.0) & IS_FLOAT[i] else 0
+    return odd == 0
 
 
 @compiled

@@ -147,6 +147,7 @@ def simulate(
     warnings = [f"tendon model: {TENDON_ERROR}"] if fast and plant.is_tendon else []
     warnings += [reason] if reason else []
     summary = run_summary(plant, scenario, name, log, recorded, realtime, warnings)
+    summary |= {"compensation": loop.engagement()} if compensators else {}
     summary |= run.faults.summary() if run.faults else {}
     return Run(
         machine=machine, scenario=scenario, compensator=name, seed=seed, model=plant.model_kind, timestep=timestep, log=log,
