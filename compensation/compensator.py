@@ -96,7 +96,8 @@ class Context:
     def __post_init__(self) -> None:
         positive = (
             "rate_Hz", "position_gain_V_per_m", "voltage_max_V", "stroke_m", "area_bottom_m2",
-            "area_top_m2", "supply_pressure_Pa", "bulk_modulus_Pa", "spool_damping", "stribeck_velocity_m_s", "edge_V", "velocity_gain_m_s_V",
+            "area_top_m2", "supply_pressure_Pa", "bulk_modulus_Pa", "spool_damping",
+            "stribeck_velocity_m_s", "edge_V", "velocity_gain_m_s_V",
         )  # fmt: skip
         for name in positive:
             value = getattr(self, name)

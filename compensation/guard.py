@@ -254,8 +254,8 @@ class Guarded(Wrapped):
 
     def step(self, state: GuardState, sample: Sample) -> tuple[float, GuardState]:
         todo = check_first(
-            state.guards, sample.setpoint_m, sample.preview_m, sample.position_m, sample.control_V, sample.valve_V, sample.pressure_bottom_Pa,
-            sample.pressure_top_Pa, sample.pressure_supply_Pa,
+            state.guards, sample.setpoint_m, sample.preview_m, sample.position_m, sample.control_V, sample.valve_V,
+            sample.pressure_bottom_Pa, sample.pressure_top_Pa, sample.pressure_supply_Pa,
         )  # fmt: skip
         state.acted = todo == ACTS
         if state.acted:

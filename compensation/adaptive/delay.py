@@ -14,6 +14,8 @@ by friction: 1.5 % of the flow on one side made every delay 0.1 ms short. S / 2 
 the bank a parabola. A delay of 6 ms that is wrong by 0.2 ms either way leaves 0.1 m/s2 of 0.9 (100 and 160 kg). At the first
 reversals a standard deviation is added: too long a delay makes the lead a little slow, too short a one overshoots into the flow.
 
+Where the data sheet gives the spool, ((tau_s/tau_sheet - 1)/0.15)^2 is in S from the start.
+
 Legs of one machine are alike. What a reversal of another leg told is added, over 1 + the own reversals:
 
     S = S_own + S_heard / (1 + reversals)
@@ -32,6 +34,7 @@ from .layout import AFTER, BEFORE, LATE_TICKS, LATES, PAST_VOLTS, SPOOLS
 from .spool import step_response
 
 USUAL_LAG_S = 0.7 / (math.pi * 60.0)  # of a spool of 60 Hz and damping 0.7, for which the bank is made; else stretched
+SHEET_ERROR = 0.15  # standard deviation of a spool's lag about its data sheet's, relative
 SPOOL_LAGS_S = 1e-3 * np.array(
     [1.2, 1.5, 1.8, 2.1, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.2, 4.6, 5.0, 5.5, 6.0, 6.7, 7.5]
 )  # (SPOOLS,)
@@ -76,6 +79,7 @@ def start_delay(delay, settings):
     """Nothing is known but the spool's data sheet. The bank reaches from a third to twice the declared lag, 2 zeta/omega."""
     delay.tick_s, delay.tested, delay.damping, delay.scale = settings.tick_s, -1, settings.spool_damping, 1.0
     if settings.spool_frequency_Hz > 0.0:
+        delay.declared = True
         delay.scale = settings.spool_damping / (math.pi * settings.spool_frequency_Hz) / USUAL_LAG_S
 
 
@@ -144,21 +148,37 @@ def _smallest(sums):
 def _moments(delay, lag_s):
     """Of the likelihood: its sum, and those of delay, its square and lateness. A lateness is part of the delay."""
     total = mean = square = lateness = 0.0
-    share, least = 1.0 / (1.0 + delay.reversals), math.inf
-    for k in range(SPOOLS * LATES):
-        least = min(least, delay.sums[k] + share * delay.heard[k])
+    least = math.inf
     for m in range(len(BETWEEN_LAGS_S)):
-        late, first = max(lag_s - delay.scale * BETWEEN_LAGS_S[m], 0.0), FIRST_OF_THREE[m]
         for j in range(LATES):
-            if j == 0 or (LATE[j] - LATE_SLACK) * delay.tick_s < late:
-                s = 0.0
-                for a in range(3):
-                    k = (first + a) * LATES + j
-                    s += WEIGHTS_OF_THREE[m, a] * (delay.sums[k] + share * delay.heard[k])
-                weight = math.exp(0.5 * (least - s))
+            if _is_part(delay, lag_s, m, j):
+                least = min(least, _interpolated(delay, m, j))
+    for m in range(len(BETWEEN_LAGS_S)):
+        late = max(lag_s - delay.scale * BETWEEN_LAGS_S[m], 0.0)
+        for j in range(LATES):
+            if _is_part(delay, lag_s, m, j):
+                weight = math.exp(0.5 * (least - _interpolated(delay, m, j)))
                 total, mean, square = total + weight, mean + weight * late, square + weight * late * late
                 lateness += weight * LATE[j] * delay.tick_s
     return total, mean, square, lateness
+
+
+@compiled
+def _is_part(delay, lag_s, m, j):
+    """Whether a lateness may be part of what the spool m leaves of the lag."""
+    late = max(lag_s - delay.scale * BETWEEN_LAGS_S[m], 0.0)
+    return j == 0 or (LATE[j] - LATE_SLACK) * delay.tick_s < late
+
+
+@compiled
+def _interpolated(delay, m, j):
+    """S between the spools of the bank, with what the data sheet says of the spool."""
+    share, first = 1.0 / (1.0 + delay.reversals), FIRST_OF_THREE[m]
+    s = delay.declared * ((BETWEEN_LAGS_S[m] / USUAL_LAG_S - 1.0) / SHEET_ERROR) ** 2
+    for a in range(3):
+        k = (first + a) * LATES + j
+        s += WEIGHTS_OF_THREE[m, a] * (delay.sums[k] + share * delay.heard[k])
+    return s
 
 
 @compiled

@@ -40,8 +40,9 @@ MIN_WINDOWS = 20  # in each direction, before the fit is used
 
 @compiled
 def start_friction(friction, tick_s, stroke_m, window, min_speed_m_s, memory, position_prior=POSITION_PRIOR):
-    """Nothing is known but the noise. window: ticks; memory: windows; position_prior: standard deviation of p5. Pressures in MPa, lengths in
-    dm inside, so that the numbers are alike."""
+    """Nothing is known but noise and v_s. window: ticks; memory: windows; position_prior: standard deviation of p5.
+
+    Pressures in MPa, lengths in dm inside, so that the numbers are alike."""
     friction.tick_s, friction.stroke_m, friction.window = tick_s, stroke_m, window
     friction.min_speed_m_s, friction.stribeck.tick_s = min_speed_m_s, tick_s
     unit = PRIOR_UNIT_MPA / friction.noise_MPa  # a fit counts in its noise

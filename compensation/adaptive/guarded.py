@@ -10,7 +10,6 @@ import math
 from ..compiled import compiled
 from ..guard import ACTS, BEGINS_ANEW, GUARD, RESTARTS, accept, check, start_guard
 from .layout import LEARNED, MAX_DAMPING_TAPS, SETTINGS, STATE, record
-from .ranges import refused_parameter
 from .start import finite_from, keep, restore, start
 from .step import tick_of
 

@@ -161,6 +161,7 @@ TRIM = record(  # edge_rounding.py
 )  # fmt: skip
 DELAY = record(  # delay.py
     tick_s="f8", sums=("f8", (SPOOLS * LATES,)), reversals="i8", noise_m="f8",  # of an oil displacement
+    declared="i8",  # whether the data sheet gives the spool
     scale="f8", damping="f8",  # of the bank's spools: lags over SPOOL_LAGS_S; damping ratio
     heard=("f8", (SPOOLS * LATES,)), heard_reversals="f8",  # the same of the other legs of a machine
     told_s=("f8", (2,)),  # start parameters: the delay, and how much of it is the position's; 0 = not told

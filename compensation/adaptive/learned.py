@@ -17,7 +17,8 @@ def as_dict(record: Record) -> dict[str, Any]:
 
 
 def fill(record: Record, values: dict[str, Any]) -> None:
-    """The inverse of `as_dict`; ValueError and KeyError name what has another size or is missing; what `values` has besides is left. Older files have nothing of plain control, bristles or
+    """The inverse of `as_dict`; ValueError and KeyError name what has another size or is missing.
+    What `values` has besides is left. Older files have nothing of plain control, bristles or
     softer oil, or not how far the piston follows, or no delay that is told, and the delay's sums by spool alone."""
     for name in record.dtype.names:
         if name in ("plain_control", "follows_V", "oil", "presliding", "told_s") and name not in values:

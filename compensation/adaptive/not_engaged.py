@@ -81,8 +81,10 @@ def _motion(s: Record) -> str:
         return f"reversals of {engagement.excitation_m_s2:.3f} m/s2 are gentler than the {least:.3f} m/s2 from which it engages"
     if not engagement.closed_ticks < MAX_CLOSED_SHARE * engagement.half_ticks:
         share = engagement.closed_ticks / max(engagement.half_ticks, 1)
-        return f"the overlap shuts the valve for {100 * share:.0f} % of a half stroke; with more than {100 * MAX_CLOSED_SHARE:.0f} % the "\
-            "piston stands still and tells nothing"  # fmt: skip
+        return (
+            f"the overlap shuts the valve for {100 * share:.0f} % of a half stroke; with more than "
+            f"{100 * MAX_CLOSED_SHARE:.0f} % the piston stands still and tells nothing"
+        )
     if not monitor_ready(s.monitor):
         return "no reversal of plain control was seen in both directions yet"
     told = s.reference.load_given == 2
@@ -90,8 +92,8 @@ def _motion(s: Record) -> str:
     bump, floor = plain_bump_m_s2(s.monitor, told), least_bump_m_s2(s.monitor, step_acceleration_m_s2(s.friction), told)
     if bump <= floor + noise:
         return (
-            f"plain control's bump of {bump:.3f} m/s2 peak to peak is not above {floor:.3f} m/s2 and what {1e6 * s.monitor.noise_m:.1f} um "
-            f"of position noise make of a reading, {noise:.3f} m/s2"
+            f"plain control's bump of {bump:.3f} m/s2 peak to peak is not above {floor:.3f} m/s2 and what "
+            f"{1e6 * s.monitor.noise_m:.1f} um of position noise make of a reading, {noise:.3f} m/s2"
         )
     return ""
 
