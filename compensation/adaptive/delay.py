@@ -152,12 +152,12 @@ def _moments(delay, lag_s):
     for m in range(len(BETWEEN_LAGS_S)):
         for j in range(LATES):
             if _is_part(delay, lag_s, m, j):
-                least = min(least, _interpolated(delay, m, j))
+                least = min(least, _interpolated(delay, lag_s, m, j))
     for m in range(len(BETWEEN_LAGS_S)):
         late = max(lag_s - delay.scale * BETWEEN_LAGS_S[m], 0.0)
         for j in range(LATES):
             if _is_part(delay, lag_s, m, j):
-                weight = math.exp(0.5 * (least - _interpolated(delay, m, j)))
+                weight = math.exp(0.5 * (least - _interpolated(delay, lag_s, m, j)))
                 total, mean, square = total + weight, mean + weight * late, square + weight * late * late
                 lateness += weight * LATE[j] * delay.tick_s
     return total, mean, square, lateness
@@ -171,10 +171,11 @@ def _is_part(delay, lag_s, m, j):
 
 
 @compiled
-def _interpolated(delay, m, j):
-    """S between the spools of the bank, with what the data sheet says of the spool."""
+def _interpolated(delay, lag_s, m, j):
+    """S between the spools of the bank, with what the data sheet says of the spool. One beyond the lag stands for all of it."""
     share, first = 1.0 / (1.0 + delay.reversals), FIRST_OF_THREE[m]
-    s = delay.declared * ((BETWEEN_LAGS_S[m] / USUAL_LAG_S - 1.0) / SHEET_ERROR) ** 2
+    over = min(BETWEEN_LAGS_S[m], lag_s / delay.scale) / USUAL_LAG_S
+    s = delay.declared * ((over - 1.0) / SHEET_ERROR) ** 2
     for a in range(3):
         k = (first + a) * LATES + j
         s += WEIGHTS_OF_THREE[m, a] * (delay.sums[k] + share * delay.heard[k])
