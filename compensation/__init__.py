@@ -7,5 +7,15 @@ from .compensator import NO_LOAD, Compensator, Context, Parameters, Sample, prev
 from .learned_parameters import check_parameters
 from .registry import available, check, create
 
-__all__ = ["NO_LOAD", "Compensator", "Context", "Parameters", "Sample", "available", "check", "check_parameters", "create",
-           "preview_count"]
+__all__ = [
+    "NO_LOAD",
+    "Compensator",
+    "Context",
+    "Parameters",
+    "Sample",
+    "available",
+    "check",
+    "check_parameters",
+    "create",
+    "preview_count",
+]

@@ -84,7 +84,9 @@ class Context:
     spool_damping: float = 0.7  # common of proportional valves
     spool_frequency_Hz: float = 0.0  # 0: not declared
     stribeck_velocity_m_s: float = 5.0e-3  # over which friction falls after breakaway; a common size
-    edge_V: float = 0.5  # what overlap, leak and friction can ask of the valve (volts_bound.py); a twentieth of the range
+    edge_V: float = (
+        0.5  # what overlap, leak and friction can ask of the valve (volts_bound.py); a twentieth of the range
+    )
     velocity_gain_m_s_V: float = 0.15  # of the piston at half the supply pressure, beyond the overlap
     velocity_gain_V_s_per_m: float = 0.0  # feedback of the controller beside its gain, and its filters
     velocity_filter_Hz: float = 60.0

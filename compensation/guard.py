@@ -5,7 +5,7 @@
 | signals sound | those of the algorithm, within the valve's range |
 | a signal lost or frozen, the valve saturated | the last ones, faded to nothing within `FADE_TICKS` |
 | more than the declared valve can explain (volts_bound.py) | what it can explain; after `BEYOND_S` of that as at a fault |
-| the algorithm's volts or its state not finite | none from this tick on, as at a fault |
+| the algorithm's volts or its state not finite | the last sound ones, faded as at a fault |
 | until the signals have been sound for `HOLD_OFF_S`, four times longer after each fault of the algorithm's own | none: plain \
 control; the algorithm is not stepped |
 | after that | those of the algorithm, restarted with its parameters, or with nothing if the fault was its own; faded in over \
@@ -29,8 +29,12 @@ from .volts_bound import EDGE_MARGIN, GAIN_MARGIN, SPEED_MEMORY_S, USUAL_SPOOL_H
 
 FADE_TICKS = 12  # 24 ms at 500 Hz
 FROZEN_TICKS = 10  # a reading repeated so often, while the setpoint moved, is a dead sensor
-FROZEN_TRAVEL_M = 1e-4  # by which the setpoint must have moved meanwhile, of a transducer whose noise moves its last count
-FROZEN_MARGIN = 2.0  # on the setpoint's travel over a dead band; a coarser reading repeats while the piston stands there
+FROZEN_TRAVEL_M = (
+    1e-4  # by which the setpoint must have moved meanwhile, of a transducer whose noise moves its last count
+)
+FROZEN_MARGIN = (
+    2.0  # on the setpoint's travel over a dead band; a coarser reading repeats while the piston stands there
+)
 FROZEN_STROKE = 0.25  # of the stroke: the same of a coarse pressure, which only the load's changes move
 SATURATED_TICKS = 5  # after which a saturated valve is a fault
 SATURATED_SHARE = 0.999  # of the voltage range

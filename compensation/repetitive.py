@@ -99,7 +99,9 @@ class Repetitive(Adaptive):
         return {**super().parameters(state), "table_V": table}
 
     def finite(self, state: AdaptiveState) -> bool:
-        corrected = not isinstance(state, RepetitiveState) or state.ticks == 0 or math.isfinite(state.table_V[state.phase])
+        corrected = (
+            not isinstance(state, RepetitiveState) or state.ticks == 0 or math.isfinite(state.table_V[state.phase])
+        )
         return corrected and super().finite(state)
 
     def restore(self, context: Context, parameters: Parameters) -> RepetitiveState:

@@ -14,7 +14,9 @@ from __future__ import annotations
 
 EDGE_MARGIN = 4.0  # an overlap four times as wide as declared is still compensated: worn, or mounted 15 um off
 GAIN_MARGIN = 2.0  # on the flow gain: a quarter of the reference drop is left, or half of the discharge coefficient
-SPEED_MEMORY_S = 0.5  # time constant with which the largest speed is forgotten: a reference lags plain control's 0.1 to 0.2 s
+SPEED_MEMORY_S = (
+    0.5  # time constant with which the largest speed is forgotten: a reference lags plain control's 0.1 to 0.2 s
+)
 LEAD_S = 2e-3  # shortest time in which a spool is moved across an overlap
 FRICTION_S = 3e-3  # shortest time in which friction's pressure step is given
 USUAL_SPOOL_HZ = 60.0  # where none is declared

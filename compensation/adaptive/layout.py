@@ -303,7 +303,7 @@ LEARNED = record(
 
 
 def kinds(layout: np.dtype) -> list[str]:
-    """"f8" or "i8" of each number of a layout, in its order."""
+    """ "f8" or "i8" of each number of a layout, in its order."""
     base, shape = layout.base, layout.shape
     if base.names:
         one = [kind for name in base.names for kind in kinds(base[name])]

@@ -32,7 +32,9 @@ def tell_piston_leak(valve, up, error_m):
     valve.across_means[up] += MEAN_SHARE * change / length_s
     valve.across_squares = MEMORY * valve.across_squares + change * change
     error_m = clip(error_m, -MAX_ERROR_M, MAX_ERROR_M) * (1.0 if up else -1.0)
-    found = valve.across_m_s_Pa - error_m * change / ((valve.edges[up].noise_m / PRIOR_M_S_PA) ** 2 + valve.across_squares)
+    found = valve.across_m_s_Pa - error_m * change / (
+        (valve.edges[up].noise_m / PRIOR_M_S_PA) ** 2 + valve.across_squares
+    )
     valve.across_m_s_Pa = clip(found, 0.0, MAX_LEAK_M_S_PA)
 
 

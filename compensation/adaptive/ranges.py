@@ -71,13 +71,17 @@ def refused_parameter(known, settings):
     for first in EDGES:
         if known[first + READY] != 0.0:
             k = known[first]
-            if not (MIN_GAIN <= k <= MAX_GAIN and abs(k - known[first + GAIN]) <= GAIN_TOLERANCE * k):
+            if not MIN_GAIN <= k <= MAX_GAIN:
                 return 1 + first
+            if abs(k - known[first + GAIN]) > GAIN_TOLERANCE * k:
+                return 1 + first + GAIN
         if settings.rod_ratio == 0.0 and known[first + DEAD_BAND] < 0.0:
             return 1 + first + DEAD_BAND
     supply_MPa = 1e-6 * settings.supply_pressure_Pa
     known_friction = min(known[WINDOWS], known[WINDOWS + 1]) >= MIN_WINDOWS
-    for i in range(6 if known_friction else 0):  # MPa: a load, or one at 1 m/s2, 1 dm/s or 1 dm, that the supply pressure holds
+    for i in range(
+        6 if known_friction else 0
+    ):  # MPa: a load, or one at 1 m/s2, 1 dm/s or 1 dm, that the supply pressure holds
         if abs(known[THETA_MPA + i]) > supply_MPa:
             return 1 + THETA_MPA + i
     if known[OIL] < 0.0:
@@ -98,7 +102,9 @@ def refusal(known: Record, settings: Record) -> str:
     if not low <= value <= high:
         return f"{name} is {value:g}; it must lie within {low:g} and {high:g}"
     if place in EDGES:
-        return f"{name} is {value:g}; of an edge that is ready it must be the gain that is in use, {numbers[place + GAIN]:g} m/s/V"
+        return f"{name} is {value:g}; of an edge that is ready it is a gain, within {MIN_GAIN:g} and {MAX_GAIN:g} m/s/V"
+    if name.endswith("gain_m_s_V"):
+        return f"{name} is {value:g}; the fit that it was read from has {numbers[place - GAIN]:g} m/s/V"
     if name.endswith("dead_band_V"):
         return f"{name} is {value:g}; a three-way valve has no negative overlap"
     if name.startswith("friction"):

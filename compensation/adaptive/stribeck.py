@@ -24,7 +24,10 @@ from .arithmetic import clip, dot, push
 from .layout import REACH
 
 MIN_RATE = 0.1  # of the correction taken up at a reversal, from the tenth on
-REVERSAL_MODEL_PA, MAX_KNOWN = 1e4, 4.0  # error of P_s from one reversal beside noise; reversals that windows count for at most
+REVERSAL_MODEL_PA, MAX_KNOWN = (
+    1e4,
+    4.0,
+)  # error of P_s from one reversal beside noise; reversals that windows count for at most
 USUAL_PROJECTION, MOST_WEIGHT = 3.6, 5.0  # sum phi share [1] at 0.5 m/s2; a slower reversal tells P_s better
 MIN_PROJECTION = 1.5  # sum phi share [1] below which a reversal is too quick to tell
 MAX_PROJECTION = 0.95  # of that at rest, above which nothing has moved

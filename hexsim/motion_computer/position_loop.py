@@ -68,7 +68,10 @@ class PositionLoop:
         self.preview = max(self.previews, default=1)
         self.compensation = np.zeros(len(self._contexts))
         self._status = [""] * len(self.compensators)
-        self._ticks, self._added = 0, np.zeros(len(self.compensators), np.int64)  # ticks so far; of each leg with volts added
+        self._ticks, self._added = (
+            0,
+            np.zeros(len(self.compensators), np.int64),
+        )  # ticks so far; of each leg with volts added
         self._first_s: list[float | None] = [None] * len(self.compensators)
 
     @property

@@ -96,7 +96,11 @@ def _engagement_text(reason: str, group: Sequence[Mapping[str, Any]], n_legs: in
     who = "every leg" if len(group) == n_legs > 1 else ", ".join(str(leg["leg"]) for leg in group)
     who = who if len(group) == n_legs > 1 else f"leg{'s' if len(group) > 1 else ''} {who}"
     times = sorted(leg["engaged_at_s"] for leg in group if leg["engaged_at_s"] is not None)
-    since = f"{number(times[0])}" + (f" to {number(times[-1])}" if times and times[-1] > times[0] else "") + " s" if times else ""
+    since = (
+        f"{number(times[0])}" + (f" to {number(times[-1])}" if times and times[-1] > times[0] else "") + " s"
+        if times
+        else ""
+    )
     if not reason:
         return f"{who}: engaged from {since} on"
     return f"{who}: {f'engaged first at {since}, not at the end' if times else 'not engaged'}: {reason}"

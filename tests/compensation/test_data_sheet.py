@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from compensation import Context, create
+from compensation import Context
 from compensation.adaptive import Adaptive
+from compensation.adaptive.delay import found_delay_s
 from compensation.spool_model import free_motion
 from hexsim.cli import app
 from hexsim.machine import load_machine
@@ -133,9 +134,10 @@ def test_every_estimator_has_its_noise_from_the_data_sheet() -> None:
     """Declared 3 um, counts of 3 um, 4 kPa: 5 um a window and a passage, 7 um a leak's, 3.3 um an oil displacement, 2 kPa a window's
     load, as legs with that noise showed. Ten times the noise: each grows, none more than tenfold."""
     names = (
-        ("valve.edges", 0, "noise_m", 5e-6), ("rounding", None, "noise_m", 5e-6), ("leak", None, "noise_m", 7e-6), ("delay", None, "noise_m", 3.3e-6),
-        ("friction.presliding", None, "noise_m", 3.3e-6), ("friction.presliding", None, "noise_Pa", 4e3), ("friction", None, "noise_MPa", 2e-3),
-        ("trust", None, "noise_Pa", 4e3), ("monitor", None, "noise_m", 3.12e-6), ("friction.stribeck", None, "noise_Pa", 4e3),
+        ("valve.edges", 0, "noise_m", 5e-6), ("rounding", None, "noise_m", 5e-6), ("leak", None, "noise_m", 7e-6),
+        ("delay", None, "noise_m", 3.3e-6), ("friction.presliding", None, "noise_m", 3.3e-6),
+        ("friction.presliding", None, "noise_Pa", 4e3), ("friction", None, "noise_MPa", 2e-3), ("trust", None, "noise_Pa", 4e3),
+        ("monitor", None, "noise_m", 3.12e-6), ("friction.stribeck", None, "noise_Pa", 4e3),
     )  # fmt: skip
 
     def found(context: Context) -> list[float]:
@@ -167,8 +169,7 @@ def test_the_spool_is_that_of_its_equation(damping: float) -> None:
 
 def test_the_declared_spool_splits_the_lag_before_a_reversal_has() -> None:
     """A spool declared at 60 Hz, 0.7: of a lag of 5.7 ms, 2 ms are taken for delay within 0.5 ms. Not declared: anything."""
-    from compensation.adaptive.delay import found_delay_s
-
     delay = Adaptive().start(Context(spool_frequency_Hz=60.0)).numbers.delay
     assert found_delay_s(delay, 5.7e-3) == pytest.approx(2.0e-3, abs=9e-4)
-    assert create("adaptive").preview_s > 0.0
+    unknown = Adaptive().start(Context()).numbers.delay
+    assert found_delay_s(unknown, 5.7e-3) > found_delay_s(delay, 5.7e-3)
