@@ -77,7 +77,10 @@ def rounded():
     algorithm = compensation.create("adaptive")
     leg = Leg(rounding_m=2e-6, leak_supply_m3_s_Pa=1.7e-12)
     learned = algorithm.parameters(run(algorithm, leg, duration_s=20.0).state)
-    return leg, learned | {"rounding_V": 2e-6 / 1.1e-4, "delay": {"sums": [0.0] * SPOOLS, "reversals": 0.0, "late_s": 0.0}}
+    return leg, learned | {
+        "rounding_V": 2e-6 / 1.1e-4,
+        "delay": {"sums": [0.0] * SPOOLS, "reversals": 0.0, "late_s": 0.0},
+    }
 
 
 def test_rounded_edges_are_no_delay(rounded) -> None:
