@@ -4,6 +4,18 @@
 """
 
 from .compensator import NO_LOAD, Compensator, Context, Parameters, Sample, preview_count
+from .learned_parameters import check_parameters
 from .registry import available, check, create
 
-__all__ = ["NO_LOAD", "Compensator", "Context", "Parameters", "Sample", "available", "check", "create", "preview_count"]
+__all__ = [
+    "NO_LOAD",
+    "Compensator",
+    "Context",
+    "Parameters",
+    "Sample",
+    "available",
+    "check",
+    "check_parameters",
+    "create",
+    "preview_count",
+]

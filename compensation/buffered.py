@@ -10,7 +10,8 @@ import numpy as np
 
 from .compensator import Compensator, Context, Parameters, Sample, clip
 from .iterative import ZERO_VELOCITY_M_S
-from .report_functions import FUNCTIONS, RANGE, check_function
+from .learned_parameters import beyond_volts
+from .report_functions import FUNCTIONS, MOST_RANGES, RANGE, check_function
 from .velocity_estimate import VelocityEstimate
 
 
@@ -180,12 +181,15 @@ class Buffered(Compensator):
     def parameters(self, state: BufferedState) -> Parameters:
         return {"function": self.function, "curves": [list(c.target) for c in state.curves]}
 
+    def refused(self, context: Context, parameters: Parameters) -> str:
+        curves = parameters["curves"]
+        if len(curves) != (2 if self.two_sided else 1) or any(len(curve) != 3 for curve in curves):
+            return f"curves must be {2 if self.two_sided else 1} of three numbers each, for '{self.name}'"
+        every = {"curves": [x for curve in curves for x in curve]}
+        return beyond_volts(every, ("curves",), MOST_RANGES * context.voltage_max_V)
+
     def restore(self, context: Context, parameters: Parameters) -> BufferedState:
         state = self.start(context)
-        if len(parameters["curves"]) != len(state.curves):
-            raise ValueError(
-                f"parameters hold {len(parameters['curves'])} curves where '{self.name}' has {len(state.curves)}"
-            )
         state.curves = [Curve(target=[float(x) for x in c]) for c in parameters["curves"]]
         return state
 

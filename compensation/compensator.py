@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import abc
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -80,6 +80,14 @@ class Context:
     position_noise_m: float = 3.0e-6
     position_resolution_m: float = 3.0e-6
     pressure_noise_Pa: float = 4.0e3
+    pressure_resolution_Pa: float = 0.0
+    spool_damping: float = 0.7  # common of proportional valves
+    spool_frequency_Hz: float = 0.0  # 0: not declared
+    stribeck_velocity_m_s: float = 5.0e-3  # over which friction falls after breakaway; a common size
+    edge_V: float = (
+        0.5  # what overlap, leak and friction can ask of the valve (volts_bound.py); a twentieth of the range
+    )
+    velocity_gain_m_s_V: float = 0.15  # of the piston at half the supply pressure, beyond the overlap
     velocity_gain_V_s_per_m: float = 0.0  # feedback of the controller beside its gain, and its filters
     velocity_filter_Hz: float = 60.0
     pressure_gain_V_per_Pa: float = 0.0
@@ -90,7 +98,8 @@ class Context:
     def __post_init__(self) -> None:
         positive = (
             "rate_Hz", "position_gain_V_per_m", "voltage_max_V", "stroke_m", "area_bottom_m2",
-            "area_top_m2", "supply_pressure_Pa", "bulk_modulus_Pa",
+            "area_top_m2", "supply_pressure_Pa", "bulk_modulus_Pa", "spool_damping",
+            "stribeck_velocity_m_s", "edge_V", "velocity_gain_m_s_V",
         )  # fmt: skip
         for name in positive:
             value = getattr(self, name)
@@ -119,6 +128,11 @@ class Context:
     def rod_ratio(self) -> float:
         """A2 / A1 of two chambers on a four-way valve, 0 of one on a three-way valve."""
         return self.area_top_m2 / self.area_bottom_m2 if self.four_way else 0.0
+
+    @cached_property
+    def position_error_m(self) -> float:
+        """Standard deviation of a position read: noise, and a count's width over sqrt(12)."""
+        return math.hypot(self.position_noise_m, self.position_resolution_m / math.sqrt(12.0))
 
     @cached_property
     def pipeline_length_m(self) -> float:
@@ -212,6 +226,23 @@ class Compensator(abc.ABC):
         """Empty, or a sentence for the log, such as why plain control acts alone."""
         return ""
 
+    def not_engaged(self, state: Any) -> str:
+        """Empty while the algorithm adds its volts; else which criterion keeps it out, in words and numbers. An algorithm that
+        does not say is taken to be engaged from its first tick on."""
+        return ""
+
+    def refused(self, context: Context, parameters: Parameters) -> str:
+        """Empty, or why finite parameters of the right shape cannot be this machine's: a number out of its physical range, or two
+        that contradict each other. `learned_parameters.check_parameters` asks before `restore`."""
+        return ""
+
+    def finite(self, state: Any) -> bool:
+        """Whether every number of a state is finite; else the guard leaves to plain control, and the algorithm starts anew.
+
+        Looks into dataclasses, lists, tables and arrays. An algorithm that holds a NaN on purpose says for itself what is sound.
+        """
+        return all_finite(state)
+
     @property
     def description(self) -> str:
         """One or two sentences for lists: what the algorithm is, and how a variant is configured."""
@@ -267,6 +298,30 @@ class Wrapped(Compensator):
 
     def status(self, state: Any) -> str:
         return self.inner.status(state)
+
+    def not_engaged(self, state: Any) -> str:
+        return self.inner.not_engaged(state)
+
+    def refused(self, context: Context, parameters: Parameters) -> str:
+        return self.inner.refused(context, parameters)
+
+    def finite(self, state: Any) -> bool:
+        return self.inner.finite(state)
+
+
+def all_finite(value: Any) -> bool:
+    """Whether every number within dataclasses, lists, tuples, tables and arrays is finite; a `Context` is."""
+    if isinstance(value, float):
+        return math.isfinite(value)
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind not in "fc" or bool(np.isfinite(value).all())
+    if isinstance(value, list | tuple):
+        return all(all_finite(each) for each in value)
+    if isinstance(value, dict):
+        return all(all_finite(each) for each in value.values())
+    if is_dataclass(value) and not isinstance(value, type | Context):
+        return all(all_finite(getattr(value, each.name)) for each in fields(value))
+    return True
 
 
 def clip(value: float, low: float, high: float) -> float:

@@ -35,6 +35,7 @@ def _sources_digest() -> str:
     """Digest of the files that hold compiled functions or the layout of the state."""
     package = Path(__file__).parent
     digest = hashlib.sha256((package / "compensator.py").read_bytes())
-    for path in [package / "guard.py", *sorted((package / "adaptive").glob("*.py"))]:
+    beside = [package / name for name in ("guard.py", "spool_model.py", "volts_bound.py")]
+    for path in [*beside, *sorted((package / "adaptive").glob("*.py"))]:
         digest.update(path.read_bytes())
     return digest.hexdigest()

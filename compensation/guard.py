@@ -4,38 +4,58 @@
 |---|---|
 | signals sound | those of the algorithm, within the valve's range |
 | a signal lost or frozen, the valve saturated | the last ones, faded to nothing within `FADE_TICKS` |
-| until the signals have been sound for `HOLD_OFF_S` | none: plain control; the algorithm is not stepped |
-| after that | those of the algorithm, restarted with its parameters, faded in over `RETURN_S` |
+| more than the declared valve can explain (volts_bound.py) | what it can explain; after `BEYOND_S` of that as at a fault |
+| the algorithm's volts or its state not finite | the last sound ones, faded as at a fault |
+| until the signals have been sound for `HOLD_OFF_S`, four times longer after each fault of the algorithm's own | none: plain \
+control; the algorithm is not stepped |
+| after that | those of the algorithm, restarted with its parameters, or with nothing if the fault was its own; faded in over \
+`RETURN_S` |
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from . import compensator
+from . import compensator, volts_bound
 from .compensator import Context, Parameters, Sample, Wrapped
 from .compiled import compiled
+from .learned_parameters import check_parameters
+from .spool_model import set_spool_model
+from .volts_bound import EDGE_MARGIN, GAIN_MARGIN, SPEED_MEMORY_S, USUAL_SPOOL_HZ
 
 FADE_TICKS = 12  # 24 ms at 500 Hz
 FROZEN_TICKS = 10  # a reading repeated so often, while the setpoint moved, is a dead sensor
-FROZEN_TRAVEL_M = 1e-4  # by which the setpoint must have moved meanwhile
+FROZEN_TRAVEL_M = (
+    1e-4  # by which the setpoint must have moved meanwhile, of a transducer whose noise moves its last count
+)
+FROZEN_MARGIN = (
+    2.0  # on the setpoint's travel over a dead band; a coarser reading repeats while the piston stands there
+)
+FROZEN_STROKE = 0.25  # of the stroke: the same of a coarse pressure, which only the load's changes move
 SATURATED_TICKS = 5  # after which a saturated valve is a fault
 SATURATED_SHARE = 0.999  # of the voltage range
 HOLD_OFF_S = 0.5
 RETURN_S = 1.0
 
-SOUND, LOST, POSITION_FROZEN, PRESSURE_FROZEN, VALVE_AT_END = 0, 8, 16, 32, 64
+BEYOND_S, HOLD_OFF_RATIO, MOST_OWN_FAULTS = 0.05, 4, 6
+
+SOUND, LOST, POSITION_FROZEN, PRESSURE_FROZEN, VALVE_AT_END, NOT_FINITE, BEYOND = 0, 8, 16, 32, 64, 256, 512
 SENTENCES = {
     SOUND: "",
     LOST: "a signal is lost (not a number): plain control until it is sound again",
     POSITION_FROZEN: "the position signal is frozen: plain control until it moves again",
     PRESSURE_FROZEN: "the pressure signal is frozen: plain control until it moves again",
     VALVE_AT_END: "the valve is at its end: plain control until it is not",
+    NOT_FINITE: "the algorithm's state is not finite: plain control, and it starts anew with nothing learned",
+    BEYOND: "it asked for more volts than the declared valve's overlap, leak and friction can explain: plain control, and it starts "
+    "anew with nothing learned; are overlap and flow of the valve declared rightly?",
 }
-ACTS, FALLS_BACK, RESTARTS = 0, 1, 2  # the algorithm is stepped; is not; is to be started with its parameters
+# the algorithm is stepped; is not; is to be started with its parameters; with nothing learned
+ACTS, FALLS_BACK, RESTARTS, BEGINS_ANEW = 0, 1, 2, 3
 
 # The last reading of a transducer, for how many ticks it has repeated, and the setpoint when it came.
 READING = np.dtype((np.record, [("value", "f8"), ("repeated", "i8"), ("setpoint_m", "f8")]))
@@ -44,6 +64,10 @@ GUARD = np.dtype(
         np.record,
         [
             ("tick_s", "f8"), ("voltage_max_V", "f8"), ("position", READING), ("pressure", READING),
+            ("position_travel_m", "f8"), ("pressure_travel_m", "f8"),  # of the setpoint, from which a reading is frozen
+            ("edges_V", "f8"), ("volts_per_m_s", "f8"), ("lead_gain", "f8"), ("spool", "f8", (4,)),  # of volts_bound.py; spool.py
+            ("spool_V", "f8"), ("spool_rate_V", "f8"),  # of the added volts alone; a tick
+            ("setpoint_m", "f8"), ("speed_m_s", "f8"), ("ticks", "i8"), ("beyond_ticks", "i8"), ("own_faults", "i8"), ("anew", "i8"),
             ("top_pressure", READING),
             ("saturated_ticks", "i8"), ("output_V", "f8"), ("fade_from_V", "f8"), ("fade_ticks", "i8"),  # left
             ("hold_off_ticks", "i8"),  # left; 0 = the algorithm acts
@@ -51,56 +75,131 @@ GUARD = np.dtype(
         ],
     )
 )  # fmt: skip
+SHEET = np.dtype((np.record, [(name, "f8") for name in (
+    "tick_s", "voltage_max_V", "edge_V", "velocity_gain_m_s_V", "velocity_gain_V_s_per_m", "spool_frequency_Hz", "spool_damping",
+    "position_gain_V_per_m", "position_noise_m", "position_resolution_m", "pressure_noise_Pa", "pressure_resolution_Pa", "stroke_m",
+)]))  # fmt: skip
+FASTEST_M_S = 1e3  # no setpoint is faster; it keeps what is computed with it finite
 clip = compiled(compensator.clip)
+lead_gain = compiled(volts_bound.lead_gain)
 
 
 @compiled
-def start_guard(guard, tick_s, voltage_max_V):
-    """guard: a record GUARD, zero."""
-    guard.tick_s, guard.voltage_max_V, guard.fade_in = tick_s, voltage_max_V, 1.0
+def start_guard(guard, sheet):
+    """guard: a record GUARD, zero; sheet: a record with the numbers of the data sheet, SETTINGS or SHEET."""
+    guard.tick_s, guard.voltage_max_V, guard.fade_in = sheet.tick_s, sheet.voltage_max_V, 1.0
+    guard.edges_V = EDGE_MARGIN * sheet.edge_V
+    guard.volts_per_m_s = GAIN_MARGIN / sheet.velocity_gain_m_s_V + abs(sheet.velocity_gain_V_s_per_m)
+    frequency_Hz = sheet.spool_frequency_Hz if sheet.spool_frequency_Hz > 0.0 else USUAL_SPOOL_HZ
+    guard.lead_gain = lead_gain(frequency_Hz, sheet.spool_damping)
+    set_spool_model(guard.spool, sheet.spool_damping / (math.pi * frequency_Hz), sheet.tick_s, sheet.spool_damping)
+    standstill_m = FROZEN_MARGIN * 2.0 * sheet.edge_V / sheet.position_gain_V_per_m + 2.0 * sheet.position_resolution_m
+    fine = sheet.position_noise_m >= sheet.position_resolution_m
+    guard.position_travel_m = FROZEN_TRAVEL_M + (0.0 if fine else standstill_m)
+    fine = sheet.pressure_noise_Pa >= sheet.pressure_resolution_Pa
+    guard.pressure_travel_m = FROZEN_TRAVEL_M if fine else FROZEN_STROKE * sheet.stroke_m
 
 
 @compiled
-def check(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa):
-    """One tick: ACTS, or else `guard.output_V` is what is added. RESTARTS: from the next tick on the algorithm acts."""
+def check(guard, setpoint_m, preview_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa):
+    """One tick: ACTS, or else `guard.output_V` is what is added. RESTARTS, BEGINS_ANEW: from the next tick on the algorithm acts.
+    preview_m: (n,) setpoints of this tick and the next."""
     reason = _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa)
     if reason != SOUND:
-        if guard.hold_off_ticks == 0:
-            guard.fade_from_V, guard.fade_ticks = guard.output_V, FADE_TICKS
-        guard.reason = reason
-        guard.hold_off_ticks = max(1, round(HOLD_OFF_S / guard.tick_s))
+        _fall_back(guard, reason, HOLD_OFF_S)
+    else:
+        _follow_speed(guard, setpoint_m, preview_m)
     if guard.hold_off_ticks == 0:
         return ACTS
     guard.fade_ticks = max(0, guard.fade_ticks - 1)
     x = guard.fade_ticks / FADE_TICKS
     guard.output_V = guard.fade_from_V * x * x * (3.0 - 2.0 * x)
+    _move_spool(guard, guard.output_V)
     guard.hold_off_ticks -= 1
     if guard.hold_off_ticks > 0:
         return FALLS_BACK
-    guard.fade_in, guard.reason = 0.0, SOUND
-    return RESTARTS
+    guard.fade_in, guard.reason, anew = 0.0, SOUND, guard.anew
+    guard.anew = 0
+    return BEGINS_ANEW if anew else RESTARTS
 
 
 @compiled
-def accept(guard, added_V):
-    """The algorithm's volts as they are added: finite, bounded, faded in after a fault."""
-    if added_V - added_V != 0.0:
-        added_V = 0.0
+def _fall_back(guard, reason, hold_off_s):
+    """To plain control; a longer time that still runs is kept, and so is a fault of the algorithm's own."""
+    if guard.hold_off_ticks == 0:
+        guard.fade_from_V, guard.fade_ticks = guard.output_V, FADE_TICKS
+    guard.reason = reason
+    guard.hold_off_ticks = max(guard.hold_off_ticks, max(1, round(hold_off_s / guard.tick_s)))
+
+
+@compiled
+def _follow_speed(guard, setpoint_m, preview_m):
+    """The largest speed of the setpoint of late, and at the end of its preview."""
+    speed = abs(setpoint_m - guard.setpoint_m) / guard.tick_s if guard.ticks > 0 else 0.0
+    n = len(preview_m)
+    if n > 1:
+        ahead = abs(preview_m[n - 1] - preview_m[n - 2]) / guard.tick_s
+        speed = ahead if ahead > speed else speed  # not of a preview that is not finite
+    faded = guard.speed_m_s * (1.0 - guard.tick_s / SPEED_MEMORY_S)
+    guard.speed_m_s = min(speed if speed > faded else faded, FASTEST_M_S)
+    guard.setpoint_m, guard.ticks = setpoint_m, 1
+
+
+@compiled
+def _move_spool(guard, volts_V):
+    """The spool that the added volts alone move, a tick on."""
+    m, away = guard.spool, volts_V - guard.spool_V
+    guard.spool_V += m[0] * away + m[1] * guard.spool_rate_V
+    guard.spool_rate_V = m[2] * away + m[3] * guard.spool_rate_V
+
+
+@compiled
+def _explained(guard, added_V, forward_V):
+    """The volts, as far as the declared valve explains them."""
+    most_V = guard.edges_V + guard.volts_per_m_s * guard.speed_m_s + abs(forward_V)
+    limit_V = min(guard.lead_gain * most_V, guard.voltage_max_V)
+    bounded_V = clip(added_V, -limit_V, limit_V)
+    m = guard.spool
+    spool_V = guard.spool_V + m[0] * (bounded_V - guard.spool_V) + m[1] * guard.spool_rate_V
+    if abs(spool_V) > most_V:
+        bounded_V = clip(bounded_V, -min(most_V, limit_V), min(most_V, limit_V))
+    return bounded_V
+
+
+@compiled
+def accept(guard, added_V, forward_V, finite):
+    """The algorithm's volts as they are added: finite, explained by the declared valve, faded in after a fault. forward_V: what the
+    controller feeds forward; finite: whether the algorithm's state is."""
+    own = SOUND
+    if not finite or added_V - added_V != 0.0:
+        own = NOT_FINITE
+    else:
+        bounded_V = _explained(guard, added_V, forward_V)
+        guard.beyond_ticks = guard.beyond_ticks + 1 if bounded_V != added_V else 0
+        if guard.beyond_ticks * guard.tick_s > BEYOND_S:
+            own = BEYOND
+    if own != SOUND:
+        guard.anew, guard.beyond_ticks = 1, 0
+        _fall_back(guard, own, HOLD_OFF_S * HOLD_OFF_RATIO**guard.own_faults)
+        guard.own_faults = min(guard.own_faults + 1, MOST_OWN_FAULTS)
+        _move_spool(guard, guard.output_V)
+        return guard.output_V
     if guard.fade_in < 1.0:
         guard.fade_in = min(1.0, guard.fade_in + guard.tick_s / RETURN_S)
-        added_V *= guard.fade_in
-    guard.output_V = clip(added_V, -guard.voltage_max_V, guard.voltage_max_V)
-    return guard.output_V
+        bounded_V *= guard.fade_in
+    guard.output_V = bounded_V
+    _move_spool(guard, bounded_V)
+    return bounded_V
 
 
 @compiled
-def _frozen(reading, value, setpoint_m):
+def _frozen(reading, value, setpoint_m, travel_m):
     """Takes the reading of this tick; whether it stands still although the setpoint moves."""
     if value != reading.value:
         reading.value, reading.repeated, reading.setpoint_m = value, 0, setpoint_m
         return False
     reading.repeated += 1
-    return reading.repeated >= FROZEN_TICKS and abs(setpoint_m - reading.setpoint_m) > FROZEN_TRAVEL_M
+    return reading.repeated >= FROZEN_TICKS and abs(setpoint_m - reading.setpoint_m) > travel_m
 
 
 @compiled
@@ -109,11 +208,11 @@ def _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa,
     total = position_m + bottom_Pa + top_Pa + supply_Pa + control_V + valve_V + setpoint_m
     if total - total != 0.0:
         return LOST
-    if _frozen(guard.position, position_m, setpoint_m):
+    if _frozen(guard.position, position_m, setpoint_m, guard.position_travel_m):
         return POSITION_FROZEN
-    if _frozen(guard.pressure, bottom_Pa, setpoint_m):
+    if _frozen(guard.pressure, bottom_Pa, setpoint_m, guard.pressure_travel_m):
         return PRESSURE_FROZEN
-    if top_Pa != 0.0 and _frozen(guard.top_pressure, top_Pa, setpoint_m):
+    if top_Pa != 0.0 and _frozen(guard.top_pressure, top_Pa, setpoint_m, guard.pressure_travel_m):
         return PRESSURE_FROZEN
     if abs(valve_V) < SATURATED_SHARE * guard.voltage_max_V:
         guard.saturated_ticks = 0
@@ -123,15 +222,15 @@ def _fault(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa,
 
 
 @compiled
-def check_first(guards, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa):
+def check_first(guards, setpoint_m, preview_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa):
     """`check` of guards (1,): Python hands an array over four times as fast as a record."""
-    return check(guards[0], setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa)
+    return check(guards[0], setpoint_m, preview_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa)
 
 
 @compiled
-def accept_first(guards, added_V):
+def accept_first(guards, added_V, forward_V, finite):
     """`accept` of guards (1,)."""
-    return accept(guards[0], added_V)
+    return accept(guards[0], added_V, forward_V, finite)
 
 
 @dataclass(slots=True)
@@ -151,22 +250,29 @@ class Guarded(Wrapped):
         return self._around(context, self.inner.start(context))
 
     def _around(self, context: Context, inner: Any) -> GuardState:
-        guards = np.zeros(1, GUARD)
-        start_guard(guards[0], context.tick_s, context.voltage_max_V)
+        guards, sheet = np.zeros(1, GUARD), np.zeros(1, SHEET)
+        for name in SHEET.names or ():
+            sheet[name] = getattr(context, name)
+        start_guard(guards[0], sheet[0])
         return GuardState(context, inner, guards)
 
     def step(self, state: GuardState, sample: Sample) -> tuple[float, GuardState]:
         todo = check_first(
-            state.guards, sample.setpoint_m, sample.position_m, sample.control_V, sample.valve_V, sample.pressure_bottom_Pa,
-            sample.pressure_top_Pa, sample.pressure_supply_Pa,
+            state.guards, sample.setpoint_m, sample.preview_m, sample.position_m, sample.control_V, sample.valve_V,
+            sample.pressure_bottom_Pa, sample.pressure_top_Pa, sample.pressure_supply_Pa,
         )  # fmt: skip
         state.acted = todo == ACTS
         if state.acted:
             added, state.inner = self.inner.step(state.inner, sample)
-            return accept_first(state.guards, float(added)), state
+            finite = self.inner.finite(state.inner)
+            added = accept_first(state.guards, float(added), sample.feed_forward_V, finite)
+            state.reason = int(state.guards[0].reason)
+            return added, state
         guard = state.guards[0]
         state.reason = int(guard.reason)
-        if todo == RESTARTS:
+        if todo == BEGINS_ANEW:
+            state.inner = self.inner.start(state.context)
+        elif todo == RESTARTS:
             state.inner = self.inner.resume(state.context, self.inner.parameters(state.inner))
         return float(guard.output_V), state
 
@@ -174,6 +280,7 @@ class Guarded(Wrapped):
         return self.inner.parameters(state.inner)
 
     def restore(self, context: Context, parameters: Parameters) -> GuardState:
+        check_parameters(self.inner, context, parameters)
         return self._around(context, self.inner.restore(context, parameters))
 
     def resume(self, context: Context, parameters: Parameters) -> GuardState:
@@ -187,6 +294,15 @@ class Guarded(Wrapped):
 
     def hear(self, state: GuardState, other: GuardState) -> None:
         self.inner.hear(state.inner, other.inner)
+
+    def not_engaged(self, state: GuardState) -> str:
+        return SENTENCES[state.reason] or self.inner.not_engaged(state.inner)
+
+    def refused(self, context: Context, parameters: Parameters) -> str:
+        return self.inner.refused(context, parameters)
+
+    def finite(self, state: GuardState) -> bool:
+        return self.inner.finite(state.inner)
 
     def status(self, state: GuardState) -> str:
         return SENTENCES[state.reason] or self.inner.status(state.inner)

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .compensator import Compensator, Context, Parameters, Sample, clip
-from .report_functions import FUNCTIONS, RANGE, check_function
+from .learned_parameters import beyond_volts
+from .report_functions import FUNCTIONS, MOST_RANGES, RANGE, check_function
 from .velocity_estimate import VelocityEstimate
 
 ZERO_VELOCITY_M_S = 1e-3  # "k- <= v <= k+", report 5.3
@@ -170,15 +171,19 @@ class Iterative(Compensator):
             "table_V": list(state.table_V), "visits": list(state.visits), "extremes": list(state.extremes),
         }  # fmt: skip
 
+    def refused(self, context: Context, parameters: Parameters) -> str:
+        for name in ("table_V", "visits"):
+            if len(parameters[name]) != self.elements:
+                return f"{name} has {len(parameters[name])} elements where this compensator has {self.elements}"
+        if len(parameters["extremes"]) != 6 or min(parameters["visits"]) < 0:
+            return "extremes must be six numbers, and visits not negative"
+        names = ("a_V", "q_V", "r_V", "table_V", "extremes")
+        return beyond_volts(parameters, names, MOST_RANGES * context.voltage_max_V)
+
     def restore(self, context: Context, parameters: Parameters) -> IterativeState:
         state = self.start(context)
         state.a_V, state.q_V = float(parameters["a_V"]), float(parameters["q_V"])
         state.r_V = float(parameters["r_V"])
-        for name in ("table_V", "visits"):
-            if len(parameters[name]) != self.elements:
-                raise ValueError(
-                    f"parameter {name} has {len(parameters[name])} elements where this compensator has {self.elements}"
-                )
         state.table_V, state.visits = [float(x) for x in parameters["table_V"]], [int(x) for x in parameters["visits"]]
         state.extremes = [float(x) for x in parameters["extremes"]]
         return state

@@ -16,10 +16,12 @@ from .adaptive.adaptive import Adaptive, sentence
 from .adaptive.guarded import GUARDED
 from .adaptive.layout import LEARNED, SETTINGS, empty
 from .adaptive.learned import as_dict, fill
+from .adaptive.not_engaged import reason
 from .adaptive.start import looks_ahead_s
 from .adaptive.step import DESIGN_WANTED, TELLS
 from .compensator import Compensator, Context, Parameters, Sample
 from .guard import SENTENCES
+from .learned_parameters import check_parameters
 
 SUFFIXES = (".so", ".dll", ".dylib")
 PREFIX = "hexsim_adaptive_"
@@ -106,7 +108,17 @@ class Library(Compensator):
         self._call("get_parameters", state.numbers, learned)
         return as_dict(learned[0])
 
+    def refused(self, context: Context, parameters: Parameters) -> str:
+        return self.configuration.refused(context, parameters)
+
+    def finite(self, state: LibraryState) -> bool:
+        return True  # its own guard looks
+
+    def not_engaged(self, state: LibraryState) -> str:
+        return SENTENCES.get(state.told, "") or reason(state.numbers[0].algorithm)
+
     def restore(self, context: Context, parameters: Parameters) -> LibraryState:
+        check_parameters(self, context, parameters)
         state, learned = self.start(context), empty(LEARNED)
         fill(learned, parameters)
         self._call("set_parameters", state.numbers, np.array([learned]))

@@ -23,5 +23,8 @@ class NoCompensation(Compensator):
     def parameters(self, state: None) -> Parameters:
         return {}
 
+    def not_engaged(self, state: None) -> str:
+        return "plain control was asked for"
+
     def restore(self, context: Context, parameters: Parameters) -> None:
         return None

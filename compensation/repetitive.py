@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .adaptive import Adaptive, AdaptiveState
-from .adaptive.spool import SPOOL_DAMPING
 from .compensator import Context, Parameters, Sample
 
 MAX_PERIOD_S = 20.0
@@ -86,7 +85,7 @@ class Repetitive(Adaptive):
         f = np.arange(count // 2 + 1) / (count * context.tick_s)
         s = 2j * math.pi * f
         lag = valve.lag_s
-        spool = np.exp(-0.5 * context.tick_s * s) / (1 + lag * s + (lag * s / (2 * SPOOL_DAMPING)) ** 2)
+        spool = np.exp(-0.5 * context.tick_s * s) / (1 + lag * s + (lag * s / (2 * context.spool_damping)) ** 2)
         inverse = s / (gain * spool) + context.position_gain_V_per_m
         taper = np.clip((self.band_Hz - f) / (self.band_Hz / 3), 0.0, 1.0)
         share = max(self.learning_low, self.learning * 0.8**state.periods)
@@ -98,6 +97,12 @@ class Repetitive(Adaptive):
     def parameters(self, state: AdaptiveState) -> Parameters:
         table = list(state.table_V) if isinstance(state, RepetitiveState) else []
         return {**super().parameters(state), "table_V": table}
+
+    def finite(self, state: AdaptiveState) -> bool:
+        corrected = (
+            not isinstance(state, RepetitiveState) or state.ticks == 0 or math.isfinite(state.table_V[state.phase])
+        )
+        return corrected and super().finite(state)
 
     def restore(self, context: Context, parameters: Parameters) -> RepetitiveState:
         state = super().restore(context, parameters)

@@ -34,6 +34,9 @@ FUNCTIONS: dict[int, Callable[[float, float, float, float], float]] = {1: functi
 RANGE = {1: math.pi, 2: 1.0}  # b q, with q the voltage where the function returns to zero (report 5.3)
 
 
+MOST_RANGES = 10.0  # a learned number of the report's forms, which nothing bounds, over the valve's range
+
+
 def check_function(number: int) -> None:
     """Raise ValueError unless `number` is one of the report's two compensation functions."""
     if number not in FUNCTIONS:

@@ -9,8 +9,10 @@ import numpy as np
 from ..compensator import Compensator, Context, Parameters, Sample
 from .layout import LEARNED, STATE, Record, empty
 from .learned import as_dict, fill
+from .not_engaged import reason
 from .prediction import prediction_table
-from .start import keep, looks_ahead_s, restore, start
+from .ranges import refusal
+from .start import finite_from, keep, looks_ahead_s, restore, start
 from .step import DESIGN_WANTED, REJECTED, TELLS, WORSE, hear_first, tick
 from .taps import design
 
@@ -22,6 +24,11 @@ class AdaptiveState:
     context: Context
     states: np.ndarray = field(default_factory=lambda: np.zeros(1, STATE))  # the flat array, layout.py
     told: int = 0  # by the last tick
+
+    flat: np.ndarray = field(init=False)  # the same memory as doubles
+
+    def __post_init__(self) -> None:
+        self.flat = self.states.view(np.float64)
 
     @property
     def numbers(self) -> Record:
@@ -115,6 +122,20 @@ class Adaptive(Compensator):
         learned = empty(LEARNED)
         keep(state.numbers, learned)
         return as_dict(learned)
+
+    def refused(self, context: Context, parameters: Parameters) -> str:
+        learned = empty(LEARNED)
+        try:
+            fill(learned, parameters)
+        except (KeyError, TypeError, ValueError, OverflowError) as problem:
+            return f"{problem} is missing" if isinstance(problem, KeyError) else str(problem)
+        return refusal(learned, self.start(context).numbers.settings)
+
+    def finite(self, state: AdaptiveState) -> bool:
+        return finite_from(state.flat, 0)
+
+    def not_engaged(self, state: AdaptiveState) -> str:
+        return reason(state.numbers)
 
     def restore(self, context: Context, parameters: Parameters) -> AdaptiveState:
         state, learned = self.start(context), empty(LEARNED)

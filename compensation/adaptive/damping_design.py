@@ -19,7 +19,6 @@ import math
 from ..compiled import compiled
 from .arithmetic import fill_zero
 from .least_squares import add_row, solve, start_least_squares
-from .spool import SPOOL_DAMPING
 
 MAX_WRONG_SHARE = 1.2  # of a pressure oscillation that the damping may feed at any frequency, over what it damps
 GROWTH_SHARE = 0.5  # of the viscous damping of a mode that the filter may take away
@@ -38,7 +37,7 @@ def damping_filter(work, taps, lag_s, delay_s, load, settings):
     to zero.
     """
     n, low_Hz, high_Hz = int(settings.damping_count), settings.damping_low_Hz, settings.damping_high_Hz
-    valve = settings.tick_s, lag_s, delay_s
+    valve = settings.tick_s, lag_s, delay_s, settings.spool_damping
     nyquist = 0.5 / settings.tick_s
     start_least_squares(work, n)
     for k in range(BAND_STEPS):
@@ -126,7 +125,7 @@ def _balance_and_scale(taps, n, low_Hz, load, valve):
 
 @compiled
 def damped_share(taps, n, f_Hz, valve):
-    """Re F: share of the oscillation that is damped, negative where it is fed. valve: tick, lag and delay [s]."""
+    """Re F: share of the oscillation that is damped, negative where it is fed. valve: tick, lag and delay [s], damping of the spool."""
     through = 0.0
     for i in range(n):
         through += taps[i] * _valve_response(f_Hz, valve, i)[0]
@@ -136,10 +135,10 @@ def damped_share(taps, n, f_Hz, valve):
 @compiled
 def _valve_response(f_Hz, valve, ticks):
     """Real and imaginary part of spool, hold, delay and `ticks` more at a frequency."""
-    tick_s, lag_s, delay_s = valve
+    tick_s, lag_s, delay_s, damping = valve
     w = 2 * math.pi * f_Hz
     lag_s = max(lag_s - delay_s, 0.0)
-    real, imaginary = 1.0 - (w * lag_s / (2 * SPOOL_DAMPING)) ** 2, w * lag_s
+    real, imaginary = 1.0 - (w * lag_s / (2 * damping)) ** 2, w * lag_s
     half = 0.5 * w * tick_s
     size = math.sin(half) / half / (real * real + imaginary * imaginary)
     phase = w * ((0.5 + ticks) * tick_s + delay_s)

@@ -1,7 +1,7 @@
 """How much of the valve's lag is spool and how much is delay, from compensated reversals.
 
-Plain control's volts are slow, and of a spool they show the lag alone: a second-order spool of damping 0.7 has the
-phase of a delay as long as its lag, up to the third order in frequency. Only where the volts jump, at a compensated
+Plain control's volts are slow, and of a spool they show the lag alone: a second-order spool has nearly the phase of a delay as
+long as its lag; with damping 0.7 up to the third order in frequency. Only where the volts jump, at a compensated
 reversal, do the two part. So a bank of spools, all with the identified total lag, is run over each of them:
 
     d = tau - tau_s,     x_s = spool(tau_s) u(t - d),     z_s' = k f(x_s) R(t),     f with the rounding of the edges
@@ -13,6 +13,8 @@ constant, a slope (leak, null) and a kink at the reversal (gain, dead band). R f
 by friction: 1.5 % of the flow on one side made every delay 0.1 ms short. S / 2 is a negative log-likelihood, between the spools of
 the bank a parabola. A delay of 6 ms that is wrong by 0.2 ms either way leaves 0.1 m/s2 of 0.9 (100 and 160 kg). At the first
 reversals a standard deviation is added: too long a delay makes the lead a little slow, too short a one overshoots into the flow.
+
+Where the data sheet gives the spool, ((tau_s/tau_sheet - 1)/0.15)^2 is in S from the start.
 
 Legs of one machine are alike. What a reversal of another leg told is added, over 1 + the own reversals:
 
@@ -31,13 +33,14 @@ from .chambers import softplus_V
 from .layout import AFTER, BEFORE, LATE_TICKS, LATES, PAST_VOLTS, SPOOLS
 from .spool import step_response
 
+USUAL_LAG_S = 0.7 / (math.pi * 60.0)  # of a spool of 60 Hz and damping 0.7, for which the bank is made; else stretched
+SHEET_ERROR = 0.15  # standard deviation of a spool's lag about its data sheet's, relative
 SPOOL_LAGS_S = 1e-3 * np.array(
     [1.2, 1.5, 1.8, 2.1, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.2, 4.6, 5.0, 5.5, 6.0, 6.7, 7.5]
 )  # (SPOOLS,)
 LATE = np.concatenate([np.arange(0.0, 0.5, 0.125), np.arange(0.5, 3.25, 0.25)])  # (LATES,) l_j [ticks]
 LATE_SLACK = 0.125  # by which a lateness may be longer than the delay that it is part of [ticks]
 FINE = 5  # samples a tick
-NOISE_M = 3.3e-6  # of an oil displacement
 MEMORY = 0.985  # of the sums, a reversal
 ERRORS_FIRST = 1.3  # standard deviations added to the delay at the first reversals, over 1 + their number
 BETWEEN = 3  # parts of the interval between two spools of the bank, in which S is interpolated
@@ -69,6 +72,15 @@ def _between() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 BETWEEN_LAGS_S, FIRST_OF_THREE, WEIGHTS_OF_THREE = _between()
+
+
+@compiled
+def start_delay(delay, settings):
+    """Nothing is known but the spool's data sheet. The bank reaches from a third to twice the declared lag, 2 zeta/omega."""
+    delay.tick_s, delay.tested, delay.damping, delay.scale = settings.tick_s, -1, settings.spool_damping, 1.0
+    if settings.spool_frequency_Hz > 0.0:
+        delay.declared = True
+        delay.scale = settings.spool_damping / (math.pi * settings.spool_frequency_Hz) / USUAL_LAG_S
 
 
 @compiled
@@ -105,7 +117,7 @@ def _append(history, value):
 def found_delay_s(delay, lag_s):
     """The delay taken, of a total lag: the one that was told; else the mean of its likelihood, and at the first reversals its
     standard deviation more."""
-    most_s = max(lag_s - SPOOL_LAGS_S[0], 0.0)
+    most_s = max(lag_s - delay.scale * SPOOL_LAGS_S[0], 0.0)
     if delay.told_s[0] > 0.0:
         return min(delay.told_s[0], most_s)
     total, mean, square, _ = _moments(delay, lag_s)
@@ -136,21 +148,38 @@ def _smallest(sums):
 def _moments(delay, lag_s):
     """Of the likelihood: its sum, and those of delay, its square and lateness. A lateness is part of the delay."""
     total = mean = square = lateness = 0.0
-    share, least = 1.0 / (1.0 + delay.reversals), math.inf
-    for k in range(SPOOLS * LATES):
-        least = min(least, delay.sums[k] + share * delay.heard[k])
+    least = math.inf
     for m in range(len(BETWEEN_LAGS_S)):
-        late, first = max(lag_s - BETWEEN_LAGS_S[m], 0.0), FIRST_OF_THREE[m]
         for j in range(LATES):
-            if j == 0 or (LATE[j] - LATE_SLACK) * delay.tick_s < late:
-                s = 0.0
-                for a in range(3):
-                    k = (first + a) * LATES + j
-                    s += WEIGHTS_OF_THREE[m, a] * (delay.sums[k] + share * delay.heard[k])
-                weight = math.exp(0.5 * (least - s))
+            if _is_part(delay, lag_s, m, j):
+                least = min(least, _interpolated(delay, lag_s, m, j))
+    for m in range(len(BETWEEN_LAGS_S)):
+        late = max(lag_s - delay.scale * BETWEEN_LAGS_S[m], 0.0)
+        for j in range(LATES):
+            if _is_part(delay, lag_s, m, j):
+                weight = math.exp(0.5 * (least - _interpolated(delay, lag_s, m, j)))
                 total, mean, square = total + weight, mean + weight * late, square + weight * late * late
                 lateness += weight * LATE[j] * delay.tick_s
     return total, mean, square, lateness
+
+
+@compiled
+def _is_part(delay, lag_s, m, j):
+    """Whether a lateness may be part of what the spool m leaves of the lag."""
+    late = max(lag_s - delay.scale * BETWEEN_LAGS_S[m], 0.0)
+    return j == 0 or (LATE[j] - LATE_SLACK) * delay.tick_s < late
+
+
+@compiled
+def _interpolated(delay, lag_s, m, j):
+    """S between the spools of the bank, with what the data sheet says of the spool. One beyond the lag stands for all of it."""
+    share, first = 1.0 / (1.0 + delay.reversals), FIRST_OF_THREE[m]
+    over = min(BETWEEN_LAGS_S[m], lag_s / delay.scale) / USUAL_LAG_S
+    s = delay.declared * ((over - 1.0) / SHEET_ERROR) ** 2
+    for a in range(3):
+        k = (first + a) * LATES + j
+        s += WEIGHTS_OF_THREE[m, a] * (delay.sums[k] + share * delay.heard[k])
+    return s
 
 
 @compiled
@@ -212,10 +241,11 @@ def _prepare(delay, valve, compliance_m_Pa):
 def _modelled_oil(delay, spool_s):
     """Measured oil less what this spool would have let through, into `error_m`."""
     volts, error, pulse, tick_s = delay.task_volts_V, delay.error_m, delay.pulse, delay.tick_s
-    delay_s = delay.lag_s - spool_s
+    delay_s, damping = delay.lag_s - spool_s, delay.damping
     for i in range(len(pulse)):
         t = (i + 0.5) * tick_s / FINE
-        pulse[i] = step_response(t, delay.lag_s, delay_s) - step_response(t - tick_s, delay.lag_s, delay_s)
+        pulse[i] = step_response(t, delay.lag_s, delay_s, damping)
+        pulse[i] -= step_response(t - tick_s, delay.lag_s, delay_s, damping)
     moved, error[0] = 0.0, delay.task_oil_m[0]
     for k in range(len(error) - 1):
         into = out = 0.0
@@ -236,7 +266,7 @@ def softness_m_Pa(delay):
     there, less two standard errors."""
     if delay.reversals < SOFTNESS_REVERSALS or delay.pressure_square <= 0.0:
         return 0.0
-    error = SOFTNESS_ERRORS * NOISE_M / math.sqrt(delay.pressure_square)
+    error = SOFTNESS_ERRORS * delay.noise_m / math.sqrt(delay.pressure_square)
     return clip(delay.pressure_product / delay.pressure_square - error, 0.0, MAX_SOFTNESS_M_PA)
 
 
@@ -256,14 +286,14 @@ def _compare(delay):
     """The next spool of the bank against the reversal; True after the last."""
     error, c = delay.error_m, delay.compliance_m_Pa
     count = len(error)
-    _modelled_oil(delay, min(SPOOL_LAGS_S[delay.tested], delay.lag_s))
+    _modelled_oil(delay, min(delay.scale * SPOOL_LAGS_S[delay.tested], delay.lag_s))
     _without_nuisance(error)
     square = dot(error, error, count)
     for j in range(LATES):
         pressures = delay.task_pressures_Pa[j]
         product, pressure_square = dot(error, pressures, count), dot(pressures, pressures, count)
         left = square + c * (2.0 * product + c * pressure_square)
-        delay.found[delay.tested * LATES + j] = left / NOISE_M**2
+        delay.found[delay.tested * LATES + j] = left / delay.noise_m**2
         if (delay.tested == 0 and j == 0) or left < delay.least_m2:
             delay.least_m2, delay.best_product = left, product + c * pressure_square
             delay.best_square = pressure_square

@@ -26,12 +26,13 @@ from __future__ import annotations
 import math
 
 from ..compiled import compiled
+from ..spool_model import set_spool_model
 from .arithmetic import clip
 from .chambers import pair_flow_m_s
 from .layout import TRIM_TICKS
 from .leak import add_to_passage, finish_passage, leak_known, skip_passage, start_passage
 from .null import both_open
-from .spool import round_lag, set_spool_model
+from .spool import round_lag
 from .valve import edges_variance_m2_s2, overlap_V, valve_ready, valve_usable
 
 PRIOR_V = 12e-3  # standard deviation of s before anything is known
@@ -40,8 +41,8 @@ STRAIGHT_V = 0.05  # beyond the overlap, from where the curve is straight
 PAIR = 4.0  # times these on a four-way valve, whose spool travels less: rounding in volts is wider
 LEAST_OVERLAP_V = 0.03  # of both its edges, from which a leak is told from a null offset
 MIN_PROBE_V = 5e-3  # phi is computed with the identified rounding, and no less than this
-NOISE_M = 5e-6  # of a passage: two positions, and the residual of the identified valve
 MAX_EXCESS_M = 3e-5  # a passage, or a compensated reversal, with more than this is something else
+MAX_EXCESS_ERRORS = 6.0  # or with more than so many standard errors of noise
 MAX_PASSAGE_S = 0.5  # so is a passage that takes longer
 MEMORY, MEMORY_EARLY = 15.0, 2.0  # passages; the second while the valve itself is being identified
 LOWER_ERRORS, LOWER_ERRORS_TOLD, LOWER_ERRORS_PAIR = 3.0, 4.0, 1.0  # standard errors of q from which edges are rounded
@@ -119,15 +120,14 @@ def explains_reversals(rounding):
 
 
 @compiled
-def add_to_rounding(rounding, leak, z_m, valve_V, roots, valve):
-    """One tick: oil displacement now, volts of the tick past, mean sqrt(dp/dp_ref) in it of the edges.
-
-    True when a passage was completed.
+def add_to_rounding(rounding, leak, z_m, valve_V, roots, valve, damping):
+    """One tick: oil displacement now, volts of the tick past, mean sqrt(dp/dp_ref) in it of the edges;
+    damping: of the spool. True when a passage was completed.
     """
     tick_s, before = valve.tick_s, rounding.spool_V
     if valve.lag_s != rounding.lag_s:
         rounding.lag_s = valve.lag_s
-        set_spool_model(rounding.model, round_lag(valve.lag_s), tick_s)
+        set_spool_model(rounding.model, round_lag(valve.lag_s), tick_s, damping)
     x = _advance_spool(rounding, valve_V, valve.edges[1 if valve_V > 0.0 else 0].backlash_V)
     edge = valve.edges[1 if x > 0.0 else 0]
     straight = abs(x) > abs(edge.dead_band_V) + rounding.straight_V  # with underlap, where the other edge is shut
@@ -230,9 +230,9 @@ def _update(rounding, z_m, memory, unsure_m2):
     """A passage in: one step of least squares with forgetting. unsure_m2: variance that edges and leak give it."""
     phi = rounding.rounded_m / rounding.probe_V**2
     excess = z_m - rounding.start_m - rounding.sharp_m - phi * rounding.square_V2
-    if abs(excess) > MAX_EXCESS_M + abs(phi) * rounding.largest_V**2:
+    if abs(excess) > max(MAX_EXCESS_M, MAX_EXCESS_ERRORS * rounding.noise_m) + abs(phi) * rounding.largest_V**2:
         return
-    expected = NOISE_M**2 + unsure_m2 + phi * rounding.variance_V4 * phi
+    expected = rounding.noise_m**2 + unsure_m2 + phi * rounding.variance_V4 * phi
     rounding.misfit += MISFIT_SHARE * (excess * excess / expected - rounding.misfit)
     share = rounding.variance_V4 * phi / expected
     rounding.square_V2 += share * excess

@@ -18,35 +18,39 @@ from ..compiled import compiled
 from .arithmetic import clip, copy, fill_zero
 from .chambers import compliance_m_Pa
 from .presliding import bristle
-from .recursive_least_squares import bound_influence, scale_covariance, start_fit, update_fit
+from .recursive_least_squares import bound_influence, reset_covariance, scale_covariance, start_fit, update_fit
 from .stribeck import MIN_RATE, begin_stribeck, hold_step
 
 MAX_HALF_STEP_MPA = 1.0
 DM = 10.0  # [dm/m]
-STRIBECK_VELOCITY_M_S = 5e-3  # over which friction falls after breakaway; a common size, and the report's
 POSITION_PRIOR = 10.0  # standard deviation of p5 [2 kPa/dm]: load hardly depends on position
 PAIR_POSITION_PRIOR = (
     1.0  # of a four-way valve: a backlash shifts the phase of a, and p1 goes into p5 (47 of 132 kPa s2/m)
 )
 TYPICAL_STRIBECK, REVERSALS_NEEDED = 0.5, 5  # P_s over half the step, assumed until so many reversals were seen
-# prior standard deviations in units of the noise of a window's mean (2 kPa): 1 MPa or 1 MPa per (m/s2, dm/s)
-NOISE_MPA, MAX_ERRORS = 2e-3, 3.0  # of a window's mean; errors from which on a window counts for less
+MAX_ERRORS = 3.0  # standard errors from which on a window counts for less
+PRIOR_UNIT_MPA = 2e-3  # of the priors below: 1 MPa or 1 MPa per (m/s2, dm/s)
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PRIOR = (500.0, 500.0, 500.0, 500.0, 250.0, POSITION_PRIOR, 15.0)
 RESTORED_VARIANCE, RESTORED_REVERSALS = 1e-5, round(1.0 / MIN_RATE)  # of the prior's: 3 %; of Stribeck friction
-MAX_LOAD_MISFIT_MPA = 6.9e-3  # rms of a window up to which the load is the leg's own
+MAX_LOAD_MISFIT_MPA = 6.6e-3  # rms of a window beyond its noise, up to which the load is the leg's own
 PAIR_STEP_MIN_S = 1e-3  # least width of the step on a four-way valve: pressure that leads turns a heavy load early
 MIN_WINDOWS = 20  # in each direction, before the fit is used
 
 
 @compiled
 def start_friction(friction, tick_s, stroke_m, window, min_speed_m_s, memory, position_prior=POSITION_PRIOR):
-    """Nothing is known. window: ticks; memory: windows; position_prior: standard deviation of p5. Pressures in MPa, lengths in
-    dm inside, so that the numbers are alike."""
+    """Nothing is known but noise and v_s. window: ticks; memory: windows; position_prior: standard deviation of p5.
+
+    Pressures in MPa, lengths in dm inside, so that the numbers are alike."""
     friction.tick_s, friction.stroke_m, friction.window = tick_s, stroke_m, window
     friction.min_speed_m_s, friction.stribeck.tick_s = min_speed_m_s, tick_s
-    friction.position_weight = 1.0 / (position_prior * math.sqrt(memory))
+    unit = PRIOR_UNIT_MPA / friction.noise_MPa  # a fit counts in its noise
+    friction.position_weight = 1.0 / (unit * position_prior * math.sqrt(memory))
     start_fit(friction.fit, NOTHING, PRIOR, memory, False)
+    for i in range(len(PRIOR)):
+        friction.fit.scale[i] *= unit
+    reset_covariance(friction.fit)
 
 
 @compiled
@@ -76,13 +80,13 @@ def _finish_window(friction, position_m):
     begin, end = ends_m_s(friction, position_m)
     if begin * end < 0.0 or min(abs(begin), abs(end)) < friction.min_speed_m_s:
         return
-    near_rest = (stribeck_share(begin) + 4.0 * stribeck_share(v) + stribeck_share(end)) / 6.0  # Simpson's rule
+    near_rest = _mean_share(begin, v, end, friction.stribeck_velocity_m_s)
     n, up, phi = friction.window + 1, 1 if v > 0 else 0, friction.phi
     v *= DM
     phi[0], phi[1], phi[2], phi[3], phi[4] = 1.0, friction.sum_a / n, v * up, v * (1 - up), 2.0 * up - 1.0
     phi[5] = 0.5 * DM * (position_m + friction.start_m - friction.stroke_m)
     phi[6] = phi[4] * near_rest
-    load = bound_influence(friction.fit, phi, friction.sum_load / n * 1e-6, NOISE_MPA, MAX_ERRORS)
+    load = bound_influence(friction.fit, phi, friction.sum_load / n * 1e-6, friction.noise_MPa, MAX_ERRORS)
     update_fit(friction.fit, phi, load)
     fill_zero(phi)
     phi[5] = friction.position_weight
@@ -92,8 +96,15 @@ def _finish_window(friction, position_m):
     friction.half_step_Pa = 1e6 * clip(friction.fit.theta[4], 0.0, MAX_HALF_STEP_MPA)
     if friction.told:
         hold_step(friction.stribeck, friction.half_step_Pa - before_Pa, 2.0 * friction.half_step_Pa)
-    error_Pa = 1e6 * math.sqrt(max(friction.fit.residual, NOISE_MPA**2) * friction.fit.covariance[6, 6])
+    error_Pa = 1e6 * math.sqrt(max(friction.fit.residual, friction.noise_MPa**2) * friction.fit.covariance[6, 6])
     begin_stribeck(friction.stribeck, 1e6 * friction.fit.theta[6], error_Pa, TYPICAL_STRIBECK * friction.half_step_Pa)
+
+
+@compiled
+def _mean_share(begin_m_s, middle_m_s, end_m_s, over_m_s):
+    """Mean Stribeck share of a window, by Simpson's rule."""
+    middle = stribeck_share(middle_m_s, over_m_s)
+    return (stribeck_share(begin_m_s, over_m_s) + 4.0 * middle + stribeck_share(end_m_s, over_m_s)) / 6.0
 
 
 @compiled
@@ -131,7 +142,7 @@ def resonance_of_load_Hz(friction, settings):
     """The load on the oil below a piston at mid-stroke: 1 / (2 pi sqrt(p1 V / (E A1))). 0 where it is not known: of a
     platform in several degrees of freedom at once a leg's load is not its own (p1 of -0.3 to 0.5 MPa s2/m, misfit of
     13 to 28 kPa against 1 to 4)."""
-    if not friction_ready(friction) or friction.fit.residual > MAX_LOAD_MISFIT_MPA**2:
+    if not friction_ready(friction) or friction.fit.residual > MAX_LOAD_MISFIT_MPA**2 + friction.noise_MPa**2:
         return 0.0
     compliance = compliance_m_Pa(settings, 0.5 * settings.stroke_m)
     return 1.0 / (2.0 * math.pi * math.sqrt(compliance * inertia_Pa(friction)))
@@ -150,7 +161,7 @@ def resonance_growth_1_s(friction):
     stribeck = friction.stribeck.pressure_Pa
     if friction.stribeck.reversals < REVERSALS_NEEDED and stribeck < TYPICAL_STRIBECK * friction.half_step_Pa:
         stribeck = TYPICAL_STRIBECK * friction.half_step_Pa
-    return 0.5 * (stribeck / STRIBECK_VELOCITY_M_S - viscous) / inertia_Pa(friction)
+    return 0.5 * (stribeck / friction.stribeck_velocity_m_s - viscous) / inertia_Pa(friction)
 
 
 @compiled
@@ -174,10 +185,10 @@ def restore_friction(friction, known):
 
 
 @compiled
-def stribeck_share(velocity_m_s):
-    """Share of the Stribeck pressure at a velocity, 1 at rest."""
+def stribeck_share(velocity_m_s, over_m_s):
+    """Share of the Stribeck pressure at a velocity, 1 at rest; over_m_s: velocity over which it falls."""
     speed = abs(velocity_m_s)
-    return math.exp(-speed / STRIBECK_VELOCITY_M_S) if speed < 4 * STRIBECK_VELOCITY_M_S else 0.0
+    return math.exp(-speed / over_m_s) if speed < 4 * over_m_s else 0.0
 
 
 @compiled
@@ -199,7 +210,7 @@ def demanded_pressure(reference, friction, weight, settings):
             sign = x * (2.0 - abs(x))
     p = friction.presliding
     p.bristle = bristle(p.bristle, sign, abs(v) * settings.tick_s, p.length_m)
-    share = p.bristle * stribeck_share(v)
+    share = p.bristle * stribeck_share(v, settings.stribeck_velocity_m_s)
     step = p.bristle * friction.half_step_Pa + share * friction.stribeck.pressure_Pa
     smooth_Pa = smooth_pressure_Pa(friction, reference.position_m, v, reference.load_m_s2)
     return weight * (smooth_Pa + step), step, share, sign

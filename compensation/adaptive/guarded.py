@@ -8,18 +8,19 @@ from __future__ import annotations
 import math
 
 from ..compiled import compiled
-from ..guard import ACTS, GUARD, RESTARTS, accept, check, start_guard
+from ..guard import ACTS, BEGINS_ANEW, GUARD, RESTARTS, accept, check, start_guard
 from .layout import LEARNED, MAX_DAMPING_TAPS, SETTINGS, STATE, record
-from .start import keep, restore, start
+from .start import finite_from, keep, restore, start
 from .step import tick_of
 
 GUARDED = record(guard=GUARD, learned=LEARNED, algorithm=STATE)  # `algorithm` last, its settings first
 SIZE = GUARDED.itemsize // 8  # doubles
+ALGORITHM = SIZE - STATE.itemsize // 8  # doubles before the algorithm's
 KEPT = (GUARD.itemsize + LEARNED.itemsize + SETTINGS.itemsize) // 8  # doubles before what a restart makes zero
 POSITIVE = (
     "tick_s", "position_gain_V_per_m", "voltage_max_V", "stroke_m", "area_ratio", "bulk_modulus_Pa", "reference_drop_Pa",
     "jerk_m_s3", "presliding_m_s", "damping_count", "window_s", "memory_windows", "engage_s", "feed_forward_s",
-    "disengage_s", "damping_low_Hz", "damping_high_Hz",
+    "disengage_s", "damping_low_Hz", "damping_high_Hz", "spool_damping", "stribeck_velocity_m_s", "edge_V", "velocity_gain_m_s_V",
 )  # fmt: skip
 PLACES = tuple(SETTINGS.names.index(name) for name in POSITIVE)  # type: ignore[union-attr]
 DAMPING_COUNT = SETTINGS.names.index("damping_count")  # type: ignore[union-attr]
@@ -47,7 +48,7 @@ def start_guarded(numbers, whole, settings):
         numbers[i] = 0.0
     for i in range(len(settings)):
         numbers[KEPT - len(settings) + i] = settings[i]
-    start_guard(whole.guard, whole.algorithm.settings.tick_s, whole.algorithm.settings.voltage_max_V)
+    start_guard(whole.guard, whole.algorithm.settings)
     start(whole.algorithm)
     return 0
 
@@ -69,14 +70,19 @@ def tick_guarded(
 ):
     """Volts to add, and what the caller must know: DESIGN_WANTED | WORSE | REJECTED, or a fault of guard.py."""
     guard = whole.guard
-    todo = check(guard, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa)
+    todo = check(guard, setpoint_m, preview, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa)
     if todo == ACTS:
         volts, told = tick_of(
             whole.algorithm, table, preview, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa,
             -forward_V,
         )  # fmt: skip
-        return accept(guard, volts), told
-    if todo == RESTARTS:
+        volts = accept(guard, volts, forward_V, finite_from(numbers, ALGORITHM))
+        return volts, guard.reason if guard.reason else told
+    if todo == BEGINS_ANEW:
+        for i in range(KEPT, SIZE):
+            numbers[i] = 0.0
+        start(whole.algorithm)
+    elif todo == RESTARTS:
         keep(whole.algorithm, whole.learned)
         restart_guarded(numbers, whole)
     return guard.output_V, guard.reason

@@ -62,7 +62,7 @@ def identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     if valve_usable(valve):
         if engaged and not told_while_compensated(valve):
             state.rounding.ticks = 0
-        elif add_to_rounding(state.rounding, state.leak, z, v, means, valve):
+        elif add_to_rounding(state.rounding, state.leak, z, v, means, valve, settings.spool_damping):
             tell_leak(state.leak, valve)
             state.trim.rounding_V = lower_bound_V(state.rounding)
         state.friction.told = state.reference.load_given == 2
@@ -83,7 +83,9 @@ def identify(state, position_m, valve_V, p, supply_Pa, load_Pa, now):
     stribeck, presliding, inertia = friction.stribeck, friction.presliding, inertia_Pa(friction)
     complete = add_to_stribeck(stribeck, velocity_m_s, state.deviation_Pa[0], late, share)
     travel_m = abs(velocity_m_s) * settings.tick_s
-    add_to_presliding(presliding, sign, travel_m, stribeck_share(velocity_m_s), friction_step)
+    add_to_presliding(
+        presliding, sign, travel_m, stribeck_share(velocity_m_s, settings.stribeck_velocity_m_s), friction_step
+    )
     if complete and compensated and not state.engagement.armed:  # armed it is where the motion begins, no reversal
         softness = softness_m_Pa(state.delay) / compliance_m_Pa(settings, 0.5 * settings.stroke_m)
         judge_compensated(state.trust, stribeck.deviation_Pa, inertia, softness)

@@ -58,6 +58,7 @@ EDGE = record(  # valve_edge.py
     significant="i8",  # backlash: from then on b is found from where the volts reverse
     ready="i8", rejections="i8",  # how often it was ready and then did not fit
     windows_needed="f8",
+    noise_m="f8",  # of a window
 )  # fmt: skip
 VALVE = record(  # valve.py
     edges=(EDGE, (2,)),  # retracting, extending
@@ -87,9 +88,11 @@ STRIBECK = record(  # stribeck.py
     ticks="i8",  # since the velocity changed sign
     deviation_Pa=("f8", (2 * REACH + 1,)), position_error_m=("f8", (2 * REACH + 1,)), share=("f8", (2 * REACH + 1,)),
     most_weight="f8",  # of a slow reversal
+    noise_m="f8", noise_Pa="f8",  # of a position, of a pressure
     at_rest="f8",  # P_s that a half step stands for at the last reversal; 0 before the first one
 )  # fmt: skip
 PRESLIDING = record(  # presliding.py
+    noise_m="f8", noise_Pa="f8",
     length_m="f8",  # L
     bristle="f8",  # s of the reference
     sign=("f8", (2 * REACH + 1,)), travel_m=("f8", (2 * REACH + 1,)), share=("f8", (2 * REACH + 1,)),
@@ -101,7 +104,8 @@ FRICTION = record(  # friction.py
     fit=FIT, stribeck=STRIBECK, presliding=PRESLIDING, tick_s="f8", stroke_m="f8", window="i8", min_speed_m_s="f8", position_weight="f8",
     count="i8", start_m="f8", middle_m="f8", sum_load="f8", sum_a="f8",
     windows=("i8", (2,)),  # retracting, extending
-    half_step_Pa="f8", phi=("f8", (FIT_SIZE,)),
+    half_step_Pa="f8", phi=("f8", (FIT_SIZE,)), noise_MPa="f8",  # of a window's mean
+    stribeck_velocity_m_s="f8",
     told="i8",  # the load is told by a platform, whose other legs bias the half step while they engage
 )  # fmt: skip
 REFERENCE = record(  # reference.py: y_m at the tick boundary looked at last
@@ -131,7 +135,7 @@ INVERSE = record(  # inverse.py
 )  # fmt: skip
 ROUNDING = record(  # edge_rounding.py
     prior_V="f8", largest_V="f8", straight_V="f8", lower_errors="f8", least_probe_V="f8",
-    square_V2="f8", variance_V4="f8",
+    square_V2="f8", variance_V4="f8", noise_m="f8",  # of a passage
     misfit="f8",  # mean square of a passage's excess, over its expected variance
     backlash_V="f8",  # volts behind the backlash
     spool_V="f8", rate_V="f8",  # of the spool, a tick
@@ -143,7 +147,7 @@ ROUNDING = record(  # edge_rounding.py
     closed_ticks="i8",  # for which the overlap closed the valve
 )  # fmt: skip
 LEAK = record(  # leak.py
-    leak_m_s="f8", variance="f8", passages="i8", misfit="f8", restarts="i8",
+    leak_m_s="f8", variance="f8", passages="i8", misfit="f8", restarts="i8", noise_m="f8",  # of a passage
     positive="i8",  # the passage came from there
     excess_m="f8", closed_s="f8",
 )  # fmt: skip
@@ -156,7 +160,9 @@ TRIM = record(  # edge_rounding.py
     before_m="f8",  # by how much it had grown before, against the new direction
 )  # fmt: skip
 DELAY = record(  # delay.py
-    tick_s="f8", sums=("f8", (SPOOLS * LATES,)), reversals="i8",
+    tick_s="f8", sums=("f8", (SPOOLS * LATES,)), reversals="i8", noise_m="f8",  # of an oil displacement
+    declared="i8",  # whether the data sheet gives the spool
+    scale="f8", damping="f8",  # of the bank's spools: lags over SPOOL_LAGS_S; damping ratio
     heard=("f8", (SPOOLS * LATES,)), heard_reversals="f8",  # the same of the other legs of a machine
     told_s=("f8", (2,)),  # start parameters: the delay, and how much of it is the position's; 0 = not told
     tells="i8", hears="i8",  # a reversal was judged in this tick; one was heard of
@@ -175,7 +181,7 @@ DELAY = record(  # delay.py
     error_m=("f8", (BEFORE + AFTER + 1,)), pulse=("f8", (5 * (PAST_VOLTS + 2),)),  # work
 )  # fmt: skip
 LATENESS = record(tick_s="f8", late_s="f8", pressures_Pa=("f8", (LATE_TICKS + 2,)))  # lateness.py  # fmt: skip
-TRUST = record(error_m_s2="f8", trusted="i8", since_s="f8", turning_s="f8", direction="f8")  # trust.py
+TRUST = record(noise_Pa="f8", error_m_s2="f8", trusted="i8", since_s="f8", turning_s="f8", direction="f8")  # trust.py
 SHAKEN = record(  # monitor.py: h of a position, and its range since the last reversal
     positions_m=("f8", (3 * BLOCK,)), sums_m=("f8", (3,)), accelerations_m_s2=("f8", (2 * APART + 1,)),
     count="i8",  # ticks, until the filter is filled
@@ -247,13 +253,14 @@ CHAMBERS = record(  # chamber_pressures.py: of a four-way valve
 SETTINGS = record(  # configuration (`Adaptive`) and data sheet (`Context`); doubles alone
     tick_s="f8", position_gain_V_per_m="f8", voltage_max_V="f8", stroke_m="f8", area_ratio="f8",
     pipeline_length_m="f8", bulk_modulus_Pa="f8", tank_pressure_Pa="f8", position_noise_m="f8",
-    position_resolution_m="f8", controller_feeds_forward="f8", reference_drop_Pa="f8", lead_smoothing="f8",
+    position_resolution_m="f8", pressure_noise_Pa="f8", pressure_resolution_Pa="f8", spool_damping="f8",
+    spool_frequency_Hz="f8", stribeck_velocity_m_s="f8", controller_feeds_forward="f8", reference_drop_Pa="f8", lead_smoothing="f8",
     step_min_s="f8", step_max_s="f8", jerk_m_s3="f8", presliding_m_s="f8", damping_1_s="f8", damping_count="f8",
     damping_low_Hz="f8", damping_high_Hz="f8", damping_max_V="f8", window_s="f8", min_speed_m_s="f8",
     memory_windows="f8", engage_s="f8", feed_forward_s="f8", disengage_s="f8", max_stability_limit_m_s2="f8",
     min_excitation_m_s2="f8", learn="f8", rod_ratio="f8", pipeline_length_top_m="f8",
     velocity_gain_V_s_per_m="f8", velocity_pole="f8", velocity_share="f8", pressure_gain_V_per_Pa="f8",
-    pressure_pole="f8", pressure_share="f8",
+    pressure_pole="f8", pressure_share="f8", edge_V="f8", velocity_gain_m_s_V="f8", supply_pressure_Pa="f8",
 )  # fmt: skip
 DESIGN = record(  # taps.py, least_squares.py: work
     triangle=("f8", (MAX_DAMPING_TAPS + 1, MAX_DAMPING_TAPS + 1)), row=("f8", (MAX_DAMPING_TAPS + 1,)),
@@ -293,6 +300,16 @@ LEARNED = record(
     presliding=record(squares=("f8", (LENGTHS,)), products=("f8", (LENGTHS,)), shapes=("f8", (LENGTHS,)), weight="f8"),
     plain_control=record(baseline_m_s2=("f8", (2,)), reversal_m_s2=("f8", (2,)), follows_V="f8"),
 )  # fmt: skip
+
+
+def kinds(layout: np.dtype) -> list[str]:
+    """ "f8" or "i8" of each number of a layout, in its order."""
+    base, shape = layout.base, layout.shape
+    if base.names:
+        one = [kind for name in base.names for kind in kinds(base[name])]
+    else:
+        one = [base.str[1:]]
+    return one * int(np.prod(shape, dtype=int))
 
 
 def empty(layout: np.dtype) -> Record:

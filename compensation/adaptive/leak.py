@@ -16,9 +16,9 @@ from .valve import set_leak
 LEAK_PRIOR_M_S = 8e-3  # standard deviation before anything is known
 MAX_LEAK_M_S = 2e-2  # a passage with more is something else
 LEAK_TOLERANCE_M_S, LEAK_CHANGE_M_S = 2e-4, 5e-5  # a smaller one, and a smaller change, is not taken into account
-LEAK_NOISE_M = 7e-6  # of a passage: two positions, and the residual of the identified edges
 LEAK_MEMORY, LEAK_PASSAGES = 15.0, 2  # passages; and how many must have been seen
 LEAK_ERRORS = 4.0  # standard errors from which there is a leak; half of them to stay
+NONE_YET_M = 1e9  # more than any passage: none has begun
 MISFIT_SHARE = 0.2  # low-pass of the misfit
 INCONSISTENT = 5.0  # standard errors by which a passage contradicts the ones before it: then it is the first
 MAX_RESTARTS = 2  # more is another cause
@@ -28,7 +28,7 @@ MAX_RESTARTS = 2  # more is another cause
 def start_leak(leak):
     """Nothing is known."""
     leak.leak_m_s, leak.variance, leak.passages, leak.misfit = 0.0, LEAK_PRIOR_M_S**2, 0, 1.0
-    leak.positive, leak.excess_m, leak.closed_s, leak.restarts = False, math.nan, 0.0, 0
+    leak.positive, leak.excess_m, leak.closed_s, leak.restarts = False, NONE_YET_M, 0.0, 0
 
 
 @compiled
@@ -65,7 +65,7 @@ def finish_passage(leak, positive, taken_m_s, variance_m2_s2=0.0, ratio=1.0):
     if not across or closed_s == 0.0 or not abs(excess_m) < MAX_LEAK_M_S * abs(closed_s):
         return False
     error = excess_m / closed_s + taken_m_s - leak.leak_m_s
-    expected = (LEAK_NOISE_M / closed_s) ** 2 + variance_m2_s2 / (ratio * ratio)
+    expected = (leak.noise_m / closed_s) ** 2 + variance_m2_s2 / (ratio * ratio)
     total = expected + leak.variance
     if leak.restarts < MAX_RESTARTS and error * error > INCONSISTENT**2 * total:
         # what was gathered was made with edges that have moved since

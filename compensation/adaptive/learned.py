@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .layout import Record
+from .layout import SPOOLS, Record
 
 
 def as_dict(record: Record) -> dict[str, Any]:
@@ -17,7 +17,8 @@ def as_dict(record: Record) -> dict[str, Any]:
 
 
 def fill(record: Record, values: dict[str, Any]) -> None:
-    """The inverse of `as_dict`; what `values` has besides is left. Older files have nothing of plain control, bristles or
+    """The inverse of `as_dict`; ValueError and KeyError name what has another size or is missing.
+    What `values` has besides is left. Older files have nothing of plain control, bristles or
     softer oil, or not how far the piston follows, or no delay that is told, and the delay's sums by spool alone."""
     for name in record.dtype.names:
         if name in ("plain_control", "follows_V", "oil", "presliding", "told_s") and name not in values:
@@ -25,5 +26,7 @@ def fill(record: Record, values: dict[str, Any]) -> None:
         if record[name].dtype.names:
             fill(record[name], values[name])
         else:
-            value = np.asarray(values[name])
-            record[name] = value if value.size == record[name].size else value.repeat(record[name].size // value.size)
+            value, size = np.asarray(values[name], dtype=float), record[name].size
+            if value.size != size and not (name == "sums" and value.size == SPOOLS):
+                raise ValueError(f"{name} has {value.size} numbers where {size} belong")
+            record[name] = value.reshape(record[name].shape) if value.size == size else value.repeat(size // SPOOLS)

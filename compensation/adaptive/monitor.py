@@ -38,6 +38,7 @@ MUCH_LESS = 0.7  # of the smallest bump of late: another kind of reversal, and n
 GENTLE_M_S2 = 0.1  # reversal acceleration from which windows tell the inertia
 NOISE_RANGE = 5.0  # standard errors between the extremes of noise; half of a bump's own swing hides some of them
 NOISE_RANGE_ALONE = 4.4
+NONE_YET = 1e9  # beyond any acceleration: a range that holds nothing
 PAIR_NOISE = 2.0  # of it that adds to a bump; a four-way valve without overlap can be trusted with smaller ones
 
 
@@ -52,7 +53,7 @@ def start_monitor(monitor, tick_s, noise_m):
 def begin_range(monitor):
     """The range of h begins anew."""
     for shaken in (monitor.piston, monitor.off):
-        shaken.low_m_s2, shaken.high_m_s2 = math.inf, -math.inf
+        shaken.low_m_s2, shaken.high_m_s2 = NONE_YET, -NONE_YET
 
 
 @compiled
@@ -123,15 +124,24 @@ def worth_compensating(monitor, step_m_s2, told, noise_range):
     acceleration that the friction step gives the load; told: a platform's leg is told its load; noise_range: standard
     errors that noise adds to a bump."""
     noise_m_s2 = noise_range * bump_noise_m_s2(monitor)
+    return plain_bump_m_s2(monitor, told) > least_bump_m_s2(monitor, step_m_s2, told) + noise_m_s2
+
+
+@compiled
+def plain_bump_m_s2(monitor, told):
+    """Plain control's bump that counts."""
     first, second = monitor.baseline_m_s2
+    return max(first, second, monitor.usual_m_s2[0], monitor.usual_m_s2[1]) if told else 0.5 * (first + second)
+
+
+@compiled
+def least_bump_m_s2(monitor, step_m_s2, told):
+    """What it must be above, beside noise."""
     if told:
-        usual_m_s2 = max(monitor.usual_m_s2[0], monitor.usual_m_s2[1])
-        return max(first, second, usual_m_s2) > min(FELT_M_S2, RISK_SHARE_TOLD * step_m_s2) + noise_m_s2
+        return min(FELT_M_S2, RISK_SHARE_TOLD * step_m_s2)
     least = min(FELT_ALONE_M_S2, RISK_SHARE * step_m_s2)
     reversal_m_s2 = max(monitor.reversal_m_s2[0], monitor.reversal_m_s2[1])
-    if 0.0 < reversal_m_s2 < GENTLE_M_S2:
-        least *= GENTLE_M_S2 / reversal_m_s2
-    return 0.5 * (first + second) > least + noise_m_s2
+    return least * GENTLE_M_S2 / reversal_m_s2 if 0.0 < reversal_m_s2 < GENTLE_M_S2 else least
 
 
 @compiled

@@ -17,7 +17,7 @@ from .arithmetic import clip
 
 MEAN_SHARE = 0.05  # low-pass of the mean pressure, a window
 MEMORY = 0.995  # of the sum, a window
-PRIOR_PA2_S2 = 1e9  # what windows without error weigh
+PRIOR_M_S_PA = 1.6e-10  # standard deviation before anything is known
 MAX_LEAK_M_S_PA = 1e-8
 MAX_ERROR_M = 5e-5  # that a window is taken to have left over
 
@@ -32,7 +32,9 @@ def tell_piston_leak(valve, up, error_m):
     valve.across_means[up] += MEAN_SHARE * change / length_s
     valve.across_squares = MEMORY * valve.across_squares + change * change
     error_m = clip(error_m, -MAX_ERROR_M, MAX_ERROR_M) * (1.0 if up else -1.0)
-    found = valve.across_m_s_Pa - error_m * change / (PRIOR_PA2_S2 + valve.across_squares)
+    found = valve.across_m_s_Pa - error_m * change / (
+        (valve.edges[up].noise_m / PRIOR_M_S_PA) ** 2 + valve.across_squares
+    )
     valve.across_m_s_Pa = clip(found, 0.0, MAX_LEAK_M_S_PA)
 
 

@@ -33,8 +33,8 @@ CENTRES, HALF_WIDTH = (-10, -6, -2, 2, 6, 10), 6  # ticks, of phi_k about the re
 MEMORY = 0.93  # of the sums, a reversal
 EVIDENCE, EVIDENCE_MISFIT, MOST_EVIDENCE = 10.0, 2.0, 60.0  # from which there are bristles: see above
 MISFIT = 10.0  # times the noise that the best L may leave: more is another cause, such as load from the other legs (40 to 170)
+USUAL_NOISE_PA = 4e3  # of the pressures of the legs on which other causes were seen
 LEAST_WEIGHT = 7.5  # of the sums: two reversals
-NOISE_M, NOISE_PA = 3.3e-6, 4e3
 
 
 def _test_functions() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -70,7 +70,7 @@ def add_to_presliding(p, sign, travel_m, stribeck_share, step_Pa):
 @compiled
 def update_presliding(p, deviation_Pa, position_error_m, inertia_Pa, half_step_Pa, tick_s):
     """The reversal in the histories corrects the sums of the bank, and L."""
-    count, noise = len(CENTRES), math.hypot(inertia_Pa * NOISE_M * ROUGHNESS / tick_s**2, NOISE_PA * SIZE)
+    count, noise = len(CENTRES), math.hypot(inertia_Pa * p.noise_m * ROUGHNESS / tick_s**2, p.noise_Pa * SIZE)
     for i in range(LENGTHS):
         s = p.sign[2 * REACH]
         for k in range(count):
@@ -132,8 +132,9 @@ def _length_m(p, highest_Pa):
         p.left[i] = p.squares[i] - 2.0 * best * p.products[i] + best * best * p.shapes[i]
         least = min(least, p.left[i])
     scale = max(1.0, least / p.weight)
-    needed = min(EVIDENCE + EVIDENCE_MISFIT * scale * scale, MOST_EVIDENCE)
-    if p.weight < LEAST_WEIGHT or scale > MISFIT or p.left[0] - least < needed * scale:
+    misfit = 1.0 + (scale - 1.0) * (p.noise_Pa / USUAL_NOISE_PA) ** 2  # what is no noise does not shrink as noise grows
+    needed = min(EVIDENCE + EVIDENCE_MISFIT * misfit * misfit, MOST_EVIDENCE)
+    if p.weight < LEAST_WEIGHT or misfit > MISFIT or p.left[0] - least < needed * scale:
         return 0.0
     total = length = 0.0
     for i in range(LENGTHS):

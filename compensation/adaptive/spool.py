@@ -1,6 +1,7 @@
 """The spool as the algorithm takes it, and what its lag asks of the taps.
 
-The spool is second order with damping 0.7, so that one number describes it, its lag tau = 2 zeta / omega [s].
+The spool is second order with the damping of the data sheet, so that one number is to be found, its lag
+tau = 2 zeta / omega [s].
 """
 
 from __future__ import annotations
@@ -10,27 +11,26 @@ import math
 import numpy as np
 
 from ..compiled import compiled
+from ..spool_model import free_motion
 from .arithmetic import clip
 from .layout import MAX_SHIFT, PATH_BEFORE, PATH_FINE
 
-SPOOL_DAMPING = 0.7  # common value for proportional valves; the lag is what is identified
 LAG_STEP_S = 1e-5  # lags are rounded to this before a design is made
 LAG_MAX_S = 1.4e-2
 SHIFT_TICKS = 2.2  # of lag that LEAD_TICKS are enough for
 
 
 @compiled
-def step_response(t_s, lag_s, delay_s):
+def step_response(t_s, lag_s, delay_s, damping):
     """Unit step response of the spool at a time, zero before 0."""
     t_s, lag_s = t_s - delay_s, lag_s - delay_s
     if t_s < 0.0:
         return 0.0
     if lag_s <= 0.0:
         return 1.0
-    z = SPOOL_DAMPING
-    w = 2 * z / lag_s
-    wd = w * math.sqrt(1 - z * z)
-    return 1 - math.exp(-z * w * t_s) * (math.cos(wd * t_s) + z * w / wd * math.sin(wd * t_s))
+    w = 2 * damping / lag_s
+    c, s = free_motion(damping, w, t_s)
+    return 1 - (c + damping * w * s)
 
 
 @compiled
@@ -55,23 +55,6 @@ def round_lag(lag_s):
 def look_ahead_shift(lag_s, tick_s):
     """Ticks by which the taps lie earlier, for a lag."""
     return min(max(math.ceil(lag_s / tick_s - SHIFT_TICKS), 0), MAX_SHIFT)
-
-
-@compiled
-def set_spool_model(model, lag_s, tick_s):
-    """a, b, c, d of one tick of the spool: x += a (u - x) + b w, w = c (u - x) + d w, with w its rate [V/tick]."""
-    if lag_s < 0.25 * tick_s:
-        model[0], model[1], model[2], model[3] = 1.0, 0.0, 0.0, 0.0
-        return
-    z = SPOOL_DAMPING
-    w = 2 * z / lag_s
-    wd, t = w * math.sqrt(1 - z * z), tick_s
-    decay = math.exp(-z * w * t)
-    cos, sin = math.cos(wd * t), math.sin(wd * t)
-    model[0] = 1 - decay * (cos + z * w / wd * sin)
-    model[1] = decay * sin / wd / tick_s
-    model[2] = decay * w * w / wd * sin * tick_s
-    model[3] = decay * (cos - z * w / wd * sin)
 
 
 @compiled

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from math import sqrt
+import numpy as np
 
 from ..compiled import compiled
-from .delay import keep_delay, restore_delay
+from .delay import keep_delay, restore_delay, start_delay
 from .demand import stretch_demands
 from .edge_rounding import lower_bound_V, restore_rounding, start_rounding
 from .engagement import AT_REST_M_S2, arm, keep_plain_control
 from .friction import PAIR_POSITION_PRIOR, POSITION_PRIOR, keep_friction, restore_friction, start_friction
 from .identification import want_design
-from .layout import MAX_SHIFT, PREVIEW_TICKS
+from .layout import MAX_SHIFT, PREVIEW_TICKS, STATE, kinds
 from .leak import restore_leak, start_leak
 from .monitor import start_monitor
+from .noise import position_error_m, set_noises
 from .null import has_underlap
 from .prediction import start_prediction
 from .presliding import keep_presliding, restore_presliding
@@ -36,6 +37,8 @@ def start(s):
     """Nothing learned. s: a record of the layout, zero but for its settings. Designs the taps."""
     settings, tick_s = s.settings, s.settings.tick_s
     window = max(MIN_WINDOW_TICKS, round(settings.window_s / tick_s))
+    s.friction.stribeck_velocity_m_s = settings.stribeck_velocity_m_s
+    set_noises(s, window)
     start_valve(s.valve, tick_s, window, settings.min_speed_m_s, round(SETTLE_S / tick_s), settings.memory_windows)
     if settings.rod_ratio > 0.0:
         _start_pair(s.valve, settings.rod_ratio < LEAST_SYMMETRIC)
@@ -44,14 +47,14 @@ def start(s):
         s.friction, tick_s, settings.stroke_m, window, settings.min_speed_m_s, settings.memory_windows, prior
     )
     s.friction.stribeck.most_weight = 1.0 if s.valve.four_way else MOST_WEIGHT
-    resolution_m = settings.position_resolution_m
-    start_monitor(s.monitor, tick_s, sqrt(settings.position_noise_m**2 + resolution_m * resolution_m / 12.0))
+    start_monitor(s.monitor, tick_s, position_error_m(settings))
+    start_delay(s.delay, settings)
     start_rounding(s.rounding, s.valve.four_way)
     start_leak(s.leak)
     s.trust.error_m_s2 = UNKNOWN_M_S2
     start_prediction(s.prediction)
-    s.reference.tick_s = s.inverse.tick_s = s.delay.tick_s = s.lateness.tick_s = tick_s
-    s.demands.count, s.delay.tested, s.damping_gain = PREVIEW_TICKS, -1, 1.0
+    s.reference.tick_s = s.inverse.tick_s = s.lateness.tick_s = tick_s
+    s.demands.count, s.damping_gain = PREVIEW_TICKS, 1.0
     s.engagement.ramp_step, s.engagement.stability_limit_m_s2 = START_RAMP_STEP, AT_REST_M_S2
     want_design(s, 0.0)
     design(s)
@@ -84,6 +87,19 @@ def restore(s, known):
         want_design(s, round_lag(s.valve.lag_s))
         design(s)
     arm(s, known.plain_control)
+
+
+IS_FLOAT = np.array([kind == "f8" for kind in kinds(STATE)])  # (doubles of the state,)
+
+
+@compiled
+def finite_from(numbers, first):
+    """Whether the doubles of a state are finite; numbers: doubles in which it begins at `first`, integers among them."""
+    odd = 0
+    for i in range(len(IS_FLOAT)):
+        x = numbers[first + i]
+        odd += 1 if (x - x != 0.0) & IS_FLOAT[i] else 0
+    return odd == 0
 
 
 @compiled

@@ -15,6 +15,8 @@ time drops out.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..compiled import compiled
@@ -22,11 +24,14 @@ from .arithmetic import clip, dot, push
 from .layout import REACH
 
 MIN_RATE = 0.1  # of the correction taken up at a reversal, from the tenth on
-REVERSAL_ERROR_PA, MAX_KNOWN = 1e4, 4.0  # of P_s from one reversal; reversals that windows count for at most
+REVERSAL_MODEL_PA, MAX_KNOWN = (
+    1e4,
+    4.0,
+)  # error of P_s from one reversal beside noise; reversals that windows count for at most
 USUAL_PROJECTION, MOST_WEIGHT = 3.6, 5.0  # sum phi share [1] at 0.5 m/s2; a slower reversal tells P_s better
 MIN_PROJECTION = 1.5  # sum phi share [1] below which a reversal is too quick to tell
 MAX_PROJECTION = 0.95  # of that at rest, above which nothing has moved
-MOST_MISSING = 3.0  # of REVERSAL_ERROR_PA: more is not friction
+MOST_MISSING = 3.0  # standard errors: more is not friction
 
 
 def _test_function() -> tuple[np.ndarray, np.ndarray]:
@@ -38,6 +43,7 @@ def _test_function() -> tuple[np.ndarray, np.ndarray]:
 
 PHI, PHI_SECOND = _test_function()
 AT_REST = float(np.abs(PHI).sum())
+ROUGHNESS, SIZE = float(np.linalg.norm(PHI_SECOND)), float(np.linalg.norm(PHI))
 
 
 @compiled
@@ -63,13 +69,20 @@ def begin_stribeck(stribeck, pressure_Pa, error_Pa, highest_Pa):
     reversals as it is surer than one."""
     if stribeck.reversals == 0:
         stribeck.pressure_Pa = min(max(pressure_Pa - error_Pa, 0.0), highest_Pa)
-        stribeck.known = min((REVERSAL_ERROR_PA / error_Pa) ** 2, MAX_KNOWN)
+        stribeck.known = min((REVERSAL_MODEL_PA / error_Pa) ** 2, MAX_KNOWN)
 
 
 @compiled
 def hold_step(stribeck, change_Pa, highest_Pa):
     """The half step was found anew, by windows: what reversals told is how much both are together."""
     stribeck.pressure_Pa = clip(stribeck.pressure_Pa - stribeck.at_rest * change_Pa, 0.0, highest_Pa)
+
+
+@compiled
+def _reversal_error_Pa(stribeck, inertia_Pa, projected):
+    """Standard error of P_s from one reversal: what else is not modelled there, the position's noise and the pressure's."""
+    position_Pa = inertia_Pa * stribeck.noise_m * ROUGHNESS / stribeck.tick_s**2
+    return math.hypot(REVERSAL_MODEL_PA, math.hypot(position_Pa, SIZE * stribeck.noise_Pa) / projected)
 
 
 @compiled
@@ -82,11 +95,11 @@ def update_stribeck(stribeck, inertia_Pa, highest_Pa):
     missing = dot(PHI, stribeck.deviation_Pa, count)
     missing -= inertia_Pa * dot(PHI_SECOND, stribeck.position_error_m, count) / stribeck.tick_s**2
     stribeck.reversals, stribeck.at_rest = stribeck.reversals + 1, AT_REST / abs(projected)
-    error_Pa = missing / projected
+    error_Pa, off_Pa = missing / projected, _reversal_error_Pa(stribeck, inertia_Pa, projected)
     weight = clip((projected / USUAL_PROJECTION) ** 2, 1.0, max(stribeck.most_weight, 1.0))
     rate = weight / (weight - 1.0 + stribeck.reversals + stribeck.known)
     if rate < MIN_RATE * weight:  # known already
         rate = MIN_RATE * weight
-        error_Pa = clip(error_Pa, -MOST_MISSING * REVERSAL_ERROR_PA, MOST_MISSING * REVERSAL_ERROR_PA)
+        error_Pa = clip(error_Pa, -MOST_MISSING * off_Pa, MOST_MISSING * off_Pa)
     stribeck.pressure_Pa += rate * error_Pa
     stribeck.pressure_Pa = min(max(stribeck.pressure_Pa, 0.0), highest_Pa)

@@ -31,10 +31,11 @@ def design(state):
     what it writes."""
     settings, work = state.settings, state.design
     lag_s, delay_s, shift, tick_s = state.lag_s, state.delay_s, state.shift, settings.tick_s
-    lead(work, state.lead_taps, lag_s, tick_s, settings.lead_smoothing, delay_s, shift)
-    crossing_lead(work, state.crossing_taps, lag_s, tick_s, delay_s, shift)
-    crossing_path(work, state.crossing_path, state.crossing_taps, lag_s, tick_s, delay_s, shift)
-    crossing_path(work, state.lead_path, state.lead_taps, lag_s, tick_s, delay_s, shift)
+    damping = settings.spool_damping
+    lead(work, state.lead_taps, lag_s, tick_s, settings.lead_smoothing, delay_s, shift, damping)
+    crossing_lead(work, state.crossing_taps, lag_s, tick_s, delay_s, shift, damping)
+    crossing_path(work, state.crossing_path, state.crossing_taps, lag_s, tick_s, delay_s, shift, damping)
+    crossing_path(work, state.lead_path, state.lead_taps, lag_s, tick_s, delay_s, shift, damping)
     late_s = min(round_lag(state.lateness.late_s), delay_s)  # of the position; pressure is not late
     load = state.resonance_Hz, state.viscous_share
     damping_filter(work, state.damping_taps, lag_s - late_s, delay_s - late_s, load, settings)
@@ -42,25 +43,25 @@ def design(state):
 
 
 @compiled
-def tick_response(response, lag_s, tick_s, delay_s):
+def tick_response(response, lag_s, tick_s, delay_s, damping):
     """g_j into `response` (n,): mean spool position in tick j after one tick of unit volts."""
     for j in range(len(response)):
         total = 0.0
         for i in range(RESPONSE_FINE):
             t = (j * RESPONSE_FINE + i + 0.5) * tick_s / RESPONSE_FINE
-            total += step_response(t, lag_s, delay_s) - step_response(t - tick_s, lag_s, delay_s)
+            total += step_response(t, lag_s, delay_s, damping) - step_response(t - tick_s, lag_s, delay_s, damping)
         response[j] = total / RESPONSE_FINE
 
 
 @compiled
-def lead(work, taps, lag_s, tick_s, smoothing, delay_s, shift):
+def lead(work, taps, lag_s, tick_s, smoothing, delay_s, shift, damping):
     """Taps h (LEAD_TAPS,) so that u_k = sum_i h_i x_{k + LEAD_TICKS - i} makes the spool follow x, as means over ticks.
 
     Least squares of g * h against a pulse at LEAD_TICKS, with `smoothing` times the taps' roughness: more is softer and
     slower. The taps sum to one, so that nothing changes at rest, and their centre undoes the spool's: no time is left.
     """
     g, past = work.response, work.past
-    tick_response(g, lag_s, tick_s, delay_s)
+    tick_response(g, lag_s, tick_s, delay_s, damping)
     start_least_squares(work, LEAD_TAPS)
     fill_zero(past)
     for k in range(RESPONSE + LEAD_TAPS - 1):
@@ -73,7 +74,7 @@ def lead(work, taps, lag_s, tick_s, smoothing, delay_s, shift):
 
 
 @compiled
-def crossing_lead(work, taps, lag_s, tick_s, delay_s, shift):
+def crossing_lead(work, taps, lag_s, tick_s, delay_s, shift, damping):
     """Taps (LEAD_TAPS,) like `lead`, for the dead-band compensation alone.
 
     Inside the overlap the spool lets no oil through; any overshoot beyond it does. So the spool's path is prescribed
@@ -86,7 +87,7 @@ def crossing_lead(work, taps, lag_s, tick_s, delay_s, shift):
         fill_zero(work.past)
         for k in range(before + RESPONSE):
             part = (i + 0.5) / CROSSING_FINE
-            push(work.past, step_response((k + part) * tick_s, lag_s, delay_s))
+            push(work.past, step_response((k + part) * tick_s, lag_s, delay_s, damping))
             time = k - before + part
             weight = (FREE_WEIGHT if abs(time) < FREE_TICKS else 1.0) / math.sqrt(CROSSING_FINE)
             _add_weighed(work, weight, 1.0 if time > 0.0 else 0.0)
@@ -94,14 +95,14 @@ def crossing_lead(work, taps, lag_s, tick_s, delay_s, shift):
 
 
 @compiled
-def crossing_path(work, path, taps, lag_s, tick_s, delay_s, shift):
+def crossing_path(work, path, taps, lag_s, tick_s, delay_s, shift, damping):
     """Path of the crossing spool, from -1 to 1, PATH_FINE samples a tick, from PATH_BEFORE ticks before the step on;
     taps: `crossing_lead`."""
     first = LEAD_TICKS + shift - PATH_BEFORE
     for i in range(PATH_FINE):
         fill_zero(work.past)
         for k in range(first + PATH_BEFORE + PATH_AFTER):
-            push(work.past, step_response((k + (i + 0.5) / PATH_FINE) * tick_s, lag_s, delay_s))
+            push(work.past, step_response((k + (i + 0.5) / PATH_FINE) * tick_s, lag_s, delay_s, damping))
             if k >= first:
                 path[(k - first) * PATH_FINE + i] = 2.0 * dot(taps, work.past, LEAD_TAPS) - 1.0
 

@@ -25,7 +25,7 @@ UNKNOWN_M_S2 = 0.4  # e before anything is known
 SHARE = 0.45  # low-pass of e, a reversal
 QUIET_M_S2, LOUD_RATIO = 0.018, 1.5  # and the noise of a pressure; over it
 FILTER = np.convolve(np.full(5, 0.2), np.full(4, 0.25))  # 3 dB down at 33 Hz
-NOISE_PA = 4e3 * float(np.linalg.norm(FILTER))  # of F P~
+NOISE_SHARE = float(np.linalg.norm(FILTER))  # of a pressure's noise, in F P~
 SHORT_S, MEMORY_S = 0.45, 30.0  # between the two reversals of a small turn; for which it is remembered
 TURN_M_S = 2e-3  # speed from which the setpoint has turned
 SOFT = 0.3  # of the data sheet's compliance: oil softer by this
@@ -57,10 +57,11 @@ def judge_compensated(trust, deviation_Pa, inertia_Pa, softness):
         along += (i - middle) * value
         square += value * value
     lever = count * (count * count - 1) / 12.0
-    left = (square - count * mean * mean - along * along / lever) / count - NOISE_PA**2
+    noise_Pa = NOISE_SHARE * trust.noise_Pa
+    left = (square - count * mean * mean - along * along / lever) / count - noise_Pa**2
     e = sqrt(max(left, 0.0)) / inertia_Pa
     trust.error_m_s2 += SHARE * (e - trust.error_m_s2)
-    quiet = QUIET_M_S2 + NOISE_PA / inertia_Pa
+    quiet = QUIET_M_S2 + noise_Pa / inertia_Pa
     if softness > SOFT or trust.error_m_s2 > LOUD_RATIO * quiet:
         trust.trusted = False
     elif trust.error_m_s2 < quiet:

@@ -33,7 +33,6 @@ from .valve_edge import (
     MAX_DEAD_BAND_V,
     MIN_BACKLASH_V,
     REJECT_ERRORS,
-    WINDOW_NOISE_M,
     backlash_errors,
     edge_variance_m2_s2,
     lag_difference_s,
@@ -293,7 +292,7 @@ def _restore_edge(edge, known):
         scale_covariance(edge.plain_fit, RESTORED_VARIANCE)
         scale_covariance(edge.backlash_fit, RESTORED_VARIANCE)
         for fit in (edge.plain_fit, edge.backlash_fit):  # one odd window is not enough to reject it
-            fit.count, fit.residual = RESTORED_COUNT, WINDOW_NOISE_M**2
+            fit.count, fit.residual = RESTORED_COUNT, edge.noise_m**2
     edge.windows, edge.ready = known.windows, known.ready != 0.0
     edge.gain_m_s_V, edge.dead_band_V = known.gain_m_s_V, known.dead_band_V
     edge.lag_s, edge.backlash_V = known.lag_s, known.backlash_V

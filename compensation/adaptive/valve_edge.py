@@ -14,7 +14,6 @@ MAX_DEAD_BAND_V = 1.5
 MAX_LAG_S = 0.014
 MAX_BACKLASH_V = 0.3
 MIN_BACKLASH_V = 2e-3  # a narrower one is not told from noise of the volts by where they reverse
-WINDOW_NOISE_M = 5e-6  # displacement noise of a window: two positions with 3 um noise and 3 um resolution
 # standard errors below which an edge is ready; of the lag without and with backlash
 GAIN_ERROR, DEAD_BAND_ERROR_V, LAG_ERROR_S, LAG_ERROR_BACKLASH_S = 0.10, 1e-3, 6.5e-4, 8e-4
 REJECT_MISFIT, ACCEPT_MISFIT = 3.0, 1.7  # residual over noise from which a fit is rejected, up to which it is accepted
@@ -24,15 +23,17 @@ DIVERGED = 2.0  # times the squared residual of the fit without backlash, from w
 BACKLASH_TOLERANCE_V = 1e-4  # change of the backlash from which earlier windows count for less
 ACCEPT_ERRORS, REJECT_ERRORS = 4.0, 2.0  # backlash over its standard error, both edges: taken into account, dropped
 MIN_WINDOWS, PATIENCE = 15, 3.0  # windows before an edge is first ready; each rejection takes so many times longer
-# prior standard deviations of k, k delta, k tau, k h over the window's noise: 0.3 m/s/V, 0.05 m/s, 2 mm/V, 5 mm/s
-PRIOR = (0.3 / WINDOW_NOISE_M, 0.05 / WINDOW_NOISE_M, 2e-3 / WINDOW_NOISE_M, 5e-3 / WINDOW_NOISE_M)
+# prior standard deviations of k [m/s/V], k delta [m/s], k tau [m/V], k h [m/s]
+GAIN_PRIOR, DEAD_BAND_PRIOR, LAG_PRIOR, BACKLASH_PRIOR = 0.3, 0.05, 2e-3, 5e-3
 
 
 @compiled
 def start_edge(edge, memory):
-    """An edge of which nothing is known."""
-    start_fit(edge.plain_fit, (START_GAIN, 0.0, 0.0), PRIOR[:3], memory, True)
-    start_fit(edge.backlash_fit, (START_GAIN, 0.0, 0.0, 0.0), PRIOR, memory, False)
+    """An edge of which nothing is known; its noise is."""
+    noise = edge.noise_m
+    prior = (GAIN_PRIOR / noise, DEAD_BAND_PRIOR / noise, LAG_PRIOR / noise)
+    start_fit(edge.plain_fit, (START_GAIN, 0.0, 0.0), prior, memory, True)
+    start_fit(edge.backlash_fit, (START_GAIN, 0.0, 0.0, 0.0), (*prior, BACKLASH_PRIOR / noise), memory, False)
     edge.gain_m_s_V, edge.root, edge.windows_needed = START_GAIN, 1.0, MIN_WINDOWS
     edge.misfit_allowed = 1.0
 
@@ -71,12 +72,12 @@ def _read_fit(edge, fit, backlash_V, misfit_allowed):
 @compiled
 def _decide_ready(edge, fit, k, k_tau, backlash_V, misfit_allowed):
     """By misfit and standard errors."""
-    misfit = fit.residual / WINDOW_NOISE_M**2 / misfit_allowed
+    misfit = fit.residual / edge.noise_m**2 / misfit_allowed
     if edge.ready:
         if misfit > REJECT_MISFIT**2:
             _reject(edge)
         return
-    c, unit = fit.covariance, (WINDOW_NOISE_M / k) ** 2
+    c, unit = fit.covariance, (edge.noise_m / k) ** 2
     edge.ready = (
         edge.windows >= edge.windows_needed
         and misfit < ACCEPT_MISFIT**2
@@ -91,8 +92,8 @@ def _decide_ready(edge, fit, k, k_tau, backlash_V, misfit_allowed):
 def edge_variance_m2_s2(edge, with_backlash):
     """Variance of k delta of the fit in use, by its covariance and what it leaves over."""
     if with_backlash:
-        return edge.backlash_fit.covariance[1, 1] * max(edge.backlash_fit.residual, WINDOW_NOISE_M**2)
-    return edge.plain_fit.covariance[1, 1] * max(edge.plain_fit.residual, WINDOW_NOISE_M**2)
+        return edge.backlash_fit.covariance[1, 1] * max(edge.backlash_fit.residual, edge.noise_m**2)
+    return edge.plain_fit.covariance[1, 1] * max(edge.plain_fit.residual, edge.noise_m**2)
 
 
 @compiled
@@ -144,7 +145,7 @@ def _read_backlash(edge):
     Earlier windows were gathered with another width: the more it moved, the less they count.
     """
     fit, plain = edge.backlash_fit, edge.plain_fit
-    if fit.count > 4 and fit.residual > DIVERGED * max(plain.residual, WINDOW_NOISE_M**2):
+    if fit.count > 4 and fit.residual > DIVERGED * max(plain.residual, edge.noise_m**2):
         for i in range(3):
             fit.theta[i] = plain.theta[i]
         fit.theta[3] = 0.0
@@ -153,7 +154,7 @@ def _read_backlash(edge):
     edge.fitted_backlash_V = clip(fit.theta[3] / gain, 0.0, MAX_BACKLASH_V)
     moved = edge.fitted_backlash_V - before
     if abs(moved) > BACKLASH_TOLERANCE_V:
-        inflate(fit, 3, (gain * moved / WINDOW_NOISE_M) ** 2)
+        inflate(fit, 3, (gain * moved / edge.noise_m) ** 2)
     edge.significant = edge.fitted_backlash_V > MIN_BACKLASH_V and backlash_errors(edge) > ACCEPT_ERRORS
 
 
@@ -170,7 +171,7 @@ def lag_difference_s(edge):
 def backlash_errors(edge):
     """The fitted backlash over its standard error."""
     fit = edge.backlash_fit
-    return fit.theta[3] / (WINDOW_NOISE_M * math.sqrt(fit.covariance[3, 3]))
+    return fit.theta[3] / (edge.noise_m * math.sqrt(fit.covariance[3, 3]))
 
 
 @compiled

@@ -88,7 +88,7 @@ def compensator(
     """Object file, library, C header, example and documentation for an integrator: no Python, no allocation."""
     from hexsim.export.compensator import export_compensator, learned_of
     from hexsim.machine import load_machine
-    from hexsim.motion_computer.position_loop import compensator_context
+    from hexsim.motion_computer.data_sheet import compensator_context
 
     declared = load_machine(machine)
     context = compensator_context(declared, None, min(leg, declared.n_legs))

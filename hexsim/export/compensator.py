@@ -20,12 +20,13 @@ from typing import Any
 import numpy as np
 from numba import carray, cfunc, types
 
-from compensation import Context, preview_count
+from compensation import Context, check_parameters, preview_count
 from compensation.adaptive import Adaptive
 from compensation.adaptive.guarded import GUARDED, SIZE, restart_guarded, start_guarded, tick_guarded
 from compensation.adaptive.layout import LEARNED, SETTINGS, empty
 from compensation.adaptive.learned import fill
 from compensation.adaptive.prediction import prediction_table
+from compensation.adaptive.ranges import refused_parameter
 from compensation.adaptive.start import keep
 from compensation.adaptive.step import expect, hear
 from compensation.adaptive.taps import design
@@ -83,12 +84,17 @@ def native_functions() -> dict[str, Any]:
         for i in range(N_LEARNED):
             out[i] = own[LEARNED_PLACE + i]
 
-    @cfunc(types.void(pointer, pointer), error_model="numpy")
+    @cfunc(integer(pointer, pointer), error_model="numpy")
     def set_parameters(state, parameters):
         own, given = carray(state, (SIZE,), double), carray(parameters, (N_LEARNED,), double)
+        whole = carray(state, (1,), guarded)
+        refused = refused_parameter(given, whole[0].algorithm.settings)
+        if refused:
+            return refused
         for i in range(N_LEARNED):
             own[LEARNED_PLACE + i] = given[i]
-        restart_guarded(own, carray(state, (1,), guarded)[0])
+        restart_guarded(own, whole[0])
+        return 0
 
     @cfunc(integer(), error_model="numpy")
     def state_size():
@@ -156,6 +162,10 @@ def header(name: str, context: Context, learned: Mapping[str, Any] | None = None
     prefix, settings = f"HEXSIM_{name.upper()}", settings_of(context)
     parameters = empty(LEARNED)
     if learned is not None:
+        try:
+            check_parameters(Adaptive(), context, learned)
+        except ValueError as problem:
+            raise HexsimError(str(problem)) from None
         fill(parameters, dict(learned))
     values = {
         "PREFIX": prefix, "prefix": f"hexsim_{name}", "STATE": SIZE, "RATE": f"{context.rate_Hz:g}",

@@ -33,7 +33,7 @@ from hexsim.hydraulics.chamber import VAPOUR
 from hexsim.hydraulics.parameters import N_PARAMETERS, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.steps import LONGEST_S
 from hexsim.motion_computer.controller import N_MEMORY
-from hexsim.motion_computer.position_loop import compensator_context
+from hexsim.motion_computer.data_sheet import compensator_context
 from hexsim.plant import Plant
 from hexsim.plant.mjcf import ModelKind
 from hexsim.plant.states import ROW, A

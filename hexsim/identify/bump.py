@@ -21,6 +21,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from compensation.adaptive.layout import SPOOLS
 from compensation.compensator import Parameters
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
@@ -42,7 +43,7 @@ PERIODS = 5  # at full size
 LEARNING_s = 120.0  # of a bench's twin: of a late position 30 s tell 0.16 of 0.4 ms, these 0.25
 LEARNING_PLATFORM_s = 30.0  # of a platform's, which costs more
 STEADY_V = 1e-3  # by which a null may drift meanwhile
-NO_DELAY = {"sums": 0.0, "reversals": 0.0, "late_s": 0.0}  # start parameters that tell nothing of it
+NO_DELAY = {"sums": [0.0] * SPOOLS, "reversals": 0.0, "late_s": 0.0}  # start parameters that tell nothing of it
 UNCHANGED = 0.9  # of the bump: what is left where plain control has acted
 KEYS = ("edge_rounding_m", "spool_travel_max_m", "voltage_max_V")
 LOGS = ("heave_plain", "heave_compensated")

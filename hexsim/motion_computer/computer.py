@@ -106,6 +106,10 @@ class MotionComputer:
     def setpoint(self) -> Array:
         return self.guided.setpoint
 
+    def engagement(self) -> list[dict[str, Any]]:
+        """Of each leg, as `PositionLoop.engagement`."""
+        return self.loop.engagement()
+
     def learned(self) -> list[dict[str, Any]]:
         return self.loop.learned()
 

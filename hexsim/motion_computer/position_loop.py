@@ -16,44 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compensation import NO_LOAD, Compensator, Context, Sample, preview_count
+from compensation import NO_LOAD, Compensator, Sample, preview_count
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolve import resolve
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C
+from hexsim.motion_computer.data_sheet import compensator_context
 from hexsim.motion_computer.declared_control import control_of
 from hexsim.motion_computer.leg_load import ExpectedLoad
 
 Array = NDArray[np.float64]
-
-
-def compensator_context(machine: Machine, period_s: float | None, leg: int = 1) -> Context:
-    """Of a leg, from 1: what an engineer reads off the data sheet; not the overlap, the friction or the discharge coefficient."""
-    own = machine.legs[leg - 1]
-    cylinder, sensors = own.cylinder, own.sensors
-    return Context(
-        rate_Hz=machine.controller.rate_Hz,
-        position_gain_V_per_m=own.controller.gain_V_per_m,
-        voltage_max_V=own.valve.voltage_max_V,
-        stroke_m=cylinder.stroke_m,
-        area_bottom_m2=cylinder.area_bottom_m2,
-        area_top_m2=cylinder.area_top_m2,
-        supply_pressure_Pa=machine.supply.pressure_Pa,
-        tank_pressure_Pa=machine.supply.tank_pressure_Pa,
-        bulk_modulus_Pa=machine.oil.bulk_modulus_Pa,
-        pipeline_volume_m3=cylinder.pipeline_volume_m3,
-        four_way=cylinder.rod_side == "valve",
-        pipeline_volume_top_m3=cylinder.rod_side_volume_m3,
-        position_noise_m=sensors.position_noise_m,
-        position_resolution_m=sensors.position_resolution_m,
-        pressure_noise_Pa=sensors.pressure_noise_Pa,
-        velocity_gain_V_s_per_m=own.controller.velocity_gain_V_s_per_m,
-        velocity_filter_Hz=own.controller.velocity_filter_Hz,
-        pressure_gain_V_per_Pa=own.controller.pressure_feedback_V_per_Pa,
-        pressure_high_pass_Hz=own.controller.pressure_high_pass_Hz,
-        controller_feeds_forward=machine.controller.velocity_feed_forward_V_s_per_m > 0.0,
-        period_s=period_s,
-    )
 
 
 class PositionLoop:
@@ -96,6 +68,11 @@ class PositionLoop:
         self.preview = max(self.previews, default=1)
         self.compensation = np.zeros(len(self._contexts))
         self._status = [""] * len(self.compensators)
+        self._ticks, self._added = (
+            0,
+            np.zeros(len(self.compensators), np.int64),
+        )  # ticks so far; of each leg with volts added
+        self._first_s: list[float | None] = [None] * len(self.compensators)
 
     @property
     def feels_load(self) -> bool:
@@ -153,11 +130,15 @@ class PositionLoop:
                 added, self.states[i] = compensator.step(self.states[i], sample)
                 added *= self.compensation_share
                 self.compensation[i] = added
+                if added != 0.0:
+                    self._added[i] += 1
+                    self._first_s[i] = time_s if self._first_s[i] is None else self._first_s[i]
                 asked[i] += added
                 status = compensator.status(self.states[i])
                 if status != self._status[i]:
                     self._status[i] = status
                     self.on_message(time_s, i + 1, f"{compensator.name}: {status or 'normal again'}")
+            self._ticks += 1
             self._share()
         controller.saturated(control, memory, asked, self._commanded)  # without position signal: 0, the valve shut
         self.valve = np.empty_like(self._commanded)
@@ -171,6 +152,20 @@ class PositionLoop:
                 for j, hearer in enumerate(self.compensators):
                     if j != i and hearer.name == teller.name and self._contexts[j] == self._contexts[i]:
                         hearer.hear(self.states[j], self.states[i])
+
+    def engagement(self) -> list[dict[str, Any]]:
+        """Of each leg that has a compensator: whether it is engaged, since when first [s], for which share of the ticks it has added
+        volts, and if it is not, which criterion keeps it out."""
+        found = []
+        for i, (made, state) in enumerate(zip(self.compensators, self.states, strict=True)):
+            first, reason = self._first_s[i], made.not_engaged(state)
+            if not reason and first is None:
+                reason = "no tick with a pressure reading" if self._ticks == 0 else "it has added no volts"
+            share = float(self._added[i] / max(self._ticks, 1))
+            found.append(
+                {"leg": i + 1, "engaged": not reason, "engaged_at_s": first, "engaged_share": share, "reason": reason}
+            )
+        return found
 
     def learned(self) -> list[dict[str, Any]]:
         """What each compensator has learned."""

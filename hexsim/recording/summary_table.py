@@ -70,6 +70,7 @@ def facts(summary: Mapping[str, Any], run: Any = None) -> list[tuple[str, str]]:
         ("duration", f"{number(summary['duration_s'], 4)} s"),
         ("tracking rms", tracking_text(tracking)),
     ]
+    lines += [("compensation", text) for text in compensation_texts(summary.get("compensation", []))]
     for point, axes in summary.get("points", {}).items():
         peaks = ", ".join(
             f"{axis} {number(figures['peak_band_m_s2'])} m/s² ({number(figures['peak_over_threshold'], 2)} x perception)"
@@ -81,6 +82,28 @@ def facts(summary: Mapping[str, Any], run: Any = None) -> list[tuple[str, str]]:
         lines.append(("seed", str(run.seed)))
     lines.append(("real-time factor", number(summary.get("realtime_factor"))))
     return lines
+
+
+def compensation_texts(legs: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What the compensator did, in a line for the legs that it engaged on, and one for each reason why it did not."""
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for leg in legs:
+        groups.setdefault(leg["reason"], []).append(leg)
+    return [_engagement_text(reason, group, len(legs)) for reason, group in groups.items()]
+
+
+def _engagement_text(reason: str, group: Sequence[Mapping[str, Any]], n_legs: int) -> str:
+    who = "every leg" if len(group) == n_legs > 1 else ", ".join(str(leg["leg"]) for leg in group)
+    who = who if len(group) == n_legs > 1 else f"leg{'s' if len(group) > 1 else ''} {who}"
+    times = sorted(leg["engaged_at_s"] for leg in group if leg["engaged_at_s"] is not None)
+    since = (
+        f"{number(times[0])}" + (f" to {number(times[-1])}" if times and times[-1] > times[0] else "") + " s"
+        if times
+        else ""
+    )
+    if not reason:
+        return f"{who}: engaged from {since} on"
+    return f"{who}: {f'engaged first at {since}, not at the end' if times else 'not engaged'}: {reason}"
 
 
 def tracking_text(tracking: Sequence[float]) -> str:

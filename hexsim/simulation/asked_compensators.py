@@ -10,7 +10,7 @@ from compensation.started import Started
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.motion_computer.compensator_packet import AskedCompensator
-from hexsim.motion_computer.position_loop import compensator_context
+from hexsim.motion_computer.data_sheet import compensator_context
 
 
 class AskedCompensators:

@@ -147,6 +147,7 @@ def simulate(
     realtime = float(recorded.time[-1] / wall) if len(recorded.time) > 1 else 0.0
     warnings += ([reason] if reason else []) + cavitation_warnings(plant, run.tick_s, recorded.positions, recorded.act)
     summary = run_summary(plant, scenario, name, log, recorded, realtime, warnings)
+    summary |= {"compensation": loop.engagement()} if compensators else {}
     summary |= run.faults.summary() if run.faults else {}
     return Run(
         machine=machine, scenario=scenario, compensator=name, seed=seed, model=plant.model_kind, timestep=timestep, log=log,

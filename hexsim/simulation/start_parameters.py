@@ -10,7 +10,7 @@ from compensation import Compensator
 from compensation.started import Started
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.motion_computer.position_loop import compensator_context
+from hexsim.motion_computer.data_sheet import compensator_context
 
 SUFFIX = ".json"
 
@@ -32,12 +32,15 @@ def started(path: Path, machine: Machine) -> tuple[str, list[Compensator]]:
             compensation.create("none") if learned is None else Started(compensation.create(name), learned)
             for learned in legs
         ]
-        for leg, one in enumerate(made, 1):
-            one.start(compensator_context(machine, None, leg))
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise HexsimError(
             f"{path} holds no start parameters ({type(error).__name__}: {error}): make them with `hexsim tune MACHINE`"
         ) from None
     if len(made) != machine.n_legs:
         raise HexsimError(f"{path} is for {len(made)} legs; {machine.name} has {machine.n_legs}: tune that machine")
+    for leg, one in enumerate(made, 1):
+        try:
+            one.start(compensator_context(machine, None, leg))
+        except (ValueError, TypeError, LookupError, ArithmeticError) as error:
+            raise HexsimError(f"{path}, leg {leg}: {error}") from None
     return name, made

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from designs import usual
 
 from compensation.adaptive.arithmetic import push
-from compensation.adaptive.layout import PRESLIDING, REACH, empty
+from compensation.adaptive.layout import PRESLIDING, REACH
 from compensation.adaptive.presliding import add_to_presliding, bristle, update_presliding
 
 
 def length_found_m(length_m: float, inertia: float, reversals: int, seed: int) -> float:
     """Length [m] found by reversals at 0.5 m/s2: 50 kPa of half step fed all at once, 4 kPa and 3 um of noise. inertia:
     pressure of an acceleration [Pa s2/m]."""
-    rng, p, deviation = np.random.default_rng(seed), empty(PRESLIDING), np.zeros(2 * REACH + 1)
+    rng, p, deviation = np.random.default_rng(seed), usual(PRESLIDING), np.zeros(2 * REACH + 1)
     for _ in range(reversals):
         s = -1.0
         for v in 0.5 * 0.002 * np.arange(-REACH, REACH + 1):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from designs import crossing_lead, crossing_path, damping_filter, lead, step_response, tick_response
+from designs import crossing_lead, crossing_path, damping_filter, lead, step_response, tick_response, usual
 from leg_plant import AREA_BOTTOM, Leg, run, sine
 from leg_plant import Record as Run
 
@@ -51,10 +51,11 @@ from compensation.adaptive.monitor import add_to_monitor, start_monitor, worse_t
 from compensation.adaptive.null import recentre
 from compensation.adaptive.recursive_least_squares import inflate, start_fit, update_fit
 from compensation.adaptive.reference import advance_reference
-from compensation.adaptive.spool import blocked_flow, set_spool_model
+from compensation.adaptive.spool import blocked_flow
 from compensation.adaptive.stribeck import add_to_stribeck, update_stribeck
 from compensation.adaptive.valve import add_to_valve, lags_agree, start_valve
 from compensation.adaptive.valve_edge import MAX_DEAD_BAND_V, start_edge, update_edge
+from compensation.spool_model import set_spool_model
 
 ALL_SPOOL = [1e3] * (LATES * (len(SPOOL_LAGS_S) - 1)) + [0.0] * LATES  # sums that tell of no delay
 DEAD_BAND_V = 5e-6 / 1.1e-4  # 5 um of 1.1 mm at 10 V
@@ -95,7 +96,7 @@ def reference_of(loop_1_s: float, dead_band_m: float = 0.0, feed_forward: float 
 
 def valve_unknown() -> Record:
     """A valve of which nothing is known."""
-    flow = empty(VALVE)
+    flow = usual(VALVE)
     start_valve(flow, 0.002, 16, 3e-3, 10, 200.0)
     return flow
 
@@ -265,7 +266,7 @@ def test_stribeck_friction_is_found_without_differentiating() -> None:
     stribeck.tick_s = 0.002
     for _ in range(40):
         v = 0.5 * t
-        share = np.sign(v) * [stribeck_share(float(x)) for x in v]
+        share = np.sign(v) * [stribeck_share(float(x), 5e-3) for x in v]
         swing, phase = 2 * math.pi * 40.0, rng.uniform(0, 2 * math.pi)
         ahead = 3e-5 * np.sin(swing * t + phase)
         surplus = (2e4 - stribeck.pressure_Pa) * share - p1 * swing**2 * ahead + rng.normal(0, 4e3, len(t))
@@ -285,7 +286,7 @@ def test_a_piston_at_rest_tells_nothing_of_stribeck_friction() -> None:
     for acceleration, off, expected in ((1e-3, 1e5, 2.4e4), (0.5, 3e5, 2.7e4)):
         stribeck.ticks = 100  # the last reversal is long ago
         for v in acceleration * t:
-            share = math.copysign(stribeck_share(float(v)), v)
+            share = math.copysign(stribeck_share(float(v), 5e-3), v)
             if add_to_stribeck(stribeck, float(v), off * share, 0.0, share):
                 update_stribeck(stribeck, 8e4, 1e6)
         assert stribeck.pressure_Pa == pytest.approx(expected, abs=1.0)
@@ -299,7 +300,7 @@ def test_a_first_reversal_tells_all_of_stribeck_friction() -> None:
     stribeck.tick_s = 0.002
     stribeck.ticks = 100  # no reversal before
     for v in 0.5 * t:
-        share = math.copysign(stribeck_share(float(v)), v)
+        share = math.copysign(stribeck_share(float(v), 5e-3), v)
         if add_to_stribeck(stribeck, float(v), 1e5 * share, 0.0, share):
             update_stribeck(stribeck, 8e4, 1e6)
     assert stribeck.pressure_Pa == pytest.approx(1e5, abs=1e3)
@@ -365,7 +366,7 @@ def test_crossing_hardly_strays_from_the_overlap(lag_s, times) -> None:
 def spool_model(lag_s: float, tick_s: float) -> list[float]:
     """The four numbers of one tick of the spool."""
     model = np.zeros(4)
-    set_spool_model(model, lag_s, tick_s)
+    set_spool_model(model, lag_s, tick_s, 0.7)
     return model.tolist()
 
 
@@ -429,7 +430,7 @@ def test_rounding_trim_is_the_inverse_of_a_rounded_edge() -> None:
 
 def rounding_unknown() -> Record:
     """Edges of which nothing is known."""
-    rounding = empty(ROUNDING)
+    rounding = usual(ROUNDING)
     start_rounding(rounding, False)
     return rounding
 
@@ -445,13 +446,13 @@ def valve_learned(lag_s: float, backlash_V: float = 0.0) -> Record:
 
 def passed(rounding: Record, flow: Record, rounding_V: float, backlash_V: float = 0.0, periods: int = 10) -> None:
     """0.3 V at 0.5 Hz through a valve with such edges and such backlash, its oil measured with 4 um of noise."""
-    rng, z, follower, leak = np.random.default_rng(0), 0.0, 0.0, empty(LEAK)
+    rng, z, follower, leak = np.random.default_rng(0), 0.0, 0.0, usual(LEAK)
     start_leak(leak)
     for i in range(1000 * periods):
         volts = 0.3 * math.sin(math.pi * i * 0.002)
         follower = min(max(follower, volts - backlash_V), volts + backlash_V)
         z += 0.15 * opening(follower, 0.09, rounding_V) * 0.002
-        add_to_rounding(rounding, leak, z + rng.normal(0, 4e-6), volts, (1.0, 1.0), flow)
+        add_to_rounding(rounding, leak, z + rng.normal(0, 4e-6), volts, (1.0, 1.0), flow, 0.7)
 
 
 def flow_seen(backlash_V: float, lag_s: float, amplitude_V: float, seconds: float, chatter_V: float = 0.0) -> Record:
@@ -507,7 +508,7 @@ def test_rounding_is_found_from_slow_passages(rounding_V) -> None:
 def test_a_platforms_leg_needs_more_to_take_its_edges_as_rounded() -> None:
     """What is 3.5 standard errors of q off zero: rounded edges of a leg alone, sharp ones of a platform's, whose passages other
     legs disturb (5.5 mV were found on sharp edges); a four-way valve's bound stays."""
-    alone, told, pair = rounding_unknown(), rounding_unknown(), empty(ROUNDING)
+    alone, told, pair = rounding_unknown(), rounding_unknown(), usual(ROUNDING)
     start_rounding(pair, True)
     for rounding in (alone, told, pair):
         rounding.square_V2, rounding.variance_V4 = 3.5e-5, 1e-10
@@ -543,7 +544,7 @@ def test_edges_of_one_spool_agree_on_its_lag() -> None:
 def test_friction_step_is_found_whatever_mass_and_viscosity() -> None:
     """Windows from P = p0 + 0.03 a + 1.5 v + 0.05 sign(v) [MPa] with 2 kPa noise give the step within 3 kPa."""
     context = Context()
-    learner = empty(FRICTION)
+    learner = usual(FRICTION)
     start_friction(learner, context.tick_s, context.stroke_m, 16, 3e-3, 200.0)
     rng = np.random.default_rng(0)
     t = np.arange(10_000) / 500
@@ -565,7 +566,7 @@ def sine_loads(seconds: float, coupled_Pa: float = 0.0) -> tuple[np.ndarray, np.
 
 def test_windows_in_which_the_piston_turns_tell_nothing_of_friction() -> None:
     """Without noise, step and mass are exact within 0.2 % and 2 %: no window reaches over a reversal."""
-    learner = empty(FRICTION)
+    learner = usual(FRICTION)
     start_friction(learner, 0.002, 0.2, 16, 3e-3, 200.0)
     for row in zip(*sine_loads(20.0), strict=True):
         add_to_friction(learner, *map(float, row))
@@ -575,7 +576,7 @@ def test_windows_in_which_the_piston_turns_tell_nothing_of_friction() -> None:
 
 def test_load_from_other_legs_moves_the_fit_little() -> None:
     """40 kPa of load that is not the leg's, for 5 s: step within 5 %, mass within 25 %."""
-    learner = empty(FRICTION)
+    learner = usual(FRICTION)
     start_friction(learner, 0.002, 0.2, 16, 3e-3, 200.0)
     for row in zip(*sine_loads(20.0, 4e4), strict=True):
         add_to_friction(learner, *map(float, row))

@@ -7,13 +7,14 @@ import math
 
 import numpy as np
 import pytest
+from designs import usual
 
 from compensation import Context, create
 from compensation.adaptive import Adaptive
 from compensation.adaptive.chamber_pressures import measure_pressures, pair_roots, roots_ahead
 from compensation.adaptive.chambers import compliance_m_Pa, equivalent_Pa, pair_flow_m_s, pair_volts
 from compensation.adaptive.friction import demanded_pressure
-from compensation.adaptive.layout import VALVE, empty
+from compensation.adaptive.layout import VALVE
 from compensation.adaptive.loop_feedback import fed_back_V
 from compensation.adaptive.valve import lags_agree
 from hexsim.machine import load_machine
@@ -66,7 +67,7 @@ def test_both_chambers_are_springs_in_series(ratio):
 
 def test_volts_of_both_edge_pairs_are_the_inverse_of_their_flow():
     """Overlap, critical lap and underlap, sharp and rounded, unequal drops, both signs: the flow comes back to 1 um/s."""
-    rng, valve = np.random.default_rng(1), empty(VALVE)
+    rng, valve = np.random.default_rng(1), usual(VALVE)
     for _ in range(300):
         rounding, roots = rng.uniform(1e-3, 0.08), tuple(rng.uniform(0.8, 2.0, 2))
         for edge in valve.edges:
@@ -78,7 +79,7 @@ def test_volts_of_both_edge_pairs_are_the_inverse_of_their_flow():
 
 def test_at_critical_lap_and_equal_drops_rounded_edges_are_a_straight_line():
     """What one edge lets in beyond a sharp one, the other lets out; unequal drops leave s log 2 (R1 - R0) at 0 V."""
-    valve = empty(VALVE)
+    valve = usual(VALVE)
     valve.edges[0].gain_m_s_V = valve.edges[1].gain_m_s_V = 0.07
     for volts in (-0.3, -0.02, 0.0, 0.05, 0.4):
         assert pair_flow_m_s(volts, valve.edges, (1.5, 1.5), 0.04) == pytest.approx(0.07 * 1.5 * volts, abs=1e-12)

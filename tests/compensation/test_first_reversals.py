@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from bristles import length_found_m
+from designs import usual
 from leg_plant import sine
 from pair_plant import PairLeg, run_pair
 
@@ -46,7 +47,7 @@ def test_slow_reversals_tell_stribeck_friction_better() -> None:
         stribeck, t = empty(STRIBECK), (np.arange(61) - 30) * 0.002
         stribeck.tick_s, stribeck.reversals, stribeck.most_weight, stribeck.ticks = 0.002, 10, MOST_WEIGHT, 100
         for v in acceleration * t:
-            share = math.copysign(stribeck_share(float(v)), v)
+            share = math.copysign(stribeck_share(float(v), 5e-3), v)
             if add_to_stribeck(stribeck, float(v), 2e4 * share, 0.0, share):
                 update_stribeck(stribeck, 8e4, 1e6)
         assert stribeck.pressure_Pa == pytest.approx(part * 2e4, rel=0.05)
@@ -69,7 +70,7 @@ def test_what_reversals_told_is_held_while_windows_find_the_half_step() -> None:
 def test_slow_windows_begin_with_typical_stribeck_friction_at_most() -> None:
     """A position that reads late shows as 100 kPa of Stribeck friction beside a half step of 50 kPa: the first reversal begins
     with half of the step. With all of it its bump was beyond plain control's."""
-    rng, friction, t = np.random.default_rng(0), empty(FRICTION), np.arange(9000) * 0.002
+    rng, friction, t = np.random.default_rng(0), usual(FRICTION), np.arange(9000) * 0.002
     start_friction(friction, 0.002, 0.2, 16, 3e-3, 200.0)
     w = 2 * math.pi * 0.5
     y, v = 0.1 + 0.02 * np.sin(w * t), 0.02 * w * np.cos(w * t)
@@ -169,7 +170,7 @@ def test_a_four_way_valve_engages_after_its_rounding_is_told() -> None:
 )
 def test_an_overlap_both_wide_and_late_is_left_alone(overlap_V: float, lag_s: float, left: bool) -> None:
     """20 um of a four-way valve are 0.4 V on either side. On a three-way valve nothing is left alone for it."""
-    valve = empty(VALVE)
+    valve = usual(VALVE)
     valve.lag_s, valve.four_way = lag_s, 1
     for edge in valve.edges:
         edge.dead_band_V = overlap_V
@@ -202,7 +203,7 @@ def test_short_bristles_of_a_heavy_leg_are_told_by_its_first_reversals(length_m:
 def test_what_bristles_leave_unexplained_asks_for_more_evidence(misfit: float, evidence: float, found: bool) -> None:
     """Bristles of 20 um leave `misfit` times the noise of eight reversals, none `evidence` times that more: 12 are enough
     where they explain all, 42 where they leave four times the noise, 60 are always enough."""
-    known, p = empty(LEARNED).presliding, empty(PRESLIDING)
+    known, p = empty(LEARNED).presliding, usual(PRESLIDING)
     known.weight, known.shapes[:] = 30.0, 1.0
     known.squares[:] = 30.0 * misfit + misfit * evidence
     known.squares[5] = 30.0 * misfit

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bristles import length_found_m
-from designs import damped_share, damping_filter, lead, tick_response
+from designs import damped_share, damping_filter, lead, tick_response, usual
 from leg_plant import Leg, run, sine
 from scipy.signal import butter, sosfiltfilt
 
@@ -128,7 +128,7 @@ def test_a_leak_is_told_from_passages_in_either_direction() -> None:
     """8 mm/s for 30 to 60 ms, 5 um of noise: within 0.3 mm/s after six passages; none is used where there is none."""
     rng = np.random.default_rng(0)
     for leak_m_s in (0.0, 8e-3):
-        leak, positive = empty(LEAK), True
+        leak, positive = usual(LEAK), True
         start_leak(leak)
         for _ in range(6):
             start_passage(leak, positive)
@@ -142,7 +142,7 @@ def test_a_leak_is_told_from_passages_in_either_direction() -> None:
 
 def test_a_passage_with_wrong_edges_is_forgotten() -> None:
     """The first passage over edges that were 20 mV off: the leak is known from two that agree, not from the mean."""
-    leak = empty(LEAK)
+    leak = usual(LEAK)
     start_leak(leak)
     for excess_m_s, known in ((-5.5e-3, False), (3.3e-3, False), (3.3e-3, True)):
         start_passage(leak, leak.passages % 2 == 0)
@@ -154,7 +154,7 @@ def test_a_passage_with_wrong_edges_is_forgotten() -> None:
 
 def test_passages_over_uncertain_edges_make_no_leak() -> None:
     """Two passages that agree on 3.3 mm/s, over edges known within 5 mm/s: there may be no leak, and none is taken off."""
-    leak = empty(LEAK)
+    leak = usual(LEAK)
     start_leak(leak)
     for _ in range(2):
         start_passage(leak, leak.passages % 2 == 0)
@@ -165,7 +165,7 @@ def test_passages_over_uncertain_edges_make_no_leak() -> None:
 
 def test_null_is_moved_without_changing_what_the_valve_does() -> None:
     """Edges at 20 and 130 mV: the null goes to -55 mV, and either edge opens at the volts it opened at before."""
-    valve = empty(VALVE)
+    valve = usual(VALVE)
     start_valve(valve, 0.002, 16, 3e-3, 10, 200.0)
     for edge, opens_V in zip(valve.edges, (0.13, 0.02), strict=True):
         edge.plain_fit.theta[:3] = [0.15, 0.15 * opens_V, 0.0]

@@ -9,7 +9,7 @@ import compensation
 from compensation import Context, preview_count
 from compensation.adaptive import Adaptive
 from compensation.adaptive.delay import SPOOL_LAGS_S, found_delay_s, found_lateness_s, softness_m_Pa
-from compensation.adaptive.layout import LATES
+from compensation.adaptive.layout import LATES, SPOOLS
 from compensation.adaptive.presliding import LENGTHS_M
 
 LAG_S = 2 * 0.7 / (2 * 3.141592653589793 * 60.0)  # of the leg's spool
@@ -77,7 +77,10 @@ def rounded():
     algorithm = compensation.create("adaptive")
     leg = Leg(rounding_m=2e-6, leak_supply_m3_s_Pa=1.7e-12)
     learned = algorithm.parameters(run(algorithm, leg, duration_s=20.0).state)
-    return leg, learned | {"rounding_V": 2e-6 / 1.1e-4, "delay": {"sums": 0.0, "reversals": 0.0, "late_s": 0.0}}
+    return leg, learned | {
+        "rounding_V": 2e-6 / 1.1e-4,
+        "delay": {"sums": [0.0] * SPOOLS, "reversals": 0.0, "late_s": 0.0},
+    }
 
 
 def test_rounded_edges_are_no_delay(rounded) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from designs import usual
 from leg_plant import Leg, run, sine
 
 import compensation
@@ -11,7 +12,7 @@ from compensation import Compensator, Context, Sample
 from compensation.adaptive import Adaptive
 from compensation.adaptive.delay import add_to_delay, found_delay_s, hear_delay
 from compensation.adaptive.engagement import HEARD_S, stands_at_setpoint
-from compensation.adaptive.layout import DELAY, LATES, REACH, TRUST, empty
+from compensation.adaptive.layout import DELAY, LATES, REACH, TRUST
 from compensation.adaptive.step import hear
 from compensation.adaptive.trust import SHORT_S, judge_compensated, watch_turns
 from hexsim.machine import load_machine
@@ -23,7 +24,7 @@ LAG_S, TRUE_DELAY_S = 5.7e-3, 2.0e-3
 @pytest.mark.parametrize(("half_s", "small"), [(0.5, False), (1.0, False), (0.3, True)])
 def test_turns_are_small_by_the_time_between_them(half_s: float, small: bool) -> None:
     """Reversals 0.5 s apart (1 Hz) are strokes, 0.3 s apart a small turn; noise below 2 mm/s is none."""
-    trust, t = empty(TRUST), np.arange(0.0, 4.0, 0.002)
+    trust, t = usual(TRUST), np.arange(0.0, 4.0, 0.002)
     for v in 0.05 * np.sin(np.pi * t / half_s) + 1e-3 * np.sign(np.sin(300.0 * t)):
         watch_turns(trust, float(v), 0.002)
     assert bool(trust.turning_s > 0.0) == small
@@ -34,7 +35,7 @@ def test_turns_are_small_by_the_time_between_them(half_s: float, small: bool) ->
 def test_trust_goes_by_what_the_pressure_lacks(bump_m_s2: float, trusted: int) -> None:
     """Noise of 4 kPa alone is trusted after some reversals, a swing of 0.5 m/s2 at 25 Hz beside it is not; a slope is
     none of the compensation's. Soft oil ends it at once."""
-    rng, trust, t = np.random.default_rng(3), empty(TRUST), np.arange(-REACH, REACH + 1) * 0.002
+    rng, trust, t = np.random.default_rng(3), usual(TRUST), np.arange(-REACH, REACH + 1) * 0.002
     trust.error_m_s2, inertia_Pa = 0.4, 1e5
     for _ in range(12):
         deviation = rng.normal(0.0, 4e3, len(t)) + 1e6 * t + bump_m_s2 * inertia_Pa * np.sin(2 * np.pi * 25.0 * t)
@@ -47,7 +48,7 @@ def test_trust_goes_by_what_the_pressure_lacks(bump_m_s2: float, trusted: int) -
 def test_a_leg_hears_the_delay_of_another_and_believes_its_own_reversals_more() -> None:
     """Nothing known: a lag of 5.7 ms is nearly all taken for delay. After another leg's reversal the true 2 ms are taken
     within 0.4 ms. After ten reversals of its own that say 0, what was heard of the other moves it by less than 0.3 ms."""
-    told, leg = empty(DELAY), empty(DELAY)
+    told, leg = usual(DELAY), usual(DELAY)
     told.tick_s = leg.tick_s = 0.002
     spools = 1e-3 * np.array([1.2, 1.5, 1.8, 2.1, 2.4, 2.7, 3.0, 3.3, 3.6, 3.9, 4.2, 4.6, 5.0, 5.5, 6.0, 6.7, 7.5])
     found = 40.0 * np.minimum(np.abs(LAG_S - TRUE_DELAY_S - spools) / 1e-3, 1.0)

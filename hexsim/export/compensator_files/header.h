@@ -13,7 +13,7 @@ extern "C" {
 #define @PREFIX@_PARAMETERS @PARAMETERS@       /* numbers that are learned */
 #define @PREFIX@_PREVIEW @PREVIEW@          /* setpoints that the preview should hold: this tick's and the next; 1 if unknown */
 
-/* What a step tells, or-ed. Plain control acts alone with any from @PREFIX@_WORSE to @PREFIX@_VALVE_AT_END. */
+/* What a step tells, or-ed. Plain control acts alone with any but DESIGN_WANTED and TELLS. */
 enum {
   @PREFIX@_DESIGN_WANTED = 1,   /* call @prefix@_design before the next steps */
   @PREFIX@_WORSE = 2,           /* reversals became worse than plain control's */
@@ -22,6 +22,8 @@ enum {
   @PREFIX@_POSITION_FROZEN = 16,
   @PREFIX@_PRESSURE_FROZEN = 32,
   @PREFIX@_VALVE_AT_END = 64,   /* of its range for 5 ticks */
+  @PREFIX@_NOT_FINITE = 256,    /* the state is not finite; it starts anew with nothing learned */
+  @PREFIX@_BEYOND = 512,        /* more volts than the declared valve can explain; the same */
   @PREFIX@_TELLS = 128          /* something for the other legs of the machine: @prefix@_hear of each */
 };
 
@@ -72,9 +74,10 @@ void @prefix@_hear(double *state, const double *other);
    never while a step of the same state runs. Until then the former taps act. */
 void @prefix@_design(double *state);
 
-/* What was learned: to be kept, and to start with next time. set_parameters starts the state anew, and designs. */
+/* What was learned: to be kept, and to start with next time. set_parameters starts the state anew, and designs. It gives 0, or 1 + the
+   place of the first number that is not finite, out of its range, or contradicts another one; then the state is as it was. */
 void @prefix@_get_parameters(double *state, double *parameters);
-void @prefix@_set_parameters(double *state, const double *parameters);
+int @prefix@_set_parameters(double *state, const double *parameters);
 
 /* Doubles of a state, of the library that is there: equal to @PREFIX@_STATE_SIZE if header and library belong together. */
 int @prefix@_state_size(void);

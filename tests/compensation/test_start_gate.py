@@ -1,0 +1,259 @@
+"""Nothing learned elsewhere enters an algorithm unchecked, and nothing leaves the guard that the declared valve cannot explain."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from leg_plant import run
+
+import compensation
+from compensation import Compensator, Context, Sample, check_parameters
+from compensation.guard import BEYOND, NOT_FINITE, SENTENCES
+from compensation.started import Started
+from compensation.volts_bound import EDGE_MARGIN, GAIN_MARGIN, edge_V, lead_gain
+from hexsim.errors import HexsimError
+from hexsim.machine import load_machine
+from hexsim.motion_computer.compensator_packet import AskedCompensator
+from hexsim.motion_computer.data_sheet import compensator_context
+from hexsim.simulation.asked_compensators import AskedCompensators
+from hexsim.simulation.start_parameters import started
+
+CONTEXT = Context(edge_V=0.07, spool_frequency_Hz=60.0)
+ODD = (None, math.nan, math.inf, -math.inf, "1", True, [], {}, 10**400, 1e308, -1e308)
+
+
+@pytest.fixture(scope="module")
+def learned() -> dict[str, Any]:
+    """What `adaptive` has learned of a leg in 12 s."""
+    made = compensation.create("adaptive")
+    return json.loads(json.dumps(made.parameters(run(made, duration_s=12.0).state)))
+
+
+def places(value: Any, place: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Of every number within tables and lists; of a long list the first and the last."""
+    if isinstance(value, dict):
+        return [found for key, inner in value.items() for found in places(inner, (*place, key))]
+    if isinstance(value, list):
+        return [found for i in sorted({0, len(value) - 1}) for found in places(value[i], (*place, i))]
+    return [place]
+
+
+def with_value(parameters: dict[str, Any], place: tuple[Any, ...], value: Any) -> dict[str, Any]:
+    copy = json.loads(json.dumps(parameters))
+    inner = copy
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = value
+    return copy
+
+
+def test_every_odd_number_is_refused_in_one_sentence(learned) -> None:
+    """Each number of what was learned in turn, null, NaN, infinite, text, a truth value, a list, a table, huge: ValueError whose
+    sentence names the place. As learned: taken."""
+    made = compensation.create("adaptive")
+    check_parameters(made, CONTEXT, learned)
+    for place in places(learned):
+        name = next(key for key in reversed(place) if isinstance(key, str))
+        for odd in ODD:
+            with pytest.raises(ValueError, match=name) as refused:
+                check_parameters(made, CONTEXT, with_value(learned, place, odd))
+            assert "\n" not in str(refused.value) and len(str(refused.value)) < 300
+
+
+CONTRADICTIONS = [
+    (("flow", "extend", "dead_band_V"), -0.01), (("flow", "retract", "gain_m_s_V"), 3.0), (("flow", "extend", "theta", 0), 1.5e-4),
+    (("flow", "extend", "lag_s"), 0.1), (("flow", "null_V"), 4.0), (("delay", "sums", 223), 1e6), (("delay", "sums", 3), -1.0),
+    (("delay", "oil", 0), -1.0), (("delay", "told_s"), [1e-3, 2e-3]), (("friction", "theta_MPa", 0), -50.0),
+    (("friction", "theta_MPa", 1), 33.0), (("friction", "half_step_Pa"), 5e6), (("presliding", "products", 2), 1e8),
+    (("presliding", "squares", 1), -1.0), (("delay", "sums"), [0.0] * 12), (("friction", "theta_MPa"), [[0.0]] * 6),
+    (("flow", "extend", "theta_backlash"), []), (("plain_control", "baseline_m_s2"), [-1.0, 0.5]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("place", "value"), CONTRADICTIONS, ids=["-".join(map(str, p)) for p, _ in CONTRADICTIONS])
+def test_what_no_machine_can_be_is_refused(learned, place, value) -> None:
+    """Negative overlap, gains that differ, a lag, load or null beyond what there is, sums out of their range, covariances that are
+    not positive, wrong lengths."""
+    with pytest.raises(ValueError, match=str(next(key for key in reversed(place) if isinstance(key, str)))):
+        check_parameters(compensation.create("adaptive"), CONTEXT, with_value(learned, place, value))
+
+
+@pytest.mark.parametrize("name", [name for name in compensation.available() if name != "none" and ":" not in name])
+def test_the_gate_is_the_same_for_every_algorithm(name) -> None:
+    """Own parameters are taken; none, a list, a missing and an odd number are refused by `restore` and by a start, whoever asks."""
+    made = compensation.create(name)
+    own = json.loads(json.dumps(made.parameters(run(made, duration_s=4.0).state)))
+    made.restore(CONTEXT, own)
+    for bad in (None, [], 3, *(with_value(own, place, math.nan) for place in places(own)[:6])):
+        with pytest.raises(ValueError, match="start parameters of"):
+            Started(made, bad).start(CONTEXT)
+
+
+def test_files_and_packets_go_through_it(learned, tmp_path) -> None:
+    """A null in a file and a NaN in a packet are refused, and the sentence names leg and number."""
+    machine = load_machine("bench")
+    path = tmp_path / "compensator.json"
+    path.write_text(json.dumps({"compensator": "adaptive", "legs": [learned]}))
+    assert started(path, machine)[0] == "adaptive"
+    for place in (("flow", "extend", "gain_m_s_V"), ("friction", "theta_MPa", 4)):
+        for odd in (None, math.nan, -1e308):
+            bad = with_value(learned, place, odd)
+            path.write_text(json.dumps({"compensator": "adaptive", "legs": [bad]}))
+            with pytest.raises(HexsimError, match=f"leg 1.*{place[1]}"):
+                started(path, machine)
+            with pytest.raises(HexsimError, match=f"leg 1.*{place[1]}"):
+                AskedCompensators(machine).take(AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=bad))
+
+
+class Fixed(Compensator):
+    """Adds what it was made with, and holds a number that its maker sets."""
+
+    name = "fixed"
+    volts_V = 0.0
+    held = 0.0
+
+    def start(self, context):
+        return {"held": [np.zeros(3), self.held]}
+
+    def step(self, state, sample):
+        return self.volts_V, state
+
+    def parameters(self, state):
+        return {}
+
+    def restore(self, context, parameters):
+        return self.start(context)
+
+
+def sample(setpoint_m: float = 0.1, **changes: Any) -> Sample:
+    values = dict(
+        time_s=0.0, setpoint_m=setpoint_m, preview_m=np.full(1, setpoint_m), position_m=0.1, control_V=0.0, valve_V=0.0,
+        pressure_bottom_Pa=3.3e6, pressure_supply_Pa=7e6,
+    )  # fmt: skip
+    return Sample(**{**values, **changes})
+
+
+def stepped(
+    made: Compensator, count: int, context: Context = CONTEXT, start: Any = None
+) -> tuple[list[float], list[str]]:
+    """Volts and statuses of `count` ticks at rest, with transducers that live."""
+    state, volts, said = made.start(context) if start is None else start, [], []
+    for k in range(count):
+        added, state = made.step(state, sample(position_m=0.1 + 1e-6 * (k % 2), pressure_bottom_Pa=3.3e6 + k % 2))
+        volts.append(added)
+        said.append(made.status(state))
+    return volts, said
+
+
+def guarded(volts_V: float = 0.0, held: float = 0.0) -> Compensator:
+    made = compensation.create(f"{__name__}:Fixed")
+    made.inner.volts_V, made.inner.held = volts_V, held  # type: ignore[attr-defined]
+    return made
+
+
+@pytest.mark.parametrize("held", [math.nan, math.inf])
+def test_a_number_that_is_not_finite_anywhere_in_a_state_ends_compensation(held) -> None:
+    """A state with one such number, whose volts are finite: none are added, and it is said."""
+    volts, said = stepped(guarded(0.05, held), 200)
+    assert max(map(abs, volts)) == 0.0 and said[0] == SENTENCES[NOT_FINITE]
+
+
+def test_each_number_of_the_adaptive_state_is_watched(learned) -> None:
+    """A NaN in any of its doubles: within 50 ms plain control, with a reason; it goes on with nothing learned."""
+    made = compensation.create("adaptive")
+    for place in range(0, made.start(CONTEXT).inner.flat.size, 97):
+        state = made.start(CONTEXT)
+        stepped(made, 3, start=state)
+        if state.inner.flat[place] != state.inner.flat[place]:
+            continue  # an integer
+        before = state.inner.flat[place]
+        state.inner.flat[place] = math.nan
+        volts, said = stepped(made, 30, start=state)
+        overwritten = SENTENCES[NOT_FINITE] not in said and np.isfinite(state.inner.flat[place])
+        assert SENTENCES[NOT_FINITE] in said or overwritten or float(before).hex().startswith("0x0.0"), place
+        assert all(map(math.isfinite, volts)) and max(map(abs, volts)) < 1e-9
+
+
+def test_no_more_than_the_declared_valve_explains() -> None:
+    """An algorithm that asks for 10 V at rest: no tick more than the lead allows, the spool that the volts move within four times
+    70 mV, after 50 ms plain control with a reason. 0.2 V, within it, pass as they are, for ever."""
+    volts, said = stepped(guarded(10.0), 400)
+    most = EDGE_MARGIN * CONTEXT.edge_V
+    assert max(volts) <= most * lead_gain(60.0, 0.7) + 1e-12
+    assert max(volts[3:]) <= most + 1e-12  # once the spool is there
+    assert np.all(np.array(volts[45:270]) == 0.0) and SENTENCES[BEYOND] in said
+    volts, said = stepped(guarded(0.2), 400)
+    assert volts == [0.2] * 400 and not any(said)
+
+
+def test_the_bound_of_the_volts_by_hand() -> None:
+    """45 mV of overlap, 5 of rounding, 10 of hysteresis, -20 of null, 1.5 mm/s of leak and 10 um of oil in 3 ms through 0.15 m/s/V:
+    e = 80 + 10 + 22.2 mV. A setpoint at 0.1 m/s adds twice its volts."""
+    e = edge_V(0.045, 5e-3, 1e-2, -2e-2, 1.5e-3, 1e5, 1e-10, 0.15)
+    assert e == pytest.approx(0.08 + 0.01 + 1e-5 / 3e-3 / 0.15)
+    made, state = guarded(9.0), None
+    state = made.start(CONTEXT)
+    for k in range(20):
+        added, state = made.step(
+            state, sample(0.1 + 2e-4 * k, position_m=0.1 + 1e-6 * (k % 2), pressure_bottom_Pa=3.3e6 + k % 2)
+        )
+    assert added == pytest.approx(EDGE_MARGIN * 0.07 + GAIN_MARGIN * 0.1 / 0.15, rel=1e-6)
+
+
+NUMBERS = st.floats(allow_nan=True, allow_infinity=True, width=64)
+
+
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
+@given(data=st.data())
+def test_any_start_parameters_and_any_samples_leave_bounded_volts(learned, data) -> None:
+    """Up to three numbers of what was learned are anything: refused in a sentence, or the volts are finite and explained, whatever
+    samples come."""
+    made = compensation.create("adaptive")
+    given_parameters = learned
+    for place in data.draw(st.lists(st.sampled_from(places(learned)), max_size=3)):
+        value = data.draw(st.one_of(NUMBERS, st.none(), st.floats(-1.0, 1.0), st.floats(0.0, 0.02)))
+        given_parameters = with_value(given_parameters, place, value)
+    try:
+        state = made.restore(CONTEXT, given_parameters)
+    except ValueError as refused:
+        assert "start parameters of adaptive" in str(refused)
+        state = made.start(CONTEXT)
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    absurd = data.draw(st.lists(NUMBERS, min_size=1, max_size=4))
+    share = data.draw(st.sampled_from([0.0, 0.01, 0.3]))
+    most = lead_gain(60.0, 0.7) * (EDGE_MARGIN * CONTEXT.edge_V + GAIN_MARGIN / CONTEXT.velocity_gain_m_s_V * 0.32)
+    t = 0.002 * np.arange(400)
+    wanted = 0.1 + 0.05 * np.sin(2 * math.pi * t)  # at most 0.314 m/s
+    for k in range(380):
+        values = [
+            0.1 + 0.03 * math.sin(6 * t[k]) + 3e-6 * rng.normal(),
+            rng.normal(),
+            rng.normal(),
+            3.3e6 + 1e5 * rng.normal(),
+            7e6,
+        ]
+        values = [absurd[rng.integers(len(absurd))] if rng.random() < share else value for value in values]
+        position, control, valve, bottom, supply = map(float, values)
+        asked = sample(
+            float(wanted[k]), preview_m=wanted[k : k + 15], position_m=position, control_V=control, valve_V=valve,
+            pressure_bottom_Pa=bottom, pressure_supply_Pa=supply,
+        )  # fmt: skip
+        added, state = made.step(state, asked)
+        assert math.isfinite(added) and abs(added) <= min(most, CONTEXT.voltage_max_V)
+
+
+def test_the_declared_machines_leave_room() -> None:
+    """On each shipped machine a leg's bound is above a dead band's volts and below a tenth of the valve's range."""
+    for name in ("bench", "micro_motion_system", "servo_bench", "servo_hexapod"):
+        context = compensator_context(load_machine(name), None)
+        assert 0.01 < context.edge_V < 0.1 * context.voltage_max_V
+        assert dataclasses.replace(context, edge_V=1.0).edge_V == 1.0
