@@ -91,16 +91,38 @@ def terminated_like_interrupted() -> Iterator[Callable[[], None]]:
         if caught:
             raise KeyboardInterrupt
 
-    if threading.current_thread() is not threading.main_thread():  # only there can signals be handled
+    with _signals_go_to(interrupt):
         yield check
+
+
+@contextmanager
+def stop_when_signalled() -> Iterator[threading.Event]:
+    """Ctrl-C, SIGTERM and the terminal's end set the event that is given: whoever runs in real time ends between two ticks,
+    never within one. A second signal interrupts at once."""
+    stop = threading.Event()
+
+    def interrupt(number: int, frame: Any) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    with _signals_go_to(interrupt):
+        yield stop
+
+
+@contextmanager
+def _signals_go_to(handler: Callable[[int, Any], None]) -> Iterator[None]:
+    """The signals that end a program, meanwhile; only in the main thread can they be handled."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
         return
     numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {number: signal.signal(number, interrupt) for number in numbers}
+    before = {number: signal.signal(number, handler) for number in numbers}
     try:
-        yield check
+        yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, handler_before in before.items():
+            signal.signal(number, handler_before)
 
 
 def text_table(

@@ -17,6 +17,10 @@ class Status:
     worst_behind_s: float = 0.0
     skipped_s: float = 0.0  # real time that was not simulated
     packets: dict[str, int] = field(default_factory=dict)
+    not_understood: dict[str, int] = field(default_factory=dict)  # how many packets, by reason
+    of_packets: str = ""  # the same in a phrase, empty where all were understood
+    refused_orders: dict[str, int] = field(default_factory=dict)  # by reason
+    silent_s: float = 0.0  # since the last packet of a simulator (`serve --from`), infinite before the first one
     latency_ms: dict[str, float] = field(default_factory=dict)  # packet to felt acceleration, by axis; at the end
     messages: list[tuple[float, int, str]] = field(default_factory=list)
 
@@ -27,8 +31,15 @@ class Status:
     def line(self) -> str:
         """One line of a running server."""
         errors = f", errors: {', '.join(self.errors)}" if self.errors else ""
+        waits = f", waits for packets ({self.silent_s:.1f} s)" if 0.5 < self.silent_s < float("inf") else ""
+        orders = (
+            f", refused {sum(self.refused_orders.values())} orders: {next(iter(self.refused_orders))}"
+            if self.refused_orders
+            else ""
+        )
+        packets = self.of_packets or f"packets {self.packets.get('received', 0)}"
         behind = f"{1e3 * self.behind_s:.1f} ms behind" if self.behind_s > 0 else "on time"
         return (
             f"{self.time_s:8.1f} s  {self.state:<9} {behind}, margin {self.margin:.1f}, "
-            f"packets {self.packets.get('received', 0)}{errors}"
+            f"{packets}{waits}{orders}{errors}"
         )
