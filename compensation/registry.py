@@ -63,7 +63,7 @@ def create_built_in(name: str, **configuration: Any) -> Compensator:
     factories = _built_in()
     if name not in factories:
         raise ValueError(
-            f"compensator {name[:60]!r} is not built in; from outside only {', '.join(factories)} can be asked for"
+            f"{name[:60]!r} is no built-in compensator, and no other is taken from outside; there are {', '.join(factories)}"
         )
     made = _configured(factories[name], name, configuration)
     return made if name == "none" else Guarded(made)

@@ -8,7 +8,7 @@ import compensation
 from compensation import Compensator, Sample, preview_count
 from compensation.started import Started
 from hexsim.declaration import Machine
-from hexsim.errors import HexsimError
+from hexsim.errors import HexsimError, shortened
 from hexsim.motion_computer.compensator_packet import AskedCompensator
 from hexsim.motion_computer.position_loop import compensator_context
 
@@ -63,6 +63,6 @@ class AskedCompensators:
                 ),
             )  # fmt: skip
         except Exception as error:  # parameters from outside may break an algorithm in any way; the machine goes on
-            what = str(error).partition("\n")[0][:200]
-            raise HexsimError(f"compensator {asked.name[:60]!r} of leg {asked.leg} does not start: {what}") from None
+            what = shortened(str(error).partition("\n")[0], 120)
+            raise HexsimError(f"the compensator asked for leg {asked.leg} does not start: {what}") from None
         return made

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+
+from hexsim.errors import shortened
+
+SILENT_S = 0.5  # without packets of a simulator, before a line says that it is waited for
 
 
 @dataclass(kw_only=True)
@@ -30,16 +35,17 @@ class Status:
 
     def line(self) -> str:
         """One line of a running server."""
-        errors = f", errors: {', '.join(self.errors)}" if self.errors else ""
-        waits = f", waits for packets ({self.silent_s:.1f} s)" if 0.5 < self.silent_s < float("inf") else ""
-        orders = (
-            f", refused {sum(self.refused_orders.values())} orders: {next(iter(self.refused_orders))}"
-            if self.refused_orders
-            else ""
-        )
-        packets = self.of_packets or f"packets {self.packets.get('received', 0)}"
         behind = f"{1e3 * self.behind_s:.1f} ms behind" if self.behind_s > 0 else "on time"
-        return (
-            f"{self.time_s:8.1f} s  {self.state:<9} {behind}, margin {self.margin:.1f}, "
-            f"{packets}{waits}{orders}{errors}"
-        )
+        parts = [
+            f"{self.time_s:8.1f} s  {self.state:<9} {behind}",
+            f"margin {self.margin:.1f}",
+            self.of_packets or f"packets {self.packets.get('received', 0)}",
+        ]
+        if SILENT_S < self.silent_s < math.inf:
+            parts.append(f"waits for packets ({self.silent_s:.1f} s)")
+        if self.refused_orders:
+            count, last = sum(self.refused_orders.values()), list(self.refused_orders)[-1]
+            parts.append(f"refused {count} orders: {shortened(last, 100)}")
+        if self.errors:
+            parts.append(f"errors: {', '.join(self.errors)}")
+        return ", ".join(parts)

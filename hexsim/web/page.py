@@ -46,20 +46,19 @@ class Page:
         self.handles: dict[str, Any] = {}
         self._build_sliders()
         self._build_figures()
-        self._open = threading.Event()
-        self._open.set()
+        self._closed = threading.Event()
 
     @property
     def address(self) -> str:
         """With the token in it: whoever has it can move the machine."""
         return f"http://{LOOPBACK}:{self.server.get_port()}/{self.gate.token}"
 
-    def run(self, seconds: float | None = None) -> None:
-        """Simulate and show, for `seconds` or until `close`."""
+    def run(self, seconds: float | None = None, stop: threading.Event | None = None) -> None:
+        """Simulate and show, for `seconds`, until `close`, or until `stop` is set."""
         self.session.start(self._draw)
-        end = None if seconds is None else time.monotonic() + seconds
+        end = math.inf if seconds is None else time.monotonic() + seconds
         try:
-            while self._open.is_set() and (end is None or time.monotonic() < end):
+            while not self._closed.is_set() and not (stop and stop.is_set()) and time.monotonic() < end:
                 begun = time.monotonic()
                 self._show(self.session.shown())
                 time.sleep(max(REFRESH_S, 2.0 * (time.monotonic() - begun)))  # a third of one core at most
@@ -69,7 +68,7 @@ class Page:
                 self.server.stop()
 
     def close(self) -> None:
-        self._open.clear()
+        self._closed.set()
 
     def _build_scene(self) -> ViserMujocoScene:
         live = self.session.live
