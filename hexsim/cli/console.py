@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -108,6 +109,8 @@ def stop_when_signalled() -> Iterator[threading.Event]:
 
     with _signals_go_to(interrupt):
         yield stop
+    if stop.is_set():
+        gc.freeze()  # else Python's last collection walks through all that was compiled: 2 s in place of 0.3
 
 
 @contextmanager

@@ -1,6 +1,6 @@
 """UDP link to the host: takes the commands of one host at a time, and answers it.
 
-The host keeps the link until no valid packet of it has come for `NEW_SESSION_S`, by machine time or by this computer's clock:
+The host keeps the link until no packet of it was taken for `NEW_SESSION_S`, by machine time or by this computer's clock:
 in lockstep machine time waits for packets. Anything else is counted, with the reason, and ignored.
 """
 
@@ -73,10 +73,9 @@ class HostLink:
                 self._heard(sender)
                 self.asked.append(decoded)
             else:
-                accepted = self.buffer.add(decoded, now_s)
-                if accepted or sender == self.peer:
+                self.spoke = self.spoke or sender == self.peer
+                if self.buffer.add(decoded, now_s):
                     self._heard(sender)
-                if accepted:
                     taken.append(decoded)
         return taken
 
