@@ -312,6 +312,22 @@ def test_a_packet_names_built_in_algorithms_alone(tmp_path: Path, monkeypatch, n
             assert "refused 1 orders" in status.line() and len(status.line()) < 400
 
 
+def test_nothing_is_made_while_the_machine_moves(monkeypatch) -> None:
+    """To make a compensator takes longer than a tick: a host that asks for other ones all the time in normal state is
+    refused, and none is made."""
+    with Server(load_machine("bench"), port=0, timestep=2e-4) as server:
+        host = Host(server)
+        with contextlib.closing(host.socket):
+            host.run(0.1, command="run_normal")
+            made = []
+            monkeypatch.setattr(server.orders.asked, "_started", made.append)
+            for k in range(20):
+                asked = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"k": k})
+                host.socket.sendto(asked.pack(), server.address)
+            host.run(0.1)
+            assert host.reply.state == State.NORMAL and host.reply.refused and made == []
+
+
 @pytest.mark.parametrize(
     "parameters", [{"a": None}, {"a": 1e308}, {"flow": 5}, {"legs": "x"}, {"a": [[]]}, {"a": 10**300}]
 )

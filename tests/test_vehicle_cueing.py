@@ -1,5 +1,6 @@
 """Motion cueing as a module: washout, packets of simulators, and the machine that they drive."""
 
+import contextlib
 import math
 import socket
 import struct
@@ -7,6 +8,7 @@ import struct
 import numpy as np
 import pytest
 
+from hexsim.cli.serve import vehicle_of
 from hexsim.cueing.protocols import (
     RREF_NAMES,
     VehicleMotion,
@@ -260,8 +262,7 @@ def test_a_flight_model_moves_the_machine() -> None:
 
 def test_a_pause_settles_the_machine_and_it_goes_on() -> None:
     """A banked climb, 3 s of silence, the same again: no fault, the platform near neutral in the pause, the setpoint's
-    acceleration at the pause and at the return within what the washout makes of the flight itself, and two messages. By a
-    stranger's packets meanwhile nothing is moved."""
+    acceleration at the pause and at the return within what the washout makes of the flight itself, and two messages."""
     with hexapod() as server:
         flight = lambda: fdm(x=2.0, z=-11.0, rates=(0.05, 0.02, 0.0))  # noqa: E731
         poses = [server.link.pose.copy() for server in drive(server, 4.0, flight)]
@@ -290,6 +291,54 @@ def test_strictly_a_pause_is_a_fault() -> None:
         for _ in drive(server, 1.2, lambda: None):
             pass
         assert server.computer.state == State.FAULT
+
+
+def test_one_simulator_at_a_time_is_listened_to() -> None:
+    """Another sender's wild packets between those of the simulator: counted, and the platform stays; once the simulator is
+    silent for half a second the other one has it."""
+    stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    with hexapod() as server, stranger:
+        server.tick()
+        for _ in drive(server, 0.5, fdm):
+            stranger.sendto(fdm(x=30.0), server.address)
+        assert server.link.counts["other host"] >= 200
+        assert np.abs(server.link.pose).max() < 1e-3
+        for _ in range(round(1.0 / server.tick_s)):
+            stranger.sendto(fdm(x=30.0), server.address)
+            server.tick()
+        assert np.abs(server.link.pose).max() > 0.01
+
+
+def test_xplane_is_asked_until_it_answers_and_told_the_end() -> None:
+    """An X-Plane on loopback: it is asked for six datarefs once a second while it is silent and not while it answers, its
+    answers drive the machine, and as the machine goes away it is asked for none any more."""
+    xplane_socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    xplane_socket.bind(("127.0.0.1", 0))
+    xplane_socket.setblocking(False)
+
+    def asked() -> list[tuple[int, int]]:
+        """Rate and index of the requests that came."""
+        found = []
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                found.append(struct.unpack_from("<ii", xplane_socket.recv(1000), 5))
+        return found
+
+    vehicle = vehicle_of(f"xplane-rref@127.0.0.1:{xplane_socket.getsockname()[1]}", strict=False)
+    everything = [(60, index) for index in range(1, 7)]
+    with xplane_socket:
+        with Server(load_machine("bench"), port=0, host_input=HostInput(vehicle=vehicle), timestep=2e-4) as server:
+            for _ in range(round(1.5 / server.tick_s)):
+                server.tick()
+            assert asked() == 2 * everything
+            for _ in range(round(1.0 / server.tick_s)):
+                xplane_socket.sendto(rref([0.0, 0.0, 1.2, 0.0, 0.0, 0.0]), server.address)
+                server.tick()
+            assert server.computer.state == State.NORMAL and server.link.pose[2] > 1e-3 and asked() == []
+        assert asked() == [(0, index) for index in range(1, 7)]
+    for wrong in ("xplane-rref@", "xplane-rref@127.0.0.1:x", "xplane-rref@127.0.0.1:70000", "xplane-rref@no such host"):
+        with pytest.raises(HexsimError, match="xplane-rref@"):
+            vehicle_of(wrong, strict=False)
 
 
 def test_a_clock_that_stands_still_is_a_pause() -> None:

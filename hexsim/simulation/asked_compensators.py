@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 import compensation
@@ -29,15 +31,17 @@ class AskedCompensators:
         """What `take` gave last is in the loop."""
         self._acting = self._complete
 
-    def take(self, asked: AskedCompensator) -> list[Compensator] | None:
+    def take(self, asked: AskedCompensator, check: Callable[[], None] = lambda: None) -> list[Compensator] | None:
         """One a leg, none for plain control; None while legs are missing.
 
+        check: called before anything is made, which takes longer than a tick; raises where now is not the time.
         Raises HexsimError for another number of legs, an unknown algorithm, or parameters that are not its own.
         """
         n = self.machine.n_legs
         if asked.n_legs != n:
             raise HexsimError(f"a compensator for {asked.n_legs} legs is asked for; {self.machine.name} has {n}")
         if asked.leg == 0:
+            check()
             self._asked, self._complete = {}, {}
             return []
         self._asked[asked.leg] = asked
@@ -46,6 +50,7 @@ class AskedCompensators:
         complete, self._asked = self._asked, {}
         if complete == self._acting:
             return None
+        check()
         self._complete = complete
         return [self._started(self._complete[leg]) for leg in range(1, n + 1)]
 

@@ -49,11 +49,9 @@ class HostOrders:
             self.generator.restart()
 
     def compensate(self, asked: AskedCompensator, now: float) -> None:
-        """Take the host's compensator, while nothing moves: to make one takes longer than a tick."""
+        """Take the host's compensator, while nothing moves."""
         try:
-            if self.computer.state not in (State.OFF, State.NEUTRAL) or not self.computer.arrived:
-                raise HexsimError("a compensator is taken in off, or standing in neutral")
-            found = self.asked.take(asked)
+            found = self.asked.take(asked, self._check_at_rest)
             if found is None:
                 return
         except HexsimError as error:
@@ -63,6 +61,10 @@ class HostOrders:
         self.asked.accept()
         self.compensator, self.generator.preview = found[0].name if found else "none", self.computer.preview
         self.host.look(self.computer.preview)
+
+    def _check_at_rest(self) -> None:
+        if self.computer.state not in (State.OFF, State.NEUTRAL) or not self.computer.arrived:
+            raise HexsimError("a compensator is taken in off, or standing in neutral")
 
     def _refuse(self, error: HexsimError, now: float) -> None:
         self.refused = True
