@@ -13,15 +13,16 @@ from contextlib import contextmanager
 from typing import Any
 
 from numba.core import event
+from numba.core.caching import NullCache
 
 KIND = "numba:compile"  # fires where a function is compiled and not where it is loaded from the cache
 OWN = ("hexsim.", "compensation.")
 
 
 class CompileTime(event.Listener):
-    """seconds: spent compiling so far, in whichever thread; count: of hexsim's own functions.
+    """seconds: spent compiling so far, in whichever thread; count: of hexsim's own functions that are kept afterwards.
 
-    say: called once, with a text, as the first of hexsim's own functions begins to be compiled.
+    say: called once, with a text, as the first of these begins to be compiled.
     """
 
     def __init__(self, say: Callable[[str], None] = lambda text: None) -> None:
@@ -34,8 +35,9 @@ class CompileTime(event.Listener):
         if depth == 0:
             self._local.begin = time.perf_counter()
         self._local.depth = depth + 1
-        function = getattr((event.data or {}).get("dispatcher"), "py_func", None)
-        if getattr(function, "__module__", "").startswith(OWN):
+        dispatcher = (event.data or {}).get("dispatcher")
+        is_kept = not isinstance(getattr(dispatcher, "_cache", None), (NullCache, type(None)))
+        if is_kept and dispatcher.py_func.__module__.startswith(OWN):
             self.count += 1
             if self.count == 1:
                 self._say("compiling (once)")

@@ -60,6 +60,7 @@ def live(
             return
         from hexsim.simulation.live import LiveMachine
 
+        check_screen()
         show(LiveMachine(with_machine, what if scenario else None, compensator), seconds)
 
 
@@ -85,7 +86,6 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
 
     from hexsim.simulation.live import TOP_LEFT
 
-    check_screen()
     typer.echo(KEYS, err=True)
     pressed: SimpleQueue[int] = SimpleQueue()  # the window has its own thread; the machine is touched in this one only
     before = set(threading.enumerate())
