@@ -35,7 +35,7 @@ class CompileTime(event.Listener):
         if depth == 0:
             self._local.begin = time.perf_counter()
         self._local.depth = depth + 1
-        dispatcher = (event.data or {}).get("dispatcher")
+        dispatcher: Any = (event.data or {}).get("dispatcher")
         is_kept = not isinstance(getattr(dispatcher, "_cache", None), (NullCache, type(None)))
         if is_kept and dispatcher.py_func.__module__.startswith(OWN):
             self.count += 1
