@@ -81,7 +81,7 @@ def stamps(scale: float, rate_too: bool) -> Callable[[Server], None]:
 
         def lie(data: bytes) -> None:
             rows = unpack_telemetry(data)
-            if rows is None:
+            if isinstance(rows, str):
                 return send(data)
             rate = rows.rate_Hz / scale if rate_too else rows.rate_Hz
             send(replace(rows, time_s=rows.time_s * scale, rate_Hz=rate).pack())

@@ -1,21 +1,14 @@
 """Compensation of the reversal bump: algorithms that could run on a real motion computer (numpy and numba).
 
-`create(name)` makes one; `available()` lists them; `Compensator` is what an own one derives from.
+`create(name)` makes one; `available()` lists them; `Compensator` is what an own one derives from. A name that comes from
+outside the process goes through `create_built_in`.
 """
 
 from .compensator import NO_LOAD, Compensator, Context, Parameters, Sample, preview_count
 from .learned_parameters import check_parameters
-from .registry import available, check, create
+from .registry import available, built_in, check, create, create_built_in
 
 __all__ = [
-    "NO_LOAD",
-    "Compensator",
-    "Context",
-    "Parameters",
-    "Sample",
-    "available",
-    "check",
-    "check_parameters",
-    "create",
-    "preview_count",
-]
+    "NO_LOAD", "Compensator", "Context", "Parameters", "Sample", "available", "built_in", "check", "check_parameters",
+    "create", "create_built_in", "preview_count",
+]  # fmt: skip

@@ -49,10 +49,30 @@ def _announced() -> dict[str, Any]:
     return {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
 
 
+def built_in() -> list[str]:
+    """Names of this package's own algorithms."""
+    return list(_built_in())
+
+
+def create_built_in(name: str, **configuration: Any) -> Compensator:
+    """This package's own algorithm called `name`: the gate for every name that comes from outside the process.
+
+    Neither a path nor a module nor an installed package is looked at, so that a name cannot make the process run other
+    code. Raises ValueError for any other name.
+    """
+    factories = _built_in()
+    if name not in factories:
+        raise ValueError(
+            f"{name[:60]!r} is no built-in compensator, and no other is taken from outside; there are {', '.join(factories)}"
+        )
+    made = _configured(factories[name], name, configuration)
+    return made if name == "none" else Guarded(made)
+
+
 def available() -> list[str]:
     """Names that `create` understands, the built-in ones first."""
-    built_in = _built_in()
-    return [*built_in, *(name for name in sorted(_announced()) if name not in built_in)]
+    own = built_in()
+    return [*own, *(name for name in sorted(_announced()) if name not in own)]
 
 
 def create(name: str, **configuration: Any) -> Compensator:
@@ -66,10 +86,8 @@ def create(name: str, **configuration: Any) -> Compensator:
         return _configured(Library, name, {"path": name, **configuration})
     if ":" in name:
         return Guarded(check(_import(name), name, **configuration))
-    built_in = _built_in()
-    if name in built_in:
-        made = _configured(built_in[name], name, configuration)
-        return made if name == "none" else Guarded(made)
+    if name in built_in():
+        return create_built_in(name, **configuration)
     announced = _announced()
     if name in announced:
         try:

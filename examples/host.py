@@ -41,7 +41,8 @@ class Host:
         time.sleep(max(0.0, self.sequence * self.period_s - (time.perf_counter() - self.started)))
         with contextlib.suppress(OSError):
             while True:
-                self.reply = unpack_reply(self.socket.recv(REPLY.size))
+                reply = unpack_reply(self.socket.recv(REPLY.size + 1))
+                self.reply = reply if isinstance(reply, Reply) else self.reply
 
     def close(self) -> None:
         self.socket.close()

@@ -73,7 +73,7 @@ def test_a_telemetry_packet_is_what_was_packed(n):
 @pytest.mark.parametrize("spoil", [lambda d: d[:-1], lambda d: b"HXS1" + d[4:], lambda d: d[:6] + b"\x09\x00" + d[8:]])
 def test_what_is_no_telemetry_is_none(spoil):
     """A cut packet, another magic and a wrong number of rows are refused."""
-    assert unpack_telemetry(spoil(packet(0, 0.0).pack())) is None
+    assert isinstance(unpack_telemetry(spoil(packet(0, 0.0).pack())), str)
 
 
 def test_lost_packets_are_a_gap():
@@ -126,7 +126,7 @@ def test_a_compensator_packet_is_what_was_packed():
     data = given.pack()
     assert unpack_asked(data) == given
     for spoilt in (data[:-1], b"HXC1" + data[4:], data[:4] + b"\x07\x00" + data[6:], data[:16] + b"x" + data[17:]):
-        assert unpack_asked(spoilt) is None
+        assert isinstance(unpack_asked(spoilt), str)
 
 
 def test_what_acts_and_is_asked_for_again_changes_nothing(monkeypatch):

@@ -3,10 +3,13 @@
 import contextlib
 import random
 import runpy
+import signal
 import socket
+import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -51,7 +54,9 @@ class Host:
                 self.sequence, command = self.sequence + 1, "none"
             self.server.tick()
             if k % every == 0:
-                self.reply = unpack_reply(self.socket.recv(REPLY.size))
+                reply = unpack_reply(self.socket.recv(REPLY.size))
+                assert isinstance(reply, Reply), reply
+                self.reply = reply
 
 
 @pytest.fixture
@@ -279,3 +284,171 @@ def test_a_served_run_leaves_a_folder_like_any_other(tmp_path: Path) -> None:
     assert log.height == 400
     legs = [name for name in log.columns if name.startswith("setpoint")]
     assert log.select(legs).row(399) == pytest.approx(setpoint, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "name", ["{folder}/evil.so", "evil_module:Evil", "foreign", "{folder}/learned.json", "", "os", "x" * 8000]
+)
+def test_a_packet_names_built_in_algorithms_alone(tmp_path: Path, monkeypatch, name: str) -> None:
+    """A library, a module, what an installed package announces, a file and nonsense, asked for by the host: none is looked
+    at, the machine stays in plain control and goes on, and the status counts the refusal with its reason."""
+    loaded = []
+    point = SimpleNamespace(name="foreign", load=lambda: loaded.append("foreign"))
+    monkeypatch.setattr("compensation.registry._announced", lambda: {"foreign": point})
+    monkeypatch.setattr("compensation.registry.Library", lambda **how: loaded.append("library"))
+    monkeypatch.setitem(sys.modules, "evil_module", None)
+    monkeypatch.setattr("compensation.registry._import", loaded.append)
+    asked = AskedCompensator(leg=1, n_legs=1, name=name.format(folder=tmp_path), parameters={})
+    with Server(load_machine("bench"), port=0, timestep=2e-4) as server:
+        host = Host(server)
+        with contextlib.closing(host.socket):
+            host.run(0.1)
+            host.socket.sendto(asked.pack(), server.address)
+            host.run(0.1)
+            assert host.reply.refused and not host.reply.compensated
+            assert server.compensator == "none" and loaded == []
+            status = server.run(duration_s=0.0)
+            assert any("no built-in compensator" in reason for reason in status.refused_orders)
+            assert "refused 1 orders" in status.line() and len(status.line()) < 400
+
+
+def test_nothing_is_made_while_the_machine_moves(monkeypatch) -> None:
+    """To make a compensator takes longer than a tick: a host that asks for other ones all the time in normal state is
+    refused, and none is made."""
+    with Server(load_machine("bench"), port=0, timestep=2e-4) as server:
+        host = Host(server)
+        with contextlib.closing(host.socket):
+            host.run(0.1, command="run_normal")
+            made = []
+            monkeypatch.setattr(server.orders.asked, "_started", made.append)
+            for k in range(20):
+                asked = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"k": k})
+                host.socket.sendto(asked.pack(), server.address)
+            host.run(0.1)
+            assert host.reply.state == State.NORMAL and host.reply.refused and made == []
+
+
+@pytest.mark.parametrize(
+    "parameters", [{"a": None}, {"a": 1e308}, {"flow": 5}, {"legs": "x"}, {"a": [[]]}, {"a": 10**300}]
+)
+def test_parameters_of_any_kind_are_survived(parameters) -> None:
+    """Parameters that are not the algorithm's: taken or refused, and the machine ticks on."""
+    with Server(load_machine("bench"), port=0, timestep=2e-4) as server:
+        host = Host(server)
+        with contextlib.closing(host.socket):
+            host.run(0.1)
+            packet = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=parameters).pack()
+            host.socket.sendto(packet, server.address)
+            host.run(0.1)
+            assert host.reply.state == State.NEUTRAL
+
+
+def test_a_new_host_takes_over_in_lockstep(monkeypatch) -> None:
+    """The first host is gone and machine time stands still: a new host that sends 20 times a second is kept out for a second
+    by the clock, then it is the host, and machine time goes on with its clock. The old one, back again, is refused."""
+    now = [100.0]
+    monkeypatch.setattr("hexsim.motion_computer.host_link.clock", SimpleNamespace(monotonic=lambda: now[0]))
+    with Server(load_machine("bench"), port=0, timestep=2e-4, lockstep=True) as server:
+        first, second = (Lockstep(server, now) for _ in range(2))
+        with contextlib.closing(first.socket), contextlib.closing(second.socket):
+            assert sum(first.exchange(0.05) for _ in range(20)) == 20
+            stood = server.time_s
+            answers = [second.exchange(0.05) for _ in range(60)]
+            assert not any(answers[:19]) and all(answers[22:])
+            assert server.time_s == pytest.approx(stood + 0.05 * (sum(answers) - 1), abs=1e-9)
+            assert not first.exchange(0.05)
+
+
+@pytest.mark.parametrize(("step_s", "exchanges"), [(0.04, 12), (0.05, 30)])
+def test_a_host_that_begins_anew_in_lockstep_is_followed(monkeypatch, step_s: float, exchanges: int) -> None:
+    """The same host starts again at once, with its clock and its counting at zero: machine time goes on, within a few packets
+    where they are other ones, within a second by the clock where they are the same bytes once more."""
+    now = [100.0]
+    monkeypatch.setattr("hexsim.motion_computer.host_link.clock", SimpleNamespace(monotonic=lambda: now[0]))
+    with Server(load_machine("bench"), port=0, timestep=2e-4, lockstep=True) as server:
+        host = Lockstep(server, now)
+        with contextlib.closing(host.socket):
+            for _ in range(40):
+                host.exchange(0.05)
+            before = server.time_s
+            host.sequence, host.time_s = 0, 0.0
+            for _ in range(exchanges):
+                host.exchange(step_s)
+            assert server.time_s >= before + 6 * step_s
+
+
+class Lockstep:
+    """A host of a machine in lockstep; each exchange takes as long by the clock `now` as it asks the machine to run."""
+
+    def __init__(self, server: Server, now: list[float]) -> None:
+        self.server, self.now, self.sequence, self.time_s = server, now, 0, 0.0
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.settimeout(0.05)
+
+    def exchange(self, step_s: float) -> bool:
+        """Whether the machine answers."""
+        self.now[0] += step_s
+        self.sequence, self.time_s = self.sequence + 1, self.time_s + step_s
+        command = HostCommand(sequence=self.sequence, time_s=self.time_s, setpoints=(0.0,) * 6)
+        self.socket.sendto(command.pack(), self.server.address)
+        self.server.follow()
+        try:
+            return isinstance(unpack_reply(self.socket.recv(REPLY.size)), Reply)
+        except TimeoutError:
+            return False
+
+
+def test_a_stranger_gets_no_answer_in_lockstep() -> None:
+    """Noise and another host's packets: nothing is sent to the host in charge for them."""
+    with Server(load_machine("bench"), port=0, timestep=2e-4, lockstep=True) as server:
+        host, stranger = Lockstep(server, [0.0]), Lockstep(server, [0.0])
+        with contextlib.closing(host.socket), contextlib.closing(stranger.socket):
+            assert host.exchange(0.01)
+            for data in (b"x", HostCommand(sequence=5, time_s=9.0, setpoints=(0.0,) * 6).pack()):
+                stranger.socket.sendto(data, server.address)
+                server.follow()
+            with pytest.raises(TimeoutError):
+                host.socket.recv(REPLY.size)
+
+
+def test_what_waits_behind_a_pause_of_the_server_is_not_a_new_host() -> None:
+    """The server stood still for longer than a host may be silent, with packets of a stranger before the host's in its
+    socket: the host keeps the link."""
+    with Server(load_machine("bench"), port=0, timestep=2e-4, lockstep=True) as server:
+        host, stranger = Lockstep(server, [0.0]), Lockstep(server, [0.0])
+        with contextlib.closing(host.socket), contextlib.closing(stranger.socket):
+            assert host.exchange(0.01)
+            server.link._heard_s -= 5.0
+            stranger.socket.sendto(HostCommand(sequence=5, time_s=9.0, setpoints=(0.0,) * 6).pack(), server.address)
+            assert host.exchange(0.01)
+            assert server.link.counts["other host"] == 1
+
+
+def test_telemetry_without_a_host_is_not_kept() -> None:
+    """A second of telemetry that nobody takes: at most the rows of a packet wait."""
+    with Server(load_machine("bench"), port=0, timestep=2e-4, telemetry=True) as server:
+        for _ in range(500):
+            server.tick()
+        assert len(server.telemetry._rows) < 4
+
+
+@pytest.mark.parametrize("signal_name", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("more", [[], ["--lockstep"], ["--from", "outsim"]])
+def test_the_first_signal_ends_serve(signal_name: str, more: list[str]) -> None:
+    """Silent and flooded, in real time and in lockstep: the command ends by itself after one signal, with its status and
+    code 0, and no traceback."""
+    command = [sys.executable, "-m", "hexsim", "serve", "--machine", "bench", "--port", "0", *more]
+    running = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    try:
+        assert running.stderr is not None
+        line = next(text for text in running.stderr if "listens on" in text)
+        address = "127.0.0.1", int(line.split("127.0.0.1:")[1].split(",")[0])
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as flooder:
+            for k in range(2000):
+                flooder.sendto(HostCommand(sequence=k, time_s=0.5 * k, setpoints=(0.0,) * 6).pack(), address)
+        running.send_signal(getattr(signal, signal_name))
+        out, said = running.communicate(timeout=20.0)
+    finally:
+        running.kill()
+    assert running.returncode == 0 and "at most" in out and "Traceback" not in said + out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -91,16 +92,40 @@ def terminated_like_interrupted() -> Iterator[Callable[[], None]]:
         if caught:
             raise KeyboardInterrupt
 
-    if threading.current_thread() is not threading.main_thread():  # only there can signals be handled
+    with _signals_go_to(interrupt):
         yield check
+
+
+@contextmanager
+def stop_when_signalled() -> Iterator[threading.Event]:
+    """Ctrl-C, SIGTERM and the terminal's end set the event that is given: whoever runs in real time ends between two ticks,
+    never within one. A second signal interrupts at once."""
+    stop = threading.Event()
+
+    def interrupt(number: int, frame: Any) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    with _signals_go_to(interrupt):
+        yield stop
+    if stop.is_set():
+        gc.freeze()  # else Python's last collection walks through all that was compiled: 2 s in place of 0.3
+
+
+@contextmanager
+def _signals_go_to(handler: Callable[[int, Any], None]) -> Iterator[None]:
+    """The signals that end a program, meanwhile; only in the main thread can they be handled."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
         return
     numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {number: signal.signal(number, interrupt) for number in numbers}
+    before = {number: signal.signal(number, handler) for number in numbers}
     try:
-        yield check
+        yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, handler_before in before.items():
+            signal.signal(number, handler_before)
 
 
 def text_table(

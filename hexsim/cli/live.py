@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import threading
 import time
 from queue import SimpleQueue
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexsim.cli import completion, options
+from hexsim.cli.console import stop_when_signalled, terminated_like_interrupted
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
@@ -50,12 +50,18 @@ def live(
     with_machine, what = options.prepare(
         scenario or "heave", options.Motion(machine=machine, amplitude=amplitude, frequency=frequency), settings
     )
-    if web:
-        serve_page(with_machine, what, compensator, (machine or what.machine_name, scenario or "heave"), port, seconds)
-        return
-    from hexsim.simulation.live import LiveMachine
+    from hexsim.compile_time import compile_time
 
-    show(LiveMachine(with_machine, what if scenario else None, compensator), seconds)
+    with compile_time(lambda text: typer.echo(text, err=True)):
+        if web:
+            serve_page(
+                with_machine, what, compensator, (machine or what.machine_name, scenario or "heave"), port, seconds
+            )
+            return
+        from hexsim.simulation.live import LiveMachine
+
+        check_screen()
+        show(LiveMachine(with_machine, what if scenario else None, compensator), seconds)
 
 
 def serve_page(
@@ -67,10 +73,11 @@ def serve_page(
     except ModuleNotFoundError as error:
         raise HexsimError(f"the page needs {error.name}: pip install 'hexsim[web]'") from None
 
-    page = Page(Session(machine, scenario, compensator), *names, port)
+    with terminated_like_interrupted():
+        page = Page(Session(machine, scenario, compensator), *names, port)
     typer.echo(f"{page.address}   open it in a browser on this computer; Ctrl-C ends it", err=True)
-    with contextlib.suppress(KeyboardInterrupt):
-        page.run(seconds)
+    with stop_when_signalled() as stop:
+        page.run(seconds, stop)
 
 
 def show(machine: LiveMachine, seconds: float | None = None) -> None:
@@ -79,15 +86,16 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
 
     from hexsim.simulation.live import TOP_LEFT
 
-    check_screen()
     typer.echo(KEYS, err=True)
     pressed: SimpleQueue[int] = SimpleQueue()  # the window has its own thread; the machine is touched in this one only
     before = set(threading.enumerate())
     viewer = launch_passive(machine.model, machine.data, key_callback=pressed.put, show_left_ui=False)
     started = last = time.perf_counter()
-    with viewer:
+    with viewer, stop_when_signalled() as stop:
         frame_camera(viewer.cam, machine)
-        while viewer.is_running() and (seconds is None or time.perf_counter() - started < seconds):
+        while (
+            viewer.is_running() and not stop.is_set() and (seconds is None or time.perf_counter() - started < seconds)
+        ):
             now = time.perf_counter()
             due, last = min(now - last, LONGEST_CATCH_UP_S), now
             with viewer.lock():

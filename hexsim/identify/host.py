@@ -21,7 +21,7 @@ from compensation.compensator import Parameters
 from hexsim.errors import HexsimError
 from hexsim.motion_computer.compensator_packet import AskedCompensator
 from hexsim.motion_computer.errors import labels
-from hexsim.motion_computer.host_packet import REPLY, REPLY_MAGIC, HostCommand, Reply, unpack_reply
+from hexsim.motion_computer.host_packet import HostCommand, Reply, unpack_reply
 from hexsim.motion_computer.states import State
 from hexsim.motion_computer.telemetry import LARGEST_PACKET, Telemetry, unpack_telemetry
 from hexsim.signals.table import table
@@ -134,12 +134,12 @@ class Host:
                 self._refusals += 1
                 return answered
             self._refusals = 0
-            if data[:4] == REPLY_MAGIC and len(data) == REPLY.size:
-                self.reply = unpack_reply(data)
+            if isinstance(reply := unpack_reply(data), Reply):
+                self.reply = reply
                 answered = answered or self.reply.sequence == self.sequence % 2**32
                 if answered and until_reply:
                     return True
-            elif (rows := unpack_telemetry(data)) is not None:
+            elif isinstance(rows := unpack_telemetry(data), Telemetry):
                 self.telemetry.append(rows)
 
     def until(self, state: State, command: str = "none") -> None:

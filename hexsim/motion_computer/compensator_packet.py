@@ -11,17 +11,20 @@ Packet, host to machine, one for each leg, little endian, no padding
 
 The machine takes it in off, or standing in neutral, once the packets of all legs are there; bit 4 of its reply says that
 a compensator is in the loop, bit 1 that it refuses. The host sends again what is not answered: a repetition does no harm.
-Only algorithms that are built in are taken, never a name with a module: a packet cannot make a machine run other code.
+Only algorithms that are built in are taken (`compensation.create_built_in`), never a path, a module or an installed package:
+a packet cannot make a machine run other code.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import struct
 from dataclasses import dataclass, field
 from typing import Any
 
 from hexsim.errors import HexsimError
+from hexsim.packets import described
 
 HEADER = struct.Struct("<4sHHII")
 MAGIC = b"HXP1"
@@ -47,20 +50,32 @@ class AskedCompensator:
         return HEADER.pack(MAGIC, self.leg, self.n_legs, 0, len(body)) + body
 
 
-def unpack_asked(data: bytes) -> AskedCompensator | None:
-    """What a packet asks for, or None for anything that is none: wrong magic, size, leg, or no such JSON."""
+def unpack_asked(data: bytes) -> AskedCompensator | str:
+    """What a packet asks for, or why it asks for nothing, as text. Never raises.
+
+    Refused: wrong magic, size or leg, no such JSON, numbers that are not finite. Whether the name is an algorithm and the
+    parameters are its own is for the machine to say.
+    """
     if len(data) < HEADER.size or data[:4] != MAGIC:
-        return None
-    _, leg, n, reserved, size = HEADER.unpack(data[: HEADER.size])
-    if reserved or not 1 <= n <= MOST_LEGS or leg > n or len(data) != HEADER.size + size or len(data) > LARGEST:
-        return None
+        return f"no request for a compensator: {described(data)}"
+    _, leg, n, reserved, size = HEADER.unpack_from(data)
+    if len(data) != HEADER.size + size or len(data) > LARGEST:
+        return f"HXP1 of {len(data)} bytes that says it has {HEADER.size + size}, at most {LARGEST}"
+    if reserved or not 1 <= n <= MOST_LEGS or leg > n:
+        return f"HXP1 for leg {leg} of {n}"
     try:
-        body = json.loads(data[HEADER.size :])
+        body = json.loads(data[HEADER.size :], parse_constant=_not_finite, parse_float=_finite)
     except (ValueError, RecursionError):
-        return None
-    if not isinstance(body, dict):
-        return None
-    name, parameters = body.get("compensator"), body.get("parameters")
+        return "HXP1 without strict JSON of finite numbers"
+    name, parameters = (body.get("compensator"), body.get("parameters")) if isinstance(body, dict) else (None, None)
     if not isinstance(name, str) or not isinstance(parameters, dict):
-        return None
+        return "HXP1 without compensator (a name) and parameters (a table)"
     return AskedCompensator(leg=leg, n_legs=n, name=name, parameters=parameters)
+
+
+def _not_finite(text: str) -> float:
+    raise ValueError(text)
+
+
+def _finite(text: str) -> float:
+    return value if math.isfinite(value := float(text)) else _not_finite(text)

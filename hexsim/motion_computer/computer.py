@@ -9,6 +9,7 @@ A tick takes the measured signals and returns the valve voltages; the only other
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -28,6 +29,7 @@ from hexsim.motion_computer.states import MOVING, State, StateMachine
 Array = NDArray[np.float64]
 
 COMMANDS = ("start", "run_manual", "run_normal", "return_neutral", "settle", "reset")
+KEPT = 10_000  # events and findings, the last ones: a machine may run for months
 PUMP_START_s = 0.5  # after the start command; then the starter's contact must show the motor running
 
 
@@ -59,8 +61,8 @@ class MotionComputer:
         self.load = LoadMonitor(machine, machine.mechanics, tolerances)
         self.tick_s = 1.0 / machine.controller.rate_Hz
         self.errors = Error.NONE
-        self.events: list[tuple[float, str, str, str]] = []  # (time_s, from, event, to)
-        self.findings: list[tuple[float, Finding]] = []
+        self.events: deque[tuple[float, str, str, str]] = deque(maxlen=KEPT)  # (time_s, from, event, to)
+        self.findings: deque[tuple[float, Finding]] = deque(maxlen=KEPT)
         self.pump_on = state != State.OFF
         self.pump_running = True  # contact of the motor's starter
         self.mains = True

@@ -88,12 +88,19 @@ class HostBuffer:
             self._offset = now_s - command.time_s
         else:
             ahead = _ahead(newest.sequence, command)
-            if ahead == 0 or any(sequence == command.sequence for _, sequence, _ in self._samples):
+            same = [time for time, sequence, _ in self._samples if sequence == command.sequence]
+            if command.time_s in same or (ahead == 0 and command.time_s == newest.time_s):
                 self.counts["duplicate"] += 1
                 return False
             early = command.time_s + self._offset - now_s
             missed = ahead > HISTORY + FASTEST_Hz * (now_s - self.last_packet_s)
-            if missed or not -LATEST_S < early < EARLIEST_S or (ahead > 0) != (command.time_s > newest.time_s):
+            if (
+                ahead == 0
+                or same
+                or missed
+                or not -LATEST_S < early < EARLIEST_S
+                or (ahead > 0) != (command.time_s > newest.time_s)
+            ):
                 return self._resynchronise(command, now_s)
             if any(abs(time - command.time_s) < SHORTEST_GAP_S for time, _, _ in self._samples):
                 self.counts["inconsistent"] += 1

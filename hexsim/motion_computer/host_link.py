@@ -1,36 +1,52 @@
 """UDP link to the host: takes the commands of one host at a time, and answers it.
 
-The host keeps the link until no valid packet has come for `NEW_SESSION_S`. Anything else is counted and ignored.
+The host keeps the link until no packet of it was taken for `NEW_SESSION_S`, by machine time or by this computer's clock:
+in lockstep machine time waits for packets. Anything else is counted, with the reason, and ignored.
 """
 
 from __future__ import annotations
 
 import select
 import socket
+import time as clock
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from hexsim.errors import HexsimError
-from hexsim.motion_computer.compensator_packet import LARGEST, AskedCompensator, unpack_asked
+from hexsim.motion_computer.compensator_packet import LARGEST, MAGIC, AskedCompensator, unpack_asked
 from hexsim.motion_computer.host_buffer import NEW_SESSION_S, HostBuffer
 from hexsim.motion_computer.host_packet import HostCommand, Reply, unpack_command
+from hexsim.packets import Refusals
 
 PACKETS_A_TICK = 64  # the rest waits in the socket, or is dropped by it
+READS = 16  # of the socket without its host's packets, before it counts as gone: 16 x 64 packets are more than a socket
+# holds (212 kB by default, 0.8 kB each), so that none of the host's still waits behind a pause of this process
 
 
 class HostLink:
     """A UDP socket that never blocks. counts: received, malformed, other host, not sent. buffer: setpoints of the host.
 
+    refusals: why packets were not understood. spoke: whether the host in charge sent a valid packet at the last `receive`.
     Raises HexsimError where the address cannot be had.
     """
 
+    protocol = "a host's protocol"
+    largest = LARGEST + 1
+
     def __init__(self, host: str, port: int, buffer: HostBuffer) -> None:
         self.counts = {"received": 0, "malformed": 0, "other host": 0, "not sent": 0}
+        self.refusals = Refusals()
         self.buffer = buffer
         self.peer: Any = None  # address of the host
+        self.spoke = False
         self.asked: list[AskedCompensator] = []  # that it has asked for and nobody has taken yet
-        self._silent_s = 0.0  # by the clock, where somebody waits: in lockstep machine time waits for packets
+        self._reads, self._heard_read, self._heard_s = (
+            0,
+            0,
+            -np.inf,
+        )  # of the peer's last packet, by this computer's clock
         self._socket = _bind(host, port)
         self.address = self._socket.getsockname()
 
@@ -44,35 +60,56 @@ class HostLink:
 
     def receive(self, now_s: float) -> list[HostCommand]:
         """Valid commands of the host that came since the last tick; at most `PACKETS_A_TICK` packets are read."""
-        taken = []
+        taken, self.spoke = [], False
+        for data, sender in self._packets():
+            decoded = unpack_asked(data) if data[:4] == MAGIC else unpack_command(data)
+            if isinstance(decoded, str):
+                self._not_understood(decoded)
+                continue
+            is_free = self._is_free(now_s)
+            if sender != self.peer and (isinstance(decoded, AskedCompensator) or not is_free):
+                self.counts["other host"] += 1  # a compensator is for the host in charge to ask for
+            elif isinstance(decoded, AskedCompensator):
+                self._heard(sender)
+                self.asked.append(decoded)
+            else:
+                self.spoke = self.spoke or sender == self.peer
+                if self.buffer.add(decoded, now_s):
+                    self._heard(sender)
+                    taken.append(decoded)
+        return taken
+
+    def _packets(self) -> Iterator[tuple[bytes, Any]]:
+        """What waits in the socket with who sent it, at most `PACKETS_A_TICK`."""
+        self._reads += 1
         for _ in range(PACKETS_A_TICK):
             try:
-                data, sender = self._socket.recvfrom(LARGEST + 1)
+                packet = self._socket.recvfrom(self.largest)
             except BlockingIOError:
-                break
+                return
             except OSError:  # an earlier reply could not be delivered
                 continue
             self.counts["received"] += 1
-            if sender == self.peer:
-                self._silent_s = 0.0
-            command = unpack_command(data)
-            asked = unpack_asked(data) if sender == self.peer else None
-            if asked is not None:
-                self.asked.append(asked)
-            elif command is None:
-                self.counts["malformed"] += 1
-            elif self.peer not in (None, sender) and not self._is_free(now_s):
-                self.counts["other host"] += 1
-            elif self.buffer.add(command, now_s):
-                self.peer = sender
-                taken.append(command)
-        return taken
+            yield packet
+
+    def _not_understood(self, reason: str) -> None:
+        self.counts["malformed"] += 1
+        self.refusals.note(reason)
+
+    def _heard(self, sender: Any) -> None:
+        self.peer, self.spoke = sender, True
+        self._heard_s, self._heard_read = clock.monotonic(), self._reads
+
+    @property
+    def _peer_is_gone(self) -> bool:
+        """By this computer's clock."""
+        return clock.monotonic() - self._heard_s > NEW_SESSION_S and self._reads - self._heard_read > READS
 
     def _is_free(self, now_s: float) -> bool:
-        """Whether another host may take over; its first packet then begins a session."""
-        if self._silent_s > NEW_SESSION_S:
-            self.buffer.last_packet_s, self._silent_s = -np.inf, 0.0
-        return now_s - self.buffer.last_packet_s > NEW_SESSION_S
+        """Whether another host may take over; the first packet, whoever sends it, then begins a session."""
+        if self.peer is not None and self._peer_is_gone:
+            self.buffer.last_packet_s = -np.inf
+        return self.peer is None or now_s - self.buffer.last_packet_s > NEW_SESSION_S
 
     def send(self, reply: Reply) -> None:
         self.send_packet(reply.pack())
@@ -86,8 +123,7 @@ class HostLink:
 
     def wait(self, timeout_s: float) -> None:
         """Until a packet is there, at most this long."""
-        if not select.select([self._socket], [], [], timeout_s)[0]:
-            self._silent_s += timeout_s
+        select.select([self._socket], [], [], timeout_s)
 
 
 def _bind(host: str, port: int) -> socket.socket:

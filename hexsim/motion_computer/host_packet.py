@@ -31,7 +31,6 @@ Reply, machine to host, 136 bytes, after each tick in which a valid command came
 
 from __future__ import annotations
 
-import math
 import struct
 from dataclasses import dataclass
 
@@ -39,6 +38,7 @@ from hexsim.errors import HexsimError
 from hexsim.motion_computer.computer import COMMANDS
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.states import State
+from hexsim.packets import described
 
 COMMAND = struct.Struct("<4sHHIId6d")
 DERIVATIVES = struct.Struct("<6d6d")
@@ -46,6 +46,7 @@ REPLY = struct.Struct("<4sHHIIddd6d6d")
 COMMAND_MAGIC, DERIVATIVES_MAGIC, REPLY_MAGIC = b"HXC1", b"HXC2", b"HXS1"
 NUMBERS = ("none", *COMMANDS)
 LARGEST = 1.0e3  # no setpoint in m or rad is larger, nor its derivatives
+LATEST_S = 2.0**33  # of any clock, 272 years: a float64 still resolves it to 2 us
 Six = tuple[float, ...]
 
 
@@ -71,17 +72,21 @@ class HostCommand:
         return packet + DERIVATIVES.pack(*self.derivatives[0], *self.derivatives[1])
 
 
-def unpack_command(data: bytes) -> HostCommand | None:
-    """The command, or None for anything that is not one: wrong size, magic, number, or values that are not finite."""
+def unpack_command(data: bytes) -> HostCommand | str:
+    """The command, or why it is none, as text: size, magic, number, or values that are not finite. Never raises."""
     more = {COMMAND_MAGIC: 0, DERIVATIVES_MAGIC: DERIVATIVES.size}.get(data[:4])
-    if more is None or len(data) != COMMAND.size + more:
-        return None
+    if more is None:
+        return f"no command: {described(data)}"
+    if len(data) != COMMAND.size + more:
+        return f"{data[:4].decode()} of {len(data)} bytes (it has {COMMAND.size + more})"
     _, number, mode, sequence, reserved, time_s, *setpoints = COMMAND.unpack_from(data)
     changes = DERIVATIVES.unpack_from(data, COMMAND.size) if more else ()
-    if number >= len(NUMBERS) or mode > 1 or reserved != 0 or not math.isfinite(time_s):
-        return None
-    if not all(abs(value) <= LARGEST for value in (*setpoints, *changes)):  # False for NaN too
-        return None
+    if number >= len(NUMBERS) or mode > 1 or reserved != 0:
+        return "a command with an unknown number or mode"
+    if not abs(time_s) <= LATEST_S:  # False for NaN too
+        return "a command whose time is not finite or too large"
+    if not all(abs(value) <= LARGEST for value in (*setpoints, *changes)):
+        return f"a command with setpoints that are not finite or beyond {LARGEST:g} m or rad"
     return HostCommand(
         sequence=sequence, time_s=time_s, setpoints=tuple(setpoints), command=NUMBERS[number], mode=mode,
         derivatives=(changes[:6], changes[6:]) if more else None,
@@ -113,15 +118,21 @@ class Reply:
         )  # fmt: skip
 
 
-def unpack_reply(data: bytes) -> Reply:
-    """Raises HexsimError for anything that is not a reply."""
-    known = len(data) == REPLY.size and data[:4] == REPLY_MAGIC
-    if not known or int.from_bytes(data[4:6], "little") not in list(State):
-        raise HexsimError(
-            f"this is no reply of a motion computer: {len(data)} bytes, expected {REPLY.size} from {REPLY_MAGIC!r} "
-            "and the number of a state"
+def unpack_reply(data: bytes) -> Reply | str:
+    """The reply, or why it is none, as text: size, magic, state, or values that are not finite. Never raises."""
+    if data[:3] == REPLY_MAGIC[:3] and data[:4] != REPLY_MAGIC:
+        return f"a reply of another version, {data[:4]!r}; this host speaks {REPLY_MAGIC!r}"
+    if data[:4] != REPLY_MAGIC or len(data) != REPLY.size:
+        return (
+            f"no reply of a motion computer: {described(data)}; expected {REPLY.size} that begin with {REPLY_MAGIC!r}"
         )
     _, state, errors, sequence, flags, time_s, behind_s, age_s, *poses = REPLY.unpack(data)
+    if state not in list(State):
+        return f"a reply with the unknown state {state}"
+    if not all(abs(value) <= LATEST_S for value in (time_s, behind_s, age_s)):
+        return "a reply whose times are not finite or too large"
+    if not all(abs(value) <= LARGEST for value in poses):
+        return f"a reply with poses that are not finite or beyond {LARGEST:g} m or rad"
     return Reply(
         state=State(state), errors=Error(errors), sequence=sequence, arrived=bool(flags & 1), refused=bool(flags & 2),
         time_s=time_s, behind_s=behind_s, age_s=age_s, pose=tuple(poses[:6]), reference=tuple(poses[6:]),

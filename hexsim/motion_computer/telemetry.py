@@ -26,11 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError
+from hexsim.motion_computer.host_packet import LATEST_S
+from hexsim.packets import described
 
 HEADER = struct.Struct("<4sHHIIdd")
 MAGIC = b"HXT1"
 MOST_LEGS, MOST_ROWS = 6, 4
 FASTEST_Hz = 1e5
+LARGEST = 1e10  # SI; a hundred times the pressure of the strongest hydraulics, and far beyond any other reading
 LARGEST_PACKET = HEADER.size + MOST_ROWS * (5 * MOST_LEGS + 7) * 8
 Array = NDArray[np.float64]
 
@@ -58,14 +61,22 @@ class Telemetry:
         return head + np.ascontiguousarray(self.rows, dtype="<f8").tobytes()
 
 
-def unpack_telemetry(data: bytes) -> Telemetry | None:
-    """The telemetry, or None for anything that is none: wrong magic, size, counts, or a time or rate that cannot be."""
+def unpack_telemetry(data: bytes) -> Telemetry | str:
+    """The telemetry, or why it is none, as text: size, magic, counts, a time or rate that cannot be, readings that no
+    sensor gives. Never raises. Whether the readings are a machine's is for the host to judge.
+    """
+    if data[:3] == MAGIC[:3] and data[:4] != MAGIC:
+        return f"telemetry of another version, {data[:4]!r}; this host speaks {MAGIC!r}"
     if len(data) < HEADER.size or data[:4] != MAGIC:
-        return None
-    _, n, m, sequence, reserved, time_s, rate_Hz = HEADER.unpack(data[: HEADER.size])
+        return f"no telemetry: {described(data)}"
+    _, n, m, sequence, reserved, time_s, rate_Hz = HEADER.unpack_from(data)
     if not (1 <= n <= MOST_LEGS and 1 <= m <= MOST_ROWS) or reserved != 0:
-        return None
-    if len(data) != HEADER.size + 8 * m * width(n) or not np.isfinite(time_s) or not 0.0 < rate_Hz <= FASTEST_Hz:
-        return None
+        return f"telemetry of {n} legs in {m} rows"
+    if len(data) != HEADER.size + 8 * m * width(n):
+        return f"telemetry of {n} legs in {m} rows with {len(data)} bytes (it has {HEADER.size + 8 * m * width(n)})"
+    if not (abs(time_s) <= LATEST_S and 0.0 < rate_Hz <= FASTEST_Hz):
+        return "telemetry with a time or rate that is not finite or cannot be"
     rows = np.frombuffer(data, dtype="<f8", offset=HEADER.size).reshape(m, width(n)).astype(float)
+    if np.any(np.abs(rows) > LARGEST):  # not-a-number stands for a sensor that is not there
+        return f"telemetry with readings beyond {LARGEST:g}"
     return Telemetry(n_legs=n, sequence=sequence, time_s=time_s, rate_Hz=rate_Hz, rows=rows)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 import compensation
 from compensation import Compensator, Sample, preview_count
 from compensation.started import Started
 from hexsim.declaration import Machine
-from hexsim.errors import HexsimError
+from hexsim.errors import HexsimError, shortened
 from hexsim.motion_computer.compensator_packet import AskedCompensator
 from hexsim.motion_computer.data_sheet import compensator_context
 
@@ -29,15 +31,17 @@ class AskedCompensators:
         """What `take` gave last is in the loop."""
         self._acting = self._complete
 
-    def take(self, asked: AskedCompensator) -> list[Compensator] | None:
+    def take(self, asked: AskedCompensator, check: Callable[[], None] = lambda: None) -> list[Compensator] | None:
         """One a leg, none for plain control; None while legs are missing.
 
+        check: called before anything is made, which takes longer than a tick; raises where now is not the time.
         Raises HexsimError for another number of legs, an unknown algorithm, or parameters that are not its own.
         """
         n = self.machine.n_legs
         if asked.n_legs != n:
             raise HexsimError(f"a compensator for {asked.n_legs} legs is asked for; {self.machine.name} has {n}")
         if asked.leg == 0:
+            check()
             self._asked, self._complete = {}, {}
             return []
         self._asked[asked.leg] = asked
@@ -46,15 +50,14 @@ class AskedCompensators:
         complete, self._asked = self._asked, {}
         if complete == self._acting:
             return None
+        check()
         self._complete = complete
         return [self._started(self._complete[leg]) for leg in range(1, n + 1)]
 
     def _started(self, asked: AskedCompensator) -> Compensator:
         """A leg's algorithm, tried for one tick, which also compiles it."""
-        if ":" in asked.name:
-            raise HexsimError(f"compensator {asked.name!r}: over packets only algorithms that are built in are taken")
         try:
-            made = Started(compensation.create(asked.name), asked.parameters)
+            made = Started(compensation.create_built_in(asked.name), asked.parameters)
             context = compensator_context(self.machine, None, asked.leg)
             half, supply = 0.5 * context.stroke_m, context.supply_pressure_Pa
             made.step(
@@ -64,6 +67,7 @@ class AskedCompensators:
                     control_V=0.0, valve_V=0.0, pressure_bottom_Pa=0.5 * supply, pressure_supply_Pa=supply,
                 ),
             )  # fmt: skip
-        except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
-            raise HexsimError(f"compensator {asked.name} of leg {asked.leg} does not start: {error}") from None
+        except Exception as error:  # parameters from outside may break an algorithm in any way; the machine goes on
+            what = shortened(str(error).partition("\n")[0], 120)
+            raise HexsimError(f"the compensator asked for leg {asked.leg} does not start: {what}") from None
         return made

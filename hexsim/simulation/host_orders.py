@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,23 +15,24 @@ from hexsim.motion_computer.errors import Error, Finding
 from hexsim.motion_computer.host_packet import HostCommand
 from hexsim.motion_computer.host_setpoints import HostSetpoints
 from hexsim.motion_computer.states import State
+from hexsim.packets import Refusals
 from hexsim.simulation.asked_compensators import AskedCompensators
 from hexsim.simulation.manual import SignalGenerator
 
 Array = NDArray[np.float64]
-KEPT = 1000  # messages
 
 
 class HostOrders:
-    """refused: whether the last order was. messages: (time [s], leg or 0, text), added to. compensator: name of what acts."""
+    """refused: whether the last order was; refusals: how often, by reason. messages: (time [s], leg or 0, text), added to.
+    compensator: name of what acts."""
 
     def __init__(
         self, machine: Machine, computer: MotionComputer, generator: SignalGenerator, host: HostSetpoints,
-        messages: list[tuple[float, int, str]],
+        messages: deque[tuple[float, int, str]],
     ) -> None:  # fmt: skip
         self.computer, self.generator, self.host, self.messages = computer, generator, host, messages
         self.asked = AskedCompensators(machine)
-        self.refused, self.compensator = False, "none"
+        self.refused, self.refusals, self.compensator = False, Refusals(), "none"
 
     def execute(self, command: HostCommand, now: float) -> None:
         """Give the host's command to the motion computer."""
@@ -48,11 +51,9 @@ class HostOrders:
     def compensate(self, asked: AskedCompensator, now: float) -> None:
         """Take the host's compensator, while nothing moves."""
         try:
-            found = self.asked.take(asked)
+            found = self.asked.take(asked, self._check_at_rest)
             if found is None:
                 return
-            if self.computer.state not in (State.OFF, State.NEUTRAL) or not self.computer.arrived:
-                raise HexsimError("a compensator is taken in off, or standing in neutral")
         except HexsimError as error:
             return self._refuse(error, now)
         self.refused = False
@@ -61,10 +62,14 @@ class HostOrders:
         self.compensator, self.generator.preview = found[0].name if found else "none", self.computer.preview
         self.host.look(self.computer.preview)
 
+    def _check_at_rest(self) -> None:
+        if self.computer.state not in (State.OFF, State.NEUTRAL) or not self.computer.arrived:
+            raise HexsimError("a compensator is taken in off, or standing in neutral")
+
     def _refuse(self, error: HexsimError, now: float) -> None:
         self.refused = True
+        self.refusals.note(str(error))
         self.messages.append((now, 0, f"refused: {error}"))
-        del self.messages[:-KEPT]
 
     def setpoints(self, now: float) -> Array | None:
         """Piston setpoints (preview, n_legs) of manual or normal mode."""

@@ -8,6 +8,7 @@ in its control panel. Setpoints follow them with limited velocity and accelerati
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
@@ -39,6 +40,7 @@ SLIDER_SHARE = 0.9  # of the excursion a degree of freedom has alone
 SLIDER_VELOCITY = 0.15  # m/s or rad/s, how fast setpoints follow a slider
 SLIDER_STIFFNESS = 8.0  # rad/s of the critically damped filter behind it
 PUSH_N, PUSH_S = 981.0, 1.0  # a person of 100 kg steps on it for a second
+KEPT = 1000  # messages, the last ones
 LONGEST_DELAY_S = 0.02  # of the valve, that can be set in flight
 SLIDERS = {"x": ("surge_mm", 1e-3), "y": ("sway_mm", 1e-3), "z": ("heave_mm", 1e-3)} | {
     name: (f"{name}_deg", np.pi / 180.0) for name in ("roll", "pitch", "yaw")
@@ -116,7 +118,7 @@ class LiveMachine:
         longest = (VALVE_DELAY, tuple(range(machine.n_legs)), {"delay_s": LONGEST_DELAY_S})
         self.plant = Plant(machine, model="full", furnish=add_scene, later=[longest])
         self.sliders = slice(self.plant.model.nu - len(self.dofs), self.plant.model.nu)
-        self.messages: list[tuple[float, int, str]] = []
+        self.messages: deque[tuple[float, int, str]] = deque(maxlen=KEPT)
         self.use_compensator(compensator)
         self.tick_s = 1.0 / machine.controller.rate_Hz
         rate = max(machine.sensors.log_rate_Hz, machine.controller.rate_Hz)

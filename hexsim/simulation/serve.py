@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import time as clock
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from threading import Event
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensation import Compensator
-from hexsim.cueing.protocols import Decode
+from hexsim.compile_time import compile_time
 from hexsim.cueing.washout import Cueing, Washout
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
@@ -42,12 +43,13 @@ from hexsim.simulation.serve_record import ServeRecord
 from hexsim.simulation.serve_status import Status
 from hexsim.simulation.simulation import make_compensators
 from hexsim.simulation.telemetry import TelemetryRows
-from hexsim.simulation.vehicle_link import VehicleLink
+from hexsim.simulation.vehicle_link import Vehicle, VehicleLink
 
 Array = NDArray[np.float64]
 PORT = 47110
 MAX_LAG_S = 0.25  # a longer lag behind real time is skipped
 LONGEST_TICKS = 500  # that a packet may ask for in lockstep
+KEPT = 1000  # messages, the last ones
 CHECK_TICKS = 50  # between checks for divergence, and updates of the oil's temperature
 
 
@@ -55,12 +57,12 @@ CHECK_TICKS = 50  # between checks for divergence, and updates of the oil's temp
 class HostInput:
     """How the host's packets become setpoints. limits, buffer_s: `motion_computer.host_setpoints`.
 
-    vehicle: what decodes the packets of a simulator that knows no motion base, washed out (`vehicle_link`).
+    vehicle: a simulator that knows no motion base, whose packets are washed out (`vehicle_link`).
     """
 
     limits: Limits | None = None
     buffer_s: float | None = None
-    vehicle: Decode | None = None
+    vehicle: Vehicle | None = None
     washout: Washout = field(default_factory=Washout)
 
 
@@ -84,7 +86,7 @@ class Server:
         self.plant = Plant(machine, model="tendon", timestep=timestep)
         self.tick_s = 1.0 / machine.controller.rate_Hz
         name, made = make_compensators(compensator, machine)
-        self.messages: list[tuple[float, int, str]] = []
+        self.messages: deque[tuple[float, int, str]] = deque(maxlen=KEPT)
         self.computer = MotionComputer(machine, made, None, lambda *message: self.messages.append(message))
         generator = SignalGenerator(self.plant, scenario or load_scenario("heave"), self.tick_s, self.computer.preview)
         self.kinematics = machine.mechanics
@@ -113,7 +115,10 @@ class Server:
             self.link = HostLink(host, port, self.host.buffer)
         else:
             cueing = Cueing(asked.washout, machine.controller.rate_Hz)
-            self.link = VehicleLink(host, port, self.host.buffer, asked.vehicle, cueing, self._ready)
+            self.link = VehicleLink(
+                host, port, self.host.buffer, asked.vehicle, cueing, self._ready,
+                lambda text: self.messages.append((self.time_s, 0, text)),
+            )  # fmt: skip
         self.address = self.link.address
         self.record = ServeRecord(self, record_s, log_rate, seed) if record_s else None
         if start == "off":
@@ -211,22 +216,28 @@ class Server:
             if self.record:
                 self.record.before_tick()
             self.plant.tick(volts)
-        if self.telemetry and self.link.peer:
+        if self.telemetry:  # without a host the rows go nowhere, and are not kept
             for packet in self.telemetry.packets():
-                self.link.send_packet(packet)
+                if self.link.peer:
+                    self.link.send_packet(packet)
 
-    def follow(self, timeout_s: float = 0.1) -> None:
-        """In lockstep: wait for a packet and run to the host's time, then answer. A packet that came twice is answered again."""
+    def follow(self, timeout_s: float = 0.1, stop: Event | None = None) -> None:
+        """In lockstep: wait for a packet and run to the host's time, then answer. A packet that came twice is answered again.
+
+        After a new session, and where the host's clock began anew, its time is this machine's now.
+        """
         self.link.wait(timeout_s)
-        known = self.link.counts["received"]
         commands = self._take()
         if commands:
-            host_s = max(command.time_s for command in commands)
-            if self._offset_s is None or self.link.buffer.counts["sessions"] != self._session:
-                self._offset_s, self._session = self.time_s - host_s, self.link.buffer.counts["sessions"]
+            host_s, counts = max(command.time_s for command in commands), self.link.buffer.counts
+            session = counts["sessions"] + counts["resynchronised"]
+            if self._offset_s is None or session != self._session:
+                self._offset_s, self._session = self.time_s - host_s, session
             for _ in range(min(max(round((host_s + self._offset_s - self.time_s) / self.tick_s), 0), LONGEST_TICKS)):
+                if stop and stop.is_set():
+                    return
                 self.advance()
-        if self.link.peer and self.link.counts["received"] > known:
+        if self.link.spoke:
             for packet in self.telemetry.packets(rest=True) if self.telemetry else ():
                 self.link.send_packet(packet)
             self.link.send(self._reply(self.time_s))
@@ -248,38 +259,45 @@ class Server:
         self, duration_s: float | None = None, stop: Event | None = None, report: Callable[[Status], None] | None = None
     ) -> Status:
         """Tick in real time until `duration_s` are over, `stop` is set or Ctrl-C. report: called once a second."""
+        stop = stop or Event()
         first, begin = self.ticks, clock.perf_counter()
         last_report = begin
-        with contextlib.suppress(KeyboardInterrupt):
-            while not (stop and stop.is_set()) and (
-                duration_s is None or (self.ticks - first) * self.tick_s < duration_s
-            ):
-                before = clock.thread_time()
+        with contextlib.suppress(KeyboardInterrupt), compile_time() as compiling:
+            while not stop.is_set() and (duration_s is None or (self.ticks - first) * self.tick_s < duration_s):
+                before, compiled_s = clock.thread_time(), compiling.seconds
                 if self.lockstep:
-                    self.follow()
-                    self._busy_s += clock.thread_time() - before
-                    continue
-                self.tick()
-                self._busy_s += clock.thread_time() - before
+                    self.follow(stop=stop)
+                else:
+                    self.tick()
+                self._busy_s += max(clock.thread_time() - before - (compiling.seconds - compiled_s), 0.0)
                 after = clock.perf_counter()
-                due = begin + (self.ticks - first) * self.tick_s
-                if after < due:
-                    clock.sleep(due - after)
-                self.status.note_lag(after - due)
-                if after - due > MAX_LAG_S:
-                    self.status.skipped_s += after - due
-                    begin += after - due
+                if not self.lockstep:
+                    begin += self._keep_time(begin + (self.ticks - first) * self.tick_s - after)
                 if report and after - last_report >= 1.0:
                     report(self._present_status())
                     last_report = after
         self.status.latency_ms = self.latency.ms()
         return self._present_status()
 
+    def _keep_time(self, early_s: float) -> float:
+        """Wait where a tick is early; where it is late, note it. Gives the lag that is skipped."""
+        if early_s > 0.0:
+            clock.sleep(early_s)
+        self.status.note_lag(-early_s)
+        if -early_s <= MAX_LAG_S:
+            return 0.0
+        self.status.skipped_s -= early_s
+        return -early_s
+
     def _present_status(self) -> Status:
         status, computer = self.status, self.computer
         status.time_s, status.state, status.errors = self.time_s, computer.state.name.lower(), labels(computer.errors)
         status.margin = self.margin
         status.packets = {**self.link.counts, **self.link.buffer.counts}
+        status.not_understood = dict(self.link.refusals)
+        status.refused_orders = dict(self.orders.refusals)
+        status.of_packets = self.link.refusals.line(self.link.counts["received"], self.link.protocol)
+        status.silent_s = self.link.silent_s if isinstance(self.link, VehicleLink) else 0.0
         status.messages = list(self.messages)
         return status
 

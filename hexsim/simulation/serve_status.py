@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+
+from hexsim.errors import shortened
+
+SILENT_S = 0.5  # without packets of a simulator, before a line says that it is waited for
 
 
 @dataclass(kw_only=True)
@@ -17,6 +22,10 @@ class Status:
     worst_behind_s: float = 0.0
     skipped_s: float = 0.0  # real time that was not simulated
     packets: dict[str, int] = field(default_factory=dict)
+    not_understood: dict[str, int] = field(default_factory=dict)  # how many packets, by reason
+    of_packets: str = ""  # the same in a phrase, empty where all were understood
+    refused_orders: dict[str, int] = field(default_factory=dict)  # by reason
+    silent_s: float = 0.0  # since the last packet of a simulator (`serve --from`), infinite before the first one
     latency_ms: dict[str, float] = field(default_factory=dict)  # packet to felt acceleration, by axis; at the end
     messages: list[tuple[float, int, str]] = field(default_factory=list)
 
@@ -26,9 +35,17 @@ class Status:
 
     def line(self) -> str:
         """One line of a running server."""
-        errors = f", errors: {', '.join(self.errors)}" if self.errors else ""
         behind = f"{1e3 * self.behind_s:.1f} ms behind" if self.behind_s > 0 else "on time"
-        return (
-            f"{self.time_s:8.1f} s  {self.state:<9} {behind}, margin {self.margin:.1f}, "
-            f"packets {self.packets.get('received', 0)}{errors}"
-        )
+        parts = [
+            f"{self.time_s:8.1f} s  {self.state:<9} {behind}",
+            f"margin {self.margin:.1f}",
+            self.of_packets or f"packets {self.packets.get('received', 0)}",
+        ]
+        if SILENT_S < self.silent_s < math.inf:
+            parts.append(f"waits for packets ({self.silent_s:.1f} s)")
+        if self.refused_orders:
+            count, last = sum(self.refused_orders.values()), list(self.refused_orders)[-1]
+            parts.append(f"refused {count} orders: {shortened(last, 100)}")
+        if self.errors:
+            parts.append(f"errors: {', '.join(self.errors)}")
+        return ", ".join(parts)

@@ -1,67 +1,141 @@
 """A simulator that knows no motion base drives the machine: its packets, through a washout, become setpoints.
 
 The washout runs at the control rate with the newest packet's motion; its pose is a setpoint of this tick. The machine goes
-to normal by itself once packets come and it stands in neutral. While packets fail, the vehicle is taken to move on evenly;
-after `SILENT_S` nothing is sent any more, and the motion computer's host timeout follows.
+to normal by itself once packets come and it stands in neutral. While single packets fail, the vehicle is taken to move on
+evenly. After `SILENT_S` without one (a pause, a menu, a clock that stands still) its motion fades out within `FADE_S`, so
+that the washout brings the platform to neutral, where it waits; when packets return the motion fades in again. strict:
+nothing is sent after `SILENT_S`, and the motion computer's host timeout follows, a fault.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from hexsim.cueing.protocols import Decode, VehicleMotion
 from hexsim.cueing.washout import Cueing
 from hexsim.motion_computer.host_buffer import HostBuffer
-from hexsim.motion_computer.host_link import PACKETS_A_TICK, HostLink
+from hexsim.motion_computer.host_link import HostLink
 from hexsim.motion_computer.host_packet import HostCommand, Reply
 
 LARGEST_PACKET = 65_535
 SILENT_S = 0.5
+FADE_S = (
+    1.0  # 3 m/s2, as much as a washout scales a hard brake to, then changes by 4.5 m/s3 at most: as a foot on the pedal
+)
+ASK_AGAIN_S = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vehicle:
+    """A simulator. name: of its protocol, as typed. requests: packets that ask it for its own, sent to `address` while it is
+    silent; farewell: those that end them."""
+
+    decode: Decode
+    name: str = "the protocol"
+    strict: bool = False
+    address: tuple[str, int] | None = None
+    requests: tuple[bytes, ...] = ()
+    farewell: tuple[bytes, ...] = ()
 
 
 class VehicleLink(HostLink):
-    """ready: whether the machine stands in neutral and may be told to run. late: seconds between packets, kept."""
+    """ready: whether the machine stands in neutral and may be told to run. say: takes messages. silent_s: since the last
+    packet, infinite before the first one. share: of the vehicle's motion that is shown, 0 to 1."""
+
+    largest = LARGEST_PACKET
 
     def __init__(
-        self, host: str, port: int, buffer: HostBuffer, decode: Decode, cueing: Cueing, ready: Callable[[], bool]
-    ) -> None:
+        self, host: str, port: int, buffer: HostBuffer, vehicle: Vehicle, cueing: Cueing, ready: Callable[[], bool],
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:  # fmt: skip
         super().__init__(host, port, buffer)
-        self.decode, self.cueing, self.ready = decode, cueing, ready
+        self.vehicle, self.cueing, self.ready, self.say = vehicle, cueing, ready, say
+        self.protocol = vehicle.name
+        self.counts["not newer"] = 0  # packets whose clock has not gone on
         self.motion: VehicleMotion | None = None
         self.pose = np.zeros(6)
-        self._came_s, self._sequence, self._clock = -np.inf, 0, -np.inf
+        self.silent_s, self.share, self._fade = np.inf, 0.0, 0.0
+        self._came_s, self._asked_s, self._sequence, self._time_s = -np.inf, -np.inf, 0, -np.inf
+        self._waits = False
 
     @property
     def heard(self) -> bool:
         return self.motion is not None
 
+    def close(self) -> None:
+        self._ask(self.vehicle.farewell)
+        super().close()
+
     def receive(self, now_s: float) -> list[HostCommand]:
-        """The washout's setpoint of this tick; none while no vehicle is heard."""
-        for _ in range(PACKETS_A_TICK):
-            try:
-                data = self._socket.recv(LARGEST_PACKET)
-            except BlockingIOError:
-                break
-            except OSError:
-                continue
-            self.counts["received"] += 1
-            found = self.decode(data)
-            if found is None:
-                self.counts["malformed"] += 1
-            elif found.time_s is None or found.time_s > self._clock or now_s - self._came_s > SILENT_S:
-                self.motion, self._came_s = found, now_s
-                self._clock = -np.inf if found.time_s is None else found.time_s
-        if self.motion is None or now_s - self._came_s > SILENT_S:
+        """The washout's setpoint of this tick; none while no vehicle is heard, or, strictly, while it is silent."""
+        for data, sender in self._packets():
+            found = self.vehicle.decode(data)
+            if isinstance(found, str):
+                self._not_understood(found)
+            elif self.peer not in (None, sender) and now_s - self._came_s <= SILENT_S:
+                self.counts["other host"] += 1
+            else:
+                self._take(found, sender, now_s)
+        self.silent_s = now_s - self._came_s
+        silent = self.silent_s > SILENT_S
+        if silent and now_s - self._asked_s > ASK_AGAIN_S:
+            self._asked_s = now_s
+            self._ask(self.vehicle.requests)
+        if self.motion is None or (silent and self.vehicle.strict):
             return []
-        self.pose = self.cueing.step(self.motion.acceleration, self.motion.rates)
+        self._note(silent)
+        return [self._command(silent, now_s)]
+
+    def _take(self, found: VehicleMotion, sender: Any, now_s: float) -> None:
+        """The newest motion. A clock that stands still is a pause; one that runs backwards began anew, after a silence."""
+        in_time = now_s - self._came_s <= SILENT_S
+        stands = found.time_s is not None and (
+            found.time_s == self._time_s or (found.time_s < self._time_s and in_time)
+        )
+        if stands:
+            self.counts["not newer"] += 1
+            return
+        self.motion, self._came_s, self.peer = found, now_s, sender
+        self._time_s = -np.inf if found.time_s is None else found.time_s
+
+    def _command(self, silent: bool, now_s: float) -> HostCommand:
+        """The setpoint of this tick, which the buffer gets too."""
+        assert self.motion is not None
+        step = self.cueing.tick_s / FADE_S
+        self._fade = max(0.0, self._fade - step) if silent else min(1.0, self._fade + step)
+        self.share = self._fade**2 * (3.0 - 2.0 * self._fade)
+        self.pose = self.cueing.step(
+            self.share * np.array(self.motion.acceleration), self.share * np.array(self.motion.rates)
+        )
         self._sequence += 1
-        event = "run_normal" if self.ready() else "none"
-        pose = tuple(float(x) for x in self.pose)
-        command = HostCommand(sequence=self._sequence % 2**32, time_s=now_s, setpoints=pose, command=event)
+        command = HostCommand(
+            sequence=self._sequence % 2**32, time_s=now_s, setpoints=tuple(float(x) for x in self.pose),
+            command="run_normal" if self.ready() else "none",
+        )  # fmt: skip
         self.buffer.add(command, now_s)
-        return [command]
+        return command
+
+    def _note(self, silent: bool) -> None:
+        """Say once that the simulator is silent, and that it is back."""
+        if silent and not self._waits:
+            self.say(f"no packets of {self.protocol} for {SILENT_S:g} s: to neutral, and wait for them")
+        elif self._waits and not silent:
+            self.say(f"packets of {self.protocol} again: the motion fades in")
+        self._waits = silent
+
+    def _ask(self, packets: tuple[bytes, ...]) -> None:
+        """Send packets to the simulator's own address, if it has one."""
+        if self.vehicle.address is None:
+            return
+        for data in packets:
+            try:
+                self._socket.sendto(data, self.vehicle.address)
+            except OSError:
+                self.counts["not sent"] += 1
 
     def send(self, reply: Reply) -> None:
         """A vehicle takes no reply."""

@@ -11,7 +11,6 @@ from io import StringIO
 from typing import Any
 
 import numpy as np
-import viser
 from mjviser import ViserMujocoScene
 from viser import uplot
 
@@ -19,10 +18,10 @@ import compensation
 from hexsim.simulation.live import LiveMachine
 from hexsim.simulation.recent_motion import MotionFigures
 from hexsim.smoothness import BANDWIDTH_Hz
+from hexsim.web.gate import LOOPBACK, open_server
 from hexsim.web.knobs import knobs
 from hexsim.web.session import Asked, Session, Shown
 
-LOOPBACK = "127.0.0.1"
 REFRESH_S = 0.3
 PANEL_PX, SLIDERS_PX = 430, 350
 TOP, BOTTOM = "#0072B2", "#D55E00"  # Okabe and Ito, told apart by colour-blind readers
@@ -41,26 +40,25 @@ class Page:
 
     def __init__(self, session: Session, machine_name: str, scenario_name: str, port: int = 8080) -> None:
         self.session, self.machine_name, self.scenario_name = session, machine_name, scenario_name
-        with redirect_stdout(StringIO()):  # it would greet
-            self.server = viser.ViserServer(host=LOOPBACK, port=port, label=f"hexsim: {machine_name}", verbose=False)
+        self.server, self.gate = open_server(f"hexsim: {machine_name}", port)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
         self.scene = self._build_scene()
         self.handles: dict[str, Any] = {}
         self._build_sliders()
         self._build_figures()
-        self._open = threading.Event()
-        self._open.set()
+        self._closed = threading.Event()
 
     @property
     def address(self) -> str:
-        return f"http://{LOOPBACK}:{self.server.get_port()}"
+        """With the token in it: whoever has it can move the machine."""
+        return f"http://{LOOPBACK}:{self.server.get_port()}/{self.gate.token}"
 
-    def run(self, seconds: float | None = None) -> None:
-        """Simulate and show, for `seconds` or until `close`."""
+    def run(self, seconds: float | None = None, stop: threading.Event | None = None) -> None:
+        """Simulate and show, for `seconds`, until `close`, or until `stop` is set."""
         self.session.start(self._draw)
-        end = None if seconds is None else time.monotonic() + seconds
+        end = math.inf if seconds is None else time.monotonic() + seconds
         try:
-            while self._open.is_set() and (end is None or time.monotonic() < end):
+            while not self._closed.is_set() and not (stop and stop.is_set()) and time.monotonic() < end:
                 begun = time.monotonic()
                 self._show(self.session.shown())
                 time.sleep(max(REFRESH_S, 2.0 * (time.monotonic() - begun)))  # a third of one core at most
@@ -70,7 +68,7 @@ class Page:
                 self.server.stop()
 
     def close(self) -> None:
-        self._open.clear()
+        self._closed.set()
 
     def _build_scene(self) -> ViserMujocoScene:
         live = self.session.live
@@ -97,7 +95,7 @@ class Page:
             self.handles["amplitude"] = gui.add_slider("Amplitude", 0.0, 1.0, 1.0, 0.0)
             self.handles["frequency"] = gui.add_slider("Frequency [Hz]", 0.1, 2.0, 0.05, 0.5)
         with gui.add_folder("Compensation"):
-            names = list(dict.fromkeys(["none", asked.compensator, *compensation.available()]))
+            names = list(dict.fromkeys(["none", asked.compensator, *compensation.built_in()]))
             self.handles["compensator"] = gui.add_dropdown("Compensator", names, initial_value=asked.compensator)
         with gui.add_folder("Machine"):
             for knob in knobs(session.declared):

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
+from hexsim.compile_time import CompileTime, compile_time
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine
 from hexsim.plant.plant import PlantError
@@ -20,6 +21,7 @@ from hexsim.web.knobs import Wave, machine_with, settings_of, wave_of, waves
 FRAME_S = 1.0 / 30.0
 LONGEST_CATCH_UP_S = 0.1  # a computer that is slower than real time shows slow motion instead of standing still
 CUT = "The motion asks for more than the strokes: it is cut at their ends."
+STOP_S = 1.0  # for a frame to end
 SETTLE_S = 0.5  # after a change, before the figures count
 
 
@@ -86,19 +88,23 @@ class Session:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the simulation and wait for it."""
+        """End the simulation and wait for it; not for a machine that is being built, whose thread ends with the process."""
         self._stop.set()
         if self._thread is not None:
-            self._thread.join(timeout=10.0)
+            self._thread.join(timeout=STOP_S)
 
     def ask(self, asked: Asked) -> None:
         """Take effect at the next frame; what comes more often is taken together."""
         self.asked = self._wanted = asked
 
     def _run(self, on_frame: Callable[[LiveMachine], None]) -> None:
+        with compile_time() as compiling:
+            self._frames(on_frame, compiling)
+
+    def _frames(self, on_frame: Callable[[LiveMachine], None], compiling: CompileTime) -> None:
         last = time.perf_counter()
         while not self._stop.is_set():
-            now = time.perf_counter()
+            now, compiled_s = time.perf_counter(), compiling.seconds
             due, last = min(now - last, LONGEST_CATCH_UP_S), now
             with self._lock:
                 if self._wanted is not self._handled:
@@ -106,7 +112,7 @@ class Session:
                 if not self.paused:
                     self._advance(due)
             on_frame(self.live)
-            took = time.perf_counter() - now
+            took = time.perf_counter() - now - (compiling.seconds - compiled_s)
             self._speed = min(1.0, due / took) if took > FRAME_S else 1.0
             self._stop.wait(max(0.0, FRAME_S - took))
 

@@ -1,35 +1,156 @@
-"""Packets of a host, of any content and at any time: nothing is raised, and the target stays a finite place."""
+"""Packets of any content and at any time: every decoder gives a result or a reason and raises nothing, and the target
+that a host's packets make stays a finite place."""
+
+import json
+import math
+import struct
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+import pytest
 from harness import MORE, fuzz, refused
 from hypothesis import strategies as st
-from mutations import numbers
+from mutations import as_toml, mutated, numbers, texts, values
 
+from hexsim.cueing.protocols import FDM_BYTES, OUTSIM2_SIZES, PROTOCOLS, RREF_NAMES, VehicleMotion
+from hexsim.cueing.toml_protocol import PacketLayout, TomlProtocol, Type, protocol
+from hexsim.motion_computer.compensator_packet import HEADER as ASKED_HEADER
+from hexsim.motion_computer.compensator_packet import MAGIC, AskedCompensator, unpack_asked
+from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_buffer import HostBuffer
-from hexsim.motion_computer.host_packet import (
-    COMMAND,
-    COMMAND_MAGIC,
-    LARGEST,
-    REPLY,
-    REPLY_MAGIC,
-    HostCommand,
-    unpack_command,
-    unpack_reply,
-)
+from hexsim.motion_computer.host_packet import LARGEST, HostCommand, Reply, unpack_command, unpack_reply
+from hexsim.motion_computer.states import State
+from hexsim.motion_computer.telemetry import Telemetry, unpack_telemetry, width
 
+SIX = (0.1,) * 6
+ODD = [math.nan, math.inf, -math.inf, 1e30, -1e30, 1e-40, 0.0]
 words = st.integers(0, 2**32 - 1)
-halves = st.one_of(st.integers(0, 8), st.integers(0, 2**16 - 1))
-floats = st.one_of(st.floats(-1.0, 1.0), numbers.map(float))
+
+VEHICLE_PACKETS = {
+    "flightgear": [struct.pack(">I", version) + bytes(size - 4) for version, size in FDM_BYTES.items()],
+    "xplane": [b"DATA*" + struct.pack("<i8f", 4, *SIX, 0, 0) + struct.pack("<i8f", 16, *SIX, 0, 0)],
+    "xplane12": [b"DATA*" + struct.pack("<i8f", 4, *SIX, 0, 0) + struct.pack("<i8f", 16, *SIX, 0, 0)],
+    "xplane-rref": [b"RREF," + b"".join(struct.pack("<if", k, 0.1) for k in range(1, len(RREF_NAMES) + 1))],
+    "outsim": [bytes(64), bytes(68), *(b"LFST" + bytes(size - 4) for size in sorted(OUTSIM2_SIZES))],
+}
+LAYOUT = PacketLayout.model_validate(
+    {"bytes": 40, "fields": {
+        "time_s": {"type": "Q", "offset": 0}, "up_m_s2": {"type": "f", "offset": 8, "factor": 1e300},
+        "roll_rad_s": {"type": "d", "offset": 12}, "left_m_s2": {"type": "h", "offset": 38, "zero": 3.0},
+    }}
+)  # fmt: skip
+COMMAND = HostCommand(sequence=1, time_s=0.5, setpoints=SIX, command="start")
+MOVING = HostCommand(sequence=1, time_s=0.5, setpoints=SIX, derivatives=(SIX, SIX))
+REPLY = Reply(
+    state=State.NORMAL, errors=Error.NONE, sequence=1, arrived=True, refused=False, time_s=1.0, behind_s=0.0, age_s=0.0,
+    pose=SIX, reference=SIX,
+)  # fmt: skip
+ASKED = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"a": [1.0, None]})
+TELEMETRY = [
+    Telemetry(n_legs=n, sequence=1, time_s=0.0, rate_Hz=500.0, rows=np.full((m, width(n)), 0.1))
+    for n, m in ((1, 1), (6, 4))
+]
+DECODERS: dict[str, tuple[Callable[[bytes], Any], type, list[bytes]]] = {
+    "command": (unpack_command, HostCommand, [COMMAND.pack(), MOVING.pack()]),
+    "reply": (unpack_reply, Reply, [REPLY.pack()]),
+    "telemetry": (unpack_telemetry, Telemetry, [one.pack() for one in TELEMETRY]),
+    "compensator": (unpack_asked, AskedCompensator, [ASKED.pack()]),
+    "TOML": (TomlProtocol(LAYOUT), VehicleMotion, [bytes(40)]),
+    **{name: (PROTOCOLS[name], VehicleMotion, good) for name, good in VEHICLE_PACKETS.items()},
+}
 
 
 @st.composite
-def packet(draw) -> bytes:
-    """A command with odd fields, cut short, or bytes of any kind."""
-    six = [draw(floats) for _ in range(6)]
-    data = COMMAND.pack(
-        COMMAND_MAGIC, draw(halves), draw(halves), draw(words), draw(st.sampled_from([0, 0, 1])), draw(floats), *six
-    )
-    return draw(st.one_of(st.just(data), st.binary(max_size=100), st.integers(0, 80).map(lambda n: (data * 2)[:n])))
+def damaged(draw, good: list[bytes]) -> bytes:
+    """Bytes of any kind; or a good packet with bytes changed, odd numbers put in at any place, cut short, made longer."""
+    if draw(st.booleans()):
+        return draw(st.one_of(st.binary(max_size=700), st.binary(max_size=80).map(lambda tail: good[0][:4] + tail)))
+    data = bytearray(draw(st.sampled_from(good)))
+    for _ in range(draw(st.integers(0, 4))):
+        form = struct.Struct(draw(st.sampled_from("<>")) + draw(st.sampled_from("fd")))
+        if draw(st.booleans()):
+            data[draw(st.integers(0, len(data) - 1))] = draw(st.integers(0, 255))
+        elif len(data) >= form.size + 4:  # places of most protocols are even
+            at = 4 * draw(st.integers(1, (len(data) - form.size) // 4))
+            value = draw(st.sampled_from(ODD[:3] if form.format.endswith("f") else ODD))
+            form.pack_into(data, at, value)
+    size = draw(st.sampled_from([len(data)] * 6 + [len(data) - 1, len(data) + 1, 0, 5, 3 * len(data)]))
+    return bytes(data * 3)[:size] if size > len(data) else bytes(data[:size])
+
+
+def finite(decoded: Any) -> bool:
+    """Whether every number that a decoder let through is finite (telemetry: or not there)."""
+    if isinstance(decoded, Telemetry):
+        return not np.isinf(decoded.rows).any() and math.isfinite(decoded.time_s) and math.isfinite(decoded.rate_Hz)
+    if isinstance(decoded, dict):
+        return all(finite(one) for one in decoded.values())
+    if isinstance(decoded, (list, tuple)):
+        return all(finite(one) for one in decoded)
+    if hasattr(decoded, "__dataclass_fields__"):
+        return all(finite(getattr(decoded, name)) for name in decoded.__dataclass_fields__)
+    return not isinstance(decoded, float) or math.isfinite(decoded)
+
+
+@pytest.mark.parametrize("name", DECODERS)
+@MORE
+def test_a_decoder_gives_a_result_or_a_reason(name, examples):
+    """Raw bytes, and good packets with changes: what the packet is, with finite numbers, or one short sentence of what it is
+    not."""
+    decode, kind, good = DECODERS[name]
+
+    def claim(data: bytes) -> None:
+        found = decode(data)
+        if isinstance(found, str):
+            assert 0 < len(found) < 300 and found.isprintable(), found
+        else:
+            assert isinstance(found, kind) and finite(found)
+
+    fuzz(damaged(good), claim, examples)
+
+
+@pytest.mark.parametrize("name", DECODERS)
+def test_the_packets_that_are_mutated_are_good(name):
+    """The claims are not about refusals alone: each packet that the mutations begin with is one of its protocol."""
+    decode, kind, good = DECODERS[name]
+    assert good and all(isinstance(decode(data), kind) for data in good)
+
+
+@MORE
+def test_bodies_of_any_json(examples):
+    """A request for a compensator whose text is JSON of any kind, with numbers of any size and names of any sort."""
+    tables = st.fixed_dictionaries({"compensator": st.one_of(texts, values), "parameters": values})
+    raw = st.sampled_from([b"[" * 5000, b'{"a":' * 2000, b"1e999", b"NaN", b"9" * 5000, b"\xff\xfe", b'"\\ud800"', b""])
+    body = st.one_of(tables.map(lambda table: json.dumps(table).encode()), raw, st.binary(max_size=60))
+
+    def claim(text: bytes) -> None:
+        found = unpack_asked(ASKED_HEADER.pack(MAGIC, 1, 6, 0, len(text)) + text)
+        assert isinstance(found, str) or finite(found.parameters)
+
+    fuzz(body, claim, examples)
+
+
+@MORE
+def test_layouts_of_any_content(tmp_path, examples):
+    """TOML files of packets, mutated: loaded, and then no packet raises, or refused in one sentence."""
+    fields = {"time_s": {"type": "d", "offset": 0}, "up_m_s2": {"type": "f", "offset": 8, "factor": 2.0, "zero": 1.0}}
+    kinds = [
+        {"bytes": 40, "byte_order": "big", "fields": {**fields, "yaw_rad_s": {"type": kind, "offset": 12}}}
+        for kind in (*Type.__args__, "4s", "c", "", "P", "2f")
+    ]
+    path = tmp_path / "mine.toml"
+
+    def claim(tables: dict[str, Any]) -> None:
+        path.write_text(as_toml(tables), encoding="utf-8")
+
+        def load() -> None:
+            decode = protocol(str(path))
+            for data in (b"", bytes(40), b"\xff" * 40, b"\x7f\xf0" * 20):
+                assert isinstance(decode(data), (str, VehicleMotion))
+
+        refused(load)
+
+    fuzz(mutated(kinds), claim, examples)
 
 
 @st.composite
@@ -46,25 +167,6 @@ def traffic(draw) -> list[tuple[float, HostCommand]]:
 
 
 @MORE
-def test_packets_of_any_content(examples):
-    """A command or None; a reply or one sentence."""
-
-    def claim(data: bytes) -> None:
-        command = unpack_command(data)
-        assert command is None or unpack_command(command.pack()) == command
-        refused(unpack_reply, data)
-
-    fuzz(packet(), claim, examples)
-
-
-@MORE
-def test_replies_of_any_content(examples):
-    """136 bytes that begin like a reply are one, or are said to be none."""
-    body = st.binary(min_size=REPLY.size - 4, max_size=REPLY.size - 4)
-    fuzz(body, lambda data: refused(unpack_reply, REPLY_MAGIC + data), examples)
-
-
-@MORE
 def test_traffic_of_any_timing(examples):
     """Whatever comes when, the target, its velocity and its acceleration are finite."""
 
@@ -78,8 +180,14 @@ def test_traffic_of_any_timing(examples):
     fuzz(traffic(), claim, examples)
 
 
-def test_the_packets_above_reach_the_buffer():
-    """Some of what is made here is accepted: the claims are not about refusals alone."""
-    buffer = HostBuffer()
-    command = HostCommand(sequence=1, time_s=0.0, setpoints=(0.0,) * 6)
-    assert unpack_command(command.pack()) == command and buffer.add(command, 0.0)
+@MORE
+def test_commands_survive_the_way(examples):
+    """What is packed is unpacked as it was, whatever the numbers are within their range; a number beyond it is refused."""
+    place = st.lists(numbers.map(float), min_size=6, max_size=6)
+
+    def claim(six: list[float]) -> None:
+        command = HostCommand(sequence=3, time_s=1.0, setpoints=tuple(six), derivatives=(tuple(six), SIX))
+        found = unpack_command(command.pack())
+        assert found == command if all(abs(x) <= LARGEST for x in six) else isinstance(found, str)
+
+    fuzz(place, claim, examples)

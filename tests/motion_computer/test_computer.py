@@ -202,7 +202,7 @@ def test_the_lag_of_the_loop_is_no_error() -> None:
         machine.gain *= share
         machine.computer.command("run_manual", 0.0)
         machine.run(4.0, heave)
-        assert machine.computer.findings == []
+        assert not machine.computer.findings
         lag = np.abs(np.array(machine.setpoints[-500:])[:, 0] - machine.positions[0]).max()
         assert lag > Tolerances().leg_error_m
 

@@ -1,0 +1,32 @@
+"""Packets that are not understood: what they were, and how many of them came, in words for a status line."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+KINDS = 12  # reasons that are kept apart; a flood of noise must not fill the memory with them
+OTHER = "other packets"
+
+
+def described(data: bytes) -> str:
+    """Size and first bytes of a packet."""
+    return f"{len(data)} bytes that begin with {data[:4]!r}" if data else "no bytes"
+
+
+class Refusals(Counter[str]):
+    """How often each reason was given. Reasons beyond `KINDS` count as `OTHER`."""
+
+    def note(self, reason: str) -> None:
+        self[reason if reason in self or len(self) < KINDS else OTHER] += 1
+
+    def line(self, received: int, what: str) -> str:
+        """One phrase for a status line, empty where all was understood. what: the protocol that is listened for."""
+        refused = self.total()
+        if not refused:
+            return ""
+        kinds = [kind for kind, _ in self.most_common(2)]
+        more = f", and {len(self) - len(kinds)} other kinds" if len(self) > len(kinds) else ""
+        none = "none" if refused == received else f"{refused}"
+        verb = "is" if refused == received or refused == 1 else "are"
+        negation = "" if refused == received else "not "
+        return f"{received} packets, {none} {verb} {negation}of {what}: {'; '.join(kinds)}{more}"
