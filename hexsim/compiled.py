@@ -22,7 +22,6 @@ from numba.extending import intrinsic
 
 from compensation.compiled_cache import check_cache, temporary_cache
 
-
 LOCK = "numba:compiler_lock"
 
 

@@ -1,6 +1,7 @@
 """One root for every error that is the user's to mend, and how its sentence is made."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 
 SHOWN = 60  # characters of a value that a sentence repeats
@@ -27,3 +28,18 @@ def one_of(given: str, names: Sequence[str]) -> str:
     close = get_close_matches(given[:SHOWN], names)
     asked = f"did you mean {' or '.join(close)}? " if close else ""
     return f"{asked}give one of {', '.join(names)}"
+
+
+@contextmanager
+def library_errors(sentence: str, *kept: type[BaseException]) -> Iterator[None]:
+    """Whatever a library raises on foreign data or a full disk, as HexsimError(f"{sentence}: its first line").
+
+    Rust panics too, which are no Exceptions. `kept` pass through, as do HexsimError and the user's interruption.
+    """
+    try:
+        yield
+    except (HexsimError, KeyboardInterrupt, SystemExit, GeneratorExit, *kept):
+        raise
+    except BaseException as error:
+        said = getattr(error, "strerror", None) or next(iter(str(error).splitlines()), "") or type(error).__name__
+        raise HexsimError(f"{sentence}: {shortened(said, 200)}") from None

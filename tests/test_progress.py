@@ -35,7 +35,7 @@ def test_compiling_is_said_once_and_is_no_part_of_the_speed(tmp_path):
     """With an empty cache the command says that it compiles, once; with a full one it does not; both report the same
     kind of real-time factor (counted with its compilation the first would be a hundredth of the second)."""
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "NUMBA_CACHE_DIR": str(tmp_path / "c")}
-    arguments = "run heave -m bench --duration 1 --no-report --no-recording --json --out".split()
+    arguments = ["run", "heave", "-m", "bench", "--duration", "1", "--no-report", "--no-recording", "--json", "--out"]
     said, factors = [], []
     for name in ("cold", "warm"):
         ended = subprocess.run(

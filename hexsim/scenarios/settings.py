@@ -28,14 +28,22 @@ def scenario_and_machine(
     amplitude: float | None = None,
     frequency_Hz: float | None = None,
     duration_s: float | None = None,
+    allow_native: bool = False,
 ) -> tuple[Scenario, Machine]:
     """A scenario with its changes, and the machine named, else the scenario's own."""
-    scenario = load_scenario(scenario_name, amplitude=amplitude, frequency_Hz=frequency_Hz, duration_s=duration_s)
+    scenario = load_scenario(
+        scenario_name, amplitude=amplitude, frequency_Hz=frequency_Hz, duration_s=duration_s, allow_native=allow_native
+    )
     return scenario, load_machine(machine_name or scenario.machine_name)
 
 
 def apply_settings(
-    scenario: Scenario, machine: Machine, settings: Mapping[str, Any], source: str = "settings"
+    scenario: Scenario,
+    machine: Machine,
+    settings: Mapping[str, Any],
+    source: str = "settings",
+    *,
+    allow_native: bool = False,
 ) -> tuple[Scenario, Machine]:
     """Both with the settings applied and checked; a setting goes before what the scenario changes in the machine."""
     asked = {key.removeprefix(SCENARIO): value for key, value in settings.items() if key.startswith(SCENARIO)}
@@ -43,7 +51,7 @@ def apply_settings(
         tables = scenario.to_dict()
         for key, value in asked.items():
             set_dotted(tables, key, value, source)
-        scenario = scenario_from_dict(tables, source)
+        scenario = scenario_from_dict(tables, source, allow_native=allow_native or scenario.allow_native)
     changes = {key: value for key, value in settings.items() if not key.startswith(SCENARIO)}
     for key in changes:
         if "." not in key:
@@ -53,5 +61,5 @@ def apply_settings(
         kept = {key: value for key, value in scenario.machine_changes.items() if key not in changes}
         if len(kept) < len(scenario.machine_changes):
             tables = {**scenario.to_dict(), "machine": kept}
-            scenario = scenario_from_dict(tables, source)
+            scenario = scenario_from_dict(tables, source, allow_native=allow_native or scenario.allow_native)
     return scenario, machine

@@ -23,7 +23,7 @@ from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
 from hexsim.plant.callbacks import without_timers
-from hexsim.plant.plant import PlantError, whole_ratio
+from hexsim.plant.plant import InterventionError, PlantError, whole_ratio
 from hexsim.plant.stepping import mean_acceleration
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
@@ -143,6 +143,8 @@ def simulate(
     reason = run.go(progress or (lambda fraction: None), interventions)
     wall = clock.perf_counter() - seconds_compiled() - started  # compiling (once) is no part of the speed
     recorded = run.recorded()
+    if len(recorded.time) < 2:
+        raise HexsimError(reason or "the run is shorter than two samples of its log: make it longer")
     log = run_log(plant, scenario, recorded, run.sensors)
     realtime = float(recorded.time[-1] / wall) if len(recorded.time) > 1 else 0.0
     warnings = [f"tendon model: {TENDON_ERROR}"] if fast and plant.is_tendon else []
@@ -207,6 +209,8 @@ class TickLoop:
                 self.plant.check()
                 self.plant.follow_oil_temperature()
                 progress(last / self.ticks)
+        except InterventionError as error:
+            return f"{error} (at t = {self.done * self.tick_s:.3f} s)"
         except PlantError as error:
             return self._diverged(str(error))
         except KeyboardInterrupt:
