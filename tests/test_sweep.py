@@ -576,7 +576,7 @@ def test_the_exit_code_says_that_runs_failed(tmp_path):
         "--out",
         str(tmp_path / "t.parquet"),
     ]
-    ended = runner.invoke(app, [*base, "--set", "scenario.axes.z.amplitude=0.01,5"])
+    ended = runner.invoke(app, [*base, "--set", "scenario.axes.z.amplitude=0.01,2"])
     assert ended.exit_code == 1, ended.output
     assert "1 of 2 runs failed" in ended.stderr and "--retry-failed" in ended.stderr
     assert runner.invoke(app, [*base, "--set", "scenario.axes.z.amplitude=0.01"]).exit_code == 0

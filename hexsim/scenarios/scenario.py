@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from hexsim.declaration import Name, Section, between
-from hexsim.errors import HexsimError, one_of, shortened
+from hexsim.errors import HexsimError, one_of, refuse_missing_file, shortened
 from hexsim.files.toml_files import read_toml, validation_sentence
 from hexsim.setpoints.signal import Faded, Signal, faded
 from hexsim.setpoints.signal_file import SampledSignal, read_setpoint_file
@@ -211,6 +211,7 @@ def load_scenario(
     if not os.path.isfile(path):  # unlike Path's, false for a name that no file can have
         path = Path(name_or_path)
         if path.suffix not in (".toml", ".csv", ".gz", ".parquet") or not os.path.isfile(path):
+            refuse_missing_file("scenario", str(name_or_path))
             raise HexsimError(
                 f"unknown scenario {shortened(repr(str(name_or_path)))}: "
                 f"{one_of(str(name_or_path), available_scenarios())}, a TOML file, or a CSV or Parquet file of setpoints"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from hexsim.errors import HexsimError
@@ -12,6 +13,20 @@ from hexsim.machine.files import changed
 from hexsim.scenarios import Scenario, load_scenario, scenario_from_dict
 
 SCENARIO = "scenario."
+
+
+def loaded(machine: Machine | str | Path, scenario: Scenario | str | Path) -> tuple[Machine, Scenario]:
+    """Both, by name or file where they are not made yet. Raises HexsimError for anything else."""
+    if isinstance(machine, str | Path):
+        machine = load_machine(machine)
+    if isinstance(scenario, str | Path):
+        scenario = load_scenario(scenario)
+    for given, kind, example in ((machine, Machine, "bench"), (scenario, Scenario, "heave")):
+        if not isinstance(given, kind):
+            raise HexsimError(
+                f"a {type(given).__name__} stands where a {kind.__name__} is needed: give one, its name, as {example!r}, or a file"
+            )
+    return machine, scenario
 
 
 def machine_in(scenario: Scenario, machine: Machine) -> Machine:

@@ -28,7 +28,7 @@ from hexsim.plant.stepping import mean_acceleration
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.scenarios.resources import check_resources, tick_rate_Hz
-from hexsim.scenarios.settings import machine_in
+from hexsim.scenarios.settings import loaded, machine_in
 from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.fault_run import FaultRun, FaultySensors
 from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
@@ -101,8 +101,8 @@ def setpoints(machine: Machine, scenario: Scenario, kinematics: Mechanics, time:
 
 
 def simulate(
-    machine: Machine,
-    scenario: Scenario,
+    machine: Machine | str | Path,
+    scenario: Scenario | str | Path,
     *,
     compensator: str | Compensator = "none",
     fast: bool = False,
@@ -113,7 +113,7 @@ def simulate(
     interventions: Sequence[Any] = (),
     host: Host | None = None,
 ) -> Run:
-    """Run `scenario` on `machine`.
+    """Run `scenario` on `machine`, each an object, a name or a file.
 
     fast: tendon model, else full legs. timestep [s]: constant; None: chosen (`hydraulics.steps`). seed: of all sensor
     noise. progress(fraction).
@@ -122,6 +122,7 @@ def simulate(
     Raises HexsimError before the run for what cannot be done; an interrupted or diverged run comes back with
     complete = False and its log so far.
     """
+    machine, scenario = loaded(machine, scenario)
     machine = machine_in(scenario, machine)
     check_resources(machine, scenario.duration_s)
     name, compensators = make_compensators(compensator, machine)

@@ -29,7 +29,7 @@ from hexsim.files.json_files import plain
 from hexsim.machine import Machine, machine_from_dict
 from hexsim.machine.files import machine_tables
 from hexsim.scenarios import Scenario, scenario_from_dict
-from hexsim.scenarios.settings import apply_settings
+from hexsim.scenarios.settings import apply_settings, loaded
 from hexsim.simulation import simulate
 from hexsim.studies.inputs import inputs_digest
 from hexsim.studies.journal import Journal
@@ -85,8 +85,8 @@ class Case:
 
 
 def cases(
-    scenario: Scenario,
-    machine: Machine,
+    scenario: Scenario | str | Path,
+    machine: Machine | str | Path,
     *,
     settings: Mapping[str, Sequence[Any]] | None = None,
     seeds: Iterable[int] = (0,),
@@ -99,6 +99,7 @@ def cases(
 
     draws: every point of the grid on so many machines within [uncertainty] (`studies.uncertainty`), the same for all.
     """
+    machine, scenario = loaded(machine, scenario)
     settings, seeds, compensators = dict(settings or {}), _sequence(seeds), _sequence(compensators)
     built = range(draws) if draws else (None,)
     count = math.prod(len(values) for values in (*settings.values(), seeds, compensators, built))
@@ -257,7 +258,7 @@ def sweep(
                 f"the workers died ({str(error) or 'lost'}); {journal.status()}; run the same command again to go on"
             ) from None
         finally:
-            for future, case in running.items():
+            for future in running:
                 if not future.cancel() and future.done() and not _failed(future):
                     journal.add(future.result() | {"error": future.result().get("error")})
         journal.finish({key: case.values_key for key, case in by_key.items()})

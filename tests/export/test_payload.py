@@ -197,7 +197,7 @@ def test_an_output_of_an_fmu_is_a_setpoint(spring, bench):
     assert log["setpoint_m"].to_numpy() - rest == pytest.approx(0.01 * held**2, abs=1e-8)
     with pytest.raises(HexsimError, match=r"has no output 'cube': its outputs are pull, square"):
         scenario_from_dict({"name": "c", "mode": "dof", "axes": {"z": table | {"column": "cube"}}}, allow_native=True)
-    with pytest.raises(HexsimError, match="there is no FMU none.fmu"):
+    with pytest.raises(HexsimError, match=r"there is no FMU none\.fmu"):
         scenario_from_dict({"name": "c", "mode": "dof", "axes": {"z": table | {"path": "none.fmu"}}}, allow_native=True)
 
 

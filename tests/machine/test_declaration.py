@@ -147,11 +147,41 @@ def test_missing_table_is_named(bench, table):
 
 
 def test_number_of_further_problems_is_told(bench):
-    """Two keys missing: the first by name, and "(and 1 more)"."""
+    """Two keys missing: both by name; of five, three and how many more."""
     tables = machine_tables(bench)
     del tables["oil"]["density_kg_m3"], tables["valve"]["overlap_m"]
-    with pytest.raises(HexsimError, match=r"\[oil\] density_kg_m3 is missing: add it \(SI units\) \(and 1 more\)$"):
+    with pytest.raises(HexsimError, match=r"\[oil\] density_kg_m3 is missing: add it \(SI units\)") as caught:
         machine_from_dict(tables, "my.toml")
+    assert "[valve] overlap_m is missing: add it (SI units)" in str(caught.value)
+    for key in ("stroke_m", "piston_diameter_m", "rod_diameter_m"):
+        del tables["cylinder"][key]
+    with pytest.raises(HexsimError, match=r"\(and 2 more\)$"):
+        machine_from_dict(tables, "my.toml")
+
+
+def test_a_misspelled_key_is_the_cause_and_is_not_hidden(bench):
+    """stroke_mm for stroke_m: the unknown key comes first, with the one that is meant, then the one that is missing."""
+    tables = machine_tables(bench)
+    tables["cylinder"]["stroke_mm"] = tables["cylinder"].pop("stroke_m")
+    with pytest.raises(
+        HexsimError, match=r"stroke_mm is not a known key: did you mean stroke_m\?.*; .*stroke_m is missing"
+    ):
+        machine_from_dict(tables, "my.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("20um", "2e-05 for 20um"),
+        ("70 bar", "7e\\+06 for 70 bar"),
+        ("3 furlong", "without the unit furlong"),
+        ("much", "without quotes"),
+    ],
+)
+def test_a_number_with_a_unit_says_what_to_write(bench, text, says):
+    """Numbers are in the unit of their key: the sentence converts what it can."""
+    with pytest.raises(HexsimError, match=rf"overlap_m = '{text}': a number is needed.*{says}"):
+        changed(bench, {"valve.overlap_m": text})
 
 
 def test_unknown_key_lists_the_known_ones(bench):
@@ -159,7 +189,7 @@ def test_unknown_key_lists_the_known_ones(bench):
     with pytest.raises(HexsimError) as caught:
         changed(bench, {"cylinder.stroke_mm": 200}, "my.toml")
     assert str(caught.value).startswith(
-        "my.toml: [cylinder] stroke_mm is not a known key: allowed are piston_diameter_m, "
+        "my.toml: [cylinder] stroke_mm is not a known key: did you mean stroke_m? allowed are piston_diameter_m, "
     )
     assert "stroke_m," in str(caught.value)
 
