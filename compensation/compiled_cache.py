@@ -1,14 +1,13 @@
 """Numba's cache of compiled functions, made safe: a damaged file is compiled again, a full disk costs time only.
 
-Numba unpickles what it finds. A file that was cut short (a full disk, a kill) raises any kind of error there, and one
-with a flipped bit may end the process in LLVM. So each file's content comes after its SHA-256.
+What numba reads of a file that was cut short (a full disk, a kill) raises any kind of error, and code with a flipped bit
+may end the process in LLVM. So each file with code ends with its SHA-256, which numba's own reading passes over.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-import pickle
 import tempfile
 from contextlib import suppress
 from functools import cache
@@ -25,39 +24,24 @@ class CheckedFiles(caching.IndexDataCacheFile):
 
     def _dump(self, obj: Any) -> bytes:
         data = super()._dump(obj)
-        return hashlib.sha256(data).digest() + data
+        return data + hashlib.sha256(data).digest()
 
     def _load_index(self) -> dict[Any, str]:
         try:
-            with open(self._index_path, "rb") as file:
-                if (
-                    pickle.load(file) != self._version
-                ):  # that of numba and of the sources; types in the rest may be gone
-                    return {}
-                stamp, overloads = pickle.loads(_whole(file.read()))
-        except Exception:  # unpickling a damaged file raises any kind
+            return super()._load_index()
+        except Exception:  # of a damaged file, any kind
             return {}
-        return overloads if stamp == self._source_stamp else {}
 
     def _load_data(self, name: str) -> Any:
-        try:
-            with open(self._data_path(name), "rb") as file:
-                return pickle.loads(_whole(file.read()))
-        except Exception as error:
-            raise OSError(f"{name} is damaged: {error}") from None  # numba's own sign of an absent file
+        content = Path(self._data_path(name)).read_bytes()
+        if hashlib.sha256(content[:-DIGEST_BYTES]).digest() != content[-DIGEST_BYTES:]:
+            raise OSError(f"{name} was cut short or changed")  # numba's own sign of an absent file
+        return super()._load_data(name)
 
     def save(self, key: Any, data: Any) -> None:
         """Keep a compiled function, where there is room for it."""
         with suppress(OSError):
             super().save(key, data)
-
-
-def _whole(content: bytes) -> bytes:
-    """What follows the digest. ValueError where it is not what was written."""
-    digest, data = content[:DIGEST_BYTES], content[DIGEST_BYTES:]
-    if hashlib.sha256(data).digest() != digest:
-        raise ValueError("cut short or changed")
-    return data
 
 
 def check_cache(dispatcher: Any, sources: str) -> None:

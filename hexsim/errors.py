@@ -41,7 +41,7 @@ def refuse_missing_file(what: str, given: str) -> None:
         folder = next((parent for parent in path.parents if os.path.isdir(parent)), Path())
         there = "" if folder == path.parent else f" (nor the folder {shortened(str(path.parent))})"
         raise HexsimError(
-            f"there is no {what} file {shortened(given)}{there}: check the path, from {shortened(os.getcwd())}"
+            f"there is no {what} file {shortened(given, 300)}{there}: check the path, from {shortened(os.getcwd())}"
         )
 
 

@@ -41,8 +41,9 @@ LENGTH = struct.Struct("<I")
 class ForeignFmu:
     """An FMU of version 2.0 or 3.0 for co-simulation, opened and described; `start` before the first `step`.
 
-    what: how sentences call it. variables: name -> (reference, causality) of its real numbers. Every method raises HexsimError where the FMU fails,
-    takes longer than its limit, or its process ends; after that it is closed. Use `close`, or let it be collected.
+    what: how sentences call it. variables: name -> (reference, causality) of its real numbers. Every method raises
+    HexsimError where the FMU fails, takes longer than its limit, or its process ends; after that it is closed. Use `close`,
+    or let it be collected.
     """
 
     def __init__(self, path: Path, *, allow_native: bool, what: str = "FMU") -> None:

@@ -63,7 +63,9 @@ class SentenceGroup(TyperGroup):
             else:
                 raise
         except BaseException as error:
-            if type(error).__name__ != "PanicException":  # of polars' Rust: no Exception, on a file whose bytes are not right
+            if (
+                type(error).__name__ != "PanicException"
+            ):  # of polars' Rust: no Exception, on a file whose bytes are not right
                 raise
             say(f"a file is damaged: {next(iter(str(error).splitlines()), '')}")
         raise typer.Exit(EXIT_CODE)

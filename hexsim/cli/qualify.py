@@ -10,7 +10,6 @@ import typer
 from hexsim.cli import options
 from hexsim.cli.console import fraction_of, output, print_json, progress, terminated_like_interrupted
 
-
 Strict = Annotated[bool, typer.Option("--strict", help="Exit code 1 where a limit is exceeded.")]
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from hexsim.errors import HexsimError
 
-
 PARTIAL = ".partial-"
 ABANDONED_s = 3600.0  # a file that nobody has written to for so long is left from a process that was killed
 

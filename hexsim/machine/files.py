@@ -49,7 +49,7 @@ def find_machine_file(name_or_path: str | Path) -> Path:
             return candidate
     if os.path.isdir(path):
         raise HexsimError(f"folder {path} has no {FILE_NAME}: put the machine's declaration there")
-    if path.suffix or path.parts[0] not in available_machines():  # else a variant of one of them
+    if path.suffix or not set(path.parts[:1]) & {*available_machines(), "models"}:  # else a variant of one of them
         refuse_missing_file("machine", str(name_or_path))
     raise HexsimError(
         f"unknown machine {shortened(repr(str(name_or_path)))}: {one_of(str(name_or_path), available_machines())}, "

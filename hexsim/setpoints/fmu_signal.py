@@ -39,6 +39,7 @@ class FmuSignal(SampledSignal):
     """
 
     kind: ClassVar[str] = "fmu"
+    _is_allowed: ClassVar[bool] = False  # until one is made that may run
     factor: Annotated[float, between(-1e6, 1e6, "setpoint over output")] = 1.0
     duration_s: Duration = 20.0
     sample_s: Annotated[float, between(1e-4, 1.0, "[s]")] = 0.002
@@ -77,4 +78,4 @@ def _simulated(
         values += [fmu.step(float(at), sample_s, [])[0] for at in time[:-1]]
     finally:
         fmu.close()
-    return time, np.array(values)
+    return time.astype(np.float64), np.array(values)

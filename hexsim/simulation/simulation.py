@@ -144,8 +144,8 @@ def simulate(
     reason = run.go(progress or (lambda fraction: None), interventions)
     wall = clock.perf_counter() - seconds_compiled() - started  # compiling (once) is no part of the speed
     recorded = run.recorded()
-    if len(recorded.time) < 2:
-        raise HexsimError(reason or "the run is shorter than two samples of its log: make it longer")
+    if not len(recorded.time):  # it ended in its first tick: there is no log to keep
+        raise HexsimError(reason)
     log = run_log(plant, scenario, recorded, run.sensors)
     realtime = float(recorded.time[-1] / wall) if len(recorded.time) > 1 else 0.0
     warnings = [f"tendon model: {TENDON_ERROR}"] if fast and plant.is_tendon else []

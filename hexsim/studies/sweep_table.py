@@ -118,15 +118,15 @@ class Parts(Table):
             self.take(rows)
         self._drop_replaced(wanted)
         schemas = {file: pl.read_parquet_schema(file) for file in self.files()}
-        wanted: dict[Any, Any] = {}  # column -> type
+        columns: dict[Any, Any] = {}  # column -> type
         for schema in schemas.values():
-            wanted |= {name: _wider(wanted.get(name, kind), kind) for name, kind in schema.items()}
+            columns |= {name: _wider(columns.get(name, kind), kind) for name, kind in schema.items()}
         for file, schema in schemas.items():
-            if list(schema.items()) == list(wanted.items()):
+            if list(schema.items()) == list(columns.items()):
                 continue
             frame = pl.read_parquet(file)
-            lacking = [pl.lit(None, dtype=kind).alias(name) for name, kind in wanted.items() if name not in schema]
-            _write(frame.with_columns(lacking).cast(wanted).select(list(wanted)), file)
+            lacking = [pl.lit(None, dtype=kind).alias(name) for name, kind in columns.items() if name not in schema]
+            _write(frame.with_columns(lacking).cast(columns).select(list(columns)), file)
 
     def _drop_replaced(self, wanted: Wanted) -> None:
         replaced, later = set(wanted.values()), set()
