@@ -580,3 +580,57 @@ def test_the_exit_code_says_that_runs_failed(tmp_path):
     assert ended.exit_code == 1, ended.output
     assert "1 of 2 runs failed" in ended.stderr and "--retry-failed" in ended.stderr
     assert runner.invoke(app, [*base, "--set", "scenario.axes.z.amplitude=0.01"]).exit_code == 0
+
+
+class KilledWorker(Exception):
+    """As Dask's: the worker died several times while this and other cases were at it."""
+
+
+def test_a_case_that_kills_its_dask_worker_is_found_and_recorded(tmp_path, monkeypatch):
+    """Dask blames every case that a dying worker held: those that are innocent have their figures, the one that kills alone is
+    a failed row. Where no worker comes back from it, the sweep ends in a sentence, and the next call gets past it."""
+    monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
+    wanted, alone = short(seeds=range(3)), []
+
+    class Cluster(Here):
+        """Its first tasks all die with the worker; later a case dies that kills it."""
+
+        def submit(self, function, /, case):
+            alone.append(case.seed)
+            future = super().submit(function, case)
+            if len(alone) <= 3 or case.seed == 1:
+                future = Future()
+                future.set_exception(KilledWorker())
+            return future
+
+    assert sweep(wanted, Cluster(), tmp_path / "t.parquet") == 3
+    rows = pl.read_parquet(tmp_path / "t.parquet")
+    assert rows["error"].is_null().to_list() == [True, False, True]
+    assert "WorkerDied" in rows["error"][1]
+
+    class Gone(Here):
+        """A worker that is lost for good with the case that runs alone."""
+
+        def submit(self, function, /, case):
+            future = Future()
+            if not first:
+                first.append(case)
+                future.set_exception(KilledWorker())
+            return future
+
+    def check():
+        if first:
+            raise HexsimError("no worker is left")
+
+    first = []
+    monkeypatch.setattr("hexsim.studies.sweep.CHECK_EVERY_s", 0.05)
+    checks = iter([None])
+
+    def late_check():
+        if next(checks, "over") == "over":
+            check()
+
+    with pytest.raises(HexsimError, match="no worker is left"):
+        sweep(short(seeds=[7]), Gone(), tmp_path / "u.parquet", check=late_check)
+    assert sweep(short(seeds=[7]), Here(), tmp_path / "u.parquet") == 0
+    assert "WorkerDied" in pl.read_parquet(tmp_path / "u.parquet")["error"][0]

@@ -38,6 +38,7 @@ from hexsim.studies.uncertainty import drawn
 _ONE_A_PROCESS = threading.Lock()  # MuJoCo's callbacks are global: threads of a worker take turns
 MOST_CASES = 100_000  # each is held in memory, without its row
 CHECK_EVERY_s = 5.0  # how often a sweep that waits looks after its workers
+LOST_WORKER = "WorkerDied: the worker that ran it died, each time"
 IN_FLIGHT = 4  # cases handed out a worker: enough to keep it busy, few enough to forget on a kill
 
 
@@ -243,14 +244,20 @@ def sweep(
                 finished: set[Future[dict[str, Any]]] = set()
                 while not finished:
                     finished, _ = wait(running, timeout=CHECK_EVERY_s, return_when=FIRST_COMPLETED)
-                    check()
+                    try:
+                        check()
+                    except HexsimError:
+                        if alone:  # the next call must get past it
+                            journal.add(_lost(next(iter(running.values())), LOST_WORKER))
+                            running.clear()
+                        raise
                 for future in sorted(finished, key=_failed):  # what is there is kept before a loss ends the sweep
                     case = running.pop(future)
                     row = _row_of(future, case)
                     if row is None and not alone:
                         suspects.append(case)
                         continue
-                    journal.add(row or _lost(case, "WorkerDied: the worker that ran it died, each time"))
+                    journal.add(row or _lost(case, LOST_WORKER))
                     done, failed = done + 1, failed + journal.failed[case.key]
                     progress(done, len(by_key), failed)
         except (BrokenExecutor, CancelledError) as error:  # workers killed; a Dask scheduler that went away
