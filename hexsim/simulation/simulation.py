@@ -145,6 +145,8 @@ def simulate(
     wall = clock.perf_counter() - seconds_compiled() - started  # compiling (once) is no part of the speed
     recorded = run.recorded()
     if not len(recorded.time):  # it ended in its first tick: there is no log to keep
+        if reason.startswith("interrupted"):
+            raise KeyboardInterrupt
         raise HexsimError(reason)
     log = run_log(plant, scenario, recorded, run.sensors)
     realtime = float(recorded.time[-1] / wall) if len(recorded.time) > 1 else 0.0
