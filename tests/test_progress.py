@@ -14,6 +14,7 @@ from hexsim.cli import console
 def test_without_a_terminal_progress_is_lines(monkeypatch, capsys):
     """The work that is going on, its share and the time left, once a period; nothing after the end."""
     monkeypatch.setattr(console, "LINE_EVERY_s", 0.05)
+    monkeypatch.delenv("HEXSIM_NO_PROGRESS")
     with console.progress() as bar:
         done = console.fraction_of(bar, "heave on [bench]")
         for share in (0.0, 0.25, 0.5):
@@ -35,6 +36,7 @@ def test_compiling_is_said_once_and_is_no_part_of_the_speed(tmp_path):
     """With an empty cache the command says that it compiles, once; with a full one it does not; both report the same
     kind of real-time factor (counted with its compilation the first would be a hundredth of the second)."""
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "NUMBA_CACHE_DIR": str(tmp_path / "c")}
+    del environment["HEXSIM_NO_PROGRESS"]
     arguments = ["run", "heave", "-m", "bench", "--duration", "1", "--no-report", "--no-recording", "--json", "--out"]
     said, factors = [], []
     for name in ("cold", "warm"):

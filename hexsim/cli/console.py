@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -63,7 +64,7 @@ def progress() -> Iterator[Progress]:
             bar.update(task, visible=begins)
             if begins and not console.is_terminal and not told:
                 told.append(True)
-                typer.echo(f"hexsim: {COMPILING}", err=True)
+                _say_progress(COMPILING)
 
         with while_compiling(compiling), progress_lines(bar) if not console.is_terminal else nullcontext():
             yield bar
@@ -78,7 +79,7 @@ def progress_lines(bar: Progress) -> Iterator[None]:
         while not ended.wait(LINE_EVERY_s):
             tasks = [task for task in bar.tasks if not task.finished and task.description != COMPILING]
             if tasks:
-                typer.echo(f"hexsim: {progress_line(tasks[-1] if tasks[-1].total is None else tasks[0])}", err=True)
+                _say_progress(progress_line(tasks[-1] if tasks[-1].total is None else tasks[0]))
 
     thread = threading.Thread(target=say_it, daemon=True)
     thread.start()
@@ -87,6 +88,12 @@ def progress_lines(bar: Progress) -> Iterator[None]:
     finally:
         ended.set()
         thread.join()
+
+
+def _say_progress(text: str) -> None:
+    """A line on stderr, unless the environment says HEXSIM_NO_PROGRESS."""
+    if not os.environ.get("HEXSIM_NO_PROGRESS"):
+        typer.echo(f"hexsim: {text}", err=True)
 
 
 def progress_line(task: Task) -> str:

@@ -64,7 +64,7 @@ class HexsimEnv(gymnasium.Env):
             failed = True
         reward = self.episodes.advance(*self._legs())
         observation = np.nan_to_num(self.episodes.observations(self._pressure())[0])
-        info = {"deviation_m_s2": self.episodes.deviation[0].copy(), "action_cut": bool(self.episodes.is_cut[0])}
+        info = {"deviation_m_s2": self.episodes.deviation[0].copy(), "action_cut": bool(self.episodes.is_cut.any())}
         return observation, float(np.nan_to_num(reward[0])), failed, bool(self.episodes.is_over[0]), info
 
     def _legs(self) -> tuple[np.ndarray, np.ndarray]:
