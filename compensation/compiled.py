@@ -7,13 +7,14 @@ version is that of all files that hold compiled functions.
 from __future__ import annotations
 
 import hashlib
-import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from numba import config, njit
+
+from .compiled_cache import check_cache, temporary_cache
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -22,11 +23,9 @@ def compiled(function: Callable[..., Any]) -> Any:
     try:
         dispatcher = njit(**options)(function)
     except RuntimeError:  # neither the package's folder nor the user's can be written
-        config.CACHE_DIR = tempfile.mkdtemp(prefix="compensation-cache-")  # type: ignore[attr-defined]
+        config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
         dispatcher = njit(**options)(function)
-    stored = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
-    if stored is not None and hasattr(stored, "_version"):  # absent when numba runs without a cache
-        stored._version = (stored._version, _sources_digest())
+    check_cache(dispatcher, _sources_digest())
     return dispatcher
 
 

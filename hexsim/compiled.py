@@ -8,16 +8,21 @@ before anything else of a stored index, which may name types that are no more.
 from __future__ import annotations
 
 import hashlib
-import os
-import tempfile
-from collections.abc import Callable
+import time as clock
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from llvmlite.ir import Constant
 from numba import config, njit, types
+from numba.core import event
 from numba.extending import intrinsic
+
+from compensation.compiled_cache import check_cache, temporary_cache
+
+LOCK = "numba:compiler_lock"
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -32,9 +37,7 @@ def compiled(function: Callable[..., Any]) -> Any:
     except RuntimeError:  # no locator: neither the package's folder nor the user's can be written
         config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
         dispatcher = njit(nogil=True, **options)(function)
-    stored = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
-    if stored is not None and hasattr(stored, "_version"):  # absent when numba runs without a cache
-        stored._version = (stored._version, sources_digest())
+    check_cache(dispatcher, sources_digest())
     return dispatcher
 
 
@@ -67,19 +70,60 @@ def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 borrowed: Any = intrinsic(_borrowed)
 
 
-@cache
-def temporary_cache() -> str:
-    """A cache folder of this user alone below the system's temporary one; a new one where somebody else has it."""
-    user = os.getuid() if hasattr(os, "getuid") else 0
-    folder = Path(tempfile.gettempdir()) / f"hexsim-cache-{user}"
+class _Compilation(event.Listener):
+    """Seconds that numba has compiled or loaded in this process, and who wants to know that it compiles."""
+
+    def __init__(self) -> None:
+        self.seconds, self.listeners = 0.0, []
+        self._begun: list[float] = []
+        self._compiling = 0
+
+    def on_start(self, event: Any) -> None:
+        if event.kind == LOCK:
+            self._begun.append(clock.perf_counter())
+        elif _is_kept(event):
+            self._compiling += 1
+            if self._compiling == 1:
+                self._say(True)
+
+    def on_end(self, event: Any) -> None:
+        if event.kind == LOCK:
+            since = self._begun.pop() if self._begun else clock.perf_counter()
+            if not self._begun:  # what compiles within a compilation counts once
+                self.seconds += clock.perf_counter() - since
+        elif _is_kept(event) and self._compiling:
+            self._compiling -= 1
+            if not self._compiling:
+                self._say(False)
+
+    def _say(self, begins: bool) -> None:
+        for listener in self.listeners:
+            listener(begins)
+
+
+def _is_kept(event: Any) -> bool:
+    """Whether the next session finds what is compiled in its cache; numba's own small parts are compiled every time."""
+    return hasattr(event.data["dispatcher"]._cache, "_cache_file")
+
+
+_COMPILATION = _Compilation()
+for _kind in ("numba:compile", LOCK):
+    event.register(_kind, _COMPILATION)
+
+
+def seconds_compiled() -> float:
+    """Seconds that compiling and loading of compiled functions have taken in this process [s]."""
+    return _COMPILATION.seconds
+
+
+@contextmanager
+def while_compiling(listener: Callable[[bool], None]) -> Iterator[None]:
+    """listener(True) whenever functions are compiled that no cache holds, listener(False) when that is done."""
+    _COMPILATION.listeners.append(listener)
     try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-        state = folder.lstat()
-        if not folder.is_symlink() and (os.name == "nt" or (state.st_uid == user and not state.st_mode & 0o077)):
-            return str(folder)
-    except OSError:
-        pass
-    return tempfile.mkdtemp(prefix="hexsim-cache-")
+        yield
+    finally:
+        _COMPILATION.listeners.remove(listener)
 
 
 @cache

@@ -1,9 +1,13 @@
 """Machines that many tests share. Machines are frozen, so one of each serves the session."""
 
+import os
+
 import pytest
 
 from hexsim.hydraulics.parameters import declared_rows
 from hexsim.machine import Machine, load_machine
+
+os.environ["HEXSIM_NO_PROGRESS"] = "1"  # stderr holds sentences alone, on a slow computer and with an empty cache too
 
 
 @pytest.fixture(scope="session")

@@ -9,13 +9,16 @@ import sys
 import time
 import tomllib
 from pathlib import Path
+from typing import Annotated
 
 import polars as pl
 import pytest
+import typer
 from typer.testing import CliRunner
 
 import hexsim
 from hexsim.cli import app
+from hexsim.cli.errors import SentenceGroup
 from hexsim.files.log_files import read_log
 from hexsim.machine.files import models_folder
 
@@ -275,7 +278,7 @@ def test_an_interrupted_run_keeps_its_log(tmp_path, number):
         _, stderr = process.communicate(timeout=60)
     assert process.returncode == 2
     said = r"hexsim: interrupted by the user at t = \S+ s; the log so far is in \S*run-partial"
-    assert re.fullmatch(said, stderr.strip()), stderr
+    assert re.fullmatch(said, stderr.strip().splitlines()[-1]), stderr  # before it: progress
     folder = tmp_path / "run-partial"
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["partial"] is True and summary["reason"].startswith("interrupted by the user at t = ")
@@ -321,3 +324,23 @@ def test_a_plot_that_fails_does_not_cost_the_run(tmp_path, monkeypatch):
     result = hexsim_command("run", "heave", *BENCH, "--duration", "0.5", "--out", "run", cwd=tmp_path)
     assert isinstance(result.exception, RuntimeError)
     assert {path.name for path in (tmp_path / "run").iterdir()} == {"log.parquet", "summary.json", "config.toml"}
+
+
+def test_brackets_in_help_texts_are_shown():
+    """[uncertainty], [kg] and any other word in brackets stand in the help of the command that says them."""
+    runner = CliRunner()
+    assert "[uncertainty]" in runner.invoke(app, ["sweep", "--help"], env={"COLUMNS": "200"}).output
+
+    probe = typer.Typer(cls=SentenceGroup, rich_markup_mode="rich")
+
+    @probe.callback()
+    def group() -> None:
+        """All of [these]."""
+
+    @probe.command()
+    def weigh(mass: Annotated[float, typer.Option(help="Mass [kg], of [/it] too.")] = 1.0) -> None:
+        """In [kg]."""
+
+    shown = runner.invoke(probe, ["weigh", "--help"], env={"COLUMNS": "200"}).output
+    assert "In [kg]." in shown and "Mass [kg], of [/it] too." in shown
+    assert "In [kg]." in runner.invoke(probe, ["--help"], env={"COLUMNS": "200"}).output

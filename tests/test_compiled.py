@@ -33,3 +33,28 @@ def test_without_a_folder_for_the_cache_a_temporary_one_is_used(tmp_path, taken)
     used = Path(ended.stdout.strip())
     assert used.parent == tmp_path and (used != own) == taken
     assert any(used.rglob("*.nbi")) and not used.stat().st_mode & 0o077
+
+
+@pytest.mark.parametrize("suffix", ["*.nbi", "*.nbc"])
+@pytest.mark.parametrize("damage", ["empty", "cut", "flipped"])
+def test_a_damaged_file_of_the_cache_is_compiled_again(tmp_path, suffix, damage):
+    """A file of numba's cache that was cut short, emptied or has a flipped byte costs a compilation, and is right after it."""
+    code = "from hexsim.hydraulics import valve\nassert valve.play(1.0, 0.0, 0.25) == 0.75\nprint(len(valve.play.stats.cache_hits))"
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1]), "NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def hits() -> int:
+        ended = subprocess.run(
+            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+        )
+        assert ended.returncode == 0, ended.stderr
+        return int(ended.stdout)
+
+    assert (hits(), hits()) == (0, 1)
+    for file in tmp_path.rglob(suffix):
+        content = bytearray(file.read_bytes())
+        if damage == "flipped":
+            content[-20] ^= 1
+        file.write_bytes({"empty": b"", "cut": bytes(content[: len(content) // 2])}.get(damage, bytes(content)))
+    first = hits()
+    assert first == 0 or (suffix, damage) == ("*.nbi", "flipped")  # an index may still tell its way
+    assert hits() == 1

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
@@ -167,3 +168,49 @@ def test_the_command_measures_a_run(bench, tmp_path):
     bad = CliRunner().invoke(app, [*call, "--imu-offset", "1,2"])
     assert bad.exit_code == 2
     assert "--imu-offset '1,2': three numbers are needed" in bad.output
+
+
+MOTIONS = {
+    "heave": ({"z": (0.05, 0.5)}, {"half-hertz noise", "leg balance"}),
+    "turn-around": ({"z": (0.075, 0.5)}, {"half-hertz noise", "leg balance", "turn-around"}),
+    "sway": ({"y": (0.05, 0.5)}, {"half-hertz noise"}),
+    "pitch": ({"pitch": (0.08, 0.5)}, set()),
+    "fast heave": ({"z": (0.01, 2.0)}, set()),
+    "combined": ({"x": (0.03, 0.5), "z": (0.03, 0.5), "roll": (0.08, 0.7), "pitch": (0.08, 0.3)}, set()),
+}
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_a_machine_that_follows_perfectly_does_not_fail(hexapod, tmp_path, name):
+    """A made-up log whose legs and accelerations are exactly those asked for: nothing is exceeded, and each limit judges only
+    the motion that its test is for."""
+    axes, judged = MOTIONS[name]
+    mechanics, time = hexapod.mechanics, np.arange(20_000) * 1e-3
+    pose, rate, change = (np.zeros((len(time), 6)) for _ in range(3))
+    for axis, (size, f) in axes.items():
+        column, w = ("x", "y", "z", "roll", "pitch", "yaw").index(axis), 2 * np.pi * f
+        pose[:, column] = size * np.sin(w * time)
+        rate[:, column], change[:, column] = size * w * np.cos(w * time), -size * w**2 * np.sin(w * time)
+    twist_rate = mechanics.to_platform_frame(pose, mechanics.twist_rate(pose, rate, change))
+    legs = mechanics.piston_positions(pose)
+    columns = {"time_s": time}
+    for k in range(6):
+        columns |= {f"setpoint_{k + 1}_m": legs[:, k], f"position_{k + 1}_m": legs[:, k]}
+    for k, axis in enumerate("xyz"):
+        columns |= {
+            f"acceleration_{axis}_m_s2": twist_rate[:, k],
+            f"angular_acceleration_{axis}_rad_s2": twist_rate[:, 3 + k],
+        }
+    result = measure(Log.of_table("perfect", pl.DataFrame(columns), "hexapod"), hexapod, tmp_path)
+    assert {row["test"] for row in result["rows"] if row["passed"] is not None} == judged
+    assert result["passed"] is (True if judged else None)
+
+
+def test_strict_ends_with_one_where_a_limit_is_exceeded(hexapod, tmp_path):
+    """`measure --strict` on the shipped machine without compensation: 1 and the tests that are exceeded; without it 0."""
+    simulate(hexapod, load_scenario("heave", duration_s=8.0), fast=True).log.write_parquet(tmp_path / "log.parquet")
+    arguments = ["measure", str(tmp_path / "log.parquet"), "-m", "micro_motion_system", "--out"]
+    ended = CliRunner().invoke(app, [*arguments, str(tmp_path / "a"), "--strict"])
+    passed = json.loads((tmp_path / "a" / "measure.json").read_text())["passed"]
+    assert passed is False and ended.exit_code == 1 and "limits exceeded: half-hertz noise heave z" in ended.stderr
+    assert CliRunner().invoke(app, [*arguments, str(tmp_path / "b")]).exit_code == 0

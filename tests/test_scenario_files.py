@@ -3,6 +3,7 @@
 import pytest
 import tomli_w
 
+from hexsim import scenarios
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.scenarios import available_scenarios, load_scenario, scenario_from_dict
@@ -31,7 +32,7 @@ def test_a_scenario_without_a_name_bears_its_files(tmp_path):
 
 
 WRONG = [
-    ({"figures_from_s": "abc"}, r"figures_from_s = 'abc': input should be a valid number"),
+    ({"figures_from_s": "abc"}, r"figures_from_s = 'abc': a number is needed, without quotes, in SI units"),
     ({"figures_from_s": float("nan")}, r"figures_from_s = nan: input should be a finite number"),
     ({"machine": "x"}, r"machine = 'x': must be a table"),
     ({"machine": [float("nan")]}, r"machine = \[nan\]: must be a table"),
@@ -79,11 +80,31 @@ def test_a_fault_that_cannot_be_is_refused_before_the_run(fault, description):
         simulate(load_machine("bench"), scenario_from_dict({**HEAVE, "faults": [fault]}))
 
 
-@pytest.mark.parametrize("path", ["x" * 300, "x\0y", "x" * 300 + ".toml", "a/../../b.csv", ""])
+@pytest.mark.parametrize("path", ["x" * 300, "x\0y", ""])
 def test_names_that_no_file_can_have_are_unknown_scenarios(path):
     """300 characters, a NUL: the sentence lists what there is."""
     with pytest.raises(HexsimError, match=r"unknown scenario .*give one of combined, "):
         load_scenario(path)
+
+
+@pytest.mark.parametrize("path", ["nosuch.toml", "x" * 300 + ".toml", "a/../../b.csv", "folder/heave"])
+def test_a_file_that_is_not_there_is_no_unknown_scenario(path):
+    """What can only be a file is said to be absent, and from where it was sought; a file of another kind is said to be one."""
+    with pytest.raises(HexsimError, match=r"there is no scenario file .*: check the path, from /"):
+        load_scenario(path)
+    with pytest.raises(HexsimError, match=r"test_scenario_files.py is no scenario file"):
+        load_scenario(__file__)
+
+
+def test_names_and_files_stand_for_machine_and_scenario():
+    """simulate("bench", "heave.toml") runs; what is neither is refused in a sentence."""
+    path = scenarios.__path__[0] + "/heave.toml"
+    with pytest.raises(HexsimError, match=r"duration .* is shorter than two samples"):
+        simulate("bench", load_scenario(path, duration_s=1e-4))
+    with pytest.raises(HexsimError, match=r"unknown machine 'benc'"):
+        simulate("benc", path)
+    with pytest.raises(HexsimError, match=r"a dict stands where a Scenario is needed: give one, its name, as 'heave'"):
+        simulate("bench", {"name": "heave"})
 
 
 def test_amplitudes_and_frequencies_of_the_command_line_are_checked():

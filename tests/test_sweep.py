@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,13 +14,17 @@ from pathlib import Path
 import polars as pl
 import psutil
 import pytest
+from typer.testing import CliRunner
 
 import hexsim
+from hexsim.cli import app
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.scenarios import load_scenario
-from hexsim.studies.journal import Journal
+from hexsim.studies import inputs
+from hexsim.studies.journal import Journal, line_of
 from hexsim.studies.sweep import cases, run_case, sweep
+from hexsim.studies.workers import Workers
 
 ROOT = Path(hexsim.__file__).parents[1]
 
@@ -98,19 +103,21 @@ def test_a_line_that_was_cut_short_is_run_again_and_no_other(tmp_path):
     """A journal that ends in the middle of a line, as after a power cut, loses that line only."""
     wanted = short(seeds=[0, 1, 2])
     rows = [run_case(case) | {"error": None} for case in wanted[:2]]
-    text = json.dumps(rows[0]) + "\n" + json.dumps(rows[1])[:40]
-    (tmp_path / "t.parquet.journal").write_text(text)
+    (tmp_path / "t.parquet.journal").write_bytes(line_of(rows[0]) + line_of(rows[1])[:40])
     assert sweep(wanted, Here(), tmp_path / "t.parquet") == 2
     table = pl.read_parquet(tmp_path / "t.parquet")
     assert table.height == 3 and table["wall_s"][0] == rows[0]["wall_s"]
 
 
-@pytest.mark.parametrize("damage", [b"[1, 2]", b'{"key": 3}', b"\xff\xfe\x00", b'{"key": "a", "se', b"[" * 5000])
+ODD = line_of({"key": "0" * 20, "error": None, "seed": [1, 2], "duration_s": {"a": 1}}).rstrip()
+
+
+@pytest.mark.parametrize("damage", [b"[1, 2]", b'{"key": 3}', b"\xff\xfe\x00", b'{"key": "a", "se', b"[" * 5000, ODD])
 def test_a_damaged_line_is_run_again_and_no_other(tmp_path, damage):
     """A line in the middle of the journal that holds no row costs that row only."""
     wanted = short(seeds=[0, 1, 2])
-    rows = [json.dumps(run_case(case) | {"error": None}).encode() for case in wanted[::2]]
-    (tmp_path / "t.parquet.journal").write_bytes(rows[0] + b"\n" + damage + b"\n" + rows[1] + b"\n")
+    rows = [line_of(run_case(case) | {"error": None}) for case in wanted[::2]]
+    (tmp_path / "t.parquet.journal").write_bytes(rows[0] + damage + b"\n" + rows[1])
     assert sweep(wanted, Here(), tmp_path / "t.parquet") == 1
     assert pl.read_parquet(tmp_path / "t.parquet")["seed"].to_list() == [0, 1, 2]
 
@@ -175,7 +182,15 @@ def test_a_table_that_is_no_sweep_is_not_overwritten(tmp_path):
 def instant(case):
     """A row as a run would give it, without the run: the size of a bench's."""
     figures = {f"leg_figure_{k}": float(case.seed) for k in range(30)}
-    return {"key": case.key, "seed": case.seed, **case.settings, **figures, "complete": True, "error": None}
+    return {
+        "key": case.key,
+        "values_key": case.values_key,
+        "seed": case.seed,
+        **case.settings,
+        **figures,
+        "complete": True,
+        "error": None,
+    }
 
 
 def test_a_folder_takes_rows_in_parts_of_one_schema(tmp_path, monkeypatch):
@@ -262,7 +277,11 @@ def test_a_killed_sweep_goes_on_where_it_was(tmp_path):
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    finished = [json.loads(line) for line in journal.read_bytes().splitlines(keepends=True) if line.endswith(b"\n")]
+    finished = [
+        json.loads(line.split(b" ", 1)[1])
+        for line in journal.read_bytes().splitlines(keepends=True)
+        if line.endswith(b"\n")
+    ]
     assert 2 <= len(finished) <= 6 and not table.exists()
     ended = subprocess.run(
         command(table, "--json"), cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
@@ -307,9 +326,9 @@ def test_the_same_sweep_runs_on_a_dask_cluster(tmp_path, monkeypatch):
         "dashboard_address": None,
         "host": "127.0.0.1",
     }
-    with LocalCluster(**options) as cluster, executor_of(cluster.scheduler_address, None) as (executor, count):
+    with LocalCluster(**options) as cluster, executor_of(cluster.scheduler_address, None) as (executor, count, check):
         assert count == 2
-        assert sweep(wanted, executor, tmp_path / "dask.parquet", workers=count) == 4
+        assert sweep(wanted, executor, tmp_path / "dask.parquet", workers=count, check=check) == 4
     sweep(wanted, Here(), tmp_path / "here.parquet")
     there, here = (
         pl.read_parquet(tmp_path / f"{name}.parquet").drop("wall_s", "realtime_factor") for name in ("dask", "here")
@@ -325,3 +344,293 @@ def test_a_scheduler_that_is_not_there_is_said(monkeypatch):
     monkeypatch.setattr(command_line, "CONNECT_TIMEOUT_S", 0.5)
     with pytest.raises(HexsimError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         command_line.executor_of("tcp://127.0.0.1:9", None).__enter__()
+
+
+# whatever ends
+OWN = """
+import os, sys, time
+import numpy as np
+from compensation import Compensator
+from own_help import VOLTS
+
+class Own(Compensator):
+    name = "own"
+    def start(self, context): pass
+    def parameters(self): return {}
+    def restore(self, parameters): pass
+    def step(self, sample, ahead): return VOLTS
+
+class Exits(Own):
+    name = "exits"
+    def start(self, context): sys.exit(0)
+
+class Dies(Own):
+    name = "dies"
+    def start(self, context): os._exit(0)
+
+class Killed(Own):
+    name = "killed"
+    def start(self, context): os.kill(os.getpid(), 9)
+"""
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """A module of the user's with compensators, and one that it imports."""
+    folder = tmp_path / "mods"
+    folder.mkdir()
+    (folder / "own_mod.py").write_text(OWN)
+    (folder / "own_help.py").write_text("VOLTS = 0.0\n")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(folder), str(ROOT)]))
+    monkeypatch.syspath_prepend(str(folder))
+    yield folder
+    for name in ("own_mod", "own_help"):
+        sys.modules.pop(name, None)
+
+
+def test_a_worker_that_dies_is_a_row_and_no_end(own, tmp_path):
+    """sys.exit, os._exit and SIGKILL in a compensator, two processes: each such case is a failed row that says how, all
+    others have their figures; again costs no run; --retry-failed runs the failed ones alone."""
+    names = ["own_mod:Exits", "own_mod:Dies", "own_mod:Killed", "none"]
+    wanted, table = short(compensators=names, seeds=[0, 1]), tmp_path / "t.parquet"
+
+    def run(**options):
+        workers = Workers(2)
+        try:
+            return sweep(wanted, workers, table, workers=2, **options)
+        finally:
+            workers.shutdown(cancel_futures=True)
+
+    assert run() == 8
+    for _ in range(2):
+        rows = pl.read_parquet(table)
+        assert rows["compensator"].to_list() == [name for name in names for _ in range(2)]
+        assert rows["complete"].to_list() == [False] * 6 + [True] * 2
+        for errors, says in zip(
+            (rows["error"][0:2], rows["error"][2:4], rows["error"][4:6]),
+            ("SystemExit", "WorkerDied: .*exit code 0", "WorkerDied: .*SIGKILL"), strict=True,
+        ):  # fmt: skip
+            assert errors.str.contains(says).all(), errors
+        assert rows["leg_peak_band_m_s2"].null_count() == 6
+        assert run() == 0
+        assert run(retry_failed=True) == 6
+
+
+def test_rows_of_other_inputs_are_not_served(own, tmp_path, monkeypatch):
+    """A setpoint file edited in place, a compensator's module and one that it imports: each is another case, whose old row is
+    gone from the table; so is a setpoint file that a setting names. With the old bytes back, the same key is back."""
+    path = tmp_path / "sp.csv"
+
+    def motion(size):
+        path.write_text("time_s,z_m\n" + "".join(f"{k / 100},{size * (k / 100) ** 2}\n" for k in range(101)))
+
+    def rows():
+        for name in ("own_mod", "own_help"):
+            sys.modules.pop(name, None)
+        for cached in (inputs._own_code_digest, inputs._hexsim_digest):  # what a new process does
+            cached.cache_clear()
+        wanted = cases(load_scenario(path), load_machine("bench"), compensators=["own_mod:Own"])
+        monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
+        count = sweep(wanted, Here(), tmp_path / "t.parquet")
+        assert pl.read_parquet(tmp_path / "t.parquet")["key"].to_list() == [wanted[0].key]
+        return count, wanted[0].key
+
+    motion(0.01)
+    assert rows()[0] == 1
+    first = rows()
+    assert first[0] == 0
+    motion(0.03)
+    assert rows()[0] == 1
+    motion(0.01)
+    assert rows() == (1, first[1])
+    (own / "own_help.py").write_text("VOLTS = 1.5\n")
+    assert rows()[0] == 1 and rows()[1] != first[1]
+    (own / "own_mod.py").write_text(OWN + "# other\n")
+    assert rows()[0] == 1
+    tables = {"kind": "file", "path": str(path), "column": "z_m"}
+    by_setting = [short(settings={"scenario.axes.z": [tables]})[0].key]
+    motion(0.02)
+    assert short(settings={"scenario.axes.z": [tables]})[0].key not in by_setting
+
+
+def test_inputs_that_change_while_a_sweep_runs_are_said(tmp_path):
+    """The case was taken with other bytes than those that the worker found: the row is none, and says so."""
+    path = tmp_path / "sp.csv"
+    path.write_text("time_s,z_m\n0,0\n0.5,0.001\n")
+    case = cases(load_scenario(path), load_machine("bench"))[0]
+    path.write_text("time_s,z_m\n0,0\n0.5,0.002\n")
+    row = run_case(case)
+    assert not row["complete"] and "are others than when the sweep began" in row["error"]
+
+
+@pytest.mark.parametrize("place", ["t.parquet", "parts"])
+def test_a_journal_cut_at_any_byte_costs_the_rows_behind_it(tmp_path, monkeypatch, place):
+    """Cut at each byte of the last two lines, and each of these bytes overwritten: the next call completes the table,
+    runs no case twice whose line is whole, and believes none whose line is not."""
+    monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
+    monkeypatch.setattr("hexsim.studies.journal.os.fsync", lambda number: None)
+    wanted = short(seeds=range(3))
+    lines = [line_of(instant(case)) for case in wanted]
+    whole, first = b"".join(lines), len(lines[0])
+    for at in [*range(first, len(whole), 13), len(whole) - 2, len(whole) - 1]:
+        for damaged in (whole[:at], whole[:at] + bytes([whole[at] ^ 4]) + whole[at + 1 :]):
+            table = tmp_path / place
+            with Journal(table) as journal:
+                pass
+            journal.path.parent.mkdir(exist_ok=True)
+            journal.path.write_bytes(damaged)
+            intact = sum(line + b"\n" in lines for line in damaged.split(b"\n")[:-1])
+            assert sweep(wanted, Here(), table) == 3 - intact
+            found = pl.read_parquet(table if place.endswith("parquet") else table / "*.parquet")
+            assert sorted(found["seed"]) == [0, 1, 2] and (found["leg_figure_3"] == found["seed"]).all()
+            shutil.rmtree(table) if table.is_dir() else table.unlink()
+
+
+@pytest.mark.parametrize("place", ["t.parquet", "parts"])
+def test_a_sweep_killed_while_it_writes_its_table_goes_on(tmp_path, monkeypatch, place):
+    """Killed inside of polars' writing: half a file lies there; the next call runs nothing, completes, and removes it."""
+    monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
+    wanted = short(seeds=range(3))
+    with Journal(tmp_path / place) as journal:
+        for case in wanted:
+            journal.add(instant(case))
+    folder = tmp_path if place.endswith("parquet") else tmp_path / place
+    name = place if place.endswith("parquet") else "part-000000.parquet"
+    (folder / f".partial-{name}-abc.parquet").write_bytes(b"PAR1 half")
+    assert sweep(wanted, Here(), tmp_path / place) == 0
+    assert [path.name for path in folder.iterdir()] == [name]
+
+
+def test_a_full_disk_at_the_end_loses_nothing(tmp_path, monkeypatch):
+    """Writing the table fails, as polars tells it: one sentence; with room again nothing is run twice."""
+    monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
+
+    def full(self, file):
+        Path(file).write_bytes(b"half")
+        raise pl.exceptions.ComputeError("No space left on device (os error 28)")
+
+    wanted = short(seeds=range(3))
+    with monkeypatch.context() as patch:
+        patch.setattr(pl.DataFrame, "write_parquet", full)
+        with pytest.raises(
+            HexsimError, match=r"cannot write .*No space left.*3 rows are kept in .*journal, run the same"
+        ):
+            sweep(wanted, Here(), tmp_path / "t.parquet")
+    assert sweep(wanted, Here(), tmp_path / "t.parquet") == 0
+
+
+def test_a_journal_that_takes_half_a_line_keeps_the_lines_before(tmp_path, monkeypatch):
+    """A disk that is full in the middle of a line: the sweep ends in a sentence, and later the line's case alone is run."""
+    monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
+    wanted = short(seeds=range(2))
+    with Journal(tmp_path / "t.parquet") as journal:
+        journal.add(instant(wanted[0]))
+        file = journal._file
+
+        class Full:
+            def __getattr__(self, name):
+                return getattr(file, name)
+
+            def write(self, data):
+                if len(data) < 30:
+                    raise OSError(28, "No space left on device")
+                return file.write(data[: len(data) // 2])
+
+        journal._file = Full()
+        with pytest.raises(HexsimError, match=r"No space left on device; 1 rows are kept"):
+            journal.add(instant(wanted[1]))
+        journal._file = file
+    assert (tmp_path / "t.parquet.journal").read_bytes().endswith(b"\n")
+    assert sweep(wanted, Here(), tmp_path / "t.parquet") == 1
+
+
+def test_failed_rows_of_a_table_in_parts_are_replaced(tmp_path, monkeypatch):
+    """Parts of two rows; a failed run that succeeds on request stands once, with the new result."""
+    monkeypatch.setattr("hexsim.studies.sweep_table.Parts.most", 2)
+    wanted = short(seeds=range(5))
+
+    def failing(case):
+        return instant(case) | ({"error": "X: no", "complete": False} if case.seed in (1, 2) else {})
+
+    monkeypatch.setattr("hexsim.studies.sweep.run_case", failing)
+    assert sweep(wanted, Here(), tmp_path / "parts") == 5
+    monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
+    assert sweep(wanted, Here(), tmp_path / "parts") == 0
+    assert sweep(wanted, Here(), tmp_path / "parts", retry_failed=True) == 2
+    found = pl.read_parquet(tmp_path / "parts" / "*.parquet")
+    assert sorted(found["seed"]) == list(range(5)) and found["error"].null_count() == 5
+
+
+def test_the_exit_code_says_that_runs_failed(tmp_path):
+    """1, and a sentence with the count and what to do; 0 without a failure."""
+    runner = CliRunner()
+    base = [
+        "sweep",
+        "heave",
+        "-m",
+        "bench",
+        "--duration",
+        "0.3",
+        "--workers",
+        "1",
+        "--out",
+        str(tmp_path / "t.parquet"),
+    ]
+    ended = runner.invoke(app, [*base, "--set", "scenario.axes.z.amplitude=0.01,2"])
+    assert ended.exit_code == 1, ended.output
+    assert "1 of 2 runs failed" in ended.stderr and "--retry-failed" in ended.stderr
+    assert runner.invoke(app, [*base, "--set", "scenario.axes.z.amplitude=0.01"]).exit_code == 0
+
+
+class KilledWorker(Exception):
+    """As Dask's: the worker died several times while this and other cases were at it."""
+
+
+def test_a_case_that_kills_its_dask_worker_is_found_and_recorded(tmp_path, monkeypatch):
+    """Dask blames every case that a dying worker held: those that are innocent have their figures, the one that kills alone is
+    a failed row. Where no worker comes back from it, the sweep ends in a sentence, and the next call gets past it."""
+    monkeypatch.setattr("hexsim.studies.sweep.run_case", instant)
+    wanted, alone = short(seeds=range(3)), []
+
+    class Cluster(Here):
+        """Its first tasks all die with the worker; later a case dies that kills it."""
+
+        def submit(self, function, /, case):
+            alone.append(case.seed)
+            future = super().submit(function, case)
+            if len(alone) <= 3 or case.seed == 1:
+                future = Future()
+                future.set_exception(KilledWorker())
+            return future
+
+    assert sweep(wanted, Cluster(), tmp_path / "t.parquet") == 3
+    rows = pl.read_parquet(tmp_path / "t.parquet")
+    assert rows["error"].is_null().to_list() == [True, False, True]
+    assert "WorkerDied" in rows["error"][1]
+
+    class Gone(Here):
+        """A worker that is lost for good with the case that runs alone."""
+
+        def submit(self, function, /, case):
+            future = Future()
+            if not first:
+                first.append(case)
+                future.set_exception(KilledWorker())
+            return future
+
+    def check():
+        if first:
+            raise HexsimError("no worker is left")
+
+    first = []
+    monkeypatch.setattr("hexsim.studies.sweep.CHECK_EVERY_s", 0.05)
+    checks = iter([None])
+
+    def late_check():
+        if next(checks, "over") == "over":
+            check()
+
+    with pytest.raises(HexsimError, match="no worker is left"):
+        sweep(short(seeds=[7]), Gone(), tmp_path / "u.parquet", check=late_check)
+    assert sweep(short(seeds=[7]), Here(), tmp_path / "u.parquet") == 0
+    assert "WorkerDied" in pl.read_parquet(tmp_path / "u.parquet")["error"][0]

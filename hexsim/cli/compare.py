@@ -42,6 +42,7 @@ def compare(
     host: options.Packets = None,
     recording: options.Recording = True,
     log_format: Annotated[LogFormat, typer.Option(help="Format of the log files.")] = "parquet",
+    allow_native: options.AllowNative = False,
 ) -> None:
     """Run a scenario with several compensators: table, figure, report, compare.json, one recording."""
     from hexsim.files.run_folder import default_folder, run_folder
@@ -50,7 +51,7 @@ def compare(
     from hexsim.studies.compare import compare as run_all
     from hexsim.studies.compare import comparison_tables, interrupted, names_of, write_comparison
 
-    with_machine, what = options.prepare(scenario, motion, settings)
+    with_machine, what = options.prepare(scenario, motion, settings, allow_native=allow_native)
     names = names_of(compensators, with_machine)
     with run_folder(out or default_folder(f"compare-{what.name}")) as folder, progress() as bar:
         check_resources(machine_in(what, with_machine), len(names) * what.duration_s, folder.out.absolute().parent)

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import Progress, Task
     from rich.table import Table
+
+LINE_EVERY_s = 10.0  # between two lines of progress where there is no terminal
+COMPILING = "compiling (once)"
 
 
 def output() -> Console:
@@ -37,9 +41,14 @@ def print_json(data: Any) -> None:
 
 @contextmanager
 def progress() -> Iterator[Progress]:
-    """A progress display on stderr that goes away when done; nothing where stderr is no terminal."""
+    """A progress display on stderr that goes away when done; where stderr is no terminal, one line every 10 s.
+
+    Both say "compiling (once)" while equations are compiled for the first time.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    from hexsim.compiled import while_compiling
 
     console = Console(stderr=True)
     columns = (
@@ -50,7 +59,49 @@ def progress() -> Iterator[Progress]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        yield bar
+        task, told = bar.add_task(COMPILING, total=None, visible=False), []
+
+        def compiling(begins: bool) -> None:
+            bar.update(task, visible=begins)
+            if begins and not console.is_terminal and not told:
+                told.append(True)
+                _say_progress(COMPILING)
+
+        with while_compiling(compiling), progress_lines(bar) if not console.is_terminal else nullcontext():
+            yield bar
+
+
+@contextmanager
+def progress_lines(bar: Progress) -> Iterator[None]:
+    """One line on stderr every `LINE_EVERY_s`: the task that is at work, how far it is and when it will be done."""
+    ended = threading.Event()
+
+    def say_it() -> None:
+        while not ended.wait(LINE_EVERY_s):
+            tasks = [task for task in bar.tasks if not task.finished and task.description != COMPILING]
+            if tasks:
+                _say_progress(progress_line(tasks[-1] if tasks[-1].total is None else tasks[0]))
+
+    thread = threading.Thread(target=say_it, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def _say_progress(text: str) -> None:
+    """A line on stderr, unless the environment says HEXSIM_NO_PROGRESS."""
+    if not os.environ.get("HEXSIM_NO_PROGRESS"):
+        typer.echo(f"hexsim: {text}", err=True)
+
+
+def progress_line(task: Task) -> str:
+    """As "heave on bench: 42 %, about 25 s left"."""
+    done = f": {task.percentage:.0f} %" if task.total is not None else ""
+    left = task.time_remaining
+    return f"{task.description}{done}{f', about {left:.0f} s left' if done and left else ''}"
 
 
 def fraction_of(bar: Progress, description: str) -> Callable[[float], None]:

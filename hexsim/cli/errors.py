@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sys
 from typing import Any
 
@@ -13,12 +14,21 @@ from typer.core import TyperGroup
 from hexsim.errors import HexsimError, shortened
 
 EXIT_CODE = 2
+UsageError: Any = typer.BadParameter.__bases__[0]  # click's, which newer versions of Typer hold inside
+TAG = re.compile(r"(\\*)(\[[a-z#/@][^[]*?\])")  # what Rich takes for markup
 LONGEST_SENTENCE = 2000  # characters
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the disk, the user's share of it, the largest file allowed
 
 
 class SentenceGroup(TyperGroup):
-    """Turns the user's errors into a sentence; anything else is a bug and keeps its traceback."""
+    """Turns the user's errors into a sentence; anything else is a bug and keeps its traceback.
+
+    Help texts are text: brackets in them, as in [kg] and [uncertainty], are no markup of Rich's.
+    """
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        _escape_help(self)
 
     def invoke(self, ctx: typer.Context) -> Any:
         for stream in (sys.stdout, sys.stderr):  # a locale without a sign shows it as its code
@@ -30,6 +40,14 @@ class SentenceGroup(TyperGroup):
             return result
         except HexsimError as error:
             say(str(error))
+        except UsageError as error:
+            if "extra argument" in error.message and any(
+                word in sys.argv for word in ("--compensators", "-c", "--set")
+            ):
+                error.message += " Values of one option go together, with commas and without spaces: none,adaptive."
+            elif "unable to parse string as a number" in error.message:
+                error.message += ": write it without a unit; the help names the unit."
+            raise
         except KeyboardInterrupt:
             say("interrupted by the user; nothing was kept")
         except BrokenPipeError:  # the reader of our output went away, as `head` does
@@ -44,7 +62,24 @@ class SentenceGroup(TyperGroup):
                 say(f"cannot use {shortened(str(error.filename))}: {error.strerror}; give another file or folder")
             else:
                 raise
+        except BaseException as error:
+            if (
+                type(error).__name__ != "PanicException"
+            ):  # of polars' Rust: no Exception, on a file whose bytes are not right
+                raise
+            say(f"a file is damaged: {next(iter(str(error).splitlines()), '')}")
         raise typer.Exit(EXIT_CODE)
+
+
+def _escape_help(command: Any) -> None:
+    """Each help text of a command, its options and its commands with brackets escaped for Rich."""
+    for part in (command, *command.params):
+        for name in ("help", "short_help", "epilog"):
+            text = getattr(part, name, None)
+            if text:
+                setattr(part, name, TAG.sub(r"\1\1\\\2", text))
+    for other in getattr(command, "commands", {}).values():
+        _escape_help(other)
 
 
 def _drop_output() -> None:

@@ -41,15 +41,17 @@ def live(
     amplitude: options.Amplitude = None,
     frequency: options.Frequency = None,
     settings: options.Set = None,
-    seconds: Annotated[float | None, typer.Option(help="End after this time (s).")] = None,
+    seconds: Annotated[float | None, typer.Option("--seconds", "--duration", help="End after this time (s).")] = None,
     web: Annotated[bool, typer.Option("--web", help="A page for the browser, on this computer alone.")] = False,
     port: Annotated[int, typer.Option(min=1024, max=65535, help="Of the page; the next free one if taken.")] = 8080,
+    allow_native: options.AllowNative = False,
 ) -> None:
     """The machine running. In MuJoCo's viewer: a slider for each degree of freedom, pause, pushes by mouse or key.
     With --web: sliders for overlap, friction, spool, load, leak, delay and motion, and the bump as it becomes."""
     with_machine, what = options.prepare(
-        scenario or "heave", options.Motion(machine=machine, amplitude=amplitude, frequency=frequency), settings
-    )
+        scenario or "heave", options.Motion(machine=machine, amplitude=amplitude, frequency=frequency), settings,
+        allow_native=allow_native,
+    )  # fmt: skip
     from hexsim.compile_time import compile_time
 
     with compile_time(lambda text: typer.echo(text, err=True)):

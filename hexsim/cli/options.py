@@ -69,6 +69,9 @@ Packets = Annotated[
 ]
 Recording = Annotated[bool, typer.Option("--recording/--no-recording", help="Write recordings for Rerun.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else there.")]
+AllowNative = Annotated[
+    bool, typer.Option("--allow-native", help="Run the native code of foreign FMUs: only of people whom you trust.")
+]
 Set = Annotated[
     list[str] | None,
     typer.Option("--set", help="Change a value: valve.overlap_m=20e-6, or scenario.fade_s=1. Repeat for more."),
@@ -144,7 +147,9 @@ def host_of(packets: str | None) -> Host | None:
     return None if packets is None else Host.parse(packets)
 
 
-def prepare(scenario_name: str, motion: Motion, settings: list[str] | None = None) -> tuple[Machine, Scenario]:
+def prepare(
+    scenario_name: str, motion: Motion, settings: list[str] | None = None, *, allow_native: bool = False
+) -> tuple[Machine, Scenario]:
     """Machine and scenario with everything the options change."""
     from hexsim.scenarios.settings import apply_settings, scenario_and_machine
 
@@ -154,7 +159,8 @@ def prepare(scenario_name: str, motion: Motion, settings: list[str] | None = Non
         amplitude=motion.amplitude,
         frequency_Hz=motion.frequency,
         duration_s=motion.duration,
+        allow_native=allow_native,
     )
     changes = {key: parse_value(text) for key, text in parse_changes(settings).items()}
-    scenario, machine = apply_settings(scenario, machine, changes, source="--set")
+    scenario, machine = apply_settings(scenario, machine, changes, source="--set", allow_native=allow_native)
     return machine, scenario

@@ -10,6 +10,8 @@ import typer
 from hexsim.cli import options
 from hexsim.cli.console import fraction_of, output, print_json, progress, terminated_like_interrupted
 
+Strict = Annotated[bool, typer.Option("--strict", help="Exit code 1 where a limit is exceeded.")]
+
 
 def register(app: typer.Typer) -> None:
     app.command("qualify")(qualify)
@@ -23,6 +25,7 @@ def qualify(
     compensator: options.CompensatorName = "none",
     settings: options.Set = None,
     json: options.Json = False,
+    strict: Strict = False,
 ) -> None:
     """Motion tests of flight simulators on a machine: half-hertz noise, describing function, turn-around and more."""
     from hexsim.files.run_folder import default_folder, run_folder
@@ -42,6 +45,7 @@ def qualify(
         print_json(result)
     else:
         print_qualification(result, place)
+    end_strictly(result, strict)
 
 
 def measure(
@@ -58,6 +62,7 @@ def measure(
     out: options.Out = None,
     settings: options.Set = None,
     json: options.Json = False,
+    strict: Strict = False,
 ) -> None:
     """The figures of `qualify` from a log: noise, turn-around, leg balance, perception, describing function."""
     import math
@@ -83,6 +88,23 @@ def measure(
         print_qualification(result, place)
         for note in result["notes"]:
             typer.echo(note)
+    end_strictly(result, strict)
+
+
+def end_strictly(result: dict[str, Any], strict: bool) -> None:
+    """With --strict: exit code 1, and which limits are exceeded, where it is not passed."""
+    from hexsim.cli.errors import say
+
+    if not strict or result["passed"]:
+        return
+    judged = [row for row in result["rows"] if row["passed"] is not None]
+    failed = [f"{row['test']} {row['axis']}" for row in judged if not row["passed"]]
+    say(
+        f"{len(failed)} of {len(judged)} limits exceeded: {', '.join(dict.fromkeys(failed))}"
+        if judged
+        else "no limit is for the motion of this log: nothing was judged"
+    )
+    raise typer.Exit(1)
 
 
 def _three(text: str, option: str) -> tuple[float, float, float]:
@@ -104,7 +126,8 @@ def print_qualification(result: dict[str, Any], place: Path) -> None:
 
     console = output()
     what = f"compensator {result['compensator']}" if "compensator" in result else f"log {result['log']}"
-    title = f"{result['machine']}, {what}: {'passed' if result['passed'] else 'NOT passed'}"
+    verdict = {True: "passed", False: "NOT passed", None: "no limit is for this motion"}[result["passed"]]
+    title = f"{result['machine']}, {what}: {verdict}"
     table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
     for index, name in enumerate(("test", "axis", "figure", "value", "limit", "unit", "")):
         table.add_column(name, justify="right" if index in (3, 4) else "left")

@@ -45,6 +45,7 @@ def run(
     connect: Annotated[
         list[str] | None, typer.Option(help="Name in the payload's FMU: force_z_N=THEIRS or THEIRS*FACTOR. Repeat.")
     ] = None,
+    allow_native: options.AllowNative = False,
 ) -> None:
     """Run a scenario headless: table of acceleration peaks, log, figures, report and Rerun recording."""
     from hexsim.files.run_folder import default_folder, run_folder
@@ -53,7 +54,7 @@ def run(
     if scenario is None:
         print_what_there_is()
         raise typer.Exit(2)
-    with_machine, what = options.prepare(scenario, motion, settings)
+    with_machine, what = options.prepare(scenario, motion, settings, allow_native=allow_native)
     if mcap:
         from hexsim.recording.mcap import check_library
 
@@ -65,7 +66,7 @@ def run(
 
         chosen = machine_in(what, with_machine)
         check_resources(chosen, what.duration_s, folder.out.absolute().parent)
-        payloads = payload_on(chosen, payload, connect or []) if payload else []
+        payloads = payload_on(chosen, payload, connect or [], allow_native) if payload else []
 
         done = simulate(
             with_machine, what, compensator=compensator, fast=fast, seed=seed, timestep=timestep,
@@ -80,12 +81,12 @@ def run(
         raise HexsimError(f"{done.reason.rstrip('.')}; the log so far is in {place}")
 
 
-def payload_on(machine: Machine, path: Path, connections: list[str]) -> list[PayloadFmu]:
+def payload_on(machine: Machine, path: Path, connections: list[str], allow_native: bool) -> list[PayloadFmu]:
     """The FMU as what acts on the machine."""
     from hexsim.simulation.payload_fmu import PayloadFmu, parse_connections
 
     has_platform = machine.mechanics.has_platform
-    return [PayloadFmu(path, parse_connections(connections), has_platform=has_platform)]
+    return [PayloadFmu(path, parse_connections(connections), has_platform=has_platform, allow_native=allow_native)]
 
 
 def keep(run: Run, folder: RunFolder, step, *, log_format: LogFormat, **files: bool) -> Path:

@@ -67,9 +67,12 @@ def serve(
         typer.Option("--out", "-o", help="Folder to write at the end, as `run` does: the first 10 minutes."),
     ] = None,
     json: options.Json = False,
+    allow_native: options.AllowNative = False,
 ) -> None:
     """Run the machine in real time with its host interface over UDP; shows its lag behind real time."""
-    with_machine, what = options.prepare(scenario or "heave", options.Motion(machine=machine))
+    with_machine, what = options.prepare(
+        scenario or "heave", options.Motion(machine=machine), allow_native=allow_native
+    )
     from hexsim.compile_time import compile_time
     from hexsim.cueing.washout import washout_of
     from hexsim.simulation.serve import HostInput, Server

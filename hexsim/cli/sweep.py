@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,9 +14,11 @@ import typer
 
 from hexsim.cli import completion, options
 from hexsim.cli.console import output, print_json, progress, terminated_like_interrupted
+from hexsim.cli.errors import say
 from hexsim.errors import HexsimError, shortened
 
 CONNECT_TIMEOUT_S = 10
+PATIENCE_S = 60.0  # a nanny begins a new worker within seconds
 
 
 def register(app: typer.Typer) -> None:
@@ -49,15 +52,20 @@ def sweep(
     ] = 0,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes here; default one a processor.")] = None,
     scheduler: Annotated[str | None, typer.Option(help="Dask scheduler, tcp://host:port, to run on a cluster.")] = None,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run failed runs of the table again.")] = False,
     json: options.Json = False,
+    allow_native: options.AllowNative = False,
 ) -> None:
-    """Run a scenario many times; resumable, a failed run is a row with its error. Run the same command to go on."""
+    """Run a scenario many times; resumable, a failed run is a row with its error. Run the same command to go on.
+
+    The exit code is 1 where a run failed.
+    """
     from hexsim.studies.compare import names_of
     from hexsim.studies.sweep import cases
     from hexsim.studies.sweep import sweep as run_all
     from hexsim.studies.sweep_table import table_at
 
-    with_machine, what = options.prepare(scenario, motion)
+    with_machine, what = options.prepare(scenario, motion, allow_native=allow_native)
     grid = {key: parse_values(text) for key, text in options.parse_changes(settings).items()}
     grid_cases = cases(
         what, with_machine, settings=grid, seeds=parse_seeds(seeds), compensators=names_of(compensators), fast=not full,
@@ -75,16 +83,25 @@ def sweep(
             )
 
         try:
-            with executor_of(scheduler, workers) as (executor, count):
-                counted["run_now"] = run_all(grid_cases, executor, out, workers=count, progress=show)
+            with executor_of(scheduler, workers) as (executor, count, check):
+                counted["run_now"] = run_all(
+                    grid_cases, executor, out, workers=count, progress=show, retry_failed=retry_failed, check=check
+                )
         except KeyboardInterrupt:
             raise HexsimError(
                 f"interrupted by the user; finished rows are kept in {table_at(out).kept}, run it again to go on"
             ) from None
     if json:
-        return print_json({**counted, "table": str(out)})
-    output().print(f"runs    {counted['runs']}, of which {counted['run_now']} now and {counted['failed']} failed")
-    output().print(f"table   {out}")
+        print_json({**counted, "table": str(out)})
+    else:
+        output().print(f"runs    {counted['runs']}, of which {counted['run_now']} now and {counted['failed']} failed")
+        output().print(f"table   {out}")
+    if counted["failed"]:
+        say(
+            f"{counted['failed']} of {counted['runs']} runs failed: column error of {out} says why; "
+            "run the same command with --retry-failed to try them again"
+        )
+        raise typer.Exit(1)
 
 
 def parse_values(text: str) -> list[Any]:
@@ -112,18 +129,17 @@ def parse_seeds(text: str) -> Sequence[int]:
 
 
 @contextmanager
-def executor_of(scheduler: str | None, workers: int | None) -> Iterator[tuple[Executor, int]]:
-    """Processes here, or a Dask cluster; and how many workers there are."""
+def executor_of(scheduler: str | None, workers: int | None) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
+    """Processes here, or a Dask cluster; how many workers there are; what raises HexsimError once none is left."""
     if scheduler is None:
-        import multiprocessing
-        from concurrent.futures import ProcessPoolExecutor
+        from hexsim.studies.workers import Workers
 
         count = workers or os.cpu_count() or 1
-        pool = ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"), initializer=one_thread)
+        pool = Workers(count)
         try:
-            yield pool, count
+            yield pool, count, lambda: None
         finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
         return
     try:
         from distributed import Client
@@ -140,24 +156,17 @@ def executor_of(scheduler: str | None, workers: int | None) -> Iterator[tuple[Ex
         count = sum(threads.values())
         if not count:
             raise HexsimError(f"the scheduler at {scheduler} has no workers: start some with `dask worker {scheduler}`")
-        yield client.get_executor(pure=False), count
+        gone: list[float] = []  # since when there is no worker
 
+        def check() -> None:
+            if client.scheduler_info()["workers"]:
+                gone.clear()
+                return
+            gone.append(time.monotonic())
+            if gone[-1] - gone[0] > PATIENCE_S:
+                raise HexsimError(
+                    f"no worker is left at {scheduler}; finished rows are kept: start workers with `dask worker {scheduler}` "
+                    "and run the same command again to go on"
+                )
 
-def one_thread() -> None:
-    """A worker is one of many: it takes one processor, leaves Ctrl-C to the process that started it, and ends with it."""
-    import multiprocessing
-    import signal
-    import threading
-    from multiprocessing.connection import wait
-
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[name] = "1"
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-
-    def end_with_parent() -> None:
-        if parent is not None:
-            wait([parent.sentinel])
-            os._exit(1)
-
-    threading.Thread(target=end_with_parent, daemon=True).start()
+        yield client.get_executor(pure=False), count, check

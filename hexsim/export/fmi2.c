@@ -35,12 +35,14 @@ EXPORT Instance *fmi2Instantiate(String name, int kind, String guid, String reso
 EXPORT void fmi2FreeInstance(Instance *c) { free_instance(c); }
 EXPORT Status fmi2SetupExperiment(Instance *c, Boolean has_tolerance, double tolerance, double t, Boolean has_end, double end) {
   c->now.start_time = t;
+  c->has_stop_time = has_end, c->stop_time = end;
   return OK;
 }
 EXPORT Status fmi2EnterInitializationMode(Instance *c) { return OK; }
 EXPORT Status fmi2ExitInitializationMode(Instance *c) { return end_initialisation(c); }
 EXPORT Status fmi2Terminate(Instance *c) { return OK; }
 EXPORT Status fmi2Reset(Instance *c) {
+  c->has_stop_time = 0;
   set_start_values(c);
   return OK;
 }

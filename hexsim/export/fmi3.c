@@ -27,11 +27,13 @@ EXPORT Instance *fmi3InstantiateScheduledExecution(String name, String token, St
 EXPORT void fmi3FreeInstance(Instance *c) { free_instance(c); }
 EXPORT Status fmi3EnterInitializationMode(Instance *c, bool has_tolerance, double tolerance, double t, bool has_end, double end) {
   c->now.start_time = t;
+  c->has_stop_time = has_end, c->stop_time = end;
   return OK;
 }
 EXPORT Status fmi3ExitInitializationMode(Instance *c) { return end_initialisation(c); }
 EXPORT Status fmi3Terminate(Instance *c) { return OK; }
 EXPORT Status fmi3Reset(Instance *c) {
+  c->has_stop_time = 0;
   set_start_values(c);
   return OK;
 }

@@ -95,6 +95,8 @@ Status set_values(Instance *c, const Reference which[], size_t n, const double v
 
 Status do_step(Instance *c, double t, double h) {
   if (!c->is_initialised) return refuse(c, "a step before the initialisation");
+  if (c->has_stop_time && t + h > c->stop_time + 1e-6 * h) /* sums of steps round by far less than a millionth of one */
+    return refuse(c, "a step from %g to %g s, beyond the stop time of %g s", t, t + h, c->stop_time);
   return advance(c, h);
 }
 

@@ -68,6 +68,8 @@ typedef struct Instance {
   bool outputs_hold; /* for the present state */
   bool is_initialised;
   void (*say)(const struct Instance *, String text);
+  int has_stop_time; /* the importer has named one [s], beyond which no step goes */
+  double stop_time;
   void *logger, *environment; /* of the tool */
   char *name;
 } Instance;

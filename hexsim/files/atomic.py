@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+import glob
 import os
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from hexsim.errors import HexsimError
+
+PARTIAL = ".partial-"
+ABANDONED_s = 3600.0  # a file that nobody has written to for so long is left from a process that was killed
 
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """Yield a temporary path; when the block ends well, it becomes `path`, else it is removed.
 
-    The temporary name keeps the suffix (.csv.gz too), because writers choose the format by it.
-    Raises HexsimError when the folder cannot be written.
+    The temporary name keeps the suffix (.csv.gz too), because writers choose the format by it. What killed processes
+    have left of the same file goes. Raises HexsimError when the folder cannot be written.
     """
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=".partial-", suffix="".join(path.suffixes[-2:]), dir=path.parent)
+        remove_partials(path, ABANDONED_s)
+        handle, name = tempfile.mkstemp(prefix=_prefix(path), suffix="".join(path.suffixes[-2:]), dir=path.parent)
         os.close(handle)
     except OSError as error:
         raise HexsimError(f"cannot write {path}: {error.strerror or error}; give another folder") from None
@@ -36,6 +42,18 @@ def written_whole(path: Path) -> Iterator[Path]:
         raise HexsimError(f"cannot write {path}: {error.strerror or error}; give another folder") from None
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def remove_partials(path: Path, older_than_s: float = 0.0) -> None:
+    """Remove unfinished writings of `path` that killed processes have left, those that are older."""
+    for left in path.parent.glob(f"{glob.escape(_prefix(path))}*"):
+        with suppress(OSError):
+            if time.time() - left.stat().st_mtime >= older_than_s:
+                left.unlink()
+
+
+def _prefix(path: Path) -> str:
+    return f"{PARTIAL}{path.name[:60]}-"
 
 
 def write_text(path: Path, text: str) -> None:

@@ -8,7 +8,7 @@ from typing import IO, cast, get_args
 
 import polars as pl
 
-from hexsim.errors import HexsimError
+from hexsim.errors import HexsimError, library_errors
 from hexsim.files.atomic import written_whole
 from hexsim.files.formats import LogFormat
 
@@ -18,25 +18,22 @@ FORMATS: tuple[str, ...] = get_args(LogFormat)
 def write_log(log: pl.DataFrame, path: Path) -> None:
     """Write a log whole or not at all; the suffix chooses the format."""
     path = Path(path)
-    try:
-        with written_whole(path) as temporary:
-            if path.suffix == ".parquet":
-                log.write_parquet(temporary, compression="zstd")
-            elif path.name.endswith(".csv.gz"):
-                with gzip.open(temporary, "wb", compresslevel=5) as file:
-                    log.write_csv(cast(IO[bytes], file))
-            elif path.suffix == ".csv":
-                log.write_csv(temporary)
-            else:
-                raise HexsimError(f"{path.name} is no log file: its name must end in .{', .'.join(FORMATS)}")
-    except pl.exceptions.PolarsError as error:
-        raise HexsimError(f"cannot write {path}: {str(error).splitlines()[0]}; give another folder") from None
+    if not path.name.endswith(tuple(f".{ending}" for ending in FORMATS)):
+        raise HexsimError(f"{path.name} is no log file: its name must end in .{', .'.join(FORMATS)}")
+    with written_whole(path) as temporary, library_errors(f"cannot write {path}, give another folder", OSError):
+        if path.suffix == ".parquet":
+            log.write_parquet(temporary, compression="zstd")
+        elif path.suffix == ".gz":
+            with gzip.open(temporary, "wb", compresslevel=5) as file:
+                log.write_csv(cast(IO[bytes], file))
+        else:
+            log.write_csv(temporary)
 
 
 def read_log(path: Path) -> pl.DataFrame:
     """Read a log, or HexsimError that names the file; all columns as float64."""
     path = Path(path)
-    try:
+    with library_errors(f"cannot read the log {path}"):
         if path.suffix == ".parquet":
             log = pl.read_parquet(path)
         elif path.suffix == ".csv" or path.name.endswith(".csv.gz"):
@@ -44,8 +41,6 @@ def read_log(path: Path) -> pl.DataFrame:
         else:
             raise HexsimError(f"{path} is no log: its name must end in .{', .'.join(FORMATS)}")
         return log.cast(pl.Float64)
-    except (OSError, pl.exceptions.PolarsError) as error:
-        raise HexsimError(f"cannot read the log {path}: {str(error).splitlines()[0]}") from None
 
 
 def find_log(folder: Path) -> Path:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 from contextlib import suppress
+from html import escape, unescape
 from pathlib import Path
 from urllib.parse import quote
 
@@ -43,8 +44,8 @@ def with_links(text: str, others: list[tuple[Path, str]]) -> str:
     links = []
     for path, page in others:
         title = TITLE.search(page)
-        name = quote(path.parent.name)
-        links.append(f'<a href="../{name}/report.html">{title[1] if title else name}</a>')
+        name, shown = quote(path.parent.name), unescape(title[1]) if title else path.parent.name
+        links.append(f'<a href="../{name}/report.html">{escape(shown)}</a>')
     line = f'<nav class="beside">Beside this report: {" · ".join(links)}</nav>' if links else ""
     return PLACE.sub(lambda found: f"{BEGIN}{line}{END}", text, count=1)
 

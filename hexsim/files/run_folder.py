@@ -1,11 +1,13 @@
 """The folder of a run: gathered under a temporary name, moved when complete, so a folder that is there is whole.
 
 An interrupted or diverged run becomes `<name>-partial`. A folder that exists already is filled: files of an earlier run
-in it are replaced, others stay.
+in it are replaced, others stay. While a run gathers for a place, a second one for it is refused.
 """
 
 from __future__ import annotations
 
+import atexit
+import os
 import re
 import shutil
 import tempfile
@@ -22,8 +24,8 @@ from hexsim.files.report_links import link_reports
 
 UNFINISHED = ".unfinished-"
 LOCK = ".lock"  # in an unfinished folder: its run lives
+WRITING = ".hexsim-"  # beside a place, with the place's name and LOCK: a run is writing it
 YOUNG_S = 10.0
-LAST = "summary.json"  # moved last: whoever sees it sees a whole folder
 OF_A_RUN = (
     "log.parquet",
     "log.csv",
@@ -34,7 +36,7 @@ OF_A_RUN = (
     "learned.json",
     "compensator.json",
     "figures",
-    LAST,
+    "summary.json",
 )
 
 
@@ -43,7 +45,7 @@ def default_folder(name: str, root: Path = Path("runs")) -> Path:
     stem = f"{datetime.now():%Y-%m-%dT%H-%M-%S}-{file_name(name)}"
     for suffix in ("", *(f"-{k}" for k in range(2, 1000))):
         folder = root / f"{stem}{suffix}"
-        if not folder.exists():
+        if not folder.exists() and _reserve(folder):
             return folder
     raise HexsimError(f"{root} holds 999 runs of this second already: give --out a folder of your own")
 
@@ -51,6 +53,46 @@ def default_folder(name: str, root: Path = Path("runs")) -> Path:
 def file_name(name: str) -> str:
     """A name of the user's as the name of a file: letters, digits, dots and dashes; at most 150 bytes."""
     return re.sub(r"[^\w.-]+", "_", name).encode()[:150].decode(errors="ignore")
+
+
+_RESERVED: dict[Path, FileLock] = {}  # default names of this process that no run has taken yet
+
+
+def _reserve(folder: Path) -> bool:
+    """Whether no other run has this name in mind."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        _RESERVED[folder.absolute()] = _locked(folder)
+    except Timeout:
+        return False
+    except OSError:  # the run will say so
+        return True
+    return True
+
+
+def _locked(out: Path) -> FileLock:
+    """The lock of a place: beside it, or in it where only it can be written. Raises Timeout where another run has it."""
+    whole = out.absolute()
+    places = [whole.parent / f"{WRITING}{file_name(whole.name)}{LOCK}", whole / f"{WRITING}{LOCK}"]
+    if not os.access(whole.parent, os.W_OK) and whole.is_dir():
+        places.reverse()
+    lock = FileLock(places[0], blocking=False)
+    lock.acquire()
+    return lock
+
+
+def _release(lock: FileLock) -> None:
+    """Its file goes while it is still held: whoever takes it next makes a new one."""
+    if lock.is_locked:
+        with suppress(OSError):
+            Path(lock.lock_file).unlink(missing_ok=True)
+        lock.release()
+
+
+@atexit.register
+def _release_reserved() -> None:
+    while _RESERVED:
+        _release(_RESERVED.popitem()[1])
 
 
 class RunFolder:
@@ -65,16 +107,26 @@ class RunFolder:
             if self.out.exists() and not self.into_existing:
                 raise HexsimError(f"cannot write {self.out}: it is a file; give a folder")
             parent.mkdir(parents=True, exist_ok=True)
+            self._place = _RESERVED.pop(self.out.absolute(), None) or _locked(self.out)
+        except Timeout:
+            raise HexsimError(f"another run is writing {self.out}: wait for it, or give another --out") from None
+        except OSError as error:
+            raise _unwritable(self.out, error) from None
+        try:
             _remove_abandoned(parent)
             self.path = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=parent))
             self._lock = FileLock(self.path / LOCK)
             self._lock.acquire()
         except OSError as error:
+            _release(self._place)
             raise _unwritable(self.out, error) from None
 
     def finish(self, complete: bool = True) -> Path:
         """Move what was written to its place, and link its report with those beside it; the folder's final path."""
-        place = self._moved(complete)
+        try:
+            place = self._moved(complete)
+        finally:
+            _release(self._place)
         link_reports(place)
         return place
 
@@ -117,17 +169,19 @@ class RunFolder:
         return self.path
 
     def _fill(self, target: Path) -> None:
-        for name in OF_A_RUN:
+        """First everything of the earlier run goes, its figures before all else; then the new files come, figures last: whoever
+        is killed in between leaves no figures beside data that are not theirs."""
+        entries = sorted(self.path.iterdir(), key=_is_figures)
+        for name in sorted(
+            {*OF_A_RUN, *(entry.name for entry in entries)}, key=lambda name: not _is_figures(Path(name))
+        ):
             earlier = target / name
-            if earlier.is_dir():
+            if earlier.is_dir() and not earlier.is_symlink():
                 shutil.rmtree(earlier)
             else:
                 earlier.unlink(missing_ok=True)
-        for entry in sorted(self.path.iterdir(), key=lambda entry: entry.name == LAST):
-            place = target / entry.name
-            if place.is_dir():
-                shutil.rmtree(place)
-            entry.rename(place)
+        for entry in entries:
+            entry.rename(target / entry.name)
         self.path.rmdir()
 
     def _unlock(self) -> None:
@@ -140,6 +194,12 @@ class RunFolder:
             return
         self._lock.release()
         shutil.rmtree(self.path, ignore_errors=True)
+        _release(self._place)
+
+
+def _is_figures(path: Path) -> bool:
+    """summary.json, compare.json, trace.json: what tells a program that a folder is whole."""
+    return path.suffix == ".json"
 
 
 @contextmanager
@@ -154,7 +214,13 @@ def run_folder(out: Path) -> Iterator[RunFolder]:
 
 
 def _remove_abandoned(parent: Path) -> None:
-    """Folders whose run was killed: nobody holds their lock, and they are no younger than a run takes to begin."""
+    """Folders and locks whose run was killed: nobody holds them, and they are no younger than a run takes to begin."""
+    for file in parent.glob(f"{WRITING}*{LOCK}"):
+        with suppress(OSError, Timeout):
+            if time.time() - file.stat().st_mtime > YOUNG_S:
+                lock = FileLock(file, blocking=False)
+                lock.acquire()
+                _release(lock)
     for folder in parent.glob(f"{UNFINISHED}*"):
         with suppress(OSError, Timeout):
             if time.time() - folder.stat().st_mtime > YOUNG_S:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterator
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
@@ -13,6 +15,12 @@ from hexsim.errors import HexsimError, shortened
 
 MAX_BYTES = 10_000_000
 MAX_DEPTH = 20  # tables within tables
+SHOWN_PROBLEMS = 3
+SI = {
+    "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "g": 1e-3, "kg": 1.0, "t": 1e3, "ms": 1e-3, "s": 1.0,
+    "Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5, "N": 1.0, "kN": 1e3, "l/min": 1e-3 / 60, "l": 1e-3, "ml": 1e-6,
+    "cm3": 1e-6, "mV": 1e-3, "V": 1.0, "Hz": 1.0, "kHz": 1e3, "%": 1e-2,
+}  # fmt: skip
 PLAINLY = {
     **dict.fromkeys(("dict_type", "model_type", "model_attributes_type"), "must be a table"),
     **dict.fromkeys(("tuple_type", "list_type"), "must be a list"),
@@ -28,7 +36,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise HexsimError(f"cannot read {path}: {error.strerror or error}") from None
     except ValueError as error:
-        raise HexsimError(f"{path} is not valid TOML: {shortened(str(error))}") from None
+        raise HexsimError(f"{path} is not valid TOML: {shortened(str(error), 400)}") from None
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -65,10 +73,18 @@ def set_dotted(tables: dict[str, Any], dotted: str, value: Any, source: str) -> 
 
 
 def validation_sentence(error: ValidationError, model: Any) -> str:
-    """The first problem of a pydantic error as one sentence: table, key, what was given, what is allowed."""
-    first = error.errors(include_url=False)[0]
+    """The problems of a pydantic error as one sentence: table, key, what was given, what is allowed.
+
+    A key that is not known stands before those that are missing, because it may be one of them, misspelled.
+    """
+    problems = sorted(error.errors(include_url=False), key=lambda problem: problem["type"] == "missing")
+    said = list(dict.fromkeys(_problem(problem, model) for problem in problems))
+    more = f" (and {len(said) - SHOWN_PROBLEMS} more)" if len(said) > SHOWN_PROBLEMS else ""
+    return "; ".join(said[:SHOWN_PROBLEMS]) + more
+
+
+def _problem(first: Any, model: Any) -> str:
     where, at, bounds = _where(model, first["loc"])
-    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     given = first.get("input")
     place = f"[{'.'.join(where[:-1])}] {where[-1]}" if len(where) > 1 else where[0] if where else "the file"
     kind = first["type"]
@@ -76,19 +92,35 @@ def validation_sentence(error: ValidationError, model: Any) -> str:
     if len(where) == 1 and (a_table or (isinstance(given, dict) and kind != "missing")):
         place = f"[{place}]"
     if kind == "missing" and isinstance(first["loc"][-1], int):
-        return f"{place} = {shortened(repr(given))}: entry {first['loc'][-1] + 1} is missing{more}"
+        return f"{place} = {shortened(repr(given))}: entry {first['loc'][-1] + 1} is missing"
     if kind == "missing" and isinstance(first["loc"][-1], str):
-        return f"{place} is missing: add it (SI units){more}"
+        return f"{place} is missing: add it (SI units)"
     if kind == "extra_forbidden":
         what = "table" if place.endswith("]") else "key"
-        return f"{shortened(place)} is not a known {what}: allowed are {', '.join(_keys(at))}{more}"
+        close = get_close_matches(where[-1], _keys(at), 1) if where else []
+        meant = f"did you mean {close[0]}? " if close else ""
+        return f"{shortened(place)} is not a known {what}: {meant}allowed are {', '.join(_keys(at))}"
     if kind.startswith("union_tag") and isinstance(given, dict):
         place = f"[{'.'.join(where)}] " if where else ""
-        return f"{place}kind = {shortened(repr(given.get('kind')))}: allowed are {', '.join(_all_kinds(at))}{more}"
+        return f"{place}kind = {shortened(repr(given.get('kind')))}: allowed are {', '.join(_all_kinds(at))}"
     text = PLAINLY.get(kind) or first["msg"].removeprefix("Value error, ").replace(" after validation", "")
     shown = f" = {shortened(repr(given))}" if isinstance(given, (int, float, str, list, tuple)) else ""
+    if kind in ("float_parsing", "float_type", "int_parsing", "int_type") and isinstance(given, str):
+        return f"{place}{shown}: a number is needed, {_with_unit(given)}"
     units = f" ({bounds}SI units, as the key description)" if kind.startswith(("greater_than", "less_than")) else ""
-    return f"{place}{shown}: {text[0].lower() + text[1:]}{units}{more}"
+    return f"{place}{shown}: {text[0].lower() + text[1:]}{units}"
+
+
+def _with_unit(text: str) -> str:
+    """What to write in place of a number with a unit, "20um"."""
+    number = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(\S+)\s*", text)
+    if number is None:
+        return "without quotes, in SI units"
+    value, unit = number.groups()
+    try:
+        return f"in the unit that the key names: {float(value) * SI[unit]:g} for {text.strip()}"
+    except (KeyError, ValueError):
+        return f"without the unit {shortened(unit)}: in the unit that the key names"
 
 
 def _where(model: Any, loc: tuple[int | str, ...]) -> tuple[list[str], Any, str]:

@@ -9,11 +9,12 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.gym.task import LARGEST, N_SEEN, Episodes, Task, task_of
+from hexsim.gym.task import LARGEST, N_SEEN, Episodes, Task, options_of, task_of
 from hexsim.plant import Plant
 from hexsim.plant.mjcf import ModelKind
 from hexsim.plant.plant import PlantError
 from hexsim.plant.readout import leg_motion
+from hexsim.scenarios import Scenario
 
 
 class HexsimEnv(gymnasium.Env):
@@ -21,7 +22,8 @@ class HexsimEnv(gymnasium.Env):
 
     machine: name or declaration, in place of the task's; other fields of the task by keyword. model: tendon or full legs.
     timestep [s]: constant; None: chosen. The episode ends at its duration (truncated) or where the machine leaves what is
-    real (terminated). info: deviation_m_s2 (n_legs,) in the band, and machine, the drawn one, at the start.
+    real (terminated). info: deviation_m_s2 (n_legs,) in the band; action_cut, whether
+    an action beyond [-1, 1] was cut there; machine, the drawn one, at the start. Actions that are not finite raise HexsimError.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own form)
@@ -38,9 +40,10 @@ class HexsimEnv(gymnasium.Env):
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (n_legs,), np.float32)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
-        """options: motion, a Scenario in place of a drawn one; machine, a Machine in place of a drawn one."""
+        """options: motion, a Scenario in place of a drawn one; machine, a Machine in place of a drawn one, with the legs and
+        the control rate of the task's. Raises HexsimError for others."""
+        given = options_of(options, self.task, motion=Scenario, machine=Machine)
         super().reset(seed=seed)
-        given = options or {}
         drawn, motion = self.task.drawn_machine(self.np_random), self.task.drawn_motion(self.np_random)
         machine = given.get("machine", drawn)
         setpoints = self.task.setpoints(given.get("motion", motion))
@@ -61,7 +64,7 @@ class HexsimEnv(gymnasium.Env):
             failed = True
         reward = self.episodes.advance(*self._legs())
         observation = np.nan_to_num(self.episodes.observations(self._pressure())[0])
-        info = {"deviation_m_s2": self.episodes.deviation[0].copy()}
+        info = {"deviation_m_s2": self.episodes.deviation[0].copy(), "action_cut": bool(self.episodes.is_cut.any())}
         return observation, float(np.nan_to_num(reward[0])), failed, bool(self.episodes.is_over[0]), info
 
     def _legs(self) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,7 @@
 """What is to be learned: a machine with its spread, a motion to follow, what the learner sees, does and is paid for.
 
-    action a in [-1, 1] a leg:   u = sat(Kp (r - y) + authority a)   compensator
+    action a in [-1, 1] a leg (cut there; NaN and inf are refused):
+                                 u = sat(Kp (r - y) + authority a)   compensator
                                  u = sat(voltage_max a)              controller
     observation a leg:  e/e0, v_r/v0 now and 10 and 20 ms ahead, a_r/a0, (y_k - y_(k-1))/(T v0), (P1 - P1 at rest)/Ps, last action
     reward:  -(d/d0)^2, mean of the legs, d = the leg's acceleration less the commanded one in the band of 4 to 50 Hz
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from hexsim.declaration import Machine
-from hexsim.errors import HexsimError
+from hexsim.errors import HexsimError, shortened
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import Scenario
@@ -135,6 +136,7 @@ class Episodes:
         self.memory = np.zeros((len(self.filter), 2, *shape))
         self.position, self.before, self.velocity, self.action, self.rest = (np.zeros(shape) for _ in range(5))
         self.deviation = np.zeros(shape)
+        self.is_cut = np.zeros(n, dtype=bool)
 
     def begin(
         self, which: NDArray[np.intp], setpoints: Array, position: Array, velocity: Array, pressure: Array
@@ -149,8 +151,22 @@ class Episodes:
         return self.references[kind, self.step + ahead, np.arange(self.n)]
 
     def volts(self, actions: Array) -> Array:
-        """Commanded volts (n, n_legs) of actions (n, n_legs), which are cut at +-1."""
-        self.action = np.clip(np.asarray(actions, dtype=float), -1.0, 1.0)
+        """Commanded volts (n, n_legs) of actions (n, n_legs). Finite ones beyond +-1, the action space, are cut there.
+
+        Raises HexsimError for others, and for another shape.
+        """
+        try:
+            given = np.asarray(actions, dtype=float)
+        except (TypeError, ValueError):
+            raise HexsimError(f"an action is {shortened(repr(actions))}: numbers in [-1, 1] are needed") from None
+        if given.shape != (self.n, self.n_legs):
+            raise HexsimError(f"actions have the shape {given.shape[1:]}: one number a leg is needed, ({self.n_legs},)")
+        if not np.isfinite(given).all():
+            where, leg = np.argwhere(~np.isfinite(given))[0]
+            which = f"environment {where}, leg {leg + 1}" if self.n > 1 else f"leg {leg + 1}"
+            raise HexsimError(f"the action of {which} is {given[where, leg]}: finite numbers are needed")
+        self.is_cut = (np.abs(given) > 1.0).any(axis=1)
+        self.action = np.clip(given, -1.0, 1.0)
         if self.task.role == "controller":
             return self.limit * self.action
         volts = self.gain * (self.reference(0) - self.position) + self.task.authority_V * self.action
@@ -188,6 +204,27 @@ class Episodes:
     @property
     def is_over(self) -> NDArray[np.bool_]:
         return self.step >= self.task.ticks
+
+
+def options_of(options: Mapping[str, Any] | None, task: Task, **kinds: type) -> dict[str, Any]:
+    """The options of a reset, checked: names and types as `kinds`, a machine that fits the task.
+
+    Raises HexsimError for others.
+    """
+    given = dict(options or {})
+    for name, value in given.items():
+        if name not in kinds:
+            known = f"there are {', '.join(kinds)}" if kinds else "it has none"
+            raise HexsimError(f"reset has no option {shortened(repr(name))}: {known}")
+        if not isinstance(value, kinds[name]):
+            raise HexsimError(f"option {name} of reset is a {type(value).__name__}: give a {kinds[name].__name__}")
+    machine = given.get("machine")
+    for what, of in (("legs", lambda m: m.n_legs), ("Hz of control", lambda m: m.controller.rate_Hz)):
+        if machine is not None and of(machine) != of(task.machine):
+            raise HexsimError(
+                f"option machine of reset: {machine.name} has {of(machine):g} {what}, the task's machine {of(task.machine):g}"
+            )
+    return given
 
 
 def task_of(task: Task | None, machine: str | Machine | None, **changes: object) -> Task:

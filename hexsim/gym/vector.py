@@ -17,7 +17,7 @@ from mujoco.batch import Batch
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.gym.environment import legs_of
-from hexsim.gym.task import LARGEST, N_SEEN, SHARPEST_STEPS_A_SECOND, Episodes, Task, task_of
+from hexsim.gym.task import LARGEST, N_SEEN, SHARPEST_STEPS_A_SECOND, Episodes, Task, options_of, task_of
 from hexsim.hydraulics.parameters import P
 from hexsim.plant import Plant
 from hexsim.plant.callbacks import pressures_of
@@ -80,6 +80,7 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
         self.state = {name: self.batch.bind(name) for name in ("qpos", "qvel", "act", "ctrl", "time")}
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):
+        options_of(options, self.task)
         super().reset(seed=seed)
         if seed is not None:
             self._np_random = np.random.default_rng(seed)
@@ -112,7 +113,7 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
         rewards = episodes.advance(*self._legs())
         failed = ~np.isfinite(self.state["act"]).all(axis=1) | ~np.isfinite(rewards)
         seen = np.nan_to_num(episodes.observations(self._pressure()))
-        infos: dict[str, Any] = {"deviation_m_s2": episodes.deviation.copy()}
+        infos: dict[str, Any] = {"deviation_m_s2": episodes.deviation.copy(), "action_cut": episodes.is_cut.copy()}
         over = episodes.is_over
         if (ended := over | failed).any():
             infos |= {"final_obs": seen.copy(), "_final_obs": ended.copy()}

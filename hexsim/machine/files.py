@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from hexsim.declaration import Machine
 from hexsim.declaration.oil_grades import GRADES, declared_of
-from hexsim.errors import HexsimError, one_of, shortened
+from hexsim.errors import HexsimError, one_of, refuse_missing_file, shortened
 from hexsim.files.atomic import write_text
 from hexsim.files.toml_files import read_toml, set_dotted, validation_sentence
 from hexsim.hydraulics.effects import check_effects
@@ -49,6 +49,8 @@ def find_machine_file(name_or_path: str | Path) -> Path:
             return candidate
     if os.path.isdir(path):
         raise HexsimError(f"folder {path} has no {FILE_NAME}: put the machine's declaration there")
+    if path.suffix or not set(path.parts[:1]) & {*available_machines(), "models"}:  # else a variant of one of them
+        refuse_missing_file("machine", str(name_or_path))
     raise HexsimError(
         f"unknown machine {shortened(repr(str(name_or_path)))}: {one_of(str(name_or_path), available_machines())}, "
         f"a folder with {FILE_NAME}, or a TOML file"

@@ -41,6 +41,10 @@ class PlantError(HexsimError):
     """The simulation left what is real; the text is MuJoCo's word for it, or says what did."""
 
 
+class InterventionError(PlantError):
+    """What acts on the plant has failed; the plant's own states are real."""
+
+
 def whole_ratio(a: float, b: float, what: str) -> int:
     """a/b as a whole number, or a HexsimError."""
     ratio = round(a / b)

@@ -27,12 +27,13 @@ from hexsim.qualify.measured import Imu, measure
 from hexsim.qualify.page import page
 from hexsim.qualify.rig import MachineRig, Motion, Rig
 from hexsim.qualify.rows import Row
+from hexsim.scenarios.settings import loaded
 
 __all__ = ["QUICK", "Battery", "Findings", "Imu", "MachineRig", "Motion", "Plan", "Rig", "Row", "measure", "qualify"]
 
 
 def qualify(
-    machine: Machine,
+    machine: Machine | str | Path,
     out: str | Path,
     quick: bool = False,
     progress: Callable[[float], None] | None = None,
@@ -43,6 +44,7 @@ def qualify(
     quick: fewer, shorter motions (under a minute). progress(fraction).
     Raises HexsimError where the machine cannot do a motion or `out` cannot be written.
     """
+    machine, _ = loaded(machine, "heave")
     folder = Path(out)
     report = progress or (lambda fraction: None)
     rig = MachineRig(machine, compensator)

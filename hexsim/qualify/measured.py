@@ -1,15 +1,16 @@
 """The figures of a qualification from a log: what the motion in it allows, with the accelerometer's place and band.
 
-A sine along or about an axis gives half-hertz noise (at its own frequency), peaks against the threshold of perception,
-leg balance, turn-around and one point of the describing function; any other motion gives the describing function where
-response and command hang together.
+A sine along or about an axis gives half-hertz noise (at its own frequency), peaks, leg balance, turn-around and one point
+of the describing function; any other motion gives the describing function where response and command hang together.
+A limit judges only the motion that its test is for: half hertz in one axis alone, leg balance in heave, turn-around in
+heave of 150 mm peak to peak; figures of other motions are reported.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from hexsim.qualify.rig import Motion
 from hexsim.qualify.rows import (
     APPLICANT,
     ROTATIONS,
+    Row,
     half_hertz_curve,
     half_hertz_rows,
     leg_balance_row,
@@ -46,6 +48,8 @@ DRIVEN_m, DRIVEN_rad = 1e-3, 1e-3  # an axis with a smaller command is not drive
 DRIVEN_SHARE = 0.05  # nor one with so little of the largest (rad as m)
 SINE_ERROR = 0.02  # of its amplitude, by which a command may miss a sine
 COHERENT = 0.9  # from here on response and command hang together
+HALF_HERTZ = (0.49, 0.51)  # [Hz]: within it a log's sine is the test's
+TURN_AROUND_m = (0.0675, 0.0825)  # amplitude of the turn-around check, 75 mm, within a tenth
 GRAVITY_m_s2 = 5.0  # a mean acceleration beyond this is gravity
 
 
@@ -85,10 +89,13 @@ def measure(log: Log, machine: Machine, out: str | Path, imu: Imu | None = None)
             )
             _response_of_any_motion(found, axis, motion, log.rate)
         else:
-            _figures_of_a_sine(found, axis, motion, *sine, band)
+            made = Findings(curves=found.curves)
+            _figures_of_a_sine(made, axis, motion, *sine, band)
+            amplitude = 0.5 * float(np.ptp(motion.commanded[axis][motion.time_s >= sine[1]]))
+            found.rows += [_judged(row, axis, sine[0], amplitude, alone=len(driven) == 1) for row in made.rows]
     result = {
         "log": log.name, "machine": machine.name, "bandwidth_Hz": band, "notes": notes,
-        "passed": all(row.passed is not False for row in found.rows),
+        "passed": _passed(found.rows),
         "rows": [asdict(row) | {"passed": row.passed} for row in found.rows],
         "describing_function": found.curves.get("describing_function", {}),
     }  # fmt: skip
@@ -98,6 +105,29 @@ def measure(log: Log, machine: Machine, out: str | Path, imu: Imu | None = None)
     config = tomli_w.dumps(machine_tables(machine))
     write_text(folder / "report.html", page(f"Figures of {machine.name}", how, found, config, [*notes, *log.losses]))
     return result
+
+
+def _judged(row: Row, axis: str, frequency_Hz: float, amplitude: float, *, alone: bool) -> Row:
+    """The row, without its limit where the motion is not that of its test: a machine that follows perfectly must not fail."""
+    wanted = {
+        "half-hertz noise": ("a sine of 0.5 Hz in one axis alone", True),
+        "leg balance": ("heave of 0.5 Hz alone", axis == "z"),
+        "turn-around": (
+            "heave of 0.5 Hz alone, 150 mm peak to peak", axis == "z" and TURN_AROUND_m[0] <= amplitude <= TURN_AROUND_m[1],
+        ),
+    }  # fmt: skip
+    if row.limit is None or row.test not in wanted:
+        return row
+    what, is_its = wanted[row.test]
+    if is_its and alone and HALF_HERTZ[0] <= frequency_Hz <= HALF_HERTZ[1]:
+        return row
+    return replace(row, limit=None, source=f"reported; its limit is for {what}")
+
+
+def _passed(rows: list[Row]) -> bool | None:
+    """None where no limit is for this motion."""
+    judged = [row.passed for row in rows if row.passed is not None]
+    return all(judged) if judged else None
 
 
 def motion_of(log: Log, mechanics: Mechanics, imu: Imu | None, gravity_m_s2: float = 9.81) -> tuple[Motion, list[str]]:

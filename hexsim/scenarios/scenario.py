@@ -30,11 +30,11 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from hexsim.declaration import Name, Section, between
-from hexsim.errors import HexsimError, one_of, shortened
+from hexsim.errors import HexsimError, one_of, refuse_missing_file, shortened
 from hexsim.files.toml_files import read_toml, validation_sentence
 from hexsim.setpoints.signal import Faded, Signal, faded
 from hexsim.setpoints.signal_file import SampledSignal, read_setpoint_file
-from hexsim.setpoints.signals import SignalTable, signal_from_table, signal_to_dict
+from hexsim.setpoints.signals import FmuSignal, SignalTable, signal_from_table, signal_to_dict
 
 DOF_NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 ROTATIONS = ("roll", "pitch", "yaw")
@@ -106,6 +106,12 @@ class Scenario:
         return signal if isinstance(signal, Faded) else faded(signal, self.fade_s, self.fade)
 
     @property
+    def allow_native(self) -> bool:
+        """Whether one of its signals is a foreign FMU, which the user has allowed to run."""
+        bare = [signal.signal if isinstance(signal, Faded) else signal for signal in self.signals.values()]
+        return any(isinstance(signal, FmuSignal) for signal in bare)
+
+    @property
     def frequency_Hz(self) -> float | None:
         """Basic harmonic, when all driven axes are sines of one frequency."""
         found = {signal.fundamental_Hz for signal in self.signals.values()}
@@ -158,8 +164,8 @@ def available_scenarios() -> list[str]:
     return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
-def scenario_from_dict(tables: Mapping[str, Any], source: str = "scenario") -> Scenario:
-    """Make a scenario from its tables. Raises HexsimError that names the key."""
+def scenario_from_dict(tables: Mapping[str, Any], source: str = "scenario", *, allow_native: bool = False) -> Scenario:
+    """Make a scenario from its tables. allow_native: foreign FMUs in it may run. Raises HexsimError that names the key."""
     given = {"name": Path(source).stem[:100], **tables}
     if "says" in given:  # the key's name in older files
         given["description"] = given.pop("says")
@@ -168,7 +174,10 @@ def scenario_from_dict(tables: Mapping[str, Any], source: str = "scenario") -> S
     except ValidationError as error:
         raise HexsimError(f"{source}: {validation_sentence(error, ScenarioFile)}") from None
     return Scenario(
-        signals={axis: signal_from_table(table, f"{source}: [axes.{axis}]") for axis, table in checked.axes.items()},
+        signals={
+            axis: signal_from_table(table, f"{source}: [axes.{axis}]", allow_native=allow_native)
+            for axis, table in checked.axes.items()
+        },
         machine_changes=_dotted(checked.machine),
         faults=tuple(checked.faults),
         **{key: getattr(checked, key) for key in ScenarioSettings.model_fields},
@@ -192,17 +201,26 @@ def load_scenario(
     amplitude: float | None = None,
     frequency_Hz: float | None = None,
     duration_s: float | None = None,
+    allow_native: bool = False,
 ) -> Scenario:
-    """A scenario by name or from a TOML file; amplitude in m or DEGREES for rotations, as people say them."""
+    """A scenario by name or from a TOML file; amplitude in m or DEGREES for rotations, as people say them.
+
+    allow_native: foreign FMUs in it may run their code.
+    """
     path = FOLDER / f"{name_or_path}.toml"
     if not os.path.isfile(path):  # unlike Path's, false for a name that no file can have
         path = Path(name_or_path)
         if path.suffix not in (".toml", ".csv", ".gz", ".parquet") or not os.path.isfile(path):
+            refuse_missing_file("scenario", str(name_or_path))
             raise HexsimError(
                 f"unknown scenario {shortened(repr(str(name_or_path)))}: "
                 f"{one_of(str(name_or_path), available_scenarios())}, a TOML file, or a CSV or Parquet file of setpoints"
             )
-    scenario = scenario_from_dict(read_toml(path), str(path)) if path.suffix == ".toml" else file_scenario(path)
+    scenario = (
+        scenario_from_dict(read_toml(path), str(path), allow_native=allow_native)
+        if path.suffix == ".toml"
+        else file_scenario(path)
+    )
     if amplitude is not None or frequency_Hz is not None:
         signals = {
             axis: _restyled(signal, axis, amplitude, frequency_Hz, scenario.name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from hexsim.errors import HexsimError
@@ -12,6 +13,20 @@ from hexsim.machine.files import changed
 from hexsim.scenarios import Scenario, load_scenario, scenario_from_dict
 
 SCENARIO = "scenario."
+
+
+def loaded(machine: Machine | str | Path, scenario: Scenario | str | Path) -> tuple[Machine, Scenario]:
+    """Both, by name or file where they are not made yet. Raises HexsimError for anything else."""
+    if isinstance(machine, str | Path):
+        machine = load_machine(machine)
+    if isinstance(scenario, str | Path):
+        scenario = load_scenario(scenario)
+    for given, kind, example in ((machine, Machine, "bench"), (scenario, Scenario, "heave")):
+        if not isinstance(given, kind):
+            raise HexsimError(
+                f"a {type(given).__name__} stands where a {kind.__name__} is needed: give one, its name, as {example!r}, or a file"
+            )
+    return machine, scenario
 
 
 def machine_in(scenario: Scenario, machine: Machine) -> Machine:
@@ -28,14 +43,22 @@ def scenario_and_machine(
     amplitude: float | None = None,
     frequency_Hz: float | None = None,
     duration_s: float | None = None,
+    allow_native: bool = False,
 ) -> tuple[Scenario, Machine]:
     """A scenario with its changes, and the machine named, else the scenario's own."""
-    scenario = load_scenario(scenario_name, amplitude=amplitude, frequency_Hz=frequency_Hz, duration_s=duration_s)
+    scenario = load_scenario(
+        scenario_name, amplitude=amplitude, frequency_Hz=frequency_Hz, duration_s=duration_s, allow_native=allow_native
+    )
     return scenario, load_machine(machine_name or scenario.machine_name)
 
 
 def apply_settings(
-    scenario: Scenario, machine: Machine, settings: Mapping[str, Any], source: str = "settings"
+    scenario: Scenario,
+    machine: Machine,
+    settings: Mapping[str, Any],
+    source: str = "settings",
+    *,
+    allow_native: bool = False,
 ) -> tuple[Scenario, Machine]:
     """Both with the settings applied and checked; a setting goes before what the scenario changes in the machine."""
     asked = {key.removeprefix(SCENARIO): value for key, value in settings.items() if key.startswith(SCENARIO)}
@@ -43,7 +66,7 @@ def apply_settings(
         tables = scenario.to_dict()
         for key, value in asked.items():
             set_dotted(tables, key, value, source)
-        scenario = scenario_from_dict(tables, source)
+        scenario = scenario_from_dict(tables, source, allow_native=allow_native or scenario.allow_native)
     changes = {key: value for key, value in settings.items() if not key.startswith(SCENARIO)}
     for key in changes:
         if "." not in key:
@@ -53,5 +76,5 @@ def apply_settings(
         kept = {key: value for key, value in scenario.machine_changes.items() if key not in changes}
         if len(kept) < len(scenario.machine_changes):
             tables = {**scenario.to_dict(), "machine": kept}
-            scenario = scenario_from_dict(tables, source)
+            scenario = scenario_from_dict(tables, source, allow_native=allow_native or scenario.allow_native)
     return scenario, machine

@@ -79,24 +79,29 @@ else:
 _CHECK = TypeAdapter(SignalTable)
 
 
-def signal_from_dict(data: Mapping[str, Any], where: str = "signal") -> Signal:
+def signal_from_dict(data: Mapping[str, Any], where: str = "signal", *, allow_native: bool = False) -> Signal:
     """A signal from {"kind": ..., its keys ...}; optional "fade_in_s" and "fade_shape" ("linear" or "smooth").
+
+    allow_native: a foreign FMU may run its code.
 
     Raises HexsimError naming `where`, the key, and what is allowed, for an unknown kind or key, a missing key, or a
     value of the wrong type or size.
     """
     try:
-        return signal_from_table(_CHECK.validate_python(data), where)
+        return signal_from_table(_CHECK.validate_python(data), where, allow_native=allow_native)
     except ValidationError as error:
         raise HexsimError(f"{where}: {validation_sentence(error, SignalTable)}") from None
 
 
-def signal_from_table(table: Section, where: str) -> Signal:
+def signal_from_table(table: Section, where: str, *, allow_native: bool = False) -> Signal:
     """The signal of a checked table."""
     values = values_of(table)
     duration_s, shape = values.pop("fade_in_s"), values.pop("fade_shape")
+    kind = SIGNAL_KINDS[dict(table)["kind"]]
+    if kind is FmuSignal:
+        values["allow_native"] = allow_native
     try:
-        return faded(SIGNAL_KINDS[dict(table)["kind"]](**values), duration_s, shape)
+        return faded(kind(**values), duration_s, shape)
     except HexsimError as error:
         raise HexsimError(f"{where}: {error}") from None
 

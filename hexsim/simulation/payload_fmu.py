@@ -8,19 +8,16 @@ until then. So it is late by one tick, and a payload whose own mass or stiffness
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-import weakref
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.errors import HexsimError, shortened
+from hexsim.foreign_fmu import ForeignFmu
 from hexsim.plant import Plant
-from hexsim.plant.plant import PlantError
+from hexsim.plant.plant import InterventionError
 from hexsim.plant.readout import platform_signals
 
 Array = NDArray[np.float64]
@@ -32,6 +29,7 @@ PLATFORM_MOTION = (
     *(f"acceleration_{axis}_m_s2" for axis in AXES), *(f"angular_acceleration_{axis}_rad_s2" for axis in AXES),
 )  # fmt: skip
 PLATFORM_LOAD = (*(f"force_{axis}_N" for axis in AXES), *(f"moment_{axis}_N_m" for axis in AXES))
+LARGEST_LOAD = 1e8  # N and N m: ten thousand tons hang on no motion system
 BENCH_MOTION, BENCH_LOAD = ("position_m", "velocity_m_s", "acceleration_m_s2"), ("force_N",)
 
 
@@ -40,84 +38,74 @@ class PayloadFmu:
 
     connections: our name -> (name in the FMU, factor), for variables that are not called as ours. Force and moment are in
     the world frame, the moment about the platform's origin; on a bench the force is along the leg, extension positive.
+    It runs in a process of its own, and only with allow_native: its code may do whatever the user may.
     Raises HexsimError where FMPy is missing, the file is no such FMU, or nothing of it is connected.
     """
 
-    def __init__(self, path: Path, connections: Mapping[str, tuple[str, float]], *, has_platform: bool) -> None:
+    def __init__(
+        self,
+        path: Path,
+        connections: Mapping[str, tuple[str, float]],
+        *,
+        has_platform: bool,
+        allow_native: bool = False,
+    ) -> None:
         motion, load = (PLATFORM_MOTION, PLATFORM_LOAD) if has_platform else (BENCH_MOTION, BENCH_LOAD)
         self.path = path
-        self._folder = Path(tempfile.mkdtemp(prefix="hexsim-payload-"))
-        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
-        self._fmu, variables = self._open()
+        self._fmu = ForeignFmu(path, allow_native=allow_native, what="payload")
+        variables = self._fmu.variables
         unknown = [name for name in connections if name not in (*motion, *load)]
         missing = [theirs for theirs, _ in connections.values() if theirs not in variables]
         if unknown or missing:
             known = (*motion, *load) if unknown else variables
             raise HexsimError(f"{path.name}: there is no {(unknown or missing)[0]}; there are {', '.join(known)}")
         connected = {name: connections.get(name, (name, 1.0)) for name in (*motion, *load)}
-        self._inputs = self._of(connected, variables, motion, "input")
-        self._outputs = self._of(connected, variables, load, "output")
+        self._inputs = self._of(connected, motion, "input")
+        self._outputs = self._of(connected, load, "output")
+        self._load = load
         if not self._outputs[0]:
+            outputs = [name for name, (_, causality) in variables.items() if causality == "output"]
             raise HexsimError(
                 f"{path.name} gives none of {', '.join(load)}: name an output for it with --connect, as {load[-1]}=theirs; "
-                f"it has {', '.join(name for name, v in variables.items() if v.causality == 'output') or 'no outputs'}"
+                f"it has {', '.join(outputs) or 'no outputs'}"
             )
-
-    def _open(self) -> tuple[Any, dict[str, Any]]:
-        """An instance ready to step, and its variables of numbers by name."""
-        try:
-            import fmpy
-            from fmpy.simulation import instantiate_fmu
-        except ImportError:
-            raise HexsimError("a payload that is an FMU needs FMPy: pip install 'hexsim[fmu]'") from None
-        try:
-            unpacked = fmpy.extract(str(self.path), unzipdir=str(self._folder))
-            description = fmpy.read_model_description(unpacked)
-            self._is_3 = str(description.fmiVersion).startswith("3")
-            fmu: Any = instantiate_fmu(unpacked, description, fmi_type="CoSimulation")
-            if self._is_3:
-                fmu.enterInitializationMode(startTime=0.0)
-            else:
-                fmu.setupExperiment(startTime=0.0)
-                fmu.enterInitializationMode()
-            fmu.exitInitializationMode()
-        except Exception as error:  # FMPy raises many kinds on foreign files
-            raise HexsimError(
-                f"{self.path} cannot be used as an FMU for co-simulation: {shortened(str(error), 200)}"
-            ) from None
-        numbers = {"Real", "Float64"}
-        return fmu, {v.name: v for v in description.modelVariables if v.type in numbers}
+        self._fmu.start(self._inputs[1], self._outputs[1])
 
     def _of(
-        self, connected: Mapping[str, tuple[str, float]], variables: Mapping[str, Any], ours: tuple[str, ...], kind: str
+        self, connected: Mapping[str, tuple[str, float]], ours: tuple[str, ...], kind: str
     ) -> tuple[list[int], list[int], Array]:
         """Places among `ours`, references in the FMU and factors of what is connected."""
         places, references, factors = [], [], []
         for place, name in enumerate(ours):
             theirs, factor = connected[name]
-            variable = variables.get(theirs)
-            if variable is not None and (variable.causality == kind or theirs != name):
+            variable = self._fmu.variables.get(theirs)
+            if variable is not None and (variable[1] == kind or theirs != name):
                 places.append(place)
-                references.append(variable.valueReference)
+                references.append(variable[0])
                 factors.append(factor)
         return places, references, np.array(factors)
 
     def before_step(self, time_s: float, plant: Plant, volts: Array) -> Array:
-        """Give the FMU the motion, step it over the tick and put its load on the plant; volts stay."""
-        places, references, factors = self._inputs
-        get, put = ("getFloat64", "setFloat64") if self._is_3 else ("getReal", "setReal")
-        try:
-            if places:
-                getattr(self._fmu, put)(references, (motion_of(plant)[places] * factors).tolist())
-            self._fmu.doStep(currentCommunicationPoint=time_s, communicationStepSize=plant.context.tick_s)
-            given = np.array(getattr(self._fmu, get)(self._outputs[1])) * self._outputs[2]
-            failed = "" if np.isfinite(given).all() else f"gives {given[~np.isfinite(given)][0]}"
-        except Exception as error:  # FMPy's for a status that is none
-            failed = shortened(str(error), 200)
-        if failed:
-            raise (PlantError if time_s > 0.0 else HexsimError)(f"payload {self.path.name}: {failed}")
+        """Give the FMU the motion, step it over the tick and put its load on the plant; volts stay.
+
+        Raises HexsimError where it fails in the first tick, InterventionError later: the run so far is kept.
+        """
+        places, _, factors = self._inputs
         load = np.zeros(6)
-        load[self._outputs[0]] = given
+        try:
+            values = (motion_of(plant)[places] * factors).tolist()
+            given = np.array(self._fmu.step(time_s, plant.context.tick_s, values)) * self._outputs[2]
+            load[self._outputs[0]] = given
+            if not (np.abs(load) <= LARGEST_LOAD).all():
+                worst = int(np.argmin(np.abs(load) <= LARGEST_LOAD))
+                raise HexsimError(
+                    f"payload {self.path.name} gives {self._load[worst]} = {load[worst]:g}: "
+                    f"{-LARGEST_LOAD:g} to {LARGEST_LOAD:g} is possible"
+                )
+        except HexsimError as error:
+            if time_s > 0.0:
+                raise InterventionError(str(error)) from None
+            raise
         put_load(plant, load)
         return volts
 

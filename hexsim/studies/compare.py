@@ -26,6 +26,7 @@ from hexsim.recording.run_files import MIN_ROWS
 from hexsim.recording.signals import Signals
 from hexsim.recording.summary_table import comparison_rows, markdown
 from hexsim.scenarios import Scenario
+from hexsim.scenarios.settings import loaded
 from hexsim.simulation import Run, make_compensators, simulate
 from hexsim.simulation.hosted import Host
 
@@ -54,8 +55,8 @@ def _makes(name: str) -> bool:
 
 
 def compare(
-    machine: Machine,
-    scenario: Scenario,
+    machine: Machine | str | Path,
+    scenario: Scenario | str | Path,
     names: Sequence[str],
     *,
     fast: bool = False,
@@ -69,6 +70,7 @@ def compare(
     A diverged run stays in the comparison and is marked; an interruption ends the comparison after the run it met.
     """
 
+    machine, scenario = loaded(machine, scenario)
     runs: dict[str, Run] = {}
     for name in names:
         runs[name] = simulate(

@@ -1,14 +1,17 @@
 """The journal of a sweep: finished rows on disk before they are in the table (`sweep_table`).
 
-It holds one JSON object a line. A line is synced before the next run is counted; a line that a kill cut short has no
-newline and is dropped. While a sweep runs the journal is locked, so two cannot write one table.
+It holds a checksum and one JSON object a line. A line is synced before the next run is counted; a line that a kill or a
+full disk cut short, or that is odd, is dropped and its case is run again. While a sweep runs the journal is locked, so two
+cannot write one table.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
@@ -34,7 +37,7 @@ class Journal:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._lock.acquire()
-            self._file = open(self.path, "a+b")
+            self._file = open(self.path, "a+b", buffering=0)  # a buffer would be written again at the end
         except Timeout:
             raise HexsimError(
                 f"another sweep is writing {self.table.place}: wait for it, or give another --out"
@@ -45,9 +48,9 @@ class Journal:
                 f"cannot write {self.path}: {error.strerror or error}; give --out a place that can be written"
             ) from None
         try:
-            self.failed = self.table.failed()
-            self.rows = {key: row for key, row in self._journal_rows().items() if key not in self.failed}
-            self.failed |= {key: bool(row["error"]) for key, row in self.rows.items()}
+            self.table.clean()
+            self.rows = self._journal_rows()
+            self.failed = self.table.failed() | {key: bool(row["error"]) for key, row in self.rows.items()}
         except BaseException:
             self._close()
             raise
@@ -82,11 +85,15 @@ class Journal:
     def add(self, row: dict[str, Any]) -> None:
         """Keep a row for good."""
         assert self._file is not None
+        end = self._file.seek(0, os.SEEK_END)
         try:
-            self._file.write(json.dumps(row).encode() + b"\n")
-            self._file.flush()
+            rest = line_of(row)
+            while rest:
+                rest = rest[self._file.write(rest) or 0 :]
             os.fsync(self._file.fileno())
         except OSError as error:
+            with suppress(OSError):
+                self._file.truncate(end)
             raise HexsimError(
                 f"cannot write {self.path}: {error.strerror}; {self.status()}, run it again to go on"
             ) from None
@@ -96,9 +103,12 @@ class Journal:
             self._file.truncate(0)
             self.rows.clear()
 
-    def finish(self, order: Sequence[str]) -> None:
-        """Write the table, then remove the journal."""
-        self.table.finish(self.rows, order)
+    def finish(self, wanted: Mapping[str, str]) -> None:
+        """Write the table of the cases with these keys (key -> values_key), then remove the journal."""
+        try:
+            self.table.finish(self.rows, wanted)
+        except (HexsimError, OSError) as error:
+            raise HexsimError(f"{error}; {self.status()}, run the same command again to go on") from None
         if self._file is not None:
             self._file.close()  # Windows removes no file that is open
         self.path.unlink()
@@ -108,10 +118,30 @@ class Journal:
         return f"{len(self.failed)} rows are kept in {self.table.kept}"
 
 
+def line_of(row: dict[str, Any]) -> bytes:
+    """A row as a line of the journal."""
+    text = json.dumps(row).encode()
+    return _checksum(text) + b" " + text + b"\n"
+
+
+def _checksum(text: bytes) -> bytes:
+    return hashlib.sha256(text).hexdigest()[:16].encode()
+
+
 def _row(line: bytes) -> dict[str, Any] | None:
-    """The row of a journal's line, or None for one that is damaged: its case is run again."""
+    """The row of a journal's line, or None for one that is damaged or odd: its case is run again."""
+    checksum, _, text = line.partition(b" ")
+    if checksum != _checksum(text):
+        return None
     try:
-        row = json.loads(line)
+        row = json.loads(text)
     except (ValueError, RecursionError):
         return None
-    return row if isinstance(row, dict) and isinstance(row.get("key"), str) and "error" in row else None
+    if not isinstance(row, dict) or not isinstance(row.get("key"), str) or "error" not in row:
+        return None
+    return row if all(_is_cell(value) for value in row.values()) else None
+
+
+def _is_cell(value: Any) -> bool:
+    """Whether a table can hold a value."""
+    return value is None or isinstance(value, (str, float, bool)) or (isinstance(value, int) and abs(value) < 2**63)

@@ -14,12 +14,14 @@ from typing import Any
 
 import polars as pl
 
-from hexsim.errors import HexsimError
-from hexsim.files.atomic import written_whole
+from hexsim.errors import HexsimError, library_errors
+from hexsim.files.atomic import PARTIAL, remove_partials, written_whole
 
-FIRST_COLUMNS = ("key", "scenario", "machine", "compensator", "seed")
+KEYS = ("key", "values_key")  # of a case with the bytes of its inputs, and of its declared values alone
+FIRST_COLUMNS = (*KEYS, "inputs", "scenario", "machine", "compensator", "seed")
 ROWS_A_PART = 2000
 Rows = Mapping[str, dict[str, Any]]
+Wanted = Mapping[str, str]  # key -> values_key of the cases of a sweep, in order
 
 
 def table_at(place: Path) -> Table:
@@ -50,19 +52,21 @@ class Table(abc.ABC):
         """The Parquet files that are there."""
 
     @abc.abstractmethod
-    def finish(self, rows: Rows, order: Sequence[str]) -> None:
-        """Take the last rows; the table is whole."""
+    def finish(self, rows: Rows, wanted: Wanted) -> None:
+        """Take the last rows; the table is whole, without earlier rows of the same cases."""
 
     def failed(self) -> dict[str, bool]:
         """Key -> whether the run failed, of the rows that are there."""
         found: dict[str, bool] = {}
-        try:
+        with library_errors(f"{self.place} is there and is no table of a sweep, give another --out"):
             for file in self.files():
                 rows = pl.read_parquet(file, columns=["key", "error"])
                 found |= dict(zip(rows["key"], rows["error"].is_not_null(), strict=True))
-        except (OSError, KeyError, pl.exceptions.PolarsError):
-            raise HexsimError(f"{self.place} is there and is no table of a sweep: give another --out") from None
         return found
+
+    def clean(self) -> None:
+        """Remove what killed sweeps have left half written. The journal must be locked."""
+        remove_partials(self.place)
 
     def take(self, rows: Rows) -> None:
         """Keep rows for good, before the table is whole."""
@@ -73,11 +77,12 @@ class OneFile(Table):
     def files(self) -> list[Path]:
         return [self.place] if self.place.exists() else []
 
-    def finish(self, rows: Rows, order: Sequence[str]) -> None:
+    def finish(self, rows: Rows, wanted: Wanted) -> None:
         """Rows of this sweep first and in order, then those of earlier sweeps."""
         known = {row["key"]: row for file in self.files() for row in pl.read_parquet(file).to_dicts()} | dict(rows)
-        mine = set(order)
-        write_rows([known[key] for key in order] + [row for key, row in known.items() if key not in mine], self.place)
+        replaced = set(wanted.values())
+        others = [row for key, row in known.items() if key not in wanted and row.get("values_key") not in replaced]
+        write_rows([known[key] for key in wanted] + others, self.place)
 
 
 class Parts(Table):
@@ -87,12 +92,17 @@ class Parts(Table):
         super().__init__(place)
         self.journal, self.kept = place / "journal", place
 
+    def clean(self) -> None:
+        for left in self.place.glob(f"{PARTIAL}*"):
+            left.unlink(missing_ok=True)
+
     def files(self) -> list[Path]:
         if not self.place.exists():
             return []
         found = sorted(self.place.glob("part-*.parquet"))
+        own = (self.journal.name, f"{self.journal.name}.lock")
         if not found and any(
-            path.name not in (self.journal.name, f"{self.journal.name}.lock") for path in self.place.iterdir()
+            path.name not in own and not path.name.startswith(PARTIAL) for path in self.place.iterdir()
         ):
             raise HexsimError(f"{self.place} is there and is no table of a sweep: give another --out")
         return found
@@ -102,20 +112,36 @@ class Parts(Table):
         number = int(files[-1].stem.removeprefix("part-")) + 1 if files else 0
         write_rows(list(rows.values()), self.place / f"part-{number:06d}.parquet")
 
-    def finish(self, rows: Rows, order: Sequence[str]) -> None:
-        """All parts get the columns and types of all."""
+    def finish(self, rows: Rows, wanted: Wanted) -> None:
+        """All parts get the columns and types of all; of rows with one key the last one stays."""
         if rows:
             self.take(rows)
+        self._drop_replaced(wanted)
         schemas = {file: pl.read_parquet_schema(file) for file in self.files()}
-        wanted: dict[Any, Any] = {}  # column -> type
+        columns: dict[Any, Any] = {}  # column -> type
         for schema in schemas.values():
-            wanted |= {name: _wider(wanted.get(name, kind), kind) for name, kind in schema.items()}
+            columns |= {name: _wider(columns.get(name, kind), kind) for name, kind in schema.items()}
         for file, schema in schemas.items():
-            if list(schema.items()) == list(wanted.items()):
+            if list(schema.items()) == list(columns.items()):
                 continue
             frame = pl.read_parquet(file)
-            lacking = [pl.lit(None, dtype=kind).alias(name) for name, kind in wanted.items() if name not in schema]
-            _write(frame.with_columns(lacking).cast(wanted).select(list(wanted)), file)
+            lacking = [pl.lit(None, dtype=kind).alias(name) for name, kind in columns.items() if name not in schema]
+            _write(frame.with_columns(lacking).cast(columns).select(list(columns)), file)
+
+    def _drop_replaced(self, wanted: Wanted) -> None:
+        replaced, later = set(wanted.values()), set()
+        for file in reversed(self.files()):
+            keys = pl.read_parquet(file, columns=[name for name in KEYS if name in pl.read_parquet_schema(file)])
+            values = keys["values_key"] if "values_key" in keys.columns else [None] * keys.height
+            stays = [
+                key not in later and (key in wanted or value not in replaced)
+                for key, value in zip(keys["key"], values, strict=True)
+            ]
+            later.update(keys["key"])
+            if not any(stays):
+                file.unlink()
+            elif not all(stays):
+                _write(pl.read_parquet(file).filter(pl.Series(stays)), file)
 
 
 def _wider(one: pl.DataType, other: pl.DataType) -> pl.DataType:
@@ -132,9 +158,11 @@ def write_rows(rows: Sequence[dict[str, Any]], file: Path) -> None:
     names = [name for name in FIRST_COLUMNS if any(name in row for row in rows)]
     names += [name for name in dict.fromkeys(name for row in rows for name in row) if name not in names]
     columns = [[row.get(name) for row in rows] for name in names]
-    _write(pl.DataFrame(columns, schema=names, strict=False, infer_schema_length=None, orient="col"), file)
+    with library_errors(f"cannot write {file}"):
+        frame = pl.DataFrame(columns, schema=names, strict=False, infer_schema_length=None, orient="col")
+    _write(frame, file)
 
 
 def _write(frame: pl.DataFrame, file: Path) -> None:
-    with written_whole(file) as temporary:
+    with written_whole(file) as temporary, library_errors(f"cannot write {file}, give --out another place", OSError):
         frame.write_parquet(temporary)

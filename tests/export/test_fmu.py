@@ -46,14 +46,14 @@ class Fmu:
         self.inputs = [v.name for v in self.description.modelVariables if v.causality == "input"]
         self.said: list[str] = []
 
-    def instance(self, parameters: dict[str, float] | None = None) -> FMU2Slave:
+    def instance(self, parameters: dict[str, float] | None = None, stop_time: float | None = None) -> FMU2Slave:
         """A slave before the end of its initialisation."""
         slave = FMU2Slave(
             guid=self.description.guid, unzipDirectory=self.folder,
             modelIdentifier=self.description.coSimulation.modelIdentifier, instanceName="one",
         )  # fmt: skip
         slave.instantiate(callbacks=self._callbacks())
-        slave.setupExperiment()
+        slave.setupExperiment(stopTime=stop_time)
         self.initialise(slave, parameters or {})
         return slave
 
@@ -394,6 +394,22 @@ def test_steps_and_times_that_do_not_go_are_refused(fmus):
     assert "communication step 0.00025 s is not a whole multiple of the time step 0.0001 s" in fmu.said[0]
     assert "fixed once the FMU is initialised" in fmu.said[1]
     assert "16 bytes are no state of this FMU" in fmu.said[2]
+
+
+def test_it_does_not_go_beyond_its_stop_time(fmus):
+    """FMI: who has named a stop time gets an error for a step beyond it, and the FMU says so; a step that ends there, its time
+    summed with rounding, goes; without a stop time every step goes."""
+    _, fmu = fmus("bench")
+    fmu.said.clear()
+    slave = fmu.instance(stop_time=0.3)
+    for begin in (0.0, 0.1, 0.1 + 0.1):
+        slave.doStep(begin, 0.1)
+    with pytest.raises(FMICallException):
+        slave.doStep(0.3, 0.1)
+    assert "a step from 0.3 to 0.4 s, beyond the stop time of 0.3 s" in fmu.said[0]
+    free = fmu.instance()
+    free.doStep(0.0, 0.1)
+    free.doStep(0.1, 0.1)
 
 
 @pytest.mark.parametrize("name", MACHINES)

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
+from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import load_scenario, scenario_from_dict
+from hexsim.scenarios.settings import apply_settings
 from hexsim.simulation import simulate
 from hexsim.simulation.payload_fmu import PayloadFmu, parse_connections
 
@@ -24,6 +26,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the FMU is comp
 SOURCE = """
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 typedef unsigned R;
 static double *new(void) { return calloc(3, sizeof(double)); } /* place; after a step minus the place, and t^2 */
 static int get(double *c, const R r[], size_t n, double v[]) { for (size_t k = 0; k < n; k++) v[k] = c[r[k]]; return 0; }
@@ -75,10 +78,14 @@ STIFFNESS = 2000.0  # [N/m]
 @pytest.fixture(scope="module", params=(2, 3))
 def spring(request, tmp_path_factory):
     """An FMU whose output `pull` is minus its input `place`."""
-    folder, fmi = tmp_path_factory.mktemp("spring"), request.param
+    return compiled_fmu(tmp_path_factory.mktemp("spring"), request.param, SOURCE)
+
+
+def compiled_fmu(folder, fmi, source):
+    folder.mkdir(exist_ok=True)
     wanted = set(re.findall(rf'"(fmi{fmi}[A-Z]\w+)"', inspect.getsource(fmpy.fmi2 if fmi == 2 else fmpy.fmi3)))
-    others = wanted - {f"fmi{fmi}{name}" for name in re.findall(r"F\((\w+)\)", SOURCE)}
-    (folder / "spring.c").write_text(SOURCE + "".join(f"int {name}(void) {{ return 3; }}\n" for name in others))
+    others = wanted - {f"fmi{fmi}{name}" for name in re.findall(r"F\((\w+)\)", source)}
+    (folder / "spring.c").write_text(source + "".join(f"int {name}(void) {{ return 3; }}\n" for name in others))
     command = [
         sys.executable,
         "-m",
@@ -109,7 +116,7 @@ def heave(machine, interventions=()):
 def test_a_spring_as_fmu_is_the_spring_of_the_library(spring, bench):
     """The piston's path with the FMU against that with the effect: what a late tick leaves is below 2 % of the effect."""
     connected = parse_connections(["position_m=place", f"force_N=pull*{STIFFNESS}"])
-    payload = PayloadFmu(spring, connected, has_platform=False)
+    payload = PayloadFmu(spring, connected, has_platform=False, allow_native=True)
     preload = 0.5 * bench.cylinder.stroke_m * STIFFNESS  # the library's spring rests at half stroke
     with_effect = changed(bench, {"effects.spring.stiffness_N_m": STIFFNESS})
     held = changed(bench, {"effects.constant_force.force_N": preload})
@@ -124,7 +131,7 @@ def test_a_spring_as_fmu_is_the_spring_of_the_library(spring, bench):
 def test_a_payload_on_a_platform_pushes_where_it_should(spring, hexapod):
     """A force along x at the platform's origin from an FMU whose input is height: the legs' forces change by its share."""
     connected = parse_connections(["platform_z_m=place", "force_x_N=pull*1e4", "moment_z_N_m=pull*1e4"])
-    payload = PayloadFmu(spring, connected, has_platform=True)
+    payload = PayloadFmu(spring, connected, has_platform=True, allow_native=True)
     scenario = replace(load_scenario("heave"), duration_s=1.0)
     found = simulate(hexapod, scenario, fast=True, interventions=[payload]).log
     without = simulate(hexapod, scenario, fast=True).log
@@ -139,22 +146,24 @@ def test_what_is_not_connected_is_said(spring, tmp_path):
     with pytest.raises(
         HexsimError, match="gives none of force_N: name an output for it with --connect, as force_N=theirs"
     ):
-        PayloadFmu(spring, {}, has_platform=False)
+        PayloadFmu(spring, {}, has_platform=False, allow_native=True)
     with pytest.raises(HexsimError, match=r"spring\.fmu: there is no push; there are place, pull"):
-        PayloadFmu(spring, parse_connections(["force_N=push"]), has_platform=False)
+        PayloadFmu(spring, parse_connections(["force_N=push"]), has_platform=False, allow_native=True)
     with pytest.raises(HexsimError, match="there is no force_x_N; there are position_m, velocity_m_s"):
-        PayloadFmu(spring, parse_connections(["force_x_N=pull"]), has_platform=False)
+        PayloadFmu(spring, parse_connections(["force_x_N=pull"]), has_platform=False, allow_native=True)
     with pytest.raises(HexsimError, match=r"'force_N' is not OURS=THEIRS"):
         parse_connections(["force_N"])
     (tmp_path / "no.fmu").write_text("no")
-    with pytest.raises(HexsimError, match="cannot be used as an FMU for co-simulation"):
-        PayloadFmu(tmp_path / "no.fmu", {}, has_platform=False)
+    with pytest.raises(HexsimError, match=r"payload no\.fmu fails while it is unpacked: BadZipFile"):
+        PayloadFmu(tmp_path / "no.fmu", {}, has_platform=False, allow_native=True)
 
 
 def test_a_payload_that_fails_at_once_is_a_sentence(spring, bench):
     """Before anything was simulated there is no log to keep."""
-    payload = PayloadFmu(spring, parse_connections(["position_m=place*1e6", "force_N=pull"]), has_platform=False)
-    with pytest.raises(HexsimError, match=r"payload spring\.fmu: "):
+    payload = PayloadFmu(
+        spring, parse_connections(["position_m=place*1e6", "force_N=pull"]), has_platform=False, allow_native=True
+    )
+    with pytest.raises(HexsimError, match=r"payload spring\.fmu fails while it steps from 0 s: "):
         heave(bench, [payload])
 
 
@@ -163,7 +172,9 @@ def test_a_payload_that_fails_ends_the_run_with_its_log(spring, bench):
     factor = 10 / (bench.cylinder.stroke_m / 2 + 0.03)  # it fails where its input passes 10
     connected = parse_connections([f"position_m=place*{factor}", "force_N=pull*1e-6"])
     scenario = replace(load_scenario("heave"), duration_s=3.0)
-    run = simulate(bench, scenario, interventions=[PayloadFmu(spring, connected, has_platform=False)])
+    run = simulate(
+        bench, scenario, interventions=[PayloadFmu(spring, connected, has_platform=False, allow_native=True)]
+    )
     assert not run.complete
     assert run.log.height > 100
     assert "payload spring.fmu" in run.reason
@@ -173,7 +184,8 @@ def test_an_output_of_an_fmu_is_a_setpoint(spring, bench):
     """t^2 by an FMU, times 0.01: value and slope between its steps; a run is commanded so, and keeps the FMU in its scenario."""
     table = {"kind": "fmu", "path": str(spring), "column": "square", "factor": 0.01, "duration_s": 2.0}
     scenario = scenario_from_dict(
-        {"name": "square", "mode": "dof", "duration_s": 1.0, "fade_s": 0.0, "axes": {"z": table}}
+        {"name": "square", "mode": "dof", "duration_s": 1.0, "fade_s": 0.0, "axes": {"z": table}},
+        allow_native=True,
     )
     signal, t = scenario.signals["z"], np.arange(0.1, 1.9, 0.0137)
     assert signal.value(t) == pytest.approx(0.01 * t**2, abs=1e-9)
@@ -183,7 +195,75 @@ def test_an_output_of_an_fmu_is_a_setpoint(spring, bench):
     rest = log["setpoint_m"][0]
     held = np.floor(log["time_s"].to_numpy() * 500 + 1e-6) / 500
     assert log["setpoint_m"].to_numpy() - rest == pytest.approx(0.01 * held**2, abs=1e-8)
-    with pytest.raises(HexsimError, match=r"signal 'fmu': column = 'cube': its outputs are pull, square"):
-        scenario_from_dict({"name": "c", "mode": "dof", "axes": {"z": table | {"column": "cube"}}})
-    with pytest.raises(HexsimError, match=r"signal 'fmu': path = .*none.fmu.*: cannot be simulated"):
-        scenario_from_dict({"name": "c", "mode": "dof", "axes": {"z": table | {"path": "none.fmu"}}})
+    with pytest.raises(HexsimError, match=r"has no output 'cube': its outputs are pull, square"):
+        scenario_from_dict({"name": "c", "mode": "dof", "axes": {"z": table | {"column": "cube"}}}, allow_native=True)
+    with pytest.raises(HexsimError, match=r"there is no FMU none\.fmu"):
+        scenario_from_dict({"name": "c", "mode": "dof", "axes": {"z": table | {"path": "none.fmu"}}}, allow_native=True)
+
+
+def test_native_code_runs_only_when_it_is_allowed(spring, tmp_path, monkeypatch):
+    """An FMU in a scenario's file, as a setting and as a payload: refused in a sentence that names the option, before any of
+    it runs; a scenario's file cannot allow itself; what allows it in Python is an argument."""
+    table = {"kind": "fmu", "path": str(spring), "column": "square", "duration_s": 0.5}
+    tables = {"name": "c", "mode": "dof", "axes": {"z": table}}
+
+    def refused(run):
+        monkeypatch.setattr("subprocess.Popen", None)
+        with pytest.raises(HexsimError, match=r"spring\.fmu is native code.*--allow-native"):
+            run()
+        monkeypatch.undo()
+
+    refused(lambda: scenario_from_dict(tables))
+    refused(lambda: PayloadFmu(spring, {}, has_platform=False))
+    refused(lambda: apply_settings(load_scenario("heave"), load_machine("bench"), {"scenario.axes.z": table}))
+    with pytest.raises(HexsimError, match="allow_native is not a known key"):
+        scenario_from_dict(tables | {"axes": {"z": table | {"allow_native": True}}})
+    allowed = scenario_from_dict(tables, allow_native=True)
+    assert allowed.allow_native and "allow_native" not in allowed.to_dict()["axes"]["z"]
+    assert apply_settings(allowed, load_machine("bench"), {"scenario.fade_s": 0.1})[0].fade_s == 0.1
+
+
+BAD = {
+    "hang": ("for (;;) pause();", r"takes longer than 0\.5 s while it steps"),
+    "spin": ("for (;;);", r"takes longer than 0\.5 s while it steps"),
+    "exit": ("_exit(0);", r"ends its process \(exit code 0\) while it steps"),
+    "crash": ("*(volatile int *)0 = 1;", r"ends its process \(signal SIGSEGV\) while it steps"),
+    "leak": ("for (;;) *(volatile char *)malloc(1 << 28) = 1;", r"ends its process \(signal SIGSEGV\) while it steps"),
+    "huge": ("c[1] = 1e300;", r"gives force_N = 1e\+300: -1e\+08 to 1e\+08 is possible"),
+}
+
+
+@pytest.fixture(scope="module")
+def bad(tmp_path_factory):
+    """An FMU without force that does what BAD_KIND says from BAD_FROM [s] on."""
+    cases = "".join(
+        f'if (t >= atof(getenv("BAD_FROM")) && !strcmp(getenv("BAD_KIND"), "{name}")) {{ {does} }}\n'
+        for name, (does, _) in BAD.items()
+    )
+    return compiled_fmu(
+        tmp_path_factory.mktemp("bad"), 2, SOURCE.replace("c[1] = -c[0], c[2] = t * t;", f"c[1] = 0; {cases}")
+    )
+
+
+@pytest.mark.parametrize("kind", BAD)
+@pytest.mark.parametrize("late", [False, True])
+def test_what_an_fmu_does_to_itself_stays_its_own(bad, kind, late, tmp_path, monkeypatch, bench):
+    """An FMU that hangs, spins, exits, crashes, takes all memory or gives a force outside physics, in its first step or
+    later: one sentence, the log so far is kept, and neither a process nor a folder of it stays."""
+    monkeypatch.setattr("hexsim.foreign_fmu.STEP_s", 0.5)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setenv("BAD_KIND", kind)
+    monkeypatch.setenv("BAD_FROM", "0.25" if late else "0")
+    payload = PayloadFmu(bad, parse_connections(["force_N=pull"]), has_platform=False, allow_native=True)
+    process = payload._fmu._process
+    scenario = replace(load_scenario("heave"), duration_s=0.5)
+    if late:
+        run = simulate(bench, scenario, interventions=[payload])
+        assert not run.complete and re.search(BAD[kind][1], run.reason)
+        assert 0.2 < run.log["time_s"][-1] < 0.3
+    else:
+        with pytest.raises(HexsimError, match=BAD[kind][1]):
+            simulate(bench, scenario, interventions=[payload])
+    payload._fmu.close()
+    assert process.poll() is not None
+    assert list(tmp_path.iterdir()) == []

@@ -136,3 +136,51 @@ def test_a_task_that_is_none_is_a_sentence():
         Task(amplitude_m=(2.0, 1.0))
     with pytest.raises(HexsimError, match="reset the environment before its first step"):
         HexsimEnv(machine="bench").step(np.zeros(1))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_actions_that_are_no_numbers_are_refused(bad):
+    """NaN and both infinities, in one environment and in one of many: a sentence that names the leg and the environment; so are
+    other shapes and things that are no numbers. The episode stands as it was."""
+    one, many = HexsimEnv(machine="bench", duration_s=0.1), HexsimVectorEnv(2, machine="bench", duration_s=0.1)
+    one.reset(seed=0)
+    many.reset(seed=0)
+    with pytest.raises(HexsimError, match=r"the action of leg 1 is .*: finite numbers are needed"):
+        one.step([bad])
+    with pytest.raises(HexsimError, match=r"the action of environment 1, leg 1 is"):
+        many.step([[0.0], [bad]])
+    for wrong in ([0.0, 0.0], 0.0, "full"):
+        with pytest.raises(HexsimError, match=r"one number a leg is needed|numbers in \[-1, 1\] are needed"):
+            one.step(wrong)
+    assert one.episodes.step[0] == 0 and many.episodes.step.tolist() == [0, 0]
+
+
+def test_actions_beyond_the_space_are_cut_and_said():
+    """1e308 and 1.5 act as 1 to the bit, and info says that they were cut; 1 itself is not."""
+    seen = []
+    for size in (1.0, 1.5, 1e308):
+        env = HexsimEnv(machine="bench", duration_s=0.1)
+        env.reset(seed=0)
+        observation, *_, info = env.step(np.array([size]))
+        seen.append((observation.tolist(), info["action_cut"]))
+    assert seen[0][0] == seen[1][0] == seen[2][0]
+    assert [cut for _, cut in seen] == [False, True, True]
+    many = HexsimVectorEnv(2, machine="bench", duration_s=0.1)
+    many.reset(seed=0)
+    assert many.step(np.array([[0.5], [-2.0]]))[4]["action_cut"].tolist() == [False, True]
+
+
+def test_options_of_a_reset_are_checked():
+    """Unknown names, wrong types, a machine with other legs: a sentence; what is right acts."""
+    env, bench = HexsimEnv(machine="bench", duration_s=0.1), load_machine("bench")
+    for options, says in (
+        ({"motions": MOTION}, "reset has no option 'motions': there are motion, machine"),
+        ({"motion": "heave"}, "option motion of reset is a str: give a Scenario"),
+        ({"machine": {"name": "x"}}, "option machine of reset is a dict: give a Machine"),
+        ({"machine": load_machine("micro_motion_system")}, "has 6 legs, the task's machine 1"),
+    ):
+        with pytest.raises(HexsimError, match=says):
+            env.reset(options=options)
+    assert env.reset(options={"machine": bench, "motion": MOTION})[1]["machine"] is bench
+    with pytest.raises(HexsimError, match="reset has no option 'motion': it has none"):
+        HexsimVectorEnv(2, machine="bench").reset(options={"motion": MOTION})

@@ -32,7 +32,7 @@ IMPOSSIBLE = [  # machine, key, value, what the sentence must say besides "my.to
     ("bench", "valve.flow_area", "cubic", ["= 'cubic'", "'overlap' or 'quadratic'"]),
     ("bench", "supply.pressure_Pa", 70.0, ["= 70.0", "greater than or equal to 200000", "SI units"]),  # bar for Pa
     ("bench", "supply.pressure_Pa", NAN, ["= nan", "finite number"]),
-    ("bench", "supply.pressure_Pa", "70 bar", ["= '70 bar'", "valid number"]),
+    ("bench", "supply.pressure_Pa", "70 bar", ["= '70 bar'", "a number is needed", "7e+06 for 70 bar"]),
     ("bench", "supply.tank_pressure_Pa", 8e6, ["= 8e+06", "below pressure_Pa = 7e+06"]),
     ("bench", "supply.tank_pressure_Pa", -2e5, ["= -200000.0", "greater than or equal to -101325"]),  # below vacuum
     ("bench", "oil.density_kg_m3", 0.86, ["= 0.86", "greater than or equal to 500"]),  # kg/l for kg/m3
@@ -73,7 +73,7 @@ IMPOSSIBLE = [  # machine, key, value, what the sentence must say besides "my.to
     ("bench", "power_unit.pump_leakage_m3_s_Pa", 2.4e-6, ["= 2.4e-06", "0 to 1e-08 is possible"]),
     ("bench", "power_unit.pump_leakage_m3_s_Pa", 1e-9, ["= 1e-09", "less than pump_flow_max_m3_s = 0.0003"]),
     ("bench", "load.moving_mass_kg", True, ["= True", "valid number"]),  # strict: neither a truth value
-    ("bench", "load.moving_mass_kg", "7", ["= '7'", "valid number"]),  # nor text is a number
+    ("bench", "load.moving_mass_kg", "7", ["= '7'", "a number is needed, without quotes"]),  # nor text is a number
     ("bench", "machine.name", "a\nb", ["printable characters on one line"]),
     ("bench", "machine.name", "a" * 25_000, ["... (25002 characters)", "at most 100 characters"]),
     ("micro_motion_system", "geometry.base_half_angle_deg", 60.0, ["= 60.0", "less than 60"]),
@@ -147,11 +147,42 @@ def test_missing_table_is_named(bench, table):
 
 
 def test_number_of_further_problems_is_told(bench):
-    """Two keys missing: the first by name, and "(and 1 more)"."""
+    """Two keys missing: both by name; of five, three and how many more."""
     tables = machine_tables(bench)
-    del tables["oil"]["density_kg_m3"], tables["valve"]["overlap_m"]
-    with pytest.raises(HexsimError, match=r"\[oil\] density_kg_m3 is missing: add it \(SI units\) \(and 1 more\)$"):
+    del tables["oil"]["density_kg_m3"], tables["supply"]["pressure_Pa"]
+    with pytest.raises(HexsimError) as caught:
         machine_from_dict(tables, "my.toml")
+    assert "[oil] density_kg_m3 is missing: add it (SI units)" in str(caught.value)
+    assert "[supply] pressure_Pa is missing: add it (SI units)" in str(caught.value)
+    for key in ("stroke_m", "piston_diameter_m", "rod_diameter_m"):
+        del tables["cylinder"][key]
+    with pytest.raises(HexsimError, match=r"\(and 2 more\)$"):
+        machine_from_dict(tables, "my.toml")
+
+
+def test_a_misspelled_key_is_the_cause_and_is_not_hidden(bench):
+    """stroke_mm for stroke_m: the unknown key comes first, with the one that is meant, then the one that is missing."""
+    tables = machine_tables(bench)
+    tables["cylinder"]["stroke_mm"] = tables["cylinder"].pop("stroke_m")
+    with pytest.raises(
+        HexsimError, match=r"stroke_mm is not a known key: did you mean stroke_m\?.*; .*stroke_m is missing"
+    ):
+        machine_from_dict(tables, "my.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("20um", "2e-05 for 20um"),
+        ("70 bar", "7e\\+06 for 70 bar"),
+        ("3 furlong", "without the unit furlong"),
+        ("much", "without quotes"),
+    ],
+)
+def test_a_number_with_a_unit_says_what_to_write(bench, text, says):
+    """Numbers are in the unit of their key: the sentence converts what it can."""
+    with pytest.raises(HexsimError, match=rf"overlap_m = '{text}': a number is needed.*{says}"):
+        changed(bench, {"valve.overlap_m": text})
 
 
 def test_unknown_key_lists_the_known_ones(bench):
@@ -159,7 +190,7 @@ def test_unknown_key_lists_the_known_ones(bench):
     with pytest.raises(HexsimError) as caught:
         changed(bench, {"cylinder.stroke_mm": 200}, "my.toml")
     assert str(caught.value).startswith(
-        "my.toml: [cylinder] stroke_mm is not a known key: allowed are piston_diameter_m, "
+        "my.toml: [cylinder] stroke_mm is not a known key: did you mean stroke_m? allowed are piston_diameter_m, "
     )
     assert "stroke_m," in str(caught.value)
 
@@ -167,7 +198,8 @@ def test_unknown_key_lists_the_known_ones(bench):
 def test_unknown_table_lists_the_known_ones(bench):
     """[valves] for [valve]."""
     with pytest.raises(
-        HexsimError, match=r"^my.toml: \[valves\] is not a known table: allowed are machine, supply, .*valve, "
+        HexsimError,
+        match=r"^my.toml: \[valves\] is not a known table: did you mean valve\? allowed are machine, supply, .*valve, ",
     ):
         changed(bench, {"valves.overlap_m": 5e-6}, "my.toml")
 

@@ -1,9 +1,16 @@
 """Run folders appear whole, or say that they are partial."""
 
+import os
+import subprocess
+import sys
+import time
+
 import pytest
 
 from hexsim.errors import HexsimError
-from hexsim.files.run_folder import default_folder, run_folder
+from hexsim.files.atomic import write_text
+from hexsim.files.report_links import BEGIN, END, link_reports
+from hexsim.files.run_folder import RunFolder, default_folder, run_folder
 
 
 def fill(folder, names=("log.csv", "summary.json")):
@@ -66,3 +73,93 @@ def test_default_names_do_not_collide(tmp_path):
     first.mkdir()
     second = default_folder("heave", tmp_path)
     assert second != first and first.name.endswith("-heave")
+
+
+def test_a_second_run_for_the_same_place_is_refused(tmp_path):
+    """While one run gathers, another one for its folder, there already or not, is refused at once; later it may. Nothing but
+    the folder stays."""
+    for out in (tmp_path / "new", tmp_path / "there"):
+        if out.name == "there":
+            out.mkdir()
+        with run_folder(out) as first:
+            fill(first)
+            with pytest.raises(HexsimError, match=r"another run is writing .*: wait for it, or give another --out"):
+                RunFolder(out)
+            first.finish()
+        with run_folder(out) as second:
+            fill(second)
+            second.finish()
+    assert sorted(path.name for path in tmp_path.rglob("*")) == sorted(
+        2 * ["log.csv", "summary.json"] + ["new", "there"]
+    )
+
+
+def test_default_names_of_runs_that_have_not_begun_do_not_collide(tmp_path):
+    """Two commands that choose their names in the same second, before either has written: two places."""
+    names = [default_folder("heave", tmp_path) for _ in range(3)]
+    assert len(set(names)) == 3
+    for name in names:
+        with run_folder(name) as folder:
+            fill(folder)
+            folder.finish()
+    assert sorted(tmp_path.iterdir()) == sorted(names)
+
+
+def test_a_run_killed_while_it_fills_a_folder_leaves_no_figures_of_another(tmp_path):
+    """Killed after each step of the filling of a folder with an earlier run: where figures (any *.json) stand, all data are
+    theirs."""
+    names = ("config.toml", "compare.json", "log.parquet", "report.html", "summary.json")
+    code = """
+import os, sys
+from pathlib import Path
+from hexsim.files.run_folder import RunFolder
+count = [0]
+def counted(old):
+    def step(self, *a, **k):
+        done = old(self, *a, **k)
+        count[0] += armed and ".lock" not in str(self)
+        if count[0] == int(sys.argv[1]):
+            os.kill(os.getpid(), 9)
+        return done
+    return step
+armed = False
+Path.rename, Path.unlink = counted(Path.rename), counted(Path.unlink)
+folder = RunFolder(Path(sys.argv[2]))
+for name in sys.argv[3:]:
+    (folder.path / name).write_text("new")
+armed = True
+folder.finish()
+"""
+    for step in range(1, 18, 2):
+        out = tmp_path / f"out{step}"
+        out.mkdir()
+        for name in names:
+            (out / name).write_text("old")
+        subprocess.run([sys.executable, "-c", code, str(step), str(out), *names], check=False)
+        found = {path.name: path.read_text() for path in out.iterdir() if path.is_file() and path.name in names}
+        assert len(set(found.values())) <= 1, (step, found)
+        if any(name.endswith(".json") for name in found):
+            assert found.keys() >= {"config.toml", "log.parquet", "report.html"}, (step, found)
+
+
+def test_a_neighbour_s_title_is_text(tmp_path):
+    """A report that somebody else has written stands beside: its title is shown as text, its script never runs."""
+    page = "<html><title>{}</title><body>" + BEGIN + END
+    for name, title in (("mine", "a &amp; b"), ("received", "<script>alert(1)</script>"), ("x'y", "&lt;img src=x&gt;")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "report.html").write_text(page.format(title))
+    link_reports(tmp_path / "mine")
+    body = (tmp_path / "mine" / "report.html").read_text().split("<body>")[1]
+    assert "<script" not in body and "<img" not in body
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in body and "&lt;img src=x&gt;</a>" in body
+    assert ">a &amp; b</a>" in (tmp_path / "received" / "report.html").read_text()
+
+
+def test_half_written_files_of_killed_runs_go_with_the_next_writing(tmp_path):
+    """What a killed process left of a file an hour ago goes when the file is written; a younger one, maybe at work, stays."""
+    old, young = tmp_path / ".partial-log.csv-a.csv", tmp_path / ".partial-log.csv-b.csv"
+    for path in (old, young):
+        path.write_text("half")
+    os.utime(old, (time.time() - 4000, time.time() - 4000))
+    write_text(tmp_path / "log.csv", "whole")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [young.name, "log.csv"]

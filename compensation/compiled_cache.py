@@ -1,0 +1,67 @@
+"""Numba's cache of compiled functions, made safe: a damaged file is compiled again, a full disk costs time only.
+
+What numba reads of a file that was cut short (a full disk, a kill) raises any kind of error, and code with a flipped bit
+may end the process in LLVM. So each file with code ends with its SHA-256, which numba's own reading passes over.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba.core import caching
+
+DIGEST_BYTES = 32
+
+
+class CheckedFiles(caching.IndexDataCacheFile):
+    """Index and data files of one function; what is not whole counts as absent."""
+
+    def _dump(self, obj: Any) -> bytes:
+        data = super()._dump(obj)
+        return data + hashlib.sha256(data).digest()
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            return super()._load_index()
+        except Exception:  # of a damaged file, any kind
+            return {}
+
+    def _load_data(self, name: str) -> Any:
+        content = Path(self._data_path(name)).read_bytes()
+        if hashlib.sha256(content[:-DIGEST_BYTES]).digest() != content[-DIGEST_BYTES:]:
+            raise OSError(f"{name} was cut short or changed")  # numba's own sign of an absent file
+        return super()._load_data(name)
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep a compiled function, where there is room for it."""
+        with suppress(OSError):
+            super().save(key, data)
+
+
+def check_cache(dispatcher: Any, sources: str) -> None:
+    """Let a dispatcher keep its compiled code in files that are checked, valid for sources of this digest."""
+    stored = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    if isinstance(stored, caching.IndexDataCacheFile):  # none when numba runs without a cache
+        stored.__class__ = CheckedFiles
+        stored._version = (stored._version, "checked", sources)
+
+
+@cache
+def temporary_cache() -> str:
+    """A cache folder of this user alone below the system's temporary one; a new one where somebody else has it."""
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    folder = Path(tempfile.gettempdir()) / f"hexsim-cache-{user}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        state = folder.lstat()
+        if not folder.is_symlink() and (os.name == "nt" or (state.st_uid == user and not state.st_mode & 0o077)):
+            return str(folder)
+    except OSError:
+        pass
+    return tempfile.mkdtemp(prefix="hexsim-cache-")
