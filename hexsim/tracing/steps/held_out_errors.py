@@ -79,7 +79,8 @@ def budget_machines(trace: Trace) -> dict[str, Machine]:
         part = replace(
             final, candidates=tuple(final.candidates[j] for j in kept), values=tuple(final.values[j] for j in kept)
         )
-        machines[f"with {named[k - 1].label.replace('_', ' ')}"] = part.fitted_machine()
+        if (machine := part.built()) is not None:
+            machines[f"with {named[k - 1].label.replace('_', ' ')}"] = machine
     if trace.verdict == "partly":
         machines["and small realities"] = trace.fitted
     if trace.learned:

@@ -139,6 +139,9 @@ def begin(
     refuse_undriven([*fit_logs, *held_out_logs], feedback)
     problem = SimulatedProblem(logs=tuple(fit_logs), noise=noise, feedback=feedback)
     base = start_fit(machine, priors(machine), problem)
+    if not np.isfinite(base.chi2):  # of the declared machine its user is told why it cannot be built
+        for i in range(len(fit_logs)):
+            problem.simulated_or_refused(machine, i)
     count = sum(len(found) for found in findings.values())
     driven = DRIVEN[feedback]
     return Trace(
