@@ -42,7 +42,9 @@ def hexapod():
     machine = load_machine("micro_motion_system")
     log = heave_log(machine)
     simulated = SimulatedProblem(logs=(log,), noise=machine_noise(machine))
-    balances = [balance for balance in library() if balance.name in ("platform", "sensor") and balance.wants(log, machine)]
+    balances = [
+        balance for balance in library() if balance.name in ("platform", "sensor") and balance.wants(log, machine)
+    ]
     parts = [
         BalanceRows(balance=one, sigma=np.ones(len(one.places(log))), rows=tuple(range(len(one.places(log)))))
         for one in balances
@@ -60,7 +62,9 @@ def test_joints_out_of_reach_are_an_infinite_misfit(hexapod, kind):
     far = answered(replace(base, candidates=(candidate,), values=(OUT_OF_REACH,)), problem)
     assert np.isfinite(base.chi2) and far.chi2 == np.inf
     assert far.misfit[0].shape == base.misfit[0].shape and not residual_at_noise_level(far.misfit)
-    beside = replace(base, candidates=(candidate,), values=(OUT_OF_REACH,))  # a good fit whose neighbours are out of reach
+    beside = replace(
+        base, candidates=(candidate,), values=(OUT_OF_REACH,)
+    )  # a good fit whose neighbours are out of reach
     assert not np.any(effect_columns(beside, problem)[0])
     size = replace(candidate.effect.parameters[0], typical=40.0, bounds=(-100.0, 100.0))
     wild = replace(candidate, effect=replace(candidate.effect, parameters=(size, *candidate.effect.parameters[1:])))

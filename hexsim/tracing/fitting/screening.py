@@ -70,9 +70,7 @@ def columns_of(
             size = share * trial_size(candidate)
             parameter = candidate.effect.parameters[0]
             values = candidate.start() | {parameter.name: to_value(parameter, size)}
-            machines.append(
-                replace(fit, candidates=(*fit.candidates, candidate), values=(*fit.values, values)).built()
-            )
+            machines.append(replace(fit, candidates=(*fit.candidates, candidate), values=(*fit.values, values)).built())
             sizes.append(size)
         varied = problem.misfit(machines)
         for i, size in enumerate(sizes):
