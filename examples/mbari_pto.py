@@ -67,7 +67,7 @@ FLOW = OwnBalance(
     ),
     candidates=(
         Term(name="leakage", unit="m3/s/Pa", column=lambda p: -p.mean(pressure(p)), sign=-1),
-        Term(name="compressibility V/E", unit="m3/Pa", column=lambda p: -p.rate(pressure(p)), sign=1),
+        Term(name="compressibility V/E", unit="m3/Pa", column=lambda p: -p.rate(pressure(p)), sign=-1),
         Term(name="speed offset", unit="m3/s", column=lambda p: one(p)),
         Term(name="loss with direction", unit="m3/s", column=lambda p: -p.mean(side(p)), sign=-1),
         Term(name="turbulent leakage", unit="m3/s/Pa^0.5", sign=-1,

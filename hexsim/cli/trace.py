@@ -84,7 +84,9 @@ def trace(
         return explain_effects.print_explanation(explain, out, json)
     if resume is not None:
         if machine is not None or fit or validate or out is not None or load is not None or loaded:
-            raise HexsimError("--resume FOLDER goes on with the machine, logs and options that the trace there began with: give it alone")
+            raise HexsimError(
+                "--resume FOLDER goes on with the machine, logs and options that the trace there began with: give it alone"
+            )
         return told(*resumed(resume, next_file, recording), json)
     if machine is None:
         raise HexsimError("trace needs the folder of a machine; --list shows the effects, --explain EFFECT one of them")
@@ -193,7 +195,9 @@ def made(out: Path) -> Iterator[None]:
         if not there:
             out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise HexsimError(f"cannot write the folder {out}: {error.strerror or error}; give --out another place") from None
+        raise HexsimError(
+            f"cannot write the folder {out}: {error.strerror or error}; give --out another place"
+        ) from None
     try:
         yield
     finally:

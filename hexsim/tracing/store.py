@@ -105,15 +105,15 @@ class Stored:
             with np.load(self.place, allow_pickle=False) as arrays:
                 self._told = json.loads(bytes(arrays[TEXT]))
                 self._arrays = [arrays[f"a{k}"] for k in range(len(arrays.files) - 1)]
-            self.asked = Asked(
-                **{k: tuple(v) if isinstance(v, list) else v for k, v in self._told["asked"].items()}
-            )
+            self.asked = Asked(**{k: tuple(v) if isinstance(v, list) else v for k, v in self._told["asked"].items()})
             self.hashes = dict(self._told["hashes"])
             made_by = (self._told["format"], self._told["version"])
         except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile, EOFError) as error:
             raise self._damaged(error) from None
         if made_by != (FORMAT, __version__):
-            raise HexsimError(f"{self.place} was written by hexsim {made_by[1]}, this is {__version__}: start the trace anew")
+            raise HexsimError(
+                f"{self.place} was written by hexsim {made_by[1]}, this is {__version__}: start the trace anew"
+            )
 
     def check_same_files(self) -> None:
         """Refuse files whose content is another one than when the trace began."""
@@ -150,7 +150,7 @@ class _Writer:
         self._seen: dict[int, tuple[Any, Any]] = {}  # id -> (the object, which keeps its id, and how it is written)
 
     def plain(self, value: Any) -> Any:
-        if value is None or isinstance(value, (bool, int, float, str)) and not isinstance(value, np.generic):
+        if value is None or (isinstance(value, (bool, int, float, str)) and not isinstance(value, np.generic)):
             return value
         if isinstance(value, np.generic):
             return value.item()
@@ -192,7 +192,9 @@ class _Reader:
         self._effects: dict[str, Effect] = {}
         self._objects: list[Any] = []
         for own in told["objects"]:  # each refers to those before it
-            self._objects.append(CLASSES[own["class"]](**{key: self.made(value) for key, value in own["fields"].items()}))
+            self._objects.append(
+                CLASSES[own["class"]](**{key: self.made(value) for key, value in own["fields"].items()})
+            )
 
     def made(self, value: Any) -> Any:
         if not isinstance(value, dict):

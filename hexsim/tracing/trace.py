@@ -67,7 +67,11 @@ def resume(
 def kept_in(folder: Path, asked: Asked) -> Keep:
     """A `keep` that writes the state into a folder, from which `resume` goes on. The machine and the logs are those of now."""
     hashes = asked.hashes()
-    return lambda state: None if save(state, asked, hashes, folder) else None
+
+    def keep(state: Trace) -> None:
+        save(state, asked, hashes, folder)
+
+    return keep
 
 
 def forget(folder: Path) -> None:
