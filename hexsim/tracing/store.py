@@ -102,13 +102,22 @@ class Stored:
                 f"{folder} holds no unfinished trace ({FILE} is not there): give the folder of a trace that was interrupted"
             )
         try:
-            with np.load(self.place, allow_pickle=False) as arrays:
+            with self.place.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
                 self._told = json.loads(bytes(arrays[TEXT]))
                 self._arrays = [arrays[f"a{k}"] for k in range(len(arrays.files) - 1)]
             self.asked = Asked(**{k: tuple(v) if isinstance(v, list) else v for k, v in self._told["asked"].items()})
             self.hashes = dict(self._told["hashes"])
             made_by = (self._told["format"], self._told["version"])
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile, EOFError) as error:
+        except (
+            OSError,
+            ValueError,
+            KeyError,
+            TypeError,
+            AttributeError,
+            zipfile.BadZipFile,
+            EOFError,
+            MemoryError,
+        ) as error:
             raise self._damaged(error) from None
         if made_by != (FORMAT, __version__):
             raise HexsimError(
