@@ -8,6 +8,9 @@ A ram (area A) drives a fixed-displacement motor; gas springs above and below th
 Motor speed and gas pressures come late, by another time in every run; they are aligned on the first half of each
 quarter of a run and everything is scored on the second halves. A term is named only if every fold of the nested search
 chooses it.
+
+The alignment here is by correlation alone, and a delay takes what the oil's compressibility does. `hexsim trace
+examples/own_machines/mbari_pto` fits delays and terms together, has a relief valve among the candidates, and names both.
 """
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ from hexsim.tracing.term_selection import Chosen, best_placed, losses_of, placed
 Array = np.ndarray
 FAR = 2.0  # standard deviations of its declaration beyond which a fitted number is remarked
 WORSE = 1.005  # a refit that leaves more than this share of the declaration's residual is said: less is chance
+HELD = 1e-6  # relative uncertainty of a term that is held to its declaration
 SEEN = 3.0  # standard errors that an effect must have to be seen
 EXTREME = 0.03  # of the samples at either end of a signal
 EXTREME_SIGMA = 4.0
@@ -68,7 +69,9 @@ def trace_balance(balance: OwnBalance, machine: OwnMachine) -> OwnTrace:
     rest = np.concatenate(left)
     spread = {name: (np.concatenate([run.signals[name] for run in runs]), rest) for name in sorted(shared)}
     found = {name: events(t, after, points[0].window.half) for name, (t, _, _, after) in rests.items()}
-    signs = machine.signs.get(balance.name) or other_signs(balance, runs, terms)
+    signs = list(machine.signs.get(balance.name, []))  # beside other delays; what stands there is not said twice
+    known = {one.partition(" would take")[0] for one in signs}
+    signs += [one for one in other_signs(balance, runs, terms) if one.partition(" would take")[0] not in known]
     return OwnTrace(
         balance=balance, verdict=verdict, remarks=remarks_of(balance, verdict, held_out) + signs + traded(balance, runs, verdict),
         held_out=held_out,
@@ -131,23 +134,29 @@ def remarks_of(balance: OwnBalance, verdict: OwnVerdict, held_out: dict[str, dic
 def other_signs(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> list[str]:
     """Terms that would take much with the sign that was not allowed: often it is the column's sign that is wrong.
 
-    A candidate is tried without its sign beside what is named, a declared term without its declaration; each is scored on runs
-    that its number has not seen.
+    A candidate is tried without its sign beside what is named, a declared term free against held to its declaration; each is
+    scored on runs that its number has not seen.
     """
     found, named = [], {term.name for term in chosen}
+    before = mean_loss(balance, runs, chosen)
     for one in balance.candidates:
         if one.sign and one.name not in named:
             trial = (*chosen, best_placed(balance, runs, chosen, replace(one, sign=0)))
-            found.append((one, one.sign, balance, trial, -1))
+            found.append((one, one.sign, before, balance, trial, -1))
     for k, one in enumerate(balance.terms):
-        side = one.sign or (np.sign(one.declared) if one.declared else 0)
-        if side:
-            terms = (*balance.terms[:k], replace(one, declared=None, uncertainty=0.0), *balance.terms[k + 1 :])
-            found.append((one, side, replace(balance, terms=terms), chosen, k))
-    before, said = mean_loss(balance, runs, chosen), []
-    for one, side, freed, trial, k in found:
+        if one.declared:
+            held, free = (
+                replace(balance, terms=(*balance.terms[:k], other, *balance.terms[k + 1 :]))
+                for other in (
+                    replace(one, uncertainty=HELD * abs(one.declared)),
+                    replace(one, declared=None, uncertainty=0.0),
+                )
+            )
+            found.append((one, np.sign(one.declared), mean_loss(held, runs, chosen), free, chosen, k))
+    said = []
+    for one, side, left, freed, trial, k in found:
         value = solve(freed, runs, trial)[k]
-        taken = 1.0 - mean_loss(freed, runs, trial) / max(before, 1e-300)
+        taken = 1.0 - mean_loss(freed, runs, trial) / max(left, 1e-300)
         if value * side < 0.0 and taken >= MUCH:
             size = f"{value:.3g} {one.unit}".removesuffix(" 1")
             said.append(
