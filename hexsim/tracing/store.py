@@ -88,7 +88,8 @@ def save(state: Trace, asked: Asked, hashes: dict[str, str], folder: Path) -> Pa
     }
     text = np.frombuffer(json.dumps(told).encode(), dtype=np.uint8)
     with written_whole(folder / FILE) as temporary, temporary.open("wb") as file:
-        np.savez(file, **{TEXT: text}, **{f"a{k}": array for k, array in enumerate(writer.arrays)})
+        arrays: dict[str, Any] = {TEXT: text} | {f"a{k}": array for k, array in enumerate(writer.arrays)}
+        np.savez(file, **arrays)
     return folder / FILE
 
 
@@ -105,7 +106,8 @@ class Stored:
             with self.place.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
                 self._told = json.loads(bytes(arrays[TEXT]))
                 self._arrays = [arrays[f"a{k}"] for k in range(len(arrays.files) - 1)]
-            self.asked = Asked(**{k: tuple(v) if isinstance(v, list) else v for k, v in self._told["asked"].items()})
+            asked: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in self._told["asked"].items()}
+            self.asked = Asked(**asked)
             self.hashes = dict(self._told["hashes"])
             made_by = (self._told["format"], self._told["version"])
         except (
