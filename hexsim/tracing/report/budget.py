@@ -60,7 +60,7 @@ def waterfall(result: Trace) -> bytes:
         plot.invert_yaxis()
         few = np.log10(high / low) > WIDE
         plot.xaxis.set_major_locator(LogLocator(subs=(1.0,) if few else (1.0, 2.0, 5.0), numticks=8))
-        plot.xaxis.set_major_formatter(FuncFormatter(lambda value, place: plain(value)))
+        plot.xaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
         plot.xaxis.set_minor_formatter(NullFormatter())
         plot.tick_params(axis="x", which="major", labelsize="small")
         plot.set_xlabel(unit, fontsize="small")
