@@ -8,6 +8,9 @@ A ram (area A) drives a fixed-displacement motor; gas springs above and below th
 Motor speed and gas pressures come late, by another time in every run; they are aligned on the first half of each
 quarter of a run and everything is scored on the second halves. A term is named only if every fold of the nested search
 chooses it.
+
+The alignment here is by correlation alone, and a delay takes what the oil's compressibility does. `hexsim trace
+examples/own_machines/mbari_pto` fits delays and terms together, has a relief valve among the candidates, and names both.
 """
 
 from __future__ import annotations
@@ -67,7 +70,7 @@ FLOW = OwnBalance(
     ),
     candidates=(
         Term(name="leakage", unit="m3/s/Pa", column=lambda p: -p.mean(pressure(p)), sign=-1),
-        Term(name="compressibility V/E", unit="m3/Pa", column=lambda p: -p.rate(pressure(p)), sign=1),
+        Term(name="compressibility V/E", unit="m3/Pa", column=lambda p: -p.rate(pressure(p)), sign=-1),
         Term(name="speed offset", unit="m3/s", column=lambda p: one(p)),
         Term(name="loss with direction", unit="m3/s", column=lambda p: -p.mean(side(p)), sign=-1),
         Term(name="turbulent leakage", unit="m3/s/Pa^0.5", sign=-1,

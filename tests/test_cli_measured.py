@@ -39,7 +39,7 @@ def traced(monkeypatch):
 
     asked = {}
 
-    def trace(machine, fit, validate, out, progress, load_kg, loaded):
+    def trace(machine, fit, validate, out, progress, load_kg, loaded, keep):
         asked.update(machine=machine, fit=fit, validate=validate)
         progress("screening", 0.5)
         (Path(out) / "report.json").write_text(json.dumps(REPORT))

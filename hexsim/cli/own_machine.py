@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from hexsim.cli.console import doing_of, output, print_json, progress, terminated_like_interrupted, text_table
+from hexsim.cli.console import output, print_json, terminated_like_interrupted, text_table
+from hexsim.cli.work import doing, interruptible, leave
+
+if TYPE_CHECKING:
+    from hexsim.files.run_folder import RunFolder
 
 
 def trace_own_folder(folder: Path, fit: list[str], validate: list[str], out: Path | None, json: bool) -> None:
@@ -16,10 +20,17 @@ def trace_own_folder(folder: Path, fit: list[str], validate: list[str], out: Pat
 
     with (
         run_folder(out or default_folder(f"trace-{folder.resolve().name}")) as place,
-        progress() as bar,
-        terminated_like_interrupted() as check,
+        doing() as show,
+        terminated_like_interrupted(),
     ):
-        _, _, report = trace_folder(folder, fit, validate, place.path, doing_of(bar, check))
+        known: dict[str, Any] = {}
+        try:
+            _, _, report = interruptible(
+                lambda: trace_folder(folder, fit, validate, place.path, show, lambda report: known.update(report))
+            )
+        except KeyboardInterrupt:
+            leave(ended_early(known, place))
+            raise
         final = place.finish()
     if json:
         print_json(report)
@@ -33,9 +44,6 @@ def print_own(report: Mapping[str, Any], console: Any) -> None:
     """Verdict, remarks, budget and numbers of each balance."""
     from rich.text import Text
 
-    logs = [(run, one) for run, said in report["findings"].items() for one in said]
-    if logs:
-        console.print(text_table("What was read, repaired and moved", ("run", ""), logs))
     for balance in report["balances"]:
         console.print()
         console.print(Text.assemble((f"{balance['name']}  ", "bold"), balance["verdict"]))
@@ -64,6 +72,22 @@ def print_own(report: Mapping[str, Any], console: Any) -> None:
             value = f"{number['value']:.5g} ± {number['standard_error']:.2g}"
             numbers.append((name, number["unit"], value, declared, at))
         console.print(text_table("Numbers", ("number", "unit", "value", "declared", "place"), numbers))
+    logs = [(run, one) for run, said in report["findings"].items() for one in said]
+    if logs:
+        console.print()
+        console.print(text_table("What was read, repaired and moved", ("run", ""), logs))
+
+
+def ended_early(known: dict[str, Any], place: RunFolder) -> str:
+    """Keep the balances that are traced; what there is to say."""
+    from hexsim.files.json_files import write_json
+
+    if not known.get("balances"):
+        place.discard()
+        return "interrupted by the user; no balance was traced yet and nothing was kept"
+    names = ", ".join(balance["name"] for balance in known["balances"])
+    write_json(place.path / "report.json", known | {"incomplete": {"why": "it was interrupted"}})
+    return f"interrupted by the user; what is known of {names} is in report.json in {place.finish()}"
 
 
 OWN_STEPS = ("declared", "refit", "with_terms")

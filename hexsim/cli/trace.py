@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import json as json_module
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hexsim.cli import completion, explain_effects, options, own_machine
-from hexsim.cli.console import doing_of, output, print_json, progress, terminated_like_interrupted, text_table
+from hexsim.cli.console import output, print_json, terminated_like_interrupted, text_table
+from hexsim.cli.errors import say
+from hexsim.cli.work import doing, interruptible, leave
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
+    from hexsim.files.run_folder import RunFolder
     from hexsim.tracing.state import Trace
+    from hexsim.tracing.store import Asked
+
+    Show = Callable[[str, float], None]
+    Keep = Callable[[Trace], None]
 
 VERDICT_STYLE = {"explained": "green", "nothing missing": "green", "partly": "yellow", "unexplained": "yellow"}
 
@@ -49,6 +58,10 @@ def trace(
     loaded: Annotated[
         list[str] | None, typer.Option(help="Log that was taken with this load on; repeat for more.")
     ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(help="Folder of a trace that did not come to its end: go on there; the result is the same."),
+    ] = None,
     recording: options.Recording = True,
     explain: Annotated[
         str | None,
@@ -69,12 +82,22 @@ def trace(
         return explain_effects.print_library(json)
     if explain is not None:
         return explain_effects.print_explanation(explain, out, json)
+    if resume is not None:
+        if machine is not None or fit or validate or out is not None or load is not None or loaded:
+            raise HexsimError(
+                "--resume FOLDER goes on with the machine, logs and options that the trace there began with: give it alone"
+            )
+        return told(*resumed(resume, next_file, recording), json)
     if machine is None:
         raise HexsimError("trace needs the folder of a machine; --list shows the effects, --explain EFFECT one of them")
     if is_own(machine):
         return own_machine.trace_own_folder(machine, fit or [], validate or [], out, json)
     carried = (load, loaded or [])
-    report, final = trace_machine(machine, fit or ["fit"], validate or ["validate"], out, next_file, recording, carried)
+    told(*trace_machine(machine, fit or ["fit"], validate or ["validate"], out, next_file, recording, carried), json)
+
+
+def told(report: dict[str, Any], final: Path, json: bool) -> None:
+    """Print what a trace has found."""
     if json:
         return print_json(report)
     print_trace(report, final)
@@ -92,28 +115,113 @@ def trace_machine(
     carried: tuple[float | None, list[str]],
 ) -> tuple[dict[str, Any], Path]:
     """The report of a machine's trace, and the folder it is in. carried: a load [kg], and the logs taken with it."""
-    from hexsim.files.run_folder import default_folder, run_folder
+    from hexsim.files.run_folder import default_folder
     from hexsim.machine.files import find_machine_file
+    from hexsim.tracing.store import Asked
 
-    place = find_machine_file(machine)
-    with (
-        run_folder(out or default_folder(f"trace-{place.resolve().parent.name}")) as folder,
-        progress() as bar,
-        terminated_like_interrupted() as check,
-    ):
-        show = doing_of(bar, check)
+    place = find_machine_file(machine).resolve()
+    asked = Asked(
+        machine=str(machine.resolve() if machine.exists() else machine),
+        fit=tuple(fit), validate=tuple(validate), load_kg=carried[0], loaded=tuple(carried[1]),
+    )  # fmt: skip
+    out = out or default_folder(f"trace-{place.parent.name}")
+
+    def work(folder: Path, show: Show, keep: Keep) -> Trace:
         from hexsim.tracing.trace import trace as run
 
-        result = run(machine, fit, validate, folder.path, show, *carried)
-        check()
+        return run(machine, fit, validate, folder, show, *carried, keep=keep)
+
+    return traced(work, asked, out, next_file, recording)
+
+
+def resumed(folder: Path, next_file: Path | None, recording: bool) -> tuple[dict[str, Any], Path]:
+    """The report of a trace that goes on, and its folder."""
+    from hexsim.tracing.store import Stored
+
+    def work(place: Path, show: Show, keep: Keep) -> Trace:
+        from hexsim.tracing.trace import resume
+
+        return resume(folder, place, show, keep)
+
+    return traced(work, Stored(folder).asked, folder, next_file, recording)
+
+
+def traced(
+    work: Callable[[Path, Show, Keep], Trace], asked: Asked, out: Path, next_file: Path | None, recording: bool
+) -> tuple[dict[str, Any], Path]:
+    """Do it, with the state of every step in `out`; whatever ends it early leaves a report of what is known there."""
+    from hexsim.files.run_folder import run_folder
+    from hexsim.machine.files import find_machine_file
+    from hexsim.tracing.trace import forget, kept_in
+
+    with made(out), run_folder(out) as folder, doing() as show, terminated_like_interrupted():
+        latest: list[Trace] = []
+
+        def keep(state: Trace) -> None:
+            latest[:] = [state]
+            with writing:
+                save(state)
+
+        writing, save = threading.Lock(), kept_in(out, asked)
+        try:
+            result = interruptible(lambda: work(folder.path, show, keep))
+        except KeyboardInterrupt:
+            leave(interrupted(latest, folder, writing))
+            raise
+        except Exception as error:
+            if not latest:
+                raise
+            known = f"what is known until then is in {folder.finish()}; hexsim trace --resume {out} goes on there"
+            if isinstance(error, HexsimError):
+                raise HexsimError(f"{error}; {known}") from error
+            say(f"the trace failed; {known}")
+            raise
         report = json_module.loads((folder.path / "report.json").read_text(encoding="utf-8"))
         final = folder.finish()  # what was found is safe; recordings come to it
+        forget(out)
         if recording:
             show("recording", 0.98)
-            record(place.parent, validate, result, final, markdown(report))
+            record(find_machine_file(asked.machine).parent, list(asked.validate), result, final, markdown(report))
         if next_file is not None:
             report["next"] = design_next(result, next_file, show)
     return report, final
+
+
+@contextmanager
+def made(out: Path) -> Iterator[None]:
+    """A folder that is there while something is written into it, and gone afterwards where nothing was."""
+    there = out.exists()
+    try:
+        if not there:
+            out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise HexsimError(
+            f"cannot write the folder {out}: {error.strerror or error}; give --out another place"
+        ) from None
+    try:
+        yield
+    finally:
+        if not there:
+            with suppress(OSError):
+                out.rmdir()
+
+
+def interrupted(latest: list[Trace], folder: RunFolder, writing: threading.Lock) -> str:
+    """The report of what is known, at once; what there is to say."""
+    if not latest:
+        folder.discard()
+        with suppress(OSError):
+            folder.out.rmdir()
+        return "interrupted by the user; nothing was known yet and nothing was kept"
+    from hexsim.tracing.report.incomplete import write_incomplete
+
+    write_incomplete(latest[0], folder.path, "it was interrupted")
+    place = folder.finish()
+    writing.acquire(timeout=1.0)  # a state that is being written
+    return (
+        f"interrupted by the user after the step {latest[0].steps[-1].name}; what is known is in {place}; "
+        f"hexsim trace --resume {place} goes on there"
+    )
 
 
 def design_next(result: Trace, place: Path, show: Callable[[str, float], None]) -> dict[str, Any]:
@@ -152,12 +260,12 @@ def print_trace(report: Mapping[str, Any], place: Path) -> None:
         console.print(f"hidden   {line}")
     console.print()
     for title, header, rows in (
-        _findings(report),
-        _steps(report),
         _effects(report),
         _unexplained(report),
         _budget(report),
         _errors(report),
+        _steps(report),
+        _findings(report),
     ):
         if rows:
             console.print(text_table(title, header, rows))

@@ -62,6 +62,7 @@ PARTLY_TRIED = 3  # rivals that are judged, the best first
 PARTLY_NEAR = 0.8  # share of the best rival's fall of J from which a rival is refitted with all columns anew
 PARTLY_TIE = 0.1  # share of the rest's mean square by which a rival must be worse to be no tie
 PARTLY_TIE_UNSEEN = 0.3  # the same of a rival that leaves less of the held-out runs
+GROWTH_DOUBT = 0.01  # share of the traces in which chance may take a name that makes no held-out channel worse
 PREDICTED_SHARE = 0.04  # of a rest's mean square below 50 Hz that a signal may predict of noise
 PREDICTED_ABOVE = 3.0  # and so many deviations of the null above the largest of it
 OWN_GAIN, OWN_DELAY_S = 1e-3, 1e-4  # of a channel itself: taken off before its rest is judged

@@ -114,6 +114,7 @@ class Trace:
     screening, screened: the first round over the library and the number of residuals that it looked at.
     hidden: effect -> the size below which what is left hides it, and beside what, of a machine that no model fits.
     rest: of such a machine the hypotheses that its balances leave, the best first; of `rest_problem`.
+    refused: effects that the balances or the fit runs ask for, and that make a held-out channel worse: a sentence each.
     predicted: rests that follow a signal though each sample of them is as small as noise.
     ties: an effect of `final` -> label -> the hypothesis that does as well.  decided: the last step's sentence.
     """
@@ -134,6 +135,7 @@ class Trace:
     hidden: dict[str, Hidden] = field(default_factory=dict)
     rest: tuple[RestFit, ...] = ()
     rest_problem: BalanceProblem | None = None
+    refused: tuple[str, ...] = ()
     predicted: tuple[Predicted, ...] = ()
     ties: list[dict[str, Fit]] = field(default_factory=list)
     effects: list[NamedEffect] = field(default_factory=list)

@@ -32,9 +32,8 @@ class Slow(FitProblem):
     def channels(self, i):
         return ["a"] * CHANNELS
 
-    @property
-    def samples(self):
-        return CHANNELS * N
+    def used(self, i):
+        return N
 
 
 def test_columns_of_declared_parameters_are_held_once():

@@ -124,19 +124,27 @@ def test_power_take_off_gets_no_confident_name():
 
 
 @buoy_logs
-def test_power_take_off_is_sent_to_a_second_run_that_reaches_the_relief(tmp_path):
-    """Two folds lack the run that shows the relief: no name, and the next step says which run is to be measured again."""
+@pytest.mark.parametrize("right", [True, False])
+def test_power_take_off_has_a_relief_valve_and_oil_that_compresses(tmp_path, right):
+    """What leaks and what compresses has one sign: then both are named in every fold, and each run held out has 40 % less at least.
+    Declared the other way round the compressibility is no name, and the report says to check its sign."""
     from hexsim.tracing.own.trace import trace_folder
 
     own = (REPOSITORY / "examples" / "own_machines" / "mbari_pto" / "balances.toml").read_text()
     own = own.replace("../../../../shared/measured/mbari_pto", str(MEASURED / "mbari_pto"))
-    (tmp_path / "balances.toml").write_text(own)
+    column = 'column = "-rate(pressure)", sign = '
+    (tmp_path / "balances.toml").write_text(own if right else own.replace(f"{column}-1", f"{column}1"))
     (tmp_path / "mapping.toml").write_bytes(
         (REPOSITORY / "examples" / "own_machines" / "mbari_pto" / "mapping.toml").read_bytes()
     )
     [balance] = trace_folder(tmp_path)[2]["balances"]
-    assert balance["named"] == []
-    assert balance["next"].startswith("measure a second run in which relief lower to upper acts as in FrictionID")
+    if right:
+        assert set(balance["named"]) == {"relief lower to upper", "compressibility"}
+        assert all(row["with_terms"] < 0.6 * min(row["refit"], row["declared"]) for row in balance["budget"])
+    else:
+        assert "compressibility" not in balance["named"]
+    doubted = [one for one in balance["remarks"] if one.startswith("with the other sign compressibility would take")]
+    assert len(doubted) == (0 if right else 1)
 
 
 @valve_logs

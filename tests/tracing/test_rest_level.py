@@ -443,8 +443,6 @@ def test_own_rows_of_an_effect_in_one_leg_of_a_hexapod():
 class LegFlows(FitProblem):
     """Six legs whose flow is leak times pressure plus null offset times gain. true: (leaks [1e-12], offsets [V]), six each."""
 
-    samples = 6 * 2000
-
     def __init__(self, leaks, offsets):
         rng, time = np.random.default_rng(9), np.arange(2000) * 0.02
         self.logs = (Log(name="fit", kind="hexapod", time=time, rate=50.0, position=np.zeros((6, 2000))),)
@@ -452,6 +450,9 @@ class LegFlows(FitProblem):
         self.flow = (
             leaks[:, None] * self.pressure + 100.0 * offsets[:, None] * self.gain + rng.standard_normal((6, 2000))
         )
+
+    def used(self, i):
+        return 2000
 
     def channels(self, i):
         return [f"continuity of leg {k + 1}" for k in range(6)]

@@ -132,15 +132,6 @@ def hypothesis(label: str, fit: Fit, problem: SimulatedProblem, named: frozenset
     return Hypothesis(label=label, fit=fit, known=known, named=named)
 
 
-def at_the_rest(problem: SimulatedProblem, fit: Fit) -> SimulatedProblem:
-    """The problem with every kind of channel at the noise, or at the rms that the fit leaves where that is more."""
-    left: dict[str, float] = {}
-    for i, misfit in enumerate(fit.misfit):
-        for name, row in zip(problem.channels(i), misfit, strict=True):
-            left[kind_of(name)] = max(left.get(kind_of(name), 1.0), float(np.sqrt(np.mean(row**2))))
-    return replace(problem, noise={kind: value * left.get(kind, 1.0) for kind, value in problem.noise.items()})
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Promise:
     """What a motion would give. separations: pair of labels -> chi2, or the measure of `rest`; errors: of each number of

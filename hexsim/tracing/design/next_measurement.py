@@ -18,7 +18,7 @@ from scipy.optimize import differential_evolution
 from hexsim.errors import HexsimError
 from hexsim.scenarios.scenario import Scenario, scenario_from_dict
 from hexsim.tracing.design.ceiling import Ceiling, ceiling_of
-from hexsim.tracing.design.information import SHARP, Number, OpenRefits, Promise, at_the_rest, hypothesis
+from hexsim.tracing.design.information import SHARP, Number, OpenRefits, Promise, hypothesis
 from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.design.rest import OpenRest, labels_of, open_rest
 from hexsim.tracing.design.words import beside_one_term, cannot_tell, expected_words, purpose_of, with_the_sums
@@ -27,6 +27,7 @@ from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.fitting.fitted_numbers import totals_of
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.selection import with_candidate
+from hexsim.tracing.held_out import at_the_rest
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import Trace
 

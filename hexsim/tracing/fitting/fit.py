@@ -17,6 +17,7 @@ from scipy.optimize import lsq_linear
 
 from hexsim.declaration import Machine
 from hexsim.tracing import rules
+from hexsim.tracing.attempt import attempted
 from hexsim.tracing.fitting.covariance import scattered
 from hexsim.tracing.fitting.normal import Columns, normal_equations, scores_of
 from hexsim.tracing.fitting.parameters import (
@@ -67,6 +68,10 @@ class Fit:
             list(zip(self.candidates, self.values, strict=True)),
         )
 
+    def built(self) -> Machine | None:
+        """The same; None where no such machine can be declared. What a search proposes may be one."""
+        return attempted(self.fitted_machine)
+
     def standard_errors(self) -> tuple[dict[str, float], ...]:
         """Standard error of each number of each effect, in its unit."""
         if self.covariance is None:
@@ -88,7 +93,7 @@ class Fit:
 
 def answered(fit: Fit, problem: FitProblem) -> Fit:
     """The fit where it stands, with its misfit as the problem sees it."""
-    misfit = [m[0] for m in problem.misfit([fit.fitted_machine()])]
+    misfit = [m[0] for m in problem.misfit([fit.built()])]
     return replace(fit, misfit=misfit, chi2=chi2_of(misfit), n=sum(m.size for m in misfit), neighbours=None)
 
 
@@ -115,7 +120,7 @@ def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
         sign = -1.0 if fit.deviations[j] > 0 else 1.0
         deviations = fit.deviations.copy()
         deviations[j] += sign * share * PARAMETER_STEP * prior.half_width
-        machines.append(replace(fit, deviations=deviations).fitted_machine())
+        machines.append(replace(fit, deviations=deviations).built())
         signs.append(sign)
     steps = np.array(signs)[:, None, None] * share * PARAMETER_STEP
     columns = problem.misfit(machines)
@@ -125,7 +130,7 @@ def parameter_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> Fit:
     return replace(fit, columns=alive(columns))
 
 
-def effect_neighbours(fit: Fit, share: float, only: int | None = None) -> tuple[list[Machine], list[float]]:
+def effect_neighbours(fit: Fit, share: float, only: int | None = None) -> tuple[list[Machine | None], list[float]]:
     """Machines with one effect number a small step off, and the steps in coordinates. only: of this effect."""
     machines, steps = [], []
     for k, candidate in enumerate(fit.candidates):
@@ -140,7 +145,7 @@ def effect_neighbours(fit: Fit, share: float, only: int | None = None) -> tuple[
             values = dict(fit.values[k])
             values[parameter.name] = to_value(parameter, here + step)
             changed = (*fit.values[:k], values, *fit.values[k + 1 :])
-            machines.append(replace(fit, values=changed).fitted_machine())
+            machines.append(replace(fit, values=changed).built())
             steps.append(step)
     return machines, steps
 
@@ -289,6 +294,6 @@ def _evaluate(fit: Fit, coordinates: Array, problem: FitProblem, share: float) -
     trial = fit_at(fit, coordinates)
     if not trial.candidates or in_job() or len(problem.logs) >= N_CORES:
         return answered(trial, problem)
-    found = problem.misfit([trial.fitted_machine(), *effect_neighbours(trial, share)[0]])
+    found = problem.misfit([trial.built(), *effect_neighbours(trial, share)[0]])
     misfit = [own[0] for own in found]
     return replace(trial, misfit=misfit, chi2=chi2_of(misfit), neighbours=[own[1:] for own in found])

@@ -8,11 +8,11 @@ all effects follow from small matrices.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns, with_settings
+from hexsim.tracing.fitting.fit import Fit, effect_columns, parameter_columns
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_value
 from hexsim.tracing.problems.problem import FitProblem
 
@@ -70,13 +70,7 @@ def columns_of(
             size = share * trial_size(candidate)
             parameter = candidate.effect.parameters[0]
             values = candidate.start() | {parameter.name: to_value(parameter, size)}
-            machines.append(
-                with_settings(
-                    fit.machine,
-                    dict(zip(fit.priors, map(float, fit.deviations), strict=True)),
-                    [*zip(fit.candidates, fit.values, strict=True), (candidate, values)],
-                )
-            )
+            machines.append(replace(fit, candidates=(*fit.candidates, candidate), values=(*fit.values, values)).built())
             sizes.append(size)
         varied = problem.misfit(machines)
         for i, size in enumerate(sizes):

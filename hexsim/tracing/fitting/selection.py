@@ -166,7 +166,7 @@ def residual_at_noise_level(misfit: Sequence[Array], share: float = 1.0, fall: f
             n = m.shape[1] // width
             means = m[:, : n * width].reshape(m.shape[0], -1, width).mean(axis=2) * np.sqrt(width)
             most = n * max(limit**2 - (1.0 - share), 0.0) / share
-            if not np.all(np.sqrt(np.sum(means**2, axis=1)) - np.sqrt(fall) < np.sqrt(most)):
+            if not np.all(np.sqrt(np.sum(means**2, axis=1)) - np.sqrt(max(fall, 0.0)) < np.sqrt(most)):
                 return False
     return True
 

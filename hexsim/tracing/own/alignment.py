@@ -29,6 +29,7 @@ from hexsim.tracing.term_selection import residual, rms, solve_physical
 
 Array = np.ndarray
 Sentences = dict[str, dict[str, str]]  # of a run and a channel
+MUCH = 0.1  # share of the residual that a candidate of the other sign must take to be said: three times what a term must earn
 MOVED = 3.0  # standard errors
 CLEARLY = 10.0  # of the Bayesian information criterion, by which delays of parts must be better than one of the run
 STEP_SAMPLES = 0.5  # of finite differences
@@ -93,6 +94,10 @@ class Problem:
             numbers.append(own)
             rests.append(np.concatenate([residual(run, own, balance.candidates) for run in mine]))
         return rests, numbers
+
+    def squares(self, found: Fit) -> list[float]:
+        """Sum of squares that every balance leaves at these delays."""
+        return [max(float(np.sum(rest**2)), 1e-300) for rest in self.rests(found.lates, found.seconds)[0]]
 
     def fit(self, lates: Sequence[Late], start: Array) -> Fit:
         """Delays that leave least, from a start; every balance weighs by what it leaves in the end."""
@@ -162,9 +167,10 @@ def unknowns(points: Sequence[Point], channels: Collection[str], split: Collecti
 
 def refined(
     balances: Sequence[OwnBalance], points: Sequence[Point], held_out: Sequence[Point], constant: Sequence[str],
-    late: Sentences,
+    late: Sentences, signs: dict[str, list[str]],
 ) -> tuple[list[Point], list[Point]]:  # fmt: skip
-    """Runs to fit and held out with the delays that the balances ask for; `late` says it of each run and channel.
+    """Runs to fit and held out with the delays that the balances ask for; `late` says it of each run and channel, `signs` of
+    each balance which candidate would take much with the other sign.
 
     balances: with the candidates that are fitted beside the delays. constant: channels of one delay a run.
     """
@@ -182,6 +188,7 @@ def refined(
         start = [found.seconds[lates.index(replace(one, parts=tuple(range(PARTS))))] for one in finer]
         parts = problem.fit(finer, np.array(start))
         found = parts if parts.criterion < found.criterion - CLEARLY else found
+    signs |= other_signs(problem, found)
     moved = found.moved(starts(fit, found.lates))
     if not moved:
         return list(points), list(held_out)
@@ -191,6 +198,30 @@ def refined(
         alone = Problem(balances=balances, points=scored, numbers=numbers)
         held_out = told(held_out, alone.fit(lates, starts(scored, lates)), moved, late)
     return told(points, found, moved, late), list(held_out)
+
+
+def other_signs(problem: Problem, found: Fit) -> dict[str, list[str]]:
+    """Balance -> candidates that would take much of what it leaves if their other sign were allowed, a sentence each.
+
+    A delay does a part of what a candidate of the wrong sign would have done, so the delays are fitted anew with each.
+    """
+    before, said = problem.squares(found), {}
+    for k, balance in enumerate(problem.balances):
+        for one in (candidate for candidate in balance.candidates if candidate.sign):
+            freed = [replace(other, sign=0) if other is one else other for other in balance.candidates]
+            balances = list(problem.balances)
+            balances[k] = replace(balance, candidates=tuple(freed))
+            trial = replace(problem, balances=balances, _made={})
+            best = trial.fit(found.lates, found.seconds)
+            place = len(balance.terms) + freed.index(next(own for own in freed if own.name == one.name))
+            value, taken = trial.rests(best.lates, best.seconds)[1][k][place], 1.0 - trial.squares(best)[k] / before[k]
+            if value * one.sign < 0.0 and taken >= MUCH:
+                shift = 1e3 * float(np.median(best.seconds - found.seconds))
+                said.setdefault(balance.name, []).append(
+                    f"with the other sign {one.name} would take {taken:.0%} of the residual's mean square ({value:.3g} {one.unit}, "
+                    f"delays {shift:+.0f} ms): check the sign of its column"
+                )
+    return said
 
 
 def told(points: Sequence[Point], found: Fit, moved: set[str], late: Sentences) -> list[Point]:

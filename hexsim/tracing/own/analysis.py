@@ -9,15 +9,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hexsim.tracing.own.alignment import MUCH
 from hexsim.tracing.own.events import Event, events, said
 from hexsim.tracing.own.folder import OwnMachine
 from hexsim.tracing.term_columns import OwnBalance, Point, RunData, outside, run_data
 from hexsim.tracing.term_regression import OwnVerdict, numbers, trace_own
-from hexsim.tracing.term_selection import Chosen, placed, residual, rms, solve
+from hexsim.tracing.term_selection import Chosen, best_placed, losses_of, placed, residual, rms, solve
 
 Array = np.ndarray
 FAR = 2.0  # standard deviations of its declaration beyond which a fitted number is remarked
 WORSE = 1.005  # a refit that leaves more than this share of the declaration's residual is said: less is chance
+HELD = 1e-6  # relative uncertainty of a term that is held to its declaration
 SEEN = 3.0  # standard errors that an effect must have to be seen
 EXTREME = 0.03  # of the samples at either end of a signal
 EXTREME_SIGMA = 4.0
@@ -67,8 +69,11 @@ def trace_balance(balance: OwnBalance, machine: OwnMachine) -> OwnTrace:
     rest = np.concatenate(left)
     spread = {name: (np.concatenate([run.signals[name] for run in runs]), rest) for name in sorted(shared)}
     found = {name: events(t, after, points[0].window.half) for name, (t, _, _, after) in rests.items()}
+    signs = list(machine.signs.get(balance.name, []))  # beside other delays; what stands there is not said twice
+    known = {one.partition(" would take")[0] for one in signs}
+    signs += [one for one in other_signs(balance, runs, terms) if one.partition(" would take")[0] not in known]
     return OwnTrace(
-        balance=balance, verdict=verdict, remarks=remarks_of(balance, verdict, held_out) + traded(balance, runs, verdict),
+        balance=balance, verdict=verdict, remarks=remarks_of(balance, verdict, held_out) + signs + traded(balance, runs, verdict),
         held_out=held_out,
         detectable=detectable(balance, runs, terms, verdict), rests=rests, events=found,
         extremes=extremes(runs, left), spread=spread,
@@ -124,6 +129,46 @@ def remarks_of(balance: OwnBalance, verdict: OwnVerdict, held_out: dict[str, dic
                 f"{balance.unit}"
             )
     return found
+
+
+def other_signs(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> list[str]:
+    """Terms that would take much with the sign that was not allowed: often it is the column's sign that is wrong.
+
+    A candidate is tried without its sign beside what is named, a declared term free against held to its declaration; each is
+    scored on runs that its number has not seen.
+    """
+    found, named = [], {term.name for term in chosen}
+    before = mean_loss(balance, runs, chosen)
+    for one in balance.candidates:
+        if one.sign and one.name not in named:
+            trial = (*chosen, best_placed(balance, runs, chosen, replace(one, sign=0)))
+            found.append((one, one.sign, before, balance, trial, -1))
+    for k, one in enumerate(balance.terms):
+        if one.declared:
+            held, free = (
+                replace(balance, terms=(*balance.terms[:k], other, *balance.terms[k + 1 :]))
+                for other in (
+                    replace(one, uncertainty=HELD * abs(one.declared)),
+                    replace(one, declared=None, uncertainty=0.0),
+                )
+            )
+            found.append((one, np.sign(one.declared), mean_loss(held, runs, chosen), free, chosen, k))
+    said = []
+    for one, side, left, freed, trial, k in found:
+        value = solve(freed, runs, trial)[k]
+        taken = 1.0 - mean_loss(freed, runs, trial) / max(left, 1e-300)
+        if value * side < 0.0 and taken >= MUCH:
+            size = f"{value:.3g} {one.unit}".removesuffix(" 1")
+            said.append(
+                f"with the other sign {one.name} would take {taken:.0%} of the residual's mean square ({size}): check the sign of "
+                "its column"
+            )
+    return said
+
+
+def mean_loss(balance: OwnBalance, runs: Sequence[RunData], chosen: Chosen) -> float:
+    """Mean square that is left of each run, predicted from the others, by its target's variance."""
+    return float(np.mean([loss.mean() for loss in losses_of(balance, runs, chosen)]))
 
 
 def traded(balance: OwnBalance, runs: Sequence[RunData], verdict: OwnVerdict) -> list[str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -35,7 +35,8 @@ NUDGE_SAMPLES = 1.0  # of a channel whose delay is a candidate
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OwnMachine:
-    """Balances and runs of a folder. sentences: a run -> what was repaired and moved."""
+    """Balances and runs of a folder. sentences: a run -> what was repaired and moved. signs: a balance -> candidates that would take
+    much with the other sign, beside other delays."""
 
     name: str
     balances: tuple[OwnBalance, ...]
@@ -43,6 +44,7 @@ class OwnMachine:
     validate: tuple[Point, ...]
     sentences: dict[str, list[str]]
     declaration: Declaration | None = None
+    signs: dict[str, list[str]] = field(default_factory=dict)
 
 
 def is_own(folder: Path) -> bool:
@@ -70,12 +72,13 @@ def load_own(folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = ()
     balances = tuple(balance_of(table, names, str(where)) for table in asked.balances)
     beside = [balance_of(fitted_beside(table), names, str(where)) for table in asked.balances]
     constant = [channel for channel, align in asked.align.items() if align.constant]
-    points, scored = refined(beside, points, scored, constant, late)
+    signs: dict[str, list[str]] = {}
+    points, scored = refined(beside, points, scored, constant, late, signs)
     for run, of_channel in late.items():
         sentences[run].extend(of_channel.values())
     return OwnMachine(
         name=asked.name or folder.resolve().name, balances=balances, fit=in_parts(points, sentences),
-        validate=tuple(scored), sentences=sentences, declaration=asked,
+        validate=tuple(scored), sentences=sentences, declaration=asked, signs=signs,
     )  # fmt: skip
 
 

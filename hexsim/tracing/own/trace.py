@@ -22,9 +22,10 @@ Progress = Callable[[str, float], None]
 
 def trace_folder(
     folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = (), out: Path | None = None,
-    progress: Progress | None = None,
+    progress: Progress | None = None, keep: Callable[[dict[str, Any]], None] = lambda report: None,
 ) -> tuple[OwnMachine, list[OwnTrace], dict[str, Any]]:  # fmt: skip
-    """Every balance of the folder traced; report.json, report.html and fitted balances.toml in `out` if given."""
+    """Every balance of the folder traced; report.json, report.html and fitted balances.toml in `out` if given. keep: called with the
+    report of the balances that are traced, as each ends."""
     tell, started = progress or (lambda step, share: None), time.perf_counter()
     tell("reading logs", 0.0)
     machine = load_own(folder, fit, validate)
@@ -32,6 +33,7 @@ def trace_folder(
     for k, balance in enumerate(machine.balances):
         tell(f"balance {balance.name}", 0.1 + 0.8 * k / len(machine.balances))
         traces.append(trace_balance(balance, machine))
+        keep(report_of(machine, traces, time.perf_counter() - started))
     report = report_of(machine, traces, time.perf_counter() - started)
     if out is not None:
         tell("writing the report", 0.92)

@@ -15,7 +15,7 @@ from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.balances import Balance
 from hexsim.tracing.balances.balance import resolved_machine
-from hexsim.tracing.balances.null import used, used_samples, window_weights
+from hexsim.tracing.balances.null import used_samples, window_weights
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
@@ -71,11 +71,9 @@ class BalanceProblem(FitProblem):
         mute = (replace(p, rest_time_s=np.inf) if own else p for p, own in zip(self.parts, quick, strict=True))
         return replace(self, parts=tuple(mute)) if any(quick) else self
 
-    @property
-    def samples(self) -> int:
-        return sum(
-            len(part.rows) * used(log, log.time).shape[0] // self.every(log) for log in self.logs for part in self.parts
-        )
+    def used(self, i: int) -> int:
+        log = self.logs[i]
+        return len(range(*used_samples(log, self.every(log)).indices(log.n)))
 
     def every(self, log: Log) -> int:
         """Samples of a log between two that count."""

@@ -16,6 +16,7 @@ import numpy as np
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
+from hexsim.tracing.attempt import attempted
 
 Array = np.ndarray
 N_CORES = max(os.cpu_count() or 1, 1)
@@ -32,16 +33,21 @@ class FitProblem(ABC):
 
     @abstractmethod
     def residual(self, machine: Machine, i: int) -> Array:
-        """(measured - model)/noise of log i, (n_channels, n_used); NaN after a divergence."""
+        """(measured - model)/noise of log i, (n_channels, n_used); NaN after a divergence. Raises for a machine that cannot be
+        built: searches ask `misfit`, or `evaluated`."""
 
     @abstractmethod
     def channels(self, i: int) -> list[str]:
         """Names of the rows of the residual of log i."""
 
-    @property
     @abstractmethod
+    def used(self, i: int) -> int:
+        """Samples of each row of the residual of log i."""
+
+    @property
     def samples(self) -> int:
         """Residuals in all."""
+        return sum(len(self.channels(i)) * self.used(i) for i in range(len(self.logs)))
 
     @property
     def rest_times_s(self) -> Array | float:
@@ -64,11 +70,18 @@ class FitProblem(ABC):
         """The problem with what no model can know because its inputs are measured; itself where nothing is simulated."""
         return self
 
-    def misfit(self, machines: Sequence[Machine]) -> list[Array]:
-        """Residuals of many machines at once, on all cores: a log, (n_machines, n_channels, n_used), the caller's own."""
+    def evaluated(self, machine: Machine | None, i: int) -> Array:
+        """The residual of log i, infinite for a machine that cannot be built (None: not even declared) or diverges."""
+        rest = None if machine is None else attempted(lambda: self.residual(machine, i))
+        if rest is None:
+            return np.full((len(self.channels(i)), self.used(i)), np.inf)
+        return rest if np.isfinite(rest).all() else np.full(rest.shape, np.inf)
+
+    def misfit(self, machines: Sequence[Machine | None]) -> list[Array]:
+        """`evaluated` of many machines at once, on all cores: a log, (n_machines, n_channels, n_used), the caller's own."""
         jobs = [(machine, i) for machine in machines for i in range(len(self.logs))]
         found: list[Array] = []
-        for job, residual in enumerate(in_turn(lambda job: self.residual(*job), jobs)):
+        for job, residual in enumerate(in_turn(lambda job: self.evaluated(*job), jobs)):
             k, i = divmod(job, len(self.logs))
             if k == 0:
                 found.append(np.empty((len(machines), *residual.shape)))

@@ -14,7 +14,7 @@ from hexsim.signals.log import Log
 from hexsim.tracing import rules
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
 from hexsim.tracing.simulation.rig import DECLARED_LOOP, LOGGED_VOLTS
-from hexsim.tracing.simulation.simulator import simulate_log
+from hexsim.tracing.simulation.simulator import simulate_log, simulated_or_refused
 from hexsim.tracing.simulation.start import ringing_Pa
 
 Array = np.ndarray
@@ -62,9 +62,8 @@ class SimulatedProblem(FitProblem):
     def channels(self, i: int) -> list[str]:
         return list(self.measured[i])
 
-    @property
-    def samples(self) -> int:
-        return sum(len(self.channels(i)) * (log.n - self.settle(i)) for i, log in enumerate(self.logs))
+    def used(self, i: int) -> int:
+        return self.logs[i].n - self.settle(i)
 
     def settle(self, i: int) -> int:
         return min(int(SETTLE_S * self.logs[i].rate), self.logs[i].n // 4)
@@ -83,6 +82,10 @@ class SimulatedProblem(FitProblem):
             stem: rows for stem, rows in out.items() if stem in ("position", "valve") or log.signal(stem) is not None
         }
         return replace(log, **there)
+
+    def simulated_or_refused(self, machine: Machine, i: int) -> None:
+        """Raises the reason where the machine cannot be built along log i."""
+        simulated_or_refused(machine, self.logs[i], self.feedback, self.noise)
 
     def sigma(self, i: int) -> Array:
         """What a channel may be off by: sensors' noise, and what no simulation can know. (n_channels, 1) or (n_channels, n)."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from hexsim.recording import palette
 from hexsim.recording.figure_style import WIDTH_IN, png, styled
@@ -16,6 +17,7 @@ from hexsim.tracing.report.signals import SCALE, channel_words
 from hexsim.tracing.state import Trace
 
 STEP_COLOURS = (palette.DEVIATION, palette.MARK, palette.RESPONSE)  # declared, refitted, with effects
+WIDE = 2.0  # decades beyond which each has one tick, below three
 ROOM = 1.5  # of the axis beyond the longest bar, for its figure
 
 
@@ -36,7 +38,7 @@ def waterfall(result: Trace) -> bytes:
     shown = worst_of_kinds(result.budget)
     steps = list(dict.fromkeys(row["step"] for row in result.budget))
     rows = (len(shown) + 1) // 2
-    figure = Figure(figsize=(WIDTH_IN, rows * (0.75 + 0.27 * len(steps))), layout="constrained")
+    figure = Figure(figsize=(WIDTH_IN, rows * (1.1 + 0.27 * len(steps))), layout="constrained")
     axes = figure.subplots(rows, 2, squeeze=False)
     for plot, (run, channel) in zip(axes.ravel(), shown, strict=False):
         scale, unit = SCALE[kind_of(channel)][3:]
@@ -56,7 +58,12 @@ def waterfall(result: Trace) -> bytes:
                           textcoords="offset points", va="center", fontsize="small")  # fmt: skip
         plot.set_yticks(range(len(own)), steps if plot in axes[:, 0] else [""] * len(own))
         plot.invert_yaxis()
-        plot.tick_params(axis="x", which="both", length=0, labelbottom=False)
+        few = np.log10(high / low) > WIDE
+        plot.xaxis.set_major_locator(LogLocator(subs=(1.0,) if few else (1.0, 2.0, 5.0), numticks=8))
+        plot.xaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:g}"))
+        plot.xaxis.set_minor_formatter(NullFormatter())
+        plot.tick_params(axis="x", which="major", labelsize="small")
+        plot.set_xlabel(unit, fontsize="small")
         plot.grid(visible=False)
         plot.set_title(f"{channel_words(channel)}, run {run}", loc="left")
     for plot in axes.ravel()[len(shown) :]:

@@ -72,6 +72,7 @@ def remarks(result: Trace) -> list[str]:
                 "too small, or it stands for what is missing"
             )
     found += [own.sentence for own in result.predicted]
+    found += result.refused
     for run, channels in result.error.items():
         worse = {
             name: row["refit"] / max(row["declared"], 1e-300)

@@ -15,10 +15,10 @@ from hexsim.recording.figure_style import WIDTH_IN, legend_above, plain_frequenc
 from hexsim.recording.quantity import split_key
 from hexsim.signals.channels import channel_arrays, kind_of
 from hexsim.signals.log import Log
+from hexsim.tracing.held_out import banded
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.report.signals import NOISE_BAND, SCALE, SIGNALS, channel_words
 from hexsim.tracing.state import Trace
-from hexsim.tracing.steps.held_out_errors import banded
 from hexsim.tracing.steps.residuals import THIN, signals_of
 
 Array = np.ndarray

@@ -9,6 +9,7 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
+from hexsim.tracing.attempt import attempted
 from hexsim.tracing.memory import latest
 from hexsim.tracing.simulation import closed_loop as loop
 from hexsim.tracing.simulation import motion
@@ -22,21 +23,34 @@ KEPT_BYTES = 32 * 2**20  # of answers to a log: a refit's columns are asked for 
 def simulate_log(
     machine: Machine, log: Log, feedback: int, noise: Mapping[str, float], off_Pa: Array | float = 0.0
 ) -> dict[str, Array]:
-    """Outputs as the sensors show them, without noise; NaN after a divergence.
+    """Outputs as the sensors show them, without noise; NaN after a divergence, and all of it of a machine that cannot be built.
 
     position, valve, pressure_bottom, pressure_top, pressure_difference (n_legs, n); pressure_supply (n,);
     acceleration (1, n) of a bench, (3, n) of a platform, angular_acceleration (3, n) of a platform.
     noise: of the channels by kind, which weighs what the start of the log shows. off_Pa (n_legs,): added to the pressures at
     the bottom in which it begins.
     """
+    out = attempted(lambda: simulated_or_refused(machine, log, feedback, noise, off_Pa))
+    return unknown_outputs(log) if out is None else out
+
+
+def simulated_or_refused(
+    machine: Machine, log: Log, feedback: int, noise: Mapping[str, float], off_Pa: Array | float = 0.0
+) -> dict[str, Array]:
+    """`simulate_log` that raises for a machine that cannot be built, with the reason."""
     rig, resolved = rig_of(machine, feedback, log.loaded, log.rate)
     if (finer := samples_of_sample(log.rate, rig.controller.rate_Hz)) > 1:
-        out = simulate_log(machine, log.finer(finer), feedback, noise, off_Pa)
+        out = simulated_or_refused(machine, log.finer(finer), feedback, noise, off_Pa)
         return {name: rows[..., ::finer] for name, rows in out.items()}
     inputs = inputs_of(log, rig)
     start = shot(rig, inputs, start_state(rig, resolved, log), log, noise)
     start[motion.LEGS + motion.LEG_P1 : motion.LEGS + log.n_legs * motion.LEG_STATES : motion.LEG_STATES] += off_Pa
     return outputs(answer_of(log, rig, inputs, start), log.n_legs)
+
+
+def unknown_outputs(log: Log) -> dict[str, Array]:
+    """NaN in the shape of the outputs."""
+    return outputs(np.full((4 * log.n_legs + 1 + (1 if log.n_legs == 1 else 6), log.n), np.nan), log.n_legs)
 
 
 def answer_of(log: Log, rig: Rig, inputs: loop.Inputs, start: Array) -> Array:

@@ -20,7 +20,7 @@ import numpy as np
 
 from hexsim.tracing import rules
 from hexsim.tracing.fitting import rest_errors, rest_level
-from hexsim.tracing.fitting.fit import Fit, coordinates_of, start_fit, start_fit_at
+from hexsim.tracing.fitting.fit import Fit, coordinates_of, refine, start_fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds
 from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure, values_in_leg
 from hexsim.tracing.fitting.rest_hidden import Hidden, hidden_of
@@ -29,6 +29,7 @@ from hexsim.tracing.fitting.rest_odds import odds_against
 from hexsim.tracing.fitting.rest_priors import acts_late, effects_of
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.fitting.selection import inert, residual_at_noise_level
+from hexsim.tracing.held_out import at_the_rest, refused, without_effect
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.state import NamedEffect, Step, Tell, Trace
@@ -38,6 +39,7 @@ from hexsim.tracing.steps.violations import own_machine
 
 Array = np.ndarray
 LARGEST_START = 3.0  # coordinate
+REFIT_STEPS = 4  # of Gauss-Newton, of a hypothesis that begins where the balances left it
 TIES_KEPT = 3  # of an effect, the best first
 Job = tuple[float, Candidate, Array]  # what the column promises, the effect, the coordinates to begin with
 
@@ -269,12 +271,74 @@ def name_the_sure(trace: Trace, tell: Tell) -> Trace:
         return replace(trace, decided="no effect is sure beside what is left")
     fit = replace(found.best.fit, covariance=rest_errors.sandwich(found.best, found.problem))
     final = replace(start_fit_at(fit, trace.fit_problem), covariance=fit.covariance)
+    final, named, said = named_by_simulation(final, found.named, trace, tell)
+    trace = replace(trace, refused=(*trace.refused, *said))
+    if not named:
+        return replace(trace, decided="; ".join(said))
     gains = tuple(held_out_gains(final, trace.base, trace.validate_problem))
-    effects = [named_effect(final, own, trace, gains) for own in found.named]
-    words = "; ".join(
-        f"{own.label} takes {own.share:.0%} of the rest, {own.unseen:.0%} held out" for own in found.named
-    )
-    return replace(trace, final=final, verdict="partly", effects=effects, ties=[{} for _ in effects], decided=words)
+    effects = [named_effect(final, own, trace, gains) for own in named]
+    words = "; ".join(f"{own.label} takes {own.share:.0%} of the rest, {own.unseen:.0%} held out" for own in named)
+    decided = "; ".join((words, *said))
+    return replace(trace, final=final, verdict="partly", effects=effects, ties=[{} for _ in effects], decided=decided)
+
+
+def named_by_simulation(
+    final: Fit, named: Sequence[Evidence], trace: Trace, tell: Tell
+) -> tuple[Fit, list[Evidence], list[str]]:
+    """The machine and those of its effects that make no channel of a held-out run worse; and why the others are not named.
+
+    The numbers of the balances are tried first. Where a channel grows the hypothesis is refitted by simulation, as the machine
+    that it is held against was: a refit that leaves the balances' number is another machine, and names nothing.
+    """
+    kept, said = list(named), []
+    while kept:
+        if (no := harmed(final, kept, trace)) is None:
+            return final, kept, said
+        tell(f"refitting {kept[-1].label} by simulation")
+        fitted = refit_beside_rest(final, trace)
+        if alike(fitted, final, kept) and (no := harmed(fitted, kept, trace)) is None:
+            return fitted, kept, said
+        said.append(no[1])
+        own = next(own for own in kept if own.candidate == final.candidates[no[0]])
+        kept.remove(own)
+        final = start_fit_at(without_effect(final, no[0]), trace.fit_problem)
+    return trace.base, [], said
+
+
+def harmed(final: Fit, named: Sequence[Evidence], trace: Trace) -> tuple[int, str] | None:
+    """The named effect of a machine that makes a held-out channel worse, and how; small realities are none."""
+    places = [final.candidates.index(own.candidate) for own in named]
+    return refused(final, trace.base, trace.validate_problem, places)
+
+
+def refit_beside_rest(final: Fit, trace: Trace) -> Fit:
+    """The hypothesis refitted by simulation with every channel in units of what the refitted machine leaves of it.
+
+    With noise as the unit the channel that is off most would be fitted at the cost of all others.
+    """
+    problem = at_the_rest(trace.fit_problem, trace.base)
+    declared = replace(final, deviations=trace.base.deviations)
+    starts = [start_fit_at(fit, problem) for fit in (final, declared)]
+    fitted = refine(min(starts, key=lambda fit: fit.chi2), problem, steps=REFIT_STEPS, fresh=True, relative=0.02)
+    return replace(start_fit_at(fitted, trace.fit_problem), covariance=fitted.covariance)
+
+
+def alike(fitted: Fit, final: Fit, named: Sequence[Evidence]) -> bool:
+    """Has a refit by simulation kept the numbers of the named effects, within a fifth or three standard errors?"""
+    for own in named:
+        k = final.candidates.index(own.candidate)
+        size, there = rest_level.size_of(fitted, k), rest_level.size_of(final, k)
+        if abs(size - there) > max(rules.PARTLY_SPREAD * abs(there), 3.0 * coordinate_error(final, k)):
+            return False
+    return True
+
+
+def coordinate_error(fit: Fit, k: int) -> float:
+    """Standard error of the first number of an effect, as a coordinate; 0 where none is known."""
+    if fit.covariance is None:
+        return 0.0
+    place = len(fit.priors) + sum(len(candidate.free()) for candidate in fit.candidates[:k])
+    return float(np.sqrt(max(fit.covariance[place, place], 0.0)))
 
 
 def named_effect(final: Fit, own: Evidence, trace: Trace, gains: tuple[float, ...]) -> NamedEffect:

@@ -22,6 +22,7 @@ from hexsim.machine.geometry import machine_kinematics
 from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.signals.log import Log
 from hexsim.tracing import rules
+from hexsim.tracing.attempt import attempted
 from hexsim.tracing.fitting.fit import Fit
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace
@@ -109,12 +110,16 @@ def setpoint_log(machine: Machine, tables: dict[str, Any], rate_Hz: float = RATE
 
 
 def separation(first: Machine, second: Machine, noise: dict[str, float], tables: dict[str, Any]) -> float:
-    """chi2 between the answers of two machines to a scenario."""
+    """chi2 between the answers of two machines to a scenario; 0 where one of them cannot take it."""
+    return attempted(lambda: _separation(first, second, noise, tables)) or 0.0
+
+
+def _separation(first: Machine, second: Machine, noise: dict[str, float], tables: dict[str, Any]) -> float:
     problem = SimulatedProblem(logs=(setpoint_log(first, tables),), noise=noise)
     changes = tables.get("machine", {})
     misfit = problem.misfit([changed(machine, changes) if changes else machine for machine in (first, second)])[0]
-    chi2 = float(np.sum((misfit[0] - misfit[1]) ** 2))
-    return chi2 if np.isfinite(chi2) else 0.0
+    finite = np.isfinite(misfit).all()
+    return float(np.sum((misfit[0] - misfit[1]) ** 2)) if finite else 0.0
 
 
 def heavier_load(machine: Machine) -> dict[str, float]:

@@ -2,58 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from hexsim.declaration import Machine
-from hexsim.signals.channels import kind_of
-from hexsim.smoothness import band_limit
-from hexsim.tracing.problems.problem import in_parallel
+from hexsim.tracing.held_out import errors_of, noise_floor
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace
-
-Array = np.ndarray
-
-
-def banded(channel: str, time: Array, signal: Array) -> Array:
-    """Accelerations in the 50 Hz band, other signals as they are."""
-    return band_limit(time, signal) if "acceleration" in channel else signal
-
-
-def channel_errors(problem: SimulatedProblem, i: int, machine: Machine) -> dict[str, float]:
-    """rms of measured - simulated of log i after the settling time, by channel; inf after a divergence."""
-    answer, start = problem.answer(machine, i), problem.settle(i)
-    time = problem.logs[i].time
-    errors = {}
-    for row, (name, measured) in zip(answer, problem.measured[i].items(), strict=True):
-        difference = measured - row
-        if not np.all(np.isfinite(difference)):
-            errors[name] = float("inf")
-            continue
-        difference[problem.logs[i].repaired.get(name, [])] = 0.0
-        errors[name] = float(np.sqrt(np.mean(banded(name, time, difference)[start:] ** 2)))
-    return errors
-
-
-def noise_floor(problem: SimulatedProblem, i: int) -> dict[str, float]:
-    """rms of the sensors' noise alone, through the same band."""
-    rng, log = np.random.default_rng(0), problem.logs[i]
-    floor = {}
-    for name in problem.channels(i):
-        noise = problem.noise[kind_of(name)] * rng.standard_normal(log.n)
-        floor[name] = float(np.sqrt(np.mean(banded(name, log.time, noise)[problem.settle(i) :] ** 2)))
-    return floor
-
-
-def errors_of(problem: SimulatedProblem, machines: Sequence[Machine]) -> list[list[dict[str, float]]]:
-    """`channel_errors` of every machine on every log, on all cores: a machine, a log."""
-    k = len(problem.logs)
-    jobs = [(machine, i) for machine in machines for i in range(k)]
-    found = in_parallel(lambda job: channel_errors(problem, job[1], job[0]), jobs)
-    return [found[j : j + k] for j in range(0, len(found), k)]
 
 
 def error_table(
@@ -79,7 +35,8 @@ def budget_machines(trace: Trace) -> dict[str, Machine]:
         part = replace(
             final, candidates=tuple(final.candidates[j] for j in kept), values=tuple(final.values[j] for j in kept)
         )
-        machines[f"with {named[k - 1].label.replace('_', ' ')}"] = part.fitted_machine()
+        if (machine := part.built()) is not None:
+            machines[f"with {named[k - 1].label.replace('_', ' ')}"] = machine
     if trace.verdict == "partly":
         machines["and small realities"] = trace.fitted
     if trace.learned:

@@ -105,7 +105,7 @@ def simulated_fit(rival: Fit, problem: SimulatedProblem) -> Fit | None:
 def may_come_near(fit: Fit, fall: float, share: float) -> bool:
     """May a fit of the opening seconds still reach the noise, or come near it, when chi2 can fall by so much?"""
     far = fit.reduced > rules.NEAR_NOISE
-    near = far and np.sqrt(fit.chi2) - np.sqrt(fall) < np.sqrt(rules.NEAR_NOISE * fit.n)
+    near = far and np.sqrt(fit.chi2) - np.sqrt(max(fall, 0.0)) < np.sqrt(rules.NEAR_NOISE * fit.n)
     return near or residual_at_noise_level(fit.misfit, share, fall)
 
 

@@ -22,6 +22,7 @@ from hexsim.tracing.balances import learned_term_of
 from hexsim.tracing.dependence import behind_low_pass
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit
 from hexsim.tracing.fitting.selection import scale_of
+from hexsim.tracing.held_out import growths
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace, UnexplainedResidual
 from hexsim.tracing.steps.verdict import held_out_gains
@@ -79,7 +80,8 @@ def learned_fit(
     fit = refine(start_fit(grown, base.priors, problem), problem, fresh=True, relative=rules.BASE_TOLERANCE)
     gains = held_out_gains(fit, base, held_out)
     helps = base.chi2 - fit.chi2 > rules.alarm(fit.n) * scale_of(fit)
-    if not helps or not all(gain > 0 for gain in gains):
+    worse = growths(held_out, base.built(), fit.built())
+    if not helps or worse or not all(gain > 0 for gain in gains):
         return None
     return fit, {
         "name": "",

@@ -16,7 +16,7 @@ from hexsim.signals.channels import noise_of
 from hexsim.signals.log import Log
 from hexsim.tracing.balances.controller import loops_of, reads_another_transducer
 from hexsim.tracing.checks.checks import refuse_misleading
-from hexsim.tracing.checks.finding import Finding
+from hexsim.tracing.checks.finding import Finding, loss
 from hexsim.tracing.checks.imu import at_origin
 from hexsim.tracing.checks.same_machine import check_same_machine
 from hexsim.tracing.fitting.fit import start_fit
@@ -31,6 +31,7 @@ DRIVEN = {
     LOGGED_VOLTS: "the logged volts drive",
     OWN_TRANSDUCER: "the declared loop's setpoints, its position read by a transducer that is not logged, drive",
 }
+SLOWER = 0.95  # of the controller's rate, from which a log is slower than it: clocks differ by less
 LOAD_KNOWN = 0.005  # half width of what people put on, relative: it was weighed
 SHORTEST_STRETCH_S = 2.0  # of a run with gaps; the first 0.3 s of each do not count
 
@@ -111,6 +112,21 @@ def with_additional_mass(machine: Machine, load_kg: float | None, loaded: Sequen
     return changed(machine, {f"uncertainty.{key}": machine.uncertainty.get(key, LOAD_KNOWN)})
 
 
+def slower_than_controller(logs: Sequence[Log], machine: Machine) -> list[Finding]:
+    """That logs show less than every tick of the controller, and what cannot be said then."""
+    rate_Hz = float(machine.controller.rate_Hz)
+    slow = [log for log in logs if log.rate < SLOWER * rate_Hz]
+    if not slow:
+        return []
+    names, slowest = " and ".join(log.name for log in slow), min(log.rate for log in slow)
+    description = (
+        f"{names}: {slowest:.4g} Hz is slower than the controller of {rate_Hz:.4g} Hz: what it does between samples is simulated "
+        f"and not seen, a delay of less than {1e3 / slowest:.3g} ms and what is faster than {0.5 * slowest:.4g} Hz cannot be told; log "
+        "at the controller's rate or faster"
+    )
+    return [loss(channel="time_s", description=description)]
+
+
 def begin(
     machine_folder: Path | str,
     fit: Sequence[str],
@@ -133,12 +149,18 @@ def begin(
     fit_logs, findings = read_runs(folder, fit, machine, loaded)
     held_out_logs, more = read_runs(folder, validate, machine, loaded)
     findings |= more
-    findings["all logs"] = check_same_machine([*fit_logs, *held_out_logs], machine)
+    findings["all logs"] = [
+        *check_same_machine([*fit_logs, *held_out_logs], machine),
+        *slower_than_controller([*fit_logs, *held_out_logs], machine),
+    ]
     noise = noise_of(machine, fit_logs)
     feedback = feedback_of(machine, [*fit_logs, *held_out_logs], noise)
     refuse_undriven([*fit_logs, *held_out_logs], feedback)
     problem = SimulatedProblem(logs=tuple(fit_logs), noise=noise, feedback=feedback)
     base = start_fit(machine, priors(machine), problem)
+    if not np.isfinite(base.chi2):  # of the declared machine its user is told why it cannot be built
+        for i in range(len(fit_logs)):
+            problem.simulated_or_refused(machine, i)
     count = sum(len(found) for found in findings.values())
     driven = DRIVEN[feedback]
     return Trace(

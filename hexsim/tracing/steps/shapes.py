@@ -51,9 +51,16 @@ def proposed_shapes(machine: Machine, logs: Sequence[Log]) -> dict[str, dict[str
     residuals = [force.residual(log, machine)[0, k] for log, k in zip(logs, keep, strict=True)]
     return high | {
         "position_dependent_friction": {"wavelength_m": _wavelength(machine, logs, keep, residuals)},
-        "flexible_payload": _payload_shape(logs, keep, [r[None] for r in residuals], [g.acceleration for g in logs]),
+        "flexible_payload": _payload_shape(
+            logs, keep, [r[None] for r in residuals], [accelerations_of(g) for g in logs]
+        ),
         "outside_force_tone": {"frequency_Hz": tone_of(residuals, logs[0].rate / 5)[0]},
     }
+
+
+def accelerations_of(log: Log) -> Array:
+    """(n_axes, n) [m/s2] as measured; of a bench without an accelerometer by its position, under the balances' window."""
+    return Window(log.rate).second_rate(log.position) if log.acceleration is None else log.acceleration
 
 
 def _high_pressure(logs: Sequence[Log], keep: list[slice]) -> dict[str, dict[str, float]]:
@@ -148,7 +155,7 @@ def _wavelength(machine: Machine, logs: Sequence[Log], keep: list[slice], residu
 
 
 def _payload_shape(
-    logs: Sequence[Log], keep: list[slice], residuals: list[Array], felt: Sequence[Array | None]
+    logs: Sequence[Log], keep: list[slice], residuals: list[Array], felt: Sequence[Array]
 ) -> dict[str, float]:
     """Of the spring on which a part of the load would explain most of the residual forces: frequency, axis of a platform.
 
@@ -157,7 +164,7 @@ def _payload_shape(
     """
     r = np.concatenate(residuals, axis=1).T
     frequencies = np.geomspace(1.0, 60.0, 30)
-    swings = [own - own.mean(axis=1, keepdims=True) for own in felt if own is not None]
+    swings = [own - own.mean(axis=1, keepdims=True) for own in felt]
 
     def columns(frequency: float) -> Array:
         spring = Suspension(mass=1.0, omega=2 * np.pi * frequency, damping=0.05)

@@ -22,6 +22,7 @@ from hexsim.tracing.fitting.normal import flat
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds, to_coordinate, to_value
 from hexsim.tracing.fitting.screening import Screened, columns_of
 from hexsim.tracing.fitting.selection import inert, information, scale_of, try_candidate
+from hexsim.tracing.held_out import refused
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.problems.problem import in_parallel
 from hexsim.tracing.problems.simulated import SimulatedProblem
@@ -219,6 +220,8 @@ def look_for_ties(trace: Trace, tell: Tell) -> Trace:
     if trace.verdict != "explained":
         return replace(trace, decided="not needed: no effect is named")
     final, ties = with_ties(trace.final, trace)
+    if final is not trace.final and refused(final, trace.base, trace.validate_problem) is not None:
+        final, ties = trace.final, [{} for _ in trace.final.candidates]  # the verdict has judged that one
     trace = replace(trace, final=final, ties=ties)
     gains = tuple(held_out_gains(final, trace.base, trace.validate_problem))
     effects = [named_effect(trace, k, tuple(tied), gains) for k, tied in enumerate(ties)]

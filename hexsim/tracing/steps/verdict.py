@@ -9,6 +9,7 @@ import numpy as np
 from hexsim.tracing import rules
 from hexsim.tracing.fitting.fit import Fit, refine, start_fit_at
 from hexsim.tracing.fitting.selection import residual_at_noise_level, scale_of
+from hexsim.tracing.held_out import refused
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace, Verdict
 
@@ -69,8 +70,11 @@ def judge(trace: Trace, tell: Tell) -> Trace:
         tell("last refit")
         final = polished(final, problem)
     base = refit_without_effects(final, trace.base, problem)
-    verdict, final = judged(base, final, problem, trace.validate_problem)
-    return replace(trace, base=base, final=final, verdict=verdict, decided=verdict)
+    verdict, named = judged(base, final, problem, trace.validate_problem)
+    if verdict == "explained" and (no := refused(final, base, trace.validate_problem)) is not None:
+        verdict = "nothing missing" if residual_at_noise_level(base.misfit) else "unexplained"
+        return replace(trace, base=base, final=base, verdict=verdict, refused=(*trace.refused, no[1]), decided=no[1])
+    return replace(trace, base=base, final=named, verdict=verdict, decided=verdict)
 
 
 STEP = Step(name="verdict", doing="judging on held-out runs", share=0.1, run=judge)

@@ -18,6 +18,7 @@ from hexsim.declaration import Machine
 from hexsim.signals.log import Log
 from hexsim.signals.table import table
 from hexsim.tracing import rules
+from hexsim.tracing.attempt import attempted
 from hexsim.tracing.balances import Balance, library
 from hexsim.tracing.balances.null import null_squares, used, window_weights
 from hexsim.tracing.checks.finding import Finding, loss
@@ -38,10 +39,16 @@ def own_priors(balance: Balance, priors: tuple[Prior, ...], machine: Machine, lo
     scale = np.sqrt(np.mean(base**2)) + 1e-300
     found = []
     for prior in priors:
-        moved = balance.residual(log, with_settings(machine, {prior: prior.half_width}, []))
+        ends = (with_end(balance, log, machine, prior, side) for side in (1.0, -1.0))
+        moved = next((end for end in ends if end is not None), base)
         if np.sqrt(np.mean((moved - base) ** 2)) > 0.01 * scale:
             found.append(prior)
     return tuple(found)
+
+
+def with_end(balance: Balance, log: Log, machine: Machine, prior: Prior, side: float) -> Array | None:
+    """The residual with a declared parameter at an end of its uncertainty; None where such a machine cannot be built."""
+    return attempted(lambda: balance.residual(log, with_settings(machine, {prior: side * prior.half_width}, [])))
 
 
 def violations(declared: Machine, simulated: Machine, problem: SimulatedProblem) -> list[Violation]:

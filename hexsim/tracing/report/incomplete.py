@@ -1,0 +1,57 @@
+"""The report of a trace that ended before its end: what is known, and that nothing is judged yet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from hexsim.files.atomic import write_text
+from hexsim.files.json_files import write_json
+from hexsim.recording.report import render
+from hexsim.tracing.report.content import balance_entry, finite, parameter_entries, report_of
+from hexsim.tracing.report.tables import parameter_rows
+from hexsim.tracing.state import Trace
+from hexsim.tracing.steps import STEPS
+
+
+def incomplete_report(state: Trace, why: str) -> dict[str, Any]:
+    """The content of report.json so far. verdict: "incomplete"; effects are what the last step names, and not judged.
+
+    Without what only a whole trace has: budget, errors, experiments.
+    """
+    done = len(state.steps) - 1
+    left = [step.name for step in STEPS[done:]]
+    known = {
+        "machine": state.machine.name,
+        "balances": [balance_entry(line) for line in state.violations],
+        "parameters": parameter_entries(state),
+        "steps": [{"name": s.name, "seconds": round(s.seconds, 2), "sentence": s.sentence} for s in state.steps],
+    }
+    whole = report_of(state) if done else {}
+    hypothesis = [
+        {"name": own.effect.name, "where": own.where, "parameters": {key: finite(x) for key, x in values.items()}}
+        for own, values in zip(state.final.candidates, state.final.values, strict=True)
+    ]
+    return {
+        **whole,
+        **known,
+        "verdict": "incomplete",
+        "effects": [],
+        "hypothesis": hypothesis,
+        "incomplete": {"why": why, "last_step": state.steps[-1].name, "steps_left": left},
+    }
+
+
+def write_incomplete(state: Trace, folder: Path, why: str) -> None:
+    """report.json and report.html, without pictures: quick, and without a simulation."""
+    report = incomplete_report(state, why)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(folder / "report.json", report)
+    page = render(
+        "trace_incomplete.html.j2",
+        title=f"Trace of {state.machine.name}, incomplete",
+        report=report,
+        parameters=parameter_rows(report),
+        runs=tuple(", ".join(log.name for log in q.logs) for q in (state.fit_problem, state.validate_problem)),
+    )
+    write_text(folder / "report.html", page)
