@@ -7,6 +7,7 @@ Bounds run from a micro hydraulic stage to the largest test rigs: what lies outs
 from hexsim.declaration.actuator import Cylinder, Friction
 from hexsim.declaration.controller import Controller
 from hexsim.declaration.geometry import Geometry
+from hexsim.declaration.host_limits import HostLimits
 from hexsim.declaration.load import Load
 from hexsim.declaration.machine import EffectTable, Identity, Machine
 from hexsim.declaration.manifold import Manifold
