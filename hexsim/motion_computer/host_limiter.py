@@ -157,7 +157,7 @@ class Gate:
 
     def __init__(self, limiter: HostLimiter | None) -> None:
         self.limiter = limiter
-        self.sent = np.zeros((MEMORY + 1, len(DOF_NAMES)))
+        self.sent, self.count = np.zeros((MEMORY + 1, len(DOF_NAMES))), 0
 
     def let_out(self, row: Array) -> Array:
         """The row (6,), remembered. Raises HexsimError for one beyond the limits: it must not leave."""
@@ -172,7 +172,7 @@ class Gate:
                     f"a setpoint was not sent: its {what} is {share:.3g} times what [host_limits] allows; pass the motion "
                     "through `HostLimiter.limit` first"
                 )
-        self.sent = rows
+        self.sent, self.count = rows, self.count + 1
         return rows[-1]
 
 

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.motion_computer.host_limiter import LARGEST, MEMORY, PERIOD_s, Gate, HostLimiter, setpoints_of
+from hexsim.motion_computer.host_limiter import LARGEST, MEMORY, Gate, HostLimiter, PERIOD_s, setpoints_of
 from hexsim.tracing.design.motions import KINDS, MotionFamily
 
 MACHINES = {name: load_machine(name) for name in ("bench", "micro_motion_system")}
