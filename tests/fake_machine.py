@@ -34,7 +34,14 @@ class FakeMachine:
     """
 
     def __init__(self, machine, *, lockstep=True, fault="", leg=0, at_s=1.0, lie="", down_s=0.0):
-        self.machine, self.lockstep, self.fault, self.leg, self.at_s, self.lie = machine, lockstep, fault, leg, at_s, lie
+        self.machine, self.lockstep, self.fault, self.leg, self.at_s, self.lie = (
+            machine,
+            lockstep,
+            fault,
+            leg,
+            at_s,
+            lie,
+        )
         self.n, self.mechanics, self.down_s = machine.n_legs, machine.mechanics, down_s
         self.gain, self.limit = machine.of_legs("controller", "gain_V_per_m"), machine.of_legs("valve", "voltage_max_V")
         self.velocity_gain = velocity_gain(machine)
@@ -119,9 +126,11 @@ class FakeMachine:
         supply, felt = self.machine.supply.pressure_Pa, self.random.normal(0.0, 0.02, 3)
         bottom = 0.6 * supply + self.random.normal(0.0, 4e3, self.n)
         if faulty:
-            self.read[k] = {"encoder_frozen": self.held[k], "encoder_nan": math.nan, "encoder_jumps": self.read[k] + 0.05}.get(
-                self.fault, self.read[k]
-            )
+            self.read[k] = {
+                "encoder_frozen": self.held[k],
+                "encoder_nan": math.nan,
+                "encoder_jumps": self.read[k] + 0.05,
+            }.get(self.fault, self.read[k])
             supply = 0.1 * supply if self.fault == "supply" else supply
             bottom[k] = 1e5 if self.fault == "pressure" else bottom[k]
             felt[0] += 40.0 if self.fault == "jolt" else 0.0

@@ -1,24 +1,16 @@
 """A host that drives a foreign machine: it dies, lies, floods and breaks, and the host ends in a sentence, soon."""
 
-import json
-import os
-import signal
-import subprocess
-import sys
 import time
 from dataclasses import replace
 
 import numpy as np
-import polars as pl
 import pytest
 from fake_machine import FakeMachine
 
 from hexsim.errors import HexsimError
-from hexsim.identify import identify
 from hexsim.identify.host import Host, MachineFault
 from hexsim.identify.link import READ, Link
 from hexsim.machine import load_machine
-from hexsim.machine.files import changed
 from hexsim.motion_computer.host_limiter import HostLimiter, setpoints_of
 from hexsim.motion_computer.states import State
 from hexsim.motion_computer.telemetry import Telemetry, width
@@ -30,7 +22,11 @@ SINE = {"duration_s": 4.0, "fade_s": 0.5, "fade": "smooth"}
 def motion(machine, amplitude=0.03, frequency=0.5):
     """A heave of the machine, as packets."""
     signal = {"kind": "sine", "amplitude": amplitude, "frequency_Hz": frequency}
-    own = {"mode": "dof", "axes": {"z": signal}} if machine.is_hexapod else {"mode": "actuator", "axes": {"leg_1": signal}}
+    own = (
+        {"mode": "dof", "axes": {"z": signal}}
+        if machine.is_hexapod
+        else {"mode": "actuator", "axes": {"leg_1": signal}}
+    )
     return setpoints_of(machine, SINE | own)
 
 
@@ -75,8 +71,8 @@ FAULTS = {
 @pytest.mark.parametrize(("name", "leg"), [("bench", 0), ("micro_motion_system", 3)])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_of_a_machine_without_monitors_is_noticed(fault, name, leg, at_s):
-    """Within 0.5 s of when the fault can be seen, in words that name leg and reading, whether it moves up, down or turns; what then leaves
-    the host is within the limits."""
+    """Within 0.5 s of when the fault can be seen, in words that name leg and reading, whether it moves up, down
+    or turns; what then leaves the host is within the limits."""
     machine = MACHINES[name]
     with FakeMachine(machine, fault=fault, leg=leg, at_s=at_s) as fake:
         with pytest.raises(MachineFault, match=FAULTS[fault].format(leg=leg + 1)):

@@ -240,7 +240,9 @@ class Host:
             return
         watch.sent(row)
         answered, self._answered = self.reply is not self._answered, self.reply
-        found = watch.silent(len(new) or not answered) or next((words for packet in new if (words := watch.look(packet))), "")
+        found = watch.silent(len(new) or not answered) or next(
+            (words for packet in new if (words := watch.look(packet))), ""
+        )
         if found:
             instead = f" (what comes instead is {self._link.instead})" if self._link.instead and not new else ""
             raise Stopped(f"the host has stopped the machine: {found}{instead}")

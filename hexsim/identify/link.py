@@ -23,7 +23,8 @@ SILENT_s = 3.0  # without a reply: the machine is gone. A lost packet or a busy 
 REFUSALS = 6  # in a row, of an address at which nobody listens
 REFUSED_s = 0.05  # between two packets to it
 READ = 512  # packets at most between two of the host's: a log of 10 kHz, a row a packet, sends 100
-FLOODED = 50  # so often, more than it has answered meanwhile: a backlog in the socket is read in one
+FLOODED = 50  # so often in a row: a backlog in the socket is read in one
+MOST = 8 * READ  # of telemetry that nobody could use, more than was used
 FASTEST_LOG_Hz = 20_000.0  # of telemetry that is kept: no transducer of a motion system is read faster
 JUMP_s = 1.5  # by which a machine's clock may run ahead of the host's between two replies: a server makes up for 1 s
 STILL_s, STILL_SHARE = 1.0, 0.1  # in so long a clock must advance at least by this share
@@ -44,7 +45,7 @@ class Link:
         self.reply: Reply | None = None
         self.telemetry: deque[Telemetry] = deque(maxlen=READ)
         self.instead = ""  # what came and could not be used, in words
-        self._refusals = self._full = 0
+        self._refusals = self._full = self._useless = 0
         self._heard_s = clock.monotonic()
         self._anchor = (0.0, 0, 0.0)  # own clock, sequence and machine time at which its clock was last seen to run
         self._rows_until_s = -math.inf
@@ -100,7 +101,6 @@ class Link:
             self._refusals = 0
             answered = self._take(data) == wanted or answered
             if answered and wanted is not None:
-                self._full = max(self._full - 1, 0)
                 break
         else:
             self._full += 1
@@ -109,10 +109,10 @@ class Link:
 
     def _check_alive(self) -> None:
         silent_s = clock.monotonic() - self._heard_s
-        if self._full >= FLOODED:
+        if self._full >= FLOODED or self._useless > MOST:
             raise LinkLost(
-                f"the machine at {self.where} floods the host: more than {READ} packets for each of the host's, "
-                f"{FLOODED} times over; mend its rate of telemetry"
+                f"the machine at {self.where} floods the host: more than {READ} packets for each of the host's; mend its rate "
+                "of telemetry"
             )
         if self._refusals < REFUSALS and silent_s < self.patience_s:
             return
@@ -124,7 +124,9 @@ class Link:
                 f"{instead}"
             )
         if self.instead:
-            raise LinkLost(f"what answers at {self.where} is no machine that this host can drive: it sends {self.instead}")
+            raise LinkLost(
+                f"what answers at {self.where} is no machine that this host can drive: it sends {self.instead}"
+            )
         raise LinkLost(
             f"no machine answers at {self.where}: start one with `hexsim serve --telemetry`, or give its address and port"
         )
@@ -144,7 +146,9 @@ class Link:
         elif data[:3] in (REPLY_MAGIC[:3], MAGIC[:3]) and data[:4] != MAGIC:
             kind = "replies" if data[:3] == REPLY_MAGIC[:3] else "telemetry"
             known = REPLY_MAGIC if kind == "replies" else MAGIC
-            self.instead = f"{kind} of protocol version {_text(data[3:4])}, and this host speaks version {_text(known[3:])}"
+            self.instead = (
+                f"{kind} of protocol version {_text(data[3:4])}, and this host speaks version {_text(known[3:])}"
+            )
         elif data[:4] == MAGIC:
             self.instead = f"telemetry of {len(data)} bytes that contradicts its own header"
         else:
@@ -154,7 +158,9 @@ class Link:
     def _take_reply(self, reply: Reply) -> int | None:
         now, before = clock.monotonic(), self.reply
         if not (math.isfinite(reply.time_s) and reply.time_s >= 0.0):
-            raise LinkLost(f"the machine's clock reads {reply.time_s:g} s, which is no time: its log could not be trusted")
+            raise LinkLost(
+                f"the machine's clock reads {reply.time_s:g} s, which is no time: its log could not be trusted"
+            )
         if before is None:
             self._anchor = (now, reply.sequence, reply.time_s)
         else:
@@ -184,13 +190,17 @@ class Link:
 
     def _take_telemetry(self, rows: Telemetry) -> None:
         """Keep what continues the telemetry before it, on the machine's own clock: nothing grows without machine time."""
+        self._useless += 1
         newest_s = self.reply.time_s if self.reply is not None else 0.0
         if rows.rate_Hz > FASTEST_LOG_Hz:
             self.instead = f"telemetry at {rows.rate_Hz:g} rows a second, at most {FASTEST_LOG_Hz:g} can be"
         elif not self._rows_until_s - 0.5 / rows.rate_Hz < rows.time_s <= newest_s + JUMP_s:
             if rows.time_s > newest_s:
-                self.instead = f"telemetry of the time {rows.time_s:g} s, while the machine's clock reads {newest_s:g} s"
+                self.instead = (
+                    f"telemetry of the time {rows.time_s:g} s, while the machine's clock reads {newest_s:g} s"
+                )
         else:
+            self._useless = max(self._useless - 2, 0)
             self._rows_until_s = rows.time_s + len(rows.rows) / rows.rate_Hz
             self.telemetry.append(rows)
 

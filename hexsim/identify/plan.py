@@ -35,7 +35,9 @@ def planned(machine: Machine, largest: float = 1.0, compensate: bool = False) ->
     """
     family, careful = MotionFamily(machine, MOTION_s, largest=largest), MotionFamily(machine, SMALL_s, largest=largest)
     scenarios = {"small": careful.scenario(FIRST)}
-    scenarios |= {name: family.scenario(point) for name, point in HELD_OUT.items()} | {"round_1": family.scenario(FIRST)}
+    scenarios |= {name: family.scenario(point) for name, point in HELD_OUT.items()} | {
+        "round_1": family.scenario(FIRST)
+    }
     if compensate:
         scenarios["heave_plain"] = scenarios["heave_compensated"] = bump.measured_heave(machine)
     found, limiter = {}, HostLimiter(machine, largest)

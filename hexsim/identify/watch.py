@@ -67,7 +67,11 @@ class Watch:
         self._sent: deque[Array] = deque(maxlen=round(LATE_s / PERIOD_s))  # legs' setpoints (n,) from neutral
         self._models: Array | None = None  # (3, n) positions
         self._last, self._since = np.full(self.n, np.nan), np.zeros(self.n)  # reading, setpoint where it began
-        self._away, self._from_m, self._due_m = np.zeros(self.n), np.zeros(self.n), np.zeros(self.n)  # sign, reading, way
+        self._away, self._from_m, self._due_m = (
+            np.zeros(self.n),
+            np.zeros(self.n),
+            np.zeros(self.n),
+        )  # sign, reading, way
         self._equal_s, self._bad_s = np.zeros(self.n), dict[str, Array]()
         self._next_s, self._rows, self._waited_s = 0.0, 0, 0.0
         self._zero, self._felt = np.zeros(3), np.zeros(3)

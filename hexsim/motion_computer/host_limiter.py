@@ -115,7 +115,9 @@ class HostLimiter:
             raise HexsimError(f"setpoints with values that are not finite or above {LARGEST:g} m or rad are no motion")
         other = [name for k, name in enumerate(DOF_NAMES) if k not in self.mechanics.dof_places and rows[:, k].any()]
         if other:
-            raise HexsimError(f"setpoints in {', '.join(other)}: this machine moves in {', '.join(self.mechanics.dofs)} only")
+            raise HexsimError(
+                f"setpoints in {', '.join(other)}: this machine moves in {', '.join(self.mechanics.dofs)} only"
+            )
         return rows
 
     def way_back(self, sent: Array, planned: Array) -> Array:

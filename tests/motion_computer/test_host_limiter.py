@@ -63,9 +63,7 @@ def test_any_motion_in_one_within_the_limits_out(name, data):
 
 @settings(max_examples=40, deadline=None)
 @pytest.mark.parametrize("name", MACHINES)
-@given(
-    frequency=st.floats(0.05, 5.0), share=st.floats(0.01, 0.99), axis=st.integers(0, 5), phase=st.floats(0.0, 6.28)
-)
+@given(frequency=st.floats(0.05, 5.0), share=st.floats(0.01, 0.99), axis=st.integers(0, 5), phase=st.floats(0.0, 6.28))
 def test_a_motion_within_the_limits_passes_unchanged(name, frequency, share, axis, phase):
     """A faded sine of any axis and frequency, scaled to a share of what is allowed, comes out to the bit."""
     machine = MACHINES[name]

@@ -98,7 +98,11 @@ class MotionFamily:
         jerk 60 h/T^3; the axes of a platform may ask for less than its legs, and the motion is then scaled."""
         own, stroke_m = self.machine.host_limits, float(np.max(self.machine.mechanics.stroke_m))
         h = 2.0 * own.step_share * stroke_m
-        need = (1.875 * h / own.velocity_m_s, (5.77 * h / own.acceleration_m_s2) ** 0.5, (60.0 * h / own.jerk_m_s3) ** (1 / 3))
+        need = (
+            1.875 * h / own.velocity_m_s,
+            (5.77 * h / own.acceleration_m_s2) ** 0.5,
+            (60.0 * h / own.jerk_m_s3) ** (1 / 3),
+        )
         return min(FREE * max(need), 0.5 / FASTEST_STEP_Hz)
 
     def first_points(self, count: int) -> Array:
@@ -137,7 +141,13 @@ class MotionFamily:
         for _ in range(ROUNDS):
             axes = {
                 name: signal(
-                    kind, scale * float(self.reach[self.axes.index(name)]), low, high, float(point[5]), seed + k, self.step_s
+                    kind,
+                    scale * float(self.reach[self.axes.index(name)]),
+                    low,
+                    high,
+                    float(point[5]),
+                    seed + k,
+                    self.step_s,
                 )
                 for k, name in enumerate(driven)
             }
