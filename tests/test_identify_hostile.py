@@ -1,15 +1,24 @@
 """A host that drives a foreign machine: it dies, lies, floods and breaks, and the host ends in a sentence, soon."""
 
+import json
+import os
+import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 from fake_machine import FakeMachine
+from typer.testing import CliRunner
 
+from hexsim.cli import app
 from hexsim.errors import HexsimError
 from hexsim.identify.host import Host, MachineFault
 from hexsim.identify.link import READ, Link
+from hexsim.identify.plan import planned
 from hexsim.machine import load_machine
 from hexsim.motion_computer.host_limiter import HostLimiter, setpoints_of
 from hexsim.motion_computer.states import State
@@ -145,3 +154,51 @@ def test_memory_stays_flat_under_a_flood(spread):
         assert len(link.telemetry) <= READ
     finally:
         link.close()
+
+
+@pytest.mark.parametrize(("number", "down_s"), [(signal.SIGINT, 0.0), (signal.SIGTERM, 1.5)])
+def test_the_first_interrupt_lowers_the_machine_and_keeps_what_was_measured(number, down_s, tmp_path):
+    """While a motion is driven in real time: the machine is asked to settle at once, the command ends 3 s after the machine is
+    down, it says so, the broken motion is on disk, and no setpoint left beyond the limits."""
+    machine = MACHINES["bench"]
+    with FakeMachine(machine, lockstep=False, down_s=down_s) as fake:
+        address = f"{fake.address[0]}:{fake.address[1]}"
+        command = [
+            sys.executable,
+            "-m",
+            "hexsim",
+            "identify",
+            "bench",
+            "--host",
+            address,
+            "--out",
+            str(tmp_path / "out"),
+        ]
+        process = subprocess.Popen(
+            command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=dict(os.environ)
+        )
+        end_s = time.monotonic() + 60.0
+        while fake.moving_since_s is None or fake.time_s - fake.moving_since_s < 2.5:
+            assert process.poll() is None and time.monotonic() < end_s, process.stderr.read()
+            time.sleep(0.01)
+        process.send_signal(number)
+        begin_s = time.monotonic()
+        _, said = process.communicate(timeout=20.0)
+        took_s = time.monotonic() - begin_s
+        assert fake.state == State.OFF
+    assert took_s < 3.0 + down_s and "lowering the machine: up to 10 s" in said
+    story = json.loads((tmp_path / "out" / "story.json").read_text())
+    assert story["ended"] == "interrupted by the user"
+    assert pl.read_parquet(tmp_path / "out" / "logs" / "broken_off.parquet")["time_s"][-1] > 1.5
+    assert HostLimiter(machine).worst(np.array([row for _, row in fake.rows]))[0] <= 1.0 + 1e-5
+
+
+def test_a_dry_run_draws_every_motion_and_drives_nothing(tmp_path):
+    """Nobody listens: a picture of each motion, none beyond a third of a limit, and no packet is missed."""
+    command = ["identify", "bench", "--dry-run", "--compensate", "--largest", "0.3", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, [*command, "--host", "127.0.0.1:9"])
+    assert result.exit_code == 0 and "nothing was" in result.output
+    names = ["heave_compensated", "heave_plain", "held_out", "held_out_2", "round_1", "small"]
+    assert sorted(path.stem for path in (tmp_path / "out" / "motions").iterdir()) == names
+    for rows in planned(MACHINES["bench"], 0.3, compensate=True).values():
+        assert 0.0 < HostLimiter(MACHINES["bench"]).share(rows) <= 0.3 + 1e-5
