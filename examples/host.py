@@ -3,22 +3,27 @@
     hexsim serve --start off          (in one terminal; or let this example start it)
     python examples/host.py           (in another)
 
-Only the standard library and the packet layout of `hexsim.motion_computer.host_packet` are needed to drive the machine.
+The packet layout of `hexsim.motion_computer.host_packet` is all that is needed to drive the machine; what leaves the host
+passes the limiter of the machine file first (`hexsim.motion_computer.host_limiter`).
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import math
 import socket
 import threading
 import time
 
+import numpy as np
+
 from hexsim.machine import load_machine
+from hexsim.motion_computer.host_limiter import HostLimiter
 from hexsim.motion_computer.host_packet import REPLY, HostCommand, Reply, unpack_reply
 from hexsim.motion_computer.states import State
 from hexsim.simulation.serve import PORT, Server
+
+MACHINE = "micro_motion_system"
 
 
 class Host:
@@ -59,15 +64,23 @@ class Host:
             self.send()
 
 
+def motion(seconds: float, period_s: float) -> np.ndarray:
+    """Setpoints (m, 6), a row a packet: a heave that begins and ends at neutral, within the limits of the machine."""
+    elapsed = np.arange(0.0, seconds, period_s)
+    fade = np.minimum(np.minimum(elapsed, seconds - elapsed) / 2.0, 1.0)
+    rows = np.zeros((len(elapsed), 6))
+    rows[:, 2] = fade**3 * (10 - 15 * fade + 6 * fade**2) * 0.03 * np.sin(np.pi * elapsed)
+    return HostLimiter(load_machine(MACHINE), period_s=period_s).limit(rows)
+
+
 def drive(host: Host, seconds: float) -> float:
     """Start, move, settle; returns the largest heave [m] that the machine reported."""
     host.until(State.NEUTRAL, "start")
     print(f"neutral at machine time {host.reply.time_s:.2f} s")
     host.send(command="run_normal")
-    begin, highest = time.perf_counter(), 0.0
-    while (elapsed := time.perf_counter() - begin) < seconds:
-        fade = min(elapsed / 2.0, 1.0)
-        host.send(heave_m=fade**2 * (3 - 2 * fade) * 0.03 * math.sin(math.pi * elapsed))
+    highest = 0.0
+    for row in motion(seconds, host.period_s):
+        host.send(heave_m=row[2])
         if host.reply:
             highest = max(highest, host.reply.pose[2])
     print(f"highest heave {1000 * highest:.1f} mm of 30 mm commanded; state {host.reply.state.name.lower()}")
@@ -89,7 +102,7 @@ def main() -> None:
             drive(host, arguments.seconds)
         return
     stop = threading.Event()
-    with Server(load_machine("micro_motion_system"), port=0, start="off") as server:
+    with Server(load_machine(MACHINE), port=0, start="off") as server:
         thread = threading.Thread(target=server.run, kwargs={"stop": stop})
         thread.start()
         try:

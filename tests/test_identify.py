@@ -17,16 +17,19 @@ from hexsim.cli import app
 from hexsim.errors import HexsimError
 from hexsim.identify import bump, identify, rounds
 from hexsim.identify.bump import taken_apart, worst
-from hexsim.identify.host import LOCKED_SHARE, Host, LATE_LIVE_s, LATE_s, PERIOD_s, check_clock, log_of
-from hexsim.identify.motions import setpoints_of
+from hexsim.identify.host import LOCKED_SHARE, Host, LATE_LIVE_s, LATE_s, check_clock
+from hexsim.identify.link import Link
 from hexsim.identify.picture import errors_by_kind
+from hexsim.identify.plan import MOTION_s
 from hexsim.identify.record import Round, Story
 from hexsim.identify.rounds import check_careful
 from hexsim.identify.story import write_story
+from hexsim.identify.telemetry_log import log_of
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer.compensator_packet import AskedCompensator, unpack_asked
 from hexsim.motion_computer.errors import Error
+from hexsim.motion_computer.host_limiter import PERIOD_s, setpoints_of
 from hexsim.motion_computer.host_packet import Reply
 from hexsim.motion_computer.states import State
 from hexsim.motion_computer.telemetry import MOST_ROWS, Telemetry, unpack_telemetry, width
@@ -226,7 +229,7 @@ def told_traces(monkeypatch):
             open=len(fit) < 2,
         )
 
-    def design(result, duration_s, tell, *, may_load):
+    def design(result, duration_s, tell, *, may_load, largest):
         assert not may_load  # nobody is there to put one on
         tables = BENCH_HEAVE | {"name": "next-measurement"}
         promise = {"separations": [{"effects": ["a", "b"], "chi2": 500.0}], "numbers": [], "information": 0.0}
@@ -277,10 +280,10 @@ def test_machine_time_counts_though_the_host_was_killed(served, tmp_path, told_t
         raise Killed
 
     monkeypatch.setattr(rounds, "trace", killed)
-    monkeypatch.setattr(rounds, "_settle", lambda host, tell: None)
+    monkeypatch.setattr(rounds, "_settle", lambda *arguments: None)
     with pytest.raises(Killed):
         identify("bench", served.address, 5.0, with_held_out(tmp_path))
-    assert json.loads((tmp_path / "story.json").read_text())["machine_s"] > rounds.MOTION_s
+    assert json.loads((tmp_path / "story.json").read_text())["machine_s"] > MOTION_s
 
 
 def test_the_time_is_used(served, tmp_path, told_traces):
@@ -305,7 +308,9 @@ def test_a_fault_ends_it_with_what_was_kept(served, tmp_path):
     assert result.exit_code == 2
     assert "the machine is in fault: sensor fault" in " ".join(result.output.split())
     assert (tmp_path / "report.html").is_file()
-    assert sorted(path.stem for path in (tmp_path / "logs").iterdir()) == ["held_out", "held_out_2"]
+    assert sorted(path.stem for path in (tmp_path / "logs").iterdir()) == ["broken_off", "held_out", "held_out_2"]
+    kept = pl.read_parquet(tmp_path / "logs" / "broken_off.parquet")["time_s"]
+    assert 0.3 < kept[-1] < 3.0  # what was measured until then
     with pytest.raises(HexsimError, match="of another declaration"):
         identify("micro_motion_system", served.address, 5.0, tmp_path)
 
@@ -339,15 +344,17 @@ def test_in_real_time_a_command_waits_for_its_own_answer(refused, monkeypatch):
     )  # fmt: skip
     asked = 20
 
-    def late(host, timeout_s, until_reply):
-        newest = max(host.sequence - 3, 0)
+    sent = []
+
+    def late(link, until_s, wanted=None):
+        newest = max(len(sent) - 4, 0)
         taken = newest >= asked
         state = State.NORMAL if taken and not refused else State.NEUTRAL
-        host.reply = replace(answer, sequence=newest, state=state, refused=taken and refused)
+        link.reply = replace(answer, sequence=newest, state=state, refused=taken and refused)
         return True
 
-    monkeypatch.setattr(Host, "_receive", late)
-    monkeypatch.setattr(Host, "_send", lambda host, data: None)
+    monkeypatch.setattr(Link, "receive", late)
+    monkeypatch.setattr(Link, "send", lambda link, data: sent.append(data))
     monkeypatch.setattr(Host, "_due", lambda host: 0.0)
     with Host(("127.0.0.1", 9)) as host:
         for _ in range(asked):
@@ -362,12 +369,12 @@ def test_in_real_time_a_command_waits_for_its_own_answer(refused, monkeypatch):
 def test_a_host_that_was_busy_sends_no_burst(monkeypatch):
     """Ten packets, ten seconds of silence, ten packets: in real time the last ten are as far apart as the first."""
     now, sent = [100.0], []
-    monkeypatch.setattr("hexsim.identify.host.clock.perf_counter", lambda: now[0])
+    monkeypatch.setattr("hexsim.identify.host.clock.monotonic", lambda: now[0])
     monkeypatch.setattr("hexsim.identify.host.clock.sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
-    monkeypatch.setattr(Host, "_send", lambda host, data: sent.append(now[0]))
-    monkeypatch.setattr(Host, "_receive", lambda host, timeout_s, until_reply: True)
+    monkeypatch.setattr(Link, "send", lambda link, data: sent.append(now[0]))
+    monkeypatch.setattr(Link, "receive", lambda link, until_s, wanted=None: True)
     with Host(("127.0.0.1", 9)) as host:
-        host.reply = Reply(
+        host._link.reply = Reply(
             state=State.NEUTRAL, errors=Error.NONE, sequence=0, arrived=True, refused=False, time_s=0.0, behind_s=0.0,
             age_s=0.0, pose=(0.0,) * 6, reference=(0.0,) * 6,
         )  # fmt: skip
@@ -383,7 +390,7 @@ def test_a_driven_machine_sends_the_log_of_a_run(served):
     """Motion over packets in lockstep: positions within 0.2 mm of the same scenario run headless, once the delay of the
     host's buffer is taken off; every channel of a bench's log is there at the log rate."""
     machine = load_machine("bench")
-    with Host(served.address) as host:
+    with Host(served.address, machine) as host:
         log = host.drive(setpoints_of(machine, BENCH_HEAVE))
     wanted = {"setpoint_m", "position_m", "pressure_bottom_Pa", "valve_V", "pressure_supply_Pa", "acceleration_m_s2"}
     assert wanted <= set(log.columns)
@@ -444,11 +451,10 @@ def test_the_page_says_what_a_partly_explained_machine_keeps(tmp_path):
 def test_a_leg_that_does_not_follow_is_refused():
     """Against its setpoint, and a reading that never changes: the small motion ends in a sentence; one that follows passes."""
     setpoint = 0.1 + 0.01 * np.sin(np.linspace(0.0, 10.0, 500))
-    machine = load_machine("bench")
     for position in (0.2 - setpoint, np.full(500, 0.1)):
         with pytest.raises(HexsimError, match="position_m does not follow"):
-            check_careful(machine, pl.DataFrame({"setpoint_m": setpoint, "position_m": position}))
-    check_careful(machine, pl.DataFrame({"setpoint_m": setpoint, "position_m": np.roll(setpoint, 20)}))
+            check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": position}))
+    check_careful(pl.DataFrame({"setpoint_m": setpoint, "position_m": np.roll(setpoint, 20)}))
 
 
 def test_the_compensator_starts_with_the_rounding_of_the_file():

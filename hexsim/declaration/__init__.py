@@ -7,6 +7,7 @@ Bounds run from a micro hydraulic stage to the largest test rigs: what lies outs
 from hexsim.declaration.actuator import Cylinder, Friction
 from hexsim.declaration.controller import Controller
 from hexsim.declaration.geometry import Geometry
+from hexsim.declaration.host_limits import HostLimits
 from hexsim.declaration.load import Load
 from hexsim.declaration.machine import EffectTable, Identity, Machine
 from hexsim.declaration.manifold import Manifold
@@ -17,6 +18,6 @@ from hexsim.declaration.supply import ATMOSPHERE_Pa, Oil, Supply
 from hexsim.declaration.valve import Valve
 
 __all__ = [
-    "ATMOSPHERE_Pa", "Controller", "Cylinder", "EffectTable", "Friction", "Geometry", "Identity", "Load", "Machine", "Manifold",
-    "Name", "Oil", "PowerUnit", "Section", "Sensors", "Supply", "Valve", "between", "section_of", "values_of", "zero_or",
+    "ATMOSPHERE_Pa", "Controller", "Cylinder", "EffectTable", "Friction", "Geometry", "HostLimits", "Identity", "Load", "Machine",
+    "Manifold", "Name", "Oil", "PowerUnit", "Section", "Sensors", "Supply", "Valve", "between", "section_of", "values_of", "zero_or",
 ]  # fmt: skip

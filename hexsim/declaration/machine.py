@@ -11,6 +11,7 @@ from pydantic import Field, StringConstraints, field_validator, model_validator
 from hexsim.declaration.actuator import Cylinder, Friction
 from hexsim.declaration.controller import Controller
 from hexsim.declaration.geometry import AnyGeometry
+from hexsim.declaration.host_limits import HostLimits
 from hexsim.declaration.leg import TABLES, Leg, LegTable, leg_of
 from hexsim.declaration.load import Load, Payload
 from hexsim.declaration.manifold import Manifold
@@ -46,6 +47,7 @@ class Machine(Section):
     friction: Friction
     controller: Controller
     sensors: Sensors = Sensors()
+    host_limits: HostLimits = HostLimits()
     uncertainty: dict[str, float] = Field(
         default={},
         description="how far a declared value may be off: relative half width, below 1; joints and leg zero offsets in m",

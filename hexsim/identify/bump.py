@@ -30,7 +30,7 @@ from hexsim.files.log_files import write_log
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
 from hexsim.identify.host import Host
-from hexsim.identify.motions import setpoints_of
+from hexsim.motion_computer.host_limiter import setpoints_of
 from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.simulation import Run
 from hexsim.smoothness.harmonic import HarmonicDeviation, harmonic_deviation
@@ -101,6 +101,11 @@ def heave(machine: Machine, at_full_size_s: float) -> dict[str, Any]:
         "name": "heave", "mode": "dof" if machine.is_hexapod else "actuator", "duration_s": FADE_s + at_full_size_s,
         "fade_s": FADE_s, "fade": "smooth", "axes": {axis: half_hertz_sine(machine)},
     }  # fmt: skip
+
+
+def measured_heave(machine: Machine) -> dict[str, Any]:
+    """The heave that the machine itself is driven in."""
+    return heave(machine, PERIODS / FREQUENCY_Hz + FADE_s)
 
 
 def start_parameters(twin: Machine, show: Callable[[float], None] = lambda share: None) -> list[Parameters]:
@@ -210,7 +215,7 @@ def measure_bump(
 
     Raises HexsimError where the machine takes no compensator.
     """
-    tables = heave(machine, PERIODS / FREQUENCY_Hz + FADE_s)
+    tables = measured_heave(machine)
     for name, asked in zip(LOGS, ("none", ALGORITHM), strict=True):
         host.compensate(asked, learned, machine.n_legs)
         host.rest()  # its model of plain control begins at the setpoint: where the machine stands shows in a second

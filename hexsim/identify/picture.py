@@ -1,4 +1,4 @@
-"""The pictures of a story: error budget and bump on one, the error from round to round on the other."""
+"""The pictures of a story: error budget and bump, the error from round to round, each motion before it is driven."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 
 from hexsim.identify.bump import Bump
 from hexsim.identify.record import Round
+from hexsim.mechanics.mechanics import DOF_NAMES
+from hexsim.motion_computer.host_limiter import KINDS, MEMORY, HostLimiter
 from hexsim.recording import palette
 from hexsim.recording.figure_style import WIDTH_IN, legend, plain_powers, styled
 from hexsim.recording.quantity import plain
@@ -20,6 +22,9 @@ from hexsim.tracing.report.signals import SCALE
 
 FLOOR = 0.5  # of the error axis, in multiples of the noise
 FELT_m_s2 = 0.05  # a bump of this size is no longer felt: docs/compensation.md
+QUANTITIES = {  # of a leg: its unit for people, and how many of it are one of SI
+    "excursion": ("mm", 1e3), "velocity": ("mm/s", 1e3), "acceleration": ("m/s²", 1.0), "jerk": ("m/s³", 1.0),
+}  # fmt: skip
 ROUND_COLOURS = ("#9AA5B1", *palette.RUNS)
 
 
@@ -110,6 +115,41 @@ def rounds_figure(rounds: list[Round]) -> Figure:
     plot.grid(visible=False, axis="x")
     plot.margins(x=0.02, y=0.2)
     plot.legend(ncols=len(stages), loc="upper center", bbox_to_anchor=(0.5, 1.15))
+    return figure
+
+
+@styled
+def motion_figure(limiter: HostLimiter, rows: np.ndarray, title: str) -> Figure:
+    """A motion as its packets will leave: position, speed, acceleration and jerk of every leg beside their limits, and those of
+    the platform's axes as shares of theirs."""
+    rows = np.pad(rows, ((MEMORY, MEMORY), (0, 0)))
+    share, what = limiter.worst(rows)
+    found = limiter.motion(rows)
+    figure = Figure(figsize=(WIDTH_IN, 7.2), layout="constrained")
+    duration_s = len(rows) * limiter.period_s
+    figure.suptitle(
+        f"{title}: {duration_s:.0f} s, at most {100 * share:.0f} % of a limit ({what})", x=0.01, ha="left", fontsize=12,
+        fontweight="bold",
+    )  # fmt: skip
+    plots = figure.subplots(len(KINDS), len(found), sharex=True, squeeze=False)
+    for column, (place, derivatives) in enumerate(found.items()):
+        legs, limits = place == "leg", limiter.limits[place]
+        for row, (kind, values) in enumerate(zip(KINDS, derivatives, strict=True)):
+            plot, limit = plots[row, column], getattr(limits, kind)
+            unit, scale = QUANTITIES[kind] if legs else ("% of its limit", 100.0)
+            time_s = (np.arange(len(values)) - MEMORY + row) * limiter.period_s
+            for k, one in enumerate(values.T):
+                name = f"leg {k + 1}" if legs else DOF_NAMES[k]
+                shown = scale * (one if legs else one / limit[k])
+                plot.plot(time_s, shown, color=palette.LEGS[k], lw=0.9, label=name if row == 0 else None)
+            edge = scale * float(np.min(limit)) if legs else scale
+            for sign in (-1.0, 1.0):
+                plot.axhline(sign * edge, color=palette.INK, linestyle=":", linewidth=1.0)
+            plot.set_ylim(-1.15 * edge, 1.15 * edge)
+            plot.set_ylabel(f"{kind}\n[{unit}]")
+        plots[0, column].set_title("Legs, and the limit" if legs else "Platform, and the limit", loc="left", pad=20)
+        legend(plots[0, column], len(limits.excursion))
+        plots[-1, column].set_xlabel("time [s]")
     return figure
 
 

@@ -29,7 +29,8 @@ class Round:
 class Story:
     """What happened: the rounds, why it ended, the machine that it ended with, and its bump.
 
-    failed: the machine, or the link to it, ended it.  learned: start parameters for the compensator, an entry a leg.
+    failed: the machine, the link to it, or the host's watch ended it.  interrupted: the user did.
+    learned: start parameters for the compensator, an entry a leg.
     machine_s: machine time used, interrupted identifications of the same folder included.
     """
 
@@ -38,6 +39,7 @@ class Story:
     rounds: list[Round] = field(default_factory=list)
     ended: str = ""
     failed: bool = False
+    interrupted: bool = False
     fitted: Machine | None = None
     learned: list[dict[str, Any]] = field(default_factory=list)
     bump: Bump | None = None

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from hexsim.declaration import Machine
@@ -26,13 +27,14 @@ from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
 from hexsim.identify import bump
 from hexsim.identify.host import Host, MachineFault
-from hexsim.identify.motions import setpoints_of
+from hexsim.identify.plan import HELD_OUT, MOTION_s, SMALL_s, draw, planned
 from hexsim.identify.record import Round, Story
+from hexsim.identify.telemetry_log import log_of
 from hexsim.machine.files import find_machine_file, load_machine, save_machine
+from hexsim.motion_computer.host_limiter import setpoints_of
 from hexsim.motion_computer.states import State
 from hexsim.tracing.design import next_measurement
 from hexsim.tracing.design.information import SHARP, says_nothing
-from hexsim.tracing.design.motions import MotionFamily
 from hexsim.tracing.design.next_measurement import surviving
 from hexsim.tracing.design.words import NO_GAIN, one_term_words
 from hexsim.tracing.state import Trace
@@ -40,55 +42,49 @@ from hexsim.tracing.trace import trace
 
 Array = NDArray[np.float64]
 Show = Callable[[str, float], None]
-MOTION_s = 20.0  # of a round
-SMALL_s = 5.0  # of the first, careful motion
-SMALL_SHARE = 0.2  # of the first motion
 SLOWEST_LOOP_s = 0.3  # by which a leg may follow later
 ROUNDS = 6  # at most
+LOWERING = "lowering the machine"
 GUIDED_s = 12.0  # machine time of a round besides its motion: to neutral and back
-# kind, axis, size, two frequencies, slope, seed: see `MotionFamily.bounds`
-FIRST = np.array([0, 0, 0.9, 0.2, 0.75, 0.5, 1])
-HELD_OUT = {  # by the name of the log
-    "held_out": np.array([2, 2, 0.8, 0.35, 0.6, 0.3, 2]),
-    "held_out_2": np.array([0, 0, 0.7, 0.3, 0.7, 0.6, 11]),
-}
 
 
 def identify(
     machine_file: Path | str, address: tuple[str, int], minutes: float, out: Path, show: Show | None = None, *,
-    compensate: bool = False,
+    compensate: bool = False, largest: float = 1.0,
 ) -> Story:  # fmt: skip
     """Identify the machine behind `address` against its declaration; `out` gets logs, traces and the story.
 
     minutes: machine time that may be used by the rounds. compensate: measure the bump before and after compensation.
+    largest: share of the limits in [host_limits] that motions may use.
     Raises HexsimError where nobody answers, or where the first measurement cannot be trusted. A fault of the machine or
-    of the link, or Ctrl-C, ends it with what there is so far and the machine settled.
+    of the link, what the host sees while it drives, or Ctrl-C, ends it with what there is so far and the machine settled.
     """
     tell = show or (lambda doing, share: None)
     out = Path(out)
-    machine = _declared(machine_file, out)
+    machine = declared(machine_file, out)
     before_s = _used_before(out)
     story = Story(machine=machine, folder=out, machine_s=before_s)
-    with Host(address) as host:
+    with Host(address, machine, largest=largest) as host:
         try:
-            _rounds(host, machine, 60.0 * minutes, story, tell)
+            _rounds(host, machine, 60.0 * minutes, story, tell, largest)
             _compensation(host, story, compensate, tell)
         except KeyboardInterrupt:
-            story.ended = "interrupted by the user"
+            story.ended, story.interrupted = "interrupted by the user", True
         except HexsimError as error:
             if not isinstance(error, MachineFault) and not story.rounds:
                 raise
             story.ended, story.failed = str(error), True
         finally:
-            _settle(host, tell)
+            _settle(host, story, tell)
             story.machine_s = before_s + host.time_s
+            _keep_broken_off(host, machine, out)
     write_json(out / "story.json", story.to_json())
     if story.fitted is not None:
         save_machine(story.fitted, out / "fitted.toml")
     return story
 
 
-def _declared(machine_file: Path | str, out: Path) -> Machine:
+def declared(machine_file: Path | str, out: Path) -> Machine:
     """The declared machine, kept in the folder; another one than the folder's is refused."""
     (out / "logs").mkdir(parents=True, exist_ok=True)
     place, kept = find_machine_file(machine_file), out / "machine.toml"
@@ -140,33 +136,38 @@ def _to_neutral(host: Host) -> None:
     host.rest()
 
 
-def _settle(host: Host, tell: Show) -> None:
-    """Lower the machine; what cannot be reached any more is left as it is."""
+def _settle(host: Host, story: Story, tell: Show) -> None:
+    """Lower the machine; what cannot be reached any more is asked to, and left."""
     if host.reply is None or host.reply.state in (State.OFF, State.FAULT):
         return
     with contextlib.suppress(KeyboardInterrupt):  # a display that passes Ctrl-C on
-        tell("lowering the machine", 1.0)
-    with contextlib.suppress(HexsimError, KeyboardInterrupt):
-        if host.reply.state == State.NORMAL:
-            host.until(State.NEUTRAL, "return_neutral")
-        host.until(State.OFF, "settle")
+        tell(LOWERING, 1.0)
+    try:
+        why = host.settle()
+    except KeyboardInterrupt:
+        why = "left while it was being lowered"
+    story.ended += f"; {why}" if why else ""
 
 
-def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: Show) -> None:
-    before_s = story.machine_s
+def _keep_broken_off(host: Host, machine: Machine, out: Path) -> None:
+    """What was measured of a motion that was broken off, where it is a measurement."""
+    if host.measured:
+        with contextlib.suppress(HexsimError):
+            write_log(log_of(host.measured, machine), out / "logs" / "broken_off.parquet")
+
+
+def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: Show, largest: float) -> None:
+    before_s, plan = story.machine_s, planned(machine, largest)
     _to_neutral(host)
-    family = MotionFamily(machine, MOTION_s)
+    measure = partial(_measure, host, machine, story.folder, tell, largest)
     logs = story.folder / "logs"
-    missing = {name: point for name, point in HELD_OUT.items() if not (logs / f"{name}.parquet").exists()}
+    missing = [name for name in HELD_OUT if not (logs / f"{name}.parquet").exists()]
     if missing:
-        tell("a small motion", 0.0)
-        careful = MotionFamily(machine, SMALL_s).scenario(FIRST)
-        assert careful is not None
-        check_careful(machine, host.drive(SMALL_SHARE * setpoints_of(machine, careful)))
-    for name, point in missing.items():
-        _measure(host, machine, family.scenario(point), logs / f"{name}.parquet", "measuring what is held out", tell)
+        check_careful(measure("small", plan["small"], "a small motion"))
+    for name in missing:
+        write_log(measure(name, plan[name], "measuring what is held out"), logs / f"{name}.parquet")
         _keep(story, before_s + host.time_s)
-    tables, purpose, expected = family.scenario(FIRST), "a rich motion, to begin with", {}
+    rows, purpose, expected = plan["round_1"], "a rich motion, to begin with", {}
     fit: list[Path] = []
     for number in range(1, ROUNDS + 1):
         name = logs / f"round_{number}.parquet"
@@ -175,7 +176,7 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
             if used_s + MOTION_s + GUIDED_s > budget_s:
                 story.ended = f"the time is used: {used_s:.0f} of {budget_s:.0f} s"
                 return
-            _measure(host, machine, tables, name, f"round {number}: measuring", tell)
+            write_log(measure(name.stem, rows, f"round {number}: measuring"), name)
             _keep(story, before_s + host.time_s)
         fit.append(name)
         result = _trace(story, fit, number, tell)
@@ -188,12 +189,14 @@ def _rounds(host: Host, machine: Machine, budget_s: float, story: Story, tell: S
                 f"{result.verdict}: nothing is left to be told apart, and every number is sharp{''.join(terms)}"
             )
             return
-        design = next_measurement(result, MOTION_s, partial(_tell_round, tell, number), may_load=False)
+        design = next_measurement(
+            result, MOTION_s, partial(_tell_round, tell, number), may_load=False, largest=largest
+        )  # fmt: skip
         if not worth_a_run(design.to_json(), result.verdict == "unexplained"):
             why = design.purpose if design.purpose.startswith("no motion") else "; ".join(open_points(result))
             story.ended = f"no motion inside the machine's limits tells more: {why}"
             return
-        tables, purpose, expected = design.tables, design.purpose, design.to_json()
+        rows, purpose, expected = setpoints_of(machine, design.tables), design.purpose, design.to_json()
     story.ended = f"{ROUNDS} rounds are done; still open: {'; '.join(open_points(result))}"
 
 
@@ -203,22 +206,18 @@ def _keep(story: Story, used_s: float) -> None:
     write_json(story.folder / "story.json", story.to_json())
 
 
-def _measure(host: Host, machine: Machine, tables: dict[str, Any] | None, place: Path, doing: str, tell: Show) -> None:
-    if tables is None:
-        raise HexsimError(f"machine {machine.name}: no motion fits inside its limits; check stroke and cushions")
+def _measure(
+    host: Host, machine: Machine, folder: Path, tell: Show, largest: float, name: str, rows: Array, doing: str
+) -> pl.DataFrame:  # fmt: skip
+    """Draw the motion, then drive it: its log."""
     tell(doing, 0.0)
-    log = host.drive(setpoints_of(machine, tables), lambda share: tell(doing, share))
-    write_log(log, place)
+    draw(machine, rows, name, folder, largest)
+    return host.drive(rows, lambda share: tell(doing, share))
 
 
-def check_careful(machine: Machine, log: Any) -> None:
-    """The small motion: the machine that answers has the declared legs, and moves the way it is told."""
-    legs = [name for name in log.columns if name.startswith("position")]
-    if len(legs) != machine.n_legs:
-        raise HexsimError(f"the machine sends {len(legs)} legs, and {machine.name} is declared with {machine.n_legs}")
-    for name in legs:
-        if name.replace("position", "setpoint") not in log.columns:
-            raise HexsimError(f"the machine sends {name} and no setpoint beside it: its telemetry must carry both")
+def check_careful(log: Any) -> None:
+    """The small motion: the machine that answers moves the way it is told."""
+    for name in [name for name in log.columns if name.startswith("position")]:
         told, done = log[name.replace("position", "setpoint")].to_numpy(), log[name].to_numpy()
         late = [round(shift * len(log) / SMALL_s) for shift in np.arange(0.0, SLOWEST_LOOP_s, 0.02)]
         if np.ptp(done) == 0.0 or max(np.corrcoef(told[: len(told) - k], done[k:])[0, 1] for k in late) < 0.5:

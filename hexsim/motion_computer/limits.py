@@ -1,4 +1,6 @@
-"""Limits of a host's setpoints: excursion, velocity and acceleration of each coordinate, kept smoothly.
+"""Limits of a host's setpoints, from the table [host_limits], and how the machine keeps excursion, velocity and acceleration.
+
+What leaves a host passes `host_setpoint_limiter` first; the machine trusts no host and limits again, here.
 
     target    p_t -> f(p_t):  f(p) = p up to (1 - s) L, then L (1 - s + s tanh((p/L - 1 + s)/s)): never reaches L
     follower  a = sat(f'' + 2 w (f' - v) + w^2 (f - p), +-a_max),  |v| <= v_max,  |v| <= sqrt(2 a_max (L - |p|))
@@ -17,57 +19,66 @@ from numpy.typing import ArrayLike, NDArray
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.mechanics.mechanics import Mechanics
 from hexsim.mechanics.workspace import excursions
 
 Array = NDArray[np.float64]
 SOFT_SHARE = 0.1  # of the excursion, in which it is compressed
 RETURN_rad_s = 12.0  # w, how fast the follower comes back to its target
+REACH_SHARE = 0.9  # of what a degree of freedom reaches alone
 LEG_MARGIN_m = 0.005  # kept free of the cushions
 LEG_SOFT_m = 0.010  # in which a leg's setpoint is compressed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limits:
-    """Of n coordinates, arrays (n,) [m or rad, and per s, per s2]; excursion counts from neutral, both ways."""
+    """Of n coordinates, arrays (n,) [m or rad, and per s, s2, s3]; excursion counts from neutral, both ways."""
 
     excursion: Array
     velocity: Array
     acceleration: Array
+    jerk: Array
 
     def __post_init__(self) -> None:
-        for name in ("excursion", "velocity", "acceleration"):
+        for name in ("excursion", "velocity", "acceleration", "jerk"):
             value = np.array(getattr(self, name), dtype=float)
             if value.ndim != 1 or not (np.isfinite(value).all() and (value > 0).all()):
                 raise HexsimError(f"limits: {name} is {value}; give a number above zero for each coordinate")
             object.__setattr__(self, name, value)
 
+    def scaled(self, share: float) -> Limits:
+        """The limits of a motion that is `share` times as large."""
+        return Limits(
+            excursion=share * self.excursion, velocity=share * self.velocity,
+            acceleration=share * self.acceleration, jerk=share * self.jerk,
+        )  # fmt: skip
 
-def dof_limits(kinematics: Mechanics) -> Limits:
-    """Of the platform: 90 % of what each degree of freedom reaches alone; 0.3 m/s and 3 m/s2, 20 deg/s and 150 deg/s2.
 
-    Velocities and accelerations are assumed values for people on board, well inside the machine's flow.
-    """
-    excursion = [0.9 * min(-one.minimum, one.maximum) for one in excursions(kinematics)]
+def dof_limits(machine: Machine) -> Limits:
+    """Of a platform: 90 % of what each degree of freedom reaches alone, and the derivatives of [host_limits]."""
+    own = machine.host_limits
+    reach = np.array([min(-one.minimum, one.maximum) for one in excursions(machine.mechanics)])
+    turning = np.radians([own.angular_velocity_deg_s, own.angular_acceleration_deg_s2, own.angular_jerk_deg_s3])
+    along = np.array([own.velocity_m_s, own.acceleration_m_s2, own.jerk_m_s3])
+    velocity, acceleration, jerk = np.repeat(np.stack([along, turning], axis=1), 3, axis=1)
     return Limits(
-        excursion=np.array(excursion),
-        velocity=np.array([0.3] * 3 + [np.radians(20.0)] * 3),
-        acceleration=np.array([3.0] * 3 + [np.radians(150.0)] * 3),
+        excursion=REACH_SHARE * own.stroke_share * reach, velocity=velocity, acceleration=acceleration, jerk=jerk
     )
 
 
 def pose_limits(machine: Machine) -> Limits:
     """Of the degrees of freedom that a host moves: `dof_limits` of a hexapod, `leg_limits` of a bench."""
-    mechanics = machine.mechanics
-    return dof_limits(mechanics) if mechanics.has_platform else leg_limits(machine)
+    return dof_limits(machine) if machine.mechanics.has_platform else leg_limits(machine)
 
 
 def leg_limits(machine: Machine) -> Limits:
-    """Of single actuators, from the neutral pose: clear of the cushions; 0.3 m/s and 3 m/s2."""
-    n, neutral = machine.n_legs, machine.mechanics.neutral_positions
+    """Of single actuators, from the neutral pose: clear of the cushions, and the derivatives of [host_limits]."""
+    n, own, neutral = machine.n_legs, machine.host_limits, machine.mechanics.neutral_positions
     reach = np.minimum(neutral, machine.mechanics.stroke_m - neutral)
-    excursion = reach - machine.of_legs("cylinder", "cushion_length_m") - LEG_MARGIN_m
-    return Limits(excursion=excursion, velocity=np.full(n, 0.3), acceleration=np.full(n, 3.0))
+    free = reach - machine.of_legs("cylinder", "cushion_length_m") - LEG_MARGIN_m
+    return Limits(
+        excursion=own.stroke_share * free, velocity=np.full(n, own.velocity_m_s),
+        acceleration=np.full(n, own.acceleration_m_s2), jerk=np.full(n, own.jerk_m_s3),
+    )  # fmt: skip
 
 
 @compiled

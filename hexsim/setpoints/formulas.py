@@ -69,22 +69,38 @@ class Sine(Signal):
 class Block(Signal):
     """s = A in the first half of each period, -A in the second: the step response, again and again.
 
-    Velocity and acceleration are given as 0; the jumps themselves have none.
+    transition_s: in which it goes over, along the quintic A (2 (10 r^3 - 15 r^4 + 6 r^5) - 1), at most half a period; with 0
+    it jumps. Of a jump velocity and acceleration are given as 0.
     """
 
     kind: ClassVar[str] = "block"
     amplitude: Size
     frequency_Hz: Frequency
+    transition_s: Annotated[float, between(0.0, 1e5, "[s]")] = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.transition_s * self.frequency_Hz > 0.5:
+            raise self.refuse("transition_s", f"at most half a period, {0.5 / self.frequency_Hz:g} s, is possible")
+
+    def _place(self, time_s: ArrayLike) -> tuple[Array, Array]:
+        """Sign of the half period, and the share of its transition that is over."""
+        turn = np.mod(self.frequency_Hz * np.asarray(time_s, dtype=float), 1.0)
+        half_s = np.mod(turn, 0.5) / self.frequency_Hz
+        over = np.minimum(half_s / self.transition_s, 1.0) if self.transition_s else np.ones_like(half_s)
+        return np.where(turn < 0.5, 1.0, -1.0), over
 
     def value(self, time_s: ArrayLike) -> Array:
-        turn = np.mod(self.frequency_Hz * np.asarray(time_s, dtype=float), 1.0)
-        return np.where(turn < 0.5, self.amplitude, -self.amplitude)
+        sign, r = self._place(time_s)
+        return self.amplitude * sign * (2.0 * r**3 * (10.0 - 15.0 * r + 6.0 * r**2) - 1.0)
 
     def velocity(self, time_s: ArrayLike) -> Array:
-        return np.zeros(np.shape(time_s))
+        sign, r = self._place(time_s)
+        return self.amplitude * sign * 60.0 * (r * (1.0 - r)) ** 2 / (self.transition_s or 1.0)
 
     def acceleration(self, time_s: ArrayLike) -> Array:
-        return np.zeros(np.shape(time_s))
+        sign, r = self._place(time_s)
+        return self.amplitude * sign * 120.0 * r * (1.0 - r) * (1.0 - 2.0 * r) / (self.transition_s or 1.0) ** 2
 
     @property
     def period_s(self) -> float:

@@ -8,7 +8,6 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.machine.geometry import machine_kinematics
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_buffer import HostBuffer
 from hexsim.motion_computer.host_packet import COMMAND, REPLY, HostCommand, Reply, unpack_command, unpack_reply
@@ -200,8 +199,11 @@ def test_a_stream_with_wrong_packets_is_heard_on_fuzzed() -> None:
         assert np.diff(used).max() < 10, seed
 
 
+ONE_AXIS = {"excursion": 0.1, "velocity": 0.3, "acceleration": 3.0, "jerk": 300.0}
+
+
 def run_limiter(target, duration=4.0, dt=0.002, limits=None):
-    limits = limits or Limits(excursion=np.array([0.1]), velocity=np.array([0.3]), acceleration=np.array([3.0]))
+    limits = limits or Limits(**{name: np.array([value]) for name, value in ONE_AXIS.items()})
     limiter, out = CommandLimiter(limits), []
     for t in np.arange(0, duration, dt):
         out.append(limiter.step(*(np.array([value]) for value in target(t)), dt)[0])
@@ -243,8 +245,7 @@ def test_a_step_is_smoothed_to_the_limits(height: float) -> None:
 
 def test_dof_limits_keep_every_single_motion_inside() -> None:
     """Each degree of freedom alone at its limit keeps all legs inside their strokes."""
-    kinematics = machine_kinematics(MACHINE)
-    limits = dof_limits(kinematics)
+    kinematics, limits = MACHINE.mechanics, dof_limits(MACHINE)
     for sign in (-1, 1):
         kinematics.check_trajectory(np.arange(6.0), sign * np.diag(limits.excursion))
 
@@ -265,4 +266,4 @@ def test_no_leg_is_sent_into_its_cushion() -> None:
 def test_limits_must_be_positive() -> None:
     """A limit of zero would lock the platform: refused with a sentence."""
     with pytest.raises(HexsimError, match=r"limits: velocity is .*; give a number above zero for each coordinate"):
-        Limits(excursion=np.ones(6), velocity=np.zeros(6), acceleration=np.ones(6))
+        Limits(excursion=np.ones(6), velocity=np.zeros(6), acceleration=np.ones(6), jerk=np.ones(6))

@@ -36,6 +36,7 @@ SMOOTH = {  # signals whose velocity and acceleration exist everywhere
         amplitude=0.001, start_Hz=5.0, end_Hz=0.5, duration_s=8.0, law="log", hold="acceleration"
     ),
     "strokes": ConstantVelocityStrokes(velocities=(0.05, 0.02), stroke=0.06),
+    "soft block": Block(amplitude=0.05, frequency_Hz=0.5, transition_s=0.37),
 }
 CORNERED = {  # and those with jumps in the derivatives, looked at between the jumps
     "block": Block(amplitude=0.05, frequency_Hz=0.5),

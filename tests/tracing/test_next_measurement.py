@@ -16,7 +16,7 @@ from hexsim.cli import app
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.motion_computer.limits import leg_limits
+from hexsim.motion_computer.host_limiter import setpoints_of
 from hexsim.readers import read_log
 from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.signals.channels import noise_of
@@ -35,7 +35,7 @@ from hexsim.tracing.design.information import (
     says_nothing,
     shrunk,
 )
-from hexsim.tracing.design.motions import KINDS, STEP_SHARE, MotionFamily
+from hexsim.tracing.design.motions import KINDS, MotionFamily
 from hexsim.tracing.design.next_measurement import surviving, what_is_open
 from hexsim.tracing.design.rest import as_measured, labels_of
 from hexsim.tracing.design.words import expected_words, purpose_of
@@ -70,36 +70,11 @@ def leaking(bench):
 
 
 @pytest.mark.parametrize("name", ["bench", "micro_motion_system"])
-def test_every_motion_stays_inside_the_limits(name):
-    """Legs stay clear of the cushions, below 0.3 m/s and 3 m/s2; a step stays below its share of the stroke."""
-    machine = load_machine(name)
-    family, limits = MotionFamily(machine, 20.0), leg_limits(machine)
-    low, high = np.transpose(family.bounds)
-    made = set()
-    for point in np.random.default_rng(3).uniform(low, high, (30, len(low))):
-        tables = family.scenario(point)
-        if tables is None:
-            continue
-        kind = next(iter(tables["axes"].values()))["kind"]
-        made.add(kind)
-        scenario_from_dict(tables)
-        legs = setpoint_log(machine, tables, 500.0).setpoint
-        excursion = np.abs(legs - 0.5 * machine.cylinder.stroke_m).max()
-        if kind == "block":
-            assert excursion <= STEP_SHARE * machine.cylinder.stroke_m
-            continue
-        assert excursion <= limits.excursion[0]
-        assert np.abs(np.diff(legs)).max() * 500.0 <= 1.01 * limits.velocity[0]  # differences of samples
-        assert np.abs(np.diff(legs, 2)).max() * 500.0**2 <= 1.05 * limits.acceleration[0]
-    assert made == set(KINDS)
-
-
-@pytest.mark.parametrize("name", ["bench", "micro_motion_system"])
 def test_the_first_motions_use_what_the_machine_may(name):
     """All of them can be made, the first eight are of every kind, with a load and without; the first takes 0.9 of the
-    stroke and 0.85 of the speed that are allowed, together."""
+    stroke and 0.85 of the speed that are allowed, together, of a leg or of the platform."""
     machine = load_machine(name)
-    family, limits = MotionFamily(machine, 20.0, may_load=True), leg_limits(machine)
+    family = MotionFamily(machine, 20.0, may_load=True)
     points = family.first_points(16)
     low, high = np.transpose(family.bounds)
     assert points.shape == (16, len(low)) and np.all(points >= low) and np.all(points <= high + 1e-6)
@@ -107,9 +82,15 @@ def test_the_first_motions_use_what_the_machine_may(name):
     assert all(tables is not None for tables in made)
     assert {next(iter(tables["axes"].values()))["kind"] for tables in made[:8]} == set(KINDS)
     assert {"machine" in tables for tables in made[:8]} == {True, False}
-    legs = setpoint_log(machine, made[0], 500.0).setpoint - np.asarray(machine.mechanics.neutral_positions)[:, None]
-    assert np.abs(legs).max() > 0.9 * limits.excursion.min()
-    assert np.abs(np.diff(legs)).max() * 500.0 > 0.85 * limits.velocity.min()
+    found = family.limiter.motion(setpoints_of(machine, made[0]))
+    used = [
+        max(
+            float(np.max(np.abs(derivatives[k]).max(axis=0) / getattr(family.limiter.limits[what], kind)))
+            for what, derivatives in found.items()
+        )
+        for k, kind in enumerate(("excursion", "velocity"))
+    ]
+    assert used[0] > 0.9 and used[1] > 0.85
 
 
 def test_a_hypothesis_is_not_apart_from_itself(bench, leaking):

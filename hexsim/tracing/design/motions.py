@@ -1,7 +1,8 @@
 """The motions that a design chooses from: a vector of numbers gives a scenario inside the machine's limits.
 
 Kinds: multisine, sweep, constant-acceleration reversals, slow strokes at constant velocity, steps. Each is scaled to a
-share of the largest that every leg can follow: clear of the cushions, 0.3 m/s, 3 m/s2 (`motion_computer.limits`).
+share of the largest that [host_limits] allows, legs and platform: the packets that would leave the host are judged, by the
+limiter that they will pass (`motion_computer.host_limiter`). A step goes over as fast as these limits allow.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from scipy.stats import qmc
 from hexsim.declaration import Machine
 from hexsim.machine.geometry import with_additional_mass
 from hexsim.mechanics.kinematics import DOF_NAMES
-from hexsim.motion_computer.limits import Limits, leg_limits, pose_limits
+from hexsim.motion_computer.host_limiter import HostLimiter, setpoints_of
+from hexsim.motion_computer.limits import leg_limits, pose_limits
 from hexsim.signals.log import Log
 from hexsim.tracing.steps.experiments import setpoint_log
 
@@ -25,7 +27,7 @@ KINDS = ("multisine", "sweep", "constant_acceleration_reversals", "constant_velo
 TONES = 6
 SLOWEST_Hz, FASTEST_Hz = 0.05, 15.0
 SMALLEST_SHARE = 0.1  # of the largest possible size
-STEP_SHARE = 0.05  # of the stroke: steps are small, because people may stand on the machine
+FASTEST_STEP_Hz = 1.0  # periods of steps a second
 SEEDS = 64  # of phases
 FADE_S = 2.0
 FREE = 1.05  # the largest size stays this factor inside the limits
@@ -56,6 +58,7 @@ class MotionFamily:
     duration_s: float
     may_load: bool = False  # the machine's additional mass may be put on
     must_load: bool = False  # it is
+    largest: float = 1.0  # share of the machine's limits
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
@@ -81,13 +84,26 @@ class MotionFamily:
         return DOF_NAMES if self.machine.is_hexapod else ("leg_1",)
 
     @cached_property
-    def limits(self) -> Limits:
-        return leg_limits(self.machine)
+    def limiter(self) -> HostLimiter:
+        return HostLimiter(self.machine, self.largest)
 
     @cached_property
     def reach(self) -> Array:
         """Excursion of each axis alone [m or rad]."""
-        return pose_limits(self.machine).excursion
+        return self.largest * pose_limits(self.machine).excursion
+
+    @cached_property
+    def step_s(self) -> float:
+        """In which the largest step goes over: a quintic of height h in T has speed 1.875 h/T, acceleration 5.77 h/T^2 and
+        jerk 60 h/T^3; the axes of a platform may ask for less than its legs, and the motion is then scaled."""
+        own, stroke_m = self.machine.host_limits, float(np.max(self.machine.mechanics.stroke_m))
+        h = 2.0 * own.step_share * stroke_m
+        need = (
+            1.875 * h / own.velocity_m_s,
+            (5.77 * h / own.acceleration_m_s2) ** 0.5,
+            (60.0 * h / own.jerk_m_s3) ** (1 / 3),
+        )
+        return min(FREE * max(need), 0.5 / FASTEST_STEP_Hz)
 
     def first_points(self, count: int) -> Array:
         """Motions to begin with (count, n): full size, about the frequencies at which two limits are reached together; then
@@ -96,7 +112,7 @@ class MotionFamily:
         Below v/(2 pi x) the stroke limits a motion, above a/(2 pi v) the acceleration; between them it is as fast as allowed:
         the flow is largest, and the supply, the gas and the edges work hardest.
         """
-        limits = self.limits
+        limits = leg_limits(self.machine)
         corners = (limits.velocity / limits.excursion, limits.acceleration / limits.velocity)
         slow, fast = (float(np.clip(np.median(own) / (2.0 * np.pi), SLOWEST_Hz, FASTEST_Hz)) for own in corners)
         named = {
@@ -125,19 +141,25 @@ class MotionFamily:
         for _ in range(ROUNDS):
             axes = {
                 name: signal(
-                    kind, scale * float(self.reach[self.axes.index(name)]), low, high, float(point[5]), seed + k
+                    kind,
+                    scale * float(self.reach[self.axes.index(name)]),
+                    low,
+                    high,
+                    float(point[5]),
+                    seed + k,
+                    self.step_s,
                 )
                 for k, name in enumerate(driven)
             }
             tables = self._tables(
                 {name: one | {"duration_s": self.duration_s} if kind == "sweep" else one for name, one in axes.items()}
             )
-            scale /= FREE * self._beyond(tables, jumps=kind == "block") / size
+            scale /= FREE * self.beyond(tables) / size
             if not 1e-6 < scale < 1e6:
                 return None
         if self.must_load or (self.may_load and round(point[7])):
             tables["machine"] = loaded_machine(self.machine)
-        return tables if self._beyond(tables, jumps=kind == "block") <= 1.0 else None
+        return tables if self.beyond(tables) <= 1.0 else None
 
     def log(self, tables: dict[str, Any]) -> Log:
         """A motion's setpoints as a log."""
@@ -155,19 +177,16 @@ class MotionFamily:
             "axes": axes,
         }
 
-    def _beyond(self, tables: dict[str, Any], jumps: bool) -> float:
-        """Largest share of a leg's limits that the motion takes; of a step only its size."""
-        rate, mechanics = 200.0, self.machine.mechanics
-        legs = setpoint_log(self.machine, tables, rate).setpoint
-        assert legs is not None
-        excursion = np.abs(legs - mechanics.neutral_positions[:, None]).max(axis=1)
-        if jumps:
-            return float(np.max(excursion / (STEP_SHARE * np.asarray(mechanics.stroke_m))))
-        speed = np.abs(np.diff(legs, axis=1)).max(axis=1) * rate
-        acceleration = np.abs(np.diff(legs, 2, axis=1)).max(axis=1) * rate**2
-        limits = self.limits
-        shares = (excursion / limits.excursion, speed / limits.velocity, acceleration / limits.acceleration)
-        return float(np.max(shares))
+    def beyond(self, tables: dict[str, Any]) -> float:
+        """Largest share of a limit that the motion's packets take; of steps also their size over the stroke."""
+        rows = setpoints_of(self.machine, tables)
+        share = self.limiter.share(rows)
+        if any(one["kind"] == "block" for one in tables["axes"].values()):
+            mechanics = self.machine.mechanics
+            size = np.abs(mechanics.piston_positions(rows) - mechanics.neutral_positions).max(axis=0)
+            step = self.largest * self.machine.host_limits.step_share * np.asarray(mechanics.stroke_m)
+            share = max(share, float(np.max(size / step)))
+        return share
 
 
 def loaded_machine(machine: Machine) -> dict[str, float]:
@@ -176,8 +195,13 @@ def loaded_machine(machine: Machine) -> dict[str, float]:
     return {f"load.{load.mass_key}": load.carried_mass_kg}
 
 
-def signal(kind: str, reach: float, low_Hz: float, high_Hz: float, slope: float, seed: int) -> dict[str, Any]:
-    """A signal of this kind with peaks of about `reach`. slope: amplitudes fall with frequency to the power 0 .. 2."""
+def signal(
+    kind: str, reach: float, low_Hz: float, high_Hz: float, slope: float, seed: int, step_s: float
+) -> dict[str, Any]:  # fmt: skip
+    """A signal of this kind with peaks of about `reach`. slope: amplitudes fall with frequency to the power 0 .. 2.
+
+    step_s: in which a step goes over.
+    """
     if kind == "multisine":
         frequencies = np.geomspace(low_Hz, max(high_Hz, 1.05 * low_Hz), TONES) * (1.0 + 0.01 * (seed % 7))
         amplitudes = (frequencies[0] / frequencies) ** (2.0 * slope)
@@ -192,7 +216,8 @@ def signal(kind: str, reach: float, low_Hz: float, high_Hz: float, slope: float,
         hold = ("position", "velocity", "acceleration")[min(int(3 * slope), 2)]
         return {"kind": kind, "amplitude": reach, "start_Hz": low_Hz, "end_Hz": high_Hz, "law": "log", "hold": hold}
     if kind == "block":
-        return {"kind": kind, "amplitude": reach, "frequency_Hz": min(max(low_Hz, 0.1), 1.0)}
+        frequency_Hz = min(max(low_Hz, 0.1), FASTEST_STEP_Hz)
+        return {"kind": kind, "amplitude": reach, "frequency_Hz": frequency_Hz, "transition_s": step_s}
     if kind == "constant_acceleration_reversals":
         half = 0.25 / min(max(low_Hz, 0.1), 2.0)
         top = 2.0 * reach / half**2

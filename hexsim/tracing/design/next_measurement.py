@@ -109,13 +109,13 @@ class NextMeasurement:
 
 def next_measurement(
     trace: Trace, duration_s: float = DURATION_s, tell: Tell | None = None, *, first: int = FIRST, rounds: int = ROUNDS,
-    may_load: bool = True,
+    may_load: bool = True, largest: float = 1.0,
 ) -> NextMeasurement:  # fmt: skip
     """The motion of this length that tells most about what the trace has left open.
 
     first: motions tried at first; rounds: how often as many come from the best of them. may_load: the machine's additional
     mass may be asked for, where somebody can put it on. It is asked for where no effect is named: what is left at another
-    load is another rest, and a cause has the same number in both.
+    load is another rest, and a cause has the same number in both. largest: share of the machine's limits to use.
 
     Raises HexsimError where no motion of the family can be simulated.
     """
@@ -125,7 +125,9 @@ def next_measurement(
     numbers = tuple(asked.first.numbers)
     wanted = worst(numbers) if len(asked.labels) == 1 else None
     may_load = may_load and trace.machine.load.additional_mass_kg is not None
-    family = MotionFamily(trace.machine, duration_s, may_load and bool(numbers), must_load=may_load and not numbers)
+    family = MotionFamily(
+        trace.machine, duration_s, may_load and bool(numbers), must_load=may_load and not numbers, largest=largest
+    )
     tried = _search(family, partial(_promise, family, asked), wanted, (first, rounds), say)
     if not tried:
         raise HexsimError(
