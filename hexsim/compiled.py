@@ -17,6 +17,8 @@ from typing import Any
 
 from llvmlite.ir import Constant
 from numba import config, njit, types
+from numba.core import sigutils
+from numba.core.ccallback import CFunc
 from numba.extending import intrinsic
 
 
@@ -32,10 +34,31 @@ def compiled(function: Callable[..., Any]) -> Any:
     except RuntimeError:  # no locator: neither the package's folder nor the user's can be written
         config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
         dispatcher = njit(nogil=True, **options)(function)
-    stored = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+    return _versioned(dispatcher)
+
+
+def compiled_callback(signature: Any) -> Callable[[Callable[..., Any]], Any]:
+    """A native C function of a signature, cached as `compiled` ones are (`numba.cfunc` compiles before the cache has a version)."""
+
+    def made(function: Callable[..., Any]) -> Any:
+        callback = CFunc(function, sigutils.normalize_signature(signature), {}, {"error_model": "numpy"})
+        try:
+            callback.enable_caching()
+        except RuntimeError:  # no locator, see `compiled`
+            config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
+            callback.enable_caching()
+        _versioned(callback).compile()
+        return callback
+
+    return made
+
+
+def _versioned(made: Any) -> Any:
+    """What numba made, with a cache that holds for the present sources alone."""
+    stored = getattr(getattr(made, "_cache", None), "_cache_file", None)
     if stored is not None and hasattr(stored, "_version"):  # absent when numba runs without a cache
         stored._version = (stored._version, sources_digest())
-    return dispatcher
+    return made
 
 
 def _borrowed(typing_context: Any, value: Any) -> Any:
