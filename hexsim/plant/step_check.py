@@ -123,5 +123,5 @@ def _changing(context: Any) -> list[Array]:
     """Arrays of a context that steps change."""
     return [
         context.next_step, context.level, context.slow, context.velocity_before, context.spool_volts, context.apart,
-        context.timestep, context.error,
+        context.timestep, context.error, *context.bends,
     ]  # fmt: skip

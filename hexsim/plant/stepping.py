@@ -27,7 +27,15 @@ from numpy.typing import NDArray
 from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, valve
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
-from hexsim.hydraulics.steps import LONGEST_S, SHORTEST_S, StepRule, count_steps, leg_steps, near_standstill, power_unit_steps
+from hexsim.hydraulics.steps import (
+    LONGEST_S,
+    SHORTEST_S,
+    StepRule,
+    count_steps,
+    leg_steps,
+    near_standstill,
+    power_unit_steps,
+)
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant.callbacks import leg_state, supply_pressure, supply_state
 from hexsim.plant.structs import time_view, timestep_view
@@ -35,12 +43,17 @@ from hexsim.plant.structs import time_view, timestep_view
 Array = NDArray[np.float64]
 RK4_STAGES = 4
 BAND_Hz = 50.0  # in which motion is judged
-KICK = 2.0 * BAND_Hz  # [1/s] acceleration in that band after a jump of the velocity by 1 m/s: peak of the ideal low pass
+KICK = (
+    2.0 * BAND_Hz
+)  # [1/s] acceleration in that band after a jump of the velocity by 1 m/s: peak of the ideal low pass
 RING = 0.1  # of an error of a pressure: its estimate is of second order, RK4's error of a smooth ring a tenth of it and less
-TOLERANCE = 2.0e-4  # of a step, relative to the peak of the acceleration in the band; what adds up: docs/results/step.md
+TOLERANCE = (
+    2.0e-4  # of a step, relative to the peak of the acceleration in the band; what adds up: docs/results/step.md
+)
 LEVEL_S = 3.0  # in which that peak is forgotten: a motion is judged by its own peak, not by a crash before it
 LEAST_LEVEL = 0.01  # [m/s2] a fifth of what people feel: a machine at rest needs no short steps for its sensors' noise
 SAFE, LEAST_SHARE, LARGEST_SHARE = 0.9, 0.2, 2.0  # of the next step over the last one
+LONGER = 0.1  # of a step: so much longer it may be to fill the span, where SAFE has made it shorter
 FROM_POSITION, ALL_SENSORS = 1, 0  # mjSTAGE_POS: what depends on positions alone is there; no sensor is left out
 
 
@@ -93,6 +106,8 @@ class StepContext(NamedTuple):
     slow: Array  # acceleration behind a low pass of the band (nv,) [m/s2]
     reach: Array  # what a unit of qacc is at the joints of the platform (nv,): 1, or a radius [m]; 0: not judged
     push: Array  # acceleration of the leg that a unit of a state in act makes (na,) [m/s2]
+    tolerance: float  # of a step's error, relative to `level`
+    bends: tuple  # of velocities (nv,) and states (na,): of this step, and of the one before with its length (1,) [s]
     begun: tuple  # qpos, qvel, act, qacc, act_dot and time at the beginning of a step
     count: NDArray[np.int64]  # (1,) ticks done, and the row of the record to write
     qpos: Array
@@ -146,7 +161,8 @@ def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> St
         is_tendon=plant.is_tendon, is_recorded=is_recorded, is_chosen=steps == 0, refined=1, rule=plant.step_rule(), tick_s=tick_s,
         parts=parts, steps=np.array([steps]), constant_s=plant.timestep or LONGEST_S, timestep=timestep_view(model), time=time_view(data),
         next_step=np.full(1, LONGEST_S), error=np.zeros(1), level=np.full(1, LEAST_LEVEL), slow=np.zeros(model.nv),
-        reach=plant.reach(), push=plant.push(),
+        reach=plant.reach(), push=plant.push(), tolerance=TOLERANCE,
+        bends=tuple(np.zeros(k) for k in (model.nv, model.na, model.nv, model.na)) + (np.ones(1),),
         begun=tuple(np.zeros(k) for k in (model.nq, model.nv, model.na, model.nv, model.na, 1)), count=np.zeros(1, np.int64), user=model.actuator_user[: len(plant.layout)], leg_length=data.actuator_length[:n],
         leg_velocity=data.actuator_velocity[:n], velocity_before=np.zeros(n),
         qpos=data.qpos, qvel=data.qvel, qacc=data.qacc, act=data.act, act_dot=data.act_dot, ctrl=data.ctrl,
@@ -210,23 +226,43 @@ def take_back(context):
 
 
 @compiled
-def last_error(context, h):
-    """Error of the step just done, as an acceleration in the 50 Hz band [m/s2]: RK4 less the trapezoid of its first and last stage.
+def bend(h, start, end, moved):
+    """k1 - 2 k23 + k4 of a step, times h/3: RK4 less the trapezoid of its first and last stage. k23 is the mean of the inner
+    stages, which follows from what the step has moved, h (k1 + 4 k23 + k4)/6."""
+    return h * (start + end) * 0.5 - moved
 
-    h (k1 - 2 k23 + k4)/3, k23 the mean of the inner stages, which follows from the step itself: of second order where the
-    laws are smooth, and as large as what a jump within the step costs.
+
+@compiled
+def unforeseen(now, before, ratio):
+    """What of a step's bend the bend of the step before does not foretell; h^3/12 of a third derivative goes on where the laws are smooth."""
+    return min(abs(now), abs(now - ratio * before))
+
+
+@compiled
+def last_error(context, h):
+    """Error of the step just done, as an acceleration in the 50 Hz band [m/s2].
+
+    As large as what a jump within the step costs; of fourth order in h where the laws are smooth, as RK4's is of fifth.
     """
     _, qvel, act, qacc, act_dot, _ = context.begun
-    moved, pushed = 0.0, 0.0
+    _, _, was_moved, was_pushed, was_h = context.bends
+    moved, pushed, ratio = 0.0, 0.0, (h / was_h[0]) ** 3
     for i in range(context.reach.shape[0]):
         if context.reach[i] > 0.0:
-            ends = h * (qacc[i] + context.qacc[i])
-            moved = max(moved, context.reach[i] * abs(0.5 * ends - (context.qvel[i] - qvel[i])))
+            context.bends[0][i] = now = bend(h, qacc[i], context.qacc[i], context.qvel[i] - qvel[i])
+            moved = max(moved, context.reach[i] * unforeseen(now, was_moved[i], ratio))
     for i in range(context.push.shape[0]):
         if context.push[i] > 0.0:
-            ends = h * (act_dot[i] + context.act_dot[i])
-            pushed = max(pushed, context.push[i] * abs(0.5 * ends - (context.act[i] - act[i])))
+            context.bends[1][i] = now = bend(h, act_dot[i], context.act_dot[i], context.act[i] - act[i])
+            pushed = max(pushed, context.push[i] * unforeseen(now, was_pushed[i], ratio))
     return moved * KICK + pushed * RING
+
+
+@compiled
+def keep_bends(context, h):
+    """A step is done: its bends are those before the next one."""
+    moved, pushed, was_moved, was_pushed, was_h = context.bends
+    was_moved[:], was_pushed[:], was_h[0] = moved, pushed, h
 
 
 @compiled
@@ -292,9 +328,9 @@ def _evaluate(context, is_located):
 def march(context, record, row, span, middle):
     """The steps of `span`, from an evaluated state on; their number. middle [s]: from here to the tick's middle."""
     rule = context.steps[0] * context.refined
-    steps = max(rule, math.ceil(span / context.next_step[0] - 1e-6)) if context.is_chosen else rule
+    steps = max(rule, math.ceil(span / context.next_step[0] - LONGER)) if context.is_chosen else rule
     longest, h, left, done, is_evaluated = span / rule, span / steps, span, 0, True
-    tolerance = TOLERANCE / context.refined**3 * context.level[0]
+    tolerance = context.tolerance / context.refined**3 * context.level[0]
     while steps > 0:
         if not is_evaluated:
             _evaluate(context, False)
@@ -314,11 +350,12 @@ def march(context, record, row, span, middle):
         else:
             is_evaluated = False
         context.error[0] += error
+        keep_bends(context, h)
         if context.is_recorded:
             note_middle(context, record, row, h, middle)
         done, steps, left, middle = done + 1, steps - 1, left - h, middle - h
         if context.is_chosen and steps > 0:
-            planned = max(math.ceil(left / min(context.next_step[0], longest) - 1e-6), 1)
+            planned = max(max(math.ceil(left / context.next_step[0] - LONGER), math.ceil(left / longest - 1e-6)), 1)
             if planned != steps:
                 steps, h = planned, left / planned
     return done
