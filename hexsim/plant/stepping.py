@@ -162,8 +162,9 @@ def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> St
         parts=parts, steps=np.array([steps]), constant_s=plant.timestep or LONGEST_S, timestep=timestep_view(model), time=time_view(data),
         next_step=np.full(1, LONGEST_S), error=np.zeros(1), level=np.full(1, LEAST_LEVEL), slow=np.zeros(model.nv),
         reach=plant.reach(), push=plant.push(), tolerance=TOLERANCE,
-        bends=tuple(np.zeros(k) for k in (model.nv, model.na, model.nv, model.na)) + (np.ones(1),),
-        begun=tuple(np.zeros(k) for k in (model.nq, model.nv, model.na, model.nv, model.na, 1)), count=np.zeros(1, np.int64), user=model.actuator_user[: len(plant.layout)], leg_length=data.actuator_length[:n],
+        bends=tuple(np.zeros(k) for k in (model.nv, model.na, model.nv, model.na, 1)),
+        begun=tuple(np.zeros(k) for k in (model.nq, model.nv, model.na, model.nv, model.na, 1)),
+        count=np.zeros(1, np.int64), user=model.actuator_user[: len(plant.layout)], leg_length=data.actuator_length[:n],
         leg_velocity=data.actuator_velocity[:n], velocity_before=np.zeros(n),
         qpos=data.qpos, qvel=data.qvel, qacc=data.qacc, act=data.act, act_dot=data.act_dot, ctrl=data.ctrl,
         lengths=data.ten_length, slides=np.zeros(0, np.int64) if plant.is_tendon else plant.slides.astype(np.int64),
@@ -234,7 +235,7 @@ def bend(h, start, end, moved):
 
 @compiled
 def unforeseen(now, before, ratio):
-    """What of a step's bend the bend of the step before does not foretell; h^3/12 of a third derivative goes on where the laws are smooth."""
+    """What of a step's bend the bend of the step before does not foretell; a smooth law's goes on."""
     return min(abs(now), abs(now - ratio * before))
 
 
@@ -246,7 +247,7 @@ def last_error(context, h):
     """
     _, qvel, act, qacc, act_dot, _ = context.begun
     _, _, was_moved, was_pushed, was_h = context.bends
-    moved, pushed, ratio = 0.0, 0.0, (h / was_h[0]) ** 3
+    moved, pushed, ratio = 0.0, 0.0, (h / was_h[0]) ** 3 if was_h[0] > 0.0 else 0.0
     for i in range(context.reach.shape[0]):
         if context.reach[i] > 0.0:
             context.bends[0][i] = now = bend(h, qacc[i], context.qacc[i], context.qvel[i] - qvel[i])
