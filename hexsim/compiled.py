@@ -17,7 +17,8 @@ from typing import Any
 
 from llvmlite.ir import Constant
 from numba import config, njit, types
-from numba.core import event
+from numba.core import event, sigutils
+from numba.core.ccallback import CFunc
 from numba.extending import intrinsic
 
 from compensation.compiled_cache import check_cache, temporary_cache
@@ -39,6 +40,23 @@ def compiled(function: Callable[..., Any]) -> Any:
         dispatcher = njit(nogil=True, **options)(function)
     check_cache(dispatcher, sources_digest())
     return dispatcher
+
+
+def compiled_callback(signature: Any) -> Callable[[Callable[..., Any]], Any]:
+    """A native C function of a signature, cached as `compiled` ones are (`numba.cfunc` compiles before the cache has a version)."""
+
+    def made(function: Callable[..., Any]) -> Any:
+        callback = CFunc(function, sigutils.normalize_signature(signature), {}, {"error_model": "numpy"})
+        try:
+            callback.enable_caching()
+        except RuntimeError:  # no locator, see `compiled`
+            config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
+            callback.enable_caching()
+        check_cache(callback, sources_digest())
+        callback.compile()
+        return callback
+
+    return made
 
 
 def _borrowed(typing_context: Any, value: Any) -> Any:

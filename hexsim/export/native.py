@@ -36,7 +36,7 @@ from hexsim.motion_computer.declared_control import control_of
 from hexsim.plant import Plant
 from hexsim.plant.callbacks import native_callbacks
 from hexsim.plant.states import ROW
-from hexsim.plant.stepping import choose_steps
+from hexsim.plant.stepping import asked_steps
 from hexsim.sensors.bank import SensorBank, measure
 
 HEADERS = Path(mujoco.__path__[0]) / "include"
@@ -59,12 +59,8 @@ class StepView(NamedTuple):
     leg_velocity: Any
     velocity_before: Any
     offsets: Any
-    calm_s: Any
     rule: Any
-    timestep: Any
-    count: Any
-    tick_s: Any
-    steps: Any
+    time: Any
 
 
 def equations(plant: Plant) -> dict[str, Any]:
@@ -72,6 +68,7 @@ def equations(plant: Plant) -> dict[str, Any]:
     number, pointer = types.float64, types.CPointer(types.float64)
     n_legs, n_actuators, n_states = plant.n_legs, len(plant.layout), plant.model.na
     stiffness, own_frequency, rule_of, rate = steps.stiffness, steps.own_frequency, steps.rule_of, steps.supply_rate
+    steps_by_rule = steps.count_steps_by_rule
 
     @cfunc(number(pointer, pointer), error_model="numpy")
     def stiff(row, out):
@@ -86,15 +83,18 @@ def equations(plant: Plant) -> dict[str, Any]:
         return 0.0
 
     @cfunc(number(*[pointer] * 9, number, number), error_model="numpy")
-    def choose(user, act, ctrl, length, velocity, before, remembered, numbers, timestep, count, span_s):
-        rows, chosen = carray(user, (n_actuators, ROW)), carray(remembered, (2,))
+    def choose(user, act, ctrl, length, velocity, before, calm_s, numbers, timestep, time, span_s):
+        rows = carray(user, (n_actuators, ROW))
         view = StepView(
             rows, carray(act, (n_states,)), carray(ctrl, (n_actuators,)), carray(length, (n_legs,)),
-            carray(velocity, (n_legs,)), carray(before, (n_legs,)), rows[:n_legs, P.LENGTH_OFFSET], chosen[:1],
-            StepRule(numbers[0], numbers[1], numbers[2], numbers[3]), carray(timestep, (1,)), (count,), span_s, chosen[1:],
+            carray(velocity, (n_legs,)), carray(before, (n_legs,)), rows[:n_legs, P.LENGTH_OFFSET],
+            StepRule(numbers[0], numbers[1], numbers[2], numbers[3]), (time,),
         )  # fmt: skip
-        choose_steps(view, span_s)
-        return chosen[1]
+        asked, near = asked_steps(view)
+        calm_s[0] = 0.0 if near else calm_s[0] + span_s
+        steps = steps_by_rule(view.rule, asked, calm_s[0], span_s)
+        timestep[0] = span_s / steps
+        return steps
 
     @cfunc(types.void(number, pointer, pointer, number, number), error_model="numpy")
     def hysteresis(volts, spool_volts, apart, half_width, spread):

@@ -218,7 +218,7 @@ static void advance_part(Instance *c, double span) {
   mj.checkAcc(c->model, c->data);
   double steps = TIMESTEP > 0 ? 1 : hexsim_choose(c->model->actuator_user, d->act, d->ctrl, d->actuator_length,
                                                   d->actuator_velocity, now->velocity_before, now->calm_s, now->rule,
-                                                  &c->model->opt.timestep, round(d->time / span), span);
+                                                  &c->model->opt.timestep, d->time, span);
   mj.RungeKutta(c->model, c->data, 4);
   for (int k = 1; k < steps; k++) mj.step(c->model, c->data);
 }

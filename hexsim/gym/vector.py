@@ -19,6 +19,7 @@ from hexsim.errors import HexsimError
 from hexsim.gym.environment import legs_of
 from hexsim.gym.task import LARGEST, N_SEEN, SHARPEST_STEPS_A_SECOND, Episodes, Task, options_of, task_of
 from hexsim.hydraulics.parameters import P
+from hexsim.hydraulics.valve import delay_in_ticks
 from hexsim.plant import Plant
 from hexsim.plant.callbacks import pressures_of
 from hexsim.plant.mjcf import ModelKind
@@ -70,10 +71,10 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
             np.stack([plant.rows[:, p] for plant in plants]) for p in (P.HYSTERESIS, P.HYSTERESIS_SPREAD)
         )
         self.threshold = np.maximum(self.hysteresis - spread, 0.0)
-        self.delay = np.stack(
-            [np.rint(plant.rows[:, P.VALVE_DELAY] / self.task.tick_s).astype(int) for plant in plants]
-        )
-        self.past = np.zeros((int(self.delay.max()) + 1, self.num_envs, first.n_legs))
+        delays = [delay_in_ticks(plant.rows[:, P.VALVE_DELAY], self.task.tick_s) for plant in plants]
+        self.delay = np.stack([whole for whole, _ in delays])
+        self.part = np.stack([rest for _, rest in delays]) / self.task.tick_s  # of a tick
+        self.past = np.zeros((int(self.delay.max()) + 2, self.num_envs, first.n_legs))
         self.spool_volts, self.apart = np.zeros((2, self.num_envs, first.n_legs))
         self.batch = Batch(first.model, self.num_envs, self.threads)
         self.batch.set_models(self.models)
@@ -122,13 +123,18 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
         return seen, np.nan_to_num(rewards), failed, over, infos
 
     def _delayed(self, volts: np.ndarray) -> np.ndarray:
-        """Volts of so many ticks ago as each valve is late; before the first tick those of the first."""
+        """Volts of so many ticks ago as each valve is late; before the first tick those of the first.
+
+        MuJoCo steps a batch with constant controls: of a delay that ends within a tick, the tick's mean.
+        """
         step, size = self.episodes.step, len(self.past)
         every = np.arange(self.num_envs)
         fresh = step == 0
         self.past[:, fresh] = volts[fresh]
         self.past[step % size, every] = volts
-        return self.past[(step[:, None] - self.delay) % size, every[:, None], np.arange(volts.shape[1])]
+        legs, now = np.arange(volts.shape[1]), step[:, None] - self.delay
+        late, later = (self.past[k % size, every[:, None], legs] for k in (now, now - 1))
+        return late + self.part * (later - late)
 
     def _legs(self) -> tuple[np.ndarray, np.ndarray]:
         return legs_of(self.plant, self.state["qpos"], self.state["qvel"])

@@ -6,14 +6,13 @@
                           -(dq/dP1)/C / FLOW                             open valve at little pressure drop
                           1/FASTEST_LAW_S, omega_oil/CROSSING            where a chamber may cavitate within SOON_S, or did
                           1/FASTEST_LAW_S                                accumulator empty
-                          max eig(A G)/STIFF  near standstill            G: slope of the friction at v = 0
-                          1/RINGING_S  near standstill and for RINGING_FOR_S after it )
+                          max eig(A G)/STIFF  near standstill )          G: slope of the friction at v = 0
 
 A (n_legs, n_legs) [1/kg] is the acceleration of each leg for a force on each. RK4 is stable up to h lambda = 2.78 on a
-real eigenvalue and delays a ring by (h omega)^4/120 of its phase. A reversal excites the oil springs; what of their ring
-lies in the 50 Hz band needs the shorter step until it has died. Laws faster than FASTEST_LAW_S ask for no shorter step:
+real eigenvalue and delays a ring by (h omega)^4/120 of its phase. Laws faster than FASTEST_LAW_S ask for no shorter step:
 they are slowed to it (`leg.leg_derivatives`, `supply.line_rate`).
-The errors that these numbers leave: docs/results/step.md.
+This is what keeps a step stable. What makes it accurate is the plant's own error of each step (`plant.stepping`); fits
+and FMUs, which have none, step for accuracy at a reversal too: RINGING_S near standstill and for RINGING_FOR_S after it.
 """
 
 from __future__ import annotations
@@ -195,13 +194,18 @@ def power_unit_steps(s, pump_pressure):
 
 
 @compiled
-def count_steps(rule, steps_a_second, calm_s, span_s):
-    """Whole steps of the next `span_s`, calm_s after a leg was last near standstill (0: one is)."""
+def count_steps(rule, steps_a_second, is_near, span_s):
+    """Whole steps of the next `span_s` that are stable. is_near: whether a leg is near standstill."""
     steps = max(rule.steady, steps_a_second)
-    if calm_s < RINGING_FOR_S:
-        steps = max(steps, 1.0 / RINGING_S)
-    if calm_s <= 0.0:
+    if is_near:
         steps = max(steps, rule.standstill)
     if not steps < 1.0 / SHORTEST_S:  # NaN of a diverging run too
         steps = 1.0 / SHORTEST_S
     return max(math.ceil(steps * span_s - 1e-6), 1)
+
+
+@compiled
+def count_steps_by_rule(rule, steps_a_second, calm_s, span_s):
+    """`count_steps` for who has no error of a step: calm_s after a leg was last near standstill (0: one is)."""
+    asked = max(steps_a_second, 1.0 / RINGING_S) if calm_s < RINGING_FOR_S else steps_a_second
+    return count_steps(rule, asked, calm_s <= 0.0, span_s)

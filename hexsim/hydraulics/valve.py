@@ -12,6 +12,8 @@ The regularised root keeps the sign of dp (flow in both directions), differs fro
 
 import math
 
+import numpy as np
+
 from hexsim.compiled import compiled
 
 
@@ -95,6 +97,17 @@ def clearance_conductance(x, overlap, conductance, length):
     Poiseuille flow through the remaining sealing length; an open edge leaks no more than at its corner.
     """
     return conductance / (1.0 + max(overlap - x, 0.0) / length)
+
+
+@compiled
+def delay_in_ticks(delay_s, tick_s):
+    """Whole ticks of each delay (n_legs,), and what is left of a tick [s]: the volts, constant over a tick, change within one.
+
+    A rest below a millionth of a tick is rounding.
+    """
+    whole = np.floor(delay_s / tick_s + 1e-6).astype(np.int64)
+    rest = delay_s - whole * tick_s
+    return whole, np.where(rest > 1e-6 * tick_s, rest, 0.0)
 
 
 @compiled

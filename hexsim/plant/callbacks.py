@@ -25,10 +25,10 @@ from functools import cache
 import mujoco
 import numpy as np
 from llvmlite import ir
-from numba import carray, cfunc, types
+from numba import carray, types
 from numba.extending import intrinsic, overload
 
-from hexsim.compiled import compiled
+from hexsim.compiled import compiled, compiled_callback
 from hexsim.errors import HexsimError
 from hexsim.hydraulics import chamber, learned, leg, supply
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
@@ -162,7 +162,7 @@ def native_callbacks() -> tuple:
     signature = types.float64(types.voidptr, types.voidptr, types.int32)
     of_leg, of_supply = states.LEG, states.SUPPLY
 
-    @cfunc(signature, error_model="numpy")
+    @compiled_callback(signature)
     def act_dyn(model, data, i):
         fields, words = carray(model, (_WORDS,), types.uintp), carray(data, (_WORDS,), types.uintp)
         if fields[width_slot] != ROW:
@@ -186,7 +186,7 @@ def native_callbacks() -> tuple:
         from_legs[2 * i], from_legs[2 * i + 1] = leg_rates(p, places, act, act_dot, y, v, ctrl[i], t, h)
         return act_dot[int(places[A.PRESSURE])]
 
-    @cfunc(signature, error_model="numpy")
+    @compiled_callback(signature)
     def act_bias(model, data, i):
         fields, words = carray(model, (_WORDS,), types.uintp), carray(data, (_WORDS,), types.uintp)
         if fields[width_slot] != ROW:

@@ -18,8 +18,9 @@ from hexsim.hydraulics.effects import Effect
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.resolve import add_effects, check_load, resolve, warm_oil
 from hexsim.hydraulics.resolved import Resolved
-from hexsim.hydraulics.steps import StepRule, step_rule
+from hexsim.hydraulics.steps import LONGEST_S, StepRule, step_rule
 from hexsim.hydraulics.supply import POWER_UNIT, S, U
+from hexsim.hydraulics.valve import delay_in_ticks
 from hexsim.plant import start, stepping
 from hexsim.plant.callbacks import install_hydraulics, installed, pressures_of
 from hexsim.plant.mjcf import ModelKind, build_spec
@@ -115,7 +116,6 @@ class Plant:
 
     def switch_on(self, effect: Effect, legs: tuple[int, ...], values: dict[str, float]) -> None:
         """Add an effect in flight; one of `later`. Its spool begins at its command, its bristle in balance with friction."""
-        self._close_tick()
         before = self.rows.copy()
         add_effects(self.resolved, [(effect, legs, values)])
         _, model = self._compile()
@@ -125,9 +125,13 @@ class Plant:
                 there[...] = getattr(model, name)
         self.model.opt.gravity = model.opt.gravity
         self.context.hysteresis[:] = self.rows[:, P.HYSTERESIS]
-        self.context.delay[:] = np.rint(self.rows[:, P.VALVE_DELAY] / self.context.tick_s)
+        self.follow_delay()
         start.begin_states(self, before)
         self.keep_rows()
+
+    def follow_delay(self) -> None:
+        """Take the valves' delay from the rows."""
+        self.context.delay[:], self.context.part_s[:] = delay_in_ticks(self.rows[:, P.VALVE_DELAY], self.context.tick_s)
 
     def prepare(self, rate_Hz: float, ticks: int = 0) -> None:
         """Ticks at `rate_Hz` from now on; the next `ticks` of them are written down in `record`."""
@@ -166,7 +170,8 @@ class Plant:
             start.start_supply(self)
         start.hold_still(self, self.static_pressures())
         self.context.count[0], self.context.spool_volts[:], self.context.apart[:] = 0, 0.0, 0.0
-        self.context.calm_s[0], self.context.velocity_before[:] = 0.0, 0.0
+        self.context.velocity_before[:] = 0.0
+        self.context.next_step[0], self.context.level[0], self.context.slow[:] = LONGEST_S, stepping.LEAST_LEVEL, 0.0
         self.history: list[tuple[float, np.ndarray, np.ndarray]] = []
         self.keep_rows()
         mujoco.mj_forward(self.model, data)
@@ -176,27 +181,36 @@ class Plant:
         if self.history and self.history[-1][0] == self.data.time:
             self.history.pop()
         self.history.append((self.data.time, self.rows.copy(), self.resolved.supply.copy()))
-        self.context = self.context._replace(rule=self.step_rule())
+        self.context = self.context._replace(rule=self.step_rule(), push=self.push())
 
     def step_rule(self) -> StepRule:
         """What the machine as it is now asks of the time step."""
         modes = [2 * np.pi * mode.frequency_Hz for mode in self.resolved.payload_modes]
         return step_rule(self.rows, self.resolved.supply, self.compliance, max(modes, default=0.0))
 
-    def _close_tick(self) -> None:
-        """Before the machine changes in flight: the acceleration that ends the last tick, for its `middle`."""
-        row = int(self.context.count[0]) - 1
-        if not self.context.is_recorded or row < 0 or self.record.steps[row] != 1 or self.record.is_closed[row]:
-            return
-        mujoco.mj_forward(self.model, self.data)
-        self.record.middle[row] += 0.125 * self.context.tick_s * (self.record.qacc[row] - self.data.qacc)
-        self.record.is_closed[row] = True
+    def reach(self) -> Array:
+        """What a unit of each generalised acceleration is at the platform's joints (nv,): 1, or their radius [m]."""
+        reach = np.zeros(self.model.nv)
+        if not self.kinematics.has_platform:
+            reach[0] = 1.0
+            return reach
+        reach[:3] = 1.0
+        reach[3:6] = np.linalg.norm(self.kinematics.platform_joints[:, :2], axis=1).max()
+        return reach
+
+    def push(self) -> Array:
+        """Acceleration of a leg [m/s2] that a unit of each state of `act` makes (na,): of its pressures [MPa]."""
+        push, own = np.zeros(self.model.na), np.diag(self.compliance)
+        bottom, top = self.layout[: self.n_legs, A.PRESSURE], self.layout[: self.n_legs, A.ROD_SIDE]
+        push[bottom.astype(int)] = own * self.rows[:, P.AREA_BOTTOM] * MPa
+        for i in np.flatnonzero(top >= 0):
+            push[int(top[i])] = own[i] * self.rows[i, P.AREA_TOP] * MPa
+        return push
 
     def change_row(self, leg: int | slice, place: int, value: float) -> None:
         """Change one number of a leg (from 0), or of several, in flight."""
         if np.all(self.rows[leg, place] == value):
             return
-        self._close_tick()
         self.rows[leg, place] = value
         self.model.actuator_user[: self.n_legs, :N_PARAMETERS] = self.rows
         self.keep_rows()
@@ -216,7 +230,6 @@ class Plant:
 
     def move_centre_of_mass(self, centre_m: Array) -> None:
         """Centre of mass (3,) [m] of a hexapod's platform in its frame; its moments of inertia stay."""
-        self._close_tick()
         body = self.model.body("platform").id
         self.model.body_sameframe[body] = 0  # mjSAMEFRAME_NONE: centre of mass and frame part now
         self.model.body_ipos[body] = centre_m

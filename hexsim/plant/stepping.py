@@ -2,7 +2,9 @@
 # (MuJoCo's bindings carry no types, and numba's intrinsics are called without their typing context)
 """One tick of the plant, compiled: the valve's delay and hysteresis, the state written down, the time steps.
 
-The steps are RK4's, either constant or chosen anew at least every `steps.LONGEST_S` by the rule in `hydraulics.steps`.
+The steps are RK4's, either constant or chosen: no longer than the rule in `hydraulics.steps` asks for, which keeps them
+stable, and no longer than the error of the last one allows. A step whose error is too large is taken back and done again
+in smaller ones, so that kinks (a valve's edge, the sign of the friction) are passed with short steps and nothing else is.
 RK4 remembers nothing of its last step, so the step may change at any time.
 
 MuJoCo's own functions are called by their addresses, so that the tick is cached and needs no Python: a control tick in
@@ -25,13 +27,33 @@ from numpy.typing import NDArray
 from hexsim.compiled import compiled
 from hexsim.hydraulics import leg, valve
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
-from hexsim.hydraulics.steps import LONGEST_S, StepRule, count_steps, leg_steps, near_standstill, power_unit_steps
+from hexsim.hydraulics.steps import (
+    LONGEST_S,
+    SHORTEST_S,
+    StepRule,
+    count_steps,
+    leg_steps,
+    near_standstill,
+    power_unit_steps,
+)
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant.callbacks import leg_state, supply_pressure, supply_state
-from hexsim.plant.structs import timestep_view
+from hexsim.plant.structs import time_view, timestep_view
 
 Array = NDArray[np.float64]
 RK4_STAGES = 4
+BAND_Hz = 50.0  # in which motion is judged
+KICK = (
+    2.0 * BAND_Hz
+)  # [1/s] acceleration in that band after a jump of the velocity by 1 m/s: peak of the ideal low pass
+RING = 0.1  # of an error of a pressure: its estimate is of second order, RK4's error of a smooth ring a tenth of it and less
+TOLERANCE = (
+    2.0e-4  # of a step, relative to the peak of the acceleration in the band; what adds up: docs/results/step.md
+)
+LEVEL_S = 3.0  # in which that peak is forgotten: a motion is judged by its own peak, not by a crash before it
+LEAST_LEVEL = 0.01  # [m/s2] a fifth of what people feel: a machine at rest needs no short steps for its sensors' noise
+SAFE, LEAST_SHARE, LARGEST_SHARE = 0.9, 0.2, 2.0  # of the next step over the last one
+LONGER = 0.1  # of a step: so much longer it may be to fill the span, where SAFE has made it shorter
 FROM_POSITION, ALL_SENSORS = 1, 0  # mjSTAGE_POS: what depends on positions alone is there; no sensor is left out
 
 
@@ -69,18 +91,30 @@ class StepContext(NamedTuple):
     runge_kutta: int
     is_tendon: bool
     is_recorded: bool
-    is_chosen: bool  # whether `rule` chooses the steps
+    is_chosen: bool  # whether `rule` and error choose the steps
+    refined: int  # 1; 2: in steps half as long, to measure the error
     rule: StepRule
     tick_s: float
     parts: int  # equal parts of a tick, each with steps of its own
-    steps: NDArray[np.int64]  # (1,) time steps of a part
+    steps: NDArray[np.int64]  # (1,) time steps that the rule asks for until the volts change or the part ends
+    constant_s: float  # the step where none is chosen
     timestep: Array  # (1,) view of the model's [s]
-    calm_s: Array  # (1,) since a leg was near standstill
+    time: Array  # (1,) view of the data's [s]
+    next_step: Array  # (1,) the step that the last error allows [s]
+    error: Array  # (1,) sum of the steps' errors [m/s2]
+    level: Array  # (1,) peak of the acceleration in the band so far, forgotten within LEVEL_S [m/s2]
+    slow: Array  # acceleration behind a low pass of the band (nv,) [m/s2]
+    reach: Array  # what a unit of qacc is at the joints of the platform (nv,): 1, or a radius [m]; 0: not judged
+    push: Array  # acceleration of the leg that a unit of a state in act makes (na,) [m/s2]
+    tolerance: float  # of a step's error, relative to `level`
+    bends: tuple  # of velocities (nv,) and states (na,): of this step, and of the one before with its length (1,) [s]
+    begun: tuple  # qpos, qvel, act, qacc, act_dot and time at the beginning of a step
     count: NDArray[np.int64]  # (1,) ticks done, and the row of the record to write
     qpos: Array
     qvel: Array
     qacc: Array
     act: Array
+    act_dot: Array
     ctrl: Array
     user: Array  # rows of legs and supply with their layouts (n_actuators, ROW)
     leg_length: Array  # of the last evaluation
@@ -91,7 +125,8 @@ class StepContext(NamedTuple):
     offsets: Array  # length at full retraction (n_legs,)
     hysteresis: Array  # [V]
     spread: Array  # of the hysteresis over the threshold, half widths [V]
-    delay: NDArray[np.int64]  # [ticks]
+    delay: NDArray[np.int64]  # whole ticks
+    part_s: Array  # of a tick, the rest of the delay (n_legs,) [s]: so long the volts of the tick before stay
     past: Array  # volts of the last ticks (longest delay + 1, n_legs), a ring
     spool_volts: Array  # what reaches the spools (n_legs,)
     apart: Array  # the valves' two plays [V] (n_legs,)
@@ -107,9 +142,9 @@ class Record(NamedTuple):
     middle: Array  # velocities in the middle of the tick; see `mean_acceleration`
     act: Array
     volts: Array  # commanded
-    spool_volts: Array  # after delay, backlash and faults
+    spool_volts: Array  # after delay, backlash and faults, at the beginning of the tick
+    reached: Array  # the same once a delay within the tick is over
     steps: NDArray[np.int64]  # (m,) time steps of the tick
-    is_closed: NDArray[np.bool_]  # (m,) whether `middle` holds the acceleration at the tick's end already
 
 
 def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> StepContext:
@@ -117,30 +152,34 @@ def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> St
     model, data, rows, n = plant.model, plant.data, plant.rows, plant.n_legs
     parts = 1 if steps or tick_s < 1.001 * LONGEST_S else 2 * math.ceil(tick_s / LONGEST_S / 2 - 1e-6)  # even: a middle
     model.opt.timestep = plant.timestep or tick_s / parts
-    delay = np.rint(rows[:, P.VALVE_DELAY] / tick_s).astype(np.int64)
+    delay, part_s = valve.delay_in_ticks(rows[:, P.VALVE_DELAY], tick_s)
     return StepContext(
         model=model._address, data=data._address,
         step=_address("mj_step"), forward=_address("mj_forward"),
         position=_address("mj_fwdPosition"), forward_from=_address("mj_forwardSkip"),
         check=_address("mj_checkAcc"), runge_kutta=_address("mj_RungeKutta"),
-        is_tendon=plant.is_tendon, is_recorded=is_recorded, is_chosen=steps == 0, rule=plant.step_rule(), tick_s=tick_s,
-        parts=parts, steps=np.array([steps]), timestep=timestep_view(model), calm_s=np.zeros(1),
+        is_tendon=plant.is_tendon, is_recorded=is_recorded, is_chosen=steps == 0, refined=1, rule=plant.step_rule(), tick_s=tick_s,
+        parts=parts, steps=np.array([steps]), constant_s=plant.timestep or LONGEST_S, timestep=timestep_view(model), time=time_view(data),
+        next_step=np.full(1, LONGEST_S), error=np.zeros(1), level=np.full(1, LEAST_LEVEL), slow=np.zeros(model.nv),
+        reach=plant.reach(), push=plant.push(), tolerance=TOLERANCE,
+        bends=tuple(np.zeros(k) for k in (model.nv, model.na, model.nv, model.na, 1)),
+        begun=tuple(np.zeros(k) for k in (model.nq, model.nv, model.na, model.nv, model.na, 1)),
         count=np.zeros(1, np.int64), user=model.actuator_user[: len(plant.layout)], leg_length=data.actuator_length[:n],
         leg_velocity=data.actuator_velocity[:n], velocity_before=np.zeros(n),
-        qpos=data.qpos, qvel=data.qvel, qacc=data.qacc, act=data.act, ctrl=data.ctrl,
+        qpos=data.qpos, qvel=data.qvel, qacc=data.qacc, act=data.act, act_dot=data.act_dot, ctrl=data.ctrl,
         lengths=data.ten_length, slides=np.zeros(0, np.int64) if plant.is_tendon else plant.slides.astype(np.int64),
         offsets=np.ascontiguousarray(rows[:, P.LENGTH_OFFSET]),
         hysteresis=np.ascontiguousarray(rows[:, P.HYSTERESIS]),
-        spread=np.ascontiguousarray(rows[:, P.HYSTERESIS_SPREAD]), delay=delay,
-        past=np.zeros((round(plant.longest_delay_s / tick_s) + 1, n)), spool_volts=np.zeros(n), apart=np.zeros(n),
+        spread=np.ascontiguousarray(rows[:, P.HYSTERESIS_SPREAD]), delay=delay, part_s=part_s,
+        past=np.zeros((int(plant.longest_delay_s / tick_s + 1e-6) + 1, n)), spool_volts=np.zeros(n), apart=np.zeros(n),
     )  # fmt: skip
 
 
 def new_record(plant: Any, ticks: int) -> Record:
     """Empty rows for `ticks` ticks."""
     model, n = plant.model, plant.n_legs
-    widths = (n, model.nq, model.nv, model.nv, model.nv, model.na, n, n)
-    return Record(*(np.zeros((ticks, width)) for width in widths), np.zeros(ticks, np.int64), np.zeros(ticks, np.bool_))
+    widths = (n, model.nq, model.nv, model.nv, model.nv, model.na, n, n, n)
+    return Record(*(np.zeros((ticks, width)) for width in widths), np.zeros(ticks, np.int64))
 
 
 @compiled
@@ -172,42 +211,99 @@ def apply_valve_delay_and_hysteresis(context, record, volts):
 
 
 @compiled
-def middle_weight(step, steps):
-    """Weight of the velocity at the beginning of time step `step` in that of the tick's middle.
+def keep_state(context):
+    """Note what a step begins with: the state and its derivatives."""
+    qpos, qvel, act, qacc, act_dot, time = context.begun
+    qpos[:], qvel[:], act[:] = context.qpos, context.qvel, context.act
+    qacc[:], act_dot[:], time[0] = context.qacc, context.act_dot, context.time[0]
 
-    Even steps: the middle is the beginning of step `steps`/2. Odd steps, 3 or more: cubic through the four velocities
-    about it, v(0) = (9 v(-h/2) + 9 v(h/2) - v(-3h/2) - v(3h/2))/16, of fourth order as RK4 is. One step: the mean
-    of its ends, which `mean_acceleration` corrects.
+
+@compiled
+def take_back(context):
+    """The state before the last step again, with its derivatives, which RK4 begins with."""
+    qpos, qvel, act, qacc, act_dot, time = context.begun
+    context.qpos[:], context.qvel[:], context.act[:] = qpos, qvel, act
+    context.qacc[:], context.act_dot[:], context.time[0] = qacc, act_dot, time[0]
+
+
+@compiled
+def bend(h, start, end, moved):
+    """k1 - 2 k23 + k4 of a step, times h/3: RK4 less the trapezoid of its first and last stage. k23 is the mean of the inner
+    stages, which follows from what the step has moved, h (k1 + 4 k23 + k4)/6."""
+    return h * (start + end) * 0.5 - moved
+
+
+@compiled
+def unforeseen(now, before, ratio):
+    """What of a step's bend the bend of the step before does not foretell; a smooth law's goes on."""
+    return min(abs(now), abs(now - ratio * before))
+
+
+@compiled
+def last_error(context, h):
+    """Error of the step just done, as an acceleration in the 50 Hz band [m/s2].
+
+    As large as what a jump within the step costs; of fourth order in h where the laws are smooth, as RK4's is of fifth.
     """
-    ahead = abs(2 * step - steps)  # half steps from the middle
-    if steps % 2 == 0:
-        return 1.0 if ahead == 0 else 0.0
-    if steps == 1:
-        return 0.5
-    if ahead > 3:
-        return 0.0
-    return 0.5625 if ahead == 1 else -0.0625
+    _, qvel, act, qacc, act_dot, _ = context.begun
+    _, _, was_moved, was_pushed, was_h = context.bends
+    moved, pushed, ratio = 0.0, 0.0, (h / was_h[0]) ** 3 if was_h[0] > 0.0 else 0.0
+    for i in range(context.reach.shape[0]):
+        if context.reach[i] > 0.0:
+            context.bends[0][i] = now = bend(h, qacc[i], context.qacc[i], context.qvel[i] - qvel[i])
+            moved = max(moved, context.reach[i] * unforeseen(now, was_moved[i], ratio))
+    for i in range(context.push.shape[0]):
+        if context.push[i] > 0.0:
+            context.bends[1][i] = now = bend(h, act_dot[i], context.act_dot[i], context.act[i] - act[i])
+            pushed = max(pushed, context.push[i] * unforeseen(now, was_pushed[i], ratio))
+    return moved * KICK + pushed * RING
 
 
 @compiled
-def _note_middle(context, record, row, step, steps):
-    weight = middle_weight(step, steps)
-    if weight == 1.0:
-        record.middle[row] = context.qvel
-    elif weight != 0.0:
-        record.middle[row] += weight * context.qvel
+def keep_bends(context, h):
+    """A step is done: its bends are those before the next one."""
+    moved, pushed, was_moved, was_pushed, was_h = context.bends
+    was_moved[:], was_pushed[:], was_h[0] = moved, pushed, h
 
 
 @compiled
-def choose_steps(context, span_s):
-    """Set the steps of the next `span_s` by the rule, from the state of the last evaluation."""
+def note_level(context):
+    """Follow the peak of the acceleration in the band, at the beginning of a tick."""
+    share, peak = 1.0 - math.exp(-2.0 * math.pi * BAND_Hz * context.tick_s), 0.0
+    for i in range(context.slow.shape[0]):
+        context.slow[i] += share * (context.reach[i] * context.qacc[i] - context.slow[i])
+        peak = max(peak, abs(context.slow[i]))
+    context.level[0] = max(context.level[0] * math.exp(-context.tick_s / LEVEL_S), peak, LEAST_LEVEL)
+
+
+@compiled
+def note_middle(context, record, row, h, before_s):
+    """Write down the velocity in the tick's middle where it lies in the step just done, which began before_s ahead of it.
+
+    RK4's own interpolation of third order: the parabola through its stages.
+    """
+    share = before_s / h
+    if not 0.0 <= share < 1.0:
+        return
+    _, qvel, _, qacc, _, _ = context.begun
+    first = share - 1.5 * share**2 + 2.0 / 3.0 * share**3
+    inner, last = 2.0 * share**2 - 4.0 / 3.0 * share**3, -0.5 * share**2 + 2.0 / 3.0 * share**3
+    for i in range(qvel.shape[0]):
+        # of the inner stages' mean, from v1 - v0 = h (k1 + 4 k23 + k4)/6
+        k23 = 1.5 * (context.qvel[i] - qvel[i]) - 0.25 * h * (qacc[i] + context.qacc[i])
+        record.middle[row, i] = qvel[i] + h * (first * qacc[i] + last * context.qacc[i]) + inner * k23
+
+
+@compiled
+def asked_steps(context):
+    """Steps a second [1/s] that legs and supply ask for in the state of the last evaluation, and whether a leg is near standstill."""
     n_legs = context.offsets.shape[0]
     asked, near = 0.0, False
     if context.user.shape[0] > n_legs and context.user[n_legs, S.MODEL] == POWER_UNIT:
         s = context.user[n_legs]
         _, _, _, pump_pressure, _, _ = supply_state(s[N_PARAMETERS:], context.act)
         asked = power_unit_steps(s, pump_pressure)
-    t = context.count[0] * context.tick_s
+    t = context.time[0]
     for i in range(n_legs):
         p, v = context.user[i], context.leg_velocity[i]
         Ps = supply_pressure(p, p[N_PARAMETERS:], context.act)
@@ -216,9 +312,7 @@ def choose_steps(context, span_s):
         asked = max(asked, leg_steps(context.rule, p, context.leg_length[i] - context.offsets[i], v, x, P1, P2, Ps, z))
         near = near or near_standstill(p, v, context.velocity_before[i])
         context.velocity_before[i] = v
-    context.calm_s[0] = 0.0 if near else context.calm_s[0] + span_s
-    context.steps[0] = count_steps(context.rule, asked, context.calm_s[0], span_s)
-    context.timestep[0] = span_s / context.steps[0]
+    return asked, near
 
 
 @compiled
@@ -232,6 +326,53 @@ def _evaluate(context, is_located):
 
 
 @compiled
+def march(context, record, row, span, middle):
+    """The steps of `span`, from an evaluated state on; their number. middle [s]: from here to the tick's middle."""
+    rule = context.steps[0] * context.refined
+    steps = max(rule, math.ceil(span / context.next_step[0] - LONGER)) if context.is_chosen else rule
+    longest, h, left, done, is_evaluated = span / rule, span / steps, span, 0, True
+    tolerance = context.tolerance / context.refined**3 * context.level[0]
+    while steps > 0:
+        if not is_evaluated:
+            _evaluate(context, False)
+        context.timestep[0] = h
+        keep_state(context)
+        _call(context.runge_kutta, context.model, context.data, (RK4_STAGES,))
+        error = last_error(context, h)
+        if context.is_chosen:
+            share = SAFE * (tolerance / (error + 1e-300)) ** (1.0 / 3.0)
+            is_evaluated = error > tolerance and h > SHORTEST_S
+            context.next_step[0] = max(h * min(max(share, LEAST_SHARE), LARGEST_SHARE), SHORTEST_S)
+            if is_evaluated:
+                take_back(context)
+                steps = max(math.ceil(left / context.next_step[0] - 1e-6), 1)
+                h = left / steps
+                continue
+        else:
+            is_evaluated = False
+        context.error[0] += error
+        keep_bends(context, h)
+        if context.is_recorded:
+            note_middle(context, record, row, h, middle)
+        done, steps, left, middle = done + 1, steps - 1, left - h, middle - h
+        if context.is_chosen and steps > 0:
+            planned = max(max(math.ceil(left / context.next_step[0] - LONGER), math.ceil(left / longest - 1e-6)), 1)
+            if planned != steps:
+                steps, h = planned, left / planned
+    return done
+
+
+@compiled
+def next_change(context, at, part):
+    """Where in the tick [s] the steps end that begin at `at`: where delayed volts reach a spool, or the part ends."""
+    end = context.tick_s if part + 1 == context.parts else (part + 1) * (context.tick_s / context.parts)
+    for i in range(context.part_s.shape[0]):
+        if at < context.part_s[i] < end:
+            end = context.part_s[i]
+    return end
+
+
+@compiled
 def advance(context, record, is_located=False):
     """Write the state down, hand `spool_volts` to MuJoCo and step to the next tick. is_located: what depends
     on positions alone is there, because `sense` came just before.
@@ -239,34 +380,37 @@ def advance(context, record, is_located=False):
     Each part of the tick begins with the evaluation that its first step needs. Two accelerations come of it: `qacc` is
     the instant's, which a sensor without filter samples; `middle` gives the mean over one tick.
     """
-    for i in range(context.offsets.shape[0]):
-        context.ctrl[i] = context.spool_volts[i]
-    row, done = context.count[0], 0
+    row, done, part, at, n_legs = context.count[0], 0, 0, 0.0, context.offsets.shape[0]
+    for i in range(n_legs):
+        if context.part_s[i] <= 0.0 or row == 0:
+            context.ctrl[i] = context.spool_volts[i]
     if context.is_recorded:
         record.qpos[row], record.qvel[row], record.act[row] = context.qpos, context.qvel, context.act
-        record.spool_volts[row] = context.spool_volts
-        record.middle[row] = 0.0
-    for part in range(context.parts):
-        _evaluate(context, is_located and part == 0)
-        if context.is_recorded and part == 0:
-            record.qacc[row] = context.qacc
-        if context.is_recorded and context.parts > 1 and 2 * part == context.parts:
-            record.middle[row] = context.qvel
+        for i in range(n_legs):
+            record.spool_volts[row, i] = context.ctrl[i]
+            record.reached[row, i] = context.spool_volts[i]
+    while at < context.tick_s:
+        end = next_change(context, at, part)
+        span = end - at
+        _evaluate(context, is_located and at == 0.0)
+        if at == 0.0:
+            note_level(context)
+            if context.is_recorded:
+                record.qacc[row] = context.qacc
         if context.is_chosen:
-            choose_steps(context, context.tick_s / context.parts)
-        steps = context.steps[0]
-        for k in range(steps):
-            if context.is_recorded and context.parts == 1:
-                _note_middle(context, record, row, k, steps)
-            if k == 0:
-                _call(context.runge_kutta, context.model, context.data, (RK4_STAGES,))
-            else:
-                _call(context.step, context.model, context.data, ())
-        done += steps
+            asked, near = asked_steps(context)
+            context.steps[0] = count_steps(context.rule, asked, near, span)
+        else:
+            context.steps[0] = max(math.ceil(span / context.constant_s - 1e-6), 1)
+        done += march(context, record, row, span, 0.5 * context.tick_s - at)
+        at = end
+        if at * context.parts >= context.tick_s * (part + 1):
+            part += 1
+        for i in range(n_legs):
+            if 0.0 < context.part_s[i] <= at:
+                context.ctrl[i] = context.spool_volts[i]
     if context.is_recorded:
         record.steps[row] = done
-        if context.parts == 1:
-            _note_middle(context, record, row, done, done)
     context.count[0] += 1
 
 
@@ -281,13 +425,9 @@ def mean_acceleration(record: Record, ticks: int, tick_s: float) -> Array:
     """Mean acceleration (ticks, nv) over one tick about each instant, a_k = (v(t_k + T/2) - v(t_k - T/2))/T.
 
     Figures in a band need it, because samples of the instant alias: the friction jolt of a 40 kg leg is a pulse of 1 ms
-    and reads twice as much in the 50 Hz band. The first is the mean of half a tick. In ticks of one time step
-    v(T/2) = (v_0 + v_1)/2 + T (a_0 - a_1)/8, the cubic through both ends; a_1 is the next tick's, or `Plant` has noted it
-    before it changed the machine (in the last tick: linear).
+    and reads twice as much in the 50 Hz band. The first is the mean of half a tick.
     """
-    middle, velocity = record.middle[:ticks].copy(), record.qvel[:ticks]
-    lone = np.flatnonzero((record.steps[: ticks - 1] == 1) & ~record.is_closed[: ticks - 1])
-    middle[lone] += 0.125 * tick_s * (record.qacc[lone] - record.qacc[lone + 1])
+    middle, velocity = record.middle[:ticks], record.qvel[:ticks]
     mean = np.empty_like(middle)
     mean[:1] = (middle[:1] - velocity[:1]) / (0.5 * tick_s)
     mean[1:] = (middle[1:] - middle[:-1]) / tick_s

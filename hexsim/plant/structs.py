@@ -68,6 +68,11 @@ def timestep_view(model: mujoco.MjModel) -> np.ndarray:
     return np.ctypeslib.as_array(ctypes.c_double.from_address(place)).reshape(1)
 
 
+def time_view(data: mujoco.MjData) -> np.ndarray:
+    """The data's time [s] as an array (1,) that shares its memory."""
+    return np.ctypeslib.as_array(ctypes.c_double.from_address(data._address + 8 * slot("mjData", "time"))).reshape(1)
+
+
 def check_layout(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Compare every place that native code uses with the live views. Raises HexsimError on the first difference."""
     views: list[tuple[str, str, int, np.ndarray]] = [
@@ -85,7 +90,7 @@ def check_layout(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         raise HexsimError(_differs("mjOption", "timestep"))
     before = data.time
     data.time = 0.123456789
-    found_time = ctypes.c_double.from_address(data._address + 8 * slot("mjData", "time")).value
+    found_time = float(time_view(data)[0])
     data.time = before
     if found_time != 0.123456789:
         raise HexsimError(_differs("mjData", "time"))

@@ -184,7 +184,7 @@ class LiveMachine:
             plant.change_row(int(leg), int(place), float(wanted.rows[leg, place]))
         plant.context.hysteresis[:] = plant.rows[:, P.HYSTERESIS]
         plant.context.spread[:] = plant.rows[:, P.HYSTERESIS_SPREAD]
-        plant.context.delay[:] = np.rint(plant.rows[:, P.VALVE_DELAY] / plant.context.tick_s)
+        plant.follow_delay()
         self.machine = machine
         return True
 

@@ -24,6 +24,7 @@ from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
 from hexsim.plant.callbacks import without_timers
 from hexsim.plant.plant import InterventionError, PlantError, whole_ratio
+from hexsim.plant.step_check import LARGEST_ERROR, StepCheck
 from hexsim.plant.stepping import mean_acceleration
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
@@ -149,10 +150,13 @@ def simulate(
         if reason.startswith("interrupted"):
             raise KeyboardInterrupt
         raise HexsimError(reason)
+    step_error = run.check.error(run.done)
     log = run_log(plant, scenario, recorded, run.sensors)
     realtime = float(recorded.time[-1] / wall) if len(recorded.time) > 1 else 0.0
     warnings += ([reason] if reason else []) + cavitation_warnings(plant, run.tick_s, recorded.positions, recorded.act)
+    warnings += step_warnings(step_error)
     summary = run_summary(plant, scenario, name, log, recorded, realtime, warnings)
+    summary["step_error"] = step_error
     summary |= {"compensation": loop.engagement()} if compensators else {}
     summary |= run.faults.summary() if run.faults else {}
     return Run(
@@ -160,6 +164,16 @@ def simulate(
         summary=summary, warnings=warnings, messages=messages, complete=not reason, reason=reason,
         realtime_factor=realtime, compensator_parameters=loop.learned(),
     )  # fmt: skip
+
+
+def step_warnings(error: float | None) -> list[str]:
+    """What a run says of its time steps' error, relative to the peak in the 50 Hz band."""
+    if error is None or error <= LARGEST_ERROR:
+        return []
+    return [
+        f"time step: the acceleration in the 50 Hz band is off by about {100 * error:.2g} % of its peak, above "
+        f"{100 * LARGEST_ERROR:g} %: compare with a smaller constant step (--timestep)"
+    ]
 
 
 class TickLoop:
@@ -194,6 +208,7 @@ class TickLoop:
         self.rod_sides = np.zeros((self.ticks if machine.cylinder.rod_side == "valve" else 0, machine.n_legs))
         self.compensation = np.zeros((self.ticks, machine.n_legs))
         self.faults: FaultRun | None = None
+        self.check = StepCheck(plant)
         self.done = 0
 
     @without_timers()
@@ -205,12 +220,14 @@ class TickLoop:
         try:
             for first in range(0, self.ticks, chunk):
                 last = min(first + chunk, self.ticks)
+                self.check.begin(first)
                 if plain is not None:
                     run_plain(self.plant.context, self.record, plain, first, last)
                     self.done = last
                 else:
                     self._ticks(first, last, interventions)
                 self.plant.check()
+                self.check.end(last)
                 self.plant.follow_oil_temperature()
                 progress(last / self.ticks)
         except InterventionError as error:

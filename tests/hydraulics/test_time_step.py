@@ -21,7 +21,7 @@ def bench():
 
 def here(rule, row, y=0.1, v=-0.1, x=0.0, P1=3.5e6, Ps=7e6, calm_s=CALM):
     """Steps of the next millisecond."""
-    return steps.count_steps(rule, steps.leg_steps(rule, row, y, v, x, P1, Ps, Ps, 0.0), calm_s, 1e-3)
+    return steps.count_steps_by_rule(rule, steps.leg_steps(rule, row, y, v, x, P1, Ps, Ps, 0.0), calm_s, 1e-3)
 
 
 @pytest.mark.parametrize("place", [P.COULOMB_EXTEND, P.STATIC_RETRACT, P.VISCOUS_EXTEND])

@@ -153,6 +153,20 @@ def computed(asked, i, delay_ticks, every):
 
 
 @compiled
+def delayed_volts(part_s, held, was, at, dt, now):
+    """Write the volts (n_legs,) that the spools have from `at` in a sample on; return until when [s], dt at most.
+
+    held: of this sample, was: of the one before, which stay for part_s (`valve.delay_in_ticks`).
+    """
+    end = dt
+    for j in range(now.shape[0]):
+        now[j] = was[j] if part_s[j] > at else held[j]
+        if at < part_s[j] < end:
+            end = part_s[j]
+    return end
+
+
+@compiled
 def lent(rig, inputs, room):
     """The same numbers without reference counts."""
     legs, geometry, s, load, sensors, controller, rule = rig
@@ -211,6 +225,8 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
     dt, axes = 1.0 / rate, acceleration.shape[0]
     every = max(round(rate / controller.rate_Hz), 1)
     calm_s = 0.0
+    whole, part_s = valve.delay_in_ticks(legs[:, P.VALVE_DELAY], dt)
+    was, now = np.zeros(n_legs), np.zeros(n_legs)
     for i in range(n):
         t = inputs.start_s + i * dt
         write_leg_motion(geometry, state, y, v)
@@ -227,10 +243,13 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
             asked[j, i] = asked_volts(controller, inputs, j, i, read) if tick else asked[j, i - 1]
             late = 0.0 if controller.feedback == LOGGED_VOLTS else controller.delay_ticks[j]
             u_true[j, i] = computed(asked[j], i, late, every) if tick else u_true[j, i - 1]
-            ahead = delayed(u_true[j], i, legs[j, P.VALVE_DELAY] * rate)
+            ahead = u_true[j, max(i - whole[j], 0)]
+            was[j] = held[j]
             held[j], apart[j] = valve.hysteresis(
                 ahead, held[j], apart[j], legs[j, P.HYSTERESIS], legs[j, P.HYSTERESIS_SPREAD]
             )
+            if i == 0:
+                was[j] = held[j]
             out[n_legs + j, i] = u_true[j, i]
             b, r = 2 * n_legs + j, 3 * n_legs + j
             sharp[b] = shown(p_true[j], i, pressure[j], rate, sharp[b])
@@ -243,14 +262,21 @@ def run(owned_rig, owned_inputs, owned_room, owned_out):
             if near_standstill(legs[j], v[j], before[j]):
                 calm_s = 0.0
             before[j] = v[j]
-        steps = steps_of_sample(legs, s, rule, state, y, v, held, t, calm_s, dt)
-        a, turning = rates(legs, geometry, s, load, held, t, dt / steps, state, slopes[0])
+        at, end = 0.0, delayed_volts(part_s, held, was, 0.0, dt, now)
+        steps = steps_of_sample(legs, s, rule, state, y, v, now, t, calm_s, end)
+        a, turning = rates(legs, geometry, s, load, now, t, end / steps, state, slopes[0])
         write_accelerations(state, a, turning, place, turned, a_true[:, i])
         for k in range(axes):
             r = 4 * n_legs + 1 + k
             sharp[r] = shown(a_true[k], i, acceleration[k], rate, sharp[r])
             out[r, i] = smoothed(filters[2], memory[r], sharp[r], i == 0) if k < 3 else sharp[r]
-        integrate(legs, geometry, s, load, held, t, dt, steps, state, slopes)
+        integrate(legs, geometry, s, load, now, t, end, steps, state, slopes)
+        while end < dt:
+            at, end = end, delayed_volts(part_s, held, was, end, dt, now)
+            write_leg_motion(geometry, state, y, v)
+            steps = steps_of_sample(legs, s, rule, state, y, v, now, t + at, calm_s, end - at)
+            rates(legs, geometry, s, load, now, t + at, (end - at) / steps, state, slopes[0])
+            integrate(legs, geometry, s, load, now, t + at, end - at, steps, state, slopes)
         if diverged(state, LEGS + n_legs * LEG_STATES):
             out[:, i + 1 :] = math.nan
             return False

@@ -14,7 +14,7 @@ from __future__ import annotations
 from hexsim.compiled import compiled
 from hexsim.hydraulics import chamber, learned, leg, supply
 from hexsim.hydraulics.parameters import P
-from hexsim.hydraulics.steps import count_steps, leg_steps, power_unit_steps
+from hexsim.hydraulics.steps import count_steps_by_rule, leg_steps, power_unit_steps
 from hexsim.hydraulics.supply import S
 from hexsim.mechanics.leg_geometry import leg_line
 from hexsim.mechanics.rigid_body import (
@@ -205,7 +205,7 @@ def steps_of_sample(legs, s, rule, state, y, v, held, t, calm_s, dt):
         P1, p2 = chamber.pressure(state[k + LEG_P1]), rod_side_pressure(legs[j], state, k)
         steps = leg_steps(rule, legs[j], y[j], v[j], x, P1, p2, ps, state[k + LEG_Z])
         asked = max(asked, steps)
-    return count_steps(rule, asked, calm_s, dt)
+    return count_steps_by_rule(rule, asked, calm_s, dt)
 
 
 @compiled
