@@ -13,7 +13,7 @@ import polars as pl
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import MAX_ROWS, RawTable, Reader, max_rows
+from hexsim.readers.reader import MAX_ROWS, RawLog, RawSignal, Reader, max_rows
 
 CHUNK = 1 << 22  # bytes that are read and inflated at once
 LARGEST = 300_000_000  # bytes of text that are read: two million rows of a bench, one of a hexapod
@@ -28,8 +28,8 @@ class TextReader(Reader):
     name = "text"
     suffixes = (".csv", ".txt", ".exp", ".dat", ".tsv", ".asc")
 
-    def read(self, path: Path, layout: FileLayout) -> RawTable:
-        raw = RawTable(columns={})
+    def read(self, path: Path, layout: FileLayout) -> RawLog:
+        raw = RawLog(signals=[])
         text = decoded(path, file_bytes(path, raw))
         lines = text[:65536].decode("utf-8", "replace").splitlines()
         comment = layout.comment
@@ -77,7 +77,7 @@ def inflated(file: IO[bytes]) -> Iterator[bytes]:
         packed = inflate.unused_data if inflate.eof else inflate.unconsumed_tail
 
 
-def file_bytes(path: Path, raw: RawTable) -> bytes:
+def file_bytes(path: Path, raw: RawLog) -> bytes:
     """Content of a plain or gzip file, up to about MAX_ROWS lines and LARGEST bytes; a damaged gzip gives what it holds."""
     pieces: list[bytes] = []
     lines = size = 0
@@ -167,8 +167,9 @@ class Cells:
     def __init__(self, *, path: Path, header: list[str], separator: str, comment: str | None) -> None:
         self.path, self.header, self.separator, self.comment = path, header, separator, comment
         self.most = max_rows(len(header)) + 1
+        self.odd: dict[str, tuple[int, str]] = {}
 
-    def read(self, text: bytes, raw: RawTable) -> None:
+    def read(self, text: bytes, raw: RawLog) -> None:
         """Fill raw.columns: fast when all cells are numbers; else cell by cell with each failure counted."""
         options: dict[str, Any] = {
             "has_header": False, "new_columns": self.header, "separator": self.separator, "n_rows": self.most,
@@ -181,11 +182,13 @@ class Cells:
         except pl.exceptions.PolarsError:
             table = self.one_by_one(text.decode(), raw)
         for name in self.header:
-            if table[name].null_count():
-                raw.odd_cells.setdefault(name, (int(table[name].is_null().arg_max() or 0), "an empty cell"))
-            raw.columns[name] = table[name].fill_null(np.nan).to_numpy().astype(float)
+            odd = self.odd.get(name)
+            if odd is None and table[name].null_count():
+                odd = int(table[name].is_null().arg_max() or 0), "an empty cell"
+            values = table[name].fill_null(np.nan).to_numpy().astype(float)
+            raw.signals.append(RawSignal(name=name, values=values, odd=odd))
 
-    def one_by_one(self, text: str, raw: RawTable) -> pl.DataFrame:
+    def one_by_one(self, text: str, raw: RawLog) -> pl.DataFrame:
         """Rows of the wrong length are dropped, cells that are no numbers become missing; both are counted and placed."""
         blocks: list[pl.DataFrame] = []
         rows: list[list[str]] = []
@@ -223,7 +226,7 @@ class Cells:
             failed[name] += [(first + int(place), column[place][:20]) for place in wrong]
         return pl.DataFrame(columns)
 
-    def state(self, bad_rows: list[int], failed: dict[str, list[tuple[int, str]]], n: int, raw: RawTable) -> None:
+    def state(self, bad_rows: list[int], failed: dict[str, list[tuple[int, str]]], n: int, raw: RawLog) -> None:
         """State what was dropped; refuse where it is more than a fifth."""
         if len(bad_rows) > 0.2 * max(n, 1):
             raise HexsimError(
@@ -237,7 +240,7 @@ class Cells:
             )
         for name, places in failed.items():
             if places:
-                place, text = raw.odd_cells[name] = places[0]
+                place, text = self.odd[name] = places[0]
                 raw.losses.append(
                     f"column {name}: {len(places)} cells are no numbers, the first is {text!r} in row "
                     f"{place + raw.first_row}: missing"
