@@ -95,9 +95,11 @@ def assigned(raw: RawLog, mapping: Mapping, path: Path) -> dict[str, Assigned]:
 
 def channel_si(name: str, channel: Channel, raw: RawSignal, path: Path) -> tuple[float, float]:
     """Units of the mapping file; else those that the file itself states, or that stand in the column's name."""
-    stated = raw.unit or (unit_of_name(raw.name)[1] if raw.name != name else "")
+    target = unit_of_name(name)[1] or None
+    in_name = unit_of_name(raw.short)[1]
+    stated = raw.unit or (in_name if raw.short[-1:] in "])" and raw.short != name else "")
     if channel.unit is None and channel.factor is None and stated:
-        factor, offset = unit_to_si(stated, f"{path} channel {raw.name}", unit_of_name(name)[1] or None)
+        factor, offset = unit_to_si(stated, f"{path} channel {raw.name}", target)
         return factor, offset + channel.offset
     return channel.to_si(name, str(path))
 
