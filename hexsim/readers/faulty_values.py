@@ -7,7 +7,7 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.readers.clock_group import HOLE, ClockGroup, is_held, periods, runs
 from hexsim.readers.clocks import LARGEST, LEAST
-from hexsim.readers.possible import Limits, impossible
+from hexsim.readers.possible import Limits, impossible, marker
 from hexsim.signals.table import places
 
 RESTING_s = 0.25  # a quantised signal may stand still for longer when nothing moves
@@ -26,6 +26,9 @@ def blank_bad_values(group: ClockGroup, possible: dict[str, Limits], markers: di
         blank(group, name, np.isin(x, markers.get(name, [])), "markers of the mapping")
         say_missing(group, name)
         own = group.own_samples(name)
+        if not group.foreign and not is_held(name) and len(own) > LEAST:
+            blank(group, name, marks(x, own, marker(x[own])), "markers far from all other values")
+            own = group.own_samples(name)
         limits = possible.get(places()[name][0].stem) if name in places() else None
         if limits is not None and not group.foreign and len(own):
             blank(group, name, marks(x, own, impossible(x[own], limits)), "values that the machine cannot have")

@@ -15,6 +15,8 @@ BEYOND = 0.5  # of a range, on either side of it: a transducer's zero may be off
 SURGE = 2.5  # of the supply pressure: oil that is stopped rises above it
 HARDEST_m_s2 = 1e3  # no platform: a hundred times that of gravity
 MOST = 0.5  # share of samples: more of them are no markers but another unit or zero, which the checks name
+FAR = 10.0  # of the span of the rest: so far no signal jumps, and stays at one value
+MARKERS = 3  # values of a logger's markers, at most
 JUMP = 0.1  # of the range: a marker is reached and left by more in one sample, a measurement is not
 
 
@@ -52,3 +54,12 @@ def impossible(x: Array, limits: Limits) -> Array:
         if min(into, out_of) > jump:
             found[start:stop] = True
     return found if found.mean() <= MOST else np.zeros(len(x), dtype=bool)
+
+
+def marker(x: Array) -> Array:
+    """Samples (n,) bool of values that no machine of any size jumps to: few different ones, far from all others."""
+    low, middle, high = np.quantile(x, [0.25, 0.5, 0.75])
+    inner = x[(x >= low - 2.0 * (high - low)) & (x <= high + 2.0 * (high - low))]
+    far = np.abs(x - middle) > FAR * max(float(np.ptp(inner)), 1e-300)
+    few = len(np.unique(x[far])) <= MARKERS
+    return far if few and np.ptp(inner) > 0 else np.zeros(len(x), dtype=bool)

@@ -23,6 +23,7 @@ from hexsim.signals.units import canonical
 SEPARATORS = {"tab": "\t", ",": ",", ";": ";", "whitespace": " "}
 TRIED = ("\t", ";", ",", "|", " ")  # the earlier one of two that fit alike
 LOOKED_AT = 2000  # lines, at most, that say where the table is
+CHARACTERS, LEAST_LINES = 200_000, 20  # that are looked at: fewer lines of wide tables
 STEADY = 0.8  # share of cells of a column that are values, share of columns that a row of data has
 LONGEST_RECORD = 50  # lines of a cell in quotes with line ends
 WIDEST = 20_000  # columns
@@ -100,6 +101,9 @@ def find_table(lines: list[str], layout: FileLayout, path: Path) -> Table:
     ]  # fmt: skip
     if not kept:
         raise HexsimError(f"{path} is empty: no row of data")
+    if any(max(map(lines[i].count, TRIED)) > WIDEST for i in kept):
+        raise HexsimError(f"{path} has a row of more than {WIDEST:,} cells, which are the most: save fewer columns")
+    kept = kept[: max(CHARACTERS // max(len(lines[kept[len(kept) // 2]]), 1), LEAST_LINES)]
     tried = (SEPARATORS[layout.separator],) if layout.separator else (told[1],) if told else TRIED
     width = len(layout.columns) if layout.columns else None
     found = [shape for mark in tried if (shape := Shape.of([split(lines[i], mark) for i in kept], mark, width))]

@@ -13,6 +13,7 @@ import scipy.io
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
+from hexsim.readers.sizes import check_mat, check_mat_of_hdf5, too_large
 
 MOST_ITEMS = 200  # of a cell array or a matrix that are looked at
 DEEPEST = 4  # structs in structs
@@ -38,6 +39,7 @@ class MatReader(Reader):
 
 def variables(path: Path) -> dict[str, Any]:
     """Variables of a file by name, by scipy where it can."""
+    check_mat(path)
     try:
         cells = sum(math.prod(shape) for _, shape, _ in scipy.io.whosmat(path))
     except NotImplementedError:  # scipy's word for the HDF5 files of version 7.3
@@ -45,7 +47,7 @@ def variables(path: Path) -> dict[str, Any]:
     except TypeError:  # an object without a shape
         return by_mat_io(path, "with a table or timetable", "save its columns as vectors")
     if cells > MAX_CELLS:
-        raise HexsimError(f"{path} holds {cells:,} numbers, {MAX_CELLS:,} are the most: save less of it")
+        raise too_large(path, f"{MAX_CELLS:,} numbers")
     return scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
 
 
@@ -57,6 +59,9 @@ def by_mat_io(path: Path, kind: str, instead: str) -> dict[str, Any]:
         raise HexsimError(
             f"{path} is a MAT-file {kind}: pip install 'hexsim[matlab]' to read it, or {instead}"
         ) from None
+    with open(path, "rb") as file:
+        if b"\x89HDF" in file.read(1024):
+            check_mat_of_hdf5(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # times rounded to nanoseconds, kinds of columns that are left out anyway
         return load_from_mat(str(path), add_table_attrs=True)

@@ -15,6 +15,7 @@ from hexsim.readers.topics import Topics
 
 LARGEST_CHUNK = 1 << 26  # bytes, unpacked: writers make chunks of 1 to 16 MB
 LARGEST = 1 << 30  # bytes of all chunks, unpacked
+LARGEST_JSON = 1 << 20  # bytes of a message: an image, not a measurement
 
 
 class McapReader(Reader):
@@ -41,7 +42,9 @@ class McapReader(Reader):
                         if isinstance(found, str):
                             topics.left_out[channel.topic] = found
                     decode = decoders[channel.id]
-                    if not isinstance(decode, str):
+                    if decode is json.loads and len(record.data) > LARGEST_JSON:
+                        topics.left_out[channel.topic] = f"has messages of more than {LARGEST_JSON >> 20} MB: not read"
+                    elif not isinstance(decode, str):
                         topics.add(channel.topic, record.publish_time, decode(record.data))
                         if topics.is_full:
                             break

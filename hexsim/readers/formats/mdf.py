@@ -17,6 +17,7 @@ import polars as pl
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
+from hexsim.readers.sizes import check_mdf, too_large
 
 
 class MdfReader(Reader):
@@ -32,6 +33,7 @@ class MdfReader(Reader):
         content = BytesIO(path.read_bytes())  # asammdf leaves a damaged file open
         if content.getvalue()[:3] != b"MDF":
             raise HexsimError(f"{path} is no MDF file: it does not begin with MDF")
+        check_mdf(path, content.getvalue())
         raw = RawLog(signals=[])
         with quiet(), MDF(content) as file:
             refuse_large(path, file)
@@ -88,7 +90,7 @@ def refuse_large(path: Path, file: Any) -> None:
     """Ask for the size of what would be unpacked."""
     cells = sum(int(group.channel_group.cycles_nr) * max(len(group.channels), 1) for group in file.groups)
     if cells > MAX_CELLS:
-        raise HexsimError(f"{path} holds {cells:,} numbers, {MAX_CELLS:,} are the most: save less of it")
+        raise too_large(path, f"{MAX_CELLS:,} numbers")
 
 
 @contextmanager
