@@ -45,10 +45,10 @@ def settle(group: ClockGroup) -> None:
             f"{group.path} has {len(group.time)} usable rows of {group.clock}: give at least 0.5 s of data"
         )
     typical = typical_step(group)
-    unwrap(group, typical)
     if np.median(np.sign(np.diff(group.time))) < 0:
-        group.keep(slice(None, None, -1))  # pyright: ignore[reportArgumentType]
+        group.keep(np.arange(len(group.time))[::-1])
         group.note("the newest row stood first: turned round")
+    unwrap(group, typical)
     wild = np.abs(group.time - median_filter(group.time, 5, mode="nearest")) > FAR * typical
     wild[[0, 1, -2, -1]] = False
     drop(group, ~wild, "with time stamps that fit neither neighbour")

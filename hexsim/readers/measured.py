@@ -58,7 +58,7 @@ def read_stretches(
         name=log_name(path), kind=kind, time=grid.time, rate=round(grid.rate, 6), columns=grid.columns, path=path,
         losses=losses, repaired=grid.repaired, weights=grid.weights,
     )  # fmt: skip
-    return [used_part(whole, part) for part in parts]
+    return [used_part(whole, part, grid.slack) for part in parts]
 
 
 def sentences(raw: RawLog, groups: Sequence[ClockGroup], grid: Grid) -> tuple[str, ...]:
@@ -73,10 +73,12 @@ def sentences(raw: RawLog, groups: Sequence[ClockGroup], grid: Grid) -> tuple[st
     return tuple(dict.fromkeys(lines))
 
 
-def used_part(log: Log, part: slice) -> Log:
-    """One stretch of a log, which says what it leaves out."""
+def used_part(log: Log, part: slice, slack: int) -> Log:
+    """One stretch of a log, which says what it leaves out, but for fewer samples than the slowest clock's period at its ends."""
     if part.stop - part.start == log.n:
         return log
+    if part.start <= slack and part.stop >= log.n - slack:
+        return log.part(part)
     sentence = (
         f"used {(part.stop - part.start) / log.rate:.3f} s of {log.n / log.rate:.3f} s, from "
         f"{log.time[part.start]:.3f} s: the rest lies beyond missing values"

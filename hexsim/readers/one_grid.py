@@ -20,6 +20,7 @@ LARGEST_GRID = 50  # samples of the grid a sample of the file
 FILL = 10  # samples: shorter gaps are filled, longer ones end a stretch
 SMOOTH = 2  # samples: up to here a cubic through four neighbours is as good as a sample, beyond it its slope is noise
 STANDS = 0.3  # share of steps that are none, above which a signal is no smooth curve: straight lines
+AT_END = 0.1  # steps of the grid by which a signal goes on at its ends: a grid begins beside samples that wander
 FLAG = (16, 0.9)  # values at most, share of steps that are none: a switch or a mode, which holds between samples
 
 
@@ -32,6 +33,7 @@ class Grid:
     rate: float
     n: int
     path: Path
+    slack: int = 1  # samples at the ends that some clock may not reach: its own period
     columns: dict[str, Array] = field(default_factory=dict)
     weights: dict[str, Array] = field(default_factory=dict)
     repaired: dict[str, Array] = field(default_factory=dict)
@@ -51,7 +53,7 @@ def on_one_grid(groups: Sequence[ClockGroup], delays: dict[str, float]) -> Grid:
             f"{len(groups)} clocks: signals are on that of {', '.join(sorted(base.signals)[:3])}"
         )
     for group in groups:
-        place = place_on(grid, group)
+        place = place_on(grid, group, base)
         for name in group.signals:
             own = group.own_samples(name)
             late = delays.get(name, 0.0)
@@ -88,8 +90,9 @@ def grid_of(base: ClockGroup) -> Grid:
     place = (t - t[0]) * rate - (0.0 if base.place is None else base.place)
     phase = float(np.angle(np.mean(np.exp(2j * np.pi * place)))) / (2 * np.pi)
     phase = phase if abs(phase) > EVEN else 0.0
+    phase += float(phase < -AT_END and base.place is None)
     start = float(t[0]) + phase / rate
-    last = int((t[-1] - start) * rate + 0.5) if base.place is None else int(base.place[-1])
+    last = int((t[-1] - start) * rate + AT_END) if base.place is None else int(base.place[-1])
     long = np.flatnonzero(np.diff(t) > HOLE * usual)
     if last + 1 > LARGEST_GRID * len(t):
         raise HexsimError(
@@ -99,11 +102,11 @@ def grid_of(base: ClockGroup) -> Grid:
     return Grid(start=start, rate=rate, n=last + 1, path=base.path)
 
 
-def place_on(grid: Grid, group: ClockGroup) -> Array:
+def place_on(grid: Grid, group: ClockGroup, base: ClockGroup) -> Array:
     """Samples of a group in steps of the grid; whole numbers for those that lie on it. Notes its holes."""
     place = (group.time - grid.start) * grid.rate
-    if group.place is not None and np.ptp(place - group.place) < 0.5:  # one rate, but for what the stamps do not tell
-        place = group.place + np.mean(place - group.place)
+    if group is base and group.place is not None:
+        place = group.place + float(np.mean(place - group.place))
     near = np.round(place)
     place = np.where(np.abs(place - near) < 2 * EVEN, near, place)
     steps = np.diff(place)
@@ -129,8 +132,9 @@ def put(grid: Grid, group: ClockGroup, name: str, place: Array, x: Array) -> Non
         inside, hold = points >= place[0] - 1e-9, True
     else:
         hole = steps > HOLE * usual
-        inside &= ~hole[before] | (near < 0.5 * usual[before])
-        inside |= near < 0.5 * np.minimum(usual[before], 1.0)  # the half step at either end
+        reach = np.where(steps > FILL * usual, AT_END * np.minimum(usual, 1.0), 0.5 * usual)  # of a sample into a hole
+        inside &= ~hole[before] | (near < reach[before])
+        inside |= near < AT_END * np.minimum(usual[before], 1.0)
     on = np.where(np.abs(points - place[before]) < np.abs(place[after] - points), before, after)
     exact = np.abs(place[on] - points) < 2 * EVEN
     ticks = held_between_ticks(place, x, points) if hold and group.place is None and name not in group.steady else None
@@ -141,6 +145,7 @@ def put(grid: Grid, group: ClockGroup, name: str, place: Array, x: Array) -> Non
     else:
         new = np.where(exact, x[on], between(points, place, x))
     grid.columns[name] = np.where(inside, new, np.nan)
+    grid.slack = max(grid.slack, int(np.ceil(HOLE * max(usual[0], usual[-1]))))
     if place[0] > HOLE * usual[0] or place[-1] < grid.n - 1 - HOLE * usual[-1]:
         times = grid.start + place[[0, -1]] / grid.rate
         grid.notes.setdefault(name, []).append(
@@ -170,7 +175,7 @@ def between(points: Array, place: Array, x: Array) -> Array:
     ends = np.flatnonzero(np.diff(place) > FILL * periods(place)) + 1
     for start, stop in zip(np.append(0, ends), np.append(ends, len(place)), strict=True):
         if stop - start >= 8:
-            own = (points >= place[start]) & (points <= place[stop - 1])
+            own = (points >= place[start] - AT_END) & (points <= place[stop - 1] + AT_END)
             new[own] = make_interp_spline(place[start:stop], x[start:stop], k=3)(points[own])
     return new
 

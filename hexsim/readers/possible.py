@@ -15,7 +15,7 @@ BEYOND = 0.5  # of a range, on either side of it: a transducer's zero may be off
 SURGE = 2.5  # of the supply pressure: oil that is stopped rises above it
 HARDEST_m_s2 = 1e3  # no platform: a hundred times that of gravity
 MOST = 0.5  # share of samples: more of them are no markers but another unit or zero, which the checks name
-FAR = 10.0  # of the span of the rest: so far no signal jumps, and stays at one value
+FAR = 3.0  # spans of the rest: so far no signal jumps in a sample, and stays at one value
 MARKERS = 3  # values of a logger's markers, at most
 JUMP = 0.1  # of the range: a marker is reached and left by more in one sample, a measurement is not
 
