@@ -5,61 +5,95 @@ from __future__ import annotations
 import numpy as np
 
 from hexsim.errors import HexsimError
-from hexsim.readers.cleaning import Cleaning, held, runs
+from hexsim.readers.clock_group import HOLE, ClockGroup, is_held, periods, runs
+from hexsim.readers.clocks import LARGEST, LEAST
+from hexsim.readers.possible import Limits, impossible, marker
+from hexsim.signals.table import places
 
 RESTING_s = 0.25  # a quantised signal may stand still for longer when nothing moves
 DWELLS = 0.1  # of the usual step between samples: a signal that comes slower to its limit stops there
-LARGEST = 1e30  # in any SI unit: beyond it a number is damage
 
 
-def blank_bad_values(log: Cleaning) -> None:
-    """Infinite values, spikes of one sample and frozen stretches become missing; a channel that is dead is left out.
+def blank_bad_values(group: ClockGroup, possible: dict[str, Limits], markers: dict[str, list[float]]) -> None:
+    """What is no measurement becomes missing; a channel that is dead is left out.
 
+    That is: infinite values, a logger's markers, what the machine cannot have, spikes of one sample, frozen stretches.
     Signals of a foreign machine (kind "own") may jump and stand still; only what is no number is blanked.
     """
-    for name, values in list(log.signals.items()):
-        x = values.copy()
-        blank(log, name, x, np.abs(x) > LARGEST, "values beyond any measure")
-        blank(log, name, x, np.isnan(x), "missing values")
-        reason = why_dead(log, name, x)
+    for name in list(group.signals):
+        x = group.signals[name]
+        blank(group, name, np.abs(x) > LARGEST, "values beyond any measure")
+        blank(group, name, np.isin(x, markers.get(name, [])), "markers of the mapping")
+        say_missing(group, name)
+        own = group.own_samples(name)
+        if not group.foreign and not is_held(name) and len(own) > LEAST:
+            blank(group, name, marks(x, own, marker(x[own])), "markers far from all other values")
+            own = group.own_samples(name)
+        limits = possible.get(places()[name][0].stem) if name in places() else None
+        if limits is not None and not group.foreign and len(own):
+            blank(group, name, marks(x, own, impossible(x[own], limits)), "values that the machine cannot have")
+            own = group.own_samples(name)
+        reason = why_dead(group, name, own, limits)
         if reason:
-            leave_out(log, name, reason)
-            continue
-        if not log.foreign:
-            blank(log, name, x, spikes(x), "spikes of a single sample")
-            blank(log, name, x, frozen(log, name, x), "rows of a frozen value")
-        log.signals[name] = x
+            leave_out(group, name, reason)
+        elif not group.foreign:
+            blank(group, name, marks(x, own, spikes(x[own])), "spikes of a single sample")
+            blank(group, name, marks(x, own, frozen(group, name, own)), "rows of a frozen value")
 
 
-def blank(log: Cleaning, name: str, x: np.ndarray, bad: np.ndarray, what: str) -> None:
-    """Mark samples as missing, with a stated loss."""
+def marks(x: np.ndarray, own: np.ndarray, bad: np.ndarray) -> np.ndarray:
+    """Marks of a signal's own samples as marks of the rows."""
+    found = np.zeros(len(x), dtype=bool)
+    found[own] = bad
+    return found
+
+
+def blank(group: ClockGroup, name: str, bad: np.ndarray, what: str) -> None:
+    """Mark samples as missing, with a note."""
     if bad.any():
-        log.losses.append(f"column {name}: {bad.sum()} {what}, the first in row {log.first(bad)}")
-        x[bad] = np.nan
+        group.note(f"{bad.sum()} {what}, the first in row {group.first(bad)}", name)
+        group.signals[name][bad] = np.nan
 
 
-def why_dead(log: Cleaning, name: str, x: np.ndarray) -> str | None:
+def say_missing(group: ClockGroup, name: str) -> None:
+    """Cells without a sample, of a signal that has one in most rows; others are slower."""
+    missing = np.isnan(group.signals[name])
+    if missing.any() and missing.mean() < 0.5:
+        group.note(f"{missing.sum()} missing values, the first in row {group.first(missing)}", name)
+
+
+def why_dead(group: ClockGroup, name: str, own: np.ndarray, limits: Limits | None) -> str | None:
     """Why a whole channel cannot be used: missing, cut off, or standing still; None when it can."""
-    missing = int(np.isnan(x).sum())
-    if missing > 0.5 * len(x):
-        return f"{missing} of {len(x)} values are missing"
-    if log.foreign or held(name):
+    x, time = group.signals[name][own], group.time[own]
+    if len(own) < LEAST:
+        return f"{len(group.time) - len(own)} of {len(group.time)} values are missing"
+    steps = np.diff(time)
+    there = float(np.sum(steps[steps <= HOLE * periods(time)]))
+    if there < 0.5 * float(np.ptp(group.time)) and name not in group.steady:
+        return f"it is there for {there:.3g} of {np.ptp(group.time):.3g} s"
+    if group.foreign or is_held(name) or name in group.held:
         return None
     clipped = saturated(x)
-    if clipped is not None:
+    if clipped is not None and not (name.startswith("position") and at_an_end(clipped[0], x, limits)):
         limit, at = clipped
-        return f"it is saturated at {limit:.6g} in {at.sum()} rows from row {log.first(at)}"
+        return f"it is saturated at {limit:.6g} in {at.sum()} rows from row {group.row(int(own[np.argmax(at)]))}"
     still = longest_run(np.diff(x) == 0) + 1
     if still == len(x) and name != "pressure_supply_Pa":  # an ideal supply may be constant
         return "it never changes"
     return f"it stands still in {still} of {len(x)} rows" if 0.9 * len(x) < still < len(x) else None
 
 
-def leave_out(log: Cleaning, name: str, why: str) -> None:
-    if name.startswith("position") and not log.foreign:
-        raise HexsimError(f"{log.path}: column {name} cannot be used, {why}; nothing can be traced without it")
-    log.losses.append(f"column {name} is left out: {why}")
-    del log.signals[name]
+def at_an_end(limit: float, x: np.ndarray, limits: Limits | None) -> bool:
+    """Is this where the cylinder ends? Without a machine only the retracted end is known: 0."""
+    near = 0.02 * (limits.high - limits.low) if limits is not None else 0.02 * float(np.ptp(x))
+    return abs(limit) < near or (limits is not None and abs(limit - limits.high) < near)
+
+
+def leave_out(group: ClockGroup, name: str, why: str) -> None:
+    if name.startswith("position") and not group.foreign:
+        raise HexsimError(f"{group.path}: column {name} cannot be used, {why}; nothing can be traced without it")
+    group.note(f"left out: {why}", name)
+    del group.signals[name]
 
 
 def spikes(x: np.ndarray) -> np.ndarray:
@@ -67,7 +101,9 @@ def spikes(x: np.ndarray) -> np.ndarray:
 
     The two samples on either side must lie together (within a tenth of the spike): a jump that rings is no spike.
     """
-    filled = np.where(np.isnan(x), np.nanmedian(x), x)
+    if len(x) < 5:
+        return np.zeros(len(x), dtype=bool)
+    filled = x
     low, high = np.quantile(filled, [0.002, 0.998])
     around = np.stack([filled[:-4], filled[1:-3], filled[3:-1], filled[4:]])
     away = np.abs(filled[2:-2] - around.mean(axis=0))
@@ -106,15 +142,16 @@ def longest_run(mask: np.ndarray) -> int:
     return int(np.max(stops - starts, initial=0))
 
 
-def frozen(log: Cleaning, name: str, x: np.ndarray) -> np.ndarray:
+def frozen(group: ClockGroup, name: str, own: np.ndarray) -> np.ndarray:
     """Stretches of one value that are longer than chance allows, in a noisy signal: a sensor that has stopped.
 
     With a share p of samples equal to the one before, a run of k has n p^k chances; k is where that is 1e-9. p is taken
     three times as large as seen, without the two longest runs. A run longer than RESTING_s counts only while another
     signal moves: a quantised sensor of a machine at rest stands still by right, as do held setpoints, noise-free logs.
     """
+    x, time = group.signals[name][own], group.time[own]
     none = np.zeros(len(x), dtype=bool)
-    if held(name) or len(x) < 50 or not noisy(x):
+    if is_held(name) or name in group.held or len(x) < 50 or not noisy(x):
         return none
     same = np.diff(x) == 0
     starts, stops = runs(same)
@@ -124,15 +161,15 @@ def frozen(log: Cleaning, name: str, x: np.ndarray) -> np.ndarray:
         return none
     least = max(5, int(np.ceil(np.log(1e-9 / len(x)) / np.log(chance))))
     for start, stop in zip(starts[length >= least], stops[length >= least], strict=True):
-        if log.time[stop] - log.time[start] < RESTING_s or others_move(log, name, start, stop):
+        if time[stop] - time[start] < RESTING_s or others_move(group, name, own[start], own[stop]):
             none[start + 1 : stop + 1] = True
     return none
 
 
-def others_move(log: Cleaning, name: str, start: int, stop: int) -> bool:
+def others_move(group: ClockGroup, name: str, start: int, stop: int) -> bool:
     """Does another signal change by a twentieth of its span between two samples?"""
-    for other, values in log.signals.items():
-        span = np.ptp(values[np.isfinite(values)]) if other != name else 0.0
+    for other, values in group.signals.items():
+        span = np.ptp(values[np.isfinite(values)]) if other != name and np.isfinite(values).any() else 0.0
         inside = values[start : stop + 1]
         inside = inside[np.isfinite(inside)]
         if span > 0 and len(inside) and np.ptp(inside) > 0.05 * span:

@@ -9,7 +9,7 @@ from hexsim.errors import HexsimError
 from hexsim.files.plugins import found_parts
 from hexsim.readers import formats
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import RawTable, Reader
+from hexsim.readers.reader import RawLog, Reader
 
 OF_A_RUN = "log.parquet"
 
@@ -41,15 +41,36 @@ def of_a_run(path: Path) -> Path:
     return path / OF_A_RUN if (path / OF_A_RUN).is_file() else path
 
 
-def raw_table(path: Path, layout: FileLayout | None = None) -> RawTable:
-    """The columns of a file, by the reader of its suffix."""
+def raw_log(path: Path, layout: FileLayout | None = None) -> RawLog:
+    """The signals of a file, by the reader of its suffix. The one place where what a library raises becomes a sentence:
+    damaged files make libraries raise anything, a Rust panic is not even an Exception."""
     path = of_a_run(path)
-    if not path.is_file():
+    if not path.exists():
         raise HexsimError(f"there is no file {path}: give a log ({', '.join(readers())}, text also as .gz)")
     reader = readers().get(suffix_of(path))
-    if reader is None:
+    if reader is None or not path.is_file():
         raise HexsimError(f"{path}: a log ends in one of {', '.join(readers())}, text also in .gz")
-    return reader.read(path, layout or FileLayout()).cut(path)
+    try:
+        return reader.read(path, layout or FileLayout()).cut(path)
+    except HexsimError:
+        raise
+    except ImportError as error:
+        if not reader.needs:
+            raise
+        raise HexsimError(
+            f"{path} is {reader.name}: pip install 'hexsim[{reader.needs}]' to read it ({first_line(error)})"
+        ) from None
+    except MemoryError:
+        raise HexsimError(f"{path} asks for more memory than there is: cut the file") from None
+    except BaseException as error:
+        if isinstance(error, (KeyboardInterrupt, SystemExit, GeneratorExit)):
+            raise
+        raise HexsimError(f"cannot read {path} as {reader.name}: {first_line(error)}") from None
+
+
+def first_line(error: BaseException) -> str:
+    """The first line of a library's message, that says what went wrong where it says nothing itself."""
+    return (str(error).strip().splitlines() or [type(error).__name__])[0][:160]
 
 
 def log_files(folder: Path, name: str) -> Path:

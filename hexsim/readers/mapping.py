@@ -10,6 +10,9 @@ rate_Hz = 1000.0                  # when there is no column of time
 from = "pos"                      # column of the file (default: the same name)
 unit = "mm"                       # or factor = 1e-3 and offset = 0.0 (SI = factor * value + offset)
 delay_s = 0.012                   # this channel is late by so much: it is moved forward
+time = "t2"                       # its own column of time, in the unit of time_s (default: that of time_s)
+missing = [-9999.0]               # values, as the file has them, that say "no sample"
+held = true                       # it keeps its value until the next sample, however late that comes
 """
 
 from __future__ import annotations
@@ -45,6 +48,9 @@ class Channel(Section):
     factor: float | None = Field(default=None, allow_inf_nan=False)
     offset: float = Field(default=0.0, allow_inf_nan=False)
     delay_s: float = Field(default=0.0, ge=-10.0, le=10.0)
+    time: str | None = None
+    missing: list[float] = []
+    held: bool | None = None
 
     def to_si(self, name: str, where: str) -> tuple[float, float]:
         """(factor, offset) to SI of the column `name`."""

@@ -1,54 +1,84 @@
-"""A measured log from a file: columns, signals, a uniform time base, and what was repaired on the way."""
+"""A measured log from a file: signals with their own stamps, whatever the format, on one clock and one grid.
+
+1. clocks      when was each sample taken (sorted, unwrapped; stamps kept, or rows counted by evidence)
+2. damage      what is no measurement is missing
+3. one grid    held or interpolated, missing in holes of 1.5 periods, with a weight
+4. stretches   short gaps filled without weight, longer ones split the run
+Each thing that was done is noted with its signal: one line a signal in `Log.losses`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from hexsim.errors import HexsimError
+from hexsim.machine import Machine
 from hexsim.readers.assemble import assemble
-from hexsim.readers.cleaning import Cleaning
+from hexsim.readers.clock_group import ClockGroup
+from hexsim.readers.clocks import settle
 from hexsim.readers.faulty_values import blank_bad_values
-from hexsim.readers.files import log_name, raw_table
-from hexsim.readers.gaps import SHORTEST_S, stretches
+from hexsim.readers.files import log_name, raw_log
 from hexsim.readers.mapping import Mapping, load_mapping
-from hexsim.readers.time_base import clean_time, shift_delays, uniform
+from hexsim.readers.one_grid import Grid, fill, on_one_grid, stretches
+from hexsim.readers.possible import possible_values
+from hexsim.readers.reader import RawLog
 from hexsim.signals.log import Log
 
 MAPPING_NAME = "mapping.toml"  # beside the logs: used for all logs of the folder
+SHORTEST_S = 0.5  # [s] shorter logs are refused
 
 
-def read_stretches(path: Path | str, mapping: Path | str | Mapping | None = None) -> list[Log]:
+def read_stretches(
+    path: Path | str, mapping: Path | str | Mapping | None = None, machine: Machine | None = None
+) -> list[Log]:
     """All stretches of a log without a long gap, longest first. See `read_log`."""
     path = Path(path)
-    beside = path.parent / MAPPING_NAME
+    beside = (path if path.is_dir() else path.parent) / MAPPING_NAME
     mapping = load_mapping(beside if mapping is None and beside.is_file() else mapping)
-    raw = raw_table(path, mapping.file)
-    if not raw.columns or not max(map(len, raw.columns.values())):
-        raise HexsimError(f"{path} has a header and no row of data")
-    time, signals, kind = assemble(raw, mapping, path)
-    log = Cleaning(
-        path=path, first_row=raw.first_row, time=time, signals=signals, losses=raw.losses, foreign=kind == "own"
-    )
-    clean_time(log)
-    blank_bad_values(log)
-    rate = uniform(log)
-    shift_delays(log, {name: channel.delay_s for name, channel in mapping.columns.items()}, rate)
-    parts = stretches(log, rate)
+    raw = raw_log(path, mapping.file)
+    if not any(len(signal.values) for signal in raw.signals):
+        raise HexsimError(f"{path} has a header and no row of data{raw.unread()}")
+    groups, kind = assemble(raw, mapping, path)
+    possible = possible_values(machine)
+    markers = {name: channel.missing for name, channel in mapping.columns.items()}
+    for group in groups:
+        settle(group)
+        blank_bad_values(group, possible, markers)
+    groups = [group for group in groups if group.signals]
+    grid = on_one_grid(groups, {name: channel.delay_s for name, channel in mapping.columns.items()})
+    fill(grid, {name for group in groups for name in group.held})
+    losses = sentences(raw, groups, grid)
+    parts = stretches(grid, SHORTEST_S)
     if not parts:
         raise HexsimError(
-            f"{path} has no stretch of {SHORTEST_S:g} s without a missing value: {'; '.join(log.losses) or 'too short'}"
+            f"{path} has no stretch of {SHORTEST_S:g} s without a missing value: {'; '.join(losses) or 'too short'}"
         )
     whole = Log(
-        name=log_name(path), kind=kind, time=log.time, rate=round(rate, 6), columns=log.signals, path=path,
-        losses=tuple(log.losses), repaired=log.repaired,
+        name=log_name(path), kind=kind, time=grid.time, rate=round(grid.rate, 6), columns=grid.columns, path=path,
+        losses=losses, repaired=grid.repaired, weights=grid.weights,
     )  # fmt: skip
-    return [used_part(whole, part) for part in parts]
+    return [used_part(whole, part, grid.slack) for part in parts]
 
 
-def used_part(log: Log, part: slice) -> Log:
-    """One stretch of a log, which says what it leaves out."""
+def sentences(raw: RawLog, groups: Sequence[ClockGroup], grid: Grid) -> tuple[str, ...]:
+    """What was done: of the file, then one line a clock and a signal."""
+    lines = [*raw.losses, *grid.notes.pop("", [])]
+    lines += ["; ".join(group.notes.pop("")) for group in groups if "" in group.notes]
+    done: dict[str, list[str]] = {}
+    for notes in (*(group.notes for group in groups), grid.notes):
+        for name, said in notes.items():
+            done.setdefault(name, []).extend(said)
+    lines += [f"column {name}: {'; '.join(said)}" for name, said in done.items()]
+    return tuple(dict.fromkeys(lines))
+
+
+def used_part(log: Log, part: slice, slack: int) -> Log:
+    """One stretch of a log, which says what it leaves out, but for fewer samples than the slowest clock's period at its ends."""
     if part.stop - part.start == log.n:
         return log
+    if part.start <= slack and part.stop >= log.n - slack:
+        return log.part(part)
     sentence = (
         f"used {(part.stop - part.start) / log.rate:.3f} s of {log.n / log.rate:.3f} s, from "
         f"{log.time[part.start]:.3f} s: the rest lies beyond missing values"
@@ -56,11 +86,11 @@ def used_part(log: Log, part: slice) -> Log:
     return log.part(part, losses=(*log.losses, sentence))
 
 
-def read_log(path: Path | str, mapping: Path | str | Mapping | None = None) -> Log:
+def read_log(path: Path | str, mapping: Path | str | Mapping | None = None, machine: Machine | None = None) -> Log:
     """Read one run: the longest stretch without a long gap, in SI units, on a uniform time base, every loss stated.
 
-    path: CSV, text, Parquet, MAT or MDF, text also as .gz. mapping: a TOML file for foreign names and units;
-    default the file mapping.toml beside the log, if there is one.
+    path: a file of any format of `readers()`, text also as .gz. mapping: a TOML file for foreign names and units;
+    default the file mapping.toml beside the log, if there is one. machine: what it cannot have is missing.
     Raises HexsimError that names file, column and row. Values are not judged here: see `hexsim.tracing.checks.checks`.
     """
-    return read_stretches(path, mapping)[0]
+    return read_stretches(path, mapping, machine)[0]

@@ -1,51 +1,123 @@
-"""The interface of a log format: bytes of a file to columns of numbers. A format is one file of `hexsim/readers/formats`."""
+"""The interface of a log format: a file to signals, each with its own time stamps. A format is one file of `readers/formats`.
+
+A reader judges nothing: it sorts, fills and repairs nothing, and brings no signals onto one clock. That is done once for
+all formats, behind it (`hexsim.readers.measured`).
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
+from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
 
-MAX_ROWS = 2_000_000  # rows of a file that are used: half an hour at 1 kHz
-MAX_CELLS = 64_000_000  # of numbers that are kept in memory: half a gigabyte
+MAX_ROWS = 2_000_000  # samples of a signal that are used: half an hour at 1 kHz
+MAX_CELLS = 32_000_000  # numbers of a file that are kept in memory: a quarter of a gigabyte
+MOST_NAMED = 12  # signals that a sentence lists
+Array = np.ndarray
+
+
+@dataclass(kw_only=True, eq=False)
+class RawSignal:
+    """One signal as a file holds it.
+
+    name: its full path in the file, parts joined by dots. values: (n,) float, NaN where a sample is invalid or missing.
+    stamps: clock -> (n,) time stamps [s], NaN for none. Signals of one clock share the array itself. A file may know
+    several clocks (the header's time of a message, the time it was received). Without any, sample k stands in row k of
+    a table, whose column of time is a signal like others.
+    unit: where the file states it. aliases: other names that it goes by. odd: (index, text) of its first cell that is
+    no number.
+    """
+
+    name: str
+    values: Array
+    stamps: Mapping[str, Array] = field(default_factory=dict)
+    unit: str = ""
+    aliases: tuple[str, ...] = ()
+    odd: tuple[int, str] | None = None
+
+    @property
+    def short(self) -> str:
+        """The last part of its path."""
+        return self.name.rpartition(".")[2]
 
 
 @dataclass(kw_only=True)
-class RawTable:
+class RawLog:
     """What stands in a file.
 
-    columns: name -> (n,) float, NaN where a cell is missing. losses: what could not be read, a sentence each.
-    first_row: the file's row of index 0. units: name -> unit where the file states it. rows_lost: are rows missing?
-    odd_cells: name -> (index, text) of its first cell that is no number.
+    losses: what could not be read, a sentence each. left_out: what is there and is no signal of numbers, a sentence each;
+    a refusal lists it. first_row: the file's row of sample 0. rows_lost: are rows missing?
     """
 
-    columns: dict[str, np.ndarray]
+    signals: list[RawSignal]
     losses: list[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
     first_row: int = 1
-    units: Mapping[str, str] = field(default_factory=dict)
     rows_lost: bool = False
-    odd_cells: dict[str, tuple[int, str]] = field(default_factory=dict)
+
+    @classmethod
+    def of_table(cls, columns: Mapping[str, Array], **other: object) -> RawLog:
+        """Columns of numbers, (n,) each."""
+        signals = [RawSignal(name=name, values=np.asarray(values, dtype=float)) for name, values in columns.items()]
+        return cls(signals=signals, **other)  # pyright: ignore[reportArgumentType]
+
+    def find(self, name: str) -> list[RawSignal]:
+        """Signals of this name: by its whole path, else by its end, or by another name of it."""
+        whole = [signal for signal in self.signals if signal.name == name]
+        return whole or [s for s in self.signals if s.name.endswith(f".{name}") or name in s.aliases]
+
+    def one(self, name: str, what: str, path: Path) -> RawSignal:
+        """The signal of this name. HexsimError where there is none, or where it is not clear which one."""
+        found = self.find(name)
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise HexsimError(
+                f"{path}: {name!r} for {what} may be {listed(signal.name for signal in found)}: give the whole name"
+            )
+        raise HexsimError(
+            f"{path} has no column {name!r} for {what}: it has {listed(sorted(s.name for s in self.signals), 40)}"
+            f"{self.unread()}"
+        )
+
+    def unread(self) -> str:
+        """What was found and not read, as the end of a sentence."""
+        return (
+            f". Not read: {'; '.join(self.left_out[:6])}{'; ...' if len(self.left_out) > 6 else ''}"
+            if self.left_out
+            else ""
+        )
 
     def lose_rows(self, sentence: str) -> None:
         """State that rows are missing."""
         self.losses.append(sentence)
         self.rows_lost = True
 
-    def cut(self, path: Path) -> RawTable:
-        """The first `max_rows`, with a stated loss."""
-        rows, most = max(map(len, self.columns.values()), default=0), max_rows(len(self.columns))
-        if rows > most:
-            self.columns = {name: values[:most] for name, values in self.columns.items()}
+    def cut(self, path: Path) -> RawLog:
+        """The first `max_rows` of every signal, with a stated loss."""
+        most = max_rows(len(self.signals))
+        if max((len(signal.values) for signal in self.signals), default=0) > most:
+            short: dict[int, Array] = {}
+            for signal in self.signals:
+                signal.values = signal.values[:most]
+                signal.stamps = {key: short.setdefault(id(t), t[:most]) for key, t in signal.stamps.items()}
             self.lose_rows(
                 f"{path.name} has more than {most:,} rows: only the first {most:,} are used; cut the file to choose others"
             )
         return self
+
+
+def listed(names: Iterable[str], most: int = MOST_NAMED) -> str:
+    """Names in a sentence, the first few of many."""
+    names = list(names)
+    return ", ".join(names[:most]) + (f" and {len(names) - most} others" if len(names) > most else "")
 
 
 def max_rows(n_columns: int) -> int:
@@ -54,16 +126,16 @@ def max_rows(n_columns: int) -> int:
 
 
 class Reader(ABC):
-    """One format. `name` as people say it; `suffixes` of its files, in small letters, a compressed text counts as a text."""
+    """One format. `name` as people say it; `suffixes` of its files, in small letters, a compressed text counts as a text.
+
+    needs: the extra of hexsim that its library comes with.
+    """
 
     name: ClassVar[str]
     suffixes: ClassVar[tuple[str, ...]]
+    needs: ClassVar[str] = ""
 
     @abstractmethod
-    def read(self, path: Path, layout: FileLayout) -> RawTable:
-        """Columns of the file. Raises HexsimError that names the file, and row and column where there are such."""
-
-
-def first_line(error: Exception) -> str:
-    """The first line of a library's message."""
-    return (str(error).splitlines() or [type(error).__name__])[0][:160]
+    def read(self, path: Path, layout: FileLayout) -> RawLog:
+        """Signals of the file. HexsimError where a sentence is known; whatever else a library raises becomes one sentence
+        in `files.raw_log`. Asks for sizes before it allocates: at most MAX_CELLS numbers, 1 GB of memory in all."""

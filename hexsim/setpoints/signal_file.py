@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hexsim.errors import HexsimError
-from hexsim.readers.files import raw_table, readers, suffix_of
-from hexsim.readers.reader import RawTable
+from hexsim.readers.files import raw_log, readers, suffix_of
+from hexsim.readers.reader import RawLog, RawSignal
 from hexsim.setpoints.signal import Array, Signal
 from hexsim.signals.signal import HEXAPOD_AXES
 from hexsim.signals.table import SETPOINT
@@ -34,14 +34,15 @@ def read_setpoint_file(path: str | Path) -> dict[str, Array]:
     """
     path = Path(path)
     raw = _read_table(path)
-    names = list(raw.columns)
-    if "time_s" not in names:
-        raise HexsimError(f"{path}: no column time_s; it has {', '.join(names)}.")
-    columns = {name: raw.columns[name] for name in ("time_s", *_setpoint_columns(path, names))}
+    signals = {signal.short: signal for signal in raw.signals}
+    names = list(signals)
+    chosen = {name: signals[name] for name in _setpoint_columns(path, names)}
+    chosen = {"time_s": _time_of(path, signals, list(chosen.values()))} | chosen
+    columns = {name: signal.values for name, signal in chosen.items()}
     for name, values in columns.items():
         if not np.isfinite(values).all():
             row = int(np.argmin(np.isfinite(values)))
-            odd, text = raw.odd_cells.get(name, (row, str(values[row])))
+            odd, text = chosen[name].odd or (row, str(values[row]))
             given = text if odd == row else str(values[row])
             raise HexsimError(f"{path}: row {row + 1}, column {name}: {given} is not a finite number.")
     if raw.rows_lost:
@@ -59,7 +60,17 @@ def read_setpoint_file(path: str | Path) -> dict[str, Array]:
     return columns
 
 
-def _read_table(path: Path) -> RawTable:
+def _time_of(path: Path, signals: dict[str, RawSignal], chosen: list[RawSignal]) -> RawSignal:
+    """The column of time, or the stamps that all setpoints share."""
+    stamps = [next(iter(one.stamps.values()), None) for one in chosen]
+    if stamps[0] is not None and all(one is stamps[0] for one in stamps):
+        return RawSignal(name="time_s", values=stamps[0])
+    if "time_s" not in signals:
+        raise HexsimError(f"{path}: no column time_s; it has {', '.join(signals)}.")
+    return signals["time_s"]
+
+
+def _read_table(path: Path) -> RawLog:
     """By the readers of logs, which take any format of theirs."""
     if not path.is_file():
         raise HexsimError(f"{path}: no such setpoint file; give a .csv, .csv.gz or .parquet file.")
@@ -68,7 +79,7 @@ def _read_table(path: Path) -> RawTable:
             f"{path}: unknown kind of file; give a .csv, .csv.gz or .parquet file, or another of {', '.join(readers())}."
         )
     try:
-        return raw_table(path)
+        return raw_log(path)
     except HexsimError as error:
         raise HexsimError(f"{path}: cannot be read as a table ({error}).") from None
 

@@ -48,8 +48,18 @@ def noise_of(machine: Machine, logs: list[Log]) -> dict[str, float]:
     noise = declared_noise(machine)
     for kind, value in noise.items():
         if value <= 0:
-            rows = [row for log in logs for name, row in channel_arrays(log).items() if kind_of(name) == kind]
+            rows = [
+                row[:: samples_apart(log, name)]
+                for log in logs
+                for name, row in channel_arrays(log).items()
+                if kind_of(name) == kind
+            ]
             noise[kind] = max((measured_noise(row) for row in rows), default=0.0)
             scale = max((float(np.ptp(row)) for row in rows), default=0.0)
             noise[kind] = max(noise[kind], 1e-6 * scale, 1e-12)
     return noise
+
+
+def samples_apart(log: Log, name: str) -> int:
+    """Points of the log from one sample of a column to the next: between them it is interpolated, and smoother than its noise."""
+    return max(round(1.0 / float(np.median(log.weights[name]))), 1) if name in log.weights else 1

@@ -38,7 +38,9 @@ class Log:
     kind: "bench" (one leg), "hexapod" (six) or "own" (a machine of other columns). time: (n,) [s]. rate [Hz].
     columns: name -> (n,). losses: what a reader dropped, filled or converted, a sentence each.
     repaired: name -> (n,) bool, samples that were missing and filled; a column without such samples is not there.
-    They weigh nothing in a fit. offset_s: time from the beginning of its run to its first sample, of a part of a run.
+    They weigh nothing in a fit. weights: name -> (n,) above 0, of columns with fewer samples than the log has: samples a
+    point, where they are interpolated; other columns weigh 1. offset_s: time from the beginning of its run to its first
+    sample, of a part of a run.
     loaded: was the machine's additional mass on it?
     Signals may be given as arrays by their stem or attribute (`position=...`), and so they can be exchanged:
     `dataclasses.replace(log, volts=other)`; rows are legs or axes, (n_rows, n), or (n,) for one of the machine.
@@ -51,6 +53,7 @@ class Log:
     columns: Mapping[str, Array]
     losses: tuple[str, ...]
     repaired: Mapping[str, Array]
+    weights: Mapping[str, Array]
     path: Path | None
     offset_s: float
     loaded: bool
@@ -58,8 +61,8 @@ class Log:
     def __init__(
         self, *, name: str, kind: Kind, time: Array, rate: float | None = None,
         columns: Mapping[str, Array] | None = None, losses: tuple[str, ...] = (),
-        repaired: Mapping[str, Array] | None = None, path: Path | None = None, offset_s: float = 0.0,
-        loaded: bool = False, **signals: Array | None,
+        repaired: Mapping[str, Array] | None = None, weights: Mapping[str, Array] | None = None,
+        path: Path | None = None, offset_s: float = 0.0, loaded: bool = False, **signals: Array | None,
     ) -> None:  # fmt: skip
         own = dict(columns or {})
         for key, rows in signals.items():
@@ -70,7 +73,7 @@ class Log:
                 own |= zip(names, np.atleast_2d(rows), strict=True)
         given = {
             "name": name, "kind": kind, "time": time, "columns": own, "losses": tuple(losses), "path": path,
-            "repaired": dict(repaired or {}), "rate": _rate_of(name, time) if rate is None else rate,
+            "repaired": dict(repaired or {}), "weights": dict(weights or {}), "rate": _rate_of(name, time) if rate is None else rate,
             "offset_s": offset_s, "loaded": loaded,
         }  # fmt: skip
         for key, value in given.items():
@@ -195,12 +198,19 @@ class Log:
                 for name, x in self.columns.items()
             }
             time = self.time[0] + at / self.rate
-            self._finer[key] = replace(self, time=time, rate=self.rate * factor, columns=columns, repaired={})
+            self._finer[key] = replace(
+                self, time=time, rate=self.rate * factor, columns=columns, repaired={}, weights={}
+            )
         return self._finer[key]
 
     @cached_property
     def _finer(self) -> dict[str, Log]:
         return {}
+
+    def weight(self, name: str) -> Array:
+        """What the samples of a column weigh in a fit (n,): 1; less where they are interpolated; 0 where repaired."""
+        there = np.logical_not(self.repaired.get(name, np.zeros(self.n, dtype=bool)))
+        return there * self.weights.get(name, np.ones(self.n))
 
     def whole(self, reach_s: float, longest: int) -> Array:
         """Samples (n,) bool further than reach_s from every repaired stretch of more than `longest` samples."""
@@ -213,7 +223,7 @@ class Log:
         """Some of the samples, with other fields changed."""
         cut: dict[str, Any] = {
             key: {name: np.ascontiguousarray(values[rows]) for name, values in getattr(self, key).items()}
-            for key in ("columns", "repaired")
+            for key in ("columns", "repaired", "weights")
         }
         cut["repaired"] = {name: marks for name, marks in cut["repaired"].items() if marks.any()}
         cut["offset_s"] = self.offset_s + (rows.start or 0) / self.rate

@@ -1,10 +1,12 @@
-"""Bags of ROS 2 and MCAP files of others: fields become columns on the fastest topic's stamps."""
+"""Bags of ROS 2 and MCAP files of others: fields are signals with the stamps of their topic."""
 
 import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
-from hexsim.readers.files import raw_table
+from hexsim.readers import read_log
+from hexsim.readers.files import raw_log
+from hexsim.readers.mapping import Mapping
 
 pytest.importorskip("mcap", reason="pip install hexsim[ros]")
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="pip install hexsim[ros]")
@@ -55,16 +57,30 @@ def bag(request, tmp_path):
     return next((tmp_path / "bag").glob(f"*.{request.param}"))
 
 
-def test_fields_of_messages_become_columns(bag):
-    """Positions by joint at header stamps from 0 on, the slower IMU linear between its samples, names as short as they can be."""
-    table = raw_table(bag)
-    time = table.columns["time_s"]
-    assert time == pytest.approx(0.01 * np.arange(200), abs=1e-9)
-    assert table.columns["position_1"] == pytest.approx(np.sin(time), abs=1e-12)
-    assert table.columns["position_2"] == pytest.approx(np.cos(time), abs=1e-12)
-    inside = time < 1.98
-    assert table.columns["imu.linear_acceleration.x"][inside] == pytest.approx(time[inside], abs=1e-9)
-    assert any("100 samples, the fastest 200: linear between them" in loss for loss in table.losses)
+def test_fields_of_messages_are_signals_with_the_stamps_of_their_topic(bag):
+    """Positions under the name of their joint, each topic on its own stamps: of the header, and of receipt 5 ms later."""
+    raw = raw_log(bag)
+    position, turn = raw.one("joint_states.position.b", "b", bag), raw.one("angular_velocity.z", "turn", bag)
+    assert raw.find("position_2") == [position]
+    assert position.values == pytest.approx(np.cos(0.01 * np.arange(200)), abs=1e-12)
+    for signal, period, n in ((position, 0.01, 200), (turn, 0.02, 100)):
+        assert signal.stamps["header time"] == pytest.approx(period * np.arange(n), abs=1e-9)
+        assert np.diff(signal.stamps["time of receipt"]) == pytest.approx(np.full(n - 1, period), abs=1e-9)
+
+
+def test_a_slower_topic_is_interpolated_and_weighs_less(bag):
+    """The grid is that of the joints at 100 Hz; the IMU at 50 Hz is a curve through its samples, of half the weight."""
+    mapping = Mapping.model_validate(
+        {"kind": "own", "columns": {"joint": {"from": "position.a"}, "turn_rad_s": {"from": "angular_velocity.z"}}}
+    )
+    log = read_log(bag, mapping)
+    assert (log.rate, log.n) == (100.0, 199)
+    assert log.columns["turn_rad_s"] == pytest.approx(2 * log.time, abs=1e-9)
+    assert log.columns["joint"] == pytest.approx(np.sin(log.time), abs=1e-12)
+    assert set(log.weights) == {"turn_rad_s"} and log.weight("turn_rad_s") == pytest.approx(np.full(199, 0.5))
+    assert any(
+        "turn_rad_s: 100 samples, the grid has 200 points: interpolated, weight 0.5" in loss for loss in log.losses
+    )
 
 
 def test_damaged_files_are_a_sentence(tmp_path):
@@ -76,4 +92,4 @@ def test_damaged_files_are_a_sentence(tmp_path):
     ):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(HexsimError, match=f"cannot read .*{name} as "):
-            raw_table(tmp_path / name)
+            raw_log(tmp_path / name)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
-from hexsim.readers.files import raw_table
+from hexsim.readers.files import raw_log
 from hexsim.recording import mcap as written
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
@@ -47,10 +47,11 @@ def test_messages_are_as_their_schemas_say(run, path):
 
 def test_read_back_it_is_the_log(run, path):
     """Every column of the log to the bit, the time within a nanosecond."""
-    table = raw_table(path)
-    assert np.abs(table.columns["time_s"] - run.log["time_s"].to_numpy()).max() <= 1e-9
+    raw = raw_log(path)
     for name in run.log.columns[1:]:
-        assert np.array_equal(table.columns[name], run.log[name].to_numpy(), equal_nan=True), name
+        signal = raw.one(name, name, path)
+        assert np.abs(signal.stamps["time of receipt"] - run.log["time_s"].to_numpy()).max() <= 1e-9
+        assert np.array_equal(signal.values, run.log[name].to_numpy(), equal_nan=True), name
 
 
 def test_the_platform_turns_as_the_log_says(hexapod, tmp_path):

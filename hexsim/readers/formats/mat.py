@@ -12,35 +12,34 @@ import scipy.io
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import MAX_CELLS, RawTable, Reader, first_line
+from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
+from hexsim.readers.sizes import check_mat, check_mat_of_hdf5, too_large
 
 MOST_ITEMS = 200  # of a cell array or a matrix that are looked at
 DEEPEST = 4  # structs in structs
 
 
 class MatReader(Reader):
-    """Vectors of one length: variables, fields of structs, columns of tables. Version 7.3, tables and timetables by mat-io."""
+    """Vectors by their path: variables, fields of structs, columns of tables. Version 7.3, tables and timetables by mat-io.
 
-    name = "MAT"
+    A struct {Time, Data} is a signal with stamps of its own, a list of structs {Name, Data} signals of those names.
+    """
+
+    name = "MAT-file"
     suffixes = (".mat",)
+    needs = "matlab"
 
-    def read(self, path: Path, layout: FileLayout) -> RawTable:
-        found: dict[str, np.ndarray] = {}
-        units: dict[str, str] = {}
-        try:
-            content = variables(path)
-        except HexsimError:
-            raise
-        except Exception as error:  # scipy and mat-io raise many kinds on damaged files
-            raise HexsimError(f"cannot read {path} as a MAT-file: {first_line(error)}") from None
-        for name, value in content.items():
+    def read(self, path: Path, layout: FileLayout) -> RawLog:
+        found = Found(path)
+        for name, value in variables(path).items():
             if not name.startswith("__"):
-                collect(name, value, found, units, 0)
-        return same_length(path, found, units)
+                found.collect(name, value, 0)
+        return found.raw()
 
 
 def variables(path: Path) -> dict[str, Any]:
     """Variables of a file by name, by scipy where it can."""
+    check_mat(path)
     try:
         cells = sum(math.prod(shape) for _, shape, _ in scipy.io.whosmat(path))
     except NotImplementedError:  # scipy's word for the HDF5 files of version 7.3
@@ -48,7 +47,7 @@ def variables(path: Path) -> dict[str, Any]:
     except TypeError:  # an object without a shape
         return by_mat_io(path, "with a table or timetable", "save its columns as vectors")
     if cells > MAX_CELLS:
-        raise HexsimError(f"{path} holds {cells:,} numbers, {MAX_CELLS:,} are the most: save less of it")
+        raise too_large(path, f"{MAX_CELLS:,} numbers")
     return scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
 
 
@@ -60,64 +59,113 @@ def by_mat_io(path: Path, kind: str, instead: str) -> dict[str, Any]:
         raise HexsimError(
             f"{path} is a MAT-file {kind}: pip install 'hexsim[matlab]' to read it, or {instead}"
         ) from None
+    with open(path, "rb") as file:
+        if b"\x89HDF" in file.read(1024):
+            check_mat_of_hdf5(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # times rounded to nanoseconds, kinds of columns that are left out anyway
         return load_from_mat(str(path), add_table_attrs=True)
 
 
-def collect(name: str, value: Any, found: dict[str, np.ndarray], units: dict[str, str], depth: int) -> None:
-    """Vectors under `value`; fields of structs by their own name (with the struct's in front when taken)."""
-    if hasattr(value, "columns") and hasattr(value, "index"):
-        collect_table(name, value, found, units)
-    elif (hasattr(value, "_fieldnames") or isinstance(value, dict)) and depth < DEEPEST:
-        fields = value if isinstance(value, dict) else {field: getattr(value, field) for field in value._fieldnames}
-        label, values = fields.get("label"), fields.get("values")
-        if isinstance(label, str) and label and isinstance(values, np.ndarray):  # Simulink signal
-            collect(label, values, found, units, depth + 1)
-            return
-        for field, inner in fields.items():
-            key = "time_s" if field == "time" and depth == 0 else field
-            collect(key if key not in found else f"{name}.{field}", inner, found, units, depth + 1)
-    elif not isinstance(value, np.ndarray):
-        return
-    elif value.dtype == object and depth < DEEPEST:
-        for i, item in enumerate(value.ravel()[:MOST_ITEMS]):
-            collect(f"{name}{i + 1}", item, found, units, depth + 1)
-    elif value.dtype.kind in "fiub" and value.size > 2:
-        value = np.squeeze(value)
-        if value.ndim == 1:
-            found[name] = value.astype(float)
-        elif value.ndim == 2:
-            rows = value if value.shape[0] <= value.shape[1] else value.T
-            found |= {f"{name}_{i + 1}": row.astype(float) for i, row in enumerate(rows[:MOST_ITEMS])}
+def fields_of(value: Any) -> dict[str, Any] | None:
+    """Fields of a struct, by scipy or mat-io; None for anything else."""
+    if isinstance(value, dict):
+        return value
+    names = getattr(value, "_fieldnames", None)
+    return {name: getattr(value, name) for name in names} if names is not None else None
 
 
-def collect_table(name: str, table: Any, found: dict[str, np.ndarray], units: dict[str, str]) -> None:
-    """Columns of a table; row times of a timetable become time_s from its first row on."""
-    stated = table.attrs.get("varUnits") or table.attrs.get("VariableUnits") or []
-    for place, column in enumerate(table.columns):
-        values = table[column].to_numpy()
-        key = str(column) if str(column) not in found else f"{name}.{column}"
-        if values.dtype.kind in "fiub" and len(values) > 2:
-            found[key] = values.astype(float)
-            if place < len(stated) and stated[place]:
-                units[key] = str(stated[place])
-    index = table.index.to_numpy()
-    if index.dtype.kind in "mM" and len(index) > 2:
-        found["time_s" if "time_s" not in found else f"{name}.time_s"] = (index - index[0]) / np.timedelta64(1, "s")
+def is_vector(value: Any) -> bool:
+    return (
+        isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.size > 2 and np.squeeze(value).ndim == 1
+    )
 
 
-def same_length(path: Path, found: dict[str, np.ndarray], units: dict[str, str]) -> RawTable:
-    """The vectors of the commonest length (weighted by it); others are left out with a stated loss."""
-    if not found:
-        raise HexsimError(f"{path} holds no vector of numbers: give variables of equal length, one a signal")
-    sizes = [len(values) for values in found.values()]
-    length = max(set(sizes), key=lambda size: (sizes.count(size), size))
-    raw = RawTable(columns={n: v for n, v in found.items() if len(v) == length}, units=units)
-    for name, values in found.items():
-        if len(values) != length:
-            raw.losses.append(f"{name} has {len(values)} values, the others {length}: left out")
-    return raw
+class Found:
+    """Signals of a MAT-file as they are found."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.signals, self.left_out = path, {}, []
+        self.signals: dict[str, RawSignal]
+
+    def add(self, name: str, values: np.ndarray, unit: str = "", stamps: np.ndarray | None = None) -> None:
+        clocks = {"Time": stamps} if stamps is not None and len(stamps) == len(values) else {}
+        self.signals[name] = RawSignal(name=name, values=values.astype(float), unit=unit, stamps=clocks)
+
+    def collect(self, name: str, value: Any, depth: int, stamps: np.ndarray | None = None) -> None:
+        """Vectors under `value`, by their path."""
+        inner = fields_of(value)
+        if hasattr(value, "columns") and hasattr(value, "index"):
+            self.collect_table(name, value)
+        elif inner is not None and depth < DEEPEST:
+            self.collect_struct(name, inner, depth, stamps)
+        elif not isinstance(value, np.ndarray):
+            if isinstance(value, str) and value:
+                self.left_out.append(f"{name} holds text")
+        elif value.dtype == object and depth < DEEPEST:
+            items = [(fields_of(item), item) for item in value.ravel()[:MOST_ITEMS]]
+            names = [str(one.get("Name", one.get("name", ""))) if one is not None else "" for one, _ in items]
+            named = all(names) and len(set(names)) == len(names)
+            for i, (_, item) in enumerate(items):
+                self.collect(f"{name}{'.' + names[i] if named else i + 1}", item, depth + 1, stamps)
+        elif is_vector(value):
+            self.add(name, np.squeeze(value), stamps=stamps)
+        elif value.dtype.kind in "fiub" and value.size > 2 and np.squeeze(value).ndim == 2:
+            flat = np.squeeze(value)
+            by_time = stamps is not None and flat.shape[0] == len(stamps)
+            rows = flat.T if by_time or flat.shape[0] > flat.shape[1] else flat
+            for i, row in enumerate(rows[:MOST_ITEMS]):
+                self.add(f"{name}_{i + 1}", row, stamps=stamps)
+        elif value.size > 2:
+            self.left_out.append(f"{name} is an array of {value.dtype}, {' x '.join(map(str, value.shape))}")
+
+    def collect_struct(self, name: str, fields: dict[str, Any], depth: int, stamps: np.ndarray | None) -> None:
+        """Fields with the struct's stamps, where it has a vector of time; a Simulink signal by its label."""
+        label = fields.get("label")
+        if isinstance(label, str) and label and isinstance(fields.get("values"), np.ndarray):
+            name, fields = f"{name}.{label}", {"": fields["values"]}
+        time = next((key for key in fields if key.lower() == "time" and is_vector(fields[key])), None)
+        if time is not None:
+            stamps = np.squeeze(fields[time]).astype(float)
+        axis = fields_of(fields.get("X"))  # dSPACE: X is the clock of all Y
+        if axis is not None and is_vector(axis.get("Data")):
+            stamps = np.squeeze(axis["Data"]).astype(float)
+        own = [key for key in fields if key.lower() in ("data", "values") and key != time]
+        for key, inner in fields.items():
+            if key != time and (key != "X" or axis is None) and key != "Name":
+                whole = name if not key or (own == [key] and "Name" in fields) else f"{name}.{key}"
+                self.collect(whole, inner, depth + 1, stamps)
+
+    def collect_table(self, name: str, table: Any) -> None:
+        """Columns of a table; those of a timetable with its row times, from its first row on."""
+        stated = table.attrs.get("varUnits") or table.attrs.get("VariableUnits") or []
+        index = table.index.to_numpy()
+        stamps = None
+        if index.dtype.kind in "mM" and len(index) > 2:
+            stamps = (index - index[0]) / np.timedelta64(1, "s")
+        for place, column in enumerate(table.columns):
+            values = table[column].to_numpy()
+            if values.dtype.kind in "fiub" and len(values) > 2:
+                unit = str(stated[place]) if place < len(stated) and stated[place] else ""
+                self.add(f"{name}.{column}", values, unit, stamps)
+            else:
+                self.left_out.append(f"{name}.{column} holds {values.dtype}")
+
+    def raw(self) -> RawLog:
+        """Vectors without stamps of the commonest length (weighted by it) are a table; others are left out."""
+        raw = RawLog(signals=[], left_out=self.left_out)
+        if not self.signals:
+            raise HexsimError(
+                f"{self.path} holds no vector of numbers: give variables of equal length, one a signal{raw.unread()}"
+            )
+        sizes = [len(signal.values) for signal in self.signals.values() if not signal.stamps]
+        length = max(set(sizes), key=lambda size: (sizes.count(size), size), default=0)
+        for name, signal in self.signals.items():
+            if signal.stamps or len(signal.values) == length:
+                raw.signals.append(signal)
+            else:
+                raw.left_out.append(f"{name} has {len(signal.values)} values, the others {length}: left out")
+        return raw
 
 
 READER = MatReader()

@@ -3,59 +3,115 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import RawTable, Reader, first_line
-from hexsim.readers.topics import Topics, on_fastest
+from hexsim.readers.reader import RawLog, Reader
+from hexsim.readers.ros_messages import BadDefinition, Messages
+from hexsim.readers.topics import Topics
 
-CDR = "cdr"
+LARGEST_CHUNK = 1 << 26  # bytes, unpacked: writers make chunks of 1 to 16 MB
+LARGEST = 1 << 30  # bytes of all chunks, unpacked
+LARGEST_JSON = 1 << 20  # bytes of a message: an image, not a measurement
 
 
 class McapReader(Reader):
-    """Fields of messages that are numbers, on the time stamps of the fastest topic; header stamps where there are such."""
+    """Fields of messages that are numbers, on the stamps of their topic: header time and time of receipt."""
 
     name = "MCAP"
     suffixes = (".mcap",)
+    needs = "ros"
 
-    def read(self, path: Path, layout: FileLayout) -> RawTable:
-        try:
-            from mcap.reader import make_reader
-        except ImportError:
-            raise HexsimError(f"{path} is an MCAP file: pip install 'hexsim[ros]' to read it") from None
-        topics, decoders, left_out = Topics(), {}, {}
-        try:
-            with open(path, "rb") as stream:
-                for schema, channel, message in make_reader(stream).iter_messages():
+    def read(self, path: Path, layout: FileLayout) -> RawLog:
+        topics, schemas, channels, decoders = Topics(), {}, {}, {}
+        with open(path, "rb") as stream:
+            for record in records(stream, path, topics):
+                kind = type(record).__name__
+                if kind == "Schema":
+                    schemas[record.id] = record
+                elif kind == "Channel":
+                    channels[record.id] = record
+                elif kind == "Message" and record.channel_id in channels:
+                    channel = channels[record.channel_id]
                     if channel.id not in decoders:
-                        decoders[channel.id] = decoder(schema, channel)
+                        found = decoder(schemas.get(channel.schema_id), channel)
+                        decoders[channel.id] = found
+                        if isinstance(found, str):
+                            topics.left_out[channel.topic] = found
                     decode = decoders[channel.id]
-                    if decode is None:
-                        left_out[channel.topic] = channel.message_encoding
-                    elif not topics.is_full:
-                        topics.add(channel.topic, message.publish_time, decode(message.data))
-        except Exception as error:  # mcap and rosbags raise many kinds on damaged files
-            raise HexsimError(f"cannot read {path} as MCAP: {first_line(error)}") from None
-        raw = on_fastest(path, topics.channels(), left_out)
-        if topics.is_full:
-            raw.lose_rows(f"{path.name} holds more numbers than are kept: what comes later is left out")
-        return raw
+                    if decode is json.loads and len(record.data) > LARGEST_JSON:
+                        topics.left_out[channel.topic] = f"has messages of more than {LARGEST_JSON >> 20} MB: not read"
+                    elif not isinstance(decode, str):
+                        topics.add(channel.topic, record.publish_time, decode(record.data))
+                        if topics.is_full:
+                            break
+        return topics.raw(path)
 
 
-def decoder(schema: Any, channel: Any) -> Any:
-    """Function from the bytes of a channel's message to its fields; None for an encoding that is not read."""
+def records(stream: Any, path: Path, topics: Topics) -> Iterator[Any]:
+    """Records of a file one after the other, those of its chunks unpacked. Sizes are asked before anything is unpacked."""
+    from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    size = 0
+    try:
+        for record in StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_CHUNK).records:
+            if not isinstance(record, Chunk):
+                yield record
+                continue
+            size += record.uncompressed_size
+            if record.uncompressed_size > LARGEST_CHUNK or size > LARGEST:
+                raise HexsimError(
+                    f"{path} unpacks to more than {LARGEST_CHUNK >> 20} MB in one chunk or {LARGEST >> 20} MB in all: "
+                    "cut it (mcap filter)"
+                )
+            record.data, record.compression = unpacked(record), ""
+            yield from breakup_chunk(record)
+    except EndOfFile:
+        if not topics.cells:
+            raise
+        topics.cut = f"{path.name} ends within a record: what stands before was read"
+    except RecordLengthLimitExceeded as error:
+        raise HexsimError(f"{path} has a record of more than {LARGEST_CHUNK >> 20} MB: {error}") from None
+
+
+def unpacked(chunk: Any) -> bytes:
+    """Bytes of a chunk, no more than it says."""
+    if chunk.compression == "zstd":
+        import zstandard
+
+        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as file:
+            return file.read(chunk.uncompressed_size)
+    if chunk.compression == "lz4":
+        from lz4.frame import LZ4FrameDecompressor
+
+        return LZ4FrameDecompressor().decompress(chunk.data, max_length=chunk.uncompressed_size)
+    if chunk.compression:
+        raise ValueError(f"compression {chunk.compression[:20]!r} is not known")
+    return chunk.data
+
+
+def decoder(schema: Any, channel: Any) -> Callable[[bytes], Any] | str:
+    """Function from the bytes of a channel's message to its fields; why not, as the rest of a sentence, where there is none."""
     if channel.message_encoding == "json":
         return json.loads
-    if channel.message_encoding != CDR or schema is None or schema.encoding != "ros2msg":
-        return None
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    if channel.message_encoding != "cdr":
+        return f"is in {channel.message_encoding or 'no encoding'}: not read"
+    if schema is None:
+        return "is CDR without a schema: not read"
+    messages = Messages()
     name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")
-    store.register(get_types_from_msg(schema.data.decode(), name))
-    return lambda data: store.deserialize_cdr(data, name)
+    if schema.encoding == "ros2msg":
+        try:
+            messages.define(name, schema.data.decode())
+        except BadDefinition as error:
+            return f"is not read: {error}"
+        return messages.decoder(name)
+    return f"is CDR with a {schema.encoding or 'missing'} schema of {name[:60]}: not read"
 
 
 READER = McapReader()

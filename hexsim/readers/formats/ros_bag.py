@@ -3,53 +3,101 @@
 from __future__ import annotations
 
 import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import RawTable, Reader, first_line
-from hexsim.readers.topics import Topics, on_fastest
+from hexsim.readers.reader import RawLog, Reader
+from hexsim.readers.ros_messages import BadDefinition, Messages
+from hexsim.readers.topics import Topics
+
+ZSTD = b"\x28\xb5\x2f\xfd"  # how a compressed message begins
+LARGEST_MESSAGE = 1 << 26  # bytes
+LARGEST = 1 << 30  # bytes of all compressed messages, unpacked
+CELLS = {
+    "messages": {"topic_id": int, "timestamp": int, "data": bytes},
+    "topics": {"id": int, "name": str, "type": str},
+}
+STEPS = 100_000  # of SQLite between two looks at the clock
+LONGEST_s = 15.0  # that SQLite may take for one row: only a damaged or hostile file takes more than a moment
 
 
 class RosBagReader(Reader):
-    """Fields of messages that are numbers, on the time stamps of the fastest topic; header stamps where there are such.
+    """Fields of messages that are numbers, on the stamps of their topic: header time and time of receipt.
 
     Types by the definitions in the bag (from ROS 2 Iron on), else those that ROS 2 Humble ships.
     """
 
     name = "ROS 2 bag"
     suffixes = (".db3",)
+    needs = "ros"
 
-    def read(self, path: Path, layout: FileLayout) -> RawTable:
-        try:
-            from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-        except ImportError:
-            raise HexsimError(f"{path} is a bag of ROS 2: pip install 'hexsim[ros]' to read it") from None
-        topics, left_out, store = Topics(), {}, get_typestore(Stores.ROS2_HUMBLE)
-        try:
-            bag = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
-            try:
-                if bag.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
-                    for name, text in bag.execute(
-                        "SELECT topic_type, encoded_message_definition FROM message_definitions"
-                    ):
-                        store.register(get_types_from_msg(text, name))
-                known = {id: (name, kind) for id, name, kind in bag.execute("SELECT id, name, type FROM topics")}
-                rows = bag.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp")
-                for topic, stamp_ns, data in rows:
-                    name, kind = known[topic]
-                    if kind not in store.fielddefs:
-                        left_out[name] = kind
-                    elif not topics.is_full:
-                        topics.add(name, stamp_ns, store.deserialize_cdr(data, kind))
-            finally:
-                bag.close()
-        except Exception as error:  # sqlite3 and rosbags raise many kinds on damaged files
-            raise HexsimError(f"cannot read {path} as a bag of ROS 2: {first_line(error)}") from None
-        raw = on_fastest(path, topics.channels(), left_out)
-        if topics.is_full:
-            raw.lose_rows(f"{path.name} holds more numbers than are kept: what comes later is left out")
-        return raw
+    def read(self, path: Path, layout: FileLayout) -> RawLog:
+        topics, messages = Topics(), Messages()
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as bag:
+            bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_MESSAGE)
+            tables = {name for (name,) in bag.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+            for needed in CELLS:
+                if needed not in tables:
+                    raise HexsimError(f"{path} is no bag of ROS 2: it has no table {needed}")
+            types = {id: (name, kind) for id, name, kind in rows(bag, path, "topics", "id, name, type")}
+            if "message_definitions" in tables:
+                self.define(bag, messages, {kind for _, kind in types.values()})
+            size = 0
+            for topic, stamp_ns, data in rows(bag, path, "messages", "topic_id, timestamp, data"):
+                if topic not in types or types[topic][0] in topics.left_out:
+                    continue
+                name, kind = types[topic]
+                if not messages.knows(kind):
+                    topics.left_out[name] = f"is {kind[:60]}, the bag has no definition of it: not read"
+                    continue
+                if data[:4] == ZSTD:
+                    data = self.unpacked(data)
+                    size += len(data)
+                    if size > LARGEST:
+                        raise HexsimError(f"{path} unpacks to more than {LARGEST >> 20} MB: cut it (ros2 bag convert)")
+                topics.add(name, stamp_ns, messages.decoder(kind)(data))
+                if topics.is_full:
+                    break
+        return topics.raw(path)
+
+    def define(self, bag: sqlite3.Connection, messages: Messages, used: set[str]) -> None:
+        """Definitions in the bag of types that its topics have."""
+        found = bag.execute("SELECT topic_type, encoded_message_definition FROM message_definitions LIMIT 2000")
+        for name, text in found:
+            if name in used:
+                try:
+                    messages.define(name, text)
+                except BadDefinition as error:
+                    raise HexsimError(f"a bag's message definition is not read: {error}") from None
+
+    def unpacked(self, data: bytes) -> bytes:
+        """A message of `ros2 bag record --compression-mode message --compression-format zstd`."""
+        import zstandard
+
+        with zstandard.ZstdDecompressor().stream_reader(data) as file:
+            return file.read(LARGEST_MESSAGE)
+
+
+def rows(bag: sqlite3.Connection, path: Path, table: str, columns: str) -> Iterator[tuple[Any, ...]]:
+    """Rows of a real table in their order; a row that takes SQLite too long, or holds other cells, is a refusal."""
+    begun = time.monotonic()
+    bag.set_progress_handler(lambda: time.monotonic() - begun > LONGEST_s, STEPS)
+    kinds = tuple(CELLS[table].values())
+    for number, row in enumerate(bag.execute(f"SELECT {columns} FROM {table}")):
+        for value, kind, name in zip(row, kinds, CELLS[table], strict=True):
+            if not isinstance(value, kind):
+                raise HexsimError(
+                    f"cannot read {path} as a ROS 2 bag: {name} in row {number + 1} of {table} is "
+                    f"{type(value).__name__}, not {kind.__name__}"
+                )
+        begun = time.monotonic()
+        yield row
+    bag.set_progress_handler(None, 0)
 
 
 READER = RosBagReader()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -13,48 +14,38 @@ import polars as pl
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
-from hexsim.readers.reader import MAX_ROWS, RawTable, Reader, max_rows
+from hexsim.readers.reader import MAX_ROWS, RawLog, RawSignal, Reader, max_rows
+from hexsim.readers.text_table import MISSING, Table, find_table, records, seconds
 
 CHUNK = 1 << 22  # bytes that are read and inflated at once
-LARGEST = 300_000_000  # bytes of text that are read: two million rows of a bench, one of a hexapod
+HEAD = 1 << 20  # bytes that say where the table is
+LARGEST = 150_000_000  # bytes of text that are read: a million rows of a bench, half a million of a hexapod
 BLOCK = 50_000  # rows that are parsed at once where they are parsed cell by cell
-SEPARATORS = {"tab": "\t", ",": ",", ";": ";", "whitespace": " "}
-MISSING = ("", "nan", "NaN", "NAN", "null", "NULL", "None", "NA", "N/A", "#N/A")
 
 
 class TextReader(Reader):
-    """Delimited text with one row of names, or names from a mapping file."""
+    """Delimited text: a table with a row of names wherever it begins, or names from a mapping file."""
 
     name = "text"
-    suffixes = (".csv", ".txt", ".exp", ".dat", ".tsv", ".asc")
+    suffixes = (".csv", ".txt", ".exp", ".dat", ".tsv", ".asc", ".lvm", ".log")
 
-    def read(self, path: Path, layout: FileLayout) -> RawTable:
-        raw = RawTable(columns={})
+    def read(self, path: Path, layout: FileLayout) -> RawLog:
+        raw = RawLog(signals=[])
         text = decoded(path, file_bytes(path, raw))
-        lines = text[:65536].decode("utf-8", "replace").splitlines()
-        comment = layout.comment
-        start = 0
-        while start < len(lines) and (
-            not lines[start].strip() or (comment and lines[start].lstrip().startswith(comment))
-        ):
-            start += 1
-        if start >= len(lines):
-            raise HexsimError(f"{path} is empty: no row of data")
-        separator = SEPARATORS[layout.separator] if layout.separator else found_separator(lines[start])
-        text = text.split(b"\n", start)[start] if start else text
-        if separator == " ":
-            text = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", text))
-        header = layout.columns
-        if header is None:
-            header = header_names(lines[start], separator, path, start + 1)
-            text = text.split(b"\n", 1)[1] if b"\n" in text else b""
-            start += 1
-        twice = {name for name in header if header.count(name) > 1}
+        table = find_table(text[:HEAD].decode("utf-8", "replace").splitlines(), layout, path)
+        twice = [name for name, count in Counter(table.header).items() if count > 1]
         if twice:
             raise HexsimError(f"{path}: column {sorted(twice)[0]!r} stands twice in the header: name each column once")
-        raw.first_row = start + 1
-        cells = Cells(path=path, header=header, separator=separator, comment=comment)
-        cells.read(text, raw)
+        if table.preamble:
+            raw.losses.append(
+                f"{len(table.preamble)} lines before the names, from {table.preamble[0][:40]!r} on: passed over"
+            )
+        raw.first_row = table.first + 1
+        for _ in range(table.first):
+            text = text.partition(b"\n")[2]
+        if table.separator == " ":
+            text = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", text))
+        Cells(path=path, table=table, comment=layout.comment).read(text, raw)
         return raw
 
 
@@ -77,7 +68,7 @@ def inflated(file: IO[bytes]) -> Iterator[bytes]:
         packed = inflate.unused_data if inflate.eof else inflate.unconsumed_tail
 
 
-def file_bytes(path: Path, raw: RawTable) -> bytes:
+def file_bytes(path: Path, raw: RawLog) -> bytes:
     """Content of a plain or gzip file, up to about MAX_ROWS lines and LARGEST bytes; a damaged gzip gives what it holds."""
     pieces: list[bytes] = []
     lines = size = 0
@@ -133,73 +124,71 @@ def decoded(path: Path, raw: bytes) -> bytes:
     return raw
 
 
-def found_separator(line: str) -> str:
-    """The separator that a header line uses most."""
-    counts = {mark: line.count(mark) for mark in (",", ";", "\t")}
-    best = max(counts, key=lambda mark: counts[mark])
-    if counts[best] > 0:
-        return best
-    return " " if len(line.split()) > 1 else ","
-
-
-def header_names(line: str, separator: str, path: Path, row: int) -> list[str]:
-    """Names of a header line; refuses numbers and empty names."""
-    names = [name.strip().strip('"').strip() for name in (line.split() if separator == " " else line.split(separator))]
-    names = names[1:] if names and names[0] == "#" else [names[0].lstrip("# "), *names[1:]] if names else names
-    while names and names[-1] == "":  # a separator at the end of each row
-        names.pop()
-    if not names or all(is_number(name) for name in names):
-        raise HexsimError(f"{path}: row {row} holds no names: give one header row, or columns in a mapping file")
-    return [name or f"column {i + 1}" for i, name in enumerate(names)]
-
-
-def is_number(text: str) -> bool:
-    try:
-        float(text.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
 class Cells:
     """Cells of a table of text and how they become numbers."""
 
-    def __init__(self, *, path: Path, header: list[str], separator: str, comment: str | None) -> None:
-        self.path, self.header, self.separator, self.comment = path, header, separator, comment
-        self.most = max_rows(len(header)) + 1
+    def __init__(self, *, path: Path, table: Table, comment: str | None) -> None:
+        self.path, self.table, self.comment = path, table, comment
+        self.header, self.separator = table.header, table.separator
+        self.most = max_rows(len(self.header)) + 1
+        self.odd: dict[str, tuple[int, str]] = {}
 
-    def read(self, text: bytes, raw: RawTable) -> None:
-        """Fill raw.columns: fast when all cells are numbers; else cell by cell with each failure counted."""
+    def read(self, text: bytes, raw: RawLog) -> None:
+        """Fill raw.signals: fast when all cells of numbers are such; else cell by cell with each failure counted."""
+        kinds = [pl.Float64 if numbers else pl.String for numbers in self.table.numbers]
         options: dict[str, Any] = {
             "has_header": False, "new_columns": self.header, "separator": self.separator, "n_rows": self.most,
-            "comment_prefix": self.comment, "raise_if_empty": False,
+            "comment_prefix": self.comment, "raise_if_empty": False, "decimal_comma": self.table.decimal_comma,
         }  # fmt: skip
         try:
-            table = pl.read_csv(text, schema_overrides=[pl.Float64] * len(self.header), **options)
+            table = pl.read_csv(text, schema_overrides=kinds, **options)
             if table.width != len(self.header):
                 raise pl.exceptions.ComputeError("other number of columns")
         except pl.exceptions.PolarsError:
             table = self.one_by_one(text.decode(), raw)
         for name in self.header:
-            if table[name].null_count():
-                raw.odd_cells.setdefault(name, (int(table[name].is_null().arg_max() or 0), "an empty cell"))
-            raw.columns[name] = table[name].fill_null(np.nan).to_numpy().astype(float)
+            column, unit = table[name], self.table.units.get(name, "")
+            if column.dtype == pl.String:
+                stamps = seconds(column)
+                if stamps is None:
+                    self.say_text(name, column, raw)
+                    continue
+                column, unit = stamps, "s"
+            odd = self.odd.get(name)
+            if odd is None and column.null_count():
+                odd = int(column.is_null().arg_max() or 0), "an empty cell"
+            values = column.fill_null(np.nan).to_numpy().astype(float)
+            raw.signals.append(RawSignal(name=name, values=values, unit=unit, odd=odd))
 
-    def one_by_one(self, text: str, raw: RawTable) -> pl.DataFrame:
+    def say_text(self, name: str, column: pl.Series, raw: RawLog) -> None:
+        """A column without numbers is left out, with its first cell."""
+        there = column.str.len_chars().fill_null(0) > 0
+        if there.any():
+            at = int(there.arg_max() or 0)
+            raw.left_out.append(
+                f"column {name} holds text, the first is {column[at][:30]!r} in row {at + raw.first_row}"
+            )
+        else:
+            raw.signals.append(RawSignal(name=name, values=np.full(len(column), np.nan), odd=(0, "an empty cell")))
+
+    def one_by_one(self, text: str, raw: RawLog) -> pl.DataFrame:
         """Rows of the wrong length are dropped, cells that are no numbers become missing; both are counted and placed."""
         blocks: list[pl.DataFrame] = []
         rows: list[list[str]] = []
         bad_rows: list[int] = []
         failed: dict[str, list[tuple[int, str]]] = {name: [] for name in self.header}
-        for number, line in enumerate(text.split("\n")):
+        width, lines = len(self.header), text.split("\n")
+        for number, row in records(lines, self.separator, width):
+            line = lines[number]
             if not line.strip() or (self.comment and line.lstrip().startswith(self.comment)):
                 continue
-            row = line.split() if self.separator == " " else line.split(self.separator)
-            if len(row) == len(self.header) + 1 and row[-1].strip() == "":
+            if len(row) == width + 1 and row[-1].strip() == "":
                 row.pop()
-            if len(row) != len(self.header):
+            if len(row) == width - 1 and not self.table.numbers[-1]:  # an empty comment at the end
+                row.append("")
+            if len(row) != width:
                 bad_rows.append(number + raw.first_row)
-                row = [""] * len(self.header)
+                row = [""] * width
             rows.append(row)
             if len(rows) == BLOCK:
                 blocks.append(self.block(rows, len(blocks) * BLOCK, failed))
@@ -216,6 +205,9 @@ class Cells:
         columns = {}
         for i, name in enumerate(self.header):
             column = pl.Series(name, [row[i].strip().strip('"') for row in rows], dtype=pl.String)
+            if not self.table.numbers[i]:
+                columns[name] = column
+                continue
             if self.separator != "," and column.str.contains(",", literal=True).any():
                 column = column.str.replace(",", ".", literal=True)
             columns[name] = column.cast(pl.Float64, strict=False)
@@ -223,7 +215,7 @@ class Cells:
             failed[name] += [(first + int(place), column[place][:20]) for place in wrong]
         return pl.DataFrame(columns)
 
-    def state(self, bad_rows: list[int], failed: dict[str, list[tuple[int, str]]], n: int, raw: RawTable) -> None:
+    def state(self, bad_rows: list[int], failed: dict[str, list[tuple[int, str]]], n: int, raw: RawLog) -> None:
         """State what was dropped; refuse where it is more than a fifth."""
         if len(bad_rows) > 0.2 * max(n, 1):
             raise HexsimError(
@@ -237,7 +229,7 @@ class Cells:
             )
         for name, places in failed.items():
             if places:
-                place, text = raw.odd_cells[name] = places[0]
+                place, text = self.odd[name] = places[0]
                 raw.losses.append(
                     f"column {name}: {len(places)} cells are no numbers, the first is {text!r} in row "
                     f"{place + raw.first_row}: missing"

@@ -43,12 +43,13 @@ class SimulatedProblem(FitProblem):
         object.__setattr__(self, "weights", tuple(self._weight(i) for i in range(len(self.logs))))
 
     def _weight(self, i: int) -> Array | float:
-        """0 where a sample was repaired; the others of its channel weigh more, so that noise keeps its size."""
-        if not self.logs[i].repaired:
+        """Roots of the samples' weights: 0 where a sample was repaired, less than 1 where it is interpolated; the others of
+        its channel weigh more than repaired ones left, so that noise keeps its size."""
+        log = self.logs[i]
+        if not log.repaired and not log.weights:
             return 1.0
-        marks, n = self.logs[i].repaired, self.logs[i].n
-        rows = np.stack([~marks.get(name, np.zeros(n, bool)) for name in self.channels(i)])[:, self.settle(i) :]
-        return rows / np.sqrt(np.maximum(rows.mean(axis=1, keepdims=True), 1.0 / n))
+        rows = np.sqrt(np.stack([log.weight(name) for name in self.channels(i)]))[:, self.settle(i) :]
+        return rows / np.sqrt(np.maximum((rows > 0).mean(axis=1, keepdims=True), 1.0 / log.n))
 
     def head(self, duration_s: float) -> Self:
         if self.duration_s <= duration_s + 1e-6:

@@ -45,7 +45,9 @@ def read_runs(
     """
     logs: list[Log] = []
     for name in names:
-        parts = [replace(part, loaded=name in loaded) for part in read_stretches(log_files(folder, name))]
+        parts = [
+            replace(part, loaded=name in loaded) for part in read_stretches(log_files(folder, name), machine=machine)
+        ]
         parts = [part for k, part in enumerate(parts) if k == 0 or part.duration_s >= SHORTEST_STRETCH_S]
         logs += [
             one if k == 0 else replace(one, name=f"{one.name} from {one.offset_s:.1f} s") for k, one in enumerate(parts)

@@ -1,0 +1,105 @@
+"""How much a packed file unpacks to, asked before a library does it."""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from hexsim.errors import HexsimError
+from hexsim.readers.reader import MAX_CELLS
+
+PIECE = 1 << 20  # bytes that are inflated at once where only their number counts
+UNPACKED = 8 * MAX_CELLS  # bytes
+ELEMENTS = 200_000  # arrays of a MAT-file, those in structs and cells too
+MATRIX, COMPRESSED = 14, 15  # kinds of elements of a MAT-file of version 5
+NESTED = 20  # structs in structs
+
+
+def too_large(path: Path, what: str) -> HexsimError:
+    return HexsimError(f"{path} unpacks to more than {what}: save less of it")
+
+
+def inflated(packed: bytes, most: int) -> bytes:
+    """What zlib's bytes unpack to, one byte more than `most` where that is more."""
+    return zlib.decompressobj().decompress(packed, most + 1)
+
+
+def check_mat(path: Path) -> None:
+    """A MAT-file of version 5 by the dimensions of its arrays, wherever they stand. HexsimError where they are too large."""
+    data = path.read_bytes()
+    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
+    if order is None:  # version 4 packs nothing
+        return
+    cells = elements = size = 0
+    waiting: list[tuple[bytes, int, int, int]] = [(data, 128, len(data), 0)]
+    while waiting:
+        inside, start, end, depth = waiting.pop()
+        for kind, at, length in tags(inside, start, end, order):
+            elements += 1
+            if kind == COMPRESSED:
+                whole = inflated(inside[at : at + length], UNPACKED - size)
+                size += len(whole)
+                if size > UNPACKED:
+                    raise too_large(path, f"{UNPACKED >> 20} MB")
+                waiting.append((whole, 0, len(whole), depth))
+            elif kind == MATRIX and length:
+                cells += math.prod(dimensions(inside, at, at + length, order))
+                waiting.append((inside, at, at + length, depth + 1))
+            if cells > MAX_CELLS or elements > ELEMENTS or depth > NESTED:
+                raise too_large(path, f"{MAX_CELLS:,} numbers or {ELEMENTS:,} arrays")
+
+
+def tags(data: bytes, start: int, end: int, order: str) -> Iterator[tuple[int, int, int]]:
+    """(kind, first byte, bytes) of the elements between two places; small ones stand in their tag. Ends where they do not fit."""
+    at = start
+    while at + 8 <= end:
+        first, length = struct.unpack_from(f"{order}II", data, at)
+        if first >> 16:
+            yield first & 0xFFFF, at + 4, first >> 16
+            at += 8
+            continue
+        if at + 8 + length > end:
+            return
+        yield first, at + 8, length
+        at += 8 + length + (0 if first == COMPRESSED else -length % 8)
+
+
+def dimensions(data: bytes, start: int, end: int, order: str) -> list[int]:
+    """Of the array whose content stands there: its second element."""
+    for number, (_, at, length) in enumerate(tags(data, start, end, order)):
+        if number == 1:
+            return [abs(n) for n in struct.unpack_from(f"{order}{min(length, 128) // 4}i", data, at)]
+    return [0]
+
+
+def check_mat_of_hdf5(path: Path) -> None:
+    """A MAT-file of version 7.3 by the sizes of its data sets."""
+    import h5py
+
+    sizes: list[int] = []
+
+    def add(_: str, one: object) -> bool | None:
+        sizes.append(int(one.size or 0) if isinstance(one, h5py.Dataset) else 0)
+        return True if len(sizes) > ELEMENTS or sum(sizes[-1:]) > MAX_CELLS else None
+
+    with h5py.File(path, "r") as file:
+        file.visititems(add)
+    if sum(sizes) > MAX_CELLS or len(sizes) > ELEMENTS:
+        raise too_large(path, f"{MAX_CELLS:,} numbers or {ELEMENTS:,} arrays")
+
+
+def check_mdf(path: Path, data: bytes) -> None:
+    """Packed blocks of an MDF file of version 4."""
+    size, at = 0, data.find(b"##DZ")
+    while at >= 0:
+        if at + 48 <= len(data):
+            kind, original, packed = struct.unpack_from("<2xB5xQQ", data, at + 24)
+            size += original
+            if size <= UNPACKED and kind in (0, 1):
+                size += max(len(inflated(data[at + 48 : at + 48 + packed], original + 1)) - original, 0) * UNPACKED
+            if size > UNPACKED:
+                raise too_large(path, f"{UNPACKED >> 20} MB")
+        at = data.find(b"##DZ", at + 4)

@@ -1,0 +1,244 @@
+"""Where the table stands in a text: its separator, its row of names, its units, its first row of data.
+
+The data say it: a column of values is one whose cells are numbers or time stamps in the later rows of the text; the table
+begins with the first row whose cells in these columns are values, its names stand in the row above, perhaps with a row of
+units between. What stands before is a preamble.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import polars as pl
+
+from hexsim.errors import HexsimError
+from hexsim.readers.mapping import FileLayout
+from hexsim.signals.units import canonical
+
+SEPARATORS = {"tab": "\t", ",": ",", ";": ";", "whitespace": " "}
+TRIED = ("\t", ";", ",", "|", " ")  # the earlier one of two that fit alike
+LOOKED_AT = 2000  # lines, at most, that say where the table is
+CHARACTERS, LEAST_LINES = 200_000, 20  # that are looked at: fewer lines of wide tables
+STEADY = 0.8  # share of cells of a column that are values, share of columns that a row of data has
+LONGEST_RECORD = 50  # lines of a cell in quotes with line ends
+WIDEST = 20_000  # columns
+MISSING = ("", "nan", "NaN", "NAN", "null", "NULL", "None", "NA", "N/A", "#N/A", "-", "--")
+NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(inf|infinity|nan)", re.IGNORECASE)
+STAMP = re.compile(
+    r"(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ]+)?\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp][Mm])?(Z|[+-]\d{2}:?\d{2})?"
+)
+FORMATS = tuple(
+    f"{day}{time}"
+    for day in ("%Y-%m-%d ", "%Y/%m/%d ", "%d.%m.%Y ", "%m/%d/%Y ", "%d/%m/%Y ", "%d-%m-%Y ", "%Y.%m.%d ")
+    for time in ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M")
+)
+TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p")
+
+
+@dataclass(kw_only=True)
+class Table:
+    """header: names. first: line of the text, from 0, where the data begin. numbers: is a column one of numbers (False: of
+    texts or time stamps)? units: name -> unit of a row of units. preamble: lines before the names."""
+
+    separator: str
+    header: list[str]
+    first: int
+    numbers: list[bool]
+    decimal_comma: bool = False
+    units: dict[str, str] = field(default_factory=dict)
+    preamble: list[str] = field(default_factory=list)
+
+
+def split(line: str, separator: str) -> list[str]:
+    """Cells of a line, quotes by RFC 4180."""
+    if separator == " ":
+        return line.split()
+    if '"' not in line:
+        return line.split(separator)
+    try:
+        return next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:
+        return line.split(separator)
+
+
+def records(lines: list[str], separator: str, width: int) -> Iterator[tuple[int, list[str]]]:
+    """(line, cells) of each record; a cell in quotes may hold line ends where the record then has `width` cells."""
+    i = 0
+    while i < len(lines):
+        cells, last = split(lines[i], separator), i
+        if lines[i].count('"') % 2:
+            for j in range(i + 1, min(i + LONGEST_RECORD, len(lines))):
+                if lines[j].count('"') % 2:
+                    try:
+                        whole = next(csv.reader(["\n".join(lines[i : j + 1])], delimiter=separator), [])
+                    except csv.Error:
+                        break
+                    if len(whole) == width:
+                        cells, last = whole, j
+                    break
+        yield i, cells
+        i = last + 1
+
+
+def is_value(cell: str) -> bool:
+    """A number or a time stamp."""
+    cell = cell.strip().strip('"')
+    return bool(NUMBER.fullmatch(cell) or STAMP.fullmatch(cell))
+
+
+def find_table(lines: list[str], layout: FileLayout, path: Path) -> Table:
+    """The table in the first lines of a text. HexsimError where there is none."""
+    told = next((re.fullmatch(r"sep=(.)", line.strip("\ufeff\r"), re.IGNORECASE) for line in lines[:1]), None)
+    comment = layout.comment
+    kept = [
+        i for i, line in enumerate(lines[:LOOKED_AT])
+        if line.strip() and not (comment and line.lstrip().startswith(comment)) and not (told and i == 0)
+    ]  # fmt: skip
+    if not kept:
+        raise HexsimError(f"{path} is empty: no row of data")
+    if any(max(map(lines[i].count, TRIED)) > WIDEST for i in kept):
+        raise HexsimError(f"{path} has a row of more than {WIDEST:,} cells, which are the most: save fewer columns")
+    kept = kept[: max(CHARACTERS // max(len(lines[kept[len(kept) // 2]]), 1), LEAST_LINES)]
+    tried = (SEPARATORS[layout.separator],) if layout.separator else (told[1],) if told else TRIED
+    width = len(layout.columns) if layout.columns else None
+    found = [shape for mark in tried if (shape := Shape.of([split(lines[i], mark) for i in kept], mark, width))]
+    if not found:
+        marks = [SEPARATORS[layout.separator]] if layout.separator else [";", "\t", ",", " "]
+        mark = max(marks, key=lambda mark: len(split(lines[kept[0]], mark)))
+        names = names_of(split(lines[kept[0]], mark))
+        if names and not all(is_value(name) for name in names) and len(kept) == 1 and not layout.columns:
+            return Table(separator=mark, header=names, first=kept[0] + 1, numbers=[True] * len(names))
+        found = [Shape(rows=[split(lines[i], mark) for i in kept], separator=mark, width=len(names), values=[])]
+    best = max(found, key=lambda shape: shape.score)
+    return best.table(lines, kept, layout, path)
+
+
+@dataclass(kw_only=True)
+class Shape:
+    """Lines as cells by one separator. width: cells of a row of data; values: columns of values."""
+
+    rows: list[list[str]]
+    separator: str
+    width: int
+    values: list[int]
+
+    @classmethod
+    def of(cls, rows: list[list[str]], separator: str, width: int | None) -> Shape | None:
+        """The commonest number of cells of rows in which most are values."""
+        later = rows[len(rows) // 2 :] if len(rows) > 3 else rows
+        rich = [
+            row
+            for row in later
+            if sum(map(is_value, row)) >= 0.5 * sum(cell.strip() not in MISSING for cell in row) > 0
+        ]
+        if not rich:
+            return None
+        width = width or Counter(map(len, rich)).most_common(1)[0][0]
+        of_width = [row for row in rich if len(row) == width]
+        values = []
+        for k in range(min(width, WIDEST)):
+            cells = [row[k].strip() for row in of_width if row[k].strip() not in MISSING]
+            if cells and sum(map(is_value, cells)) >= STEADY * len(cells):
+                values.append(k)
+        return cls(rows=rows, separator=separator, width=width, values=values) if values else None
+
+    def is_data(self, row: list[str]) -> bool:
+        """Are the cells in columns of values such, or missing?"""
+        if abs(len(row) - self.width) > 1:
+            return False
+        cells = [row[k].strip() for k in self.values if k < len(row)]
+        good = sum(cell in MISSING or is_value(cell) for cell in cells)
+        return any(map(is_value, cells)) and good >= STEADY * len(self.values)
+
+    @property
+    def score(self) -> int:
+        """Cells of values in rows of data; a single column is no table where another separator finds two."""
+        rows = sum(map(self.is_data, self.rows))
+        return rows * len(self.values) if self.width > 1 else min(rows, 1)
+
+    def table(self, lines: list[str], kept: list[int], layout: FileLayout, path: Path) -> Table:
+        """Names above the first row of data."""
+        good = [self.is_data(row) for row in self.rows]
+        begins = next(
+            (k for k in range(len(good)) if good[k] and sum(good[k : k + 5]) >= min(4, len(good) - k)), len(good)
+        )
+        header, units, above = layout.columns, {}, begins
+        if header is None:
+            above = begins - 1
+            if above < 0 or (begins == len(good) and begins > 1):
+                raise HexsimError(
+                    f"{path}: row {kept[0] + 1} holds no names: give one header row, or columns in a mapping file"
+                    if good[:1] == [True]
+                    else f"{path} holds no row of numbers: the first row is {lines[kept[0]][:60]!r}"
+                )
+            names = names_of(self.rows[above])
+            higher = names_of(self.rows[above - 1]) if above > 0 else []
+            if len(higher) > 1 and is_units(names) and not is_units(higher) and abs(len(higher) - len(names)) <= 1:
+                units = {name: unit for name, unit in zip(higher, names, strict=False) if canonical(unit)}
+                above, names = above - 1, higher
+            if not names or all(is_value(name) for name in names):
+                raise HexsimError(
+                    f"{path}: row {kept[above] + 1} holds no names: give one header row, or columns in a mapping file"
+                )
+            header = [name or f"column {i + 1}" for i, name in enumerate(names)]
+        first = kept[begins] if begins < len(kept) else kept[-1] + 1
+        cells = [row for row, ok in zip(self.rows, good, strict=True) if ok]
+        numbers = [self.of_numbers([row[k] for row in cells if k < len(row)]) for k in range(len(header))]
+        comma = self.separator != "," and any("," in row[k] for row in cells for k in self.values if k < len(row))
+        before = [lines[i] for i in kept[:above]]
+        if layout.columns is not None:
+            before = [line for line, ok in zip(before, good, strict=False) if not ok]
+        return Table(
+            separator=self.separator, header=header, first=first, numbers=numbers, decimal_comma=comma, units=units,
+            preamble=before,
+        )  # fmt: skip
+
+    @staticmethod
+    def of_numbers(cells: list[str]) -> bool:
+        """Is this a column of numbers? One without any value may be."""
+        there = [cell.strip().strip('"') for cell in cells if cell.strip().strip('"') not in MISSING]
+        return not there or sum(bool(NUMBER.fullmatch(cell)) for cell in there) >= 0.5 * len(there)
+
+
+def names_of(cells: list[str]) -> list[str]:
+    """Names of a row: without quotes, a # before them, empty cells at the end."""
+    names = [name.strip().strip('"').strip() for name in cells]
+    names = names[1:] if names and names[0] == "#" else [names[0].lstrip("# "), *names[1:]] if names else names
+    while names and names[-1] == "":
+        names.pop()
+    return names
+
+
+def is_units(names: list[str]) -> bool:
+    """A row of units: each is one, in brackets or not, or empty."""
+    there = [name for name in names if name]
+    return bool(there) and all(canonical(name.strip("[]()")) or name in ("-", "[-]") for name in there)
+
+
+def seconds(texts: pl.Series) -> pl.Series | None:
+    """Time stamps as text (n,) as seconds: dates from the first one on, times of day from midnight; None for other text."""
+    clean = texts.str.strip_chars().str.replace("T", " ").str.replace(r"(Z|[+-]\d{2}:?\d{2})$", "")
+    clean = clean.str.replace(r"(:\d{2}),(\d+)", "$1.$2").str.replace(r"(:\d{2}:\d{2}):(\d+)$", "$1.$2")
+    some = clean.drop_nulls()
+    some = some.filter(some.str.len_chars() > 0).head(50)
+    if not len(some):
+        return None
+    for style in (*FORMATS, *TIMES):
+        time_of_day = style in TIMES
+        given = "%Y-%m-%d " + style if time_of_day else style
+        before = "2000-01-01 " if time_of_day else ""
+        if (before + some).str.strptime(pl.Datetime("ns"), given, strict=False).null_count() > 0.2 * len(some):
+            continue
+        stamps = (before + clean).str.strptime(pl.Datetime("ns"), given, strict=False)
+        first = (
+            pl.Series([before + "00:00:00"]).str.strptime(pl.Datetime("ns"), "%Y-%m-%d %H:%M:%S")[0]
+            if time_of_day
+            else stamps.drop_nulls()[0]
+        )
+        return (stamps - first).dt.total_nanoseconds().cast(pl.Float64) * 1e-9
+    return None
