@@ -15,10 +15,21 @@ OF_A_RUN = "log.parquet"
 
 
 @cache
+def all_readers() -> tuple[Reader, ...]:
+    """Of every format; an entry point `hexsim.readers` announces one of another package."""
+    return tuple(found_parts(formats, "READER", "hexsim.readers").values())
+
+
 def readers() -> dict[str, Reader]:
-    """Suffix -> reader; an entry point `hexsim.readers` announces one of another package."""
-    found = found_parts(formats, "READER", "hexsim.readers").values()
-    return {suffix: reader for reader in found for suffix in reader.suffixes}
+    """Suffix -> reader."""
+    return {suffix: reader for reader in all_readers() for suffix in reader.suffixes}
+
+
+def reader_of(path: Path) -> Reader | None:
+    """The reader of a file by its suffix, of a folder by the file that marks it."""
+    if path.is_dir():
+        return next((one for one in all_readers() if one.marker and (path / one.marker).is_file()), None)
+    return readers().get(suffix_of(path)) if path.is_file() else None
 
 
 def suffix_of(path: Path) -> str:
@@ -47,8 +58,8 @@ def raw_log(path: Path, layout: FileLayout | None = None) -> RawLog:
     path = of_a_run(path)
     if not path.exists():
         raise HexsimError(f"there is no file {path}: give a log ({', '.join(readers())}, text also as .gz)")
-    reader = readers().get(suffix_of(path))
-    if reader is None or not path.is_file():
+    reader = reader_of(path)
+    if reader is None:
         raise HexsimError(f"{path}: a log ends in one of {', '.join(readers())}, text also in .gz")
     try:
         return reader.read(path, layout or FileLayout()).cut(path)
@@ -76,10 +87,10 @@ def first_line(error: BaseException) -> str:
 def log_files(folder: Path, name: str) -> Path:
     """The file of log `name` in a machine's folder, or the path itself."""
     direct = of_a_run(Path(name))
-    if direct.is_file():
+    if reader_of(direct) is not None:
         return direct
     paths = sorted(Path(folder).iterdir()) if Path(folder).is_dir() else []
-    logs = [path for path in paths if path.is_file() and suffix_of(path) in readers()]
+    logs = [path for path in paths if reader_of(path) is not None]
     for path in logs:
         if name in (log_name(path), path.name.partition(".")[0]):
             return path
