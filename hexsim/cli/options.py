@@ -158,3 +158,9 @@ def prepare(scenario_name: str, motion: Motion, settings: list[str] | None = Non
     changes = {key: parse_value(text) for key, text in parse_changes(settings).items()}
     scenario, machine = apply_settings(scenario, machine, changes, source="--set")
     return machine, scenario
+
+
+Mapping = Annotated[
+    Path | None,
+    typer.Option(help="Mapping file for foreign names and units; default: mapping.toml beside the log."),
+]

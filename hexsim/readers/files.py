@@ -15,20 +15,23 @@ OF_A_RUN = "log.parquet"
 
 
 @cache
-def all_readers() -> tuple[Reader, ...]:
-    """Of every format; an entry point `hexsim.readers` announces one of another package."""
-    return tuple(found_parts(formats, "READER", "hexsim.readers").values())
-
-
 def readers() -> dict[str, Reader]:
-    """Suffix -> reader."""
-    return {suffix: reader for reader in all_readers() for suffix in reader.suffixes}
+    """Suffix -> reader; an entry point `hexsim.readers` announces one of another package."""
+    found = found_parts(formats, "READER", "hexsim.readers").values()
+    return {suffix: reader for reader in found for suffix in reader.suffixes}
+
+
+@cache
+def folder_readers() -> dict[str, Reader]:
+    """File that marks a folder as one log -> reader."""
+    found = found_parts(formats, "READER", "hexsim.readers").values()
+    return {reader.marker: reader for reader in found if reader.marker}
 
 
 def reader_of(path: Path) -> Reader | None:
     """The reader of a file by its suffix, of a folder by the file that marks it."""
     if path.is_dir():
-        return next((one for one in all_readers() if one.marker and (path / one.marker).is_file()), None)
+        return next((reader for marker, reader in folder_readers().items() if (path / marker).is_file()), None)
     return readers().get(suffix_of(path)) if path.is_file() else None
 
 

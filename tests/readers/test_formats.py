@@ -53,13 +53,13 @@ def test_a_format_of_ones_own_is_one_file(table, tmp_path, monkeypatch):
     with pytest.raises(HexsimError, match=r"a log ends in one of .*\.parquet"):
         read_log(tmp_path / "run.arrow")
     monkeypatch.setattr(formats, "__path__", [*formats.__path__, str(tmp_path)])
-    files.all_readers.cache_clear()
+    files.readers.cache_clear()
     try:
         log = read_log(tmp_path / "run.arrow")
         setpoints = read_setpoint_file(tmp_path / "run.arrow")
         assert files.log_files(tmp_path, "run") == tmp_path / "run.arrow"
     finally:
-        files.all_readers.cache_clear()
+        files.readers.cache_clear()
     assert (log.name, log.losses) == ("run", ())
     assert np.array_equal(log.columns["position_m"], table["position_m"].to_numpy())
     assert np.array_equal(setpoints["setpoint_m"], table["setpoint_m"].to_numpy())

@@ -262,3 +262,53 @@ def test_pickled_objects_are_never_read(tmp_path):
     raw = raw_log(tmp_path / "run.npz")
     assert {signal.name for signal in raw.signals} == {"time_s", "position_m"}
     assert "array evil holds objects" in raw.left_out[0]
+
+
+def test_six_legs_in_few_lines_counters_and_rows(tmp_path):
+    """A foreign hexapod log with a preamble, names in line 4, units in line 5: twelve lines of mapping for six legs by {leg} and
+    {leg0}; a position that wraps at 65536 counts goes on; markers are missing."""
+    n = 800
+    time = np.arange(n) * 2e-3
+    true = {leg: 0.3 + 0.01 * leg + 0.2 * np.sin(2 * np.pi * 0.7 * time) for leg in range(1, 7)}
+    counts = {leg: np.rint(true[leg] / 4e-6) % 65536 for leg in true}
+    table = pl.DataFrame(
+        {"T": 1e3 * time}
+        | {f"enc[{leg - 1}]": counts[leg] for leg in true}
+        | {f"P{leg}": np.full(n, 35.0) + 0.01 * leg for leg in true}
+    )
+    text = table.write_csv(separator=";", include_header=False)
+    names = ";".join(table.columns)
+    units = ";".join(["ms", *["-"] * 6, *["bar"] * 6])
+    (tmp_path / "run.csv").write_text(f"rig 7\n1;2;3\n\n{names}\n{units}\n{text}")
+    (tmp_path / "mapping.toml").write_text(
+        """kind = "hexapod"
+[file]
+header_row = 4
+[columns]
+time_s = {from = "T"}
+"position_{leg}_m" = {from = "enc[{leg0}]", factor = 4e-6, unwrap = 65536.0}
+"pressure_bottom_{leg}_Pa" = {from = "P{leg}"}
+"""
+    )
+    log = read_log(tmp_path / "run.csv")
+    for leg in true:
+        found = np.asarray(log.columns[f"position_{leg}_m"])
+        assert np.ptp(found - true[leg]) < 8e-6  # two counts; a counter does not know its turn
+        assert log.columns[f"pressure_bottom_{leg}_Pa"][5] == pytest.approx((35.0 + 0.01 * leg) * 1e5, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    (
+        ('position_1_m = {from = "a"}\n"position_{leg}_m" = {from = "b{leg}"}', "position_1_m stands twice"),
+        ('position_m = {from = "x", unwrap = -1.0}', "unwrap"),
+        ('position_m = {from = "x", unwrap = nan}', "unwrap"),
+    ),
+)
+def test_mappings_that_make_no_sense_are_refused(tmp_path, line, sentence):
+    """One sentence that names the file and the key."""
+    (tmp_path / "run.csv").write_text("time_s,x\n0,1\n1,2\n2,3\n")
+    (tmp_path / "mapping.toml").write_text(f"[columns]\n{line}\n")
+    with pytest.raises(HexsimError, match=sentence) as refused:
+        read_log(tmp_path / "run.csv")
+    assert str(tmp_path / "mapping.toml") in str(refused.value)
