@@ -30,6 +30,7 @@ def friction(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for friction.json, friction.png and machine.toml.")
     ] = None,
+    mapping: options.Mapping = None,
     json: options.Json = False,
 ) -> None:
     """Stribeck parameters with errors and the friction-velocity map from a log (report 2.3.3)."""
@@ -40,8 +41,8 @@ def friction(
     from hexsim.tracing.friction.figure import friction_figure, friction_table
     from hexsim.tracing.friction.identification import identify_friction
 
-    measured = read_log(log)
     declared = load_machine(machine or beside(log))
+    measured = read_log(log, mapping, declared)
     result = identify_friction(at_origin(measured, declared), declared, leg)
     if out is not None:
         from hexsim.files.json_files import write_json

@@ -164,3 +164,9 @@ def prepare(
     changes = {key: parse_value(text) for key, text in parse_changes(settings).items()}
     scenario, machine = apply_settings(scenario, machine, changes, source="--set", allow_native=allow_native)
     return machine, scenario
+
+
+Mapping = Annotated[
+    Path | None,
+    typer.Option(help="Mapping file for foreign names and units; default: mapping.toml beside the log."),
+]

@@ -70,6 +70,7 @@ def assigned(raw: RawLog, mapping: Mapping, path: Path) -> dict[str, Assigned]:
         one = raw.one(channel.source or name, name, path)
         taken.add(id(one))
         marked = np.where(np.isin(one.values, channel.missing), np.nan, one.values) if channel.missing else one.values
+        marked = marked if channel.unwrap is None else unwrapped(marked, channel.unwrap)
         factor, offset = channel_si(name, channel, one, path)
         found[name] = Assigned(name=name, raw=one, values=marked * factor + offset, channel=channel)
     taken |= {id(raw.one(c.time, f"the time of {n}", path)) for n, c in mapping.columns.items() if c.time}
@@ -91,6 +92,13 @@ def assigned(raw: RawLog, mapping: Mapping, path: Path) -> dict[str, Assigned]:
         raw.losses.append(f"not used, as no signal of the measured-log format or the mapping: {listed(unused)}")
     raw.losses.extend(raw.left_out)
     return found
+
+
+def unwrapped(values: Array, period: float) -> Array:
+    """A counter that begins anew at `period`, going on; missing samples stay missing."""
+    out, there = np.array(values, dtype=float), np.isfinite(values)
+    out[there] = np.unwrap(out[there], period=period)
+    return out
 
 
 def channel_si(name: str, channel: Channel, raw: RawSignal, path: Path) -> tuple[float, float]:

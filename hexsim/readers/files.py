@@ -21,6 +21,20 @@ def readers() -> dict[str, Reader]:
     return {suffix: reader for reader in found for suffix in reader.suffixes}
 
 
+@cache
+def folder_readers() -> dict[str, Reader]:
+    """File that marks a folder as one log -> reader."""
+    found = found_parts(formats, "READER", "hexsim.readers").values()
+    return {reader.marker: reader for reader in found if reader.marker}
+
+
+def reader_of(path: Path) -> Reader | None:
+    """The reader of a file by its suffix, of a folder by the file that marks it."""
+    if path.is_dir():
+        return next((reader for marker, reader in folder_readers().items() if (path / marker).is_file()), None)
+    return readers().get(suffix_of(path)) if path.is_file() else None
+
+
 def suffix_of(path: Path) -> str:
     """.csv of fit.csv.gz; a .gz alone is a text."""
     inner = path.with_suffix("") if path.suffix.lower() == ".gz" else path
@@ -47,8 +61,8 @@ def raw_log(path: Path, layout: FileLayout | None = None) -> RawLog:
     path = of_a_run(path)
     if not path.exists():
         raise HexsimError(f"there is no file {path}: give a log ({', '.join(readers())}, text also as .gz)")
-    reader = readers().get(suffix_of(path))
-    if reader is None or not path.is_file():
+    reader = reader_of(path)
+    if reader is None:
         raise HexsimError(f"{path}: a log ends in one of {', '.join(readers())}, text also in .gz")
     try:
         return reader.read(path, layout or FileLayout()).cut(path)
@@ -76,10 +90,10 @@ def first_line(error: BaseException) -> str:
 def log_files(folder: Path, name: str) -> Path:
     """The file of log `name` in a machine's folder, or the path itself."""
     direct = of_a_run(Path(name))
-    if direct.is_file():
+    if reader_of(direct) is not None:
         return direct
     paths = sorted(Path(folder).iterdir()) if Path(folder).is_dir() else []
-    logs = [path for path in paths if path.is_file() and suffix_of(path) in readers()]
+    logs = [path for path in paths if reader_of(path) is not None]
     for path in logs:
         if name in (log_name(path), path.name.partition(".")[0]):
             return path

@@ -5,6 +5,8 @@ kind = "bench"                    # or "hexapod", or "own" (a machine with balan
 separator = "whitespace"          # "," ";" "tab" "whitespace"; left out = found by itself
 comment = "#"                     # lines that begin so are skipped
 columns = ["t", "pos", "p1"]      # names, when the file has no header row of its own
+header_row = 12                   # the line, from 1, with the names (default: found by itself)
+skip_rows = 3                     # lines before the table that are passed over
 rate_Hz = 1000.0                  # when there is no column of time
 [columns.position_m]              # name of the signal, SI unit at its end
 from = "pos"                      # column of the file (default: the same name)
@@ -13,18 +15,24 @@ delay_s = 0.012                   # this channel is late by so much: it is moved
 time = "t2"                       # its own column of time, in the unit of time_s (default: that of time_s)
 missing = [-9999.0]               # values, as the file has them, that say "no sample"
 held = true                       # it keeps its value until the next sample, however late that comes
+unwrap = 65536.0                  # a counter that begins anew at this value of the file
+[columns."position_{leg}_m"]      # all six legs at once: {leg} is 1 to 6, {leg0} is 0 to 5, in the name and in texts
+from = "axis{leg}.actual"
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hexsim.errors import HexsimError
 from hexsim.files.toml_files import read_toml, validation_sentence
+from hexsim.signals.log import N_LEGS
 from hexsim.signals.units import unit_of_name, unit_to_si
+
+LEG, LEG0 = "{leg}", "{leg0}"
 
 
 class Section(BaseModel):
@@ -37,6 +45,8 @@ class FileLayout(Section):
     separator: Literal[",", ";", "tab", "whitespace"] | None = None
     comment: str | None = Field(default=None, min_length=1)
     columns: list[str] | None = None
+    header_row: int | None = Field(default=None, ge=1, le=100_000)
+    skip_rows: int = Field(default=0, ge=0, le=100_000)
     rate_Hz: float | None = Field(default=None, gt=0.0, le=1e5)
 
 
@@ -51,6 +61,7 @@ class Channel(Section):
     time: str | None = None
     missing: list[float] = []
     held: bool | None = None
+    unwrap: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
 
     def to_si(self, name: str, where: str) -> tuple[float, float]:
         """(factor, offset) to SI of the column `name`."""
@@ -78,10 +89,33 @@ def load_mapping(path: Path | str | Mapping | None) -> Mapping:
         return path
     path = Path(path)
     try:
-        mapping = Mapping.model_validate(read_toml(path))
+        mapping = Mapping.model_validate(of_each_leg(read_toml(path), path))
     except ValidationError as error:
         sentence = validation_sentence(error, Mapping).replace("source", "from")  # the key's name in the file
         raise HexsimError(f"{path}: {sentence}") from None
     for name, channel in mapping.columns.items():
         channel.to_si(name, str(path))
     return mapping
+
+
+def of_each_leg(data: dict[str, Any], path: Path) -> dict[str, Any]:
+    """A mapping as read, with six columns for one whose name holds {leg}."""
+    columns = data.get("columns")
+    if not isinstance(columns, dict):
+        return data
+    found: dict[str, Any] = {}
+    for name, channel in columns.items():
+        legs: list[int | None] = list(range(1, N_LEGS["hexapod"] + 1)) if LEG in name else [None]
+        for leg in legs:
+            whole = name if leg is None else name.replace(LEG, str(leg))
+            if whole in found:
+                raise HexsimError(f"{path} [columns]: {whole} stands twice, once for all legs: name it once")
+            found[whole] = channel if leg is None else for_leg(channel, leg)
+    return {**data, "columns": found}
+
+
+def for_leg(value: Any, leg: int) -> Any:
+    """Texts under a channel with {leg} and {leg0} filled in."""
+    if isinstance(value, str):
+        return value.replace(LEG, str(leg)).replace(LEG0, str(leg - 1))
+    return {key: for_leg(inner, leg) for key, inner in value.items()} if isinstance(value, dict) else value

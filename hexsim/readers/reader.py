@@ -128,12 +128,13 @@ def max_rows(n_columns: int) -> int:
 class Reader(ABC):
     """One format. `name` as people say it; `suffixes` of its files, in small letters, a compressed text counts as a text.
 
-    needs: the extra of hexsim that its library comes with.
+    needs: the extra of hexsim that its library comes with. marker: file in a folder that is one log of this format.
     """
 
     name: ClassVar[str]
     suffixes: ClassVar[tuple[str, ...]]
     needs: ClassVar[str] = ""
+    marker: ClassVar[str] = ""
 
     @abstractmethod
     def read(self, path: Path, layout: FileLayout) -> RawLog:

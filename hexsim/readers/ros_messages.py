@@ -1,4 +1,4 @@
-"""Messages of ROS 2 in CDR, by definitions that come with a file and are not trusted: rosbags makes Python source of them."""
+"""Messages of ROS 1 and 2, by definitions that come with a file and are not trusted: rosbags makes Python source of them."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ class BadDefinition(ValueError):
 
 
 class Messages:
-    """Types known so far: those that ROS 2 Humble ships, then those of the file."""
+    """Types known so far: those that ROS 2 Humble ships (ros1: ROS 1 Noetic), then those of the file."""
 
-    def __init__(self) -> None:
+    def __init__(self, ros1: bool = False) -> None:
         from rosbags.typesys import Stores, get_typestore
 
-        self.store = get_typestore(Stores.ROS2_HUMBLE)
+        self.ros1 = ros1
+        self.store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
         self.store.max_sequence_length = MOST_ITEMS
 
     def define(self, name: str, text: str) -> None:
@@ -51,7 +52,8 @@ class Messages:
 
     def decoder(self, name: str) -> Callable[[bytes], Any]:
         """From the bytes of a message to its fields."""
-        return lambda data: self.store.deserialize_cdr(data, name)
+        read = self.store.deserialize_ros1 if self.ros1 else self.store.deserialize_cdr
+        return lambda data: read(data, name)
 
 
 def sizes(name: str, known: dict[str, Any], depth: int) -> tuple[int, int]:

@@ -94,10 +94,10 @@ def is_value(cell: str) -> bool:
 def find_table(lines: list[str], layout: FileLayout, path: Path) -> Table:
     """The table in the first lines of a text. HexsimError where there is none."""
     told = next((re.fullmatch(r"sep=(.)", line.strip("\ufeff\r"), re.IGNORECASE) for line in lines[:1]), None)
-    comment = layout.comment
+    comment, passed = layout.comment, max(layout.skip_rows, (layout.header_row or 1) - 1)
     kept = [
-        i for i, line in enumerate(lines[:LOOKED_AT])
-        if line.strip() and not (comment and line.lstrip().startswith(comment)) and not (told and i == 0)
+        i for i, line in enumerate(lines[: passed + LOOKED_AT])
+        if i >= passed and line.strip() and not (comment and line.lstrip().startswith(comment)) and not (told and i == 0)
     ]  # fmt: skip
     if not kept:
         raise HexsimError(f"{path} is empty: no row of data")
@@ -176,6 +176,8 @@ class Shape:
                     if good[:1] == [True]
                     else f"{path} holds no row of numbers: the first row is {lines[kept[0]][:60]!r}"
                 )
+            if layout.header_row is not None:
+                above = min(above, 1 if above > 0 and is_units(names_of(self.rows[1])) else 0)
             names = names_of(self.rows[above])
             higher = names_of(self.rows[above - 1]) if above > 0 else []
             if len(higher) > 1 and is_units(names) and not is_units(higher) and abs(len(higher) - len(names)) <= 1:

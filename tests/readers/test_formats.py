@@ -17,7 +17,7 @@ from hexsim.readers import files, formats, read_log
 from hexsim.setpoints.signal_file import read_setpoint_file
 
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"
-JSON_LINES = '''"""JSON, one object a row."""
+ARROW = '''"""Arrow's own files."""
 
 import numpy as np
 import polars as pl
@@ -25,18 +25,18 @@ import polars as pl
 from hexsim.readers.reader import RawLog, Reader
 
 
-class JsonLinesReader(Reader):
-    """One object a row."""
+class ArrowReader(Reader):
+    """One table."""
 
-    name = "JSON lines"
-    suffixes = (".jsonl",)
+    name = "Arrow"
+    suffixes = (".arrow",)
 
     def read(self, path, layout):
-        table = pl.read_ndjson(path)
+        table = pl.read_ipc(path)
         return RawLog.of_table({name: table[name].to_numpy() for name in table.columns})
 
 
-READER = JsonLinesReader()
+READER = ArrowReader()
 '''
 
 
@@ -48,16 +48,16 @@ def table() -> pl.DataFrame:
 
 def test_a_format_of_ones_own_is_one_file(table, tmp_path, monkeypatch):
     """A file with READER in a folder of the formats: logs and setpoint files of that format are read."""
-    (tmp_path / "json_lines.py").write_text(JSON_LINES)
-    table.write_ndjson(tmp_path / "run.jsonl")
+    (tmp_path / "arrow.py").write_text(ARROW)
+    table.write_ipc(tmp_path / "run.arrow")
     with pytest.raises(HexsimError, match=r"a log ends in one of .*\.parquet"):
-        read_log(tmp_path / "run.jsonl")
+        read_log(tmp_path / "run.arrow")
     monkeypatch.setattr(formats, "__path__", [*formats.__path__, str(tmp_path)])
     files.readers.cache_clear()
     try:
-        log = read_log(tmp_path / "run.jsonl")
-        setpoints = read_setpoint_file(tmp_path / "run.jsonl")
-        assert files.log_files(tmp_path, "run") == tmp_path / "run.jsonl"
+        log = read_log(tmp_path / "run.arrow")
+        setpoints = read_setpoint_file(tmp_path / "run.arrow")
+        assert files.log_files(tmp_path, "run") == tmp_path / "run.arrow"
     finally:
         files.readers.cache_clear()
     assert (log.name, log.losses) == ("run", ())

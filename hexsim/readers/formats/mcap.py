@@ -26,7 +26,13 @@ class McapReader(Reader):
     needs = "ros"
 
     def read(self, path: Path, layout: FileLayout) -> RawLog:
-        topics, schemas, channels, decoders = Topics(), {}, {}, {}
+        topics = Topics()
+        self.collect(path, topics)
+        return topics.raw(path)
+
+    def collect(self, path: Path, topics: Topics) -> None:
+        """Messages of a file."""
+        schemas, channels, decoders = {}, {}, {}
         with open(path, "rb") as stream:
             for record in records(stream, path, topics):
                 kind = type(record).__name__
@@ -48,7 +54,6 @@ class McapReader(Reader):
                         topics.add(channel.topic, record.publish_time, decode(record.data))
                         if topics.is_full:
                             break
-        return topics.raw(path)
 
 
 def records(stream: Any, path: Path, topics: Topics) -> Iterator[Any]:

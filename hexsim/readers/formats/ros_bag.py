@@ -37,7 +37,13 @@ class RosBagReader(Reader):
     needs = "ros"
 
     def read(self, path: Path, layout: FileLayout) -> RawLog:
-        topics, messages = Topics(), Messages()
+        topics = Topics()
+        self.collect(path, topics)
+        return topics.raw(path)
+
+    def collect(self, path: Path, topics: Topics) -> None:
+        """Messages of a file."""
+        messages = Messages()
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as bag:
             bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_MESSAGE)
             tables = {name for (name,) in bag.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
@@ -63,7 +69,6 @@ class RosBagReader(Reader):
                 topics.add(name, stamp_ns, messages.decoder(kind)(data))
                 if topics.is_full:
                     break
-        return topics.raw(path)
 
     def define(self, bag: sqlite3.Connection, messages: Messages, used: set[str]) -> None:
         """Definitions in the bag of types that its topics have."""
