@@ -134,14 +134,13 @@ class Link:
     def _take(self, data: bytes) -> int | None:
         """Use a packet; the sequence of the reply that it is, if it is one."""
         if data[:4] == REPLY_MAGIC:
-            try:
-                reply = unpack_reply(data)
-            except (HexsimError, ValueError):
+            reply = unpack_reply(data)
+            if isinstance(reply, str):
                 self.instead = _not_a_reply(data)
                 return None
             return self._take_reply(reply)
         rows = unpack_telemetry(data)
-        if rows is not None:
+        if isinstance(rows, Telemetry):
             self._take_telemetry(rows)
         elif data[:3] in (REPLY_MAGIC[:3], MAGIC[:3]) and data[:4] != MAGIC:
             kind = "replies" if data[:3] == REPLY_MAGIC[:3] else "telemetry"

@@ -22,7 +22,7 @@ from hexsim.hydraulics.steps import LONGEST_S, StepRule, step_rule
 from hexsim.hydraulics.supply import POWER_UNIT, S, U
 from hexsim.hydraulics.valve import delay_in_ticks
 from hexsim.plant import start, stepping
-from hexsim.plant.callbacks import install_hydraulics, installed, pressures_of
+from hexsim.plant.callbacks import MPa, install_hydraulics, installed, pressures_of
 from hexsim.plant.mjcf import ModelKind, build_spec
 from hexsim.plant.states import A, lay_out_states
 from hexsim.plant.structs import check_layout

@@ -154,7 +154,7 @@ def judge(group: ClockGroup) -> bool:
     width = min(width, WIDEST, n // 2) // 2 * 2 + 1
     if not (rounded or shared) and (jitter < EVEN * period or width < 2 * NEAR // 3):
         return False
-    slow = savgol_filter(rest, width, 1) if width > 2 else rest
+    slow: Array = np.asarray(savgol_filter(rest, width, 1)) if width > 2 else rest
     evidence = f"their error is below their resolution of {resolution * 1e3:.3g} ms"
     if not rounded:
         share, error = share_in_signals(group, place, rest - slow, slope)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hexsim.errors import HexsimError
 from hexsim.readers import files, read_stretches
 from hexsim.readers.mapping import Mapping
 from hexsim.readers.reader import RawLog, RawSignal, Reader

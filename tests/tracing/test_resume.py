@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hexsim.cli import app
-from hexsim.cli.work import interruptible, line_of, span
+from hexsim.cli.work import interruptible
 from hexsim.errors import HexsimError
 from hexsim.tracing import trace as traces
 from hexsim.tracing.store import FILE, TEXT, Asked, Stored
@@ -157,13 +157,6 @@ def test_bad_logs_leave_nothing(tmp_path, folder):
     """A log that is not there: exit code 2, no folder."""
     result = CliRunner().invoke(app, ["trace", str(folder), "--fit", "nowhere", "--out", str(tmp_path / "out")])
     assert result.exit_code == 2 and not (tmp_path / "out").exists()
-
-
-def test_a_line_of_progress():
-    """What is done, for how long, and for how long more, once enough is done to say so."""
-    assert line_of("reading logs", 0.0, 10.0) == "hexsim: 0%, reading logs, 10 s so far"
-    assert line_of("looking for ties", 0.25, 60.0) == "hexsim: 25%, looking for ties, 60 s so far, about 3 min left"
-    assert [span(seconds) for seconds in (4.0, 300.0, 9000.0)] == ["4 s", "5 min", "2.5 h"]
 
 
 def test_work_in_a_thread_gives_and_raises_what_it_would():

@@ -48,7 +48,8 @@ class MdfReader(Reader):
                         signal = as_numbers(file, number, index, signal, raw, f"{where}.{channel.name}")
                     if signal is None or len(signal.samples) < 3:
                         continue
-                    stamps = signal.timestamps if stamps is None else stamps
+                    if stamps is None:
+                        stamps = np.asarray(signal.timestamps)
                     raw.signals.append(as_raw(signal, stamps, f"{where}.{channel.name}"))
         if not raw.signals:
             raise HexsimError(f"{path} holds no channel of numbers{raw.unread()}")
