@@ -161,7 +161,7 @@ def frozen(group: ClockGroup, name: str, own: np.ndarray) -> np.ndarray:
         return none
     least = max(5, int(np.ceil(np.log(1e-9 / len(x)) / np.log(chance))))
     for start, stop in zip(starts[length >= least].tolist(), stops[length >= least].tolist(), strict=True):
-        if time[stop] - time[start] < RESTING_s or others_move(group, name, own[start], own[stop]):
+        if time[stop] - time[start] < RESTING_s or others_move(group, name, int(own[start]), int(own[stop])):
             none[start + 1 : stop + 1] = True
     return none
 
