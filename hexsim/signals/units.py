@@ -119,7 +119,7 @@ def unit_of_name(column: str) -> tuple[str, str]:
     position_mm, "position [mm]" and "Position (mm)" are alike.
     """
     bracket = re.fullmatch(r"(.*?)[\s_]*[\[(](.+)[\])]", column.strip())
-    if bracket and (unit := canonical(bracket[2])):
+    if bracket and not bracket[2].strip().isdigit() and (unit := canonical(bracket[2])):  # u[1] is a place
         return bracket[1], unit
     parts = column.split("_")
     for size in (2, 1):
