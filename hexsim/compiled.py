@@ -59,6 +59,13 @@ def compiled_callback(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     return made
 
 
+def with_code(callback: Any) -> Any:
+    """A callback compiled anew, with its LLVM code, which one from the cache has not."""
+    anew = CFunc(callback._pyfunc, callback._sig, {}, {"error_model": "numpy"})
+    anew.compile()
+    return anew
+
+
 def _borrowed(typing_context: Any, value: Any) -> Any:
     """The same array, or a tuple of them, without reference counts, for inner loops: counting costs as much as a leg's equations.
 

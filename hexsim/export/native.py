@@ -101,7 +101,7 @@ def equations(plant: Plant) -> dict[str, Any]:
         held, between = carray(spool_volts, (1,)), carray(apart, (1,))
         held[0], between[0] = valve.hysteresis(volts, held[0], between[0], half_width, spread)
 
-    act_dyn, act_bias = native_callbacks()
+    act_dyn, act_bias = map(with_code, native_callbacks())
     return {
         "act_dyn": act_dyn, "act_bias": act_bias, "hysteresis": hysteresis, "stiffness": stiff, "rule": rule, "choose": choose,
     }  # fmt: skip

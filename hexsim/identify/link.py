@@ -15,8 +15,7 @@ from collections import deque
 
 from hexsim.errors import HexsimError
 from hexsim.motion_computer.host_limiter import PERIOD_s
-from hexsim.motion_computer.host_packet import REPLY, REPLY_MAGIC, Reply, unpack_reply
-from hexsim.motion_computer.states import State
+from hexsim.motion_computer.host_packet import REPLY_MAGIC, Reply, unpack_reply
 from hexsim.motion_computer.telemetry import LARGEST_PACKET, MAGIC, Telemetry, unpack_telemetry
 
 SILENT_s = 3.0  # without a reply: the machine is gone. A lost packet or a busy computer take tenths of it
@@ -136,7 +135,7 @@ class Link:
         if data[:4] == REPLY_MAGIC:
             reply = unpack_reply(data)
             if isinstance(reply, str):
-                self.instead = _not_a_reply(data)
+                self.instead = reply
                 return None
             return self._take_reply(reply)
         rows = unpack_telemetry(data)
@@ -149,14 +148,14 @@ class Link:
                 f"{kind} of protocol version {_text(data[3:4])}, and this host speaks version {_text(known[3:])}"
             )
         elif data[:4] == MAGIC:
-            self.instead = f"telemetry of {len(data)} bytes that contradicts its own header"
+            self.instead = rows
         else:
             self.instead = f"packets of {len(data)} bytes that begin with {_text(data[:4])!r}"
         return None
 
     def _take_reply(self, reply: Reply) -> int | None:
         now, before = clock.monotonic(), self.reply
-        if not (math.isfinite(reply.time_s) and reply.time_s >= 0.0):
+        if reply.time_s < 0.0:
             raise LinkLost(
                 f"the machine's clock reads {reply.time_s:g} s, which is no time: its log could not be trusted"
             )
@@ -202,14 +201,6 @@ class Link:
             self._useless = max(self._useless - 2, 0)
             self._rows_until_s = rows.time_s + len(rows.rows) / rows.rate_Hz
             self.telemetry.append(rows)
-
-
-def _not_a_reply(data: bytes) -> str:
-    if len(data) != REPLY.size:
-        return f"replies of {len(data)} bytes, {REPLY.size} are one"
-    state = int.from_bytes(data[4:6], "little")
-    known = ", ".join(f"{int(one)} {one.name.lower()}" for one in State)
-    return f"replies with the state {state}, which is none of {known}"
 
 
 def _text(data: bytes) -> str:

@@ -12,12 +12,16 @@ from compensation.volts_bound import edge_V
 from hexsim.declaration import Machine
 from hexsim.hydraulics.parameters import P, declared_rows
 
+READING = 4.0  # standard deviations of a reading: what the loop itself makes volts of on a valve without overlap and friction
+LEAST_m = 1e-7  # [m] of an ideal transducer
+
 
 def compensator_context(machine: Machine, period_s: float | None, leg: int = 1) -> Context:
     """Of a leg, from 1. Overlap, friction and discharge coefficient enter the bound of what may be added, and nothing else."""
     own = machine.legs[leg - 1]
     cylinder, sensors = own.cylinder, own.sensors
     omega_1_s, damping, _ = own.valve.spool
+    noise_m = math.hypot(sensors.position_noise_m, sensors.position_resolution_m)
     gain, most_V = _valve_numbers(declared_rows(machine)[leg - 1], cylinder.rod_side == "valve")
     return Context(
         rate_Hz=machine.controller.rate_Hz,
@@ -39,7 +43,7 @@ def compensator_context(machine: Machine, period_s: float | None, leg: int = 1) 
         spool_damping=damping,
         spool_frequency_Hz=omega_1_s / (2.0 * math.pi),
         stribeck_velocity_m_s=own.friction.stribeck_velocity_m_s,
-        edge_V=most_V,
+        edge_V=max(most_V, own.controller.gain_V_per_m * (READING * noise_m + LEAST_m)),
         velocity_gain_m_s_V=gain,
         velocity_gain_V_s_per_m=own.controller.velocity_gain_V_s_per_m,
         velocity_filter_Hz=own.controller.velocity_filter_Hz,

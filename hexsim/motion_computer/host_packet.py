@@ -131,8 +131,8 @@ def unpack_reply(data: bytes) -> Reply | str:
         return f"a reply with the unknown state {state}"
     if not all(abs(value) <= LATEST_S for value in (time_s, behind_s, age_s)):
         return "a reply whose times are not finite or too large"
-    if not all(abs(value) <= LARGEST for value in poses):
-        return f"a reply with poses that are not finite or beyond {LARGEST:g} m or rad"
+    if any(abs(value) > LARGEST for value in poses):  # not-a-number: a machine in fault may not know its pose
+        return f"a reply with poses beyond {LARGEST:g} m or rad"
     return Reply(
         state=State(state), errors=Error(errors), sequence=sequence, arrived=bool(flags & 1), refused=bool(flags & 2),
         time_s=time_s, behind_s=behind_s, age_s=age_s, pose=tuple(poses[:6]), reference=tuple(poses[6:]),
