@@ -61,7 +61,8 @@ def compiled_callback(signature: Any) -> Callable[[Callable[..., Any]], Any]:
 
 def with_code(callback: Any) -> Any:
     """A callback compiled anew, with its LLVM code, which one from the cache has not."""
-    anew = CFunc(callback._pyfunc, callback._sig, {}, {"error_model": "numpy"})
+    signature = (callback._sig.args, callback._sig.return_type)
+    anew = CFunc(callback._pyfunc, signature, {}, {"error_model": "numpy"})
     anew.compile()
     return anew
 

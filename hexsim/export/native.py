@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numba import carray, cfunc, njit, types
 
-from hexsim.compiled import compiled
+from hexsim.compiled import compiled, with_code
 from hexsim.errors import HexsimError
 from hexsim.export.toolchain import ERROR_PATHS, System, compile_and_link, module_of, target_machine
 from hexsim.hydraulics import steps, valve

@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
-from hexsim.hydraulics import leg, rod_side, supply
+from hexsim.hydraulics import learned, leg, rod_side, supply
 from hexsim.hydraulics.chamber import ATMOSPHERE, VAPOUR
-from hexsim.hydraulics.parameters import ROD_SIDE_SUPPLY, ROD_SIDE_VALVE, P
+from hexsim.hydraulics.parameters import LEARNED_TABLE, ROD_SIDE_SUPPLY, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.ports import (
     supply_edge_flow,
     tank_edge_flow,
@@ -103,12 +103,17 @@ def rule_of(springs, bristle, viscous, standstill, stop, stop_damping, own_rad_s
 
 @compiled
 def friction_slope(p):
-    """Slope of a leg's friction at v = 0 [N s/m], viscous part apart: what makes a reversal stiff."""
+    """Slope of a leg's friction at v = 0 [N s/m], viscous part apart: what makes a reversal stiff. With the jump of a
+    learned force that has a curve for each direction."""
+    learned_jump = 0.0
+    if p[P.LEARNED_BALANCE] == learned.FORCE and p[P.LEARNED_FORM] == learned.DIRECTION:
+        for k in range(LEARNED_TABLE, LEARNED_TABLE + learned.HALF):
+            learned_jump = max(learned_jump, 0.5 * abs(p[k] - p[k + learned.HALF]))
     if p[P.BRISTLE_STIFFNESS] > 0.0:
-        return p[P.BRISTLE_DAMPING]
+        return p[P.BRISTLE_DAMPING] + learned_jump / friction_width(p)
     level = max(p[P.COULOMB_EXTEND], p[P.COULOMB_RETRACT]) + max(p[P.STATIC_EXTEND], p[P.STATIC_RETRACT])
     seals = p[P.SEAL_FRICTION] + p[P.SEAL_FRICTION_TOP] + p[P.SEAL_FRICTION_ACROSS]
-    return (level + seals * p[P.SUPPLY_PRESSURE] + abs(p[P.RIPPLE_FORCE])) / friction_width(p)
+    return (level + seals * p[P.SUPPLY_PRESSURE] + abs(p[P.RIPPLE_FORCE]) + learned_jump) / friction_width(p)
 
 
 def _fastest(compliance: Array, coefficients: Array) -> float:

@@ -14,11 +14,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from hexsim.errors import HexsimError
+from hexsim.errors import HexsimError, shortened
 from hexsim.readers.mapping import FileLayout
 
 MAX_ROWS = 2_000_000  # samples of a signal that are used: half an hour at 1 kHz
 MAX_CELLS = 32_000_000  # numbers of a file that are kept in memory: a quarter of a gigabyte
+LONGEST_NAME = 80  # characters of a name in a sentence
 MOST_NAMED = 12  # signals that a sentence lists
 Array = np.ndarray
 
@@ -90,7 +91,7 @@ class RawLog:
     def unread(self) -> str:
         """What was found and not read, as the end of a sentence."""
         return (
-            f". Not read: {'; '.join(self.left_out[:6])}{'; ...' if len(self.left_out) > 6 else ''}"
+            f". Not read: {'; '.join(shortened(one, 160) for one in self.left_out[:6])}{'; ...' if len(self.left_out) > 6 else ''}"
             if self.left_out
             else ""
         )
@@ -116,7 +117,7 @@ class RawLog:
 
 def listed(names: Iterable[str], most: int = MOST_NAMED) -> str:
     """Names in a sentence, the first few of many."""
-    names = list(names)
+    names = [shortened(name, LONGEST_NAME) for name in names]
     return ", ".join(names[:most]) + (f" and {len(names) - most} others" if len(names) > most else "")
 
 

@@ -378,9 +378,9 @@ def test_missing_and_foreign_files_are_refused(tmp_path):
     """No such file; a kind that is not read (nothing is unpickled); a Parquet file that is none; a column not there."""
     with pytest.raises(HexsimError, match=r"no such setpoint file; give a .csv"):
         read_setpoint_file(tmp_path / "none.csv")
-    (tmp_path / "motion.npy").write_bytes(b"")
+    (tmp_path / "motion.pkl").write_bytes(b"")
     with pytest.raises(HexsimError, match=r"unknown kind of file; give a .csv, .csv.gz or .parquet file"):
-        read_setpoint_file(tmp_path / "motion.npy")
+        read_setpoint_file(tmp_path / "motion.pkl")
     (tmp_path / "motion.parquet").write_bytes(b"no parquet")
     with pytest.raises(HexsimError, match=r"motion.parquet: cannot be read as a table"):
         read_setpoint_file(tmp_path / "motion.parquet")

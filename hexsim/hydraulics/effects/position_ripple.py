@@ -26,5 +26,4 @@ EFFECT = Effect(
         EffectParameter(name="phase_rad", unit="rad", bounds=(-6.3, 6.3), typical=0.0, default=0.0),
     ),
     apply=apply,
-    once=True,
 )
