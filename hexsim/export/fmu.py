@@ -52,7 +52,7 @@ def export_fmu(
 ) -> Variables:  # fmt: skip
     """Write `machine` as an FMU; return its variables. what: the plant alone, or with the motion computer's controllers.
 
-    model: full legs, or the tendon model. timestep [s] of the integration, constant; None: chosen as `Plant.tick` does.
+    model: full legs, or the tendon model. timestep [s] of the integration, constant; None: chosen by the rule of `hydraulics.steps`, without the error of each step.
     windows: MuJoCo's library for Windows (`mujoco_library.windows_library`); None: for Linux alone. Raises HexsimError
     where the compiler is not installed, the system is no Linux, or the file cannot be written.
     """

@@ -31,6 +31,7 @@ CONTROL = {
     "controller.integral_time_s": 2.0,
     "controller.pressure_feedback_V_per_Pa": 1e-8,
 }
+STEP = 1e-4  # [s] constant: chosen steps go by a rule in an FMU, by their error in a run
 CASES = {
     "bench": ("bench", {}),
     "controllers": ("servo_hexapod", CONTROL),
@@ -39,15 +40,15 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 def test_it_is_a_run_without_noise(name, tmp_path):
-    """Heave and roll together on a hexapod: legs' setpoints, volts, positions and pressures are those of `simulate` within
-    1e-12 of their size."""
+    """Heave and roll together on a hexapod: legs' setpoints, volts, positions and pressures are those of `simulate`
+    with the same time step within 1e-12 of their size."""
     source, changes = CASES[name]
     machine = changed(load_machine(source), SILENT | changes | {"sensors.position_resolution_m": 0.0})
     path, n = tmp_path / "machine.fmu", machine.n_legs
-    export_fmu(machine, path, what="machine", model="tendon")
+    export_fmu(machine, path, what="machine", model="tendon", timestep=STEP)
     assert validate_fmu(str(path)) == []
     scenario = replace(load_scenario("combined" if machine.is_hexapod else "heave"), duration_s=0.6, fade_s=0.2)
-    log = simulate(machine, scenario, fast=True).log
+    log = simulate(machine, scenario, fast=True, timestep=STEP).log
     every = round(TICK / (log["time_s"][1] - log["time_s"][0]))
     rows = log.gather_every(every)
     fmu = Slave(path, tmp_path / "unpacked")
@@ -102,14 +103,14 @@ def test_the_compensator_inside_is_the_one_of_a_run(tmp_path):
     those of a run with `adaptive` that is told no future, within 1e-12; without the parameter those of plain control."""
     machine = changed(load_machine("bench"), SILENT | {"sensors.position_resolution_m": 0.0})
     path, settings = tmp_path / "machine.fmu", [f"{key}={value}" for key, value in SILENT.items()]
-    arguments = ["export", "fmu", "bench", "--what", "machine", "--linux-only", "--out", str(path)]
+    arguments = ["export", "fmu", "bench", "--what", "machine", "--linux-only", "--timestep", str(STEP), "--out", str(path)]
     for setting in [*settings, "sensors.position_resolution_m=0.0"]:
         arguments += ["--set", setting]
     assert CliRunner().invoke(app, arguments).exit_code == 0
     assert validate_fmu(str(path)) == []
     scenario = replace(load_scenario("heave"), duration_s=11.0)
     for switch, made in ((1.0, create("adaptive", preview_s=0.0)), (0.0, "none")):
-        log = simulate(machine, scenario, compensator=made).log
+        log = simulate(machine, scenario, compensator=made, timestep=STEP).log
         rows = log.gather_every(round(TICK / (log["time_s"][1] - log["time_s"][0])))
         fmu = Slave(path, tmp_path / f"unpacked_{switch:g}", {"compensator.adaptive": switch})
         before, after = fmu.run(rows["setpoint_m"].to_numpy()[:, None])
