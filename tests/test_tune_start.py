@@ -36,7 +36,9 @@ def test_the_file_is_taken_as_a_compensator(taught) -> None:
         make_compensators(str(path.parent / "none.json"), load_machine("bench"))
     wrong = path.parent / "wrong.json"
     wrong.write_text('{"compensator": "adaptive", "legs": [{}]}')
-    with pytest.raises(HexsimError, match=r"wrong\.json, leg 1: start parameters of adaptive: 'flow' is missing; learn them anew"):
+    with pytest.raises(
+        HexsimError, match=r"wrong\.json, leg 1: start parameters of adaptive: 'flow' is missing; learn them anew"
+    ):
         make_compensators(str(wrong), load_machine("bench"))
 
 

@@ -2,8 +2,8 @@
 # (MuJoCo's bindings carry no types)
 """A machine's plant as an FMU: volts in, motion and pressures out, for Simulink, Amesim, dSPACE and the like.
 
-FMI 2.0 or 3.0, co-simulation, Linux and Windows with 64 bit in one file. The plant is `Plant` with the steps that it
-chooses: the same MuJoCo, the same compiled hydraulics, and the same results. The file needs nothing at the receiver's;
+FMI 2.0 or 3.0, co-simulation, Linux and Windows with 64 bit in one file. The plant is `Plant`: the same MuJoCo, the same
+compiled hydraulics, and with a constant step the same results; without one it steps by the rule, a run by the error of a step. The file needs nothing at the receiver's;
 the export needs `hexsim[fmu]`. A power unit keeps the oil of its start: temperature does not act on the numbers of the legs.
 """
 

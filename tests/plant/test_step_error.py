@@ -63,7 +63,9 @@ def test_a_rough_constant_step_says_its_error():
     assert 0.2 < coarse.summary["step_error"] / error(coarse, fine) < 5.0
     assert any("in the 50 Hz band is off" in text for text in coarse.summary["warnings"])
     for run in (rough, good):
-        assert (run.summary["step_error"] > 1e-3) == any("in the 50 Hz band is off" in text for text in run.summary["warnings"])
+        assert (run.summary["step_error"] > 1e-3) == any(
+            "in the 50 Hz band is off" in text for text in run.summary["warnings"]
+        )
     assert good.summary["step_error"] < 1e-3
 
 

@@ -4,6 +4,8 @@ import os
 import re
 import shutil
 import signal
+import threading
+from contextlib import suppress
 from pathlib import Path
 
 import polars as pl
@@ -72,22 +74,25 @@ def test_one_log_cannot_be_fitted_and_held_out(tmp_path):
         trace(folder, ["fit"], ["validate", str(folder / "fit.csv")])
 
 
-def test_a_swallowed_ctrl_c_ends_the_trace_at_its_next_step(tmp_path, monkeypatch):
-    """A library that swallows the KeyboardInterrupt costs one step: exit code 2, a sentence, nothing written."""
-    went_on, before = [], signal.getsignal(signal.SIGINT)  # ignored where a shell started the tests in the background
+def test_a_library_that_swallows_ctrl_c_does_not_hold_a_trace_up(tmp_path, monkeypatch):
+    """The work is in a thread, the signal's answer is not: exit code 130 and a sentence within a second, nothing written."""
+    before = signal.getsignal(signal.SIGINT)  # ignored where a shell started the tests in the background
+    over = threading.Event()
 
-    def swallowing(folder, fit, validate, out, progress, load_kg, loaded):
-        try:
-            os.kill(os.getpid(), signal.SIGINT)
-            progress("never said: the signal comes first", 0.1)
-        except KeyboardInterrupt:
-            pass
-        progress("the next step", 0.2)
-        went_on.append(True)
+    def swallowing(folder, fit, validate, out, progress, load_kg, loaded, keep):
+        os.kill(os.getpid(), signal.SIGINT)
+        while not over.wait(0.05):
+            with suppress(KeyboardInterrupt):
+                progress("as if nothing had been", 0.1)
+
+    def ended(code):
+        raise SystemExit(code)
 
     monkeypatch.setattr(tracing, "trace", swallowing)
+    monkeypatch.setattr(os, "_exit", ended)
     result = CliRunner().invoke(app, ["trace", str(DATA), "--out", str(tmp_path / "out")])
-    assert result.exit_code == 2 and not went_on
-    assert "interrupted by the user; nothing was kept" in result.stderr
+    over.set()
+    assert result.exit_code == 130
+    assert "interrupted by the user; nothing was known yet and nothing was kept" in result.stderr
     assert list(tmp_path.iterdir()) == []
     assert signal.getsignal(signal.SIGINT) is before
