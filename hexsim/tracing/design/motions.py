@@ -18,7 +18,7 @@ from hexsim.declaration import Machine
 from hexsim.machine.geometry import with_additional_mass
 from hexsim.mechanics.kinematics import DOF_NAMES
 from hexsim.motion_computer.host_limiter import HostLimiter, setpoints_of
-from hexsim.motion_computer.limits import leg_limits, pose_limits
+from hexsim.motion_computer.limits import pose_limits
 from hexsim.signals.log import Log
 from hexsim.tracing.steps.experiments import setpoint_log
 
@@ -105,6 +105,25 @@ class MotionFamily:
         )
         return min(FREE * max(need), 0.5 / FASTEST_STEP_Hz)
 
+    @cached_property
+    def corners_Hz(self) -> list[tuple[float, float]]:
+        """Of each axis alone, v/(2 pi x) and a/(2 pi v) of what its legs and itself allow together, legs linear in it."""
+        limits, found = self.limiter.limits, []
+        for place, reach in zip(self.machine.mechanics.dof_places, self.reach, strict=True):
+            row = np.zeros((1, len(DOF_NAMES)))
+            row[0, place] = reach
+            moved = {what: np.abs(values[0]) / reach for what, values in self.limiter.coordinates(row).items()}
+            x, v, a = (
+                min(
+                    float(np.min(getattr(limits[what], kind)[ratio > 0.0] / ratio[ratio > 0.0]))
+                    for what, ratio in moved.items()
+                )
+                for kind in ("excursion", "velocity", "acceleration")
+            )
+            corners = (v / x, a / v)
+            found.append(tuple(float(np.clip(own / (2.0 * np.pi), SLOWEST_Hz, FASTEST_Hz)) for own in corners))
+        return found
+
     def first_points(self, count: int) -> Array:
         """Motions to begin with (count, n): full size, about the frequencies at which two limits are reached together; then
         points spread by Sobol's sequence.
@@ -112,21 +131,19 @@ class MotionFamily:
         Below v/(2 pi x) the stroke limits a motion, above a/(2 pi v) the acceleration; between them it is as fast as allowed:
         the flow is largest, and the supply, the gas and the edges work hardest.
         """
-        limits = leg_limits(self.machine)
-        corners = (limits.velocity / limits.excursion, limits.acceleration / limits.velocity)
-        slow, fast = (float(np.clip(np.median(own) / (2.0 * np.pi), SLOWEST_Hz, FASTEST_Hz)) for own in corners)
-        named = {
-            "slowest": SLOWEST_Hz,
-            "slow": slow,
-            "middle": np.sqrt(slow * fast),
-            "fast": fast,
-            "fastest": FASTEST_Hz,
-        }
-        place = {name: float(np.log(f / SLOWEST_Hz) / np.log(FASTEST_Hz / SLOWEST_Hz)) for name, f in named.items()}
-        rows = [
-            (KINDS.index(kind), k % len(self.axes), size, place[low], place[high], slope, k, (k // 2 + k) % 2)
-            for k, (kind, low, high, slope, size) in enumerate(FIRST_MOTIONS)
-        ]
+        rows = []
+        for k, (kind, low, high, slope, size) in enumerate(FIRST_MOTIONS):
+            axis = k % len(self.axes)
+            slow, fast = self.corners_Hz[axis]
+            named = {
+                "slowest": SLOWEST_Hz,
+                "slow": slow,
+                "middle": np.sqrt(slow * fast),
+                "fast": fast,
+                "fastest": FASTEST_Hz,
+            }
+            place = {name: float(np.log(f / SLOWEST_Hz) / np.log(FASTEST_Hz / SLOWEST_Hz)) for name, f in named.items()}
+            rows.append((KINDS.index(kind), axis, size, place[low], place[high], slope, k, (k // 2 + k) % 2))
         low, high = np.transpose(self.bounds)
         more = qmc.scale(qmc.Sobol(len(low), rng=0).random(count), low, high + 1e-9)
         return np.concatenate([np.array(rows, float)[:, : len(low)], more])[:count]
