@@ -3,7 +3,8 @@
 """A machine's plant as an FMU: volts in, motion and pressures out, for Simulink, Amesim, dSPACE and the like.
 
 FMI 2.0 or 3.0, co-simulation, Linux and Windows with 64 bit in one file. The plant is `Plant`: the same MuJoCo, the same
-compiled hydraulics, and with a constant step the same results; without one it steps by the rule, a run by the error of a step. The file needs nothing at the receiver's;
+compiled hydraulics, and with a constant step the same results; without one it steps by the rule, a run by the error of a
+step. The file needs nothing at the receiver's;
 the export needs `hexsim[fmu]`. A power unit keeps the oil of its start: temperature does not act on the numbers of the legs.
 """
 
@@ -52,7 +53,8 @@ def export_fmu(
 ) -> Variables:  # fmt: skip
     """Write `machine` as an FMU; return its variables. what: the plant alone, or with the motion computer's controllers.
 
-    model: full legs, or the tendon model. timestep [s] of the integration, constant; None: chosen by the rule of `hydraulics.steps`, without the error of each step.
+    model: full legs, or the tendon model. timestep [s] of the integration, constant; None: chosen by the rule of
+    `hydraulics.steps`, without the error of each step.
     windows: MuJoCo's library for Windows (`mujoco_library.windows_library`); None: for Linux alone. Raises HexsimError
     where the compiler is not installed, the system is no Linux, or the file cannot be written.
     """

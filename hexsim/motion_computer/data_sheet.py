@@ -12,7 +12,9 @@ from compensation.volts_bound import edge_V
 from hexsim.declaration import Machine
 from hexsim.hydraulics.parameters import P, declared_rows
 
-READING = 4.0  # standard deviations of a reading: what the loop itself makes volts of on a valve without overlap and friction
+READING = (
+    4.0  # standard deviations of a reading: what the loop itself makes volts of on a valve without overlap and friction
+)
 LEAST_m = 1e-7  # [m] of an ideal transducer
 
 

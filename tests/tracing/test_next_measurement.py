@@ -233,7 +233,7 @@ def late(tmp_path_factory):
     """A bench of the second plant with a valve delay, traced by the balances alone on 10 s."""
     folder = tmp_path_factory.mktemp("late")
     effects = {"valve_delay": 6.0, "scale_ripple": 4e-6, "friction_warm_up": 0.08, "worn_bore": 3e-13}
-    write_machine(folder, 7, effects, runs=("fit", "validate"), duration_s=10.0)
+    write_machine(folder, 3, effects, runs=("fit", "validate"), duration_s=10.0)
     trace = begin(folder, ["fit"], ["validate"])
     for step in (violations.STEP, shapes.STEP, dominant.STEP):
         trace = step.run(trace, lambda doing: None)
