@@ -61,5 +61,6 @@ def marker(x: Array) -> Array:
     low, middle, high = np.quantile(x, [0.25, 0.5, 0.75])
     inner = x[(x >= low - 2.0 * (high - low)) & (x <= high + 2.0 * (high - low))]
     far = np.abs(x - middle) > FAR * max(float(np.ptp(inner)), 1e-300)
-    few = len(np.unique(x[far])) <= MARKERS
+    values, counts = np.unique(x[far], return_counts=True)
+    few = 0 < len(values) <= MARKERS and counts.max() > 1  # a value that stands once is a spike
     return far if few and np.ptp(inner) > 0 else np.zeros(len(x), dtype=bool)

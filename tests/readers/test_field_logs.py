@@ -198,7 +198,7 @@ def test_stamps_of_parquet(tmp_path):
     (tmp_path / "mapping.toml").write_text(mapping())
     hold(read_log(tmp_path / "log.parquet"))
     (tmp_path / "mapping.toml").write_text(mapping().replace('"p1"', '"Note"'))
-    with pytest.raises(HexsimError, match="no column 'Note' for pressure_bottom_Pa: .*Not read: column Note holds String"):
+    with pytest.raises(HexsimError, match=r"no column 'Note' for pressure_bottom_Pa: .*Not read: column Note holds String"):
         read_log(tmp_path / "log.parquet")
 
 
@@ -263,5 +263,5 @@ def test_topics_that_are_not_read_are_named(tmp_path):
         channel = writer.register_channel(topic="/p", message_encoding="cdr", schema_id=schema)
         writer.add_message(channel, log_time=1, publish_time=1, data=b"\0\1\0\0" + bytes(8))
         writer.finish()
-    with pytest.raises(HexsimError, match="no signal of numbers. Not read: topic /p is CDR with a ros2idl schema of a/msg/B"):
+    with pytest.raises(HexsimError, match=r"no signal of numbers\. Not read: topic /p is CDR with a ros2idl schema of a/msg/B"):
         raw_log(tmp_path / "log.mcap")
