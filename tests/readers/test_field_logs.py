@@ -24,7 +24,12 @@ TRUE = {
     "U": 0.9 * np.cos(4.4 * T),
     "p1": 34.0 + 3.0 * np.sin(4.4 * T + 0.5),
 }
-COLUMNS = {"Ref": ("setpoint_m", "mm"), "Pos": ("position_m", "mm"), "U": ("valve_V", "V"), "p1": ("pressure_bottom_Pa", "bar")}
+COLUMNS = {
+    "Ref": ("setpoint_m", "mm"),
+    "Pos": ("position_m", "mm"),
+    "U": ("valve_V", "V"),
+    "p1": ("pressure_bottom_Pa", "bar"),
+}
 SI = {"mm": 1e-3, "V": 1.0, "bar": 1e5}
 
 
@@ -128,7 +133,9 @@ def test_a_sparse_table_holds_two_clocks(tmp_path):
     pl.concat([first, second], how="diagonal").sort("Time").write_csv(tmp_path / "log.csv")
     (tmp_path / "mapping.toml").write_text(mapping())
     log = read_log(tmp_path / "log.csv")
-    assert log.rate == 500.0 and log.columns["pressure_bottom_Pa"] == pytest.approx(1e5 * TRUE["p1"][1 : log.n + 1], abs=0.5)
+    assert log.rate == 500.0 and log.columns["pressure_bottom_Pa"] == pytest.approx(
+        1e5 * TRUE["p1"][1 : log.n + 1], abs=0.5
+    )
 
 
 def test_two_rates_in_one_file(tmp_path):
@@ -161,7 +168,12 @@ def test_markers_of_the_mapping_are_missing(tmp_path):
     values = {**TRUE, "p1": np.where(np.arange(len(T)) // 4 == 100, 0.0, TRUE["p1"])}
     pl.DataFrame({"Time": T, **values}).write_csv(tmp_path / "log.csv")
     (tmp_path / "mapping.toml").write_text(mapping() + "missing = [0.0]\n")
-    assert np.flatnonzero(read_log(tmp_path / "log.csv").weight("pressure_bottom_Pa") == 0).tolist() == [400, 401, 402, 403]
+    assert np.flatnonzero(read_log(tmp_path / "log.csv").weight("pressure_bottom_Pa") == 0).tolist() == [
+        400,
+        401,
+        402,
+        403,
+    ]
 
 
 def test_structs_by_path_each_with_its_own_time(tmp_path):
@@ -175,7 +187,9 @@ def test_structs_by_path_each_with_its_own_time(tmp_path):
     assert log.columns["pressure_bottom_Pa"] == pytest.approx(1e5 * TRUE["p1"][k:-k])
     assert log.columns["position_m"] == pytest.approx(1e-3 * TRUE["Pos"][k:-k])
     (tmp_path / "mapping.toml").write_text(mapping(None, names=lambda _: "Data"))
-    with pytest.raises(HexsimError, match=r"'Data' for setpoint_m may be Ref.Data, Pos.Data, U.Data, p1.Data: give the whole name"):
+    with pytest.raises(
+        HexsimError, match=r"'Data' for setpoint_m may be Ref.Data, Pos.Data, U.Data, p1.Data: give the whole name"
+    ):
         read_log(tmp_path / "log.mat")
 
 
@@ -198,7 +212,9 @@ def test_stamps_of_parquet(tmp_path):
     (tmp_path / "mapping.toml").write_text(mapping())
     hold(read_log(tmp_path / "log.parquet"))
     (tmp_path / "mapping.toml").write_text(mapping().replace('"p1"', '"Note"'))
-    with pytest.raises(HexsimError, match=r"no column 'Note' for pressure_bottom_Pa: .*Not read: column Note holds String"):
+    with pytest.raises(
+        HexsimError, match=r"no column 'Note' for pressure_bottom_Pa: .*Not read: column Note holds String"
+    ):
         read_log(tmp_path / "log.parquet")
 
 
@@ -263,5 +279,7 @@ def test_topics_that_are_not_read_are_named(tmp_path):
         channel = writer.register_channel(topic="/p", message_encoding="cdr", schema_id=schema)
         writer.add_message(channel, log_time=1, publish_time=1, data=b"\0\1\0\0" + bytes(8))
         writer.finish()
-    with pytest.raises(HexsimError, match=r"no signal of numbers\. Not read: topic /p is CDR with a ros2idl schema of a/msg/B"):
+    with pytest.raises(
+        HexsimError, match=r"no signal of numbers\. Not read: topic /p is CDR with a ros2idl schema of a/msg/B"
+    ):
         raw_log(tmp_path / "log.mcap")
