@@ -14,7 +14,7 @@ import scipy.io
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
 from hexsim.readers import read_log
-from hexsim.readers.files import raw_log
+from hexsim.readers.files import logs_of_folder, raw_log
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 T = np.arange(1500) / 500.0
@@ -283,3 +283,18 @@ def test_topics_that_are_not_read_are_named(tmp_path):
         HexsimError, match=r"no signal of numbers\. Not read: topic /p is CDR with a ros2idl schema of a/msg/B"
     ):
         raw_log(tmp_path / "log.mcap")
+
+
+def test_notes_beside_logs_are_no_logs(tmp_path):
+    """A text of sentences, a list of parts, an empty file, requirements; two logs, one of them packed."""
+    notes = {
+        "notes.txt": "Run 3 at 35 bar.\nThe hose was changed, twice.\n",
+        "parts.txt": "valve\ncylinder\n",
+        "empty.txt": "",
+        "log.log": "2024-03-01 12:00:00 started\n2024-03-01 12:00:01 host is gone\n",
+    }
+    for name, text in notes.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "a.txt").write_text(HEAD + "\n" + "\n".join(rows()))
+    pl.DataFrame({"Time": T, **TRUE}).write_parquet(tmp_path / "b.parquet")
+    assert [path.name for path in logs_of_folder(tmp_path)] == ["a.txt", "b.parquet"]
