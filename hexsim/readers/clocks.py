@@ -29,6 +29,7 @@ WIDESPREAD = 0.2  # share of steps that are off; fewer are single faults, not th
 NEAR = 24  # rows on either side, at least, that tell how many are missing between them
 LONG = 100  # rows over which wander and jitter are told apart
 WIDEST = 201  # rows that a jittered stamp is averaged over, at most: a seventh of the jitter is left
+DRIFT = 3  # order of the curve by which the rate of a clock changes over a log
 KNOWN = 0.15  # standard error of the share of jitter that is in the signals, above which they say nothing
 COUNTS = tuple(2.0**bits for bits in (15, 16, 24, 31, 32))  # values at which counters wrap
 DAY_s = 86_400.0  # at which a time of day does
@@ -146,7 +147,8 @@ def judge(group: ClockGroup) -> bool:
     slope, start = np.polyfit(place, t - t[0], 1)
     line = t[0] + start + slope * place
     rest = t - line
-    wander, jitter = wander_and_jitter(rest)
+    drift = np.polynomial.Polynomial.fit(place, rest, DRIFT)(place)
+    wander, jitter = wander_and_jitter(rest - drift, place)
     resolution = resolution_of(t)
     rounded = float(np.ptp(rest)) < 1.05 * resolution
     shared = np.mean(np.diff(t) == 0) > WIDESPREAD / 4  # no two samples are taken at once
@@ -154,7 +156,8 @@ def judge(group: ClockGroup) -> bool:
     width = min(width, WIDEST, n // 2) // 2 * 2 + 1
     if not (rounded or shared) and (jitter < EVEN * period or width < 2 * NEAR // 3):
         return False
-    slow: Array = np.asarray(savgol_filter(rest, width, 1)) if width > 2 else rest
+    local: Array = np.asarray(savgol_filter(rest - drift, width, 1)) if width > 2 else rest - drift
+    slow = drift + local
     evidence = f"their error is below their resolution of {resolution * 1e3:.3g} ms"
     if not rounded:
         share, error = share_in_signals(group, place, rest - slow, slope)
@@ -169,7 +172,8 @@ def judge(group: ClockGroup) -> bool:
             group.note(f"stamps may be off by {np.std(rest - slow) * 1e3:.3g} ms; the signals do not tell: kept")
             return False
         evidence = f"{share:.2f} +- {error:.2f} of it is seen in the signals" if told else "rows share their stamps"
-    drifts = float(np.std(slow)) > 3.0 * jitter / np.sqrt(width) and not rounded
+    chance = jitter * np.sqrt(1.0 / width + (DRIFT + 1) / n)  # of the smoothed stamps of an even clock
+    drifts = float(np.std(slow)) > 3.0 * chance and not rounded
     group.time = line + (slow if drifts else 0.0)
     group.off_s = float(np.std(rest - slow if drifts else rest))
     group.place = None if drifts and float(np.ptp(slow)) > 2 * EVEN * period else place
@@ -181,10 +185,14 @@ def judge(group: ClockGroup) -> bool:
     return True
 
 
-def wander_and_jitter(rest: Array) -> tuple[float, float]:
-    """(wander of a step, jitter of a stamp), standard deviations, from stamps (n,) less a straight line. 0 where unseen."""
+def wander_and_jitter(rest: Array, place: Array) -> tuple[float, float]:
+    """(wander of a step, jitter of a stamp), standard deviations, from stamps (n,) less a smooth curve; over no
+    lost rows. 0 where unseen."""
     lag = max(min(LONG, len(rest) // 10), 2)
-    one, many = (float(np.var(rest[k:] - rest[:-k])) for k in (1, lag))
+    whole = {k: place[k:] - place[:-k] == k for k in (1, lag)}
+    if min(map(np.sum, whole.values())) < LEAST:
+        return 0.0, 0.0
+    one, many = (float(np.var((rest[k:] - rest[:-k])[there])) for k, there in whole.items())
     square = (many - one) / (lag - 1)
     unsure = many * np.sqrt(2.0 * lag / len(rest)) / lag  # one standard error of the square
     wander = max(square, 0.0) if square > 2.0 * unsure else 0.0
@@ -198,10 +206,9 @@ def resolution_of(t: Array) -> float:
     least = float(np.min(steps, initial=np.inf))
     if not np.isfinite(least):
         return 0.0
-    size = least / max(round(least / float(np.median(np.append(steps[steps < 1.5 * least], least)))), 1)
-    size = float(np.mean(steps[steps < 1.5 * size])) if np.any(steps < 1.5 * size) else size
+    size = float(np.mean(steps[steps < 1.5 * least]))
     multiples = steps / size
-    return size if np.mean(np.abs(multiples - np.round(multiples)) < 0.02 + 1e-6 * multiples) > 0.99 else 0.0
+    return size if np.mean(np.abs(multiples - np.round(multiples)) < 0.1 * EVEN + 1e-6 * multiples) > 0.99 else 0.0
 
 
 def long_period(t: Array) -> float:

@@ -38,7 +38,7 @@ def blank_bad_values(group: ClockGroup, possible: dict[str, Limits], markers: di
             leave_out(group, name, reason)
         elif not group.foreign:
             blank(group, name, marks(x, own, spikes(x[own])), "spikes of a single sample")
-            blank(group, name, marks(x, own, frozen(group, name, own)), "rows of a frozen value")
+            blank(group, name, marks(x, own, frozen(group, name, own, limits)), "rows of a frozen value")
 
 
 def marks(x: np.ndarray, own: np.ndarray, bad: np.ndarray) -> np.ndarray:
@@ -142,7 +142,7 @@ def longest_run(mask: np.ndarray) -> int:
     return int(np.max(stops - starts, initial=0))
 
 
-def frozen(group: ClockGroup, name: str, own: np.ndarray) -> np.ndarray:
+def frozen(group: ClockGroup, name: str, own: np.ndarray, limits: Limits | None) -> np.ndarray:
     """Stretches of one value that are longer than chance allows, in a noisy signal: a sensor that has stopped.
 
     With a share p of samples equal to the one before, a run of k has n p^k chances; k is where that is 1e-9. p is taken
@@ -161,6 +161,8 @@ def frozen(group: ClockGroup, name: str, own: np.ndarray) -> np.ndarray:
         return none
     least = max(5, int(np.ceil(np.log(1e-9 / len(x)) / np.log(chance))))
     for start, stop in zip(starts[length >= least].tolist(), stops[length >= least].tolist(), strict=True):
+        if name.startswith("position") and at_an_end(float(x[start]), x, limits):
+            continue
         if time[stop] - time[start] < RESTING_s or others_move(group, name, int(own[start]), int(own[stop])):
             none[start + 1 : stop + 1] = True
     return none

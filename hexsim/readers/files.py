@@ -87,6 +87,13 @@ def first_line(error: BaseException) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0][:160]
 
 
+def logs_of_folder(folder: Path, layout: FileLayout | None = None) -> list[Path]:
+    """The logs of a folder, sorted: files of a format, but for texts without a table."""
+    found = sorted(path for path in folder.iterdir() if path.is_file()) if folder.is_dir() else []
+    known = [(path, readers().get(suffix_of(path))) for path in found]
+    return [path for path, one in known if one is not None and one.holds_log(path, layout or FileLayout())]
+
+
 def log_files(folder: Path, name: str) -> Path:
     """The file of log `name` in a machine's folder, or the path itself."""
     direct = of_a_run(Path(name))

@@ -57,10 +57,10 @@ def impossible(x: Array, limits: Limits) -> Array:
 
 
 def marker(x: Array) -> Array:
-    """Samples (n,) bool of values that no machine of any size jumps to: the same few again and again, far from all others."""
+    """Samples (n,) bool of values that no machine of any size jumps to: few different ones, far from all others."""
     low, middle, high = np.quantile(x, [0.25, 0.5, 0.75])
     inner = x[(x >= low - 2.0 * (high - low)) & (x <= high + 2.0 * (high - low))]
     far = np.abs(x - middle) > FAR * max(float(np.ptp(inner)), 1e-300)
-    different = len(np.unique(x[far]))
-    few = different <= MARKERS and far.sum() >= 2 * different
+    values, counts = np.unique(x[far], return_counts=True)
+    few = 0 < len(values) <= MARKERS and counts.max() > 1  # a value that stands once is a spike
     return far if few and np.ptp(inner) > 0 else np.zeros(len(x), dtype=bool)

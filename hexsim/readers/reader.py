@@ -141,3 +141,7 @@ class Reader(ABC):
     def read(self, path: Path, layout: FileLayout) -> RawLog:
         """Signals of the file. HexsimError where a sentence is known; whatever else a library raises becomes one sentence
         in `files.raw_log`. Asks for sizes before it allocates: at most MAX_CELLS numbers, 1 GB of memory in all."""
+
+    def holds_log(self, path: Path, layout: FileLayout) -> bool:
+        """May this file of such a suffix be a log, at a first look? Notes that lie beside logs are none."""
+        return True

@@ -18,6 +18,7 @@ from hexsim.readers.reader import MAX_ROWS, RawLog, RawSignal, Reader, max_rows
 from hexsim.readers.text_table import MISSING, Table, find_table, records, seconds
 
 CHUNK = 1 << 22  # bytes that are read and inflated at once
+LOOK = 1 << 16  # bytes that say whether there is a table
 HEAD = 1 << 20  # bytes that say where the table is
 LARGEST = 150_000_000  # bytes of text that are read: a million rows of a bench, half a million of a hexapod
 BLOCK = 50_000  # rows that are parsed at once where they are parsed cell by cell
@@ -47,6 +48,18 @@ class TextReader(Reader):
             text = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", text))
         Cells(path=path, table=table, comment=layout.comment).read(text, raw)
         return raw
+
+    def holds_log(self, path: Path, layout: FileLayout) -> bool:
+        """Is there a table in the first lines?"""
+        try:
+            with open(path, "rb") as file:
+                packed = file.read(2) == b"\x1f\x8b"
+                file.seek(0)
+                begin = next(inflated(file)) if packed else file.read(LOOK)
+            table = find_table(decoded(path, begin[:LOOK]).decode("utf-8", "replace").splitlines(), layout, path)
+        except (HexsimError, OSError, EOFError, StopIteration, zlib.error):
+            return False
+        return len(table.header) > 1 or layout.columns is not None
 
 
 def inflated(file: IO[bytes]) -> Iterator[bytes]:

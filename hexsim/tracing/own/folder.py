@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from hexsim.errors import HexsimError
 from hexsim.files.toml_files import read_toml, validation_sentence
 from hexsim.readers import load_mapping, log_files, read_stretches
-from hexsim.readers.files import log_name, readers, suffix_of
+from hexsim.readers.files import log_name, logs_of_folder
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.own.alignment import Sentences, refined
@@ -86,17 +86,16 @@ def logs_of(data: Path, folder: Path, fit: Sequence[str], validate: Sequence[str
     """Runs to fit and held out, every stretch between gaps one of them."""
     held_out = [log_files(data, name) for name in validate]
     paths = [log_files(data, name) for name in fit]
+    mapping = folder / "mapping.toml"
+    chosen = load_mapping(mapping if mapping.is_file() else None)
     if not paths:
-        files = sorted(path for path in data.iterdir() if path.is_file()) if data.is_dir() else []
-        paths = [path for path in files if suffix_of(path) in readers() and path not in held_out]
+        paths = [path for path in logs_of_folder(data, chosen.file) if path not in held_out]
     both = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
     if both:
         name = log_name(min(both))
         raise HexsimError(f"log {name} is given to fit and to validate: judge on another run that no fit has seen")
     if not paths:
         raise HexsimError(f"there is no log in {data}: name its folder under [runs] of {FILE}")
-    mapping = folder / "mapping.toml"
-    chosen = load_mapping(mapping if mapping.is_file() else None)
     read = []
     for path in (*paths, *held_out):
         parts = read_stretches(path, chosen)
@@ -225,9 +224,7 @@ def of_module(folder: Path, fit: Sequence[str], validate: Sequence[str]) -> OwnM
     data = folder / getattr(module, "FOLDER", ".")
     held_out = [log_files(data, name) for name in validate or getattr(module, "VALIDATE", ())]
     paths = [log_files(data, name) for name in fit or getattr(module, "FIT", ())]
-    paths = paths or sorted(
-        p for p in data.iterdir() if p.is_file() and suffix_of(p) in readers() and p not in held_out
-    )
+    paths = paths or [path for path in logs_of_folder(data) if path not in held_out]
     points: list[Point] = [make(path) for path in paths]
     scored: list[Point] = [make(path) for path in held_out]
     sentences: dict[str, list[str]] = {}
