@@ -72,6 +72,22 @@ def progress() -> Iterator[Progress]:
 
 
 @contextmanager
+def compiling_said(say: Callable[[str], None]) -> Iterator[None]:
+    """Meanwhile `say` gets "compiling (once)" when equations are compiled for the first time."""
+    from hexsim.compiled import while_compiling
+
+    told: list[bool] = []
+
+    def compiling(begins: bool) -> None:
+        if begins and not told:
+            told.append(True)
+            say(COMPILING)
+
+    with while_compiling(compiling):
+        yield
+
+
+@contextmanager
 def progress_lines(bar: Progress) -> Iterator[None]:
     """One line on stderr every `LINE_EVERY_s`: the task that is at work, how far it is and when it will be done."""
     ended = threading.Event()

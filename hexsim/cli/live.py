@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexsim.cli import completion, options
-from hexsim.cli.console import stop_when_signalled, terminated_like_interrupted
+from hexsim.cli.console import compiling_said, stop_when_signalled, terminated_like_interrupted
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
@@ -52,9 +52,7 @@ def live(
         scenario or "heave", options.Motion(machine=machine, amplitude=amplitude, frequency=frequency), settings,
         allow_native=allow_native,
     )  # fmt: skip
-    from hexsim.compile_time import compile_time
-
-    with compile_time(lambda text: typer.echo(text, err=True)):
+    with compiling_said(lambda text: typer.echo(text, err=True)):
         if web:
             serve_page(
                 with_machine, what, compensator, (machine or what.machine_name, scenario or "heave"), port, seconds

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexsim.cli import options
-from hexsim.cli.console import output, print_json, stop_when_signalled, terminated_like_interrupted
+from hexsim.cli.console import compiling_said, output, print_json, stop_when_signalled, terminated_like_interrupted
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
@@ -73,7 +73,6 @@ def serve(
     with_machine, what = options.prepare(
         scenario or "heave", options.Motion(machine=machine), allow_native=allow_native
     )
-    from hexsim.compile_time import compile_time
     from hexsim.cueing.washout import washout_of
     from hexsim.simulation.serve import HostInput, Server
 
@@ -90,7 +89,7 @@ def serve(
         buffer_s=None if buffer_ms is None else 1e-3 * buffer_ms, vehicle=vehicle_of(source, strict) if source else None,
         washout=washout_of(washout),
     )  # fmt: skip
-    with compile_time(tell), terminated_like_interrupted():
+    with compiling_said(tell), terminated_like_interrupted():
         server = Server(
             with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep,
             telemetry=telemetry, lockstep=lockstep, host_input=host_input,

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensation import Compensator
-from hexsim.compile_time import compile_time
+from hexsim.compiled import seconds_compiled
 from hexsim.cueing.washout import Cueing, Washout
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
@@ -262,14 +262,14 @@ class Server:
         stop = stop or Event()
         first, begin = self.ticks, clock.perf_counter()
         last_report = begin
-        with contextlib.suppress(KeyboardInterrupt), compile_time() as compiling:
+        with contextlib.suppress(KeyboardInterrupt):
             while not stop.is_set() and (duration_s is None or (self.ticks - first) * self.tick_s < duration_s):
-                before, compiled_s = clock.thread_time(), compiling.seconds
+                before, compiled_s = clock.thread_time(), seconds_compiled()
                 if self.lockstep:
                     self.follow(stop=stop)
                 else:
                     self.tick()
-                self._busy_s += max(clock.thread_time() - before - (compiling.seconds - compiled_s), 0.0)
+                self._busy_s += max(clock.thread_time() - before - (seconds_compiled() - compiled_s), 0.0)
                 after = clock.perf_counter()
                 if not self.lockstep:
                     begin += self._keep_time(begin + (self.ticks - first) * self.tick_s - after)

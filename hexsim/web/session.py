@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-from hexsim.compile_time import CompileTime, compile_time
+from hexsim.compiled import seconds_compiled
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine
 from hexsim.plant.plant import PlantError
@@ -98,13 +98,9 @@ class Session:
         self.asked = self._wanted = asked
 
     def _run(self, on_frame: Callable[[LiveMachine], None]) -> None:
-        with compile_time() as compiling:
-            self._frames(on_frame, compiling)
-
-    def _frames(self, on_frame: Callable[[LiveMachine], None], compiling: CompileTime) -> None:
         last = time.perf_counter()
         while not self._stop.is_set():
-            now, compiled_s = time.perf_counter(), compiling.seconds
+            now, compiled_s = time.perf_counter(), seconds_compiled()
             due, last = min(now - last, LONGEST_CATCH_UP_S), now
             with self._lock:
                 if self._wanted is not self._handled:
@@ -112,7 +108,7 @@ class Session:
                 if not self.paused:
                     self._advance(due)
             on_frame(self.live)
-            took = time.perf_counter() - now - (compiling.seconds - compiled_s)
+            took = time.perf_counter() - now - (seconds_compiled() - compiled_s)
             self._speed = min(1.0, due / took) if took > FRAME_S else 1.0
             self._stop.wait(max(0.0, FRAME_S - took))
 
