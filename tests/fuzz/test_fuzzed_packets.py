@@ -80,7 +80,10 @@ def damaged(draw, good: list[bytes]) -> bytes:
 
 
 def finite(decoded: Any) -> bool:
-    """Whether every number that a decoder let through is finite (telemetry: or not there)."""
+    """Whether every number that a decoder let through is finite (telemetry, and the poses of a reply: or not there)."""
+    if isinstance(decoded, Reply):
+        poses = (*decoded.pose, *decoded.reference)
+        return not np.isinf(poses).any() and finite((decoded.time_s, decoded.behind_s, decoded.age_s))
     if isinstance(decoded, Telemetry):
         return not np.isinf(decoded.rows).any() and math.isfinite(decoded.time_s) and math.isfinite(decoded.rate_Hz)
     if isinstance(decoded, dict):
