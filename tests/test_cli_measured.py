@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
+import polars as pl
 import pytest
 from typer.testing import CliRunner
 
@@ -39,7 +40,7 @@ def traced(monkeypatch):
 
     asked = {}
 
-    def trace(machine, fit, validate, out, progress, load_kg, loaded, keep):
+    def trace(machine, fit, validate, out, progress, load_kg, loaded, keep, mapping=None):
         asked.update(machine=machine, fit=fit, validate=validate)
         progress("screening", 0.5)
         (Path(out) / "report.json").write_text(json.dumps(REPORT))
@@ -184,3 +185,22 @@ def test_trace_explains_an_effect_with_a_picture(tmp_path):
     assert other.exit_code == 0 and "servo_bench" in other.output
     wrong = CliRunner().invoke(app, ["trace", "--explain", "gremlins"])
     assert wrong.exit_code != 0
+
+
+def test_trace_takes_a_mapping_from_anywhere(tmp_path):
+    """Logs under foreign names, their mapping not beside them: without it a refusal that names the columns, with it the verdict
+    of the logs as they were."""
+    machine, given = tmp_path / "rig", tmp_path / "names.toml"
+    machine.mkdir()
+    source = Path(__file__).parent / "data" / "bench_none"
+    (machine / "machine.toml").write_text((source / "machine.toml").read_text())
+    names = {"position_m": "Istweg", "setpoint_m": "Sollweg", "valve_V": "Ventil"}
+    for name in ("fit", "validate"):
+        pl.read_csv(source / f"{name}.csv.gz").rename(names).head(6000).write_csv(machine / f"{name}.csv")
+    given.write_text("[columns]\n" + "\n".join(f'{ours} = {{from = "{theirs}"}}' for ours, theirs in names.items()))
+    arguments = ["trace", str(machine), "--out", str(tmp_path / "out"), "--no-recording"]
+    refused = CliRunner().invoke(app, arguments)
+    assert refused.exit_code == 2 and "Istweg" in refused.output
+    done = CliRunner().invoke(app, [*arguments, "--mapping", str(given)])
+    assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["verdict"] == "nothing missing"

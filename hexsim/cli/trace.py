@@ -62,6 +62,7 @@ def trace(
         Path | None,
         typer.Option(help="Folder of a trace that did not come to its end: go on there; the result is the same."),
     ] = None,
+    mapping: options.Mapping = None,
     recording: options.Recording = True,
     explain: Annotated[
         str | None,
@@ -83,7 +84,7 @@ def trace(
     if explain is not None:
         return explain_effects.print_explanation(explain, out, json)
     if resume is not None:
-        if machine is not None or fit or validate or out is not None or load is not None or loaded:
+        if machine is not None or fit or validate or out is not None or load is not None or loaded or mapping:
             raise HexsimError(
                 "--resume FOLDER goes on with the machine, logs and options that the trace there began with: give it alone"
             )
@@ -91,9 +92,12 @@ def trace(
     if machine is None:
         raise HexsimError("trace needs the folder of a machine; --list shows the effects, --explain EFFECT one of them")
     if is_own(machine):
+        if mapping is not None:
+            raise HexsimError("a machine with balances of its own has its mapping.toml in its folder: put it there")
         return own_machine.trace_own_folder(machine, fit or [], validate or [], out, json)
     carried = (load, loaded or [])
-    told(*trace_machine(machine, fit or ["fit"], validate or ["validate"], out, next_file, recording, carried), json)
+    names = (fit or ["fit"], validate or ["validate"])
+    told(*trace_machine(machine, *names, out, next_file, recording, carried, mapping), json)
 
 
 def told(report: dict[str, Any], final: Path, json: bool) -> None:
@@ -113,6 +117,7 @@ def trace_machine(
     next_file: Path | None,
     recording: bool,
     carried: tuple[float | None, list[str]],
+    mapping: Path | None = None,
 ) -> tuple[dict[str, Any], Path]:
     """The report of a machine's trace, and the folder it is in. carried: a load [kg], and the logs taken with it."""
     from hexsim.files.run_folder import default_folder
@@ -123,13 +128,14 @@ def trace_machine(
     asked = Asked(
         machine=str(machine.resolve() if machine.exists() else machine),
         fit=tuple(fit), validate=tuple(validate), load_kg=carried[0], loaded=tuple(carried[1]),
+        mapping=None if mapping is None else str(mapping.resolve()),
     )  # fmt: skip
     out = out or default_folder(f"trace-{place.parent.name}")
 
     def work(folder: Path, show: Show, keep: Keep) -> Trace:
         from hexsim.tracing.trace import trace as run
 
-        return run(machine, fit, validate, folder, show, *carried, keep=keep)
+        return run(machine, fit, validate, folder, show, *carried, keep=keep, mapping=mapping)
 
     return traced(work, asked, out, next_file, recording)
 
@@ -151,7 +157,6 @@ def traced(
 ) -> tuple[dict[str, Any], Path]:
     """Do it, with the state of every step in `out`; whatever ends it early leaves a report of what is known there."""
     from hexsim.files.run_folder import run_folder
-    from hexsim.machine.files import find_machine_file
     from hexsim.tracing.trace import forget, kept_in
 
     with made(out), run_folder(out) as folder, doing() as show, terminated_like_interrupted():
@@ -181,7 +186,7 @@ def traced(
         forget(out)
         if recording:
             show("recording", 0.98)
-            record(find_machine_file(asked.machine).parent, list(asked.validate), result, final, markdown(report))
+            record(asked, result, final, markdown(report))
         if next_file is not None:
             report["next"] = design_next(result, next_file, show)
     return report, final
@@ -234,12 +239,14 @@ def design_next(result: Trace, place: Path, show: Callable[[str, float], None]) 
     return found.to_json() | {"lines": found.lines(), "file": str(place)}
 
 
-def record(logs: Path, held_out: list[str], result: Trace, final: Path, text: str) -> None:
+def record(asked: Asked, result: Trace, final: Path, text: str) -> None:
     """Recordings beside the report. HexsimError when interrupted: the report is whole all the same."""
+    from hexsim.machine.files import find_machine_file
     from hexsim.tracing.report.recording import write_trace_recordings
 
+    logs = find_machine_file(asked.machine).parent
     try:
-        write_trace_recordings(logs, held_out, result.machine, result.fitted, final, text)
+        write_trace_recordings(logs, asked.validate, result.machine, result.fitted, final, text, asked.mapping_file)
     except KeyboardInterrupt:
         raise HexsimError(f"interrupted while the recordings were written; the report is whole in {final}") from None
 

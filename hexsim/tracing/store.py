@@ -61,13 +61,23 @@ class Asked:
     validate: tuple[str, ...]
     load_kg: float | None = None
     loaded: tuple[str, ...] = ()
+    mapping: str | None = None
+
+    @property
+    def mapping_file(self) -> Path | None:
+        """For foreign names and units of all logs; None: mapping.toml beside each."""
+        return None if self.mapping is None else Path(self.mapping)
 
     @property
     def files(self) -> list[Path]:
         """All files that the result depends on: the machine's declaration, the mapping of its columns, the logs."""
         place = find_machine_file(self.machine)
-        beside = [path for path in (place, place.parent / "mapping.toml") if path.is_file()]
-        return [*beside, *(log_files(place.parent, name) for name in (*self.fit, *self.validate))]
+        mapping = self.mapping_file or place.parent / "mapping.toml"
+        found = [path for path in (place, mapping) if path.is_file()]
+        for name in (*self.fit, *self.validate):
+            log = log_files(place.parent, name)
+            found += sorted(path for path in log.iterdir() if path.is_file()) if log.is_dir() else [log]
+        return found
 
     def hashes(self) -> dict[str, str]:
         """Path -> SHA-256 of its content."""

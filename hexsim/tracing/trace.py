@@ -32,18 +32,20 @@ def trace(
     load_kg: float | None = None,
     loaded: Sequence[str] = (),
     keep: Keep | None = None,
+    mapping: Path | None = None,
 ) -> Trace:
     """Hold the declared machine against its logs and name what it lacks.
 
     fit: logs that everything is chosen and fitted on; validate: held-out logs. Raises HexsimError for bad data.
     load_kg: what people can put on the machine, default its `load.additional_mass_kg`; loaded: logs taken with it on.
+    mapping: file for foreign names and units of all logs; default mapping.toml beside each.
     Writes report.json, machine.toml, report.html and scenarios into `out` if given; where it fails or is interrupted, a report of
     what is known until then.  keep: called with the state as each step ends, see `kept_in`.
     """
     tell = progress or (lambda step, fraction: None)
     tell("reading logs", 0.0)
     started = time.perf_counter()
-    state = recorded(begin(machine_folder, fit, validate, load_kg, loaded), "logs", started)
+    state = recorded(begin(machine_folder, fit, validate, load_kg, loaded, mapping), "logs", started)
     return gone_through(state, str(machine_folder), out, tell, keep)
 
 
@@ -59,7 +61,7 @@ def resume(
     stored = Stored(Path(folder))
     stored.check_same_files()
     asked = stored.asked
-    fresh = begin(asked.machine, asked.fit, asked.validate, asked.load_kg, asked.loaded)
+    fresh = begin(asked.machine, asked.fit, asked.validate, asked.load_kg, asked.loaded, asked.mapping_file)
     state = stored.state([*fresh.fit_problem.logs, *fresh.validate_problem.logs])
     return gone_through(state, asked.machine, out, tell, keep)
 

@@ -79,7 +79,7 @@ def test_a_library_that_swallows_ctrl_c_does_not_hold_a_trace_up(tmp_path, monke
     before = signal.getsignal(signal.SIGINT)  # ignored where a shell started the tests in the background
     over = threading.Event()
 
-    def swallowing(folder, fit, validate, out, progress, load_kg, loaded, keep):
+    def swallowing(folder, fit, validate, out, progress, load_kg, loaded, keep, mapping):
         os.kill(os.getpid(), signal.SIGINT)
         while not over.wait(0.05):
             with suppress(KeyboardInterrupt):

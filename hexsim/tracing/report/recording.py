@@ -21,12 +21,18 @@ from hexsim.tracing.steps.logs import feedback_of
 
 
 def write_trace_recordings(
-    folder: Path, names: Sequence[str], declared: Machine, fitted: Machine, out: Path, text: str = ""
+    folder: Path,
+    names: Sequence[str],
+    declared: Machine,
+    fitted: Machine,
+    out: Path,
+    text: str = "",
+    mapping: Path | None = None,
 ) -> list[Path]:
     """One recording a held-out log: `out`/<log>.rrd. `folder` holds the machine's logs, `text` says what was found."""
     written = []
     for name in names:
-        log = read_log(log_files(folder, name))
+        log = read_log(log_files(folder, name), mapping, declared)
         written.append(out / f"{entity_name(log.name)}.rrd")
         write_recording(written[-1], replayed(log, {"declared": declared, "fitted": fitted}), {"measured": text})
     return written

@@ -37,7 +37,7 @@ SHORTEST_STRETCH_S = 2.0  # of a run with gaps; the first 0.3 s of each do not c
 
 
 def read_runs(
-    folder: Path, names: Sequence[str], machine: Machine, loaded: Sequence[str] = ()
+    folder: Path, names: Sequence[str], machine: Machine, loaded: Sequence[str] = (), mapping: Path | None = None
 ) -> tuple[list[Log], dict[str, list[Finding]]]:
     """Read and check the named logs. Each stretch between long gaps is a run that begins with states of its own.
 
@@ -46,7 +46,7 @@ def read_runs(
     logs: list[Log] = []
     for name in names:
         parts = [
-            replace(part, loaded=name in loaded) for part in read_stretches(log_files(folder, name), machine=machine)
+            replace(part, loaded=name in loaded) for part in read_stretches(log_files(folder, name), mapping, machine)
         ]
         parts = [part for k, part in enumerate(parts) if k == 0 or part.duration_s >= SHORTEST_STRETCH_S]
         logs += [
@@ -135,10 +135,12 @@ def begin(
     validate: Sequence[str],
     load_kg: float | None = None,
     loaded: Sequence[str] = (),
+    mapping: Path | None = None,
 ) -> Trace:
     """The first state of a trace: the declared machine, nothing fitted. HexsimError for logs that cannot be used.
 
-    load_kg: what people can put on the machine; loaded: logs that were taken with it.
+    load_kg: what people can put on the machine; loaded: logs that were taken with it. mapping: of the columns
+    of all logs; default mapping.toml beside each.
     """
     if not fit or not validate:
         raise HexsimError("tracing needs at least one log to fit and one held-out log to validate: give both")
@@ -148,8 +150,8 @@ def begin(
     folder = find_machine_file(machine_folder).parent
     machine = with_additional_mass(load_machine(machine_folder), load_kg, loaded)
     refuse_same_logs(folder, fit, validate)
-    fit_logs, findings = read_runs(folder, fit, machine, loaded)
-    held_out_logs, more = read_runs(folder, validate, machine, loaded)
+    fit_logs, findings = read_runs(folder, fit, machine, loaded, mapping)
+    held_out_logs, more = read_runs(folder, validate, machine, loaded, mapping)
     findings |= more
     findings["all logs"] = [
         *check_same_machine([*fit_logs, *held_out_logs], machine),
