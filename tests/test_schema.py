@@ -93,7 +93,27 @@ def test_every_key_says_what_it_is(machine):
     assert set(machine.schema["properties"]["effects"]["properties"]) == set(library())
 
 
-@pytest.mark.parametrize("what", ["machine", "scenario"])
+def test_a_mapping_is_checked_and_each_key_says_what_it_is():
+    """A mapping with every key is valid, one with a key that there is not is none; each key has a description."""
+    schema = json.loads(CliRunner().invoke(app, ["schema", "mapping"]).stdout)
+    mapping = Draft202012Validator(schema)
+    whole = {
+        "from": "a",
+        "unit": "mm",
+        "offset": 0.1,
+        "delay_s": 0.0,
+        "time": "t",
+        "missing": [-9.0],
+        "held": True,
+        "unwrap": 9.0,
+    }
+    assert mapping.is_valid({"kind": "bench", "file": {"header_row": 3}, "columns": {"position_{leg}_m": whole}})
+    assert not mapping.is_valid({"columns": {"position_m": {"form": "a"}}})
+    for table in ("FileLayout", "Channel"):
+        assert all("description" in field for field in schema["$defs"][table]["properties"].values())
+
+
+@pytest.mark.parametrize("what", ["machine", "scenario", "mapping"])
 def test_the_command_prints_or_writes_it(tmp_path, what):
     """`hexsim schema machine` on stdout, `--out` into a file: the same."""
     printed = CliRunner().invoke(app, ["schema", what])

@@ -2,6 +2,7 @@
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -59,3 +60,9 @@ def test_every_picture_is_drawn_by_the_script(tmp_path):
     subprocess.run(command, cwd=ROOT, env=environment, check=True)
     drawn = {path.name for path in tmp_path.iterdir()}
     assert drawn == {path.name for path in (ROOT / "docs" / "images").glob("*.png")}
+
+
+def test_the_columns_of_a_log_are_those_of_the_table():
+    """docs/log_columns.md is what its script writes from the table of signals: python docs/log_columns.py"""
+    made = runpy.run_path(str(ROOT / "docs" / "log_columns.py"))["page"]()
+    assert (ROOT / "docs" / "log_columns.md").read_text(encoding="utf-8") == made

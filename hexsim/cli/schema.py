@@ -1,4 +1,4 @@
-"""`hexsim schema`: what a machine or scenario file may say, for editors that complete and check as you type."""
+"""`hexsim schema`: what a machine, scenario or mapping file may say, for editors that complete and check as you type."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ def register(app: typer.Typer) -> None:
 
 
 def schema(
-    what: Annotated[Literal["machine", "scenario"], typer.Argument(help="Kind of file.")],
+    what: Annotated[Literal["machine", "scenario", "mapping"], typer.Argument(help="Kind of file.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="File to write; default: print it.")] = None,
 ) -> None:
-    """JSON schema of machine or scenario files. In the file's first line: `#:schema ./machine.schema.json`."""
+    """JSON schema of machine, scenario or mapping files. In the file's first line: `#:schema ./machine.schema.json`."""
     from hexsim.files.json_files import dumps, write_json
 
-    tables = machine_schema() if what == "machine" else scenario_schema()
+    tables = {"machine": machine_schema, "scenario": scenario_schema, "mapping": mapping_schema}[what]()
     if out is None:
         typer.echo(dumps(tables))
     else:
@@ -48,6 +48,13 @@ def scenario_schema() -> dict[str, Any]:
 
     whole = create_model("Scenario", __base__=ScenarioFile, faults=(list[FaultTable], []))
     return {"$schema": DRAFT, **whole.model_json_schema()}
+
+
+def mapping_schema() -> dict[str, Any]:
+    """All keys of a mapping file; a column for all legs has {leg} in its name."""
+    from hexsim.readers.mapping import Mapping
+
+    return {"$schema": DRAFT, **Mapping.model_json_schema()}
 
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"

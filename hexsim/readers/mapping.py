@@ -42,26 +42,36 @@ class Section(BaseModel):
 class FileLayout(Section):
     """How a text file is laid out."""
 
-    separator: Literal[",", ";", "tab", "whitespace"] | None = None
-    comment: str | None = Field(default=None, min_length=1)
-    columns: list[str] | None = None
-    header_row: int | None = Field(default=None, ge=1, le=100_000)
-    skip_rows: int = Field(default=0, ge=0, le=100_000)
-    rate_Hz: float | None = Field(default=None, gt=0.0, le=1e5)
+    separator: Literal[",", ";", "tab", "whitespace"] | None = Field(
+        default=None, description="between cells; default: found by itself"
+    )
+    comment: str | None = Field(default=None, min_length=1, description="lines that begin so are passed over")
+    columns: list[str] | None = Field(default=None, description="names, where the file has no row of names")
+    header_row: int | None = Field(
+        default=None, ge=1, le=100_000, description="line with the names, from 1; default: found by itself"
+    )
+    skip_rows: int = Field(default=0, ge=0, le=100_000, description="lines before the table that are passed over")
+    rate_Hz: float | None = Field(
+        default=None, gt=0.0, le=1e5, description="samples a second, where there is no column of time [Hz]"
+    )
 
 
 class Channel(Section):
     """One signal: where it stands and how it becomes SI."""
 
-    source: str | None = Field(default=None, alias="from")
-    unit: str | None = None
-    factor: float | None = Field(default=None, allow_inf_nan=False)
-    offset: float = Field(default=0.0, allow_inf_nan=False)
-    delay_s: float = Field(default=0.0, ge=-10.0, le=10.0)
-    time: str | None = None
-    missing: list[float] = []
-    held: bool | None = None
-    unwrap: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
+    source: str | None = Field(default=None, alias="from", description="column of the file; default: the same name")
+    unit: str | None = Field(
+        default=None, description="unit of the file's values; default: as the file states, else SI"
+    )
+    factor: float | None = Field(default=None, allow_inf_nan=False, description="SI = factor * value + offset")
+    offset: float = Field(default=0.0, allow_inf_nan=False, description="in SI units")
+    delay_s: float = Field(default=0.0, ge=-10.0, le=10.0, description="by how much this channel is late [s]")
+    time: str | None = Field(default=None, description="its own column of time, in the unit of time_s")
+    missing: list[float] = Field(default=[], description="values of the file that say that there is no sample")
+    held: bool | None = Field(default=None, description="it keeps its value until the next sample")
+    unwrap: float | None = Field(
+        default=None, gt=0.0, allow_inf_nan=False, description="value of the file at which a counter begins anew"
+    )
 
     def to_si(self, name: str, where: str) -> tuple[float, float]:
         """(factor, offset) to SI of the column `name`."""
@@ -76,9 +86,11 @@ class Channel(Section):
 class Mapping(Section):
     """A mapping file."""
 
-    kind: Literal["bench", "hexapod", "own"] | None = None
+    kind: Literal["bench", "hexapod", "own"] | None = Field(default=None, description="default: by the columns")
     file: FileLayout = FileLayout()
-    columns: dict[str, Channel] = {}
+    columns: dict[str, Channel] = Field(
+        default={}, description="column of a log -> where it stands; {leg} for all legs"
+    )
 
 
 def load_mapping(path: Path | str | Mapping | None) -> Mapping:

@@ -12,6 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import polars as pl
@@ -43,7 +44,8 @@ TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p")
 @dataclass(kw_only=True)
 class Table:
     """header: names. first: line of the text, from 0, where the data begin. numbers: is a column one of numbers (False: of
-    texts or time stamps)? units: name -> unit of a row of units. preamble: lines before the names."""
+    texts or time stamps)? units: name -> unit of a row of units. preamble: lines before the names. paired_s: every other
+    column is the time of the one behind it, in this unit [s]; 0: one time for all."""
 
     separator: str
     header: list[str]
@@ -52,6 +54,7 @@ class Table:
     decimal_comma: bool = False
     units: dict[str, str] = field(default_factory=dict)
     preamble: list[str] = field(default_factory=list)
+    paired_s: float = 0.0
 
 
 def split(line: str, separator: str) -> list[str]:
@@ -168,7 +171,10 @@ class Shape:
             (k for k in range(len(good)) if good[k] and sum(good[k : k + 5]) >= min(4, len(good) - k)), len(good)
         )
         header, units, above = layout.columns, {}, begins
-        if header is None:
+        paired = self.paired(begins, good) if header is None else None
+        if paired is not None:
+            above, header = paired
+        elif header is None:
             above = begins - 1
             if above < 0 or (begins == len(good) and begins > 1):
                 raise HexsimError(
@@ -197,14 +203,43 @@ class Shape:
             before = [line for line, ok in zip(before, good, strict=False) if not ok]
         return Table(
             separator=self.separator, header=header, first=first, numbers=numbers, decimal_comma=comma, units=units,
-            preamble=before,
+            preamble=before, paired_s=self.time_unit(begins) if paired is not None else 0.0,
         )  # fmt: skip
+
+    def paired(self, begins: int, good: list[bool]) -> tuple[int, list[str]] | None:
+        """(row of the names, names) of a table in which every other column is a time that rises, each under the same name
+        (TwinCAT Scope: Name, Pos, Name, Pressure); None for another one."""
+        rows = [row for row, ok in zip(self.rows[begins:], good[begins:], strict=True) if ok]
+        if self.width < 4 or self.width % 2 or len(rows) < 3:
+            return None
+        for k in range(0, self.width, 2):
+            times = [number for row in rows if k < len(row) and (number := number_of(row[k])) is not None]
+            if len(times) < 3 or sum(a < b for a, b in pairwise(times)) < STEADY * (len(times) - 1):
+                return None
+        for above in range(begins - 1, -1, -1):
+            cells = names_of(self.rows[above])
+            own = cells[1::2]
+            alike = len(cells) == self.width and len(set(cells[::2])) == 1 and not is_value(cells[0])
+            if alike and len(set(own)) == len(own) and all(own) and not any(map(is_value, own)):
+                return above, [cell for name in own for cell in (f"time of {name}", name)]
+        return None
+
+    def time_unit(self, begins: int) -> float:
+        """[s] of a unit of time that stands in brackets above the data; 1 without any."""
+        said = re.findall(r"\[(ms|us|µs|ns|s)\]", " ".join(cell for row in self.rows[:begins] for cell in row))
+        return {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}.get(said[0], 1.0) if said else 1.0
 
     @staticmethod
     def of_numbers(cells: list[str]) -> bool:
         """Is this a column of numbers? One without any value may be."""
         there = [cell.strip().strip('"') for cell in cells if cell.strip().strip('"') not in MISSING]
         return not there or sum(bool(NUMBER.fullmatch(cell)) for cell in there) >= 0.5 * len(there)
+
+
+def number_of(cell: str) -> float | None:
+    """A cell as a number, a comma for its point as well."""
+    cell = cell.strip().strip('"').replace(",", ".")
+    return float(cell) if NUMBER.fullmatch(cell) and cell[-1:].isdigit() else None
 
 
 def names_of(cells: list[str]) -> list[str]:

@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 import pytest
 import pyuff
+import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsWriter
@@ -313,3 +314,51 @@ def test_mappings_that_make_no_sense_are_refused(tmp_path, line, sentence):
     with pytest.raises(HexsimError, match=sentence) as refused:
         read_log(tmp_path / "run.csv")
     assert str(tmp_path / "mapping.toml") in str(refused.value)
+
+
+def test_results_of_modelica_tools_by_name(tmp_path):
+    """As Dymola writes them: names as columns of letters, a sign in dataInfo, constants in data_1; an alias with a minus."""
+    time = np.linspace(0.0, 2.0, 2001)
+    position, pressure = 0.1 + 0.03 * np.sin(4.0 * time), 3e6 + 1e5 * np.cos(4.0 * time)
+    names = ["time", "cylinder.s", "volume.p", "volume.minus_p", "mass.m"]
+    letters = np.array([list(name.ljust(16)) for name in names]).T
+    letters = (
+        letters.ravel().reshape(letters.shape[::-1]).T
+    )  # scipy writes letters of version 4 by rows, reads by columns
+    info = np.array([[0, 1, 0, -1], [2, 2, 0, -1], [2, 3, 0, -1], [2, -3, 0, -1], [1, 2, 0, 0]], dtype=np.int32).T
+    kinds = np.array(["Atrajectory", "1.1        ", "           ", "binTrans   "])
+    tables = {
+        "Aclass": kinds, "name": letters, "description": letters, "dataInfo": info,
+        "data_1": np.array([[0.0, 2.0], [40.0, 40.0]]), "data_2": np.array([time, position, pressure]),
+    }  # fmt: skip
+    scipy.io.savemat(tmp_path / "run.mat", tables, format="4")
+    signals = {"position_m": {"from": "cylinder.s"}, "pressure_bottom_Pa": {"from": "volume.p"}}
+    log = read_log(tmp_path / "run.mat", Mapping.model_validate({"kind": "bench", "columns": signals}))
+    np.testing.assert_allclose(log.columns["position_m"], position[: log.n], atol=1e-9)
+    np.testing.assert_allclose(log.columns["pressure_bottom_Pa"], pressure[: log.n], rtol=1e-9)
+    found = {signal.name: signal.values for signal in raw_log(tmp_path / "run.mat").signals}
+    np.testing.assert_allclose(found["volume.minus_p"], -pressure)
+    assert "mass.m" not in found
+
+
+def test_twincat_scope_has_a_time_for_each_channel(tmp_path):
+    """An export with two channels of 1 and 2 ms, each behind its own time in ms, under a block of lines about them: both stand on
+    their own clock, the slower one with half the weight."""
+    time = np.arange(3000) * 1e-3
+    position, pressure = 100.0 + 30.0 * np.sin(4.0 * time), 34.0 + np.cos(4.0 * time)
+    lines = [
+        "Name\tScope", "File\tC:\\a.svdx", "", "Name\tPos\tName\tPressure", "Data-Type\tREAL64\tData-Type\tREAL64",
+        "SampleTime[ms]\t1\tSampleTime[ms]\t2", "SymbolName\tMAIN.Pos\tSymbolName\tMAIN.p", "VariableSize\t8\tVariableSize\t8",
+    ]  # fmt: skip
+    for k in range(3000):
+        slow = f"\t{2 * k}\t{pressure[2 * k]:.6f}" if 2 * k < 3000 else "\t\t"
+        lines.append(f"{k}\t{position[k]:.6f}{slow}")
+    (tmp_path / "run.txt").write_text("\n".join(lines))
+    columns = {
+        "position_m": {"from": "MAIN.Pos", "unit": "mm"},
+        "pressure_bottom_Pa": {"from": "MAIN.p", "unit": "bar"},
+    }
+    log = read_log(tmp_path / "run.txt", Mapping.model_validate({"kind": "bench", "columns": columns}))
+    np.testing.assert_allclose(log.columns["position_m"], 1e-3 * position[: log.n], atol=1e-8)
+    np.testing.assert_allclose(log.columns["pressure_bottom_Pa"], 1e5 * pressure[: log.n], atol=2.0)
+    assert log.weight("pressure_bottom_Pa").mean() == pytest.approx(0.5, abs=0.01)

@@ -1,4 +1,4 @@
-"""MATLAB's MAT-files: vectors, structs, Simulink structures with time, tables and timetables."""
+"""MATLAB's MAT-files: vectors, structs, Simulink structures with time, tables and timetables; results of Modelica tools."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from hexsim.readers.sizes import check_mat, check_mat_of_hdf5, too_large
 
 MOST_ITEMS = 200  # of a cell array or a matrix that are looked at
 DEEPEST = 4  # structs in structs
+MODELICA = {"Aclass", "name", "dataInfo", "data_2"}  # variables of a result of Dymola or OpenModelica
 
 
 class MatReader(Reader):
@@ -30,8 +31,10 @@ class MatReader(Reader):
     needs = "matlab"
 
     def read(self, path: Path, layout: FileLayout) -> RawLog:
-        found = Found(path)
-        for name, value in variables(path).items():
+        found, there = Found(path), variables(path)
+        if there.keys() >= MODELICA:
+            return modelica_results(path)
+        for name, value in there.items():
             if not name.startswith("__"):
                 found.collect(name, value, 0)
         return found.raw()
@@ -49,6 +52,31 @@ def variables(path: Path) -> dict[str, Any]:
     if cells > MAX_CELLS:
         raise too_large(path, f"{MAX_CELLS:,} numbers")
     return scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
+
+
+def modelica_results(path: Path) -> RawLog:
+    """Variables of a result of Dymola or OpenModelica by name, on the time of the result; constants are left out.
+
+    dataInfo says of each name in which table it stands and in which column, with its sign. "binTrans" has all of it transposed
+    (Dymola User Manual, "Saving result files").
+    """
+    tables = scipy.io.loadmat(path, chars_as_strings=False)
+    kinds = ["".join(row).strip("\0 ") for row in tables["Aclass"]]
+    turned = len(kinds) > 3 and kinds[3] == "binTrans"
+    names, info = (tables[key].T if turned else tables[key] for key in ("name", "dataInfo"))
+    data = tables["data_2"] if turned else tables["data_2"].T
+    raw = RawLog(signals=[])
+    time = np.array(data[0], dtype=float)
+    for letters, (table, column, *_) in zip(names, info.astype(int), strict=True):
+        name, row = "".join(letters).strip("\0 "), abs(column) - 1
+        if table == 2 and 0 < row < len(data):
+            values = np.sign(column) * np.array(data[row], dtype=float)
+            raw.signals.append(RawSignal(name=name, values=values, stamps={"time": time}))
+        elif table == 1:
+            raw.left_out.append(f"{name} is constant")
+    if not raw.signals or len(time) < 3:
+        raise HexsimError(f"{path} holds no result over time{raw.unread()}")
+    return raw
 
 
 def by_mat_io(path: Path, kind: str, instead: str) -> dict[str, Any]:

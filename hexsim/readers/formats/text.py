@@ -47,6 +47,8 @@ class TextReader(Reader):
         if table.separator == " ":
             text = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", text))
         Cells(path=path, table=table, comment=layout.comment).read(text, raw)
+        if table.paired_s:
+            with_own_times(raw, table)
         return raw
 
     def holds_log(self, path: Path, layout: FileLayout) -> bool:
@@ -60,6 +62,18 @@ class TextReader(Reader):
         except (HexsimError, OSError, EOFError, StopIteration, zlib.error):
             return False
         return len(table.header) > 1 or layout.columns is not None
+
+
+def with_own_times(raw: RawLog, table: Table) -> None:
+    """Every signal on the column of time before it."""
+    by_name = {signal.name: signal for signal in raw.signals}
+    raw.signals = []
+    for time, name in zip(table.header[::2], table.header[1::2], strict=True):
+        if time in by_name and name in by_name:
+            signal, stamps = by_name[name], by_name[time].values * table.paired_s
+            there = np.isfinite(stamps)  # a shorter channel ends earlier
+            signal.values, signal.stamps = signal.values[there], {"time": stamps[there]}
+            raw.signals.append(signal)
 
 
 def inflated(file: IO[bytes]) -> Iterator[bytes]:
