@@ -22,6 +22,7 @@ from hexsim.plant import stepping
 from hexsim.smoothness.band import band_limit
 
 Array = NDArray[np.float64]
+STILL_m_s2 = 1.0e-6  # a machine that does not move has no peak to judge by
 LARGEST_ERROR = 1.0e-3  # of the peak: above it a run warns
 KEPT, SPANS_A_CHECK = 8, 60  # marks of the worst spans that are kept; one span in so many is done again, one at least
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -75,7 +76,7 @@ class StepCheck:
         if not self.marks or ticks < 2 or not np.isfinite(acceleration).all():
             return None
         peak = np.abs(self._banded(acceleration)).max()
-        if not peak > 0.0:
+        if not peak > STILL_m_s2:
             return 0.0
         present, worst = self._mark(ticks), 0.0
         for mark in self.marks[: max(1, min(KEPT, self.spans // SPANS_A_CHECK))]:
