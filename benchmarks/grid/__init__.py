@@ -1,0 +1,11 @@
+"""Legs drawn from stated priors on a plant of their own, for `benchmarks/robustness_grid.py`.
+
+| module | what |
+|---|---|
+| `plant` | equations of a leg and their integration; nothing of hexsim or compensation |
+| `priors` | every number of a leg: unit, nominal value, both families of draws, reason |
+| `legs` | a leg drawn from a seed, and what its data sheet says |
+| `motions` | setpoints |
+| `loop` | the 500 Hz position loop with a compensator |
+| `figures` | what a run is judged by |
+"""

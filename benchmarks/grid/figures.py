@@ -1,0 +1,90 @@
+"""What a run is judged by: the true acceleration in the 50 Hz band at every commanded reversal.
+
+Bump of a reversal: the largest deviation of the acceleration (50 Hz, zero phase) from the linear answer to the setpoint, from 0.1 s
+before the reversal to 0.5 s after it. The linear answer is the least-squares fit of the setpoint's acceleration, late by LATE_S, to
+the second half of the run: of a sine the fundamental. Worst late bump: the largest of the second half.
+Worse: beyond plain control's bump by 5 % and by 0.03 m/s2. Beyond chance: beyond that of plain control with two noises.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from benchmarks.grid.loop import Run
+from benchmarks.grid.motions import Motion
+
+OUT_HZ, EVERY = 1e4, 10
+BEFORE_S, AFTER_S = 0.1, 0.5
+LATE_S = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
+WORSE_RATIO, WORSE_m_s2 = 1.05, 0.03
+LOW_PASS = butter(4, 50.0, fs=OUT_HZ, output="sos")
+
+
+@lru_cache(maxsize=4)
+def asked(motion: Motion) -> np.ndarray:
+    """(n, 11): every ms the setpoint's acceleration, late by each of LATE_S, and 1."""
+    t, h = np.arange(round(motion.duration_s * OUT_HZ / EVERY)) * EVERY / OUT_HZ, 5e-3
+    early = np.arange(-1000, len(t)) * EVERY / OUT_HZ
+    path = [motion.path(np.maximum(early + shift, 0.0)) for shift in (-h, 0.0, h)]
+    acceleration = (path[0] - 2.0 * path[1] + path[2]) / h**2
+    late = [acceleration[1000 - round(1e3 * x) : 1000 - round(1e3 * x) + len(t)] for x in LATE_S]
+    return np.stack([*late, np.ones(len(t))]).T
+
+
+def deviation(acceleration: np.ndarray, motion: Motion) -> np.ndarray:
+    """Deviation [m/s2] from the linear answer, in the 50 Hz band, every ms."""
+    low, basis = sosfiltfilt(LOW_PASS, acceleration)[::EVERY], asked(motion)
+    half = slice(len(low) // 2, None)
+    found = np.linalg.lstsq(basis[half], low[half], rcond=1e-6)[0]
+    return low - basis @ found
+
+
+def bumps(run: Run) -> np.ndarray:
+    """(n,) bump [m/s2] of each of the motion's reversals."""
+    off = np.abs(deviation(run.acceleration_m_s2, run.motion))
+    rate = OUT_HZ / EVERY
+    return np.array(
+        [off[round((t - BEFORE_S) * rate) : round((t + AFTER_S) * rate)].max() for t in run.motion.reversals()]
+    )
+
+
+def late(found: np.ndarray, motion: Motion) -> float:
+    """Worst bump of the second half."""
+    return float(found[motion.reversals() > motion.duration_s / 2].max())
+
+
+def is_worse(plain: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(n,) whether a bump is beyond plain control's by both margins."""
+    return (other > WORSE_RATIO * plain) & (other > plain + WORSE_m_s2)
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Of one draw and motion. plain, left: worst late bump without and with compensation [m/s2]."""
+
+    plain: float
+    left: float
+    reversals: int
+    worse: int  # than plain control with the same noise
+    beyond: int  # than plain control with either noise
+    chance: int  # of plain control with the other noise, worse than with the same
+    growth: float  # largest, over plain control with either noise [m/s2]
+    engaged_s: float | None
+
+    @property
+    def share(self) -> float:
+        return self.left / self.plain
+
+
+def figures(run: Run, plain: Run, again: Run) -> Figures:
+    """Compensated, plain with the same noise, plain with another one."""
+    made, first, second = (bumps(each) for each in (run, plain, again))
+    either = np.maximum(first, second)
+    return Figures(
+        late(first, run.motion), late(made, run.motion), len(made), int(is_worse(first, made).sum()),
+        int(is_worse(either, made).sum()), int(is_worse(first, second).sum()), float((made - either).max()), run.engaged_s,
+    )  # fmt: skip
