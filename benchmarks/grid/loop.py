@@ -101,7 +101,7 @@ def run_leg(compensator: Compensator, leg: Leg, motion: Motion, *, noise: int = 
             text = now
         sent = bench.exchange(k, control + added)
         log[:6, k] = y, p1, p2, supply, sent, added
-    return _run_of(leg, motion, bench, log, wanted[:ticks], state, statuses, compensator.not_engaged(state))
+    return _run_of(bench, motion, log, wanted[:ticks], state, statuses, compensator.not_engaged(state))
 
 
 def run_plain(leg: Leg, motion: Motion, *, noise: int = 0) -> Run:
@@ -109,13 +109,13 @@ def run_plain(leg: Leg, motion: Motion, *, noise: int = 0) -> Run:
     ticks = round(motion.duration_s * RATE_HZ)
     bench, wanted, log = Bench(leg, motion, ticks, noise), motion.sampled(ticks), np.zeros((len(COLUMNS), ticks))
     plant.plain(*bench.parts, wanted, log)
-    return _run_of(leg, motion, bench, log, wanted, None, [], "plain control")
+    return _run_of(bench, motion, log, wanted, None, [], "plain control")
 
 
 def _run_of(
-    leg: Leg, motion: Motion, bench: Bench, log: np.ndarray, wanted: np.ndarray, state: Any, statuses: list[tuple[float, str]], reason: str
-) -> Run:  # fmt: skip
-    columns = dict(zip(COLUMNS, log, strict=True))
+    made: Bench, motion: Motion, log: np.ndarray, wanted: np.ndarray, state: Any, told: list, reason: str
+) -> Run:
+    columns: dict[str, np.ndarray] = {name: log[i] for i, name in enumerate(COLUMNS)}
     columns["time_s"], columns["setpoint_m"] = np.arange(len(wanted)) / RATE_HZ, wanted
-    columns["control_V"] = leg.c.gain_V_m * (wanted - columns["position_m"])
-    return Run(leg, motion, columns, bench.acceleration, state, statuses, reason)
+    columns["control_V"] = made.leg.c.gain_V_m * (wanted - columns["position_m"])
+    return Run(made.leg, motion, columns, made.acceleration, state, told, reason)
