@@ -27,7 +27,7 @@ from benchmarks.grid.loop import COLUMNS, RATE_HZ, Bench, Run, run_of
 from benchmarks.grid.motions import Motion
 from benchmarks.grid.plant import AMP, GRAVITY, N_STATES, P1, P2, PS, TICK_S, XR, Z1, Z2, V, W, X, Y, compiled
 
-B_LOW, A_LOW = butter(2, 60.0, fs=RATE_HZ)
+B_LOW, A_LOW = map(np.asarray, butter(2, 60.0, fs=RATE_HZ) or ())
 WEIGHTS = np.array([0.01, 1e-3, 1e-4, 0.03])  # m/s2 in the band, m/s, m, V of the second difference
 SCALES = np.array([1e-4, 1e-3, 1e4, 1e4, 1e4, 1e-2, 1.0, 1e-2, 1e-6, 1e-6, 1e-3])  # of the states, for differences
 BEFORE_S, FADE_S = 2.5, 1.0  # it begins so long before the second half, and is faded in
@@ -128,7 +128,7 @@ def derivatives(blunt, s, u, time_s, pieces, fixed, F, J, room):
 @compiled
 def backward(blunt, volts, states, wanted, begin_s, pieces, fixed, damping, gains, steps):
     """Riccati recursion: feedback into gains (n, m + 4) and steps (n,)."""
-    weights, b, a, active, scales = fixed
+    weights, b, a, active, _ = fixed
     n, size = len(volts), len(active) + 4
     value, slope = np.zeros((size, size)), np.zeros(size)
     F, J, filters, r, room = (
