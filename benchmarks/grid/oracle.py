@@ -36,6 +36,7 @@ ROUNDS, ENOUGH, GOOD = (
     0.02,
     0.02,
 )  # Gauss-Newton steps of a block; relative decrease, and cost a tick, that end them
+BAD = 0.5  # cost a tick of a block that is tried again from another begin
 BLOCK, KEEP = 100, 50  # ticks
 DIFFERENCE_V = 1e-3
 BLUNT = 0.5  # rounding of the blunt edges, over the overlap
@@ -203,12 +204,19 @@ def receding(numbers, start, volts, wanted, begin_s, pieces, rough, blunt_m, fix
     now = start.copy()
     while at < n:
         stop = min(at + BLOCK, n)
-        trail, volts2 = np.zeros((stop - at + 1, N_STATES + 4)), np.zeros(stop - at)
-        block = volts[at:stop].copy()
-        time_s = begin_s + at * TICK_S
-        total += improved(numbers, now, block, wanted[:, at:], time_s, pieces, rough, blunt_m, fixed, volts2, trail)
+        size = stop - at + 1, N_STATES + 4
+        trail, trail2, volts2 = np.zeros(size), np.zeros(size), np.zeros(stop - at)
+        time_s, cost = begin_s + at * TICK_S, np.inf
+        guess = volts[at:stop].copy()
+        for blunted in (blunt_m, 3.0 * blunt_m, 0.0):  # what one begin does not find another does
+            block = guess.copy()
+            found = improved(numbers, now, block, wanted[:, at:], time_s, pieces, rough, blunted, fixed, volts2, trail2)
+            if found < cost:
+                volts[at:stop], trail[:], cost = block, trail2, found
+            if cost < BAD * (stop - at):
+                break
+        total += cost
         kept = min(KEEP, n - at)
-        volts[at:stop] = block
         states[at : at + kept + 1] = trail[: kept + 1]
         now[:] = trail[kept]
         at += kept
