@@ -7,6 +7,9 @@ learned. `--oracle`: and with the volts of a perfect inverse, so that a figure c
 Figures (benchmarks/grid/figures.py): worst bump of the second half without and with compensation, share left, reversals worse than
 plain control and worse than it with either noise, when the compensator engaged, and what keeps it out if it did not.
 
+`--family platform`: hexsim's own 600 kg hexapod in heave, its numbers drawn (benchmarks/grid/platform.py), `--declared right` or
+`sheet`.
+
 `--stop`: a sequential test of the wanted share of runs that are left at most `--limit` (Wald): it ends when the share is shown to be
 at least WANTED, or at most WANTED - APART, each with an error of 5 %.
 
@@ -52,12 +55,21 @@ WANTED, APART, ERROR = (
     0.05,
 )  # share of runs; the share that is told from it; of each of the two wrong decisions
 KEPT = 0.95  # of plain control's bump: more than that is not improved
+PLATFORM = "platform"  # the family of hexapods, beside those of legs
 Row = dict[str, Any]
 
 
 def judged(case: Row) -> Row:
     """A case with what came of it."""
     began = time.perf_counter()
+    if case["family"] == PLATFORM:
+        from benchmarks.grid.platform import judged_platform  # MuJoCo, for this family alone
+
+        found, reason, draw = judged_platform(case["seed"], case["compensator"], case["declared"])
+        return {
+            **case, "leg": "", **asdict(found), "share": found.share, "possible": None, "reason": reason, "statuses": [],
+            "took_s": round(time.perf_counter() - began, 2), "draw": draw,
+        }  # fmt: skip
     leg = draw_leg(case["seed"], case["family"], four_way=case["four_way"], declared=case["declared"])
     motion = motion_of(case["motion"], case["seed"])
     plain, again = run_plain(leg, motion), run_plain(leg, motion, noise=1)
@@ -138,8 +150,17 @@ def reasons(rows: list[Row]) -> str:
 
 
 def planned(a: argparse.Namespace) -> list[Row]:
-    """The cases of the arguments."""
+    """The cases of the arguments. Of hexapods: heave on their three-way valves, without a perfect inverse."""
     first, last = map(int, a.seeds.split(":"))
+    if a.family == PLATFORM:
+        rest = {
+            "compensator": a.compensator,
+            "family": PLATFORM,
+            "declared": a.declared,
+            "four_way": False,
+            "oracle": False,
+        }
+        return [rest | {"seed": seed, "motion": "heave"} for seed in range(first, last)]
     return [
         {
             "compensator": a.compensator, "family": a.family, "declared": a.declared, "four_way": four_way, "seed": seed,
@@ -188,7 +209,7 @@ def run_through(cases: list[Row], journal: Path | None, jobs: int) -> Iterator[R
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--compensator", default="adaptive", help="a name, or package.module:Class")
-    parser.add_argument("--family", choices=FAMILIES, default="reality")
+    parser.add_argument("--family", choices=(*FAMILIES, PLATFORM), default="reality")
     parser.add_argument("--declared", choices=DECLARED, default="nothing", help="of the data sheet")
     parser.add_argument("--valve", choices=tuple(VALVES), default="three-way")
     parser.add_argument("--seeds", default="0:20", help="first:last; of single: rows of the table")
