@@ -255,3 +255,27 @@ def test_perfect_inverse_leaves_next_to_nothing_without_noise(grid: Any, four_wa
         grid.late(grid.bumps(run), motion) for run in (grid.run_plain(leg, motion), grid.perfect(leg, motion))
     )
     assert plain > 0.2 and left < plain / 30.0
+
+
+def test_every_drawn_hexapod_is_a_machine(grid: Any) -> None:
+    """20 seeds: the changes make a valid machine file with the drawn spool and load, and a sheet is off by at most a factor of 2."""
+    platform = importlib.import_module("benchmarks.grid.platform")
+    for seed in range(20):
+        changes, off = platform.drawn_machine(seed)
+        machine = platform.changed(platform.load_machine(platform.MACHINE), changes)
+        assert machine.valve.spool_frequency_Hz == changes["valve.spool_frequency_Hz"]
+        assert 450.0 <= machine.load.platform_mass_kg <= 960.0
+        assert all(0.5 <= factor <= 2.0 for _, factor in off)
+
+
+def test_compensator_of_a_wrong_sheet_is_told_wrong_numbers(grid: Any) -> None:
+    """The context that the algorithm starts with is off by the factors, and right in everything else."""
+    platform = importlib.import_module("benchmarks.grid.platform")
+
+    class Keeps(type(compensation.create("none"))):
+        def start(self, context: compensation.Context) -> Any:
+            return context
+
+    right = compensation.Context()
+    told = platform.Told(Keeps(), (("spool_damping", 1.2), ("edge_V", 0.7))).start(right)
+    assert told == dataclasses.replace(right, spool_damping=0.7 * 1.2, edge_V=0.5 * 0.7)
