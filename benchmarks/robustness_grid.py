@@ -11,7 +11,7 @@ plain control and worse than it with either noise, when the compensator engaged,
 `sheet`.
 
 `--stop`: a sequential test of the wanted share of runs that are left at most `--limit` (Wald): it ends when the share is shown to be
-at least WANTED, or at most WANTED - APART, each with an error of 5 %.
+at least WANTED, or at most WANTED - APART, each with an error of 5 % (runs taken as independent; motions of one draw are not quite).
 
     from benchmarks.robustness_grid import draw_leg, motion_of, run_leg, run_plain, figures, perfect
 """
@@ -58,7 +58,7 @@ WANTED, APART, ERROR = (
 )  # share of runs; the share that is told from it; of each of the two wrong decisions
 KEPT = 0.95  # of plain control's bump: more than that is not improved
 PLATFORM = "platform"  # the family of hexapods, beside those of legs
-HOW = """Legs on a plant of their own; every number with its priors and reasons: `python benchmarks/robustness_grid.py --priors`. Every run
+HOW = """Legs on a plant of their own; every number with its priors and reasons: `--priors`. Every run
 begins with nothing learned. Bump: largest deviation of the true acceleration (50 Hz) from the linear answer to the setpoint at a
 commanded reversal; share left: the worst of the run's second half over plain control's. The perfect inverse has the true numbers and
 the same noise, counts and tick; it feeds forward only: it neither shapes the volts' counts nor stabilises stick-slip.
