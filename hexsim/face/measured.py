@@ -37,18 +37,17 @@ Progress = Callable[[str, float], None]
 AnyPath = str | Path
 
 
-def load_log(
-    path: AnyPath, mapping: AnyPath | dict[str, Any] | None = None, machine: AnyMachine | None = None
-) -> pl.DataFrame:
+def load_log(path: AnyPath, mapping: AnyPath | None = None, machine: AnyMachine | None = None) -> pl.DataFrame:
     """A measured log of any format that is read, as a table in SI units on a uniform time base.
 
-    mapping: foreign names and units, a TOML file or its tables; None: mapping.toml beside the log, if there is one.
+    mapping: file for foreign names and units; None: mapping.toml beside the log, if there is one.
     machine: what it cannot have is missing. Raises HexsimError that names file, column and row.
     """
     from hexsim.readers import read_log
 
     with_machine = None if machine is None else load_machine(machine)
-    return read_log(path_of(path, "a log", "fit.parquet"), mapping, with_machine).table
+    units = None if mapping is None else path_of(mapping, "mapping", "mapping.toml")
+    return read_log(path_of(path, "a log", "fit.parquet"), units, with_machine).table
 
 
 class TraceResult:
