@@ -70,7 +70,7 @@ def by_plant(machine, volts):
     return np.array(places)
 
 
-@pytest.mark.parametrize("name", ("bench", "micro_motion_system"))
+@pytest.mark.parametrize("name", ("bench", pytest.param("micro_motion_system", marks=pytest.mark.slow)))
 def test_heave_in_stock_mujoco_is_that_of_plant(folder, tmp_path, name):
     """10 s of heave, the same volts and constant step: pistons within 1e-9 m of the run's, from a home in equilibrium.
 
