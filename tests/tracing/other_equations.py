@@ -23,7 +23,7 @@ spool_damping spool_rate hysteresis valve_delay_ms air hose bristle_stiffness br
 ripple_length spring force tone tone_frequency longer
 cubic gain_position gain_voltage gain_pressure stick stick_place stick_width cooling rod_air line_inertia
 line_loss memory
-warm_up warm_up_s wear wear_place wear_width hardening
+warm_up warm_up_s wear wear_place wear_width hardening laminar laminar_sum viscosity
 position_gain position_delay_ms position_lag_ms position_play scale_error scale_length pressure_gain pressure_offset pressure_delay_ms
 pressure_lag_ms hum hum_frequency
 """
@@ -55,6 +55,22 @@ def root(dp):
 
 
 @fast
+def slowly(leg, opening, dp, turbulent):
+    """Flow of a slot [m3/s] whose root law gives `turbulent`, below the Reynolds number leg.laminar by viscosity.
+
+    Hydraulic diameter 2 opening. leg.laminar_sum: pressure drops of both laws add up; else the root law is bent.
+    """
+    if leg.laminar == 0.0 or opening == 0.0:
+        return turbulent
+    jet = leg.laminar * leg.viscosity / (2.0 * opening * leg.discharge)  # sqrt(2 dp/rho) where the two laws meet
+    bend = 0.5 * leg.density * jet * jet / max(abs(dp), 1.0)  # their pressure drop, in units of the present one
+    if leg.laminar_sum > 0.0:
+        half = 0.5 * math.sqrt(bend)  # z^2 + sqrt(bend) z = 1
+        return turbulent * (math.sqrt(half * half + 1.0) - half)
+    return turbulent / (1.0 + bend * bend) ** 0.25
+
+
+@fast
 def valve_flows(leg, x, volts, y, P1, Ps):
     """(supply edge, tank edge) [m3/s], Eq. 3.3-3.4, with every effect on the valve's edges."""
     scale = leg.discharge * math.sqrt(2.0 / leg.density)
@@ -62,13 +78,13 @@ def valve_flows(leg, x, volts, y, P1, Ps):
     in_dp, out_dp = Ps - P1, P1 - leg.tank_pressure
     open_in = leg.gradient_supply * edge(x, leg.overlap_supply, leg.rounding)
     open_out = leg.gradient_tank * edge(-x, leg.overlap_tank, leg.rounding)
-    into = scale * open_in * root(in_dp) * (1.0 + leg.gain_pressure * (in_dp / 3.5e6 - 1.0))
+    into = scale * slowly(leg, edge(x, leg.overlap_supply, leg.rounding), in_dp, open_in * root(in_dp)) * (1.0 + leg.gain_pressure * (in_dp / 3.5e6 - 1.0))
     k = scale * open_out * (1.0 + leg.gain_pressure * (out_dp / 3.5e6 - 1.0))
     if leg.return_resistance > 0.0 and out_dp > 0.0:  # the tank line backs up: k sqrt(dp - R q) = q
         b = k * k * leg.return_resistance
         out = 0.5 * (-b + math.sqrt(b * b + 4.0 * k * k * out_dp))
     else:
-        out = k * root(out_dp)
+        out = slowly(leg, edge(-x, leg.overlap_tank, leg.rounding), out_dp, k * root(out_dp))
     if leg.clearance > 0.0:  # Poiseuille over what is left of the land
         into += leg.clearance * in_dp * leg.clearance_length / (leg.clearance_length + max(leg.overlap_supply - x, 0.0))
         out += leg.clearance * out_dp * leg.clearance_length / (leg.clearance_length + max(leg.overlap_tank + x, 0.0))
