@@ -93,11 +93,11 @@ def valve_flows(leg, x, volts, y, P1, Ps):
 
 @fast
 def stiffness_of_oil(leg, P):
-    """Bulk modulus [Pa] of oil with a share `air` of free air at one atmosphere (polytropic 1.4)."""
+    """Bulk modulus [Pa] of oil with a share `air` of free air at one atmosphere: as warm as the oil, rippling adiabatically."""
     if leg.air == 0.0:
         return leg.modulus
     p = max(P + ATMOSPHERE, 2.0e4)
-    bubbles = leg.air * (ATMOSPHERE / p) ** (1.0 / 1.4)
+    bubbles = leg.air * ATMOSPHERE / p
     return (1.0 + bubbles) / (1.0 / leg.modulus + bubbles / (1.4 * p))
 
 
