@@ -83,11 +83,15 @@ class Valve(Section):
         0.1, 1000.0, "an edge is laminar below this Reynolds number, 15 of a sharp slot; 0: at no opening (report) [-]"
     )
     flow_at_10_percent_m3_s: float | None = between(
-        1e-12, 1.0, "through one edge at 10 % signal and rated pressure drop; in place of laminar_reynolds [m3/s]",
+        1e-12,
+        1.0,
+        "through one edge at 10 % signal and rated pressure drop; in place of laminar_reynolds [m3/s]",
         default=None,
     )
     sheet_viscosity_mm2_s: float = between(
-        1.0, 5000.0, "of the oil with which the sheet's flows were measured; ISO 10770: VG 32 at 40 degC [mm2/s]",
+        1.0,
+        5000.0,
+        "of the oil with which the sheet's flows were measured; ISO 10770: VG 32 at 40 degC [mm2/s]",
         default=32.0,
     )
     spool_frequency_Hz: float = zero_or(0.1, 1e4, "bandwidth of the spool; 0 = it follows at once (report) [Hz]")

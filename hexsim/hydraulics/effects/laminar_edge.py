@@ -22,9 +22,7 @@ EFFECT = Effect(
     description="flow through the metering edges is laminar below a Reynolds number: cold oil, small openings",
     source="Merritt 1967, 3-4: 15 of a sharp slot; Borutzky, Barnard, Thoma 2002; libraries: 12 to 150",
     parameters=(
-        EffectParameter(
-            name="reynolds", unit="1", bounds=(0.0, 1000.0), typical=15.0, adds_to=("laminar_reynolds",)
-        ),
+        EffectParameter(name="reynolds", unit="1", bounds=(0.0, 1000.0), typical=15.0, adds_to=("laminar_reynolds",)),
     ),
     apply=apply,
 )
