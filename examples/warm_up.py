@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from hexsim.declaration.oil_grades import kinematic_viscosity
 from hexsim.hydraulics import ports
@@ -89,13 +90,16 @@ def ride_figure(found: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
 def edge_figure() -> Figure:
     """The law: discharge coefficient over Reynolds number beside its asymptotes, and flow over opening by temperature."""
     figure, (law, flow) = small_multiples(2, "A metering edge with a laminar range", 2, 3.0, False)
-    ratio = np.logspace(-3, 3, 400) ** 0.5  # dp/p_cr
+    ratio = np.logspace(-2, 4, 400)  # dp/p_cr
     share = (ratio**2 / (1.0 + ratio**2)) ** 0.25
     reynolds = SLOT * share * np.sqrt(ratio)
     law.loglog(reynolds, 0.611 * share, color=palette.RESPONSE, label="hexsim")
     law.loglog(reynolds, 0.157 * np.sqrt(reynolds), color=palette.REFERENCE, ls="--", label="0.157 √Re (Merritt, slot)")
     law.axhline(0.611, color=palette.REFERENCE, ls=":", label="0.611")
-    law.set_ylim(0.1, 1.0)
+    law.set(xlim=(0.5, 1e3), ylim=(0.1, 1.0), yticks=[0.1, 0.2, 0.4, 0.6, 1.0])
+    for axis in (law.xaxis, law.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
     law.set_xlabel("Re of mean velocity and twice the opening")
     law.set_ylabel("discharge coefficient")
     legend(law, 1)
