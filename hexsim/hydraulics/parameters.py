@@ -130,6 +130,8 @@ class P(IntEnum):
     FRICTION_SETTLED = 94  # share more of all friction in the end, when it has warmed up
     VISCOUS_FADING = 95  # rate at which viscous friction falls [1/s]
     LAMINAR = 96  # Re_cr nu/2 of the metering edges [m2/s]; 0: turbulent at any opening
+    CUSHION_CHOKE_LOW = 97  # A^3/K^2 of the orifices of end cushions [N s2/m2]; 0: none
+    CUSHION_CHOKE_HIGH = 98
 
 
 ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B
@@ -175,6 +177,8 @@ def _cylinder(machine: Machine, cylinder: Cylinder) -> dict[P, float]:
         P.CUSHION_LENGTH: cylinder.cushion_length_m,
         P.CUSHION_STIFFNESS: cylinder.cushion_stiffness_N_m,
         P.CUSHION_DAMPING: cylinder.cushion_damping_N_s_m,
+        P.CUSHION_CHOKE_LOW: cylinder.cushion_choke_N_s2_m2(cylinder.area_bottom_m2),
+        P.CUSHION_CHOKE_HIGH: cylinder.cushion_choke_N_s2_m2(cylinder.area_top_m2),
         P.ROD_SIDE_CHAMBER: ROD_SIDES[cylinder.rod_side],
     }
     if cylinder.rod_side == "supply":  # the annulus is at supply pressure

@@ -28,6 +28,13 @@ PLACES = [  # key, a value that no other key has, place in the row, what must st
     ("cylinder.cushion_length_m", 0.007, P.CUSHION_LENGTH, 0.007),
     ("cylinder.cushion_stiffness_N_m", 3.3e6, P.CUSHION_STIFFNESS, 3.3e6),
     ("cylinder.cushion_damping_N_s_m", 1.7e4, P.CUSHION_DAMPING, 1.7e4),
+    ("cylinder.cushion_orifice_m3_s_sqrtPa", 1e-7, P.CUSHION_CHOKE_LOW, (math.pi / 4 * 0.04**2) ** 3 / 1e-14),
+    (
+        "cylinder.cushion_orifice_m3_s_sqrtPa",
+        1e-7,
+        P.CUSHION_CHOKE_HIGH,
+        (math.pi / 4 * (0.04**2 - 0.03**2)) ** 3 / 1e-14,
+    ),
     ("valve.voltage_max_V", 5.0, P.SPOOL_GAIN, 1.1e-3 / 5.0),
     ("valve.spool_travel_max_m", 1.3e-3, P.SPOOL_TRAVEL, 1.3e-3),
     ("valve.spool_diameter_m", 0.012, P.AREA_GRADIENT_SUPPLY, math.pi * 0.012),
