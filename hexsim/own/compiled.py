@@ -16,7 +16,7 @@ import sympy
 from numba import types
 from sympy.printing.pycode import PythonCodePrinter
 
-from hexsim.own.model import Model
+from hexsim.own.model import BEFORE, Model
 
 Array = np.ndarray
 RATES, AFTER, OUTPUTS, STARTS = range(4)
@@ -91,17 +91,18 @@ def source(model: Model) -> str:
     states = [model.symbols[name] for name in model.states if name in model.symbols]
     x, p = states, [model.symbols[number.name] for number in model.numbers]
     u = [model.symbols[name] for name in (*model.inputs, "time_s", "step_s")]
+    before = [model.symbols.get(name + BEFORE, sympy.Symbol(name + BEFORE, real=True)) for name in model.states]
     s = [sympy.Symbol(f"{function}({column})", real=True) for function, column in model.firsts]
     lines = ["def equations(what, x, u, p, out):"]
     lines += [f"    p{i} = p[{i}]" for i in range(len(p))]
-    parts = ((model.rates, x, u), (model.after, x, u), (model.observed, x, u), (model.starts, [], s))
+    parts = ((model.rates, x, u), (model.after, [*x, *before], u), (model.observed, x, u), (model.starts, [], s))
     for what, (values, by, given) in enumerate(parts):
-        names = {one: sympy.Symbol(f"x{i}", real=True) for i, one in enumerate(x)}
+        names = {one: sympy.Symbol(f"x{i}", real=True) for i, one in enumerate([*x, *before])}
         names |= {one: sympy.Symbol(f"p{i}", real=True) for i, one in enumerate(p)}
         names |= {one: sympy.Symbol(f"u{i}", real=True) for i, one in enumerate(given)}
         used = set().union(*(one.free_symbols for one in values)) if values else set()
         lines.append(f"    if what == {what}:")
-        lines += [f"        x{i} = x[{i}]" for i, one in enumerate(x) if one in used]
+        lines += [f"        x{i} = x[{i}]" for i, one in enumerate([*x, *before]) if one in used]
         lines += [f"        u{i} = u[{i}]" for i, one in enumerate(given) if one in used]
         lines += block([one.xreplace(names) for one in values], [names[one] for one in by], [names[one] for one in p])
         lines.append("        return 0")
@@ -139,7 +140,8 @@ def integrated(f, x0, s0, inputs, held, p, t0, dt, steps, stages, n_outputs, wit
     h = dt / steps
     y, jac, states = np.full((n, n_outputs), np.nan), np.zeros((n, n_outputs, np_)), np.full((n, nx), np.nan)
     out = np.zeros(nx + nx * nx + nx * np_)
-    out_after = np.zeros(nx + nx * nx + nx * np_)
+    out_after = np.zeros(nx + 2 * nx * nx + nx * np_)
+    both, s_before = np.zeros(2 * nx), s0.copy()
     out_y = np.zeros(n_outputs + n_outputs * nx + n_outputs * np_)
     x, s, u = x0.copy(), s0.copy(), np.zeros(nu + 2)
     xs, ss, ax, a_s, row = x0.copy(), s0.copy(), np.zeros(nx), np.zeros((nx, np_)), np.zeros(nx)
@@ -164,6 +166,9 @@ def integrated(f, x0, s0, inputs, held, p, t0, dt, steps, stages, n_outputs, wit
         for j in range(steps):
             ax[:] = 0.0
             a_s[:] = 0.0
+            both[nx:] = x
+            if with_after and sensitive:
+                s_before[:] = s
             xs[:] = x
             ss[:] = s
             for stage in range(stages):
@@ -203,16 +208,19 @@ def integrated(f, x0, s0, inputs, held, p, t0, dt, steps, stages, n_outputs, wit
                 for k in range(nu):
                     u[k] = inputs[i, k] if held[k] else inputs[i, k] + share * (inputs[i + 1, k] - inputs[i, k])
                 u[nu] = t0 + (i + share) * dt
-                f(1, x, u, p, out_after)
+                both[:nx] = x
+                f(1, both, u, p, out_after)
                 if sensitive:
                     for b in range(np_):
                         for a in range(nx):
-                            total = out_after[nx + nx * nx + a * np_ + b]
+                            total = out_after[nx + 2 * nx * nx + a * np_ + b]
                             for q in range(nx):
-                                total += out_after[nx + a * nx + q] * s[q, b]
+                                total += out_after[nx + 2 * a * nx + q] * s[q, b]
+                                total += out_after[nx + (2 * a + 1) * nx + q] * s_before[q, b]
                             row[a] = total
                         for a in range(nx):
-                            s[a, b] = row[a]
+                            ss[a, b] = row[a]
+                    s[:] = ss
                 for a in range(nx):
                     x[a] = out_after[a]
         for a in range(nx):

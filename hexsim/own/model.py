@@ -1,7 +1,7 @@
 """A declared model, resolved: states, numbers and inputs in order, and their equations as symbolic expressions.
 
     dx/dt = rates(x, u, p)          between samples, by the scheme
-    x     = after(x, u, p, step)    once a time step: friction at rest, backlash, limits
+    x     = after(x, before, u, p)  once a time step: friction at rest, backlash, limits; before: x at the beginning of it
     y     = outputs(x, u, p)        at samples
     x(0)  = starts(s, p)            s: first values of columns
 
@@ -21,12 +21,13 @@ import sympy
 from hexsim.errors import HexsimError
 from hexsim.own.declaration import MemoryTable, ModelTables, ParameterTable, StateTable
 from hexsim.own.elements import ELEMENTS, SLIDING
-from hexsim.own.formulas import DEEPEST, FUNCTIONS, MOST_NODES, expression, names_of, positive, tree_of
+from hexsim.own.formulas import DEEPEST, FUNCTIONS, MOST_NODES, TINY, expression, names_of, positive, size, step, tree_of
 
 CLOCK = ("time_s", "step_s")
 FIRST = ("first", "first_rate")
 START = "start of "
 FREE = "free"
+BEFORE = " before"
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,79}")
 
 
@@ -183,23 +184,38 @@ def rate_of(resolver: Resolver, state: StateTable, place: str) -> sympy.Expr:
 
 
 def after_of(resolver: Resolver, name: str, state: StateTable, own: str | None, place: str) -> sympy.Expr:
-    """What a time step ends with: an element's own step, friction that holds at rest, limits.
-
-    Friction: v -> max(v - h F+/m, 0) + min(v + h F-/m, 0), the implicit step of set-valued Coulomb friction (Moreau 1988).
-    """
+    """What a time step ends with: an element's own step, friction that holds at rest, limits."""
     x: sympy.Expr = resolver.symbols[name]
     if own is not None:
         x = resolver.of(own, place)
     if state.dry:
         per = resolver.symbols["step_s"] / resolver.of(state.storage, place)
         forwards, backwards = (resolver.of(text, place) * per for text in (state.dry * 2)[:2])
-        x = positive(x - forwards) - positive(-x - backwards)
+        before = resolver.symbols.setdefault(name + BEFORE, sympy.Symbol(name + BEFORE, real=True))
+        x = slowed(x, before, forwards, backwards)
     if state.high is not None:
         x = x - positive(x - resolver.of(state.high, place))
     if state.low is not None:
         low = resolver.of(state.low, place)
         x = low + positive(x - low)
     return x
+
+
+def slowed(x: sympy.Expr, before: sympy.Expr, forwards: sympy.Expr, backwards: sympy.Expr) -> sympy.Expr:
+    """Set-valued Coulomb friction over a time step: x without it, before: at the beginning; forwards, backwards: h F / m, not below 0.
+
+    Moreau's implicit step (1988), max(x - h F+/m, 0) + min(x + h F-/m, 0), with the instant of a change of sign inside the step: what is
+    left of the step then goes on from rest. So the derivatives by numbers carry over a reversal as those of the continuous motion do.
+    """
+    gained = x - before
+    from_rest = positive(gained - forwards) - positive(-gained - backwards)
+    rising, falling = x - forwards, x + backwards
+    over = positive(-rising) / (positive(-rising) + size(before) + TINY)
+    under = positive(falling) / (positive(falling) + size(before) + TINY)
+    forward = positive(rising) + step(-rising) * over * from_rest
+    backward = -positive(-falling) + step(falling) * under * from_rest
+    moving = step(before) * forward + step(-before) * backward
+    return moving + (1 - step(before) - step(-before)) * from_rest
 
 
 def memory_states(tables: ModelTables, where: str) -> tuple[dict[str, tuple[StateTable, str | None]], dict[str, str]]:

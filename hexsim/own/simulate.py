@@ -14,6 +14,7 @@ from hexsim.signals.log import Log
 
 Array = np.ndarray
 STAGES = {"rk4": 4, "heun": 2, "euler": 1}
+PARABOLA = 6  # samples
 DELAY_STEP = 0.25  # samples, of the difference quotient by a number that a delay depends on
 
 
@@ -78,11 +79,12 @@ def record_of(model: Model, log: Log, where: str) -> Record:
 
 
 def first(log: Log, function: str, column: str, count: int) -> float:
-    """first: the value of a straight line through the first samples at the first one (one sample: itself). first_rate: its slope."""
+    """first: the value at the first sample, first_rate: the slope there, of a parabola through the first samples (a line through fewer
+    than PARABOLA, the sample itself where there is but one)."""
     y = log.columns[column][: max(count, 2)]
     if count < 2 and function == "first":
         return float(y[0])
-    slope, value = np.polyfit(np.arange(len(y)) / log.rate, y, 1)
+    slope, value = np.polyfit(np.arange(len(y)) / log.rate, y, 2 if len(y) >= PARABOLA else 1)[-2:]
     return float(slope if function == "first_rate" else value)
 
 
