@@ -23,44 +23,45 @@ RATES, AFTER, OUTPUTS, STARTS = range(4)
 VECTOR = types.Array(types.float64, 1, "C")
 SIGNATURE = types.int64(types.int64, VECTOR, VECTOR, VECTOR, VECTOR)  # what, x, u or s, p, out
 TINY = 1e-30
+ONE, TWO = types.float64(types.float64), types.float64(types.float64, types.float64)
 
 
-@numba.njit(inline="always")
+@numba.njit(ONE, cache=True)
 def step(x):
     return 1.0 if x > 0.0 else 0.0
 
 
-@numba.njit(inline="always")
+@numba.njit(ONE, cache=True)
 def side(x):
     return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else 0.0)
 
 
-@numba.njit(inline="always")
+@numba.njit(ONE, cache=True)
 def positive(x):
     return x if x > 0.0 else 0.0 * x
 
 
-@numba.njit(inline="always")
+@numba.njit(ONE, cache=True)
 def root(x):
     return math.sqrt(x) if x > 0.0 else -math.sqrt(-x)
 
 
-@numba.njit(inline="always")
+@numba.njit(ONE, cache=True)
 def root_slope(x):
     return 0.5 / math.sqrt(max(abs(x), TINY))
 
 
-@numba.njit(inline="always")
+@numba.njit(TWO, cache=True)
 def power(x, y):
     return math.exp(min(y * math.log(x), 700.0)) if x > 0.0 else 0.0
 
 
-@numba.njit(inline="always")
+@numba.njit(ONE, cache=True)
 def logarithm(x):
     return math.log(max(x, TINY))
 
 
-@numba.njit(inline="always")
+@numba.njit(ONE, cache=True)
 def exponential(x):
     return math.exp(min(x, 700.0))
 
@@ -83,7 +84,7 @@ def compiled(model: Model) -> Any:
     """The function (what, x, u, p, out) of a model: out holds values, derivatives by x (rows first), then by p."""
     namespace: dict[str, Any] = dict(HELPERS)
     exec(compile(source(model), f"<equations of {len(model.states)} states>", "exec"), namespace)  # noqa: S102
-    return numba.njit(SIGNATURE, no_cpython_wrapper=False)(namespace["equations"])
+    return numba.njit(SIGNATURE, error_model="numpy")(namespace["equations"])
 
 
 def source(model: Model) -> str:
