@@ -83,7 +83,7 @@ class Printer(PythonCodePrinter):
 def compiled(model: Model) -> Any:
     """The function (what, x, u, p, out) of a model: out holds values, derivatives by x (rows first), then by p."""
     namespace: dict[str, Any] = dict(HELPERS)
-    exec(compile(source(model), f"<equations of {len(model.states)} states>", "exec"), namespace)  # noqa: S102
+    exec(compile(source(model), f"<equations of {len(model.states)} states>", "exec"), namespace)
     return numba.njit(SIGNATURE, error_model="numpy")(namespace["equations"])
 
 

@@ -48,7 +48,7 @@ noise = 1e-6                              # of a sample, one standard deviation;
 name = "end stop"
 on = "velocity_m_s"                       # joins the sum of this state
 adds = "-stop_N_m * max(position_m - 0.25, 0)"
-parameters = { stop_N_m = { sign = 1, start = 1000.0 } }
+parameters = { stop_N_m = { sign = 1, scale = 1000.0 } }
 
 [simulation]
 scheme = "rk4"                            # or "heun", "euler"
@@ -147,15 +147,36 @@ class OutputTable(Section):
     unit: str = Field(default="", max_length=30)
 
 
-class EffectTable(Section):
-    """[[effects]]: what joins a model. on: a state's sum (adds), an input or an output (becomes)."""
+class EffectNumber(Section):
+    """A number of an effect; sizes may be formulas of the sizes of signals (effects.toml)."""
+
+    start: float | str | None = None
+    low: float | str | None = None
+    high: float | str | None = None
+    scale: float | str | None = None
+    sign: int = Field(default=0, ge=-1, le=1)
+    unit: str = ""
+    tries: list[float | str] = Field(default_factory=list, max_length=8)
+
+
+class EffectRow(Section):
+    """A row of effects.toml, or [[effects]] of a model file, where `on` says where."""
 
     name: str = Field(min_length=1, max_length=80)
-    on: str
+    what: Literal["sum", "input", "output"] = "sum"
+    of: list[Quantity] = Field(default_factory=list)
+    state: Quantity | None = None
+    on: str | None = None
     adds: str | None = None
+    elsewhere: str | None = None
+    forwards: str | None = None
+    backwards: str | None = None
     becomes: str | None = None
-    parameters: dict[str, ParameterTable] = Field(default_factory=dict, max_length=MOST)
-    memory: dict[str, MemoryTable] = Field(default_factory=dict, max_length=MOST)
+    storage: str | None = None
+    switch: bool = False
+    memory: MemoryTable | None = None
+    parameters: dict[str, EffectNumber] = Field(default_factory=dict, max_length=MOST)
+    source: str = ""
 
 
 class SimulationTable(Section):
@@ -178,7 +199,7 @@ class ModelTables(Section):
     states: dict[str, StateTable] = Field(default_factory=dict, max_length=MOST)
     memory: dict[str, MemoryTable] = Field(default_factory=dict, max_length=MOST)
     outputs: dict[str, OutputTable] = Field(default_factory=dict, max_length=MOST)
-    effects: list[EffectTable] = Field(default_factory=list, max_length=4 * MOST)
+    effects: list[EffectRow] = Field(default_factory=list, max_length=4 * MOST)
     simulation: SimulationTable = SimulationTable()
 
 

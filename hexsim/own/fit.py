@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from hexsim.errors import HexsimError
-from hexsim.own.model import Model, Number
+from hexsim.own.model import Number
 from hexsim.own.simulate import FreeRun, Record, Simulator
 
 Array = np.ndarray
@@ -49,11 +49,15 @@ class Problem:
     def __init__(self, simulator: Simulator, records: Sequence[Record], noises: Array | None = None) -> None:
         self.simulator, self.records = simulator, list(records)
         self.numbers: list[Number] = []
-        self.columns = np.zeros((len(records), len(simulator.model.numbers)), dtype=int)  # theta's place of each number of each run
+        self.columns = np.zeros(
+            (len(records), len(simulator.model.numbers)), dtype=int
+        )  # theta's place of each number of each run
         for k, number in enumerate(simulator.model.numbers):
             for r, record in enumerate(records):
                 if r == 0 or number.of_run:
-                    self.numbers.append(replace(number, name=f"{number.name} of {record.name}") if number.of_run else number)
+                    self.numbers.append(
+                        replace(number, name=f"{number.name} of {record.name}") if number.of_run else number
+                    )
                 self.columns[r, k] = len(self.numbers) - 1
         model = simulator.model
         self.noises = np.array(model.noises, dtype=float) if noises is None else noises
@@ -98,7 +102,9 @@ class Problem:
             rest = (free.outputs - record.measured) * record.weight
             count = record.weight.sum(axis=0)
             found[record.name] = {
-                name: float(np.sqrt(np.sum(rest[:, k] ** 2) / count[k])) for k, name in enumerate(self.simulator.model.outputs) if count[k]
+                name: float(np.sqrt(np.sum(rest[:, k] ** 2) / count[k]))
+                for k, name in enumerate(self.simulator.model.outputs)
+                if count[k]
             }
         return found
 

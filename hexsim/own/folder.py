@@ -46,7 +46,9 @@ def declared(folder: Path) -> Declaration:
     except ValidationError as error:
         raise HexsimError(f"{where}: {validation_sentence(error, Declaration)}") from None
     if not found.simulated and not found.balances:
-        raise HexsimError(f"{where}: it has no [states], no [outputs] and no [[balances]]: nothing to simulate or to trace")
+        raise HexsimError(
+            f"{where}: it has no [states], no [outputs] and no [[balances]]: nothing to simulate or to trace"
+        )
     return found
 
 

@@ -15,7 +15,8 @@ import sympy
 
 from hexsim.errors import HexsimError
 
-LONGEST = 1000  # characters of a formula
+LONGEST = 4000  # characters of a formula
+MOST_LEVELS = 200  # of brackets and operators in each other; a sum of n terms has n
 MOST_NODES = 4000  # of a formula with the formulas it names put in
 DEEPEST = 10  # formulas that name formulas
 RATES = ("rate", "rate2")  # derivatives under a window: balances only
@@ -118,13 +119,24 @@ def tree_of(text: str, where: str, functions: Iterable[str] = FUNCTIONS) -> ast.
     try:
         tree = ast.parse(text.strip(), mode="eval").body
         nodes = list(ast.walk(tree))
+        levels = depth_of(tree)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise HexsimError(
             f"{where}: {text[:60]!r} is no formula; write for example 'abs(velocity_m_s) * velocity_m_s'"
         ) from None
+    if levels > MOST_LEVELS:
+        raise HexsimError(f"{where}: a formula of {levels} levels; at most {MOST_LEVELS}: give parts of it a name")
     for node in nodes:
         check(node, where, tuple(functions))
     return tree
+
+
+def depth_of(tree: ast.AST) -> int:
+    """Levels of a tree, without recursion."""
+    levels, layer = 0, [tree]
+    while layer:
+        levels, layer = levels + 1, [child for node in layer for child in ast.iter_child_nodes(node)]
+    return levels
 
 
 def check(node: ast.AST, where: str, functions: tuple[str, ...]) -> None:

@@ -21,7 +21,18 @@ import sympy
 from hexsim.errors import HexsimError
 from hexsim.own.declaration import MemoryTable, ModelTables, ParameterTable, StateTable
 from hexsim.own.elements import ELEMENTS, SLIDING
-from hexsim.own.formulas import DEEPEST, FUNCTIONS, MOST_NODES, TINY, expression, names_of, positive, size, step, tree_of
+from hexsim.own.formulas import (
+    DEEPEST,
+    FUNCTIONS,
+    MOST_NODES,
+    TINY,
+    expression,
+    names_of,
+    positive,
+    size,
+    step,
+    tree_of,
+)
 
 CLOCK = ("time_s", "step_s")
 FIRST = ("first", "first_rate")
@@ -169,7 +180,9 @@ def check_names(tables: ModelTables, where: str) -> None:
     for kind in ("constants", "parameters", "states", "memory"):
         for name in getattr(tables, kind):
             if not NAME.fullmatch(name) or name in FUNCTIONS or name in (*FIRST, *CLOCK):
-                raise HexsimError(f"{where} [{kind}]: {name[:40]!r} cannot be a name: letters, digits and _, no function")
+                raise HexsimError(
+                    f"{where} [{kind}]: {name[:40]!r} cannot be a name: letters, digits and _, no function"
+                )
             if name in seen:
                 raise HexsimError(f"{where}: {name} stands under [{seen[name]}] and under [{kind}]: name it once")
             seen[name] = kind

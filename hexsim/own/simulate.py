@@ -59,7 +59,11 @@ def record_of(model: Model, log: Log, where: str) -> Record:
         )
     settings = model.tables.simulation
     count = min(settings.first_samples, log.n)
-    inputs = np.ascontiguousarray(np.stack([log.columns[name] for name in model.inputs], axis=1)) if model.inputs else np.zeros((log.n, 0))
+    inputs = (
+        np.ascontiguousarray(np.stack([log.columns[name] for name in model.inputs], axis=1))
+        if model.inputs
+        else np.zeros((log.n, 0))
+    )
     measured = np.full((log.n, len(model.outputs)), np.nan)
     for k, name in enumerate(model.outputs):
         if name in log.columns:
@@ -145,5 +149,9 @@ class Simulator:
             late = float(delay.xreplace(values))
             at = np.clip(record.time - late, record.time[0], record.time[-1])
             held = self.model.held[k]
-            moved[:, k] = np.interp(at, record.time, record.inputs[:, k]) if held else CubicSpline(record.time, record.inputs[:, k])(at)
+            moved[:, k] = (
+                np.interp(at, record.time, record.inputs[:, k])
+                if held
+                else CubicSpline(record.time, record.inputs[:, k])(at)
+            )
         return moved
