@@ -16,6 +16,7 @@ import sympy
 from numba import types
 from sympy.printing.pycode import PythonCodePrinter
 
+from hexsim.own.formulas import Expr
 from hexsim.own.model import BEFORE, Model
 
 Array = np.ndarray
@@ -110,7 +111,7 @@ def source(model: Model) -> str:
     return "\n".join([*lines, "    return 1"])
 
 
-def block(values: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], p: Sequence[sympy.Symbol]) -> list[str]:
+def block(values: Sequence[Expr], by: Sequence[sympy.Symbol], p: Sequence[sympy.Symbol]) -> list[str]:
     """Assignments of values and of those derivatives that are not 0."""
     n, entries = len(values), list(values)
     entries += [value.diff(one) for value in values for one in by] + [value.diff(one) for value in values for one in p]

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import TypeVar
 
 import sympy
 
@@ -20,7 +21,8 @@ from hexsim.errors import HexsimError
 from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTables, ParameterTable, StateTable
 from hexsim.own.formulas import expression, names_of, tree_of
 
-CURVE = 7  # numbers of a curve over a place
+Tables = TypeVar("Tables", bound=ModelTables)
+CURVE = 5  # numbers of a curve over a place
 FORMULAS = ("adds", "elsewhere", "forwards", "backwards", "becomes", "storage")
 
 
@@ -131,7 +133,12 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
     state = tables.states.get(on) if row.what == "sum" else None
     taken = {*tables.parameters, *tables.states, *tables.memory, *tables.constants}
     count = sum(name.startswith(f"{next(iter(row.parameters), 'x')}_{on}") for name in taken)
-    tag = ("_of" if row.name.endswith("friction") and needs(row, "{curve}") else "") + f"_{on}" + (f"_to_{other}" if other else "") + (f"_{count + 1}" if count else "")
+    tag = (
+        ("_of" if row.name.endswith("friction") and needs(row, "{curve}") else "")
+        + f"_{on}"
+        + (f"_to_{other}" if other else "")
+        + (f"_{count + 1}" if count else "")
+    )
     braces = {"{x}": on, "{other}": other or "", "{place}": place_of(on, tables) or ""}
     if state is not None:
         braces |= {"{sum}": f"({state.sum})", "{storage}": f"({state.storage})"}
@@ -155,8 +162,8 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
 
     def fill(text: str) -> str:
         for key, value in rename.items():
-            text = re.sub(rf"\b{key}\b", value, text)
-        text = re.sub(r"\bM\b", repr(sizes.M), text)
+            text = re.sub(rf"(?<!{{)\b{key}\b", value, text)
+        text = re.sub(r"\bM\b", f"({float(sizes.M):.9g})", text)
         for key, value in braces.items():
             text = text.replace(key, value)
         return text
@@ -165,7 +172,7 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
     made = None
     if memory is not None and row.memory is not None:
         extra = {key: fill(str(value)) for key, value in (row.memory.__pydantic_extra__ or {}).items()}
-        made = (memory, MemoryTable(kind=row.memory.kind, of=fill(row.memory.of), **extra))
+        made = (memory, MemoryTable.model_validate({"kind": row.memory.kind, "of": fill(row.memory.of), **extra}))
     base = Candidate(
         name=row.name, on=on, what=row.what, other=other, formulas=formulas, numbers=numbers, amplitude=tuple(amplitude),
         memory=made, switch=switch, curve=(f"curve{tag}", curve) if curve else None,
@@ -212,7 +219,7 @@ def value_of(text: float | str, sizes: Sizes, where: str) -> float:
     return float(expression(tree_of(text, where), names, where).evalf())
 
 
-def joined(tables: ModelTables, candidate: Candidate, *, neutral: bool = False) -> ModelTables:
+def joined(tables: Tables, candidate: Candidate, *, neutral: bool = False) -> Tables:
     """The declaration with the effect in it. neutral: amplitudes at 0 (a switch is a number then), else off 0 as a search begins."""
     numbers = dict(candidate.numbers)
     constants = dict(tables.constants)
@@ -234,14 +241,15 @@ def joined(tables: ModelTables, candidate: Candidate, *, neutral: bool = False) 
     return at_input(made, candidate)
 
 
-def in_sum(tables: ModelTables, candidate: Candidate) -> ModelTables:
+def in_sum(tables: Tables, candidate: Candidate) -> Tables:
     """What joins a sum has a name of its own among the constants."""
     state, constants = tables.states[candidate.on], dict(tables.constants)
     tag = re.sub(r"[^a-z0-9]+", "_", candidate.name.lower()).strip("_") + "_in_" + candidate.on
     named = {}
     for key, text in candidate.formulas.items():
         if key != "storage":
-            named[key] = next(name for k in range(len(constants) + 1) if (name := f"{key}_{tag}" + (f"_{k}" if k else "")) not in constants)
+            names = (f"{key}_{tag}" + (f"_{k}" if k else "") for k in range(len(constants) + 1))
+            named[key] = next(name for name in names if name not in constants)
             constants[named[key]] = text
     update: dict = {}
     if "adds" in named:
@@ -258,7 +266,7 @@ def in_sum(tables: ModelTables, candidate: Candidate) -> ModelTables:
     return tables.model_copy(update={"states": states, "constants": constants})
 
 
-def at_input(tables: ModelTables, candidate: Candidate) -> ModelTables:
+def at_input(tables: Tables, candidate: Candidate) -> Tables:
     """The input's name stands for what it becomes, in every formula but those of the effect itself."""
     count = sum(name.startswith(f"{candidate.on}__") for name in tables.constants)
     acts = f"{candidate.on}__{count + 1}"

@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import sympy
 
@@ -19,6 +20,7 @@ LONGEST = 4000  # characters of a formula
 MOST_LEVELS = 200  # of brackets and operators in each other; a sum of n terms has n
 MOST_NODES = 4000  # of a formula with the formulas it names put in
 DEEPEST = 10  # formulas that name formulas
+Expr = Any  # of sympy, whose stubs know less than sympy does
 RATES = ("rate", "rate2")  # derivatives under a window: balances only
 OPERATORS = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow)
 TINY = 1e-30  # argument below which a root's slope is that of TINY
@@ -85,7 +87,8 @@ class power(sympy.Function):
 
     def fdiff(self, argindex=1):
         x, y = self.args
-        return y * power(x, y - 1) if argindex == 1 else self * logarithm(x)
+        slope: Any = power(x, y - 1)  # pyright: ignore[reportOperatorIssue]
+        return y * slope if argindex == 1 else self * logarithm(x)
 
 
 class logarithm(sympy.Function):
@@ -94,18 +97,19 @@ class logarithm(sympy.Function):
     nargs = 1
 
     def fdiff(self, argindex=1):
-        return step(self.args[0]) / (positive(self.args[0]) + TINY)
+        above: Any = positive(self.args[0])
+        return step(self.args[0]) / (above + TINY)
 
 
-def larger(a: sympy.Expr, b: sympy.Expr) -> sympy.Expr:
+def larger(a: Expr, b: Expr) -> Expr:
     return a + positive(b - a)
 
 
-def smaller(a: sympy.Expr, b: sympy.Expr) -> sympy.Expr:
+def smaller(a: Expr, b: Expr) -> Expr:
     return a - positive(a - b)
 
 
-FUNCTIONS: dict[str, tuple[int, Callable[..., sympy.Expr]]] = {
+FUNCTIONS: dict[str, tuple[int, Callable[..., Expr]]] = {
     "abs": (1, size), "sign": (1, side), "step": (1, step), "sqrt": (1, lambda x: root(positive(x))), "root": (1, root),
     "exp": (1, sympy.exp), "log": (1, logarithm), "tanh": (1, sympy.tanh), "sin": (1, sympy.sin), "cos": (1, sympy.cos),
     "min": (2, smaller), "max": (2, larger),
@@ -174,7 +178,7 @@ def names_of(tree: ast.expr) -> set[str]:
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and id(node) not in called}
 
 
-def expression(tree: ast.expr, names: Mapping[str, sympy.Expr], where: str) -> sympy.Expr:
+def expression(tree: ast.expr, names: Mapping[str, Expr], where: str) -> Expr:
     """The tree as a symbolic expression. Raises HexsimError for a name that is not there."""
     if isinstance(tree, ast.Constant):
         return sympy.Float(float(tree.value))  # pyright: ignore[reportArgumentType]
@@ -191,7 +195,7 @@ def expression(tree: ast.expr, names: Mapping[str, sympy.Expr], where: str) -> s
     return FUNCTIONS[tree.func.id][1](*(expression(one, names, where) for one in tree.args))
 
 
-def combined(op: ast.operator, a: sympy.Expr, b: sympy.Expr, where: str) -> sympy.Expr:
+def combined(op: ast.operator, a: Expr, b: Expr, where: str) -> Expr:
     """a op b. A power with a whole exponent is a product, any other one is that of a positive number."""
     if isinstance(op, ast.Add):
         return a + b

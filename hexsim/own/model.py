@@ -15,6 +15,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import sympy
 
@@ -26,6 +27,7 @@ from hexsim.own.formulas import (
     FUNCTIONS,
     MOST_NODES,
     TINY,
+    Expr,
     expression,
     names_of,
     positive,
@@ -59,7 +61,8 @@ class Number:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Model:
-    """See the module. firsts: (function, column) of s. delays: input -> expression of p [s]. noises: of outputs, nan: from what is left."""
+    """See the module. firsts: (function, column) of s. delays: input -> expression of p [s]. noises: of outputs, nan: from the
+    residual."""
 
     states: tuple[str, ...]
     numbers: tuple[Number, ...]
@@ -67,11 +70,11 @@ class Model:
     outputs: tuple[str, ...]
     firsts: tuple[tuple[str, str], ...]
     symbols: dict[str, sympy.Symbol]
-    rates: tuple[sympy.Expr, ...]
-    after: tuple[sympy.Expr, ...]
-    observed: tuple[sympy.Expr, ...]
-    starts: tuple[sympy.Expr, ...]
-    delays: dict[str, sympy.Expr]
+    rates: tuple[Expr, ...]
+    after: tuple[Expr, ...]
+    observed: tuple[Expr, ...]
+    starts: tuple[Expr, ...]
+    delays: dict[str, Expr]
     noises: tuple[float, ...]
     held: tuple[bool, ...]
     tables: ModelTables
@@ -106,7 +109,7 @@ class Resolver:
         self.where, self.tables, self.states = where, tables, states
         self.trees: dict[str, ast.expr] = {}
         self.symbols: dict[str, sympy.Symbol] = {}
-        self.done: dict[str, sympy.Expr] = {}
+        self.done: dict[str, Expr] = {}
         self.inputs: list[str] = []
         self.nodes = 0
         for name in (*states, *tables.parameters, *CLOCK):
@@ -115,7 +118,7 @@ class Resolver:
             key: value if isinstance(value, str) else repr(value) for key, value in tables.constants.items()
         }
 
-    def of(self, text: str, place: str, depth: int = 0) -> sympy.Expr:
+    def of(self, text: str, place: str, depth: int = 0) -> Expr:
         """The expression of a formula; a name that is nothing else is a column of the logs."""
         where = f"{self.where} {place}"
         tree = tree_of(text, where)
@@ -124,7 +127,7 @@ class Resolver:
             raise HexsimError(f"{where}: formulas that are too large together, or name each other in a circle")
         return expression(tree, {name: self.named(name, depth) for name in names_of(tree)}, where)
 
-    def named(self, name: str, depth: int) -> sympy.Expr:
+    def named(self, name: str, depth: int) -> Expr:
         if name in self.symbols:
             return self.symbols[name]
         if name not in self.done and name in self.given:
@@ -188,7 +191,7 @@ def check_names(tables: ModelTables, where: str) -> None:
             seen[name] = kind
 
 
-def rate_of(resolver: Resolver, state: StateTable, place: str) -> sympy.Expr:
+def rate_of(resolver: Resolver, state: StateTable, place: str) -> Expr:
     if state.rate is not None and state.sum is not None:
         raise HexsimError(f"{resolver.where} {place}: give rate, or sum with storage, not both")
     if state.sum is not None:
@@ -196,9 +199,9 @@ def rate_of(resolver: Resolver, state: StateTable, place: str) -> sympy.Expr:
     return resolver.of(state.rate, place) if state.rate is not None else sympy.Integer(0)
 
 
-def after_of(resolver: Resolver, name: str, state: StateTable, own: str | None, place: str) -> sympy.Expr:
+def after_of(resolver: Resolver, name: str, state: StateTable, own: str | None, place: str) -> Expr:
     """What a time step ends with: an element's own step, friction that holds at rest, limits."""
-    x: sympy.Expr = resolver.symbols[name]
+    x: Expr = resolver.symbols[name]
     if own is not None:
         x = resolver.of(own, place)
     if state.dry:
@@ -214,21 +217,24 @@ def after_of(resolver: Resolver, name: str, state: StateTable, own: str | None, 
     return x
 
 
-def slowed(x: sympy.Expr, before: sympy.Expr, forwards: sympy.Expr, backwards: sympy.Expr) -> sympy.Expr:
+def slowed(x: Expr, before: Expr, forwards: Expr, backwards: Expr) -> Expr:
     """Set-valued Coulomb friction over a time step: x without it, before: at the beginning; forwards, backwards: h F / m, not below 0.
 
     Moreau's implicit step (1988), max(x - h F+/m, 0) + min(x + h F-/m, 0), with the instant of a change of sign inside the step: what is
     left of the step then goes on from rest. So the derivatives by numbers carry over a reversal as those of the continuous motion do.
     """
+    above: Any = positive  # the functions as sympy types them know no arithmetic
+    beyond: Any = step
+    speed: Any = size(before)
     gained = x - before
-    from_rest = positive(gained - forwards) - positive(-gained - backwards)
+    from_rest = above(gained - forwards) - above(-gained - backwards)
     rising, falling = x - forwards, x + backwards
-    over = positive(-rising) / (positive(-rising) + size(before) + TINY)
-    under = positive(falling) / (positive(falling) + size(before) + TINY)
-    forward = positive(rising) + step(-rising) * over * from_rest
-    backward = -positive(-falling) + step(falling) * under * from_rest
-    moving = step(before) * forward + step(-before) * backward
-    return moving + (1 - step(before) - step(-before)) * from_rest
+    over = above(-rising) / (above(-rising) + speed + TINY)
+    under = above(falling) / (above(falling) + speed + TINY)
+    forward = above(rising) + beyond(-rising) * over * from_rest
+    backward = -above(-falling) + beyond(falling) * under * from_rest
+    moving = beyond(before) * forward + beyond(-before) * backward
+    return moving + (1 - beyond(before) - beyond(-before)) * from_rest
 
 
 def memory_states(tables: ModelTables, where: str) -> tuple[dict[str, tuple[StateTable, str | None]], dict[str, str]]:
@@ -270,10 +276,10 @@ def filled(text: str, keys: Mapping[str, str]) -> str:
 
 def starts_of(
     resolver: Resolver, states: Mapping[str, StateTable], where: str
-) -> tuple[list[sympy.Expr], list[tuple[str, str]], list[Number]]:
+) -> tuple[list[Expr], list[tuple[str, str]], list[Number]]:
     """Where states begin: expressions of p and of first values s (symbols in order of `firsts`), and numbers for free ones."""
     starts, firsts, free = [], [], []
-    first_of: dict[sympy.Symbol, sympy.Expr] = {}
+    first_of: dict[sympy.Symbol, Expr] = {}
 
     def value(name: str, function: str = "first") -> sympy.Symbol:
         if (function, name) not in firsts:
@@ -287,7 +293,7 @@ def starts_of(
                            scale=abs(state.guess) or 1.0, unit=state.unit, of_run=True)  # fmt: skip
             resolver.symbols[start.name] = sympy.Symbol(start.name, real=True)
             free.append(start)
-            made: sympy.Expr = resolver.symbols[start.name]
+            made: Expr = resolver.symbols[start.name]
         else:
             made = start_of(resolver, str(state.start), place, value)
         made = made.xreplace(first_of)
@@ -298,10 +304,10 @@ def starts_of(
     return [one.xreplace(first_of) for one in starts], firsts, free
 
 
-def start_of(resolver: Resolver, text: str, place: str, value) -> sympy.Expr:
+def start_of(resolver: Resolver, text: str, place: str, value) -> Expr:
     """A formula that may have first(COLUMN) and first_rate(COLUMN)."""
     tree = tree_of(text, place, (*FUNCTIONS, *FIRST))
-    names: dict[str, sympy.Expr] = {}
+    names: dict[str, Expr] = {}
 
     class Firsts(ast.NodeTransformer):
         def visit_Call(self, node: ast.Call) -> ast.expr:

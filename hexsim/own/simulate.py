@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import sympy
 from scipy.interpolate import CubicSpline
 
 from hexsim.errors import HexsimError
@@ -20,8 +21,8 @@ DELAY_STEP = 0.25  # samples, of the difference quotient by a number that a dela
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
-    """A run as the model sees it. inputs: (n, nu). measured: (n, ny), nan where an output was not logged. weight: (n, ny) of samples in the
-    score, 0 or 1. firsts: (ns,)."""
+    """A run as the model sees it. inputs: (n, nu). measured: (n, ny). weight: (n, ny) of samples in the score, 0 or 1 (0: not
+    logged). firsts: (ns,)."""
 
     name: str
     time: Array
@@ -143,10 +144,13 @@ class Simulator:
         if not self.model.delays:
             return record.inputs
         moved = record.inputs.copy()
-        values = {self.model.symbols[number.name]: value for number, value in zip(self.model.numbers, p, strict=True)}
+        values = {
+            self.model.symbols[number.name]: sympy.Float(value)
+            for number, value in zip(self.model.numbers, p, strict=True)
+        }
         for name, delay in self.model.delays.items():
             k = self.model.inputs.index(name)
-            late = float(delay.xreplace(values))
+            late = float(sympy.sympify(delay).xreplace(values).evalf())  # pyright: ignore[reportArgumentType]
             at = np.clip(record.time - late, record.time[0], record.time[-1])
             held = self.model.held[k]
             moved[:, k] = (

@@ -15,6 +15,7 @@ good as independent, from the correlation of the residual.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -22,18 +23,20 @@ import numpy as np
 import sympy
 
 from hexsim.errors import HexsimError
+from hexsim.own.compiled import RATES
 from hexsim.own.declaration import Declaration
 from hexsim.own.effects import Candidate, Sizes, joined, offered, place_of
 from hexsim.own.fit import Fitted, Problem, fit
 from hexsim.own.folder import OwnFolder
-from hexsim.own.model import model_of
+from hexsim.own.model import Resolver, model_of
+from hexsim.own.run import simulated
 from hexsim.own.simulate import Record, Simulator, record_of
-from hexsim.signals.log import Log
 
 Array = np.ndarray
 Progress = Callable[[str, float], None]
 MOST_EFFECTS = 4  # named, one after the other
 TRIED = 4  # candidates that are fitted in full
+MEMORIES = 1  # the best one with a memory is always tried: what a linear look foretells of it is least sure
 BLOCKS = 16  # of a part, whose losses are compared
 CHANCE = 0.02  # that a name comes by chance: the gain in log likelihood must be above ln(candidates / CHANCE)
 LEAST_T = 1.0  # errors of the mean gain over blocks: one occasion alone names nothing
@@ -114,8 +117,9 @@ def trace_free_run(folder: OwnFolder, tell: Progress = lambda step, share: None)
     again: list[str] = []
     for k in range(MOST_EFFECTS):
         tell(f"looking for what is missing, {k + 1}", 0.1 + 0.8 * k / MOST_EFFECTS)
-        judged = search.round(declaration, current, now, again,
-            lambda what, k=k: tell(what, 0.1 + 0.8 * (k + 0.5) / MOST_EFFECTS))
+        judged = search.round(
+            declaration, current, now, again, lambda what, k=k: tell(what, 0.1 + 0.8 * (k + 0.5) / MOST_EFFECTS)
+        )
         best = next((one for one in judged if one.named), None)
         if best is None:
             refused = judged
@@ -133,7 +137,9 @@ def trace_free_run(folder: OwnFolder, tell: Progress = lambda step, share: None)
 
 def said(steps: Sequence[Judgment], refused: Sequence[Judgment], now: HeldOut) -> str:
     """The verdict in a sentence."""
-    names = " + ".join(step.candidate.title + (f" (tied with {', '.join(step.tied)})" if step.tied else "") for step in steps)
+    names = " + ".join(
+        step.candidate.title + (f" (tied with {', '.join(step.tied)})" if step.tied else "") for step in steps
+    )
     rest = [one for one in refused if one.verdict == "likely"]
     open_ = f"; likely, not proven: {', '.join(one.candidate.title for one in rest[:2])}" if rest else ""
     if names:
@@ -150,7 +156,9 @@ class Search:
         self.folder, self.columns, self.simulators = folder, columns, {}
         self.noises: Array | None = None
 
-    def fitted(self, declaration: Declaration, begin: dict[str, float] | None, most: int = 100) -> tuple[Fitted, HeldOut]:
+    def fitted(
+        self, declaration: Declaration, begin: dict[str, float] | None, most: int = 100
+    ) -> tuple[Fitted, HeldOut]:
         """All motion, and each part without it."""
         model = model_of(declaration, self.folder.where, self.columns)
         simulator = Simulator(model)
@@ -161,10 +169,12 @@ class Search:
 
     def errors(self, fitted: Fitted) -> dict[str, dict[str, float]]:
         """Rms on runs that are held out for good."""
-        return {log.name: error_of(fitted, log, self.folder.where) for log in self.folder.validate}
+        return {log.name: simulated(fitted, log, self.folder.where)[1] for log in self.folder.validate}
 
-    def round(self, declaration: Declaration, now: Fitted, held: HeldOut, again: Sequence[str], tell: Callable[[str], None]) -> list[Judgment]:
-        """Candidates that were fitted in full, the best first. again: those that were nearly named before are tried whatever they promise."""
+    def round(
+        self, declaration: Declaration, now: Fitted, held: HeldOut, again: Sequence[str], tell: Callable[[str], None]
+    ) -> list[Judgment]:
+        """Candidates that were fitted in full, the best first. again: titles that are tried whatever they promise."""
         records = [record_of(now.simulator.model, log, self.folder.where) for log in self.folder.fit]
         sizes = sizes_of(declaration, now, records)
         found = offered(declaration, now.simulator.model.inputs, sizes)
@@ -173,7 +183,8 @@ class Search:
         tell(f"{len(found)} candidates")
         ranked = self.screened(declaration, now, found)
         judged = []
-        tried = [*ranked[:TRIED], *(one for one in ranked[TRIED:] if one.title in again)]
+        memories = [one for one in ranked if one.memory and not one.switch][:MEMORIES]
+        tried = ranked[:TRIED] + [one for one in ranked[TRIED:] if one.title in again or one in memories]
         for candidate in tried:
             tell(f"trying {candidate.title}")
             made = joined(declaration, candidate)
@@ -183,6 +194,8 @@ class Search:
                 continue
             judged.append(judge(candidate, whole, made, held, after, len(ranked)))
         judged.sort(key=lambda one: (not one.named, one.after.rms))
+        most = max((one.nats for one in judged if one.named), default=0.0)
+        judged.sort(key=lambda one: (not one.named, len(one.candidate.numbers) if most - one.nats < TIE else math.inf))
         return [with_ties(one, judged) for one in judged]
 
     def screened(self, declaration: Declaration, now: Fitted, found: Sequence[Candidate]) -> list[Candidate]:
@@ -220,7 +233,10 @@ def distinct(candidate: Candidate, k: int) -> Candidate:
     if candidate.memory:
         table = candidate.memory[1]
         extra = {key: swap(str(value)) for key, value in (table.__pydantic_extra__ or {}).items()}
-        memory = (new[candidate.memory[0]], type(table)(kind=table.kind, of=swap(table.of), **extra))
+        memory = (
+            new[candidate.memory[0]],
+            type(table).model_validate({"kind": table.kind, "of": swap(table.of), **extra}),
+        )
     return replace(
         candidate, formulas={key: swap(text) for key, text in candidate.formulas.items()},
         numbers={new[name]: table for name, table in candidate.numbers.items()},
@@ -231,8 +247,6 @@ def distinct(candidate: Candidate, k: int) -> Candidate:
 
 
 def swapped(text: str, new: dict[str, str]) -> str:
-    import re
-
     return re.sub(r"[A-Za-z_][A-Za-z0-9_]*", lambda found: new.get(found.group(), found.group()), text)
 
 
@@ -245,7 +259,9 @@ def taken(rest: Array, base: Array, own: Array, candidate: Candidate) -> float:
     size[size == 0] = 1.0
     found = np.linalg.lstsq(both / size, -rest, rcond=1e-9)[0]
     alone = np.linalg.lstsq(base / size[: base.shape[1]], -rest, rcond=1e-9)[0]
-    signs = [candidate.numbers[name].sign if name in candidate.numbers else 1 for name in (candidate.amplitude or ("",))]
+    signs = [
+        candidate.numbers[name].sign if name in candidate.numbers else 1 for name in (candidate.amplitude or ("",))
+    ]
     if len(signs) == 1 and signs[0] and found[-1] * signs[0] <= 0:
         return 0.0
     left = np.sum((rest + (both / size) @ found) ** 2)
@@ -306,13 +322,19 @@ def held_out(simulator: Simulator, records: Sequence[Record], whole: Fitted) -> 
     return HeldOut(rests=rests, fits=fits)
 
 
-def judge(candidate: Candidate, whole: Fitted, made: Declaration, before: HeldOut, after: HeldOut, count: int) -> Judgment:
+def judge(
+    candidate: Candidate, whole: Fitted, made: Declaration, before: HeldOut, after: HeldOut, count: int
+) -> Judgment:
     """Named, likely or refused, and why."""
     difference = before.losses() - after.losses()
     t = mean_over_error(difference)
     nats = 0.5 * independent(after) * math.log(max(before.rms, 1e-300) ** 2 / max(after.rms, 1e-300) ** 2)
     fall = 1.0 - after.rms / before.rms if before.rms > 0 else 0.0
-    worse = [k for k, (a, b) in enumerate(zip(after.fold_rms(), before.fold_rms(), strict=True)) if a > b * (1.0 + LEAST_FALL)]
+    worse = [
+        k
+        for k, (a, b) in enumerate(zip(after.fold_rms(), before.fold_rms(), strict=True))
+        if a > b * (1.0 + LEAST_FALL)
+    ]
     changed = changing(candidate, after, whole)
     needed = math.log(max(count, 1) / CHANCE)
     verdict, why = "named", f"held-out error falls by {100 * fall:.0f} %"
@@ -320,7 +342,11 @@ def judge(candidate: Candidate, whole: Fitted, made: Declaration, before: HeldOu
         verdict, why = "refused", f"held-out error {'grows' if fall < 0 else 'falls'} by {100 * abs(fall):.1f} % only"
     elif nats < needed or t < LEAST_T:
         verdict = "likely"
-        why = f"gain of {nats:.1f} nats, {needed:.1f} are needed" if nats < needed else f"the gain over blocks is {t:.1f} of its errors"
+        why = (
+            f"gain of {nats:.1f} nats, {needed:.1f} are needed"
+            if nats < needed
+            else f"the gain over blocks is {t:.1f} of its errors"
+        )
     elif worse:
         verdict, why = "likely", "one part of the motion gets worse with it"
     elif changed:
@@ -377,22 +403,6 @@ def with_ties(one: Judgment, judged: Sequence[Judgment]) -> Judgment:
     return replace(one, tied=tied)
 
 
-def error_of(fitted: Fitted, log: Log, where: str) -> dict[str, float]:
-    """Rms of a free run over a log that no fit has seen; numbers of a run that is not known: those of its first samples."""
-    model = fitted.simulator.model
-    record = record_of(model, log, where)
-    problem = Problem(fitted.simulator, [record], noises=fitted.noises)
-    known = dict(zip(fitted.names, fitted.values, strict=True))
-    return problem.rms(np.array([known.get(n.name, mean_of(n.name, known, n.start)) for n in problem.numbers]))[record.name]
-
-
-def mean_of(name: str, known: dict[str, float], start: float) -> float:
-    """Of a run's number: its mean over the runs of the fit."""
-    stem = name.rsplit(" of ", 1)[0] + " of "
-    values = [value for key, value in known.items() if key.startswith(stem)]
-    return float(np.mean(values)) if values and " of " in name else start
-
-
 def sizes_of(declaration: Declaration, now: Fitted, records: Sequence[Record]) -> Callable[[str, str], Sizes]:
     """Typical sizes of signals, from the free runs of the model as it is."""
     problem = Problem(now.simulator, records, noises=now.noises)
@@ -423,8 +433,6 @@ def sizes_of(declaration: Declaration, now: Fitted, records: Sequence[Record]) -
 
 def sum_size(declaration: Declaration, now: Fitted, runs, records: Sequence[Record], name: str) -> float:
     """Rms of storage times rate of a state along the runs, or of the storage times the range over a time where it is near balance."""
-    from hexsim.own.compiled import RATES
-
     model = now.simulator.model
     k, count = model.states.index(name), len(model.numbers)
     nx = len(model.states)
@@ -447,9 +455,9 @@ def storage_of(now: Fitted, name: str) -> float:
     """Value of a state's storage with the numbers there are (states in it: at their means)."""
     model = now.simulator.model
     table = model.tables.states[name]
-    from hexsim.own.model import Resolver
-
     value = Resolver(model.tables, "storage", model.tables.states).of(table.storage, f"[states.{name}]")
     named = dict(zip(now.names, (float(one) for one in now.values), strict=True))
-    value = value.xreplace({symbol: sympy.Float(named[str(symbol)]) for symbol in value.free_symbols if str(symbol) in named})
+    value = value.xreplace(
+        {symbol: sympy.Float(named[str(symbol)]) for symbol in value.free_symbols if str(symbol) in named}
+    )
     return abs(float(value)) if value.is_number else 1.0
