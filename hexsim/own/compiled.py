@@ -184,7 +184,8 @@ def integrated(f, x0, s0, inputs, held, p, t0, dt, steps, stages, n_outputs, wit
                 for k in range(nu):
                     u[k] = inputs[i, k] if held[k] else inputs[i, k] + share * (inputs[i + 1, k] - inputs[i, k])
                 u[nu] = t0 + (i + share) * dt
-                f(0, xs, u, p, out)
+                both[:nx] = xs
+                f(0, both, u, p, out)
                 ahead = 1.0 if stages == 2 else (0.5 if stage < 2 else 1.0)
                 for a in range(nx):
                     ax[a] += w * out[a]

@@ -14,6 +14,7 @@ from hexsim.own.declaration import Declaration
 from hexsim.own.model import Model, model_of
 from hexsim.readers import load_mapping, log_files, read_stretches
 from hexsim.readers.files import log_name, logs_of_folder
+from hexsim.readers.mapping import Channel, Mapping
 from hexsim.signals.log import Log
 
 FILES = ("model.toml", "balances.toml")
@@ -61,7 +62,9 @@ def load_simulated(folder: Path, fit: Sequence[str] = (), validate: Sequence[str
     """The machine of a folder with its runs. Raises HexsimError for what cannot be used."""
     asked, where = declared(folder), str(model_file(folder))
     data = folder / asked.runs.folder
-    logs, held_out = logs_of(data, folder, fit or asked.runs.fit, validate or asked.runs.validate_on)
+    named = model_of(asked, where)
+    wanted = dict.fromkeys((*named.inputs, *named.outputs, *(column for _, column in named.firsts)))
+    logs, held_out = logs_of(data, folder, fit or asked.runs.fit, validate or asked.runs.validate_on, list(wanted))
     columns = set.intersection(*(set(log.columns) for log in (*logs, *held_out)))
     return OwnFolder(
         name=asked.name or folder.resolve().name, where=where, declaration=asked, model=model_of(asked, where, columns),
@@ -69,12 +72,16 @@ def load_simulated(folder: Path, fit: Sequence[str] = (), validate: Sequence[str
     )  # fmt: skip
 
 
-def logs_of(data: Path, folder: Path, fit: Sequence[str], validate: Sequence[str]) -> tuple[list[Log], list[Log]]:
-    """Runs to fit and held out, every stretch between gaps one of them."""
+def logs_of(
+    data: Path, folder: Path, fit: Sequence[str], validate: Sequence[str], wanted: Sequence[str] = ()
+) -> tuple[list[Log], list[Log]]:
+    """Runs to fit and held out, every stretch between gaps one of them. wanted: columns, where no mapping.toml names them."""
     held_out = [log_files(data, name) for name in validate]
     paths = [log_files(data, name) for name in fit]
     mapping = folder / "mapping.toml"
     chosen = load_mapping(mapping if mapping.is_file() else None)
+    if wanted and not mapping.is_file():
+        chosen = Mapping(kind="own", columns={name: Channel() for name in wanted})
     if not paths:
         paths = [path for path in logs_of_folder(data, chosen.file) if path not in held_out]
     both = {path.resolve() for path in paths} & {path.resolve() for path in held_out}

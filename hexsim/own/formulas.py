@@ -31,6 +31,10 @@ class step(sympy.Function):
 
     nargs = 1
 
+    @classmethod
+    def eval(cls, x):
+        return sympy.Integer(1 if x > 0 else 0) if x.is_Number else None
+
     def fdiff(self, argindex=1):
         return sympy.Integer(0)
 

@@ -1,6 +1,6 @@
 """A declared model, resolved: states, numbers and inputs in order, and their equations as symbolic expressions.
 
-    dx/dt = rates(x, u, p)          between samples, by the scheme
+    dx/dt = rates(x, before, u, p)  between samples, by the scheme; of before only whether it rests or slides, and where to
     x     = after(x, before, u, p)  once a time step: friction at rest, backlash, limits; before: x at the beginning of it
     y     = outputs(x, u, p)        at samples
     x(0)  = starts(s, p)            s: first values of columns
@@ -31,7 +31,6 @@ from hexsim.own.formulas import (
     expression,
     names_of,
     positive,
-    size,
     step,
     tree_of,
 )
@@ -151,7 +150,7 @@ def model_of(tables: ModelTables, where: str, columns: set[str] | None = None) -
     rates, after = [], []
     for name, state in states.items():
         place = f"[states.{name}]"
-        rates.append(rate_of(resolver, state, place))
+        rates.append(rate_of(resolver, name, state, place))
         after.append(after_of(resolver, name, state, elements[name][1] if name in elements else None, place))
     observed = [resolver.of(table.formula, f"[outputs.{name}]") for name, table in tables.outputs.items()]
     delays = {
@@ -191,11 +190,20 @@ def check_names(tables: ModelTables, where: str) -> None:
             seen[name] = kind
 
 
-def rate_of(resolver: Resolver, state: StateTable, place: str) -> Expr:
+def rate_of(resolver: Resolver, name: str, state: StateTable, place: str) -> Expr:
     if state.rate is not None and state.sum is not None:
         raise HexsimError(f"{resolver.where} {place}: give rate, or sum with storage, not both")
     if state.sum is not None:
-        return resolver.of(state.sum, place) / resolver.of(state.storage, place)
+        total = resolver.of(state.sum, place)
+        if state.dry:
+            forwards, backwards = (resolver.of(text, place) for text in (state.dry * 2)[:2])
+            before = resolver.symbols.setdefault(name + BEFORE, sympy.Symbol(name + BEFORE, real=True))
+            total = beside_friction(total, before, forwards, backwards)
+        return total / resolver.of(state.storage, place)
+    if state.dry:
+        raise HexsimError(
+            f"{resolver.where} {place}: dry friction needs the state's balance: give sum and storage, not rate"
+        )
     return resolver.of(state.rate, place) if state.rate is not None else sympy.Integer(0)
 
 
@@ -205,10 +213,11 @@ def after_of(resolver: Resolver, name: str, state: StateTable, own: str | None, 
     if own is not None:
         x = resolver.of(own, place)
     if state.dry:
-        per = resolver.symbols["step_s"] / resolver.of(state.storage, place)
-        forwards, backwards = (resolver.of(text, place) * per for text in (state.dry * 2)[:2])
+        forwards, backwards = (resolver.of(text, place) for text in (state.dry * 2)[:2])
         before = resolver.symbols.setdefault(name + BEFORE, sympy.Symbol(name + BEFORE, real=True))
-        x = slowed(x, before, forwards, backwards)
+        total, still = resolver.of(state.sum or "0", place), sympy.Integer(0)
+        pushed = beside_friction(total, still, forwards, backwards).subs({x: still})
+        x = stopped(x, before, pushed * resolver.symbols["step_s"] / resolver.of(state.storage, place))
     if state.high is not None:
         x = x - positive(x - resolver.of(state.high, place))
     if state.low is not None:
@@ -217,24 +226,29 @@ def after_of(resolver: Resolver, name: str, state: StateTable, own: str | None, 
     return x
 
 
-def slowed(x: Expr, before: Expr, forwards: Expr, backwards: Expr) -> Expr:
-    """Set-valued Coulomb friction over a time step: x without it, before: at the beginning; forwards, backwards: h F / m, not below 0.
+def beside_friction(total: Expr, v: Expr, forwards: Expr, backwards: Expr) -> Expr:
+    """A sum with dry friction (Coulomb, set-valued): what slides is slowed, what rests goes on only beyond the friction.
 
-    Moreau's implicit step (1988), max(x - h F+/m, 0) + min(x + h F-/m, 0), with the instant of a change of sign inside the step: what is
-    left of the step then goes on from rest. So the derivatives by numbers carry over a reversal as those of the continuous motion do.
+    v: the state at the beginning of the time step, so that all stages of a step have one direction.
     """
     above: Any = positive  # the functions as sympy types them know no arithmetic
     beyond: Any = step
-    speed: Any = size(before)
-    gained = x - before
-    from_rest = above(gained - forwards) - above(-gained - backwards)
-    rising, falling = x - forwards, x + backwards
-    over = above(-rising) / (above(-rising) + speed + TINY)
-    under = above(falling) / (above(falling) + speed + TINY)
-    forward = above(rising) + beyond(-rising) * over * from_rest
-    backward = -above(-falling) + beyond(falling) * under * from_rest
-    moving = beyond(before) * forward + beyond(-before) * backward
-    return moving + (1 - beyond(before) - beyond(-before)) * from_rest
+    from_rest = above(total - forwards) - above(-total - backwards)
+    moving = beyond(v) * (total - forwards) + beyond(-v) * (total + backwards)
+    return moving + (1 - beyond(v) - beyond(-v)) * from_rest
+
+
+def stopped(v: Expr, before: Expr, from_rest: Expr) -> Expr:
+    """v at the end of a time step in which it has changed its sign: it was at rest then, and goes on from there for the rest of the step.
+
+    So what stops stays exactly at rest (Moreau 1988 for the implicit step), and derivatives carry over a reversal as those of the
+    continuous motion do. before: at the beginning of the step; from_rest: what a whole step from rest gives.
+    """
+    above: Any = positive
+    beyond: Any = step
+    down, up = beyond(before) * beyond(-v), beyond(-before) * beyond(v)
+    left = down * above(-v) / (above(-v) + above(before) + TINY) + up * above(v) / (above(v) + above(-before) + TINY)
+    return (1 - down - up) * v + left * from_rest
 
 
 def memory_states(tables: ModelTables, where: str) -> tuple[dict[str, tuple[StateTable, str | None]], dict[str, str]]:

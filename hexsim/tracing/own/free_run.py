@@ -34,8 +34,8 @@ from hexsim.own.simulate import Record, Simulator, record_of
 
 Array = np.ndarray
 Progress = Callable[[str, float], None]
-MOST_EFFECTS = 4  # named, one after the other
-TRIED = 4  # candidates that are fitted in full
+MOST_EFFECTS = 3  # named, one after the other
+TRIED = 3  # candidates that are fitted in full
 MEMORIES = 1  # the best one with a memory is always tried: what a linear look foretells of it is least sure
 BLOCKS = 16  # of a part, whose losses are compared
 CHANCE = 0.02  # that a name comes by chance: the gain in log likelihood must be above ln(candidates / CHANCE)
@@ -445,7 +445,7 @@ def sum_size(declaration: Declaration, now: Fitted, runs, records: Sequence[Reco
         inputs = now.simulator.inputs(record, p)
         for i in range(0, record.n, max(record.n // 400, 1)):
             u = np.array([*inputs[i], record.time[i], record.dt])
-            now.simulator.equations(RATES, np.ascontiguousarray(free.states[i]), u, p, out)
+            now.simulator.equations(RATES, np.tile(free.states[i], 2), u, p, out)
             # the part of the rate that inputs give: what a missing term is compared with
             found.append(out[k])
     return float(np.sqrt(np.nanmean(np.square(found)))) * storage_of(now, name)
