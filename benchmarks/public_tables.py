@@ -148,9 +148,10 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path("runs/public_tables"))
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "public_tables.md")
     parser.add_argument("--only", choices=list(TABLES), action="append")
+    parser.add_argument("--page", action="store_true", help="write the page from the rows that are kept in --work")
     asked = parser.parse_args()
     asked.work.mkdir(parents=True, exist_ok=True)
-    for name in asked.only or TABLES:
+    for name in () if asked.page else asked.only or TABLES:
         made, lines = row(name, asked.data, asked.work)
         write_json(asked.work / f"{name}.json", {"figures": made, "names": lines})
         print("\n".join([*made, *lines]), flush=True)

@@ -292,7 +292,8 @@ def halves(records: Sequence[Record], of_run: bool) -> list[tuple[list[Record], 
         for r, record in enumerate(records):
             mask = np.zeros_like(record.weight)
             if len(records) == 1 or of_run:
-                middle = record.n // 2
+                seen = np.flatnonzero(record.weight.any(axis=1))
+                middle = int(seen[len(seen) // 2]) if len(seen) else record.n // 2
                 mask[slice(0, middle) if k == 0 else slice(middle, None)] = 1.0
             elif r % 2 == k:
                 mask[:] = 1.0
