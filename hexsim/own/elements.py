@@ -18,7 +18,11 @@ the element gives out. `{of}` is its input, `{name}` its own name, the other bra
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+from hexsim.errors import HexsimError
+from hexsim.own.declaration import MemoryTable, ModelTables, StateTable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,3 +70,40 @@ ELEMENTS: dict[str, Element] = {
     ),
 }  # fmt: skip
 SLIDING = "(({coulomb}) + (({static}) - ({coulomb})) * exp(-(({of}) / ({stribeck}))**2))"
+
+
+def memory_states(tables: ModelTables, where: str) -> tuple[dict[str, tuple[StateTable, str | None]], dict[str, str]]:
+    """States of the elements with what each time step does to them, and the formulas of names that are not states."""
+    states: dict[str, tuple[StateTable, str | None]] = {}
+    given: dict[str, str] = {}
+    for name, table in tables.memory.items():
+        place = f"{where} [memory.{name}]"
+        if table.kind not in ELEMENTS:
+            raise HexsimError(f"{place}: {table.kind[:40]!r} is no kind of memory; there are {', '.join(ELEMENTS)}")
+        element, keys = ELEMENTS[table.kind], keys_of(table, place)
+        stateless = element.rate is None and element.after is None
+        state = name if stateless or element.gives is None else f"{name}__state"
+        fill = lambda text, keys=keys, state=state: None if text is None else filled(text, keys | {"state": state})  # noqa: E731
+        if not stateless:
+            states[state] = StateTable(rate=fill(element.rate), start=fill(element.start) or "0"), fill(element.after)
+        if element.gives is not None:
+            given[name] = fill(element.gives) or ""
+    return states, given
+
+
+def keys_of(table: MemoryTable, place: str) -> dict[str, str]:
+    """Formulas of an element's keys, defaults put in. Raises HexsimError for a key that is missing or unknown."""
+    element, extra = ELEMENTS[table.kind], dict(table.__pydantic_extra__ or {})
+    unknown = [key for key in extra if key not in element.keys]
+    missing = [key for key, default in element.keys.items() if default is None and key not in extra]
+    if unknown or missing:
+        raise HexsimError(f"{place}: {table.kind} has the keys {', '.join(('of', *element.keys))}; "
+                          + (f"{unknown[0]!r} is none" if unknown else f"{missing[0]} is missing"))  # fmt: skip
+    return {"of": table.of} | {key: str(extra.get(key, default)) for key, default in element.keys.items()}
+
+
+def filled(text: str, keys: Mapping[str, str]) -> str:
+    text = text.replace("({sliding})", SLIDING)
+    for key, value in keys.items():
+        text = text.replace("{" + key + "}", value)
+    return text
