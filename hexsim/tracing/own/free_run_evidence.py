@@ -133,7 +133,8 @@ def judge(
     needed = math.log(max(count, 1) / CHANCE)
     verdict, why = "named", f"held-out error falls by {100 * fall:.0f} %"
     if fall < LEAST_FALL:
-        verdict, why = "refused", f"held-out error {'grows' if fall < 0 else 'falls'} by {100 * abs(fall):.1f} % only"
+        verdict = "refused"
+        why = f"held-out error grows by {-100 * fall:.1f} %" if fall < 0 else f"held-out error falls by {100 * fall:.1f} % only"
     elif nats < needed or t < LEAST_T:
         verdict = "likely"
         why = (
