@@ -207,7 +207,11 @@ def table_of(number: EffectNumber, sizes: Sizes, *, neutral: bool, where: str) -
     start = value(number.start)
     if start is None and (neutral or number.scale is not None):
         start = 0.0
-    return ParameterTable(start=start, low=value(number.low), high=value(number.high), scale=value(number.scale) or None,
+    low, high = value(number.low), value(number.high)
+    if start is not None:  # a run of few samples: a start in samples may be beyond a bound in durations
+        low = low if low is None else min(low, start)
+        high = high if high is None else max(high, start)
+    return ParameterTable(start=start, low=low, high=high, scale=value(number.scale) or None,
                           sign=number.sign, unit=number.unit)  # fmt: skip
 
 
