@@ -52,7 +52,7 @@ def emps(data: Path, work: Path) -> dict[str, Path]:
         read: dict[str, Any] = loadmat(data / "emps" / f"{run}.mat")
         n = len(read["t"])
         logs[run] = {"time_s": np.arange(n) * 1e-3, "position_m": read["qm"][:, 0], "command_V": read["vir"][:, 0]}
-    return {"declared": prepared("emps_simulated", work, logs)}
+    return {"declared": prepared("emps_simulated", work, logs), "entry": prepared("emps_asymmetric", work, logs)}
 
 
 def cascaded_tanks(data: Path, work: Path) -> dict[str, Path]:
