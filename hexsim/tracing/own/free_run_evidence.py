@@ -134,7 +134,11 @@ def judge(
     verdict, why = "named", f"held-out error falls by {100 * fall:.0f} %"
     if fall < LEAST_FALL:
         verdict = "refused"
-        why = f"held-out error grows by {-100 * fall:.1f} %" if fall < 0 else f"held-out error falls by {100 * fall:.1f} % only"
+        why = (
+            f"held-out error grows by {-100 * fall:.1f} %"
+            if fall < 0
+            else f"held-out error falls by {100 * fall:.1f} % only"
+        )
     elif nats < needed or t < LEAST_T:
         verdict = "likely"
         why = (
