@@ -11,7 +11,18 @@ import numpy as np
 
 from ..compiled import compiled
 from .fit import (
-    LEAD, N_START, START_SCALE, WINDOW, backward, begin_window, behind_backlash, cholesky, eliminate, forward, read_tick, tick_window,
+    LEAD,
+    N_START,
+    START_SCALE,
+    WINDOW,
+    backward,
+    begin_window,
+    behind_backlash,
+    cholesky,
+    eliminate,
+    forward,
+    read_tick,
+    tick_window,
 )  # fmt: skip
 from .layout import HISTORY, WAITING, WINDOWS
 from .leg import N_NUMBERS, PLAY, S_FOUR_WAY
@@ -53,7 +64,9 @@ def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, extra, volts_before):
 def _median_step(noise, x, k):
     """The noise after one more fourth difference: the median of its size is 0.6745 sqrt(70) times the noise."""
     m = HISTORY - 1
-    d = abs(x[k] - 4.0 * x[(k - 1) & m] + 6.0 * x[(k - 2) & m] - 4.0 * x[(k - 3) & m] + x[(k - 4) & m]) / (0.6745 * 8.3666)
+    d = abs(x[k] - 4.0 * x[(k - 1) & m] + 6.0 * x[(k - 2) & m] - 4.0 * x[(k - 3) & m] + x[(k - 4) & m]) / (
+        0.6745 * 8.3666
+    )
     return noise * (1.0 + NOISE_STEP if d > noise else 1.0 - NOISE_STEP)
 
 
@@ -101,7 +114,11 @@ def collect(s):
     mean = 0.0
     for j in range(WINDOW):
         k = (at + j) & m
-        window.position_m[j], window.bottom_Pa[j], window.top_Pa[j] = past.position_m[k], past.bottom_Pa[k], past.top_Pa[k]
+        window.position_m[j], window.bottom_Pa[j], window.top_Pa[j] = (
+            past.position_m[k],
+            past.bottom_Pa[k],
+            past.top_Pa[k],
+        )
         window.supply_Pa[j], window.extra_m_s2[j] = past.supply_Pa[k], past.extra_m_s2[k]
         mean += past.bottom_Pa[k] * settings.area_bottom_m2 - past.top_Pa[k] * settings.area_top_m2
     for j in range(LEAD + WINDOW):
@@ -161,7 +178,9 @@ def _work_tick(s):
     window, heat = s.windows[n], HEATS[fit.stage]
     if k == 0:
         behind_backlash(window.volts, trial.numbers[PLAY], fit.arriving, fit.by_half)
-        begin_window(fit.x, fit.S, trial.numbers, s.sheet, trial.start[n], fit.arriving, fit.by_half)
+        begin_window(
+            fit.x, fit.S, trial.numbers, s.sheet, trial.start[n], fit.arriving, fit.by_half, fit.d_now, fit.d_before
+        )
         fit.A[:, :] = 0.0
         fit.B[:, :] = 0.0
         fit.C[:, :] = 0.0
@@ -227,6 +246,7 @@ def _keep_known(s):
         return
     known.factor[:, :] = fit.L
     known.numbers[:] = best.numbers
+    known.sd[:] = fit.sd
     rows = fit.count * WINDOW
     known.chi2[:] = 0.0
     for n in range(fit.count):
@@ -281,7 +301,8 @@ def work(s):
             if came:
                 fit.settled = 0
             if fit.passes == 0:
-                fill_prior(fit, s.settings, s.past.force_N)
+                if not fit.restored:
+                    fill_prior(fit, s.settings, s.past.force_N)
                 fit.damping = 1e-2
                 _start_pass(s, fit.mean, True)
             elif fit.settled:

@@ -10,8 +10,29 @@ from math import exp, sqrt
 
 from ..compiled import compiled
 from .leg import (
-    AMP, AMP_LAG, COULOMB_DN, COULOMB_UP, DELAY, LN_BRISTLE, LN_REG, LN_SPOOL, LN_STRIBECK, M1, M2, N_NUMBERS, P1, P2, PLAY,
-    POSITION_LAG, S_FOUR_WAY, S_TICK, STATIC_DN, STATIC_UP, V, X, XD, Y, Z, ZETA, tangent,
+    COULOMB_DN,
+    COULOMB_UP,
+    DELAY,
+    LN_BRISTLE,
+    LN_REG,
+    LN_STRIBECK,
+    M1,
+    M2,
+    N_NUMBERS,
+    N_SPOOL,
+    P1,
+    P2,
+    PLAY,
+    POSITION_LAG,
+    S_FOUR_WAY,
+    S_TICK,
+    STATIC_DN,
+    STATIC_UP,
+    V,
+    Y,
+    Z,
+    tangent,
+    warm_spool,
 )  # fmt: skip
 
 WINDOW, LEAD = 100, 150  # ticks of a window; volts before it, so that the side of a backlash is known
@@ -19,7 +40,8 @@ N_START = 4  # y, v, P1, P2
 N_COLUMNS = N_NUMBERS + N_START
 START_SCALE = (2e-5, 0.03, 3e4, 3e4)  # [m, m/s, Pa, Pa] prior of a start state about what is measured
 MOST_RESIDUAL = 1e3  # standard deviations
-SLOPE_TICKS = 12
+SLOPE_TICKS = 12  # of the volts, by which the side of the backlash is told at first
+WARM = 24  # ticks that amplifier and spool move before a window begins: four lags of a spool of 25 Hz
 
 
 @compiled
@@ -38,25 +60,10 @@ def behind_backlash(volts, half, out, by_half):
 
 
 @compiled
-def begin_window(x, S, th, sheet, start, arriving, by_half):
+def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
     """State and derivatives at a window's first tick. start: (y, v, P1, P2); arriving: volts (LEAD + WINDOW,) behind the backlash."""
-    tick = sheet[S_TICK]
     S[:, :] = 0.0
-    whole = int(th[DELAY] / tick)
-    split = th[DELAY] / tick - whole
-    here = LEAD - whole
-    u = arriving[here - 1] + (1.0 - split) * (arriving[here] - arriving[here - 1])
-    # at the tick's beginning the volts of the tick before act, whatever the split
-    u = arriving[here - 1] if split == 0.0 else arriving[here - 1] - split * (arriving[here - 1] - arriving[here - 2])
-    rate = (arriving[here - 1] - arriving[here - 1 - SLOPE_TICKS]) / (SLOPE_TICKS * tick)
-    u += 0.5 * tick * rate  # the mean of a held signal is half a tick late
-    lag = 2.0 * th[ZETA] / (6.283185307179586 * exp(th[LN_SPOOL]))
-    x[AMP] = u - th[AMP_LAG] * rate
-    x[X], x[XD] = x[AMP] - lag * rate, rate
-    S[AMP, AMP_LAG] = S[X, AMP_LAG] = -rate
-    S[X, LN_SPOOL], S[X, ZETA] = lag * rate, -lag / th[ZETA] * rate
-    S[AMP, DELAY] = S[X, DELAY] = -rate
-    S[AMP, PLAY] = S[X, PLAY] = by_half[here - 1]
+    warm_spool(x, S, th, sheet, arriving, by_half, LEAD - WARM, LEAD, d_now, d_before)
     x[Y], x[V], x[P1], x[P2] = start[0], start[1], start[2], start[3]
     x[M1], x[M2] = start[2], start[3]
     for i in range(4):
@@ -80,7 +87,7 @@ def tick_window(x, S, k, d_now, d_before, th, sheet, arriving, by_half, supply, 
     at = LEAD + k - whole
     d_now[PLAY], d_before[PLAY] = by_half[at], by_half[at - 1]
     tangent(
-        x, S, N_COLUMNS, True, th, sheet, arriving[at], arriving[at - 1], split, d_now, d_before, 0.0, supply, extra, 0.0, w
+        x, S, N_COLUMNS, N_SPOOL, True, th, sheet, arriving[at], arriving[at - 1], split, d_now, d_before, 0.0, supply, extra, 0.0, w
     )  # fmt: skip
 
 

@@ -9,12 +9,16 @@ from __future__ import annotations
 
 from ..compiled import compiled
 from .fit import backward, cholesky, forward
-from .leg import DEAD_DN, DEAD_UP, DELAY, N_STATES, S_TICK, V, Y, tangent, tick
+from .leg import DEAD_DN, DEAD_UP, DELAY, S_PASS, S_POLE1, S_POLE2, S_TICK, V, Y, tangent, tick
 
 AHEAD = 14  # ticks: 28 ms, longer than a spool of 25 Hz takes to cross
-LOW_PASS_B = (0.09131490, 0.18262980, 0.09131490)  # Butterworth, second order, 60 Hz at 500 Hz: what a platform makes felt
-LOW_PASS_A = (-0.98240579, 0.34766539)
-WEIGHTS = (1e-2, 1e-3, 1e-4, 3e-2)  # [m/s2, m/s, m, V]: half the threshold of perception; what is not felt; a count of 12 bit, six times
+FELT_HZ = 60.0  # corner of the low pass, of second order: above the band in which a bump is judged
+WEIGHTS = (
+    1e-2,
+    1e-3,
+    1e-4,
+    3e-2,
+)  # [m/s2, m/s, m, V]: half the threshold of perception; what is not felt; a count of 12 bit, six times
 TRIES = 3  # steps a tick: the window moves on, and the next tick goes on
 BLUNT = 0.4  # of the half dead band, for the derivatives
 LEAST_BLUNT_V = 2e-3
@@ -22,7 +26,16 @@ DAMPING = (1e-6, 1e-2, 1.0)
 
 
 @compiled
-def window_cost(x, U, before, older, y, v, filtered, th, sheet, whole, split, supply, extra, r, s, w, path):
+def low_pass(memory, x, sheet):
+    """One tick of the low pass; memory (2,)."""
+    o = sheet[S_PASS] * x + memory[0]
+    memory[0] = 2.0 * sheet[S_PASS] * x - sheet[S_POLE1] * o + memory[1]
+    memory[1] = sheet[S_PASS] * x - sheet[S_POLE2] * o
+    return o
+
+
+@compiled
+def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, w, path):
     """Residuals r (4 AHEAD,) of volts U (AHEAD,) from the state x. before, older: the volts sent last. y, v (AHEAD + 1,): demanded at
     the window's ticks. extra (AHEAD,). path (AHEAD + 1, N_STATES) takes the states."""
     s[:] = x
@@ -36,9 +49,9 @@ def window_cost(x, U, before, older, y, v, filtered, th, sheet, whole, split, su
         tick(s, th, sheet, U[i], last, split, supply, extra[i], 0.0, w)
         path[i + 1, :] = s
         e = ((s[V] - speed) - (v[i + 1] - v[i])) / tick_s
-        o = LOW_PASS_B[0] * e + g0
-        g0 = LOW_PASS_B[1] * e - LOW_PASS_A[0] * o + g1
-        g1 = LOW_PASS_B[2] * e - LOW_PASS_A[1] * o
+        o = sheet[S_PASS] * e + g0
+        g0 = 2.0 * sheet[S_PASS] * e - sheet[S_POLE1] * o + g1
+        g1 = sheet[S_PASS] * e - sheet[S_POLE2] * o
         r[i] = o / WEIGHTS[0]
         r[AHEAD + i] = (s[V] - v[i + 1]) / WEIGHTS[1]
         r[2 * AHEAD + i] = (s[Y] - y[i + 1]) / WEIGHTS[2]
@@ -66,7 +79,9 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
         last = U[i - 1] if i > 0 else before
         for j in range(i + 1):
             J[i, j] = -S[V, j]
-        tangent(s, S, AHEAD, False, th, sheet, U[i], last, split, d_now, d_before, 0.0, supply, extra[i], blunt, w)
+        tangent(
+            s, S, i + 1, i + 1, False, th, sheet, U[i], last, split, d_now, d_before, 0.0, supply, extra[i], blunt, w
+        )
         for j in range(i + 1):
             J[i, j] = (J[i, j] + S[V, j]) / tick_s
             J[AHEAD + i, j] = S[V, j] / WEIGHTS[1]
@@ -80,21 +95,20 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
         g0 = g1 = 0.0
         for i in range(j, AHEAD):
             e = J[i, j]
-            o = LOW_PASS_B[0] * e + g0
-            g0 = LOW_PASS_B[1] * e - LOW_PASS_A[0] * o + g1
-            g1 = LOW_PASS_B[2] * e - LOW_PASS_A[1] * o
+            o = sheet[S_PASS] * e + g0
+            g0 = 2.0 * sheet[S_PASS] * e - sheet[S_POLE1] * o + g1
+            g1 = sheet[S_PASS] * e - sheet[S_POLE2] * o
             J[i, j] = o / WEIGHTS[0]
 
 
 @compiled
 def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws):
     """Up to TRIES steps of U (AHEAD,), in place. Returns the cost."""
-    whole = int(th[DELAY] / sheet[S_TICK])
-    split = th[DELAY] / sheet[S_TICK] - whole
+    split = th[DELAY] / sheet[S_TICK] - int(th[DELAY] / sheet[S_TICK])
     r, r2, J, S, path, path2, H, L, step, U2, s, w, d_now, d_before = (
         ws.r, ws.r2, ws.J, ws.S, ws.path, ws.path2, ws.H, ws.L, ws.step, ws.U2, ws.s, ws.w, ws.d_now, ws.d_before,
     )  # fmt: skip
-    cost = window_cost(x, U, before, older, y, v, filtered, th, sheet, whole, split, supply, extra, r, s, w, path)
+    cost = window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, w, path)
     half = 0.5 * (th[DEAD_UP] + th[DEAD_DN])
     soft = max(BLUNT * half, LEAST_BLUNT_V)
     for _ in range(TRIES):
@@ -103,7 +117,11 @@ def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit
             for b in range(a + 1):
                 total = 0.0
                 for i in range(a, AHEAD):
-                    total += J[i, a] * J[i, b] + J[AHEAD + i, a] * J[AHEAD + i, b] + J[2 * AHEAD + i, a] * J[2 * AHEAD + i, b]
+                    total += (
+                        J[i, a] * J[i, b]
+                        + J[AHEAD + i, a] * J[AHEAD + i, b]
+                        + J[2 * AHEAD + i, a] * J[2 * AHEAD + i, b]
+                    )
                     total += J[3 * AHEAD + i, a] * J[3 * AHEAD + i, b]
                 H[a, b] = total
         better = False
@@ -123,7 +141,7 @@ def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit
             backward(L, AHEAD, step)
             for a in range(AHEAD):
                 U2[a] = min(max(U[a] - step[a], -limit_V), limit_V)
-            c2 = window_cost(x, U2, before, older, y, v, filtered, th, sheet, whole, split, supply, extra, r2, s, w, path2)
+            c2 = window_cost(x, U2, before, older, y, v, filtered, th, sheet, split, supply, extra, r2, s, w, path2)
             if c2 < cost:
                 better = True
                 break
@@ -145,14 +163,11 @@ def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit
 @compiled
 def keep_first(x, U, before, y, v, filtered, th, sheet, supply, extra, w):
     """The window moves on by a tick: the state under the first volts, the low pass' state, and the volts shifted."""
-    whole = int(th[DELAY] / sheet[S_TICK])
-    split = th[DELAY] / sheet[S_TICK] - whole
+    split = th[DELAY] / sheet[S_TICK] - int(th[DELAY] / sheet[S_TICK])
     speed = x[V]
     tick(x, th, sheet, U[0], before, split, supply, extra[0], 0.0, w)
     e = ((x[V] - speed) - (v[1] - v[0])) / sheet[S_TICK]
-    o = LOW_PASS_B[0] * e + filtered[0]
-    filtered[0] = LOW_PASS_B[1] * e - LOW_PASS_A[0] * o + filtered[1]
-    filtered[1] = LOW_PASS_B[2] * e - LOW_PASS_A[1] * o
+    o = low_pass(filtered, e, sheet)
     for i in range(AHEAD - 1):
         U[i] = U[i + 1]
     return o

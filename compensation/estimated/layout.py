@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from ..adaptive.layout import PAST_SETPOINTS, PREDICTION, empty, kinds, record
+from ..adaptive.layout import PREDICTION, record
 from .fit import LEAD, N_COLUMNS, N_START, WINDOW
 from .inverse import AHEAD
 from .leg import N_NUMBERS, N_SHEET, N_STATES
@@ -40,30 +38,36 @@ TRIAL = record(  # a pass over the windows at some numbers
 FIT = record(
     mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)), scale=(f, (N_COLUMNS,)),
     pair_sd=(f, (5,)), best=TRIAL, trial=TRIAL, has_best=i, count=i, waiting=i, seen=i, stage=i, step=i, damping=f,
-    at_window=i, at_tick=i, running=i, settled=i, passes=i,
+    at_window=i, at_tick=i, running=i, restored=i, settled=i, passes=i,
     x=(f, (N_STATES,)), S=(f, (N_STATES, N_COLUMNS)), d_now=(f, (N_COLUMNS,)), d_before=(f, (N_COLUMNS,)), row=(f, (N_COLUMNS,)),
     arriving=(f, (LEAD + WINDOW,)), by_half=(f, (LEAD + WINDOW,)), A=(f, (N_NUMBERS, N_NUMBERS)), B=(f, (N_START, N_NUMBERS)),
     C=(f, (N_START, N_START)), a=(f, (N_NUMBERS,)), b=(f, (N_START,)), w=(f, (16,)), L=(f, (N_NUMBERS, N_NUMBERS)),
     proposed=(f, (N_NUMBERS,)),
 )  # fmt: skip
-KNOWN = record(numbers=(f, (N_NUMBERS,)), factor=(f, (N_NUMBERS, N_NUMBERS)), chi2=(f, (2,)), valid=i)  # of the last settled pass
+KNOWN = record(  # of the last pass that became better
+    numbers=(f, (N_NUMBERS,)), factor=(f, (N_NUMBERS, N_NUMBERS)), sd=(f, (N_NUMBERS,)), chi2=(f, (2,)), valid=i,
+)  # fmt: skip
 INVERSE = record(
     r=(f, (4 * AHEAD,)), r2=(f, (4 * AHEAD,)), J=(f, (4 * AHEAD, AHEAD)), S=(f, (N_STATES, AHEAD)), path=(f, (AHEAD + 1, N_STATES)),
-    path2=(f, (AHEAD + 1, N_STATES)), H=(f, (AHEAD, AHEAD)), L=(f, (AHEAD, AHEAD)), step=(f, (AHEAD,)), U2=(f, (AHEAD,)), s=(f, (N_STATES,)),
-    w=(f, (16,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)), filtered=(f, (2,)),
-    running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), played=f, side=f, x_before=(f, (N_STATES,)), started_now=i,
+    path2=(f, (AHEAD + 1, N_STATES)), H=(f, (AHEAD, AHEAD)), L=(f, (AHEAD, AHEAD)), step=(f, (AHEAD,)), U2=(f, (AHEAD,)),
+    s=(f, (N_STATES,)),
+    w=(f, (16,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)),
+    filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), played=f, side=f,
+    x_before=(f, (N_STATES,)),
+    started_now=i,
 )  # fmt: skip
 REFERENCE = record(
-    position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)), count=i, load_lag_m_s2=f, load_before_m_s2=f, loads=i,
+    position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)), setpoint_ahead_m=(f, (QUEUE,)),
+    count=i, load_lag_m_s2=f, loads=i,
     setpoint_m=f, loop_y_m=f, loop_v_m_s=f, loop_p_Pa=f, passed_Pa=f, loop_started=i,
 )  # fmt: skip
 EXPECTED = record(
-    S=(f, (N_STATES, N_COLUMNS)), speed=(f, (N_COLUMNS,)), filtered=(f, (2, N_COLUMNS)), row=(f, (N_COLUMNS,)), d_now=(f, (N_COLUMNS,)),
-    d_before=(f, (N_COLUMNS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), w=(f, (16,)), started=i, sign=f,
+    S=(f, (N_STATES, N_COLUMNS)), speed=(f, (N_COLUMNS,)), filtered=(f, (N_COLUMNS, 2)), row=(f, (N_COLUMNS,)), d_now=(f, (N_COLUMNS,)),
+    d_before=(f, (N_COLUMNS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), w=(f, (16,)), started=i,
     sigma=f, bump=f, left=f, sigma2=f, bump2=f, left2=f, halves=i, plain_V=f, acceleration=f,
 )  # fmt: skip
 STATE = record(
     settings=SETTINGS, sheet=(f, (N_SHEET,)), past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
-    numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, share=f, added_V=f,
+    numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, share=f, linear=f,
+    odds=f, added_V=f,
 )  # fmt: skip
-LEARNED = record(mean=(f, (N_NUMBERS,)), information=(f, (N_NUMBERS, N_NUMBERS)), noise_m=f, noise_Pa=f, halves=f, bump2=f)

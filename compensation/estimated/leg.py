@@ -22,21 +22,21 @@ from ..compiled import compiled
 SUBSTEPS = 10
 (Y, V, P1, P2, X, XD, AMP, Z, M1, M2) = range(10)
 N_STATES = 10
-(
-    GAIN_UP, GAIN_DN, DEAD_UP, DEAD_DN, LN_ROUND, BEND, BEND2, LN_SPOOL, ZETA, AMP_LAG, DELAY, PLAY, TURBULENT, LAMINAR,
-    LEAK, LEAK_TANK, SOFT, AIR, MASS, HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN, VISCOUS_UP, VISCOUS_DN,
-    LN_STRIBECK, LN_REG, LN_BRISTLE, PRESSURE_LAG, POSITION_LAG,
-) = range(31)  # fmt: skip
-N_NUMBERS = 31
 NAMES = (
-    "gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_round_V", "bend", "bend2", "ln_spool", "zeta", "amp_lag_s", "delay_s",
-    "play_V", "turbulent_Pa", "laminar", "leak", "leak_tank", "soft", "air", "mass", "hold", "coulomb_up", "coulomb_dn",
-    "static_up", "static_dn", "viscous_up", "viscous_dn", "ln_stribeck", "ln_reg", "ln_bristle", "pressure_lag_s",
-    "position_lag_s",
+    "ln_spool", "zeta", "amp_lag_s", "delay_s", "play_V",  # what acts on the spool, first: the others do not move it
+    "gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_round_V", "bend", "bend2", "turbulent_Pa", "laminar", "leak", "leak_tank",
+    "soft", "air", "mass", "hold", "coulomb_up", "coulomb_dn", "static_up", "static_dn", "viscous_up", "viscous_dn", "ln_stribeck",
+    "ln_reg", "ln_bristle", "pressure_lag_s", "position_lag_s",
 )  # fmt: skip
+N_NUMBERS, N_SPOOL = 31, 5
+(
+    LN_SPOOL, ZETA, AMP_LAG, DELAY, PLAY, GAIN_UP, GAIN_DN, DEAD_UP, DEAD_DN, LN_ROUND, BEND, BEND2, TURBULENT, LAMINAR, LEAK,
+    LEAK_TANK, SOFT, AIR, MASS, HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN, VISCOUS_UP, VISCOUS_DN, LN_STRIBECK, LN_REG,
+    LN_BRISTLE, PRESSURE_LAG, POSITION_LAG,
+) = range(N_NUMBERS)  # fmt: skip
 # places in a sheet (N_SHEET,): what is declared
-(S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK) = range(10)
-N_SHEET = 10
+(S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2) = range(13)
+N_SHEET = 13
 LEAST_LAG_S = 1e-5
 ATMOSPHERE_Pa = 1.0e5
 LEAST_PRESSURE_Pa = 1.0e4
@@ -45,7 +45,7 @@ LEAST_COLUMN_m = 1e-3
 
 @compiled
 def opening(travel, s, b, b2, out):
-    """Opening of an edge [V] for travel past it, rounded by s, bent by b, b2. out: opening, and its derivatives by travel, ln s, b, b2."""
+    """Opening of an edge [V] for travel past it, rounded by s, bent by b, b2. out (5,): it, and by travel, ln s, b, b2."""
     q = travel / s
     if q > 30.0:
         a, p, lns = travel, 1.0, 0.0
@@ -84,11 +84,11 @@ def orifice(o, dp, turbulent, laminar, out):
 @compiled
 def capacity(volume, P, E, air, out):
     """Oil and free air (isothermal, volume fraction at one bar). out: dV/dP, and its derivatives by volume, P, air."""
-    p = P if P > LEAST_PRESSURE_Pa else LEAST_PRESSURE_Pa
+    p = P if LEAST_PRESSURE_Pa < P else LEAST_PRESSURE_Pa
     gas = ATMOSPHERE_Pa / (p * p)
     each = 1.0 / E + air * gas
     out[0], out[1] = volume * each, each
-    out[2] = -2.0 * volume * air * gas / p if P > LEAST_PRESSURE_Pa else 0.0
+    out[2] = -2.0 * volume * air * gas / p if LEAST_PRESSURE_Pa < P else 0.0
     out[3] = volume * gas
 
 
@@ -160,11 +160,64 @@ def tick(x, th, sheet, now_V, before_V, split, supply, extra, blunt_V, w):
 
 
 @compiled
-def tangent(x, S, n, numbers, th, sheet, now_V, before_V, split, d_now, d_before, gain_y, supply, extra, blunt_V, w):
+def spool_step(x, S, moving, numbers, u, share, by_delay, d_now, d_before, gain_y, h, ka, dka, om, zeta):
+    """One step h of amplifier and spool, and of their derivatives. u: volts, the share of them from before; by_delay: du by DELAY."""
+    damped = 1.0 / (1.0 + 2.0 * zeta * om * h)
+    Sy, Sx, Sd, Sa = S[Y], S[X], S[XD], S[AMP]
+    away = u - x[AMP]
+    x[AMP] += ka * away
+    for j in range(moving):
+        Sa[j] += ka * (d_now[j] + share * (d_before[j] - d_now[j]) - gain_y * Sy[j] - Sa[j])
+    err = x[AMP] - x[X]
+    rate = (x[XD] + h * om * om * err) * damped
+    x[XD] = rate
+    x[X] += h * rate
+    if numbers:
+        Sa[AMP_LAG] += dka * away
+        Sa[DELAY] += ka * by_delay
+    f1 = damped * h * om * om
+    for j in range(moving):
+        Sd[j] = damped * Sd[j] + f1 * (Sa[j] - Sx[j])
+    if numbers:
+        Sd[LN_SPOOL] += 2.0 * f1 * err - rate * damped * 2.0 * zeta * om * h
+        Sd[ZETA] -= rate * damped * 2.0 * om * h
+    for j in range(moving):
+        Sx[j] += h * Sd[j]
+
+
+@compiled
+def warm_spool(x, S, th, sheet, arriving, by_half, first, last, d_now, d_before):
+    """Amplifier and spool with their derivatives from tick `first` on, where they have followed arriving[first], to tick `last`."""
+    h = sheet[S_TICK] / SUBSTEPS
+    whole = int(th[DELAY] / sheet[S_TICK])
+    edge = (th[DELAY] / sheet[S_TICK] - whole) * SUBSTEPS
+    la = th[AMP_LAG] if th[AMP_LAG] > LEAST_LAG_S else LEAST_LAG_S
+    ka = 1.0 - exp(-h / la)
+    dka = -(1.0 - ka) * h / (la * la) if th[AMP_LAG] > LEAST_LAG_S else 0.0
+    om = 6.283185307179586 * exp(th[LN_SPOOL])
+    x[AMP] = x[X] = arriving[first - whole]
+    x[XD] = 0.0
+    S[AMP, PLAY] = S[X, PLAY] = by_half[first - whole]
+    for k in range(first, last):
+        now, before = arriving[k - whole], arriving[k - whole - 1]
+        d_now[PLAY], d_before[PLAY] = by_half[k - whole], by_half[k - whole - 1]
+        for i in range(SUBSTEPS):
+            share = edge - i
+            slope = (before - now) / h if share > 0.0 and share < 1.0 else 0.0
+            share = 1.0 if share > 1.0 else (0.0 if share < 0.0 else share)
+            u = now + share * (before - now)
+            spool_step(x, S, N_SPOOL, True, u, share, slope, d_now, d_before, 0.0, h, ka, dka, om, th[ZETA])
+
+
+@compiled
+def tangent(
+    x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, d_before, gain_y, supply, extra, blunt_V, w
+):
     """`tick`, and S (N_STATES, n) with it, the state's derivatives by whatever its columns are.
 
-    numbers: whether the first N_NUMBERS columns are the leg's numbers, which act directly too. d_now, d_before (n,): of now_V and
-    before_V. gain_y: volts that a position loop takes off per metre of y. Everything else as in `tick`.
+    moving: how many columns, the first, move the spool; those behind are zero there. numbers: whether the first N_NUMBERS columns
+    are the leg's numbers, which act directly too. d_now, d_before (n,): of now_V and before_V. gain_y: volts that a position loop
+    takes off per metre of y. Everything else as in `tick`.
     """
     h = sheet[S_TICK] / SUBSTEPS
     a1, a2, four = sheet[S_A1], sheet[S_A2], sheet[S_FOUR_WAY] != 0.0
@@ -172,7 +225,6 @@ def tangent(x, S, n, numbers, th, sheet, now_V, before_V, split, d_now, d_before
     rounds = 1.0 if s > blunt_V else 0.0
     s = s if s > blunt_V else blunt_V
     om = 6.283185307179586 * exp(th[LN_SPOOL])
-    damped = 1.0 / (1.0 + 2.0 * th[ZETA] * om * h)
     la = th[AMP_LAG] if th[AMP_LAG] > LEAST_LAG_S else LEAST_LAG_S
     ka = 1.0 - exp(-h / la)
     dka = -(1.0 - ka) * h / (la * la) if th[AMP_LAG] > LEAST_LAG_S else 0.0
@@ -186,36 +238,31 @@ def tangent(x, S, n, numbers, th, sheet, now_V, before_V, split, d_now, d_before
     tank, m = sheet[S_TANK], th[MASS]
     edge = split * SUBSTEPS
     o, q, c = w[0:5], w[5:10], w[10:14]
-    Sy, Sv, S1, S2, Sx, Sd, Sa, Sz, T1, T2 = S[0], S[1], S[2], S[3], S[4], S[5], S[6], S[7], S[8], S[9]
+    Sy, Sv, S1, S2, Sx, Sz, T1, T2 = S[Y], S[V], S[P1], S[P2], S[X], S[Z], S[M1], S[M2]
     if not four:
         x[P2] = x[M2] = supply
     for i in range(SUBSTEPS):
         share = edge - i
-        moving = share > 0.0 and share < 1.0
+        changes = share > 0.0 and share < 1.0
         share = 1.0 if share > 1.0 else (0.0 if share < 0.0 else share)
         u = now_V + share * (before_V - now_V)
-        # amplifier
-        away = u - x[AMP]
-        x[AMP] += ka * away
-        for j in range(n):
-            Sa[j] += ka * (d_now[j] + share * (d_before[j] - d_now[j]) - gain_y * Sy[j] - Sa[j])
-        if numbers:
-            Sa[AMP_LAG] += dka * away
-            if moving:
-                Sa[DELAY] += ka * (before_V - now_V) / h
-        # spool
-        err = x[AMP] - x[X]
-        rate = (x[XD] + h * om * om * err) * damped
-        x[XD] = rate
-        f1 = damped * h * om * om
-        for j in range(n):
-            Sd[j] = damped * Sd[j] + f1 * (Sa[j] - Sx[j])
-        if numbers:
-            Sd[LN_SPOOL] += 2.0 * f1 * err - rate * damped * 2.0 * th[ZETA] * om * h
-            Sd[ZETA] -= rate * damped * 2.0 * om * h
-        x[X] += h * rate
-        for j in range(n):
-            Sx[j] += h * Sd[j]
+        spool_step(
+            x,
+            S,
+            moving,
+            numbers,
+            u,
+            share,
+            (before_V - now_V) / h if changes else 0.0,
+            d_now,
+            d_before,
+            gain_y,
+            h,
+            ka,
+            dka,
+            om,
+            th[ZETA],
+        )
         # flows: q1, q2 and their derivatives; direct ones by numbers wait until the pressures move
         across = x[P2] - x[P1]
         q1 = th[LEAK] * across - th[LEAK_TANK] * (x[P1] - tank)
@@ -352,8 +399,11 @@ def tangent(x, S, n, numbers, th, sheet, now_V, before_V, split, d_now, d_before
             r_y, r_p = -less2 * c[1] * inside2, 1.0 + k2 * q2_2 - less2 * c[2]
             for j in range(n):
                 one, two = S1[j], S2[j]
-                S1[j] = p_p * one + k * q1_2 * two + k * q1x * Sx[j] - k * a1 * Sv[j] + p_y * Sy[j]
-                S2[j] = r_p * two + k2 * q2_1 * one + k2 * q2x * Sx[j] + k2 * a2 * Sv[j] + r_y * Sy[j]
+                S1[j] = p_p * one + k * q1_2 * two - k * a1 * Sv[j] + p_y * Sy[j]
+                S2[j] = r_p * two + k2 * q2_1 * one + k2 * a2 * Sv[j] + r_y * Sy[j]
+            for j in range(moving):
+                S1[j] += k * q1x * Sx[j]
+                S2[j] += k2 * q2x * Sx[j]
             if numbers:
                 S2[GAIN_UP] += k2 * u2
                 S2[GAIN_DN] += k2 * d2
@@ -373,7 +423,9 @@ def tangent(x, S, n, numbers, th, sheet, now_V, before_V, split, d_now, d_before
             c[0], c[1], c[3] = c10, c11, c13
         else:
             for j in range(n):
-                S1[j] = p_p * S1[j] + k * q1x * Sx[j] - k * a1 * Sv[j] + p_y * Sy[j]
+                S1[j] = p_p * S1[j] - k * a1 * Sv[j] + p_y * Sy[j]
+            for j in range(moving):
+                S1[j] += k * q1x * Sx[j]
         if numbers:
             S1[GAIN_UP] += k * u1
             S1[GAIN_DN] += k * d1

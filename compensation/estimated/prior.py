@@ -6,14 +6,57 @@ wide: a standard deviation is the spread between machines of one kind, not the d
 
 from __future__ import annotations
 
-from math import log
+from math import log, pi, tan
 
 from ..compiled import compiled
 from .fit import N_START, START_SCALE
+from .inverse import FELT_HZ
 from .leg import (
-    AIR, AMP_LAG, BEND, BEND2, COULOMB_DN, COULOMB_UP, DEAD_DN, DEAD_UP, DELAY, GAIN_DN, GAIN_UP, HOLD, LAMINAR, LEAK, LEAK_TANK,
-    LN_BRISTLE, LN_REG, LN_ROUND, LN_SPOOL, LN_STRIBECK, MASS, N_NUMBERS, PLAY, POSITION_LAG, PRESSURE_LAG, S_A1, S_A2, S_E, S_FLOW,
-    S_FOUR_WAY, S_STROKE, S_TANK, S_TICK, S_V1, S_V2, SOFT, STATIC_DN, STATIC_UP, TURBULENT, VISCOUS_DN, VISCOUS_UP, ZETA,
+    AIR,
+    AMP_LAG,
+    BEND,
+    BEND2,
+    COULOMB_DN,
+    COULOMB_UP,
+    DEAD_DN,
+    DEAD_UP,
+    DELAY,
+    GAIN_DN,
+    GAIN_UP,
+    HOLD,
+    LAMINAR,
+    LEAK,
+    LEAK_TANK,
+    LN_BRISTLE,
+    LN_REG,
+    LN_ROUND,
+    LN_SPOOL,
+    LN_STRIBECK,
+    MASS,
+    N_NUMBERS,
+    PLAY,
+    POSITION_LAG,
+    PRESSURE_LAG,
+    S_A1,
+    S_A2,
+    S_E,
+    S_FLOW,
+    S_FOUR_WAY,
+    S_PASS,
+    S_POLE1,
+    S_POLE2,
+    S_STROKE,
+    S_TANK,
+    S_TICK,
+    S_V1,
+    S_V2,
+    SOFT,
+    STATIC_DN,
+    STATIC_UP,
+    TURBULENT,
+    VISCOUS_DN,
+    VISCOUS_UP,
+    ZETA,
 )  # fmt: skip
 
 GRAVITY_m_s2 = 9.81
@@ -21,7 +64,12 @@ USUAL_SPOOL_HZ = 65.0
 # friction up and down are alike within this share of their own standard deviation, gains too; mass and held force by gravity
 PAIRS = ((COULOMB_UP, COULOMB_DN), (STATIC_UP, STATIC_DN), (VISCOUS_UP, VISCOUS_DN), (GAIN_UP, GAIN_DN))
 PAIR_SD = (0.3, 0.3, 0.3, 0.25)
-HOLD_SHARE, MASS_SHARE, MASS_PAIR = 0.05, 0.25, 0.1  # of the held force, of the mass; mass beside held force over gravity
+DRIFT = 0.1  # of a number between two runs: oil's temperature, wear
+HOLD_SHARE, MASS_SHARE, MASS_PAIR = (
+    0.05,
+    0.25,
+    0.1,
+)  # of the held force, of the mass; mass beside held force over gravity
 
 
 @compiled
@@ -29,9 +77,20 @@ def fill_sheet(sheet, settings):
     """The declared leg for the model."""
     sheet[S_A1], sheet[S_A2] = settings.area_bottom_m2, settings.area_top_m2
     sheet[S_FLOW] = settings.velocity_gain_m_s_V * settings.area_bottom_m2 / (0.5 * settings.supply_pressure_Pa) ** 0.5
-    sheet[S_E], sheet[S_V1], sheet[S_V2] = settings.bulk_modulus_Pa, settings.pipeline_volume_m3, settings.pipeline_volume_top_m3
+    sheet[S_E], sheet[S_V1], sheet[S_V2] = (
+        settings.bulk_modulus_Pa,
+        settings.pipeline_volume_m3,
+        settings.pipeline_volume_top_m3,
+    )
     sheet[S_STROKE], sheet[S_TANK] = settings.stroke_m, settings.tank_pressure_Pa
     sheet[S_FOUR_WAY], sheet[S_TICK] = settings.four_way, settings.tick_s
+    k = tan(pi * min(FELT_HZ * settings.tick_s, 0.45))  # Butterworth's low pass by the bilinear rule
+    norm = 1.0 / (1.0 + 2.0**0.5 * k + k * k)
+    sheet[S_PASS], sheet[S_POLE1], sheet[S_POLE2] = (
+        k * k * norm,
+        2.0 * (k * k - 1.0) * norm,
+        (1.0 - 2.0**0.5 * k + k * k) * norm,
+    )
 
 
 @compiled
@@ -117,3 +176,15 @@ def add_prior(fit, numbers, H, g):
         low, high = (a, b) if a < b else (b, a)
         H[high, low] += ja * jb
     return cost
+
+
+@compiled
+def restore_prior(fit, settings, numbers, sd):
+    """The prior after an earlier run: what was found, with its standard deviations, and the bounds of before. A machine may have
+    changed since: each number by DRIFT of what machines of its kind differ by."""
+    fill_prior(fit, settings, numbers[HOLD])
+    for k in range(N_NUMBERS):
+        fit.mean[k] = numbers[k]
+        fit.sd[k] = (sd[k] * sd[k] + (DRIFT * fit.sd[k]) ** 2) ** 0.5
+        fit.scale[k] = fit.sd[k]
+    fit.restored = 1
