@@ -17,7 +17,7 @@ from typing import Any
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.qualify.outcome import Outcome, outcome
+from hexsim.qualification.outcome import Outcome, outcome
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 

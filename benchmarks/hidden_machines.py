@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from hexsim.errors import HexsimError
-from hexsim.identify import identify
-from hexsim.identify.story import write_story
+from hexsim.identification import identify
+from hexsim.identification.story import write_story
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed, number_at
 from hexsim.motion_computer.telemetry import unpack_telemetry

@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from hexsim.identify.story import write_story
+from hexsim.identification.story import write_story
 from hexsim.machine import load_machine
 from hexsim.machine.files import models_folder
 from hexsim.recording.figure_style import png
@@ -75,8 +75,8 @@ def valve() -> Pictures:
 
 def qualify() -> Pictures:
     """Motion tests of the bench."""
-    from hexsim.qualify import QUICK, Battery, MachineRig
-    from hexsim.qualify.plots import pictures
+    from hexsim.qualification import QUICK, Battery, MachineRig
+    from hexsim.qualification.plots import pictures
 
     drawn = pictures(Battery(MachineRig(load_machine("bench")), QUICK).run().curves)
     return {f"qualify_{name.replace(' ', '_').replace('-', '_')}": data for name, data in drawn.items()}

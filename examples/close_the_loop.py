@@ -13,8 +13,8 @@ import multiprocessing
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from hexsim.identify import Story, identify
-from hexsim.identify.story import write_story
+from hexsim.identification import Story, identify
+from hexsim.identification.story import write_story
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.simulation.serve import Server

@@ -149,7 +149,7 @@ def test_an_interrupted_qualification_says_so(tmp_path, monkeypatch):
     class Interrupted:
         complete, reason = False, "interrupted by the user at t = 0.1 s"
 
-    monkeypatch.setattr("hexsim.qualify.rig.simulate", lambda *args, **kwargs: Interrupted())
+    monkeypatch.setattr("hexsim.qualification.rig.simulate", lambda *args, **kwargs: Interrupted())
     result = CliRunner().invoke(app, ["qualify", "-m", "bench", "--quick", "--out", "q"])
     assert result.exit_code == 2 and "interrupted by the user" in result.stderr and "survive" not in result.stderr
     assert list(tmp_path.iterdir()) == []

@@ -153,7 +153,7 @@ def test_qualify_prints_what_was_judged(monkeypatch, tmp_path):
         (out / "qualify.json").write_text("{}")
         return {**found, "quick": quick}
 
-    monkeypatch.setattr("hexsim.qualify.qualify", qualify)
+    monkeypatch.setattr("hexsim.qualification.qualify", qualify)
     result = CliRunner().invoke(app, ["qualify", "-m", "bench", "--quick", "--out", str(tmp_path / "q")])
     assert result.exit_code == 0, result.stderr
     shown = " ".join(result.stdout.split())

@@ -15,16 +15,16 @@ import compensation
 from compensation import Context
 from hexsim.cli import app
 from hexsim.errors import HexsimError
-from hexsim.identify import bump, identify, rounds
-from hexsim.identify.bump import taken_apart, worst
-from hexsim.identify.host import LOCKED_SHARE, Host, LATE_LIVE_s, LATE_s, check_clock
-from hexsim.identify.link import Link
-from hexsim.identify.picture import errors_by_kind
-from hexsim.identify.plan import MOTION_s
-from hexsim.identify.record import Round, Story
-from hexsim.identify.rounds import check_careful
-from hexsim.identify.story import write_story
-from hexsim.identify.telemetry_log import log_of
+from hexsim.identification import bump, identify, rounds
+from hexsim.identification.bump import taken_apart, worst
+from hexsim.identification.host import LOCKED_SHARE, Host, LATE_LIVE_s, LATE_s, check_clock
+from hexsim.identification.link import Link
+from hexsim.identification.picture import errors_by_kind
+from hexsim.identification.plan import MOTION_s
+from hexsim.identification.record import Round, Story
+from hexsim.identification.rounds import check_careful
+from hexsim.identification.story import write_story
+from hexsim.identification.telemetry_log import log_of
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer.compensator_packet import AskedCompensator, unpack_asked
@@ -369,8 +369,8 @@ def test_in_real_time_a_command_waits_for_its_own_answer(refused, monkeypatch):
 def test_a_host_that_was_busy_sends_no_burst(monkeypatch):
     """Ten packets, ten seconds of silence, ten packets: in real time the last ten are as far apart as the first."""
     now, sent = [100.0], []
-    monkeypatch.setattr("hexsim.identify.host.clock.monotonic", lambda: now[0])
-    monkeypatch.setattr("hexsim.identify.host.clock.sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
+    monkeypatch.setattr("hexsim.identification.host.clock.monotonic", lambda: now[0])
+    monkeypatch.setattr("hexsim.identification.host.clock.sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
     monkeypatch.setattr(Link, "send", lambda link, data: sent.append(now[0]))
     monkeypatch.setattr(Link, "receive", lambda link, until_s, wanted=None: True)
     with Host(("127.0.0.1", 9)) as host:

@@ -16,9 +16,9 @@ from typer.testing import CliRunner
 
 from hexsim.cli import app
 from hexsim.errors import HexsimError
-from hexsim.identify.host import Host, MachineFault
-from hexsim.identify.link import READ, Link
-from hexsim.identify.plan import planned
+from hexsim.identification.host import Host, MachineFault
+from hexsim.identification.link import READ, Link
+from hexsim.identification.plan import planned
 from hexsim.machine import load_machine
 from hexsim.motion_computer.host_limiter import HostLimiter, setpoints_of
 from hexsim.motion_computer.states import State

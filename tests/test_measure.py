@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from hexsim.cli import app
-from hexsim.qualify import Battery, Imu, MachineRig, Plan, measure
-from hexsim.qualify.measured import at_origin, driven_axes, motion_of, sine_of
+from hexsim.qualification import Battery, Imu, MachineRig, Plan, measure
+from hexsim.qualification.measured import at_origin, driven_axes, motion_of, sine_of
 from hexsim.scenarios import Scenario, load_scenario
 from hexsim.setpoints.signals import Sine
 from hexsim.signals.log import Log

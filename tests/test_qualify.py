@@ -9,7 +9,7 @@ from scipy.signal import cont2discrete, lfilter
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.qualify import QUICK, Battery, Motion, Plan, Row, measures, qualify
+from hexsim.qualification import QUICK, Battery, Motion, Plan, Row, measures, qualify
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.scenario import DOF_NAMES
 from hexsim.setpoints.signals import Sine, Triangle

@@ -31,7 +31,7 @@ def test_no_pickle_anywhere():
 
 EXTRAS = {
     "distributed", "asammdf", "matio", "ziglang", "fmpy", "mcap", "rosbags", "gymnasium", "viser", "mjviser", "exudyn", "h5py",
-    "pandas", "stable_baselines3",
+    "pandas", "stable_baselines3", "control",
 }  # fmt: skip
 OF_AN_EXTRA = ("hexsim.gym", "hexsim.web")  # packages that are nothing without it
 IMPORT_ALL = """

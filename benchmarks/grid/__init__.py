@@ -8,4 +8,7 @@
 | `motions` | setpoints |
 | `loop` | the 500 Hz position loop with a compensator |
 | `figures` | what a run is judged by |
+| `oracle` | what a perfect inverse with the true numbers leaves |
+| `ride` | makes ride.csv, the strokes of a hexapod that follows an aircraft |
+| `platform` | hexsim's hexapod with its numbers drawn |
 """

@@ -43,13 +43,15 @@ def deviation(acceleration: np.ndarray, motion: Motion) -> np.ndarray:
     return low - basis @ found
 
 
+def bumps_in(acceleration: np.ndarray, motion: Motion) -> np.ndarray:
+    """(n,) bump [m/s2] of each of the motion's reversals in an acceleration every 1e-4 s."""
+    off, rate = np.abs(deviation(acceleration, motion)), OUT_HZ / EVERY
+    return np.array([off[round((t - BEFORE_S) * rate) : round((t + AFTER_S) * rate)].max() for t in motion.reversals()])
+
+
 def bumps(run: Run) -> np.ndarray:
-    """(n,) bump [m/s2] of each of the motion's reversals."""
-    off = np.abs(deviation(run.acceleration_m_s2, run.motion))
-    rate = OUT_HZ / EVERY
-    return np.array(
-        [off[round((t - BEFORE_S) * rate) : round((t + AFTER_S) * rate)].max() for t in run.motion.reversals()]
-    )
+    """The same of a run."""
+    return bumps_in(run.acceleration_m_s2, run.motion)
 
 
 def late(found: np.ndarray, motion: Motion) -> float:

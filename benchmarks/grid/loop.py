@@ -101,18 +101,18 @@ def run_leg(compensator: Compensator, leg: Leg, motion: Motion, *, noise: int = 
             text = now
         sent = bench.exchange(k, control + added)
         log[:6, k] = y, p1, p2, supply, sent, added
-    return _run_of(bench, motion, log, wanted[:ticks], state, statuses, compensator.not_engaged(state))
+    return run_of(bench, motion, log, wanted[:ticks], state, statuses, compensator.not_engaged(state))
 
 
 def run_plain(leg: Leg, motion: Motion, *, noise: int = 0) -> Run:
     """`run_leg` with proportional control alone, compiled as a whole."""
     ticks = round(motion.duration_s * RATE_HZ)
     bench, wanted, log = Bench(leg, motion, ticks, noise), motion.sampled(ticks), np.zeros((len(COLUMNS), ticks))
-    plant.plain(*bench.parts, wanted, log)
-    return _run_of(bench, motion, log, wanted, None, [], "plain control")
+    plant.driven(*bench.parts, wanted, np.zeros(ticks), log)
+    return run_of(bench, motion, log, wanted, None, [], "plain control")
 
 
-def _run_of(
+def run_of(
     made: Bench, motion: Motion, log: np.ndarray, wanted: np.ndarray, state: Any, told: list, reason: str
 ) -> Run:
     columns: dict[str, np.ndarray] = {name: log[i] for i, name in enumerate(COLUMNS)}

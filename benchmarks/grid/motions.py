@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 MIDDLE_m, FADE_S = 0.1, 2.0
-Path = Callable[[np.ndarray], np.ndarray]
+RIDE, RIDE_HZ, RIDE_s = Path(__file__).with_name("ride.csv"), 50.0, 28.0
+Setpoint = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -17,7 +21,7 @@ class Motion:
     """A setpoint [m] over time [s]; period_s: as a signal generator knows it, None where there is none."""
 
     name: str
-    path: Path
+    path: Setpoint
     duration_s: float
     period_s: float | None = None
 
@@ -33,7 +37,7 @@ class Motion:
         return turns[(turns > FADE_S) & (turns < self.duration_s - 0.6)]
 
 
-def faded(offset: Path) -> Path:
+def faded(offset: Setpoint) -> Setpoint:
     return lambda t: (
         MIDDLE_m
         + np.clip(np.asarray(t) / FADE_S, 0.0, 1.0) ** 2
@@ -42,13 +46,13 @@ def faded(offset: Path) -> Path:
     )
 
 
-def tones(amplitudes: np.ndarray, frequencies: np.ndarray, seed: int) -> Path:
+def tones(amplitudes: np.ndarray, frequencies: np.ndarray, seed: int) -> Setpoint:
     """A sum of sines with drawn phases."""
     phases = np.random.default_rng([seed, 7]).uniform(0.0, 2.0 * math.pi, len(frequencies))
     return lambda t: (amplitudes[:, None] * np.sin(2.0 * math.pi * np.outer(frequencies, t) + phases[:, None])).sum(0)
 
 
-def limited(offset: Path, duration_s: float, largest_m: float, fastest_m_s: float) -> Path:
+def limited(offset: Setpoint, duration_s: float, largest_m: float, fastest_m_s: float) -> Setpoint:
     """Scaled so that neither the offset nor the speed is beyond its limit."""
     t = np.arange(0.0, duration_s + 0.2, 2e-3)
     x = offset(t)
@@ -79,11 +83,29 @@ def slow(seed: int) -> Motion:
     return Motion("slow", faded(limited(tones(np.array([1.0, 0.5]), f, seed), 40.0, 0.07, 0.04)), 40.0)
 
 
+@cache
+def strokes() -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) and offsets (n, 6) [m] of ride.csv."""
+    offsets = 1e-6 * np.loadtxt(RIDE, delimiter=",")
+    return np.arange(len(offsets)) / RIDE_HZ, offsets
+
+
+def ride(seed: int) -> Motion:
+    """A leg of a hexapod that follows a light aircraft in rough air (ride.py), begun at a drawn instant."""
+    time, offsets = strokes()
+    random = np.random.default_rng([seed, 11])
+    leg, first_s = int(random.integers(6)), float(random.uniform(0.0, time[-1] - RIDE_s - 1.0))
+    spline = CubicSpline(time, offsets[:, leg])
+    return Motion("ride", faded(lambda t: spline(first_s + t)), RIDE_s)
+
+
 MOTIONS: dict[str, Callable[[int], Motion]] = {
-    "sine": sine, "multisine": multisine, "irregular": irregular, "slow": slow,
+    "sine": sine, "multisine": multisine, "irregular": irregular, "slow": slow, "ride": ride,
 }  # fmt: skip
 
 
 def motion_of(name: str, seed: int) -> Motion:
-    """The motion of a name; the seed draws its phases."""
+    """The motion of a name; the seed draws its phases, or its part of the ride. ValueError for a name that is none."""
+    if name not in MOTIONS:
+        raise ValueError(f"no motion is called {name!r}: give one of {', '.join(MOTIONS)}")
     return MOTIONS[name](seed)

@@ -258,15 +258,16 @@ def exchange(numbers, s, plays, arriving, reads, accelerations, instants, noise,
 
 
 @compiled
-def plain(numbers, s, plays, arriving, reads, accelerations, instants, noise, pieces, setpoints, log):
-    """All ticks under proportional control alone. log (12, ticks): position, P1, P2, Ps as read, volts sent, none added; then
-    y, v, P1, P2, Ps and spool, true."""
+def driven(numbers, s, plays, arriving, reads, accelerations, instants, noise, pieces, setpoints, added, log):
+    """All ticks under proportional control and volts (ticks,) added to it. log (12, ticks): position, P1, P2, Ps as read, volts sent,
+    volts added, then y, v, P1, P2, Ps and spool, true."""
     out, c = np.empty(4), numbers[0]
     read(numbers, reads, noise[0], instants[0], pieces, out)
     for k in range(len(setpoints)):
         log[:4, k] = out
+        log[5, k] = added[k]
         log[6:12, k] = s[:6]  # Y to X
-        volts = c.gain_V_m * (setpoints[k] - out[0])
+        volts = c.gain_V_m * (setpoints[k] - out[0]) + added[k]
         log[4, k] = exchange(numbers, s, plays, arriving, reads, accelerations, instants, noise, pieces, k, volts, out)
 
 

@@ -17,6 +17,7 @@ def register(app: typer.Typer) -> None:
     )
     group.command("fmu")(fmu)
     group.command("compensator")(compensator)
+    group.command("plugin")(plugin)
     app.add_typer(group, name="export")
 
 
@@ -68,6 +69,27 @@ def fmu(
         console.print(f"        {', '.join(f'{count} {name}' for name, count in counts.items())}")
     if left_out:
         typer.echo(f"Windows is left out: {left_out}", err=True)
+
+
+def plugin(
+    machine: options.GivenMachine,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write.")],
+    timestep: Annotated[float | None, typer.Option(help="Time step of the MJCF (s); default 1e-4.")] = None,
+    settings: options.Set = None,
+    json: options.Json = False,
+) -> None:
+    """MuJoCo plugin of the hydraulic leg, and the machine as an MJCF that uses it: for MuJoCo without hexsim."""
+    from hexsim.export.plugin import export_plugin
+    from hexsim.machine import load_machine
+    from hexsim.machine.files import changed
+
+    changes = {key: options.parse_value(text) for key, text in options.parse_changes(settings).items()}
+    written = export_plugin(changed(load_machine(machine), changes, source="--set"), out, timestep)
+    if json:
+        print_json({"files": {path.name: path.stat().st_size for path in written}})
+    else:
+        for path in written:
+            output().print(f"{path}, {path.stat().st_size / 1e3:.0f} kB")
 
 
 def compensator(

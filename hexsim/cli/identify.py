@@ -12,10 +12,9 @@ from hexsim.cli import options
 from hexsim.cli.console import doing_of, output, print_json, progress, terminated_like_interrupted, text_table
 from hexsim.cli.errors import EXIT_CODE
 from hexsim.cli.serve import PORT
-from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
-    from hexsim.identify import Story
+    from hexsim.identification import Story
 
 
 def register(app: typer.Typer) -> None:
@@ -47,12 +46,14 @@ def identify(
     Exit code 2 where a fault of the machine or of the link ended it, or where the host has stopped the machine; what was
     found by then is kept. Ctrl-C lowers the machine, within 10 s; a second one leaves it as it is.
     """
+    from hexsim.identification.host import address_of
+
     address = address_of(host)
     if dry_run:
         _draw(machine, out, compensate, largest)
         return
-    from hexsim.identify import identify as run
-    from hexsim.identify.story import write_recordings, write_story
+    from hexsim.identification import identify as run
+    from hexsim.identification.story import write_recordings, write_story
 
     with progress() as bar, terminated_like_interrupted() as check:
         show = _said(doing_of(bar, check), bar.disable)
@@ -71,7 +72,7 @@ def identify(
 
 def _said(show: Callable[[str, float], None], no_display: bool) -> Callable[[str, float], None]:
     """The same, and where a display would not say it: that the machine is being lowered, which may take its time."""
-    from hexsim.identify.rounds import LOWERING
+    from hexsim.identification.rounds import LOWERING
 
     def said(doing: str, share: float) -> None:
         if doing == LOWERING and no_display:
@@ -83,8 +84,8 @@ def _said(show: Callable[[str, float], None], no_display: bool) -> Callable[[str
 
 def _draw(machine: Path, out: Path, compensate: bool, largest: float) -> None:
     """The motions that are known before anything is driven, as pictures and a table."""
-    from hexsim.identify.plan import draw, planned
-    from hexsim.identify.rounds import declared
+    from hexsim.identification.plan import draw, planned
+    from hexsim.identification.rounds import declared
     from hexsim.motion_computer.host_limiter import HostLimiter
 
     known, rows = declared(machine, out), []
@@ -119,11 +120,3 @@ def _tell(story: Story, place: Path) -> None:
     elif story.no_bump:
         console.print(f"bump     {story.no_bump}", soft_wrap=True)
     console.print(f"story    {place}")
-
-
-def address_of(text: str) -> tuple[str, int]:
-    """ADDRESS:PORT. Raises HexsimError for anything else."""
-    name, _, port = text.rpartition(":")
-    if not name or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise HexsimError(f"--host is {text!r}: give ADDRESS:PORT, such as 127.0.0.1:{PORT}")
-    return name, int(port)

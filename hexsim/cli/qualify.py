@@ -36,7 +36,7 @@ def qualify(
         progress() as bar,
         terminated_like_interrupted(),
     ):
-        from hexsim.qualify import qualify as run
+        from hexsim.qualification import qualify as run
 
         report = fraction_of(bar, f"qualifying {with_machine.name}")
         result = run(with_machine, folder.path, quick, report, compensator)
@@ -68,8 +68,8 @@ def measure(
     import math
 
     from hexsim.files.run_folder import default_folder, run_folder
-    from hexsim.qualify import Imu
-    from hexsim.qualify import measure as run
+    from hexsim.qualification import Imu
+    from hexsim.qualification import measure as run
     from hexsim.readers import read_log
 
     record = read_log(log, mapping)

@@ -105,6 +105,17 @@ def machine_tables(machine: Machine) -> dict[str, Any]:
     return {name: table for name, table in tables.items() if table not in ({}, [])}
 
 
+def in_one_line(machine: Machine) -> str:
+    """Legs, cylinder, pressure and mass."""
+    legs = f"{machine.n_legs} legs" if machine.n_legs > 1 else "one leg"
+    cylinder, load = machine.cylinder, machine.load
+    mass = load.platform_mass_kg if machine.is_hexapod else load.moving_mass_kg
+    return (
+        f"{machine.name}: {legs}, {1e3 * cylinder.piston_diameter_m:g}/{1e3 * cylinder.rod_diameter_m:g} mm cylinder with "
+        f"{1e3 * cylinder.stroke_m:g} mm stroke, {1e-5 * machine.supply.pressure_Pa:g} bar, {mass:g} kg"
+    )
+
+
 def save_machine(machine: Machine, path: Path) -> None:
     """Write `machine.toml` whole or not at all; `path` is the file."""
 

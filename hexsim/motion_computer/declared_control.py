@@ -10,7 +10,7 @@ from scipy.signal import bilinear
 
 from hexsim.declaration import Controller, Machine
 from hexsim.declaration.controller import LONGEST_DELAY_TICKS
-from hexsim.hydraulics import leg, rod_side
+from hexsim.hydraulics.oil_spring import oil_stiffness
 from hexsim.hydraulics.parameters import ROD_SIDE_VALVE, P, declared_rows
 from hexsim.hydraulics.resolve import resolve
 from hexsim.motion_computer.controller import N_CONSTANTS, C, Control
@@ -80,12 +80,3 @@ def _second_order(over: list[float], under: list[float], omega: float, tick: flo
     """(1, b0, b1, b2, a1, a2) of a fraction in s by the bilinear rule, prewarped at omega."""
     b, a = bilinear(over, under, omega / (2.0 * math.tan(0.5 * omega * tick)))
     return np.r_[1.0, b, a[1:]]
-
-
-def oil_stiffness(p: Array) -> float:
-    """Oil spring k [N/m] of a leg at mid stroke and half the supply pressure: A1^2/C1, and A2^2/C2 on a four-way valve."""
-    middle, pressure = 0.5 * p[P.STROKE], 0.5 * p[P.SUPPLY_PRESSURE]
-    stiffness = p[P.AREA_BOTTOM] ** 2 / leg.chamber_capacity(p, middle, pressure)
-    if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE:
-        stiffness += p[P.AREA_TOP] ** 2 / rod_side.capacity(p, middle, pressure)
-    return float(stiffness)

@@ -23,10 +23,26 @@ NEUTRAL = np.zeros(6)
 DISPLACED_m = 1e-4  # of a leg, for the derivative of the holding forces
 
 
-def leg_compliance(resolved: Resolved) -> Array:
-    """Acceleration of each leg for a force on each, at neutral (n_legs, n_legs) [1/kg]: J M^-1 J'."""
-    jacobian = resolved.machine.mechanics.jacobian(np.zeros(6))
+def leg_compliance(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
+    """Acceleration of each leg for a force on each, in a pose (n_legs, n_legs) [1/kg]: J M^-1 J'."""
+    jacobian = platform_jacobian(resolved, pose)
     return jacobian @ np.linalg.pinv(mass_matrix(held_body(resolved))) @ jacobian.T  # a bench's mass does not turn
+
+
+def platform_jacobian(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
+    """J (n_legs, 6) of l' = J (v, omega), both in the platform's frame. [1, m]"""
+    mechanics = resolved.machine.mechanics
+    rotation, jacobian = mechanics.rotation(pose), mechanics.jacobian(pose)
+    return np.hstack([jacobian[:, :3] @ rotation, jacobian[:, 3:] @ rotation])
+
+
+def holding_stiffness(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
+    """K (n_legs, n_legs) [N/m]: how the forces that hold the load change as each piston moves."""
+    mechanics = resolved.machine.mechanics
+    at, steps = mechanics.piston_positions(pose), DISPLACED_m * np.eye(mechanics.n_legs)
+    ends = [holding_forces(resolved, mechanics.forward(at + step)) for step in (*steps, *-steps)]
+    there, back = np.split(np.array(ends), 2)
+    return (there - back).T / (2 * DISPLACED_m)
 
 
 def holding_forces(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
@@ -58,11 +74,7 @@ class ExpectedLoad:
         if not mechanics.has_platform:
             return None
         neutral, inertia = mechanics.neutral_positions, np.linalg.inv(leg_compliance(resolved))
-        ends = [
-            holding_forces(resolved, mechanics.forward(neutral + step))
-            for step in np.vstack([DISPLACED_m * np.eye(6), -DISPLACED_m * np.eye(6)])
-        ]
-        stiffness = (np.array(ends[:6]) - np.array(ends[6:])).T / (2 * DISPLACED_m)
+        stiffness = holding_stiffness(resolved)
         mass = inertia.sum() / mechanics.n_legs
         return cls(inertia=inertia / mass, stiffness=stiffness / mass, neutral=neutral, mass_kg=mass)
 

@@ -47,8 +47,13 @@ NEAR_DECADES = 9  # of angles towards the integrators at z = 1
 REFINEMENTS = 40  # halvings of an angle's step: to the last bit of any resonance
 
 
-def leg_at(p: Array, force: float, supply_Pa: float, sign: float) -> tuple[Array, Array]:
-    """A leg's state and volts (7,) in steady motion with its valve open one way, and its row without dry friction."""
+def leg_at(
+    p: Array, force: float, supply_Pa: float, sign: float, position_m: float | None = None
+) -> tuple[Array, Array]:
+    """A leg's state and volts (7,) in steady motion with its valve open one way, and its row without dry friction.
+
+    position_m: of the piston; None: half stroke.
+    """
     p = p.copy()
     for place in (P.COULOMB_EXTEND, P.COULOMB_RETRACT, P.STATIC_EXTEND, P.STATIC_RETRACT, P.BRISTLE_STIFFNESS):
         p[place] = 0.0
@@ -66,7 +71,7 @@ def leg_at(p: Array, force: float, supply_Pa: float, sign: float) -> tuple[Array
     laps += [p[P.OVERLAP_SUPPLY_TOP], p[P.OVERLAP_TANK_TOP]] if four_way else []
     at[X] = sign * (max(0.0, *laps) + OPEN * p[P.SPOOL_TRAVEL])
     at[VOLTS] = at[X] / p[P.SPOOL_GAIN] + p[P.NULL_OFFSET]
-    at[Y] = 0.5 * p[P.STROKE]
+    at[Y] = 0.5 * p[P.STROKE] if position_m is None else position_m
     opening = leg.flow_curve(p, at[X]) if p[P.FLOW_POINTS] > 0.0 else at[X]
     at[V] = ports.supply_edge_flow(p, opening, at[P1], supply_Pa) - ports.tank_edge_flow(p, opening, at[P1])
     at[V] /= bottom
@@ -75,13 +80,25 @@ def leg_at(p: Array, force: float, supply_Pa: float, sign: float) -> tuple[Array
 
 def leg_matrices(p: Array, mass: float, force: float, supply_Pa: float, sign: float) -> Matrices:
     """x' = A x + B u, (y, p, y) = C x + D u of one leg that pushes `mass`; u: valve volts, p = P1 - P2 A2/A1 [Pa]."""
-    at, p = leg_at(p, force, supply_Pa, sign)
+    slopes, there = leg_slopes(*leg_at(p, force, supply_Pa, sign), supply_Pa)
+    slopes[V] /= mass
+    ratio = p[P.AREA_TOP] / p[P.AREA_BOTTOM] if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE else 0.0
+    read = np.zeros((3, 6))
+    read[[0, 2], Y], read[1, P1], read[1, P2] = 1.0, 1.0, -ratio
+    return slopes[np.ix_(there, there)], slopes[there][:, [VOLTS]], read[:, there], np.zeros((3, 1))
+
+
+def leg_slopes(at: Array, p: Array, supply_Pa: float) -> tuple[Array, list[int]]:
+    """Slopes (6, 7) of (P1', P2', x', x'', v, F) along (P1, P2, x, x', y, v, volts) at `at`, and which states the leg has.
+
+    F [N]: what the leg pushes with.
+    """
 
     def rates(s: Array) -> Array:
         state = (s[P1], s[P2], s[X], s[RATE], 0.0)
         (d1, d2, dx, dr, _), _, _ = leg.leg_derivatives(p, s[Y], s[V], s[VOLTS], 0.0, supply_Pa, state, 0.0)
         pushed = leg.leg_force(p, s[Y], s[V], s[VOLTS], s[P1], s[P2], supply_Pa, 0.0, 0.0)
-        return np.array([d1, d2, dx, dr, s[V], pushed / mass])
+        return np.array([d1, d2, dx, dr, s[V], pushed])
 
     slopes = np.column_stack(
         [(rates(at + h * e) - rates(at - h * e)) / (2 * h) for h, e in zip(STEPS, np.eye(7), strict=True)]
@@ -91,10 +108,7 @@ def leg_matrices(p: Array, mass: float, force: float, supply_Pa: float, sign: fl
         there.insert(1, P2)
     if p[P.SPOOL_OMEGA] > 0.0:
         there += [X, RATE]
-    ratio = p[P.AREA_TOP] / p[P.AREA_BOTTOM] if p[P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE else 0.0
-    read = np.zeros((3, 6))
-    read[[0, 2], Y], read[1, P1], read[1, P2] = 1.0, 1.0, -ratio
-    return slopes[np.ix_(there, there)], slopes[there][:, [VOLTS]], read[:, there], np.zeros((3, 1))
+    return slopes, there
 
 
 def with_transducers(plant: Matrices, resolved: Resolved, leg: int) -> Matrices:

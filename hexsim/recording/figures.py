@@ -6,7 +6,7 @@ deg, m/s2, bar, V, l/min.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -50,7 +50,13 @@ SEGMENT_S = 4.0  # of the spectrum: resolution 0.25 Hz
 
 def run_figures(signals: Signals) -> dict[str, Figure]:
     """All figures of a run by name, in the order of a report."""
-    makers = {
+    made = {name: maker(signals) for name, maker in makers().items()}
+    return {name: figure for name, figure in made.items() if figure is not None}
+
+
+def makers() -> dict[str, Callable[[Signals], Figure | None]]:
+    """What draws each figure of a run, by name."""
+    return {
         "motion": motion,
         "acceleration": acceleration,
         "parasitic": parasitic,
@@ -59,8 +65,6 @@ def run_figures(signals: Signals) -> dict[str, Figure]:
         "spectrum": spectrum,
         "points": points,
     }
-    made = {name: maker(signals) for name, maker in makers.items()}
-    return {name: figure for name, figure in made.items() if figure is not None}
 
 
 @styled

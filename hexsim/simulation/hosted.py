@@ -57,7 +57,7 @@ class Host:
             return cls(rate_Hz=float(rate), seed=seed, derivatives="derivatives" in rest, **numbers)
         except (ValueError, TypeError):
             raise HexsimError(
-                f"--host {text!r} is no host: give its packets a second, and what else it has: 60,jitter=0.2,loss=0.02,buffer=0.02"
+                f"host {text!r} is none: give its packets a second, and what else it has: 60,jitter=0.2,loss=0.02,buffer=0.02"
             ) from None
 
     def packets(

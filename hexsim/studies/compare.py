@@ -9,6 +9,7 @@ from typing import Any
 import tomli_w
 
 import compensation
+from compensation import Compensator
 from hexsim.errors import HexsimError
 from hexsim.files.atomic import write_text
 from hexsim.files.formats import LogFormat
@@ -57,7 +58,7 @@ def _makes(name: str) -> bool:
 def compare(
     machine: Machine | str | Path,
     scenario: Scenario | str | Path,
-    names: Sequence[str],
+    compensators: Sequence[str | Compensator],
     *,
     fast: bool = False,
     seed: int = 0,
@@ -65,16 +66,19 @@ def compare(
     host: Host | None = None,
     progress: Callable[[str, float], None] = lambda name, fraction: None,
 ) -> dict[str, Run]:
-    """Name -> run, in the order given. progress(name, fraction of that run). host: its packets drive the machine.
+    """Name -> run, in the order given, each a name or an object. progress(name, fraction of that run).
+
+    host: its packets drive the machine.
 
     A diverged run stays in the comparison and is marked; an interruption ends the comparison after the run it met.
     """
 
     machine, scenario = loaded(machine, scenario)
     runs: dict[str, Run] = {}
-    for name in names:
+    for one in compensators:
+        name = one if isinstance(one, str) else one.name
         runs[name] = simulate(
-            machine, scenario, compensator=name, fast=fast, seed=seed, timestep=timestep, host=host,
+            machine, scenario, compensator=one, fast=fast, seed=seed, timestep=timestep, host=host,
             progress=lambda f, name=name: progress(name, f),
         )  # fmt: skip
         if interrupted(runs[name]):

@@ -24,10 +24,11 @@ from scipy.optimize import minimize
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
+from hexsim.hydraulics.oil_spring import oil_stiffness
 from hexsim.hydraulics.parameters import declared_rows
 from hexsim.machine.files import changed
 from hexsim.motion_computer.controller import Control
-from hexsim.motion_computer.declared_control import control_of, oil_stiffness
+from hexsim.motion_computer.declared_control import control_of
 from hexsim.motion_computer.loop_model import Loop, controller_matrices, loops, reduced
 from hexsim.motion_computer.margins import LoopFigures, figures_of, first_below, worst_figures
 from hexsim.scenarios import Scenario

@@ -7,7 +7,7 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
-from hexsim.qualify.outcome import Outcome, outcome
+from hexsim.qualification.outcome import Outcome, outcome
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import Run, simulate
 

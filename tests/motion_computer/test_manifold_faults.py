@@ -6,7 +6,7 @@ import pytest
 
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.qualify.outcome import outcome
+from hexsim.qualification.outcome import outcome
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import simulate
 

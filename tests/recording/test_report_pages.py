@@ -6,7 +6,7 @@ from made_up_run import made_up_run
 
 from hexsim.files.report_links import BEGIN, END, link_reports
 from hexsim.files.run_folder import run_folder
-from hexsim.qualify.plots import CAPTIONS as QUALIFY
+from hexsim.qualification.plots import CAPTIONS as QUALIFY
 from hexsim.recording.report import CAPTIONS, question, render, run_report, with_contents
 from hexsim.studies.valve_report import CAPTIONS as VALVE
 from hexsim.tracing.report.page import CAPTIONS as TRACE

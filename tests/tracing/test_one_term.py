@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from hexsim.hydraulics.effects import effect_named
-from hexsim.identify import rounds
+from hexsim.identification import rounds
 from hexsim.tracing.design.next_measurement import surviving
 from hexsim.tracing.design.words import ALL_KNOWN, beside_one_term
 from hexsim.tracing.fitting.parameters import named

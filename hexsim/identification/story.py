@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from hexsim.declaration import Machine
 from hexsim.files.atomic import write_text, written_whole
 from hexsim.hydraulics.effects import effect_named
-from hexsim.identify import bump
-from hexsim.identify.picture import rounds_figure, story_figure
-from hexsim.identify.record import Story
+from hexsim.identification import bump
+from hexsim.identification.picture import rounds_figure, story_figure
+from hexsim.identification.record import Story
+from hexsim.machine.files import in_one_line
 from hexsim.readers import read_log
 from hexsim.recording.figure_style import png
 from hexsim.recording.report import data_url, render
@@ -48,7 +48,7 @@ def write_story(story: Story) -> Path:
         grown = data_url(png(rounds_figure(story.rounds)))
     page = render(
         "identify.html.j2", title=f"Identification of {story.machine.name}", story=story, sentence=sentence(story),
-        effects=effects(story), declared=declared(story.machine), figure=shown, caption=BUDGET + BUMP * bool(story.bump),
+        effects=effects(story), declared=in_one_line(story.machine), figure=shown, caption=BUDGET + BUMP * bool(story.bump),
         grown=grown, grown_caption=ROUNDS, bump=bump_sentence(story),
         ended=why_ended(story), left=left_open(story),
     )  # fmt: skip
@@ -80,17 +80,6 @@ def bump_sentence(story: Story) -> str:
     before, after, left = story.bump.before, story.bump.after, story.bump.left
     return (
         f"The bump at each reversal of the machine: {before:.3f} m/s² as it was, {after:.3f} m/s² compensated ({left})."
-    )
-
-
-def declared(machine: Machine) -> str:
-    """The declared machine in one line."""
-    legs = f"{machine.n_legs} legs" if machine.n_legs > 1 else "one leg"
-    cylinder, load = machine.cylinder, machine.load
-    mass = load.platform_mass_kg if machine.is_hexapod else load.moving_mass_kg
-    return (
-        f"{machine.name}: {legs}, {1e3 * cylinder.piston_diameter_m:g}/{1e3 * cylinder.rod_diameter_m:g} mm cylinder with "
-        f"{1e3 * cylinder.stroke_m:g} mm stroke, {1e-5 * machine.supply.pressure_Pa:g} bar, {mass:g} kg"
     )
 
 

@@ -19,15 +19,16 @@ from numpy.typing import NDArray
 from compensation.compensator import Parameters
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.identify.link import Link, LinkLost
-from hexsim.identify.telemetry_log import log_of
-from hexsim.identify.watch import Watch
+from hexsim.identification.link import Link, LinkLost
+from hexsim.identification.telemetry_log import log_of
+from hexsim.identification.watch import Watch
 from hexsim.motion_computer.compensator_packet import AskedCompensator
 from hexsim.motion_computer.errors import labels
 from hexsim.motion_computer.host_limiter import Gate, HostLimiter, PERIOD_s
 from hexsim.motion_computer.host_packet import HostCommand, Reply
 from hexsim.motion_computer.states import State
 from hexsim.motion_computer.telemetry import Telemetry
+from hexsim.simulation.serve import PORT
 
 Array = NDArray[np.float64]
 ANSWER_s = 0.5  # a reply that takes longer is lost
@@ -255,3 +256,11 @@ def check_clock(whose: str, ran_s: float, true_s: float, share: float, late_s: f
             f"{whose} ran {ran_s:.2f} s while {true_s:.2f} s went by: its time stamps cannot be trusted; mend its clock "
             "or the rate that it says"
         )
+
+
+def address_of(text: str) -> tuple[str, int]:
+    """ADDRESS:PORT. Raises HexsimError for anything else."""
+    name, _, port = text.rpartition(":")
+    if not name or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise HexsimError(f"the host is {text!r}: give ADDRESS:PORT, such as 127.0.0.1:{PORT}")
+    return name, int(port)

@@ -29,7 +29,7 @@ from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
-from hexsim.identify.host import Host
+from hexsim.identification.host import Host
 from hexsim.motion_computer.host_limiter import setpoints_of
 from hexsim.scenarios.scenario import scenario_from_dict
 from hexsim.simulation import Run

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hexsim.declaration import Machine
-from hexsim.identify.bump import Bump
+from hexsim.identification.bump import Bump
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,11 +22,11 @@ from compensation import Compensator
 from hexsim.declaration import Machine
 from hexsim.files.atomic import write_text
 from hexsim.machine.files import machine_tables
-from hexsim.qualify.battery import QUICK, Battery, Findings, Plan
-from hexsim.qualify.measured import Imu, measure
-from hexsim.qualify.page import page
-from hexsim.qualify.rig import MachineRig, Motion, Rig
-from hexsim.qualify.rows import Row
+from hexsim.qualification.battery import QUICK, Battery, Findings, Plan
+from hexsim.qualification.measured import Imu, measure
+from hexsim.qualification.page import page
+from hexsim.qualification.rig import MachineRig, Motion, Rig
+from hexsim.qualification.rows import Row
 from hexsim.scenarios.settings import loaded
 
 __all__ = ["QUICK", "Battery", "Findings", "Imu", "MachineRig", "Motion", "Plan", "Rig", "Row", "measure", "qualify"]
@@ -44,8 +44,19 @@ def qualify(
     quick: fewer, shorter motions (under a minute). progress(fraction).
     Raises HexsimError where the machine cannot do a motion or `out` cannot be written.
     """
+    result, found = judged(machine, quick, progress, compensator)
+    write_qualification(result, found, machine, out)
+    return result
+
+
+def judged(
+    machine: Machine | str | Path,
+    quick: bool = False,
+    progress: Callable[[float], None] | None = None,
+    compensator: str | Compensator = "none",
+) -> tuple[dict[str, Any], Findings]:
+    """Run all motion tests: what qualify.json holds, and the rows and curves behind it."""
     machine, _ = loaded(machine, "heave")
-    folder = Path(out)
     report = progress or (lambda fraction: None)
     rig = MachineRig(machine, compensator)
     found = Battery(rig, QUICK if quick else Plan(), lambda fraction, what: report(0.95 * fraction)).run()
@@ -61,11 +72,19 @@ def qualify(
         "rows": [asdict(row) | {"passed": row.passed} for row in found.rows],
         "describing_function": found.curves["describing_function"],
     }
+    report(1.0)
+    return result, found
+
+
+def write_qualification(
+    result: dict[str, Any], found: Findings, machine: Machine | str | Path, out: str | Path
+) -> None:
+    """qualify.json and report.html, in the folder `out`."""
+    folder = Path(out)
+    machine, _ = loaded(machine, "heave")
     write_text(folder / "qualify.json", json.dumps(result, indent=1))
     config = tomli_w.dumps(machine_tables(machine))
     write_text(folder / "report.html", page(f"Qualification of {machine.name}", _how(result), found, config))
-    report(1.0)
-    return result
 
 
 def _how(result: dict[str, Any]) -> str:

@@ -7,9 +7,9 @@ from typing import Any
 
 import jinja2
 
-from hexsim.qualify.battery import Findings
-from hexsim.qualify.plots import CAPTIONS, pictures
-from hexsim.qualify.rows import Row
+from hexsim.qualification.battery import Findings
+from hexsim.qualification.plots import CAPTIONS, pictures
+from hexsim.qualification.rows import Row
 from hexsim.recording.report import data_url, render
 from hexsim.recording.summary_table import number
 
@@ -19,7 +19,7 @@ def page(title: str, how: str, found: Findings, config: str, notes: Sequence[str
     judged = [row for row in found.rows if row.passed is not None]
     return render(
         "qualification.html.j2",
-        jinja2.PackageLoader("hexsim.qualify", "templates"),
+        jinja2.PackageLoader("hexsim.qualification", "templates"),
         title=title,
         how=how,
         sentence=_sentence(judged) if judged else "No figure of this motion has a limit.",

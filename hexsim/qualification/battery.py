@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hexsim.errors import HexsimError
-from hexsim.qualify import measures
-from hexsim.qualify.rig import Motion, Rig
-from hexsim.qualify.rows import (
+from hexsim.qualification import measures
+from hexsim.qualification.rig import Motion, Rig
+from hexsim.qualification.rows import (
     APPLICANT,
     NO_LIMIT,
     PART_60,

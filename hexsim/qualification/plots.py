@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hexsim.qualify.measures import STEP_SHARE
-from hexsim.qualify.rows import NAMES, ROTATIONS
+from hexsim.qualification.measures import STEP_SHARE
+from hexsim.qualification.rows import NAMES, ROTATIONS
 from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, new_figure, png, small_multiples, styled
 

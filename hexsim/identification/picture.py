@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hexsim.identify.bump import Bump
-from hexsim.identify.record import Round
+from hexsim.identification.bump import Bump
+from hexsim.identification.record import Round
 from hexsim.mechanics.mechanics import DOF_NAMES
 from hexsim.motion_computer.host_limiter import KINDS, MEMORY, HostLimiter
 from hexsim.recording import palette

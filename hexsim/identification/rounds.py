@@ -25,11 +25,11 @@ from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
-from hexsim.identify import bump
-from hexsim.identify.host import Host, MachineFault
-from hexsim.identify.plan import HELD_OUT, MOTION_s, SMALL_s, draw, planned
-from hexsim.identify.record import Round, Story
-from hexsim.identify.telemetry_log import log_of
+from hexsim.identification import bump
+from hexsim.identification.host import Host, MachineFault
+from hexsim.identification.plan import HELD_OUT, MOTION_s, SMALL_s, draw, planned
+from hexsim.identification.record import Round, Story
+from hexsim.identification.telemetry_log import log_of
 from hexsim.machine.files import find_machine_file, load_machine, save_machine
 from hexsim.motion_computer.host_limiter import setpoints_of
 from hexsim.motion_computer.states import State

@@ -23,11 +23,11 @@ from hexsim.errors import HexsimError
 from hexsim.files.atomic import write_text
 from hexsim.machine.files import machine_tables
 from hexsim.mechanics.mechanics import Mechanics
-from hexsim.qualify import measures
-from hexsim.qualify.battery import Findings
-from hexsim.qualify.page import page
-from hexsim.qualify.rig import Motion
-from hexsim.qualify.rows import (
+from hexsim.qualification import measures
+from hexsim.qualification.battery import Findings
+from hexsim.qualification.page import page
+from hexsim.qualification.rig import Motion
+from hexsim.qualification.rows import (
     APPLICANT,
     ROTATIONS,
     Row,

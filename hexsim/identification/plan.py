@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.files.atomic import written_whole
-from hexsim.identify import bump
-from hexsim.identify.picture import motion_figure
+from hexsim.identification import bump
+from hexsim.identification.picture import motion_figure
 from hexsim.motion_computer.host_limiter import HostLimiter, setpoints_of
 from hexsim.recording.figure_style import png
 from hexsim.tracing.design.motions import MotionFamily

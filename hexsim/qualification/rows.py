@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from hexsim.qualify import measures
-from hexsim.qualify.rig import Motion
+from hexsim.qualification import measures
+from hexsim.qualification.rig import Motion
 from hexsim.smoothness import half_hertz_noise, harmonic_deviation, parasitic, turn_around_check
 from hexsim.smoothness.summary import PERCEPTION_m_s2
 
