@@ -92,6 +92,14 @@ def chapter4() -> Pictures:
         return {f"chapter4_{name}": (Path(folder) / f"{name}.png").read_bytes() for name in ("supply", "flow_curve")}
 
 
+def temperature() -> Pictures:
+    """A leg whose oil warms, and the law of its valve's edges; minutes, as a compensator that is not sure looks again and again."""
+    sys.path.insert(0, str(ROOT / "examples"))
+    import warm_up
+
+    return {"warm_up": png(warm_up.ride_figure(warm_up.ride()), DPI), "laminar_edge": png(warm_up.edge_figure(), DPI)}
+
+
 def results() -> Pictures:
     """Pictures of results that are kept, from their figures."""
     sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -179,7 +187,21 @@ def live_web() -> Pictures:
 
 GROUPS: dict[str, Callable[[], Pictures]] = {
     f.__name__: f
-    for f in (heave, trace, effects, valve, qualify, chapter4, results, learning, cueing, story, machines, live_web)
+    for f in (
+        heave,
+        trace,
+        effects,
+        valve,
+        qualify,
+        chapter4,
+        temperature,
+        results,
+        learning,
+        cueing,
+        story,
+        machines,
+        live_web,
+    )
 }
 
 

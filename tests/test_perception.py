@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexsim.smoothness.perception import felt_figures, weighted_rms, weighting
+from hexsim.smoothness.perception import felt_figures, mtvv, vibration_dose, weighted_rms, weighting
 
 TIME = np.arange(0.0, 20.0, 1e-3)
 W = 2 * np.pi * 0.5
@@ -22,6 +22,18 @@ def test_weightings_are_those_of_the_standard(kind: str, frequency_Hz: float, fa
 def test_a_sine_is_weighted_by_its_factor() -> None:
     """2 m/s2 at 8 Hz in heave: 2/sqrt(2) times 1.036."""
     assert weighted_rms(TIME, 2.0 * np.sin(2 * np.pi * 8.0 * TIME), "k") == pytest.approx(2**0.5 * 1.036, rel=5e-3)
+
+
+def test_shocks_count_by_their_running_second_and_by_the_fourth_power() -> None:
+    """2 m/s2 at 8 Hz for 20 s: MTVV is the rms, VDV 2.072 (3/8 20 s)^(1/4). For one second of the 20: MTVV is that of the
+    second and sqrt(20) times the rms (3 % for what rings on), VDV 20^(1/4) less; the record's length changes the rms alone."""
+    steady = 2.0 * np.sin(2 * np.pi * 8.0 * TIME)
+    shock = steady * (np.abs(TIME - 10.0) < 0.5)
+    assert mtvv(TIME, steady, "k") == pytest.approx(weighted_rms(TIME, steady, "k"), rel=1e-3)
+    assert vibration_dose(TIME, steady, "k") == pytest.approx(2.072 * (3 / 8 * 20.0) ** 0.25, rel=5e-3)
+    assert mtvv(TIME, shock, "k") == pytest.approx(2**0.5 * 1.036, rel=0.03)
+    assert mtvv(TIME, shock, "k") / weighted_rms(TIME, shock, "k") == pytest.approx(20**0.5, rel=0.03)
+    assert vibration_dose(TIME, shock, "k") == pytest.approx(2.072 * (3 / 8) ** 0.25, rel=0.03)
 
 
 def felt(acceleration, axis="z", position=None):

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from hexsim.declaration.section import Section, between
+from hexsim.declaration.section import Section, between, zero_or
 
 
 class Cylinder(Section):
@@ -30,7 +30,11 @@ class Cylinder(Section):
     cushion_length_m: float = between(1e-5, 2.0, "the soft end stop acts within this of either end [m]", default=0.005)
     cushion_stiffness_N_m: float = between(1e2, 1e11, "stiffness of the end stop [N/m]", default=2.0e7)
     cushion_damping_N_s_m: float = between(0.0, 1e9, "damping of the end stop [N s/m]", default=2.0e4)
-
+    cushion_orifice_m3_s_sqrtPa: float = zero_or(
+        1e-12,
+        0.1,
+        "orifice through which the cushions of both ends empty, beside the spring; 0 = none [m3/(s sqrt(Pa))]",
+    )
     piston_leakage_m3_s_Pa: float = between(0.0, 1e-8, "across the piston seal, laminar [m3/(s Pa)]", default=0.0)
     rod_leakage_m3_s_Pa: float = between(
         0.0, 1e-8, "out along the rod, from a chamber on the valve to tank pressure [m3/(s Pa)]", default=0.0
@@ -45,6 +49,11 @@ class Cylinder(Section):
     def area_top_m2(self) -> float:
         """A2 = pi/4 (D^2 - d^2)."""
         return math.pi / 4 * (self.piston_diameter_m**2 - self.rod_diameter_m**2)
+
+    def cushion_choke_N_s2_m2(self, area_m2: float) -> float:
+        """Force over speed squared of a cushion of this area: A (A v/K)^2."""
+        conductance = self.cushion_orifice_m3_s_sqrtPa
+        return area_m2**3 / conductance**2 if conductance > 0.0 else 0.0
 
     @model_validator(mode="after")
     def _rod_fits(self) -> Cylinder:

@@ -24,6 +24,7 @@ SAME = (
     ("spool_diameter_m", "rated_flow_m3_s"),
     ("spool_diameter_m", "rated_pressure_drop_Pa"),
     ("spool_frequency_Hz", "small_signal_minus_90deg_Hz"),
+    ("laminar_reynolds", "flow_at_10_percent_m3_s"),
     ("slew_time_s", "large_signal_minus_3dB_Hz"),
 )
 

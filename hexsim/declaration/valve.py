@@ -79,6 +79,21 @@ class Valve(Section):
     )
     quadratic_gain: float = between(1e-3, 1e7, "gain of a(x) = gain x^2, Eq. 3.11 [-]", default=300.0)
     pressure_width_Pa: float = between(1.0, 1e7, "sqrt(dp) is smooth within this of dp = 0 [Pa]", default=1.0e4)
+    laminar_reynolds: float = zero_or(
+        0.1, 1000.0, "an edge is laminar below this Reynolds number, 15 of a sharp slot; 0: at no opening (report) [-]"
+    )
+    flow_at_10_percent_m3_s: float | None = between(
+        1e-12,
+        1.0,
+        "through one edge at 10 % signal and rated pressure drop; in place of laminar_reynolds [m3/s]",
+        default=None,
+    )
+    sheet_viscosity_mm2_s: float = between(
+        1.0,
+        5000.0,
+        "of the oil with which the sheet's flows were measured; ISO 10770: VG 32 at 40 degC [mm2/s]",
+        default=32.0,
+    )
     spool_frequency_Hz: float = zero_or(0.1, 1e4, "bandwidth of the spool; 0 = it follows at once (report) [Hz]")
     spool_damping: float = between(0.01, 100.0, "damping ratio of the spool [-]", default=0.7)
     flow_curve: FlowCurve | None = Field(None, description="flow over signal in place of the lap")
@@ -132,6 +147,43 @@ class Valve(Section):
             gradients = [self.rated_flow_m3_s / (speed * (self.spool_travel_max_m - o)) for o in self.overlaps_m]
         pa, at, pb, bt = (g * gain for g, gain in zip(gradients, self.edge_gains, strict=True))
         return pa, at, pb, bt
+
+    def reynolds(self, density_kg_m3: float) -> float:
+        """Reynolds number below which an edge is laminar (0: at no opening), declared or of the flow at 10 % signal.
+
+        A flow of r times the root law's at the opening o and the rated drop: p_cr = dp_r sqrt(1 - r^4)/r^2 (`valve`).
+        """
+        opening, share = self._small_opening()
+        if share is None:
+            return self.laminar_reynolds
+        transition = self.rated_pressure_drop_Pa * math.sqrt(1.0 - share**4) / share**2  # type: ignore[operator]
+        speed = math.sqrt(2.0 * transition / density_kg_m3)
+        return 2.0 * self.discharge_coefficient * opening * speed / (1e-6 * self.sheet_viscosity_mm2_s)
+
+    def _small_opening(self) -> tuple[float, float | None]:
+        """Opening at 10 % signal [m], and the sheet's flow there over that of the root law; None: the sheet has none."""
+        opening = 0.1 * self.spool_travel_max_m - self.overlaps_m[0]
+        if self.flow_at_10_percent_m3_s is None or self.rated_flow_m3_s is None:
+            return opening, None
+        turbulent = self.rated_flow_m3_s * opening / (self.spool_travel_max_m - self.overlaps_m[0])
+        return opening, self.flow_at_10_percent_m3_s / turbulent if turbulent > 0.0 else math.inf
+
+    @model_validator(mode="after")
+    def _flow_at_10_percent_is_laminar(self) -> Valve:
+        if self.flow_at_10_percent_m3_s is None:
+            return self
+        if self.laminar_reynolds > 0 or self.rated_flow_m3_s is None or self.flow_curve is not None:
+            raise ValueError(
+                "flow_at_10_percent_m3_s stands in place of laminar_reynolds and needs rated_flow_m3_s, "
+                "rated_pressure_drop_Pa and an overlap"
+            )
+        opening, share = self._small_opening()
+        if not 0 < (share or 0) < 1:
+            raise ValueError(
+                f"flow_at_10_percent_m3_s = {self.flow_at_10_percent_m3_s:g} must be below what the rated flow and the overlap "
+                f"give at an opening of {1e6 * opening:.3g} um: else the edge is not laminar there; leave it out"
+            )
+        return self
 
     @property
     def spool(self) -> tuple[float, float, float]:

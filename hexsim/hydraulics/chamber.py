@@ -2,8 +2,17 @@
 
     dP1/dt = (sum Q - A1 v) / C,   C = V/E(P) + C_hose,   V = max(A1 y + V_pl, floor)
 
-With entrained air (volume fraction alpha at atmospheric pressure, polytropic n = 1.4, absolute pressure P):
-    1/E(P) = (1/E + alpha (P0/P)^(1/n) / (n P)) / (1 + alpha (P0/P)^(1/n))
+With entrained air (volume fraction alpha at atmospheric pressure P0, absolute pressure P):
+    1/E(P) = (1/E + alpha (P0/P) / (n P)) / (1 + alpha P0/P)
+
+Air in oil has that oil's temperature: on its way from the tank, and over seconds, its volume follows Boyle, alpha P0/P.
+About it a ripple of the pressure is too fast for bubbles to give off heat and is adiabatic, n = 1.4 (Merritt 1967, 1-4:
+1/E = 1/E_oil + V_gas/V_total / (n P)). Air that was compressed adiabatically from P0 on would be (P/P0)^(1 - 1/n) as large:
+2 at 11 bar, 2.8 at 35 bar, 3.4 at 70 bar.
+Dissolving: alpha is what is free. Mineral oil holds 9 % of its volume in solution at P0 and in proportion more under
+pressure (Bunsen coefficient 0.09, Henry), so that at working pressure all free air dissolves in time, in seconds to
+minutes by the size of its bubbles, and comes out again in the tank. No such time is in the model: an identified alpha is that
+of the log's minutes. A swing of the pressure by a factor s within a second is off by s^(1 - 1/n) of the air's share.
 
 Oil bears no tension: at its vapour pressure P_v it leaves a void W behind, and stays at P_v until inflow or a smaller
 chamber has closed it,
@@ -26,7 +35,7 @@ ATMOSPHERE = 1.01325e5  # [Pa]; pressures are gauge, absolute zero is -ATMOSPHER
 VAPOUR = 10.0 - ATMOSPHERE  # [Pa] gauge; mineral oils boil at 0.1 to 10 Pa absolute at 20 to 60 degC
 LEAST_OF_AIR = 2.0e4  # [Pa] absolute: below it free air swells at the rate it has there, and vapour soon does the rest
 VOLUME_FLOOR = 1.0e-6  # [m3] smallest chamber volume, reached only at the end stop
-AIR_EXPONENT = 1.4  # [-] adiabatic: bubbles are compressed faster than they exchange heat
+AIR_EXPONENT = 1.4  # [-] of a ripple: bubbles are compressed faster than they exchange heat
 
 
 @compiled
@@ -37,11 +46,11 @@ def volume(y, area, dead_volume):
 
 @compiled
 def bulk_modulus(pressure, oil_modulus, air_fraction):
-    """Effective bulk modulus [Pa] of oil with entrained air at gauge pressure `pressure`."""
+    """Effective bulk modulus [Pa] of oil with entrained air, for a ripple about the gauge pressure `pressure`."""
     if air_fraction <= 0.0:
         return oil_modulus
     absolute = max(pressure + ATMOSPHERE, LEAST_OF_AIR)
-    air = air_fraction * (ATMOSPHERE / absolute) ** (1.0 / AIR_EXPONENT)
+    air = air_fraction * ATMOSPHERE / absolute
     return (1.0 + air) / (1.0 / oil_modulus + air / (AIR_EXPONENT * absolute))
 
 

@@ -33,16 +33,20 @@ def bristle_rate(velocity, bristle, level, stiffness):
 
 
 @compiled
-def end_stop_force(y, velocity, stroke, length, stiffness, damping):
+def end_stop_force(y, velocity, stroke, length, stiffness, damping, choke_low=0.0, choke_high=0.0):
     """Soft end stops [N], positive pushes outwards: a progressive spring k d^2/l within l of either end, with damping.
 
-    The damping acts only on the way in, so that a stop never pulls.
+    choke_low, choke_high [N s2/m2]: A^3/K^2 of a cushion whose pocket of area A empties through an orifice, q = K sqrt(dp):
+    force A dp = A (A v/K)^2; a tapered spear shuts the way past it over l. Its oil is taken for stiff.
+    Damping and orifice act only on the way in, so that a stop never pulls: a check valve fills the pocket on the way out.
     """
     low = length - y
     high = y - (stroke - length)
     force = 0.0
     if low > 0.0:
-        force += stiffness * low * low / length + damping * max(-velocity, 0.0) * min(low / length, 1.0)
+        inwards = max(-velocity, 0.0)
+        force += stiffness * low * low / length + (damping + choke_low * inwards) * inwards * min(low / length, 1.0)
     if high > 0.0:
-        force -= stiffness * high * high / length + damping * max(velocity, 0.0) * min(high / length, 1.0)
+        inwards = max(velocity, 0.0)
+        force -= stiffness * high * high / length + (damping + choke_high * inwards) * inwards * min(high / length, 1.0)
     return force

@@ -64,6 +64,7 @@ def ratios(from_degC: float, to_degC: float, grade: OilGrade = TELLUS_T46) -> Oi
 # sqrt(eta v), friction ~ eta v / film (Kanters 1990, On the calculation of leakage and friction of reciprocating elastomeric seals).
 LEG_POWERS: dict[P, tuple[float, float, float]] = {
     P.DENSITY: (1, 0, 0),
+    P.LAMINAR: (-1, 0, 1),  # kinematic viscosity
     P.BULK_MODULUS: (0, 1, 0),
     P.LEAK_SUPPLY_CHAMBER: (0, 0, -1),
     P.LEAK_CHAMBER_TANK: (0, 0, -1),

@@ -13,6 +13,7 @@ import numpy as np
 
 from hexsim.declaration import Cylinder, Friction, Machine, Manifold, Valve
 from hexsim.declaration.leg import Leg
+from hexsim.declaration.oil_grades import kinematic_viscosity
 from hexsim.declaration.valve import FLOW_POINTS
 from hexsim.signals.units import unit_to_si
 
@@ -128,6 +129,9 @@ class P(IntEnum):
     LEARNED_MEMORY = 93  # time constant of the low-pass that a learned term's signal has passed [s]; 0: none
     FRICTION_SETTLED = 94  # share more of all friction in the end, when it has warmed up
     VISCOUS_FADING = 95  # rate at which viscous friction falls [1/s]
+    LAMINAR = 96  # Re_cr nu/2 of the metering edges [m2/s]; 0: turbulent at any opening
+    CUSHION_CHOKE_LOW = 97  # A^3/K^2 of the orifices of end cushions [N s2/m2]; 0: none
+    CUSHION_CHOKE_HIGH = 98
 
 
 ROD_SIDE_SUPPLY, ROD_SIDE_PORT, ROD_SIDE_VALVE = 0.0, 1.0, 2.0  # at supply pressure; behind a port; on port B
@@ -150,7 +154,7 @@ def declared_rows(machine: Machine) -> np.ndarray:
         for name, value in (parts | _manifold(machine.manifold)).items():
             row[name] = value
         if leg.valve.flow_curve is not None:
-            points = flow_points(leg.valve)
+            points = flow_points(leg.valve, machine.oil.density_kg_m3)
             row[P.FLOW_POINTS] = points.shape[1]
             for k, start in enumerate((FLOW_TABLE, FLOW_TABLE + FLOW_POINTS)):
                 row[start : start + points.shape[1]] = points[k]
@@ -173,6 +177,8 @@ def _cylinder(machine: Machine, cylinder: Cylinder) -> dict[P, float]:
         P.CUSHION_LENGTH: cylinder.cushion_length_m,
         P.CUSHION_STIFFNESS: cylinder.cushion_stiffness_N_m,
         P.CUSHION_DAMPING: cylinder.cushion_damping_N_s_m,
+        P.CUSHION_CHOKE_LOW: cylinder.cushion_choke_N_s2_m2(cylinder.area_bottom_m2),
+        P.CUSHION_CHOKE_HIGH: cylinder.cushion_choke_N_s2_m2(cylinder.area_top_m2),
         P.ROD_SIDE_CHAMBER: ROD_SIDES[cylinder.rod_side],
     }
     if cylinder.rod_side == "supply":  # the annulus is at supply pressure
@@ -205,6 +211,7 @@ def _valve(machine: Machine, leg: Leg) -> dict[P, float]:
         P.QUADRATIC_GAIN: valve.quadratic_gain if valve.flow_area == "quadratic" else 0.0,
         P.DISCHARGE: valve.discharge_coefficient,
         P.PRESSURE_WIDTH: valve.pressure_width_Pa,
+        P.LAMINAR: laminar_number(machine, valve.reynolds(machine.oil.density_kg_m3), machine.oil.temperature_degC),
         P.SPOOL_OMEGA: omega,
         P.SPOOL_DAMPING: damping,
         P.SPOOL_RATE: speed,
@@ -253,7 +260,12 @@ def _friction(friction: Friction) -> dict[P, float]:
     }
 
 
-def flow_points(valve: Valve) -> np.ndarray:
+def laminar_number(machine: Machine, reynolds: float, temperature_degC: float) -> float:
+    """Re_cr nu/2 [m2/s] of edges that are laminar below a Reynolds number, in the machine's oil at a temperature."""
+    return 0.5 * reynolds * kinematic_viscosity(temperature_degC, machine.oil.properties)
+
+
+def flow_points(valve: Valve, density_kg_m3: float) -> np.ndarray:
     """Flow curve (2, n_points) of a valve that has one: spool positions [m], and the openings that give the flow [m]."""
     curve = valve.flow_curve
     assert curve is not None
@@ -264,4 +276,19 @@ def flow_points(valve: Valve) -> np.ndarray:
     share = at * units[curve.signal_unit] / (valve.voltage_max_V if curve.signal_unit.endswith("V") else 1.0)
     is_share = curve.flow_unit in ("%", "1")
     opening = flow * units[curve.flow_unit] / (1.0 if is_share else valve.rated_flow_m3_s or 1.0)
-    return valve.spool_travel_max_m * np.stack([share, opening])
+    places, opening = valve.spool_travel_max_m * np.stack([share, opening])
+    return np.stack([places, turbulent_opening(valve, opening, density_kg_m3)])
+
+
+def turbulent_opening(valve: Valve, opening: np.ndarray, density_kg_m3: float) -> np.ndarray:
+    """Openings [m] whose flow at rated drop and the sheet's viscosity is what `opening` would give by the root law.
+
+    Q = K o (dp^2/(dp^2 + p_cr^2))^(1/4) with p_cr = c/o^2 (`hydraulics.valve`) is quadratic in o^4.
+    """
+    reynolds = valve.reynolds(density_kg_m3)
+    if reynolds == 0.0:
+        return opening
+    speed = 0.5e-6 * reynolds * valve.sheet_viscosity_mm2_s / valve.discharge_coefficient
+    ratio = (0.5 * density_kg_m3 * speed**2 / (valve.rated_pressure_drop_Pa or 1.0)) ** 2  # (c/dp)^2
+    fourth = opening**4
+    return np.copysign((0.5 * (fourth + np.sqrt(fourth * (fourth + 4.0 * ratio)))) ** 0.25, opening)

@@ -3,7 +3,9 @@
     port A: bottom chamber    q_A = q(P-A) - q(A-T),   P-A opens for x > 0, A-T for x < 0          Eq. 3.4
     port B: rod side          q_B = q(P-B) - q(B-T),   P-B opens for x < 0, B-T for x > 0          four-way valve
 
-Each edge has its own overlap O, area gradient g and rounding; the discharge coefficient is the valve's. Leakage across
+Each edge has its own overlap O, area gradient g and rounding; the discharge coefficient is the valve's, and so is the
+Reynolds number below which an edge is laminar. (In series with a manifold's port the edge alone is: where it is laminar
+it is nearly shut, and the port's drop is none.) Leakage across
 the piston and along the rod joins the ports' balances: q_B += G_p (P1 - P2) - G_r (P2 - Pt), laminar.
 """
 
@@ -12,6 +14,8 @@ import math
 from hexsim.compiled import compiled
 from hexsim.hydraulics import manifold, valve
 from hexsim.hydraulics.parameters import P
+
+NEWTON_STEPS = 5  # from the root law to 1e-12 of the drop
 
 
 @compiled
@@ -57,9 +61,37 @@ def open_area(p, x, edge):
 
 
 @compiled
+def width(p, x, edge):
+    """Pressure drop [Pa] within which the flow through an edge is smooth, or laminar, for travel x towards it."""
+    if p[P.LAMINAR] == 0.0:
+        return p[P.PRESSURE_WIDTH]
+    opening = max(x, 0.0) if p[P.QUADRATIC_GAIN] > 0.0 else valve.opening(x, edge[0], edge[2])
+    return valve.transition_pressure(opening, p[P.LAMINAR], p[P.DISCHARGE], p[P.DENSITY], p[P.PRESSURE_WIDTH])
+
+
+@compiled
+def drop_before_line(p, gain, dp, width):
+    """Pressure drop e [Pa] across an edge with a return line behind it, e + R q(e) = |dp|, q of `valve.smooth_root`.
+
+    From the root law's closed form, whose flow is the larger and drop the smaller one: Newton's steps come from below
+    and end at the root, as q is concave.
+    """
+    line = gain * p[P.RETURN_RESISTANCE]
+    root = 0.5 * (math.sqrt(line * line + 4.0 * abs(dp)) - line)
+    drop = root * root
+    for _ in range(NEWTON_STEPS):
+        excess = drop + line * valve.smooth_root(drop, width) - abs(dp)
+        drop = max(drop - excess / (1.0 + line * valve.smooth_root_slope(drop, width)), 0.0)
+    return drop
+
+
+@compiled
 def supply_edge(p, x, dp, edge):
     """Flow from the supply across an edge [m3/s] for travel x towards it, dp = Ps - P of the port."""
-    flow = valve.orifice_flow(open_area(p, x, edge), dp, p[P.DISCHARGE], p[P.DENSITY], p[P.PRESSURE_WIDTH])
+    area = open_area(p, x, edge)
+    flow = 0.0  # one of the two edges is shut
+    if area != 0.0:
+        flow = valve.orifice_flow(area, dp, p[P.DISCHARGE], p[P.DENSITY], width(p, x, edge))
     if p[P.CLEARANCE_CONDUCTANCE] != 0.0:
         flow += clearance(p, x, edge[0]) * dp
     return flow
@@ -72,12 +104,18 @@ def tank_edge(p, x, dp, edge):
     A return line of resistance R [Pa s/m3] raises the pressure behind the edge by R q: q solves q = K sqrt(dp - R q).
     """
     area = open_area(p, x, edge)
-    if p[P.RETURN_RESISTANCE] > 0.0:
+    if area == 0.0:
+        flow = 0.0
+    elif p[P.RETURN_RESISTANCE] > 0.0:
         gain = p[P.DISCHARGE] * area * math.sqrt(2.0 / p[P.DENSITY])
-        line = gain * p[P.RETURN_RESISTANCE]
-        flow = math.copysign(0.5 * gain * (math.sqrt(line * line + 4.0 * abs(dp)) - line), dp)
+        if p[P.LAMINAR] > 0.0:
+            wide = width(p, x, edge)
+            flow = math.copysign(gain * valve.smooth_root(drop_before_line(p, gain, dp, wide), wide), dp)
+        else:
+            line = gain * p[P.RETURN_RESISTANCE]
+            flow = math.copysign(0.5 * gain * (math.sqrt(line * line + 4.0 * abs(dp)) - line), dp)
     else:
-        flow = valve.orifice_flow(area, dp, p[P.DISCHARGE], p[P.DENSITY], p[P.PRESSURE_WIDTH])
+        flow = valve.orifice_flow(area, dp, p[P.DISCHARGE], p[P.DENSITY], width(p, x, edge))
     if p[P.CLEARANCE_CONDUCTANCE] != 0.0:
         flow += clearance(p, x, edge[0]) * dp
     return flow
@@ -91,9 +129,13 @@ def port_slope(p, x, P_port, Ps, supply_side, tank_side):
     dp = P_port - p[P.TANK_PRESSURE]
     slope = 0.0
     if supply > 0.0:
-        slope -= factor * supply * valve.smooth_root_slope(Ps - P_port, p[P.PRESSURE_WIDTH])
+        slope -= factor * supply * valve.smooth_root_slope(Ps - P_port, width(p, x, supply_side))
     if tank > 0.0 and p[P.RETURN_RESISTANCE] <= 0.0:
-        slope -= factor * tank * valve.smooth_root_slope(dp, p[P.PRESSURE_WIDTH])
+        slope -= factor * tank * valve.smooth_root_slope(dp, width(p, -x, tank_side))
+    elif tank > 0.0 and p[P.LAMINAR] > 0.0:
+        wide = width(p, -x, tank_side)
+        steep = factor * tank * valve.smooth_root_slope(drop_before_line(p, factor * tank, dp, wide), wide)
+        slope -= steep / (1.0 + p[P.RETURN_RESISTANCE] * steep)
     elif tank > 0.0:
         slope -= factor * tank / math.sqrt((factor * tank * p[P.RETURN_RESISTANCE]) ** 2 + 4.0 * abs(dp))
     if p[P.CLEARANCE_CONDUCTANCE] != 0.0:
@@ -105,7 +147,7 @@ def port_slope(p, x, P_port, Ps, supply_side, tank_side):
 def is_edge_below(p, x, dp, edge, h, limit):
     """Is h dq/d(dp) [m3/Pa] of an edge surely below the limit? Without a root, from two bounds of its factors:
 
-    opening <= max(x - O, 0) + s log 2 and smooth_root_slope <= (dp^2 + w^2)^(-1/4).
+    opening <= max(x - O, 0) + s log 2 and smooth_root_slope <= (dp^2 + w^2)^(-1/4), w no wider than a laminar edge's.
     """
     area = edge[1] * (max(x - edge[0], 0.0) + 0.7 * edge[2])
     if p[P.QUADRATIC_GAIN] > 0.0:

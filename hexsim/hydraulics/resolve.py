@@ -31,12 +31,12 @@ def resolve(machine: Machine) -> Resolved:
         mechanics=machine.mechanics,
         gravity_m_s2=np.array([0.0, 0.0, -machine.machine.gravity_m_s2]),
         leg_sensors={key: machine.of_legs("sensors", key) for key in OF_SENSOR},
+        oil_temperature_degC=machine.oil.temperature_degC,
     )
     add_effects(resolved, effect_settings(machine))
     resolved.position_ripple[:, 1] /= resolved.leg_sensors["position_gain"]
     if machine.power_unit is not None:
         resolved.supply[S.AIR_FRACTION] = resolved.rows[:, P.AIR_FRACTION].mean()
-        resolved.oil_temperature_degC = machine.oil.temperature_degC
         warm_oil(resolved, machine.power_unit.oil_temperature_degC)
     return resolved
 

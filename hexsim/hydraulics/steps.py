@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
-from hexsim.hydraulics import learned, leg, rod_side, supply
+from hexsim.hydraulics import learned, leg, rod_side, supply, valve
 from hexsim.hydraulics.chamber import ATMOSPHERE, VAPOUR
 from hexsim.hydraulics.parameters import LEARNED_TABLE, ROD_SIDE_SUPPLY, ROD_SIDE_VALVE, P
 from hexsim.hydraulics.ports import (
@@ -80,8 +80,16 @@ def stiffness(p):
     viscous = max(p[P.VISCOUS_EXTEND], p[P.VISCOUS_RETRACT]) + p[P.EXTRA_DAMPING]
     return (
         p[P.AREA_BOTTOM] ** 2, p[P.BRISTLE_STIFFNESS] + p[P.EXTRA_SPRING], viscous, friction_slope(p) + viscous,
-        2.0 * p[P.CUSHION_STIFFNESS], p[P.CUSHION_DAMPING],
+        2.0 * p[P.CUSHION_STIFFNESS],
+        p[P.CUSHION_DAMPING] + 2.0 * max(p[P.CUSHION_CHOKE_LOW], p[P.CUSHION_CHOKE_HIGH]) * greatest_speed(p),
     )  # fmt: skip
+
+
+@compiled
+def greatest_speed(p):
+    """Speed [m/s] that supply pressure across the open valve would give a piston: what meets a cushion is slower."""
+    area = valve.edge_area(p[P.SPOOL_TRAVEL], 0.0, 0.0, p[P.AREA_GRADIENT_SUPPLY], p[P.QUADRATIC_GAIN])
+    return p[P.DISCHARGE] * area * math.sqrt(2.0 * p[P.SUPPLY_PRESSURE] / p[P.DENSITY]) / p[P.AREA_BOTTOM]
 
 
 @compiled

@@ -18,7 +18,7 @@ from hexsim.smoothness.perception import felt_figures
 if TYPE_CHECKING:
     from hexsim.simulation import Run
 
-FELT_HEADS = ("delay ms", "time felt", "reversals felt", "weighted rms", "of it unwanted", "jerk rms")
+FELT_HEADS = ("delay ms", "time felt", "reversals felt", "weighted rms", "of it unwanted", "MTVV", "VDV", "jerk rms")
 
 
 def felt_of(runs: Mapping[str, Run]) -> dict[str, dict[str, dict[str, Any]]]:
@@ -31,7 +31,8 @@ def felt_cells(figures: Mapping[str, float | None]) -> list[str]:
     share = lambda value: "–" if value is None else f"{100 * value:.1f} %"  # noqa: E731
     return [
         number(figures["delay_ms"]), share(figures["time_felt"]), share(figures["reversals_felt"]),
-        number(figures["weighted_rms"]), number(figures["weighted_rms_unwanted"]), number(figures["jerk_rms"]),
+        number(figures["weighted_rms"]), number(figures["weighted_rms_unwanted"]), number(figures["mtvv"]),
+        number(figures["vdv"]), number(figures["jerk_rms"]),
     ]  # fmt: skip
 
 

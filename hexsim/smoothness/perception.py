@@ -3,6 +3,11 @@
     translations   deviation of the acceleration from the command, 50 Hz, against Benson's thresholds (1986, 3 s bell)
     rotations      deviation of the rate, against 2.05 deg/s in roll and pitch, 1.5 deg/s in yaw (Benson 1989)
     weighted rms   ISO 2631-1:1997, annex A: Wk in heave, Wd in surge and sway (seated), We for rotations
+    MTVV           its 6.3.1: the largest rms of the weighted acceleration over a running second
+    VDV            its 6.3.2: (integral of the weighted acceleration's fourth power over time)^(1/4)
+
+The rms alone misses shocks: by 6.3.3 MTVV counts besides where it exceeds 1.5 times the weighted rms, VDV where it exceeds
+1.75 times the weighted rms times T^(1/4).
 
 Thresholds are of smooth bells; short transients are felt at less. The command is moved by the delay of the response,
 which is given apart.
@@ -28,6 +33,7 @@ PERCEPTION_rad_s = {"roll": math.radians(2.05), "pitch": math.radians(2.05), "ya
 WEIGHTING = {"x": "d", "y": "d", "z": "k", "leg": "k", "roll": "e", "pitch": "e", "yaw": "e"}
 TRANSITION_Hz_Q = {"k": (12.5, 0.63), "d": (2.0, 0.63), "e": (1.0, 0.63)}  # f3 = f4, Q4
 STEP_Hz_Q = {"k": (2.37, 0.91, 3.35, 0.91)}  # f5, Q5, f6, Q6
+RUNNING_S = 1.0  # integration time of MTVV
 BAND_Hz = (0.4, 100.0)  # f1, f2, Butterworth
 
 
@@ -46,13 +52,31 @@ def weighting(kind: str, frequency_Hz: ArrayLike) -> NDArray[np.complex128]:
     return gain
 
 
-def weighted_rms(time_s: ArrayLike, acceleration: ArrayLike, kind: str) -> float:
-    """Root mean square of the frequency-weighted acceleration [its unit]; kind: k, d or e. By the spectrum, so the record
-    counts as periodic: give whole periods, or more than 10 s."""
+def weighted(time_s: ArrayLike, acceleration: ArrayLike, kind: str) -> NDArray[np.float64]:
+    """The frequency-weighted acceleration (n,) [its unit]; kind: k, d or e. By the spectrum, so the record counts as
+    periodic: give whole periods, or more than 10 s."""
     values = np.asarray(acceleration, dtype=float)
-    spectrum = np.fft.rfft(values - values.mean()) / len(values)
-    weighted = spectrum * weighting(kind, np.fft.rfftfreq(len(values), 1.0 / sample_rate_Hz(time_s)))
-    return float(np.sqrt(2.0 * np.sum(np.abs(weighted) ** 2)))
+    gain = weighting(kind, np.fft.rfftfreq(len(values), 1.0 / sample_rate_Hz(time_s)))
+    return np.fft.irfft(np.fft.rfft(values - values.mean()) * gain, len(values))
+
+
+def weighted_rms(time_s: ArrayLike, acceleration: ArrayLike, kind: str) -> float:
+    """Root mean square of the frequency-weighted acceleration [its unit], see `weighted`."""
+    return float(np.sqrt(np.mean(weighted(time_s, acceleration, kind) ** 2)))
+
+
+def mtvv(time_s: ArrayLike, acceleration: ArrayLike, kind: str) -> float:
+    """Maximum transient vibration value [its unit]: the largest weighted rms over a running second, or over a shorter record."""
+    square = weighted(time_s, acceleration, kind) ** 2
+    width = min(max(round(RUNNING_S * sample_rate_Hz(time_s)), 1), len(square))
+    sums = np.cumsum(np.r_[0.0, square])
+    return float(np.sqrt(np.max(sums[width:] - sums[:-width]) / width))
+
+
+def vibration_dose(time_s: ArrayLike, acceleration: ArrayLike, kind: str) -> float:
+    """Fourth power vibration dose value, VDV [m/s^1.75, rad/s^1.75] of the record; it grows with its duration."""
+    values = weighted(time_s, acceleration, kind)
+    return float((np.sum(values**4) / sample_rate_Hz(time_s)) ** 0.25)
 
 
 def felt_figures(
@@ -60,7 +84,7 @@ def felt_figures(
     start_s: float = 0.0,
 ) -> dict[str, float | None]:  # fmt: skip
     """Of one axis from `start_s` on: delay_ms of what is felt behind the command, time_felt and reversals_felt (shares
-    above the threshold of perception), weighted_rms (ISO 2631-1) and weighted_rms_unwanted (of the deviation), jerk_rms.
+    above the threshold of perception), weighted_rms, mtvv, vdv (ISO 2631-1) and weighted_rms_unwanted (of the deviation), jerk_rms.
 
     acceleration, command: (n,), felt and asked for; position, asked: (n,) likewise.
     """
@@ -79,12 +103,14 @@ def felt_figures(
         judged, threshold = band_limit(time, rate) - late(band_limit(time, velocity)), PERCEPTION_rad_s[axis]
     reversals = [one for one in reversals_of_velocity(time, velocity) if one.time_s >= start_s]
     peaks = peaks_at_reversals(time[inside] - delay, judged[inside], reversals, REVERSAL_WINDOW_S)
-    kind = WEIGHTING[axis]
+    kind, felt = WEIGHTING[axis], np.asarray(acceleration, dtype=float)[inside]
     return {
         "delay_ms": 1e3 * delay,
         "time_felt": float(np.mean(np.abs(judged[inside]) > threshold)),
         "reversals_felt": float(np.mean([peak.peak > threshold for peak in peaks])) if peaks else None,
-        "weighted_rms": weighted_rms(time[inside], np.asarray(acceleration, dtype=float)[inside], kind),
+        "weighted_rms": weighted_rms(time[inside], felt, kind),
+        "mtvv": mtvv(time[inside], felt, kind),
+        "vdv": vibration_dose(time[inside], felt, kind),
         "weighted_rms_unwanted": weighted_rms(time[inside], deviation[inside], kind),
         "jerk_rms": float(np.sqrt(np.mean(np.gradient(band, time)[inside] ** 2))),
     }

@@ -239,6 +239,7 @@ CHANGES = {
     "valve.overlap_m": 2.0e-5,
     "valve.spool_frequency_Hz": 40.0,
     "valve.spool_diameter_m": 0.011,
+    "valve.laminar_reynolds": 12.0,
     "friction.coulomb_extend_N": 90.0,
 }
 
@@ -431,6 +432,7 @@ def test_every_variable_has_its_unit(fmus):
     assert units["friction.viscous_extend_N_s_m"] == "N.s/m"
     assert {name for name, unit in units.items() if unit is None} == {
         "cylinder.rod_side_conductance_m3_s_sqrtPa", "valve.discharge_coefficient", "valve.spool_damping",
+        "valve.laminar_reynolds",
     }  # fmt: skip
 
 

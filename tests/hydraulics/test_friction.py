@@ -176,6 +176,21 @@ def test_end_stop_never_pulls():
         assert stop(STROKE - LENGTH + into, -1.0) == stop(STROKE - LENGTH + into, 0.0)
 
 
+def test_a_cushion_s_orifice_brakes_with_the_square_of_the_speed():
+    """A pocket of 12.6 cm2 behind K = 1e-6: A (A v/K)^2 = 179 N at 0.3 m/s, over the cushion's length; 0 on the way out."""
+    area, conductance = 12.566e-4, 1e-6
+    choke = area**3 / conductance**2
+    for speed in (0.1, 0.3):
+        for y, v in ((0.0, -speed), (STROKE, speed)):
+            force = friction.end_stop_force(y, v, STROKE, LENGTH, 0.0, 0.0, choke, choke)
+            assert abs(force) == pytest.approx(area * (area * speed / conductance) ** 2, rel=1e-9)
+            assert force * v < 0.0
+            assert friction.end_stop_force(y, -v, STROKE, LENGTH, 0.0, 0.0, choke, choke) == 0.0
+    assert friction.end_stop_force(0.0, -0.3, STROKE, LENGTH, 0.0, 0.0, 0.0, choke) == 0.0
+    half = friction.end_stop_force(0.5 * LENGTH, -0.3, STROKE, LENGTH, 0.0, 0.0, choke, 0.0)
+    assert half == pytest.approx(0.5 * choke * 0.09, rel=1e-9)
+
+
 def test_end_stop_damps_the_way_in():
     """c v grows in over the cushion: half of it at half depth, all from the cylinder's end on."""
     for into, share in ((0.0025, 0.5), (0.005, 1.0), (0.01, 1.0)):

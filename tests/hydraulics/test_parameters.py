@@ -11,6 +11,9 @@ from hexsim.hydraulics.resolve import resolve
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 
+WALTHER = [math.log10(math.log10(nu + 0.7)) for nu in (46.0, 7.9)]  # ASTM D341 at 40 and 100 degC
+STEP = math.log10(308.15 / 313.15) / math.log10(373.15 / 313.15)
+TELLUS_35_m2_s = 1e-6 * (10 ** (10 ** (WALTHER[0] + STEP * (WALTHER[1] - WALTHER[0]))) - 0.7)
 PLACES = [  # key, a value that no other key has, place in the row, what must stand there
     ("supply.pressure_Pa", 6.1e6, P.SUPPLY_PRESSURE, 6.1e6),
     ("supply.tank_pressure_Pa", 1.1e5, P.TANK_PRESSURE, 1.1e5),
@@ -25,6 +28,13 @@ PLACES = [  # key, a value that no other key has, place in the row, what must st
     ("cylinder.cushion_length_m", 0.007, P.CUSHION_LENGTH, 0.007),
     ("cylinder.cushion_stiffness_N_m", 3.3e6, P.CUSHION_STIFFNESS, 3.3e6),
     ("cylinder.cushion_damping_N_s_m", 1.7e4, P.CUSHION_DAMPING, 1.7e4),
+    ("cylinder.cushion_orifice_m3_s_sqrtPa", 1e-7, P.CUSHION_CHOKE_LOW, (math.pi / 4 * 0.04**2) ** 3 / 1e-14),
+    (
+        "cylinder.cushion_orifice_m3_s_sqrtPa",
+        1e-7,
+        P.CUSHION_CHOKE_HIGH,
+        (math.pi / 4 * (0.04**2 - 0.03**2)) ** 3 / 1e-14,
+    ),
     ("valve.voltage_max_V", 5.0, P.SPOOL_GAIN, 1.1e-3 / 5.0),
     ("valve.spool_travel_max_m", 1.3e-3, P.SPOOL_TRAVEL, 1.3e-3),
     ("valve.spool_diameter_m", 0.012, P.AREA_GRADIENT_SUPPLY, math.pi * 0.012),
@@ -35,6 +45,7 @@ PLACES = [  # key, a value that no other key has, place in the row, what must st
     ("valve.edge_rounding_m", 1.5e-6, P.ROUNDING_TANK, 1.5e-6),
     ("valve.discharge_coefficient", 0.7, P.DISCHARGE, 0.7),
     ("valve.pressure_width_Pa", 2e4, P.PRESSURE_WIDTH, 2e4),
+    ("valve.laminar_reynolds", 12.0, P.LAMINAR, 6.0 * TELLUS_35_m2_s),
     ("valve.flow_area", "quadratic", P.QUADRATIC_GAIN, 300.0),
     ("valve.spool_frequency_Hz", 45.0, P.SPOOL_OMEGA, 2 * math.pi * 45.0),
     ("valve.spool_damping", 0.6, P.SPOOL_DAMPING, 0.6),

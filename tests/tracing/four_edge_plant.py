@@ -88,11 +88,11 @@ def through(g, place, soft, dp, back):
 
 @fast
 def softness(volume, pressure, c):
-    """Capacity [m3/Pa] of oil with free air (volume share at one atmosphere, polytropic 1.4)."""
+    """Capacity [m3/Pa] of oil with free air (volume share at one atmosphere by Boyle, ripple adiabatic)."""
     if c[AIR] == 0.0:
         return volume / c[MODULUS]
     absolute = max(pressure + 1.01325e5, 2.0e4)
-    share = c[AIR] * (1.01325e5 / absolute) ** (1.0 / 1.4)
+    share = c[AIR] * 1.01325e5 / absolute
     return volume * (1.0 / c[MODULUS] + share / (1.4 * absolute)) / (1.0 + share)
 
 

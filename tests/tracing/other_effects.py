@@ -178,6 +178,11 @@ EFFECTS: dict[str, Injected] = {
     "underlap": lib(
         "overlap smaller by", "valve", 8e-6, "m", add_leg(("overlap_supply", "overlap_tank"), (-1.0, -1.0))
     ),
+    "laminar_edge": lib("edges laminar below a Reynolds number", "valve", 15.0, "1", set_leg("laminar")),
+    "laminar_edge_merritt": lib(
+        "edges laminar up to a corner of C_d", "valve", 15.0, "1", set_leg("laminar", laminar_law=1.0)
+    ),
+    "laminar_edge_wu": lib("edges whose C_d overshoots", "valve", 15.0, "1", set_leg("laminar", laminar_law=2.0)),
     "null_offset": lib("null of the spool", "valve", 0.04, "V", set_leg("null_offset")),
     "null_drift": lib("null of the spool wanders with time", "valve", 3e-3, "V/s", set_leg("null_drift")),
     "unequal_ports": lib(
@@ -440,6 +445,8 @@ LIBRARY_NAMES = {
     "supply_accumulator": "gas_accumulator",
     "return_line": "return_line_back_pressure",
     "leakage_clearance": "clearance_leakage",
+    "laminar_edge_merritt": "laminar_edge",
+    "laminar_edge_wu": "laminar_edge",
     "overlap": "overlap_change",
     "underlap": "overlap_change",
     "coulomb_friction": "coulomb_friction_change",

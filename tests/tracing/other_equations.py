@@ -23,7 +23,7 @@ spool_damping spool_rate hysteresis valve_delay_ms air hose bristle_stiffness br
 ripple_length spring force tone tone_frequency longer
 cubic gain_position gain_voltage gain_pressure stick stick_place stick_width cooling rod_air line_inertia
 line_loss memory
-warm_up warm_up_s wear wear_place wear_width hardening
+warm_up warm_up_s wear wear_place wear_width hardening laminar laminar_law viscosity
 position_gain position_delay_ms position_lag_ms position_play scale_error scale_length pressure_gain pressure_offset pressure_delay_ms
 pressure_lag_ms hum hum_frequency
 """
@@ -55,6 +55,36 @@ def root(dp):
 
 
 @fast
+def slowly(leg, opening, dp, turbulent):
+    """Flow of a slot [m3/s] whose root law gives `turbulent`, below the Reynolds number leg.laminar by viscosity.
+
+    Hydraulic diameter 2 opening. leg.laminar_law: 0 the root law is bent, 1 C_d = C min(sqrt(Re/Re_cr), 1) as Merritt draws
+    it, 2 in the form of Wu, Burton and Schoenau 2002, C (1 + a exp(-s) + b exp(-2 s)), s ~ sqrt(Re), a + b = -1,
+    which overshoots, 3 the pressure drops of both laws add up, which is an overlap at wide openings.
+    """
+    if leg.laminar == 0.0 or opening == 0.0:
+        return turbulent
+    jet = leg.laminar * leg.viscosity / (2.0 * opening * leg.discharge)  # sqrt(2 dp/rho) where the two laws meet
+    bend = 0.5 * leg.density * jet * jet / max(abs(dp), 1.0)  # their pressure drop, in units of the present one
+    if leg.laminar_law == 1.0:
+        return turbulent * min(1.0 / math.sqrt(bend), 1.0)
+    if leg.laminar_law == 2.0:
+        low, high = 0.0, 2.0  # of C_d/C, whose Reynolds number is C_d/C / sqrt(bend) times Re_cr
+        for _ in range(40):
+            share = 0.5 * (low + high)
+            fade = math.exp(-math.sqrt(share / math.sqrt(bend)) / 3.07)
+            if 1.0 + 1.07 * fade - 2.07 * fade * fade - share > 0.0:
+                low = share
+            else:
+                high = share
+        return turbulent * share
+    if leg.laminar_law == 3.0:
+        half = 0.5 * math.sqrt(bend)  # z^2 + sqrt(bend) z = 1
+        return turbulent * (math.sqrt(half * half + 1.0) - half)
+    return turbulent / (1.0 + bend * bend) ** 0.25
+
+
+@fast
 def valve_flows(leg, x, volts, y, P1, Ps):
     """(supply edge, tank edge) [m3/s], Eq. 3.3-3.4, with every effect on the valve's edges."""
     scale = leg.discharge * math.sqrt(2.0 / leg.density)
@@ -62,13 +92,14 @@ def valve_flows(leg, x, volts, y, P1, Ps):
     in_dp, out_dp = Ps - P1, P1 - leg.tank_pressure
     open_in = leg.gradient_supply * edge(x, leg.overlap_supply, leg.rounding)
     open_out = leg.gradient_tank * edge(-x, leg.overlap_tank, leg.rounding)
-    into = scale * open_in * root(in_dp) * (1.0 + leg.gain_pressure * (in_dp / 3.5e6 - 1.0))
+    through = slowly(leg, edge(x, leg.overlap_supply, leg.rounding), in_dp, open_in * root(in_dp))
+    into = scale * through * (1.0 + leg.gain_pressure * (in_dp / 3.5e6 - 1.0))
     k = scale * open_out * (1.0 + leg.gain_pressure * (out_dp / 3.5e6 - 1.0))
     if leg.return_resistance > 0.0 and out_dp > 0.0:  # the tank line backs up: k sqrt(dp - R q) = q
         b = k * k * leg.return_resistance
         out = 0.5 * (-b + math.sqrt(b * b + 4.0 * k * k * out_dp))
     else:
-        out = k * root(out_dp)
+        out = slowly(leg, edge(-x, leg.overlap_tank, leg.rounding), out_dp, k * root(out_dp))
     if leg.clearance > 0.0:  # Poiseuille over what is left of the land
         into += leg.clearance * in_dp * leg.clearance_length / (leg.clearance_length + max(leg.overlap_supply - x, 0.0))
         out += leg.clearance * out_dp * leg.clearance_length / (leg.clearance_length + max(leg.overlap_tank + x, 0.0))
@@ -77,11 +108,11 @@ def valve_flows(leg, x, volts, y, P1, Ps):
 
 @fast
 def stiffness_of_oil(leg, P):
-    """Bulk modulus [Pa] of oil with a share `air` of free air at one atmosphere (polytropic 1.4)."""
+    """Bulk modulus [Pa] of oil with a share `air` of free air at one atmosphere: as warm as the oil, rippling adiabatically."""
     if leg.air == 0.0:
         return leg.modulus
     p = max(P + ATMOSPHERE, 2.0e4)
-    bubbles = leg.air * (ATMOSPHERE / p) ** (1.0 / 1.4)
+    bubbles = leg.air * ATMOSPHERE / p
     return (1.0 + bubbles) / (1.0 / leg.modulus + bubbles / (1.4 * p))
 
 

@@ -61,6 +61,7 @@ DECLARED_LEG = {
     "scale_length": 1e-3,
     "warm_up_s": 10.0,
     "wear_width": 0.01,
+    "viscosity": 56.9e-6,  # [m2/s] 46 mm2/s at 40 degC and 7.9 at 100, at 35 degC
 }
 UNCERTAIN_LEG = {
     "discharge": "discharge_coefficient",

@@ -33,6 +33,8 @@ RIPPLE = {"amplitude_m": 2e-5, "pitch_m": 2e-3, "phase_rad": 0.4}
         ("bench", "worn_bore", WEAR, Continuity),
         ("servo_bench", "worn_bore", WEAR, Continuity),
         ("servo_bench", "worn_bore", WEAR, TopContinuity),
+        ("bench", "laminar_edge", {"reynolds": 15.0}, Continuity),
+        ("servo_bench", "laminar_edge", {"reynolds": 15.0}, TopContinuity),
         ("bench", "friction_warm_up", WARMTH, Force),
         ("bench", "position_ripple", RIPPLE, Sensor),
         ("bench", "viscous_friction_drift", {"fading_1_s": 0.1}, Force),

@@ -1,4 +1,4 @@
-"""Entrained air: softer oil at low pressure, Eq. in `chamber`."""
+"""Entrained air: softer oil at low pressure, `chamber`: free air by Boyle, adiabatic ripple."""
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.parameters import P
