@@ -40,6 +40,81 @@ def trace_own_folder(folder: Path, fit: list[str], validate: list[str], out: Pat
     console.print(f"files    {final}")
 
 
+def trace_free_run_folder(folder: Path, fit: list[str], validate: list[str], out: Path | None, json: bool) -> None:
+    """A machine of one's own that is simulated: model.toml with states or outputs."""
+    from hexsim.files.run_folder import default_folder, run_folder
+    from hexsim.tracing.own.free_run_report import trace_simulated
+
+    with (
+        run_folder(out or default_folder(f"trace-{folder.resolve().name}")) as place,
+        doing() as show,
+        terminated_like_interrupted(),
+    ):
+        _, report = interrupted_or(lambda: trace_simulated(folder, fit, validate, place.path, show), place)
+        final = place.finish()
+    if json:
+        return print_json(report)
+    console = output()
+    console.print(f"verdict  {report['verdict']}")
+    rows = [
+        (one["effect"], one["verdict"], f"{one['before']:.3g}", f"{one['after']:.3g}", f"{one['nats']:.1f}", one["why"])
+        for one in report["candidates"]
+    ]
+    header = ("effect", "judgment", "held out before", "with it", "gain [nats]", "why")
+    console.print(text_table("Candidates that were fitted", header, rows))
+    print_simulated(report, console)
+    console.print(f"files    {final}")
+
+
+def run_own_folder(folder: Path, out: Path | None, json: bool) -> None:
+    """Fit a machine of one's own and simulate its runs from their inputs."""
+    from hexsim.files.run_folder import default_folder, run_folder
+    from hexsim.own.folder import load_simulated
+    from hexsim.own.run import run_folder_of
+
+    with (
+        run_folder(out or default_folder(folder.resolve().name)) as place,
+        doing() as show,
+        terminated_like_interrupted(),
+    ):
+        report = interrupted_or(lambda: run_folder_of(load_simulated(folder), place.path, show), place)
+        final = place.finish()
+    if json:
+        return print_json(report)
+    console = output()
+    print_simulated(report, console)
+    console.print(f"files    {final}")
+
+
+def interrupted_or(work: Any, place: RunFolder) -> Any:
+    """What the work gives; nothing is kept where it is interrupted."""
+    try:
+        return interruptible(work)
+    except KeyboardInterrupt:
+        place.discard()
+        leave("interrupted by the user; nothing was kept")
+        raise
+
+
+def print_simulated(report: Mapping[str, Any], console: Any) -> None:
+    """Residuals of free runs, and numbers."""
+    rows = [
+        (run, "never seen" if of["held_out"] else "fitted", name, f"{rms:.4g} {of['unit'].get(name, '')}")
+        for run, of in report["runs"].items() for name, rms in of["rms"].items()
+    ]  # fmt: skip
+    console.print(text_table("Free runs from recorded inputs", ("run", "", "output", "rms of the residual"), rows))
+    numbers = [
+        (
+            name,
+            number["unit"],
+            f"{number['value']:.5g} ± {number['standard_error']:.2g}",
+            "at its bound" if number["at_bound"] else "",
+        )
+        for name, number in report["numbers"].items()
+    ]
+    console.print(text_table("Numbers", ("number", "unit", "value", ""), numbers))
+
+
 def print_own(report: Mapping[str, Any], console: Any) -> None:
     """Verdict, remarks, budget and numbers of each balance."""
     from rich.text import Text

@@ -54,6 +54,8 @@ def run(
     if scenario is None:
         print_what_there_is()
         raise typer.Exit(2)
+    if Path(scenario).is_dir():
+        return run_own(Path(scenario), out, json)
     with_machine, what = options.prepare(scenario, motion, settings, allow_native=allow_native)
     if mcap:
         from hexsim.recording.mcap import check_library
@@ -79,6 +81,19 @@ def run(
         print_run(done, place)
     if not done.complete:
         raise HexsimError(f"{done.reason.rstrip('.')}; the log so far is in {place}")
+
+
+def run_own(folder: Path, out: Path | None, json: bool) -> None:
+    """A folder in the place of a scenario is a machine of one's own, simulated from its recorded inputs."""
+    from hexsim.cli.own_machine import run_own_folder
+    from hexsim.own.folder import FILES, is_simulated
+
+    if not is_simulated(folder):
+        raise HexsimError(
+            f"{folder} is a folder: hexsim run takes a scenario, or the folder of a machine of one's own whose {FILES[0]} "
+            "declares [states] or [outputs]; hexsim run heave --machine FOLDER runs a machine.toml"
+        )
+    run_own_folder(folder, out, json)
 
 
 def payload_on(machine: Machine, path: Path, connections: list[str], allow_native: bool) -> list[PayloadFmu]:

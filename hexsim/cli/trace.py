@@ -34,7 +34,7 @@ def register(app: typer.Typer) -> None:
 
 def trace(
     machine: Annotated[
-        Path | None, typer.Argument(help="Folder with machine.toml, or balances.toml, and the machine's logs.")
+        Path | None, typer.Argument(help="Folder with machine.toml, or model.toml, and the machine's logs.")
     ] = None,
     fit: Annotated[
         list[str] | None, typer.Option(help="Log to fit on, name or path; repeat for more. Default fit.")
@@ -94,6 +94,10 @@ def trace(
     if is_own(machine):
         if mapping is not None:
             raise HexsimError("a machine with balances of its own has its mapping.toml in its folder: put it there")
+        from hexsim.own.folder import is_simulated
+
+        if is_simulated(machine):
+            return own_machine.trace_free_run_folder(machine, fit or [], validate or [], out, json)
         return own_machine.trace_own_folder(machine, fit or [], validate or [], out, json)
     carried = (load, loaded or [])
     names = (fit or ["fit"], validate or ["validate"])

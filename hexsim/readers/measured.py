@@ -20,7 +20,7 @@ from hexsim.readers.clocks import settle
 from hexsim.readers.faulty_values import blank_bad_values
 from hexsim.readers.files import log_name, raw_log
 from hexsim.readers.mapping import Mapping, load_mapping
-from hexsim.readers.one_grid import Grid, fill, on_one_grid, stretches
+from hexsim.readers.one_grid import Grid, RATES_Hz, SLOWEST_OWN_Hz, fill, on_one_grid, stretches
 from hexsim.readers.possible import possible_values
 from hexsim.readers.reader import RawLog
 from hexsim.signals.log import Log
@@ -46,7 +46,8 @@ def read_stretches(
         settle(group)
         blank_bad_values(group, possible, markers)
     groups = [group for group in groups if group.signals]
-    grid = on_one_grid(groups, {name: channel.delay_s for name, channel in mapping.columns.items()})
+    slowest_Hz = SLOWEST_OWN_Hz if kind == "own" else RATES_Hz[0]
+    grid = on_one_grid(groups, {name: channel.delay_s for name, channel in mapping.columns.items()}, slowest_Hz)
     fill(grid, {name for group in groups for name in group.held})
     losses = sentences(raw, groups, grid)
     parts = stretches(grid, SHORTEST_S)

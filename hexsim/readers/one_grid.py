@@ -15,6 +15,7 @@ from hexsim.readers.clocks import EVEN, long_period
 from hexsim.signals.log import hold_of
 
 Array = np.ndarray
+SLOWEST_OWN_Hz = 1e-4  # a machine of one's own may be a tank that fills for hours
 RATES_Hz = (5.0, 20_000.0)
 LARGEST_GRID = 50  # samples of the grid a sample of the file
 FILL = 10  # samples: shorter gaps are filled, longer ones end a stretch
@@ -44,10 +45,10 @@ class Grid:
         return self.start + np.arange(self.n) / self.rate
 
 
-def on_one_grid(groups: Sequence[ClockGroup], delays: dict[str, float]) -> Grid:
+def on_one_grid(groups: Sequence[ClockGroup], delays: dict[str, float], slowest_Hz: float = RATES_Hz[0]) -> Grid:
     """All signals on the grid of the fastest clock. delays: signal -> [s] by which it is late."""
     base = min(groups, key=lambda group: long_period(group.time))
-    grid = grid_of(base)
+    grid = grid_of(base, slowest_Hz)
     if len(groups) > 1:
         grid.notes.setdefault("", []).append(
             f"{len(groups)} clocks: signals are on that of {', '.join(sorted(base.signals)[:3])}"
@@ -68,7 +69,7 @@ def on_one_grid(groups: Sequence[ClockGroup], delays: dict[str, float]) -> Grid:
     return grid
 
 
-def grid_of(base: ClockGroup) -> Grid:
+def grid_of(base: ClockGroup, slowest_Hz: float = RATES_Hz[0]) -> Grid:
     """The grid of a clock: its counted samples, or one that its stamps lie about."""
     t, usual = base.time, periods(base.time)
     period, doubt = long_period(t), np.inf
@@ -82,9 +83,9 @@ def grid_of(base: ClockGroup) -> Grid:
     whole = float(round(rate))
     if abs(rate - whole) < 1e-4 * rate and abs(rate - whole) / rate * np.ptp(t) * rate < doubt:
         rate = whole
-    if not RATES_Hz[0] <= rate <= RATES_Hz[1]:
+    if not slowest_Hz <= rate <= RATES_Hz[1]:
         raise HexsimError(
-            f"{base.path}: {base.clock} steps by {1 / rate:.4g}, that is {rate:.4g} Hz; allowed are {RATES_Hz[0]:g} to "
+            f"{base.path}: {base.clock} steps by {1 / rate:.4g}, that is {rate:.4g} Hz; allowed are {slowest_Hz:g} to "
             f"{RATES_Hz[1]:g} Hz: is the column in seconds? name its unit in a mapping file"
         )
     place = (t - t[0]) * rate - (0.0 if base.place is None else base.place)

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from hexsim.errors import HexsimError
+from hexsim.own.formulas import DEEPEST, RATES, tree_of
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.term_columns import Expression, Point
 
@@ -22,13 +23,11 @@ Array = np.ndarray
 FUNCTIONS: dict[str, Callable[..., Array]] = {
     "abs": np.abs, "sign": np.sign, "sqrt": lambda x: np.sqrt(np.maximum(x, 0.0)), "exp": np.exp, "tanh": np.tanh,
     "log": lambda x: np.log(np.maximum(x, 1e-300)), "sin": np.sin, "cos": np.cos, "min": np.minimum, "max": np.maximum,
-    "root": lambda x: np.sign(x) * np.sqrt(np.abs(x)),
+    "root": lambda x: np.sign(x) * np.sqrt(np.abs(x)), "step": lambda x: (np.asarray(x) > 0).astype(float),
 }  # fmt: skip
-RATES = ("rate", "rate2")
 OPERATORS: dict[type, Callable[[Array, Array], Array]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Pow: np.power,
 }  # fmt: skip
-LONGEST = 400  # characters of a formula
 
 
 def formula(text: str, where: str, names: Mapping[str, str] | None = None) -> Expression:
@@ -48,43 +47,15 @@ def plain(text: str, where: str, names: Mapping[str, str] | None = None) -> Expr
 
 def parsed(text: str, where: str, names: Mapping[str, str], depth: int = 0) -> ast.expr:
     """The tree of a formula, with the names of other formulas put in."""
-    if len(text) > LONGEST or depth > 10:
+    if depth > DEEPEST:
         raise HexsimError(f"{where}: the formula is too long or names itself: {text[:60]!r}")
-    try:
-        tree = ast.parse(text.strip(), mode="eval").body
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise HexsimError(
-            f"{where}: {text!r} is no formula; write for example 'abs(velocity_m_s) * velocity_m_s'"
-        ) from None
-    check(tree, where)
+    tree = tree_of(text, where, (*FUNCTIONS, *RATES))
 
     class Named(ast.NodeTransformer):
         def visit_Name(self, node: ast.Name) -> ast.expr:
             return parsed(names[node.id], where, names, depth + 1) if node.id in names else node
 
     return Named().visit(tree)
-
-
-def check(node: ast.AST, where: str) -> None:
-    """Numbers, names, + - * / ** and the functions above; nothing else."""
-    for one in ast.walk(node):
-        if isinstance(one, ast.Call):
-            name = one.func.id if isinstance(one.func, ast.Name) else "?"
-            if (name not in FUNCTIONS and name not in RATES) or one.keywords or not 1 <= len(one.args) <= 2:
-                raise HexsimError(
-                    f"{where}: {name} is no function of a formula; there are {', '.join((*FUNCTIONS, *RATES))}"
-                )
-        elif isinstance(one, ast.Constant):
-            if not isinstance(one.value, int | float) or isinstance(one.value, bool):
-                raise HexsimError(f"{where}: {one.value!r} is no number")
-        elif not isinstance(one, ast.BinOp | ast.UnaryOp | ast.Name | ast.Load | ast.operator | ast.unaryop):
-            raise HexsimError(
-                f"{where}: a formula has numbers, columns, + - * / ** and functions, not {ast.unparse(one)!r}"
-            )
-        if isinstance(one, ast.BinOp) and type(one.op) not in OPERATORS:
-            raise HexsimError(f"{where}: only + - * / ** are known in a formula")
-        if isinstance(one, ast.UnaryOp) and not isinstance(one.op, ast.USub | ast.UAdd):
-            raise HexsimError(f"{where}: only a sign may stand before a number or a column")
 
 
 def constant(node: ast.expr) -> bool:

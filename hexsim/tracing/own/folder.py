@@ -1,6 +1,6 @@
 """A machine of one's own as a folder: balances.toml (or balances.py) with its balances, mapping.toml, logs.
 
-What balances.toml may say: see `hexsim.tracing.own.declaration`.
+What balances.toml may say: see `hexsim.own.declaration`.
 """
 
 from __future__ import annotations
@@ -14,20 +14,19 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from hexsim.errors import HexsimError
-from hexsim.files.toml_files import read_toml, validation_sentence
-from hexsim.readers import load_mapping, log_files, read_stretches
-from hexsim.readers.files import log_name, logs_of_folder
+from hexsim.own.declaration import BalanceTable, Declaration, TermTable
+from hexsim.own.folder import declared, logs_of, model_file
+from hexsim.readers import log_files
+from hexsim.readers.files import logs_of_folder
 from hexsim.signals.log import Log
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.own.alignment import Sentences, refined
-from hexsim.tracing.own.declaration import BalanceTable, Declaration, TermTable
 from hexsim.tracing.own.expressions import formula, plain
 from hexsim.tracing.term_columns import Expression, OwnBalance, Point, Term, aligned
 
-FILE, MODULE = "balances.toml", "balances.py"
+MODULE = "balances.py"
 LEAST_RUNS = 3
 PARTS = 6  # that fewer runs are cut into
 NUDGE_SAMPLES = 1.0  # of a channel whose delay is a candidate
@@ -49,18 +48,17 @@ class OwnMachine:
 
 def is_own(folder: Path) -> bool:
     """Has the folder balances of its own?"""
-    return (folder / FILE).is_file() or (folder / MODULE).is_file()
+    return model_file(folder) is not None or (folder / MODULE).is_file()
 
 
 def load_own(folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = ()) -> OwnMachine:
     """The machine of a folder with its runs read and aligned. HexsimError for what cannot be used."""
-    if not (folder / FILE).is_file():
+    where = model_file(folder)
+    if where is None:
         return of_module(folder, fit, validate)
-    where = folder / FILE
-    try:
-        asked = Declaration.model_validate(read_toml(where))
-    except ValidationError as error:
-        raise HexsimError(f"{where}: {validation_sentence(error, Declaration)}") from None
+    asked = declared(folder)
+    if not asked.balances:
+        raise HexsimError(f"{where}: it has no [[balances]]")
     names = {key: str(value) if isinstance(value, str) else repr(value) for key, value in asked.constants.items()}
     logs, held_out = logs_of(
         folder / asked.runs.folder, folder, fit or asked.runs.fit, validate or asked.runs.validate_on
@@ -80,28 +78,6 @@ def load_own(folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = ()
         name=asked.name or folder.resolve().name, balances=balances, fit=in_parts(points, sentences),
         validate=tuple(scored), sentences=sentences, declaration=asked, signs=signs,
     )  # fmt: skip
-
-
-def logs_of(data: Path, folder: Path, fit: Sequence[str], validate: Sequence[str]) -> tuple[list[Log], list[Log]]:
-    """Runs to fit and held out, every stretch between gaps one of them."""
-    held_out = [log_files(data, name) for name in validate]
-    paths = [log_files(data, name) for name in fit]
-    mapping = folder / "mapping.toml"
-    chosen = load_mapping(mapping if mapping.is_file() else None)
-    if not paths:
-        paths = [path for path in logs_of_folder(data, chosen.file) if path not in held_out]
-    both = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
-    if both:
-        name = log_name(min(both))
-        raise HexsimError(f"log {name} is given to fit and to validate: judge on another run that no fit has seen")
-    if not paths:
-        raise HexsimError(f"there is no log in {data}: name its folder under [runs] of {FILE}")
-    read = []
-    for path in (*paths, *held_out):
-        parts = read_stretches(path, chosen)
-        read.append(parts[:1])  # the longest: alignment needs all of its parts
-    logs = [part for parts in read[: len(paths)] for part in parts]
-    return logs, [part for parts in read[len(paths) :] for part in parts]
 
 
 def point_of(
@@ -244,7 +220,7 @@ def loaded(path: Path) -> ModuleType:
     """The module of a file, of a name that no other has."""
     spec = importlib.util.spec_from_file_location(f"own_balances_{abs(hash(path.resolve()))}", path)
     if spec is None or spec.loader is None:
-        raise HexsimError(f"there is no {FILE} and no {MODULE} in {path.parent}")
+        raise HexsimError(f"there is no balances.toml and no {MODULE} in {path.parent}")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     try:

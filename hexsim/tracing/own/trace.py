@@ -11,8 +11,8 @@ from typing import Any
 import tomli_w
 
 from hexsim.files.json_files import write_json
+from hexsim.own.declaration import Declaration
 from hexsim.tracing.own.analysis import OwnTrace, next_step, trace_balance
-from hexsim.tracing.own.declaration import Declaration
 from hexsim.tracing.own.events import said
 from hexsim.tracing.own.folder import OwnMachine, load_own
 from hexsim.tracing.own.page import own_page

@@ -1,0 +1,170 @@
+"""Public tables: EMPS, cascaded tanks, Bouc-Wen, by free runs of declared models -> docs/results/public_tables.md
+
+    python benchmarks/public_tables.py [--data ../shared/measured] [--work runs/public_tables] [--out docs/results/public_tables.md]
+
+Each table is a folder of its own in --work (model.toml of examples/own_machines, logs as CSV) that `hexsim run` and `hexsim trace` take
+as well. Fits and names see the estimation records alone; the test records are simulated once, from their inputs and first samples.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from scipy.io import loadmat
+
+from hexsim.files.atomic import write_text
+from hexsim.files.json_files import write_json
+from hexsim.files.log_files import write_log
+from hexsim.own.fit import fit
+from hexsim.own.folder import OwnFolder, load_simulated
+from hexsim.own.run import simulated
+from hexsim.own.simulate import Simulator, record_of
+from hexsim.tracing.own.free_run_report import trace_simulated
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = ROOT / "examples" / "own_machines"
+BOUC_WEN_HZ, BOUC_WEN_PERIOD = 750.0, 8192
+PERIODS = 2  # of the multisine to fit; the first one settles and is not scored
+
+
+def prepared(name: str, work: Path, logs: dict[str, dict[str, np.ndarray]]) -> Path:
+    """A folder with the model and these logs."""
+    folder = work / name
+    folder.mkdir(parents=True, exist_ok=True)
+    text = (EXAMPLES / name / "model.toml").read_text(encoding="utf-8")
+    write_text(folder / "model.toml", text.replace('"../../../../shared/measured/emps"', '"."'))
+    for run, columns in logs.items():
+        write_log(pl.DataFrame(columns), folder / f"{run}.csv")
+    return folder
+
+
+def emps(data: Path, work: Path) -> dict[str, Path]:
+    """1 kHz; what the models need of both records."""
+    logs = {}
+    for run in ("DATA_EMPS", "DATA_EMPS_PULSES"):
+        read: dict[str, Any] = loadmat(data / "emps" / f"{run}.mat")
+        n = len(read["t"])
+        logs[run] = {"time_s": np.arange(n) * 1e-3, "position_m": read["qm"][:, 0], "command_V": read["vir"][:, 0]}
+    return {"declared": prepared("emps_simulated", work, logs), "entry": prepared("emps_asymmetric", work, logs)}
+
+
+def cascaded_tanks(data: Path, work: Path) -> dict[str, Path]:
+    """4 s a sample."""
+    table = np.genfromtxt(data / "cascaded_tanks" / "dataBenchmark.csv", delimiter=",", skip_header=1)
+    clock = np.arange(len(table)) * 4.0
+    logs = {
+        "estimation": {"time_s": clock, "pump_V": table[:, 0], "level_V": table[:, 2]},
+        "validation": {"time_s": clock, "pump_V": table[:, 1], "level_V": table[:, 3]},
+    }
+    return {name: prepared(folder, work, logs)
+            for name, folder in (("declared", "cascaded_tanks"), ("entry", "cascaded_tanks_overflow"))}  # fmt: skip
+
+
+def bouc_wen(data: Path, work: Path) -> dict[str, Path]:
+    """The official multisine is in steady state: three periods are simulated, the last one is scored."""
+    import h5py
+
+    with h5py.File(data / "bouc_wen" / "train.h5") as file:
+        force, position = (np.asarray(file[f"multisine/{key}"])[: PERIODS * BOUC_WEN_PERIOD, 0] for key in "uy")
+    official = {key: loadmat(data / "bouc_wen" / f"{key}.mat")[key][0]
+                for key in ("uval_multisine", "yval_multisine", "uval_sinesweep", "yval_sinesweep")}  # fmt: skip
+    runs = {
+        "train": (force, position),
+        "multisine": (np.tile(official["uval_multisine"], 3), np.tile(official["yval_multisine"], 3)),
+        "sweep": (official["uval_sinesweep"], official["yval_sinesweep"]),
+    }
+    logs = {
+        run: {"time_s": np.arange(len(u)) / BOUC_WEN_HZ, "force_N": u, "position_m": y} for run, (u, y) in runs.items()
+    }
+    return {"declared": prepared("bouc_wen", work, logs)}
+
+
+TABLES: dict[str, tuple[Callable[[Path, Path], dict[str, Path]], str, float, str, str, str]] = {
+    "EMPS": (emps, "DATA_EMPS_PULSES", 1e3, "mm", "dynoNet 2.64", "asymmetric friction"),
+    "Cascaded tanks": (cascaded_tanks, "validation", 1.0, "V", "GRU 0.396", "overflow"),
+    "Bouc-Wen, multisine": (bouc_wen, "multisine", 1e6, "um", "PNLSS 18.7", "hysteresis"),
+}
+SAMPLES = {
+    "EMPS": slice(20, None),
+    "Cascaded tanks": slice(5, None),
+    "Bouc-Wen, multisine": slice(2 * BOUC_WEN_PERIOD, None),
+}
+
+
+def scored(fitted, folder: OwnFolder, run: str, samples: slice) -> float:
+    """Rms of a free run over a test record, by the table's rule."""
+    log = next(log for log in folder.validate if log.name == run)
+    table, _ = simulated(fitted, log, folder.where)
+    output = fitted.simulator.model.outputs[0]
+    rest = (table[f"simulated_{output}"] - table[output]).to_numpy()[samples]
+    return float(np.sqrt(np.mean(rest**2)))
+
+
+def fitted_of(folder: OwnFolder):
+    simulator = Simulator(folder.model)
+    return fit(simulator, [record_of(folder.model, log, folder.where) for log in folder.fit])
+
+
+def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
+    """Lines of the tables of figures and of names."""
+    make, run, factor, unit, published, known = TABLES[name]
+    began, folders = time.process_time(), make(data, work)
+    loaded = load_simulated(folders["declared"])
+    before = factor * scored(fitted_of(loaded), loaded, run, SAMPLES[name])
+    fit_s, began = time.process_time() - began, time.process_time()
+    trace, report = trace_simulated(
+        folders["declared"],
+        out=work / f"{folders['declared'].name}_trace",
+        progress=lambda what, share: print(f"{time.process_time():6.0f} s {what}", flush=True),
+    )
+    with_names = factor * scored(trace.final, loaded, run, SAMPLES[name])
+    trace_s = time.process_time() - began
+    entry = with_names
+    if "entry" in folders:
+        own = load_simulated(folders["entry"])
+        entry = factor * scored(fitted_of(own), own, run, SAMPLES[name])
+    figures = f"| {name} | {before:.3g} | {with_names:.3g} | **{entry:.3g}** {unit} | {published} | {fit_s:.0f} + {trace_s:.0f} |"
+    if name.startswith("Bouc-Wen"):
+        sweep = factor * scored(trace.final, loaded, "sweep", slice(None))
+        figures += f"\n| Bouc-Wen, sine sweep | | {sweep:.3g} | **{sweep:.3g}** {unit} | | |"
+    lines = [f"| {name} | {known} | {report['verdict']} |"]
+    for one in report["candidates"]:
+        numbers = ", ".join(f"{key} {value:.4g}" for key, value in one["numbers"].items())
+        lines.append(f"| | {one['verdict']} | {one['effect']}: held-out parts {one['before']:.3g} -> {one['after']:.3g}, "
+                     f"{one['nats']:.0f} nats; {one['why']} ({numbers}) |")  # fmt: skip
+    return [figures], lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "measured")
+    parser.add_argument("--work", type=Path, default=Path("runs/public_tables"))
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "public_tables.md")
+    parser.add_argument("--only", choices=list(TABLES), action="append")
+    parser.add_argument("--page", action="store_true", help="write the page from the rows that are kept in --work")
+    asked = parser.parse_args()
+    asked.work.mkdir(parents=True, exist_ok=True)
+    for name in () if asked.page else asked.only or TABLES:
+        made, lines = row(name, asked.data, asked.work)
+        write_json(asked.work / f"{name}.json", {"figures": made, "names": lines})
+        print("\n".join([*made, *lines]), flush=True)
+    rows = [
+        json.loads(place.read_text(encoding="utf-8"))
+        for name in TABLES
+        if (place := asked.work / f"{name}.json").is_file()
+    ]
+    figures, names = ([line for row in rows for line in row[key]] for key in ("figures", "names"))
+    template = (ROOT / "benchmarks" / "public_tables.md.in").read_text(encoding="utf-8")
+    page = template.replace("@FIGURES@", "\n".join(figures)).replace("@NAMES@", "\n".join(names))
+    write_text(asked.out, page)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,313 @@
+"""Effects that a model of one's own may lack: the general ones (effects.toml) and those of its file, put into a declaration.
+
+An effect is text in the language of a model file. `offered` writes it for every place it may act at, with starts and bounds from the
+sizes of signals; `joined` gives the declaration with it, as a person would have written it.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import TypeVar
+
+import sympy
+
+from hexsim.errors import HexsimError
+from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTables, ParameterTable, StateTable
+from hexsim.own.formulas import expression, names_of, tree_of
+
+Tables = TypeVar("Tables", bound=ModelTables)
+CURVE = 5  # numbers of a curve over a place
+FORMULAS = ("adds", "elsewhere", "forwards", "backwards", "becomes", "storage")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sizes:
+    """Typical sizes: of a place in the model, X, S, P, M, Y, and of the run, T, D."""
+
+    X: float = 1.0
+    S: float = 1.0
+    P: float = 1.0
+    M: float = 0.0
+    Y: float = 1.0
+    T: float = 1.0
+    D: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """An effect at one place of a model. formulas: as FORMULAS. numbers: names -> what is searched. shape: tells tries apart."""
+
+    name: str
+    on: str
+    what: str
+    other: str | None
+    formulas: dict[str, str]
+    numbers: dict[str, ParameterTable]
+    amplitude: tuple[str, ...]
+    memory: tuple[str, MemoryTable] | None = None
+    switch: str | None = None
+    curve: tuple[str, str] | None = None
+    shape: str = ""
+
+    @property
+    def title(self) -> str:
+        return f"{self.name} in {self.on}" + (f" to {self.other}" if self.other else "")
+
+
+@cache
+def library() -> tuple[EffectRow, ...]:
+    """The general effects."""
+    text = files("hexsim.own").joinpath("effects.toml").read_text(encoding="utf-8")
+    return tuple(EffectRow.model_validate(row) for row in tomllib.loads(text)["effects"])
+
+
+def offered(tables: ModelTables, inputs: Iterable[str], sizes: Callable[[str, str], Sizes]) -> list[Candidate]:
+    """Every effect at every place it may act at. inputs: columns that drive the model. sizes: of (what, name)."""
+    found: list[Candidate] = []
+    for row in (*library(), *(own for own in tables.effects)):
+        for on, other in places(row, tables, inputs):
+            found.extend(candidates(row, on, other, tables, sizes(row.what, on)))
+    return found
+
+
+def places(row: EffectRow, tables: ModelTables, inputs: Iterable[str]) -> list[tuple[str, str | None]]:
+    """(where, the other state or None) that a row is for."""
+    if row.what == "input":
+        named = (
+            [name for name in inputs if name in tables.signals and tables.signals[name].quantity]
+            if row.on is None
+            else [row.on]
+        )
+        return [(name, None) for name in named]
+    if row.what == "output":
+        return [(name, None) for name in (tables.outputs if row.on is None else [row.on])]
+    if row.on is not None and row.on not in tables.states:
+        raise HexsimError(f"[[effects]] {row.name}: on = {row.on!r} is no state; there are {', '.join(tables.states)}")
+    fits = [
+        name for name, state in tables.states.items()
+        if name == row.on or (row.on is None and state.quantity in row.of and state.quantity is not None and of_state(row, tables, name))
+    ]  # fmt: skip
+    if needs(row, "{place}") or needs(row, "{curve}"):
+        fits = [name for name in fits if place_of(name, tables)]
+    if not needs(row, "{other}") and row.elsewhere is None:
+        return [(name, None) for name in fits]
+    same = [name for name, state in tables.states.items() if state.sum and state.quantity in row.of]
+    pairs = [(name, other) for name in fits for other in same if other != name]
+    return [pair for k, pair in enumerate(pairs) if row.state or pair[::-1] not in pairs[:k]]
+
+
+def of_state(row: EffectRow, tables: ModelTables, name: str) -> bool:
+    """Is the state itself of the quantity that the row asks for?"""
+    return row.state is None or quantity_of(name, tables) in (row.state, None)
+
+
+def quantity_of(name: str, tables: ModelTables) -> str | None:
+    """Of a state itself: as its signal or output says, else by its name."""
+    table = tables.signals.get(name)
+    if table is not None and table.quantity:
+        return table.quantity
+    return next(
+        (word for word in ("pressure", "level") if word in name or (word == "level" and "height" in name)), None
+    )
+
+
+def needs(row: EffectRow, brace: str) -> bool:
+    return any(brace in (getattr(row, key) or "") for key in FORMULAS)
+
+
+def place_of(name: str, tables: ModelTables) -> str | None:
+    """The state whose rate is this one."""
+    return next(
+        (one for one, state in tables.states.items() if state.rate is not None and state.rate.strip() == name), None
+    )
+
+
+def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, sizes: Sizes) -> list[Candidate]:
+    """The effect there, once for each try of its numbers."""
+    state = tables.states.get(on) if row.what == "sum" else None
+    taken = {*tables.parameters, *tables.states, *tables.memory, *tables.constants}
+    count = sum(name.startswith(f"{next(iter(row.parameters), 'x')}_{on}") for name in taken)
+    tag = (
+        ("_of" if row.name.endswith("friction") and needs(row, "{curve}") else "")
+        + f"_{on}"
+        + (f"_to_{other}" if other else "")
+        + (f"_{count + 1}" if count else "")
+    )
+    braces = {"{x}": on, "{other}": other or "", "{place}": place_of(on, tables) or ""}
+    if state is not None:
+        braces |= {"{sum}": f"({state.sum})", "{storage}": f"({state.storage})"}
+    rename = {key: key + tag for key in row.parameters}
+    numbers, amplitude, curve = {}, [], ""
+    for k, (key, number) in enumerate(row.parameters.items()):
+        if key == "curve":
+            curve, more = curve_of(rename[key], braces["{place}"], number, sizes)
+            numbers |= more
+            amplitude += list(more)
+        else:
+            numbers[rename[key]] = table_of(number, sizes, neutral=k == 0 and not row.switch, where=row.name)
+            amplitude += [rename[key]] if not row.switch and (k == 0 or number.start is None) else []
+    memory = None
+    if row.memory is not None:
+        memory = f"memory_{re.sub(r'[^a-z]+', '_', row.name.lower()).strip('_')}{tag}"
+        braces["{memory}"] = memory
+    switch = f"switch_{re.sub(r'[^a-z]+', '_', row.name.lower()).strip('_')}{tag}" if row.switch else None
+    output = tables.outputs.get(on) if row.what == "output" else None
+    braces |= {"{curve}": f"curve{tag}", "{switch}": switch or "", "{y}": f"({output.formula})" if output else on}
+
+    def fill(text: str) -> str:
+        for key, value in rename.items():
+            text = re.sub(rf"(?<!{{)\b{key}\b", value, text)
+        text = re.sub(r"\bM\b", f"({float(sizes.M):.9g})", text)
+        for key, value in braces.items():
+            text = text.replace(key, value)
+        return text
+
+    formulas = {key: fill(getattr(row, key)) for key in FORMULAS if getattr(row, key) is not None}
+    made = None
+    if memory is not None and row.memory is not None:
+        extra = {key: fill(str(value)) for key, value in (row.memory.__pydantic_extra__ or {}).items()}
+        made = (memory, MemoryTable.model_validate({"kind": row.memory.kind, "of": fill(row.memory.of), **extra}))
+    base = Candidate(
+        name=row.name, on=on, what=row.what, other=other, formulas=formulas, numbers=numbers, amplitude=tuple(amplitude),
+        memory=made, switch=switch, curve=(f"curve{tag}", curve) if curve else None,
+    )  # fmt: skip
+    return [base, *tried(row, base, rename, sizes)]
+
+
+def tried(row: EffectRow, base: Candidate, rename: Mapping[str, str], sizes: Sizes) -> list[Candidate]:
+    found = []
+    for key, number in row.parameters.items():
+        for k, start in enumerate(number.tries):
+            table = base.numbers[rename[key]].model_copy(update={"start": value_of(start, sizes, row.name)})
+            found.append(
+                Candidate(
+                    **{**base.__dict__, "numbers": base.numbers | {rename[key]: table}, "shape": f"{key} {k + 2}"}
+                )
+            )
+    return found
+
+
+def curve_of(name: str, place: str, number: EffectNumber, sizes: Sizes) -> tuple[str, dict[str, ParameterTable]]:
+    """A piecewise linear curve over a place, with numbers at its corners."""
+    low, width = sizes.M - sizes.P, 2.0 * sizes.P / (CURVE - 1)
+    names = [f"{name}_{k + 1}" for k in range(CURVE)]
+    hats = [f"{one} * max(0, 1 - abs({place} - ({low + k * width:.9g})) / {width:.9g})" for k, one in enumerate(names)]
+    return " + ".join(hats), {one: table_of(number, sizes, neutral=True, where=name) for one in names}
+
+
+def table_of(number: EffectNumber, sizes: Sizes, *, neutral: bool, where: str) -> ParameterTable:
+    """A number with its sizes put in; an amplitude starts at 0."""
+    value = lambda text: None if text is None else value_of(text, sizes, where)  # noqa: E731
+    start = value(number.start)
+    if start is None and (neutral or number.scale is not None):
+        start = 0.0
+    low, high = value(number.low), value(number.high)
+    if start is not None:  # a run of few samples: a start in samples may be beyond a bound in durations
+        low = low if low is None else min(low, start)
+        high = high if high is None else max(high, start)
+    return ParameterTable(start=start, low=low, high=high, scale=value(number.scale) or None,
+                          sign=number.sign, unit=number.unit)  # fmt: skip
+
+
+def value_of(text: float | str, sizes: Sizes, where: str) -> float:
+    """A number, or a formula of sizes."""
+    if not isinstance(text, str):
+        return float(text)
+    names = {key: sympy.Float(getattr(sizes, key)) for key in sizes.__dataclass_fields__}
+    return float(expression(tree_of(text, where), names, where).evalf())
+
+
+def joined(tables: Tables, candidate: Candidate, *, neutral: bool = False) -> Tables:
+    """The declaration with the effect in it. neutral: amplitudes at 0 (a switch is a number then), else off 0 as a search begins."""
+    numbers = dict(candidate.numbers)
+    constants = dict(tables.constants)
+    if candidate.switch and neutral:
+        numbers[candidate.switch] = ParameterTable(start=0.0, scale=1.0)
+    elif candidate.switch:
+        constants[candidate.switch] = 1.0
+    if candidate.curve:
+        constants |= dict([candidate.curve])
+    memory = tables.memory | ({candidate.memory[0]: candidate.memory[1]} if candidate.memory else {})
+    made = tables.model_copy(
+        update={"parameters": tables.parameters | numbers, "constants": constants, "memory": memory}
+    )
+    if candidate.what == "sum":
+        return in_sum(made, candidate)
+    if candidate.what == "output":
+        table = made.outputs[candidate.on].model_copy(update={"formula": candidate.formulas["becomes"]})
+        return made.model_copy(update={"outputs": made.outputs | {candidate.on: table}})
+    return at_input(made, candidate)
+
+
+def in_sum(tables: Tables, candidate: Candidate) -> Tables:
+    """What joins a sum has a name of its own among the constants."""
+    state, constants = tables.states[candidate.on], dict(tables.constants)
+    tag = re.sub(r"[^a-z0-9]+", "_", candidate.name.lower()).strip("_") + "_in_" + candidate.on
+    named = {}
+    for key, text in candidate.formulas.items():
+        if key != "storage":
+            names = (f"{key}_{tag}" + (f"_{k}" if k else "") for k in range(len(constants) + 1))
+            named[key] = next(name for name in names if name not in constants)
+            constants[named[key]] = text
+    update: dict = {}
+    if "adds" in named:
+        update["sum"] = f"{state.sum} + {named['adds']}"
+    if "storage" in candidate.formulas:
+        update["storage"] = candidate.formulas["storage"]
+    if "forwards" in named:
+        before = (state.dry * 2)[:2] or ["0", "0"]
+        update["dry"] = [f"{a} + {named[key]}" for a, key in zip(before, ("forwards", "backwards"), strict=True)]
+    states = tables.states | {candidate.on: state.model_copy(update=update)}
+    if "elsewhere" in named and candidate.other:
+        other = states[candidate.other]
+        states |= {candidate.other: other.model_copy(update={"sum": f"{other.sum} + {named['elsewhere']}"})}
+    return tables.model_copy(update={"states": states, "constants": constants})
+
+
+def at_input(tables: Tables, candidate: Candidate) -> Tables:
+    """The input's name stands for what it becomes, in every formula but those of the effect itself."""
+    count = sum(name.startswith(f"{candidate.on}__") for name in tables.constants)
+    acts = f"{candidate.on}__{count + 1}"
+    own = candidate.memory[0] if candidate.memory else None
+    old = f"{candidate.on}__{count}" if count else candidate.on  # effects at one input act one after the other
+    swap = lambda text: replaced(text, old, acts)  # noqa: E731
+    states = {name: renamed_state(state, swap) for name, state in tables.states.items()}
+    outputs = {
+        name: table.model_copy(update={"formula": swap(table.formula)}) for name, table in tables.outputs.items()
+    }
+    constants = {name: swap(text) if isinstance(text, str) and not name.startswith(f"{candidate.on}__") else text
+                 for name, text in tables.constants.items()}  # fmt: skip
+    constants[acts] = replaced(candidate.formulas["becomes"], candidate.on, old)
+    memory = {}
+    for name, table in tables.memory.items():
+        if name == own:
+            memory[name] = table.model_copy(update={"of": replaced(table.of, candidate.on, old)})
+        else:
+            memory[name] = (
+                table if name.endswith(f"_{candidate.on}") else table.model_copy(update={"of": swap(table.of)})
+            )
+    return tables.model_copy(update={"states": states, "outputs": outputs, "constants": constants, "memory": memory})
+
+
+def renamed_state(state: StateTable, swap: Callable[[str], str]) -> StateTable:
+    update = {key: swap(value) for key in ("rate", "sum", "storage") if (value := getattr(state, key)) is not None}
+    return state.model_copy(update=update | {"dry": [swap(one) for one in state.dry]})
+
+
+def replaced(text: str, old: str, new: str) -> str:
+    """A formula with one name for another."""
+    tree = tree_of(text, old)
+    if old not in names_of(tree):
+        return text
+
+    class Swap(ast.NodeTransformer):
+        def visit_Name(self, node: ast.Name) -> ast.expr:
+            return ast.Name(id=new, ctx=ast.Load()) if node.id == old else node
+
+    return ast.unparse(Swap().visit(tree))

@@ -1,0 +1,98 @@
+"""A machine of one's own as a folder: model.toml (or balances.toml), mapping.toml, logs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from hexsim.errors import HexsimError
+from hexsim.files.toml_files import read_toml, validation_sentence
+from hexsim.own.declaration import Declaration
+from hexsim.own.model import Model, model_of
+from hexsim.readers import load_mapping, log_files, read_stretches
+from hexsim.readers.files import log_name, logs_of_folder
+from hexsim.readers.mapping import Channel, Mapping
+from hexsim.signals.log import Log
+
+FILES = ("model.toml", "balances.toml")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OwnFolder:
+    """A machine that is simulated, with its runs."""
+
+    name: str
+    where: str
+    declaration: Declaration
+    model: Model
+    fit: tuple[Log, ...]
+    validate: tuple[Log, ...]
+
+
+def model_file(folder: Path) -> Path | None:
+    """The file that declares a machine of one's own, or None."""
+    return next((folder / name for name in FILES if (folder / name).is_file()), None)
+
+
+def declared(folder: Path) -> Declaration:
+    """What the folder's file says. Raises HexsimError for what cannot be used."""
+    where = model_file(folder)
+    if where is None:
+        raise HexsimError(f"there is no {' and no '.join(FILES)} in {folder}")
+    try:
+        found = Declaration.model_validate(read_toml(where))
+    except ValidationError as error:
+        raise HexsimError(f"{where}: {validation_sentence(error, Declaration)}") from None
+    if not found.simulated and not found.balances:
+        raise HexsimError(
+            f"{where}: it has no [states], no [outputs] and no [[balances]]: nothing to simulate or to trace"
+        )
+    return found
+
+
+def is_simulated(folder: Path) -> bool:
+    """Has the folder a machine of one's own that can be simulated?"""
+    return folder.is_dir() and model_file(folder) is not None and declared(folder).simulated
+
+
+def load_simulated(folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = ()) -> OwnFolder:
+    """The machine of a folder with its runs. Raises HexsimError for what cannot be used."""
+    asked, where = declared(folder), str(model_file(folder))
+    data = folder / asked.runs.folder
+    named = model_of(asked, where)
+    wanted = dict.fromkeys((*named.inputs, *named.outputs, *(column for _, column in named.firsts)))
+    logs, held_out = logs_of(data, folder, fit or asked.runs.fit, validate or asked.runs.validate_on, list(wanted))
+    columns = set.intersection(*(set(log.columns) for log in (*logs, *held_out)))
+    return OwnFolder(
+        name=asked.name or folder.resolve().name, where=where, declaration=asked, model=model_of(asked, where, columns),
+        fit=tuple(logs), validate=tuple(held_out),
+    )  # fmt: skip
+
+
+def logs_of(
+    data: Path, folder: Path, fit: Sequence[str], validate: Sequence[str], wanted: Sequence[str] = ()
+) -> tuple[list[Log], list[Log]]:
+    """Runs to fit and held out, every stretch between gaps one of them. wanted: columns, where no mapping.toml names them."""
+    held_out = [log_files(data, name) for name in validate]
+    paths = [log_files(data, name) for name in fit]
+    mapping = folder / "mapping.toml"
+    chosen = load_mapping(mapping if mapping.is_file() else None)
+    if wanted and not mapping.is_file():
+        chosen = Mapping(kind="own", columns={name: Channel() for name in wanted})
+    if not paths:
+        paths = [path for path in logs_of_folder(data, chosen.file) if path not in held_out]
+    both = {path.resolve() for path in paths} & {path.resolve() for path in held_out}
+    if both:
+        name = log_name(min(both))
+        raise HexsimError(f"log {name} is given to fit and to validate: judge on another run that no fit has seen")
+    if not paths:
+        raise HexsimError(f"there is no log in {data}: name its folder under [runs] of {model_file(folder)}")
+    read = []
+    for path in (*paths, *held_out):
+        parts = read_stretches(path, chosen)
+        read.append(parts[:1])  # the longest: alignment needs all of its parts
+    logs = [part for parts in read[: len(paths)] for part in parts]
+    return logs, [part for parts in read[len(paths) :] for part in parts]

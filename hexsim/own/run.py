@@ -1,0 +1,122 @@
+"""`hexsim run` of a machine of one's own: fit where nothing was fitted yet, free runs of every log, what they leave."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from matplotlib.figure import Figure
+
+from hexsim.files.json_files import write_json
+from hexsim.files.log_files import write_log
+from hexsim.own.fit import Fitted, Problem, fit
+from hexsim.own.folder import OwnFolder
+from hexsim.own.simulate import Simulator, record_of
+from hexsim.recording.figure_style import legend, new_figure, png, styled
+from hexsim.recording.report import data_url, render
+from hexsim.signals.log import Log
+
+MOST_POINTS = 4000
+Array = np.ndarray
+
+
+def run_folder_of(folder: OwnFolder, out: Path | None, tell=lambda step, share: None) -> dict[str, Any]:
+    """Fit the runs of [runs] fit, simulate every run from its inputs, write logs, report.json and report.html into `out`."""
+    tell("compiling the equations", 0.05)
+    simulator = Simulator(folder.model)
+    records = [record_of(folder.model, log, folder.where) for log in folder.fit]
+    tell("fitting", 0.2)
+    fitted = fit(simulator, records)
+    tell("simulating", 0.8)
+    made = {log.name: simulated(fitted, log, folder.where) for log in (*folder.fit, *folder.validate)}
+    report = report_of(folder, fitted, {name: rms for name, (_, rms) in made.items()})
+    if out is not None:
+        tell("writing the report", 0.9)
+        out.mkdir(parents=True, exist_ok=True)
+        for name, (table, _) in made.items():
+            write_log(table, out / f"{name.replace('/', '_')}.parquet")
+        write_json(out / "report.json", report)
+        (out / "report.html").write_text(page(folder, report, made), encoding="utf-8")
+    tell("done", 1.0)
+    return report
+
+
+def simulated(fitted: Fitted, log: Log, where: str) -> tuple[pl.DataFrame, dict[str, float]]:
+    """The log with a column `simulated_NAME` for every output and hidden state, and rms of each output's residual."""
+    model = fitted.simulator.model
+    record = record_of(model, log, where)
+    problem = Problem(fitted.simulator, [record], noises=fitted.noises)
+    known = dict(zip(fitted.names, fitted.values, strict=True))
+    theta = np.array([known.get(number.name, mean_of(number.name, known, number.start)) for number in problem.numbers])
+    free = problem.free_runs(theta, False)[0]
+    hidden = [(name, free.states[:, k]) for k, name in enumerate(model.states) if name not in model.outputs]
+    columns = [(name, free.outputs[:, k]) for k, name in enumerate(model.outputs)] + hidden
+    table = log.table.with_columns([pl.Series(f"simulated_{name}", values) for name, values in columns])
+    return table, problem.rms(theta)[log.name]
+
+
+def mean_of(name: str, known: Mapping[str, float], start: float) -> float:
+    """Of a number that each run has of its own: its mean over the runs that were fitted."""
+    if " of " not in name:
+        return start
+    stem = name.rsplit(" of ", 1)[0] + " of "
+    values = [value for key, value in known.items() if key.startswith(stem)]
+    return float(np.mean(values)) if values else start
+
+
+def report_of(folder: OwnFolder, fitted: Fitted, rms: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+    """The content of report.json."""
+    declared = folder.declaration.parameters
+    units = {name: table.unit for name, table in folder.declaration.outputs.items()}
+    held_out = {log.name for log in folder.validate}
+    return {
+        "machine": folder.name,
+        "numbers": {
+            name: {
+                "value": float(value), "standard_error": float(error), "unit": declared[name].unit if name in declared else "",
+                "declared": declared[name].declared if name in declared else None, "at_bound": name in fitted.at_bound,
+            }
+            for name, value, error in zip(fitted.names, fitted.values, fitted.errors, strict=True)
+        },
+        "runs": {
+            run: {"held_out": run in held_out, "rms": dict(of_output), "unit": units} for run, of_output in rms.items()
+        },
+    }  # fmt: skip
+
+
+def page(
+    folder: OwnFolder, report: Mapping[str, Any], made: Mapping[str, tuple[pl.DataFrame, dict[str, float]]]
+) -> str:
+    """report.html: each run's outputs, measured and simulated, and what is left."""
+    pictures = [
+        (data_url(png(residual(name, output, folder.declaration.outputs[output].unit, table))), CAPTION)
+        for name, (table, rms) in made.items() for output in rms
+    ]  # fmt: skip
+    return render(
+        "own_run.html.j2", title=f"Free run of {folder.name}", report=report, pictures=pictures, steps=[], verdict=""
+    )
+
+
+CAPTION = (
+    "How far is a free run from what was measured? "
+    "Above measured and simulated from the inputs and the first samples alone, below simulated less measured."
+)
+
+
+@styled
+def residual(run: str, output: str, unit: str, table: pl.DataFrame) -> Figure:
+    """Measured and simulated output of a run, and what is left."""
+    time, measured, free = (table[name].to_numpy() for name in ("time_s", output, f"simulated_{output}"))
+    thin = slice(None, None, max(len(time) // MOST_POINTS, 1))
+    figure, (upper, lower) = new_figure(2, f"{output} of {run}", height=4.4)
+    upper.plot(time[thin], measured[thin], color="0.4", label="measured")
+    upper.plot(time[thin], free[thin], color="#1f5fa8", label="simulated")
+    lower.plot(time[thin], (free - measured)[thin], color="#b3261e", label="simulated less measured")
+    for plot in (upper, lower):
+        plot.set_ylabel(f"[{unit or '1'}]")
+        legend(plot)
+    lower.set_xlabel("time [s]")
+    return figure
