@@ -31,6 +31,7 @@ from .prior import add_prior, fill_prior
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
 MOST_STEPS = 8  # passes of a stage
 FEWEST = 5  # windows with which it begins, two with a reversal among them
+ROUNDS = 6  # of a step, in which numbers meet their bounds
 WORK = 14  # window ticks a tick
 HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
@@ -211,17 +212,36 @@ def _work_tick(s):
 
 @compiled
 def _propose(s):
-    """A step from the best pass into `trial`, damped; False where there is none."""
+    """A step from the best pass into `trial`, damped; False where there is none. A number that would leave its bounds stays on the
+    bound, and the others are solved for again."""
     fit, best = s.fit, s.fit.best
-    for a in range(N_NUMBERS):
-        for b in range(a + 1):
-            fit.L[a, b] = best.H[a, b]
-        fit.L[a, a] *= 1.0 + fit.damping
-        fit.a[a] = best.g[a]
-    if not cholesky(fit.L, N_NUMBERS):
-        return False
-    forward(fit.L, N_NUMBERS, fit.a)
-    backward(fit.L, N_NUMBERS, fit.a)
+    fit.held[:] = 0.0
+    for _ in range(ROUNDS):
+        for a in range(N_NUMBERS):
+            fit.a[a] = best.g[a]
+        for a in range(N_NUMBERS):
+            for b in range(a + 1):
+                fit.L[a, b] = best.H[a, b]
+                if a != b:
+                    fit.a[a] -= best.H[a, b] * fit.held[b] * fit.step_to[b]
+                    fit.a[b] -= best.H[a, b] * fit.held[a] * fit.step_to[a]
+                    if fit.held[a] + fit.held[b] > 0.0:
+                        fit.L[a, b] = 0.0
+            fit.L[a, a] *= 1.0 + fit.damping
+        for a in range(N_NUMBERS):
+            if fit.held[a] > 0.0:
+                fit.L[a, a], fit.a[a] = 1.0, fit.step_to[a]
+        if not cholesky(fit.L, N_NUMBERS):
+            return False
+        forward(fit.L, N_NUMBERS, fit.a)
+        backward(fit.L, N_NUMBERS, fit.a)
+        more = False
+        for k in range(N_NUMBERS):
+            low, high = (fit.low[k] - best.numbers[k]) / fit.sd[k], (fit.high[k] - best.numbers[k]) / fit.sd[k]
+            if fit.held[k] == 0.0 and (fit.a[k] < low or fit.a[k] > high):
+                fit.held[k], fit.step_to[k], more = 1.0, low if fit.a[k] < low else high, True
+        if not more:
+            break
     for k in range(N_NUMBERS):
         value = min(max(best.numbers[k] + fit.a[k] * fit.sd[k], fit.low[k]), fit.high[k])
         fit.a[k] = (value - best.numbers[k]) / fit.sd[k]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from ..compiled import compiled
 from .fit import backward, cholesky, forward
-from .leg import DEAD_DN, DEAD_UP, DELAY, S_PASS, S_POLE1, S_POLE2, S_TICK, V, Y, tangent, tick
+from .leg import DEAD_DN, DEAD_UP, DELAY, S_PASS, S_POLE1, S_POLE2, S_SMOOTH, S_TICK, V, Y, tangent, tick
 
 AHEAD = 14  # ticks: 28 ms, longer than a spool of 25 Hz takes to cross
 FELT_HZ = 60.0  # corner of the low pass, of second order: above the band in which a bump is judged
@@ -55,7 +55,7 @@ def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, e
         r[i] = o / WEIGHTS[0]
         r[AHEAD + i] = (s[V] - v[i + 1]) / WEIGHTS[1]
         r[2 * AHEAD + i] = (s[Y] - y[i + 1]) / WEIGHTS[2]
-        r[3 * AHEAD + i] = (U[i] - 2.0 * last + last2) / WEIGHTS[3]
+        r[3 * AHEAD + i] = (U[i] - 2.0 * last + last2) * sheet[S_SMOOTH] / WEIGHTS[3]
         for k in range(4):
             cost += r[k * AHEAD + i] * r[k * AHEAD + i]
     return cost
@@ -86,11 +86,11 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
             J[i, j] = (J[i, j] + S[V, j]) / tick_s
             J[AHEAD + i, j] = S[V, j] / WEIGHTS[1]
             J[2 * AHEAD + i, j] = S[Y, j] / WEIGHTS[2]
-        J[3 * AHEAD + i, i] = 1.0 / WEIGHTS[3]
+        J[3 * AHEAD + i, i] = sheet[S_SMOOTH] / WEIGHTS[3]
         if i > 0:
-            J[3 * AHEAD + i, i - 1] = -2.0 / WEIGHTS[3]
+            J[3 * AHEAD + i, i - 1] = -2.0 * sheet[S_SMOOTH] / WEIGHTS[3]
         if i > 1:
-            J[3 * AHEAD + i, i - 2] = 1.0 / WEIGHTS[3]
+            J[3 * AHEAD + i, i - 2] = sheet[S_SMOOTH] / WEIGHTS[3]
     for j in range(AHEAD):  # the low pass, column by column
         g0 = g1 = 0.0
         for i in range(j, AHEAD):

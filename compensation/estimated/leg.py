@@ -35,8 +35,10 @@ N_NUMBERS, N_SPOOL = 31, 5
     LN_BRISTLE, PRESSURE_LAG, POSITION_LAG,
 ) = range(N_NUMBERS)  # fmt: skip
 # places in a sheet (N_SHEET,): what is declared
-(S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2) = range(13)
-N_SHEET = 13
+(S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2, S_SMOOTH) = range(
+    14
+)
+N_SHEET = 14
 LEAST_LAG_S = 1e-5
 ATMOSPHERE_Pa = 1.0e5
 LEAST_PRESSURE_Pa = 1.0e4
@@ -203,7 +205,7 @@ def warm_spool(x, S, th, sheet, arriving, by_half, first, last, d_now, d_before)
         d_now[PLAY], d_before[PLAY] = by_half[k - whole], by_half[k - whole - 1]
         for i in range(SUBSTEPS):
             share = edge - i
-            slope = (before - now) / h if share > 0.0 and share < 1.0 else 0.0
+            slope = (before - now) / h if share >= 0.0 and share < 1.0 else 0.0
             share = 1.0 if share > 1.0 else (0.0 if share < 0.0 else share)
             u = now + share * (before - now)
             spool_step(x, S, N_SPOOL, True, u, share, slope, d_now, d_before, 0.0, h, ka, dka, om, th[ZETA])
@@ -243,7 +245,7 @@ def tangent(
         x[P2] = x[M2] = supply
     for i in range(SUBSTEPS):
         share = edge - i
-        changes = share > 0.0 and share < 1.0
+        changes = share >= 0.0 and share < 1.0  # at a whole step: what a longer delay does
         share = 1.0 if share > 1.0 else (0.0 if share < 0.0 else share)
         u = now_V + share * (before_V - now_V)
         spool_step(

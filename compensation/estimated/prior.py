@@ -45,6 +45,7 @@ from .leg import (
     S_PASS,
     S_POLE1,
     S_POLE2,
+    S_SMOOTH,
     S_STROKE,
     S_TANK,
     S_TICK,
@@ -84,6 +85,7 @@ def fill_sheet(sheet, settings):
     )
     sheet[S_STROKE], sheet[S_TANK] = settings.stroke_m, settings.tank_pressure_Pa
     sheet[S_FOUR_WAY], sheet[S_TICK] = settings.four_way, settings.tick_s
+    sheet[S_SMOOTH] = 4.0
     k = tan(pi * min(FELT_HZ * settings.tick_s, 0.45))  # Butterworth's low pass by the bilinear rule
     norm = 1.0 / (1.0 + 2.0**0.5 * k + k * k)
     sheet[S_PASS], sheet[S_POLE1], sheet[S_POLE2] = (

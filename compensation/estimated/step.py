@@ -41,6 +41,7 @@ from .leg import (
     S_A2,
     S_FLOW,
     S_FOUR_WAY,
+    S_SMOOTH,
     S_TANK,
     VISCOUS_DN,
     VISCOUS_UP,
@@ -57,6 +58,7 @@ FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
 RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
 LINEAR_S = 2.0  # in which the demanded motion then loses its dead band
 LEAST_SHARE = 0.5  # of bump^2 in bump^2 + doubt^2 from which it engages
+SMOOTHEST = 64.0  # of the volts' second difference: the valve then crosses its dead band in a window's length
 KEEP_HALVES = 0.75  # of the squares of a half stroke before
 
 
@@ -285,7 +287,17 @@ def _expect(s, volts, last, left):
             e.left2 = k * e.left2 + (1.0 - k) * e.left * e.left
             e.sigma2 = k * e.sigma2 + (1.0 - k) * e.sigma
             e.halves += 1
+            _balance(s.sheet, e.sigma, e.left * e.left)
         e.bump = e.sigma = e.left = 0.0
+
+
+@compiled
+def _balance(sheet, doubt, left):
+    """Smoother volts where the doubt about the spool costs more than they do, sharper ones where less: squares of both bumps."""
+    if doubt > 2.0 * left:
+        sheet[S_SMOOTH] = min(2.0 * sheet[S_SMOOTH], SMOOTHEST)
+    elif left > 2.0 * doubt:
+        sheet[S_SMOOTH] = max(0.5 * sheet[S_SMOOTH], 1.0)
 
 
 @compiled
