@@ -25,13 +25,22 @@ from .fit import (
     tick_window,
 )  # fmt: skip
 from .layout import HISTORY, WAITING, WINDOWS
-from .leg import N_NUMBERS, PLAY, S_FOUR_WAY
+from .leg import LN_SPOOL, N_NUMBERS, PLAY, S_FOUR_WAY, ZETA
 from .prior import add_prior, fill_prior
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
 MOST_STEPS = 8  # passes of a stage
 FEWEST = 5  # windows with which it begins, two with a reversal among them
 ROUNDS = 6  # of a step, in which numbers meet their bounds
+KNOWN_LEG = 2.0  # misfit from which the leg is not one that the model knows: as much beside the noise as noise
+BETTER = 0.8  # of the misfit: from which another minimum is preferred
+TRY_STAGE = 1
+TRIES = (
+    (1.5, -1.0, 0.0),
+    (-0.7, 1.0, 0.0),
+    (0.0, 0.0, 1.5),
+    (1.0, 1.0, -1.0),
+)  # spool, damping, backlash, in standard deviations
 WORK = 14  # window ticks a tick
 HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
@@ -256,6 +265,16 @@ def _propose(s):
 
 
 @compiled
+def _misfit(fit, four_way, chi2):
+    """Mean squared residuals of position and pressures of the best pass, in units of the noise: chi2 (2,)."""
+    rows = fit.count * WINDOW
+    chi2[0] = chi2[1] = 0.0
+    for n in range(fit.count):
+        chi2[0] += fit.best.chi[n, 0] / rows
+        chi2[1] += fit.best.chi[n, 1] / (2.0 * rows if four_way else rows)
+
+
+@compiled
 def _keep_known(s):
     """What the last stage has found, with its covariance's factor."""
     fit, best, known = s.fit, s.fit.best, s.known
@@ -267,14 +286,46 @@ def _keep_known(s):
     known.factor[:, :] = fit.L
     known.numbers[:] = best.numbers
     known.sd[:] = fit.sd
-    rows = fit.count * WINDOW
-    known.chi2[:] = 0.0
-    for n in range(fit.count):
-        known.chi2[0] += best.chi[n, 0] / rows
-        known.chi2[1] += best.chi[n, 1] / rows
-    if s.sheet[S_FOUR_WAY] != 0.0:
-        known.chi2[1] *= 0.5
+    _misfit(fit, s.sheet[S_FOUR_WAY] != 0.0, known.chi2)
     known.valid = 1
+
+
+@compiled
+def _begin_again(s, numbers):
+    """The next pass begins at numbers, and every window where it was measured."""
+    s.fit.best.numbers[:] = numbers
+    for n in range(s.fit.count):
+        s.windows[n].start[:] = s.windows[n].measured
+
+
+@compiled
+def _settle(s):
+    """The last stage is over. Where the leg is not yet one that the model knows, the fit may sit in a local minimum: it is tried again
+    from another spool and backlash, and the lower misfit stays."""
+    fit = s.fit
+    four_way = s.sheet[S_FOUR_WAY] != 0.0
+    _misfit(fit, four_way, fit.chi2)
+    if fit.trying:
+        fit.trying = 0
+        if fit.chi2[0] + fit.chi2[1] < BETTER * (fit.chi2_before[0] + fit.chi2_before[1]):
+            _keep_known(s)
+        else:
+            _begin_again(s, fit.before)
+            fit.chi2[:] = fit.chi2_before
+    if fit.seen > fit.tries_seen + WINDOWS:
+        fit.tries, fit.tries_seen = 0, fit.seen
+    if fit.count == WINDOWS and max(fit.chi2[0], fit.chi2[1]) > KNOWN_LEG and fit.tries < len(TRIES):
+        fit.before[:] = fit.best.numbers
+        fit.chi2_before[:] = fit.chi2
+        fit.proposed[:] = fit.mean
+        fit.proposed[LN_SPOOL] += TRIES[fit.tries][0] * fit.sd[LN_SPOOL]
+        fit.proposed[ZETA] += TRIES[fit.tries][1] * fit.sd[ZETA]
+        fit.proposed[PLAY] = max(fit.proposed[PLAY] + TRIES[fit.tries][2] * fit.sd[PLAY], 0.0)
+        _begin_again(s, fit.proposed)
+        fit.tries += 1
+        fit.trying, fit.stage = 1, TRY_STAGE
+    else:
+        fit.settled = 1
 
 
 @compiled
@@ -295,17 +346,17 @@ def _end_pass(s):
         for n in range(fit.count):
             s.windows[n].start[:] = trial.start[n]
             s.windows[n].chi[:] = trial.chi[n]
-        if fit.stage == len(HEATS) - 1 and not fresh:
+        if fit.stage == len(HEATS) - 1 and not fresh and not fit.trying:
             _keep_known(s)
     else:
         fit.damping = max(8.0 * fit.damping, 1e-3)
         done = done or fit.damping > 1e3
     if done:
+        fit.step, fit.damping = 0, 1e-2
         if fit.stage < len(HEATS) - 1:
             fit.stage += 1
         else:
-            fit.settled = 1
-        fit.step, fit.damping = 0, 1e-2
+            _settle(s)
 
 
 @compiled

@@ -42,7 +42,8 @@ FIT = record(
     x=(f, (N_STATES,)), S=(f, (N_STATES, N_COLUMNS)), d_now=(f, (N_COLUMNS,)), d_before=(f, (N_COLUMNS,)), row=(f, (N_COLUMNS,)),
     arriving=(f, (LEAD + WINDOW,)), by_half=(f, (LEAD + WINDOW,)), A=(f, (N_NUMBERS, N_NUMBERS)), B=(f, (N_START, N_NUMBERS)),
     C=(f, (N_START, N_START)), a=(f, (N_NUMBERS,)), b=(f, (N_START,)), w=(f, (16,)), L=(f, (N_NUMBERS, N_NUMBERS)),
-    proposed=(f, (N_NUMBERS,)), held=(f, (N_NUMBERS,)), step_to=(f, (N_NUMBERS,)),
+    proposed=(f, (N_NUMBERS,)), before=(f, (N_NUMBERS,)), chi2=(f, (2,)), chi2_before=(f, (2,)), trying=i, tries=i, tries_seen=i,
+    held=(f, (N_NUMBERS,)), step_to=(f, (N_NUMBERS,)),
 )  # fmt: skip
 KNOWN = record(  # of the last pass that became better
     numbers=(f, (N_NUMBERS,)), factor=(f, (N_NUMBERS, N_NUMBERS)), sd=(f, (N_NUMBERS,)), chi2=(f, (2,)), valid=i,
