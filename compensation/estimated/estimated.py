@@ -48,7 +48,8 @@ def start_first(states):
 class Estimated(Compensator):
     """Estimates every number of the leg with its variance, and feeds the inverse of the same model forward.
 
-    Adds its volts as soon as the bump that its doubt would make is smaller than plain control's.
+    Adds its volts as soon as the bump that its doubt would make is smaller than plain control's. For one leg on a bench as yet: on a
+    platform it stays out.
     """
 
     name: str = "estimated"
@@ -125,6 +126,8 @@ class Estimated(Compensator):
         s, e = state.numbers, state.numbers.expected
         if s.share > 0.0:
             return ""
+        if s.platform:
+            return "it is made for one leg on a bench as yet, and this leg carries a platform: use `adaptive`"
         if not s.known.valid:
             return f"{s.fit.count} windows of motion seen, {FEWEST} begin the fit: the leg's numbers are not known yet"
         if e.halves < 1:

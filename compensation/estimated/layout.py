@@ -70,5 +70,5 @@ EXPECTED = record(
 STATE = record(
     settings=SETTINGS, sheet=(f, (N_SHEET,)), past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
     numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, share=f, linear=f,
-    odds=f, added_V=f,
+    odds=f, platform=i, added_V=f,
 )  # fmt: skip

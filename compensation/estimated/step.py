@@ -332,6 +332,9 @@ def tick_of(
     settings, ref, inv = s.settings, s.reference, s.inverse
     if s.sheet[S_FOUR_WAY] == 0.0:
         top_Pa = supply_Pa
+    if len(loads) > 2:  # legs of a platform must engage together and share what they demand: not yet
+        s.platform = 1
+        return 0.0
     ahead, predicted = _setpoint_ahead(s, table, preview, QUEUE - 1)
     _advance(s, ahead, loads, predicted)
     watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, ref.extra_m_s2[0], valve_V)
