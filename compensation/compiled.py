@@ -35,6 +35,6 @@ def _sources_digest() -> str:
     package = Path(__file__).parent
     digest = hashlib.sha256((package / "compensator.py").read_bytes())
     beside = [package / name for name in ("guard.py", "spool_model.py", "volts_bound.py")]
-    for path in [*beside, *sorted((package / "adaptive").glob("*.py"))]:
+    for path in [*beside, *sorted((package / "adaptive").glob("*.py")), *sorted((package / "estimated").glob("*.py"))]:
         digest.update(path.read_bytes())
     return digest.hexdigest()

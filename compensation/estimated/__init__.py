@@ -1,0 +1,5 @@
+"""One estimator and one inverse of the leg."""
+
+from .estimated import Estimated
+
+__all__ = ["Estimated"]

@@ -1,0 +1,153 @@
+"""The face of the algorithm: configuration, start, numbers in and out. The tick itself is `step`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..adaptive.prediction import prediction_table
+from ..compensator import Compensator, Context, Parameters, Sample
+from ..compiled import compiled
+from .estimator import FEWEST, HEATS
+from .layout import STATE, Record
+from .leg import N_NUMBERS, NAMES
+from .prior import fill_prior, restore_prior
+from .step import start, tick_of
+
+LAST_STAGE = len(HEATS) - 1
+
+
+@dataclass(slots=True)
+class EstimatedState:
+    """All that the algorithm carries from tick to tick, for one actuator."""
+
+    context: Context
+    states: np.ndarray = field(default_factory=lambda: np.zeros(1, STATE))
+    added_V: float = 0.0
+
+    @property
+    def numbers(self) -> Record:
+        """The array's numbers by name."""
+        return self.states[0]
+
+
+@compiled
+def tick_first(states, table, preview, loads, setpoint, position, control, valve, bottom, top, supply, forward):
+    """`tick_of` of states (1,)."""
+    return tick_of(states[0], table, preview, loads, setpoint, position, control, valve, bottom, top, supply, forward)
+
+
+@compiled
+def start_first(states):
+    """`start` of states (1,)."""
+    start(states[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimated(Compensator):
+    """Estimates every number of the leg with its variance, and feeds the inverse of the same model forward.
+
+    Adds its volts as soon as the bump that its doubt would make is smaller than plain control's. For one leg on a bench as yet: on a
+    platform it stays out.
+    """
+
+    name: str = "estimated"
+    place = 5
+    preview_s: float = 0.028
+    learn: bool = True
+
+    def start(self, context: Context) -> EstimatedState:
+        state = EstimatedState(context)
+        settings = state.numbers.settings
+        for name in settings.dtype.names:
+            settings[name] = getattr(self if hasattr(self, name) else context, name)
+        start_first(state.states)
+        return state
+
+    def step(self, state: EstimatedState, sample: Sample) -> tuple[float, EstimatedState]:
+        state.added_V = tick_first(
+            state.states, prediction_table(), np.asarray(sample.preview_m, float), np.asarray(sample.load_preview_m_s2, float),
+            sample.setpoint_m, sample.position_m, sample.control_V, sample.valve_V, sample.pressure_bottom_Pa,
+            sample.pressure_top_Pa, sample.pressure_supply_Pa, sample.feed_forward_V,
+        )  # fmt: skip
+        return state.added_V, state
+
+    def finite(self, state: EstimatedState) -> bool:
+        s = state.numbers
+        return bool(np.isfinite(s.inverse.U).all() and np.isfinite(s.inverse.x).all())
+
+    def parameters(self, state: EstimatedState) -> Parameters:
+        """Numbers, the scale of the fit's units, the lower factor of its information row by row, misfit, noises."""
+        s = state.numbers
+        factor = s.known.factor[np.tril_indices(N_NUMBERS)]
+        return {
+            "numbers": dict(zip(NAMES, map(float, s.known.numbers), strict=True)),
+            "scale": dict(zip(NAMES, map(float, s.known.sd), strict=True)),
+            "factor": [float(x) for x in factor],
+            "chi2": [float(x) for x in s.known.chi2],
+            "noise": [float(s.past.noise_m), float(s.past.noise_Pa)],
+        }
+
+    def refused(self, context: Context, parameters: Parameters) -> str:
+        problem = missing(parameters)
+        if problem or not any(parameters["scale"].values()):
+            return problem
+        s = self.start(context).numbers
+        fill_prior(s.fit, s.settings, float(parameters["numbers"]["hold"]))
+        for k, name in enumerate(NAMES):
+            value = float(parameters["numbers"][name])
+            if not s.fit.low[k] <= value <= s.fit.high[k]:
+                return f"numbers.{name} is {value:g}; it must lie between {s.fit.low[k]:g} and {s.fit.high[k]:g}"
+            if not float(parameters["scale"][name]) > 0.0:
+                return f"scale.{name} is {parameters['scale'][name]}; it must be above zero"
+        if not all(parameters["factor"][k] > 0.0 for k in DIAGONAL) or not all(x > 0.0 for x in parameters["noise"]):
+            return "the factor's diagonal and both noises must be above zero"
+        return ""
+
+    def restore(self, context: Context, parameters: Parameters) -> EstimatedState:
+        """Starts with the numbers and their covariance: what is uncertain moves, what is known stays."""
+        state = self.start(context)
+        if missing(parameters) or not any(parameters["scale"].values()):
+            return state
+        s, known = state.numbers, state.numbers.known
+        known.numbers[:] = [float(parameters["numbers"][name]) for name in NAMES]
+        known.sd[:] = [float(parameters["scale"][name]) for name in NAMES]
+        known.factor[np.tril_indices(N_NUMBERS)] = parameters["factor"]
+        known.chi2[:] = parameters["chi2"]
+        known.valid = 1
+        s.past.noise_m, s.past.noise_Pa = map(float, parameters["noise"])
+        covariance = np.linalg.inv(known.factor @ known.factor.T)
+        restore_prior(s.fit, s.settings, known.numbers, known.sd * np.sqrt(np.diag(covariance)))
+        s.fit.stage = LAST_STAGE
+        return state
+
+    def not_engaged(self, state: EstimatedState) -> str:
+        s, e = state.numbers, state.numbers.expected
+        if s.share > 0.0:
+            return ""
+        if s.platform:
+            return "it is made for one leg on a bench as yet, and this leg carries a platform: use `adaptive`"
+        if not s.known.valid:
+            return f"{s.fit.count} windows of motion seen, {FEWEST} begin the fit: the leg's numbers are not known yet"
+        if e.halves < 1:
+            return "the leg's numbers are known; the next reversal says what they are good for"
+        return (
+            f"the doubt about the leg's numbers would leave {e.sigma2**0.5:.2f} m/s2 where plain control makes "
+            f"{e.bump2**0.5:.2f} m/s2 (misfit chi2 {max(s.known.chi2):.1f}, 1 is a leg as the model knows it)"
+        )
+
+
+DIAGONAL = [k * (k + 3) // 2 for k in range(N_NUMBERS)]
+
+
+def missing(parameters: Parameters) -> str:
+    """Empty, or what start parameters lack."""
+    for table in ("numbers", "scale"):
+        for name in NAMES:
+            if name not in parameters.get(table, {}):
+                return f"{table}.{name} is missing"
+    for name, count in (("factor", N_NUMBERS * (N_NUMBERS + 1) // 2), ("chi2", 2), ("noise", 2)):
+        if len(parameters.get(name, [])) != count:
+            return f"{name} must be a list of {count} numbers"
+    return ""

@@ -1,0 +1,391 @@
+"""The estimator over time: windows of motion as they come, and passes of the fit spread over ticks.
+
+Windows begin in motion, for near standstill a start state has local minima; each one that holds a reversal is taken, and every
+second of the others. The fit begins with the noise thirty times as large as it is, so that the prior leads, and sharpens in stages;
+at the last it goes on for as long as the machine moves, with the last `WINDOWS` windows: what is older is forgotten.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..compiled import compiled
+from .fit import (
+    LEAD,
+    N_START,
+    START_SCALE,
+    WINDOW,
+    backward,
+    begin_window,
+    behind_backlash,
+    cholesky,
+    eliminate,
+    forward,
+    read_tick,
+    tick_window,
+)  # fmt: skip
+from .layout import HISTORY, WAITING, WINDOWS
+from .leg import LN_SPOOL, N_NUMBERS, PLAY, S_FOUR_WAY, ZETA
+from .prior import add_prior, fill_prior
+
+HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
+MOST_STEPS = 8  # passes of a stage
+FEWEST = 5  # windows with which it begins, two with a reversal among them
+ROUNDS = 6  # of a step, in which numbers meet their bounds
+KNOWN_LEG = 2.0  # misfit from which the leg is not one that the model knows: as much beside the noise as noise
+BETTER = 0.8  # of the misfit: from which another minimum is preferred
+TRY_STAGE = 1
+TRIES = (
+    (1.5, -1.0, 0.0),
+    (-0.7, 1.0, 0.0),
+    (0.0, 0.0, 1.5),
+    (1.0, 1.0, -1.0),
+)  # spool, damping, backlash, in standard deviations
+WORK = 14  # window ticks a tick
+HALF_SPAN = 8  # ticks on either side of a speed
+FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
+BACK = 60  # ticks by which a window may begin earlier to begin in motion
+LATE = WINDOW + BACK + HALF_SPAN + LEAD
+NOISE_STEP = 0.01  # of the running median of fourth differences, a tick
+FORGET_TICKS = 2000.0
+# a parabola through nine readings: its value and slope [1/tick] at the first
+START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasing=True))[:2]
+
+
+@compiled
+def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, extra, volts_before):
+    """One tick into the history. volts_before: what was sent at the tick before."""
+    k = past.ticks & (HISTORY - 1)
+    if past.ticks == 0:
+        past.supply_mean_Pa = supply_Pa
+        for j in range(HISTORY):
+            past.volts[j] = volts_before
+    past.supply_mean_Pa += 0.1 * (supply_Pa - past.supply_mean_Pa)
+    past.position_m[k], past.bottom_Pa[k], past.top_Pa[k] = position_m, bottom_Pa, top_Pa
+    past.supply_Pa[k], past.extra_m_s2[k] = past.supply_mean_Pa, extra
+    past.volts[(past.ticks - 1) & (HISTORY - 1)] = volts_before
+    past.ticks += 1
+    if past.ticks > 8:
+        past.noise_m = _median_step(past.noise_m, past.position_m, k)
+        past.noise_Pa = _median_step(past.noise_Pa, past.bottom_Pa, k)
+
+
+@compiled
+def _median_step(noise, x, k):
+    """The noise after one more fourth difference: the median of its size is 0.6745 sqrt(70) times the noise."""
+    m = HISTORY - 1
+    d = abs(x[k] - 4.0 * x[(k - 1) & m] + 6.0 * x[(k - 2) & m] - 4.0 * x[(k - 3) & m] + x[(k - 4) & m]) / (
+        0.6745 * 8.3666
+    )
+    return noise * (1.0 + NOISE_STEP if d > noise else 1.0 - NOISE_STEP)
+
+
+@compiled
+def _speed(past, k, tick_s):
+    m = HISTORY - 1
+    return (past.position_m[(k + HALF_SPAN) & m] - past.position_m[(k - HALF_SPAN) & m]) / (2.0 * HALF_SPAN * tick_s)
+
+
+@compiled
+def collect(s):
+    """Takes a window where one is due. Returns whether it did."""
+    past, settings, m = s.past, s.settings, HISTORY - 1
+    tick_s, now = settings.tick_s, past.ticks - 1
+    if now < LATE:
+        past.begin = now
+        return False
+    speed = abs(_speed(past, now - HALF_SPAN, tick_s))
+    past.fastest_m_s = max(speed, past.fastest_m_s * (1.0 - 1.0 / FORGET_TICKS))
+    if past.begin < now - (HISTORY - LEAD - HALF_SPAN - 4) + BACK:
+        past.begin = now - WINDOW - HALF_SPAN - 1
+    if now < past.begin + WINDOW + HALF_SPAN + 1:
+        return False
+    limit = min(FAST_m_s, FAST_SHARE * past.fastest_m_s)
+    if limit < 4.0 * past.noise_m / (HALF_SPAN * tick_s):
+        past.begin += HALF_SPAN
+        return False
+    at = past.begin
+    while abs(_speed(past, at, tick_s)) <= limit and at > past.begin - BACK:
+        at -= 2
+    if abs(_speed(past, at, tick_s)) <= limit:
+        past.begin += HALF_SPAN
+        return False
+    first = _speed(past, at, tick_s)
+    slowest, turned = abs(first), False
+    for j in range(at, at + WINDOW, 4):
+        speed = _speed(past, j, tick_s)
+        slowest = min(slowest, abs(speed))
+        turned = turned or speed * first < 0.0
+    past.begin, past.odd = at + WINDOW, 1 - past.odd
+    if not (slowest < limit or past.odd) or s.fit.waiting >= WAITING:
+        return False
+    window = s.windows[WINDOWS + s.fit.waiting]
+    s.fit.waiting += 1
+    mean = 0.0
+    for j in range(WINDOW):
+        k = (at + j) & m
+        window.position_m[j], window.bottom_Pa[j], window.top_Pa[j] = (
+            past.position_m[k],
+            past.bottom_Pa[k],
+            past.top_Pa[k],
+        )
+        window.supply_Pa[j], window.extra_m_s2[j] = past.supply_Pa[k], past.extra_m_s2[k]
+        mean += past.bottom_Pa[k] * settings.area_bottom_m2 - past.top_Pa[k] * settings.area_top_m2
+    for j in range(LEAD + WINDOW):
+        window.volts[j] = past.volts[(at - LEAD + j) & m]
+    window.measured[:] = 0.0
+    for j in range(9):
+        window.measured[0] += START_Y_ROW[j] * window.position_m[j]
+        window.measured[1] += START_V_ROW[j] * window.position_m[j] / tick_s
+    for j in range(3):
+        window.measured[2] += window.bottom_Pa[j] / 3.0
+        window.measured[3] += window.top_Pa[j] / 3.0
+    window.start[:] = window.measured
+    window.reversal = 1.0 if turned or slowest < limit else 0.0
+    past.force_ticks = min(past.force_ticks + 1.0, 40.0)
+    past.force_N += (mean / WINDOW - past.force_N) / past.force_ticks
+    return True
+
+
+@compiled
+def _take_waiting(s):
+    """Windows that waited for the end of a pass come in; the oldest go."""
+    fit = s.fit
+    for n in range(fit.waiting):
+        if fit.count < WINDOWS:
+            place = fit.count
+            fit.count += 1
+        else:
+            place = fit.seen % WINDOWS
+        fit.seen += 1
+        s.windows[place] = s.windows[WINDOWS + n]
+    taken = fit.waiting > 0
+    fit.waiting = 0
+    return taken
+
+
+@compiled
+def _start_pass(s, numbers, fresh):
+    """A pass at numbers; fresh: windows start from what they have, and nothing is known to compare with."""
+    fit = s.fit
+    if fresh:
+        fit.has_best = 0
+        for w in range(fit.count):
+            fit.trial.start[w] = s.windows[w].start
+    fit.trial.numbers[:] = numbers
+    fit.trial.H[:, :] = 0.0
+    fit.trial.g[:] = 0.0
+    fit.trial.cost = 0.0
+    fit.at_window = fit.at_tick = 0
+    fit.running = 1
+
+
+@compiled
+def _work_tick(s):
+    """One window tick of the pass."""
+    fit, trial = s.fit, s.fit.trial
+    n, k = fit.at_window, fit.at_tick
+    window, heat = s.windows[n], HEATS[fit.stage]
+    if k == 0:
+        behind_backlash(window.volts, trial.numbers[PLAY], fit.arriving, fit.by_half)
+        begin_window(
+            fit.x, fit.S, trial.numbers, s.sheet, trial.start[n], fit.arriving, fit.by_half, fit.d_now, fit.d_before
+        )
+        fit.A[:, :] = 0.0
+        fit.B[:, :] = 0.0
+        fit.C[:, :] = 0.0
+        fit.a[:] = 0.0
+        fit.b[:] = 0.0
+        trial.chi[n, 0] = trial.chi[n, 1] = 0.0
+    read_tick(
+        fit.x, fit.S, trial.numbers, s.sheet, fit.scale, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
+        s.past.noise_m * heat, s.past.noise_Pa * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
+    )  # fmt: skip
+    fit.at_tick += 1
+    if fit.at_tick < WINDOW:
+        tick_window(
+            fit.x, fit.S, k, fit.d_now, fit.d_before, trial.numbers, s.sheet, fit.arriving, fit.by_half, window.supply_Pa[k],
+            window.extra_m_s2[k], fit.w,
+        )  # fmt: skip
+        return
+    trial.cost += trial.chi[n, 0] + trial.chi[n, 1]
+    for j in range(N_START):
+        d = (window.measured[j] - trial.start[n, j]) / START_SCALE[j]
+        fit.C[j, j] += 1.0
+        fit.b[j] += d
+        trial.cost += d * d
+    eliminate(fit.A, fit.B, fit.C, fit.a, fit.b, trial.H, trial.g, trial.KB[n], trial.kb[n])
+    fit.at_tick = 0
+    fit.at_window += 1
+
+
+@compiled
+def _propose(s):
+    """A step from the best pass into `trial`, damped; False where there is none. A number that would leave its bounds stays on the
+    bound, and the others are solved for again."""
+    fit, best = s.fit, s.fit.best
+    fit.held[:] = 0.0
+    for _ in range(ROUNDS):
+        for a in range(N_NUMBERS):
+            fit.a[a] = best.g[a]
+        for a in range(N_NUMBERS):
+            for b in range(a + 1):
+                fit.L[a, b] = best.H[a, b]
+                if a != b:
+                    fit.a[a] -= best.H[a, b] * fit.held[b] * fit.step_to[b]
+                    fit.a[b] -= best.H[a, b] * fit.held[a] * fit.step_to[a]
+                    if fit.held[a] + fit.held[b] > 0.0:
+                        fit.L[a, b] = 0.0
+            fit.L[a, a] *= 1.0 + fit.damping
+        for a in range(N_NUMBERS):
+            if fit.held[a] > 0.0:
+                fit.L[a, a], fit.a[a] = 1.0, fit.step_to[a]
+        if not cholesky(fit.L, N_NUMBERS):
+            return False
+        forward(fit.L, N_NUMBERS, fit.a)
+        backward(fit.L, N_NUMBERS, fit.a)
+        more = False
+        for k in range(N_NUMBERS):
+            low, high = (fit.low[k] - best.numbers[k]) / fit.sd[k], (fit.high[k] - best.numbers[k]) / fit.sd[k]
+            if fit.held[k] == 0.0 and (fit.a[k] < low or fit.a[k] > high):
+                fit.held[k], fit.step_to[k], more = 1.0, low if fit.a[k] < low else high, True
+        if not more:
+            break
+    for k in range(N_NUMBERS):
+        value = min(max(best.numbers[k] + fit.a[k] * fit.sd[k], fit.low[k]), fit.high[k])
+        fit.a[k] = (value - best.numbers[k]) / fit.sd[k]
+        fit.proposed[k] = value
+    for n in range(fit.count):
+        for j in range(N_START):
+            step = best.kb[n, j]
+            for k in range(N_NUMBERS):
+                step -= best.KB[n, j, k] * fit.a[k]
+            fit.trial.start[n, j] = best.start[n, j] + step * START_SCALE[j] / (1.0 + fit.damping)
+    return True
+
+
+@compiled
+def _misfit(fit, four_way, chi2):
+    """Mean squared residuals of position and pressures of the best pass, in units of the noise: chi2 (2,)."""
+    rows = fit.count * WINDOW
+    chi2[0] = chi2[1] = 0.0
+    for n in range(fit.count):
+        chi2[0] += fit.best.chi[n, 0] / rows
+        chi2[1] += fit.best.chi[n, 1] / (2.0 * rows if four_way else rows)
+
+
+@compiled
+def _keep_known(s):
+    """What the last stage has found, with its covariance's factor."""
+    fit, best, known = s.fit, s.fit.best, s.known
+    for a in range(N_NUMBERS):
+        for b in range(a + 1):
+            fit.L[a, b] = best.H[a, b]
+    if not cholesky(fit.L, N_NUMBERS):
+        return
+    known.factor[:, :] = fit.L
+    known.numbers[:] = best.numbers
+    known.sd[:] = fit.sd
+    _misfit(fit, s.sheet[S_FOUR_WAY] != 0.0, known.chi2)
+    known.valid = 1
+
+
+@compiled
+def _begin_again(s, numbers):
+    """The next pass begins at numbers, and every window where it was measured."""
+    s.fit.best.numbers[:] = numbers
+    for n in range(s.fit.count):
+        s.windows[n].start[:] = s.windows[n].measured
+
+
+@compiled
+def _settle(s):
+    """The last stage is over. Where the leg is not yet one that the model knows, the fit may sit in a local minimum: it is tried again
+    from another spool and backlash, and the lower misfit stays."""
+    fit = s.fit
+    four_way = s.sheet[S_FOUR_WAY] != 0.0
+    _misfit(fit, four_way, fit.chi2)
+    if fit.trying:
+        fit.trying = 0
+        if fit.chi2[0] + fit.chi2[1] < BETTER * (fit.chi2_before[0] + fit.chi2_before[1]):
+            _keep_known(s)
+        else:
+            _begin_again(s, fit.before)
+            fit.chi2[:] = fit.chi2_before
+    if fit.seen > fit.tries_seen + WINDOWS:
+        fit.tries, fit.tries_seen = 0, fit.seen
+    if fit.count == WINDOWS and max(fit.chi2[0], fit.chi2[1]) > KNOWN_LEG and fit.tries < len(TRIES):
+        fit.before[:] = fit.best.numbers
+        fit.chi2_before[:] = fit.chi2
+        fit.proposed[:] = fit.mean
+        fit.proposed[LN_SPOOL] += TRIES[fit.tries][0] * fit.sd[LN_SPOOL]
+        fit.proposed[ZETA] += TRIES[fit.tries][1] * fit.sd[ZETA]
+        fit.proposed[PLAY] = max(fit.proposed[PLAY] + TRIES[fit.tries][2] * fit.sd[PLAY], 0.0)
+        _begin_again(s, fit.proposed)
+        fit.tries += 1
+        fit.trying, fit.stage = 1, TRY_STAGE
+    else:
+        fit.settled = 1
+
+
+@compiled
+def _end_pass(s):
+    """A pass is over: keep it or not, and what comes next."""
+    fit, trial = s.fit, s.fit.trial
+    fit.passes += 1
+    fit.running = 0
+    trial.cost += add_prior(fit, trial.numbers, trial.H, trial.g)
+    fit.step += 1
+    done, fresh = fit.step >= MOST_STEPS, not fit.has_best
+    if not fit.has_best or trial.cost < fit.best.cost:
+        if fit.has_best:
+            done = done or fit.best.cost - trial.cost < 3e-4 * trial.cost
+        fit.best = trial
+        fit.has_best = 1
+        fit.damping = 0.2 * fit.damping
+        for n in range(fit.count):
+            s.windows[n].start[:] = trial.start[n]
+            s.windows[n].chi[:] = trial.chi[n]
+        if fit.stage == len(HEATS) - 1 and not fresh and not fit.trying:
+            _keep_known(s)
+    else:
+        fit.damping = max(8.0 * fit.damping, 1e-3)
+        done = done or fit.damping > 1e3
+    if done:
+        fit.step, fit.damping = 0, 1e-2
+        if fit.stage < len(HEATS) - 1:
+            fit.stage += 1
+        else:
+            _settle(s)
+
+
+@compiled
+def work(s):
+    """The fit's share of a tick."""
+    fit = s.fit
+    for _ in range(WORK):
+        if not fit.running:
+            begins = fit.settled or fit.step == 0
+            came = begins and _take_waiting(s)
+            if fit.count < FEWEST:
+                return
+            if came:
+                fit.settled = 0
+            if fit.passes == 0:
+                if not fit.restored:
+                    fill_prior(fit, s.settings, s.past.force_N)
+                fit.damping = 1e-2
+                _start_pass(s, fit.mean, True)
+            elif fit.settled:
+                return
+            elif begins:
+                fit.proposed[:] = fit.best.numbers
+                _start_pass(s, fit.proposed, True)
+            else:
+                if not _propose(s):
+                    fit.damping = max(8.0 * fit.damping, 1e-3)
+                    return
+                _start_pass(s, fit.proposed, False)
+        _work_tick(s)
+        if fit.at_window >= fit.count:
+            _end_pass(s)

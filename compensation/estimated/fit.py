@@ -1,0 +1,205 @@
+"""The fit of the leg's numbers to windows of measured motion: Gauss-Newton in units of the prior's standard deviations.
+
+Each window has a start state of its own (y, v, P1, P2), which is eliminated. A pass over all windows at given numbers gives the
+cost and the normal equations; a step of Levenberg and Marquardt is one pass, whether it is kept or not.
+"""
+
+from __future__ import annotations
+
+from math import exp, sqrt
+
+from ..compiled import compiled
+from .leg import (
+    COULOMB_DN,
+    COULOMB_UP,
+    DELAY,
+    LN_BRISTLE,
+    LN_REG,
+    LN_STRIBECK,
+    M1,
+    M2,
+    N_NUMBERS,
+    N_SPOOL,
+    P1,
+    P2,
+    PLAY,
+    POSITION_LAG,
+    S_FOUR_WAY,
+    S_TICK,
+    STATIC_DN,
+    STATIC_UP,
+    V,
+    Y,
+    Z,
+    tangent,
+    warm_spool,
+)  # fmt: skip
+
+WINDOW, LEAD = 100, 150  # ticks of a window; volts before it, so that the side of a backlash is known
+N_START = 4  # y, v, P1, P2
+N_COLUMNS = N_NUMBERS + N_START
+START_SCALE = (2e-5, 0.03, 3e4, 3e4)  # [m, m/s, Pa, Pa] prior of a start state about what is measured
+MOST_RESIDUAL = 1e3  # standard deviations
+SLOPE_TICKS = 12  # of the volts, by which the side of the backlash is told at first
+WARM = 24  # ticks that amplifier and spool move before a window begins: four lags of a spool of 25 Hz
+
+
+@compiled
+def behind_backlash(volts, half, out, by_half):
+    """Volts (m,) behind a backlash of half width `half`, and their derivative by it."""
+    first = volts[0] - volts[SLOPE_TICKS]
+    side = 1.0 if first > 0.0 else -1.0  # moves down: the follower is above
+    out[0], by_half[0] = volts[0] + side * half, side
+    for i in range(1, len(volts)):
+        if out[i - 1] < volts[i] - half:
+            out[i], by_half[i] = volts[i] - half, -1.0
+        elif out[i - 1] > volts[i] + half:
+            out[i], by_half[i] = volts[i] + half, 1.0
+        else:
+            out[i], by_half[i] = out[i - 1], by_half[i - 1]
+
+
+@compiled
+def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
+    """State and derivatives at a window's first tick. start: (y, v, P1, P2); arriving: volts (LEAD + WINDOW,) behind the backlash."""
+    S[:, :] = 0.0
+    warm_spool(x, S, th, sheet, arriving, by_half, LEAD - WARM, LEAD, d_now, d_before)
+    x[Y], x[V], x[P1], x[P2] = start[0], start[1], start[2], start[3]
+    x[M1], x[M2] = start[2], start[3]
+    for i in range(4):
+        S[(Y, V, P1, P2)[i], N_NUMBERS + i] = 1.0
+    S[M1, N_NUMBERS + 2] = S[M2, N_NUMBERS + 3] = 1.0
+    v = x[V]
+    up = v >= 0.0
+    coulomb, static = (COULOMB_UP, STATIC_UP) if up else (COULOMB_DN, STATIC_DN)
+    cs, reg, sigma = exp(th[LN_STRIBECK]), exp(th[LN_REG]), exp(th[LN_BRISTLE])
+    fade, turn = exp(-abs(v) / cs), v / sqrt(v * v + reg * reg)
+    x[Z] = (th[coulomb] + th[static] * fade) * turn / sigma
+    S[Z, coulomb], S[Z, static], S[Z, LN_BRISTLE] = turn / sigma, fade * turn / sigma, -x[Z]
+    S[Z, LN_STRIBECK] = th[static] * fade * abs(v) / cs * turn / sigma
+
+
+@compiled
+def tick_window(x, S, k, d_now, d_before, th, sheet, arriving, by_half, supply, extra, w):
+    """One tick of a window: k of 0 to WINDOW - 1."""
+    whole = int(th[DELAY] / sheet[S_TICK])
+    split = th[DELAY] / sheet[S_TICK] - whole
+    at = LEAD + k - whole
+    d_now[PLAY], d_before[PLAY] = by_half[at], by_half[at - 1]
+    tangent(
+        x, S, N_COLUMNS, N_SPOOL, True, th, sheet, arriving[at], arriving[at - 1], split, d_now, d_before, 0.0, supply, extra, 0.0, w
+    )  # fmt: skip
+
+
+@compiled
+def add_row(row, r, scale, A, B, C, a, b):
+    """A residual r and its derivatives (N_COLUMNS,) of the model into the normal equations; scale (N_COLUMNS,) to prior units."""
+    for i in range(N_COLUMNS):
+        row[i] *= scale[i]
+    for i in range(N_NUMBERS):
+        s = row[i]
+        if s != 0.0:
+            for j in range(i + 1):
+                A[i, j] += s * row[j]
+            a[i] += s * r
+    for i in range(N_START):
+        s = row[N_NUMBERS + i]
+        for j in range(N_NUMBERS):
+            B[i, j] += s * row[j]
+        for j in range(N_START):
+            C[i, j] += s * row[N_NUMBERS + j]
+        b[i] += s * r
+
+
+@compiled
+def read_tick(x, S, th, sheet, scale, y, p1, p2, sy, sp, row, A, B, C, a, b, chi):
+    """Residuals of the transducers at a tick into the normal equations; chi (2,): squared residuals of position and pressures."""
+    lag = th[POSITION_LAG]
+    r = (y - (x[Y] - lag * x[V])) / sy
+    r = min(max(r, -MOST_RESIDUAL), MOST_RESIDUAL)
+    for j in range(N_COLUMNS):
+        row[j] = (S[Y, j] - lag * S[V, j]) / sy
+    row[POSITION_LAG] -= x[V] / sy
+    chi[0] += r * r
+    add_row(row, r, scale, A, B, C, a, b)
+    r = min(max((p1 - x[M1]) / sp, -MOST_RESIDUAL), MOST_RESIDUAL)
+    for j in range(N_COLUMNS):
+        row[j] = S[M1, j] / sp
+    chi[1] += r * r
+    add_row(row, r, scale, A, B, C, a, b)
+    if sheet[S_FOUR_WAY] != 0.0:
+        r = min(max((p2 - x[M2]) / sp, -MOST_RESIDUAL), MOST_RESIDUAL)
+        for j in range(N_COLUMNS):
+            row[j] = S[M2, j] / sp
+        chi[1] += r * r
+        add_row(row, r, scale, A, B, C, a, b)
+
+
+@compiled
+def cholesky(A, n):
+    """Lower factor in place; False where A is not positive definite."""
+    for i in range(n):
+        for j in range(i + 1):
+            s = A[i, j]
+            for k in range(j):
+                s -= A[i, k] * A[j, k]
+            if i == j:
+                if not s > 0.0:
+                    return False
+                A[i, i] = sqrt(s)
+            else:
+                A[i, j] = s / A[j, j]
+    return True
+
+
+@compiled
+def forward(L, n, b):
+    """L x = b in place."""
+    for i in range(n):
+        s = b[i]
+        for k in range(i):
+            s -= L[i, k] * b[k]
+        b[i] = s / L[i, i]
+
+
+@compiled
+def backward(L, n, b):
+    """L' x = b in place."""
+    for i in range(n - 1, -1, -1):
+        s = b[i]
+        for k in range(i + 1, n):
+            s -= L[k, i] * b[k]
+        b[i] = s / L[i, i]
+
+
+@compiled
+def eliminate(A, B, C, a, b, H, g, KB, kb):
+    """Adds a window with its start state eliminated to H (lower), g. KB (N_START, N_NUMBERS), kb (N_START,) give the start's step
+    kb - KB d for a step d of the numbers. C is factored in place (its prior is in it)."""
+    cholesky(C, N_START)
+    for i in range(N_START):
+        kb[i] = b[i]
+    forward(C, N_START, kb)
+    for j in range(N_NUMBERS):  # KB = L^-1 B
+        for i in range(N_START):
+            s = B[i, j]
+            for k in range(i):
+                s -= C[i, k] * KB[k, j]
+            KB[i, j] = s / C[i, i]
+    for i in range(N_NUMBERS):
+        for j in range(i + 1):
+            s = A[i, j]
+            for k in range(N_START):
+                s -= KB[k, i] * KB[k, j]
+            H[i, j] += s
+        s = a[i]
+        for k in range(N_START):
+            s -= KB[k, i] * kb[k]
+        g[i] += s
+    backward(C, N_START, kb)
+    for j in range(N_NUMBERS):  # KB = C^-1 B
+        for i in range(N_START - 1, -1, -1):
+            s = KB[i, j]
+            for k in range(i + 1, N_START):
+                s -= C[k, i] * KB[k, j]
+            KB[i, j] = s / C[i, i]

@@ -1,0 +1,173 @@
+"""Volts that make the model's leg follow a demanded motion: nonlinear least squares over a receding window of ticks.
+
+Each tick one more set of volts is kept. The residuals of a window of `AHEAD` ticks are the acceleration's error in a low pass,
+those of speed and position, and the second difference of the volts. The derivatives are those of the model with blunt edges,
+so that they know of an edge on the other side of a dead band; the residuals are the model's own.
+"""
+
+from __future__ import annotations
+
+from ..compiled import compiled
+from .fit import backward, cholesky, forward
+from .leg import DEAD_DN, DEAD_UP, DELAY, S_PASS, S_POLE1, S_POLE2, S_SMOOTH, S_TICK, V, Y, tangent, tick
+
+AHEAD = 14  # ticks: 28 ms, longer than a spool of 25 Hz takes to cross
+FELT_HZ = 60.0  # corner of the low pass, of second order: above the band in which a bump is judged
+WEIGHTS = (
+    1e-2,
+    1e-3,
+    1e-4,
+    3e-2,
+)  # [m/s2, m/s, m, V]: half the threshold of perception; what is not felt; a count of 12 bit, six times
+TRIES = 3  # steps a tick: the window moves on, and the next tick goes on
+BLUNT = 0.4  # of the half dead band, for the derivatives
+LEAST_BLUNT_V = 2e-3
+DAMPING = (1e-6, 1e-2, 1.0)
+
+
+@compiled
+def low_pass(memory, x, sheet):
+    """One tick of the low pass; memory (2,)."""
+    o = sheet[S_PASS] * x + memory[0]
+    memory[0] = 2.0 * sheet[S_PASS] * x - sheet[S_POLE1] * o + memory[1]
+    memory[1] = sheet[S_PASS] * x - sheet[S_POLE2] * o
+    return o
+
+
+@compiled
+def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, w, path):
+    """Residuals r (4 AHEAD,) of volts U (AHEAD,) from the state x. before, older: the volts sent last. y, v (AHEAD + 1,): demanded at
+    the window's ticks. extra (AHEAD,). path (AHEAD + 1, N_STATES) takes the states."""
+    s[:] = x
+    path[0, :] = x
+    g0, g1 = filtered[0], filtered[1]
+    cost, tick_s = 0.0, sheet[S_TICK]
+    for i in range(AHEAD):
+        last = U[i - 1] if i > 0 else before
+        last2 = U[i - 2] if i > 1 else (before if i == 1 else older)
+        speed = s[V]
+        tick(s, th, sheet, U[i], last, split, supply, extra[i], 0.0, w)
+        path[i + 1, :] = s
+        e = ((s[V] - speed) - (v[i + 1] - v[i])) / tick_s
+        o = sheet[S_PASS] * e + g0
+        g0 = 2.0 * sheet[S_PASS] * e - sheet[S_POLE1] * o + g1
+        g1 = sheet[S_PASS] * e - sheet[S_POLE2] * o
+        r[i] = o / WEIGHTS[0]
+        r[AHEAD + i] = (s[V] - v[i + 1]) / WEIGHTS[1]
+        r[2 * AHEAD + i] = (s[Y] - y[i + 1]) / WEIGHTS[2]
+        r[3 * AHEAD + i] = (U[i] - 2.0 * last + last2) * sheet[S_SMOOTH] / WEIGHTS[3]
+        for k in range(4):
+            cost += r[k * AHEAD + i] * r[k * AHEAD + i]
+    return cost
+
+
+@compiled
+def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, d_now, d_before, s, w):
+    """J (4 AHEAD, AHEAD): derivatives of the residuals by the volts, along the states `path`."""
+    S[:, :] = 0.0
+    J[:, :] = 0.0
+    tick_s = sheet[S_TICK]
+    for j in range(AHEAD):
+        d_now[j] = d_before[j] = 0.0
+    for i in range(AHEAD):
+        d_now[i] = 1.0
+        if i > 0:
+            d_now[i - 1], d_before[i - 1] = 0.0, 1.0
+        if i > 1:
+            d_before[i - 2] = 0.0
+        s[:] = path[i]
+        last = U[i - 1] if i > 0 else before
+        for j in range(i + 1):
+            J[i, j] = -S[V, j]
+        tangent(
+            s, S, i + 1, i + 1, False, th, sheet, U[i], last, split, d_now, d_before, 0.0, supply, extra[i], blunt, w
+        )
+        for j in range(i + 1):
+            J[i, j] = (J[i, j] + S[V, j]) / tick_s
+            J[AHEAD + i, j] = S[V, j] / WEIGHTS[1]
+            J[2 * AHEAD + i, j] = S[Y, j] / WEIGHTS[2]
+        J[3 * AHEAD + i, i] = sheet[S_SMOOTH] / WEIGHTS[3]
+        if i > 0:
+            J[3 * AHEAD + i, i - 1] = -2.0 * sheet[S_SMOOTH] / WEIGHTS[3]
+        if i > 1:
+            J[3 * AHEAD + i, i - 2] = sheet[S_SMOOTH] / WEIGHTS[3]
+    for j in range(AHEAD):  # the low pass, column by column
+        g0 = g1 = 0.0
+        for i in range(j, AHEAD):
+            e = J[i, j]
+            o = sheet[S_PASS] * e + g0
+            g0 = 2.0 * sheet[S_PASS] * e - sheet[S_POLE1] * o + g1
+            g1 = sheet[S_PASS] * e - sheet[S_POLE2] * o
+            J[i, j] = o / WEIGHTS[0]
+
+
+@compiled
+def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws):
+    """Up to TRIES steps of U (AHEAD,), in place. Returns the cost."""
+    split = th[DELAY] / sheet[S_TICK] - int(th[DELAY] / sheet[S_TICK])
+    r, r2, J, S, path, path2, H, L, step, U2, s, w, d_now, d_before = (
+        ws.r, ws.r2, ws.J, ws.S, ws.path, ws.path2, ws.H, ws.L, ws.step, ws.U2, ws.s, ws.w, ws.d_now, ws.d_before,
+    )  # fmt: skip
+    cost = window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, w, path)
+    half = 0.5 * (th[DEAD_UP] + th[DEAD_DN])
+    soft = max(BLUNT * half, LEAST_BLUNT_V)
+    for _ in range(TRIES):
+        window_slope(path, U, before, th, sheet, split, supply, extra, soft, J, S, d_now, d_before, s, w)
+        for a in range(AHEAD):
+            for b in range(a + 1):
+                total = 0.0
+                for i in range(a, AHEAD):
+                    total += (
+                        J[i, a] * J[i, b]
+                        + J[AHEAD + i, a] * J[AHEAD + i, b]
+                        + J[2 * AHEAD + i, a] * J[2 * AHEAD + i, b]
+                    )
+                    total += J[3 * AHEAD + i, a] * J[3 * AHEAD + i, b]
+                H[a, b] = total
+        better = False
+        for k in range(3):
+            for a in range(AHEAD):
+                for b in range(a + 1):
+                    L[a, b] = H[a, b]
+                L[a, a] *= 1.0 + DAMPING[k]
+                total = 0.0
+                for i in range(a, AHEAD):
+                    total += J[i, a] * r[i] + J[AHEAD + i, a] * r[AHEAD + i] + J[2 * AHEAD + i, a] * r[2 * AHEAD + i]
+                    total += J[3 * AHEAD + i, a] * r[3 * AHEAD + i]
+                step[a] = total
+            if not cholesky(L, AHEAD):
+                continue
+            forward(L, AHEAD, step)
+            backward(L, AHEAD, step)
+            for a in range(AHEAD):
+                U2[a] = min(max(U[a] - step[a], -limit_V), limit_V)
+            c2 = window_cost(x, U2, before, older, y, v, filtered, th, sheet, split, supply, extra, r2, s, w, path2)
+            if c2 < cost:
+                better = True
+                break
+        if better:
+            done = cost - c2 < 1e-3 * cost
+            cost = c2
+            U[:] = U2
+            r[:] = r2
+            path[:, :] = path2
+            if done:
+                break
+        elif soft > LEAST_BLUNT_V:
+            soft = max(0.25 * soft, LEAST_BLUNT_V)
+        else:
+            break
+    return cost
+
+
+@compiled
+def keep_first(x, U, before, y, v, filtered, th, sheet, supply, extra, w):
+    """The window moves on by a tick: the state under the first volts, the low pass' state, and the volts shifted."""
+    split = th[DELAY] / sheet[S_TICK] - int(th[DELAY] / sheet[S_TICK])
+    speed = x[V]
+    tick(x, th, sheet, U[0], before, split, supply, extra[0], 0.0, w)
+    e = ((x[V] - speed) - (v[1] - v[0])) / sheet[S_TICK]
+    o = low_pass(filtered, e, sheet)
+    for i in range(AHEAD - 1):
+        U[i] = U[i + 1]
+    return o

@@ -1,0 +1,460 @@
+"""The leg as the estimator knows it: one control tick, and its derivatives with respect to state, numbers and volts.
+
+Volts pass backlash, a delay (`arriving`), an amplifier's lag and the spool (second order). Edges are rounded (softplus), their
+opening may be bent; orifices turn from laminar to turbulent; leaks are laminar; oil is softened by air. Friction is Stribeck's
+behind one bristle (LuGre without damping), regularised in velocity:
+
+    z' = v - sqrt(v^2 + reg^2) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs)
+
+    m v' = P1 A1 - P2 A2 - F - F0 - m e      e: what other legs' motion adds to this leg's load (0 on a bench)
+    C1 P1' = Q1 - A1 v,   C2 P2' = Q2 + A2 v      a rod side at supply pressure has P2 = Ps
+
+Integrated by a semi-implicit Euler scheme of `SUBSTEPS` steps a tick: the same in estimation and inversion.
+State (N_STATES,): y, v, P1, P2, spool [V], its rate, amplifier [V], bristle [m], P1 and P2 as measured. SI units, volts.
+"""
+
+from __future__ import annotations
+
+from math import exp, log1p, sqrt
+
+from ..compiled import compiled
+
+SUBSTEPS = 10
+(Y, V, P1, P2, X, XD, AMP, Z, M1, M2) = range(10)
+N_STATES = 10
+NAMES = (
+    "ln_spool", "zeta", "amp_lag_s", "delay_s", "play_V",  # what acts on the spool, first: the others do not move it
+    "gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_round_V", "bend", "bend2", "turbulent_Pa", "laminar", "leak", "leak_tank",
+    "soft", "air", "mass", "hold", "coulomb_up", "coulomb_dn", "static_up", "static_dn", "viscous_up", "viscous_dn", "ln_stribeck",
+    "ln_reg", "ln_bristle", "pressure_lag_s", "position_lag_s",
+)  # fmt: skip
+N_NUMBERS, N_SPOOL = 31, 5
+(
+    LN_SPOOL, ZETA, AMP_LAG, DELAY, PLAY, GAIN_UP, GAIN_DN, DEAD_UP, DEAD_DN, LN_ROUND, BEND, BEND2, TURBULENT, LAMINAR, LEAK,
+    LEAK_TANK, SOFT, AIR, MASS, HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN, VISCOUS_UP, VISCOUS_DN, LN_STRIBECK, LN_REG,
+    LN_BRISTLE, PRESSURE_LAG, POSITION_LAG,
+) = range(N_NUMBERS)  # fmt: skip
+# places in a sheet (N_SHEET,): what is declared
+(S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2, S_SMOOTH) = range(
+    14
+)
+N_SHEET = 14
+LEAST_LAG_S = 1e-5
+ATMOSPHERE_Pa = 1.0e5
+LEAST_PRESSURE_Pa = 1.0e4
+LEAST_COLUMN_m = 1e-3
+
+
+@compiled
+def opening(travel, s, b, b2, out):
+    """Opening of an edge [V] for travel past it, rounded by s, bent by b, b2. out (5,): it, and by travel, ln s, b, b2."""
+    q = travel / s
+    if q > 30.0:
+        a, p, lns = travel, 1.0, 0.0
+    elif q > -30.0:
+        e = exp(q)
+        a = s * log1p(e)
+        p = e / (1.0 + e)
+        lns = a - travel * p
+    else:
+        out[0] = out[1] = out[2] = out[3] = out[4] = 0.0
+        return
+    slope = 1.0 + a * (2.0 * b + 3.0 * b2 * a)
+    out[0] = a * (1.0 + a * (b + b2 * a))
+    out[1], out[2], out[3], out[4] = slope * p, slope * lns, a * a, a * a * a
+
+
+@compiled
+def orifice(o, dp, turbulent, laminar, out):
+    """o dp/(dp^2 + (turbulent + laminar/o^2)^2)^(1/4). out: it, and its derivatives by o, dp, turbulent, laminar."""
+    n = o * o
+    if n < 1e-14:
+        out[0] = out[1] = out[2] = out[3] = out[4] = 0.0
+        return
+    w = turbulent * n + laminar
+    r2 = sqrt(n * n * dp * dp + w * w)
+    r = sqrt(r2)
+    f = n * dp / r
+    k = f / (2.0 * r2 * r2)
+    out[0] = f
+    out[1] = 2.0 * o * (dp / r - k * (n * dp * dp + w * turbulent))
+    out[2] = n / r - k * n * n * dp
+    out[3] = -k * w * n
+    out[4] = -k * w
+
+
+@compiled
+def capacity(volume, P, E, air, out):
+    """Oil and free air (isothermal, volume fraction at one bar). out: dV/dP, and its derivatives by volume, P, air."""
+    p = P if LEAST_PRESSURE_Pa < P else LEAST_PRESSURE_Pa
+    gas = ATMOSPHERE_Pa / (p * p)
+    each = 1.0 / E + air * gas
+    out[0], out[1] = volume * each, each
+    out[2] = -2.0 * volume * air * gas / p if LEAST_PRESSURE_Pa < P else 0.0
+    out[3] = volume * gas
+
+
+@compiled
+def tick(x, th, sheet, now_V, before_V, split, supply, extra, blunt_V, w):
+    """One tick of the leg: x is advanced. now_V, before_V: volts behind backlash and whole ticks of the delay; split: share of the
+    tick for which before_V still acts. extra: e [m/s2]. blunt_V: least rounding. w: workspace (16,)."""
+    h = sheet[S_TICK] / SUBSTEPS
+    a1, a2, four = sheet[S_A1], sheet[S_A2], sheet[S_FOUR_WAY] != 0.0
+    s = exp(th[LN_ROUND])
+    s = s if s > blunt_V else blunt_V
+    om = 6.283185307179586 * exp(th[LN_SPOOL])
+    damped = 1.0 / (1.0 + 2.0 * th[ZETA] * om * h)
+    ka = 1.0 - exp(-h / (th[AMP_LAG] if th[AMP_LAG] > LEAST_LAG_S else LEAST_LAG_S))
+    kp = 1.0 - exp(-h / (th[PRESSURE_LAG] if th[PRESSURE_LAG] > LEAST_LAG_S else LEAST_LAG_S))
+    E = sheet[S_E] / (1.0 + th[SOFT])
+    cs, reg, sigma = exp(th[LN_STRIBECK]), exp(th[LN_REG]), exp(th[LN_BRISTLE])
+    gu, gd = sheet[S_FLOW] * th[GAIN_UP], sheet[S_FLOW] * th[GAIN_DN]
+    tank, m = sheet[S_TANK], th[MASS]
+    edge = split * SUBSTEPS
+    o, q, c = w[0:5], w[5:10], w[10:14]
+    if not four:
+        x[P2] = x[M2] = supply
+    for i in range(SUBSTEPS):
+        share = edge - i
+        share = 1.0 if share > 1.0 else (0.0 if share < 0.0 else share)
+        u = now_V + share * (before_V - now_V)
+        x[AMP] += ka * (u - x[AMP])
+        x[XD] = (x[XD] + h * om * om * (x[AMP] - x[X])) * damped
+        x[X] += h * x[XD]
+        q1 = th[LEAK] * (x[P2] - x[P1]) - th[LEAK_TANK] * (x[P1] - tank)
+        q2 = -th[LEAK] * (x[P2] - x[P1])
+        opening(x[X] - th[DEAD_UP], s, th[BEND], th[BEND2], o)
+        if o[0] > 0.0:
+            orifice(o[0], supply - x[P1], th[TURBULENT], th[LAMINAR], q)
+            q1 += gu * q[0]
+            if four:
+                orifice(o[0], x[P2] - tank, th[TURBULENT], th[LAMINAR], q)
+                q2 -= gu * q[0]
+        opening(-x[X] - th[DEAD_DN], s, th[BEND], th[BEND2], o)
+        if o[0] > 0.0:
+            orifice(o[0], x[P1] - tank, th[TURBULENT], th[LAMINAR], q)
+            q1 -= gd * q[0]
+            if four:
+                orifice(o[0], supply - x[P2], th[TURBULENT], th[LAMINAR], q)
+                q2 += gd * q[0]
+        v = x[V]
+        up = v >= 0.0
+        viscous = th[VISCOUS_UP] if up else th[VISCOUS_DN]
+        g = (th[COULOMB_UP] if up else th[COULOMB_DN]) + (th[STATIC_UP] if up else th[STATIC_DN]) * exp(-abs(v) / cs)
+        g = g if g > 0.1 else 0.1
+        den = 1.0 + h * sqrt(v * v + reg * reg) * sigma / g
+        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - m * extra - sigma * x[Z] / den
+        x[V] = (v + h * drive / m) / (1.0 + h * (viscous + sigma * h / den) / m)
+        x[Z] = (x[Z] + h * x[V]) / den
+        x[Y] += h * x[V]
+        column = x[Y] if x[Y] > LEAST_COLUMN_m else LEAST_COLUMN_m
+        capacity(column * a1 + sheet[S_V1], x[P1], E, th[AIR], c)
+        x[P1] += h * (q1 - a1 * x[V]) / c[0]
+        x[P1] = x[P1] if x[P1] > 0.0 else 0.0
+        x[M1] += kp * (x[P1] - x[M1])
+        if four:
+            column = sheet[S_STROKE] - x[Y]
+            column = column if column > LEAST_COLUMN_m else LEAST_COLUMN_m
+            capacity(column * a2 + sheet[S_V2], x[P2], E, th[AIR], c)
+            x[P2] += h * (q2 + a2 * x[V]) / c[0]
+            x[P2] = x[P2] if x[P2] > 0.0 else 0.0
+            x[M2] += kp * (x[P2] - x[M2])
+
+
+@compiled
+def spool_step(x, S, moving, numbers, u, share, by_delay, d_now, d_before, gain_y, h, ka, dka, om, zeta):
+    """One step h of amplifier and spool, and of their derivatives. u: volts, the share of them from before; by_delay: du by DELAY."""
+    damped = 1.0 / (1.0 + 2.0 * zeta * om * h)
+    Sy, Sx, Sd, Sa = S[Y], S[X], S[XD], S[AMP]
+    away = u - x[AMP]
+    x[AMP] += ka * away
+    for j in range(moving):
+        Sa[j] += ka * (d_now[j] + share * (d_before[j] - d_now[j]) - gain_y * Sy[j] - Sa[j])
+    err = x[AMP] - x[X]
+    rate = (x[XD] + h * om * om * err) * damped
+    x[XD] = rate
+    x[X] += h * rate
+    if numbers:
+        Sa[AMP_LAG] += dka * away
+        Sa[DELAY] += ka * by_delay
+    f1 = damped * h * om * om
+    for j in range(moving):
+        Sd[j] = damped * Sd[j] + f1 * (Sa[j] - Sx[j])
+    if numbers:
+        Sd[LN_SPOOL] += 2.0 * f1 * err - rate * damped * 2.0 * zeta * om * h
+        Sd[ZETA] -= rate * damped * 2.0 * om * h
+    for j in range(moving):
+        Sx[j] += h * Sd[j]
+
+
+@compiled
+def warm_spool(x, S, th, sheet, arriving, by_half, first, last, d_now, d_before):
+    """Amplifier and spool with their derivatives from tick `first` on, where they have followed arriving[first], to tick `last`."""
+    h = sheet[S_TICK] / SUBSTEPS
+    whole = int(th[DELAY] / sheet[S_TICK])
+    edge = (th[DELAY] / sheet[S_TICK] - whole) * SUBSTEPS
+    la = th[AMP_LAG] if th[AMP_LAG] > LEAST_LAG_S else LEAST_LAG_S
+    ka = 1.0 - exp(-h / la)
+    dka = -(1.0 - ka) * h / (la * la) if th[AMP_LAG] > LEAST_LAG_S else 0.0
+    om = 6.283185307179586 * exp(th[LN_SPOOL])
+    x[AMP] = x[X] = arriving[first - whole]
+    x[XD] = 0.0
+    S[AMP, PLAY] = S[X, PLAY] = by_half[first - whole]
+    for k in range(first, last):
+        now, before = arriving[k - whole], arriving[k - whole - 1]
+        d_now[PLAY], d_before[PLAY] = by_half[k - whole], by_half[k - whole - 1]
+        for i in range(SUBSTEPS):
+            share = edge - i
+            slope = (before - now) / h if share >= 0.0 and share < 1.0 else 0.0
+            share = 1.0 if share > 1.0 else (0.0 if share < 0.0 else share)
+            u = now + share * (before - now)
+            spool_step(x, S, N_SPOOL, True, u, share, slope, d_now, d_before, 0.0, h, ka, dka, om, th[ZETA])
+
+
+@compiled
+def tangent(
+    x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, d_before, gain_y, supply, extra, blunt_V, w
+):
+    """`tick`, and S (N_STATES, n) with it, the state's derivatives by whatever its columns are.
+
+    moving: how many columns, the first, move the spool; those behind are zero there. numbers: whether the first N_NUMBERS columns
+    are the leg's numbers, which act directly too. d_now, d_before (n,): of now_V and before_V. gain_y: volts that a position loop
+    takes off per metre of y. Everything else as in `tick`.
+    """
+    h = sheet[S_TICK] / SUBSTEPS
+    a1, a2, four = sheet[S_A1], sheet[S_A2], sheet[S_FOUR_WAY] != 0.0
+    s = exp(th[LN_ROUND])
+    rounds = 1.0 if s > blunt_V else 0.0
+    s = s if s > blunt_V else blunt_V
+    om = 6.283185307179586 * exp(th[LN_SPOOL])
+    la = th[AMP_LAG] if th[AMP_LAG] > LEAST_LAG_S else LEAST_LAG_S
+    ka = 1.0 - exp(-h / la)
+    dka = -(1.0 - ka) * h / (la * la) if th[AMP_LAG] > LEAST_LAG_S else 0.0
+    lp = th[PRESSURE_LAG] if th[PRESSURE_LAG] > LEAST_LAG_S else LEAST_LAG_S
+    kp = 1.0 - exp(-h / lp)
+    dkp = -(1.0 - kp) * h / (lp * lp) if th[PRESSURE_LAG] > LEAST_LAG_S else 0.0
+    E = sheet[S_E] / (1.0 + th[SOFT])
+    cs, reg, sigma = exp(th[LN_STRIBECK]), exp(th[LN_REG]), exp(th[LN_BRISTLE])
+    flow = sheet[S_FLOW]
+    gu, gd = flow * th[GAIN_UP], flow * th[GAIN_DN]
+    tank, m = sheet[S_TANK], th[MASS]
+    edge = split * SUBSTEPS
+    o, q, c = w[0:5], w[5:10], w[10:14]
+    Sy, Sv, S1, S2, Sx, Sz, T1, T2 = S[Y], S[V], S[P1], S[P2], S[X], S[Z], S[M1], S[M2]
+    if not four:
+        x[P2] = x[M2] = supply
+    for i in range(SUBSTEPS):
+        share = edge - i
+        changes = share >= 0.0 and share < 1.0  # at a whole step: what a longer delay does
+        share = 1.0 if share > 1.0 else (0.0 if share < 0.0 else share)
+        u = now_V + share * (before_V - now_V)
+        spool_step(
+            x,
+            S,
+            moving,
+            numbers,
+            u,
+            share,
+            (before_V - now_V) / h if changes else 0.0,
+            d_now,
+            d_before,
+            gain_y,
+            h,
+            ka,
+            dka,
+            om,
+            th[ZETA],
+        )
+        # flows: q1, q2 and their derivatives; direct ones by numbers wait until the pressures move
+        across = x[P2] - x[P1]
+        q1 = th[LEAK] * across - th[LEAK_TANK] * (x[P1] - tank)
+        q2 = -th[LEAK] * across
+        q1x = q2x = q1_2 = q2_1 = 0.0
+        q1_1 = -th[LEAK] - th[LEAK_TANK]
+        q2_2 = -th[LEAK]
+        q1_2, q2_1 = th[LEAK], th[LEAK]
+        u1 = u1d = u1s = u1b = u1c = u1t = u1l = 0.0
+        u2 = u2d = u2s = u2b = u2c = u2t = u2l = 0.0
+        opening(x[X] - th[DEAD_UP], s, th[BEND], th[BEND2], o)
+        if o[0] > 0.0:
+            orifice(o[0], supply - x[P1], th[TURBULENT], th[LAMINAR], q)
+            q1 += gu * q[0]
+            u1, slope = flow * q[0], gu * q[1]
+            q1x += slope * o[1]
+            u1d, u1s, u1b, u1c = slope * o[1], slope * o[2], slope * o[3], slope * o[4]
+            q1_1 -= gu * q[2]
+            u1t, u1l = gu * q[3], gu * q[4]
+            if four:
+                orifice(o[0], x[P2] - tank, th[TURBULENT], th[LAMINAR], q)
+                q2 -= gu * q[0]
+                u2, slope = -flow * q[0], -gu * q[1]
+                q2x += slope * o[1]
+                u2d, u2s, u2b, u2c = slope * o[1], slope * o[2], slope * o[3], slope * o[4]
+                q2_2 -= gu * q[2]
+                u2t, u2l = -gu * q[3], -gu * q[4]
+        d1 = d1d = d2 = d2d = 0.0
+        opening(-x[X] - th[DEAD_DN], s, th[BEND], th[BEND2], o)
+        if o[0] > 0.0:
+            orifice(o[0], x[P1] - tank, th[TURBULENT], th[LAMINAR], q)
+            q1 -= gd * q[0]
+            d1, slope = -flow * q[0], -gd * q[1]
+            q1x -= slope * o[1]
+            d1d = slope * o[1]
+            u1s += slope * o[2]
+            u1b += slope * o[3]
+            u1c += slope * o[4]
+            q1_1 -= gd * q[2]
+            u1t -= gd * q[3]
+            u1l -= gd * q[4]
+            if four:
+                orifice(o[0], supply - x[P2], th[TURBULENT], th[LAMINAR], q)
+                q2 += gd * q[0]
+                d2, slope = flow * q[0], gd * q[1]
+                q2x -= slope * o[1]
+                d2d = slope * o[1]
+                u2s += slope * o[2]
+                u2b += slope * o[3]
+                u2c += slope * o[4]
+                q2_2 -= gd * q[2]
+                u2t += gd * q[3]
+                u2l += gd * q[4]
+        # friction and speed
+        v = x[V]
+        up = v >= 0.0
+        coulomb = COULOMB_UP if up else COULOMB_DN
+        static = STATIC_UP if up else STATIC_DN
+        viscous = VISCOUS_UP if up else VISCOUS_DN
+        fade = exp(-abs(v) / cs)
+        g = th[coulomb] + th[static] * fade
+        free = 1.0 if g > 0.1 else 0.0
+        g = g if g > 0.1 else 0.1
+        vr = sqrt(v * v + reg * reg)
+        den = 1.0 + h * vr * sigma / g
+        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - m * extra - sigma * x[Z] / den
+        below = 1.0 + h * (th[viscous] + sigma * h / den) / m
+        v1 = (v + h * drive / m) / below
+        z = x[Z]
+        # v1 = (v + h drive/m)/below: by den: sigma z/den^2 h/m /below + v1 sigma h^2/(m den^2)/below
+        hb = h / (m * below)
+        v_den = hb * (sigma * z + v1 * sigma * h) / (den * den)
+        g_v = -th[static] * fade / cs * (1.0 if up else -1.0) * free
+        den_v = h * sigma / g * (v / vr) - (den - 1.0) / g * g_v
+        den_g = -(den - 1.0) / g * free
+        v_v = 1.0 / below + v_den * den_v
+        v_z = -hb * sigma / den
+        z1 = (z + h * v1) / den
+        z_den = -z1 / den
+        for j in range(n):
+            old = Sv[j]
+            new = v_v * old + hb * (a1 * S1[j] - a2 * S2[j]) + v_z * Sz[j]
+            Sz[j] = (Sz[j] + h * new) / den + z_den * den_v * old
+            Sv[j] = new
+        if numbers:
+            # direct derivatives of v1 and z1 by numbers
+            d = v_den * den_g
+            Sv[coulomb] += d
+            Sz[coulomb] += h * d / den + z_den * den_g
+            d *= fade
+            Sv[static] += d
+            Sz[static] += h * d / den + z_den * den_g * fade
+            lncs = th[static] * fade * abs(v) / cs
+            d = v_den * den_g * lncs
+            Sv[LN_STRIBECK] += d
+            Sz[LN_STRIBECK] += h * d / den + z_den * den_g * lncs
+            dreg = h * sigma / g * reg * reg / vr
+            d = v_den * dreg
+            Sv[LN_REG] += d
+            Sz[LN_REG] += h * d / den + z_den * dreg
+            dsig = den - 1.0
+            d = v_den * dsig - hb * (sigma * z / den + v1 * sigma * h / den)
+            Sv[LN_BRISTLE] += d
+            Sz[LN_BRISTLE] += h * d / den + z_den * dsig
+            d = -hb * v1
+            Sv[viscous] += d
+            Sz[viscous] += h * d / den
+            d = -hb
+            Sv[HOLD] += d
+            Sz[HOLD] += h * d / den
+            # by mass: v1 below = v + h drive/m; d below = -(below - 1)/m; d(drive/m) = -(drive/m^2) - extra/m
+            d = (v1 * (below - 1.0) / m - h * drive / (m * m) - h * extra / m) / below
+            Sv[MASS] += d
+            Sz[MASS] += h * d / den
+        x[V], x[Z] = v1, z1
+        x[Y] += h * v1
+        for j in range(n):
+            Sy[j] += h * Sv[j]
+        # pressures
+        column = x[Y] if x[Y] > LEAST_COLUMN_m else LEAST_COLUMN_m
+        inside = a1 if x[Y] > LEAST_COLUMN_m else 0.0
+        capacity(column * a1 + sheet[S_V1], x[P1], E, th[AIR], c)
+        k, net = h / c[0], q1 - a1 * x[V]
+        less = k * net / c[0]
+        p_y, p_p = -less * c[1] * inside, 1.0 + k * q1_1 - less * c[2]
+        if four:
+            column = sheet[S_STROKE] - x[Y]
+            inside2 = -a2 if column > LEAST_COLUMN_m else 0.0
+            column = column if column > LEAST_COLUMN_m else LEAST_COLUMN_m
+            c10, c11, c13 = c[0], c[1], c[3]
+            capacity(column * a2 + sheet[S_V2], x[P2], E, th[AIR], c)
+            k2, net2 = h / c[0], q2 + a2 * x[V]
+            less2 = k2 * net2 / c[0]
+            r_y, r_p = -less2 * c[1] * inside2, 1.0 + k2 * q2_2 - less2 * c[2]
+            for j in range(n):
+                one, two = S1[j], S2[j]
+                S1[j] = p_p * one + k * q1_2 * two - k * a1 * Sv[j] + p_y * Sy[j]
+                S2[j] = r_p * two + k2 * q2_1 * one + k2 * a2 * Sv[j] + r_y * Sy[j]
+            for j in range(moving):
+                S1[j] += k * q1x * Sx[j]
+                S2[j] += k2 * q2x * Sx[j]
+            if numbers:
+                S2[GAIN_UP] += k2 * u2
+                S2[GAIN_DN] += k2 * d2
+                S2[DEAD_UP] -= k2 * u2d
+                S2[DEAD_DN] -= k2 * d2d
+                S2[LN_ROUND] += k2 * u2s * rounds
+                S2[BEND] += k2 * u2b
+                S2[BEND2] += k2 * u2c
+                S2[TURBULENT] += k2 * u2t
+                S2[LAMINAR] += k2 * u2l
+                S2[LEAK] -= k2 * across
+                S2[SOFT] -= less2 * (column * a2 + sheet[S_V2]) / sheet[S_E]
+                S2[AIR] -= less2 * c[3]
+            x[P2] += k2 * net2
+            if x[P2] < 0.0:
+                x[P2] = 0.0
+            c[0], c[1], c[3] = c10, c11, c13
+        else:
+            for j in range(n):
+                S1[j] = p_p * S1[j] - k * a1 * Sv[j] + p_y * Sy[j]
+            for j in range(moving):
+                S1[j] += k * q1x * Sx[j]
+        if numbers:
+            S1[GAIN_UP] += k * u1
+            S1[GAIN_DN] += k * d1
+            S1[DEAD_UP] -= k * u1d
+            S1[DEAD_DN] -= k * d1d
+            S1[LN_ROUND] += k * u1s * rounds
+            S1[BEND] += k * u1b
+            S1[BEND2] += k * u1c
+            S1[TURBULENT] += k * u1t
+            S1[LAMINAR] += k * u1l
+            S1[LEAK] += k * across
+            S1[LEAK_TANK] -= k * (x[P1] - tank)
+            S1[SOFT] -= less * c[0] / (c[1] * sheet[S_E])
+            S1[AIR] -= less * c[3]
+        x[P1] += k * net
+        if x[P1] < 0.0:
+            x[P1] = 0.0
+        # pressures as measured
+        one, two = x[P1] - x[M1], x[P2] - x[M2]
+        x[M1] += kp * one
+        if four:
+            x[M2] += kp * two
+        if numbers:
+            for j in range(n):
+                T1[j] += kp * (S1[j] - T1[j])
+            T1[PRESSURE_LAG] += dkp * one
+            if four:
+                for j in range(n):
+                    T2[j] += kp * (S2[j] - T2[j])
+                T2[PRESSURE_LAG] += dkp * two

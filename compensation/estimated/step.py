@@ -1,0 +1,378 @@
+"""One control tick: from a sample to the volts that are added.
+
+demanded motion    what the position loop would make of the setpoint through a valve without dead band:
+                   y_d' = K (r - y_d), K the loop's gain by the data sheet
+volts              those that make the identified leg follow y_d (inverse.py), less the controller's own on y_d
+share              b^2/(b^2 + e^2), b the bump that plain control makes by the model, e the one that the doubt about the
+                   numbers leaves in the compensated motion: S P S' of the acceleration, P the numbers' covariance
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from ..adaptive.layout import MAX_LOOK, PREVIEW_TICKS
+from ..adaptive.prediction import predict, start_prediction, watch_setpoint
+from ..compiled import compiled
+from .estimator import collect, watch, work
+from .fit import N_COLUMNS, forward
+from .inverse import AHEAD, improve, keep_first, low_pass
+from .layout import QUEUE
+from .leg import (
+    AMP,
+    COULOMB_DN,
+    COULOMB_UP,
+    DEAD_DN,
+    DEAD_UP,
+    DELAY,
+    GAIN_DN,
+    GAIN_UP,
+    HOLD,
+    LN_BRISTLE,
+    M1,
+    M2,
+    MASS,
+    N_NUMBERS,
+    P1,
+    P2,
+    PLAY,
+    POSITION_LAG,
+    S_A1,
+    S_A2,
+    S_FLOW,
+    S_FOUR_WAY,
+    S_SMOOTH,
+    S_TANK,
+    VISCOUS_DN,
+    VISCOUS_UP,
+    V,
+    X,
+    Y,
+    Z,
+    tangent,
+    tick,
+)  # fmt: skip
+from .prior import fill_sheet
+
+FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
+RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
+LINEAR_S = 2.0  # in which the demanded motion then loses its dead band
+LEAST_SHARE = 0.5  # of bump^2 in bump^2 + doubt^2 from which it engages
+SMOOTHEST = 64.0  # of the volts' second difference: the valve then crosses its dead band in a window's length
+KEEP_HALVES = 0.75  # of the squares of a half stroke before
+
+
+@compiled
+def start(s):
+    """Nothing known. s: a record of zeros with its settings."""
+    fill_sheet(s.sheet, s.settings)
+    s.past.noise_m = s.settings.position_error_m
+    s.past.noise_Pa = max(sqrt(s.settings.pressure_noise_Pa**2 + s.settings.pressure_resolution_Pa**2 / 12.0), 1.0)
+    s.past.noise_m = max(s.past.noise_m, 1e-8)
+    start_prediction(s.prediction)
+
+
+@compiled
+def _setpoint_ahead(s, table, preview, look):
+    n = len(preview)
+    middle = (n - 1) // 2
+    bend = preview[0] - 2.0 * preview[middle] + preview[2 * middle]
+    if watch_setpoint(s.prediction, n if n > PREVIEW_TICKS else 1, bend, preview[0]):
+        far = MAX_LOOK
+        _, here, after = predict(s.prediction, table, far, preview[0])
+        return here + (look - far) * (after - here), True
+    if look < n:
+        return preview[look], False
+    return preview[n - 1] + (look - n + 1) * (preview[n - 1] - preview[n - 2]), False
+
+
+@compiled
+def _load_ahead(loads, look):
+    n = len(loads)
+    if look < n:
+        return loads[look]
+    return loads[n - 1] + (look - n + 1) * (loads[n - 1] - loads[n - 2])
+
+
+@compiled
+def _plain_speed(s, volts):
+    """Speed that the position loop's volts give: through the valve without dead band, for the part `linear` of the way to it."""
+    n, sheet, settings = s.numbers, s.sheet, s.settings
+    if n[MASS] == 0.0:
+        return settings.velocity_gain_m_s_V * volts
+    a1, supply = sheet[S_A1], s.past.supply_mean_Pa
+    four = sheet[S_FOUR_WAY] != 0.0
+    ratio = sheet[S_A2] / a1
+    up, down = _roots(n, sheet, supply, four, ratio)
+    gain_up, gain_dn = sheet[S_FLOW] * n[GAIN_UP] * up / a1, sheet[S_FLOW] * n[GAIN_DN] * down / a1
+    left = 1.0 - s.linear
+    volts -= left * 0.5 * (n[DEAD_UP] - n[DEAD_DN])
+    half = 0.5 * (n[DEAD_UP] + n[DEAD_DN]) + n[PLAY]
+    if left > 0.0 and half > 0.0:
+        volts *= 1.0 - left * half / sqrt(volts * volts + 4.0 * half * half)
+    mean = 0.5 * (gain_up + gain_dn)
+    return (mean + left * ((gain_up if volts > 0.0 else gain_dn) - mean)) * volts
+
+
+@compiled
+def _roots(n, sheet, supply, four, ratio):
+    """Roots of the pressure drop across the open edge, up and down, at the held force and Coulomb friction."""
+    a1, tank = sheet[S_A1], sheet[S_TANK]
+    up_N, dn_N = n[HOLD] + n[COULOMB_UP], n[HOLD] - n[COULOMB_DN]
+    if four:  # Q2 = ratio Q1 through like edges: drops as 1 to ratio^2
+        m = 1.0 + ratio * ratio * ratio
+        return sqrt(max((supply - tank - up_N / a1) / m, 1.0)), sqrt(
+            max((ratio * (supply - tank) + dn_N / a1) / m, 1.0)
+        )
+    held = ratio * supply
+    return sqrt(max(supply - held - up_N / a1, 1.0)), sqrt(max(held + dn_N / a1 - tank, 1.0))
+
+
+@compiled
+def _advance(s, setpoint, loads, predicted):
+    """The demanded motion's queue by one tick."""
+    ref, tick_s, kp = s.reference, s.settings.tick_s, s.settings.position_gain_V_per_m
+    if ref.count == 0:
+        ref.position_m[:] = setpoint
+        ref.setpoint_ahead_m[:] = setpoint
+        ref.count, ref.setpoint_m = QUEUE, setpoint
+    for j in range(QUEUE - 1):
+        ref.position_m[j], ref.velocity_m_s[j] = ref.position_m[j + 1], ref.velocity_m_s[j + 1]
+        ref.extra_m_s2[j], ref.setpoint_ahead_m[j] = ref.extra_m_s2[j + 1], ref.setpoint_ahead_m[j + 1]
+    last = QUEUE - 1
+    y, v = ref.position_m[last - 1], ref.velocity_m_s[last - 1]
+    if s.settings.controller_feeds_forward != 0.0:
+        new, speed, loop = setpoint, (setpoint - ref.setpoint_m) / tick_s, 1.0 / tick_s
+    else:
+        loop = kp * s.settings.velocity_gain_m_s_V
+        middle = y + 0.5 * tick_s * v
+        new = y + tick_s * _plain_speed(s, kp * (0.5 * (setpoint + ref.setpoint_m) - middle))
+        speed = _plain_speed(s, kp * (setpoint - new))
+    ref.setpoint_m = ref.setpoint_ahead_m[last] = setpoint
+    ref.position_m[last], ref.velocity_m_s[last] = new, speed
+    ref.extra_m_s2[last] = 0.0
+    if len(loads) > 2 and not predicted:
+        asked = _load_ahead(loads, last)
+        if not ref.loads:
+            ref.load_lag_m_s2, ref.loads = asked, 1
+        ref.load_lag_m_s2 += min(loop * tick_s, 1.0) * (asked - ref.load_lag_m_s2)
+        ref.extra_m_s2[last] = ref.load_lag_m_s2 - (speed - v) / tick_s
+    else:
+        ref.loads = 0
+
+
+@compiled
+def _steady(x, s, y, v, numbers):
+    """A state of steady motion at y, v."""
+    x[:] = 0.0
+    up = v >= 0.0
+    friction = (numbers[COULOMB_UP] if up else -numbers[COULOMB_DN]) + v * (
+        numbers[VISCOUS_UP] if up else numbers[VISCOUS_DN]
+    )
+    supply = s.past.supply_mean_Pa
+    a1, a2 = s.sheet[S_A1], s.sheet[S_A2]
+    x[Y], x[V] = y, v
+    if s.sheet[S_FOUR_WAY] != 0.0:
+        x[P2] = 0.5 * supply
+    else:
+        x[P2] = supply
+    x[P1] = (x[P2] * a2 + numbers[HOLD] + friction) / a1
+    x[M1], x[M2] = x[P1], x[P2]
+    volts = v / (s.settings.velocity_gain_m_s_V * numbers[GAIN_UP]) + (numbers[DEAD_UP] if up else -numbers[DEAD_DN])
+    x[AMP] = x[X] = volts
+    x[Z] = friction / 2.718281828459045 ** numbers[LN_BRISTLE]
+    return volts
+
+
+@compiled
+def _invert(s):
+    """Volts of this tick, before the backlash's inverse; the state and volts of the window move on."""
+    inv, ref = s.inverse, s.reference
+    whole = int(s.numbers[DELAY] / s.settings.tick_s)
+    for j in range(AHEAD + 1):
+        inv.y[j], inv.v[j] = ref.position_m[whole + j], ref.velocity_m_s[whole + j]
+    for j in range(AHEAD):
+        inv.extra[j] = ref.extra_m_s2[whole + j]
+    limit, supply = s.settings.voltage_max_V, s.past.supply_mean_Pa
+    if not inv.running or abs(inv.x[Y] - inv.y[0]) > 5e-3:
+        volts = _steady(inv.x, s, inv.y[0], inv.v[0], s.numbers)
+        inv.U[:] = volts
+        inv.before = inv.older = volts
+        inv.filtered[:] = 0.0
+        inv.running = inv.started_now = 1
+    improve(
+        inv.x,
+        inv.U,
+        inv.before,
+        inv.older,
+        inv.y,
+        inv.v,
+        inv.filtered,
+        s.numbers,
+        s.sheet,
+        supply,
+        inv.extra,
+        limit,
+        inv,
+    )
+    volts = inv.U[0]
+    left = keep_first(
+        inv.x, inv.U, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, supply, inv.extra, inv.w
+    )
+    inv.older, inv.before = inv.before, volts
+    return volts, left
+
+
+@compiled
+def _expect(s, volts, last, left):
+    """Bumps that plain control makes by the model, and that the doubt about the numbers makes; the share by both, at the end of each
+    half stroke."""
+    e, ref, tick_s, numbers = s.expected, s.reference, s.settings.tick_s, s.numbers
+    kp, supply = s.settings.position_gain_V_per_m, s.past.supply_mean_Pa
+    whole = int(numbers[DELAY] / tick_s)
+    split = numbers[DELAY] / tick_s - whole
+    v, a = ref.velocity_m_s[whole], (ref.velocity_m_s[whole + 1] - ref.velocity_m_s[whole]) / tick_s
+    extra = ref.extra_m_s2[whole]
+    if not e.started:
+        _steady(e.plain, s, ref.position_m[whole], v, numbers)
+        _steady(e.x, s, ref.position_m[whole], v, numbers)
+        e.started, e.halves = 1, -1  # the first reversal begins with a state that is not known
+    # plain control, by the model
+    control = kp * (ref.setpoint_ahead_m[whole] - e.plain[Y])
+    speed = e.plain[V]
+    tick(e.plain, numbers, s.sheet, control, e.plain_V, split, supply, extra, 0.0, e.w)
+    e.plain_V = control
+    b = low_pass(e.plain_filtered, (e.plain[V] - speed) / tick_s - a, s.sheet)
+    e.bump = max(e.bump, abs(b))
+    e.left = max(e.left, abs(left))
+    # the numbers' doubt in the compensated motion
+    e.x[:] = s.inverse.x_before
+    e.speed[:] = e.S[V]
+    tangent(
+        e.x,
+        e.S,
+        N_COLUMNS,
+        N_COLUMNS,
+        True,
+        numbers,
+        s.sheet,
+        volts,
+        last,
+        split,
+        e.d_now,
+        e.d_before,
+        kp,
+        supply,
+        extra,
+        0.0,
+        e.w,
+    )
+    if s.known.valid:
+        for j in range(N_NUMBERS):
+            f = (e.S[V, j] - e.speed[j]) / tick_s
+            e.row[j] = low_pass(e.filtered[j], f, s.sheet) * s.known.sd[j]
+        forward(s.known.factor, N_NUMBERS, e.row)
+        total = 0.0
+        for j in range(N_NUMBERS):
+            total += e.row[j] * e.row[j]
+        e.sigma = max(e.sigma, total * max(1.0, s.known.chi2[0], s.known.chi2[1]))
+    peak = a * e.acceleration < 0.0
+    e.acceleration = a
+    if peak:  # the middle of a stroke: a reversal lies behind
+        if e.halves < 0:
+            e.halves = 0
+        elif e.bump > 0.0:
+            k = KEEP_HALVES if e.halves > 0 else 0.0
+            e.bump2 = k * e.bump2 + (1.0 - k) * e.bump * e.bump
+            e.left2 = k * e.left2 + (1.0 - k) * e.left * e.left
+            e.sigma2 = k * e.sigma2 + (1.0 - k) * e.sigma
+            e.halves += 1
+            _balance(s.sheet, e.sigma, e.left * e.left)
+        e.bump = e.sigma = e.left = 0.0
+
+
+@compiled
+def _balance(sheet, doubt, left):
+    """Smoother volts where the doubt about the spool costs more than they do, sharper ones where less: squares of both bumps."""
+    if doubt > 2.0 * left:
+        sheet[S_SMOOTH] = min(2.0 * sheet[S_SMOOTH], SMOOTHEST)
+    elif left > 2.0 * doubt:
+        sheet[S_SMOOTH] = max(0.5 * sheet[S_SMOOTH], 1.0)
+
+
+@compiled
+def _through_backlash(inv, volts, half):
+    """Volts whose play of half width `half` gives `volts`: on the side to which they move."""
+    if volts > inv.played:
+        inv.side = 1.0
+    elif volts < inv.played:
+        inv.side = -1.0
+    inv.played = volts
+    return volts + inv.side * half
+
+
+@compiled
+def fed_back_V(s, position_m, pressure_Pa):
+    """Volts that velocity and pressure feedback of the controller take off in the demanded motion."""
+    ref, settings = s.reference, s.settings
+    if ref.loop_started == 0:
+        ref.loop_started, ref.loop_y_m, ref.loop_p_Pa = 1, position_m, pressure_Pa
+    moved, change = position_m - ref.loop_y_m, pressure_Pa - ref.loop_p_Pa
+    ref.loop_y_m, ref.loop_p_Pa = position_m, pressure_Pa
+    ref.loop_v_m_s = settings.velocity_pole * ref.loop_v_m_s + settings.velocity_share * moved
+    ref.passed_Pa = settings.pressure_pole * ref.passed_Pa + settings.pressure_share * change
+    return settings.velocity_gain_V_s_per_m * ref.loop_v_m_s + settings.pressure_gain_V_per_Pa * ref.passed_Pa
+
+
+@compiled
+def tick_of(
+    s, table, preview, loads, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V
+):
+    """Volts to add. preview (n,), loads (n,) or none; everything else of the sample."""
+    settings, ref, inv = s.settings, s.reference, s.inverse
+    if s.sheet[S_FOUR_WAY] == 0.0:
+        top_Pa = supply_Pa
+    if len(loads) > 2:  # legs of a platform must engage together and share what they demand: not yet
+        s.platform = 1
+        return 0.0
+    ahead, predicted = _setpoint_ahead(s, table, preview, QUEUE - 1)
+    _advance(s, ahead, loads, predicted)
+    watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, ref.extra_m_s2[0], valve_V)
+    if settings.learn != 0.0:
+        collect(s)
+        work(s)
+    if not s.known.valid:
+        return 0.0
+    if s.numbers[MASS] == 0.0:
+        s.numbers[:] = s.known.numbers
+    for k in range(N_NUMBERS):
+        s.numbers[k] += settings.tick_s / FOLLOW_S * (s.known.numbers[k] - s.numbers[k])
+    inv.x_before[:] = inv.x
+    last = inv.before
+    volts, left = _invert(s)
+    if inv.started_now:
+        inv.x_before[:] = inv.x
+        last, inv.started_now = volts, 0
+    _expect(s, volts, last, left)
+    e = s.expected
+    wanted = 0.0
+    s.odds = 0.0
+    if e.halves > 0:
+        share = e.bump2 / (e.bump2 + e.sigma2 + e.left2)
+        s.odds = share
+        wanted = 1.0 if share > LEAST_SHARE else 0.0
+    step = settings.tick_s / RAMP_S
+    s.share += min(max((wanted if s.linear == 0.0 or wanted > 0.0 else 1.0) - s.share, -step), step)
+    step = settings.tick_s / LINEAR_S
+    s.linear += min(max((wanted if s.share == 1.0 else 0.0) - s.linear, -step), step)
+    total = _through_backlash(inv, volts, s.numbers[PLAY])
+    lag = s.numbers[POSITION_LAG] * ref.velocity_m_s[0]
+    pressure = (
+        inv.x[P1]
+        if s.sheet[S_FOUR_WAY] == 0.0
+        else inv.x[P1] - settings.area_top_m2 / settings.area_bottom_m2 * inv.x[P2]
+    )
+    own = settings.position_gain_V_per_m * (setpoint_m - ref.position_m[0] + lag) + forward_V
+    own -= fed_back_V(s, ref.position_m[0], pressure)
+    s.added_V = s.share * (total - own)
+    return s.added_V
