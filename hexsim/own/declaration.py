@@ -185,7 +185,6 @@ class SimulationTable(Section):
     scheme: Scheme = "rk4"
     steps: int = Field(default=4, ge=1, le=200)
     first_samples: int = Field(default=1, ge=1, le=10_000)
-    shooting_s: float | None = Field(default=None, gt=0.0, le=1e4)
     starts: int = Field(default=1, ge=1, le=50, description="searches from numbers drawn about the start")
     from_s: float = Field(default=0.0, ge=0.0, le=1e5, description="the fit and the score begin here")
 
