@@ -210,6 +210,15 @@ def test_mistakes_end_in_one_sentence(tmp_path, arguments, description):
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
+def test_a_folder_with_a_scenarios_name_does_not_hide_the_scenario(tmp_path):
+    """Beside a folder heave, as `--out heave` leaves it, heave is still the scenario; another folder is told what it lacks."""
+    (tmp_path / "heave").mkdir()
+    (tmp_path / "mine").mkdir()
+    said = sentence(hexsim_command("run", "heave", "--duration", "-1", cwd=tmp_path))
+    assert "duration" in said and "folder" not in said
+    assert "mine is a folder" in sentence(hexsim_command("run", "mine", cwd=tmp_path))
+
+
 def test_usage_errors_end_with_code_2(tmp_path):
     """A wrong option is named on stderr."""
     result = hexsim_command("run", "heave", "--colour", "red", cwd=tmp_path)

@@ -1,8 +1,8 @@
-"""`hexsim trace` of a folder with balances of its own."""
+"""`hexsim trace` and `hexsim run` of the folder of a machine of one's own."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,16 +42,12 @@ def trace_own_folder(folder: Path, fit: list[str], validate: list[str], out: Pat
 
 def trace_free_run_folder(folder: Path, fit: list[str], validate: list[str], out: Path | None, json: bool) -> None:
     """A machine of one's own that is simulated: model.toml with states or outputs."""
-    from hexsim.files.run_folder import default_folder, run_folder
     from hexsim.tracing.own.free_run_report import trace_simulated
 
-    with (
-        run_folder(out or default_folder(f"trace-{folder.resolve().name}")) as place,
-        doing() as show,
-        terminated_like_interrupted(),
-    ):
-        _, report = interrupted_or(lambda: trace_simulated(folder, fit, validate, place.path, show), place)
-        final = place.finish()
+    name = f"trace-{folder.resolve().name}"
+    (_, report), final = whole_or_nothing(
+        out, name, lambda place, show: trace_simulated(folder, fit, validate, place, show)
+    )
     if json:
         return print_json(report)
     console = output()
@@ -68,17 +64,11 @@ def trace_free_run_folder(folder: Path, fit: list[str], validate: list[str], out
 
 def run_own_folder(folder: Path, out: Path | None, json: bool) -> None:
     """Fit a machine of one's own and simulate its runs from their inputs."""
-    from hexsim.files.run_folder import default_folder, run_folder
     from hexsim.own.folder import load_simulated
     from hexsim.own.run import run_folder_of
 
-    with (
-        run_folder(out or default_folder(folder.resolve().name)) as place,
-        doing() as show,
-        terminated_like_interrupted(),
-    ):
-        report = interrupted_or(lambda: run_folder_of(load_simulated(folder), place.path, show), place)
-        final = place.finish()
+    name = folder.resolve().name
+    report, final = whole_or_nothing(out, name, lambda place, show: run_folder_of(load_simulated(folder), place, show))
     if json:
         return print_json(report)
     console = output()
@@ -86,14 +76,20 @@ def run_own_folder(folder: Path, out: Path | None, json: bool) -> None:
     console.print(f"files    {final}")
 
 
-def interrupted_or(work: Any, place: RunFolder) -> Any:
-    """What the work gives; nothing is kept where it is interrupted."""
-    try:
-        return interruptible(work)
-    except KeyboardInterrupt:
-        place.discard()
-        leave("interrupted by the user; nothing was kept")
-        raise
+def whole_or_nothing(
+    out: Path | None, name: str, work: Callable[[Path, Callable[[str, float], None]], Any]
+) -> tuple[Any, Path]:
+    """What work(folder, show) gives, and the folder that it has filled; nothing is kept where it is interrupted."""
+    from hexsim.files.run_folder import default_folder, run_folder
+
+    with run_folder(out or default_folder(name)) as place, doing() as show, terminated_like_interrupted():
+        try:
+            done = interruptible(lambda: work(place.path, show))
+        except KeyboardInterrupt:
+            place.discard()
+            leave("interrupted by the user; nothing was kept")
+            raise
+        return done, place.finish()
 
 
 def print_simulated(report: Mapping[str, Any], console: Any) -> None:

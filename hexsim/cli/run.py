@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -54,7 +55,7 @@ def run(
     if scenario is None:
         print_what_there_is()
         raise typer.Exit(2)
-    if Path(scenario).is_dir():
+    if is_folder(scenario):
         return run_own(Path(scenario), out, json)
     with_machine, what = options.prepare(scenario, motion, settings, allow_native=allow_native)
     if mcap:
@@ -81,6 +82,15 @@ def run(
         print_run(done, place)
     if not done.complete:
         raise HexsimError(f"{done.reason.rstrip('.')}; the log so far is in {place}")
+
+
+def is_folder(scenario: str) -> bool:
+    """Whether there is a folder where a scenario is named; a scenario of hexsim's own goes before a folder of its name."""
+    from hexsim.scenarios import available_scenarios
+
+    return (
+        os.path.isdir(scenario) and scenario not in available_scenarios()
+    )  # isdir: no error for a name that no file can have
 
 
 def run_own(folder: Path, out: Path | None, json: bool) -> None:

@@ -102,10 +102,10 @@ class Simulator:
         symbols = [model.symbols[name] for name in model.states]
         self.with_after = any(one != symbol for one, symbol in zip(model.after, symbols, strict=True))
         self.held = np.array(model.held, dtype=bool)
-        self.delayed = {
-            number.name: k for k, number in enumerate(model.numbers)
+        self.delayed = [
+            k for k, number in enumerate(model.numbers)
             if any(model.symbols[number.name] in delay.free_symbols for delay in model.delays.values())
-        }  # fmt: skip
+        ]  # fmt: skip
 
     def starts(self, record: Record, p: Array) -> tuple[Array, Array]:
         """(x0, its derivatives by p (nx, np))."""
@@ -118,8 +118,7 @@ class Simulator:
         """Simulate a run with numbers p (np,), from its own start or from `start` (nx,)."""
         p = np.ascontiguousarray(p, dtype=float)
         free = self.at(record, p, slopes, start)
-        for name, k in self.delayed.items() if slopes else ():
-            del name
+        for k in self.delayed if slopes else ():
             change = DELAY_STEP * record.dt
             ahead, behind = p.copy(), p.copy()
             ahead[k] += change
