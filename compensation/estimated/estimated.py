@@ -24,7 +24,7 @@ class EstimatedState:
 
     context: Context
     states: np.ndarray = field(default_factory=lambda: np.zeros(1, STATE))
-    added_V: float = 0.0
+    platform: bool = False  # whether the leg carries one, of whose other legs it would have to know
 
     @property
     def numbers(self) -> Record:
@@ -33,9 +33,9 @@ class EstimatedState:
 
 
 @compiled
-def tick_first(states, table, preview, loads, setpoint, position, control, valve, bottom, top, supply, forward):
+def tick_first(states, table, preview, setpoint, position, valve, bottom, top, supply, forward):
     """`tick_of` of states (1,)."""
-    return tick_of(states[0], table, preview, loads, setpoint, position, control, valve, bottom, top, supply, forward)
+    return tick_of(states[0], table, preview, setpoint, position, valve, bottom, top, supply, forward)
 
 
 @compiled
@@ -66,12 +66,15 @@ class Estimated(Compensator):
         return state
 
     def step(self, state: EstimatedState, sample: Sample) -> tuple[float, EstimatedState]:
-        state.added_V = tick_first(
-            state.states, prediction_table(), np.asarray(sample.preview_m, float), np.asarray(sample.load_preview_m_s2, float),
-            sample.setpoint_m, sample.position_m, sample.control_V, sample.valve_V, sample.pressure_bottom_Pa,
+        if len(sample.load_preview_m_s2):
+            state.platform = True
+            return 0.0, state
+        volts = tick_first(
+            state.states, prediction_table(), np.asarray(sample.preview_m, float), sample.setpoint_m,
+            sample.position_m, sample.valve_V, sample.pressure_bottom_Pa,
             sample.pressure_top_Pa, sample.pressure_supply_Pa, sample.feed_forward_V,
         )  # fmt: skip
-        return state.added_V, state
+        return volts, state
 
     def finite(self, state: EstimatedState) -> bool:
         s = state.numbers
@@ -126,7 +129,7 @@ class Estimated(Compensator):
         s, e = state.numbers, state.numbers.expected
         if s.share > 0.0:
             return ""
-        if s.platform:
+        if state.platform:
             return "it is made for one leg on a bench as yet, and this leg carries a platform: use `adaptive`"
         if not s.known.valid:
             return f"{s.fit.count} windows of motion seen, {FEWEST} begin the fit: the leg's numbers are not known yet"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..adaptive.layout import PREDICTION, record
+from ..adaptive.layout import LOOP, PREDICTION, record
 from .fit import LEAD, N_COLUMNS, N_START, WINDOW
 from .inverse import AHEAD
 from .leg import N_NUMBERS, N_SHEET, N_STATES
@@ -19,16 +19,16 @@ f, i = "f8", "i8"
 SETTINGS = record(
     tick_s=f, position_gain_V_per_m=f, voltage_max_V=f, stroke_m=f, area_bottom_m2=f, area_top_m2=f, supply_pressure_Pa=f,
     tank_pressure_Pa=f, bulk_modulus_Pa=f, pipeline_volume_m3=f, pipeline_volume_top_m3=f, four_way=f, position_error_m=f,
-    pressure_noise_Pa=f, pressure_resolution_Pa=f, spool_damping=f, spool_frequency_Hz=f, stribeck_velocity_m_s=f, edge_V=f,
+    pressure_noise_Pa=f, pressure_resolution_Pa=f, spool_frequency_Hz=f, stribeck_velocity_m_s=f, edge_V=f,
     velocity_gain_m_s_V=f, velocity_gain_V_s_per_m=f, velocity_pole=f, velocity_share=f, pressure_gain_V_per_Pa=f, pressure_pole=f,
     pressure_share=f, controller_feeds_forward=f, learn=f,
 )  # fmt: skip
 PAST = record(
-    position_m=(f, (HISTORY,)), bottom_Pa=(f, (HISTORY,)), top_Pa=(f, (HISTORY,)), supply_Pa=(f, (HISTORY,)), extra_m_s2=(f, (HISTORY,)),
+    position_m=(f, (HISTORY,)), bottom_Pa=(f, (HISTORY,)), top_Pa=(f, (HISTORY,)), supply_Pa=(f, (HISTORY,)),
     volts=(f, (HISTORY,)), ticks=i, begin=i, odd=i, fastest_m_s=f, supply_mean_Pa=f, noise_m=f, noise_Pa=f, force_N=f, force_ticks=f,
 )  # fmt: skip
 WINDOW_DATA = record(
-    position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)), extra_m_s2=(f, (WINDOW,)),
+    position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)),
     volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)),
 )  # fmt: skip
 TRIAL = record(  # a pass over the windows at some numbers
@@ -37,7 +37,7 @@ TRIAL = record(  # a pass over the windows at some numbers
 )  # fmt: skip
 FIT = record(
     mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)), scale=(f, (N_COLUMNS,)),
-    pair_sd=(f, (5,)), best=TRIAL, trial=TRIAL, has_best=i, count=i, waiting=i, seen=i, stage=i, step=i, damping=f,
+    best=TRIAL, trial=TRIAL, has_best=i, count=i, waiting=i, seen=i, stage=i, step=i, damping=f,
     at_window=i, at_tick=i, running=i, restored=i, settled=i, passes=i,
     x=(f, (N_STATES,)), S=(f, (N_STATES, N_COLUMNS)), d_now=(f, (N_COLUMNS,)), d_before=(f, (N_COLUMNS,)), row=(f, (N_COLUMNS,)),
     arriving=(f, (LEAD + WINDOW,)), by_half=(f, (LEAD + WINDOW,)), A=(f, (N_NUMBERS, N_NUMBERS)), B=(f, (N_START, N_NUMBERS)),
@@ -53,14 +53,12 @@ INVERSE = record(
     path2=(f, (AHEAD + 1, N_STATES)), H=(f, (AHEAD, AHEAD)), L=(f, (AHEAD, AHEAD)), step=(f, (AHEAD,)), U2=(f, (AHEAD,)),
     s=(f, (N_STATES,)),
     w=(f, (16,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)),
-    filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), played=f, side=f,
+    filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), played=f, side=f,
     x_before=(f, (N_STATES,)),
     started_now=i,
 )  # fmt: skip
-REFERENCE = record(
-    position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)), setpoint_ahead_m=(f, (QUEUE,)),
-    count=i, load_lag_m_s2=f, loads=i,
-    setpoint_m=f, loop_y_m=f, loop_v_m_s=f, loop_p_Pa=f, passed_Pa=f, loop_started=i,
+REFERENCE = record(  # the nearest tick first
+    position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_ahead_m=(f, (QUEUE,)), count=i, setpoint_m=f,
 )  # fmt: skip
 EXPECTED = record(
     S=(f, (N_STATES, N_COLUMNS)), speed=(f, (N_COLUMNS,)), filtered=(f, (N_COLUMNS, 2)), row=(f, (N_COLUMNS,)), d_now=(f, (N_COLUMNS,)),
@@ -69,6 +67,6 @@ EXPECTED = record(
 )  # fmt: skip
 STATE = record(
     settings=SETTINGS, sheet=(f, (N_SHEET,)), past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
-    numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, share=f, linear=f,
-    odds=f, platform=i, added_V=f,
+    numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP,
+    share=f, linear=f,
 )  # fmt: skip

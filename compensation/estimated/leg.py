@@ -6,7 +6,7 @@ behind one bristle (LuGre without damping), regularised in velocity:
 
     z' = v - sqrt(v^2 + reg^2) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs)
 
-    m v' = P1 A1 - P2 A2 - F - F0 - m e      e: what other legs' motion adds to this leg's load (0 on a bench)
+    m v' = P1 A1 - P2 A2 - F - F0
     C1 P1' = Q1 - A1 v,   C2 P2' = Q2 + A2 v      a rod side at supply pressure has P2 = Ps
 
 Integrated by a semi-implicit Euler scheme of `SUBSTEPS` steps a tick: the same in estimation and inversion.
@@ -95,73 +95,6 @@ def capacity(volume, P, E, air, out):
 
 
 @compiled
-def tick(x, th, sheet, now_V, before_V, split, supply, extra, blunt_V, w):
-    """One tick of the leg: x is advanced. now_V, before_V: volts behind backlash and whole ticks of the delay; split: share of the
-    tick for which before_V still acts. extra: e [m/s2]. blunt_V: least rounding. w: workspace (16,)."""
-    h = sheet[S_TICK] / SUBSTEPS
-    a1, a2, four = sheet[S_A1], sheet[S_A2], sheet[S_FOUR_WAY] != 0.0
-    s = exp(th[LN_ROUND])
-    s = s if s > blunt_V else blunt_V
-    om = 6.283185307179586 * exp(th[LN_SPOOL])
-    damped = 1.0 / (1.0 + 2.0 * th[ZETA] * om * h)
-    ka = 1.0 - exp(-h / (th[AMP_LAG] if th[AMP_LAG] > LEAST_LAG_S else LEAST_LAG_S))
-    kp = 1.0 - exp(-h / (th[PRESSURE_LAG] if th[PRESSURE_LAG] > LEAST_LAG_S else LEAST_LAG_S))
-    E = sheet[S_E] / (1.0 + th[SOFT])
-    cs, reg, sigma = exp(th[LN_STRIBECK]), exp(th[LN_REG]), exp(th[LN_BRISTLE])
-    gu, gd = sheet[S_FLOW] * th[GAIN_UP], sheet[S_FLOW] * th[GAIN_DN]
-    tank, m = sheet[S_TANK], th[MASS]
-    edge = split * SUBSTEPS
-    o, q, c = w[0:5], w[5:10], w[10:14]
-    if not four:
-        x[P2] = x[M2] = supply
-    for i in range(SUBSTEPS):
-        share = edge - i
-        share = 1.0 if share > 1.0 else (0.0 if share < 0.0 else share)
-        u = now_V + share * (before_V - now_V)
-        x[AMP] += ka * (u - x[AMP])
-        x[XD] = (x[XD] + h * om * om * (x[AMP] - x[X])) * damped
-        x[X] += h * x[XD]
-        q1 = th[LEAK] * (x[P2] - x[P1]) - th[LEAK_TANK] * (x[P1] - tank)
-        q2 = -th[LEAK] * (x[P2] - x[P1])
-        opening(x[X] - th[DEAD_UP], s, th[BEND], th[BEND2], o)
-        if o[0] > 0.0:
-            orifice(o[0], supply - x[P1], th[TURBULENT], th[LAMINAR], q)
-            q1 += gu * q[0]
-            if four:
-                orifice(o[0], x[P2] - tank, th[TURBULENT], th[LAMINAR], q)
-                q2 -= gu * q[0]
-        opening(-x[X] - th[DEAD_DN], s, th[BEND], th[BEND2], o)
-        if o[0] > 0.0:
-            orifice(o[0], x[P1] - tank, th[TURBULENT], th[LAMINAR], q)
-            q1 -= gd * q[0]
-            if four:
-                orifice(o[0], supply - x[P2], th[TURBULENT], th[LAMINAR], q)
-                q2 += gd * q[0]
-        v = x[V]
-        up = v >= 0.0
-        viscous = th[VISCOUS_UP] if up else th[VISCOUS_DN]
-        g = (th[COULOMB_UP] if up else th[COULOMB_DN]) + (th[STATIC_UP] if up else th[STATIC_DN]) * exp(-abs(v) / cs)
-        g = g if g > 0.1 else 0.1
-        den = 1.0 + h * sqrt(v * v + reg * reg) * sigma / g
-        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - m * extra - sigma * x[Z] / den
-        x[V] = (v + h * drive / m) / (1.0 + h * (viscous + sigma * h / den) / m)
-        x[Z] = (x[Z] + h * x[V]) / den
-        x[Y] += h * x[V]
-        column = x[Y] if x[Y] > LEAST_COLUMN_m else LEAST_COLUMN_m
-        capacity(column * a1 + sheet[S_V1], x[P1], E, th[AIR], c)
-        x[P1] += h * (q1 - a1 * x[V]) / c[0]
-        x[P1] = x[P1] if x[P1] > 0.0 else 0.0
-        x[M1] += kp * (x[P1] - x[M1])
-        if four:
-            column = sheet[S_STROKE] - x[Y]
-            column = column if column > LEAST_COLUMN_m else LEAST_COLUMN_m
-            capacity(column * a2 + sheet[S_V2], x[P2], E, th[AIR], c)
-            x[P2] += h * (q2 + a2 * x[V]) / c[0]
-            x[P2] = x[P2] if x[P2] > 0.0 else 0.0
-            x[M2] += kp * (x[P2] - x[M2])
-
-
-@compiled
 def spool_step(x, S, moving, numbers, u, share, by_delay, d_now, d_before, gain_y, h, ka, dka, om, zeta):
     """One step h of amplifier and spool, and of their derivatives. u: volts, the share of them from before; by_delay: du by DELAY."""
     damped = 1.0 / (1.0 + 2.0 * zeta * om * h)
@@ -212,9 +145,7 @@ def warm_spool(x, S, th, sheet, arriving, by_half, first, last, d_now, d_before)
 
 
 @compiled
-def tangent(
-    x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, d_before, gain_y, supply, extra, blunt_V, w
-):
+def tangent(x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, d_before, gain_y, supply, blunt_V, w):
     """`tick`, and S (N_STATES, n) with it, the state's derivatives by whatever its columns are.
 
     moving: how many columns, the first, move the spool; those behind are zero there. numbers: whether the first N_NUMBERS columns
@@ -330,7 +261,7 @@ def tangent(
         g = g if g > 0.1 else 0.1
         vr = sqrt(v * v + reg * reg)
         den = 1.0 + h * vr * sigma / g
-        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - m * extra - sigma * x[Z] / den
+        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - sigma * x[Z] / den
         below = 1.0 + h * (th[viscous] + sigma * h / den) / m
         v1 = (v + h * drive / m) / below
         z = x[Z]
@@ -375,8 +306,8 @@ def tangent(
             d = -hb
             Sv[HOLD] += d
             Sz[HOLD] += h * d / den
-            # by mass: v1 below = v + h drive/m; d below = -(below - 1)/m; d(drive/m) = -(drive/m^2) - extra/m
-            d = (v1 * (below - 1.0) / m - h * drive / (m * m) - h * extra / m) / below
+            # by mass: v1 below = v + h drive/m; d below = -(below - 1)/m; d(drive/m) = -drive/m^2
+            d = (v1 * (below - 1.0) / m - h * drive / (m * m)) / below
             Sv[MASS] += d
             Sz[MASS] += h * d / den
         x[V], x[Z] = v1, z1
@@ -458,3 +389,10 @@ def tangent(
                 for j in range(n):
                     T2[j] += kp * (S2[j] - T2[j])
                 T2[PRESSURE_LAG] += dkp * two
+
+
+@compiled
+def tick(x, none, th, sheet, now_V, before_V, split, supply, w):
+    """`tangent` without derivatives: x is advanced by a tick. none: any array (N_STATES, n), which is left as it is."""
+    row = none[Y]
+    tangent(x, none, 0, 0, False, th, sheet, now_V, before_V, split, row, row, 0.0, supply, 0.0, w)

@@ -1,10 +1,10 @@
 """One control tick: from a sample to the volts that are added.
 
-demanded motion    what the position loop would make of the setpoint through a valve without dead band:
-                   y_d' = K (r - y_d), K the loop's gain by the data sheet
-volts              those that make the identified leg follow y_d (inverse.py), less the controller's own on y_d
-share              b^2/(b^2 + e^2), b the bump that plain control makes by the model, e the one that the doubt about the
-                   numbers leaves in the compensated motion: S P S' of the acceleration, P the numbers' covariance
+demanded motion    what the position loop makes of the setpoint through the identified valve, with its dead band at first, without it
+                   two seconds after the volts have come in
+volts              those that make the identified leg follow it (inverse.py), less the controller's own on it
+engagement         where b^2 > e^2 + f^2: b the bump that plain control makes by the model, f the one that the inverse leaves in it, e
+                   the one that the doubt about the numbers makes: S P S' of the acceleration, P the numbers' covariance
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 from math import sqrt
 
 from ..adaptive.layout import MAX_LOOK, PREVIEW_TICKS
+from ..adaptive.loop_feedback import fed_back_V
 from ..adaptive.prediction import predict, start_prediction, watch_setpoint
 from ..compiled import compiled
 from .estimator import collect, watch, work
@@ -78,20 +79,11 @@ def _setpoint_ahead(s, table, preview, look):
     middle = (n - 1) // 2
     bend = preview[0] - 2.0 * preview[middle] + preview[2 * middle]
     if watch_setpoint(s.prediction, n if n > PREVIEW_TICKS else 1, bend, preview[0]):
-        far = MAX_LOOK
-        _, here, after = predict(s.prediction, table, far, preview[0])
-        return here + (look - far) * (after - here), True
+        _, here, after = predict(s.prediction, table, MAX_LOOK, preview[0])
+        return here + (look - MAX_LOOK) * (after - here)
     if look < n:
-        return preview[look], False
-    return preview[n - 1] + (look - n + 1) * (preview[n - 1] - preview[n - 2]), False
-
-
-@compiled
-def _load_ahead(loads, look):
-    n = len(loads)
-    if look < n:
-        return loads[look]
-    return loads[n - 1] + (look - n + 1) * (loads[n - 1] - loads[n - 2])
+        return preview[look]
+    return preview[n - 1] + (look - n + 1) * (preview[n - 1] - preview[n - 2])
 
 
 @compiled
@@ -129,7 +121,7 @@ def _roots(n, sheet, supply, four, ratio):
 
 
 @compiled
-def _advance(s, setpoint, loads, predicted):
+def _advance(s, setpoint):
     """The demanded motion's queue by one tick."""
     ref, tick_s, kp = s.reference, s.settings.tick_s, s.settings.position_gain_V_per_m
     if ref.count == 0:
@@ -138,27 +130,17 @@ def _advance(s, setpoint, loads, predicted):
         ref.count, ref.setpoint_m = QUEUE, setpoint
     for j in range(QUEUE - 1):
         ref.position_m[j], ref.velocity_m_s[j] = ref.position_m[j + 1], ref.velocity_m_s[j + 1]
-        ref.extra_m_s2[j], ref.setpoint_ahead_m[j] = ref.extra_m_s2[j + 1], ref.setpoint_ahead_m[j + 1]
+        ref.setpoint_ahead_m[j] = ref.setpoint_ahead_m[j + 1]
     last = QUEUE - 1
     y, v = ref.position_m[last - 1], ref.velocity_m_s[last - 1]
     if s.settings.controller_feeds_forward != 0.0:
-        new, speed, loop = setpoint, (setpoint - ref.setpoint_m) / tick_s, 1.0 / tick_s
+        new, speed = setpoint, (setpoint - ref.setpoint_m) / tick_s
     else:
-        loop = kp * s.settings.velocity_gain_m_s_V
         middle = y + 0.5 * tick_s * v
         new = y + tick_s * _plain_speed(s, kp * (0.5 * (setpoint + ref.setpoint_m) - middle))
         speed = _plain_speed(s, kp * (setpoint - new))
     ref.setpoint_m = ref.setpoint_ahead_m[last] = setpoint
     ref.position_m[last], ref.velocity_m_s[last] = new, speed
-    ref.extra_m_s2[last] = 0.0
-    if len(loads) > 2 and not predicted:
-        asked = _load_ahead(loads, last)
-        if not ref.loads:
-            ref.load_lag_m_s2, ref.loads = asked, 1
-        ref.load_lag_m_s2 += min(loop * tick_s, 1.0) * (asked - ref.load_lag_m_s2)
-        ref.extra_m_s2[last] = ref.load_lag_m_s2 - (speed - v) / tick_s
-    else:
-        ref.loads = 0
 
 
 @compiled
@@ -191,8 +173,6 @@ def _invert(s):
     whole = int(s.numbers[DELAY] / s.settings.tick_s)
     for j in range(AHEAD + 1):
         inv.y[j], inv.v[j] = ref.position_m[whole + j], ref.velocity_m_s[whole + j]
-    for j in range(AHEAD):
-        inv.extra[j] = ref.extra_m_s2[whole + j]
     limit, supply = s.settings.voltage_max_V, s.past.supply_mean_Pa
     if not inv.running or abs(inv.x[Y] - inv.y[0]) > 5e-3:
         volts = _steady(inv.x, s, inv.y[0], inv.v[0], s.numbers)
@@ -211,28 +191,24 @@ def _invert(s):
         s.numbers,
         s.sheet,
         supply,
-        inv.extra,
         limit,
         inv,
     )
     volts = inv.U[0]
-    left = keep_first(
-        inv.x, inv.U, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, supply, inv.extra, inv.w
-    )
+    left = keep_first(inv.x, inv.U, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, supply, inv.S, inv.w)
     inv.older, inv.before = inv.before, volts
     return volts, left
 
 
 @compiled
 def _expect(s, volts, last, left):
-    """Bumps that plain control makes by the model, and that the doubt about the numbers makes; the share by both, at the end of each
-    half stroke."""
+    """Bumps that plain control makes by the model, that the inverse leaves, and that the doubt about the numbers makes: the largest of
+    each half stroke."""
     e, ref, tick_s, numbers = s.expected, s.reference, s.settings.tick_s, s.numbers
     kp, supply = s.settings.position_gain_V_per_m, s.past.supply_mean_Pa
     whole = int(numbers[DELAY] / tick_s)
     split = numbers[DELAY] / tick_s - whole
     v, a = ref.velocity_m_s[whole], (ref.velocity_m_s[whole + 1] - ref.velocity_m_s[whole]) / tick_s
-    extra = ref.extra_m_s2[whole]
     if not e.started:
         _steady(e.plain, s, ref.position_m[whole], v, numbers)
         _steady(e.x, s, ref.position_m[whole], v, numbers)
@@ -240,7 +216,7 @@ def _expect(s, volts, last, left):
     # plain control, by the model
     control = kp * (ref.setpoint_ahead_m[whole] - e.plain[Y])
     speed = e.plain[V]
-    tick(e.plain, numbers, s.sheet, control, e.plain_V, split, supply, extra, 0.0, e.w)
+    tick(e.plain, e.S, numbers, s.sheet, control, e.plain_V, split, supply, e.w)
     e.plain_V = control
     b = low_pass(e.plain_filtered, (e.plain[V] - speed) / tick_s - a, s.sheet)
     e.bump = max(e.bump, abs(b))
@@ -263,19 +239,17 @@ def _expect(s, volts, last, left):
         e.d_before,
         kp,
         supply,
-        extra,
         0.0,
         e.w,
     )
-    if s.known.valid:
-        for j in range(N_NUMBERS):
-            f = (e.S[V, j] - e.speed[j]) / tick_s
-            e.row[j] = low_pass(e.filtered[j], f, s.sheet) * s.known.sd[j]
-        forward(s.known.factor, N_NUMBERS, e.row)
-        total = 0.0
-        for j in range(N_NUMBERS):
-            total += e.row[j] * e.row[j]
-        e.sigma = max(e.sigma, total * max(1.0, s.known.chi2[0], s.known.chi2[1]))
+    for j in range(N_NUMBERS):
+        f = (e.S[V, j] - e.speed[j]) / tick_s
+        e.row[j] = low_pass(e.filtered[j], f, s.sheet) * s.known.sd[j]
+    forward(s.known.factor, N_NUMBERS, e.row)
+    total = 0.0
+    for j in range(N_NUMBERS):
+        total += e.row[j] * e.row[j]
+    e.sigma = max(e.sigma, total * max(1.0, s.known.chi2[0], s.known.chi2[1]))
     peak = a * e.acceleration < 0.0
     e.acceleration = a
     if peak:  # the middle of a stroke: a reversal lies behind
@@ -312,32 +286,13 @@ def _through_backlash(inv, volts, half):
 
 
 @compiled
-def fed_back_V(s, position_m, pressure_Pa):
-    """Volts that velocity and pressure feedback of the controller take off in the demanded motion."""
-    ref, settings = s.reference, s.settings
-    if ref.loop_started == 0:
-        ref.loop_started, ref.loop_y_m, ref.loop_p_Pa = 1, position_m, pressure_Pa
-    moved, change = position_m - ref.loop_y_m, pressure_Pa - ref.loop_p_Pa
-    ref.loop_y_m, ref.loop_p_Pa = position_m, pressure_Pa
-    ref.loop_v_m_s = settings.velocity_pole * ref.loop_v_m_s + settings.velocity_share * moved
-    ref.passed_Pa = settings.pressure_pole * ref.passed_Pa + settings.pressure_share * change
-    return settings.velocity_gain_V_s_per_m * ref.loop_v_m_s + settings.pressure_gain_V_per_Pa * ref.passed_Pa
-
-
-@compiled
-def tick_of(
-    s, table, preview, loads, setpoint_m, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V
-):
-    """Volts to add. preview (n,), loads (n,) or none; everything else of the sample."""
+def tick_of(s, table, preview, setpoint_m, position_m, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V):
+    """Volts to add. preview (n,); everything else of the sample."""
     settings, ref, inv = s.settings, s.reference, s.inverse
     if s.sheet[S_FOUR_WAY] == 0.0:
         top_Pa = supply_Pa
-    if len(loads) > 2:  # legs of a platform must engage together and share what they demand: not yet
-        s.platform = 1
-        return 0.0
-    ahead, predicted = _setpoint_ahead(s, table, preview, QUEUE - 1)
-    _advance(s, ahead, loads, predicted)
-    watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, ref.extra_m_s2[0], valve_V)
+    _advance(s, _setpoint_ahead(s, table, preview, QUEUE - 1))
+    watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, valve_V)
     if settings.learn != 0.0:
         collect(s)
         work(s)
@@ -356,10 +311,8 @@ def tick_of(
     _expect(s, volts, last, left)
     e = s.expected
     wanted = 0.0
-    s.odds = 0.0
     if e.halves > 0:
         share = e.bump2 / (e.bump2 + e.sigma2 + e.left2)
-        s.odds = share
         wanted = 1.0 if share > LEAST_SHARE else 0.0
     step = settings.tick_s / RAMP_S
     s.share += min(max((wanted if s.linear == 0.0 or wanted > 0.0 else 1.0) - s.share, -step), step)
@@ -373,6 +326,5 @@ def tick_of(
         else inv.x[P1] - settings.area_top_m2 / settings.area_bottom_m2 * inv.x[P2]
     )
     own = settings.position_gain_V_per_m * (setpoint_m - ref.position_m[0] + lag) + forward_V
-    own -= fed_back_V(s, ref.position_m[0], pressure)
-    s.added_V = s.share * (total - own)
-    return s.added_V
+    own -= fed_back_V(s.loop, settings, ref.position_m[0], pressure)
+    return s.share * (total - own)
