@@ -1,6 +1,6 @@
 """What the logs of rough benches can tell at best: an oracle that knows the cause asks what it is worth in J.
 
-    python benchmarks/tracing_rough_oracle.py docs/results/tracing_rough_frozen3.jsonl --right 10 --quiet 10
+    python benchmarks/tracing_rough_oracle.py benchmarks/results/tracing_rough.jsonl.gz --right 10 --quiet 10
     python benchmarks/tracing_rough_oracle.py --summary                         what is in --out
 
 Of every machine of a journal that is not right, and of some that are. The declared parameters and the small realities
@@ -28,7 +28,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from tracing_rough import NUMBER, ROOT, begun_trace, named_of, score, there
+from journal import RESULTS, append, lines_of
+from tracing_rough import NUMBER, begun_trace, named_of, score, there
 
 from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import Fit, answered, coordinates_of, fit_at, start_fit_at
@@ -37,7 +38,7 @@ from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.steps.dominant import beside_small, contenders, rivals_of, sure_effects
 
-OUT = ROOT / "docs" / "results" / "tracing_rough_oracle.jsonl"
+OUT = RESULTS / "tracing_rough_oracle.jsonl.gz"
 ONE_IN_HUNDRED = 2.0 * float(np.log(99.0))
 SHAPE = {  # other numbers of the second plant's effects, in the library's names
     "supply_droop": {"accumulator_m3_Pa": 6e-12},
@@ -243,7 +244,6 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--summary", action="store_true", help="of what is in --out")
     options = parser.parse_args()
-    from tracing_evaluation import append, lines_of
 
     if options.summary:
         summarise(lines_of(options.out))
