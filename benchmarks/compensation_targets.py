@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import subprocess
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -139,7 +138,6 @@ def reversal_lines(machine_name: str, axis: str) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.parse_args()
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
     rows = []
     for case in CASES:
         rows += lines_of(case)
@@ -148,7 +146,7 @@ def main() -> None:
     levels = " | ".join(f"{a:g}" for a in LEVELS_m_s2[1:])
     RESULT.write_text(f"""# Compensation against its targets
 
-Commit {commit}, `python benchmarks/compensation_targets.py`. 0.05 m or 4 deg at 0.5 Hz, {DURATION_s:g} s, figures from
+`python benchmarks/compensation_targets.py`. 0.05 m or 4 deg at 0.5 Hz, {DURATION_s:g} s, figures from
 {FIGURES_FROM_s:g} s on, tendon model, sensor noise of seed 0, nothing learned before. Peak: largest deviation from the
 basic harmonic in the 50 Hz band. Raw: the same in the log's means over 1 ms. Bump: peak to peak within 0.2 s of a
 reversal, in the band. RK4: the peak with that scheme. "exact": the inverse of the true valve curve. [m/s2] unless said.

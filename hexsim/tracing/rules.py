@@ -1,4 +1,4 @@
-"""The rules of the verdict in one place. Frozen before they are scored; docs/tracing.md says what was tuned on what."""
+"""The rules of the verdict in one place. Frozen before they are scored; docs/tracing.md explains them."""
 
 ALARM_CHI2 = 40.0  # least fall of chi2 by one effect, in units of the reduced chi2
 # and at least this share of the samples: less is the difference between two implementations of one model

@@ -1,7 +1,7 @@
 """Of a machine that no hypothesis brings to the noise: the effects that are sure all the same, and what is left beside them.
 
 The balances decide, each in units of its own rest, with the small realities of any machine fitted beside (`rest_level`).
-An effect is named if all of this holds; docs/tracing.md has the measured operating characteristic of the limits:
+An effect is named if all of this holds (docs/tracing.md):
 
     share        it takes much of the mean square of the rest, or brings its own balance to the noise
     own          most of what it takes lies in its own balance
