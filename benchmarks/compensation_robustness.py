@@ -8,7 +8,7 @@ case is a line of benchmarks/results/compensation_robustness.jsonl.gz (delete it
 `--noises 320:332`: every condition alone with each mass in the bench's sine, with these sensor noises; its journal is
 compensation_noises.jsonl.gz. Both write docs/results/compensation_robustness.md from what the journals hold.
 
-Peak: of sines, the largest deviation from the basic harmonic in the 50 Hz band over the last three periods. Bump of a
+Peak: of sines, the largest deviation from the fundamental in the 50 Hz band over the last three periods. Bump of a
 reversal: peak to peak in 3 to 50 Hz from 0.1 s before the commanded reversal to 0.35 s after it, reversals after the
 first 1.9 s, the first after engagement among them. Worse: beyond plain control's by 5 % and by 0.03 m/s2. Where plain
 control's piston does not turn at all, there is no bump of a turn to compare with: there the largest deviation from the

@@ -148,7 +148,7 @@ def main() -> None:
 
 `python benchmarks/compensation_targets.py`. 0.05 m or 4 deg at 0.5 Hz, {DURATION_s:g} s, figures from
 {FIGURES_FROM_s:g} s on, tendon model, sensor noise of seed 0, nothing learned before. Peak: largest deviation from the
-basic harmonic in the 50 Hz band. Raw: the same in the log's means over 1 ms. Bump: peak to peak within 0.2 s of a
+fundamental in the 50 Hz band. Raw: the same in the log's means over 1 ms. Bump: peak to peak within 0.2 s of a
 reversal, in the band. RK4: the peak with that scheme. "exact": the inverse of the true valve curve. [m/s2] unless said.
 
 | case | compensator | peak | raw | bump p-p | RK4 | target | met | raw not above none |

@@ -49,6 +49,7 @@ def main() -> None:
         "|---|---|---|---|---|",
     ]
     lines += ["| " + " | ".join(row(gain)) + " |" for gain in track(GAINS_V_per_m, description="gains")]
+    text = "\n".join(lines)
     RESULT.parent.mkdir(parents=True, exist_ok=True)
     RESULT.write_text(
         "# Position gain\n\n"

@@ -26,7 +26,7 @@ BUDGET = (
     "Each bar is a step of the last trace."
 )
 BUMP = (
-    " Below: acceleration of the machine less its mean and basic harmonic, in 50 Hz, with its sensor's noise. The figures "
+    " Below: acceleration of the machine less its mean and fundamental, in 50 Hz, with its sensor's noise. The figures "
     "are the largest peaks from the second reversal at full size on. The compensator has learned on the identified twin."
 )
 ROUNDS = (

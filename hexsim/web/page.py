@@ -257,7 +257,7 @@ def notes(shown: Shown, command: str) -> str:
     slow = "" if shown.speed > 0.9 else f", {100 * shown.speed:.0f} % of real time"
     return (
         '<div style="font-size:13px;padding:4px 12px;line-height:1.45">'
-        f"<p>Acceleration less its basic harmonic (in a motion that is no sine: less the command), in "
+        f"<p>Acceleration less its fundamental (in a motion that is no sine: less the command), in "
         f"{BANDWIDTH_Hz:.0f} Hz, about the last reversal at either end. "
         "Dashed: before the last change. The bump in the middle is what people feel.</p>"
         f'<p id="hexsim-state">{shown.time_s:.1f} s{slow}; {state}</p>'
