@@ -153,7 +153,8 @@ def page(rows: list[str], reversals: list[str]) -> str:
     python benchmarks/compensation_targets.py
 
 0.05 m or 4 deg at 0.5 Hz, {DURATION_s:g} s, figures from {FIGURES_FROM_s:g} s on, tendon model (one column: full legs),
-sensor noise of seed 0, nothing learned before. Largest deviation from the fundamental in the 50 Hz band [m/s2 unless said]; raw: the same in the log's means over
+sensor noise of seed 0, nothing learned before.
+Largest deviation from the fundamental in the 50 Hz band [m/s2 unless said]; raw: the same in the log's means over
 1 ms, which must not exceed none's. "exact": the inverse of the true valve curve.
 
 | case | none | exact | adaptive | adaptive, full legs | raw: none, adaptive | target | met |
