@@ -92,8 +92,8 @@ def sentence(story: Story) -> str:
     ended = story.rounds[-1].verdict
     if not names:
         return f"No effect is named: {ended}."
-    rest = "partly: what is left beside it has no name" if ended == "partly" else ended
-    return f"What the declared machine lacks: {', '.join(names)} ({rest})."
+    rest = "partly: a residual without a name remains" if ended == "partly" else ended
+    return f"What the declared machine is missing: {', '.join(names)} ({rest})."
 
 
 def why_ended(story: Story) -> str:

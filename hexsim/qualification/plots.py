@@ -14,7 +14,7 @@ from hexsim.recording.figure_style import legend, new_figure, png, small_multipl
 
 CAPTIONS = {
     "half-hertz": "How pure is a sine of 0.5 Hz? "
-    "Acceleration over the last periods, and what is left of it without its fundamental; all in the "
+    "Acceleration over the last periods, and its deviation from the fundamental; all in the "
     "50 Hz band. Spikes at the reversals are the dead band and friction.",
     "frequency response": "How fast can each axis follow? "
     "Response over command, fundamentals, at one amplitude a frequency. Six curves on each other "
@@ -27,7 +27,7 @@ CAPTIONS = {
     "(dotted); the bumps between the steps are the reversals of the legs.",
     "linearity and hysteresis": "Do small motions come out as large ones do? "
     "Left: gain at 0.5 Hz over amplitude, 1 is ideal. Right: response over command at two "
-    "slow, constant speeds; the lag makes the loops wide, what is left at speed zero is hysteresis.",
+    "slow, constant speeds; the lag makes the loops wide, the width at speed zero is hysteresis.",
     "leg balance": "Do the legs answer alike? "
     "Phase of each leg behind its setpoint at 0.5 Hz; legs that differ tilt the platform. All must lie "
     "within a band of the grey height.",

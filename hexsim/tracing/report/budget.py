@@ -1,4 +1,4 @@
-"""The error budget: what is left on held-out motion after each step, from the declared machine down to the noise."""
+"""The error budget: the residual on held-out motion after each step, from the declared machine down to the noise."""
 
 from __future__ import annotations
 

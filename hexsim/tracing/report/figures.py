@@ -79,7 +79,7 @@ def answers_of(result: Trace) -> dict[str, Log]:
 
 @styled
 def comparison(result: Trace, answers: Mapping[str, Log]) -> bytes:
-    """Measured against simulated on the first held-out run: signals left, what is left of them right."""
+    """Measured against simulated on the first held-out run: signals left, residuals right."""
     problem, part = result.validate_problem, shown_part(result)
     log, channels = problem.logs[0], worst_channels(result, problem.logs[0].name)
     time, shown = log.time[part], {name: channel_arrays(answer) for name, answer in answers.items()}
@@ -112,7 +112,7 @@ def comparison(result: Trace, answers: Mapping[str, Log]) -> bytes:
 
 @styled
 def spectra(result: Trace, answers: Mapping[str, Log]) -> bytes:
-    """Spectra of what is left on the first held-out run, and the sensors' noise."""
+    """Spectra of the residuals on the first held-out run, and the sensors' noise."""
     problem, log = result.validate_problem, result.validate_problem.logs[0]
     channels = worst_channels(result, log.name)
     rows = (len(channels) + 1) // 2
