@@ -10,7 +10,7 @@ machine in the file is not run again.
 Rough machines are traced by the balances alone, which decide there; clean ones from end to end.
 People can put 60 kg on, weighed to 0.5 %: the design may ask for it. Beside it one more multisine without, and one with it.
 
-right     the effect that was put in is named (of a rough machine: it, or a small reality that is there), and nothing else
+right     the effect that was put in is named (of a rough machine: it, or a nuisance effect that is there), and nothing else
           a pump whose largest flow no motion inside the limits takes has its line alone: right is a supply droop
           a spool whose speed limit no log of a trace takes is one of first order, 477 Hz: right is a spool lag
 sharp     no tie, every number of it known to 10 %, and within 15 % of the truth where the library has the same number; one

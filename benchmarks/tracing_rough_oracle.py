@@ -3,16 +3,16 @@
     python benchmarks/tracing_rough_oracle.py benchmarks/results/tracing_rough.jsonl.gz --right 10 --quiet 10
     python benchmarks/tracing_rough_oracle.py --summary                         what is in --out
 
-Of every machine of a journal that is not right, and of some that are. The declared parameters and the small realities
+Of every machine of a journal that is not right, and of some that are. The declared parameters and the nuisance effects
 are free, as a trace knows them; the fits begin where the trace begins and at the truth, and the lower end counts.
 
     fall     J of the best fit without the effect, less J with it
     lead     J of the best other effect of the library, refitted like the true one, less J of the true one
     least    the number at which J is least; number: J at the true number less that, all else refitted
-    known    as fall, with all declared parameters and small realities at their true values, nothing refitted
+    known    as fall, with all declared parameters and nuisance effects at their true values, nothing refitted
 
 J is -2 log likelihood in units of what is left. Were its rest noise, a lead of 2 log 99 = 9.2 would be wrong once in a
-hundred. Small realities that no column holds add to that, and by how much is measured (`thresholds`): the largest fall that a
+hundred. Nuisance effects that no column holds add to that, and by how much is measured (`thresholds`): the largest fall that a
 cause brings which is not in the machine, where nothing large is; the largest lead of such a cause over the true one. What is
 ahead of a hidden cause and in the machine, a small wear, counts for neither. A machine can be told where its fall and its lead
 are above these and where J is least within 15 % of the true number: no rule that reads these balances can prove more.
@@ -122,7 +122,7 @@ def with_ripple(base: RestFit, line: dict, problem: BalanceProblem) -> RestFit:
 
 
 def at_truth(fit: Fit, line: dict, problem: BalanceProblem) -> Fit:
-    """The base with its declared parameters and small realities where they truly are, as far as it holds them."""
+    """The base with its declared parameters and nuisance effects where they truly are, as far as it holds them."""
     from other_effects import EFFECTS
     from other_plant import DECLARED_LEG, UNCERTAIN_LEG, true_machine
     from rough_machines import number_of
@@ -208,7 +208,7 @@ def thresholds(lines: Sequence[dict]) -> tuple[float, float]:
 def verdict(line: dict, fall: float, lead: float) -> str:
     """Can these logs tell the machine, and if not why."""
     if line["fall"] <= fall:
-        return "hidden"  # small realities do as much
+        return "hidden"  # nuisance effects do as much
     if line["lead"] <= -ONE_IN_HUNDRED:
         return "another is ahead"
     if line["lead"] <= lead:
