@@ -9,7 +9,7 @@ acceleration in the 50 Hz band, after the fade-in, in units of the peak deviatio
     wave = max |a - a_ref| / peak(a_ref)          peak = | peak(a) / peak(a_ref) - 1 |
 wave bounds the error of every peak; a setting is good when wave <= ERROR_LIMIT. Time: CPU time of the process (both
 tools use one thread, and the machine may be shared), the settings in turn, the least of the repeats.
-docs/results/exudyn.md says what differs between the two models and what was found.
+docs/results/tools.md has the result.
 """
 
 from __future__ import annotations
