@@ -9,7 +9,7 @@ import sympy
 from scipy.interpolate import CubicSpline
 
 from hexsim.errors import HexsimError
-from hexsim.own.compiled import STARTS, compiled, integrated
+from hexsim.own.compiled import STARTS, Equations, integrated
 from hexsim.own.model import Model
 from hexsim.signals.log import Log
 
@@ -97,7 +97,7 @@ class Simulator:
     """A model with its compiled equations."""
 
     def __init__(self, model: Model) -> None:
-        self.model, self.equations = model, compiled(model)
+        self.model, self.equations = model, Equations(model)
         self.stages = STAGES[model.tables.simulation.scheme]
         symbols = [model.symbols[name] for name in model.states]
         self.with_after = any(one != symbol for one, symbol in zip(model.after, symbols, strict=True))
@@ -133,7 +133,7 @@ class Simulator:
             x0, s0 = np.ascontiguousarray(start, dtype=float), np.zeros_like(s0)
         settings = self.model.tables.simulation
         y, jac, states = integrated(
-            self.equations, x0, s0, self.inputs(record, p), self.held, p, record.time[0], record.dt, settings.steps,
+            self.equations.address, x0, s0, self.inputs(record, p), self.held, p, record.time[0], record.dt, settings.steps,
             self.stages, len(self.model.outputs), self.with_after, slopes,
         )  # fmt: skip
         return FreeRun(outputs=y, slopes=jac, states=states)
