@@ -22,11 +22,10 @@ from scipy.io import loadmat
 from hexsim.files.atomic import write_text
 from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
-from hexsim.own.fit import fit
 from hexsim.own.folder import OwnFolder, load_simulated
+from hexsim.own.problem import fit_own, problem_of
 from hexsim.own.run import simulated
-from hexsim.own.simulate import Simulator, record_of
-from hexsim.tracing.own.free_run_report import trace_simulated
+from hexsim.own.trace_files import trace_simulated
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples" / "own_machines"
@@ -102,14 +101,13 @@ def scored(fitted, folder: OwnFolder, run: str, samples: slice) -> float:
     """Rms of a free run over a test record, by the table's rule."""
     log = next(log for log in folder.validate if log.name == run)
     table, _ = simulated(fitted, log, folder.where)
-    output = fitted.simulator.model.outputs[0]
+    output = fitted.problem.channels[0]
     rest = (table[f"simulated_{output}"] - table[output]).to_numpy()[samples]
     return float(np.sqrt(np.mean(rest**2)))
 
 
 def fitted_of(folder: OwnFolder):
-    simulator = Simulator(folder.model)
-    return fit(simulator, [record_of(folder.model, log, folder.where) for log in folder.fit])
+    return fit_own(problem_of(folder.model, folder.fit, folder.where))
 
 
 def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
@@ -136,9 +134,15 @@ def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
         figures += f"\n| Bouc-Wen, sine sweep | | {sweep:.3g} | **{sweep:.3g}** {unit} | | |"
     lines = [f"| {name} | {known} | {report['verdict']} |"]
     for one in report["candidates"]:
-        numbers = ", ".join(f"{key} {value:.4g}" for key, value in one["numbers"].items())
-        lines.append(f"| | {one['verdict']} | {one['effect']}: held-out parts {one['before']:.3g} -> {one['after']:.3g}, "
-                     f"{one['nats']:.0f} nats; {one['why']} ({numbers}) |")  # fmt: skip
+        numbers = ", ".join(
+            f"{key} {of['value']:.4g} +- {of['standard_error']:.2g}" for key, of in one["numbers"].items()
+        )
+        errors = "; ".join(
+            f"{of['before'] * factor:.3g} -> {of['after'] * factor:.3g} {unit}" for of in one["held_out"].values()
+        )
+        lines.append(
+            f"| | {one['verdict']} | {one['effect']}: held-out parts {errors}, {one['nats']:.0f} nats; {one['why']} ({numbers}) |"
+        )
     return [figures], lines
 
 

@@ -22,7 +22,8 @@ from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTa
 from hexsim.own.formulas import expression, names_of, tree_of
 
 Tables = TypeVar("Tables", bound=ModelTables)
-CURVE = 5  # numbers of a curve over a place
+CURVE = 5  # corners of a curve over a place; its mean over them is 0: that is a constant, an effect of its own
+BEGIN = 0.1  # of an amplitude's scale: where a search begins
 FORMULAS = ("adds", "elsewhere", "forwards", "backwards", "becomes", "storage")
 
 
@@ -58,6 +59,16 @@ class Candidate:
     @property
     def title(self) -> str:
         return f"{self.name} in {self.on}" + (f" to {self.other}" if self.other else "")
+
+    @property
+    def begin(self) -> dict[str, float]:
+        """Where a search with it begins: amplitudes a little off 0 on their side."""
+        tables = {name: self.numbers[name] for name in self.amplitude}
+        return {name: BEGIN * (table.scale or 1.0) * (table.sign or 1) for name, table in tables.items()}
+
+    @property
+    def has_memory(self) -> bool:
+        return self.memory is not None and self.switch is None
 
 
 @cache
@@ -194,10 +205,13 @@ def tried(row: EffectRow, base: Candidate, rename: Mapping[str, str], sizes: Siz
 
 
 def curve_of(name: str, place: str, number: EffectNumber, sizes: Sizes) -> tuple[str, dict[str, ParameterTable]]:
-    """A piecewise linear curve over a place, with numbers at its corners."""
+    """A piecewise linear curve over a place, with numbers at its corners; the last corner makes the mean 0."""
     low, width = sizes.M - sizes.P, 2.0 * sizes.P / (CURVE - 1)
-    names = [f"{name}_{k + 1}" for k in range(CURVE)]
-    hats = [f"{one} * max(0, 1 - abs({place} - ({low + k * width:.9g})) / {width:.9g})" for k, one in enumerate(names)]
+    names = [f"{name}_{k + 1}" for k in range(CURVE - 1)]
+    corners = [*names, f"-({' + '.join(names)})"]
+    hats = [
+        f"({one}) * max(0, 1 - abs({place} - ({low + k * width:.9g})) / {width:.9g})" for k, one in enumerate(corners)
+    ]
     return " + ".join(hats), {one: table_of(number, sizes, neutral=True, where=name) for one in names}
 
 
