@@ -60,10 +60,10 @@ class Fit:
 class Coefficients:
     """Stretches of a problem in the frequency domain, by channel."""
 
-    def __init__(self, problem: Problem, at: Sequence[int]) -> None:
+    def __init__(self, problem: Problem, at: Sequence[int], tapered: bool = True) -> None:
         self.problem, self.at = problem, list(at)
         count = len(problem.channels)
-        self.windows = windows_of([problem.stretches[i] for i in self.at], count)
+        self.windows = windows_of([problem.stretches[i] for i in self.at], count, tapered)
         self.places = [(k, c) for c in range(count) for k, row in enumerate(self.windows) if row[c] is not None]
         if not self.places:
             raise HexsimError(
@@ -143,24 +143,56 @@ def prior_of(numbers: Sequence[Number]) -> tuple[Array, Array]:
 def fit(
     problem: Problem, at: Sequence[int] | None = None, begin: Array | None = None, spectra: Sequence[Spectrum] | None = None,
     evaluations: int = 40, with_spread: bool = True, white: bool = True, keep_local: bool = False,
+    by_error: bool = False,
 ) -> Fit:  # fmt: skip
     """The numbers of a problem from these stretches (default all). begin: theta. spectra: a second start; white: is the first one used?
-    keep_local: local numbers stay as they begin.
+    keep_local: local numbers stay as they begin. by_error: least squares with a flat spectrum, for what a long simulation is to leave
+    least of; errors are those of such a fit beside the residual's own spectrum.
 
     Raises HexsimError where the model cannot be run from any start.
     """
     data = Coefficients(problem, range(len(problem.stretches)) if at is None else at)
     begin = np.array([number.start for number in problem.numbers]) if begin is None else begin
+    if by_error:
+        return fit_by_error(data, begin, evaluations)
     starts = ([None] if white or spectra is None else []) + ([list(spectra)] if spectra is not None else [])
     free = np.array([not (keep_local and number.local) for number in problem.numbers], dtype=bool)
     ends = [iterated(data, begin, start, evaluations, free) for start in starts]
     theta, found, cost = min(ends, key=lambda end: end[2])
+    check_finite(data, theta)
+    covariance, spread = curvature(data, theta, found, with_spread)
+    return Fit(problem=problem, theta=theta, covariance=covariance, spectra=found, cost=cost, spread=spread)
+
+
+def fit_by_error(data: Coefficients, begin: Array, evaluations: int) -> Fit:
+    """Ordinary least squares; covariance A^-1 B A^-1, A: its curvature, B: the scores' variance with the spectrum of what is left."""
+    numbers = data.problem.numbers
+    even = Coefficients(data.problem, data.at, tapered=False)
+    theta = least(
+        even, begin, even.white(finite(even.residuals(begin))), evaluations, np.ones(len(numbers), dtype=bool)
+    )
+    check_finite(data, theta)
+    left = finite(data.residuals(theta))
+    flat, found = data.white(left), data.spectra(left, len(numbers))
+    scale = np.array([number.scale for number in numbers])
+    x = whitened(data, theta, flat)[1] * scale
+    ratio = np.concatenate(
+        [np.square(a / b) for a, b in zip(data.scales(flat), data.scales(found), strict=True)] or [np.zeros(0)]
+    )
+    inverse = np.linalg.pinv(x.T @ x + np.diag((prior_of(numbers)[1] * scale) ** 2), hermitian=True, rcond=1e-13)
+    middle = x.T @ (x * np.concatenate([ratio, ratio])[:, None]) + np.diag((prior_of(numbers)[1] * scale) ** 2)
+    covariance = inverse @ middle @ inverse * np.outer(scale, scale)
+    spread = curvature(data, theta, found, True)[1]
+    cost = cost_of(data, theta, left, flat)
+    return Fit(problem=data.problem, theta=theta, covariance=covariance, spectra=found, cost=cost, spread=spread)
+
+
+def check_finite(data: Coefficients, theta: Array) -> None:
+    """Raises HexsimError where the model cannot be run."""
     if not all(np.isfinite(part).all() for part in data.residuals(theta)):
         raise HexsimError(
             "the simulation leaves the finite numbers with every number that was tried: check signs and starts, or give smaller steps"
         )
-    covariance, spread = curvature(data, theta, found, with_spread)
-    return Fit(problem=problem, theta=theta, covariance=covariance, spectra=found, cost=cost, spread=spread)
 
 
 def iterated(

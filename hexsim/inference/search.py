@@ -13,18 +13,19 @@ from hexsim.errors import HexsimError
 from hexsim.inference.contract import Problem
 from hexsim.inference.held_out import HeldOut, held_out
 from hexsim.inference.likelihood import Coefficients, Fit, fit, prior_of, whitened
-from hexsim.inference.verdict import CHANCE, TIE, Judgment, judge, with_ties
+from hexsim.inference.verdict import Judgment, held_against, judge, needed, with_ties
 
 Array = np.ndarray
 MOST_EFFECTS = 4  # named, one after the other
 EVALUATIONS = 20  # of a candidate's fit with one spectrum: it begins near its end, or has none
 LEAST = 1.0  # nats that a linear look must promise
+RIVALS = 2  # free curves that are fitted
 TRIED = 4  # candidates of a round that are fitted in full
 
 
 class Candidate(Protocol):
     """An effect at one place. amplitude: numbers that are 0 where it is not there. begin: where a search with it begins. memory: a
-    linear look foretells less of it than it is."""
+    linear look foretells less of it than it is. rival: a free curve over some signal, against which effects are held: no name."""
 
     @property
     def title(self) -> str: ...
@@ -34,6 +35,8 @@ class Candidate(Protocol):
     def begin(self) -> dict[str, float]: ...
     @property
     def has_memory(self) -> bool: ...
+    @property
+    def rival(self) -> bool: ...
 
 
 class Machine(Protocol):
@@ -92,23 +95,32 @@ def one_round(
     machine: Machine, chosen: Sequence[Any], now: Fit, held: HeldOut, tell: Callable[[str], None]
 ) -> list[Judgment]:
     """Candidates that were fitted in full, the best first."""
-    ranked = screened(machine, chosen, now)
+    every = screened(machine, chosen, now)
+    ranked, rivals = ([pair for pair in every if pair[1].rival is rival] for rival in (False, True))
     tell(f"{len(ranked)} candidates")
     memories = [one for _, one in ranked if one.has_memory][:1]
     tried = [one for k, (nats, one) in enumerate(ranked) if (k < TRIED and nats > LEAST) or one in memories]
-    judged = []
-    for candidate in tried:
-        tell(f"trying {candidate.title}")
-        try:
-            after = fitted_with(machine.problem([*chosen, candidate]), now, candidate.begin)
-            judged.append(
-                judge(candidate, candidate.title, candidate.amplitude, after, held, held_out(after), len(ranked))
-            )
-        except HexsimError:
-            continue
+
+    def judged_of(candidates: Sequence[Any]) -> list[Judgment]:
+        found = []
+        for candidate in candidates:
+            tell(f"trying {candidate.title}")
+            try:
+                after = fitted_with(machine.problem([*chosen, candidate]), now, candidate.begin)
+                found.append(
+                    judge(candidate, candidate.title, candidate.amplitude, after, held, held_out(after), len(ranked))
+                )
+            except HexsimError:
+                continue
+        return found
+
+    judged = judged_of(tried)
+    if any(one.named for one in judged):
+        against = judged_of([one for _, one in rivals[:RIVALS]])
+        judged = [held_against(one, against) for one in judged]
     judged.sort(key=lambda one: (not one.named, -one.nats))
     most = max((one.nats for one in judged if one.named), default=0.0)
-    judged.sort(key=lambda one: (not one.named, one.count if most - one.nats < TIE else math.inf))
+    judged.sort(key=lambda one: (not one.named, one.count if most - one.nats < needed(one.compared) else math.inf))
     return [with_ties(one, judged) for one in judged]
 
 
@@ -169,7 +181,7 @@ def pruned(machine: Machine, steps: list[Judgment], now: Fit, held: HeldOut) -> 
             before = held_out(without)
         except HexsimError:
             continue
-        if float(np.sum(held.density - before.density)) < math.log(1.0 / CHANCE):
+        if float(np.sum(held.density - before.density)) < needed(1):
             steps = [one for one in steps if one is not step]
             now, held = without, before
     return steps, now, held

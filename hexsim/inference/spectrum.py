@@ -38,14 +38,14 @@ class Window:
         return np.fft.rfft(values * taper, axis=0)
 
 
-def window_of(stretch: Stretch, channel: int) -> Window | None:
+def window_of(stretch: Stretch, channel: int, tapered: bool) -> Window | None:
     """None where too few samples count."""
     mask = stretch.weight[:, channel] > 0
     seen = np.flatnonzero(mask)
     if len(seen) < 2 * LEAST:
         return None
     edge = np.minimum(np.arange(len(mask)) - seen[0], seen[-1] - np.arange(len(mask))) + 0.5
-    ramp = np.clip(edge / max(TAPER * (seen[-1] - seen[0]), 1.0), 0.0, 1.0)
+    ramp = np.clip(edge / max(TAPER * (seen[-1] - seen[0]), 1.0), 0.0, 1.0) if tapered else np.ones(len(mask))
     taper = np.where(mask, np.sin(0.5 * np.pi * ramp) ** 2, 0.0)
     f = np.fft.rfftfreq(len(mask), stretch.dt)
     share = float(np.sum(taper**2)) / len(mask)
@@ -99,5 +99,5 @@ def spectrum_of(log_f: Array, power: Array, weight: Array, numbers: float) -> Sp
     )  # fmt: skip
 
 
-def windows_of(stretches: Sequence[Stretch], channels: int) -> list[list[Window | None]]:
-    return [[window_of(stretch, c) for c in range(channels)] for stretch in stretches]
+def windows_of(stretches: Sequence[Stretch], channels: int, tapered: bool = True) -> list[list[Window | None]]:
+    return [[window_of(stretch, c, tapered) for c in range(channels)] for stretch in stretches]

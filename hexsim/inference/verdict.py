@@ -17,8 +17,9 @@ CHANCE = 0.02  # stated chance that a name is wrong
 TIE = math.log(20.0)  # log odds below which two candidates are tied
 FALL = 1.0  # block errors by which the held-out error must fall
 GROWTH = 2.0  # block errors by which no channel's may grow
+FORM = 0.9  # of a free curve's gain that an effect of the right form has at least: corners cost a curve some
 END = 1e-3  # of a number's scale: at an end of its interval
-SURE = 2.0  # spreads over bands and stretches that one amplitude must have
+SURE = 1.0  # spreads over bands and stretches that one amplitude must have: else it is as much another one as itself
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,6 +30,7 @@ class Judgment:
     candidate: Any
     title: str
     count: int
+    compared: int
     fitted: Fit
     after: HeldOut
     gains: Array
@@ -40,6 +42,11 @@ class Judgment:
     @property
     def nats(self) -> float:
         return float(self.gains.sum())
+
+    @property
+    def chance(self) -> float:
+        """That this gain comes by chance: candidates that were compared, by odds."""
+        return min(self.compared * math.exp(-self.nats), 1.0)
 
     @property
     def named(self) -> bool:
@@ -55,10 +62,15 @@ def judge(
         if len(after.losses(c)):
             errors[name] = (before.rms(c), after.rms(c), mean_over_error(before.losses(c) - after.losses(c)))
     unsure = stand_in(fitted, amplitude) or replaced(fitted, before.fits)
-    verdict, why = said(gains, errors, unsure, math.log(max(tried, 1) / CHANCE))
+    verdict, why = said(gains, errors, unsure, needed(tried))
     numbers = len(fitted.theta) - len(before.fits[0].theta)
-    return Judgment(candidate=candidate, title=title, count=numbers, fitted=fitted, after=after, gains=gains, errors=errors,
+    return Judgment(candidate=candidate, title=title, count=numbers, compared=tried, fitted=fitted, after=after, gains=gains, errors=errors,
                     verdict=verdict, why=why)  # fmt: skip
+
+
+def needed(compared: int) -> float:
+    """Gain [nats] that the best of so many candidates has by chance with odds CHANCE, one number more each."""
+    return math.log(max(compared, 1) / CHANCE)
 
 
 def said(gains: Array, errors: dict[str, tuple[float, float, float]], unsure: str, needed: float) -> tuple[str, str]:
@@ -119,6 +131,18 @@ def with_ties(one: Judgment, judged: Sequence[Judgment]) -> Judgment:
         if other is not one and other.named and one.named and abs(one.nats - other.nats) < TIE
     ]  # fmt: skip
     return replace(one, tied=tied)
+
+
+def held_against(one: Judgment, rivals: Sequence[Judgment]) -> Judgment:
+    """A name whose form is another one: a free curve over some signal takes clearly more than it does."""
+    best = max(rivals, key=lambda rival: rival.nats, default=None)
+    if best is None or not one.named:
+        return one
+    more = best.nats - one.nats
+    if more < needed(one.compared) or one.nats > FORM * best.nats:
+        return one
+    why = f"{best.title} as a free curve is {more:.0f} nats more likely: it stands in for another form"
+    return replace(one, verdict="likely", why=why)
 
 
 def changing(fitted: Fit) -> list[str]:

@@ -80,10 +80,51 @@ CALLED = {"exp": exponential, "logarithm": logarithm, "tanh": hyperbolic, "sin":
 
 
 class Emitter:
-    """Expressions to instructions of a block; what was computed once is used again."""
+    """Expressions and their derivatives to instructions of a block; what was computed once is used again.
+
+    Derivatives go forward from node to node (chain rule; those of a function by sympy's fdiff). Whole expressions that sympy
+    differentiates grow with the square of their size.
+    """
 
     def __init__(self, builder: ir.IRBuilder, known: dict[Expr, Value]) -> None:
         self.builder, self.known = builder, known
+        self.slopes: dict[Expr, dict[Expr, Value]] = {}
+
+    def slope(self, expr: Expr) -> dict[Expr, Value]:
+        """Derivatives by those symbols that are in it."""
+        if expr not in self.slopes:
+            self.slopes[expr] = self.differentiated(expr)
+        return self.slopes[expr]
+
+    def differentiated(self, expr: Expr) -> dict[Expr, Value]:
+        if expr.is_Symbol:
+            return {expr: ir.Constant(DOUBLE, 1.0)}
+        total: dict[Expr, Value] = {}
+        for k, part in enumerate(expr.args):
+            slope = self.slope(part)
+            if not slope:
+                continue
+            if expr.is_Mul:
+                factor = self.product([one for j, one in enumerate(expr.args) if j != k])
+            elif expr.is_Pow:
+                factor = self.of(expr.exp * expr.base ** (expr.exp - 1))
+            elif expr.is_Function:
+                outer = expr.fdiff(k + 1)
+                if outer.is_zero:
+                    continue
+                factor = self.of(outer)
+            else:
+                factor = None
+            for symbol, value in slope.items():
+                made = value if factor is None else self.builder.fmul(factor, value)
+                total[symbol] = self.builder.fadd(total[symbol], made) if symbol in total else made
+        return total
+
+    def product(self, factors: Sequence[Expr]) -> Value:
+        first, *more = (self.of(one) for one in factors)
+        for one in more:
+            first = self.builder.fmul(first, one)
+        return first
 
     def of(self, expr: Expr) -> Value:
         if expr not in self.known:
@@ -91,11 +132,12 @@ class Emitter:
         return self.known[expr]
 
     def made(self, expr: Expr) -> Value:
-        if expr.is_Add or expr.is_Mul:
-            join = self.builder.fadd if expr.is_Add else self.builder.fmul
+        if expr.is_Mul:
+            return self.product(expr.args)
+        if expr.is_Add:
             first, *more = (self.of(one) for one in expr.args)
             for one in more:
-                first = join(first, one)
+                first = self.builder.fadd(first, one)
             return first
         if expr.is_Pow:
             return self.to_power(*expr.args)
@@ -186,15 +228,12 @@ def written(
             if symbol in used:
                 known[symbol] = builder.load(builder.gep(pointer, [ir.Constant(WORD, i)]), typ=DOUBLE)
     emitter = Emitter(builder, known)
-    entries = [*values, *(derivative(value, one) for names in (by, given[2]) for value in values for one in names)]
+    entries: list[Value] = [emitter.of(value) for value in values]
+    entries += [emitter.slope(value).get(one) for names in (by, given[2]) for value in values for one in names]
     for i, entry in enumerate(entries):
-        if i < len(values) or not entry.is_zero:
-            builder.store(emitter.of(entry), builder.gep(args[3], [ir.Constant(WORD, i)]))
+        if entry is not None:
+            builder.store(entry, builder.gep(args[3], [ir.Constant(WORD, i)]))
     builder.ret(ir.Constant(WORD, 0))
-
-
-def derivative(value: Expr, by: sympy.Symbol) -> Expr:
-    return value.diff(by) if by in value.free_symbols else sympy.Integer(0)
 
 
 def called_of(typingctx, address, what, x, u, p, out):

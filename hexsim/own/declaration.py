@@ -175,6 +175,8 @@ class EffectRow(Section):
     becomes: str | None = None
     storage: str | None = None
     switch: bool = False
+    over: str | None = None
+    rival: bool = False
     memory: MemoryTable | None = None
     parameters: dict[str, EffectNumber] = Field(default_factory=dict, max_length=MOST)
     source: str = ""
@@ -192,6 +194,10 @@ class SimulationTable(Section):
         gt=0.0,
         le=1e5,
         description="fits and candidates: a free run begins anew from what is measured, so often",
+    )
+    fit_by: Literal["likelihood", "error"] = Field(
+        default="likelihood",
+        description="error: least rms of the simulation, for long free runs of a model that is not quite right",
     )
     from_s: float = Field(default=0.0, ge=0.0, le=1e5, description="the fit and the score begin here")
 

@@ -119,9 +119,11 @@ def problem_of(model: Model, logs: Sequence[Log], where: str) -> OwnProblem:
 
 def fit_own(problem: OwnProblem, seed: int = 0) -> Fit:
     """The numbers of a model, from several starts where its file asks for them."""
-    best, rng = fit(problem), np.random.default_rng(seed)
-    for _ in range(problem.simulator.model.tables.simulation.starts - 1):
+    settings = problem.simulator.model.tables.simulation
+    by_error = settings.fit_by == "error"
+    best, rng = fit(problem, by_error=by_error), np.random.default_rng(seed)
+    for _ in range(settings.starts - 1):
         start = np.array([number.start + DRAWN * number.scale * rng.standard_normal() for number in problem.numbers])
-        made = fit(problem, begin=start)
+        made = fit(problem, begin=start, by_error=by_error)
         best = made if made.cost < best.cost else best
     return best

@@ -33,7 +33,8 @@ def sizes_of(tables: ModelTables, problem: OwnProblem, theta: Array) -> Callable
         if what == "sum":
             at = place_of(name, tables) or name
             sums = sum_size(problem, theta, runs, name)
-            return Sizes(X=spread[name] or 1.0, S=sums or 1.0, P=half[at] or 1.0, M=middle[at], **common)
+            return Sizes(X=spread[name] or 1.0, S=sums or 1.0, P=half[at] or 1.0, M=middle[at],
+                         H=half[name] or 1.0, C=middle[name], **common)  # fmt: skip
         if what == "input":
             k = model.inputs.index(name)
             values = np.concatenate([record.inputs[:, k] for record in records])
