@@ -164,7 +164,8 @@ def tank(rng: np.random.Generator, what: str, place: Path) -> None:
                 out = outlet * math.sqrt(max(level, 0.0))
                 extra = {
                     "overflow": 5 * share * outlet * max(level - 1.25, 0.0) * 4, "laminar leak": share * outlet * level,
-                    "inflow": -share * outlet, "swinging inflow": share * outlet * math.sin(i * h * FINE / 25), "outlet exponent": outlet * max(level, 0.0) ** exponent - out,
+                    "inflow": -share * outlet, "swinging inflow": share * outlet * math.sin(i * dt / 25),
+                    "outlet exponent": outlet * max(level, 0.0) ** exponent - out,
                 }.get(what, 0.0)  # fmt: skip
                 level = max(level + h * (inlet * acting - out - extra + d[i]), 0.0)
         seen += noise * rng.standard_normal(n)
@@ -194,9 +195,7 @@ def judged(seed: int) -> dict:
         "right" if step["title"].startswith(right) else "tied" if any(t.startswith(right) for t in step["tied"]) else "wrong"
         for step in steps
     ]  # fmt: skip
-    of = [
-        "tied" if one == "wrong" and step["tied"] else one for one, step in zip(of, steps, strict=True)
-    ]  # no name: one of several
+    of = ["tied" if one == "wrong" and step["tied"] else one for one, step in zip(of, steps, strict=True)]
     verdict = "wrong" if "wrong" in of else "right" if "right" in of else "tied" if of else "nothing named"
     return {
         "seed": seed, "kind": kind, "sort": sort, "missing": what, "verdict": verdict, "of": of, "steps": steps,

@@ -22,11 +22,12 @@ from scipy.io import loadmat
 from hexsim.files.atomic import write_text
 from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
-from hexsim.own.declaration import Declaration
+from hexsim.inference.likelihood import Fit, fit
 from hexsim.own.folder import OwnFolder, load_simulated
 from hexsim.own.model import model_of
 from hexsim.own.problem import fit_own, problem_of
 from hexsim.own.run import simulated
+from hexsim.own.trace import OwnTrace
 from hexsim.own.trace_files import trace_simulated
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -112,11 +113,13 @@ def fitted_of(folder: OwnFolder):
     return fit_own(problem_of(folder.model, folder.fit, folder.where))
 
 
-def by_error(declaration: Declaration, folder: OwnFolder):
-    """A declaration with what was named in it, its numbers by the rms of the whole free run: what the tables score."""
-    simulation = declaration.simulation.model_copy(update={"anew_s": None, "fit_by": "error"})
-    model = model_of(declaration.model_copy(update={"simulation": simulation}), folder.where)
-    return fit_own(problem_of(model, folder.fit, folder.where))
+def by_error(trace: OwnTrace, folder: OwnFolder) -> Fit:
+    """The declaration with what was named in it, its numbers by the rms of the whole free run: what the tables score."""
+    simulation = trace.declaration.simulation.model_copy(update={"anew_s": None})
+    model = model_of(trace.declaration.model_copy(update={"simulation": simulation}), folder.where)
+    problem = problem_of(model, folder.fit, folder.where)
+    known = dict(zip(trace.final.names, trace.final.theta, strict=True))
+    return fit(problem, begin=np.array([known.get(one.name, one.start) for one in problem.numbers]), by_error=True)
 
 
 def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
@@ -131,7 +134,7 @@ def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
         out=work / f"{folders['declared'].name}_trace",
         progress=lambda what, share: print(f"{time.process_time():6.0f} s {what}", flush=True),
     )
-    final = by_error(trace.declaration, loaded)
+    final = by_error(trace, loaded)
     with_names = factor * scored(final, loaded, run, SAMPLES[name])
     trace_s = time.process_time() - began
     entry = with_names

@@ -31,12 +31,14 @@ class Number:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """Even samples of one run. group: what is held out together. dt: [s]. weight: (n, channels), 1 where a sample counts, else 0."""
+    """Even samples of one run. group: what is held out together. dt: [s]. weight: (n, channels), 1 where a sample counts, else 0.
+    top_Hz: highest frequency that counts."""
 
     name: str
     group: str
     dt: float
     weight: Array
+    top_Hz: float = math.inf
 
 
 class Problem(Protocol):

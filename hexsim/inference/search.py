@@ -13,10 +13,10 @@ from hexsim.errors import HexsimError
 from hexsim.inference.contract import Problem
 from hexsim.inference.held_out import HeldOut, held_out
 from hexsim.inference.likelihood import Coefficients, Fit, fit, prior_of, whitened
-from hexsim.inference.verdict import Judgment, held_against, judge, needed, with_ties
+from hexsim.inference.verdict import Judgment, held_against, judge, needed, whose_form_is_open, with_ties
 
 Array = np.ndarray
-MOST_EFFECTS = 4  # named, one after the other
+MOST_EFFECTS = 6  # named, one after the other
 EVALUATIONS = 20  # of a candidate's fit with one spectrum: it begins near its end, or has none
 LEAST = 1.0  # nats that a linear look must promise
 RIVALS = 2  # free curves that are fitted
@@ -73,28 +73,36 @@ def search(
     held = base_held = held_out(base)
     steps: list[Judgment] = []
     refused: list[Judgment] = []
+    doubted: list[Judgment] = []
     fits = [("declared", base)]
     for k in range(most):
         share = 0.1 + 0.8 * k / most
         tell(f"looking for what is missing, {k + 1}", share)
-        judged = one_round(
+        judged, rivals = one_round(
             machine, [step.candidate for step in steps], now, held, lambda what, share=share: tell(what, share)
         )
         best = next((one for one in judged if one.named), None)
         if best is None:
             refused = judged
+            doubted = whose_form_is_open(steps, rivals)
             break
         steps.append(best)
         now, held = best.fitted, best.after
         fits.append((f"with {best.title}", now))
     steps, now, held = pruned(machine, steps, now, held)
+    titles = [one.title for one in doubted]
+    if any(step.title in titles for step in steps):
+        steps = [step for step in steps if step.title not in titles]
+        now = fitted_with(machine.problem([step.candidate for step in steps]), base, {})
+        held = held_out(now)
+        refused = [*doubted, *refused]
     return Found(base=base, base_held=base_held, steps=steps, refused=refused, final=now, final_held=held, fits=fits)
 
 
 def one_round(
     machine: Machine, chosen: Sequence[Any], now: Fit, held: HeldOut, tell: Callable[[str], None]
-) -> list[Judgment]:
-    """Candidates that were fitted in full, the best first."""
+) -> tuple[list[Judgment], list[Judgment]]:
+    """Candidates that were fitted in full, the best first, and free curves."""
     every = screened(machine, chosen, now)
     ranked, rivals = ([pair for pair in every if pair[1].rival is rival] for rival in (False, True))
     tell(f"{len(ranked)} candidates")
@@ -115,13 +123,14 @@ def one_round(
         return found
 
     judged = judged_of(tried)
-    if any(one.named for one in judged):
+    against: list[Judgment] = []
+    if chosen or any(one.named for one in judged):
         against = judged_of([one for _, one in rivals[:RIVALS]])
         judged = [held_against(one, against) for one in judged]
     judged.sort(key=lambda one: (not one.named, -one.nats))
     most = max((one.nats for one in judged if one.named), default=0.0)
     judged.sort(key=lambda one: (not one.named, one.count if most - one.nats < needed(one.compared) else math.inf))
-    return [with_ties(one, judged) for one in judged]
+    return [with_ties(one, judged) for one in judged], against
 
 
 def fitted_with(problem: Problem, now: Fit, begin: dict[str, float]) -> Fit:

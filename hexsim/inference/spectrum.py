@@ -35,7 +35,7 @@ class Window:
     def of(self, values: Array) -> Array:
         """Coefficients (m, ...) of values (n, ...)."""
         taper = self.taper.reshape(-1, *[1] * (values.ndim - 1))
-        return np.fft.rfft(values * taper, axis=0)
+        return np.fft.rfft(values * taper, axis=0)[: len(self.log_f)]
 
 
 def window_of(stretch: Stretch, channel: int, tapered: bool) -> Window | None:
@@ -48,6 +48,7 @@ def window_of(stretch: Stretch, channel: int, tapered: bool) -> Window | None:
     ramp = np.clip(edge / max(TAPER * (seen[-1] - seen[0]), 1.0), 0.0, 1.0) if tapered else np.ones(len(mask))
     taper = np.where(mask, np.sin(0.5 * np.pi * ramp) ** 2, 0.0)
     f = np.fft.rfftfreq(len(mask), stretch.dt)
+    f = f[: max(int(np.searchsorted(f, stretch.top_Hz)), 4)]
     share = float(np.sum(taper**2)) / len(mask)
     weight = np.full(len(f), share)
     weight[0] *= 0.5

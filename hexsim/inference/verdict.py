@@ -57,15 +57,18 @@ def judge(
     candidate: Any, title: str, amplitude: Sequence[str], fitted: Fit, before: HeldOut, after: HeldOut, tried: int
 ) -> Judgment:
     """tried: candidates that were compared. amplitude: numbers that are 0 where the effect is not there (none: it has no size)."""
-    gains, errors = after.density - before.density, {}
+    gains = after.density - before.density
+    errors: dict[str, tuple[float, float, float]] = {}
     for c, name in enumerate(after.problem.channels):
         if len(after.losses(c)):
             errors[name] = (before.rms(c), after.rms(c), mean_over_error(before.losses(c) - after.losses(c)))
     unsure = stand_in(fitted, amplitude) or replaced(fitted, before.fits)
     verdict, why = said(gains, errors, unsure, needed(tried))
     numbers = len(fitted.theta) - len(before.fits[0].theta)
-    return Judgment(candidate=candidate, title=title, count=numbers, compared=tried, fitted=fitted, after=after, gains=gains, errors=errors,
-                    verdict=verdict, why=why)  # fmt: skip
+    return Judgment(
+        candidate=candidate, title=title, count=numbers, compared=tried, fitted=fitted, after=after, gains=gains,
+        errors=errors, verdict=verdict, why=why,
+    )  # fmt: skip
 
 
 def needed(compared: int) -> float:
@@ -143,6 +146,15 @@ def held_against(one: Judgment, rivals: Sequence[Judgment]) -> Judgment:
         return one
     why = f"{best.title} as a free curve is {more:.0f} nats more likely: it stands in for another form"
     return replace(one, verdict="likely", why=why)
+
+
+def whose_form_is_open(steps: Sequence[Judgment], rivals: Sequence[Judgment]) -> list[Judgment]:
+    """Steps that are no names after all: beside everything that was named a free curve still takes much of what they took."""
+    best = max(rivals, key=lambda rival: rival.nats, default=None)
+    if best is None or best.nats < needed(best.compared) or max(t for _, _, t in best.errors.values()) < FALL:
+        return []
+    why = f"beside it {best.title} as a free curve gains another {best.nats:.0f} nats: its form is another one"
+    return [replace(one, verdict="likely", why=why) for one in steps if one.nats < FORM * (one.nats + best.nats)]
 
 
 def changing(fitted: Fit) -> list[str]:

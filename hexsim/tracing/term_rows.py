@@ -7,7 +7,7 @@ left of a wrong delay is no effect.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,10 +15,12 @@ from hexsim.errors import HexsimError
 from hexsim.inference.contract import Number, Stretch
 from hexsim.inference.likelihood import Fit
 from hexsim.tracing.term_columns import OwnBalance, Point, Term, run_data, variants
+from hexsim.tracing.term_selection import Chosen, placed
 
 Array = np.ndarray
 FOLDS = 6  # groups of runs, each held out once
 LATE_S = 0.02  # [s] prior standard deviation of what an alignment leaves
+TOP = 0.1  # radians of phase that such a delay may make: rows above this frequency are left out
 LEAST_SHARE = 0.1  # of a run's rows that must count
 NUDGE_SAMPLES = 1.0  # of the difference quotient by a delay
 
@@ -71,26 +73,25 @@ class BalanceProblem:
         self.channels, self.noises = (balance.name,), (float("nan"),)
         declared = {term.name for term in balance.terms}
         size = rms([run.target[run.counted] for run in rows])
+        widths = [rms([run.column(term)[run.counted] for run in rows]) or size or 1.0 for term in terms]
         self.numbers = [
-            number_of(
-                term, size / max(rms([run.column(term)[run.counted] for run in rows]), 1e-300), term.name in declared
-            )
-            for term in terms
+            number_of(term, size / width, term.name in declared) for term, width in zip(terms, widths, strict=True)
         ]
         self.numbers += [
-            Number(name=term.name, start=0.0, mean=0.0, sd=LATE_S, scale=LATE_S, unit="s", local=True)
-            for _, term in late
-        ]
+            Number(name=term.name, start=0.0, mean=0.0, sd=LATE_S, scale=LATE_S, unit="s", local=True) for _, term in late
+        ]  # fmt: skip
         groups = min(FOLDS, len(rows))
+        top = TOP / (2.0 * np.pi * LATE_S) if late else np.inf
         self.stretches = [
-            Stretch(name=run.point.log.name, group=f"part {k % groups + 1}", dt=run.dt, weight=run.counted.astype(float)[:, None])
+            Stretch(name=run.point.log.name, group=f"part {k % groups + 1}", dt=run.dt, weight=run.counted.astype(float)[:, None],
+                    top_Hz=top)
             for k, run in enumerate(rows)
         ]  # fmt: skip
         self.rows = list(rows)
-        self.x = [
-            np.column_stack([*(run.column(term) for term in terms), *(run.column(term) if k == r else np.zeros(len(run.target)) for k, term in late)])
-            for r, run in enumerate(rows)
-        ]  # fmt: skip
+        self.x = []
+        for r, run in enumerate(rows):
+            delays = [run.column(term) if k == r else np.zeros(len(run.target)) for k, term in late]
+            self.x.append(np.column_stack([*(run.column(term) for term in terms), *delays]))
 
     def residuals(self, theta: Array, at: Sequence[int]) -> list[Array]:
         return [(self.x[k] @ theta - self.rows[k].target)[:, None] for k in at]
@@ -156,8 +157,11 @@ class BalanceMachine:
                 f"balance {balance.name}: {len(self.rows)} runs have enough rows that count; two are needed"
             )
         self.late = late_terms(balance, self.rows)
-        data = [run_data(balance, run.point) for run in self.rows]
-        self.candidates_of = [TermCandidate(term=one) for term in balance.candidates for one in variants(term, data)]
+        self.data = [run_data(balance, run.point) for run in self.rows]
+        self.candidates_of = [
+            TermCandidate(term=one) for term in balance.candidates for one in variants(term, self.data)
+        ]
+        self._placed: dict[tuple[Term, ...], Chosen] = {}
 
     def of(self, terms: Sequence[Term], rows: Sequence[Rows] | None = None) -> BalanceProblem:
         return BalanceProblem(
@@ -165,7 +169,15 @@ class BalanceMachine:
         )
 
     def problem(self, chosen: Sequence[TermCandidate]) -> BalanceProblem:
-        return self.of([*self.balance.terms, *(one.term for one in chosen)])
+        return self.of([*self.balance.terms, *self.placed(chosen)])
+
+    def placed(self, chosen: Sequence[TermCandidate]) -> Chosen:
+        """Terms of candidates, each hinge at its best place beside those before it."""
+        key = tuple(one.term for one in chosen)
+        if key and key not in self._placed:
+            before = self.placed(chosen[:-1])
+            self._placed[key] = (*before, placed(self.balance, self.data, before, key[-1]))
+        return self._placed.get(key, ())
 
     def candidates(
         self, chosen: Sequence[TermCandidate], now: Fit
@@ -174,13 +186,11 @@ class BalanceMachine:
         offered = [one for one in self.candidates_of if one.title not in names]
         own = [distinct(one.term, k) for k, one in enumerate(offered)]
         del now
-        problem = self.of([*self.balance.terms, *(one.term for one in chosen), *own])
+        problem = self.of([*self.balance.terms, *self.placed(chosen), *own])
         return problem, [(one, [term.name]) for one, term in zip(offered, own, strict=True)]
 
 
 def distinct(term: Term, k: int) -> Term:
-    from dataclasses import replace
-
     return replace(term, name=f"{term.name} #{k}")
 
 
