@@ -8,7 +8,7 @@ seen (`hexsim.inference`). Numbers are least squares over the runs, their errors
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -79,16 +79,27 @@ def trace_own(balance: OwnBalance, points: Sequence[Point]) -> OwnVerdict:
     runs = [run_data(balance, point) for point in points]
     why = refused(balance, runs)
     usable = tuple(term for term in balance.candidates if term.name not in why)
-    balance = OwnBalance(
-        name=balance.name, unit=balance.unit, target=balance.target, terms=balance.terms, candidates=usable
-    )
+    balance = replace(balance, candidates=usable)
     machine = BalanceMachine(balance, points)
     found = search(machine)
-    terms = machine.placed([step.candidate for step in found.steps])
-    tied = [tie.split(", odds")[0] for step in found.steps for tie in step.tied]
+    terms, traded = of_its_sign(balance, runs, machine.placed([step.candidate for step in found.steps]))
+    tied = [*traded, *(tie.split(", odds")[0] for step in found.steps for tie in step.tied)]
     tied += [one.title for one in found.refused if one.verdict == "likely"]
     folds = folds_of(balance, runs, terms, tuple(tied))
-    return verdict_of(balance, runs, folds, found, terms, tuple(dict.fromkeys(why.values())))
+    return verdict_of(balance, runs, folds, found, terms, traded, tuple(dict.fromkeys(why.values())))
+
+
+def of_its_sign(balance: OwnBalance, runs: Sequence[RunData], terms: Chosen) -> tuple[Chosen, list[str]]:
+    """Terms whose number over all frequencies has the sign that physics allows, and names of the others: these trade with the rest."""
+    traded = []
+    while terms:
+        values = solve(balance, runs, terms)[len(balance.terms) :]
+        wrong = [term for term, value in zip(terms, values, strict=True) if term.sign * value < 0]
+        if not wrong:
+            break
+        traded.append(wrong[-1].name)
+        terms = tuple(term for term in terms if term is not wrong[-1])
+    return terms, traded
 
 
 def folds_of(balance: OwnBalance, runs: Sequence[RunData], terms: Chosen, tied: tuple[str, ...]) -> tuple[Fold, ...]:
@@ -113,13 +124,9 @@ def folds_of(balance: OwnBalance, runs: Sequence[RunData], terms: Chosen, tied: 
 
 
 def verdict_of(
-    balance: OwnBalance,
-    runs: Sequence[RunData],
-    folds: tuple[Fold, ...],
-    found: Found,
-    terms: Chosen,
+    balance: OwnBalance, runs: Sequence[RunData], folds: tuple[Fold, ...], found: Found, terms: Chosen, traded: Sequence[str],
     why: tuple[str, ...],
-) -> OwnVerdict:
+) -> OwnVerdict:  # fmt: skip
     """The search's names with what they take of each run, and what the rest depends on."""
     before, after = (float(np.sqrt(np.mean([getattr(f, k) ** 2 for f in folds]))) for k in ("refit", "with_terms"))
     share = after / max(float(np.sqrt(np.mean([np.mean(run.target**2) for run in runs]))), 1e-300)
@@ -130,7 +137,11 @@ def verdict_of(
         if one.verdict == "likely" and one.nats > LIKELY
     ]
     if terms:
-        names = [step.title + (f" (tied with {', '.join(step.tied)})" if step.tied else "") for step in found.steps]
+        names = [
+            step.title + (f" (tied with {', '.join(step.tied)})" if step.tied else "")
+            for step in found.steps
+            if step.title not in traded
+        ]
         text = f"explained in part by {' + '.join(names)}: {before:.3g} -> {after:.3g} {balance.unit} held out"
         if acting:
             low, high = rms(np.array(acting)[:, 1]), rms(np.array(acting)[:, 0])
@@ -140,6 +151,7 @@ def verdict_of(
     else:
         text = "unexplained: no candidate earns its place on runs it has not seen"
     text += f"; likely, not proven: {', '.join(likely[:2])}" if likely and share >= NOTHING else ""
+    text += f"; {' and '.join(traded)} and the named ones trade: no run moves them apart" if traded else ""
     signal, r2 = strongest_dependence(balance, runs, terms)
     left = f"; rest {after:.3g} {balance.unit} rms, {share:.1%} of the target"
     left += (
