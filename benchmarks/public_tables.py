@@ -159,6 +159,36 @@ def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
     return [figures], lines
 
 
+def wrong_names() -> str:
+    """A table of the kept rows of own_calibration.py, with 95 % intervals (Wilson 1927)."""
+    text = (ROOT / "docs" / "results" / "own_calibration.jsonl").read_text(encoding="utf-8")
+    rows = [json.loads(line) for line in text.splitlines()]
+    kinds = ("right", "tied", "wrong", "nothing named")
+    lines = [
+        "| missing | machines | right | tied with the right one or others | wrong | no name | wrong, 95 % |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for sort, words in (
+        ("none", "nothing"),
+        ("library", "an effect of the library"),
+        ("outside", "an effect outside it"),
+    ):
+        found = [row["verdict"] for row in rows if row["sort"] == sort]
+        n, count = len(found), {kind: found.count(kind) for kind in kinds}
+        low, high = wilson(count["wrong"], n)
+        lines.append(
+            f"| {words} | {n} | {' | '.join(str(count[kind]) for kind in kinds)} | {100 * low:.0f} to {100 * high:.0f} % |"
+        )
+    return "\n".join(lines)
+
+
+def wilson(k: int, n: int) -> tuple[float, float]:
+    """95 % interval of a share k of n."""
+    z, p = 1.96, k / max(n, 1)
+    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "measured")
@@ -179,6 +209,7 @@ def main() -> None:
     ]
     figures, names = ([line for row in rows for line in row[key]] for key in ("figures", "names"))
     template = (ROOT / "benchmarks" / "public_tables.md.in").read_text(encoding="utf-8")
+    template = template.replace("@WRONG@", wrong_names())
     page = template.replace("@FIGURES@", "\n".join(figures)).replace("@NAMES@", "\n".join(names))
     write_text(asked.out, page)
 

@@ -14,6 +14,7 @@ from hexsim.inference.likelihood import Coefficients, Fit, finite, fit
 Array = np.ndarray
 BLOCKS = 16  # of a stretch, whose losses are compared; neighbours may be correlated over three
 LAGS = 3
+LOST = 1e30  # residual of a run that leaves the finite numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +63,7 @@ def held_out(whole: Fit, evaluations: int = 15) -> HeldOut:
         fits.append(own)
         density.append(log_density(problem, inside, own))
         for k, rest in zip(inside, problem.residuals(own.theta, inside), strict=True):
-            rests[k] = np.where(np.isfinite(rest), rest, 1e6)
+            rests[k] = np.clip(np.where(np.isfinite(rest), rest, LOST), -LOST, LOST)
     return HeldOut(problem=problem, groups=groups, density=np.array(density), rests=rests, fits=fits)
 
 

@@ -20,7 +20,8 @@ MOST_EFFECTS = 6  # named, one after the other
 EVALUATIONS = 20  # of a candidate's fit with one spectrum: it begins near its end, or has none
 LEAST = 1.0  # nats that a linear look must promise
 RIVALS = 2  # free curves that are fitted
-TRIED = 4  # candidates of a round that are fitted in full
+TRIED = 4  # candidates of a round that are fitted in full, and all near the best one, at most MOST_TRIED
+MOST_TRIED = 9
 
 
 class Candidate(Protocol):
@@ -107,7 +108,12 @@ def one_round(
     ranked, rivals = ([pair for pair in every if pair[1].rival is rival] for rival in (False, True))
     tell(f"{len(ranked)} candidates")
     memories = [one for _, one in ranked if one.has_memory][:1]
-    tried = [one for k, (nats, one) in enumerate(ranked) if (k < TRIED and nats > LEAST) or one in memories]
+    near = ranked[0][0] - needed(len(ranked)) if ranked else 0.0
+    tried = [
+        one for k, (nats, one) in enumerate(ranked[:MOST_TRIED])
+        if nats > LEAST and (k < TRIED or nats > near)
+    ]  # fmt: skip
+    tried += [one for one in memories if one not in tried]
 
     def judged_of(candidates: Sequence[Any]) -> list[Judgment]:
         found = []
