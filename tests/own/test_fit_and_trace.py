@@ -93,6 +93,21 @@ def test_numbers_come_back_within_their_errors(clean):
     assert simulated(fitted, folder.fit[0], "here")[1]["level_m"] == pytest.approx(NOISE, rel=0.15)
 
 
+def test_the_error_of_a_long_run_can_be_what_is_fitted(spilling):
+    """fit_by = "error" leaves less of a model that is not quite right than the likelihood does, with honest errors either way."""
+    folder, left = load_simulated(spilling), {}
+    for how in ("likelihood", "error"):
+        text = TANK.replace("steps = 1", f'steps = 1\nfit_by = "{how}"')
+        model = model_of(
+            ModelTables.model_validate({k: v for k, v in tomllib.loads(text).items() if k not in ("name", "runs")}),
+            "here",
+        )
+        made = fit_own(problem_of(model, folder.fit, "here"))
+        left[how] = sum(simulated(made, log, "here")[1]["level_m"] ** 2 for log in folder.fit)
+        assert np.all(made.errors > 0)
+    assert left["error"] < left["likelihood"]
+
+
 def test_overflow_is_named_and_the_unseen_run_gets_better(spilling):
     """A tank that spills over 1.2 m names an overflow at this level, and the error on the third run falls to the noise."""
     trace = trace_own(load_simulated(spilling))
