@@ -13,7 +13,7 @@ from hexsim.inference.held_out import HeldOut, mean_over_error
 from hexsim.inference.likelihood import Fit
 
 Array = np.ndarray
-CHANCE = 0.02  # stated chance that a name is wrong
+CHANCE = 0.02  # that the best of the candidates compared gains so much by chance
 TIE = math.log(20.0)  # log odds below which two candidates are tied
 FALL = 1.0  # block errors by which the held-out error must fall
 GROWTH = 2.0  # block errors by which no channel's may grow

@@ -62,8 +62,8 @@ def entry(one: Judgment) -> dict[str, Any]:
     """Numbers of an effect carry their errors; held-out errors of every output, before and with it."""
     named = {name: one.fitted for name in one.candidate.numbers if name in one.fitted.names}
     return {
-        "effect": one.title, "verdict": one.verdict, "why": one.why, "nats": one.nats, "nats_of_parts": one.gains.tolist(),
-        "tied": one.tied,
+        "effect": one.title, "verdict": one.verdict, "why": one.why, "nats": one.nats, "by_chance": one.chance,
+        "nats_of_parts": one.gains.tolist(), "tied": one.tied,
         "held_out": {name: {"before": before, "after": after, "t": t} for name, (before, after, t) in one.errors.items()},
         "numbers": {name: {"value": fitted.value(name), "standard_error": fitted.error(name)} for name, fitted in named.items()},
     }  # fmt: skip
