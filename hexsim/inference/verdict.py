@@ -46,7 +46,7 @@ class Judgment:
     @property
     def chance(self) -> float:
         """That this gain comes by chance: candidates that were compared, by odds."""
-        return min(self.compared * math.exp(-self.nats), 1.0)
+        return min(self.compared * math.exp(-max(self.nats, 0.0)), 1.0)
 
     @property
     def named(self) -> bool:
