@@ -9,13 +9,14 @@ from typing import Any
 import tomli_w
 
 from hexsim.files.json_files import write_json
+from hexsim.inference.verdict import Judgment
 from hexsim.own.declaration import Declaration
 from hexsim.own.folder import OwnFolder, load_simulated
-from hexsim.own.model import START
+from hexsim.own.model import START, model_of
 from hexsim.own.run import CAPTION, report_of, residual, simulated
+from hexsim.own.trace import OwnTrace, trace_own
 from hexsim.recording.figure_style import png
 from hexsim.recording.report import data_url, render
-from hexsim.tracing.own.free_run import FreeTrace, Judgment, trace_free_run
 
 Progress = Callable[[str, float], None]
 
@@ -23,19 +24,19 @@ Progress = Callable[[str, float], None]
 def trace_simulated(
     folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = (), out: Path | None = None,
     progress: Progress = lambda step, share: None,
-) -> tuple[FreeTrace, dict[str, Any]]:  # fmt: skip
+) -> tuple[OwnTrace, dict[str, Any]]:  # fmt: skip
     """The trace of a folder that is simulated, and its report. Files go to `out` if given."""
     loaded = load_simulated(folder, fit, validate)
-    found = trace_free_run(loaded, progress)
+    found = trace_own(loaded, progress)
     with_effects = OwnFolder(
-        name=loaded.name, where=loaded.where, declaration=found.declaration, model=found.final.simulator.model,
+        name=loaded.name, where=loaded.where, declaration=found.declaration, model=model_of(found.declaration, loaded.where),
         fit=loaded.fit, validate=loaded.validate,
     )  # fmt: skip
     made = {log.name: simulated(found.final, log, loaded.where) for log in (*loaded.fit, *loaded.validate)}
     report = report_of(with_effects, found.final, {name: rms for name, (_, rms) in made.items()})
     report |= {
-        "verdict": found.verdict, "named": [step.candidate.title for step in found.steps], "held_out_runs": found.errors,
-        "candidates": [entry(one) for one in (*found.steps, *found.refused)],
+        "verdict": found.verdict, "named": [step.title for step in found.steps], "held_out_runs": found.errors,
+        "remarks": found.remarks, "candidates": [entry(one) for one in (*found.steps, *found.found.refused)],
     }  # fmt: skip
     if out is not None:
         progress("writing the report", 0.95)
@@ -58,17 +59,20 @@ def trace_simulated(
 
 
 def entry(one: Judgment) -> dict[str, Any]:
+    """Numbers of an effect carry their errors; held-out errors of every output, before and with it."""
+    named = {name: one.fitted for name in one.candidate.numbers if name in one.fitted.names}
     return {
-        "effect": one.candidate.title, "verdict": one.verdict, "why": one.why, "before": one.before.rms, "after": one.after.rms,
-        "nats": one.nats, "t": one.t, "tied": one.tied, "parts_before": one.before.fold_rms(), "parts_after": one.after.fold_rms(),
-        "numbers": {name: one.fitted.value(name) for name in one.candidate.numbers if name in one.fitted.names},
+        "effect": one.title, "verdict": one.verdict, "why": one.why, "nats": one.nats, "by_chance": one.chance,
+        "nats_of_parts": one.gains.tolist(), "tied": one.tied,
+        "held_out": {name: {"before": before, "after": after, "t": t} for name, (before, after, t) in one.errors.items()},
+        "numbers": {name: {"value": fitted.value(name), "standard_error": fitted.error(name)} for name, fitted in named.items()},
     }  # fmt: skip
 
 
-def as_file(found: FreeTrace, folder: Path) -> dict[str, Any]:
+def as_file(found: OwnTrace, folder: Path) -> dict[str, Any]:
     """The declaration with named effects in it, and the fitted numbers as starts."""
     asked: Declaration = found.declaration
-    known = dict(zip(found.final.names, found.final.values, strict=True))
+    known = dict(zip(found.final.names, found.final.theta, strict=True))
     parameters = {
         name: table.model_copy(update={"start": float(known[name])}) if name in known else table
         for name, table in asked.parameters.items()
