@@ -114,7 +114,7 @@ def size(rows: np.ndarray, axis: str, seconds: float) -> float:
 
 def test_felt_follows_what_is_asked_and_the_gain_scales_both(ahead):
     """0.15 g of heave at 1 Hz: flown 1.04 m/s2 rms, asked 0.3 of it, felt 0.6 to 1.05 of the washout's heave (plain control
-    lags, and its valves' dead band takes its share); with gain 0.5 half is asked, and felt no more than that; state and packets are said."""
+    lags, and its valves' dead band takes its share). With gain 0.5 half is asked, and less felt. State and packets are said."""
     ahead.fly(6.0, bumpy)
     shown = ahead.flight.shown()
     asked, felt = size(shown.asked, "heave", 2.0), size(shown.felt, "heave", 2.0)
