@@ -220,7 +220,7 @@ def test_packets_that_a_file_describes(tmp_path) -> None:
             protocol(str(path))
         assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
     with pytest.raises(
-        HexsimError, match="--from 'aces' is unknown: give one of flightgear, xplane, xplane12, xplane-rref"
+        HexsimError, match="--from 'aces' is unknown: give one of flightgear, jsbsim, xplane, xplane12, xplane-rref"
     ):
         protocol("aces")
 
