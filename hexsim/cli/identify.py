@@ -11,7 +11,7 @@ import typer
 from hexsim.cli import options
 from hexsim.cli.console import doing_of, output, print_json, progress, terminated_like_interrupted, text_table
 from hexsim.cli.errors import EXIT_CODE
-from hexsim.cli.serve import PORT
+from hexsim.cli.flown import PORT
 
 if TYPE_CHECKING:
     from hexsim.identification import Story

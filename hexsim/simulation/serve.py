@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from threading import Event
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,18 +73,23 @@ class Server:
     telemetry: send what the sensors read at the log rate (`motion_computer.telemetry`).  lockstep: machine time follows the
     host's packets, as fast as both can. record_s: so much from the start on is kept in `record`, for a run folder.
     start: "neutral" (pressure up, mid stroke) or "off" (on its stops, waiting for the host's start).
-    scenario: what manual mode plays.
+    scenario: what manual mode plays. furnish: adds to the scene (`Plant`), for who shows it; the legs are bodies then.
     """
 
     def __init__(
         self, machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
         scenario: Scenario | None = None, start: str = "neutral", timestep: float | None = None, seed: int = 0,
         telemetry: bool = False, lockstep: bool = False, record_s: float = 0.0, host_input: HostInput | None = None,
+        furnish: Callable[[Any], None] | None = None,
     ) -> None:  # fmt: skip
         if start not in ("neutral", "off"):
             raise HexsimError(f"start is {start!r}; give 'neutral' or 'off'")
         self.machine = machine
-        self.plant = Plant(machine, model="tendon", timestep=timestep)
+        self.plant = (
+            Plant(machine, model="tendon", timestep=timestep)
+            if furnish is None
+            else Plant(machine, model="full", timestep=timestep, furnish=furnish)
+        )
         self.tick_s = 1.0 / machine.controller.rate_Hz
         name, made = make_compensators(compensator, machine)
         self.messages: deque[tuple[float, int, str]] = deque(maxlen=KEPT)

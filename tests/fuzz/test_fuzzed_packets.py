@@ -33,7 +33,9 @@ VEHICLE_PACKETS = {
     "xplane12": [b"DATA*" + struct.pack("<i8f", 4, *SIX, 0, 0) + struct.pack("<i8f", 16, *SIX, 0, 0)],
     "xplane-rref": [b"RREF," + b"".join(struct.pack("<if", k, 0.1) for k in range(1, len(RREF_NAMES) + 1))],
     "outsim": [bytes(64), bytes(68), *(b"LFST" + bytes(size - 4) for size in sorted(OUTSIM2_SIZES))],
+    "beamng": [b"BNG1" + struct.pack("<21f", *[0.1] * 21)],
 }
+VEHICLE_PACKETS |= {"jsbsim": VEHICLE_PACKETS["flightgear"], "lfs": VEHICLE_PACKETS["outsim"]}
 LAYOUT = PacketLayout.model_validate(
     {"bytes": 40, "fields": {
         "time_s": {"type": "Q", "offset": 0}, "up_m_s2": {"type": "f", "offset": 8, "factor": 1e300},
