@@ -23,11 +23,14 @@ class Linear:
         self.channels, self.noises, self.x, self.y = ("y",), (np.nan,), x, y
         known = prior or {}
         self.numbers = [
-            Number(name=name, start=0.0, scale=1.0, mean=known.get(name, (np.nan,))[0], sd=known.get(name, (0, np.nan))[1])
+            Number(
+                name=name, start=0.0, scale=1.0, mean=known.get(name, (np.nan,))[0], sd=known.get(name, (0, np.nan))[1]
+            )
             for name in names
         ]
         self.stretches = [
-            Stretch(name=f"run{k}", group=f"part {k}", dt=0.01, weight=np.ones((len(one), 1))) for k, one in enumerate(y)
+            Stretch(name=f"run{k}", group=f"part {k}", dt=0.01, weight=np.ones((len(one), 1)))
+            for k, one in enumerate(y)
         ]
 
     def residuals(self, theta, at):
