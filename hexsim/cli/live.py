@@ -143,6 +143,7 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
     before = set(threading.enumerate())
     viewer = launch_passive(machine.model, machine.data, key_callback=pressed.put, show_left_ui=False)
     started = last = time.perf_counter()
+    said = 0
     with viewer, stop_when_signalled() as stop:
         frame_camera(viewer.cam, machine)
         while (
@@ -155,6 +156,9 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
                     press(machine, pressed.get())
                 machine.pull(viewer.perturb)
                 machine.advance(due)
+            for text in machine.cavitation.since(said):
+                typer.echo(f"warning: {text}", err=True)
+            said = machine.cavitation.count
             took = time.perf_counter() - now
             viewer.set_texts((None, TOP_LEFT, *overlay(machine, due, took)))
             viewer.sync()

@@ -85,7 +85,9 @@ def serve(
     address = f"{server.address[0]}:{server.address[1]}"
     tell(f"{with_machine.name} listens on udp://{address}, state {start}; Ctrl-C stops it")
     with server, stop_when_signalled() as stop:
-        status = server.run(duration, stop=stop, report=lambda now: tell(now.line()))
+        teller = Teller()
+        status = server.run(duration, stop=stop, report=teller)
+        teller.warn(status)
     if out and server.record:
         tell(f"stopped; writing {out} (Ctrl-C leaves it)")
         write(server.record.run(), out)
@@ -93,6 +95,22 @@ def serve(
         print_json({"address": address, **asdict(status)})
     else:
         print_status(status)
+
+
+class Teller:
+    """Says the line of a status, and each warning once."""
+
+    def __init__(self) -> None:
+        self.said = 0
+
+    def __call__(self, status: Status) -> None:
+        self.warn(status)
+        tell(status.line())
+
+    def warn(self, status: Status) -> None:
+        for text in status.new_warnings(self.said):
+            tell(f"warning: {text}")
+        self.said = status.cavitated
 
 
 def tell(text: str) -> None:

@@ -25,7 +25,7 @@ FORCE_m_s2, RATE_rad_s = 1.0, np.radians(10.0)  # of the vehicle's sine
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 SETTLE_S, PERIODS = 20.0, 2  # of the washout, six times its slowest default constant; then whole periods
 SOURCE = (
-    "ICAO 9625 OMCT: frequencies and tests as published in the literature on it (AIAA 2013-4834); no published number"
+    "[K] ICAO 9625 OMCT: frequencies and tests as commonly used, not held against the document; no published number"
 )
 
 # number and title; the vehicle's axis; what is felt: an axis

@@ -34,6 +34,7 @@ from hexsim.plant import Plant
 from hexsim.plant.callbacks import without_timers
 from hexsim.plant.plant import whole_ratio
 from hexsim.scenarios import Scenario, load_scenario
+from hexsim.simulation.cavitation_watch import CavitationWatch
 from hexsim.simulation.emergency_supply import EmergencySupply
 from hexsim.simulation.host_orders import HostOrders
 from hexsim.simulation.live_sensors import LiveSensors, Readings
@@ -110,6 +111,7 @@ class Server:
         self.sensors = LiveSensors(self.plant, self.tick_s / self.samples, seed)
         self.telemetry = TelemetryRows(self.plant, self.sensors, log_rate) if telemetry else None
         self.supply = EmergencySupply(self.plant)
+        self.cavitation = CavitationWatch(self.plant)
         self.latency = LatencyLog(self.tick_s, machine.mechanics.dof_places)
         self.status = Status()
         self.ticks, self._busy_s = 0, 0.0
@@ -222,6 +224,7 @@ class Server:
             if self.record:
                 self.record.before_tick()
             self.plant.tick(volts)
+            self.cavitation.note(self.tick_s / self.samples)
         if self.telemetry:  # without a host the rows go nowhere, and are not kept
             for packet in self.telemetry.packets():
                 if self.link.peer:
@@ -283,6 +286,7 @@ class Server:
                     report(self._present_status())
                     last_report = after
         self.status.latency_ms = self.latency.ms()
+        self.cavitation.end()
         return self._present_status()
 
     def _keep_time(self, early_s: float) -> float:
@@ -305,6 +309,7 @@ class Server:
         status.of_packets = self.link.refusals.line(self.link.counts["received"], self.link.protocol)
         status.silent_s = self.link.silent_s if isinstance(self.link, VehicleLink) else 0.0
         status.messages = list(self.messages)
+        status.cavitated, status.warnings = self.cavitation.count, list(self.cavitation.told)
         return status
 
 

@@ -202,13 +202,14 @@ def notes(shown: Shown, command: str) -> str:
         state = "settling: the figures need a whole period after a change"
     else:
         state = "figures of the last periods"
+    warned = "".join(f"<p>{html.escape(text)}</p>" for text in shown.warnings)
     slow = "" if shown.speed > 0.9 else f", {100 * shown.speed:.0f} % of real time"
     return (
         '<div style="font-size:13px;padding:4px 12px;line-height:1.45">'
         f"<p>Acceleration less its fundamental (in a motion that is no sine: less the command), in "
         f"{BANDWIDTH_Hz:.0f} Hz, about the last reversal at either end. "
         "Dashed: before the last change. The bump in the middle is what people feel.</p>"
-        f'<p id="hexsim-state">{shown.time_s:.1f} s{slow}; {state}</p>'
+        f'<p id="hexsim-state">{shown.time_s:.1f} s{slow}; {state}</p>{warned}'
         f'<p style="opacity:.75;margin-bottom:2px">The same without the page:</p>'
         f'<code id="hexsim-command" style="font-size:12px;overflow-wrap:anywhere">{unbroken(command)}</code></div>'
     )
