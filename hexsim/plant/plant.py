@@ -148,11 +148,11 @@ class Plant:
         at_spool: what a fault makes of the volts that reach the spools.
         """
         if at_spool is None:
-            stepping.tick(self.context, self.record, volts)
+            stepping.tick(self.context, self.record, volts, False)
             return
         stepping.apply_valve_delay_and_hysteresis(self.context, self.record, volts)
         self.context.spool_volts[:] = at_spool(self.context.spool_volts.copy())
-        stepping.advance(self.context, self.record)
+        stepping.advance(self.context, self.record, False)
 
     def sense(self) -> Array:
         """Piston positions (n_legs,) [m] of the present state, written down in the present row of `record`."""
