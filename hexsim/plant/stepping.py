@@ -24,7 +24,7 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from hexsim.compiled import compiled
+from hexsim.compiled import by_address, compiled
 from hexsim.hydraulics import leg, valve
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.steps import (
@@ -37,7 +37,8 @@ from hexsim.hydraulics.steps import (
     power_unit_steps,
 )
 from hexsim.hydraulics.supply import POWER_UNIT, S
-from hexsim.plant.callbacks import leg_state, supply_pressure, supply_state
+from hexsim.plant.callbacks import leg_state, offset, pointer_to, supply_pressure, supply_state
+from hexsim.plant.states import ROW
 from hexsim.plant.structs import time_view, timestep_view
 
 Array = NDArray[np.float64]
@@ -315,17 +316,18 @@ def note_middle(context, record, row, h, before_s):
 @compiled
 def asked_steps(context):
     """Steps a second [1/s] that legs and supply ask for in the state of the last evaluation, and whether a leg is near standstill."""
-    n_legs = context.offsets.shape[0]
+    n_legs, rows, act = context.offsets.shape[0], pointer_to(context.user), pointer_to(context.act)
     asked, near = 0.0, False
-    if context.user.shape[0] > n_legs and context.user[n_legs, S.MODEL] == POWER_UNIT:
-        s = context.user[n_legs]
-        _, _, _, pump_pressure, _, _ = supply_state(s[N_PARAMETERS:], context.act)
+    s = offset(rows, n_legs * ROW)
+    if context.user.shape[0] > n_legs and s[S.MODEL] == POWER_UNIT:
+        _, _, _, pump_pressure, _, _ = supply_state(offset(s, N_PARAMETERS), act)
         asked = power_unit_steps(s, pump_pressure)
     t = context.time[0]
     for i in range(n_legs):
-        p, v = context.user[i], context.leg_velocity[i]
-        Ps = supply_pressure(p, p[N_PARAMETERS:], context.act)
-        P1, P2, place, _, z = leg_state(p[N_PARAMETERS:], context.act, Ps)
+        p, v = offset(rows, i * ROW), context.leg_velocity[i]
+        places = offset(p, N_PARAMETERS)
+        Ps = supply_pressure(p, places, act)
+        P1, P2, place, _, z = leg_state(places, act, Ps)
         x = leg.metering_spool(p, context.ctrl[i], t, place)
         asked = max(asked, leg_steps(context.rule, p, context.leg_length[i] - context.offsets[i], v, x, P1, P2, Ps, z))
         near = near or near_standstill(p, v, context.velocity_before[i])
@@ -439,6 +441,19 @@ def tick(context, record, volts, is_located):
     """One tick under the volts (n_legs,) that the motion computer commands."""
     apply_valve_delay_and_hysteresis(context, record, volts)
     advance(context, record, is_located)
+
+
+@compiled
+def for_python(context, record, volts, senses, takes, advances):
+    """`sense`, `apply_valve_delay_and_hysteresis` and `advance` for callers in Python, each if it is asked for: one function,
+    since each has all that is below it compiled into it."""
+    context, record = by_address(context), by_address(record)
+    if senses:
+        sense(context, record)
+    if takes:
+        apply_valve_delay_and_hysteresis(context, record, volts)
+    if advances:
+        advance(context, record, senses and context.is_tendon)
 
 
 def mean_acceleration(record: Record, ticks: int, tick_s: float) -> Array:
