@@ -44,6 +44,7 @@ from hexsim.simulation.serve_latency import LatencyLog
 from hexsim.simulation.serve_record import ServeRecord
 from hexsim.simulation.serve_status import Status
 from hexsim.simulation.simulation import make_compensators
+from hexsim.simulation.stream import JsonStream
 from hexsim.simulation.telemetry import TelemetryRows
 from hexsim.simulation.vehicle_link import Vehicle, VehicleLink
 
@@ -75,13 +76,14 @@ class Server:
     host's packets, as fast as both can. record_s: so much from the start on is kept in `record`, for a run folder.
     start: "neutral" (pressure up, mid stroke) or "off" (on its stops, waiting for the host's start).
     scenario: what manual mode plays. furnish: adds to the scene (`Plant`), for who shows it; the legs are bodies then.
+    stream: takes the signals of every control tick.
     """
 
     def __init__(
         self, machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
         scenario: Scenario | None = None, start: str = "neutral", timestep: float | None = None, seed: int = 0,
         telemetry: bool = False, lockstep: bool = False, record_s: float = 0.0, host_input: HostInput | None = None,
-        furnish: Callable[[Any], None] | None = None,
+        furnish: Callable[[Any], None] | None = None, stream: JsonStream | None = None,
     ) -> None:  # fmt: skip
         if start not in ("neutral", "off"):
             raise HexsimError(f"start is {start!r}; give 'neutral' or 'off'")
@@ -110,6 +112,7 @@ class Server:
         self.plant.prepare(log_rate)
         self.sensors = LiveSensors(self.plant, self.tick_s / self.samples, seed)
         self.telemetry = TelemetryRows(self.plant, self.sensors, log_rate) if telemetry else None
+        self.stream = stream
         self.supply = EmergencySupply(self.plant)
         self.cavitation = CavitationWatch(self.plant)
         self.latency = LatencyLog(self.tick_s, machine.mechanics.dof_places)
@@ -149,6 +152,8 @@ class Server:
 
     def __exit__(self, *exc: object) -> None:
         self.link.close()
+        if self.stream:
+            self.stream.close()
 
     @property
     def compensator(self) -> str:
@@ -205,6 +210,8 @@ class Server:
             computer.last_packet_s = max(link.buffer.last_packet_s, computer.last_packet_s or 0.0)
         volts = computer.tick(now, self.orders.setpoints(now), *readings)
         self._step(volts, readings)
+        if self.stream:
+            self.stream.send(self, volts, readings)
         self.supply.tick(computer.pump_on, self.tick_s)
         self.ticks += 1
         if computer.state == State.NORMAL:
