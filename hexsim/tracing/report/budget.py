@@ -64,8 +64,11 @@ def waterfall(result: Trace) -> bytes:
         plot.set_xscale("log")
         plot.set_xlim(low, high * (high / low) ** (ROOM - 1.0))
         for k, (value, row) in enumerate(zip(drawn, own, strict=True)):
-            plot.annotate(f"{plain(scale * row['rms'] if np.isfinite(row['rms']) else value)} {unit}, {plain(row['multiple_of_noise'])} ×", (value, k), (4, 0),
-                          textcoords="offset points", va="center", fontsize="small")  # fmt: skip
+            shown_rms = scale * row["rms"] if np.isfinite(row["rms"]) else value
+            text = f"{plain(shown_rms)} {unit}, {plain(row['multiple_of_noise'])} ×"
+            plot.annotate(
+                text, (value, k), (4, 0), textcoords="offset points", va="center", fontsize="small"
+            )  # fmt: skip
         plot.set_yticks(range(len(own)), steps if plot in axes[:, 0] else [""] * len(own))
         plot.invert_yaxis()
         few = np.log10(high / low) > WIDE
