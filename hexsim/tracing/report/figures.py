@@ -122,7 +122,7 @@ def spectra(result: Trace, answers: Mapping[str, Log]) -> bytes:
         answer = channel_arrays(simulated)
         for plot, channel in zip(axes, channels, strict=False):
             rest = (problem.measured[0][channel] - answer[channel])[problem.settle(0) :]
-            if np.all(np.isfinite(rest)):
+            if np.all(np.isfinite(rest)) and np.ptp(rest) > 0.0:  # a constant one has no spectrum
                 f, power = density(rest, log.rate)
                 plot.loglog(f, SCALE[kind_of(channel)][3] * np.sqrt(power), color=COLOURS[name], lw=1.3)
     for plot, channel in zip(axes, channels, strict=False):
