@@ -52,7 +52,7 @@ FREQUENCY_Hz, LENGTH_S, FADE_S = 1.0, 8.0, 2.0  # of the repeatability's sines
 PILOT_m = (1.5, 0.5, 1.0)  # from the vehicle's centre of gravity: forward, left, up; the applicant's, here an example
 BAND_Hz = 50.0
 ONSET_PERIOD_S, ONSET_SHARE = 1.0, 0.1  # of the sine that sets in; an onset is this share of its asked peak
-ONSET_m_s2, ONSET_rad_s2 = 0.6, 0.6
+ONSET_m_s2, ONSET_rad_s2 = 0.3, 0.3  # 48 mm and 2.7 deg: far from the limits of a platform that carries people
 NOISE_S = 20.0
 
 
@@ -234,6 +234,8 @@ class _Host:
             felt[i] = self.server.plant.data.qacc[place]
         for _ in range(round(1.0 / tick)):
             self.send(np.zeros(6))
+        if self.server.computer.state != State.NORMAL:
+            raise HexsimError(f"motion onset: the machine left normal: {self.server.messages[-1][2]}")
         return t, asked, felt
 
 
