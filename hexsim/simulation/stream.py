@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import socket
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,6 @@ from hexsim.errors import HexsimError
 from hexsim.plant.readout import platform_signals
 from hexsim.signals.table import table
 from hexsim.simulation.live_sensors import Readings
-
-if TYPE_CHECKING:
-    from hexsim.simulation.serve import Server
 
 Array = NDArray[np.float64]
 PORT = 9870  # PlotJuggler's UDP server listens there by default
@@ -48,8 +45,8 @@ class JsonStream:
         """No more datagrams."""
         self.socket.close()
 
-    def send(self, server: Server, volts: Array, readings: Readings) -> None:
-        """The present tick: setpoints, readings, volts, and the true acceleration at its end."""
+    def send(self, server: Any, volts: Array, readings: Readings) -> None:
+        """The present tick of a `serve.Server`: setpoints, readings, volts, and the true acceleration at its end."""
         plant, computer = server.plant, server.computer
         position, bottom, supply, top = readings
         signals = {
