@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import socket
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hexsim.errors import HexsimError
+from hexsim.packets import address_of
 
 if TYPE_CHECKING:
     from hexsim.simulation.vehicle_link import Vehicle
@@ -36,14 +35,9 @@ def vehicle_of(source: str, strict: bool) -> Vehicle:
     name, at, where = source.partition("@")
     if name != "xplane-rref":
         return Vehicle(decode=protocol(source), name=source, strict=strict)
-    host, colon, port = where.partition(":")
-    if (at and not host) or (colon and not (port.isascii() and port.isdigit() and 0 < int(port) < 2**16)):
-        raise HexsimError(f"--from {source!r}: give xplane-rref, or xplane-rref@ADDRESS or xplane-rref@ADDRESS:PORT")
-    try:
-        address = socket.gethostbyname(host or LOOPBACK)
-    except (OSError, UnicodeError) as error:
-        raise HexsimError(f"--from {source!r}: {host} is no address of a computer ({error})") from None
+    allowed = "xplane-rref, or xplane-rref@ADDRESS or xplane-rref@ADDRESS:PORT"
+    address = address_of(where if at else LOOPBACK, XPLANE_PORT, f"--from {source!r}", allowed)
     return Vehicle(
-        decode=protocol(name), name=name, strict=strict, address=(address, int(port or XPLANE_PORT)),
+        decode=protocol(name), name=name, strict=strict, address=address,
         requests=tuple(rref_requests(RREF_RATE_Hz)), farewell=tuple(rref_requests(0)),
     )  # fmt: skip

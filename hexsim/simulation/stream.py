@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hexsim.errors import HexsimError
+from hexsim.packets import address_of
 from hexsim.plant.readout import platform_signals
 from hexsim.signals.table import table
 from hexsim.simulation.live_sensors import Readings
@@ -24,13 +24,7 @@ PORT = 9870  # PlotJuggler's UDP server listens there by default
 
 def stream_address(text: str) -> tuple[str, int]:
     """ADDRESS, or ADDRESS:PORT. Raises HexsimError."""
-    host, colon, port = text.partition(":")
-    if not host or (colon and not (port.isascii() and port.isdigit() and 0 < int(port) < 2**16)):
-        raise HexsimError(f"--stream {text!r}: give ADDRESS or ADDRESS:PORT, as 127.0.0.1:{PORT}")
-    try:
-        return socket.gethostbyname(host), int(port or PORT)
-    except (OSError, UnicodeError) as error:
-        raise HexsimError(f"--stream {text!r}: {host} is no address of a computer ({error})") from None
+    return address_of(text, PORT, f"--stream {text!r}", f"ADDRESS or ADDRESS:PORT, as 127.0.0.1:{PORT}")
 
 
 class JsonStream:
