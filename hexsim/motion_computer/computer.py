@@ -22,7 +22,8 @@ from hexsim.errors import HexsimError
 from hexsim.motion_computer.controller import Control
 from hexsim.motion_computer.errors import PUMP_STOPS, WARNINGS, Error, Finding
 from hexsim.motion_computer.guidance import Guidance, GuidedSetpoints
-from hexsim.motion_computer.monitors import LegMonitor, LoadMonitor, SupplyMonitor, Tolerances
+from hexsim.motion_computer.load_monitor import LoadMonitor
+from hexsim.motion_computer.monitors import LegMonitor, SupplyMonitor, Tolerances
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.motion_computer.states import MOVING, State, StateMachine
 
@@ -58,7 +59,7 @@ class MotionComputer:
         self.states = StateMachine(state, self._state_changed)
         self.legs = LegMonitor(machine, tolerances)
         self.supply = SupplyMonitor(machine, tolerances)
-        self.load = LoadMonitor(machine, machine.mechanics, tolerances)
+        self.load = LoadMonitor(machine, tolerances)
         self.tick_s = 1.0 / machine.controller.rate_Hz
         self.errors = Error.NONE
         self.events: deque[tuple[float, str, str, str]] = deque(maxlen=KEPT)  # (time_s, from, event, to)

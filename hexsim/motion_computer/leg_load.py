@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.machine.geometry import held_body
-from hexsim.mechanics.rigid_body import joint_wrenches, mass_matrix
+from hexsim.mechanics.mechanics import Mechanics
+from hexsim.mechanics.rigid_body import RigidBody, joint_wrenches, mass_matrix
 
 Array = NDArray[np.float64]
 NEUTRAL = np.zeros(6)
@@ -47,11 +48,19 @@ def holding_stiffness(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
 
 def holding_forces(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
     """Axial forces (n_legs,) [N] that hold the load at rest: J' F = -weight."""
-    none, mechanics = np.zeros((1, 6)), resolved.machine.mechanics
-    gravity = resolved.gravity_m_s2 @ mechanics.rotation(pose)
-    wrench = joint_wrenches(held_body(resolved), none, none[:, :3], gravity[None, :])[0]
-    in_world = mechanics.from_platform_frame(pose, wrench)
-    return np.linalg.lstsq(mechanics.jacobian(pose).T, in_world, rcond=None)[0].astype(np.float64)
+    still, mechanics = np.zeros(6), resolved.machine.mechanics
+    wrench = platform_wrench(held_body(resolved), resolved.gravity_m_s2, mechanics, pose, still, still)
+    return np.linalg.lstsq(mechanics.jacobian(pose).T, wrench, rcond=None)[0].astype(np.float64)
+
+
+def platform_wrench(
+    body: RigidBody, gravity_m_s2: Array, mechanics: Mechanics, pose: Array, twist: Array, twist_rate: Array
+) -> Array:
+    """Force and moment (6,) [N, N m] about the platform's origin that carry and move a body; all in the world's frame."""
+    rotation = mechanics.rotation(pose)
+    omega, gravity = np.ascontiguousarray((twist[3:] @ rotation)[None, :]), (gravity_m_s2 @ rotation)[None, :]
+    motion = mechanics.to_platform_frame(pose, twist_rate)
+    return mechanics.from_platform_frame(pose, joint_wrenches(body, motion[None, :], omega, gravity)[0])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
-from hexsim.mechanics.mechanics import Mechanics
 from hexsim.motion_computer.errors import Error, Finding
 
 Array = NDArray[np.float64]
@@ -227,65 +226,3 @@ class SupplyMonitor:
                 detail=f"supply at {supply_Pa / 1e5:.1f} bar, needed {self.low / 1e5:.1f}",
             )
         ]
-
-
-class LoadMonitor:
-    """Weight and centre of mass of what the legs carry, from their bottom pressures; a change is an error.
-
-    Thrusts f = P1 A1 - P2 A2, P2 = Ps, or Ps + Pt - P1 of a slow leg with both chambers on the valve. Wrench = J^T f at
-    the measured pose; centre = (-M_y, M_x)/F_z, each twice low-passed with `load_filter_s`. What the first
-    `load_learn_s` show is the reference. Friction passes as a false moment of some mm. Not on a bench, whose friction is
-    as large as its load.
-    """
-
-    EVERY = 10  # control ticks
-
-    def __init__(self, machine: Machine, kinematics: Mechanics, tolerances: Tolerances) -> None:
-        self.kinematics, self.tolerances = kinematics, tolerances
-        self.area_bottom = machine.of_legs("cylinder", "area_bottom_m2")
-        self.area_top = machine.of_legs("cylinder", "area_top_m2")
-        self.tank_Pa = machine.supply.tank_pressure_Pa if machine.cylinder.rod_side == "valve" else None
-        step = self.EVERY / machine.controller.rate_Hz
-        self._share = step / (step + tolerances.load_filter_s)
-        self._learn = max(1, round(tolerances.load_learn_s / step))
-        self._count = self._samples = 0
-        self._stages: list[Array] = []
-        self._sum = np.zeros(3)
-        self._pose = np.zeros(6)
-
-    def restart(self) -> None:
-        """Learn the reference anew."""
-        self._count = self._samples = 0
-        self._stages, self._sum = [], np.zeros(3)
-
-    def tick(self, positions: Array, pressures: Array | None, supply_Pa: float) -> list[Finding]:
-        self._count += 1
-        if not self.kinematics.has_platform or pressures is None or self._count % self.EVERY:
-            return []
-        if not np.isfinite(pressures).all():
-            return []
-        top = supply_Pa if self.tank_Pa is None else supply_Pa + self.tank_Pa - pressures
-        thrust = pressures * self.area_bottom - top * self.area_top
-        self._pose = self.kinematics.forward(positions, guess=self._pose)
-        load = (self.kinematics.jacobian(self._pose).T @ thrust)[2:5]  # F_z, M_x, M_y
-        if not self._stages:
-            self._stages = [load.copy(), load.copy()]
-        first, second = self._stages
-        first += self._share * (load - first)
-        second += self._share * (first - second)
-        self._samples += 1
-        if self._samples <= self._learn:
-            self._sum += load
-            second[:] = first[:] = self._sum / self._samples
-            return []
-        return self._compare(second, self._sum / self._learn)
-
-    def _compare(self, now: Array, before: Array) -> list[Finding]:
-        weight = max(abs(before[0]), 1.0)
-        change = (now[0] - before[0]) / weight
-        shift = float(np.hypot(*(now[1:] - before[1:]))) / weight
-        if abs(change) > self.tolerances.load_change:
-            return [Finding(error=Error.LOAD_SHIFTED, detail=f"the load changed by {100 * change:.0f} %")]
-        if shift > self.tolerances.load_shift_m:
-            return [Finding(error=Error.LOAD_SHIFTED, detail=f"its centre moved by {1000 * shift:.0f} mm")]
-        return []

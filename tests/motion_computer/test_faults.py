@@ -67,6 +67,36 @@ def test_a_shifted_payload_is_found_from_the_pressures() -> None:
     assert light.detected_s is None and light.state == "manual"
 
 
+PULSE_m_s2, TRAVEL_m = 0.6, 0.095
+
+
+@pytest.fixture(scope="module")
+def pulses(tmp_path_factory):
+    """Up by half of 95 mm, down by all of it and up again, each with 0.6 m/s2 and then -0.6 m/s2."""
+    time = np.arange(0.0, 8.0, 0.002)
+    asked = np.zeros_like(time)
+    for start, travel in ((1.2, 0.5 * TRAVEL_m), (3.6, -TRAVEL_m), (6.0, 0.5 * TRAVEL_m)):
+        half = np.sqrt(abs(travel) / PULSE_m_s2)
+        gone = np.clip(time - start, 0.0, 2 * half)
+        asked += np.sign(travel) * PULSE_m_s2 * (0.5 * gone**2 - np.maximum(gone - half, 0.0) ** 2)
+    path = tmp_path_factory.mktemp("pulses") / "pulses.csv"
+    np.savetxt(path, np.stack([time, asked], axis=1), delimiter=",", header="time_s,z_m", comments="")
+    return load_scenario(str(path))
+
+
+@pytest.mark.parametrize(("more_kg", "found"), [(50.0, False), (75.0, True), (-75.0, True)])
+def test_a_load_shifts_and_its_motion_does_not(pulses, more_kg, found) -> None:
+    """Accelerating down asks less of the legs, and friction up more: no load has shifted. 10 % of the weight are 61 kg
+    (platform 600 kg, of the legs 11): 75 kg more or less are found in the same motion within 3 s, 50 kg are not."""
+    fault = dict(kind="effect", effect="mass_change", parameters={"mass_kg": more_kg}, time_s=4.0)
+    run = faulty(fault, scenario=pulses)
+    texts = [(time, text) for time, _, text in run.summary["motion_computer"]["found"]]
+    assert bool(texts) is found
+    if found:
+        assert 4.0 < texts[0][0] < 7.0
+        assert texts[0][1] == f"load shifted: the load changed by {10 if more_kg > 0 else -10} %"
+
+
 @pytest.mark.parametrize("name", ["heave", "roll", "yaw", "combined", "sweep", "multisine"])
 def test_a_sound_machine_raises_no_error(name: str) -> None:
     """With the monitors on and nothing broken (a lag of 1000 Hz), no scenario ends in fault."""
