@@ -3,54 +3,118 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hexsim.cli.console import output, print_json, terminated_like_interrupted, text_table
-from hexsim.cli.work import doing, interruptible, leave
+from hexsim.cli.errors import say
+from hexsim.cli.work import doing, interruptible, leave, made
+from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
     from hexsim.files.run_folder import RunFolder
+    from hexsim.own.state_file import StateFile
 
 
-def trace_own_folder(folder: Path, fit: list[str], validate: list[str], out: Path | None, json: bool) -> None:
-    """A machine with balances of its own: balances.toml or balances.py."""
-    from hexsim.files.run_folder import default_folder, run_folder
+def trace(folder: Path, fit: list[str], validate: list[str], out: Path | None, json: bool) -> None:
+    """A machine of one's own: with states or outputs it is simulated, else its balances are formed."""
+    from hexsim.files.run_folder import default_folder
+    from hexsim.own.state_file import Asked, StateFile
+
+    out = out or default_folder(f"trace-{folder.resolve().name}")
+    asked = Asked(folder=str(folder.resolve()), fit=tuple(fit), validate=tuple(validate))
+    told(*traced(StateFile(out, asked), out), json)
+
+
+def is_unfinished(place: Path) -> bool:
+    """Whether a trace of a machine of one's own has stopped in this folder."""
+    from hexsim.own.state_file import FILE
+
+    return (place / FILE).is_file()
+
+
+def resume(place: Path, json: bool) -> None:
+    """Go on with a trace in its folder; the result is the same."""
+    from hexsim.own.state_file import StateFile
+
+    state = StateFile.of(place)
+    if not Path(state.asked.folder).is_dir():
+        raise HexsimError(
+            f"{state.asked.folder}, whose trace is in {place}, is not there any more: start the trace anew"
+        )
+    told(*traced(state, place), json)
+
+
+def traced(state: StateFile, out: Path) -> tuple[dict[str, Any], Path]:
+    """The report and its folder; whatever ends it early leaves what is known there, and the state."""
+    from hexsim.files.run_folder import run_folder
+    from hexsim.own.folder import is_simulated
+    from hexsim.own.trace_files import trace_simulated
     from hexsim.tracing.own.trace import trace_folder
 
-    with (
-        run_folder(out or default_folder(f"trace-{folder.resolve().name}")) as place,
-        doing() as show,
-        terminated_like_interrupted(),
-    ):
+    folder, asked = Path(state.asked.folder), state.asked
+    with made(out), run_folder(out) as place, doing() as show, terminated_like_interrupted():
         known: dict[str, Any] = {}
+
+        def work() -> dict[str, Any]:
+            run = trace_simulated if is_simulated(folder) else trace_folder
+            return run(folder, asked.fit, asked.validate, place.path, show, state=state, keep=known.update)[-1]
+
         try:
-            _, _, report = interruptible(
-                lambda: trace_folder(folder, fit, validate, place.path, show, lambda report: known.update(report))
-            )
+            report = interruptible(work)
         except KeyboardInterrupt:
-            leave(ended_early(known, place))
+            leave(f"interrupted by the user; {ended_early(known, state, place, 'it was interrupted')}")
+            raise
+        except Exception as error:
+            if not known:
+                raise
+            kept = ended_early(known, state, place, f"it failed: {type(error).__name__}: {error}")
+            if isinstance(error, HexsimError):
+                raise HexsimError(f"{error}; {kept}") from error
+            say(f"the trace failed; {kept}")
             raise
         final = place.finish()
-    if json:
-        print_json(report)
-        return
-    console = output()
-    print_own(report, console)
-    console.print(f"files    {final}")
+        state.forget()
+    return report, final
 
 
-def trace_free_run_folder(folder: Path, fit: list[str], validate: list[str], out: Path | None, json: bool) -> None:
-    """A machine of one's own that is simulated: model.toml with states or outputs."""
-    from hexsim.own.trace_files import trace_simulated
+def ended_early(known: dict[str, Any], state: StateFile, place: RunFolder, why: str) -> str:
+    """Keep what is known; what there is to say."""
+    from hexsim.files.json_files import write_json
+    from hexsim.own.trace_files import write_incomplete
 
-    name = f"trace-{folder.resolve().name}"
-    (_, report), final = whole_or_nothing(
-        out, name, lambda place, show: trace_simulated(folder, fit, validate, place, show)
-    )
+    state.settle()
+    if not known:
+        place.discard()
+        if state.entries:
+            return f"nothing new was known yet; hexsim trace --resume {place.out} goes on there"
+        with suppress(OSError):
+            place.out.rmdir()
+        return "nothing was known yet and nothing was kept"
+    if "numbers" in known:
+        write_incomplete(known, place.path, why)
+    else:
+        write_json(place.path / "report.json", known | {"incomplete": {"why": why}})
+    final = place.finish()
+    return f"what is known is in {final}; hexsim trace --resume {final} goes on there"
+
+
+def told(report: dict[str, Any], final: Path, json: bool) -> None:
+    """Print what was found."""
     if json:
         return print_json(report)
     console = output()
+    if "balances" in report:
+        print_own(report, console)
+    else:
+        print_candidates(report, console)
+        print_simulated(report, console)
+    console.print(f"files    {final}")
+
+
+def print_candidates(report: Mapping[str, Any], console: Any) -> None:
+    """Verdict and candidates of a machine that is simulated."""
     console.print(f"verdict  {report['verdict']}")
     rows = [
         (one["effect"], one["verdict"], f"{one['nats']:.1f}", name, f"{of['before']:.3g}", f"{of['after']:.3g}", one["why"])
@@ -60,8 +124,6 @@ def trace_free_run_folder(folder: Path, fit: list[str], validate: list[str], out
     console.print(text_table("Candidates that were fitted", header, rows))
     for line in report["remarks"]:
         console.print(f"  {line}")
-    print_simulated(report, console)
-    console.print(f"files    {final}")
 
 
 def run_own_folder(folder: Path, out: Path | None, json: bool) -> None:
@@ -149,18 +211,6 @@ def print_own(report: Mapping[str, Any], console: Any) -> None:
     if logs:
         console.print()
         console.print(text_table("What was read, repaired and moved", ("run", ""), logs))
-
-
-def ended_early(known: dict[str, Any], place: RunFolder) -> str:
-    """Keep the balances that are traced; what there is to say."""
-    from hexsim.files.json_files import write_json
-
-    if not known.get("balances"):
-        place.discard()
-        return "interrupted by the user; no balance was traced yet and nothing was kept"
-    names = ", ".join(balance["name"] for balance in known["balances"])
-    write_json(place.path / "report.json", known | {"incomplete": {"why": "it was interrupted"}})
-    return f"interrupted by the user; what is known of {names} is in report.json in {place.finish()}"
 
 
 OWN_STEPS = ("declared", "refit", "with_terms")

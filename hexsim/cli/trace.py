@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json as json_module
 import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +14,7 @@ import typer
 from hexsim.cli import completion, explain_effects, options, own_machine
 from hexsim.cli.console import output, print_json, terminated_like_interrupted, text_table
 from hexsim.cli.errors import say
-from hexsim.cli.work import doing, interruptible, leave
+from hexsim.cli.work import doing, interruptible, leave, made
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
@@ -88,17 +88,19 @@ def trace(
             raise HexsimError(
                 "--resume FOLDER goes on with the machine, logs and options that the trace there began with: give it alone"
             )
+        if own_machine.is_unfinished(resume):
+            if next_file is not None:
+                raise HexsimError(
+                    "--next designs a motion for a machine with machine.toml: this trace is of a machine of your own"
+                )
+            return own_machine.resume(resume, json)
         return told(*resumed(resume, next_file, recording), json)
     if machine is None:
         raise HexsimError("trace needs the folder of a machine; --list shows the effects, --explain EFFECT one of them")
     if is_own(machine):
         if mapping is not None:
             raise HexsimError("a machine with balances of its own has its mapping.toml in its folder: put it there")
-        from hexsim.own.folder import is_simulated
-
-        if is_simulated(machine):
-            return own_machine.trace_free_run_folder(machine, fit or [], validate or [], out, json)
-        return own_machine.trace_own_folder(machine, fit or [], validate or [], out, json)
+        return own_machine.trace(machine, fit or [], validate or [], out, json)
     carried = (load, loaded or [])
     names = (fit or ["fit"], validate or ["validate"])
     told(*trace_machine(machine, *names, out, next_file, recording, carried, mapping), json)
@@ -194,25 +196,6 @@ def traced(
         if next_file is not None:
             report["next"] = design_next(result, next_file, show)
     return report, final
-
-
-@contextmanager
-def made(out: Path) -> Iterator[None]:
-    """A folder that is there while something is written into it, and gone afterwards where nothing was."""
-    there = out.exists()
-    try:
-        if not there:
-            out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise HexsimError(
-            f"cannot write the folder {out}: {error.strerror or error}; give --out another place"
-        ) from None
-    try:
-        yield
-    finally:
-        if not there:
-            with suppress(OSError):
-                out.rmdir()
 
 
 def interrupted(latest: list[Trace], folder: RunFolder, writing: threading.Lock) -> str:

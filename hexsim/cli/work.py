@@ -6,10 +6,12 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TypeVar
 
 from hexsim.cli.console import doing_of, progress
+from hexsim.errors import HexsimError
 
 T = TypeVar("T")
 LOOK_S = 0.1  # between two looks whether the work is done: so soon a signal is answered
@@ -21,6 +23,25 @@ def doing() -> Iterator[Callable[[str, float], None]]:
     """A callback (what is being done, fraction done): see `progress`."""
     with progress() as bar:
         yield doing_of(bar, lambda: None)
+
+
+@contextmanager
+def made(out: Path) -> Iterator[None]:
+    """A folder that is there while something is written into it, and gone afterwards where nothing was."""
+    there = out.exists()
+    try:
+        if not there:
+            out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise HexsimError(
+            f"cannot write the folder {out}: {error.strerror or error}; give --out another place"
+        ) from None
+    try:
+        yield
+    finally:
+        if not there:
+            with suppress(OSError):
+                out.rmdir()
 
 
 def interruptible(work: Callable[[], T]) -> T:

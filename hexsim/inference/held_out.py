@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,19 +53,35 @@ def held_out(whole: Fit, evaluations: int = 15) -> HeldOut:
     groups = list(dict.fromkeys(stretch.group for stretch in problem.stretches))
     if len(groups) < 2:
         raise HexsimError("the logs are too short to hold a part of them out: give more motion")
-    rests: list[Array] = [np.zeros((0, 0))] * len(problem.stretches)
-    fits, density = [], []
+    fits = []
     for group in groups:
-        inside = [k for k, stretch in enumerate(problem.stretches) if stretch.group == group]
-        others = [k for k in range(len(problem.stretches)) if k not in inside]
-        own = fit(
-            problem, others, whole.theta, whole.spectra, evaluations, with_spread=False, white=False, keep_local=True
+        others = [k for k, stretch in enumerate(problem.stretches) if stretch.group != group]
+        fits.append(
+            fit(
+                problem,
+                others,
+                whole.theta,
+                whole.spectra,
+                evaluations,
+                with_spread=False,
+                white=False,
+                keep_local=True,
+            )
         )
-        fits.append(own)
+    return predicted(problem, fits)
+
+
+def predicted(problem: Problem, fits: Sequence[Fit]) -> HeldOut:
+    """Each group by the fit that has not seen it. fits: in the order of the groups."""
+    groups = list(dict.fromkeys(stretch.group for stretch in problem.stretches))
+    rests: list[Array] = [np.zeros((0, 0))] * len(problem.stretches)
+    density = []
+    for group, own in zip(groups, fits, strict=True):
+        inside = [k for k, stretch in enumerate(problem.stretches) if stretch.group == group]
         density.append(log_density(problem, inside, own))
         for k, rest in zip(inside, problem.residuals(own.theta, inside), strict=True):
             rests[k] = np.clip(np.where(np.isfinite(rest), rest, LOST), -LOST, LOST)
-    return HeldOut(problem=problem, groups=groups, density=np.array(density), rests=rests, fits=fits)
+    return HeldOut(problem=problem, groups=groups, density=np.array(density), rests=rests, fits=list(fits))
 
 
 def log_density(problem: Problem, at: list[int], own: Fit) -> float:

@@ -11,8 +11,9 @@ import numpy as np
 
 from hexsim.errors import HexsimError
 from hexsim.inference.contract import Problem
-from hexsim.inference.held_out import HeldOut, held_out
+from hexsim.inference.held_out import HeldOut
 from hexsim.inference.likelihood import Coefficients, Fit, fit, prior_of, whitened
+from hexsim.inference.notebook import Notebook
 from hexsim.inference.verdict import Judgment, held_against, judge, needed, whose_form_is_open, with_ties
 
 Array = np.ndarray
@@ -66,21 +67,32 @@ class Found:
 
 
 def search(
-    machine: Machine, tell: Callable[[str, float], None] = lambda what, share: None, most: int = MOST_EFFECTS
-) -> Found:
-    """What the machine lacks. Raises HexsimError where it cannot be run, or its motion cannot be parted."""
+    machine: Machine, tell: Callable[[str, float], None] = lambda what, share: None, most: int = MOST_EFFECTS,
+    notes: Notebook | None = None, keep: Callable[[Found], None] = lambda found: None,
+) -> Found:  # fmt: skip
+    """What the machine lacks. Raises HexsimError where it cannot be run, or its motion cannot be parted.
+
+    notes: fits of a search of the same machine that was broken off. keep: called with what is known after each round.
+    """
+    notes = notes or Notebook()
     tell("fitting the declared machine", 0.05)
-    now = base = fit(machine.problem(()))
-    held = base_held = held_out(base)
+    now, held = base, base_held = notes.attempt(machine, (), fit)
     steps: list[Judgment] = []
     refused: list[Judgment] = []
     doubted: list[Judgment] = []
     fits = [("declared", base)]
+
+    def known(judged: list[Judgment]) -> Found:
+        return Found(
+            base=base, base_held=base_held, steps=list(steps), refused=judged, final=now, final_held=held, fits=list(fits)
+        )  # fmt: skip
+
+    keep(known([]))
     for k in range(most):
         share = 0.1 + 0.8 * k / most
         tell(f"looking for what is missing, {k + 1}", share)
         judged, rivals = one_round(
-            machine, [step.candidate for step in steps], now, held, lambda what, share=share: tell(what, share)
+            machine, [step.candidate for step in steps], now, held, lambda what, share=share: tell(what, share), notes
         )
         best = next((one for one in judged if one.named), None)
         if best is None:
@@ -90,18 +102,20 @@ def search(
         steps.append(best)
         now, held = best.fitted, best.after
         fits.append((f"with {best.title}", now))
-    steps, now, held = pruned(machine, steps, now, held)
+        keep(known([one for one in judged if one is not best]))
+    steps, now, held = pruned(machine, steps, now, held, notes)
     titles = [one.title for one in doubted]
     if any(step.title in titles for step in steps):
         steps = [step for step in steps if step.title not in titles]
-        now = fitted_with(machine.problem([step.candidate for step in steps]), base, {})
-        held = held_out(now)
+        now, held = notes.attempt(
+            machine, [step.candidate for step in steps], lambda problem: fitted_with(problem, base, {})
+        )
         refused = [*doubted, *refused]
-    return Found(base=base, base_held=base_held, steps=steps, refused=refused, final=now, final_held=held, fits=fits)
+    return known(refused)
 
 
 def one_round(
-    machine: Machine, chosen: Sequence[Any], now: Fit, held: HeldOut, tell: Callable[[str], None]
+    machine: Machine, chosen: Sequence[Any], now: Fit, held: HeldOut, tell: Callable[[str], None], notes: Notebook
 ) -> tuple[list[Judgment], list[Judgment]]:
     """Candidates that were fitted in full, the best first, and free curves."""
     every = screened(machine, chosen, now)
@@ -120,12 +134,13 @@ def one_round(
         for candidate in candidates:
             tell(f"trying {candidate.title}")
             try:
-                after = fitted_with(machine.problem([*chosen, candidate]), now, candidate.begin)
-                found.append(
-                    judge(candidate, candidate.title, candidate.amplitude, after, held, held_out(after), len(ranked))
+                begin = candidate.begin
+                fitted, after = notes.attempt(
+                    machine, [*chosen, candidate], lambda problem, begin=begin: fitted_with(problem, now, begin)
                 )
             except HexsimError:
                 continue
+            found.append(judge(candidate, candidate.title, candidate.amplitude, fitted, held, after, len(ranked)))
         return found
 
     judged = judged_of(tried)
@@ -187,13 +202,14 @@ def promised(x: Array, y: Array, count: int, bounds: Sequence[tuple[float, float
     return 0.5 * float(with_it @ right - without @ right[:count])
 
 
-def pruned(machine: Machine, steps: list[Judgment], now: Fit, held: HeldOut) -> tuple[list[Judgment], Fit, HeldOut]:
+def pruned(
+    machine: Machine, steps: list[Judgment], now: Fit, held: HeldOut, notes: Notebook
+) -> tuple[list[Judgment], Fit, HeldOut]:
     """Without those that no longer earn their place beside what came in after them."""
     for step in list(steps[:-1]):
         others = [one.candidate for one in steps if one is not step]
         try:
-            without = fitted_with(machine.problem(others), now, {})
-            before = held_out(without)
+            without, before = notes.attempt(machine, others, lambda problem, now=now: fitted_with(problem, now, {}))
         except HexsimError:
             continue
         if float(np.sum(held.density - before.density)) < needed(1):

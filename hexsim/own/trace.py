@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hexsim.inference.likelihood import Fit
+from hexsim.inference.notebook import Notebook
 from hexsim.inference.search import Found, search
 from hexsim.inference.verdict import Judgment, changing
 from hexsim.own.declaration import Declaration
@@ -43,10 +44,18 @@ class OwnTrace:
         return self.found.final
 
 
-def trace_own(folder: OwnFolder, tell: Callable[[str, float], None] = lambda step, share: None) -> OwnTrace:
-    """Name what the folder's machine lacks. Raises HexsimError where it cannot be simulated."""
+def trace_own(
+    folder: OwnFolder, tell: Callable[[str, float], None] = lambda step, share: None, notes: Notebook | None = None,
+    keep: Callable[[OwnTrace], None] = lambda trace: None,
+) -> OwnTrace:  # fmt: skip
+    """Name what the folder's machine lacks. Raises HexsimError where it cannot be simulated. notes, keep: as in `search`."""
     machine = Simulated(folder)
-    found = search(machine, tell)
+    found = search(machine, tell, notes=notes, keep=lambda known: keep(traced(folder, machine, known)))
+    return traced(folder, machine, found)
+
+
+def traced(folder: OwnFolder, machine: Simulated, found: Found) -> OwnTrace:
+    """What is known, with the errors of free runs."""
     errors = {
         title: {log.name: simulated(made, log, folder.where)[1] for log in folder.validate}
         for title, made in found.fits

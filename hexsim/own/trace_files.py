@@ -14,6 +14,7 @@ from hexsim.own.declaration import Declaration
 from hexsim.own.folder import OwnFolder, load_simulated
 from hexsim.own.model import START, model_of
 from hexsim.own.run import CAPTION, report_of, residual, simulated
+from hexsim.own.state_file import StateFile
 from hexsim.own.trace import OwnTrace, trace_own
 from hexsim.recording.figure_style import png
 from hexsim.recording.report import data_url, render
@@ -23,39 +24,63 @@ Progress = Callable[[str, float], None]
 
 def trace_simulated(
     folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = (), out: Path | None = None,
-    progress: Progress = lambda step, share: None,
+    progress: Progress = lambda step, share: None, state: StateFile | None = None,
+    keep: Callable[[dict[str, Any]], None] = lambda report: None,
 ) -> tuple[OwnTrace, dict[str, Any]]:  # fmt: skip
-    """The trace of a folder that is simulated, and its report. Files go to `out` if given."""
+    """The trace of a folder that is simulated, and its report. Files go to `out` if given.
+
+    state: what was fitted until now, and where it is kept. keep: called with the report of what is known, after each round.
+    """
     loaded = load_simulated(folder, fit, validate)
-    found = trace_own(loaded, progress)
+    notes = None
+    if state is not None:
+        notes = state.notebook([Path(loaded.where), folder / "mapping.toml"], [*loaded.fit, *loaded.validate])
+    found = trace_own(loaded, progress, notes, lambda known: keep(content(loaded, known)[0]))
+    report, made = content(loaded, found)
+    if out is not None:
+        progress("writing the report", 0.95)
+        pictures = [
+            (data_url(png(residual(name, output, found.declaration.outputs[output].unit, table))), CAPTION)
+            for name, (table, rms) in made.items() for output in rms
+        ]  # fmt: skip
+        write_report(report, out, pictures)
+        (out / "model.toml").write_text(tomli_w.dumps(as_file(found, folder)), encoding="utf-8")
+        if (folder / "mapping.toml").is_file():
+            (out / "mapping.toml").write_bytes((folder / "mapping.toml").read_bytes())
+    progress("done", 1.0)
+    return found, report
+
+
+def content(loaded: OwnFolder, found: OwnTrace) -> tuple[dict[str, Any], dict[str, Any]]:
+    """(report.json, run -> (its free run, rms of each output))."""
     with_effects = OwnFolder(
         name=loaded.name, where=loaded.where, declaration=found.declaration, model=model_of(found.declaration, loaded.where),
         fit=loaded.fit, validate=loaded.validate,
     )  # fmt: skip
     made = {log.name: simulated(found.final, log, loaded.where) for log in (*loaded.fit, *loaded.validate)}
     report = report_of(with_effects, found.final, {name: rms for name, (_, rms) in made.items()})
-    report |= {
+    return report | {
         "verdict": found.verdict, "named": [step.title for step in found.steps], "held_out_runs": found.errors,
         "remarks": found.remarks, "candidates": [entry(one) for one in (*found.steps, *found.found.refused)],
-    }  # fmt: skip
-    if out is not None:
-        progress("writing the report", 0.95)
-        out.mkdir(parents=True, exist_ok=True)
-        write_json(out / "report.json", report)
-        pictures = [
-            (data_url(png(residual(name, output, found.declaration.outputs[output].unit, table))), CAPTION)
-            for name, (table, rms) in made.items() for output in rms
-        ]  # fmt: skip
-        text = render(
-            "own_run.html.j2", title=f"Trace of {loaded.name}", report=report, pictures=pictures, steps=report["candidates"],
-            verdict=found.verdict,
-        )  # fmt: skip
-        (out / "report.html").write_text(text, encoding="utf-8")
-        (out / "model.toml").write_text(tomli_w.dumps(as_file(found, folder)), encoding="utf-8")
-        if (folder / "mapping.toml").is_file():
-            (out / "mapping.toml").write_bytes((folder / "mapping.toml").read_bytes())
-    progress("done", 1.0)
-    return found, report
+    }, made  # fmt: skip
+
+
+def write_report(report: dict[str, Any], out: Path, pictures: Sequence[tuple[str, str]] = ()) -> None:
+    """report.json and report.html."""
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(out / "report.json", report)
+    text = render(
+        "own_run.html.j2", title=f"Trace of {report['machine']}", report=report, pictures=pictures, steps=report["candidates"],
+        verdict=report["verdict"],
+    )  # fmt: skip
+    (out / "report.html").write_text(text, encoding="utf-8")
+
+
+def write_incomplete(known: dict[str, Any], out: Path, why: str) -> None:
+    """The report of a trace that did not come to its end."""
+    so_far = f"; so far named: {' + '.join(known['named'])}" if known["named"] else ""
+    verdict = f"incomplete: the trace did not come to its end: {why}{so_far}"
+    write_report(known | {"verdict": verdict, "incomplete": {"why": why}}, out)
 
 
 def entry(one: Judgment) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hexsim.errors import HexsimError
+from hexsim.inference.notebook import Notebook
 from hexsim.inference.search import Found, search
 from hexsim.tracing.term_columns import Alignment, OwnBalance, Point, RunData, Term, aligned, late_by, refused, run_data
 from hexsim.tracing.term_rows import BalanceMachine
@@ -64,8 +65,8 @@ class OwnVerdict:
     alone: dict[str, str]
 
 
-def trace_own(balance: OwnBalance, points: Sequence[Point]) -> OwnVerdict:
-    """Nested held-out runs, then the verdict. Needs at least three runs.
+def trace_own(balance: OwnBalance, points: Sequence[Point], notes: Notebook | None = None) -> OwnVerdict:
+    """Nested held-out runs, then the verdict. Needs at least three runs. notes: as in `search`.
 
     Candidates that are all zero in a run, the target itself or collinear with another are left out by name.
     """
@@ -81,7 +82,7 @@ def trace_own(balance: OwnBalance, points: Sequence[Point]) -> OwnVerdict:
     usable = tuple(term for term in balance.candidates if term.name not in why)
     balance = replace(balance, candidates=usable)
     machine = BalanceMachine(balance, points)
-    found = search(machine)
+    found = search(machine, notes=notes)
     terms, traded = of_its_sign(balance, runs, machine.placed([step.candidate for step in found.steps]))
     tied = [*traded, *(tie.split(", odds")[0] for step in found.steps for tie in step.tied)]
     tied += [one.title for one in found.refused if one.verdict == "likely"]

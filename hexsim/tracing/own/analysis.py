@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hexsim.inference.notebook import Notebook
 from hexsim.tracing.own.alignment import MUCH
 from hexsim.tracing.own.events import Event, events, said
 from hexsim.tracing.own.folder import OwnMachine
@@ -45,9 +46,9 @@ class OwnTrace:
     spread: dict[str, tuple[Array, Array]]
 
 
-def trace_balance(balance: OwnBalance, machine: OwnMachine) -> OwnTrace:
+def trace_balance(balance: OwnBalance, machine: OwnMachine, notes: Notebook | None = None) -> OwnTrace:
     """The verdict, then the held-out runs with the final numbers, and what remains."""
-    verdict = trace_own(balance, machine.fit)
+    verdict = trace_own(balance, machine.fit, notes)
     runs = [run_data(balance, point) for point in machine.fit]
     scored = [run_data(balance, point) for point in machine.validate]
     terms = verdict.terms

@@ -12,9 +12,11 @@ import tomli_w
 
 from hexsim.files.json_files import write_json
 from hexsim.own.declaration import Declaration
+from hexsim.own.folder import FILES
+from hexsim.own.state_file import StateFile
 from hexsim.tracing.own.analysis import OwnTrace, next_step, trace_balance
 from hexsim.tracing.own.events import said
-from hexsim.tracing.own.folder import OwnMachine, load_own
+from hexsim.tracing.own.folder import MODULE, OwnMachine, load_own
 from hexsim.tracing.own.page import own_page
 
 Progress = Callable[[str, float], None]
@@ -23,16 +25,21 @@ Progress = Callable[[str, float], None]
 def trace_folder(
     folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = (), out: Path | None = None,
     progress: Progress | None = None, keep: Callable[[dict[str, Any]], None] = lambda report: None,
+    state: StateFile | None = None,
 ) -> tuple[OwnMachine, list[OwnTrace], dict[str, Any]]:  # fmt: skip
     """Every balance of the folder traced; report.json, report.html and fitted balances.toml in `out` if given. keep: called with the
-    report of the balances that are traced, as each ends."""
+    report of the balances that are traced, as each ends. state: what was fitted until now, and where it is kept."""
     tell, started = progress or (lambda step, share: None), time.perf_counter()
     tell("reading logs", 0.0)
     machine = load_own(folder, fit, validate)
+    notes = None
+    if state is not None:
+        files = [folder / name for name in (*FILES, MODULE, "mapping.toml")]
+        notes = state.notebook(files, [point.log for point in (*machine.fit, *machine.validate)])
     traces = []
     for k, balance in enumerate(machine.balances):
         tell(f"balance {balance.name}", 0.1 + 0.8 * k / len(machine.balances))
-        traces.append(trace_balance(balance, machine))
+        traces.append(trace_balance(balance, machine, notes))
         keep(report_of(machine, traces, time.perf_counter() - started))
     report = report_of(machine, traces, time.perf_counter() - started)
     if out is not None:
