@@ -6,7 +6,7 @@ import contextlib
 import shlex
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Annotated
 
@@ -129,7 +129,13 @@ def show_page(page: MachinePage, seconds: float | None) -> None:
     """Say the address and run, until Ctrl-C or for `seconds`."""
     typer.echo(f"{page.address}   open it in a browser on this computer; Ctrl-C ends it", err=True)
     with stop_when_signalled() as stop:
-        page.run(seconds, stop)
+        page.run(seconds, stop, warn)
+
+
+def warn(sentences: Sequence[str]) -> None:
+    """Each in a line of its own."""
+    for text in sentences:
+        typer.echo(f"warning: {text}", err=True)
 
 
 def show(machine: LiveMachine, seconds: float | None = None) -> None:
@@ -143,7 +149,6 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
     before = set(threading.enumerate())
     viewer = launch_passive(machine.model, machine.data, key_callback=pressed.put, show_left_ui=False)
     started = last = time.perf_counter()
-    said = 0
     with viewer, stop_when_signalled() as stop:
         frame_camera(viewer.cam, machine)
         while (
@@ -156,13 +161,13 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
                     press(machine, pressed.get())
                 machine.pull(viewer.perturb)
                 machine.advance(due)
-            for text in machine.cavitation.since(said):
-                typer.echo(f"warning: {text}", err=True)
-            said = machine.cavitation.count
+            warn(machine.cavitation.unsaid())
             took = time.perf_counter() - now
             viewer.set_texts((None, TOP_LEFT, *overlay(machine, due, took)))
             viewer.sync()
             time.sleep(max(0.0, FRAME_S - (time.perf_counter() - now)))
+    machine.cavitation.end()
+    warn(machine.cavitation.unsaid())
     for thread in set(threading.enumerate()) - before:  # the window's own: it must be gone before Python ends
         thread.join(timeout=CLOSING_S)
 

@@ -25,7 +25,7 @@ class CavitationWatch:
     """Watches the chambers of a plant. `told` has the last sentences, `count` says how many there were."""
 
     def __init__(self, plant: Plant) -> None:
-        self.plant, self.count = plant, 0
+        self.plant, self.count, self._said = plant, 0, 0
         self.told: deque[str] = deque(maxlen=KEPT)
         self._chambers = chambers(plant)
         self._open: dict[str, tuple[Cavitation, float]] = {}  # and when a void was last seen
@@ -38,14 +38,15 @@ class CavitationWatch:
         if self._open:
             self._close(float(self.plant.data.time))
 
-    def forget(self) -> None:
-        """The machine begins anew at time 0."""
-        self._open.clear()
-
     def since(self, count: int) -> list[str]:
         """Sentences after the first `count` ones, those that are still kept."""
         new = min(self.count - count, len(self.told))
         return list(self.told)[len(self.told) - new :]
+
+    def unsaid(self) -> list[str]:
+        """Sentences since the last call."""
+        found, self._said = self.since(self._said), self.count
+        return found
 
     def _add(self, tick_s: float) -> None:
         plant, now = self.plant, float(self.plant.data.time)
@@ -62,7 +63,7 @@ class CavitationWatch:
             self._open[place] = seen, now
 
     def end(self) -> None:
-        """The machine stops: say what is still open."""
+        """The machine stops, or begins anew at time 0: say what is still open."""
         self._close(np.inf)
 
     def _close(self, now: float) -> None:

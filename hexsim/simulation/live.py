@@ -151,7 +151,7 @@ class LiveMachine:
     def reset(self) -> None:
         """Neutral, at rest, sliders in the middle."""
         self.plant.reset()
-        self.cavitation.forget()
+        self.cavitation.end()
         self.sensors.restart()
         self.follower = Follower(position=np.zeros(len(self.dofs)), velocity=np.zeros(len(self.dofs)))
         self.tick, self._push_until_s = 0, -1.0

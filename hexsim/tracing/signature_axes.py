@@ -6,8 +6,10 @@ import numpy as np
 
 from hexsim.declaration import Machine
 from hexsim.signals.log import Log
+from hexsim.signals.table import accelerations_of
 from hexsim.signals.weak_form import Window
 from hexsim.tracing.balances import Balance
+from hexsim.tracing.balances.platform import shown_accelerations
 from hexsim.tracing.report.signals import SIGNALS
 from hexsim.tracing.steps.residuals import kept, signals_of
 
@@ -37,9 +39,7 @@ def picture_signals(log: Log, machine: Machine, where: str) -> tuple[dict[str, A
     found, v = signals_of(log, machine, where)
     window, at = Window(log.rate), kept(log)
     if where.startswith("platform"):
-        assert log.acceleration is not None and log.angular is not None
-        rows = {f"acceleration_{axis}_m_s2": row for axis, row in zip("xyz", log.acceleration, strict=True)}
-        rows |= {f"angular_acceleration_{axis}_rad_s2": row for axis, row in zip("xyz", log.angular, strict=True)}
+        rows = dict(zip(accelerations_of(6), shown_accelerations(log, machine), strict=True))
         return {name: window.mean(row)[at] for name, row in rows.items()} | {"time_s": found["time_s"]}, v
     leg = int(where.split()[1]) - 1 if where.startswith("leg") else 0
     top = log.signal("pressure_top")

@@ -141,6 +141,10 @@ class Flight:
             self._thread.join(timeout=STOP_S)
         self.link.close()
 
+    def new_warnings(self) -> list[str]:
+        """Since the last call; after `stop` those that were still open."""
+        return self.server.cavitation.unsaid()
+
     def _run(self) -> None:
         try:
             self.server.run(stop=self._stop, report=self._note)

@@ -29,6 +29,10 @@ class Simulated(Protocol):
 
     def shown(self) -> Any: ...
 
+    def new_warnings(self) -> list[str]:
+        """Since the last call; after `stop` those that were still open."""
+        ...
+
 
 class MachinePage:
     """Serves `session` on loopback until `close`. port: the first that is tried; `address` says which it became."""
@@ -45,17 +49,22 @@ class MachinePage:
         """With the token in it: whoever has it can move the machine."""
         return f"http://{LOOPBACK}:{self.server.get_port()}/{self.gate.token}"
 
-    def run(self, seconds: float | None = None, stop: threading.Event | None = None) -> None:
-        """Simulate and show, for `seconds`, until `close`, or until `stop` is set."""
+    def run(
+        self, seconds: float | None = None, stop: threading.Event | None = None,
+        warn: Callable[[list[str]], None] = lambda sentences: None,
+    ) -> None:  # fmt: skip
+        """Simulate and show, for `seconds`, until `close`, or until `stop` is set. warn: called with new warnings of the machine."""
         self._simulated.start(self._draw)
         end = math.inf if seconds is None else time.monotonic() + seconds
         try:
             while not self._closed.is_set() and not (stop and stop.is_set()) and time.monotonic() < end:
                 begun = time.monotonic()
                 self._show(self._simulated.shown())
+                warn(self._simulated.new_warnings())
                 time.sleep(max(REFRESH_S, 2.0 * (time.monotonic() - begun)))  # a third of one core at most
         finally:
             self._simulated.stop()
+            warn(self._simulated.new_warnings())
             with redirect_stdout(StringIO()):
                 self.server.stop()
 

@@ -76,6 +76,7 @@ class Session:
         self._since_s = self._settled_from()
         self._shown, self._error, self._speed = Shown(asked=self.asked), "", 1.0
         self._stop = threading.Event()
+        self._earlier: list[str] = []  # warnings of machines that were replaced
         self._thread: threading.Thread | None = None
         self.paused = False
 
@@ -94,6 +95,12 @@ class Session:
         self._stop.set()
         if self._thread is not None:
             self._thread.join(timeout=STOP_S)
+        self.live.cavitation.end()
+
+    def new_warnings(self) -> list[str]:
+        """Since the last call, of the machines that were built; after `stop` those that were still open."""
+        earlier, self._earlier = self._earlier, []
+        return earlier + self.live.cavitation.unsaid()
 
     def ask(self, asked: Asked) -> None:
         """Take effect at the next frame; what comes more often is taken together."""
@@ -154,7 +161,10 @@ class Session:
         if wanted.knobs != present.knobs:
             machine = machine_with(self.declared, wanted.knobs)
             if not self.live.become(machine):
-                self.live = LiveMachine(machine, scenario, wanted.compensator, observe=self._recent.note)
+                built = LiveMachine(machine, scenario, wanted.compensator, observe=self._recent.note)
+                self.live.cavitation.end()
+                self._earlier += self.live.cavitation.unsaid()
+                self.live = built
                 self._recent.forget()
                 return
         if scenario != self.live.motion.scenario:

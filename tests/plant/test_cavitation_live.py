@@ -4,9 +4,11 @@ import numpy as np
 
 from hexsim.hydraulics.parameters import P
 from hexsim.machine import load_machine
+from hexsim.scenarios import load_scenario
 from hexsim.simulation.live import LiveMachine
 from hexsim.simulation.run_warnings import cavitation_warnings
 from hexsim.simulation.serve import Server
+from hexsim.web import Session
 
 PULL_N = 5e3  # tears the bench's piston from its oil
 
@@ -33,6 +35,28 @@ def test_live_says_it_in_a_runs_sentence():
     wanted = cavitation_warnings(live.plant, live.tick_s / live.steps_a_tick, positions, act)
     assert len(wanted) == 1 and list(live.cavitation.told) == wanted
     assert "bottom chamber cavitated" in wanted[0]
+
+
+def test_a_void_that_is_open_at_the_end_is_said():
+    """The machine begins anew, or stops, while the piston hangs in a void: one sentence each, with the void as it was; none twice."""
+    live = LiveMachine(load_machine("bench"))
+    for _ in range(2):
+        pulled(live.plant, live.tick_s, lambda: live.advance(live.tick_s), [0.1], 0.15)
+        assert live.cavitation.unsaid() == []
+        live.plant.change_row(0, P.EXTRA_FORCE, 0.0)
+        live.reset()
+        [said] = live.cavitation.unsaid()
+        assert "bottom chamber cavitated once at 0.1" in said and live.cavitation.unsaid() == []
+
+
+def test_the_page_says_it_as_it_closes():
+    """A session that stops with a void open gives its sentence to whoever closed it, after those that it gave before."""
+    session = Session(load_machine("bench"), load_scenario("heave"))
+    pulled(session.live.plant, session.live.tick_s, lambda: session.live.advance(session.live.tick_s), [0.1, 2.1], 2.15)
+    assert len(session.new_warnings()) == 1
+    session.stop()
+    [last] = session.new_warnings()
+    assert "cavitated" in last and " at 2." in last and session.new_warnings() == []
 
 
 def test_serve_says_each_event_once():

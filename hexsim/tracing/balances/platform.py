@@ -1,7 +1,8 @@
 """Platform of a hexapod: r_J = sum f_i (u_i, r_i x u_i) - (F, M) of `mechanics.rigid_body`, six numbers  [N], [N m].
 
 f_i = P1 A1 - Ps A2 - friction of each leg at the measured point, u_i and r_i in the platform frame, a and w' as the
-accelerometers show them. Legs whole (continuity quiet) but r_J violated: payload, inertia, joints, friction.
+accelerometers show them; without these from the positions, in weak form.
+Legs whole (continuity quiet) but r_J violated: payload, inertia, joints, friction.
 """
 
 from __future__ import annotations
@@ -45,8 +46,7 @@ class Platform(Balance):
     one_cause = True
 
     def needs(self, machine: Machine) -> tuple[tuple[str, ...], ...]:
-        motion = ("acceleration", "angular_acceleration")
-        return tuple((*stems, *motion) for stems in force_pressures(machine)) if machine.is_hexapod else ()
+        return force_pressures(machine) if machine.is_hexapod else ()
 
     def places(self, log: Log) -> list[str]:
         return [f"platform {row}" for row in ROWS]
@@ -84,13 +84,14 @@ class PlatformMotion:
     """How the platform moved, from the pistons' positions alone; all in the platform frame.
 
     lines (n, 6, 6): rows (u_i, r_i x u_i) of the legs, wrench = thrusts . lines; rotation (n, 3, 3) to the world frame;
-    omega (n, 3) [rad/s]; poses (n, 6).
+    omega (n, 3) [rad/s]; poses (n, 6). accelerations (n, 6): (a, w') under the window, None of a log whose accelerometers show them.
     """
 
     poses: Array
     lines: Array
     rotation: Array
     omega: Array
+    accelerations: Array | None
 
     def gravity(self, resolved: Resolved) -> Array:
         """(n, 3) in the platform frame [m/s2]."""
@@ -115,11 +116,28 @@ def platform_motion(log: Log, resolved: Resolved, sensed: Sequence[SensedLeg]) -
         arms = np.cross(kinematics.platform_joints, directions)
         twist = np.linalg.solve(jacobian, np.stack([leg.mean_v for leg in sensed]).T[..., None])[..., 0]
         omega = np.einsum("nba,nb->na", rotation, twist[:, 3:])
+        weak = None
+        if not has_imu(log):
+            sharp, window = kinematics.forward(np.stack([leg.y for leg in sensed]).T, poses).T, Window(log.rate)
+            change = kinematics.twist_rate(poses, window.rate(sharp).T, window.second_rate(sharp).T)
+            weak = kinematics.to_platform_frame(poses, change)
         return PlatformMotion(
-            poses=poses, lines=np.concatenate([directions, arms], axis=-1), rotation=rotation, omega=omega
-        )
+            poses=poses, lines=np.concatenate([directions, arms], axis=-1), rotation=rotation, omega=omega, accelerations=weak
+        )  # fmt: skip
 
     return remembered(log, ("platform", built, settings), moved)
+
+
+def has_imu(log: Log) -> bool:
+    """Do accelerometers show all six accelerations of the platform?"""
+    return log.acceleration is not None and log.angular is not None
+
+
+def accelerations_of(log: Log, resolved: Resolved, motion: PlatformMotion) -> Array:
+    """(a, w') (n, 6) of the platform's origin, in its frame: as its accelerometers show them, else from the positions, under the
+    window."""
+    found = felt_by_imu(log, resolved, motion.omega) if motion.accelerations is None else motion.accelerations
+    return np.ascontiguousarray(found)
 
 
 def felt_by_imu(log: Log, resolved: Resolved, omega: Array) -> Array:
@@ -152,14 +170,25 @@ def wrench_residual(log: Log, machine: Machine, at: slice = WHOLE) -> tuple[Arra
     for i, (row, point) in enumerate(zip(resolved.rows, points, strict=True)):
         thrusts[:, i] = latest(log, ("thrust", i), thrust_key(resolved, i), partial(leg_thrust, row, point))
     wrench = (thrusts[:, None] @ motion.lines)[:, 0].T
-    acceleration, gravity = np.ascontiguousarray(felt_by_imu(log, resolved, motion.omega)), motion.gravity(resolved)
+    acceleration, gravity = accelerations_of(log, resolved, motion), motion.gravity(resolved)
     asked = joint_wrenches(body, acceleration, motion.omega, gravity) + acceleration @ legs_beyond_body(resolved)
     for mode in resolved.payload_modes:
         spring = suspension(mode, resolved.gravity_m_s2)
         felt = (point_accelerations(spring.place, acceleration, motion.omega) - gravity) @ np.array(spring.axis)
         travel, rate = ride(spring, felt, log.rate)
         add_ride_wrenches(asked, spring, acceleration, motion.omega, gravity, travel, rate)
+    if motion.accelerations is not None:  # under the window already
+        return window.mean(wrench) - asked.T[:, at], motion.lines[at]
     return window.mean(wrench - asked.T), motion.lines[at]
+
+
+def shown_accelerations(log: Log, machine: Machine) -> Array:
+    """(6, n) as the accelerometers show them, else from the positions, under the window."""
+    if log.acceleration is not None and log.angular is not None:
+        return np.concatenate([log.acceleration, log.angular])
+    resolved = resolved_machine(machine)
+    sensed = [measured_point(log, machine, resolved, i).sensed for i in range(6)]
+    return accelerations_of(log, resolved, platform_motion(log, resolved, sensed)).T
 
 
 def felt_by_load(log: Log, machine: Machine) -> Array:
@@ -167,7 +196,7 @@ def felt_by_load(log: Log, machine: Machine) -> Array:
     resolved = resolved_machine(machine)
     sensed = [measured_point(log, machine, resolved, i).sensed for i in range(6)]
     motion = platform_motion(log, resolved, sensed)
-    acceleration = np.ascontiguousarray(felt_by_imu(log, resolved, motion.omega))
+    acceleration = accelerations_of(log, resolved, motion)
     centre = moving_body(resolved, log.loaded).centre
     return (point_accelerations(centre, acceleration, motion.omega) - motion.gravity(resolved)).T
 
