@@ -122,7 +122,13 @@ def place_on(grid: Grid, group: ClockGroup, base: ClockGroup) -> Array:
 
 def put(grid: Grid, group: ClockGroup, name: str, place: Array, x: Array) -> None:
     """A signal at places (m,) on the grid: held, or between its samples, missing in its holes."""
+    apart = np.append(True, np.diff(place) > 2 * EVEN)  # stamps that fall together are one
+    place, x = place[apart], x[apart]
     points = np.arange(grid.n, dtype=float)
+    if len(place) < 2:
+        grid.columns[name] = np.full(grid.n, np.nan)
+        grid.notes.setdefault(name, []).append("all samples have the same time: left out")
+        return
     usual, steps = periods(place), np.diff(place)
     after = np.clip(np.searchsorted(place, points), 1, len(place) - 1)
     before = after - 1

@@ -15,6 +15,14 @@ PIECE = 1 << 20  # bytes that are inflated at once where only their number count
 UNPACKED = 8 * MAX_CELLS  # bytes
 ELEMENTS = 200_000  # arrays of a MAT-file, those in structs and cells too
 MATRIX, COMPRESSED = 14, 15  # kinds of elements of a MAT-file of version 5
+KINDS = {
+    *range(1, 8),
+    9,
+    *range(12, 19),
+}  # that there are: numbers of 1 to 8 bytes, matrix, compressed, UTF-8 to UTF-32
+HDF5 = 2  # in a MAT-file's header: version 7.3
+FLAGS, COMPLEX = 6, 0x800  # kind of an array's first part, and one of its bits
+CELL, STRUCT, OBJECT, SPARSE, OPAQUE = 1, 2, 3, 5, (16, 17)  # classes of arrays
 NESTED = 20  # structs in structs
 
 
@@ -28,10 +36,11 @@ def inflated(packed: bytes, most: int) -> bytes:
 
 
 def check_mat(path: Path) -> None:
-    """A MAT-file of version 5 by the dimensions of its arrays, wherever they stand. HexsimError where they are too large."""
+    """A MAT-file of version 5 by kinds and dimensions of its arrays, wherever they stand. HexsimError where they are too large, or of
+    a kind that is none."""
     data = path.read_bytes()
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
-    if order is None:  # version 4 packs nothing
+    if order is None or data[125 if order == "<" else 124] == HDF5:  # version 4 packs nothing
         return
     cells = elements = size = 0
     waiting: list[tuple[bytes, int, int, int]] = [(data, 128, len(data), 0)]
@@ -39,6 +48,9 @@ def check_mat(path: Path) -> None:
         inside, start, end, depth = waiting.pop()
         for kind, at, length in tags(inside, start, end, order):
             elements += 1
+            if kind not in KINDS or (kind == MATRIX and length and not is_whole(inside, at, at + length, order)):
+                # scipy looks a kind up beyond the end of its table, and reads on behind an array that lacks a part
+                raise HexsimError(f"cannot read {path} as MAT-file: it is damaged")
             if kind == COMPRESSED:
                 whole = inflated(inside[at : at + length], UNPACKED - size)
                 size += len(whole)
@@ -65,6 +77,27 @@ def tags(data: bytes, start: int, end: int, order: str) -> Iterator[tuple[int, i
             return
         yield first, at + 8, length
         at += 8 + length + (0 if first == COMPRESSED else -length % 8)
+
+
+def is_whole(data: bytes, start: int, end: int, order: str) -> bool:
+    """Has the array whose content stands there the parts that its class asks for ("MAT-File Format", MathWorks, table 1-3)?"""
+    parts = list(tags(data, start, end, order))
+    if [kind for kind, _, _ in parts[:1]] != [FLAGS] or parts[0][2] != 8:
+        return False
+    [flags] = struct.unpack_from(f"{order}I", data, parts[0][1])
+    family, cells = flags & 0xFF, math.prod(dimensions(data, start, end, order))
+    if family in OPAQUE:
+        return True
+    if family in (STRUCT, OBJECT):
+        head = parts[3:] if family == STRUCT else parts[4:]
+        if len(head) < 2 or head[0][2] != 4:
+            return False
+        [width] = struct.unpack_from(f"{order}i", data, head[0][1])
+        needed = len(parts) - len(head) + 2 + (head[1][2] // width * cells if width > 0 else 0)
+    else:
+        needed = {CELL: 3 + cells, SPARSE: 6}.get(family, 4) + bool(flags & COMPLEX)
+    nested = family in (CELL, STRUCT, OBJECT)
+    return len(parts) >= needed and (nested or all(kind != MATRIX for kind, _, _ in parts))
 
 
 def dimensions(data: bytes, start: int, end: int, order: str) -> list[int]:

@@ -305,3 +305,39 @@ def test_truncated_and_mutated_files(whole, work, ending, data):
         assert "\n" not in str(error) and len(str(error)) < 3000
         return
     assert all(np.isfinite(x).all() for x in log.columns.values())
+
+
+MAT_PLACES = {  # byte -> value: what scipy reads beyond its tables or behind an array
+    "a kind of element that there is not": (184, 0xE8),
+    "complex without an imaginary part": (145, 0x08),
+    "a struct without its fields": (144, 0x02),
+    "cells that are none": (144, 0x01),
+}
+
+
+@pytest.mark.parametrize("what", MAT_PLACES)
+def test_a_damaged_mat_file_is_a_sentence_and_no_crash(tmp_path, what):
+    """One byte of a MAT-file of version 5: refused before scipy reads it, which ends the process with a segmentation fault."""
+    path = tmp_path / "run.mat"
+    time = np.arange(600) * 1e-3
+    scipy.io.savemat(path, {"time_s": time, "position_m": 0.1 + 0.01 * np.sin(9.0 * time)})
+    assert len(read_log(path).time) == 600
+    damaged = bytearray(path.read_bytes())
+    place, value = MAT_PLACES[what]
+    damaged[place] = value
+    path.write_bytes(damaged)
+    with pytest.raises(HexsimError, match=r"cannot read .*run\.mat as MAT-file: it is damaged"):
+        read_log(path)
+
+
+def test_stamps_that_fall_together_are_one(tmp_path):
+    """A time of which one digit is damaged stands on another's place of the grid: a finding, no traceback."""
+    path = tmp_path / "run.csv"
+    time = np.arange(600) * 1e-3
+    time[300] = time[301] - 1e-9
+    table = np.stack([time, 0.1 + 0.01 * np.sin(9.0 * time)], axis=1)
+    np.savetxt(path, table, delimiter=",", header="time_s,position_m", comments="", fmt="%.9f")
+    log = read_log(path)
+    seen = np.isfinite(log.columns["position_m"])
+    assert seen.sum() > 590
+    assert np.abs(log.columns["position_m"] - 0.1 - 0.01 * np.sin(9.0 * log.time))[seen].max() < 1e-4
