@@ -46,6 +46,9 @@ def read_stretches(
         settle(group)
         blank_bad_values(group, possible, markers)
     groups = [group for group in groups if group.signals]
+    if not groups:
+        lost = [loss for loss in raw.losses if loss.endswith("left out")]
+        raise HexsimError(f"{path} has no signal that is as long as its time: {'; '.join(lost[:3]) or 'it is damaged'}")
     slowest_Hz = SLOWEST_OWN_Hz if kind == "own" else RATES_Hz[0]
     grid = on_one_grid(groups, {name: channel.delay_s for name, channel in mapping.columns.items()}, slowest_Hz)
     fill(grid, {name for group in groups for name in group.held})

@@ -341,3 +341,13 @@ def test_stamps_that_fall_together_are_one(tmp_path):
     seen = np.isfinite(log.columns["position_m"])
     assert seen.sum() > 590
     assert np.abs(log.columns["position_m"] - 0.1 - 0.01 * np.sin(9.0 * log.time))[seen].max() < 1e-4
+
+
+def test_signals_of_another_length_than_their_time_are_said(tmp_path):
+    """A file that was cut in its second channel: one sentence with both lengths."""
+    path = tmp_path / "run.npz"
+    np.savez(path, time_s=T, position_m=COLUMNS["position_m"][:354])
+    with pytest.raises(
+        HexsimError, match="no signal that is as long as its time: column position_m has 354 values, its time 600"
+    ):
+        read_log(path)
