@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
+import scipy
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from hexsim.recording import palette
 from hexsim.recording.figure_parts import (
@@ -219,7 +219,7 @@ def spectrum(signals: Signals) -> Figure | None:
     late = raw[len(signals.time_s) - len(found.time_s) :]
     for values, color, label in ((late, palette.RAW, "acceleration"), (found.raw, palette.DEVIATION, "deviation")):
         length = min(len(values), round(SEGMENT_S * rate))
-        frequency, density = welch(values, fs=rate, nperseg=length, detrend="constant")
+        frequency, density = scipy.signal.welch(values, fs=rate, nperseg=length, detrend="constant")
         inside = (frequency > 0) & (frequency <= SPECTRUM_MAX_Hz)
         plot.loglog(frequency[inside], np.sqrt(density[inside]), color=color, lw=1.2, label=label)
     plot.axvline(found.bandwidth_Hz, color=palette.REFERENCE, lw=1.0, ls=":", label=f"band {found.bandwidth_Hz:g} Hz")
