@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hexsim.recording import palette
-from hexsim.recording.figure_style import legend, new_figure, styled
+from hexsim.recording.figure_style import STACKED, legend, new_figure, styled
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit_text
 from hexsim.recording.summary_table import number
 from hexsim.smoothness import ReversalBump, deviation_from_command, reversal_bumps
@@ -43,7 +43,10 @@ def bump_chart(runs: Mapping[str, Signals], axis: str) -> Figure | None:
     if not found:
         return None
     figure, plots = new_figure(
-        1, f"{AXIS_NAMES[axis].capitalize()}: bump of each reversal, 50 Hz band [{axis_unit_text(axis)}]", heights=[3.0]
+        1,
+        f"{AXIS_NAMES[axis].capitalize()}: bump of each reversal, 50 Hz band [{axis_unit_text(axis)}]",
+        heights=[3.0],
+        margins=STACKED,
     )
     for k, (name, bumps) in enumerate(found.items()):
         colour = palette.RUNS[k % len(palette.RUNS)]
