@@ -1,5 +1,5 @@
-# pyright: reportCallIssue=false
-# (numba's intrinsics are called without their typing context)
+# pyright: reportCallIssue=false, reportAttributeAccessIssue=false
+# (numba's intrinsics are called without their typing context; MuJoCo's bindings carry no types)
 """From the states of a run to physical signals: legs, oil, platform. Vectorised over the rows of a run."""
 
 from __future__ import annotations
