@@ -1,8 +1,9 @@
-"""Processor seconds of commands, today's tree and an older commit in turn: `python benchmarks/command_speed.py`.
+"""Processor seconds of commands, today's tree and an older commit in turn: `python benchmarks/command_speed.py --first`.
 
-Writes "commands" in docs/results/speed.json and the page docs/results/speed.md. Each row is a process of its own (user and
-system time), the trees in turn, the median of all rounds; both compile in a first round, of which the row of the first run is
-taken. Other work on the machine raises both sides: read the ratios. A tree and a cache that --keep FOLDER has are used again.
+Writes "commands" in docs/results/speed.json and the table of docs/results/speed.md. Each row is a process of its own (user and
+system time), the trees in turn, the median of all rounds, with warm caches; --first also measures a first run of each tree, which
+compiles. Other work on the machine raises both sides: read the ratios. With --keep FOLDER the older tree and both caches
+stay there for the next time. --rows TEXT measures the rows that contain it; other rows stay as they were.
 """
 
 from __future__ import annotations
@@ -66,12 +67,13 @@ class Side:
         }  # fmt: skip
         self.is_new = not cache.exists()
 
-    def measure(self, command: tuple[str, ...]) -> float:
-        """Processor time of a command [s], or the number that its code prints."""
+    def measure(self, command: tuple[str, ...], cache: str | None = None) -> float:
+        """Processor time of a command [s], or the number that its code prints. cache: another folder of compiled code."""
+        environment = self.environment | ({"NUMBA_CACHE_DIR": cache} if cache else {})
         with tempfile.TemporaryDirectory() as folder:
             whole = [sys.executable, *command, *([f"{folder}/out"] if command[-1] == "--out" else [])]
             process = subprocess.Popen(
-                whole, env=self.environment, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+                whole, env=environment, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
             )
             assert process.stdout is not None
             printed = process.stdout.read()
@@ -80,6 +82,11 @@ class Side:
         if process.returncode:
             raise SystemExit(f"{self.name}: {' '.join(command)} ended with {process.returncode}")
         return float(printed) if command[-1] == RATE else usage.ru_utime + usage.ru_stime
+
+    def note(self, row: str, value: float) -> None:
+        """One more value of a row."""
+        self.values[row].append(value)
+        print(f"{self.name}: {row}: {value:.2f}", flush=True)
 
 
 def older_tree(commit: str, place: Path) -> Path:
@@ -90,18 +97,18 @@ def older_tree(commit: str, place: Path) -> Path:
     return place
 
 
-def measured(sides: list[Side], rounds: int) -> None:
-    """All rows of all sides in turn; what compiles first is no part of them, but for the row of the first run."""
+def measured(sides: list[Side], rows: list[str], rounds: int, first: bool) -> None:
+    """Rows of all sides in turn, once their caches are filled."""
+    for side in sides if first else []:
+        with tempfile.TemporaryDirectory() as cache:
+            side.note(FIRST, side.measure(COMPILES, cache))
     for side in sides:
-        if side.is_new:
-            side.values[FIRST].append(side.measure(COMPILES))
-            for command in ROWS.values():
-                side.measure(command)
+        for row in rows if side.is_new else []:
+            side.measure(ROWS[row])
     for _ in range(rounds):
-        for row, command in ROWS.items():
+        for row in rows:
             for side in sides:
-                side.values[row].append(side.measure(command))
-                print(f"{side.name}: {row}: {side.values[row][-1]:.2f}", flush=True)
+                side.note(row, side.measure(ROWS[row]))
 
 
 def table_of(before: Side, now: Side) -> list[dict[str, object]]:
@@ -130,7 +137,10 @@ def main() -> None:
     parser.add_argument("--against", default="02da0ba", help="the older commit")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--keep", type=Path, help="folder of the older tree and both caches, made where there is none")
+    parser.add_argument("--first", action="store_true", help="also a first run, which compiles")
+    parser.add_argument("--rows", default="", help="part of the names of the rows to measure")
     arguments = parser.parse_args()
+    chosen = [row for row in ROWS if arguments.rows in row]
     with tempfile.TemporaryDirectory() as thrown_away:
         place = (arguments.keep or Path(thrown_away)).resolve()
         place.mkdir(parents=True, exist_ok=True)
@@ -138,15 +148,14 @@ def main() -> None:
         try:
             before = Side(arguments.against, tree, place / f"cache_{arguments.against}")
             now = Side("now", ROOT, place / "cache_now")
-            measured([before, now], arguments.rounds)
+            measured([before, now], chosen, arguments.rounds, arguments.first)
         finally:
             if arguments.keep is None:
                 subprocess.run(["git", "-C", ROOT, "worktree", "remove", "--force", tree], check=True)
-    rows = table_of(before, now)
     kept = json.loads(RESULT.read_text(encoding="utf-8"))
-    old_first = {row["what"]: row for row in kept.get("commands", {}).get("rows", [])}
-    if not before.values[FIRST] and FIRST in old_first:  # both caches were warm: that row was not measured again
-        rows.insert(0, old_first[FIRST])
+    known = {row["what"]: row for row in kept.get("commands", {}).get("rows", [])}
+    known |= {row["what"]: row for row in table_of(before, now)}
+    rows = [known[row] for row in (FIRST, *ROWS) if row in known]
     commit = subprocess.run(
         ["git", "-C", ROOT, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True
     )
