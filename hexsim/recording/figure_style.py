@@ -92,8 +92,8 @@ TITLED = Margins(across=0.72, between=0.82)  # plots with a title of their own a
 TIGHT = Margins(across=0.55, between=0.32)  # one time axis a column, labelled at the bottom
 
 
-def _figure(width: float, height: float, title: str, layout: str | None) -> Figure:
-    figure = Figure(figsize=(width, height), layout=layout)
+def _figure(width: float, height: float, title: str, is_constrained: bool) -> Figure:
+    figure = Figure(figsize=(width, height), layout="constrained" if is_constrained else None)
     FigureCanvasAgg(figure)
     figure.suptitle(title, x=0.01, y=1.0 - 0.08 / height, ha="left", va="top", fontsize=12, fontweight="bold")
     return figure
@@ -109,7 +109,7 @@ def new_figure(
     """Plots under each other. `heights`: share of each. margins: None finds out what the labels need."""
     shares = list(heights or [1.5] * rows)
     height = height or 1.0 + 1.25 * sum(shares)
-    figure = _figure(WIDTH_IN, height, title, None if margins else "constrained")
+    figure = _figure(WIDTH_IN, height, title, margins is None)
     grid: dict[str, Any] = margins.grid(rows, 1, WIDTH_IN, height) if margins else {}
     plots = figure.subplots(rows, 1, squeeze=False, gridspec_kw={"height_ratios": shares, **grid})
     return figure, list(plots[:, 0])
@@ -126,7 +126,7 @@ def small_multiples(
     """A grid of like plots; places left over stay empty. share_columns: one time axis a column. margins: as `new_figure`."""
     rows = -(-count // columns)
     whole = 0.7 + height * rows
-    figure = _figure(WIDTH_IN, whole, title, None if margins else "constrained")
+    figure = _figure(WIDTH_IN, whole, title, margins is None)
     grid: dict[str, Any] = margins.grid(rows, columns, WIDTH_IN, whole) if margins else {}
     shared = "col" if share_columns else False
     plots = figure.subplots(rows, columns, squeeze=False, sharex=shared, gridspec_kw=grid)
