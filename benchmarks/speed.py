@@ -164,9 +164,9 @@ def main() -> None:
         ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
     ).stdout.strip()
     RESULT.parent.mkdir(parents=True, exist_ok=True)
-    RESULT.write_text(
-        json.dumps({"commit": commit, "command": " ".join(["python", *sys.argv]), "rows": rows}, indent=1) + "\n"
-    )
+    kept = json.loads(RESULT.read_text(encoding="utf-8")) if RESULT.exists() else {}  # "commands": of command_speed.py
+    kept |= {"commit": commit, "command": " ".join(["python", *sys.argv]), "rows": rows}
+    RESULT.write_text(json.dumps(kept, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -316,12 +316,22 @@ def all_finite(value: Any) -> bool:
     if isinstance(value, np.ndarray):
         return value.dtype.kind not in "fc" or bool(np.isfinite(value).all())
     if isinstance(value, list | tuple):
-        return all(all_finite(each) for each in value)
+        return _has_finite_sum(value) or all(all_finite(each) for each in value)
     if isinstance(value, dict):
         return all(all_finite(each) for each in value.values())
     if is_dataclass(value) and not isinstance(value, type | Context):
         return all(all_finite(getattr(value, each.name)) for each in fields(value))
     return True
+
+
+def _has_finite_sum(values: list[Any] | tuple[Any, ...]) -> bool:
+    """Whether these are plain numbers with a finite sum, and so all finite: quicker by far than one by one."""
+    if not values or type(values[0]) not in (float, int):
+        return False
+    try:
+        return math.isfinite(sum(values))
+    except (TypeError, ValueError, OverflowError):  # others among them
+        return False
 
 
 def clip(value: float, low: float, high: float) -> float:

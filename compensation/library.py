@@ -23,7 +23,6 @@ from .compensator import Compensator, Context, Parameters, Sample
 from .guard import SENTENCES
 from .learned_parameters import check_parameters
 
-SUFFIXES = (".so", ".dll", ".dylib")
 PREFIX = "hexsim_adaptive_"
 
 

@@ -8,23 +8,33 @@ from __future__ import annotations
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from importlib.metadata import entry_points
 from typing import Any
 
 from .compensator import Compensator
 from .guard import Guarded
-from .library import SUFFIXES, Library
 
 ENTRY_POINT_GROUP = "hexsim.compensators"
 PACKAGE = __name__.rpartition(".")[0]
+SUFFIXES = (".so", ".dll", ".dylib")  # of exported libraries
 Factory = Callable[..., Compensator]
 
 
 def _built_in() -> dict[str, Factory]:
     """Factories of this package's algorithms and of their variants."""
-    found = {kind.name: kind for module in _modules() for kind in vars(module).values() if _is_algorithm(kind)}
+    return _factories(importlib.import_module(f"{PACKAGE}.{name}") for name in _modules())
+
+
+def _built_in_one(name: str) -> Factory | None:
+    """The factory of one algorithm; the module of its name alone is loaded where that has it."""
+    one = _factories([importlib.import_module(f"{PACKAGE}.{name}")]) if name in _modules() else {}
+    return one.get(name) or _built_in().get(name)
+
+
+def _factories(modules: Iterable[Any]) -> dict[str, Factory]:
+    found = {kind.name: kind for module in modules for kind in vars(module).values() if _is_algorithm(kind)}
     factories: dict[str, Factory] = {}
     for kind in sorted(found.values(), key=lambda kind: (kind.place, kind.name)):
         factories[kind.name] = kind
@@ -33,9 +43,8 @@ def _built_in() -> dict[str, Factory]:
     return factories
 
 
-def _modules() -> list[Any]:
-    path = importlib.import_module(PACKAGE).__path__
-    return [importlib.import_module(f"{PACKAGE}.{found.name}") for found in pkgutil.iter_modules(path)]
+def _modules() -> list[str]:
+    return [found.name for found in pkgutil.iter_modules(importlib.import_module(PACKAGE).__path__)]
 
 
 def _is_algorithm(found: Any) -> bool:
@@ -60,12 +69,12 @@ def create_built_in(name: str, **configuration: Any) -> Compensator:
     Neither a path nor a module nor an installed package is looked at, so that a name cannot make the process run other
     code. Raises ValueError for any other name.
     """
-    factories = _built_in()
-    if name not in factories:
+    factory = _built_in_one(name)
+    if factory is None:
         raise ValueError(
-            f"{name[:60]!r} is no built-in compensator, and no other is taken from outside; there are {', '.join(factories)}"
+            f"{name[:60]!r} is no built-in compensator, and no other is taken from outside; there are {', '.join(built_in())}"
         )
-    made = _configured(factories[name], name, configuration)
+    made = _configured(factory, name, configuration)
     return made if name == "none" else Guarded(made)
 
 
@@ -83,10 +92,12 @@ def create(name: str, **configuration: Any) -> Compensator:
     class that is no compensator (naming what it lacks).
     """
     if name.endswith(SUFFIXES):
+        from .library import Library  # it brings the adaptive algorithm, which other names do not need
+
         return _configured(Library, name, {"path": name, **configuration})
     if ":" in name:
         return Guarded(check(_import(name), name, **configuration))
-    if name in built_in():
+    if _built_in_one(name) is not None:
         return create_built_in(name, **configuration)
     announced = _announced()
     if name in announced:

@@ -160,6 +160,21 @@ def test_tracing_loads_no_simulator_of_platforms():
     assert ended.returncode == 0, ended.stderr
 
 
+def test_a_run_loads_what_it_uses(tmp_path):
+    """A run without recording and report loads neither Rerun nor matplotlib nor the parts of scipy that take long."""
+    heavy = ["matplotlib", "rerun", "jinja2", "pandas", "sympy"]
+    heavy += [f"scipy.{part}" for part in ("signal", "stats", "optimize", "interpolate", "ndimage", "spatial")]
+    arguments = ["run", "heave", "--machine", "bench", "--set", "scenario.duration_s=3", "--out", str(tmp_path / "run")]
+    code = (
+        "import sys; from hexsim.cli import app; "
+        f"app({[*arguments, '--no-recording', '--no-report']}, standalone_mode=False); "
+        f"sys.exit(', '.join(name for name in {heavy} if name in sys.modules) or 0)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr[-300:]
+    assert (tmp_path / "run" / "summary.json").is_file()
+
+
 def test_help_says_units():
     """Units stand in the help of the options that have one; brackets would be taken for markup and dropped."""
     shown = " ".join(CliRunner(env={"COLUMNS": "200"}).invoke(app, ["run", "--help"]).stdout.split())

@@ -295,7 +295,7 @@ def test_a_packet_names_built_in_algorithms_alone(tmp_path: Path, monkeypatch, n
     loaded = []
     point = SimpleNamespace(name="foreign", load=lambda: loaded.append("foreign"))
     monkeypatch.setattr("compensation.registry._announced", lambda: {"foreign": point})
-    monkeypatch.setattr("compensation.registry.Library", lambda **how: loaded.append("library"))
+    monkeypatch.setattr("compensation.library.Library", lambda **how: loaded.append("library"))
     monkeypatch.setitem(sys.modules, "evil_module", None)
     monkeypatch.setattr("compensation.registry._import", loaded.append)
     asked = AskedCompensator(leg=1, n_legs=1, name=name.format(folder=tmp_path), parameters={})

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfreqz
 
 from hexsim.errors import HexsimError
 from hexsim.setpoints.signals import ConstantAccelerationReversals, Sine
@@ -24,6 +25,7 @@ from hexsim.smoothness import (
     summary_axes,
     turn_around_check,
 )
+from hexsim.smoothness.band import low_pass_sections
 
 RATE_Hz = 1000.0
 TIME = np.arange(0.0, 20.0, 1.0 / RATE_Hz)
@@ -52,6 +54,24 @@ def test_band_limit_has_the_gain_of_its_formula_and_no_phase(frequency, gain):
     time = np.arange(0.0, 2.0, 1e-4)
     wave = np.sin(2.0 * np.pi * frequency * time + 0.7)
     assert band_limit(time, wave)[3000:-3000] == pytest.approx(gain * wave[3000:-3000], abs=0.01 * gain + 1e-5)
+
+
+@pytest.mark.parametrize(("order", "cut_off"), [(2, 0.003), (4, 0.05), (6, 0.3)])
+def test_low_pass_is_that_of_scipy(order, cut_off):
+    """The sections of the Butterworth low-pass have the response of `scipy.signal.butter`, to rounding."""
+    own = low_pass_sections(order, cut_off)
+    own = np.column_stack([own[:, :3], np.ones(len(own)), own[:, 3:]])
+    f = np.linspace(1e-4, 0.499, 50)
+    answers = [sosfreqz(sections, f, fs=1.0)[1] for sections in (own, butter(order, cut_off, fs=1.0, output="sos"))]
+    assert answers[0] == pytest.approx(answers[1], rel=1e-9, abs=1e-12)
+
+
+def test_delay_is_exact_where_the_command_is_linear_between_its_samples():
+    """A response that is the command, interpolated linearly and moved by no whole number of samples, has that delay."""
+    command = HEAVE.acceleration(TIME)
+    for delay_s in (-0.01234, 0.05077):
+        response = np.interp(TIME - delay_s, TIME, command)
+        assert response_delay_s(TIME, response, command) == pytest.approx(delay_s, abs=1e-9)
 
 
 def test_band_limit_keeps_constants_and_straight_lines():

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError
-from scipy.signal import bilinear
 
 from hexsim.cueing.shaping import Shaping
 from hexsim.errors import HexsimError
@@ -78,7 +78,7 @@ class _Filter:
     """A continuous filter of n channels by the bilinear rule, direct form II transposed, from rest."""
 
     def __init__(self, over: ArrayLike, under: ArrayLike, rate_Hz: float) -> None:
-        b, a = (np.asarray(row) for row in bilinear(np.atleast_1d(over), np.atleast_1d(under), rate_Hz))
+        b, a = (np.asarray(row) for row in scipy.signal.bilinear(np.atleast_1d(over), np.atleast_1d(under), rate_Hz))
         self.b = np.r_[np.zeros(len(a) - len(b)), b] / a[0]
         self.a = a / a[0]
         self.memory = np.zeros(len(a))

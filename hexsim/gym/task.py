@@ -16,8 +16,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError, shortened
@@ -119,14 +119,14 @@ def uncertain_key(machine: Machine, name: str) -> tuple[str, float]:
 
 
 class Episodes:
-    """The course of n episodes, (n, n_legs) a signal: what is seen, what reaches the valves, what is paid."""
+    """The course of n episodes, (n, n_legs) a scipy.signal: what is seen, what reaches the valves, what is paid."""
 
     def __init__(self, task: Task, n: int) -> None:
         self.task, self.n, self.n_legs = task, n, task.machine.n_legs
         self.gain = np.array([leg.controller.gain_V_per_m for leg in task.machine.legs])
         self.limit = np.array([leg.valve.voltage_max_V for leg in task.machine.legs])
         ends: list[Any] = [
-            signal.butter(2, corner, kind, fs=1 / task.tick_s, output="sos")
+            scipy.signal.butter(2, corner, kind, fs=1 / task.tick_s, output="sos")
             for corner, kind in zip(BAND_Hz, ("highpass", "lowpass"), strict=True)
         ]
         self.filter = np.vstack(ends)

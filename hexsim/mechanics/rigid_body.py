@@ -19,8 +19,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.signal import bilinear, lfilter
 
 from hexsim.compiled import compiled
 
@@ -231,8 +231,8 @@ def ride(suspension: Suspension, felt: Array, rate: float) -> tuple[Array, Array
     felt: acceleration less gravity along the spring.
     """
     bottom = [1.0, 2 * suspension.damping * suspension.omega, suspension.omega**2]
-    filters = [bilinear(top, bottom, rate) for top in ([-1.0], [-1.0, 0.0])]
-    travel, speed = (np.asarray(lfilter(*own, felt - felt[0])) for own in filters)
+    filters = [scipy.signal.bilinear(top, bottom, rate) for top in ([-1.0], [-1.0, 0.0])]
+    travel, speed = (np.asarray(scipy.signal.lfilter(*own, felt - felt[0])) for own in filters)
     return travel - felt[0] / suspension.omega**2, speed
 
 

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import bilinear
 
 from hexsim.declaration import Controller, Machine
 from hexsim.declaration.controller import LONGEST_DELAY_TICKS
@@ -72,11 +71,26 @@ def _row(declared: Controller, limit_V: float, p: Array) -> Array:
 
 def _first_order(numerator: float, omega: float, tick: float) -> tuple[float, float]:
     """(pole, share) of numerator s/(s + omega) by the bilinear rule."""
-    over, under = bilinear([numerator, 0.0], [1.0, omega], 1.0 / tick)
+    over, under = _bilinear([numerator, 0.0], [1.0, omega], 1.0 / tick)
     return -float(under[1]), float(over[0])
 
 
 def _second_order(over: list[float], under: list[float], omega: float, tick: float) -> Array:
     """(1, b0, b1, b2, a1, a2) of a fraction in s by the bilinear rule, prewarped at omega."""
-    b, a = bilinear(over, under, omega / (2.0 * math.tan(0.5 * omega * tick)))
+    b, a = _bilinear(over, under, omega / (2.0 * math.tan(0.5 * omega * tick)))
     return np.r_[1.0, b, a[1:]]
+
+
+def _bilinear(over: list[float], under: list[float], rate_Hz: float) -> tuple[Array, Array]:
+    """(b, a) of a fraction in s, highest power first, with s = 2 rate (z - 1)/(z + 1).
+
+    As `scipy.signal.bilinear`, which is half a second of start-up.
+    """
+    n = len(under) - 1
+
+    def in_z(powers: list[float]) -> Array:
+        terms = zip(reversed(powers), range(len(powers)), strict=True)
+        return sum(c * (2.0 * rate_Hz) ** k * np.poly([1.0] * k + [-1.0] * (n - k)) for c, k in terms)  # type: ignore[return-value]
+
+    a = in_z(under)
+    return in_z(over) / a[0], a / a[0]

@@ -18,9 +18,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import expm
-from scipy.signal import butter, tf2ss
 
 from hexsim.declaration import Machine
 from hexsim.hydraulics import leg, ports
@@ -123,7 +122,7 @@ def with_transducers(plant: Matrices, resolved: Resolved, leg: int) -> Matrices:
             plant = _filtered(plant, output, ([1.0], [lag, 1.0]))
         if cut_off > 0.0:
             order = getattr(resolved.sensors, f"{name}_filter_order")
-            plant = _filtered(plant, output, butter(order, 2 * np.pi * cut_off, analog=True))
+            plant = _filtered(plant, output, scipy.signal.butter(order, 2 * np.pi * cut_off, analog=True))
     return plant
 
 
@@ -135,7 +134,7 @@ def _of_leg(resolved: Resolved, key: str, leg: int) -> float:
 
 def _filtered(plant: Matrices, output: int, fraction: Any) -> Matrices:
     A, B, read, _ = plant
-    F, G, H, _ = tf2ss(*fraction)
+    F, G, H, _ = scipy.signal.tf2ss(*fraction)
     n = len(A)
     whole = np.block([[A, np.zeros((n, len(F)))], [G @ read[[output]], F]])
     out = np.hstack([read, np.zeros((3, len(F)))])
@@ -153,7 +152,7 @@ def sampled(plant: Matrices, tick_s: float, late_ticks: float = 0.0) -> Matrices
 
     def held(time_s: float) -> tuple[Array, Array]:
         """exp(A t), and the state that one volt builds up in t."""
-        whole: Any = expm(np.block([[A, B], [np.zeros((1, n + 1))]]) * time_s)
+        whole: Any = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, n + 1))]]) * time_s)
         return whole[:n, :n], whole[:n, n:]
 
     rest, newer = held((1.0 - part) * tick_s)

@@ -1,14 +1,14 @@
-# pyright: reportCallIssue=false
-# (numba's intrinsics are called without their typing context)
+# pyright: reportCallIssue=false, reportAttributeAccessIssue=false
+# (numba's intrinsics are called without their typing context; MuJoCo's bindings carry no types)
 """From the states of a run to physical signals: legs, oil, platform. Vectorised over the rows of a run."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from hexsim.compiled import compiled
 from hexsim.hydraulics import chamber, leg, rod_side, supply
@@ -149,9 +149,17 @@ def imu_motion(resolved: Resolved, instant: PlatformSignals, omega: Array) -> tu
     omega (m, 3) [rad/s] in the platform frame.
     """
     imu = resolved.sensors
-    rotation = Rotation.from_rotvec(resolved.imu_turn_rad).as_matrix() @ mounting(imu.imu_orientation_deg)
+    rotation = turned(resolved.imu_turn_rad) @ mounting(imu.imu_orientation_deg)
     place = resolved.imu_place_m + np.array(imu.imu_position_m)
     return imu_reading(instant.acceleration, instant.angular_acceleration, omega, place, rotation)
+
+
+def turned(vector_rad: Array) -> Array:
+    """Matrix (3, 3) of a turn about a vector (3,) by its length."""
+    quaternion, matrix = np.array([1.0, 0.0, 0.0, 0.0]), np.empty(9)
+    mujoco.mju_quatIntegrate(quaternion, np.asarray(vector_rad, dtype=float), 1.0)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
 
 
 @compiled

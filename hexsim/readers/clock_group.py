@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from hexsim.signals.table import places
 
@@ -68,7 +68,11 @@ class ClockGroup:
 def periods(time: Array) -> Array:
     """Time between samples (n - 1,) that is usual around each step."""
     steps = np.diff(time)
-    return median_filter(steps, min(AROUND, len(steps) // 2 * 2 + 1), mode="nearest") if len(steps) else steps
+    return (
+        scipy.ndimage.median_filter(steps, min(AROUND, len(steps) // 2 * 2 + 1), mode="nearest")
+        if len(steps)
+        else steps
+    )
 
 
 def is_held(name: str) -> bool:

@@ -13,8 +13,7 @@ Without evidence that stamps are wrong they are kept.
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import median_filter
-from scipy.signal import savgol_filter
+import scipy
 
 from hexsim.errors import HexsimError
 from hexsim.readers.clock_group import ClockGroup, is_held, runs
@@ -50,7 +49,7 @@ def settle(group: ClockGroup) -> None:
         group.keep(np.arange(len(group.time))[::-1])
         group.note("the newest row stood first: turned round")
     unwrap(group, typical)
-    wild = np.abs(group.time - median_filter(group.time, 5, mode="nearest")) > FAR * typical
+    wild = np.abs(group.time - scipy.ndimage.median_filter(group.time, 5, mode="nearest")) > FAR * typical
     wild[[0, 1, -2, -1]] = False
     drop(group, ~wild, "with time stamps that fit neither neighbour")
     back = np.flatnonzero(np.diff(group.time) < -FAR * typical)
@@ -156,7 +155,7 @@ def judge(group: ClockGroup) -> bool:
     width = min(width, WIDEST, n // 2) // 2 * 2 + 1
     if not (rounded or shared) and (jitter < EVEN * period or width < 2 * NEAR // 3):
         return False
-    local: Array = np.asarray(savgol_filter(rest - drift, width, 1)) if width > 2 else rest - drift
+    local: Array = np.asarray(scipy.signal.savgol_filter(rest - drift, width, 1)) if width > 2 else rest - drift
     slow = drift + local
     evidence = f"their error is below their resolution of {resolution * 1e3:.3g} ms"
     if not rounded:

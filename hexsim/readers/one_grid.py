@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from hexsim.errors import HexsimError
 from hexsim.readers.clock_group import HOLE, ClockGroup, periods, runs
@@ -183,7 +183,7 @@ def between(points: Array, place: Array, x: Array) -> Array:
     for start, stop in zip(np.append(0, ends), np.append(ends, len(place)), strict=True):
         if stop - start >= 8:
             own = (points >= place[start] - AT_END) & (points <= place[stop - 1] + AT_END)
-            new[own] = make_interp_spline(place[start:stop], x[start:stop], k=3)(points[own])
+            new[own] = scipy.interpolate.make_interp_spline(place[start:stop], x[start:stop], k=3)(points[own])
     return new
 
 
@@ -240,7 +240,7 @@ def held_values(x: Array) -> Array | None:
     hold, phase = found
     tick = (np.arange(len(x)) - phase) // hold + 1
     known, first = np.unique(tick[there], return_index=True)
-    value = make_interp_spline(known, x[there][first], k=3)(tick)
+    value = scipy.interpolate.make_interp_spline(known, x[there][first], k=3)(tick)
     value[np.isin(tick, known)] = x[there][first][np.searchsorted(known, tick[np.isin(tick, known)])]
     return value
 

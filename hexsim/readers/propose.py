@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from hexsim.declaration import ATMOSPHERE_Pa, Machine
 from hexsim.readers.mapping import LEG, LEG0
@@ -178,7 +178,7 @@ def propose(raw: RawLog, machine: Machine) -> Proposal:
     fits = [[score(signal, column, machine, first) for column in columns] for signal in signals]
     gain = np.array([[NEVER if one is None else one.score for one in row] for row in fits]).reshape(len(signals), -1)
     free = np.full((len(signals), len(signals)), LEAST)  # rather none
-    rows, places_taken = linear_sum_assignment(np.hstack([gain, free]), maximize=True)
+    rows, places_taken = scipy.optimize.linear_sum_assignment(np.hstack([gain, free]), maximize=True)
     guesses = [
         one for row, k in zip(rows, places_taken, strict=True)
         if k < len(columns) and (one := fits[row][k]) is not None

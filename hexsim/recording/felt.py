@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from hexsim.recording import palette
-from hexsim.recording.figure_style import legend, new_figure, styled
+from hexsim.recording.figure_style import STACKED, legend, new_figure, styled
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit_text
 from hexsim.recording.summary_table import number
 from hexsim.smoothness import ReversalBump, deviation_from_command, reversal_bumps
@@ -18,6 +19,7 @@ from hexsim.smoothness.perception import felt_figures
 if TYPE_CHECKING:
     from hexsim.simulation import Run
 
+LEGEND_LINE_IN = 0.2
 FELT_HEADS = ("delay ms", "time felt", "reversals felt", "weighted rms", "of it unwanted", "MTVV", "VDV", "jerk rms")
 
 
@@ -42,9 +44,11 @@ def bump_chart(runs: Mapping[str, Signals], axis: str) -> Figure | None:
     found = {name: bumps for name, signals in runs.items() if (bumps := driven_bumps(signals, axis))}
     if not found:
         return None
-    figure, plots = new_figure(
-        1, f"{AXIS_NAMES[axis].capitalize()}: bump of each reversal, 50 Hz band [{axis_unit_text(axis)}]", heights=[3.0]
-    )
+    columns = min(len(found), 4)
+    lines = -(-len(found) // columns)  # of the legend, between title and plot
+    title = f"{AXIS_NAMES[axis].capitalize()}: bump of each reversal, 50 Hz band [{axis_unit_text(axis)}]"
+    margins = replace(STACKED, top=STACKED.top + LEGEND_LINE_IN * (lines - 1))
+    figure, plots = new_figure(1, title, heights=[3.0], margins=margins)
     for k, (name, bumps) in enumerate(found.items()):
         colour = palette.RUNS[k % len(palette.RUNS)]
         plots[0].plot(
@@ -53,7 +57,7 @@ def bump_chart(runs: Mapping[str, Signals], axis: str) -> Figure | None:
     plots[0].set_ylim(0.0, None)
     plots[0].set_xlabel("time [s]")
     plots[0].set_ylabel("peak to peak")
-    legend(plots[0], columns=min(len(found), 4))
+    legend(plots[0], columns=columns)
     return figure
 
 

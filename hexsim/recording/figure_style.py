@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import wraps
 from io import BytesIO
 from typing import Any, ParamSpec, TypeVar
@@ -62,30 +63,73 @@ def styled(draw: Callable[Parameters, Drawn]) -> Callable[Parameters, Drawn]:
     return drawn
 
 
-def _figure(width: float, height: float, title: str) -> Figure:
-    figure = Figure(figsize=(width, height), layout="constrained")
+@dataclass(frozen=True, kw_only=True)
+class Margins:
+    """Room around plots [in], of figures whose labels are known: to find it out takes longer than to draw.
+
+    top: with the figure's title. across, between: from a plot to the next one beside and below it.
+    """
+
+    left: float = 0.72
+    right: float = 0.15
+    top: float = 0.6
+    bottom: float = 0.48
+    across: float = 0.78
+    between: float = 0.55
+
+    def grid(self, rows: int, columns: int, width: float, height: float) -> dict[str, float]:
+        """The same as settings of matplotlib's grid, in shares of the figure and of a mean plot."""
+        wide = (width - self.left - self.right - (columns - 1) * self.across) / columns
+        high = (height - self.top - self.bottom - (rows - 1) * self.between) / rows
+        return {
+            "left": self.left / width, "right": 1.0 - self.right / width, "bottom": self.bottom / height,
+            "top": 1.0 - self.top / height, "wspace": self.across / wide, "hspace": self.between / high,
+        }  # fmt: skip
+
+
+STACKED = Margins()
+TITLED = Margins(across=0.72, between=0.82)  # plots with a title of their own and a label below each
+TIGHT = Margins(across=0.55, between=0.32)  # one time axis a column, labelled at the bottom
+
+
+def _figure(width: float, height: float, title: str, is_constrained: bool) -> Figure:
+    figure = Figure(figsize=(width, height), layout="constrained" if is_constrained else None)
     FigureCanvasAgg(figure)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold")
+    figure.suptitle(title, x=0.01, y=1.0 - 0.08 / height, ha="left", va="top", fontsize=12, fontweight="bold")
     return figure
 
 
 def new_figure(
-    rows: int, title: str, heights: Sequence[float] | None = None, height: float | None = None
+    rows: int,
+    title: str,
+    heights: Sequence[float] | None = None,
+    height: float | None = None,
+    margins: Margins | None = None,
 ) -> tuple[Figure, list[Axes]]:
-    """Plots under each other. `heights`: share of each."""
+    """Plots under each other. `heights`: share of each. margins: None finds out what the labels need."""
     shares = list(heights or [1.5] * rows)
-    figure = _figure(WIDTH_IN, height or 1.0 + 1.25 * sum(shares), title)
-    plots = figure.subplots(rows, 1, squeeze=False, gridspec_kw={"height_ratios": shares})
+    height = height or 1.0 + 1.25 * sum(shares)
+    figure = _figure(WIDTH_IN, height, title, margins is None)
+    grid: dict[str, Any] = margins.grid(rows, 1, WIDTH_IN, height) if margins else {}
+    plots = figure.subplots(rows, 1, squeeze=False, gridspec_kw={"height_ratios": shares, **grid})
     return figure, list(plots[:, 0])
 
 
 def small_multiples(
-    count: int, title: str, columns: int, height: float = 2.5, share_columns: bool = False
+    count: int,
+    title: str,
+    columns: int,
+    height: float = 2.5,
+    share_columns: bool = False,
+    margins: Margins | None = None,
 ) -> tuple[Figure, list[Axes]]:
-    """A grid of like plots; places left over stay empty. share_columns: one time axis a column."""
+    """A grid of like plots; places left over stay empty. share_columns: one time axis a column. margins: as `new_figure`."""
     rows = -(-count // columns)
-    figure = _figure(WIDTH_IN, 0.7 + height * rows, title)
-    plots = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_columns else False)
+    whole = 0.7 + height * rows
+    figure = _figure(WIDTH_IN, whole, title, margins is None)
+    grid: dict[str, Any] = margins.grid(rows, columns, WIDTH_IN, whole) if margins else {}
+    shared = "col" if share_columns else False
+    plots = figure.subplots(rows, columns, squeeze=False, sharex=shared, gridspec_kw=grid)
     every = list(plots.flat)
     for plot in every[count:]:
         plot.set_visible(False)

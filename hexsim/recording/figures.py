@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from matplotlib import mlab
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from hexsim.recording import palette
 from hexsim.recording.figure_parts import (
@@ -27,6 +27,9 @@ from hexsim.recording.figure_parts import (
     tracking_error,
 )
 from hexsim.recording.figure_style import (
+    STACKED,
+    TIGHT,
+    TITLED,
     direction_colors,
     legend,
     new_figure,
@@ -74,7 +77,7 @@ def motion(signals: Signals) -> Figure | None:
     errors = {leg: tracking_error(signals, leg) for leg in signals.legs}
     if not axes_shown or all(error is None for error in errors.values()):
         return None
-    figure, plots = new_figure(len(axes_shown) + 1, "Motion", heights=[2] * len(axes_shown) + [1.4])
+    figure, plots = new_figure(len(axes_shown) + 1, "Motion", heights=[2] * len(axes_shown) + [1.4], margins=STACKED)
     for axis, plot in zip(axes_shown, plots, strict=False):
         scale, unit = (DEG, "deg") if axis in ROTATIONS else (MM, "mm")
         commanded, position = signals.commanded(axis), signals.position(axis)
@@ -99,7 +102,9 @@ def acceleration(signals: Signals) -> Figure | None:
     if found is None or raw is None or band is None:
         return None
     unit = axis_unit_text(axis)
-    figure, (top, middle, bottom) = new_figure(3, f"Acceleration, {AXIS_NAMES[axis]}", heights=[2, 1.6, 1.4])
+    figure, (top, middle, bottom) = new_figure(
+        3, f"Acceleration, {AXIS_NAMES[axis]}", heights=[2, 1.6, 1.4], margins=STACKED
+    )
     close = close_up(signals)
     t = signals.time_s
     top.plot(t, raw, color=palette.RAW, lw=0.7, label="raw")
@@ -131,7 +136,7 @@ def parasitic(signals: Signals) -> Figure | None:
     found = {axis: deviation for axis in at_rest if (deviation := signals.deviation(axis)) is not None}
     if not found:
         return None
-    figure, plots = small_multiples(len(found), "Parasitic acceleration, 50 Hz band", columns=3)
+    figure, plots = small_multiples(len(found), "Parasitic acceleration, 50 Hz band", columns=3, margins=TITLED)
     largest = {
         kind: max((np.max(np.abs(d.band)) for a, d in found.items() if (a in ROTATIONS) == kind), default=1.0)
         for kind in (False, True)
@@ -157,7 +162,9 @@ def flow_curve(signals: Signals) -> Figure | None:
     if not curves:
         return None
     single = len(curves) == 1
-    figure, plots = small_multiples(2 if single else len(curves), "Flow curve", columns=2 if single else 3)
+    figure, plots = small_multiples(
+        2 if single else len(curves), "Flow curve", columns=2 if single else 3, margins=TITLED
+    )
     for plot, (leg, (volts, flow)) in zip(plots, curves.items(), strict=False):
         draw_flow(plot, volts, flow, size=2.0)
         plot.set_title("whole" if single else f"leg {leg}", loc="left")
@@ -185,7 +192,7 @@ def pressures(signals: Signals) -> Figure | None:
         return None
     tops = {leg: signals.leg(leg, "true_pressure_top", "pressure_top") for leg in signals.legs}
     supply = signals.supply
-    figure, (whole, close) = new_figure(2, "Pressures", heights=[1, 1.3])
+    figure, (whole, close) = new_figure(2, "Pressures", heights=[1, 1.3], margins=STACKED)
     limits = close_up(signals)
     t = signals.time_s
     if supply is not None:
@@ -214,12 +221,14 @@ def spectrum(signals: Signals) -> Figure | None:
     if found is None or raw is None:
         return None
     unit = axis_unit_text(axis)
-    figure, (plot,) = new_figure(1, f"Spectrum of the acceleration, {AXIS_NAMES[axis]}", height=3.6)
+    figure, (plot,) = new_figure(1, f"Spectrum of the acceleration, {AXIS_NAMES[axis]}", height=3.6, margins=STACKED)
     rate = (len(signals.time_s) - 1) / np.ptp(signals.time_s)
     late = raw[len(signals.time_s) - len(found.time_s) :]
     for values, color, label in ((late, palette.RAW, "acceleration"), (found.raw, palette.DEVIATION, "deviation")):
         length = min(len(values), round(SEGMENT_S * rate))
-        frequency, density = welch(values, fs=rate, nperseg=length, detrend="constant")
+        window = np.hanning(length + 1)[:-1]
+        spectrum_of = mlab.psd(values, length, rate, mlab.detrend_mean, window, noverlap=length // 2)
+        density, frequency = map(np.asarray, spectrum_of)
         inside = (frequency > 0) & (frequency <= SPECTRUM_MAX_Hz)
         plot.loglog(frequency[inside], np.sqrt(density[inside]), color=color, lw=1.2, label=label)
     plot.axvline(found.bandwidth_Hz, color=palette.REFERENCE, lw=1.0, ls=":", label=f"band {found.bandwidth_Hz:g} Hz")
@@ -246,7 +255,7 @@ def comparison(
         return None
     unit = axis_unit_text(axis)
     title = f"{AXIS_NAMES[axis].capitalize()} side by side, 50 Hz band [{unit}]"
-    figure, plots = small_multiples(3 * len(found), title, columns=3, height=1.55, share_columns=True)
+    figure, plots = small_multiples(3 * len(found), title, columns=3, height=1.55, share_columns=True, margins=TIGHT)
     close = min((close_up(runs[label]) for label in found), key=lambda limits: limits[1])  # the run that ended first
     limit = 1.1 * max(largest_shown(d, close) for d in found.values())
     everywhere = 1.1 * max(np.max(np.abs(d.band)) for d in found.values())

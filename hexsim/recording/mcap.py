@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import scipy
 
 from hexsim.errors import HexsimError
 from hexsim.files.atomic import written_whole
@@ -85,13 +86,12 @@ def _stamp(stamp_ns: int) -> dict[str, int]:
 
 def _frames(log: pl.DataFrame) -> Iterator[tuple[int, bytes]]:
     """Poses of the platform, in the world whose origin is the platform's neutral place."""
-    from scipy.spatial.transform import Rotation
 
     time = log["time_s"].to_numpy()
     every = max(1, round(1.0 / (FRAME_RATE_Hz * (time[1] - time[0])))) if len(time) > 1 else 1
     names = (*(f"platform_{axis}_m" for axis in "xyz"), *(f"platform_{axis}_rad" for axis in ("roll", "pitch", "yaw")))
     poses = log.select(names).to_numpy()[::every]
-    turns = Rotation.from_euler("ZYX", poses[:, :2:-1]).as_quat()
+    turns = scipy.spatial.transform.Rotation.from_euler("ZYX", poses[:, :2:-1]).as_quat()
     for stamp, pose, turn in zip(_stamps(time[::every]), poses.tolist(), turns.tolist(), strict=True):
         message = {
             "timestamp": _stamp(stamp), "parent_frame_id": "world", "child_frame_id": "platform",

@@ -7,7 +7,7 @@ from itertools import cycle
 from matplotlib.figure import Figure
 
 from hexsim.recording import palette
-from hexsim.recording.figure_style import legend, new_figure, styled, symmetric
+from hexsim.recording.figure_style import STACKED, legend, new_figure, styled, symmetric
 from hexsim.recording.signals import Signals
 from hexsim.signals.table import point_signal
 from hexsim.smoothness import band_limit
@@ -25,7 +25,7 @@ def points(signals: Signals) -> Figure | None:
     }
     if not columns:
         return None
-    figure, plots = new_figure(3, "Points of interest", heights=[1, 1, 1])
+    figure, plots = new_figure(3, "Points of interest", heights=[1, 1, 1], margins=STACKED)
     for k, (axis, plot) in enumerate(zip("xyz", plots, strict=True)):
         for point, color in zip(columns, cycle(palette.LEGS), strict=False):
             values = band_limit(signals.time_s, columns[point][k])

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from hexsim.recording.signals import Signals
 
@@ -119,7 +119,7 @@ def _send_transform(
     recording: rr.RecordingStream, path: str, time_s: Array, translation: Array, rotation: Array
 ) -> None:
     """One bulk message for the whole motion."""
-    quaternion = Rotation.from_matrix(rotation).as_quat().astype(np.float32)  # x, y, z, w
+    quaternion = scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat().astype(np.float32)  # x, y, z, w
     columns = rr.Transform3D.columns(translation=translation.astype(np.float32), quaternion=quaternion)
     recording.send_columns(path, indexes=[time_column(time_s)], columns=columns)
 

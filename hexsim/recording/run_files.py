@@ -14,11 +14,7 @@ from hexsim.files.formats import LogFormat
 from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
 from hexsim.recording.config import config_tables, summary_of
-from hexsim.recording.figure_style import png
-from hexsim.recording.figures import run_figures
 from hexsim.recording.mcap import write_mcap
-from hexsim.recording.report import run_report
-from hexsim.recording.rerun_recording import write_recording
 from hexsim.recording.signals import Signals
 from hexsim.recording.summary_table import markdown
 from hexsim.simulation import Run
@@ -73,9 +69,13 @@ def write_essentials(run: Run, folder: Path, log_format: LogFormat, only_what_fi
 
 
 def _write_plots(run: Run, folder: Path, *, recording: bool, report: bool, step: Callable[[str], None]) -> list[Path]:
-    """Figures with the report, and the recording."""
+    """Figures with the report, and the recording; matplotlib and rerun are loaded for what is asked."""
     signals, written = Signals.of_run(run), []
     if report:
+        from hexsim.recording.figure_style import png
+        from hexsim.recording.figures import run_figures
+        from hexsim.recording.report import run_report
+
         step("figures")
         pictures = {name: png(figure) for name, figure in run_figures(signals).items()}
         (folder / "figures").mkdir(exist_ok=True)
@@ -85,6 +85,8 @@ def _write_plots(run: Run, folder: Path, *, recording: bool, report: bool, step:
         written.append(folder / "report.html")
         write_text(written[-1], run_report(run, pictures))
     if recording:
+        from hexsim.recording.rerun_recording import write_recording
+
         step("recording")
         label = run.scenario.name
         text = {label: markdown(run.summary, signals.driven_axes, run)}

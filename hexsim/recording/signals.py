@@ -170,7 +170,16 @@ class Signals:
             return None
 
     def deviation(self, axis: str) -> Deviation | None:
-        """Deviation of an axis from its reference acceleration; None where the log has no acceleration."""
+        """Deviation of an axis from its reference acceleration; None where the log has no acceleration. Made once."""
+        if axis not in self._deviations:
+            self._deviations[axis] = self._deviation(axis)
+        return self._deviations[axis]
+
+    @cached_property
+    def _deviations(self) -> dict[str, Deviation | None]:
+        return {}
+
+    def _deviation(self, axis: str) -> Deviation | None:
         acceleration = self.acceleration(axis)
         if acceleration is None:
             return None

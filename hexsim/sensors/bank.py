@@ -11,8 +11,8 @@ import zlib
 from collections.abc import Mapping
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt, sosfilt_zi
 
 from hexsim.compiled import compiled
 from hexsim.errors import HexsimError
@@ -122,12 +122,12 @@ class Transducers:
             rows = rippled(rows, *self.ripple)
         if not self.smooths:
             return rows
-        rest = np.zeros((0, 2, 1)) if self.sections is None else sosfilt_zi(self.sections)[:, :, None]
+        rest = np.zeros((0, 2, 1)) if self.sections is None else scipy.signal.sosfilt_zi(self.sections)[:, :, None]
         memory[:] = memory or [np.tile(rows[0], (2, 1)), rest * rows[0]]
         out = rows.copy()
         lagged(out, self.lag, self.tick_s, memory[0])
         if self.sections is not None:
-            out, memory[1] = sosfilt(self.sections, out, axis=0, zi=memory[1])
+            out, memory[1] = scipy.signal.sosfilt(self.sections, out, axis=0, zi=memory[1])
         return out
 
     def read(self, true: Array, tick: int) -> Array:
@@ -155,7 +155,7 @@ def low_pass(sensor: Sensor, resolved: Resolved, tick_s: float) -> Array | None:
             "the transducer is read: lower it, or raise sensors.log_rate_Hz"
         )
     order = getattr(resolved.sensors, f"{sensor.filter}_order")
-    return np.asarray(butter(order, cut_off, fs=1.0 / tick_s, output="sos"))
+    return np.asarray(scipy.signal.butter(order, cut_off, fs=1.0 / tick_s, output="sos"))
 
 
 def _errors(sensor: Sensor, resolved: Resolved) -> dict[str, Array | float]:

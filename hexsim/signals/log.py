@@ -10,8 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 import polars as pl
-from scipy.interpolate import make_interp_spline
-from scipy.ndimage import binary_opening, maximum_filter1d
+import scipy
 
 from hexsim.errors import HexsimError
 from hexsim.signals.table import table
@@ -194,7 +193,9 @@ class Log:
             n, held = np.arange(self.n), {name for name in self.names("valve")}
             at = np.arange(self.n * factor) / factor
             columns = {
-                name: np.repeat(x, factor) if name in held else make_interp_spline(n, x, k=5)(np.minimum(at, n[-1]))
+                name: np.repeat(x, factor)
+                if name in held
+                else scipy.interpolate.make_interp_spline(n, x, k=5)(np.minimum(at, n[-1]))
                 for name, x in self.columns.items()
             }
             time = self.time[0] + at / self.rate
@@ -216,8 +217,8 @@ class Log:
         """Samples (n,) bool further than reach_s from every repaired stretch of more than `longest` samples."""
         reach, bad = round(reach_s * self.rate), np.zeros(self.n, dtype=bool)
         for marks in self.repaired.values():
-            bad |= binary_opening(marks, np.ones(longest + 1))
-        return np.logical_not(maximum_filter1d(bad, 2 * reach + 1) if bad.any() else bad)
+            bad |= scipy.ndimage.binary_opening(marks, np.ones(longest + 1))
+        return np.logical_not(scipy.ndimage.maximum_filter1d(bad, 2 * reach + 1) if bad.any() else bad)
 
     def part(self, rows: slice, **changes: Any) -> Log:
         """Some of the samples, with other fields changed."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import convolve1d
 
 Array = np.ndarray
 WHOLE = slice(None)
@@ -48,7 +48,7 @@ class Window:
         x = np.asarray(x, dtype=float)
         first, stop, every = self.at.indices(x.shape[-1])
         if every == 1 or first < self.half or stop + self.half > x.shape[-1]:
-            return convolve1d(x, kernel, axis=-1, mode="nearest")[..., self.at]
+            return scipy.ndimage.convolve1d(x, kernel, axis=-1, mode="nearest")[..., self.at]
         seen = sliding_window_view(x, 2 * self.half + 1, axis=-1)
         return seen[..., first - self.half : stop - self.half : every, :] @ kernel[::-1]
 

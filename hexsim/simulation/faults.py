@@ -35,9 +35,9 @@ from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError
-from scipy.linalg import expm
 
 from hexsim.declaration import Machine, Section, between, section_of, values_of
 from hexsim.errors import HexsimError
@@ -114,7 +114,7 @@ class ValveStuck(LegFault):
 def lagged_spool(frequency_Hz: float, damping: float, tick_s: float) -> Array:
     """exp(A T) (2, 2) of x'' = omega^2 (u - x) - 2 damping omega x': exact for a command held over a tick."""
     omega = 2.0 * math.pi * frequency_Hz
-    over: Any = expm(np.array([[0.0, 1.0], [-omega * omega, -2.0 * damping * omega]]) * tick_s)
+    over: Any = scipy.linalg.expm(np.array([[0.0, 1.0], [-omega * omega, -2.0 * damping * omega]]) * tick_s)
     return over
 
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import convolve1d
 
 from hexsim.mechanics.points import point_acceleration, point_velocity
 from hexsim.plant import Plant
@@ -104,7 +104,7 @@ def mean_of_sample(values: Array, ticks: int) -> Array:
         return values
     weights = np.ones(ticks + 1 - ticks % 2)
     weights[[0, -1]] *= 1.0 if ticks % 2 else 0.5
-    return convolve1d(values, weights / ticks, axis=0, mode="nearest") if values.size else values
+    return scipy.ndimage.convolve1d(values, weights / ticks, axis=0, mode="nearest") if values.size else values
 
 
 def _point_columns(plant: Plant, motion: dict[str, Array], omega: Array) -> list[tuple[int, str, Array]]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from hexsim.motion_computer.host_packet import HostCommand
@@ -39,7 +40,6 @@ class LatencyLog:
 
     def ms(self) -> dict[str, float]:
         """Axis -> latency [ms], of the axes that the host has moved."""
-        from scipy.interpolate import CubicSpline
 
         if len(self._packets) < 20 or len(self._ticks) < 20:
             return {}
@@ -53,7 +53,7 @@ class LatencyLog:
         if known.sum() < LEAST_S / (time[1] - time[0]):
             return {}
         time = np.arange(known.sum()) * (time[1] - time[0])
-        asked = band_limit(time, CubicSpline(sent, poses)(host[known], 2), BAND_Hz)
+        asked = band_limit(time, scipy.interpolate.CubicSpline(sent, poses)(host[known], 2), BAND_Hz)
         found = {}
         for column, place in enumerate(self.places):
             if np.std(asked[:, place]) > LEAST_m_s2:

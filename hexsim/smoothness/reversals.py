@@ -15,7 +15,6 @@ from hexsim.smoothness.band import Array, BANDWIDTH_Hz, band_limit, inner_span_s
 REVERSAL_WINDOW_S = 0.2  # either side of a reversal (TU Delft, "high-efficiency-bump-test", 2024)
 LONGEST_DELAY_S = 0.5  # a response later than this is not looked for
 DELAY_STEP_S = 0.002  # of the grid on which a delay is looked for
-DELAY_GRID_SAMPLES = 4000  # samples of the record that are enough for the grid
 LONGEST_STANDSTILL_S = 0.02  # a commanded velocity at 0 for longer is a rest, not a reversal
 
 End = Literal["top", "bottom"]
@@ -116,37 +115,75 @@ def peaks_at_reversals(
 def response_delay_s(time_s: ArrayLike, response: ArrayLike, command: ArrayLike) -> float:
     """How much later the response comes than the command [s], looked for within +-0.5 s.
 
-    The delay whose shifted and scaled command leaves the least squares: first on a grid of 2 ms, then to 1e-5 s. A
+    The delay whose shifted and scaled command leaves the least squares: the largest correlation coefficient at whole samples,
+    2 ms apart, by one FFT, then the exact maximum beside it for a command that is linear between its samples. A
     periodic command has several alike (likeness within 0.01 of the best): of these the one nearest to 0, so it is known
     but for whole periods. 0 if either is constant. One delay for the whole record: a lag that depends on frequency is
     met only on average.
     """
-    from scipy.optimize import minimize_scalar  # here and not above: start-up, as in `band_limit`
-
     time = np.asarray(time_s, dtype=float)
     rate = sample_rate_Hz(time)
     a, c = np.asarray(response, dtype=float), np.asarray(command, dtype=float)
     if not np.ptp(a) or not np.ptp(c):
         return 0.0
-    reach = min(LONGEST_DELAY_S, 0.25 * (time[-1] - time[0]))
-    inner = np.arange(int(np.ceil(reach * rate)), len(c) - int(np.ceil(reach * rate)))  # the shifted command is known
-
-    def likeness(delay: float, samples: NDArray[np.int_]) -> float:
-        """Correlation coefficient with the shifted command; 1 where scale and offset are all that differs."""
-        shifted, answer = np.interp(time[samples] - delay, time, c), a[samples]
-        shifted, answer = shifted - shifted.mean(), answer - answer.mean()
-        power = float(np.sum(shifted**2) * np.sum(answer**2))
-        return float(np.sum(answer * shifted)) / np.sqrt(power) if power > 0.0 else 0.0
-
-    some = inner[:: max(1, len(inner) // DELAY_GRID_SAMPLES)]
-    grid = DELAY_STEP_S * np.arange(-int(reach / DELAY_STEP_S), int(reach / DELAY_STEP_S) + 1)
-    likes = np.array([likeness(delay, some) for delay in grid])
+    reach = int(min(LONGEST_DELAY_S, 0.25 * (time[-1] - time[0])) * rate)
+    if reach < 1:
+        return 0.0
+    fit = _DelayFit(a, c, reach)
+    every = max(1, round(DELAY_STEP_S * rate))
+    lags = every * np.arange(-(reach // every), reach // every + 1)
+    likes = fit.likeness(lags)
     beside = np.concatenate([[-np.inf], likes, [-np.inf]])
     peaks = (likes >= beside[:-2]) & (likes >= beside[2:]) & (likes >= likes.max() - 0.01)
-    coarse = grid[peaks][np.argmin(np.abs(grid[peaks]))]
-    near = (coarse - DELAY_STEP_S, coarse + DELAY_STEP_S)
-    found = minimize_scalar(lambda d: -likeness(d, inner), bounds=near, method="bounded", options={"xatol": 1e-5})
-    return float(found.x)  # pyright: ignore[reportAttributeAccessIssue]
+    coarse = lags[peaks][np.argmin(np.abs(lags[peaks]))]
+    return float(fit.refined(np.arange(max(coarse - every, -reach), min(coarse + every, reach)))) / rate
+
+
+class _DelayFit:
+    """Correlation of a response (n,) with its command, moved by k samples, over the samples whose moved command is known.
+
+    Of the command c_k moved by k, less its mean, and the response a less its mean: a.c_k by one FFT, |c_k|^2 and c_k.c_k+1 by
+    sums of c up to each sample. Between k and k + 1 the moved command is c_k + f (c_k+1 - c_k).
+    """
+
+    def __init__(self, response: Array, command: Array, reach: int) -> None:
+        n, self.reach = len(command) - 2 * reach, reach
+        a, c = response[reach : reach + n], command - command.mean()
+        a, size = a - a.mean(), 1 << (len(c) - 1).bit_length()
+        spectrum = np.fft.rfft(c, size) * np.conj(np.fft.rfft(a, size))
+        begins = reach - np.arange(-reach, reach + 1)  # first sample of the command that is moved by -reach ... reach
+
+        def summed(values: Array, at: NDArray[np.int_]) -> Array:
+            total = np.concatenate([[0.0], np.cumsum(values)])
+            return total[at + n] - total[at]
+
+        sums = summed(c, begins)
+        self.own = float(np.sum(a**2))
+        self.product = np.fft.irfft(spectrum, size)[begins]
+        self.square = summed(c**2, begins) - sums**2 / n
+        self.beside = summed(c[1:] * c[:-1], begins[1:]) - sums[1:] * sums[:-1] / n
+
+    def likeness(self, lags: NDArray[np.int_]) -> Array:
+        """Correlation coefficients with the command moved by whole samples; 0 where it is constant."""
+        return self._like(self.product[lags + self.reach], self.square[lags + self.reach])
+
+    def _like(self, product: Array, square: Array) -> Array:
+        power = self.own * square
+        return np.where(power > 0.0, product / np.sqrt(np.maximum(power, np.finfo(float).tiny)), 0.0)
+
+    def refined(self, lags: NDArray[np.int_]) -> float:
+        """Where between any of these lags and the next the likeness is largest [samples]: where its derivative by f is 0,
+        or at an end."""
+        i = lags + self.reach
+        p0, p1 = self.product[i], self.product[i + 1] - self.product[i]
+        q0, q1 = self.square[i], 2.0 * (self.beside[i] - self.square[i])
+        q2 = self.square[i + 1] - 2.0 * self.beside[i] + self.square[i]
+        over, under = p0 * q1 - 2.0 * p1 * q0, p1 * q1 - 2.0 * p0 * q2
+        share = np.clip(np.divide(over, under, out=np.zeros_like(over), where=under != 0.0), 0.0, 1.0)
+        share = np.stack([np.zeros_like(share), share, np.ones_like(share)])
+        likes = self._like(p0 + share * p1, q0 + share * (q1 + share * q2))
+        best = np.unravel_index(np.argmax(likes), likes.shape)
+        return float(lags[best[1]] + share[best])
 
 
 def deviation_from_command(

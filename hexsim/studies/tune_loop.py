@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
@@ -89,7 +89,7 @@ def tune(machine: Machine, progress: Callable[[float], None] = lambda fraction: 
 def tuned(machine: Machine, progress: Callable[[float], None] = lambda fraction: None) -> Machine:
     """The machine with the controller that the search finds."""
     search = Search(machine, progress)
-    found = minimize(
+    found = scipy.optimize.minimize(
         search.cost, search.start(), method="Nelder-Mead", options={"maxfev": 90, "xatol": 0.02, "fatol": 1e-5}
     )
     best = search.with_feed_forward(found.x)

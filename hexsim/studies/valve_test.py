@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import root_scalar
 
 from hexsim.compiled import compiled
 from hexsim.declaration import Machine
@@ -127,7 +127,7 @@ def _no_load_flow(p: Array, x: float, supply: float, tank: float) -> float:
         def net(pressure: float) -> float:
             return _port_a(p, x, pressure, supply) + _port_b(p, x, pressure, supply) + SEAL * (middle - pressure)
 
-        middle = float(root_scalar(net, bracket=(tank, supply), xtol=1.0).root)
+        middle = float(scipy.optimize.root_scalar(net, bracket=(tank, supply), xtol=1.0).root)
     return _port_a(p, x, middle, supply)
 
 
@@ -147,7 +147,7 @@ def _blocked(p: Array, x: float, supply: float, tank: float) -> tuple[float, flo
         def net(pressure: float) -> float:
             return flow(p, x, pressure, supply) + SEAL * (middle - pressure)
 
-        return float(root_scalar(net, bracket=(tank, supply), xtol=1.0).root)
+        return float(scipy.optimize.root_scalar(net, bracket=(tank, supply), xtol=1.0).root)
 
     a = rest(_port_a)
     leakage = ports.supply_edge_flow(p, x, a, supply)

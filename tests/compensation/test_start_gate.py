@@ -15,6 +15,7 @@ from leg_plant import run
 
 import compensation
 from compensation import Compensator, Context, Sample, check_parameters
+from compensation.compensator import all_finite
 from compensation.guard import BEYOND, NOT_FINITE, SENTENCES
 from compensation.started import Started
 from compensation.volts_bound import EDGE_MARGIN, GAIN_MARGIN, edge_V, lead_gain
@@ -163,6 +164,14 @@ def test_a_number_that_is_not_finite_anywhere_in_a_state_ends_compensation(held)
     """A state with one such number, whose volts are finite: none are added, and it is said."""
     volts, said = stepped(guarded(0.05, held), 200)
     assert max(map(abs, volts)) == 0.0 and said[0] == SENTENCES[NOT_FINITE]
+
+
+@pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf])
+def test_an_odd_number_is_seen_wherever_it_stands(odd) -> None:
+    """In lists of numbers, of lists and of other things; large finite numbers, whose sum is not, are finite."""
+    held = ([0.5, odd, 1.0], [1, odd], [[1.0], [2.0, odd]], (odd, -odd), [0.0, None, odd], [np.float64(1.0), odd])
+    assert not any(all_finite(each) for each in held)
+    assert all(all_finite(each) for each in ([1e308, 1e308], [], [0.5, None, "text"], [0.5, 10**400]))
 
 
 def test_each_number_of_the_adaptive_state_is_watched(learned) -> None:

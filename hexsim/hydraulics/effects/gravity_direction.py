@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scipy.spatial.transform import Rotation
+import scipy
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.resolved import Resolved
@@ -10,7 +10,7 @@ from hexsim.hydraulics.resolved import Resolved
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
     """Turn gravity back by what the base is turned."""
-    base = Rotation.from_rotvec([values["about_x_rad"], values["about_y_rad"], 0.0])
+    base = scipy.spatial.transform.Rotation.from_rotvec([values["about_x_rad"], values["about_y_rad"], 0.0])
     resolved.gravity_m_s2 = base.inv().apply(resolved.gravity_m_s2)
 
 

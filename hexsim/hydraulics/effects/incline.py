@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scipy.spatial.transform import Rotation
+import scipy
 
 from hexsim.hydraulics.effects.effect import Effect, EffectParameter
 from hexsim.hydraulics.resolved import Resolved
@@ -10,7 +10,7 @@ from hexsim.hydraulics.resolved import Resolved
 
 def apply(resolved: Resolved, legs: tuple[int, ...], values: dict[str, float]) -> None:
     """Turn gravity by the angle about the y axis, on from where other effects have turned it."""
-    base = Rotation.from_rotvec([0.0, values["angle_rad"], 0.0])
+    base = scipy.spatial.transform.Rotation.from_rotvec([0.0, values["angle_rad"], 0.0])
     resolved.gravity_m_s2 = base.inv().apply(resolved.gravity_m_s2)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
+import scipy
 
 from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout

@@ -1,0 +1,172 @@
+"""Processor seconds of commands, today's tree and an older commit in turn: `python benchmarks/command_speed.py --first`.
+
+Writes "commands" in docs/results/speed.json and the table of docs/results/speed.md. Each row is a process of its own (user and
+system time), the trees in turn, the median of all rounds, with warm caches; --first also measures a first run of each tree, which
+compiles. Other work on the machine raises both sides: read the ratios. With --keep FOLDER the older tree and both caches
+stay there for the next time. --rows TEXT measures the rows that contain it; other rows stay as they were.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULT = ROOT / "docs" / "results" / "speed.json"
+PAGE = RESULT.with_suffix(".md")
+FIRST = "first run after installation (compiles)"
+CLI = ("-m", "hexsim.cli")
+SIMULATED_S = 40.0
+RATE = f"""
+import time
+from hexsim.machine import load_machine
+from hexsim.scenarios import load_scenario
+from hexsim.simulation import simulate
+machine = load_machine("micro_motion_system")
+simulate(machine, load_scenario("heave", duration_s=1.0), fast=True)
+begun = time.process_time()
+simulate(machine, load_scenario("heave", duration_s={SIMULATED_S}), fast=True)
+print({SIMULATED_S} / (time.process_time() - begun))
+"""
+IMPORTS = """
+import hexsim
+from hexsim.machine import load_machine
+from hexsim.scenarios import load_scenario
+from hexsim.simulation import simulate
+"""
+BENCH = IMPORTS + 'simulate(load_machine("bench"), load_scenario("heave"))\n'
+ROWS: dict[str, tuple[str, ...]] = {  # each ends with the folder of its files, but for code
+    "`hexsim run heave` (20 s; figures, report, recording)": (*CLI, "run", "heave", "--out"),
+    "`hexsim run heave --no-recording --no-report`": (
+        *CLI, "run", "heave", "--no-recording", "--no-report", "--out",
+    ),
+    "`hexsim compare heave` (all compensators; figures, report, recording)": (*CLI, "compare", "heave", "--out"),
+    "in Python: imports of a run": ("-c", IMPORTS),
+    "in Python: imports and 20 s on a bench": ("-c", BENCH),
+    "`--fast`, sweeps: simulated s of a hexapod in a processor second": ("-c", RATE),
+}  # fmt: skip
+COMPILES = ROWS["`hexsim run heave --no-recording --no-report`"]
+
+
+class Side:
+    """A tree of sources with a cache of its own."""
+
+    def __init__(self, name: str, tree: Path, cache: Path) -> None:
+        self.name, self.values = name, {row: [] for row in (FIRST, *ROWS)}
+        self.environment = {
+            **os.environ, "PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(cache), "OMP_NUM_THREADS": "1",
+        }  # fmt: skip
+        self.is_new = not cache.exists()
+
+    def measure(self, command: tuple[str, ...], cache: str | None = None) -> float:
+        """Processor time of a command [s], or the number that its code prints. cache: another folder of compiled code."""
+        environment = self.environment | ({"NUMBA_CACHE_DIR": cache} if cache else {})
+        with tempfile.TemporaryDirectory() as folder:
+            whole = [sys.executable, *command, *([f"{folder}/out"] if command[-1] == "--out" else [])]
+            process = subprocess.Popen(
+                whole, env=environment, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            )
+            assert process.stdout is not None
+            printed = process.stdout.read()
+            _, status, usage = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
+            raise SystemExit(f"{self.name}: {' '.join(command)} ended with {process.returncode}")
+        return float(printed) if command[-1] == RATE else usage.ru_utime + usage.ru_stime
+
+    def note(self, row: str, value: float) -> None:
+        """One more value of a row."""
+        self.values[row].append(value)
+        print(f"{self.name}: {row}: {value:.2f}", flush=True)
+
+
+def older_tree(commit: str, place: Path) -> Path:
+    """The sources of a commit in `place`."""
+    if not place.exists():
+        subprocess.run(["git", "-C", ROOT, "worktree", "prune"], check=True)
+        subprocess.run(["git", "-C", ROOT, "worktree", "add", "--detach", place, commit], check=True)
+    return place
+
+
+def measured(sides: list[Side], rows: list[str], rounds: int, first: bool) -> None:
+    """Rows of all sides in turn, once their caches are filled."""
+    for side in sides if first else []:
+        with tempfile.TemporaryDirectory() as cache:
+            side.note(FIRST, side.measure(COMPILES, cache))
+    for side in sides:
+        for row in rows if side.is_new else []:
+            side.measure(ROWS[row])
+    for _ in range(rounds):
+        for row in rows:
+            for side in sides:
+                side.note(row, side.measure(ROWS[row]))
+
+
+def table_of(before: Side, now: Side) -> list[dict[str, object]]:
+    """Row, both medians, and how many times as fast."""
+    rows = []
+    for row in (FIRST, *ROWS):
+        if before.values[row] and now.values[row]:
+            old, new = statistics.median(before.values[row]), statistics.median(now.values[row])
+            rows.append({"what": row, "before": old, "now": new, "ratio": new / old if row in RATES else old / new})
+    return rows
+
+
+RATES = {row for row, command in ROWS.items() if command[-1] == RATE}
+
+
+def page(text: str, rows: list[dict[str, object]]) -> str:
+    """The page with its table between the two lines that mark it."""
+    begin, end = "<!-- table -->\n", "<!-- end of table -->"
+    lines = ["| | before | now | times as fast |", "|---|---|---|---|"]
+    lines += [f"| {row['what']} | {row['before']:.1f} | {row['now']:.1f} | {row['ratio']:.1f} |" for row in rows]
+    return text[: text.index(begin)] + begin + "\n".join(lines) + "\n" + text[text.index(end) :]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--against", default="02da0ba", help="the older commit")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--keep", type=Path, help="folder of the older tree and both caches, made where there is none")
+    parser.add_argument("--first", action="store_true", help="also a first run, which compiles")
+    parser.add_argument("--rows", default="", help="part of the names of the rows to measure")
+    arguments = parser.parse_args()
+    chosen = [row for row in ROWS if arguments.rows in row]
+    with tempfile.TemporaryDirectory() as thrown_away:
+        place = (arguments.keep or Path(thrown_away)).resolve()
+        place.mkdir(parents=True, exist_ok=True)
+        tree = older_tree(arguments.against, place / arguments.against)
+        try:
+            before = Side(arguments.against, tree, place / f"cache_{arguments.against}")
+            now = Side("now", ROOT, place / "cache_now")
+            measured([before, now], chosen, arguments.rounds, arguments.first)
+        finally:
+            if arguments.keep is None:
+                subprocess.run(["git", "-C", ROOT, "worktree", "remove", "--force", tree], check=True)
+    kept = json.loads(RESULT.read_text(encoding="utf-8"))
+    known = {row["what"]: row for row in kept.get("commands", {}).get("rows", [])}
+    known |= {row["what"]: row for row in table_of(before, now)}
+    rows = [known[row] for row in (FIRST, *ROWS) if row in known]
+    commit = subprocess.run(
+        ["git", "-C", ROOT, "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=True
+    )
+    kept["commands"] = {"commit": commit.stdout.strip(), "against": arguments.against, "rows": rows}
+    RESULT.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+    PAGE.write_text(page(PAGE.read_text(encoding="utf-8"), rows), encoding="utf-8")
+    table = Table("what", arguments.against, "now", "times as fast")
+    for row in rows:
+        table.add_row(str(row["what"]), *(f"{row[key]:.2f}" for key in ("before", "now", "ratio")))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
