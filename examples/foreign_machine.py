@@ -5,7 +5,8 @@
 
 It imports nothing of hexsim; docs/motion_computer.md is all that it was written from. Take it as a template for your own machine.
 Its time follows the host's packets (lockstep): a packet of host time t runs it to t.
-Setpoints between two packets lie on a straight line. The piston leaks, and `hexsim identify bench` is not told so: `--leak 0`
+Setpoints are played on a cubic B-spline through the last four packets, one packet late: the kinks of straight lines would be taken
+for the valve's by a compensator. The piston leaks, and `hexsim identify bench` is not told so: `--leak 0`
 has none. A compensator that is asked for by HXP2 is of the package `compensation`, which knows numpy and numba and no hexsim;
 where it is not installed, the request is refused. It sees 28 ms ahead: with it setpoints are played so much later.
 """
@@ -68,6 +69,12 @@ class Cylinder:
             self.y, self.v = min(max(self.y, 0.0), STROKE_m), 0.0
         volume = BOTTOM_m2 * self.y + PIPE_m3
         self.pressure = max(self.pressure + h * BULK_Pa * (flow - BOTTOM_m2 * self.v) / volume, 0.0)
+
+
+def spline(points: list[float], r: float) -> float:
+    """The uniform cubic B-spline of four setpoints, at 0 to 1 of its piece."""
+    a, b, c, d = points
+    return ((1 - r) ** 3 * a + (3 * r**3 - 6 * r**2 + 4) * b + (-3 * r**3 + 3 * r**2 + 3 * r + 1) * c + r**3 * d) / 6.0
 
 
 class Request:
@@ -136,7 +143,7 @@ class Machine:
 
     def __init__(self, leak_m3_s_Pa: float) -> None:
         self.cylinder, self.state, self.errors, self.refused = Cylinder(leak_m3_s_Pa), OFF, 0, False
-        self.time_s, self.asked = 0.0, NEUTRAL_m
+        self.time_s, self.asked = 0.0, [NEUTRAL_m] * 4  # of the last four packets
         self.ahead = collections.deque(
             [self.cylinder.y]
         )  # setpoints of this tick and, with a compensator, the next ones
@@ -261,12 +268,12 @@ class Computer:
         asked = setpoints[0] if mode == 1 else setpoints[2]
         within = min(max(asked, -REACH_m), REACH_m)
         machine.errors = (machine.errors & ~WORKSPACE) | (WORKSPACE if within != asked else 0)
-        before, ticks = machine.asked, round((host_s + self.offset_s - machine.time_s) / TICK_s)
+        machine.asked = [*machine.asked[1:], NEUTRAL_m + within]
+        ticks = round((host_s + self.offset_s - machine.time_s) / TICK_s)
         for k in range(max(ticks, 0)):
-            goal = before + (NEUTRAL_m + within - before) * (k + 1) / ticks
+            goal = spline(machine.asked, (k + 1) / ticks)
             self.socket.sendto(machine.tick(goal, machine.time_s), peer)
             machine.time_s += TICK_s
-        machine.asked = NEUTRAL_m + within
         flags = (
             machine.arrived + 2 * machine.refused + 4 + 8 + 16 * (machine.compensation is not None)
         )  # 4, 8: lockstep, telemetry
