@@ -168,6 +168,10 @@ def test_identify_closes_the_loop_on_it(tmp_path):
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     story = json.loads((tmp_path / "found" / "story.json").read_text())
+    [leak] = story["rounds"][-1]["effects"]
+    assert leak["name"] == "leakage_supply_to_chamber"
+    error = abs(leak["parameters"]["conductance_m3_s_Pa"] - 2e-12)
+    assert error < 3.0 * leak["standard_error"]["conductance_m3_s_Pa"] < 1e-12
     assert story["bump"]["compensated_m_s2"] < 0.2 * story["bump"]["plain_m_s2"]
 
 
