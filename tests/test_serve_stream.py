@@ -134,6 +134,13 @@ def test_rerun_gets_every_number(tmp_path, monkeypatch):
     assert (tmp_path / "rows.rrd").stat().st_size > 1000
 
 
+def test_without_a_viewer_nothing_is_raised():
+    """Rerun's address with nobody at it: rows and the end pass."""
+    stream = open_stream("rerun+http://127.0.0.1:9/proxy")
+    stream.row(0.0, {"position_m": 0.1, "pressure_top_Pa": None})
+    stream.close()
+
+
 def test_addresses(capsys):
     """An address alone has PlotJuggler's port; what is none is refused in one sentence, by the command with exit code 2."""
     for text, address in (("127.0.0.1", ("127.0.0.1", PORT)), ("127.0.0.1:5000", ("127.0.0.1", 5000))):

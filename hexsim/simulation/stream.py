@@ -12,6 +12,7 @@ look: the machine waits for nobody, and what cannot be sent is lost.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import socket
@@ -38,6 +39,7 @@ ALLOWED = f"127.0.0.1:{PORT} (PlotJuggler), foxglove://127.0.0.1:{FOXGLOVE_PORT}
 FOXGLOVE, RERUN = "foxglove://", "rerun+http"
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
 BATCH_s = 0.1  # rows that go to Rerun at once: a call for each number would take longer than a tick
+FLUSH_s = 2.0  # for a viewer that is slow
 
 
 class Stream(Protocol):
@@ -131,9 +133,10 @@ class RerunStream:
         self.columns: dict[str, list[float]] = {}
 
     def close(self) -> None:
-        """Send what is left."""
+        """Send what is left; the library says where no viewer was there."""
         self._send()
-        self.recording.flush()
+        with contextlib.suppress(RuntimeError):
+            self.recording.flush(timeout_sec=FLUSH_s)
         self.recording.disconnect()
 
     def row(self, time_s: float, values: Row) -> None:
