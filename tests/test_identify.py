@@ -27,7 +27,7 @@ from hexsim.identification.story import write_story
 from hexsim.identification.telemetry_log import log_of
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
-from hexsim.motion_computer.compensator_packet import AskedCompensator, unpack_asked
+from hexsim.motion_computer.compensator_packet import AskedCompensator, Piece, Texts, unpack_piece
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_limiter import PERIOD_s, setpoints_of
 from hexsim.motion_computer.host_packet import Reply
@@ -123,13 +123,40 @@ def test_in_real_time_the_ends_of_a_motion_are_known_less_well():
         check_clock("the telemetry's clock", 20.2, 20.0, LOCKED_SHARE, LATE_LIVE_s)
 
 
-def test_a_compensator_packet_is_what_was_packed():
-    """Packing and unpacking is the identity; cut, of another magic, of a leg too many, or no JSON: none."""
-    given = AskedCompensator(leg=2, n_legs=6, name="adaptive", parameters={"flow": {"null_V": 0.1}, "list": [1.0, 2.0]})
-    data = given.pack()
-    assert unpack_asked(data) == given
-    for spoilt in (data[:-1], b"HXC1" + data[4:], data[:4] + b"\x07\x00" + data[6:], data[:16] + b"x" + data[17:]):
-        assert isinstance(unpack_asked(spoilt), str)
+LONG = AskedCompensator(
+    leg=2, n_legs=6, name="adaptive", parameters={"a": [k / 7.0 for k in range(350)], "b": {"c": 0.1}}
+)
+
+
+def test_a_request_in_pieces_is_what_was_packed():
+    """Each piece fits an Ethernet frame (1472 bytes); put together in any order, with one that comes twice, the request is what
+    was packed. A piece that is missing or of another text, changed bytes, another leg, version 1: nothing, or a reason."""
+
+    def pieces_of(asked):
+        return [piece for data in asked.packets() if isinstance(piece := unpack_piece(data), Piece)]
+
+    pieces, other = pieces_of(LONG), pieces_of(replace(LONG, name="none"))
+    assert len(pieces) == 6 and max(len(data) for data in LONG.packets()) <= 1472
+    texts = Texts()
+    found = [texts.add(pieces[k]) for k in (3, 0, 5, 5, 1, 4, 2)]
+    assert found == [None] * 6 + [LONG]
+    assert [texts.add(one) for one in (*pieces[:3], *other[3:], *pieces[3:])] == [None] * 9
+    first = LONG.packets()[0]
+    changed = [replace(pieces[0], part=pieces[0].part[:-1] + b"?"), *pieces[1:]]
+    assert any("CRC-32" in str(texts.add(one)) for one in changed)
+    heads = (b"HXC1" + first[4:8], b"HXP1" + first[4:8], first[:4] + b"\x07\x00\x06\x00", first[:8] + b"\x06")
+    for spoilt in (first[:-1], *(head + first[len(head) :] for head in heads)):
+        assert isinstance(unpack_piece(spoilt), str)
+    assert "another version" in str(unpack_piece(b"HXP1" + first[4:]))
+
+
+def test_what_a_machine_keeps_of_pieces_is_bounded():
+    """Ten thousand first pieces of texts that never end: six legs and leg 0 keep at most one text each."""
+    texts = Texts()
+    for k in range(10_000):
+        piece = Piece(leg=k % 7, n_legs=6, number=k % 6, size=8000, check=k, part=bytes(1200))
+        assert texts.add(piece) is None
+    assert sum(len(piece.part) for pieces in texts._pieces.values() for piece in pieces.values()) <= 7 * 8192
 
 
 def test_what_acts_and_is_asked_for_again_changes_nothing(monkeypatch):

@@ -131,6 +131,11 @@ def test_rows_say_whose_their_limits_are():
     assert "3.c" in filed[0].source and "applicant's own" in filed[0].source and filed[0].limit == 2.0
     assert filed[2].source == "no published number"
     result = {"machine": "<b>", "compensator": "none", "one_mode": True, "pilot_m": [1, 2, 3]}
+    assert "1 of 1 figures with a limit are within it.<" in page(result, filed, [])
+    late = Row(test="4.a", axis="heave z", figure="a", value=106.0, unit="ms", limit=100.0)
+    assert "1 of 2 figures with a limit are within it. Outside: 4.a, heave z, limit 100 ms.<" in page(
+        result, [*filed, late], []
+    )
     assert "&lt;b&gt;" in page(result, filed, []) and "<b>," not in page(result, filed, [])
 
 

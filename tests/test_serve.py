@@ -251,6 +251,11 @@ def test_a_bench_reports_its_pose_and_its_reference() -> None:
         assert host.reply.pose == pytest.approx((0, 0, 0.01, 0, 0, 0), abs=1.5e-3)
 
 
+def ask(host, server, asked: AskedCompensator) -> None:
+    for packet in asked.packets():
+        host.socket.sendto(packet, server.address)
+
+
 def test_a_compensator_that_was_asked_for_twice_does_not_refuse_the_command_after_it() -> None:
     """Plain control asked for twice and run_normal wait in the socket together, as after a machine that compiled: all are
     taken, nothing is refused."""
@@ -259,7 +264,7 @@ def test_a_compensator_that_was_asked_for_twice_does_not_refuse_the_command_afte
         with contextlib.closing(host.socket):
             host.run(0.1)
             for _ in range(2):
-                host.socket.sendto(AskedCompensator(leg=0, n_legs=1, name="none", parameters={}).pack(), server.address)
+                ask(host, server, AskedCompensator(leg=0, n_legs=1))
             host.run(0.1, command="run_normal")
         assert host.reply.state == State.NORMAL and not host.reply.refused
 
@@ -303,7 +308,7 @@ def test_a_packet_names_built_in_algorithms_alone(tmp_path: Path, monkeypatch, n
         host = Host(server)
         with contextlib.closing(host.socket):
             host.run(0.1)
-            host.socket.sendto(asked.pack(), server.address)
+            ask(host, server, asked)
             host.run(0.1)
             assert host.reply.refused and not host.reply.compensated
             assert server.compensator == "none" and loaded == []
@@ -323,7 +328,7 @@ def test_nothing_is_made_while_the_machine_moves(monkeypatch) -> None:
             monkeypatch.setattr(server.orders.asked, "_started", made.append)
             for k in range(20):
                 asked = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"k": k})
-                host.socket.sendto(asked.pack(), server.address)
+                ask(host, server, asked)
             host.run(0.1)
             assert host.reply.state == State.NORMAL and host.reply.refused and made == []
 
@@ -337,8 +342,7 @@ def test_parameters_of_any_kind_are_survived(parameters) -> None:
         host = Host(server)
         with contextlib.closing(host.socket):
             host.run(0.1)
-            packet = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=parameters).pack()
-            host.socket.sendto(packet, server.address)
+            ask(host, server, AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters=parameters))
             host.run(0.1)
             assert host.reply.state == State.NEUTRAL
 

@@ -101,6 +101,47 @@ def test_what_a_washout_makes_of_a_push_is_drawn() -> None:
     assert 50.0 < way.max() < 200.0
 
 
+def test_jsbsims_own_packets_have_the_signs_that_are_read(tmp_path) -> None:
+    """JSBSim flies a Cessna 172 and sends FGNetFDM itself: level flight is felt as nothing, a pull as up by (Nz - 1) g with the nose
+    going up (negative about left), aileron to the right as a roll to the right; rates as JSBSim's own properties."""
+    jsbsim = pytest.importorskip("jsbsim", reason="sends the packets; pip install jsbsim")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as there:
+        there.bind(("127.0.0.1", 0))
+        there.setblocking(False)
+        port = there.getsockname()[1]
+        output = f'<output name="127.0.0.1" type="FLIGHTGEAR" port="{port}" protocol="UDP" rate="60"/>'
+        (tmp_path / "output.xml").write_text(f'<?xml version="1.0"?>{output}')
+        flight = jsbsim.FGFDMExec(None)
+        flight.set_debug_level(0)
+        flight.load_model("c172x")
+        flight.set_dt(1.0 / 120.0)
+        assert flight.set_output_directive(str(tmp_path / "output.xml"))
+        flight["ic/h-sl-ft"], flight["ic/vc-kts"] = 4000.0, 100.0
+        flight.run_ic()
+        flight["propulsion/set-running"] = -1
+        flight.do_trim(1)
+        trimmed, rows = flight["fcs/elevator-cmd-norm"], []
+        for k in range(480):
+            flight["fcs/elevator-cmd-norm"] = trimmed - 0.15 * (120 <= k < 240)
+            flight["fcs/aileron-cmd-norm"] = 0.3 * (k >= 360)
+            flight.run()
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    told = flightgear(there.recv(4096))
+                    known = [
+                        flight[name] for name in ("accelerations/Nz", "velocities/p-rad_sec", "velocities/q-rad_sec")
+                    ]
+                    rows.append((k / 120.0, *told.acceleration, *told.rates, *known))
+    rows = [row for row in rows if row[0] > 0.1]  # the first is of before the trim
+    time, _, _, up, roll, pitch, _, load, p, q = np.array(rows).T
+    level, pull, bank = ((time > a) & (time < b) for a, b in ((0.2, 0.9), (1.1, 1.6), (3.2, 4.0)))
+    assert (
+        abs(up[level]).max() < 0.1 and up[pull].mean() > 2.0 and pitch[pull].mean() < -0.05 and roll[bank].mean() > 0.2
+    )
+    assert up == pytest.approx(9.81 * (load - 1.0), abs=0.3)
+    assert roll == pytest.approx(p, abs=0.02) and pitch == pytest.approx(-q, abs=0.02)
+
+
 def test_flightgear_packets_are_read() -> None:
     """At rest 0; speeding up, a pull-up, acceleration to the right and a turn have their signs; a pitched aircraft at rest
     feels gravity forward; version 25 reads the same; other sizes and versions are named."""

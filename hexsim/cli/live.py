@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from hexsim.machine import Machine
     from hexsim.scenarios import Scenario
     from hexsim.simulation.live import LiveMachine
+    from hexsim.simulation.stream import Stream
     from hexsim.web.machine_page import MachinePage
 
 FRAME_S = 1.0 / 60.0
@@ -53,6 +54,7 @@ def live(
     listen: Annotated[
         str, typer.Option(help="Of --from: ADDRESS:PORT for the packets; only this computer unless you say otherwise.")
     ] = f"{flown.LOOPBACK}:{flown.PORT}",
+    stream: options.StreamTo = None,
     allow_native: options.AllowNative = False,
 ) -> None:
     """The machine running. In MuJoCo's viewer: a slider for each degree of freedom, pause, pushes by mouse or key.
@@ -66,36 +68,38 @@ def live(
         scenario or "heave", options.Motion(machine=machine, amplitude=amplitude, frequency=frequency), settings,
         allow_native=allow_native,
     )  # fmt: skip
-    with compiling_said(lambda text: typer.echo(text, err=True)):
+    looker = options.stream_of(stream)
+    looking = contextlib.closing(looker) if looker else contextlib.nullcontext()
+    with compiling_said(lambda text: typer.echo(text, err=True)), looking:
+        name = machine or what.machine_name
         if source:
-            fly(with_machine, source, washout, compensator, machine or what.machine_name, listen, port, seconds)
+            fly(with_machine, source, washout, compensator, name, listen, port, seconds, looker)
             return
         if web:
-            serve_page(
-                with_machine, what, compensator, (machine or what.machine_name, scenario or "heave"), port, seconds
-            )
+            serve_page(with_machine, what, compensator, (name, scenario or "heave"), port, seconds, looker)
             return
         from hexsim.simulation.live import LiveMachine
 
         check_screen()
-        show(LiveMachine(with_machine, what if scenario else None, compensator), seconds)
+        show(LiveMachine(with_machine, what if scenario else None, compensator, stream=looker), seconds)
 
 
 def serve_page(
-    machine: Machine, scenario: Scenario, compensator: str, names: tuple[str, str], port: int, seconds: float | None
-) -> None:
+    machine: Machine, scenario: Scenario, compensator: str, names: tuple[str, str], port: int, seconds: float | None,
+    stream: Stream | None = None,
+) -> None:  # fmt: skip
     """Serve the page until Ctrl-C, or for `seconds`. names: of machine and scenario, as typed."""
     with page_needed():
         from hexsim.web import Page, Session
 
     with terminated_like_interrupted():
-        page = Page(Session(machine, scenario, compensator), *names, port)
+        page = Page(Session(machine, scenario, compensator, stream), *names, port)
     show_page(page, seconds)
 
 
 def fly(
     machine: Machine, source: str, washout: str, compensator: str, name: str, listen: str, port: int,
-    seconds: float | None,
+    seconds: float | None, stream: Stream | None = None,
 ) -> None:  # fmt: skip
     """Serve the page of a machine that a simulator flies. name: of the machine, as typed. listen: ADDRESS:PORT."""
     with page_needed():
@@ -110,7 +114,7 @@ def fly(
     words += ["-c", compensator] if compensator != "none" else []
     with terminated_like_interrupted():
         vehicle = flown.vehicle_of(source, strict=False)
-        flight = Flight(machine, vehicle, washout_of(washout), compensator, host, int(udp_port))
+        flight = Flight(machine, vehicle, washout_of(washout), compensator, host, int(udp_port), stream)
         page = FlightPage(flight, name, shlex.join(words), port)
     typer.echo(f"packets of {vehicle.name} on udp://{flight.address[0]}:{flight.address[1]}", err=True)
     show_page(page, seconds)

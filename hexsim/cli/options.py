@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from hexsim.machine import Machine
     from hexsim.scenarios import Scenario
     from hexsim.simulation.hosted import Host
+    from hexsim.simulation.stream import Stream
 
 ScenarioName = Annotated[
     str,
@@ -69,6 +70,14 @@ Packets = Annotated[
 ]
 Recording = Annotated[bool, typer.Option("--recording/--no-recording", help="Write recordings for Rerun.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else there.")]
+StreamTo = Annotated[
+    str | None,
+    typer.Option(
+        "--stream",
+        help="Who looks on: ADDRESS:PORT takes JSON by UDP (PlotJuggler: 127.0.0.1:9870); foxglove://127.0.0.1:8765 listens for "
+        "Foxglove; rerun+http://127.0.0.1:9876/proxy is a Rerun viewer.",
+    ),
+]
 AllowNative = Annotated[
     bool, typer.Option("--allow-native", help="Run the native code of foreign FMUs: only of people whom you trust.")
 ]
@@ -138,6 +147,18 @@ def flattened(command: Callable[..., None]) -> Callable[..., None]:
     called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     called.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return called
+
+
+def stream_of(text: str | None) -> Stream | None:
+    """What takes the signals; says which layout Foxglove can import."""
+    if not text:
+        return None
+    from hexsim.simulation.stream import FOXGLOVE, LAYOUT, open_stream
+
+    stream = open_stream(text)
+    if text.startswith(FOXGLOVE):
+        typer.echo(f"Foxglove: open the connection ws://{text.removeprefix(FOXGLOVE)}; layout: {LAYOUT}", err=True)
+    return stream
 
 
 def host_of(packets: str | None) -> Host | None:

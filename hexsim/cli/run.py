@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexsim.cli import options
-from hexsim.cli.console import fraction_of, output, print_json, progress, step_of, terminated_like_interrupted
+from hexsim.cli.console import (
+    fraction_of,
+    output,
+    print_json,
+    progress,
+    step_of,
+    stop_when_signalled,
+    terminated_like_interrupted,
+)
 from hexsim.cli.errors import FULL
 from hexsim.errors import HexsimError
 from hexsim.files.formats import LogFormat
@@ -19,6 +28,7 @@ if TYPE_CHECKING:
     from hexsim.files.run_folder import RunFolder
     from hexsim.simulation import Run
     from hexsim.simulation.payload_fmu import PayloadFmu
+    from hexsim.simulation.stream import Stream
 
 
 def register(app: typer.Typer) -> None:
@@ -46,6 +56,7 @@ def run(
     connect: Annotated[
         list[str] | None, typer.Option(help="Name in the payload's FMU: force_z_N=THEIRS or THEIRS*FACTOR. Repeat.")
     ] = None,
+    stream: options.StreamTo = None,
     allow_native: options.AllowNative = False,
 ) -> None:
     """Run a scenario headless: table of acceleration peaks, log, figures, report and Rerun recording."""
@@ -62,6 +73,7 @@ def run(
         from hexsim.recording.mcap import check_library
 
         check_library()
+    looker = options.stream_of(stream)
     with run_folder(out or default_folder(what.name)) as folder, progress() as bar, terminated_like_interrupted():
         from hexsim.scenarios.resources import check_resources
         from hexsim.scenarios.settings import machine_in
@@ -80,8 +92,19 @@ def run(
         print_json(summary_of(done))
     else:
         print_run(done, place)
+    if looker:
+        play(done, looker)
     if not done.complete:
         raise HexsimError(f"{done.reason.rstrip('.')}; the log so far is in {place}")
+
+
+def play(run: Run, stream: Stream) -> None:
+    """The log in real time to who looks on, until Ctrl-C."""
+    from hexsim.simulation.stream import play_log
+
+    typer.echo("playing the log in real time; Ctrl-C ends it", err=True)
+    with contextlib.closing(stream), stop_when_signalled() as stop:
+        play_log(run.log, stream, stop.is_set)
 
 
 def is_folder(scenario: str) -> bool:

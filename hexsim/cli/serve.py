@@ -48,12 +48,7 @@ def serve(
         float | None,
         typer.Option(min=0.0, max=500.0, help="Latency given away so that less is predicted; default: the machine's."),
     ] = None,
-    stream: Annotated[
-        str | None,
-        typer.Option(
-            help="ADDRESS:PORT that takes every control tick's signals as JSON by UDP (PlotJuggler: 127.0.0.1:9870)."
-        ),
-    ] = None,
+    stream: options.StreamTo = None,
     duration: Annotated[float | None, typer.Option(help="Stop after this time (s); default: Ctrl-C.")] = None,
     out: Annotated[
         Path | None,
@@ -68,7 +63,6 @@ def serve(
     )
     from hexsim.cueing.washout import washout_of
     from hexsim.simulation.serve import HostInput, Server
-    from hexsim.simulation.stream import JsonStream, stream_address
 
     if washout != "classical" and not source:
         raise HexsimError("--washout acts on the packets of a simulator: give --from too")
@@ -83,7 +77,7 @@ def serve(
         buffer_s=None if buffer_ms is None else 1e-3 * buffer_ms, vehicle=flown.vehicle_of(source, strict) if source else None,
         washout=washout_of(washout),
     )  # fmt: skip
-    looker = JsonStream(stream_address(stream)) if stream else None
+    looker = options.stream_of(stream)
     with compiling_said(tell), terminated_like_interrupted():
         server = Server(
             with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep,

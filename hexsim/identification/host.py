@@ -184,7 +184,8 @@ class Host:
         Raises HexsimError where the machine refuses it, or does not take compensators by packets.
         """
         legs = enumerate(learned, start=1) if name != "none" else [(0, {})]
-        packets = [AskedCompensator(leg=leg, n_legs=n_legs, name=name, parameters=own).pack() for leg, own in legs]
+        asked = [AskedCompensator(leg=leg, n_legs=n_legs, name=name, parameters=own) for leg, own in legs]
+        packets = [packet for one in asked for packet in one.packets()]
         patience_s, self._link.patience_s = self._link.patience_s, COMPILE_s
         try:
             for _ in range(ASKED):

@@ -8,6 +8,7 @@ and acceleration; where nothing later has come, the target continues with its ve
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right, insort
 from collections.abc import Callable
 
@@ -22,6 +23,9 @@ HISTORY = KEPT  # setpoints
 LEAST_HORIZON_S = 0.03  # at which predictors are judged: over less, straight lines would do, which have no acceleration
 COAST_S, COAST_PERIODS = 0.03, 4.0  # and the longer of both where the future is predicted
 DRIFT = 1.0e-3  # how fast the clock offset may grow when packets come later and later
+CLOCK_S = (
+    0.5  # in which what is played follows the offset: a packet that comes earlier than all before moves nothing at once
+)
 SHORTEST_GAP_S = 1.0e-4  # between two setpoints
 SHORTEST_DELAY_S, LONGEST_DELAY_S = 0.004, 0.06
 NEW_SESSION_S = 1.0  # of silence; then the next packet begins a session
@@ -69,7 +73,7 @@ class HostBuffer:
 
     def _clear(self) -> None:
         self._samples: list[tuple[float, int, Array]] = []  # (host time, sequence, setpoints and derivatives (3, AXES))
-        self._offset = 0.0
+        self._offset = self._smooth = 0.0
         self._period = 0.0
         self.newest: HostCommand | None = None
         self._inconsistent: list[HostCommand] = []  # the last packets that contradict the newest one
@@ -85,7 +89,7 @@ class HostBuffer:
             newest = None
         if newest is None:
             self.counts["sessions"] += 1
-            self._offset = now_s - command.time_s
+            self._offset = self._smooth = now_s - command.time_s
         else:
             ahead = _ahead(newest.sequence, command)
             same = [time for time, sequence, _ in self._samples if sequence == command.sequence]
@@ -112,7 +116,9 @@ class HostBuffer:
             if ahead > 0:
                 gap = (command.time_s - newest.time_s) / ahead
                 self._period += 0.1 * (gap - self._period) if self._period else gap
-            self._offset = min(self._offset + DRIFT * max(now_s - self.last_packet_s, 0.0), now_s - command.time_s)
+            gap = max(now_s - self.last_packet_s, 0.0)
+            self._offset = min(self._offset + DRIFT * gap, now_s - command.time_s)
+            self._smooth += (1.0 - math.exp(-gap / CLOCK_S)) * (self._offset - self._smooth)
         is_newer = newest is None or command.time_s > newest.time_s
         if is_newer:
             self.newest = command
@@ -144,7 +150,8 @@ class HostBuffer:
         before = [sample for sample in self._samples if sample[0] < first.time_s and _ahead(sample[1], first) > 0]
         self._samples = [*before, *(_sample(one) for one in self._inconsistent)][-HISTORY:]
         self._period = (command.time_s - first.time_s) / _ahead(first.sequence, command)
-        self._offset, self._played = now_s - command.time_s, min(self._played, command.time_s)
+        self._offset = self._smooth = now_s - command.time_s
+        self._played = min(self._played, command.time_s)
         self.newest, self.last_packet_s, self._inconsistent = command, now_s, []
         self._prediction = new_prediction()
         self._predict(add_setpoint)
@@ -165,8 +172,8 @@ class HostBuffer:
         if not self._samples:
             return zero, zero, zero
         if self.latency_s is not None:
-            return self._predicted(now_s + self.ahead_s - self._offset - self.latency_s, self.latency_s)
-        time = max(now_s - self._offset - self.delay_s, self._played)
+            return self._predicted(now_s + self.ahead_s - self._smooth - self.latency_s, self.latency_s)
+        time = max(now_s - self._smooth - self.delay_s, self._played)
         self._played = time
         place = bisect_right(self._samples, time, key=lambda sample: sample[0])
         if place == 0:

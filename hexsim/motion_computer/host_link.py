@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from hexsim.errors import HexsimError
-from hexsim.motion_computer.compensator_packet import LARGEST, MAGIC, AskedCompensator, unpack_asked
+from hexsim.motion_computer.compensator_packet import LARGEST, AskedCompensator, Piece, Texts, is_asking, unpack_piece
 from hexsim.motion_computer.host_buffer import NEW_SESSION_S, HostBuffer
 from hexsim.motion_computer.host_packet import HostCommand, Reply, unpack_command
 from hexsim.packets import Refusals
@@ -42,6 +42,7 @@ class HostLink:
         self.peer: Any = None  # address of the host
         self.spoke = False
         self.asked: list[AskedCompensator] = []  # that it has asked for and nobody has taken yet
+        self._texts = Texts()
         self._reads, self._heard_read, self._heard_s = (
             0,
             0,
@@ -62,22 +63,29 @@ class HostLink:
         """Valid commands of the host that came since the last tick; at most `PACKETS_A_TICK` packets are read."""
         taken, self.spoke = [], False
         for data, sender in self._packets():
-            decoded = unpack_asked(data) if data[:4] == MAGIC else unpack_command(data)
+            decoded = unpack_piece(data) if is_asking(data) else unpack_command(data)
             if isinstance(decoded, str):
                 self._not_understood(decoded)
                 continue
             is_free = self._is_free(now_s)
-            if sender != self.peer and (isinstance(decoded, AskedCompensator) or not is_free):
+            if sender != self.peer and (isinstance(decoded, Piece) or not is_free):
                 self.counts["other host"] += 1  # a compensator is for the host in charge to ask for
-            elif isinstance(decoded, AskedCompensator):
+            elif isinstance(decoded, Piece):
                 self._heard(sender)
-                self.asked.append(decoded)
+                self._ask(self._texts.add(decoded))
             else:
                 self.spoke = self.spoke or sender == self.peer
                 if self.buffer.add(decoded, now_s):
                     self._heard(sender)
                     taken.append(decoded)
         return taken
+
+    def _ask(self, found: AskedCompensator | str | None) -> None:
+        """A leg's request that is whole, or why it is none."""
+        if isinstance(found, str):
+            self._not_understood(found)
+        elif found is not None:
+            self.asked.append(found)
 
     def _packets(self) -> Iterator[tuple[bytes, Any]]:
         """What waits in the socket with who sent it, at most `PACKETS_A_TICK`."""
@@ -97,6 +105,8 @@ class HostLink:
         self.refusals.note(reason)
 
     def _heard(self, sender: Any) -> None:
+        if sender != self.peer:
+            self._texts = Texts()
         self.peer, self.spoke = sender, True
         self._heard_s, self._heard_read = clock.monotonic(), self._reads
 

@@ -33,6 +33,7 @@ from hexsim.simulation.cavitation_watch import CavitationWatch
 from hexsim.simulation.live_motion import LiveMotion
 from hexsim.simulation.live_sensors import LiveSensors
 from hexsim.simulation.simulation import make_compensators
+from hexsim.simulation.stream import Stream, tick_row
 
 Array = NDArray[np.float64]
 
@@ -101,14 +102,15 @@ class LiveMachine:
     """A plant with its position loop, advanced tick by tick.
 
     scenario: motion that the sliders add to; None for the sliders alone. observe: called after every step of the log's
-    rate, as in a run, for those who write down what the plant does.
+    rate, as in a run, for those who write down what the plant does. stream: takes the signals of every control tick.
     """
 
     def __init__(
         self, machine: Machine, scenario: Scenario | None = None, compensator: str = "none", seed: int = 0,
-        observe: Callable[[LiveMachine], None] | None = None,
+        observe: Callable[[LiveMachine], None] | None = None, stream: Stream | None = None,
     ) -> None:  # fmt: skip
         self.machine, self.motion, self.observe = machine, LiveMotion(checked(scenario)), observe
+        self.stream = stream
         self.kinematics = machine.mechanics
         self.dofs = self.kinematics.dofs
 
@@ -237,7 +239,8 @@ class LiveMachine:
         if self.out_of_reach:  # stop at the limit
             self.follower.position, self.follower.velocity = before, np.zeros_like(before)
             setpoints = np.clip(self.setpoints(self.poses(self.loop.preview)), low, high)
-        volts = self.loop.tick(self.time_s, setpoints, *self.sensors.read(self.tick))
+        readings = self.sensors.read(self.tick)
+        volts = self.loop.tick(self.time_s, setpoints, *readings)
         applied = self.data.xfrc_applied[self.body]
         applied[:] = self.disturbance
         applied[2] -= PUSH_N if self.time_s < self._push_until_s else 0.0
@@ -246,6 +249,8 @@ class LiveMachine:
             self.cavitation.note(self.tick_s / self.steps_a_tick)
             if self.observe is not None:
                 self.observe(self)
+        if self.stream:
+            self.stream.row(self.time_s, tick_row(self.plant, self.loop, volts, readings))
         self.tick += 1
 
 

@@ -44,7 +44,7 @@ from hexsim.simulation.serve_latency import LatencyLog
 from hexsim.simulation.serve_record import ServeRecord
 from hexsim.simulation.serve_status import Status
 from hexsim.simulation.simulation import make_compensators
-from hexsim.simulation.stream import JsonStream
+from hexsim.simulation.stream import Stream, tick_row
 from hexsim.simulation.telemetry import TelemetryRows
 from hexsim.simulation.vehicle_link import Vehicle, VehicleLink
 
@@ -83,7 +83,7 @@ class Server:
         self, machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
         scenario: Scenario | None = None, start: str = "neutral", timestep: float | None = None, seed: int = 0,
         telemetry: bool = False, lockstep: bool = False, record_s: float = 0.0, host_input: HostInput | None = None,
-        furnish: Callable[[Any], None] | None = None, stream: JsonStream | None = None,
+        furnish: Callable[[Any], None] | None = None, stream: Stream | None = None,
     ) -> None:  # fmt: skip
         if start not in ("neutral", "off"):
             raise HexsimError(f"start is {start!r}; give 'neutral' or 'off'")
@@ -211,7 +211,8 @@ class Server:
         volts = computer.tick(now, self.orders.setpoints(now), *readings)
         self._step(volts, readings)
         if self.stream:
-            self.stream.send(self, volts, readings)
+            row = tick_row(plant, computer, volts, readings, computer.state.name.lower())
+            self.stream.row(self.time_s, row)
         self.supply.tick(computer.pump_on, self.tick_s)
         self.ticks += 1
         if computer.state == State.NORMAL:

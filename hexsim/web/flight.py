@@ -26,6 +26,7 @@ from hexsim.plant.plant import PlantError
 from hexsim.simulation.live import add_floor_and_light
 from hexsim.simulation.serve import PORT, HostInput, Server
 from hexsim.simulation.serve_status import SILENT_S, Status
+from hexsim.simulation.stream import Stream
 from hexsim.simulation.vehicle_link import Vehicle, VehicleLink
 
 Array = NDArray[np.float64]
@@ -91,14 +92,14 @@ class Flight:
 
     def __init__(
         self, machine: Machine, vehicle: Vehicle, washout: Washout | None = None, compensator: str = "none",
-        host: str = "127.0.0.1", port: int = PORT,
+        host: str = "127.0.0.1", port: int = PORT, stream: Stream | None = None,
     ) -> None:  # fmt: skip
         if not machine.mechanics.has_platform:
             raise HexsimError(f"machine {machine.name} has no platform: a simulator drives hexapods")
         self.washout, self.vehicle = washout or Washout(), vehicle
         self.server = FlownServer(
             machine, host, port, compensator=compensator, host_input=HostInput(vehicle=vehicle, washout=self.washout),
-            furnish=lambda spec: add_floor_and_light(spec, machine),
+            furnish=lambda spec: add_floor_and_light(spec, machine), stream=stream,
         )  # fmt: skip
         assert isinstance(self.server.link, VehicleLink)
         self.link: VehicleLink = self.server.link

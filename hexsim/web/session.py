@@ -16,6 +16,7 @@ from hexsim.scenarios import Scenario
 from hexsim.scenarios.settings import machine_in
 from hexsim.simulation.live import LiveMachine
 from hexsim.simulation.recent_motion import MotionFigures, RecentMotion, motion_figures
+from hexsim.simulation.stream import Stream
 from hexsim.web.knobs import Wave, machine_with, settings_of, wave_of, waves
 
 FRAME_S = 1.0 / 30.0
@@ -58,7 +59,9 @@ class Session:
     anew, which takes a moment. Raises HexsimError for a machine or motion that cannot run at all.
     """
 
-    def __init__(self, machine: Machine, scenario: Scenario, compensator: str = "none") -> None:
+    def __init__(
+        self, machine: Machine, scenario: Scenario, compensator: str = "none", stream: Stream | None = None
+    ) -> None:
         self.declared = machine_in(scenario, machine)
         self.waves = waves(self.declared)
         own = wave_of(scenario) if scenario.mode == "dof" else None
@@ -71,14 +74,17 @@ class Session:
         )  # fmt: skip
         self._lock = threading.Lock()  # of machine and recent motion
         self._wanted = self._handled = self._present = self.asked
-        self._recent = RecentMotion()
-        self.live = LiveMachine(self.declared, scenario, compensator, observe=self._recent.note)
+        self._recent, self._stream = RecentMotion(), stream
+        self.live = self._made(self.declared, scenario, compensator)
         self._since_s = self._settled_from()
         self._shown, self._error, self._speed = Shown(asked=self.asked), "", 1.0
         self._stop = threading.Event()
         self._earlier: list[str] = []  # warnings of machines that were replaced
         self._thread: threading.Thread | None = None
         self.paused = False
+
+    def _made(self, machine: Machine, scenario: Scenario, compensator: str) -> LiveMachine:
+        return LiveMachine(machine, scenario, compensator, observe=self._recent.note, stream=self._stream)
 
     @property
     def motions(self) -> list[str]:
@@ -161,7 +167,7 @@ class Session:
         if wanted.knobs != present.knobs:
             machine = machine_with(self.declared, wanted.knobs)
             if not self.live.become(machine):
-                built = LiveMachine(machine, scenario, wanted.compensator, observe=self._recent.note)
+                built = self._made(machine, scenario, wanted.compensator)
                 self.live.cavitation.end()
                 self._earlier += self.live.cavitation.unsaid()
                 self.live = built

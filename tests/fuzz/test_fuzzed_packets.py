@@ -16,8 +16,7 @@ from mutations import as_toml, mutated, numbers, texts, values
 
 from hexsim.cueing.protocols import FDM_BYTES, OUTSIM2_SIZES, PROTOCOLS, RREF_NAMES, RigSetpoint, VehicleMotion
 from hexsim.cueing.toml_protocol import PacketLayout, TomlProtocol, Type, protocol
-from hexsim.motion_computer.compensator_packet import HEADER as ASKED_HEADER
-from hexsim.motion_computer.compensator_packet import MAGIC, AskedCompensator, unpack_asked
+from hexsim.motion_computer.compensator_packet import AskedCompensator, Piece, Texts, in_pieces, unpack_piece
 from hexsim.motion_computer.errors import Error
 from hexsim.motion_computer.host_buffer import HostBuffer
 from hexsim.motion_computer.host_packet import LARGEST, HostCommand, Reply, unpack_command, unpack_reply
@@ -61,7 +60,7 @@ REPLY = Reply(
     state=State.NORMAL, errors=Error.NONE, sequence=1, arrived=True, refused=False, time_s=1.0, behind_s=0.0, age_s=0.0,
     pose=SIX, reference=SIX,
 )  # fmt: skip
-ASKED = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"a": [1.0, None]})
+ASKED = AskedCompensator(leg=1, n_legs=1, name="adaptive", parameters={"a": [1.0, None] * 200})
 TELEMETRY = [
     Telemetry(n_legs=n, sequence=1, time_s=0.0, rate_Hz=500.0, rows=np.full((m, width(n)), 0.1))
     for n, m in ((1, 1), (6, 4))
@@ -70,7 +69,7 @@ DECODERS: dict[str, tuple[Callable[[bytes], Any], type, list[bytes]]] = {
     "command": (unpack_command, HostCommand, [COMMAND.pack(), MOVING.pack()]),
     "reply": (unpack_reply, Reply, [REPLY.pack()]),
     "telemetry": (unpack_telemetry, Telemetry, [one.pack() for one in TELEMETRY]),
-    "compensator": (unpack_asked, AskedCompensator, [ASKED.pack()]),
+    "compensator": (unpack_piece, Piece, ASKED.packets()),
     "TOML": (TomlProtocol(LAYOUT), VehicleMotion, [bytes(40)]),
     "TOML, 24 bit": (TomlProtocol(WIDE), VehicleMotion, [b"MO" + bytes(8)]),
     "TOML, text": (protocol(str(EXAMPLES / "simtools.toml")), RigSetpoint, [LEGS_TEXT]),
@@ -145,10 +144,29 @@ def test_bodies_of_any_json(examples):
     body = st.one_of(tables.map(lambda table: json.dumps(table).encode()), raw, st.binary(max_size=60))
 
     def claim(text: bytes) -> None:
-        found = unpack_asked(ASKED_HEADER.pack(MAGIC, 1, 6, 0, len(text)) + text)
-        assert isinstance(found, str) or finite(found.parameters)
+        texts, found = Texts(), None
+        for data in in_pieces(1, 6, text):  # each piece of a text that is too long is refused
+            piece = unpack_piece(data)
+            found = piece if isinstance(piece, str) else texts.add(piece)
+        assert isinstance(found, str) or (found is not None and finite(found.parameters)) or not text
 
     fuzz(body, claim, examples)
+
+
+@MORE
+def test_pieces_in_any_order(examples):
+    """Damaged pieces among those of two requests, in any order: no more than these two are put together, and nothing raises."""
+    good = [ASKED, AskedCompensator(leg=1, n_legs=1, name="none", parameters={"b": list(range(700))})]
+    packets = [packet for one in good for packet in one.packets()]
+
+    def claim(order: list[bytes]) -> None:
+        texts = Texts()
+        for data in order:
+            piece = unpack_piece(data)
+            found = piece if isinstance(piece, str) else texts.add(piece)
+            assert found is None or isinstance(found, str) or found in good
+
+    fuzz(st.lists(st.one_of(st.sampled_from(packets), damaged(packets)), max_size=20), claim, examples)
 
 
 @MORE
