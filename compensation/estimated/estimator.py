@@ -53,7 +53,7 @@ START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasin
 
 
 @compiled
-def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, volts_before):
+def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, extra, volts_before):
     """One tick into the history. volts_before: what was sent at the tick before."""
     k = past.ticks & (HISTORY - 1)
     if past.ticks == 0:
@@ -62,7 +62,7 @@ def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, volts_before):
             past.volts[j] = volts_before
     past.supply_mean_Pa += 0.1 * (supply_Pa - past.supply_mean_Pa)
     past.position_m[k], past.bottom_Pa[k], past.top_Pa[k] = position_m, bottom_Pa, top_Pa
-    past.supply_Pa[k] = past.supply_mean_Pa
+    past.supply_Pa[k], past.extra_m_s2[k] = past.supply_mean_Pa, extra
     past.volts[(past.ticks - 1) & (HISTORY - 1)] = volts_before
     past.ticks += 1
     if past.ticks > 8:
@@ -129,7 +129,7 @@ def collect(s):
             past.bottom_Pa[k],
             past.top_Pa[k],
         )
-        window.supply_Pa[j] = past.supply_Pa[k]
+        window.supply_Pa[j], window.extra_m_s2[j] = past.supply_Pa[k], past.extra_m_s2[k]
         mean += past.bottom_Pa[k] * settings.area_bottom_m2 - past.top_Pa[k] * settings.area_top_m2
     for j in range(LEAD + WINDOW):
         window.volts[j] = past.volts[(at - LEAD + j) & m]
@@ -204,7 +204,8 @@ def _work_tick(s):
     fit.at_tick += 1
     if fit.at_tick < WINDOW:
         tick_window(
-            fit.x, fit.S, k, fit.d_now, fit.d_before, trial.numbers, s.sheet, fit.arriving, fit.by_half, window.supply_Pa[k], fit.w,
+            fit.x, fit.S, k, fit.d_now, fit.d_before, trial.numbers, s.sheet, fit.arriving, fit.by_half, window.supply_Pa[k],
+            window.extra_m_s2[k], fit.w,
         )  # fmt: skip
         return
     trial.cost += trial.chi[n, 0] + trial.chi[n, 1]

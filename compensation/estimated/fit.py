@@ -80,14 +80,14 @@ def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
 
 
 @compiled
-def tick_window(x, S, k, d_now, d_before, th, sheet, arriving, by_half, supply, w):
+def tick_window(x, S, k, d_now, d_before, th, sheet, arriving, by_half, supply, extra, w):
     """One tick of a window: k of 0 to WINDOW - 1."""
     whole = int(th[DELAY] / sheet[S_TICK])
     split = th[DELAY] / sheet[S_TICK] - whole
     at = LEAD + k - whole
     d_now[PLAY], d_before[PLAY] = by_half[at], by_half[at - 1]
     tangent(
-        x, S, N_COLUMNS, N_SPOOL, True, th, sheet, arriving[at], arriving[at - 1], split, d_now, d_before, 0.0, supply, 0.0, w
+        x, S, N_COLUMNS, N_SPOOL, True, th, sheet, arriving[at], arriving[at - 1], split, d_now, d_before, 0.0, supply, extra, 0.0, w
     )  # fmt: skip
 
 

@@ -24,11 +24,11 @@ SETTINGS = record(
     pressure_share=f, controller_feeds_forward=f, learn=f,
 )  # fmt: skip
 PAST = record(
-    position_m=(f, (HISTORY,)), bottom_Pa=(f, (HISTORY,)), top_Pa=(f, (HISTORY,)), supply_Pa=(f, (HISTORY,)),
+    position_m=(f, (HISTORY,)), bottom_Pa=(f, (HISTORY,)), top_Pa=(f, (HISTORY,)), supply_Pa=(f, (HISTORY,)), extra_m_s2=(f, (HISTORY,)),
     volts=(f, (HISTORY,)), ticks=i, begin=i, odd=i, fastest_m_s=f, supply_mean_Pa=f, noise_m=f, noise_Pa=f, force_N=f, force_ticks=f,
 )  # fmt: skip
 WINDOW_DATA = record(
-    position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)),
+    position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)), extra_m_s2=(f, (WINDOW,)),
     volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)),
 )  # fmt: skip
 TRIAL = record(  # a pass over the windows at some numbers
@@ -53,12 +53,13 @@ INVERSE = record(
     path2=(f, (AHEAD + 1, N_STATES)), H=(f, (AHEAD, AHEAD)), L=(f, (AHEAD, AHEAD)), step=(f, (AHEAD,)), U2=(f, (AHEAD,)),
     s=(f, (N_STATES,)),
     w=(f, (16,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)),
-    filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), played=f, side=f,
+    filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), played=f, side=f,
     x_before=(f, (N_STATES,)),
     started_now=i,
 )  # fmt: skip
 REFERENCE = record(  # the nearest tick first
-    position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_ahead_m=(f, (QUEUE,)), count=i, setpoint_m=f,
+    position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_ahead_m=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)),
+    count=i, setpoint_m=f, load_lag_m_s2=f, loads=i,
 )  # fmt: skip
 EXPECTED = record(
     S=(f, (N_STATES, N_COLUMNS)), speed=(f, (N_COLUMNS,)), filtered=(f, (N_COLUMNS, 2)), row=(f, (N_COLUMNS,)), d_now=(f, (N_COLUMNS,)),
@@ -68,5 +69,5 @@ EXPECTED = record(
 STATE = record(
     settings=SETTINGS, sheet=(f, (N_SHEET,)), past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
     numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP,
-    share=f, linear=f,
+    share=f, linear=f, platform=i, objected=i, wants=i,
 )  # fmt: skip

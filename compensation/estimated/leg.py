@@ -6,7 +6,7 @@ behind one bristle (LuGre without damping), regularised in velocity:
 
     z' = v - sqrt(v^2 + reg^2) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs)
 
-    m v' = P1 A1 - P2 A2 - F - F0
+    m v' = P1 A1 - P2 A2 - F - F0 - m e      e: what the other legs' motion adds to this leg's load (0 on a bench)
     C1 P1' = Q1 - A1 v,   C2 P2' = Q2 + A2 v      a rod side at supply pressure has P2 = Ps
 
 Integrated by a semi-implicit Euler scheme of `SUBSTEPS` steps a tick: the same in estimation and inversion.
@@ -145,7 +145,9 @@ def warm_spool(x, S, th, sheet, arriving, by_half, first, last, d_now, d_before)
 
 
 @compiled
-def tangent(x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, d_before, gain_y, supply, blunt_V, w):
+def tangent(
+    x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, d_before, gain_y, supply, extra, blunt_V, w
+):
     """`tick`, and S (N_STATES, n) with it, the state's derivatives by whatever its columns are.
 
     moving: how many columns, the first, move the spool; those behind are zero there. numbers: whether the first N_NUMBERS columns
@@ -261,7 +263,7 @@ def tangent(x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, 
         g = g if g > 0.1 else 0.1
         vr = sqrt(v * v + reg * reg)
         den = 1.0 + h * vr * sigma / g
-        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - sigma * x[Z] / den
+        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - m * extra - sigma * x[Z] / den
         below = 1.0 + h * (th[viscous] + sigma * h / den) / m
         v1 = (v + h * drive / m) / below
         z = x[Z]
@@ -306,8 +308,8 @@ def tangent(x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, 
             d = -hb
             Sv[HOLD] += d
             Sz[HOLD] += h * d / den
-            # by mass: v1 below = v + h drive/m; d below = -(below - 1)/m; d(drive/m) = -drive/m^2
-            d = (v1 * (below - 1.0) / m - h * drive / (m * m)) / below
+            # by mass: v1 below = v + h drive/m; d below = -(below - 1)/m; d(drive/m) = -drive/m^2 - extra/m
+            d = (v1 * (below - 1.0) / m - h * drive / (m * m) - h * extra / m) / below
             Sv[MASS] += d
             Sz[MASS] += h * d / den
         x[V], x[Z] = v1, z1
@@ -392,7 +394,7 @@ def tangent(x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, 
 
 
 @compiled
-def tick(x, none, th, sheet, now_V, before_V, split, supply, w):
+def tick(x, none, th, sheet, now_V, before_V, split, supply, extra, w):
     """`tangent` without derivatives: x is advanced by a tick. none: any array (N_STATES, n), which is left as it is."""
     row = none[Y]
-    tangent(x, none, 0, 0, False, th, sheet, now_V, before_V, split, row, row, 0.0, supply, 0.0, w)
+    tangent(x, none, 0, 0, False, th, sheet, now_V, before_V, split, row, row, 0.0, supply, extra, 0.0, w)

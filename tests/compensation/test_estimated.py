@@ -53,11 +53,11 @@ def _ticks(
     for k in range(60):
         now, before = volts[k + 4 - whole], volts[k + 3 - whole]
         if S is None:
-            model.tick(x, np.zeros((model.N_STATES, 1)), numbers, sheet, now, before, split, 7e6, space)
+            model.tick(x, np.zeros((model.N_STATES, 1)), numbers, sheet, now, before, split, 7e6, 0.3, space)
         else:
             none = np.zeros(S.shape[1])
             model.tangent(
-                x, S, S.shape[1], model.N_SPOOL, True, numbers, sheet, now, before, split, none, none, 0.0, 7e6, 0.0, space
+                x, S, S.shape[1], model.N_SPOOL, True, numbers, sheet, now, before, split, none, none, 0.0, 7e6, 0.3, 0.0, space
             )  # fmt: skip
     return x
 
