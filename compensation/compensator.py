@@ -20,6 +20,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 NO_LOAD = np.zeros(0)  # `Sample.load_preview_m_s2` of a leg that carries nothing of what other legs move
+MEASURED_LOAD_TICKS = 5  # by which `Sample.load_of_others_m_s2` lies behind: the middle of the parabola it comes from
+_SPAN = 2 * MEASURED_LOAD_TICKS + 1
+# noise of that parabola's second derivative, of a reading with noise 1 a tick: sqrt(720/(n (n^2 - 1) (n^2 - 4)))
+MEASURED_LOAD_NOISE = math.sqrt(720.0 / (_SPAN * (_SPAN**2 - 1) * (_SPAN**2 - 4)))
 Parameters = dict[str, Any]  # numbers, lists of numbers, strings: what JSON and TOML can hold
 
 
@@ -46,6 +50,8 @@ class Sample:
     pressure_top_Pa: float = 0.0  # measured, of a rod side on a four-way valve
     # (n,) or none: load that the setpoints of all legs give this one, over the mass that it has when all move alike
     load_preview_m_s2: np.ndarray = field(default_factory=lambda: NO_LOAD)
+    # what the other legs gave it, from all legs' measured positions, `MEASURED_LOAD_TICKS` ago; over the same mass
+    load_of_others_m_s2: float = 0.0
 
     def __post_init__(self) -> None:
         floats = (
@@ -92,6 +98,13 @@ class Context:
     velocity_filter_Hz: float = 60.0
     pressure_gain_V_per_Pa: float = 0.0
     pressure_high_pass_Hz: float = 1.0
+    own_load: float = (
+        1.0  # share of its mass that a leg of a platform feels of its own acceleration, the others at rest
+    )
+    load_of_others: float = 0.0  # root of the summed squares of the shares that it feels of each other leg's
+    load_over_weight: float = (
+        1.0  # that mass times gravity over the force that holds it, by the declared geometry and body
+    )
     controller_feeds_forward: bool = False  # the plain controller follows the setpoint without the lag of its gain
     period_s: float | None = None
 

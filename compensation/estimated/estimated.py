@@ -32,9 +32,9 @@ class EstimatedState:
 
 
 @compiled
-def tick_first(states, table, preview, loads, setpoint, position, valve, bottom, top, supply, forward):
+def tick_first(states, table, preview, loads, of_others, setpoint, position, valve, bottom, top, supply, forward):
     """`tick_of` of states (1,)."""
-    return tick_of(states[0], table, preview, loads, setpoint, position, valve, bottom, top, supply, forward)
+    return tick_of(states[0], table, preview, loads, of_others, setpoint, position, valve, bottom, top, supply, forward)
 
 
 @compiled
@@ -73,8 +73,9 @@ class Estimated(Compensator):
     def step(self, state: EstimatedState, sample: Sample) -> tuple[float, EstimatedState]:
         volts = tick_first(
             state.states, prediction_table(), np.asarray(sample.preview_m, float),
-            np.asarray(sample.load_preview_m_s2, float), sample.setpoint_m, sample.position_m, sample.valve_V, sample.pressure_bottom_Pa,
-            sample.pressure_top_Pa, sample.pressure_supply_Pa, sample.feed_forward_V,
+            np.asarray(sample.load_preview_m_s2, float), sample.load_of_others_m_s2, sample.setpoint_m,
+            sample.position_m, sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_top_Pa,
+            sample.pressure_supply_Pa, sample.feed_forward_V,
         )  # fmt: skip
         return volts, state
 

@@ -7,8 +7,11 @@ at the last it goes on for as long as the machine moves, with the last `WINDOWS`
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 
+from ..compensator import MEASURED_LOAD_NOISE, MEASURED_LOAD_TICKS
 from ..compiled import compiled
 from .fit import (
     LEAD,
@@ -25,7 +28,7 @@ from .fit import (
     tick_window,
 )  # fmt: skip
 from .layout import HISTORY, WAITING, WINDOWS
-from .leg import LN_SPOOL, N_NUMBERS, PLAY, S_FOUR_WAY, ZETA
+from .leg import LN_SPOOL, MASS, N_NUMBERS, PLAY, S_FOUR_WAY, ZETA
 from .prior import add_prior, fill_prior
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
@@ -54,7 +57,8 @@ START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasin
 
 @compiled
 def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, extra, volts_before):
-    """One tick into the history. volts_before: what was sent at the tick before."""
+    """One tick into the history. extra: load by the other legs,
+    MEASURED_LOAD_TICKS ago. volts_before: what was sent at the tick before."""
     k = past.ticks & (HISTORY - 1)
     if past.ticks == 0:
         past.supply_mean_Pa = supply_Pa
@@ -62,7 +66,8 @@ def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, extra, volts_before):
             past.volts[j] = volts_before
     past.supply_mean_Pa += 0.1 * (supply_Pa - past.supply_mean_Pa)
     past.position_m[k], past.bottom_Pa[k], past.top_Pa[k] = position_m, bottom_Pa, top_Pa
-    past.supply_Pa[k], past.extra_m_s2[k] = past.supply_mean_Pa, extra
+    past.supply_Pa[k] = past.supply_mean_Pa
+    past.extra_m_s2[(past.ticks - MEASURED_LOAD_TICKS) & (HISTORY - 1)] = extra
     past.volts[(past.ticks - 1) & (HISTORY - 1)] = volts_before
     past.ticks += 1
     if past.ticks > 8:
@@ -176,6 +181,9 @@ def _start_pass(s, numbers, fresh):
     fit.trial.H[:, :] = 0.0
     fit.trial.g[:] = 0.0
     fit.trial.cost = 0.0
+    load_m_s2 = MEASURED_LOAD_NOISE * s.past.noise_m * s.settings.load_of_others / s.settings.tick_s**2
+    load_Pa = fit.mean[MASS] * load_m_s2 / s.settings.area_bottom_m2
+    fit.noise_Pa = sqrt(s.past.noise_Pa**2 + load_Pa**2)
     fit.at_window = fit.at_tick = 0
     fit.running = 1
 
@@ -199,7 +207,7 @@ def _work_tick(s):
         trial.chi[n, 0] = trial.chi[n, 1] = 0.0
     read_tick(
         fit.x, fit.S, trial.numbers, s.sheet, fit.scale, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
-        s.past.noise_m * heat, s.past.noise_Pa * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
+        s.past.noise_m * heat, fit.noise_Pa * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
     )  # fmt: skip
     fit.at_tick += 1
     if fit.at_tick < WINDOW:

@@ -79,7 +79,9 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
         last = U[i - 1] if i > 0 else before
         for j in range(i + 1):
             J[i, j] = -S[V, j]
-        tangent(s, S, i + 1, i + 1, False, th, sheet, U[i], last, split, d_now, d_before, 0.0, supply, extra[i], blunt, w)
+        tangent(
+            s, S, i + 1, i + 1, False, th, sheet, U[i], last, split, d_now, d_before, 0.0, supply, extra[i], blunt, w
+        )
         for j in range(i + 1):
             J[i, j] = (J[i, j] + S[V, j]) / tick_s
             J[AHEAD + i, j] = S[V, j] / WEIGHTS[1]

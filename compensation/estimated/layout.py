@@ -21,7 +21,7 @@ SETTINGS = record(
     tank_pressure_Pa=f, bulk_modulus_Pa=f, pipeline_volume_m3=f, pipeline_volume_top_m3=f, four_way=f, position_error_m=f,
     pressure_noise_Pa=f, pressure_resolution_Pa=f, spool_frequency_Hz=f, stribeck_velocity_m_s=f, edge_V=f,
     velocity_gain_m_s_V=f, velocity_gain_V_s_per_m=f, velocity_pole=f, velocity_share=f, pressure_gain_V_per_Pa=f, pressure_pole=f,
-    pressure_share=f, controller_feeds_forward=f, learn=f,
+    pressure_share=f, controller_feeds_forward=f, learn=f, own_load=f, load_of_others=f, load_over_weight=f,
 )  # fmt: skip
 PAST = record(
     position_m=(f, (HISTORY,)), bottom_Pa=(f, (HISTORY,)), top_Pa=(f, (HISTORY,)), supply_Pa=(f, (HISTORY,)), extra_m_s2=(f, (HISTORY,)),
@@ -37,7 +37,7 @@ TRIAL = record(  # a pass over the windows at some numbers
 )  # fmt: skip
 FIT = record(
     mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)), scale=(f, (N_COLUMNS,)),
-    best=TRIAL, trial=TRIAL, has_best=i, count=i, waiting=i, seen=i, stage=i, step=i, damping=f,
+    mass_over_hold=f, noise_Pa=f, best=TRIAL, trial=TRIAL, has_best=i, count=i, waiting=i, seen=i, stage=i, step=i, damping=f,
     at_window=i, at_tick=i, running=i, restored=i, settled=i, passes=i,
     x=(f, (N_STATES,)), S=(f, (N_STATES, N_COLUMNS)), d_now=(f, (N_COLUMNS,)), d_before=(f, (N_COLUMNS,)), row=(f, (N_COLUMNS,)),
     arriving=(f, (LEAD + WINDOW,)), by_half=(f, (LEAD + WINDOW,)), A=(f, (N_NUMBERS, N_NUMBERS)), B=(f, (N_START, N_NUMBERS)),

@@ -6,7 +6,8 @@ behind one bristle (LuGre without damping), regularised in velocity:
 
     z' = v - sqrt(v^2 + reg^2) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs)
 
-    m v' = P1 A1 - P2 A2 - F - F0 - m e      e: what the other legs' motion adds to this leg's load (0 on a bench)
+    m (r v' + e) = P1 A1 - P2 A2 - F - F0      m: while all legs of a platform move alike; r: share by this leg's own motion, declared;
+                                               e: by the others' [m/s2]. On a bench r = 1, e = 0.
     C1 P1' = Q1 - A1 v,   C2 P2' = Q2 + A2 v      a rod side at supply pressure has P2 = Ps
 
 Integrated by a semi-implicit Euler scheme of `SUBSTEPS` steps a tick: the same in estimation and inversion.
@@ -35,10 +36,10 @@ N_NUMBERS, N_SPOOL = 31, 5
     LN_BRISTLE, PRESSURE_LAG, POSITION_LAG,
 ) = range(N_NUMBERS)  # fmt: skip
 # places in a sheet (N_SHEET,): what is declared
-(S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2, S_SMOOTH) = range(
-    14
-)
-N_SHEET = 14
+(
+    S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2, S_SMOOTH, S_OWN,
+) = range(15)  # fmt: skip
+N_SHEET = 15
 LEAST_LAG_S = 1e-5
 ATMOSPHERE_Pa = 1.0e5
 LEAST_PRESSURE_Pa = 1.0e4
@@ -170,7 +171,7 @@ def tangent(
     cs, reg, sigma = exp(th[LN_STRIBECK]), exp(th[LN_REG]), exp(th[LN_BRISTLE])
     flow = sheet[S_FLOW]
     gu, gd = flow * th[GAIN_UP], flow * th[GAIN_DN]
-    tank, m = sheet[S_TANK], th[MASS]
+    tank, m = sheet[S_TANK], th[MASS] * sheet[S_OWN]
     edge = split * SUBSTEPS
     o, q, c = w[0:5], w[5:10], w[10:14]
     Sy, Sv, S1, S2, Sx, Sz, T1, T2 = S[Y], S[V], S[P1], S[P2], S[X], S[Z], S[M1], S[M2]
@@ -263,7 +264,7 @@ def tangent(
         g = g if g > 0.1 else 0.1
         vr = sqrt(v * v + reg * reg)
         den = 1.0 + h * vr * sigma / g
-        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - m * extra - sigma * x[Z] / den
+        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - th[MASS] * extra - sigma * x[Z] / den
         below = 1.0 + h * (th[viscous] + sigma * h / den) / m
         v1 = (v + h * drive / m) / below
         z = x[Z]
@@ -308,8 +309,8 @@ def tangent(
             d = -hb
             Sv[HOLD] += d
             Sz[HOLD] += h * d / den
-            # by mass: v1 below = v + h drive/m; d below = -(below - 1)/m; d(drive/m) = -drive/m^2 - extra/m
-            d = (v1 * (below - 1.0) / m - h * drive / (m * m) - h * extra / m) / below
+            # by mass: v1 below = v + h drive/m, m = r MASS; d below = -(below - 1)/MASS; d(drive/m) = -(drive + MASS e)/(m MASS)
+            d = (v1 * (below - 1.0) - h * (drive + th[MASS] * extra) / m) / (th[MASS] * below)
             Sv[MASS] += d
             Sz[MASS] += h * d / den
         x[V], x[Z] = v1, z1

@@ -42,6 +42,7 @@ from .leg import (
     S_E,
     S_FLOW,
     S_FOUR_WAY,
+    S_OWN,
     S_PASS,
     S_POLE1,
     S_POLE2,
@@ -85,7 +86,7 @@ def fill_sheet(sheet, settings):
     )
     sheet[S_STROKE], sheet[S_TANK] = settings.stroke_m, settings.tank_pressure_Pa
     sheet[S_FOUR_WAY], sheet[S_TICK] = settings.four_way, settings.tick_s
-    sheet[S_SMOOTH] = 4.0
+    sheet[S_SMOOTH], sheet[S_OWN] = 4.0, settings.own_load
     k = tan(pi * min(FELT_HZ * settings.tick_s, 0.45))  # Butterworth's low pass by the bilinear rule
     norm = 1.0 / (1.0 + 2.0**0.5 * k + k * k)
     sheet[S_PASS], sheet[S_POLE1], sheet[S_POLE2] = (
@@ -107,7 +108,8 @@ def fill_prior(fit, settings, hold_N):
     force = settings.area_bottom_m2 * settings.supply_pressure_Pa
     volts = settings.edge_V / 0.5
     viscous = 0.035 * force / settings.velocity_gain_m_s_V  # at the speed that a volt gives
-    mass = max(abs(hold_N), 0.01 * force) / GRAVITY_m_s2
+    mass = settings.load_over_weight * max(abs(hold_N), 0.01 * force) / GRAVITY_m_s2
+    fit.mass_over_hold = settings.load_over_weight / GRAVITY_m_s2
     none = 1e300
     one(fit, GAIN_UP, 1.0, 0.2, 0.3, 3.0)
     one(fit, GAIN_DN, 1.0, 0.2, 0.3, 3.0)
@@ -167,7 +169,7 @@ def add_prior(fit, numbers, H, g):
         else:
             a, b = MASS, HOLD
             sign = 1.0 if fit.mean[HOLD] >= 0.0 else -1.0
-            wide, by_a, by_b = MASS_PAIR * fit.mean[MASS], 1.0, -sign / GRAVITY_m_s2
+            wide, by_a, by_b = MASS_PAIR * fit.mean[MASS], 1.0, -sign * fit.mass_over_hold
         e = (by_a * numbers[a] + by_b * numbers[b]) / wide
         ja, jb = by_a * fit.sd[a] / wide, by_b * fit.sd[b] / wide
         cost += e * e

@@ -61,7 +61,10 @@ LINEAR_S = 2.0  # in which the demanded motion then loses its dead band
 LEAST_SHARE = 0.5  # of bump^2 in bump^2 + doubt^2 from which it engages
 SMOOTHEST = 64.0  # of the volts' second difference: the valve then crosses its dead band in a window's length
 KEEP_HALVES = 0.75  # of the squares of a half stroke before
-SAY_TICKS, QUIET_TICKS = 8, 20  # legs of a platform say so often whether they want to engage; none may object for so long
+SAY_TICKS, QUIET_TICKS = (
+    8,
+    20,
+)  # legs of a platform say so often whether they want to engage; none may object for so long
 
 
 @compiled
@@ -165,7 +168,7 @@ def _advance(s, setpoint, loads, predicted):
     if not ref.loads:
         ref.load_lag_m_s2, ref.loads = asked, 1
     ref.load_lag_m_s2 += follows * (asked - ref.load_lag_m_s2)
-    ref.extra_m_s2[last] = ref.load_lag_m_s2 - (speed - v) / tick_s
+    ref.extra_m_s2[last] = ref.load_lag_m_s2 - s.settings.own_load * (speed - v) / tick_s
 
 
 @compiled
@@ -223,7 +226,9 @@ def _invert(s):
         inv,
     )
     volts = inv.U[0]
-    left = keep_first(inv.x, inv.U, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, supply, inv.extra, inv.S, inv.w)
+    left = keep_first(
+        inv.x, inv.U, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, supply, inv.extra, inv.S, inv.w
+    )
     inv.older, inv.before = inv.before, volts
     return volts, left
 
@@ -316,7 +321,9 @@ def _through_backlash(inv, volts, half):
 
 
 @compiled
-def tick_of(s, table, preview, loads, setpoint_m, position_m, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V):
+def tick_of(
+    s, table, preview, loads, of_others, setpoint_m, position_m, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V
+):
     """Volts to add. preview (n,), loads (n,) or none; everything else of the sample."""
     settings, ref, inv = s.settings, s.reference, s.inverse
     if s.sheet[S_FOUR_WAY] == 0.0:
@@ -324,7 +331,7 @@ def tick_of(s, table, preview, loads, setpoint_m, position_m, valve_V, bottom_Pa
     s.platform = 1 if len(loads) > 2 else 0
     ahead, predicted = _setpoint_ahead(s, table, preview, QUEUE - 1)
     _advance(s, ahead, loads, predicted)
-    watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, ref.extra_m_s2[0], valve_V)
+    watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, of_others, valve_V)
     if settings.learn != 0.0:
         collect(s)
         work(s)

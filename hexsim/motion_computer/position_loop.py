@@ -23,7 +23,7 @@ from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C
 from hexsim.motion_computer.data_sheet import compensator_context
 from hexsim.motion_computer.declared_control import control_of
-from hexsim.motion_computer.leg_load import ExpectedLoad
+from hexsim.motion_computer.leg_load import SPAN, ExpectedLoad
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,8 @@ class PositionLoop:
         self.on_message = on_message
         self.machine, self._tick_s = machine, 1.0 / machine.controller.rate_Hz
         self.load: ExpectedLoad | None = None  # of a platform's legs, for compensators
-        self._contexts = [compensator_context(machine, period_s, leg) for leg in range(1, n + 1)]
+        self._period_s = period_s
+        self._positions = np.zeros((0, n))  # of late, the last SPAN ticks
         self.compensate(compensators)
         self.valve = np.zeros(n)  # volts that leave the motion computer
         self.setpoint = np.zeros(n)
@@ -62,6 +63,8 @@ class PositionLoop:
         self.compensators = list(compensators)
         if self.compensators and self.load is None:
             self.load = ExpectedLoad.of(resolve(self.machine))
+        legs = range(1, self.machine.n_legs + 1)
+        self._contexts = [compensator_context(self.machine, self._period_s, leg, self.load) for leg in legs]
         made = list(zip(self.compensators, self._contexts, strict=False))
         self.states: list[Any] = [c.start(context) for c, context in made]
         self.previews = [preview_count(*both, state) for both, state in zip(made, self.states, strict=True)]
@@ -113,6 +116,7 @@ class PositionLoop:
             own = np.empty(len(positions))
             controller.of_the_setpoint(control, memory, self.feed_forward, own)
             loads = None if self.load is None else self.load.accelerations(path, self._tick_s)
+            of_others = self._load_of_others(positions)
             for i, compensator in enumerate(self.compensators):
                 sample = Sample(
                     time_s=time_s,
@@ -126,6 +130,7 @@ class PositionLoop:
                     feed_forward_V=float(own[i]),
                     pressure_top_Pa=0.0 if top_pressures is None else float(top_pressures[i]),
                     load_preview_m_s2=NO_LOAD if loads is None else loads[: self.previews[i], i],
+                    load_of_others_m_s2=float(of_others[i]),
                 )
                 added, self.states[i] = compensator.step(self.states[i], sample)
                 added *= self.compensation_share
@@ -144,6 +149,16 @@ class PositionLoop:
         self.valve = np.empty_like(self._commanded)
         controller.computed(control, memory, self._commanded, self.valve)
         return self.valve
+
+    def _load_of_others(self, positions: Array) -> Array:
+        """Load (n_legs,) [m/s2] of each leg by the others' measured motion; a reading that is missing stands for the one before."""
+        if self.load is None:
+            return np.zeros(len(positions))
+        if not len(self._positions):
+            self._positions = np.tile(positions, (SPAN, 1))
+        last = self._positions[-1]
+        self._positions = np.vstack((self._positions[1:], np.where(np.isfinite(positions), positions, last)))
+        return self.load.of_others(self._positions, self._tick_s)
 
     def _share(self) -> None:
         """What one leg has just learned, to those that are declared alike and have the same compensator."""

@@ -41,6 +41,7 @@ def _ticks(
         four_way,
         2e-3,
     )
+    sheet[model.S_OWN] = 1.9  # as on a platform, with 0.3 m/s2 by other legs
     x = np.zeros(model.N_STATES)
     x[[model.Y, model.V, model.X, model.AMP]] = 0.1, 0.02, 0.2, 0.2
     x[[model.P1, model.P2]] = (3.5e6, (3.5e6 * AREA_BOTTOM - 490.0) / AREA_TOP) if four_way else (3.45e6, 7e6)
