@@ -16,7 +16,7 @@ from ..compiled import compiled
 from .fit import (
     LEAD,
     N_START,
-    START_SCALE,
+    N_STATE,
     WINDOW,
     backward,
     begin_window,
@@ -28,7 +28,7 @@ from .fit import (
     tick_window,
 )  # fmt: skip
 from .layout import HISTORY, WAITING, WINDOWS
-from .leg import LN_SPOOL, MASS, N_NUMBERS, PLAY, S_FOUR_WAY, ZETA
+from .leg import LN_SPOOL, N_NUMBERS, PLAY, S_FOUR_WAY, ZETA
 from .prior import add_prior, fill_prior
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
@@ -51,6 +51,7 @@ BACK = 60  # ticks by which a window may begin earlier to begin in motion
 LATE = WINDOW + BACK + HALF_SPAN + LEAD
 NOISE_STEP = 0.01  # of the running median of fourth differences, a tick
 FORGET_TICKS = 2000.0
+MISSED_m_s2 = 0.1  # of another leg's bump, by a parabola over 20 ms: a tenth to a fifth of bumps of 0.5 to 1 m/s2
 # a parabola through nine readings: its value and slope [1/tick] at the first
 START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasing=True))[:2]
 
@@ -181,9 +182,11 @@ def _start_pass(s, numbers, fresh):
     fit.trial.H[:, :] = 0.0
     fit.trial.g[:] = 0.0
     fit.trial.cost = 0.0
-    load_m_s2 = MEASURED_LOAD_NOISE * s.past.noise_m * s.settings.load_of_others / s.settings.tick_s**2
-    load_Pa = fit.mean[MASS] * load_m_s2 / s.settings.area_bottom_m2
-    fit.noise_Pa = sqrt(s.past.noise_Pa**2 + load_Pa**2)
+    fit.starts = N_STATE
+    if s.platform:
+        fit.starts = N_START
+        noise = MEASURED_LOAD_NOISE * s.past.noise_m / s.settings.tick_s**2
+        fit.scale[N_NUMBERS + N_STATE :] = s.settings.load_of_others * sqrt(noise * noise + MISSED_m_s2 * MISSED_m_s2)
     fit.at_window = fit.at_tick = 0
     fit.running = 1
 
@@ -206,23 +209,24 @@ def _work_tick(s):
         fit.b[:] = 0.0
         trial.chi[n, 0] = trial.chi[n, 1] = 0.0
     read_tick(
-        fit.x, fit.S, trial.numbers, s.sheet, fit.scale, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
-        s.past.noise_m * heat, fit.noise_Pa * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
+        fit.x, fit.S, trial.numbers, s.sheet, fit.scale, fit.starts, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
+        s.past.noise_m * heat, s.past.noise_Pa * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
     )  # fmt: skip
     fit.at_tick += 1
     if fit.at_tick < WINDOW:
         tick_window(
-            fit.x, fit.S, k, fit.d_now, fit.d_before, trial.numbers, s.sheet, fit.arriving, fit.by_half, window.supply_Pa[k],
+            fit.x, fit.S, k, fit.d_now, fit.d_before, trial.numbers, s.sheet, trial.start[n], fit.starts,
+            fit.arriving, fit.by_half, window.supply_Pa[k],
             window.extra_m_s2[k], fit.w,
         )  # fmt: skip
         return
     trial.cost += trial.chi[n, 0] + trial.chi[n, 1]
-    for j in range(N_START):
-        d = (window.measured[j] - trial.start[n, j]) / START_SCALE[j]
+    for j in range(fit.starts):
+        d = (window.measured[j] - trial.start[n, j]) / fit.scale[N_NUMBERS + j]
         fit.C[j, j] += 1.0
         fit.b[j] += d
         trial.cost += d * d
-    eliminate(fit.A, fit.B, fit.C, fit.a, fit.b, trial.H, trial.g, trial.KB[n], trial.kb[n])
+    eliminate(fit.starts, fit.A, fit.B, fit.C, fit.a, fit.b, trial.H, trial.g, trial.KB[n], trial.kb[n])
     fit.at_tick = 0
     fit.at_window += 1
 
@@ -264,11 +268,11 @@ def _propose(s):
         fit.a[k] = (value - best.numbers[k]) / fit.sd[k]
         fit.proposed[k] = value
     for n in range(fit.count):
-        for j in range(N_START):
+        for j in range(fit.starts):
             step = best.kb[n, j]
             for k in range(N_NUMBERS):
                 step -= best.KB[n, j, k] * fit.a[k]
-            fit.trial.start[n, j] = best.start[n, j] + step * START_SCALE[j] / (1.0 + fit.damping)
+            fit.trial.start[n, j] = best.start[n, j] + step * fit.scale[N_NUMBERS + j] / (1.0 + fit.damping)
     return True
 
 

@@ -80,7 +80,7 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
         for j in range(i + 1):
             J[i, j] = -S[V, j]
         tangent(
-            s, S, i + 1, i + 1, False, th, sheet, U[i], last, split, d_now, d_before, 0.0, supply, extra[i], blunt, w
+            s, S, i + 1, i + 1, False, th, sheet, U[i], last, split, d_now, d_before, 0.0, supply, extra[i], -1, blunt, w
         )
         for j in range(i + 1):
             J[i, j] = (J[i, j] + S[V, j]) / tick_s

@@ -147,13 +147,13 @@ def warm_spool(x, S, th, sheet, arriving, by_half, first, last, d_now, d_before)
 
 @compiled
 def tangent(
-    x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, d_before, gain_y, supply, extra, blunt_V, w
+    x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, d_before, gain_y, supply, extra, knot, blunt_V, w
 ):
     """`tick`, and S (N_STATES, n) with it, the state's derivatives by whatever its columns are.
 
     moving: how many columns, the first, move the spool; those behind are zero there. numbers: whether the first N_NUMBERS columns
     are the leg's numbers, which act directly too. d_now, d_before (n,): of now_V and before_V. gain_y: volts that a position loop
-    takes off per metre of y. Everything else as in `tick`.
+    takes off per metre of y. knot: column of the derivative by `extra` at this tick, or -1. Everything else as in `tick`.
     """
     h = sheet[S_TICK] / SUBSTEPS
     a1, a2, four = sheet[S_A1], sheet[S_A2], sheet[S_FOUR_WAY] != 0.0
@@ -313,6 +313,10 @@ def tangent(
             d = (v1 * (below - 1.0) - h * (drive + th[MASS] * extra) / m) / (th[MASS] * below)
             Sv[MASS] += d
             Sz[MASS] += h * d / den
+        if knot >= 0:
+            d = -hb * th[MASS]
+            Sv[knot] += d
+            Sz[knot] += h * d / den
         x[V], x[Z] = v1, z1
         x[Y] += h * v1
         for j in range(n):
@@ -398,4 +402,4 @@ def tangent(
 def tick(x, none, th, sheet, now_V, before_V, split, supply, extra, w):
     """`tangent` without derivatives: x is advanced by a tick. none: any array (N_STATES, n), which is left as it is."""
     row = none[Y]
-    tangent(x, none, 0, 0, False, th, sheet, now_V, before_V, split, row, row, 0.0, supply, extra, 0.0, w)
+    tangent(x, none, 0, 0, False, th, sheet, now_V, before_V, split, row, row, 0.0, supply, extra, -1, 0.0, w)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import log, pi, tan
 
 from ..compiled import compiled
-from .fit import N_START, START_SCALE
+from .fit import N_STATE, STATE_SCALE
 from .inverse import FELT_HZ
 from .leg import (
     AIR,
@@ -149,8 +149,8 @@ def fill_prior(fit, settings, hold_N):
     one(fit, POSITION_LAG, 2e-4, 7e-4, 0.0, 0.01)
     for k in range(N_NUMBERS):
         fit.scale[k] = fit.sd[k]
-    for k in range(N_START):
-        fit.scale[N_NUMBERS + k] = START_SCALE[k]
+    for k in range(N_STATE):
+        fit.scale[N_NUMBERS + k] = STATE_SCALE[k]
 
 
 @compiled

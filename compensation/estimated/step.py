@@ -16,7 +16,7 @@ from ..adaptive.loop_feedback import fed_back_V
 from ..adaptive.prediction import predict, start_prediction, watch_setpoint
 from ..compiled import compiled
 from .estimator import collect, watch, work
-from .fit import N_COLUMNS, forward
+from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
 from .layout import QUEUE
 from .leg import (
@@ -261,8 +261,8 @@ def _expect(s, volts, last, left):
     tangent(
         e.x,
         e.S,
-        N_COLUMNS,
-        N_COLUMNS,
+        N_NUMBERS,
+        N_NUMBERS,
         True,
         numbers,
         s.sheet,
@@ -274,6 +274,7 @@ def _expect(s, volts, last, left):
         kp,
         supply,
         extra,
+        -1,
         0.0,
         e.w,
     )
