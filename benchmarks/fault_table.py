@@ -1,7 +1,7 @@
 """The table of docs/faults.md: every fault on the 600 kg machine in heave, what the motion computer saw and did.
 
-    python benchmarks/fault_table.py               writes docs/results/faults.json and docs/results/faults.md
-    python benchmarks/fault_table.py --manifold    faults_manifold.json and faults_manifold.md: with a safety manifold
+    python benchmarks/fault_table.py               writes docs/results/faults.json and the table of docs/faults.md
+    python benchmarks/fault_table.py --manifold    faults_manifold.json and its table: with a safety manifold
 
 Heave of 0.05 m at 0.5 Hz; the fault comes at t = 3.3 s, in the middle of a downward stroke. Full legs (--fast:
 tendon model). Sensor noise of seed 0.
@@ -100,7 +100,6 @@ def main() -> None:
     RESULTS.mkdir(parents=True, exist_ok=True)
     (RESULTS / f"{file_name}.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     table = head + "\n".join(rows) + "\n"
-    (RESULTS / f"{file_name}.md").write_text(table, encoding="utf-8")
     into_document(table, file_name)
 
 

@@ -10,7 +10,7 @@ under plain control: what part of a platform does to the whole. `--started 1,2,3
 
 Bump of a reversal: of an axis' own acceleration, peak to peak in 3 to 50 Hz from 0.1 s before the commanded reversal to
 0.35 s after it, as compensation_robustness.py counts it; reversals after the first 1.9 s. Worse: beyond plain control's
-by 5 % and by 0.03 m/s2 (rad/s2 in rotations). A finished case is a line of docs/results/hexapod_reversals.jsonl
+by 5 % and by 0.03 m/s2 (rad/s2 in rotations). A finished case is a line of benchmarks/results/hexapod_reversals.jsonl
 (delete it after the algorithm has changed); the table is printed.
 """
 
@@ -25,7 +25,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from compensation_robustness import ROOT, Case, WORSE_m_s2, is_worse, run_missing, upper_bound
+from compensation_robustness import Case, WORSE_m_s2, is_worse, run_missing, upper_bound
+from journal import RESULTS
 from reversal_chance import OTHER_NOISE
 from scipy.signal import butter, sosfiltfilt
 
@@ -38,7 +39,7 @@ from hexsim.simulation import Run, simulate
 from hexsim.smoothness import reversals_of_velocity
 
 MACHINE, SCENARIO = "micro_motion_system", "combined"
-JOURNAL = ROOT / "docs" / "results" / "hexapod_reversals.jsonl"
+JOURNAL = RESULTS / "hexapod_reversals.jsonl"
 SHIPPED, DRAWN = "shipped", "drawn"  # phases of the six sines
 SUPPLY, TANK = (f"effects.leakage_{path}.conductance_m3_s_Pa" for path in ("supply_to_chamber", "chamber_to_tank"))
 NULL = "effects.null_offset.offset_V"
@@ -180,13 +181,13 @@ def main() -> None:
         help="legs that start with what was learned, 1 to 6; each choice has a journal of its own",
     )
     parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--journal", type=Path, help="in place of the one of docs/results")
+    parser.add_argument("--journal", type=Path, help="in place of the one of benchmarks/results")
     arguments = parser.parse_args()
     legs = [int(leg) for leg in arguments.started.split(",") if leg]
     planned = cases(range(*map(int, arguments.seeds.split(":"))), arguments.motion, legs)
     own = JOURNAL.with_stem("_".join([JOURNAL.stem, "started", *map(str, legs)])) if legs else JOURNAL
-    done, commit = run_missing(planned, arguments.journal or own, result_of, arguments.processes)
-    print(f"Commit {commit}, by {WORSE_m_s2} m/s2 and 5 %\n\n{table(done)}")
+    done = run_missing(planned, arguments.journal or own, result_of, arguments.processes)
+    print(f"By {WORSE_m_s2} m/s2 and 5 %\n\n{table(done)}")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 The leg of tests/compensation/leg_plant.py (40 kg, no code of hexsim) behind the motion computer's host path: packets at
 60 to 500 Hz, late by a fifth of a period (standard deviation), 2 % lost, a declared latency. Plain control, plain control
 with the velocity fed forward, and `adaptive` from nothing learned. Sine 0.05 m 0.5 Hz: worst of the last five periods,
-deviation from the basic harmonic in 50 Hz; irregular motion: half the largest of the last eight bumps, 3 to 50 Hz.
+deviation from the fundamental in 50 Hz; irregular motion: half the largest of the last eight bumps, 3 to 50 Hz.
 Writes docs/results/host_path.json, and docs/images/host_path.png of it.
 """
 

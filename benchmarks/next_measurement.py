@@ -1,7 +1,7 @@
 """After a trace that leaves something open: one designed run of 20 s, against one more multisine of the same length.
 
-    python benchmarks/next_measurement.py --seeds 3082-3141 --out docs/results/next_measurement3.jsonl
-    python benchmarks/next_measurement.py --summary docs/results/next_measurement3.jsonl
+    python benchmarks/next_measurement.py --seeds 3082-3141 --out benchmarks/results/next_measurement.jsonl.gz
+    python benchmarks/next_measurement.py --summary benchmarks/results/next_measurement.jsonl.gz
 
 Machines of the second plant: even seeds rough (`rough_machines.draw`), odd seeds clean with one effect of the library, of
 0.05 to 1 of its typical size. The first trace has the multisine of 20 s to fit and a sine held out. A machine that it
@@ -10,7 +10,7 @@ machine in the file is not run again.
 Rough machines are traced by the balances alone, which decide there; clean ones from end to end.
 People can put 60 kg on, weighed to 0.5 %: the design may ask for it. Beside it one more multisine without, and one with it.
 
-right     the effect that was put in is named (of a rough machine: it, or a small reality that is there), and nothing else
+right     the effect that was put in is named (of a rough machine: it, or a nuisance effect that is there), and nothing else
           a pump whose largest flow no motion inside the limits takes has its line alone: right is a supply droop
           a spool whose speed limit no log of a trace takes is one of first order, 477 Hz: right is a spool lag
 sharp     no tie, every number of it known to 10 %, and within 15 % of the truth where the library has the same number; one
@@ -40,6 +40,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing"), str(ROOT / "benchmarks")]
+from journal import RESULTS, append, lines_of  # noqa: E402
 from next_measurement_score import (  # noqa: E402
     ONE_TERM,
     SHARP_SCORES,
@@ -254,10 +255,10 @@ def error_ratios(line: dict[str, Any]) -> list[float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="3000-3059")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "next_measurement.jsonl")
+    parser.add_argument("--out", type=Path, default=RESULTS / "next_measurement.jsonl.gz")
     parser.add_argument("--summary", type=Path)
     options = parser.parse_args()
-    from tracing_evaluation import append, commit, lines_of, seeds_of
+    from tracing_evaluation import commit, seeds_of
 
     if options.summary:
         summarise(lines_of(options.summary))

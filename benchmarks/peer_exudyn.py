@@ -5,11 +5,11 @@ control, heave of 0.05 m at 0.5 Hz; both log once a control tick. hexsim runs it
 does, logging every state; Exudyn runs `exudyn_hexapod`, logging one velocity.
 
 Error of a setting (integrator, time step), against the same tool's own converged solution, on the platform's vertical
-acceleration in the 50 Hz band, after the fade-in, in units of the peak deviation from the basic harmonic:
+acceleration in the 50 Hz band, after the fade-in, in units of the peak deviation from the fundamental:
     wave = max |a - a_ref| / peak(a_ref)          peak = | peak(a) / peak(a_ref) - 1 |
 wave bounds the error of every peak; a setting is good when wave <= ERROR_LIMIT. Time: CPU time of the process (both
 tools use one thread, and the machine may be shared), the settings in turn, the least of the repeats.
-docs/results/exudyn.md says what differs between the two models and what was found.
+docs/results/tools.md has the result.
 """
 
 from __future__ import annotations

@@ -6,7 +6,6 @@ Kp Kv < 2 zeta omega of the weakest resonance; the table shows where that is for
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -50,14 +49,11 @@ def main() -> None:
         "|---|---|---|---|---|",
     ]
     lines += ["| " + " | ".join(row(gain)) + " |" for gain in track(GAINS_V_per_m, description="gains")]
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False
-    ).stdout.strip()
     text = "\n".join(lines)
     RESULT.parent.mkdir(parents=True, exist_ok=True)
     RESULT.write_text(
         "# Position gain\n\n"
-        f"Commit {commit}, `python benchmarks/position_gain.py`. 600 kg, "
+        "`python benchmarks/position_gain.py`. 600 kg, "
         f"0.05 m or 4 deg at 0.5 Hz, tendon model, 50 Hz band.\n\n{text}\n\n{REASON}\n"
     )
     print(text)

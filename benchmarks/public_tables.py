@@ -22,11 +22,13 @@ from scipy.io import loadmat
 from hexsim.files.atomic import write_text
 from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
-from hexsim.own.fit import fit
+from hexsim.inference.likelihood import Fit, fit
 from hexsim.own.folder import OwnFolder, load_simulated
+from hexsim.own.model import model_of
+from hexsim.own.problem import fit_own, problem_of
 from hexsim.own.run import simulated
-from hexsim.own.simulate import Simulator, record_of
-from hexsim.tracing.own.free_run_report import trace_simulated
+from hexsim.own.trace import OwnTrace
+from hexsim.own.trace_files import trace_simulated
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples" / "own_machines"
@@ -102,14 +104,22 @@ def scored(fitted, folder: OwnFolder, run: str, samples: slice) -> float:
     """Rms of a free run over a test record, by the table's rule."""
     log = next(log for log in folder.validate if log.name == run)
     table, _ = simulated(fitted, log, folder.where)
-    output = fitted.simulator.model.outputs[0]
+    output = fitted.problem.channels[0]
     rest = (table[f"simulated_{output}"] - table[output]).to_numpy()[samples]
     return float(np.sqrt(np.mean(rest**2)))
 
 
 def fitted_of(folder: OwnFolder):
-    simulator = Simulator(folder.model)
-    return fit(simulator, [record_of(folder.model, log, folder.where) for log in folder.fit])
+    return fit_own(problem_of(folder.model, folder.fit, folder.where))
+
+
+def by_error(trace: OwnTrace, folder: OwnFolder) -> Fit:
+    """The declaration with what was named in it, its numbers by the rms of the whole free run: what the tables score."""
+    simulation = trace.declaration.simulation.model_copy(update={"anew_s": None})
+    model = model_of(trace.declaration.model_copy(update={"simulation": simulation}), folder.where)
+    problem = problem_of(model, folder.fit, folder.where)
+    known = dict(zip(trace.final.names, trace.final.theta, strict=True))
+    return fit(problem, begin=np.array([known.get(one.name, one.start) for one in problem.numbers]), by_error=True)
 
 
 def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
@@ -124,7 +134,8 @@ def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
         out=work / f"{folders['declared'].name}_trace",
         progress=lambda what, share: print(f"{time.process_time():6.0f} s {what}", flush=True),
     )
-    with_names = factor * scored(trace.final, loaded, run, SAMPLES[name])
+    final = by_error(trace, loaded)
+    with_names = factor * scored(final, loaded, run, SAMPLES[name])
     trace_s = time.process_time() - began
     entry = with_names
     if "entry" in folders:
@@ -132,14 +143,50 @@ def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
         entry = factor * scored(fitted_of(own), own, run, SAMPLES[name])
     figures = f"| {name} | {before:.3g} | {with_names:.3g} | **{entry:.3g}** {unit} | {published} | {fit_s:.0f} + {trace_s:.0f} |"
     if name.startswith("Bouc-Wen"):
-        sweep = factor * scored(trace.final, loaded, "sweep", slice(None))
+        sweep = factor * scored(final, loaded, "sweep", slice(None))
         figures += f"\n| Bouc-Wen, sine sweep | | {sweep:.3g} | **{sweep:.3g}** {unit} | | |"
     lines = [f"| {name} | {known} | {report['verdict']} |"]
     for one in report["candidates"]:
-        numbers = ", ".join(f"{key} {value:.4g}" for key, value in one["numbers"].items())
-        lines.append(f"| | {one['verdict']} | {one['effect']}: held-out parts {one['before']:.3g} -> {one['after']:.3g}, "
-                     f"{one['nats']:.0f} nats; {one['why']} ({numbers}) |")  # fmt: skip
+        numbers = ", ".join(
+            f"{key} {of['value']:.4g} +- {of['standard_error']:.2g}" for key, of in one["numbers"].items()
+        )
+        errors = "; ".join(
+            f"{of['before'] * factor:.3g} -> {of['after'] * factor:.3g} {unit}" for of in one["held_out"].values()
+        )
+        lines.append(
+            f"| | {one['verdict']} | {one['effect']}: held-out parts {errors}, {one['nats']:.0f} nats; {one['why']} ({numbers}) |"
+        )
     return [figures], lines
+
+
+def wrong_names() -> str:
+    """A table of the kept rows of own_calibration.py, with 95 % intervals (Wilson 1927)."""
+    text = (ROOT / "docs" / "results" / "own_calibration.jsonl").read_text(encoding="utf-8")
+    rows = [json.loads(line) for line in text.splitlines()]
+    kinds = ("right", "tied", "wrong", "nothing named")
+    lines = [
+        "| missing | machines | right | tied with the right one or others | wrong | no name | wrong, 95 % |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for sort, words in (
+        ("none", "nothing"),
+        ("library", "an effect of the library"),
+        ("outside", "an effect outside it"),
+    ):
+        found = [row["verdict"] for row in rows if row["sort"] == sort]
+        n, count = len(found), {kind: found.count(kind) for kind in kinds}
+        low, high = wilson(count["wrong"], n)
+        lines.append(
+            f"| {words} | {n} | {' | '.join(str(count[kind]) for kind in kinds)} | {100 * low:.0f} to {100 * high:.0f} % |"
+        )
+    return "\n".join(lines)
+
+
+def wilson(k: int, n: int) -> tuple[float, float]:
+    """95 % interval of a share k of n."""
+    z, p = 1.96, k / max(n, 1)
+    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
 
 
 def main() -> None:
@@ -162,6 +209,7 @@ def main() -> None:
     ]
     figures, names = ([line for row in rows for line in row[key]] for key in ("figures", "names"))
     template = (ROOT / "benchmarks" / "public_tables.md.in").read_text(encoding="utf-8")
+    template = template.replace("@WRONG@", wrong_names())
     page = template.replace("@FIGURES@", "\n".join(figures)).replace("@NAMES@", "\n".join(names))
     write_text(asked.out, page)
 

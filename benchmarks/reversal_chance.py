@@ -3,13 +3,12 @@
 The cases of compensation_robustness.py and its rule. Floor: plain control against plain control with other sensor noise,
 same leg, same motion. What it counts no compensation can be asked to beat. With `--again N`: of every case that has worse
 reversals, in how many of N other sensor noises the same reversal is worse again, and plain control against itself there.
-A case done is a line of docs/results/reversal_chance.jsonl, quoted by the page of compensation_robustness.py.
+A case done is a line of benchmarks/results/reversal_chance.jsonl.gz, quoted by the page of compensation_robustness.py.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 from compensation_robustness import (
@@ -26,6 +25,7 @@ from compensation_robustness import (
     upper_bound,
     worse_reversals,
 )
+from journal import lines_of
 
 import compensation
 
@@ -70,13 +70,13 @@ def main() -> None:
     arguments = parser.parse_args()
     planned = cases(range(*map(int, arguments.seeds.split(":"))), arguments.pairs, False)
     if arguments.again:
-        counted = [json.loads(line) for line in arguments.worse.read_text().splitlines()]
+        counted = lines_of(arguments.worse)
         worse = {key(c) for c in counted if c["worse"]}
         for case in planned:
             if key(case) in worse:
                 again(case, arguments.again)
         return
-    done, _ = run_missing(planned, arguments.journal, floor_of, arguments.processes)
+    done = run_missing(planned, arguments.journal, floor_of, arguments.processes)
     worse, total = (sum(c[name] for c in done) for name in ("worse", "reversals"))
     print(f"{worse} of {total} worse than itself, a share below {upper_bound(worse, total):.1e}")
 

@@ -2,7 +2,7 @@
 writes docs/results/reversal_limit.json and docs/images/reversal_limit.png.
 
 The limit is `hexsim.smoothness.reversal_limit` with the declared friction, oil and valve; 40 kg, 0.05 m at 0.5 Hz, 24 s,
-figures from 14 s on, peaks from the basic harmonic. A known delay moves no limit: the future is known.
+figures from 14 s on, peaks from the fundamental. A known delay moves no limit: the future is known.
 """
 
 from __future__ import annotations

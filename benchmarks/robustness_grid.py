@@ -19,7 +19,6 @@ at least WANTED, or at most WANTED - APART, each with an error of 5 % (runs take
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import re
 import subprocess
@@ -46,6 +45,7 @@ from benchmarks.grid.loop import Run, run_leg, run_plain  # noqa: E402
 from benchmarks.grid.motions import MOTIONS, Motion, motion_of  # noqa: E402
 from benchmarks.grid.oracle import perfect  # noqa: E402
 from benchmarks.grid.priors import SINGLE, table  # noqa: E402
+from benchmarks.journal import append, lines_of  # noqa: E402
 
 __all__ = [
     "Figures", "Leg", "Motion", "Run", "bumps", "draw_leg", "figures", "late", "motion_of", "perfect", "run_leg", "run_plain",
@@ -213,8 +213,7 @@ def line_of(row: Row, number: int, count: int, began: float) -> str:
 
 def run_through(cases: list[Row], journal: Path | None, jobs: int) -> Iterator[Row]:
     """The cases in their order, those of the journal read from it; what is new is written there and told."""
-    lines = journal.read_text().splitlines() if journal and journal.exists() else []
-    done = {key(row): row for row in map(json.loads, lines)}
+    done = {key(row): row for row in lines_of(journal)}
     missing = [case for case in cases if key(case) not in done]
     began, number = time.perf_counter(), 0
     with ProcessPoolExecutor(jobs) as pool:
@@ -228,8 +227,7 @@ def run_through(cases: list[Row], journal: Path | None, jobs: int) -> Iterator[R
             running += [pool.submit(judged, more) for more in islice(waiting, 1)]
             print(line_of(row, number, len(missing), began), flush=True)
             if journal:
-                with journal.open("a") as file:
-                    file.write(json.dumps(row) + "\n")
+                append(row, journal)
             yield row
 
 

@@ -1,7 +1,7 @@
 """Error and speed of the chosen time step over machines: `python benchmarks/step_error.py [--only NAMES] [--speed]`.
 
 Error of a run against the same with a constant step of 20 us, on the platform's true acceleration in the 50 Hz band
-after the fade-in, in units of the reference's deviation from the basic harmonic:
+after the fade-in, in units of the reference's deviation from the fundamental:
     peak = max |a - a_ref| / max |deviation|        rms = rms(a - a_ref) / rms(deviation)
 Sine of 0.05 m (roll: 4 deg) at 0.5 Hz, 2 s of fade-in and two periods, 500 Hz proportional control, log at 1 kHz, ideal
 position sensors (with noise an error of 1 nm turns a step of the sensor's resolution here and there: 0.04 % between

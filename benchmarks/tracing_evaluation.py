@@ -1,10 +1,10 @@
 """Score the tracer on machines of another writer (tests/tracing/other_plant.py): nothing missing, library, outside.
 
-    python benchmarks/tracing_evaluation.py null --seeds 100-199 --out docs/results/tracing_null.jsonl
+    python benchmarks/tracing_evaluation.py null --seeds 100-199 --out benchmarks/results/tracing_null_bench.jsonl.gz
     python benchmarks/tracing_evaluation.py library --seeds 100-109 --duration 20
     python benchmarks/tracing_evaluation.py outside --seeds 100-104
     python benchmarks/tracing_evaluation.py rough --kind hexapod --seeds 100-119
-    python benchmarks/tracing_evaluation.py summary docs/results/tracing_*.jsonl
+    python benchmarks/tracing_evaluation.py summary benchmarks/results/tracing_*_bench.jsonl.gz
 
 One line of JSON a machine; a machine that is in the file already is not run again, so a broken run is continued.
 Seeds below 100 are for tuning, 100 and above for scoring.
@@ -13,7 +13,6 @@ Seeds below 100 are for tuning, 100 and above for scoring.
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import tempfile
@@ -21,7 +20,8 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing")]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing"), str(ROOT / "benchmarks")]
+from journal import RESULTS, append, lines_of  # noqa: E402
 
 # name of the injected effect in the other plant -> names of the library that are right
 RIGHT = {
@@ -93,7 +93,7 @@ def main() -> None:
     if options.what == "summary":
         summarise([line for file in options.files for line in lines_of(file)])
         return
-    out = options.out or ROOT / "docs" / "results" / f"tracing_{options.what}_{options.kind}.jsonl"
+    out = options.out or RESULTS / f"tracing_{options.what}_{options.kind}.jsonl.gz"
     run_all(options, seeds_of(options.seeds), out)
 
 
@@ -101,18 +101,6 @@ def seeds_of(text: str) -> range:
     """The seeds of "1000-1009", or of "1000"."""
     first, _, last = text.partition("-")
     return range(int(first), int(last or first) + 1)
-
-
-def lines_of(file: Path) -> list[dict]:
-    """What a file of JSON lines holds already; nothing where there is no file."""
-    return [json.loads(text) for text in file.read_text().splitlines()] if file.is_file() else []
-
-
-def append(line: dict, file: Path) -> None:
-    """One more line of JSON."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("a") as out:
-        out.write(json.dumps(line) + "\n")
 
 
 def run_all(options: argparse.Namespace, seeds: range, out: Path) -> None:

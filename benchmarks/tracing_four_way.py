@@ -1,6 +1,6 @@
 """Score the tracer on four-way benches of another writer (tests/tracing/four_edge_plant.py), one line of JSON a set.
 
-    python benchmarks/tracing_four_way.py --seeds 100-104 --out docs/results/tracing_four_way.jsonl
+    python benchmarks/tracing_four_way.py --seeds 100-104 --out benchmarks/results/tracing_four_way.jsonl.gz
 
 A set that is in the file already is not run again. Seeds below 100 are for tuning, 100 and above for scoring.
 """
@@ -15,17 +15,18 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing"), str(ROOT / "benchmarks")]
+from journal import RESULTS, append, lines_of  # noqa: E402
 
 
 def main() -> None:
     """All sets of all seeds."""
     from four_edge_plant import EFFECTS
-    from tracing_evaluation import append, lines_of, seeds_of
+    from tracing_evaluation import seeds_of
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="100-104")
     parser.add_argument("--effects", default=",".join(EFFECTS))
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "tracing_four_way.jsonl")
+    parser.add_argument("--out", type=Path, default=RESULTS / "tracing_four_way.jsonl.gz")
     options = parser.parse_args()
     done = {(line["effect"], line["seed"]) for line in lines_of(options.out)}
     for seed in seeds_of(options.seeds):

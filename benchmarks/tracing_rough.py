@@ -2,10 +2,10 @@
 
 Of hexapods each leg has small ones of its own, and the large one is in one leg or in the machine.
 
-    python benchmarks/tracing_rough.py --seeds 1000-1299 --out docs/results/tracing_rough.jsonl
-    python benchmarks/tracing_rough.py --none --seeds 1000-1099 --out docs/results/tracing_rough.jsonl
-    python benchmarks/tracing_rough.py --hexapods --seeds 1000-1019 --out docs/results/tracing_rough_hexapods.jsonl
-    python benchmarks/tracing_rough.py --summary docs/results/tracing_rough.jsonl    also the operating characteristic
+    python benchmarks/tracing_rough.py --seeds 1000-1299 --out benchmarks/results/tracing_rough.jsonl.gz
+    python benchmarks/tracing_rough.py --none --seeds 1000-1099 --out benchmarks/results/tracing_rough.jsonl.gz
+    python benchmarks/tracing_rough.py --hexapods --seeds 1000-1019 --out benchmarks/results/tracing_rough_hexapods.jsonl.gz
+    python benchmarks/tracing_rough.py --summary benchmarks/results/tracing_rough.jsonl.gz    also the operating characteristic
 
 Balances alone, no simulated refit. One line of JSON a machine, scored at once; a machine in the file is not run again.
 Seeds below 1000 are for tuning. right: named, its leg too, its number within 15 %; number off: named, its number further
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "tracing"), str(ROOT / "benchmarks")]
+from journal import RESULTS, append, lines_of  # noqa: E402
+
 DECLARED_MASS_KG, PLATFORM_KG = 40.0, 600.0
 NUMBER = 0.15  # a named effect's number is right within this share
 
@@ -195,10 +197,10 @@ def main() -> None:
     parser.add_argument("--seeds", default="1000-1009")
     parser.add_argument("--none", action="store_true", help="machines without a large effect")
     parser.add_argument("--hexapods", action="store_true")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "tracing_rough.jsonl")
+    parser.add_argument("--out", type=Path, default=RESULTS / "tracing_rough.jsonl.gz")
     parser.add_argument("--summary", type=Path)
     options = parser.parse_args()
-    from tracing_evaluation import append, lines_of, seeds_of
+    from tracing_evaluation import seeds_of
 
     if options.summary:
         summarise(lines_of(options.summary))

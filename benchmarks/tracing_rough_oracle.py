@@ -1,18 +1,18 @@
 """What the logs of rough benches can tell at best: an oracle that knows the cause asks what it is worth in J.
 
-    python benchmarks/tracing_rough_oracle.py docs/results/tracing_rough_frozen3.jsonl --right 10 --quiet 10
+    python benchmarks/tracing_rough_oracle.py benchmarks/results/tracing_rough.jsonl.gz --right 10 --quiet 10
     python benchmarks/tracing_rough_oracle.py --summary                         what is in --out
 
-Of every machine of a journal that is not right, and of some that are. The declared parameters and the small realities
+Of every machine of a journal that is not right, and of some that are. The declared parameters and the nuisance effects
 are free, as a trace knows them; the fits begin where the trace begins and at the truth, and the lower end counts.
 
     fall     J of the best fit without the effect, less J with it
     lead     J of the best other effect of the library, refitted like the true one, less J of the true one
     least    the number at which J is least; number: J at the true number less that, all else refitted
-    known    as fall, with all declared parameters and small realities at their true values, nothing refitted
+    known    as fall, with all declared parameters and nuisance effects at their true values, nothing refitted
 
 J is -2 log likelihood in units of what is left. Were its rest noise, a lead of 2 log 99 = 9.2 would be wrong once in a
-hundred. Small realities that no column holds add to that, and by how much is measured (`thresholds`): the largest fall that a
+hundred. Nuisance effects that no column holds add to that, and by how much is measured (`thresholds`): the largest fall that a
 cause brings which is not in the machine, where nothing large is; the largest lead of such a cause over the true one. What is
 ahead of a hidden cause and in the machine, a small wear, counts for neither. A machine can be told where its fall and its lead
 are above these and where J is least within 15 % of the true number: no rule that reads these balances can prove more.
@@ -28,7 +28,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from tracing_rough import NUMBER, ROOT, begun_trace, named_of, score, there
+from journal import RESULTS, append, lines_of
+from tracing_rough import NUMBER, begun_trace, named_of, score, there
 
 from hexsim.tracing.fitting import rest_errors, rest_level
 from hexsim.tracing.fitting.fit import Fit, answered, coordinates_of, fit_at, start_fit_at
@@ -37,7 +38,7 @@ from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.problems.balance import BalanceProblem
 from hexsim.tracing.steps.dominant import beside_small, contenders, rivals_of, sure_effects
 
-OUT = ROOT / "docs" / "results" / "tracing_rough_oracle.jsonl"
+OUT = RESULTS / "tracing_rough_oracle.jsonl.gz"
 ONE_IN_HUNDRED = 2.0 * float(np.log(99.0))
 SHAPE = {  # other numbers of the second plant's effects, in the library's names
     "supply_droop": {"accumulator_m3_Pa": 6e-12},
@@ -121,7 +122,7 @@ def with_ripple(base: RestFit, line: dict, problem: BalanceProblem) -> RestFit:
 
 
 def at_truth(fit: Fit, line: dict, problem: BalanceProblem) -> Fit:
-    """The base with its declared parameters and small realities where they truly are, as far as it holds them."""
+    """The base with its declared parameters and nuisance effects where they truly are, as far as it holds them."""
     from other_effects import EFFECTS
     from other_plant import DECLARED_LEG, UNCERTAIN_LEG, true_machine
     from rough_machines import number_of
@@ -207,7 +208,7 @@ def thresholds(lines: Sequence[dict]) -> tuple[float, float]:
 def verdict(line: dict, fall: float, lead: float) -> str:
     """Can these logs tell the machine, and if not why."""
     if line["fall"] <= fall:
-        return "hidden"  # small realities do as much
+        return "hidden"  # nuisance effects do as much
     if line["lead"] <= -ONE_IN_HUNDRED:
         return "another is ahead"
     if line["lead"] <= lead:
@@ -243,7 +244,6 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=OUT)
     parser.add_argument("--summary", action="store_true", help="of what is in --out")
     options = parser.parse_args()
-    from tracing_evaluation import append, lines_of
 
     if options.summary:
         summarise(lines_of(options.out))

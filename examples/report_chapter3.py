@@ -26,7 +26,7 @@ from hexsim.simulation import Run, simulate
 
 FROM_S = 6.0  # figures count from here; the setpoint fades in for 2 s
 VALVES = {"overlap": {}, "quadratic": {"valve.flow_area": "quadratic"}, "zero lap": {"valve.overlap_m": 0.0}}
-# peaks of an independent calculation, converged in step size: deviation from the basic harmonic, no band limit [m/s2]
+# peaks of an independent calculation, converged in step size: deviation from the fundamental, no band limit [m/s2]
 INDEPENDENT = {"overlap": 0.731, "quadratic": 0.438, "zero lap": 0.052}
 EIGENFREQUENCY_Hz = np.sqrt(2 * 1.5e9 * np.pi / 4 * 0.04**2 / (40.0 * 0.2)) / (2 * np.pi)  # sqrt(2 E A1/(M Ls)): 109 Hz
 
@@ -100,7 +100,7 @@ def rows(runs: dict[str, Run]) -> list[tuple[str, str, float, float | None, str]
         pressure = run.log.filter(run.log["time_s"] >= FROM_S)["true_pressure_bottom_Pa"] * 1e-5
         table.append((name, "peak deviation, no band limit", figures["peak_raw_m_s2"], INDEPENDENT[name], "m/s2"))
         table.append((name, "peak deviation, 50 Hz", figures["peak_band_m_s2"], None, "m/s2"))
-        table.append((name, "basic harmonic", figures["fundamental_m_s2"], None, "m/s2"))
+        table.append((name, "fundamental", figures["fundamental_m_s2"], None, "m/s2"))
         table += [
             (name, f"bottom pressure, {key}", float(getattr(pressure, key)()), None, "bar") for key in ("min", "max")
         ]

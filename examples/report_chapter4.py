@@ -32,7 +32,7 @@ POWER_UNIT = {"power_unit": {}}
 ROUNDED = {"valve.edge_rounding_m": 2.0e-6}  # [m] as the measured benches of this project declare it
 HYSTERESIS = {"effects.valve_hysteresis": {"half_width_V": 0.04}}  # 0.4 % of the stroke to either side
 FILTER_Hz = 5.0  # low-pass of the report's filtfilt before differentiation; its order and corner are not stated
-PEAKS = (("peak at the top", "m/s2"), ("peak at the bottom", "m/s2"))  # deviation from the basic harmonic, 50 Hz
+PEAKS = (("peak at the top", "m/s2"), ("peak at the bottom", "m/s2"))  # deviation from the fundamental, 50 Hz
 
 Table = list[tuple[str, str, float, float, str]]  # (difference, quantity, simulation, with it, unit)
 
@@ -71,7 +71,7 @@ def late(log: pl.DataFrame) -> pl.DataFrame:
 
 
 def reversal_peaks(time: np.ndarray, acceleration: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
-    """Largest deviation from the basic harmonic at the top and at the bottom of the stroke [m/s2], 50 Hz band."""
+    """Largest deviation from the fundamental at the top and at the bottom of the stroke [m/s2], 50 Hz band."""
     deviation = harmonic_deviation(time, acceleration, FREQUENCY_Hz, start_s=time[0])
     part = np.searchsorted(time, deviation.time_s[0] - 1e-9)
     reversals = reversals_of_velocity(deviation.time_s, velocity[part : part + len(deviation.time_s)])

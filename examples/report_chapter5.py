@@ -49,7 +49,7 @@ def algorithms() -> dict[str, Compensator]:
 
 
 def draw_peaks(records: dict[str, Record], folder: Path) -> None:
-    """Raw peak deviation from the basic harmonic, period by period."""
+    """Raw peak deviation from the fundamental, period by period."""
     figure = Figure(figsize=(9, 5), layout="constrained")
     axes = figure.subplots()
     for name, record in records.items():

@@ -15,11 +15,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from llvmlite.ir import Constant
+from llvmlite.ir import Constant, PointerType
 from numba import config, njit, types
-from numba.core import event, sigutils
+from numba.core import cgutils, event, sigutils
 from numba.core.ccallback import CFunc
-from numba.extending import intrinsic
+from numba.core.imputils import lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import infer_getattr, intrinsic, models, register_model
 
 from compensation.compiled_cache import check_cache, temporary_cache
 
@@ -27,11 +29,8 @@ LOCK = "numba:compiler_lock"
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """`function` as a native one. Equations are inlined where they are used: terms that two of them share are computed once.
-
-    So are the parts of a tick, which would count references to each other's arrays.
-    """
-    is_inlined = function.__module__.startswith(("hexsim.hydraulics.", "hexsim.plant.stepping"))
+    """`function` as a native one. Equations are inlined where they are used: terms that two of them share are computed once."""
+    is_inlined = function.__module__.startswith("hexsim.hydraulics.")
     options = {"cache": True, "error_model": "numpy", "fastmath": False, "forceinline": is_inlined}
     try:
         dispatcher = njit(nogil=True, **options)(function)  # threads run side by side
@@ -94,6 +93,49 @@ def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 
 borrowed: Any = intrinsic(_borrowed)
+
+
+class ByAddress(types.Type):
+    """A named tuple that stands in its owner's frame: functions get its address, and its arrays without reference counts."""
+
+    def __init__(self, owner: Any) -> None:
+        self.owner = owner
+        super().__init__(name=f"ByAddress({owner})")
+
+
+@register_model(ByAddress)
+class _Address(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, PointerType(manager.lookup(kind.owner).get_value_type()))
+
+
+@infer_getattr
+class _FieldsByAddress(AttributeTemplate):
+    key = ByAddress
+
+    def generic_resolve(self, value: Any, name: str) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        fields = value.owner.fields
+        return value.owner[fields.index(name)] if name in fields else None
+
+
+@lower_getattr_generic(ByAddress)
+def _field_by_address(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
+    place = kind.owner.fields.index(name)
+    field = builder.load(cgutils.gep_inbounds(builder, value, 0, place))
+    return _without_owner(context, builder, kind.owner[place], field)
+
+
+def _by_address(typing_context: Any, value: Any) -> Any:
+    """A named tuple of many arrays by its address: each function that takes it by value has them all as arguments, and
+    counts references to each, which compiles four times as long. It is valid until the function that made it returns."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return cgutils.alloca_once_value(builder, args[0])
+
+    return ByAddress(value)(value), codegen
+
+
+by_address: Any = intrinsic(_by_address)
 
 
 class _Compilation(event.Listener):

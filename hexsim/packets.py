@@ -1,11 +1,25 @@
-"""Packets that are not understood: what they were, and how many of them came, in words for a status line."""
+"""Packets: where they go, by an address that people type; and those that are not understood, in words for a status line."""
 
 from __future__ import annotations
 
+import socket
 from collections import Counter
+
+from hexsim.errors import HexsimError
 
 KINDS = 12  # reasons that are kept apart; a flood of noise must not fill the memory with them
 OTHER = "other packets"
+
+
+def address_of(text: str, default_port: int, option: str, allowed: str) -> tuple[str, int]:
+    """Numeric address and port of ADDRESS or ADDRESS:PORT. Raises HexsimError: option, as typed, and what it allows."""
+    host, colon, port = text.partition(":")
+    if not host or (colon and not (port.isascii() and port.isdigit() and 0 < int(port) < 2**16)):
+        raise HexsimError(f"{option}: give {allowed}")
+    try:
+        return socket.gethostbyname(host), int(port or default_port)
+    except (OSError, UnicodeError) as error:
+        raise HexsimError(f"{option}: {host} is no address of a computer ({error})") from None
 
 
 def described(data: bytes) -> str:

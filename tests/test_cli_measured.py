@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
-from hexsim.cli import app, serve
+from hexsim.cli import app, flown
 from hexsim.machine import load_machine
 
 BENCH = Path(__file__).parent / "data" / "bench_none"
@@ -125,7 +125,7 @@ def test_serve_runs_for_its_time_and_says_how_far_behind():
     """A second of the bench on a free port of this computer: state, margin and packets, as a line and as JSON."""
     import hexsim.simulation.serve
 
-    assert serve.PORT == hexsim.simulation.serve.PORT
+    assert flown.PORT == hexsim.simulation.serve.PORT
     result = CliRunner().invoke(app, ["serve", "-m", "bench", "--port", "0", "--duration", "1", "--json"])
     assert result.exit_code == 0, result.stderr
     status = json.loads(result.stdout)
@@ -148,12 +148,15 @@ def test_qualify_prints_what_was_judged(monkeypatch, tmp_path):
     rows = [{"axis": "heave z", **row} for row in (judged, reported)]
     found = {"machine": "bench", "compensator": "none", "passed": False, "rows": rows}
 
-    def qualify(machine, out, quick, progress, compensator):
+    def judging(machine, quick, progress, compensator):
         progress(0.5)
-        (out / "qualify.json").write_text("{}")
-        return {**found, "quick": quick}
+        return {**found, "quick": quick}, None
 
-    monkeypatch.setattr("hexsim.qualification.qualify", qualify)
+    def written(result, found, machine, folder):
+        (folder / "qualify.json").write_text("{}")
+
+    monkeypatch.setattr("hexsim.qualification.judged", judging)
+    monkeypatch.setattr("hexsim.qualification.write_qualification", written)
     result = CliRunner().invoke(app, ["qualify", "-m", "bench", "--quick", "--out", str(tmp_path / "q")])
     assert result.exit_code == 0, result.stderr
     shown = " ".join(result.stdout.split())

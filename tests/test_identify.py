@@ -425,7 +425,7 @@ def test_the_story_names_what_is_named(tmp_path):
     )
     story = Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended="done", machine_s=72.0)
     page = write_story(story).read_text(encoding="utf-8")
-    assert "What the declared machine lacks: leakage supply to chamber (explained)." in page
+    assert "What the declared machine is missing: leakage supply to chamber (explained)." in page
     assert "1 round, 1.2 minutes" in page
     assert errors_by_kind(error, "declared") == {"position_m": pytest.approx(300.0)}
 
@@ -440,7 +440,7 @@ def test_the_page_says_what_a_partly_explained_machine_keeps(tmp_path):
     ended = "partly: nothing is left to be told apart, and every number is sharp"
     story = Story(machine=load_machine("bench"), folder=tmp_path, rounds=[only], ended=ended)
     page = write_story(story).read_text(encoding="utf-8")
-    assert "What the declared machine lacks: valve hysteresis (partly: what is left beside it has no name)." in page
+    assert "What the declared machine is missing: valve hysteresis (partly: a residual without a name remains)." in page
     assert "It ended because: nothing is left to be told apart" in page
     assert "no number; a rest that no effect names" in page
     for after, words in ((0.454, "no smaller"), (0.2, "44%"), (0.04, "1/11")):

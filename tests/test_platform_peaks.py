@@ -61,7 +61,7 @@ def test_top_peak_is_larger_in_heave():
 
 @pytest.mark.parametrize("name", sorted(AXIS))
 def test_without_overlap_and_friction_a_balanced_machine_is_smooth(name):
-    """Zero overlap, no friction, ideal sensors, load such that P1 = Ps/2: under 2 % of the basic harmonic is left."""
+    """Zero overlap, no friction, ideal sensors, load such that P1 = Ps/2: under 2 % of the fundamental is left."""
     changes = {"valve.overlap_m": 0.0, "load.platform_mass_kg": 247.0, **NO_FRICTION, **QUIET}
     figures = run(name, changes, duration=12.0)
     axis, unit = AXIS[name]

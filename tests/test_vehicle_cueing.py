@@ -8,10 +8,12 @@ import struct
 import numpy as np
 import pytest
 
-from hexsim.cli.serve import vehicle_of
+from hexsim.cli.flown import vehicle_of
 from hexsim.cueing.protocols import (
+    PROTOCOLS,
     RREF_NAMES,
     VehicleMotion,
+    beamng,
     flightgear,
     outsim,
     rref_requests,
@@ -195,7 +197,7 @@ def test_packets_that_a_file_describes(tmp_path) -> None:
     assert protocol(str(path))(struct.pack("<2f", 0.0, 1.5)).acceleration == pytest.approx((0.0, 0.0, 4.905))
     for text, said in (
         ('bytes = 4\n[fields.up_m_s2]\ntype = "f"\noffset = 4\n', "lies outside the packet"),
-        ('bytes = 4\n[fields.up]\ntype = "f"\noffset = 0\n', "up is not a known key: allowed are forward_m_s2"),
+        ('bytes = 4\n[fields.up]\ntype = "f"\noffset = 0\n', r"\[fields.up\] is unknown: give any of forward_m_s2"),
         ("nothing", "is not valid TOML"),
         ("bytes = 4\nfields = 5", "must be a table"),
         ("bytes = 4\n[fields]", "is empty: give any of forward_m_s2"),
@@ -218,7 +220,7 @@ def test_packets_that_a_file_describes(tmp_path) -> None:
             protocol(str(path))
         assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
     with pytest.raises(
-        HexsimError, match="--from 'aces' is unknown: give one of flightgear, xplane, xplane12, xplane-rref"
+        HexsimError, match="--from 'aces' is unknown: give one of flightgear, jsbsim, xplane, xplane12, xplane-rref"
     ):
         protocol("aces")
 
@@ -431,3 +433,27 @@ def test_a_take_off_is_felt(tmp_path) -> None:
         latency = server.latency.ms()
     assert {"x", "pitch"} <= set(latency)
     assert max(latency.values()) < 40.0
+
+
+def motionsim(left=0.0, rear=0.0, up=0.0, rates=(0.0, 0.0, 0.0), magic=b"BNG1") -> bytes:
+    """MotionSim of BeamNG: 21 floats behind the magic, acceleration from the 7th, rates from the 16th."""
+    numbers = [9.0] * 6 + [left, rear, up] + [9.0] * 6 + list(rates) + [9.0] * 3
+    return magic + struct.pack("<21f", *numbers)
+
+
+def test_beamng() -> None:
+    """Braking (towards the rear) is backwards, a bump up is up; rates go on as they come; another magic and another size
+    are said."""
+    assert beamng(motionsim()).acceleration == (0.0, 0.0, 0.0)
+    assert beamng(motionsim(rear=2.0, up=1.0)).acceleration == pytest.approx((-2.0, 0.0, 1.0))
+    assert beamng(motionsim(left=-3.0, rates=(0.1, -0.2, 0.3))) == VehicleMotion(
+        acceleration=(0.0, -3.0, 0.0), rates=struct.unpack("<3f", struct.pack("<3f", 0.1, -0.2, 0.3))
+    )
+    assert beamng(motionsim(magic=b"BNG2")) == "88 bytes that begin with b'BNG2'"
+    assert beamng(motionsim()[:-4]) == "BNG1 of 84 bytes (MotionSim has 88)"
+
+
+def test_other_names_of_the_same_packets() -> None:
+    """JSBSim sends FlightGear's packets and Live for Speed OutSim's."""
+    assert PROTOCOLS["jsbsim"](fdm(x=1.0)) == PROTOCOLS["flightgear"](fdm(x=1.0))
+    assert PROTOCOLS["lfs"] is outsim

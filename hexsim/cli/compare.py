@@ -94,7 +94,7 @@ def print_comparison(runs: Mapping[str, Run], place: str) -> None:
             title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim"
         )
         table.add_column("compensator", no_wrap=True)
-        for head in ("peak 50 Hz", "of first", "peak raw", "bump p-p", "noise rms", "basic harmonic", "tracking mm"):
+        for head in ("peak 50 Hz", "of first", "peak raw", "bump p-p", "noise rms", "fundamental", "tracking mm"):
             table.add_column(head, justify="right", no_wrap=True)
         rows = comparison_rows(runs, axis)
         best = min((row["peak_band"] for row in rows if row["peak_band"] is not None and not row["note"]), default=None)

@@ -1,4 +1,4 @@
-"""`hexsim identify`: a machine behind its host interface, measured and traced until nothing more can be told."""
+"""`hexsim identify`: a machine behind its host interface, measured and traced until no further motion would help."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 from hexsim.cli import options
 from hexsim.cli.console import doing_of, output, print_json, progress, terminated_like_interrupted, text_table
 from hexsim.cli.errors import EXIT_CODE
-from hexsim.cli.serve import PORT
+from hexsim.cli.flown import PORT
 
 if TYPE_CHECKING:
     from hexsim.identification import Story
@@ -41,7 +41,7 @@ def identify(
     recording: options.Recording = True,
     json: options.Json = False,
 ) -> None:
-    """Measure the machine behind a host interface, trace it, design the next motion, until nothing more can be told.
+    """Measure the machine behind a host interface, trace it, design the next motion, until no further motion would help.
 
     Exit code 2 where a fault of the machine or of the link ended it, or where the host has stopped the machine; what was
     found by then is kept. Ctrl-C lowers the machine, within 10 s; a second one leaves it as it is.

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import shlex
 import threading
 import time
+from collections.abc import Iterator
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hexsim.cli import completion, options
+from hexsim.cli import completion, flown, options
 from hexsim.cli.console import compiling_said, stop_when_signalled, terminated_like_interrupted
 from hexsim.errors import HexsimError
 
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
     from hexsim.machine import Machine
     from hexsim.scenarios import Scenario
     from hexsim.simulation.live import LiveMachine
+    from hexsim.web.machine_page import MachinePage
 
 FRAME_S = 1.0 / 60.0
 LONGEST_CATCH_UP_S = 0.1  # a computer that is slower than real time shows slow motion instead of standing still
@@ -44,15 +48,28 @@ def live(
     seconds: Annotated[float | None, typer.Option("--seconds", "--duration", help="End after this time (s).")] = None,
     web: Annotated[bool, typer.Option("--web", help="A page for the browser, on this computer alone.")] = False,
     port: Annotated[int, typer.Option(min=1024, max=65535, help="Of the page; the next free one if taken.")] = 8080,
+    source: flown.Source = None,
+    washout: flown.WashoutName = "classical",
+    listen: Annotated[
+        str, typer.Option(help="Of --from: ADDRESS:PORT for the packets; only this computer unless you say otherwise.")
+    ] = f"{flown.LOOPBACK}:{flown.PORT}",
     allow_native: options.AllowNative = False,
 ) -> None:
     """The machine running. In MuJoCo's viewer: a slider for each degree of freedom, pause, pushes by mouse or key.
-    With --web: sliders for overlap, friction, spool, load, leak, delay and motion, and the bump as it becomes."""
+    With --web: sliders for overlap, friction, spool, load, leak, delay and motion, and the bump as it becomes. With
+    --web --from: a simulator flies; sliders for gain, smoothing and dead band, felt against flown acceleration."""
+    if source and (scenario or not web):
+        raise HexsimError("--from flies the machine on the page: give --web, and no scenario")
+    if not source and washout != "classical":
+        raise HexsimError("--washout acts on the packets of a simulator: give --from too")
     with_machine, what = options.prepare(
         scenario or "heave", options.Motion(machine=machine, amplitude=amplitude, frequency=frequency), settings,
         allow_native=allow_native,
     )  # fmt: skip
     with compiling_said(lambda text: typer.echo(text, err=True)):
+        if source:
+            fly(with_machine, source, washout, compensator, machine or what.machine_name, listen, port, seconds)
+            return
         if web:
             serve_page(
                 with_machine, what, compensator, (machine or what.machine_name, scenario or "heave"), port, seconds
@@ -68,13 +85,48 @@ def serve_page(
     machine: Machine, scenario: Scenario, compensator: str, names: tuple[str, str], port: int, seconds: float | None
 ) -> None:
     """Serve the page until Ctrl-C, or for `seconds`. names: of machine and scenario, as typed."""
-    try:
+    with page_needed():
         from hexsim.web import Page, Session
-    except ModuleNotFoundError as error:
-        raise HexsimError(f"the page needs {error.name}: pip install 'hexsim[web]'") from None
 
     with terminated_like_interrupted():
         page = Page(Session(machine, scenario, compensator), *names, port)
+    show_page(page, seconds)
+
+
+def fly(
+    machine: Machine, source: str, washout: str, compensator: str, name: str, listen: str, port: int,
+    seconds: float | None,
+) -> None:  # fmt: skip
+    """Serve the page of a machine that a simulator flies. name: of the machine, as typed. listen: ADDRESS:PORT."""
+    with page_needed():
+        from hexsim.web import Flight, FlightPage
+    from hexsim.cueing.washout import washout_of
+
+    host, _, udp_port = listen.rpartition(":")
+    if not host or not (udp_port.isascii() and udp_port.isdigit() and int(udp_port) < 2**16):
+        raise HexsimError(f"--listen {listen!r}: give ADDRESS:PORT, as {flown.LOOPBACK}:{flown.PORT}")
+    words = ["hexsim", "serve", "--from", source, "--machine", name, "--host", host, "--port", udp_port]
+    words += ["--washout", washout] if washout != "classical" else []
+    words += ["-c", compensator] if compensator != "none" else []
+    with terminated_like_interrupted():
+        vehicle = flown.vehicle_of(source, strict=False)
+        flight = Flight(machine, vehicle, washout_of(washout), compensator, host, int(udp_port))
+        page = FlightPage(flight, name, shlex.join(words), port)
+    typer.echo(f"packets of {vehicle.name} on udp://{flight.address[0]}:{flight.address[1]}", err=True)
+    show_page(page, seconds)
+
+
+@contextlib.contextmanager
+def page_needed() -> Iterator[None]:
+    """HexsimError where the page's packages are not installed."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise HexsimError(f"the page needs {error.name}: pip install 'hexsim[web]'") from None
+
+
+def show_page(page: MachinePage, seconds: float | None) -> None:
+    """Say the address and run, until Ctrl-C or for `seconds`."""
     typer.echo(f"{page.address}   open it in a browser on this computer; Ctrl-C ends it", err=True)
     with stop_when_signalled() as stop:
         page.run(seconds, stop)
@@ -91,6 +143,7 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
     before = set(threading.enumerate())
     viewer = launch_passive(machine.model, machine.data, key_callback=pressed.put, show_left_ui=False)
     started = last = time.perf_counter()
+    said = 0
     with viewer, stop_when_signalled() as stop:
         frame_camera(viewer.cam, machine)
         while (
@@ -103,6 +156,9 @@ def show(machine: LiveMachine, seconds: float | None = None) -> None:
                     press(machine, pressed.get())
                 machine.pull(viewer.perturb)
                 machine.advance(due)
+            for text in machine.cavitation.since(said):
+                typer.echo(f"warning: {text}", err=True)
+            said = machine.cavitation.count
             took = time.perf_counter() - now
             viewer.set_texts((None, TOP_LEFT, *overlay(machine, due, took)))
             viewer.sync()

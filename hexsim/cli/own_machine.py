@@ -42,7 +42,7 @@ def trace_own_folder(folder: Path, fit: list[str], validate: list[str], out: Pat
 
 def trace_free_run_folder(folder: Path, fit: list[str], validate: list[str], out: Path | None, json: bool) -> None:
     """A machine of one's own that is simulated: model.toml with states or outputs."""
-    from hexsim.tracing.own.free_run_report import trace_simulated
+    from hexsim.own.trace_files import trace_simulated
 
     name = f"trace-{folder.resolve().name}"
     (_, report), final = whole_or_nothing(
@@ -53,11 +53,13 @@ def trace_free_run_folder(folder: Path, fit: list[str], validate: list[str], out
     console = output()
     console.print(f"verdict  {report['verdict']}")
     rows = [
-        (one["effect"], one["verdict"], f"{one['before']:.3g}", f"{one['after']:.3g}", f"{one['nats']:.1f}", one["why"])
-        for one in report["candidates"]
-    ]
-    header = ("effect", "judgment", "held out before", "with it", "gain [nats]", "why")
+        (one["effect"], one["verdict"], f"{one['nats']:.1f}", name, f"{of['before']:.3g}", f"{of['after']:.3g}", one["why"])
+        for one in report["candidates"] for name, of in one["held_out"].items()
+    ]  # fmt: skip
+    header = ("effect", "judgment", "gain [nats]", "output", "held out before", "with it", "why")
     console.print(text_table("Candidates that were fitted", header, rows))
+    for line in report["remarks"]:
+        console.print(f"  {line}")
     print_simulated(report, console)
     console.print(f"files    {final}")
 

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hexsim.cli import options
 from hexsim.cli.console import fraction_of, output, print_json, progress, terminated_like_interrupted
+from hexsim.errors import HexsimError
 
+if TYPE_CHECKING:
+    from hexsim.declaration import Machine
+    from hexsim.qualification import Findings
+
+PILOT = "1.5,0.5,1.0"  # an example: the applicant has one
 Strict = Annotated[bool, typer.Option("--strict", help="Exit code 1 where a limit is exceeded.")]
 
 
@@ -24,28 +31,66 @@ def qualify(
     quick: Annotated[bool, typer.Option("--quick", help="Fewer and shorter motions: under a minute.")] = False,
     compensator: options.CompensatorName = "none",
     settings: options.Set = None,
+    pack: Annotated[
+        bool,
+        typer.Option("--pack", help="Also 14 CFR Part 60's conditions, OMCT, raw traces, and a manifest with hashes."),
+    ] = False,
+    washout: Annotated[
+        str, typer.Option(help="Of --pack, in flight: classical, adaptive, or a TOML file.")
+    ] = "classical",
+    ground: Annotated[
+        str | None, typer.Option(help="Of --pack, on the ground; default: as in flight, one mode.")
+    ] = None,
+    pilot: Annotated[
+        str, typer.Option(help="Of --pack: pilot's place from the vehicle's centre of gravity, forward, left, up (m).")
+    ] = PILOT,
     json: options.Json = False,
     strict: Strict = False,
 ) -> None:
     """Motion tests of flight simulators on a machine: half-hertz noise, describing function, turn-around and more."""
     from hexsim.files.run_folder import default_folder, run_folder
 
+    if not pack and (washout != "classical" or ground or pilot != PILOT):
+        raise HexsimError("--washout, --ground and --pilot are of the pack: give --pack too")
     with_machine, _ = options.prepare("heave", options.Motion(machine=machine), settings)
+    if pack and not with_machine.mechanics.has_platform:
+        raise HexsimError(f"machine {with_machine.name} has no platform: a pack is filed for one that carries people")
     with (
         run_folder(out or default_folder(f"qualify-{with_machine.name}")) as folder,
         progress() as bar,
         terminated_like_interrupted(),
     ):
-        from hexsim.qualification import qualify as run
+        from hexsim.qualification import judged, write_qualification
 
         report = fraction_of(bar, f"qualifying {with_machine.name}")
-        result = run(with_machine, folder.path, quick, report, compensator)
+        share = 0.5 if pack else 1.0
+        result, found = judged(with_machine, quick, lambda fraction: report(share * fraction), compensator)
+        write_qualification(result, found, with_machine, folder.path)
+        if pack:
+            filed = _pack(with_machine, found, folder.path, compensator, washout, ground, pilot, report)
+            result |= {"rows": filed["rows"], "omct": filed["omct"]}
+            result["passed"] = all(row["passed"] is not False for row in filed["rows"])
         place = folder.finish()
     if json:
         print_json(result)
     else:
         print_qualification(result, place)
     end_strictly(result, strict)
+
+
+def _pack(
+    machine: Machine, found: Findings, folder: Path, compensator: str, washout: str, ground: str | None, pilot: str,
+    report: Callable[[float], None],
+) -> dict[str, Any]:  # fmt: skip
+    """The tests of the pack beyond the battery's, and its files."""
+    from hexsim.cueing.washout import washout_of
+    from hexsim.qualification.pack import write_pack
+
+    return write_pack(
+        machine, found, folder, compensator=compensator, flight=washout_of(washout),
+        ground=washout_of(ground) if ground else None, pilot_m=_three(pilot, "--pilot"),
+        progress=lambda fraction: report(0.5 + 0.5 * fraction),
+    )  # fmt: skip
 
 
 def measure(
@@ -109,8 +154,6 @@ def end_strictly(result: dict[str, Any], strict: bool) -> None:
 
 def _three(text: str, option: str) -> tuple[float, float, float]:
     """Three numbers with commas between them."""
-    from hexsim.errors import HexsimError
-
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import socket
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hexsim.cli import options
+from hexsim.cli import flown, options
 from hexsim.cli.console import compiling_said, output, print_json, stop_when_signalled, terminated_like_interrupted
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
     from hexsim.simulation import Run
     from hexsim.simulation.serve_status import Status
-    from hexsim.simulation.vehicle_link import Vehicle
 
 LONGEST_LOG_S = 600.0
-LOOPBACK, XPLANE_PORT = "127.0.0.1", 49000  # where X-Plane takes packets, by its own documentation
-RREF_RATE_Hz = 60  # that X-Plane is asked for; it sends once a frame at most
-PORT = 47110  # of hexsim.simulation.serve; a test holds them together, because importing it loads the simulator
 
 
 def register(app: typer.Typer) -> None:
@@ -33,7 +28,7 @@ def serve(
     host: Annotated[
         str, typer.Option(help="Address to listen on; only this computer unless you say otherwise.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="UDP port; 0 takes a free one.")] = PORT,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="UDP port; 0 takes a free one.")] = flown.PORT,
     compensator: options.CompensatorName = "none",
     scenario: Annotated[str | None, typer.Option(help="What manual mode plays; default heave.")] = None,
     start: Annotated[str, typer.Option(help="neutral (mid stroke, pressure up) or off (on its stops).")] = "neutral",
@@ -44,22 +39,20 @@ def serve(
     lockstep: Annotated[
         bool, typer.Option("--lockstep", help="Machine time follows the host's packets, not the clock.")
     ] = False,
-    source: Annotated[
-        str | None,
-        typer.Option(
-            "--from",
-            help="Packets of a simulator, washed out: flightgear, xplane, xplane12, xplane-rref, outsim or a TOML file.",
-        ),
-    ] = None,
-    washout: Annotated[
-        str, typer.Option(help="Of --from: classical, adaptive, or a TOML file of its parameters.")
-    ] = "classical",
+    source: flown.Source = None,
+    washout: flown.WashoutName = "classical",
     strict: Annotated[
         bool, typer.Option("--strict", help="Of --from: a simulator that is silent for 0.5 s is a fault, not a pause.")
     ] = False,
     buffer_ms: Annotated[
         float | None,
         typer.Option(min=0.0, max=500.0, help="Latency given away so that less is predicted; default: the machine's."),
+    ] = None,
+    stream: Annotated[
+        str | None,
+        typer.Option(
+            help="ADDRESS:PORT that takes every control tick's signals as JSON by UDP (PlotJuggler: 127.0.0.1:9870)."
+        ),
     ] = None,
     duration: Annotated[float | None, typer.Option(help="Stop after this time (s); default: Ctrl-C.")] = None,
     out: Annotated[
@@ -75,6 +68,7 @@ def serve(
     )
     from hexsim.cueing.washout import washout_of
     from hexsim.simulation.serve import HostInput, Server
+    from hexsim.simulation.stream import JsonStream, stream_address
 
     if washout != "classical" and not source:
         raise HexsimError("--washout acts on the packets of a simulator: give --from too")
@@ -86,19 +80,22 @@ def serve(
         raise HexsimError("--from and --lockstep exclude each other: a vehicle's packets hold no machine time")
 
     host_input = HostInput(
-        buffer_s=None if buffer_ms is None else 1e-3 * buffer_ms, vehicle=vehicle_of(source, strict) if source else None,
+        buffer_s=None if buffer_ms is None else 1e-3 * buffer_ms, vehicle=flown.vehicle_of(source, strict) if source else None,
         washout=washout_of(washout),
     )  # fmt: skip
+    looker = JsonStream(stream_address(stream)) if stream else None
     with compiling_said(tell), terminated_like_interrupted():
         server = Server(
             with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep,
-            telemetry=telemetry, lockstep=lockstep, host_input=host_input,
+            telemetry=telemetry, lockstep=lockstep, host_input=host_input, stream=looker,
             record_s=min(duration or LONGEST_LOG_S, LONGEST_LOG_S) if out else 0.0,
         )  # fmt: skip
     address = f"{server.address[0]}:{server.address[1]}"
     tell(f"{with_machine.name} listens on udp://{address}, state {start}; Ctrl-C stops it")
     with server, stop_when_signalled() as stop:
-        status = server.run(duration, stop=stop, report=lambda now: tell(now.line()))
+        teller = Teller()
+        status = server.run(duration, stop=stop, report=teller)
+        teller.warn(status)
     if out and server.record:
         tell(f"stopped; writing {out} (Ctrl-C leaves it)")
         write(server.record.run(), out)
@@ -108,31 +105,25 @@ def serve(
         print_status(status)
 
 
+class Teller:
+    """Says the line of a status, and each warning once."""
+
+    def __init__(self) -> None:
+        self.said = 0
+
+    def __call__(self, status: Status) -> None:
+        self.warn(status)
+        tell(status.line())
+
+    def warn(self, status: Status) -> None:
+        for text in status.new_warnings(self.said):
+            tell(f"warning: {text}")
+        self.said = status.cavitated
+
+
 def tell(text: str) -> None:
     """A line on stderr."""
     typer.echo(text, err=True)
-
-
-def vehicle_of(source: str, strict: bool) -> Vehicle:
-    """The simulator that --from names: a protocol, or xplane-rref@ADDRESS:PORT of X-Plane's own socket."""
-    from hexsim.cueing.protocols import rref_requests
-    from hexsim.cueing.toml_protocol import protocol
-    from hexsim.simulation.vehicle_link import Vehicle
-
-    name, at, where = source.partition("@")
-    if name != "xplane-rref":
-        return Vehicle(decode=protocol(source), name=source, strict=strict)
-    host, colon, port = where.partition(":")
-    if (at and not host) or (colon and not (port.isascii() and port.isdigit() and 0 < int(port) < 2**16)):
-        raise HexsimError(f"--from {source!r}: give xplane-rref, or xplane-rref@ADDRESS or xplane-rref@ADDRESS:PORT")
-    try:
-        address = socket.gethostbyname(host or LOOPBACK)
-    except (OSError, UnicodeError) as error:
-        raise HexsimError(f"--from {source!r}: {host} is no address of a computer ({error})") from None
-    return Vehicle(
-        decode=protocol(name), name=name, strict=strict, address=(address, int(port or XPLANE_PORT)),
-        requests=tuple(rref_requests(RREF_RATE_Hz)), farewell=tuple(rref_requests(0)),
-    )  # fmt: skip
 
 
 def write(run: Run, out: Path) -> None:

@@ -76,7 +76,7 @@ def trace(
     ] = False,
     json: options.Json = False,
 ) -> None:
-    """Hold measured logs against the declared machine and name the physical effect that it lacks, if it lacks one."""
+    """Identify the physical effect that the declared machine is missing in measured logs, if it is missing one."""
     from hexsim.tracing.own.folder import is_own
 
     if list_effects:
@@ -329,7 +329,7 @@ def _effects(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tupl
         tied = ", ".join(effect.get("tied_with", [])) or "–"
         gain = number(effect.get("evidence", {}).get("block_cv_gain"))
         rows.append((name, effect["where"], "\n".join(values), tied, gain))
-    return "What the model lacks", ("effect", "where", "parameters", "tied with", "gain"), rows
+    return "What the model is missing", ("effect", "where", "parameters", "tied with", "gain"), rows
 
 
 def _unexplained(report: Mapping[str, Any]) -> tuple[str, tuple[str, ...], list[tuple[str, ...]]]:

@@ -1,4 +1,4 @@
-"""Vehicle motion from packets of public protocols: FlightGear, X-Plane, OutSim, and packets that a TOML file describes.
+"""Vehicle motion from packets of public protocols: FlightGear, X-Plane, OutSim, BeamNG, and those that a TOML file describes.
 
 A `Decode` gives a `VehicleMotion`, or text that says why a packet is none of its protocol; it never raises. Axes: forward,
 left, up; the acceleration is the specific force less gravity at rest, so 0 stands and level.
@@ -8,6 +8,8 @@ left, up; the acceleration is the specific force less gravity at rest, so 0 stan
     xplane12      the same of X-Plane 12: rates P Q R in deg/s
     xplane-rref   RREF, the values of datarefs that `RREF_NAMES` asks X-Plane for
     outsim        OutSim of Live for Speed and games like it, OutSimPack and OutSimPack2: accelerations in the world's frame
+    beamng        MotionSim of BeamNG.drive, version 1: accelerations without gravity in the car's frame
+    jsbsim, lfs   other names of flightgear and outsim
     FILE.toml     byte_order, time and fields by struct format, offset and factor (`toml_protocol`)
 """
 
@@ -45,6 +47,7 @@ OUTSIM2_SIZES = frozenset(
     OUTSIM2_HEAD.size + OUTSIM_MAIN.size + sum(part for k, part in enumerate(OUTSIM2_PARTS) if there >> k & 1)
     for there in range(1 << len(OUTSIM2_PARTS))
 )
+MOTIONSIM = struct.Struct("<4s21f")
 NAMES = ("forward_m_s2", "left_m_s2", "up_m_s2", "roll_rad_s", "pitch_rad_s", "yaw_rad_s")
 LARGEST = 1000.0  # m/s2 or rad/s; more is no vehicle
 LARGEST_ANGLE = 1000.0  # rad; a heading that counts its turns is below, and a float32 resolves it to 0.1 mrad
@@ -59,7 +62,16 @@ class VehicleMotion:
     time_s: float | None = None
 
 
-Decode = Callable[[bytes], VehicleMotion | str]
+@dataclass(frozen=True, kw_only=True)
+class RigSetpoint:
+    """What a motion software asks of a rig itself, not washed out. values: pose x y z [m] roll pitch yaw [rad] from neutral
+    (mode 0), or legs 1 to 6 [m] from mid stroke (mode 1)."""
+
+    values: tuple[float, ...]
+    mode: int = 0
+
+
+Decode = Callable[[bytes], VehicleMotion | RigSetpoint | str]
 
 
 def within(values: Iterable[float], largest: float) -> bool:
@@ -190,10 +202,29 @@ def outsim(data: bytes) -> VehicleMotion | str:
     return checked((forward, -right, up - g), (about_forward, -about_right, about_up), 1e-3 * time_ms)
 
 
+def beamng(data: bytes) -> VehicleMotion | str:
+    """MotionSim: magic BNG1; position, velocity, acceleration without gravity, up vector; roll, pitch, yaw with their rates
+    and accelerations, three float32 each.
+
+    Layout: BeamNG's documentation, "Protocols". It names no axes: the acceleration's are taken as the vehicle's own, left,
+    rear, up, and the rates' as right-handed about forward, left and up.
+    """
+    if data[:4] != b"BNG1":
+        return described(data)
+    if len(data) != MOTIONSIM.size:
+        return f"BNG1 of {len(data)} bytes (MotionSim has {MOTIONSIM.size})"
+    numbers = MOTIONSIM.unpack(data)[1:]
+    left, rear, up = numbers[6:9]
+    return checked((-rear, left, up), numbers[15:18])
+
+
 PROTOCOLS: dict[str, Decode] = {
     "flightgear": flightgear,
+    "jsbsim": flightgear,
     "xplane": xplane,
     "xplane12": xplane12,
     "xplane-rref": xplane_rref,
     "outsim": outsim,
+    "lfs": outsim,
+    "beamng": beamng,
 }

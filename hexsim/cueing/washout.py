@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from scipy.signal import bilinear
 
+from hexsim.cueing.shaping import Shaping
 from hexsim.errors import HexsimError
 from hexsim.files.toml_files import read_toml
 
@@ -90,10 +91,14 @@ class _Filter:
 
 
 class Cueing:
-    """A washout at work, at `rate_Hz`. `step` takes a vehicle's motion and gives a pose."""
+    """A washout at work, at `rate_Hz`. `step` takes a vehicle's motion and gives a pose.
+
+    shaping: what is done to the motion before. asked: its last output times the washout's scale (6,) [m/s2, rad/s].
+    """
 
     def __init__(self, washout: Washout, rate_Hz: float = 500.0) -> None:
         w, self.washout, self.tick_s = washout, washout, 1.0 / rate_Hz
+        self.shaping, self.asked = Shaping(rate_Hz), np.zeros(6)
         self._quick = [
             _Filter([1.0, 0.0], np.polymul([1.0, 2.0 * k, k * k], [1.0, w.back_rad_s]), rate_Hz)
             for k in w.high_pass_rad_s
@@ -109,7 +114,8 @@ class Cueing:
         """Pose (6,) [m, rad] for the vehicle's acceleration (3,) [m/s2] forward, left, up, without gravity, and its rates
         of roll, pitch, yaw (3,) [rad/s]."""
         w, pose = self.washout, np.zeros(6)
-        scaled, turning = w.scale * np.asarray(acceleration, dtype=float), w.scale * np.asarray(rates, dtype=float)
+        self.asked = w.scale * self.shaping.step(acceleration, rates)
+        scaled, turning = self.asked[:3], self.asked[3:]
         for k in range(3):
             share = 1.0 / (1.0 + (self._place[k] / w.excursion_m[k]) ** 2) ** 2 if w.adaptive else 1.0
             pose[k] = self._place[k] = self._quick[k].step(share * float(scaled[k]))

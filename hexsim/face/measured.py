@@ -133,7 +133,7 @@ def trace(
     loaded: Iterable[AnyPath] = (),
     progress: Progress | None = None,
 ) -> TraceResult:
-    """Hold measured logs against the declared machine of a folder, and name the physical effect that it lacks.
+    """Identify the physical effect that the declared machine of a folder is missing in its measured logs.
 
     fit: logs that everything is fitted on, names in the folder or paths; validate: held-out logs, which judge. mapping: file
     for foreign names and units of all logs. load_kg: what people can put on the machine; loaded: logs taken with it on.
@@ -216,7 +216,7 @@ def identify(
     largest: float = 1.0,
     progress: Progress | None = None,
 ) -> Identification:
-    """Measure the machine behind a host interface, trace it, design the next motion, until nothing more can be told.
+    """Measure the machine behind a host interface, trace it, design the next motion, until no further motion would help.
 
     It MOVES the machine at `host` ("ADDRESS:PORT"), within the limits of [host_limits] times `largest`. out: folder of logs
     and traces; goes on in an old one. minutes: machine time to use. compensate: at the end the bump in heave before and

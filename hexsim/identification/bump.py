@@ -3,7 +3,7 @@
 The compensator learns on the identified twin, in simulation. The machine then makes the same sine twice, with plain
 control and with the compensator that starts with what the twin has taught it.
 
-    peak of a reversal    largest |acceleration - mean - basic harmonic| within 0.2 s of it, in 50 Hz
+    peak of a reversal    largest |acceleration - mean - fundamental| within 0.2 s of it, in 50 Hz
     the bump              the largest peak from the second reversal at full size on
 
 Judged on the machine's own accelerometer, so that its noise is in both.

@@ -30,7 +30,7 @@ ROUND_COLOURS = ("#9AA5B1", *palette.RUNS)
 
 @styled
 def story_figure(headline: str, budget: list[dict[str, Any]], bump: Bump | None) -> Figure:
-    """Above: what is left of each kind of signal after each step. Below: the machine's bump before and after."""
+    """Above: the residual of each kind of signal after each step. Below: the machine's bump before and after."""
     figure = Figure(figsize=(WIDTH_IN, 5.9 if bump else 3.3), layout="constrained")
     figure.suptitle(headline, x=0.01, ha="left", fontsize=12.5, fontweight="bold")
     rows = figure.subplots(2 if bump else 1, 1, squeeze=False, gridspec_kw={"hspace": 0.12})[:, 0]

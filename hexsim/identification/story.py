@@ -26,7 +26,7 @@ BUDGET = (
     "Each bar is a step of the last trace."
 )
 BUMP = (
-    " Below: acceleration of the machine less its mean and basic harmonic, in 50 Hz, with its sensor's noise. The figures "
+    " Below: acceleration of the machine less its mean and fundamental, in 50 Hz, with its sensor's noise. The figures "
     "are the largest peaks from the second reversal at full size on. The compensator has learned on the identified twin."
 )
 ROUNDS = (
@@ -92,8 +92,8 @@ def sentence(story: Story) -> str:
     ended = story.rounds[-1].verdict
     if not names:
         return f"No effect is named: {ended}."
-    rest = "partly: what is left beside it has no name" if ended == "partly" else ended
-    return f"What the declared machine lacks: {', '.join(names)} ({rest})."
+    rest = "partly: a residual without a name remains" if ended == "partly" else ended
+    return f"What the declared machine is missing: {', '.join(names)} ({rest})."
 
 
 def why_ended(story: Story) -> str:

@@ -109,12 +109,14 @@ def new_memory(n_legs: int) -> Array:
 @compiled
 def begin(control, memory, setpoint, position, pressure):
     """At rest at these readings (n_legs,), volts 0: what a loop starts from."""
-    memory[:] = 0.0
-    memory[:, M.SETPOINT], memory[:, M.POSITION], memory[:, M.PRESSURE] = setpoint, position, pressure
-    memory[:, M.START], memory[:, M.GOAL] = setpoint, setpoint
-    c = control.rows
-    memory[:, M.SMOOTHING] = (1.0 - c[:, C.SMOOTHING + 1]) * setpoint
-    memory[:, M.SMOOTHING + 1] = (c[:, C.SMOOTHING + 3] - c[:, C.SMOOTHING + 5]) * setpoint
+    for i in range(memory.shape[0]):
+        c, m = control.rows[i], memory[i]
+        for k in range(m.shape[0]):
+            m[k] = 0.0
+        m[M.SETPOINT], m[M.POSITION], m[M.PRESSURE] = setpoint[i], position[i], pressure[i]
+        m[M.START], m[M.GOAL] = setpoint[i], setpoint[i]
+        m[M.SMOOTHING] = (1.0 - c[C.SMOOTHING + 1]) * setpoint[i]
+        m[M.SMOOTHING + 1] = (c[C.SMOOTHING + 3] - c[C.SMOOTHING + 5]) * setpoint[i]
 
 
 @compiled
@@ -147,7 +149,8 @@ def leg_path(control, memory, setpoints, out):
     """Setpoints (k, n_legs) of this tick and the next k - 1 into `out`, before the filter: straight lines where they come
     more slowly than the ticks."""
     for i in range(control.rows.shape[0]):
-        out[:, i] = setpoints[:, i]
+        for k in range(setpoints.shape[0]):
+            out[k, i] = setpoints[k, i]
         if control.rows[i, C.EVERY] > 1.0:
             straight(int(control.rows[i, C.EVERY]), memory[i], setpoints[:, i], out[:, i])
 

@@ -1,131 +1,266 @@
-"""A model's equations and their derivatives, compiled: sympy differentiates and finds common parts, numba compiles.
+"""Equations of a model as machine code, and their integration with sensitivities.
 
-The source that numba gets is printed by sympy from expressions whose symbols are renamed to x0, u0, p0 here; no text of a file is in
-it. Every model has one compiled function of one signature, so that the integrator is compiled once and kept on disk.
+Values and derivatives are sympy's; each distinct subexpression becomes one LLVM instruction by llvmlite, on which numba stands, too.
+(The same equations as Python source, compiled by numba, take five to twenty times as long; a trace compiles thirty models.)
+One function of a model serves all: f(what, x, u, p, out) writes values, derivatives by x (rows first), then by p. The integrator below
+is compiled once for all models and takes the function's address.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
 
+import llvmlite.binding as llvm
 import numba
 import numpy as np
 import sympy
+from llvmlite import ir
 from numba import types
-from sympy.printing.pycode import PythonCodePrinter
+from numba.extending import intrinsic
 
-from hexsim.own.formulas import Expr
+from hexsim.errors import HexsimError
+from hexsim.own.formulas import TINY, Expr
 from hexsim.own.model import BEFORE, Model
 
 Array = np.ndarray
 RATES, AFTER, OUTPUTS, STARTS = range(4)
 VECTOR = types.Array(types.float64, 1, "C")
-SIGNATURE = types.int64(types.int64, VECTOR, VECTOR, VECTOR, VECTOR)  # what, x, u or s, p, out
-TINY = 1e-30
+Value = Any  # of llvmlite
+DOUBLE, WORD = ir.DoubleType(), ir.IntType(64)
+EQUATIONS = ir.FunctionType(WORD, [WORD, *[DOUBLE.as_pointer()] * 4])  # what, x, u or s, p, out
 ONE, TWO = types.float64(types.float64), types.float64(types.float64, types.float64)
+COUNT = itertools.count()
 
 
-@numba.njit(ONE, cache=True)
-def step(x):
-    return 1.0 if x > 0.0 else 0.0
-
-
-@numba.njit(ONE, cache=True)
-def side(x):
-    return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else 0.0)
-
-
-@numba.njit(ONE, cache=True)
-def positive(x):
-    return x if x > 0.0 else 0.0 * x
-
-
-@numba.njit(ONE, cache=True)
-def root(x):
-    return math.sqrt(x) if x > 0.0 else -math.sqrt(-x)
-
-
-@numba.njit(ONE, cache=True)
-def root_slope(x):
-    return 0.5 / math.sqrt(max(abs(x), TINY))
-
-
-@numba.njit(TWO, cache=True)
-def power(x, y):
-    return math.exp(min(y * math.log(x), 700.0)) if x > 0.0 else 0.0
-
-
-@numba.njit(ONE, cache=True)
-def logarithm(x):
-    return math.log(max(x, TINY))
-
-
-@numba.njit(ONE, cache=True)
+@numba.cfunc(ONE, cache=True)
 def exponential(x):
     return math.exp(min(x, 700.0))
 
 
-HELPERS = {"step": step, "side": side, "positive": positive, "root": root, "root_slope": root_slope, "power": power,
-           "logarithm": logarithm, "exponential": exponential, "size": abs, "math": math}  # fmt: skip
+@numba.cfunc(ONE, cache=True)
+def logarithm(x):
+    return math.log(max(x, TINY))
 
 
-class Printer(PythonCodePrinter):
-    """sympy's printer with the functions above."""
-
-    def _print_Function(self, expr):
-        return f"{type(expr).__name__}({', '.join(self._print(one) for one in expr.args)})"
-
-    def _print_exp(self, expr):
-        return f"exponential({self._print(expr.args[0])})"
+@numba.cfunc(ONE, cache=True)
+def hyperbolic(x):
+    return math.tanh(x)
 
 
-def compiled(model: Model) -> Any:
-    """The function (what, x, u, p, out) of a model: out holds values, derivatives by x (rows first), then by p."""
-    namespace: dict[str, Any] = dict(HELPERS)
-    exec(compile(source(model), f"<equations of {len(model.states)} states>", "exec"), namespace)
-    return numba.njit(SIGNATURE, error_model="numpy")(namespace["equations"])
+@numba.cfunc(ONE, cache=True)
+def sine(x):
+    return math.sin(x)
 
 
-def source(model: Model) -> str:
-    """Python source of the equations."""
-    states = [model.symbols[name] for name in model.states if name in model.symbols]
-    x, p = states, [model.symbols[number.name] for number in model.numbers]
+@numba.cfunc(ONE, cache=True)
+def cosine(x):
+    return math.cos(x)
+
+
+@numba.cfunc(ONE, cache=True)
+def root(x):
+    return math.sqrt(x) if x > 0.0 else -math.sqrt(-x)
+
+
+@numba.cfunc(ONE, cache=True)
+def root_slope(x):
+    return 0.5 / math.sqrt(max(abs(x), TINY))
+
+
+@numba.cfunc(TWO, cache=True)
+def power(x, y):
+    return math.exp(min(y * math.log(x), 700.0)) if x > 0.0 else 0.0
+
+
+CALLED = {"exp": exponential, "logarithm": logarithm, "tanh": hyperbolic, "sin": sine, "cos": cosine, "root": root,
+          "root_slope": root_slope, "power": power}  # fmt: skip
+
+
+class Emitter:
+    """Expressions and their derivatives to instructions of a block; what was computed once is used again.
+
+    Derivatives go forward from node to node (chain rule; those of a function by sympy's fdiff). Whole expressions that sympy
+    differentiates grow with the square of their size.
+    """
+
+    def __init__(self, builder: ir.IRBuilder, known: dict[Expr, Value]) -> None:
+        self.builder, self.known = builder, known
+        self.slopes: dict[Expr, dict[Expr, Value]] = {}
+
+    def slope(self, expr: Expr) -> dict[Expr, Value]:
+        """Derivatives by those symbols that are in it."""
+        if expr not in self.slopes:
+            self.slopes[expr] = self.differentiated(expr)
+        return self.slopes[expr]
+
+    def differentiated(self, expr: Expr) -> dict[Expr, Value]:
+        if expr.is_Symbol:
+            return {expr: ir.Constant(DOUBLE, 1.0)}
+        total: dict[Expr, Value] = {}
+        for k, part in enumerate(expr.args):
+            slope = self.slope(part)
+            if not slope:
+                continue
+            if expr.is_Mul:
+                factor = self.product([one for j, one in enumerate(expr.args) if j != k])
+            elif expr.is_Pow:
+                factor = self.of(expr.exp * expr.base ** (expr.exp - 1))
+            elif expr.is_Function:
+                outer = expr.fdiff(k + 1)
+                if outer.is_zero:
+                    continue
+                factor = self.of(outer)
+            else:
+                factor = None
+            for symbol, value in slope.items():
+                made = value if factor is None else self.builder.fmul(factor, value)
+                total[symbol] = self.builder.fadd(total[symbol], made) if symbol in total else made
+        return total
+
+    def product(self, factors: Sequence[Expr]) -> Value:
+        first, *more = (self.of(one) for one in factors)
+        for one in more:
+            first = self.builder.fmul(first, one)
+        return first
+
+    def of(self, expr: Expr) -> Value:
+        if expr not in self.known:
+            self.known[expr] = self.made(expr)
+        return self.known[expr]
+
+    def made(self, expr: Expr) -> Value:
+        if expr.is_Mul:
+            return self.product(expr.args)
+        if expr.is_Add:
+            first, *more = (self.of(one) for one in expr.args)
+            for one in more:
+                first = self.builder.fadd(first, one)
+            return first
+        if expr.is_Pow:
+            return self.to_power(*expr.args)
+        if expr.is_Function:
+            return self.function(type(expr).__name__, [self.of(one) for one in expr.args])
+        try:
+            value = float(expr)
+        except TypeError:
+            raise HexsimError(f"a formula of the model has {expr}, which is no finite number") from None
+        return ir.Constant(DOUBLE, value)
+
+    def to_power(self, base: Expr, exponent: Expr) -> Value:
+        if not exponent.is_Integer:
+            return self.function("power", [self.of(base), self.of(exponent)])
+        if exponent < 0:
+            return self.builder.fdiv(ir.Constant(DOUBLE, 1.0), self.of(base**-exponent))
+        value = factor = self.of(base)
+        for _ in range(int(exponent) - 1):
+            value = self.builder.fmul(value, factor)
+        return value
+
+    def function(self, name: str, args: list[Value]) -> Value:
+        b, zero, one = self.builder, ir.Constant(DOUBLE, 0.0), ir.Constant(DOUBLE, 1.0)
+        if name in CALLED:
+            kind = ir.FunctionType(DOUBLE, [DOUBLE] * len(args))
+            pointer = b.inttoptr(ir.Constant(WORD, CALLED[name].address), kind.as_pointer())
+            return b.call(pointer, args)
+        above = b.fcmp_ordered(">", args[0], zero)
+        if name == "step":
+            return b.select(above, one, zero)
+        if name == "positive":
+            return b.select(above, args[0], b.fmul(zero, args[0]))  # not a number stays one
+        below = b.fcmp_ordered("<", args[0], zero)
+        if name == "side":
+            return b.select(above, one, b.select(below, ir.Constant(DOUBLE, -1.0), zero))
+        assert name == "size", name
+        return b.select(below, b.fsub(zero, args[0]), args[0])
+
+
+class Equations:
+    """The compiled function of a model; lives as long as its machine code is needed."""
+
+    def __init__(self, model: Model) -> None:
+        module = ir.Module(name=f"model_{next(COUNT)}")
+        function = ir.Function(module, EQUATIONS, name=module.name)
+        builder = ir.IRBuilder(function.append_basic_block())
+        unknown = function.append_basic_block()
+        switch = builder.switch(function.args[0], unknown)
+        for what, part in enumerate(parts(model)):
+            block = function.append_basic_block()
+            switch.add_case(ir.Constant(WORD, what), block)
+            written(ir.IRBuilder(block), function.args[1:], *part)
+        ir.IRBuilder(unknown).ret(ir.Constant(WORD, 1))
+        machine = llvm.Target.from_default_triple().create_target_machine(opt=1)
+        self.engine = llvm.create_mcjit_compiler(llvm.parse_assembly(str(module)), machine)
+        self.engine.finalize_object()
+        self.address = self.engine.get_function_address(module.name)
+
+    def __call__(self, what: int, x: Array, u: Array, p: Array, out: Array) -> None:
+        evaluated(self.address, what, x, u, p, out)
+
+
+Part = tuple[Sequence[Expr], Sequence[Any], tuple[Sequence[Any], Sequence[Any], Sequence[Any]]]
+
+
+def parts(model: Model) -> list[Part]:
+    """Of each `what`: values, what they are differentiated by beside p, the symbols of x, u (or s) and p."""
+    p = [model.symbols[number.name] for number in model.numbers]
+    x = [model.symbols[name] for name in model.states if name in model.symbols]
     u = [model.symbols[name] for name in (*model.inputs, "time_s", "step_s")]
     before = [model.symbols.get(name + BEFORE, sympy.Symbol(name + BEFORE, real=True)) for name in model.states]
     s = [sympy.Symbol(f"{function}({column})", real=True) for function, column in model.firsts]
-    lines = ["def equations(what, x, u, p, out):"]
-    lines += [f"    p{i} = p[{i}]" for i in range(len(p))]
-    parts = ((model.rates, x, u), (model.after, [*x, *before], u), (model.observed, x, u), (model.starts, [], s))
-    for what, (values, by, given) in enumerate(parts):
-        names = {one: sympy.Symbol(f"x{i}", real=True) for i, one in enumerate([*x, *before])}
-        names |= {one: sympy.Symbol(f"p{i}", real=True) for i, one in enumerate(p)}
-        names |= {one: sympy.Symbol(f"u{i}", real=True) for i, one in enumerate(given)}
-        used = set().union(*(one.free_symbols for one in values)) if values else set()
-        lines.append(f"    if what == {what}:")
-        lines += [f"        x{i} = x[{i}]" for i, one in enumerate([*x, *before]) if one in used]
-        lines += [f"        u{i} = u[{i}]" for i, one in enumerate(given) if one in used]
-        lines += block([one.xreplace(names) for one in values], [names[one] for one in by], [names[one] for one in p])
-        lines.append("        return 0")
-    return "\n".join([*lines, "    return 1"])
-
-
-def block(values: Sequence[Expr], by: Sequence[sympy.Symbol], p: Sequence[sympy.Symbol]) -> list[str]:
-    """Assignments of values and of those derivatives that are not 0."""
-    n, entries = len(values), list(values)
-    entries += [value.diff(one) for value in values for one in by] + [value.diff(one) for value in values for one in p]
-    kept = [(i, entry) for i, entry in enumerate(entries) if i < n or not entry.is_zero]
-    common, reduced = sympy.cse([entry for _, entry in kept], symbols=sympy.numbered_symbols("t", real=True))
-    printer = Printer({"fully_qualified_modules": True})
-    lines = [f"        {name} = {printer.doprint(value)}" for name, value in common]
-    return lines + [
-        f"        out[{i}] = {printer.doprint(value)}" for (i, _), value in zip(kept, reduced, strict=True)
+    both = [*x, *before]
+    return [
+        (model.rates, x, (both, u, p)), (model.after, both, (both, u, p)), (model.observed, x, (both, u, p)),
+        (model.starts, [], (both, s, p)),
     ]  # fmt: skip
 
 
+def written(
+    builder: ir.IRBuilder, args: Sequence[ir.Value], values: Sequence[Expr], by: Sequence[Any], given: tuple[Sequence[Any], ...]
+) -> None:  # fmt: skip
+    """A block that writes values and derivatives into out."""
+    used = set().union(*(one.free_symbols for one in values)) if values else set()
+    known: dict[Expr, Value] = {}
+    for pointer, symbols in zip(args, given, strict=False):
+        for i, symbol in enumerate(symbols):
+            if symbol in used:
+                known[symbol] = builder.load(builder.gep(pointer, [ir.Constant(WORD, i)]), typ=DOUBLE)
+    emitter = Emitter(builder, known)
+    entries: list[Value] = [emitter.of(value) for value in values]
+    entries += [emitter.slope(value).get(one) for names in (by, given[2]) for value in values for one in names]
+    for i, entry in enumerate(entries):
+        if entry is not None:
+            builder.store(entry, builder.gep(args[3], [ir.Constant(WORD, i)]))
+    builder.ret(ir.Constant(WORD, 0))
+
+
+def called_of(typingctx, address, what, x, u, p, out):
+    """Call equations at an address."""
+    del typingctx, address, what, x, u, p, out
+
+    def codegen(context, builder, signature, args):
+        kinds = signature.args[2:]
+        data = [
+            context.make_array(kind)(context, builder, value=one).data
+            for kind, one in zip(kinds, args[2:], strict=True)
+        ]
+        return builder.call(builder.inttoptr(args[0], EQUATIONS.as_pointer()), [args[1], *data])
+
+    return types.int64(types.int64, types.int64, VECTOR, VECTOR, VECTOR, VECTOR), codegen
+
+
+called: Any = intrinsic(called_of)
+
+
+@numba.njit(types.int64(types.int64, types.int64, VECTOR, VECTOR, VECTOR, VECTOR), cache=True)
+def evaluated(address, what, x, u, p, out):
+    return called(address, what, x, u, p, out)
+
+
 INTEGRATOR = types.Tuple((types.Array(types.float64, 2, "C"), types.Array(types.float64, 3, "C"), types.Array(types.float64, 2, "C")))(
-    types.FunctionType(SIGNATURE), VECTOR, types.Array(types.float64, 2, "C"), types.Array(types.float64, 2, "C"),
+    types.int64, VECTOR, types.Array(types.float64, 2, "C"), types.Array(types.float64, 2, "C"),
     types.Array(types.boolean, 1, "C"), VECTOR, types.float64, types.float64, types.int64, types.int64, types.int64,
     types.boolean, types.boolean,
 )  # fmt: skip
@@ -152,7 +287,7 @@ def integrated(f, x0, s0, inputs, held, p, t0, dt, steps, stages, n_outputs, wit
         for k in range(nu):
             u[k] = inputs[i, k]
         u[nu] = t0 + i * dt
-        f(2, x, u, p, out_y)
+        called(f, 2, x, u, p, out_y)
         for a in range(nx):
             states[i, a] = x[a]
         for a in range(n_outputs):
@@ -185,7 +320,7 @@ def integrated(f, x0, s0, inputs, held, p, t0, dt, steps, stages, n_outputs, wit
                     u[k] = inputs[i, k] if held[k] else inputs[i, k] + share * (inputs[i + 1, k] - inputs[i, k])
                 u[nu] = t0 + (i + share) * dt
                 both[:nx] = xs
-                f(0, both, u, p, out)
+                called(f, 0, both, u, p, out)
                 ahead = 1.0 if stages == 2 else (0.5 if stage < 2 else 1.0)
                 for a in range(nx):
                     ax[a] += w * out[a]
@@ -212,7 +347,7 @@ def integrated(f, x0, s0, inputs, held, p, t0, dt, steps, stages, n_outputs, wit
                     u[k] = inputs[i, k] if held[k] else inputs[i, k] + share * (inputs[i + 1, k] - inputs[i, k])
                 u[nu] = t0 + (i + share) * dt
                 both[:nx] = x
-                f(1, both, u, p, out_after)
+                called(f, 1, both, u, p, out_after)
                 if sensitive:
                     for b in range(np_):
                         for a in range(nx):

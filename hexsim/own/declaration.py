@@ -54,6 +54,7 @@ parameters = { stop_N_m = { sign = 1, scale = 1000.0 } }
 scheme = "rk4"                            # or "heun", "euler"
 steps = 4                                 # between two samples
 first_samples = 20                        # that first(...) and free starts may use; scored after them
+anew_s = 2.0                              # fits begin anew from what is measured, so often: for what drifts; default: never
 
 # Balances alone: sums of terms that are formulas of logged columns
 [align.motor_speed_rad_s]                 # this channel is late, by another time in each part of each run
@@ -174,6 +175,8 @@ class EffectRow(Section):
     becomes: str | None = None
     storage: str | None = None
     switch: bool = False
+    over: str | None = None
+    rival: bool = False
     memory: MemoryTable | None = None
     parameters: dict[str, EffectNumber] = Field(default_factory=dict, max_length=MOST)
     source: str = ""
@@ -186,6 +189,16 @@ class SimulationTable(Section):
     steps: int = Field(default=4, ge=1, le=200)
     first_samples: int = Field(default=1, ge=1, le=10_000)
     starts: int = Field(default=1, ge=1, le=50, description="searches from numbers drawn about the start")
+    anew_s: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=1e5,
+        description="fits and candidates: a free run begins anew from what is measured, so often",
+    )
+    fit_by: Literal["likelihood", "error"] = Field(
+        default="likelihood",
+        description="error: least rms of the simulation, for long free runs of a model that is not quite right",
+    )
     from_s: float = Field(default=0.0, ge=0.0, le=1e5, description="the fit and the score begin here")
 
 

@@ -22,18 +22,22 @@ from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTa
 from hexsim.own.formulas import expression, names_of, tree_of
 
 Tables = TypeVar("Tables", bound=ModelTables)
-CURVE = 5  # numbers of a curve over a place
+CURVE = 5  # corners of a curve over a place; its mean over them is 0: that is a constant, an effect of its own
+RIVAL = 8  # corners of a free curve that an effect is held against
+BEGIN = 0.1  # of an amplitude's scale: where a search begins
 FORMULAS = ("adds", "elsewhere", "forwards", "backwards", "becomes", "storage")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sizes:
-    """Typical sizes: of a place in the model, X, S, P, M, Y, and of the run, T, D."""
+    """Typical sizes: of a place in the model, X, S, P, M, H, C, Y, and of the run, T, D."""
 
     X: float = 1.0
     S: float = 1.0
     P: float = 1.0
     M: float = 0.0
+    H: float = 1.0
+    C: float = 0.0
     Y: float = 1.0
     T: float = 1.0
     D: float = 1.0
@@ -53,11 +57,22 @@ class Candidate:
     memory: tuple[str, MemoryTable] | None = None
     switch: str | None = None
     curve: tuple[str, str] | None = None
+    rival: bool = False
     shape: str = ""
 
     @property
     def title(self) -> str:
         return f"{self.name} in {self.on}" + (f" to {self.other}" if self.other else "")
+
+    @property
+    def begin(self) -> dict[str, float]:
+        """Where a search with it begins: amplitudes a little off 0 on their side."""
+        tables = {name: self.numbers[name] for name in self.amplitude}
+        return {name: BEGIN * (table.scale or 1.0) * (table.sign or 1) for name, table in tables.items()}
+
+    @property
+    def has_memory(self) -> bool:
+        return self.memory is not None and self.switch is None
 
 
 @cache
@@ -93,7 +108,7 @@ def places(row: EffectRow, tables: ModelTables, inputs: Iterable[str]) -> list[t
         name for name, state in tables.states.items()
         if name == row.on or (row.on is None and state.quantity in row.of and state.quantity is not None and of_state(row, tables, name))
     ]  # fmt: skip
-    if needs(row, "{place}") or needs(row, "{curve}"):
+    if needs(row, "{place}") or (needs(row, "{curve}") and row.over in (None, "{place}")):
         fits = [name for name in fits if place_of(name, tables)]
     if not needs(row, "{other}") and row.elsewhere is None:
         return [(name, None) for name in fits]
@@ -145,8 +160,12 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
     rename = {key: key + tag for key in row.parameters}
     numbers, amplitude, curve = {}, [], ""
     for k, (key, number) in enumerate(row.parameters.items()):
-        if key == "curve":
-            curve, more = curve_of(rename[key], braces["{place}"], number, sizes)
+        if key == "curve" or row.over is not None:
+            over = row.over or "{place}"
+            place = braces.get(over, on)
+            own = over == "{x}"
+            middle, half = (sizes.C, sizes.H) if own else (sizes.M, sizes.P)
+            curve, more = curve_of(rename[key], place, number, sizes, middle, half, RIVAL if row.rival else CURVE)
             numbers |= more
             amplitude += list(more)
         else:
@@ -158,7 +177,11 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
         braces["{memory}"] = memory
     switch = f"switch_{re.sub(r'[^a-z]+', '_', row.name.lower()).strip('_')}{tag}" if row.switch else None
     output = tables.outputs.get(on) if row.what == "output" else None
-    braces |= {"{curve}": f"curve{tag}", "{switch}": switch or "", "{y}": f"({output.formula})" if output else on}
+    braces |= {
+        "{curve}": f"{'free_' if row.rival else ''}curve{tag}",
+        "{switch}": switch or "",
+        "{y}": f"({output.formula})" if output else on,
+    }
 
     def fill(text: str) -> str:
         for key, value in rename.items():
@@ -175,7 +198,7 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
         made = (memory, MemoryTable.model_validate({"kind": row.memory.kind, "of": fill(row.memory.of), **extra}))
     base = Candidate(
         name=row.name, on=on, what=row.what, other=other, formulas=formulas, numbers=numbers, amplitude=tuple(amplitude),
-        memory=made, switch=switch, curve=(f"curve{tag}", curve) if curve else None,
+        memory=made, switch=switch, curve=(f"{'free_' if row.rival else ''}curve{tag}", curve) if curve else None, rival=row.rival,
     )  # fmt: skip
     return [base, *tried(row, base, rename, sizes)]
 
@@ -193,11 +216,16 @@ def tried(row: EffectRow, base: Candidate, rename: Mapping[str, str], sizes: Siz
     return found
 
 
-def curve_of(name: str, place: str, number: EffectNumber, sizes: Sizes) -> tuple[str, dict[str, ParameterTable]]:
-    """A piecewise linear curve over a place, with numbers at its corners."""
-    low, width = sizes.M - sizes.P, 2.0 * sizes.P / (CURVE - 1)
-    names = [f"{name}_{k + 1}" for k in range(CURVE)]
-    hats = [f"{one} * max(0, 1 - abs({place} - ({low + k * width:.9g})) / {width:.9g})" for k, one in enumerate(names)]
+def curve_of(
+    name: str, place: str, number: EffectNumber, sizes: Sizes, middle: float, half: float, count: int
+) -> tuple[str, dict[str, ParameterTable]]:
+    """A piecewise linear curve over a place, with numbers at its corners; the last corner makes the mean 0."""
+    low, width = middle - half, 2.0 * half / (count - 1)
+    names = [f"{name}_{k + 1}" for k in range(count - 1)]
+    corners = [*names, f"-({' + '.join(names)})"]
+    hats = [
+        f"({one}) * max(0, 1 - abs({place} - ({low + k * width:.9g})) / {width:.9g})" for k, one in enumerate(corners)
+    ]
     return " + ".join(hats), {one: table_of(number, sizes, neutral=True, where=name) for one in names}
 
 

@@ -14,12 +14,13 @@ import ast
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import sympy
 
 from hexsim.errors import HexsimError
+from hexsim.inference.contract import Number
 from hexsim.own.declaration import ModelTables, ParameterTable, StateTable
 from hexsim.own.elements import memory_states
 from hexsim.own.formulas import (
@@ -41,21 +42,6 @@ START = "start of "
 FREE = "free"
 BEFORE = " before"
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,79}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Number:
-    """A fitted number: search interval, prior (nan: none), scale of a typical change, whether each run has its own."""
-
-    name: str
-    start: float
-    low: float
-    high: float
-    mean: float = math.nan
-    sd: float = math.nan
-    scale: float
-    unit: str = ""
-    of_run: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -167,6 +153,8 @@ def model_of(tables: ModelTables, where: str, columns: set[str] | None = None) -
                 f"{', '.join(sorted(columns))[:400]}"
             )
     inputs = tuple(dict.fromkeys(resolver.inputs))
+    used = set().union(*(one.free_symbols for one in (*rates, *after, *observed, *delays.values())))
+    numbers = [replace(one, local=one.of_run or resolver.symbols[one.name] not in used) for one in numbers]
     return Model(
         states=tuple(states), numbers=(*numbers, *free), inputs=inputs, outputs=tuple(tables.outputs), firsts=tuple(firsts),
         symbols=resolver.symbols, rates=tuple(rates), after=tuple(after), observed=tuple(observed), starts=tuple(starts),
@@ -267,7 +255,7 @@ def starts_of(
         place = f"{where} [states.{name}] start"
         if state.start == FREE:
             start = Number(name=START + name, start=state.guess, low=-math.inf, high=math.inf,
-                           scale=abs(state.guess) or 1.0, unit=state.unit, of_run=True)  # fmt: skip
+                           scale=abs(state.guess) or 1.0, unit=state.unit, of_run=True, local=True)  # fmt: skip
             resolver.symbols[start.name] = sympy.Symbol(start.name, real=True)
             free.append(start)
             made: Expr = resolver.symbols[start.name]

@@ -12,9 +12,11 @@ from matplotlib.figure import Figure
 
 from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
-from hexsim.own.fit import Fitted, Problem, fit
+from hexsim.inference.likelihood import Fit
+from hexsim.inference.verdict import at_end
 from hexsim.own.folder import OwnFolder
-from hexsim.own.simulate import Simulator, record_of
+from hexsim.own.problem import OwnProblem, fit_own, problem_of
+from hexsim.own.simulate import record_of
 from hexsim.recording.figure_style import legend, new_figure, png, styled
 from hexsim.recording.report import data_url, render
 from hexsim.signals.log import Log
@@ -26,10 +28,9 @@ Array = np.ndarray
 def run_folder_of(folder: OwnFolder, out: Path | None, tell=lambda step, share: None) -> dict[str, Any]:
     """Fit the runs of [runs] fit, simulate every run from its inputs, write logs, report.json and report.html into `out`."""
     tell("compiling the equations", 0.05)
-    simulator = Simulator(folder.model)
-    records = [record_of(folder.model, log, folder.where) for log in folder.fit]
+    problem = problem_of(folder.model, folder.fit, folder.where)
     tell("fitting", 0.2)
-    fitted = fit(simulator, records)
+    fitted = fit_own(problem)
     tell("simulating", 0.8)
     made = {log.name: simulated(fitted, log, folder.where) for log in (*folder.fit, *folder.validate)}
     report = report_of(folder, fitted, {name: rms for name, (_, rms) in made.items()})
@@ -44,18 +45,21 @@ def run_folder_of(folder: OwnFolder, out: Path | None, tell=lambda step, share: 
     return report
 
 
-def simulated(fitted: Fitted, log: Log, where: str) -> tuple[pl.DataFrame, dict[str, float]]:
-    """The log with a column `simulated_NAME` for every output and hidden state, and rms of each output's residual."""
-    model = fitted.simulator.model
+def simulated(fitted: Fit, log: Log, where: str) -> tuple[pl.DataFrame, dict[str, float]]:
+    """The log with a column `simulated_NAME` for every output and hidden state, and rms of each output's residual, of one free run."""
+    assert isinstance(fitted.problem, OwnProblem)
+    simulator = fitted.problem.simulator
+    model, known = simulator.model, dict(zip(fitted.names, fitted.theta, strict=True))
     record = record_of(model, log, where)
-    problem = Problem(fitted.simulator, [record], noises=fitted.noises)
-    known = dict(zip(fitted.names, fitted.values, strict=True))
+    problem = OwnProblem(simulator, [record])
     theta = np.array([known.get(number.name, mean_of(number.name, known, number.start)) for number in problem.numbers])
-    free = problem.free_runs(theta, False)[0]
+    free = problem.free_run(0, theta)
     hidden = [(name, free.states[:, k]) for k, name in enumerate(model.states) if name not in model.outputs]
     columns = [(name, free.outputs[:, k]) for k, name in enumerate(model.outputs)] + hidden
     table = log.table.with_columns([pl.Series(f"simulated_{name}", values) for name, values in columns])
-    return table, problem.rms(theta)[log.name]
+    left, count = (free.outputs - record.measured) * record.weight, record.weight.sum(axis=0)
+    rms = {name: float(np.sqrt(np.sum(left[:, k] ** 2) / count[k])) for k, name in enumerate(model.outputs) if count[k]}
+    return table, rms
 
 
 def mean_of(name: str, known: Mapping[str, float], start: float) -> float:
@@ -67,19 +71,19 @@ def mean_of(name: str, known: Mapping[str, float], start: float) -> float:
     return float(np.mean(values)) if values else start
 
 
-def report_of(folder: OwnFolder, fitted: Fitted, rms: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+def report_of(folder: OwnFolder, fitted: Fit, rms: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
     """The content of report.json."""
     declared = folder.declaration.parameters
     units = {name: table.unit for name, table in folder.declaration.outputs.items()}
-    held_out = {log.name for log in folder.validate}
+    held_out, ends = {log.name for log in folder.validate}, at_end(fitted)
     return {
         "machine": folder.name,
         "numbers": {
             name: {
                 "value": float(value), "standard_error": float(error), "unit": declared[name].unit if name in declared else "",
-                "declared": declared[name].declared if name in declared else None, "at_bound": name in fitted.at_bound,
+                "declared": declared[name].declared if name in declared else None, "at_bound": name in ends,
             }
-            for name, value, error in zip(fitted.names, fitted.values, fitted.errors, strict=True)
+            for name, value, error in zip(fitted.names, fitted.theta, fitted.errors, strict=True)
         },
         "runs": {
             run: {"held_out": run in held_out, "rms": dict(of_output), "unit": units} for run, of_output in rms.items()

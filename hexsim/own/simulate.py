@@ -9,7 +9,7 @@ import sympy
 from scipy.interpolate import CubicSpline
 
 from hexsim.errors import HexsimError
-from hexsim.own.compiled import STARTS, compiled, integrated
+from hexsim.own.compiled import STARTS, Equations, integrated
 from hexsim.own.model import Model
 from hexsim.signals.log import Log
 
@@ -21,10 +21,11 @@ DELAY_STEP = 0.25  # samples, of the difference quotient by a number that a dela
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
-    """A run as the model sees it. inputs: (n, nu). measured: (n, ny). weight: (n, ny) of samples in the score, 0 or 1 (0: not
-    logged). firsts: (ns,)."""
+    """A run, or a part of one, as the model sees it. run: its log. inputs: (n, nu). measured: (n, ny). weight: (n, ny) of samples in the
+    score, 0 or 1 (0: not logged). firsts: (ns,)."""
 
     name: str
+    run: str
     time: Array
     dt: float
     inputs: Array
@@ -51,20 +52,21 @@ class FreeRun:
 
 
 def record_of(model: Model, log: Log, where: str) -> Record:
-    """The columns of a log that a model takes. Raises HexsimError for an input that is not there."""
+    """The columns of a log that a model takes, as one free run. Raises HexsimError for an input that is not there."""
+    return records_of(model, log, where, whole=True)[0]
+
+
+def records_of(model: Model, log: Log, where: str, whole: bool = False) -> list[Record]:
+    """A log as free runs: one, or one every [simulation] anew_s. Raises HexsimError for an input that is not there."""
     wanted = {*model.inputs, *(column for _, column in model.firsts)}
     missing = sorted(name for name in wanted if name not in log.columns)
     if missing:
         raise HexsimError(
             f"{where}: run {log.name} has no column {missing[0]!r}; it has {', '.join(sorted(log.columns))[:400]}"
         )
-    settings = model.tables.simulation
-    count = min(settings.first_samples, log.n)
-    inputs = (
-        np.ascontiguousarray(np.stack([log.columns[name] for name in model.inputs], axis=1))
-        if model.inputs
-        else np.zeros((log.n, 0))
-    )
+    inputs = np.zeros((log.n, len(model.inputs)))
+    for k, name in enumerate(model.inputs):
+        inputs[:, k] = log.columns[name]
     measured = np.full((log.n, len(model.outputs)), np.nan)
     for k, name in enumerate(model.outputs):
         if name in log.columns:
@@ -73,23 +75,37 @@ def record_of(model: Model, log: Log, where: str) -> Record:
     for k, name in enumerate(model.outputs):
         if name in log.repaired:
             weight[log.repaired[name], k] = 0.0
-    since = log.time - log.time[0]
+    settings, since = model.tables.simulation, log.time - log.time[0]
     weight[since < settings.from_s] = 0.0
-    if settings.first_samples > 1:
-        weight[:count] = 0.0
-    return Record(
-        name=log.name, time=since, dt=1.0 / log.rate, inputs=inputs, measured=np.nan_to_num(measured), weight=weight,
-        firsts=np.array([first(log, function, column, count) for function, column in model.firsts]),
-    )  # fmt: skip
+    every = (
+        log.n
+        if whole or settings.anew_s is None
+        else max(int(settings.anew_s * log.rate), 4 * settings.first_samples, 40)
+    )
+    count, found = max(log.n // every, 1), []
+    for k in range(count):
+        part = slice(k * every, log.n if k + 1 == count else (k + 1) * every)
+        seen = weight[part].copy()
+        if settings.first_samples > 1:
+            seen[: settings.first_samples] = 0.0
+        firsts = [
+            first(log.columns[column][part], 1.0 / log.rate, function, settings.first_samples)
+            for function, column in model.firsts
+        ]
+        found.append(Record(
+            name=log.name if count == 1 else f"{log.name} {k + 1}", run=log.name, time=since[part], dt=1.0 / log.rate,
+            inputs=np.ascontiguousarray(inputs[part]), measured=np.nan_to_num(measured[part]), weight=seen, firsts=np.array(firsts),
+        ))  # fmt: skip
+    return found
 
 
-def first(log: Log, function: str, column: str, count: int) -> float:
+def first(y: Array, dt: float, function: str, count: int) -> float:
     """first: the value at the first sample, first_rate: the slope there, of a parabola through the first samples (a line through fewer
     than PARABOLA, the sample itself where there is but one)."""
-    y = log.columns[column][: max(count, 2)]
+    y = y[: max(count, 2)]
     if count < 2 and function == "first":
         return float(y[0])
-    slope, value = np.polyfit(np.arange(len(y)) / log.rate, y, 2 if len(y) >= PARABOLA else 1)[-2:]
+    slope, value = np.polyfit(np.arange(len(y)) * dt, y, 2 if len(y) >= PARABOLA else 1)[-2:]
     return float(slope if function == "first_rate" else value)
 
 
@@ -97,7 +113,7 @@ class Simulator:
     """A model with its compiled equations."""
 
     def __init__(self, model: Model) -> None:
-        self.model, self.equations = model, compiled(model)
+        self.model, self.equations = model, Equations(model)
         self.stages = STAGES[model.tables.simulation.scheme]
         symbols = [model.symbols[name] for name in model.states]
         self.with_after = any(one != symbol for one, symbol in zip(model.after, symbols, strict=True))
@@ -133,7 +149,7 @@ class Simulator:
             x0, s0 = np.ascontiguousarray(start, dtype=float), np.zeros_like(s0)
         settings = self.model.tables.simulation
         y, jac, states = integrated(
-            self.equations, x0, s0, self.inputs(record, p), self.held, p, record.time[0], record.dt, settings.steps,
+            self.equations.address, x0, s0, self.inputs(record, p), self.held, p, record.time[0], record.dt, settings.steps,
             self.stages, len(self.model.outputs), self.with_after, slopes,
         )  # fmt: skip
         return FreeRun(outputs=y, slopes=jac, states=states)

@@ -10,15 +10,18 @@ import sympy
 from hexsim.own.compiled import RATES
 from hexsim.own.declaration import ModelTables
 from hexsim.own.effects import Sizes, place_of
-from hexsim.own.fit import Fitted, Problem
 from hexsim.own.model import Resolver
-from hexsim.own.simulate import FreeRun, Record
+from hexsim.own.problem import OwnProblem
+from hexsim.own.simulate import FreeRun
+
+Array = np.ndarray
+SAMPLES = 400  # of which a typical size is taken
 
 
-def sizes_of(tables: ModelTables, now: Fitted, records: Sequence[Record]) -> Callable[[str, str], Sizes]:
+def sizes_of(tables: ModelTables, problem: OwnProblem, theta: Array) -> Callable[[str, str], Sizes]:
     """Typical sizes of signals, from the free runs of the model as it is."""
-    problem = Problem(now.simulator, records, noises=now.noises)
-    model, runs = now.simulator.model, problem.free_runs(now.values, False)
+    model, records = problem.simulator.model, problem.records
+    runs = [problem.free_run(k, theta) for k in range(len(records))]
     states = np.concatenate([free.states for free in runs])
     spread = dict(zip(model.states, np.sqrt(np.nanmean(states**2, axis=0)), strict=True))
     middle = dict(zip(model.states, 0.5 * (np.nanmax(states, axis=0) + np.nanmin(states, axis=0)), strict=True))
@@ -29,8 +32,9 @@ def sizes_of(tables: ModelTables, now: Fitted, records: Sequence[Record]) -> Cal
         common = {"T": dt, "D": duration}
         if what == "sum":
             at = place_of(name, tables) or name
-            sums = sum_size(now, runs, records, name)
-            return Sizes(X=spread[name] or 1.0, S=sums or 1.0, P=half[at] or 1.0, M=middle[at], **common)
+            sums = sum_size(problem, theta, runs, name)
+            return Sizes(X=spread[name] or 1.0, S=sums or 1.0, P=half[at] or 1.0, M=middle[at],
+                         H=half[name] or 1.0, C=middle[name], **common)  # fmt: skip
         if what == "input":
             k = model.inputs.index(name)
             values = np.concatenate([record.inputs[:, k] for record in records])
@@ -43,30 +47,29 @@ def sizes_of(tables: ModelTables, now: Fitted, records: Sequence[Record]) -> Cal
     return of
 
 
-def sum_size(now: Fitted, runs: Sequence[FreeRun], records: Sequence[Record], name: str) -> float:
+def sum_size(problem: OwnProblem, theta: Array, runs: Sequence[FreeRun], name: str) -> float:
     """Rms of storage times rate of a state along the runs."""
-    model = now.simulator.model
+    model = problem.simulator.model
     k, count = model.states.index(name), len(model.numbers)
     nx = len(model.states)
     out = np.zeros(nx + nx * nx + nx * count)
-    problem = Problem(now.simulator, records, noises=now.noises)
     found = []
-    for r, (record, free) in enumerate(zip(records, runs, strict=True)):
-        p = np.ascontiguousarray(now.values[problem.columns[r]])
-        inputs = now.simulator.inputs(record, p)
-        for i in range(0, record.n, max(record.n // 400, 1)):
+    for r, (record, free) in enumerate(zip(problem.records, runs, strict=True)):
+        p = np.ascontiguousarray(theta[problem.columns[r]])
+        inputs = problem.simulator.inputs(record, p)
+        for i in range(0, record.n, max(record.n * len(runs) // SAMPLES, 1)):
             u = np.array([*inputs[i], record.time[i], record.dt])
-            now.simulator.equations(RATES, np.tile(free.states[i], 2), u, p, out)
+            problem.simulator.equations(RATES, np.tile(free.states[i], 2), u, p, out)
             found.append(out[k])
-    return float(np.sqrt(np.nanmean(np.square(found)))) * storage_of(now, name)
+    return float(np.sqrt(np.nanmean(np.square(found)))) * storage_of(problem, theta, name)
 
 
-def storage_of(now: Fitted, name: str) -> float:
+def storage_of(problem: OwnProblem, theta: Array, name: str) -> float:
     """Value of a state's storage with the numbers there are (states in it: at their means)."""
-    model = now.simulator.model
+    model = problem.simulator.model
     table = model.tables.states[name]
     value = Resolver(model.tables, "storage", model.tables.states).of(table.storage, f"[states.{name}]")
-    named = dict(zip(now.names, (float(one) for one in now.values), strict=True))
+    named = {number.name: float(one) for number, one in zip(problem.numbers, theta, strict=True)}
     value = value.xreplace(
         {symbol: sympy.Float(named[str(symbol)]) for symbol in value.free_symbols if str(symbol) in named}
     )

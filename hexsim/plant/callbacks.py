@@ -167,8 +167,8 @@ def native_callbacks() -> tuple:
         fields, words = carray(model, (_WORDS,), types.uintp), carray(data, (_WORDS,), types.uintp)
         if fields[width_slot] != ROW:
             return 0.0
-        p = _offset(_doubles(fields[user_slot]), i * ROW)
-        places = _offset(p, N_PARAMETERS)
+        p = offset(_doubles(fields[user_slot]), i * ROW)
+        places = offset(p, N_PARAMETERS)
         act, act_dot, ctrl = _doubles(words[act_slot]), _doubles(words[rate_slot]), _doubles(words[ctrl_slot])
         from_legs = _doubles(words[userdata_slot])
         h = carray(model, (_WORDS,), types.float64)[step_slot]
@@ -191,8 +191,8 @@ def native_callbacks() -> tuple:
         fields, words = carray(model, (_WORDS,), types.uintp), carray(data, (_WORDS,), types.uintp)
         if fields[width_slot] != ROW:
             return 0.0
-        p = _offset(_doubles(fields[user_slot]), i * ROW)
-        places = _offset(p, N_PARAMETERS)
+        p = offset(_doubles(fields[user_slot]), i * ROW)
+        places = offset(p, N_PARAMETERS)
         if places[A.OWNER] != of_leg:
             return 0.0
         t = carray(data, (_WORDS,), types.float64)[time_slot]
@@ -212,7 +212,19 @@ def _named_place(pointer, place):
 
 
 @intrinsic
-def _offset(typingctx, pointer, count):
+def pointer_to(typingctx, array):
+    """The first of a C-contiguous array's doubles: with it the equations are compiled once, for the callbacks and for arrays.
+    The array's owner must hold it."""
+    signature = types.CPointer(types.float64)(array)
+
+    def codegen(context, builder, signature, args):
+        return context.make_array(signature.args[0])(context, builder, value=args[0]).data
+
+    return (signature, codegen) if array.dtype == types.float64 and array.layout == "C" else None
+
+
+@intrinsic
+def offset(typingctx, pointer, count):
     """pointer + count doubles."""
     signature = pointer(pointer, types.intp)
 

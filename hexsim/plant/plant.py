@@ -148,15 +148,15 @@ class Plant:
         at_spool: what a fault makes of the volts that reach the spools.
         """
         if at_spool is None:
-            stepping.tick(self.context, self.record, volts)
+            stepping.for_python(self.context, self.record, volts, False, True, True)
             return
-        stepping.apply_valve_delay_and_hysteresis(self.context, self.record, volts)
+        stepping.for_python(self.context, self.record, volts, False, True, False)
         self.context.spool_volts[:] = at_spool(self.context.spool_volts.copy())
-        stepping.advance(self.context, self.record)
+        stepping.for_python(self.context, self.record, volts, False, False, True)
 
     def sense(self) -> Array:
         """Piston positions (n_legs,) [m] of the present state, written down in the present row of `record`."""
-        stepping.sense(self.context, self.record)
+        stepping.for_python(self.context, self.record, self.context.spool_volts, True, False, False)
         return self.record.positions[self.context.count[0] if self.context.is_recorded else 0]
 
     def reset(self) -> None:

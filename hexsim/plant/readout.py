@@ -1,3 +1,5 @@
+# pyright: reportCallIssue=false
+# (numba's intrinsics are called without their typing context)
 """From the states of a run to physical signals: legs, oil, platform. Vectorised over the rows of a run."""
 
 from __future__ import annotations
@@ -15,7 +17,16 @@ from hexsim.hydraulics.resolved import Resolved
 from hexsim.hydraulics.supply import POWER_UNIT, S, U
 from hexsim.mechanics.mechanics import Mechanics
 from hexsim.mechanics.points import imu_reading, mounting
-from hexsim.plant.callbacks import MPa, chamber_state, leg_state, memory_of, supply_pressure, supply_state
+from hexsim.plant.callbacks import (
+    MPa,
+    chamber_state,
+    leg_state,
+    memory_of,
+    offset,
+    pointer_to,
+    supply_pressure,
+    supply_state,
+)
 from hexsim.plant.plant import Plant
 from hexsim.plant.states import A
 
@@ -57,12 +68,15 @@ class PlatformSignals:
 @compiled
 def _leg_rows(rows, layout, which, act, y, v, volts, time, out):
     """Fill out (7, m, n): P1, P2, spool, flow, friction, force, supply. rows: (versions, n, ...), which: (m,)."""
+    _, n, width = rows.shape
     for k in range(y.shape[0]):
-        for i in range(y.shape[1]):
-            p = rows[which[k], i]
-            Ps = supply_pressure(p, layout[i], act[k])
-            P1, P2, place, _, z = leg_state(layout[i], act[k], Ps)
-            x, memory = leg.metering_spool(p, volts[k, i], time[k], place), memory_of(layout[i], act[k])
+        states = offset(pointer_to(act), k * act.shape[1])
+        for i in range(n):
+            p = offset(pointer_to(rows), (which[k] * n + i) * width)
+            places = offset(pointer_to(layout), i * layout.shape[1])
+            Ps = supply_pressure(p, places, states)
+            P1, P2, place, _, z = leg_state(places, states, Ps)
+            x, memory = leg.metering_spool(p, volts[k, i], time[k], place), memory_of(places, states)
             out[0, k, i], out[1, k, i], out[2, k, i], out[6, k, i] = P1, P2, x, Ps
             out[3, k, i] = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k], memory)
             out[4, k, i] = leg.friction_force(p, y[k, i], v[k, i], P1, z, P2, time[k])
@@ -74,7 +88,7 @@ def leg_signals(plant: Plant, time: Array, qpos: Array, qvel: Array, act: Array,
     y, v = leg_motion(plant, qpos, qvel)
     out = np.empty((7, *y.shape))
     rows, _, which = versions(plant, time)
-    _leg_rows(rows, plant.layout, which, act, y, v, volts, time, out)
+    _leg_rows(*map(np.ascontiguousarray, (rows, plant.layout, which, act, y, v, volts, time)), out)
     return LegSignals(
         position=y, velocity=v, pressure_bottom=out[0], pressure_top=out[1], spool=out[2], flow=out[3],
         friction=out[4], force=out[5], supply_Pa=out[6, :, 0],
@@ -199,17 +213,23 @@ POWER_UNIT_COLUMNS = (
 @compiled
 def _power_unit_rows(supplies, rows, layout, h, which, act, y, v, volts, time, out):
     """Fill out (12, m), in the order of POWER_UNIT_COLUMNS. h (m,): time step."""
+    _, n, width = rows.shape
     for k in range(y.shape[0]):
-        s = supplies[which[k]]
-        speed, flow, line_flow, pump_pressure, temperature, pressure = supply_state(layout[-1], act[k])
+        s, states = (
+            offset(pointer_to(supplies), which[k] * supplies.shape[1]),
+            offset(pointer_to(act), k * act.shape[1]),
+        )
+        places = offset(pointer_to(layout), (layout.shape[0] - 1) * layout.shape[1])
+        speed, flow, line_flow, pump_pressure, temperature, pressure = supply_state(places, states)
         demand, heat, work = supply.burst_flow(s, pressure), 0.0, 0.0
         heat += supply.power_unit_heat(s, speed, flow, line_flow, pump_pressure, pressure)
-        for i in range(y.shape[1]):
-            p = rows[which[k], i]
-            Ps = supply_pressure(p, layout[i], act[k])
-            P1, P2, place, _, z = leg_state(layout[i], act[k], Ps)
-            s2 = chamber_state(layout[i], act[k], Ps)[1]
-            x, memory = leg.metering_spool(p, volts[k, i], time[k], place), memory_of(layout[i], act[k])
+        for i in range(n):
+            p = offset(pointer_to(rows), (which[k] * n + i) * width)
+            places = offset(pointer_to(layout), i * layout.shape[1])
+            Ps = supply_pressure(p, places, states)
+            P1, P2, place, _, z = leg_state(places, states, Ps)
+            s2 = chamber_state(places, states, Ps)[1]
+            x, memory = leg.metering_spool(p, volts[k, i], time[k], place), memory_of(places, states)
             inflow = leg.inflow_bottom(p, y[k, i], v[k, i], volts[k, i], x, P1, P2, Ps, time[k], memory)
             asked = leg.supply_demand_in_step(p, y[k, i], v[k, i], x, P1, s2, Ps, h[k])
             demand += asked
@@ -240,5 +260,6 @@ def power_unit_signals(
     y, v = leg_motion(plant, qpos, qvel)
     out = np.empty((len(POWER_UNIT_COLUMNS), len(y)))
     rows, supplies, which = versions(plant, time)
-    _power_unit_rows(supplies, rows, plant.layout, timestep, which, act, y, v, volts, time, out)
+    arrays = (supplies, rows, plant.layout, timestep, which, act, y, v, volts, time)
+    _power_unit_rows(*map(np.ascontiguousarray, arrays), out)
     return dict(zip(POWER_UNIT_COLUMNS, out, strict=True))

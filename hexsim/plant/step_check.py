@@ -116,7 +116,7 @@ class StepCheck:
         context = mark.context._replace(is_recorded=True, refined=2, count=np.ones(1, np.int64))
         for k in range(ticks):
             context.spool_volts[:] = volts[mark.first + k]
-            stepping.advance(context, record)
+            stepping.for_python(context, record, context.spool_volts, False, False, True)
         return record.middle[1 : ticks + 1]
 
 

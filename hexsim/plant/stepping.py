@@ -24,7 +24,7 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from hexsim.compiled import compiled
+from hexsim.compiled import by_address, compiled
 from hexsim.hydraulics import leg, valve
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.hydraulics.steps import (
@@ -37,7 +37,8 @@ from hexsim.hydraulics.steps import (
     power_unit_steps,
 )
 from hexsim.hydraulics.supply import POWER_UNIT, S
-from hexsim.plant.callbacks import leg_state, supply_pressure, supply_state
+from hexsim.plant.callbacks import leg_state, offset, pointer_to, supply_pressure, supply_state
+from hexsim.plant.states import ROW
 from hexsim.plant.structs import time_view, timestep_view
 
 Array = NDArray[np.float64]
@@ -183,12 +184,20 @@ def new_record(plant: Any, ticks: int) -> Record:
 
 
 @compiled
+def copy(there, values):
+    """there[:] = values (n,); numba's own code for it, with its checks of shape and overlap, compiles ten times as long."""
+    for i in range(there.shape[0]):
+        there[i] = values[i]
+
+
+@compiled
 def sense(context, record):
     """Write down the piston positions of the present state. Of tendons MuJoCo makes all that depends on positions alone."""
     row = context.count[0] if context.is_recorded else 0
     if context.is_tendon:
         _call(context.position, context.model, context.data, ())
-        record.positions[row] = context.lengths - context.offsets
+        for i in range(context.offsets.shape[0]):
+            record.positions[row, i] = context.lengths[i] - context.offsets[i]
     else:
         for i in range(context.slides.shape[0]):
             record.positions[row, i] = context.qpos[context.slides[i]] - context.offsets[i]
@@ -198,32 +207,40 @@ def sense(context, record):
 def apply_valve_delay_and_hysteresis(context, record, volts):
     """From commanded volts to `spool_volts`. Before the first tick the valve was at its first volts, the spool at 0."""
     now, size = context.count[0], context.past.shape[0]
-    if now == 0:
-        context.past[:] = volts
-    context.past[now % size] = volts
+    for k in range(size):
+        if now == 0 or k == now % size:
+            copy(context.past[k], volts)
     for i in range(context.offsets.shape[0]):
         command = context.past[(now - context.delay[i]) % size, i]
         context.spool_volts[i], context.apart[i] = valve.hysteresis(
             command, context.spool_volts[i], context.apart[i], context.hysteresis[i], context.spread[i]
         )
     if context.is_recorded:
-        record.volts[now] = volts
+        copy(record.volts[now], volts)
 
 
 @compiled
 def keep_state(context):
     """Note what a step begins with: the state and its derivatives."""
     qpos, qvel, act, qacc, act_dot, time = context.begun
-    qpos[:], qvel[:], act[:] = context.qpos, context.qvel, context.act
-    qacc[:], act_dot[:], time[0] = context.qacc, context.act_dot, context.time[0]
+    copy(qpos, context.qpos)
+    copy(qvel, context.qvel)
+    copy(act, context.act)
+    copy(qacc, context.qacc)
+    copy(act_dot, context.act_dot)
+    time[0] = context.time[0]
 
 
 @compiled
 def take_back(context):
     """The state before the last step again, with its derivatives, which RK4 begins with."""
     qpos, qvel, act, qacc, act_dot, time = context.begun
-    context.qpos[:], context.qvel[:], context.act[:] = qpos, qvel, act
-    context.qacc[:], context.act_dot[:], context.time[0] = qacc, act_dot, time[0]
+    copy(context.qpos, qpos)
+    copy(context.qvel, qvel)
+    copy(context.act, act)
+    copy(context.qacc, qacc)
+    copy(context.act_dot, act_dot)
+    context.time[0] = time[0]
 
 
 @compiled
@@ -263,7 +280,9 @@ def last_error(context, h):
 def keep_bends(context, h):
     """A step is done: its bends are those before the next one."""
     moved, pushed, was_moved, was_pushed, was_h = context.bends
-    was_moved[:], was_pushed[:], was_h[0] = moved, pushed, h
+    copy(was_moved, moved)
+    copy(was_pushed, pushed)
+    was_h[0] = h
 
 
 @compiled
@@ -297,17 +316,18 @@ def note_middle(context, record, row, h, before_s):
 @compiled
 def asked_steps(context):
     """Steps a second [1/s] that legs and supply ask for in the state of the last evaluation, and whether a leg is near standstill."""
-    n_legs = context.offsets.shape[0]
+    n_legs, rows, act = context.offsets.shape[0], pointer_to(context.user), pointer_to(context.act)
     asked, near = 0.0, False
-    if context.user.shape[0] > n_legs and context.user[n_legs, S.MODEL] == POWER_UNIT:
-        s = context.user[n_legs]
-        _, _, _, pump_pressure, _, _ = supply_state(s[N_PARAMETERS:], context.act)
+    s = offset(rows, n_legs * ROW)
+    if context.user.shape[0] > n_legs and s[S.MODEL] == POWER_UNIT:
+        _, _, _, pump_pressure, _, _ = supply_state(offset(s, N_PARAMETERS), act)
         asked = power_unit_steps(s, pump_pressure)
     t = context.time[0]
     for i in range(n_legs):
-        p, v = context.user[i], context.leg_velocity[i]
-        Ps = supply_pressure(p, p[N_PARAMETERS:], context.act)
-        P1, P2, place, _, z = leg_state(p[N_PARAMETERS:], context.act, Ps)
+        p, v = offset(rows, i * ROW), context.leg_velocity[i]
+        places = offset(p, N_PARAMETERS)
+        Ps = supply_pressure(p, places, act)
+        P1, P2, place, _, z = leg_state(places, act, Ps)
         x = leg.metering_spool(p, context.ctrl[i], t, place)
         asked = max(asked, leg_steps(context.rule, p, context.leg_length[i] - context.offsets[i], v, x, P1, P2, Ps, z))
         near = near or near_standstill(p, v, context.velocity_before[i])
@@ -373,7 +393,7 @@ def next_change(context, at, part):
 
 
 @compiled
-def advance(context, record, is_located=False):
+def advance(context, record, is_located):
     """Write the state down, hand `spool_volts` to MuJoCo and step to the next tick. is_located: what depends
     on positions alone is there, because `sense` came just before.
 
@@ -385,7 +405,9 @@ def advance(context, record, is_located=False):
         if context.part_s[i] <= 0.0 or row == 0:
             context.ctrl[i] = context.spool_volts[i]
     if context.is_recorded:
-        record.qpos[row], record.qvel[row], record.act[row] = context.qpos, context.qvel, context.act
+        copy(record.qpos[row], context.qpos)
+        copy(record.qvel[row], context.qvel)
+        copy(record.act[row], context.act)
         for i in range(n_legs):
             record.spool_volts[row, i] = context.ctrl[i]
             record.reached[row, i] = context.spool_volts[i]
@@ -396,7 +418,7 @@ def advance(context, record, is_located=False):
         if at == 0.0:
             note_level(context)
             if context.is_recorded:
-                record.qacc[row] = context.qacc
+                copy(record.qacc[row], context.qacc)
         if context.is_chosen:
             asked, near = asked_steps(context)
             context.steps[0] = count_steps(context.rule, asked, near, span)
@@ -415,10 +437,23 @@ def advance(context, record, is_located=False):
 
 
 @compiled
-def tick(context, record, volts, is_located=False):
+def tick(context, record, volts, is_located):
     """One tick under the volts (n_legs,) that the motion computer commands."""
     apply_valve_delay_and_hysteresis(context, record, volts)
     advance(context, record, is_located)
+
+
+@compiled
+def for_python(context, record, volts, senses, takes, advances):
+    """`sense`, `apply_valve_delay_and_hysteresis` and `advance` for callers in Python, each if it is asked for: one function,
+    since each has all that is below it compiled into it."""
+    context, record = by_address(context), by_address(record)
+    if senses:
+        sense(context, record)
+    if takes:
+        apply_valve_delay_and_hysteresis(context, record, volts)
+    if advances:
+        advance(context, record, senses and context.is_tendon)
 
 
 def mean_acceleration(record: Record, ticks: int, tick_s: float) -> Array:

@@ -29,7 +29,21 @@ from hexsim.qualification.rig import MachineRig, Motion, Rig
 from hexsim.qualification.rows import Row
 from hexsim.scenarios.settings import loaded
 
-__all__ = ["QUICK", "Battery", "Findings", "Imu", "MachineRig", "Motion", "Plan", "Rig", "Row", "measure", "qualify"]
+__all__ = [
+    "QUICK",
+    "Battery",
+    "Findings",
+    "Imu",
+    "MachineRig",
+    "Motion",
+    "Plan",
+    "Rig",
+    "Row",
+    "judged",
+    "measure",
+    "qualify",
+    "write_qualification",
+]
 
 
 def qualify(

@@ -60,8 +60,8 @@ def _cards(rows: list[Row]) -> list[tuple[str, str, str]]:
 
 DESCRIPTIONS = {
     "half-hertz noise": """\
-Sine of 0.05 m or 5 deg at 0.5 Hz. Ratios are rms over the basic harmonic's: r_n of all that is not the
-basic harmonic, r_lf of its 2nd and 3rd harmonics, r_hf of those above. Parasitic: the largest peak in the other axes of the same
+Sine of 0.05 m or 5 deg at 0.5 Hz. Ratios are rms over the fundamental's: r_n of all that is not the
+fundamental, r_lf of its 2nd and 3rd harmonics, r_hf of those above. Parasitic: the largest peak in the other axes of the same
 kind. Figures after AGARD-AR-144, formulas as commonly used [K]; reported, no limit of acceptance known.""",
     "describing function": """\
 Where the response to a sine has fallen by 3 dB, and where it lags by a quarter period.

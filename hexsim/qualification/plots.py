@@ -14,20 +14,20 @@ from hexsim.recording.figure_style import legend, new_figure, png, small_multipl
 
 CAPTIONS = {
     "half-hertz": "How pure is a sine of 0.5 Hz? "
-    "Acceleration over the last periods, and what is left of it without its basic harmonic; all in the "
+    "Acceleration over the last periods, and its deviation from the fundamental; all in the "
     "50 Hz band. Spikes at the reversals are the dead band and friction.",
     "frequency response": "How fast can each axis follow? "
-    "Response over command, basic harmonics, at one amplitude a frequency. Six curves on each other "
+    "Response over command, fundamentals, at one amplitude a frequency. Six curves on each other "
     "are six axes that answer alike. A proportional loop without feed-forward gives the first-order lag that shows here.",
     "turn-around": "Is the turn of a large heave within its limit? "
     "Heave of 150 mm peak to peak at 0.5 Hz. Above, the acceleration must stay in the grey band about its "
-    "basic harmonic; below, the same as deviation, between the dashed lines.",
+    "fundamental; below, the same as deviation, between the dashed lines.",
     "dynamic threshold": "How late is a step of acceleration? "
     "Steps of commanded acceleration and the answer. What counts is the time from a step to 63 % of it "
     "(dotted); the bumps between the steps are the reversals of the legs.",
     "linearity and hysteresis": "Do small motions come out as large ones do? "
     "Left: gain at 0.5 Hz over amplitude, 1 is ideal. Right: response over command at two "
-    "slow, constant speeds; the lag makes the loops wide, what is left at speed zero is hysteresis.",
+    "slow, constant speeds; the lag makes the loops wide, the width at speed zero is hysteresis.",
     "leg balance": "Do the legs answer alike? "
     "Phase of each leg behind its setpoint at 0.5 Hz; legs that differ tilt the platform. All must lie "
     "within a band of the grey height.",
@@ -96,7 +96,7 @@ def turn_around(curve: Mapping[str, Any]) -> bytes:
     figure, (plot, left) = new_figure(2, "Turn-around", heights=[1.8, 1.4])
     time, limit = curve["time_s"], curve["limit"]
     plot.fill_between(time, curve["harmonic"] - limit, curve["harmonic"] + limit, color=palette.GRID, label="allowed")
-    plot.plot(time, curve["harmonic"], color=palette.REFERENCE, lw=1.0, label="basic harmonic")
+    plot.plot(time, curve["harmonic"], color=palette.REFERENCE, lw=1.0, label="fundamental")
     plot.plot(time, curve["acceleration"], color=palette.RESPONSE, lw=1.0, label="response, 50 Hz band")
     plot.set_ylabel("acceleration [m/s²]")
     legend(plot)

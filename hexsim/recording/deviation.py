@@ -38,7 +38,7 @@ class Peak:
 class Deviation:
     """From the end of the fade-in to the end of the log, arrays (n,).
 
-    reference: basic harmonic of the last whole periods, drawn back to the fade-in; or the command (see `reference_is`)
+    reference: fundamental of the last whole periods, drawn back to the fade-in; or the command (see `reference_is`)
     where the motion is no single sine (0 at rest). raw, band: acceleration - reference, as recorded and in the band.
     """
 
@@ -60,7 +60,7 @@ def axis_deviation(
     figures_from_s: float,
     shown_from_s: float,
 ) -> Deviation:
-    """Deviation from the basic harmonic where there is one, else from the command.
+    """Deviation from the fundamental where there is one, else from the command.
 
     commanded_position: of the driven axis, whose reversals are meant.
     """
@@ -69,7 +69,7 @@ def axis_deviation(
     fit = _fit(time_s, acceleration, frequency_Hz, figures_from_s)
     if fit is not None:
         reference = fit.mean + fit.amplitude * np.sin(2.0 * np.pi * fit.frequency_Hz * time_s + fit.phase_rad)
-        raw, reference_is = acceleration - reference, "basic harmonic"
+        raw, reference_is = acceleration - reference, "fundamental"
         band = band_limit(time_s, raw)
         peaks = replace(fit, time_s=time, band=band[late]).peaks()
     else:

@@ -1,4 +1,4 @@
-"""Figures of a run: motion, acceleration and what is left of it, parasitic axes, flow curves, pressures, spectrum.
+"""Figures of a run: motion, acceleration and its deviation, parasitic axes, flow curves, pressures, spectrum.
 
 Each function makes one matplotlib figure, or None where the log lacks what it shows. Units as people read them: mm,
 deg, m/s2, bar, V, l/min.

@@ -41,7 +41,7 @@ CAPTIONS = {
     "Top: chamber and supply pressures of the whole run. Bottom: chamber pressures over the last periods. The "
     "step at each reversal is friction changing sign; the oscillation after it is the hydraulic resonance.",
     "spectrum": "At which frequencies is the deviation? "
-    "Amplitude density of the acceleration and of its deviation from the basic harmonic. Equally spaced lines are "
+    "Amplitude density of the acceleration and of its deviation from the fundamental. Equally spaced lines are "
     "harmonics of the motion, a broad peak is a resonance. The figures of the report count up to the dotted line.",
 }
 
@@ -120,7 +120,7 @@ def run_sentence(summary: Mapping[str, Any], driven: tuple[str, ...]) -> str:
     where = "of the leg" if axis == "leg" else f"in {AXIS_NAMES[axis]}"
     description = f"The acceleration {where} deviates by up to {number(peak)} {unit.replace('_s2', '/s²')}"
     if harmonic:
-        description += f" from its basic harmonic, {number(peak / harmonic, 2)} times that harmonic's amplitude"
+        description += f" from its fundamental, {number(peak / harmonic, 2)} times that harmonic's amplitude"
     rest: dict[str, float] = {}
     for other, figures in summary["axes"].items():
         own = axis_unit(other)
@@ -160,7 +160,7 @@ def cards(summary: Mapping[str, Any], driven: tuple[str, ...]) -> list[tuple[str
         (number(figures.get(f"peak_band_{unit}")), shown, f"peak in the {band} Hz band, {AXIS_NAMES[axis]}"),
         (number(figures.get(f"peak_raw_{unit}")), shown, "peak without band limit"),
         (number(figures.get(f"bump_pp_{unit}")), shown, "largest reversal bump, peak to peak"),
-        (number(figures.get(f"fundamental_{unit}")), shown, "basic harmonic"),
+        (number(figures.get(f"fundamental_{unit}")), shown, "fundamental"),
     ]
 
 

@@ -1,4 +1,4 @@
-"""How a recording opens: the machine beside its acceleration, what is left of it, and the legs below."""
+"""How a recording opens: the machine beside its acceleration, the deviation, and the legs below."""
 
 from __future__ import annotations
 

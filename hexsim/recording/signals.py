@@ -43,10 +43,10 @@ def axis_unit_text(axis: str) -> str:
 class Signals:
     """A log with the machine it belongs to, and its command.
 
-    label: what tables and plots call it. driven: axes with a command. frequency_Hz: of the basic harmonic,
+    label: what tables and plots call it. driven: axes with a command. frequency_Hz: of the fundamental,
     None where the motion is not one sine. fade_s: the motion is whole from here. figures_from_s: the figures count from
     here. measured: read the measured acceleration although the log holds the true one.
-    reference: axis -> (n,), what `deviation` is from, in place of the basic harmonic or the command.
+    reference: axis -> (n,), what `deviation` is from, in place of the fundamental or the command.
     """
 
     log: Log

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 NOTHING = "–"
 LEAST_ACCELERATION = 1e-4  # [m/s2, rad/s2] far below the noise of an accelerometer
 COLUMNS = {
-    "fundamental": "basic harmonic",
+    "fundamental": "fundamental",
     "peak_raw": "peak raw",
     "peak_band": "peak {band:g} Hz",
     "bump_pp": "bump p-p",

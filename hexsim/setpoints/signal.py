@@ -52,7 +52,7 @@ class Signal(ABC):
 
     @property
     def fundamental_Hz(self) -> float | None:
-        """Frequency of the basic harmonic if the signal is a single sine, else None (see `period_s`)."""
+        """Frequency of the fundamental if the signal is a single sine, else None (see `period_s`)."""
         return None
 
     def refuse(self, key: str, allowed: str) -> HexsimError:

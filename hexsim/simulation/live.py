@@ -29,6 +29,7 @@ from hexsim.plant import Plant
 from hexsim.plant.plant import whole_ratio
 from hexsim.plant.states import lay_out_states
 from hexsim.scenarios import Scenario
+from hexsim.simulation.cavitation_watch import CavitationWatch
 from hexsim.simulation.live_motion import LiveMotion
 from hexsim.simulation.live_sensors import LiveSensors
 from hexsim.simulation.simulation import make_compensators
@@ -124,6 +125,7 @@ class LiveMachine:
         rate = max(machine.sensors.log_rate_Hz, machine.controller.rate_Hz)
         self.steps_a_tick = whole_ratio(rate, machine.controller.rate_Hz, "log rate and control rate")
         self.plant.prepare(rate)
+        self.cavitation = CavitationWatch(self.plant)
         self.sensors = LiveSensors(self.plant, self.tick_s, seed)
         margin = machine.of_legs("cylinder", "cushion_length_m")
         self.reach = margin, machine.of_legs("cylinder", "stroke_m") - margin
@@ -149,6 +151,7 @@ class LiveMachine:
     def reset(self) -> None:
         """Neutral, at rest, sliders in the middle."""
         self.plant.reset()
+        self.cavitation.forget()
         self.sensors.restart()
         self.follower = Follower(position=np.zeros(len(self.dofs)), velocity=np.zeros(len(self.dofs)))
         self.tick, self._push_until_s = 0, -1.0
@@ -240,6 +243,7 @@ class LiveMachine:
         applied[2] -= PUSH_N if self.time_s < self._push_until_s else 0.0
         for _ in range(self.steps_a_tick):
             self.plant.tick(volts)
+            self.cavitation.note(self.tick_s / self.steps_a_tick)
             if self.observe is not None:
                 self.observe(self)
         self.tick += 1

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hexsim.compiled import borrowed, compiled
+from hexsim.compiled import by_address, compiled
 from hexsim.hydraulics import chamber
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C, Control
@@ -62,7 +62,7 @@ def load_pressures(context, loop, k):
 @compiled
 def run_plain(context, record, loop, first, last):
     """Ticks first..last - 1 under the declared controllers, without Python in between."""
-    context, record, loop = borrowed(context), borrowed(record), borrowed(loop)
+    context, record, loop = by_address(context), by_address(record), by_address(loop)
     sensor, n = loop.position, loop.memory.shape[0]
     volts, load = np.empty(n), np.zeros(n)
     volts[:] = record.volts[max(first - 1, 0)]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,21 +43,41 @@ def time_step_warnings(plant: Plant) -> list[str]:
     ]
 
 
+@dataclass(kw_only=True)
+class Cavitation:
+    """Voids of a volume of oil: how many, the first one's beginning, how long they were there, and the largest one.
+
+    area_m2: of the piston that pulls it; 0 of a volume without one.
+    """
+
+    area_m2: float
+    count: int
+    first_s: float
+    duration_s: float
+    largest_m3: float
+    largest_s: float
+
+    def sentence(self, place: str) -> str:
+        """What a run warns of."""
+        often = "once" if self.count == 1 else f"{self.count} times, first"
+        travel = f", {1e3 * self.largest_m3 / self.area_m2:.2g} mm of the piston" if self.area_m2 > 0.0 else ""
+        return (
+            f"{place} cavitated {often} at {self.first_s:.3f} s, {1e3 * self.duration_s:.3g} ms in all: largest void "
+            f"{1e6 * self.largest_m3:.2g} cm3{travel} at {self.largest_s:.3f} s"
+        )
+
+
 def cavitation_warnings(plant: Plant, tick_s: float, positions: Array, act: Array) -> list[str]:
     """One sentence a volume of oil that cavitated: when, how long, how large the void. positions (m, n_legs), act
     (m, n_states): of every tick; a void that opens and closes between two ticks is not seen."""
     time = np.arange(len(act), dtype=float) * tick_s
-    return [_sentence(place, time, void, area) for place, (void, area) in voids(plant, time, positions, act).items()]
-
-
-def _sentence(place: str, time: Array, void: Array, area: float) -> str:
-    """void (m,) [m3], not zero throughout; area [m2] of the piston that pulls it, 0 of a volume without one."""
-    there = void > 0.0
-    begins = np.flatnonzero(there & ~np.concatenate([[False], there[:-1]]))
-    largest, tick = int(np.argmax(void)), time[1] - time[0] if len(time) > 1 else 0.0
-    often = "once" if len(begins) == 1 else f"{len(begins)} times, first"
-    travel = f", {1e3 * void[largest] / area:.2g} mm of the piston" if area > 0.0 else ""
-    return (
-        f"{place} cavitated {often} at {time[begins[0]]:.3f} s, {1e3 * tick * there.sum():.3g} ms in all: largest void "
-        f"{1e6 * void[largest]:.2g} cm3{travel} at {time[largest]:.3f} s"
-    )
+    found = []
+    for place, (void, area) in voids(plant, time, positions, act).items():
+        there, largest = void > 0.0, int(np.argmax(void))
+        begins = np.flatnonzero(there & ~np.concatenate([[False], there[:-1]]))
+        seen = Cavitation(
+            area_m2=area, count=len(begins), first_s=float(time[begins[0]]), duration_s=tick_s * float(there.sum()),
+            largest_m3=float(void[largest]), largest_s=float(time[largest]),
+        )  # fmt: skip
+        found.append(seen.sentence(place))
+    return found

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from threading import Event
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ from hexsim.plant import Plant
 from hexsim.plant.callbacks import without_timers
 from hexsim.plant.plant import whole_ratio
 from hexsim.scenarios import Scenario, load_scenario
+from hexsim.simulation.cavitation_watch import CavitationWatch
 from hexsim.simulation.emergency_supply import EmergencySupply
 from hexsim.simulation.host_orders import HostOrders
 from hexsim.simulation.live_sensors import LiveSensors, Readings
@@ -42,6 +44,7 @@ from hexsim.simulation.serve_latency import LatencyLog
 from hexsim.simulation.serve_record import ServeRecord
 from hexsim.simulation.serve_status import Status
 from hexsim.simulation.simulation import make_compensators
+from hexsim.simulation.stream import JsonStream
 from hexsim.simulation.telemetry import TelemetryRows
 from hexsim.simulation.vehicle_link import Vehicle, VehicleLink
 
@@ -72,18 +75,24 @@ class Server:
     telemetry: send what the sensors read at the log rate (`motion_computer.telemetry`).  lockstep: machine time follows the
     host's packets, as fast as both can. record_s: so much from the start on is kept in `record`, for a run folder.
     start: "neutral" (pressure up, mid stroke) or "off" (on its stops, waiting for the host's start).
-    scenario: what manual mode plays.
+    scenario: what manual mode plays. furnish: adds to the scene (`Plant`), for who shows it; the legs are bodies then.
+    stream: takes the signals of every control tick.
     """
 
     def __init__(
         self, machine: Machine, host: str = "127.0.0.1", port: int = PORT, *, compensator: str | Compensator = "none",
         scenario: Scenario | None = None, start: str = "neutral", timestep: float | None = None, seed: int = 0,
         telemetry: bool = False, lockstep: bool = False, record_s: float = 0.0, host_input: HostInput | None = None,
+        furnish: Callable[[Any], None] | None = None, stream: JsonStream | None = None,
     ) -> None:  # fmt: skip
         if start not in ("neutral", "off"):
             raise HexsimError(f"start is {start!r}; give 'neutral' or 'off'")
         self.machine = machine
-        self.plant = Plant(machine, model="tendon", timestep=timestep)
+        self.plant = (
+            Plant(machine, model="tendon", timestep=timestep)
+            if furnish is None
+            else Plant(machine, model="full", timestep=timestep, furnish=furnish)
+        )
         self.tick_s = 1.0 / machine.controller.rate_Hz
         name, made = make_compensators(compensator, machine)
         self.messages: deque[tuple[float, int, str]] = deque(maxlen=KEPT)
@@ -103,7 +112,9 @@ class Server:
         self.plant.prepare(log_rate)
         self.sensors = LiveSensors(self.plant, self.tick_s / self.samples, seed)
         self.telemetry = TelemetryRows(self.plant, self.sensors, log_rate) if telemetry else None
+        self.stream = stream
         self.supply = EmergencySupply(self.plant)
+        self.cavitation = CavitationWatch(self.plant)
         self.latency = LatencyLog(self.tick_s, machine.mechanics.dof_places)
         self.status = Status()
         self.ticks, self._busy_s = 0, 0.0
@@ -141,6 +152,8 @@ class Server:
 
     def __exit__(self, *exc: object) -> None:
         self.link.close()
+        if self.stream:
+            self.stream.close()
 
     @property
     def compensator(self) -> str:
@@ -197,6 +210,8 @@ class Server:
             computer.last_packet_s = max(link.buffer.last_packet_s, computer.last_packet_s or 0.0)
         volts = computer.tick(now, self.orders.setpoints(now), *readings)
         self._step(volts, readings)
+        if self.stream:
+            self.stream.send(self, volts, readings)
         self.supply.tick(computer.pump_on, self.tick_s)
         self.ticks += 1
         if computer.state == State.NORMAL:
@@ -216,6 +231,7 @@ class Server:
             if self.record:
                 self.record.before_tick()
             self.plant.tick(volts)
+            self.cavitation.note(self.tick_s / self.samples)
         if self.telemetry:  # without a host the rows go nowhere, and are not kept
             for packet in self.telemetry.packets():
                 if self.link.peer:
@@ -277,6 +293,7 @@ class Server:
                     report(self._present_status())
                     last_report = after
         self.status.latency_ms = self.latency.ms()
+        self.cavitation.end()
         return self._present_status()
 
     def _keep_time(self, early_s: float) -> float:
@@ -299,6 +316,7 @@ class Server:
         status.of_packets = self.link.refusals.line(self.link.counts["received"], self.link.protocol)
         status.silent_s = self.link.silent_s if isinstance(self.link, VehicleLink) else 0.0
         status.messages = list(self.messages)
+        status.cavitated, status.warnings = self.cavitation.count, list(self.cavitation.told)
         return status
 
 

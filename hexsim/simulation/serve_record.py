@@ -10,6 +10,7 @@ from hexsim.plant.stepping import mean_acceleration
 from hexsim.scenarios import Scenario
 from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.run_log import Recorded, run_log, run_summary
+from hexsim.simulation.run_warnings import cavitation_warnings
 from hexsim.simulation.simulation import Run
 
 
@@ -56,10 +57,11 @@ class ServeRecord:
         )  # fmt: skip
         log = run_log(server.plant, scenario, recorded, SensorBank(server.plant.resolved, done, self.tick_s, self.seed))
         margin = server.margin
+        warnings = cavitation_warnings(server.plant, self.tick_s, recorded.positions, recorded.act)
         return Run(
             machine=server.machine, scenario=scenario, compensator=server.compensator, seed=self.seed,
             model=server.plant.model_kind, timestep=server.plant.timestep, log=log,
-            summary=run_summary(server.plant, scenario, server.compensator, log, recorded, margin, []),
+            summary=run_summary(server.plant, scenario, server.compensator, log, recorded, margin, warnings), warnings=warnings,
             messages=list(server.messages), realtime_factor=margin,
             compensator_parameters=server.computer.learned(),
         )  # fmt: skip

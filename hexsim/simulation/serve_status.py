@@ -28,10 +28,17 @@ class Status:
     silent_s: float = 0.0  # since the last packet of a simulator (`serve --from`), infinite before the first one
     latency_ms: dict[str, float] = field(default_factory=dict)  # packet to felt acceleration, by axis; at the end
     messages: list[tuple[float, int, str]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)  # of cavitation, the last ones; of `cavitated` in all
+    cavitated: int = 0
 
     def note_lag(self, lag_s: float) -> None:
         self.behind_s = max(lag_s, 0.0)
         self.worst_behind_s = max(self.worst_behind_s, lag_s)
+
+    def new_warnings(self, count: int) -> list[str]:
+        """Those after the first `count` ones that are still kept."""
+        new = min(self.cavitated - count, len(self.warnings))
+        return self.warnings[len(self.warnings) - new :]
 
     def line(self) -> str:
         """One line of a running server."""

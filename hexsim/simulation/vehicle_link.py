@@ -5,6 +5,9 @@ to normal by itself once packets come and it stands in neutral. While single pac
 evenly. After `SILENT_S` without one (a pause, a menu, a clock that stands still) its motion fades out within `FADE_S`, so
 that the washout brings the platform to neutral, where it waits; when packets return the motion fades in again. strict:
 nothing is sent after `SILENT_S`, and the motion computer's host timeout follows, a fault.
+
+A motion software's packets for a rig (`RigSetpoint`) are not washed out: each is a setpoint of the tick in which it comes,
+as a host's own, and fades in and out in the same way. Of silence nothing is said in between, but that the last one holds.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from hexsim.cueing.protocols import Decode, VehicleMotion
+from hexsim.cueing.protocols import Decode, RigSetpoint, VehicleMotion
 from hexsim.cueing.washout import Cueing
 from hexsim.motion_computer.host_buffer import HostBuffer
 from hexsim.motion_computer.host_link import HostLink
@@ -27,6 +30,7 @@ FADE_S = (
     1.0  # 3 m/s2, as much as a washout scales a hard brake to, then changes by 4.5 m/s3 at most: as a foot on the pedal
 )
 ASK_AGAIN_S = 1.0
+HOLD_S = 0.1  # without a rig's packet, then its last one counts in every tick: before the host's timeout of 0.25 s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +60,8 @@ class VehicleLink(HostLink):
         self.vehicle, self.cueing, self.ready, self.say = vehicle, cueing, ready, say
         self.protocol = vehicle.name
         self.counts["not newer"] = 0  # packets whose clock has not gone on
-        self.motion: VehicleMotion | None = None
+        self.motion: VehicleMotion | RigSetpoint | None = None
+        self._is_new = False  # the motion came with this tick
         self.pose = np.zeros(6)
         self.silent_s, self.share, self._fade = np.inf, 0.0, 0.0
         self._came_s, self._asked_s, self._sequence, self._time_s = -np.inf, -np.inf, 0, -np.inf
@@ -72,6 +77,7 @@ class VehicleLink(HostLink):
 
     def receive(self, now_s: float) -> list[HostCommand]:
         """The washout's setpoint of this tick; none while no vehicle is heard, or, strictly, while it is silent."""
+        self._is_new = False
         for data, sender in self._packets():
             found = self.vehicle.decode(data)
             if isinstance(found, str):
@@ -88,33 +94,45 @@ class VehicleLink(HostLink):
         if self.motion is None or (silent and self.vehicle.strict):
             return []
         self._note(silent)
-        return [self._command(silent, now_s)]
+        self._fade_on(silent)
+        if isinstance(self.motion, RigSetpoint):
+            holds = self.silent_s > HOLD_S
+            return [self._command(self._of_rig(self.motion), now_s)] if self._is_new or holds else []
+        return [self._command(self._of_vehicle(self.motion), now_s)]
 
-    def _take(self, found: VehicleMotion, sender: Any, now_s: float) -> None:
+    def _take(self, found: VehicleMotion | RigSetpoint, sender: Any, now_s: float) -> None:
         """The newest motion. A clock that stands still is a pause; one that runs backwards began anew, after a silence."""
         in_time = now_s - self._came_s <= SILENT_S
-        stands = found.time_s is not None and (
-            found.time_s == self._time_s or (found.time_s < self._time_s and in_time)
-        )
-        if stands:
+        time_s = found.time_s if isinstance(found, VehicleMotion) else None
+        if time_s is not None and (time_s == self._time_s or (time_s < self._time_s and in_time)):
             self.counts["not newer"] += 1
             return
-        self.motion, self._came_s, self.peer = found, now_s, sender
-        self._time_s = -np.inf if found.time_s is None else found.time_s
+        self.motion, self._came_s, self.peer, self._is_new = found, now_s, sender, True
+        self._time_s = -np.inf if time_s is None else time_s
 
-    def _command(self, silent: bool, now_s: float) -> HostCommand:
-        """The setpoint of this tick, which the buffer gets too."""
-        assert self.motion is not None
+    def _fade_on(self, silent: bool) -> None:
+        """The share of this tick: a smooth step over `FADE_S`."""
         step = self.cueing.tick_s / FADE_S
         self._fade = max(0.0, self._fade - step) if silent else min(1.0, self._fade + step)
         self.share = self._fade**2 * (3.0 - 2.0 * self._fade)
-        self.pose = self.cueing.step(
-            self.share * np.array(self.motion.acceleration), self.share * np.array(self.motion.rates)
-        )
+
+    def _of_vehicle(self, motion: VehicleMotion) -> tuple[float, ...]:
+        """The pose that the washout gives."""
+        self.pose = self.cueing.step(self.share * np.array(motion.acceleration), self.share * np.array(motion.rates))
+        return tuple(float(x) for x in self.pose)
+
+    def _of_rig(self, asked: RigSetpoint) -> tuple[float, ...]:
+        """The setpoint as it came; unchanged once it has faded in."""
+        self.pose = self.share * np.array(asked.values)
+        return tuple(float(x) for x in self.pose)
+
+    def _command(self, setpoints: tuple[float, ...], now_s: float) -> HostCommand:
+        """The setpoint of this tick, which the buffer gets too."""
         self._sequence += 1
         command = HostCommand(
-            sequence=self._sequence % 2**32, time_s=now_s, setpoints=tuple(float(x) for x in self.pose),
+            sequence=self._sequence % 2**32, time_s=now_s, setpoints=setpoints,
             command="run_normal" if self.ready() else "none",
+            mode=self.motion.mode if isinstance(self.motion, RigSetpoint) else 0,
         )  # fmt: skip
         self.buffer.add(command, now_s)
         return command

@@ -1,4 +1,4 @@
-"""A sine test taken apart: basic harmonic, the deviation from it, and the figures of half-hertz noise."""
+"""A sine test taken apart: fundamental, the deviation from it, and the figures of half-hertz noise."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from hexsim.smoothness.reversals import Reversal, ReversalPeak, peaks_at_reversa
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicDeviation:
-    """The last whole periods of a record, taken apart: acceleration = mean + basic harmonic + deviation.
+    """The last whole periods of a record, taken apart: acceleration = mean + fundamental + deviation.
 
-    amplitude, phase_rad: basic harmonic = amplitude sin(2 pi f t + phase), t as in time_s.
+    amplitude, phase_rad: fundamental = amplitude sin(2 pi f t + phase), t as in time_s.
     Arrays (n,): time_s, harmonic, raw (deviation as recorded), band (deviation in `bandwidth_Hz`).
     """
 
@@ -32,7 +32,7 @@ class HarmonicDeviation:
     band: Array
 
     def reversals(self) -> tuple[Reversal, ...]:
-        """Where the motion of the basic harmonic turns round: top where its acceleration is smallest."""
+        """Where the motion of the fundamental turns round: top where its acceleration is smallest."""
         turns = self.frequency_Hz * self.time_s[[0, -1]] + self.phase_rad / (2.0 * np.pi)
         quarters = np.arange(np.ceil(2.0 * turns[0] - 0.5), np.floor(2.0 * turns[1] - 0.5) + 1.0)  # at 1/4 + k/2 turns
         found = []
@@ -105,9 +105,9 @@ def harmonic_deviation(
     bandwidth_Hz: float | None = BANDWIDTH_Hz,
     start_s: float | None = None,
 ) -> HarmonicDeviation:
-    """The last whole periods of `frequency_Hz` at or after `start_s`, as mean, basic harmonic and deviation.
+    """The last whole periods of `frequency_Hz` at or after `start_s`, as mean, fundamental and deviation.
 
-    The basic harmonic is fitted by least squares to the raw record (the band does not touch it). The deviation is
+    The fundamental is fitted by least squares to the raw record (the band does not touch it). The deviation is
     band-limited as a periodic motion: after the end of the record it is continued by what came one period earlier,
     before its beginning by what came one period later, so no end effect is in the figures as long as the motion
     repeats itself (`band_limit` alone would be off by a third of any ringing at the last sample).

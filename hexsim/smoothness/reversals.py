@@ -101,7 +101,7 @@ def peaks_at_reversals(
 ) -> tuple[ReversalPeak, ...]:
     """Largest |deviation| within `window_s` of each reversal whose window lies in the record.
 
-    `deviation`: from the basic harmonic or from the command, already in the band it is judged in.
+    `deviation`: from the fundamental or from the command, already in the band it is judged in.
     """
     time, d = np.asarray(time_s, dtype=float), np.asarray(deviation, dtype=float)
     peaks = []

@@ -65,7 +65,7 @@ def turn_around_check(
 ) -> TurnAround:
     """Largest deviation from the desired sine, against a limit (default +-0.05 g, commonly used).
 
-    Desired: the sine of `commanded_amplitude_m_s2` in phase with the response (None: the basic harmonic of the response
+    Desired: the sine of `commanded_amplitude_m_s2` in phase with the response (None: the fundamental of the response
     itself, so an error of amplitude does not count). Compare only runs of 150 mm peak to peak at 0.5 Hz with others'.
     """
     part = harmonic_deviation(time_s, acceleration, frequency_Hz, bandwidth_Hz, start_s)
@@ -115,7 +115,7 @@ def summary_axes(
     """The `axes` of a run's summary: {axis: {figure: value}}, axes "x" ... "yaw" or "leg", from `start_s` on.
 
     Figures: fundamental, peak_raw, peak_band, noise_rms, bump_pp (suffix _m_s2, or _rad_s2 for rotations), ratio_n,
-    ratio_lf, ratio_hf. An axis driven by a single sine is judged against its basic harmonic; an axis that is not
+    ratio_lf, ratio_hf. An axis driven by a single sine is judged against its fundamental; an axis that is not
     driven against that of the first driven sine, and has no ratios (see also `parasitic`). In any other motion, or
     where not one whole period is there, peaks and noise are against the commanded acceleration (moved by the delay of
     the response; none commanded: 0), and fundamental and ratios are None. bump_pp is the largest bump in the band at

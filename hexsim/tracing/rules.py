@@ -1,4 +1,4 @@
-"""The rules of the verdict in one place. Frozen before they are scored; docs/tracing.md says what was tuned on what."""
+"""The rules of the verdict in one place. Frozen before they are scored; docs/tracing.md explains them."""
 
 ALARM_CHI2 = 40.0  # least fall of chi2 by one effect, in units of the reduced chi2
 # and at least this share of the samples: less is the difference between two implementations of one model
@@ -56,7 +56,7 @@ PARTLY_HARM = 0.07  # a sensor's effect may make no row's mean square larger by 
 PARTLY_LINE = 0.1  # a tone with this share of a row of continuity is no outside force; of one 0.003 at most was left,
 #   of a hum of the pressure signal 0.83 and more
 PARTLY_LATE_S = 1e-4  # [s] an accelerometer that is later has no gain that is sure
-PARTLY_REFITTED = 16  # candidates that are refitted beside the small realities, by what their columns promise
+PARTLY_REFITTED = 16  # candidates that are refitted beside the nuisance effects, by what their columns promise
 PARTLY_PROMISE = 0.3  # share of the least fall that a column, or a start, must promise to be refitted
 PARTLY_TRIED = 3  # rivals that are judged, the best first
 PARTLY_NEAR = 0.8  # share of the best rival's fall of J from which a rival is refitted with all columns anew

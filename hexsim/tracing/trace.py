@@ -34,7 +34,7 @@ def trace(
     keep: Keep | None = None,
     mapping: Path | None = None,
 ) -> Trace:
-    """Hold the declared machine against its logs and name what it lacks.
+    """Identify the effects that the declared machine is missing in its logs.
 
     fit: logs that everything is chosen and fitted on; validate: held-out logs. Raises HexsimError for bad data.
     load_kg: what people can put on the machine, default its `load.additional_mass_kg`; loaded: logs taken with it on.

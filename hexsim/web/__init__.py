@@ -3,7 +3,9 @@
 The page and the simulation are one process, reachable from this computer alone; the page loads nothing from elsewhere.
 """
 
+from hexsim.web.flight import Flight
+from hexsim.web.flight_page import FlightPage
 from hexsim.web.page import Page
 from hexsim.web.session import Session
 
-__all__ = ["Page", "Session"]
+__all__ = ["Flight", "FlightPage", "Page", "Session"]

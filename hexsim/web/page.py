@@ -4,86 +4,34 @@ from __future__ import annotations
 
 import html
 import math
-import threading
-import time
-from contextlib import redirect_stdout
-from io import StringIO
 from typing import Any
 
 import numpy as np
-from mjviser import ViserMujocoScene
 from viser import uplot
 
 import compensation
-from hexsim.simulation.live import LiveMachine
 from hexsim.simulation.recent_motion import MotionFigures
 from hexsim.smoothness import BANDWIDTH_Hz
-from hexsim.web.gate import LOOPBACK, open_server
 from hexsim.web.knobs import knobs
+from hexsim.web.machine_page import PANEL_PX, SLIDERS_PX, MachinePage
 from hexsim.web.session import Asked, Session, Shown
 
-REFRESH_S = 0.3
-PANEL_PX, SLIDERS_PX = 430, 350
 TOP, BOTTOM = "#0072B2", "#D55E00"  # Okabe and Ito, told apart by colour-blind readers
 TOP_BEFORE, BOTTOM_BEFORE = "#9cc9e3", "#f0bd97"
 SMALLEST = {"m_s2": 0.05, "rad_s2": 0.05}  # end of the chart's axis where there is next to nothing
-ENVIRONMENT_LIGHT = 0.35  # so that the paints keep their colours
 UNITS = {"m_s2": "m/s²", "rad_s2": "rad/s²"}
 AXES = {"x": "surge", "y": "sway", "z": "heave", "leg": "along the leg"}
 
 
-class Page:
-    """Serves `session` on loopback until `close`. port: the first that is tried; `address` says which it became.
-
-    machine_name, scenario_name: as `hexsim run` takes them.
-    """
+class Page(MachinePage):
+    """The page of a machine that runs scenarios. machine_name, scenario_name: as `hexsim run` takes them."""
 
     def __init__(self, session: Session, machine_name: str, scenario_name: str, port: int = 8080) -> None:
+        super().__init__(session, machine_name, session.live.model, port)
         self.session, self.machine_name, self.scenario_name = session, machine_name, scenario_name
-        self.server, self.gate = open_server(f"hexsim: {machine_name}", port)
-        self.server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
-        self.scene = self._build_scene()
         self.handles: dict[str, Any] = {}
         self._build_sliders()
         self._build_figures()
-        self._closed = threading.Event()
-
-    @property
-    def address(self) -> str:
-        """With the token in it: whoever has it can move the machine."""
-        return f"http://{LOOPBACK}:{self.server.get_port()}/{self.gate.token}"
-
-    def run(self, seconds: float | None = None, stop: threading.Event | None = None) -> None:
-        """Simulate and show, for `seconds`, until `close`, or until `stop` is set."""
-        self.session.start(self._draw)
-        end = math.inf if seconds is None else time.monotonic() + seconds
-        try:
-            while not self._closed.is_set() and not (stop and stop.is_set()) and time.monotonic() < end:
-                begun = time.monotonic()
-                self._show(self.session.shown())
-                time.sleep(max(REFRESH_S, 2.0 * (time.monotonic() - begun)))  # a third of one core at most
-        finally:
-            self.session.stop()
-            with redirect_stdout(StringIO()):
-                self.server.stop()
-
-    def close(self) -> None:
-        self._closed.set()
-
-    def _build_scene(self) -> ViserMujocoScene:
-        live = self.session.live
-        scene = ViserMujocoScene(self.server, live.model, num_envs=1)
-        scene.camera_tracking_enabled = False
-        self.server.scene.configure_environment_map(environment_intensity=ENVIRONMENT_LIGHT)
-        size, centre = float(live.model.stat.extent), np.array(live.model.stat.center)
-        camera = self.server.initial_camera
-        camera.look_at, camera.fov = centre, np.radians(40.0)
-        camera.position = centre + 3.1 * size * np.array([1.0, -1.0, 0.35]) / np.linalg.norm([1.0, -1.0, 0.35])
-        return scene
-
-    def _draw(self, live: LiveMachine) -> None:
-        """The machine as it stands, in the thread that simulates."""
-        self.scene.update_from_mjdata(live.data)
 
     def _build_sliders(self) -> None:
         gui, session = self.server.gui, self.session
@@ -254,13 +202,14 @@ def notes(shown: Shown, command: str) -> str:
         state = "settling: the figures need a whole period after a change"
     else:
         state = "figures of the last periods"
+    warned = "".join(f"<p>{html.escape(text)}</p>" for text in shown.warnings)
     slow = "" if shown.speed > 0.9 else f", {100 * shown.speed:.0f} % of real time"
     return (
         '<div style="font-size:13px;padding:4px 12px;line-height:1.45">'
-        f"<p>Acceleration less its basic harmonic (in a motion that is no sine: less the command), in "
+        f"<p>Acceleration less its fundamental (in a motion that is no sine: less the command), in "
         f"{BANDWIDTH_Hz:.0f} Hz, about the last reversal at either end. "
         "Dashed: before the last change. The bump in the middle is what people feel.</p>"
-        f'<p id="hexsim-state">{shown.time_s:.1f} s{slow}; {state}</p>'
+        f'<p id="hexsim-state">{shown.time_s:.1f} s{slow}; {state}</p>{warned}'
         f'<p style="opacity:.75;margin-bottom:2px">The same without the page:</p>'
         f'<code id="hexsim-command" style="font-size:12px;overflow-wrap:anywhere">{unbroken(command)}</code></div>'
     )

@@ -149,7 +149,7 @@ class Record:
     statuses: list[tuple[float, str]] = field(default_factory=list)
 
     def peak(self, start_s: float, stop_s: float, frequency_Hz: float = 0.5, band_Hz: float | None = 50.0) -> float:
-        """Largest deviation from the basic harmonic [m/s2]; in the band by a zero-phase 4th-order Butterworth."""
+        """Largest deviation from the fundamental [m/s2]; in the band by a zero-phase 4th-order Butterworth."""
         return float(np.abs(self._deviation(start_s, stop_s, frequency_Hz, band_Hz)).max())
 
     def _deviation(self, start_s: float, stop_s: float, frequency_Hz: float, band_Hz: float | None) -> np.ndarray:

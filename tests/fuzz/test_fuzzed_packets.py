@@ -5,6 +5,7 @@ import json
 import math
 import struct
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from harness import MORE, fuzz, refused
 from hypothesis import strategies as st
 from mutations import as_toml, mutated, numbers, texts, values
 
-from hexsim.cueing.protocols import FDM_BYTES, OUTSIM2_SIZES, PROTOCOLS, RREF_NAMES, VehicleMotion
+from hexsim.cueing.protocols import FDM_BYTES, OUTSIM2_SIZES, PROTOCOLS, RREF_NAMES, RigSetpoint, VehicleMotion
 from hexsim.cueing.toml_protocol import PacketLayout, TomlProtocol, Type, protocol
 from hexsim.motion_computer.compensator_packet import HEADER as ASKED_HEADER
 from hexsim.motion_computer.compensator_packet import MAGIC, AskedCompensator, unpack_asked
@@ -33,13 +34,27 @@ VEHICLE_PACKETS = {
     "xplane12": [b"DATA*" + struct.pack("<i8f", 4, *SIX, 0, 0) + struct.pack("<i8f", 16, *SIX, 0, 0)],
     "xplane-rref": [b"RREF," + b"".join(struct.pack("<if", k, 0.1) for k in range(1, len(RREF_NAMES) + 1))],
     "outsim": [bytes(64), bytes(68), *(b"LFST" + bytes(size - 4) for size in sorted(OUTSIM2_SIZES))],
+    "beamng": [b"BNG1" + struct.pack("<21f", *[0.1] * 21)],
 }
+VEHICLE_PACKETS |= {"jsbsim": VEHICLE_PACKETS["flightgear"], "lfs": VEHICLE_PACKETS["outsim"]}
 LAYOUT = PacketLayout.model_validate(
     {"bytes": 40, "fields": {
         "time_s": {"type": "Q", "offset": 0}, "up_m_s2": {"type": "f", "offset": 8, "factor": 1e300},
         "roll_rad_s": {"type": "d", "offset": 12}, "left_m_s2": {"type": "h", "offset": 38, "zero": 3.0},
     }}
 )  # fmt: skip
+WIDE = PacketLayout.model_validate(
+    {"bytes": 10, "starts_with": "4d4f", "fields": {
+        "up_m_s2": {"type": "i24", "offset": 2, "factor": 1e-4}, "roll_rad_s": {"type": "u24", "offset": 5, "factor": 1e-6},
+    }}
+)  # fmt: skip
+EXAMPLES = Path(__file__).parents[2] / "examples" / "protocols"
+LEGS_TEXT = b",".join([b"32767"] * 6)
+BRIDGE_JSON = json.dumps({
+    "ACCELERATION BODY X": 0.1, "ACCELERATION BODY Y": 0.1, "ACCELERATION BODY Z": 0.1, "PLANE BANK DEGREES": 0.1,
+    "PLANE PITCH DEGREES": 0.1, "ROTATION VELOCITY BODY X": 0.1, "ROTATION VELOCITY BODY Y": 0.1,
+    "ROTATION VELOCITY BODY Z": 0.1,
+}).encode()  # fmt: skip
 COMMAND = HostCommand(sequence=1, time_s=0.5, setpoints=SIX, command="start")
 MOVING = HostCommand(sequence=1, time_s=0.5, setpoints=SIX, derivatives=(SIX, SIX))
 REPLY = Reply(
@@ -57,6 +72,9 @@ DECODERS: dict[str, tuple[Callable[[bytes], Any], type, list[bytes]]] = {
     "telemetry": (unpack_telemetry, Telemetry, [one.pack() for one in TELEMETRY]),
     "compensator": (unpack_asked, AskedCompensator, [ASKED.pack()]),
     "TOML": (TomlProtocol(LAYOUT), VehicleMotion, [bytes(40)]),
+    "TOML, 24 bit": (TomlProtocol(WIDE), VehicleMotion, [b"MO" + bytes(8)]),
+    "TOML, text": (protocol(str(EXAMPLES / "simtools.toml")), RigSetpoint, [LEGS_TEXT]),
+    "TOML, JSON": (protocol(str(EXAMPLES / "msfs.toml")), VehicleMotion, [BRIDGE_JSON]),
     **{name: (PROTOCOLS[name], VehicleMotion, good) for name, good in VEHICLE_PACKETS.items()},
 }
 

@@ -84,7 +84,7 @@ def test_signals_repeat_after_their_period(name):
 
 
 def test_only_a_single_sine_has_a_fundamental():
-    """`fundamental_Hz` says that the basic harmonic is the whole command; a fade does not change it."""
+    """`fundamental_Hz` says that the fundamental is the whole command; a fade does not change it."""
     assert faded(Sine(amplitude=0.05, frequency_Hz=0.5), 2.0).fundamental_Hz == 0.5
     assert Multisine(amplitudes=(0.1,), frequencies_Hz=(0.7,)).fundamental_Hz == 0.7
     others = [signal for name, signal in (SMOOTH | CORNERED).items() if name != "sine"]

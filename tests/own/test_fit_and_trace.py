@@ -12,12 +12,13 @@ from hexsim.cli import app
 from hexsim.errors import HexsimError
 from hexsim.own.declaration import ModelTables
 from hexsim.own.effects import Sizes, joined, library, offered
-from hexsim.own.fit import fit
 from hexsim.own.folder import load_simulated
 from hexsim.own.model import model_of
+from hexsim.own.problem import fit_own, problem_of
+from hexsim.own.run import simulated
 from hexsim.own.simulate import Simulator, record_of
+from hexsim.own.trace import distinct, trace_own
 from hexsim.signals.log import Log
-from hexsim.tracing.own.free_run import distinct, trace_free_run
 
 TANK = """
 name = "tank"
@@ -84,17 +85,32 @@ def spilling(tmp_path_factory):
 def test_numbers_come_back_within_their_errors(clean):
     """Outlet and inlet of a tank that was simulated apart, within four of their errors, and these below 1 %; the rest is noise."""
     folder = load_simulated(clean)
-    fitted = fit(Simulator(folder.model), [record_of(folder.model, log, "here") for log in folder.fit])
+    fitted = fit_own(problem_of(folder.model, folder.fit, "here"))
     for name, truth in (("outlet", OUTLET), ("inlet", INLET)):
         error = fitted.errors[fitted.names.index(name)]
         assert abs(fitted.value(name) - truth) < 4 * error
         assert error < 0.01 * truth
-    assert fitted.rms["one"]["level_m"] == pytest.approx(NOISE, rel=0.15)
+    assert simulated(fitted, folder.fit[0], "here")[1]["level_m"] == pytest.approx(NOISE, rel=0.15)
+
+
+def test_the_error_of_a_long_run_can_be_what_is_fitted(spilling):
+    """fit_by = "error" leaves less of a model that is not quite right than the likelihood does, with honest errors either way."""
+    folder, left = load_simulated(spilling), {}
+    for how in ("likelihood", "error"):
+        text = TANK.replace("steps = 1", f'steps = 1\nfit_by = "{how}"')
+        model = model_of(
+            ModelTables.model_validate({k: v for k, v in tomllib.loads(text).items() if k not in ("name", "runs")}),
+            "here",
+        )
+        made = fit_own(problem_of(model, folder.fit, "here"))
+        left[how] = sum(simulated(made, log, "here")[1]["level_m"] ** 2 for log in folder.fit)
+        assert np.all(made.errors > 0)
+    assert left["error"] < left["likelihood"]
 
 
 def test_overflow_is_named_and_the_unseen_run_gets_better(spilling):
     """A tank that spills over 1.2 m names an overflow at this level, and the error on the third run falls to the noise."""
-    trace = trace_free_run(load_simulated(spilling))
+    trace = trace_own(load_simulated(spilling))
     assert trace.steps[0].candidate.name == "overflow"
     top = next(name for name in trace.steps[0].fitted.names if name.startswith("top"))
     assert trace.steps[0].fitted.value(top) == pytest.approx(TOP, abs=0.03)
@@ -105,7 +121,7 @@ def test_overflow_is_named_and_the_unseen_run_gets_better(spilling):
 
 def test_nothing_is_named_where_nothing_lacks(clean):
     """On the tank as declared no effect of the library is named."""
-    trace = trace_free_run(load_simulated(clean))
+    trace = trace_own(load_simulated(clean))
     assert trace.steps == []
     assert trace.verdict.startswith(("nothing", "unexplained"))
 

@@ -9,7 +9,7 @@ from hexsim.errors import HexsimError
 from hexsim.own.declaration import ModelTables
 from hexsim.own.formulas import tree_of
 from hexsim.own.model import model_of
-from hexsim.own.simulate import Simulator, record_of
+from hexsim.own.simulate import Simulator, record_of, records_of
 from hexsim.signals.log import Log
 
 HOSTILE = [
@@ -260,3 +260,15 @@ def test_derivatives_of_elements_are_those_of_finite_differences(elements):
             assert np.quantile(off, 0.99) < 1e-3 * (1.0 + np.abs(difference[:, j]).max()), (
                 name
             )  # 1 %: at edges either side holds
+
+
+def test_free_runs_begin_anew_where_the_file_asks():
+    """anew_s = 1 parts 3.5 s into three free runs; each begins at the sample that was measured there, and time goes on."""
+    text = "[states.x]\nrate = '-x'\nstart = 'first(x)'\n[outputs.x]\nformula = 'x'\n[simulation]\nanew_s = 1.0"
+    made, run = model(text), log(350, 0.01, x=np.linspace(1.0, 4.5, 350))
+    found = records_of(made, run, "here")
+    assert [record.n for record in found] == [100, 100, 150]
+    simulator = Simulator(made)
+    for record, at in zip(found, (0, 100, 200), strict=True):
+        assert simulator.run(record, np.zeros(0)).outputs[0, 0] == run.columns["x"][at]
+        assert record.time[0] == pytest.approx(0.01 * at)

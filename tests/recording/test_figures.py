@@ -50,7 +50,7 @@ def test_a_figure_drawn_once_is_that_of_savefig(monkeypatch):
 
 
 def test_the_deviation_is_the_bump_that_was_drawn():
-    """Acceleration = sine + bump: the raw deviation is the bump, but for what of it is in the basic harmonic itself.
+    """Acceleration = sine + bump: the raw deviation is the bump, but for what of it is in the fundamental itself.
 
     The packet has 1 % of its energy in the harmonic: 0.01 m/s2 covers it; a wrong phase or mean would give 0.1.
     """

@@ -398,7 +398,7 @@ def lag(plant, legs, value):
 
 
 def small(says, balance, unit, change, **more):
-    """One of the small realities of `rough_machines`, which draws its size."""
+    """One of the nuisance effects of `rough_machines`, which draws its size."""
     return Injected(
         description=says, balance=balance, typical=0.0, unit=unit, change=change, in_library=False, kinds=(), **more
     )

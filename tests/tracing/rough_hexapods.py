@@ -1,4 +1,4 @@
-"""Rough hexapods of the second plant: small realities, each leg's own, under one large effect in one leg or in the machine.
+"""Rough hexapods of the second plant: nuisance effects, each leg's own, under one large effect in one leg or in the machine.
 
 draw(seed) -> (effects, dominant, leg): what `other_plant.write_machine` takes; the large one's name, and its leg or None
 """

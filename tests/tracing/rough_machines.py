@@ -1,4 +1,4 @@
-"""Rough machines of the second plant: five or six small realities that no model holds, under one large effect or none.
+"""Rough machines of the second plant: five or six nuisance effects that no model holds, under one large effect or none.
 
 draw(seed)                 -> (effects, dominant): what `other_plant.write_machine` takes, and the large one's name
 number_of(dominant, size)  -> the size as the library's effect states it
@@ -7,7 +7,7 @@ number_of(dominant, size)  -> the size as the library's effect states it
 import numpy as np
 from other_effects import EFFECTS
 
-# small reality -> its range; those without a sign of their own get one at random
+# nuisance effect -> its range; those without a sign of their own get one at random
 SMALL = {
     "scale_ripple": (2e-6, 4e-6),
     "small_spool_lag": (120.0, 180.0),
@@ -28,7 +28,7 @@ SMALL = {
 SIGNED = ("small_accelerometer_gain", "small_null_offset", "small_null_drift", "small_unequal_ports")
 DECLARED_MASS_KG = 40.0
 STRENGTH = (0.8, 1.5)  # of the large effect, in typical sizes
-SAME = {  # a small reality that is the same thing as the large effect
+SAME = {  # a nuisance effect that is the same thing as the large effect
     "spool_lag": "small_spool_lag",
     "spool_rate_limit": "small_spool_lag",
     "accelerometer_gain": "small_accelerometer_gain",

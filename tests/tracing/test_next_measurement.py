@@ -222,7 +222,7 @@ def test_what_stands_beside_every_name_is_no_part_of_one():
 
     ripple = "position_ripple"
     found = [fitted(ripple, "constant_force"), fitted(ripple, "incline"), fitted(ripple)]
-    assert labels_of(found, frozenset()) == ["constant_force", "incline", "small realities alone"]
+    assert labels_of(found, frozenset()) == ["constant_force", "incline", "nuisance effects alone"]
     found = [fitted("spring", ripple, "incline"), fitted("spring", ripple, "mass_change")]
     assert labels_of(found, frozenset({"spring", "incline"})) == ["spring and incline", "spring and mass_change"]
     assert labels_of(found[:1], frozenset({"incline"})) == ["incline"]

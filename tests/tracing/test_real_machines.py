@@ -71,7 +71,7 @@ def test_a_term_that_changes_sign_between_runs_is_not_named():
     """z helps on some runs and harms on others: no confident name."""
     verdict = trace_own(BALANCE, [made_up_run(seed, leak) for seed, leak in enumerate((0.4, -0.4, 0.5, -0.5))])
     assert verdict.named == ()
-    assert verdict.verdict.startswith(("not attributable", "unexplained"))
+    assert verdict.verdict.startswith("unexplained")
 
 
 def test_an_unphysical_sign_is_not_chosen():
@@ -104,8 +104,9 @@ def test_two_runs_are_too_few():
 
 @buoy_logs
 def test_power_take_off_gets_no_confident_name():
-    """Four real runs: channels 0.08 to 0.46 s late are found; areas come back within 20 %; neither balance gets a
-    name that its held-out runs do not bear out, and the force balance is "not attributable".
+    """Four real runs: channels 0.08 to 0.46 s late are found; areas come back within 20 %; the force balance gets the ram's
+    Coulomb friction, which takes a fifth of what is left over all runs held out, and the flow balance, whose delays are not fitted
+    here, no name.
     """
     import mbari_pto
 
@@ -113,8 +114,9 @@ def test_power_take_off_gets_no_confident_name():
     late = [float(np.median(point.shifts_s["motor_speed_rad_s"])) for point in points]
     assert all(0.05 < delay < 0.5 for delay in late)
     assert max(late) - min(late) > 0.2  # another delay in every run
-    assert force.verdict.startswith("not attributable")
-    assert force.named == () == flow.named
+    assert force.named == ("Coulomb friction",) and flow.named == ()
+    before, after = (sum(getattr(fold, key) ** 2 for fold in force.folds) ** 0.5 for key in ("refit", "with_terms"))
+    assert after < 0.8 * before
     assert flow.verdict.startswith("unexplained")
     assert flow.coefficients["ram area A"][0] == pytest.approx(mbari_pto.A, rel=0.07)
     assert force.coefficients["ram area A"][0] == pytest.approx(mbari_pto.A, rel=0.2)

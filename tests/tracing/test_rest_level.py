@@ -1,4 +1,4 @@
-"""At the level of the rest: small realities keep to their size, a large effect is found with its number beside them."""
+"""At the level of the rest: nuisance effects keep to their size, a large effect is found with its number beside them."""
 
 import math
 from dataclasses import replace

@@ -1,7 +1,7 @@
 """Motions, and samples of them, that can be believed: clear of the cushions, and where small differences do not grow.
 
 Near a standstill a difference grows, of noise as of a number. There a simulation promises much, and no trace gets it.
-And numbers whose promise hangs on a small reality that does nearly the same.
+And numbers whose promise hangs on a nuisance effect that does nearly the same.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ CALM, CALM_SHARE = 5.0, 0.5  # times the noise; least share of a motion
 COARSE = 3.0  # times the step of the finite differences
 UNALIKE = 0.2  # share by which the columns of two steps differ where they are not reproduced
 SLIGHT = 0.3  # of the noise: a smaller difference does not matter
-SAME = 0.95  # correlation from which a small reality does what a number does
+SAME = 0.95  # correlation from which a nuisance effect does what a number does
 
 
 def enters_a_cushion(machine: Machine, position_m: Array) -> bool:
@@ -55,7 +55,7 @@ def reproduced(columns: Array, coarse: Array, spread: Array, rate_Hz: float) -> 
 
 
 def hangs_on(now: Fit, after: Fit, places: Sequence[int]) -> tuple[str, ...]:
-    """Of coordinates, the small reality that the logs do not show now and that goes with them after a motion; else "".
+    """Of coordinates, the nuisance effect that the logs do not show now and that goes with them after a motion; else "".
 
     Its part of what both do is told by what little their columns differ, in which the rest weighs most: a valve's delay beside a
     spool of 2 kHz. Where the next refit keeps it, the error stays about as it is, where not, it is less than promised.

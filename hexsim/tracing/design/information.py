@@ -77,7 +77,7 @@ def says_nothing(effect: Effect, name: str, value: float) -> bool:
 class Hypothesis:
     """A fitted machine that the logs do not rule out, with what they know of its coordinates: normal matrix (k, k).
 
-    named: labels of the effects whose numbers are asked for; empty: all, {""}: none. Small realities beside them are not.
+    named: labels of the effects whose numbers are asked for; empty: all, {""}: none. Nuisance effects beside them are not.
     """
 
     label: str
@@ -127,7 +127,7 @@ def normal_matrix(columns: list[Array]) -> Array:
 
 def hypothesis(label: str, fit: Fit, problem: SimulatedProblem, named: frozenset[str] = frozenset()) -> Hypothesis:
     """With what the logs of the problem know of it, the declared uncertainty of its parameters, and the ordinary size of
-    small realities."""
+    nuisance effects."""
     known = normal_matrix(sensitivities(fit, problem)) + np.diag(rest_level.prior_precision(fit))
     return Hypothesis(label=label, fit=fit, known=known, named=named)
 

@@ -60,7 +60,7 @@ class NextMeasurement:
 
     @property
     def hangs_on(self) -> tuple[str, ...]:
-        """Of each number the small reality that its expected error hangs on, or "" (`believed.hangs_on`)."""
+        """Of each number the nuisance effect that its expected error hangs on, or "" (`believed.hangs_on`)."""
         return self.promise.hangs_on or ("",) * len(self.numbers)
 
     def text(self) -> str:

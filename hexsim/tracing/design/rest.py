@@ -1,7 +1,7 @@
 """What a motion would tell of a machine that no model fits: its hypotheses in the balances, at the level of their rest.
 
 The motion is simulated with the best hypothesis, and at the points of that run every hypothesis is held against it with
-the balances, rows, weights and small realities that the trace will use. With columns X and rest s of each row, the normal
+the balances, rows, weights and nuisance effects that the trace will use. With columns X and rest s of each row, the normal
 matrix A of the logs that there are, and the difference d of two hypotheses' residuals,
 
     step        (A + X'WX)^-1 X'W d, inside bounds         what the other hypothesis takes up, W = 1/s^2
@@ -124,7 +124,7 @@ def labels_of(found: Sequence[RestFit], named: frozenset[str]) -> list[str]:
     shared = set.intersection(*map(set, effects)) - named if len(found) > 1 else set()
     told = [[c for c in own if c not in shared] for own in effects]
     told[0] = [c for c in told[0] if c in named] or told[0]
-    return [" and ".join(own) or "small realities alone" for own in told]
+    return [" and ".join(own) or "nuisance effects alone" for own in told]
 
 
 def as_measured(one: Fit, problem: BalanceProblem, simulated: SimulatedProblem, log: Log) -> BalanceProblem | None:

@@ -86,7 +86,7 @@ def least_words(number: Number, ceiling: Ceiling, place: int) -> str:
 
 
 def expected_words(number: Number, error: float, hangs_on: str) -> str:
-    """A number's error now and after the motion. hangs_on: a small reality that does nearly the same, or ""."""
+    """A number's error now and after the motion. hangs_on: a nuisance effect that does nearly the same, or ""."""
     said = f"{number.effect} {number.name} = {number.value:.4g}: error {number.standard_error:.2g} now, {error:.2g} expected"
     if hangs_on and error < NO_GAIN * number.standard_error:
         return f"{said}, about as now where a little {hangs_on} that any machine may have stays beside it"

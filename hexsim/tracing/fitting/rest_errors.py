@@ -18,7 +18,7 @@ Array = np.ndarray
 def sandwich(found: RestFit, problem: FitProblem) -> Array:
     """Covariance of all coordinates from the scatter of blocks, with the priors' freedom inside: H^-1 (S + c P) H^-1.
 
-    c: samples for one that counts as independent; H holds c P, J's prior. A small reality is known to its ordinary size.
+    c: samples for one that counts as independent; H holds c P, J's prior. A nuisance effect is known to its ordinary size.
     """
     return _sandwich(*_curvature(found.fit, found.columns, problem))
 

@@ -239,7 +239,7 @@ def least_remarkable(candidate: Candidate) -> float:
 
 
 def shared_size(fit: Fit, candidate: Candidate) -> float:
-    """Coordinate of the small reality of all legs beside an effect in one of them: that leg has both together."""
+    """Coordinate of the nuisance effect of all legs beside an effect in one of them: that leg has both together."""
     for k, other in enumerate(fit.candidates):
         shared = other.where == "all legs" and rest_level.is_held(other)
         if other is not candidate and shared and other.effect.name == candidate.effect.name:

@@ -28,7 +28,7 @@ HELPS = 0.9  # a coordinate hides a size that it leaves below this share of its 
 class Hidden:
     """size: of the effect's first number, below which it would not be named.  times: that over its typical size.
 
-    by: what hides most of it, a declared parameter's key or a small reality, "" where nothing alone does.
+    by: what hides most of it, a declared parameter's key or a nuisance effect, "" where nothing alone does.
     known_to: the share of its half width or ordinary size to which that must be known for the typical size to show; 0 where
     knowing it alone is not enough.
     """

@@ -4,7 +4,7 @@
 
 With noise as the unit the row that is violated most drowns the others, and with 60,000 samples every column is
 significant. Here each balance counts by the share of its rest, and N is the number of its rest's correlation times in
-the logs. Small realities (`rules.ORDINARY`) are fitted beside every hypothesis, each within its reach, its ordinary size, as
+the logs. Nuisance effects (`rules.ORDINARY`) are fitted beside every hypothesis, each within its reach, its ordinary size, as
 a declared parameter is within its half width.
 """
 
@@ -85,7 +85,7 @@ def row_counts(problem: FitProblem) -> Array | float:
 
 
 def ordinary_effects(possible: Sequence[Candidate]) -> list[Candidate]:
-    """The small realities among these candidates, one number each, held to its ordinary size, and what the machine file
+    """The nuisance effects among these candidates, one number each, held to its ordinary size, and what the machine file
     means by it, which no log shows.
 
     A shape that was read off the logs stays; of several legs each would have its own, and no small one is asked for.
@@ -106,7 +106,7 @@ def ordinary_effects(possible: Sequence[Candidate]) -> list[Candidate]:
 
 
 def start_rest_fit(bare: Fit, small: Sequence[Candidate], problem: FitProblem) -> RestFit:
-    """The declared machine with its small realities, refitted at the level of the rest.
+    """The declared machine with its nuisance effects, refitted at the level of the rest.
 
     A spool that is there and one that is not are far apart: both are tried.
     """
@@ -119,7 +119,7 @@ def start_rest_fit(bare: Fit, small: Sequence[Candidate], problem: FitProblem) -
 
 
 def begun(fit: Fit, small: Sequence[Candidate], size: float, problem: FitProblem) -> Fit:
-    """The fit with these small realities besides, each begun at this size."""
+    """The fit with these nuisance effects besides, each begun at this size."""
     numbers = [candidate.effect.parameters[0] for candidate in small]
     values = tuple(c.start() | {number.name: to_value(number, size)} for c, number in zip(small, numbers, strict=True))
     return answered(replace(fit, candidates=(*fit.candidates, *small), values=(*fit.values, *values)), problem)
@@ -162,7 +162,7 @@ def renewed(found: RestFit, problem: FitProblem) -> RestFit:
 
 
 def without_lag(found: RestFit, problem: FitProblem) -> RestFit | None:
-    """The hypothesis without the small realities that vanish at infinity, else where it stood; None where it has none.
+    """The hypothesis without the nuisance effects that vanish at infinity, else where it stood; None where it has none.
 
     A spool that is there and one that is not are far apart, and the base may have taken one for the effect.
     """
@@ -229,7 +229,7 @@ def bounded(A: Array, b: Array, low: Array, high: Array) -> Array:
 
 
 def released(base: RestFit, candidate: Candidate) -> tuple[Fit, list[Array]]:
-    """The base without the small reality of the same effect, and its columns."""
+    """The base without the nuisance effect of the same effect, and its columns."""
     fit, m = base.fit, len(base.fit.priors)
     keep = [k for k, own in enumerate(fit.candidates) if own.label != candidate.label]
     places = list(range(m))

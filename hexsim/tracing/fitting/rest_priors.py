@@ -13,10 +13,10 @@ Array = np.ndarray
 
 
 def prior_precision(fit: Fit) -> Array:
-    """Of every coordinate (k,): 3 over the square of its reach for declared parameters and small realities, of half its
+    """Of every coordinate (k,): 3 over the square of its reach for declared parameters and nuisance effects, of half its
     range for a number that is bounded, else 0.
 
-    Without it a small reality that can do a little of what a large effect does takes that much of its number, and a
+    Without it a nuisance effect that can do a little of what a large effect does takes that much of its number, and a
     polytropic exponent, which no log shows, goes to a bound and takes the gas volume with it.
     """
     precision = [3.0] * len(fit.priors)
@@ -48,12 +48,12 @@ def is_bounded(number: EffectParameter) -> bool:
 
 
 def is_held(candidate: Candidate) -> bool:
-    """Is it a small reality, held to its ordinary size?"""
+    """Is it a nuisance effect, held to its ordinary size?"""
     return candidate.effect.name in rules.ORDINARY and candidate.effect != named(candidate.effect.name).effect
 
 
 def effects_of(fit: Fit) -> list[Candidate]:
-    """The effects of a hypothesis that are no small realities."""
+    """The effects of a hypothesis that are no nuisance effects."""
     return [candidate for candidate in fit.candidates if not is_held(candidate)]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -247,12 +246,6 @@ def extremes(runs: Sequence[RunData], left: Sequence[Array]) -> list[str]:
     return [text for _, text in sorted(found)[:3]]
 
 
-def chosen_by_some(verdict: OwnVerdict) -> dict[str, int]:
-    """Terms that half of the folds choose or more, and not all: name -> how many."""
-    counts = Counter(name for fold in verdict.folds for name in fold.chosen)
-    return {k: n for k, n in counts.items() if 2 * n >= len(verdict.folds) and k not in verdict.named}
-
-
 def next_step(trace: OwnTrace) -> str:
     """What a person would do next."""
     verdict = trace.verdict
@@ -262,15 +255,11 @@ def next_step(trace: OwnTrace) -> str:
         return f"measure a second run in which {name} acts as in {run}"
     if pulses:
         return f"find what acts in pulses: {pulses[0]}"
-    if verdict.verdict.startswith("not attributable"):
-        return "measure runs in which the candidates that the folds disagree about move apart, one at a time"
     if trace.extremes:
         return f"look for what acts rarely: {trace.extremes[0]}; add it as a candidate with above, below or step"
-    some = chosen_by_some(verdict)
-    if some:
-        return "measure runs that all show them: " + ", ".join(
-            f"{name} is chosen in {count} of {len(verdict.folds)} parts" for name, count in some.items()
-        )
+    likely = [name for name in verdict.folds[0].tied if name not in verdict.named]
+    if likely:
+        return f"measure runs in which {' and '.join(likely)} move apart from the other terms, one at a time"
     name, r2 = verdict.depends_on
     if r2 > 0.1:
         return (

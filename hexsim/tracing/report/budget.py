@@ -1,4 +1,4 @@
-"""The error budget: what is left on held-out motion after each step, from the declared machine down to the noise."""
+"""The error budget: the residual on held-out motion after each step, from the declared machine down to the noise."""
 
 from __future__ import annotations
 
@@ -21,9 +21,18 @@ WIDE = 2.0  # decades beyond which each has one tick, below three
 ROOM = 1.5  # of the axis beyond the longest bar, for its figure
 
 
+def shows(row: Mapping[str, Any]) -> bool:
+    """Whether a row has an error to draw."""
+    return bool(np.isfinite(row["rms"]) and row["rms"] > 0.0 and row["multiple_of_noise"] > 0.0)
+
+
 def worst_of_kinds(budget: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
     """(run, channel) of each kind of signal that the refitted machine gets most wrong."""
-    refitted = [row for row in budget if row["step"] == "parameters refitted" and np.isfinite(row["rms"])]
+    seen = {(row["run"], row["channel"]) for row in budget if shows(row)}
+    refitted = [
+        row for row in budget
+        if row["step"] == "parameters refitted" and np.isfinite(row["rms"]) and (row["run"], row["channel"]) in seen
+    ]  # fmt: skip
     best: dict[str, tuple[float, str, str]] = {}
     for row in refitted:
         own = (row["multiple_of_noise"], row["run"], row["channel"])
@@ -44,18 +53,22 @@ def waterfall(result: Trace) -> bytes:
         scale, unit = SCALE[kind_of(channel)][3:]
         own = [row for row in result.budget if (row["run"], row["channel"]) == (run, channel)]
         rms = np.array([row["rms"] for row in own])
-        noise = rms[0] / own[0]["multiple_of_noise"]
+        off = next(row for row in own if shows(row))  # rms 0: a constant reading that is the declared one exactly
+        noise = off["rms"] / off["multiple_of_noise"]
         colours = [STEP_COLOURS[min(k, 2)] for k in range(len(own))]
-        finite = rms[np.isfinite(rms)]
+        finite = rms[np.isfinite(rms) & (rms > 0.0)]
         low, high = scale * min(noise, finite.min()) / 2.0, scale * finite.max()
-        drawn = np.where(np.isfinite(rms), scale * rms, high)
+        drawn = np.where(np.isfinite(rms), np.maximum(scale * rms, low), high)
         plot.barh(range(len(own)), drawn - low, left=low, color=colours, height=0.62)
         plot.axvline(scale * noise, color=palette.INK, lw=1.0, ls=":")
         plot.set_xscale("log")
         plot.set_xlim(low, high * (high / low) ** (ROOM - 1.0))
         for k, (value, row) in enumerate(zip(drawn, own, strict=True)):
-            plot.annotate(f"{plain(value)} {unit}, {plain(row['multiple_of_noise'])} ×", (value, k), (4, 0),
-                          textcoords="offset points", va="center", fontsize="small")  # fmt: skip
+            shown_rms = scale * row["rms"] if np.isfinite(row["rms"]) else value
+            text = f"{plain(shown_rms)} {unit}, {plain(row['multiple_of_noise'])} ×"
+            plot.annotate(
+                text, (value, k), (4, 0), textcoords="offset points", va="center", fontsize="small"
+            )  # fmt: skip
         plot.set_yticks(range(len(own)), steps if plot in axes[:, 0] else [""] * len(own))
         plot.invert_yaxis()
         few = np.log10(high / low) > WIDE

@@ -79,7 +79,7 @@ def answers_of(result: Trace) -> dict[str, Log]:
 
 @styled
 def comparison(result: Trace, answers: Mapping[str, Log]) -> bytes:
-    """Measured against simulated on the first held-out run: signals left, what is left of them right."""
+    """Measured against simulated on the first held-out run: signals left, residuals right."""
     problem, part = result.validate_problem, shown_part(result)
     log, channels = problem.logs[0], worst_channels(result, problem.logs[0].name)
     time, shown = log.time[part], {name: channel_arrays(answer) for name, answer in answers.items()}
@@ -112,7 +112,7 @@ def comparison(result: Trace, answers: Mapping[str, Log]) -> bytes:
 
 @styled
 def spectra(result: Trace, answers: Mapping[str, Log]) -> bytes:
-    """Spectra of what is left on the first held-out run, and the sensors' noise."""
+    """Spectra of the residuals on the first held-out run, and the sensors' noise."""
     problem, log = result.validate_problem, result.validate_problem.logs[0]
     channels = worst_channels(result, log.name)
     rows = (len(channels) + 1) // 2
@@ -122,7 +122,7 @@ def spectra(result: Trace, answers: Mapping[str, Log]) -> bytes:
         answer = channel_arrays(simulated)
         for plot, channel in zip(axes, channels, strict=False):
             rest = (problem.measured[0][channel] - answer[channel])[problem.settle(0) :]
-            if np.all(np.isfinite(rest)):
+            if np.all(np.isfinite(rest)) and np.ptp(rest) > 0.0:  # a constant one has no spectrum
                 f, power = density(rest, log.rate)
                 plot.loglog(f, SCALE[kind_of(channel)][3] * np.sqrt(power), color=COLOURS[name], lw=1.3)
     for plot, channel in zip(axes, channels, strict=False):

@@ -30,17 +30,17 @@ CAPTIONS = {
     "wrong, and in times its sensor's noise (dotted).",
     "comparison": "Where in the signals is it off? "
     "Held-out run {run}: of each kind of signal the one that the refitted model gets most wrong. Left: measured "
-    "and simulated. Right: what each model leaves; one that lacks nothing stays in the blue band.",
+    "and simulated. Right: residuals of each model; a complete one stays in the blue band.",
     "balances": "Which equation do the measured signals not fulfil, and on what does it depend? "
     "The residual of each balance in the fit runs, at its worst place, over the signal that it depends on. A curve "
-    "that leaves the pale band is physics that the model lacks; shapes inside it are in the model's own runs too. Every panel "
+    "that leaves the pale band is physics that the model is missing; shapes inside it are in the model's own runs too. Every panel "
     "has its own scale; the bands are of one size before and after.",
     "portraits": "Do the loops of friction and valve agree? "
     "{leg}, the seconds of the first figure as loops. Friction is a step of pressure where the velocity "
     "changes sign, the valve's dead band a flat piece of velocity over volts. A good model covers the grey line.",
     "spectra": "At which frequencies is it off? "
     "What each model leaves on run {run}, its mean taken off. Low frequencies are slow effects, humps are resonances "
-    "that the model has elsewhere; a model that lacks nothing lies on the dotted line.",
+    "that the model has elsewhere; a complete model lies on the dotted line.",
     "parameters": "Did the parameters stay where they were declared? "
     "Where each declared parameter ended inside its declared uncertainty (the grey bar; its half width at the "
     "right). Orange: held back by its limit.",
@@ -102,7 +102,7 @@ def verdict_line(result: Trace) -> str:
     """The answer in one line."""
     if result.effects:
         beside = ", and something is left beside it" if result.verdict == "partly" else ""
-        return "The model lacks: " + "; ".join(effect_words(effect) for effect in result.effects) + beside
+        return "The model is missing: " + "; ".join(effect_words(effect) for effect in result.effects) + beside
     if result.verdict == "nothing missing":
         return "Nothing is missing from the model"
     return "Something is missing, and no effect of the library explains it"
@@ -150,7 +150,7 @@ def sentence(result: Trace) -> str:
 
 
 def partly_sentence(result: Trace, before: str, after: str) -> str:
-    """What is sure of a machine that no model fits, and what is left."""
+    """The certain effects of a machine that no model fits, and the residual beside them."""
     first = result.effects[0]
     rivals = " or ".join(first.apart).replace("_", " ")
     tied = f" These runs cannot tell it from {rivals}." if rivals else ""

@@ -1,7 +1,7 @@
 """Of a machine that no hypothesis brings to the noise: the effects that are sure all the same, and what is left beside them.
 
-The balances decide, each in units of its own rest, with the small realities of any machine fitted beside (`rest_level`).
-An effect is named if all of this holds; docs/tracing.md has the measured operating characteristic of the limits:
+The balances decide, each in units of its own rest, with the nuisance effects of any machine fitted beside (`rest_level`).
+An effect is named if all of this holds (docs/tracing.md):
 
     share        it takes much of the mean square of the rest, or brings its own balance to the noise
     own          most of what it takes lies in its own balance
@@ -171,7 +171,7 @@ def label_of(rival: RestFit) -> str:
 def likelihood(rival: RestFit, problem: BalanceProblem, unseen: BalanceProblem) -> tuple[bool, bool, float]:
     """Of a tie the first: what any machine has so much of, a physical cause, then what the logs and the sizes say.
 
-    What a small reality of ordinary size does as well is fitted and not named.
+    What a nuisance effect of ordinary size does as well is fitted and not named.
     """
     candidate = rival.fit.candidates[-1]
     small = candidate.effect.name in rules.ORDINARY and abs(rest_level.size_of(rival.fit)) < least_remarkable(candidate)
@@ -199,7 +199,7 @@ def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem
 def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence], beside: Fit | None = None) -> bool:
     """Is it the gain of a sensor that is late? A filter is late and damps; how much of it is gain no run says.
 
-    beside: the fit with its small realities. An accelerometer that is late by a part of a sample damps the oil's own motion
+    beside: the fit with its nuisance effects. An accelerometer that is late by a part of a sample damps the oil's own motion
     too, and against it the position's gain says the same as its own.
     """
     late = candidate.effect.name.removesuffix("_gain") + "_delay"
@@ -212,7 +212,7 @@ def may_be_a_filter(candidate: Candidate, found: Sequence[Evidence], beside: Fit
 
 
 def beside_its_own(found: RestFit, legs: Sequence[str], small: Sequence[Candidate], problem: BalanceProblem) -> RestFit:
-    """A hypothesis refitted with small realities of these legs alone, besides what all legs share of them.
+    """A hypothesis refitted with nuisance effects of these legs alone, besides what all legs share of them.
 
     A leg's own null offset does a part of what a leak in that leg does. Only what adds up: two spools in a row are none.
     """
@@ -223,7 +223,7 @@ def beside_its_own(found: RestFit, legs: Sequence[str], small: Sequence[Candidat
 
 
 def beside_small(trace: Trace) -> tuple[RestFit, BalanceProblem, BalanceProblem]:
-    """The declared machine with its small realities, refitted; the balances of the fit runs and those of the held-out ones."""
+    """The declared machine with its nuisance effects, refitted; the balances of the fit runs and those of the held-out ones."""
     machine = own_machine(trace.machine, trace.violations)
     problem, unseen = (
         with_fast_rows(joint_problem(runs, trace.violations, machine), runs, machine)
@@ -261,7 +261,7 @@ def sure_effects(trace: Trace, tell: Tell) -> Sure:
 
 
 def name_the_sure(trace: Trace, tell: Tell) -> Trace:
-    """Verdict `partly` where an effect is sure: the machine with it and with its small realities."""
+    """Verdict `partly` where an effect is sure: the machine with it and with its nuisance effects."""
     if residual_at_noise_level(trace.final.misfit) or not trace.violations:
         return replace(trace, decided="not needed: nothing but noise is left")
     found = sure_effects(trace, tell)
@@ -306,7 +306,7 @@ def named_by_simulation(
 
 
 def harmed(final: Fit, named: Sequence[Evidence], trace: Trace) -> tuple[int, str] | None:
-    """The named effect of a machine that makes a held-out channel worse, and how; small realities are none."""
+    """The named effect of a machine that makes a held-out channel worse, and how; nuisance effects are none."""
     places = [final.candidates.index(own.candidate) for own in named]
     return refused(final, trace.base, trace.validate_problem, places)
 

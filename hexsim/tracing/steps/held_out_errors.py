@@ -38,7 +38,7 @@ def budget_machines(trace: Trace) -> dict[str, Machine]:
         if (machine := part.built()) is not None:
             machines[f"with {named[k - 1].label.replace('_', ' ')}"] = machine
     if trace.verdict == "partly":
-        machines["and small realities"] = trace.fitted
+        machines["and nuisance effects"] = trace.fitted
     if trace.learned:
         machines["with the learned curve"] = trace.fitted
     return machines

@@ -1,0 +1,190 @@
+"""A motion computer with a machine behind it that is none of hexsim's: one cylinder on a bench, spoken to by packets alone.
+
+    python examples/foreign_machine.py --port 47120
+    hexsim identify bench --host 127.0.0.1:47120 --out found
+
+It imports nothing of hexsim; docs/motion_computer.md is all that it was written from. Take it as a template for your own machine.
+Its time follows the host's packets (lockstep): a packet of host time t runs it to t.
+Setpoints between two packets lie on a straight line. The piston leaks, and `hexsim identify bench` is not told so: `--leak 0`
+has none. HXP1 is answered with "refused".
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import random
+import socket
+import struct
+
+OFF, STARTING, NEUTRAL, NORMAL, SETTLING, FAULT = 0, 1, 2, 4, 5, 6  # of a reply
+START, RUN_NORMAL, RETURN_NEUTRAL, SETTLE, RESET = 1, 3, 4, 5, 6  # of a command
+LEG_ERROR, HOST_ERROR, WORKSPACE = 1, 16, 32
+COMMAND, REPLY = struct.Struct("<4sHHIId6d"), struct.Struct("<4sHHIIddd6d6d")
+ROW = struct.Struct("<4sHHIIdd12d")  # telemetry of one leg, one row a packet
+
+TICK_s, STEPS = 0.002, 20  # of the motion computer; of the machine within it
+STROKE_m, NEUTRAL_m, REACH_m = 0.2, 0.1, 0.085  # a setpoint may leave neutral by so much
+FASTEST_m_s, MOVE_m_s, LOWER_m_s = 0.3, 0.05, 0.04
+FOLLOW_m, SILENT_s = 0.05, 0.25  # leg error, and silence of the host, that are faults
+GAIN_V_m, VOLTS = 50.0, 10.0
+SUPPLY_Pa, DENSITY, BULK_Pa, DISCHARGE = 7.0e6, 860.0, 1.5e9, 0.611
+BOTTOM_m2, TOP_m2, PIPE_m3, MASS_kg, GRAVITY = math.pi / 4 * 0.04**2, math.pi / 4 * (0.04**2 - 0.03**2), 5e-7, 40.0, 9.8
+SPOOL_1_s, DAMPING, SPOOL_m_V, OVERLAP_m, WIDTH_m = 2 * math.pi * 60.0, 0.7, 1.1e-4, 5e-6, math.pi * 0.01
+VISCOUS, COULOMB = (1800.0, 2200.0), (60.0, 65.0)  # in, out
+STATIC, STRIBECK_m_s, SHARP_m_s = 30.0, 5e-3, 2e-4
+
+
+class Cylinder:
+    """A piston under the load, a three-way valve with overlap, the supply on the rod side. Semi-implicit Euler steps."""
+
+    def __init__(self, leak_m3_s_Pa: float) -> None:
+        self.leak, self.y, self.v, self.spool, self.rate = leak_m3_s_Pa, 0.002, 0.0, 0.0, 0.0
+        self.pressure = (MASS_kg * GRAVITY + SUPPLY_Pa * TOP_m2) / BOTTOM_m2
+
+    def step(self, volts: float, h: float) -> None:
+        """One step of h seconds under the valve's volts."""
+        pull = SPOOL_1_s**2 * (SPOOL_m_V * volts - self.spool)
+        self.rate = (self.rate + h * pull) / (1.0 + 2.0 * DAMPING * SPOOL_1_s * h)
+        self.spool += h * self.rate
+        opening = WIDTH_m * max(abs(self.spool) - OVERLAP_m, 0.0)
+        drop = SUPPLY_Pa - self.pressure if self.spool > 0.0 else self.pressure
+        flow = DISCHARGE * opening * math.copysign(math.sqrt(2.0 * abs(drop) / DENSITY), drop)
+        flow = (flow if self.spool > 0.0 else -flow) + self.leak * (SUPPLY_Pa - self.pressure)
+        viscous, coulomb = VISCOUS[self.v > 0.0], COULOMB[self.v > 0.0]
+        level = coulomb + STATIC * math.exp(-abs(self.v) / STRIBECK_m_s)
+        friction = level * math.tanh(self.v / SHARP_m_s) + viscous * self.v
+        slope = level / SHARP_m_s / math.cosh(min(abs(self.v) / SHARP_m_s, 50.0)) ** 2 + viscous
+        force = BOTTOM_m2 * self.pressure - TOP_m2 * SUPPLY_Pa - MASS_kg * GRAVITY - friction
+        self.v += h * force / (MASS_kg + h * slope)
+        self.y += h * self.v
+        if not 0.0 < self.y < STROKE_m:
+            self.y, self.v = min(max(self.y, 0.0), STROKE_m), 0.0
+        volume = BOTTOM_m2 * self.y + PIPE_m3
+        self.pressure = max(self.pressure + h * BULK_Pa * (flow - BOTTOM_m2 * self.v) / volume, 0.0)
+
+
+class Machine:
+    """States, limits, monitors and the position loop of one leg."""
+
+    def __init__(self, leak_m3_s_Pa: float) -> None:
+        self.cylinder, self.state, self.errors, self.refused = Cylinder(leak_m3_s_Pa), OFF, 0, False
+        self.time_s, self.reference, self.asked = 0.0, self.cylinder.y, NEUTRAL_m
+        self.noise, self.rows = random.Random(1), 0
+
+    @property
+    def arrived(self) -> bool:
+        """Neutral reached, or at rest."""
+        return self.state == OFF or (self.state == NEUTRAL and abs(self.reference - NEUTRAL_m) < 1e-9)
+
+    def order(self, command: int) -> None:
+        """A command of the host; one that does not fit the state is refused."""
+        allowed = {
+            START: (OFF,), RUN_NORMAL: (NEUTRAL,), RETURN_NEUTRAL: (NORMAL,), SETTLE: (NEUTRAL, NORMAL), RESET: (FAULT,),
+        }  # fmt: skip
+        after = {START: STARTING, RUN_NORMAL: NORMAL, RETURN_NEUTRAL: NEUTRAL, SETTLE: SETTLING, RESET: SETTLING}
+        if command == 0:
+            return
+        self.refused = self.state not in allowed.get(command, ())
+        if not self.refused:
+            self.state = after[command]
+            self.errors = 0 if command == RESET else self.errors
+
+    def fault(self, error: int) -> None:
+        """Shut the valve; the operator resets."""
+        self.state, self.errors = FAULT, self.errors | error
+
+    def tick(self, setpoint_m: float, time_s: float) -> bytes:
+        """One tick of the motion computer; what the sensors read before it, as a packet of telemetry."""
+        goal, speed = setpoint_m, FASTEST_m_s
+        if self.state in (STARTING, NEUTRAL):
+            goal, speed = NEUTRAL_m, MOVE_m_s
+        elif self.state in (SETTLING, OFF):
+            goal, speed = 0.002, LOWER_m_s
+        self.reference += min(max(goal - self.reference, -speed * TICK_s), speed * TICK_s)
+        piston = self.cylinder
+        position = piston.y + self.noise.gauss(0.0, 3e-6)
+        volts = min(max(GAIN_V_m * (self.reference - position), -VOLTS), VOLTS)
+        if self.state in (OFF, FAULT):
+            volts, self.reference = 0.0, position if self.state == FAULT else self.reference
+        elif abs(self.reference - position) > FOLLOW_m:
+            self.fault(LEG_ERROR)
+        pressure, before = piston.pressure + self.noise.gauss(0.0, 4e3), piston.v
+        for _ in range(STEPS):
+            piston.step(volts, TICK_s / STEPS)
+        felt = (piston.v - before) / TICK_s + self.noise.gauss(0.0, 0.02)
+        if self.state == STARTING and abs(position - NEUTRAL_m) < 1e-3:
+            self.state = NEUTRAL
+        if self.state == SETTLING and abs(self.reference - goal) < 1e-9:
+            self.state = OFF
+        nothing = math.nan
+        row = (self.reference, position, pressure, nothing, volts, SUPPLY_Pa, felt, *[nothing] * 5)
+        self.rows += 1
+        return ROW.pack(b"HXT1", 1, 1, self.rows - 1, 0, time_s, 1.0 / TICK_s, *row)
+
+
+class Computer:
+    """The machine behind a socket."""
+
+    def __init__(self, port: int, leak_m3_s_Pa: float) -> None:
+        self.machine, self.host_s, self.offset_s = Machine(leak_m3_s_Pa), -math.inf, 0.0
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", port))
+        self.socket.settimeout(0.1)
+        self.address = self.socket.getsockname()
+
+    def serve(self, packets: float = math.inf) -> None:
+        """Answer so many packets."""
+        while packets > 0:
+            try:
+                data, peer = self.socket.recvfrom(9000)
+            except TimeoutError:
+                continue
+            self.answer(data, peer)
+            packets -= 1
+
+    def answer(self, data: bytes, peer: tuple[str, int]) -> None:
+        """Run to the host's time, then say where the machine is. What is no command is ignored."""
+        if len(data) not in (COMMAND.size, COMMAND.size + 96) or data[:4] not in (b"HXC1", b"HXC2"):
+            if data[:4] == b"HXP1":
+                self.machine.refused = True
+            return
+        _, command, mode, sequence, _, host_s, *setpoints = COMMAND.unpack_from(data)
+        if not all(math.isfinite(value) and abs(value) < 1e3 for value in setpoints) or not math.isfinite(host_s):
+            return
+        machine = self.machine
+        if not 0.0 <= host_s - self.host_s < 10.0:  # the first packet, or another host
+            self.offset_s = machine.time_s - host_s + TICK_s
+        elif host_s - self.host_s > SILENT_s and machine.state == NORMAL:
+            machine.fault(HOST_ERROR)
+        self.host_s = host_s
+        machine.order(command)
+        asked = setpoints[0] if mode == 1 else setpoints[2]
+        within = min(max(asked, -REACH_m), REACH_m)
+        machine.errors = (machine.errors & ~WORKSPACE) | (WORKSPACE if within != asked else 0)
+        before, ticks = machine.asked, round((host_s + self.offset_s - machine.time_s) / TICK_s)
+        for k in range(max(ticks, 0)):
+            goal = before + (NEUTRAL_m + within - before) * (k + 1) / ticks
+            self.socket.sendto(machine.tick(goal, machine.time_s), peer)
+            machine.time_s += TICK_s
+        machine.asked = NEUTRAL_m + within
+        flags = machine.arrived + 2 * machine.refused + 4 + 8  # lockstep, telemetry
+        pose, reference = ((0.0, 0.0, y - NEUTRAL_m, 0.0, 0.0, 0.0) for y in (machine.cylinder.y, machine.reference))
+        state = (b"HXS1", machine.state, machine.errors, sequence, flags, machine.time_s, 0.0, 0.0)
+        self.socket.sendto(REPLY.pack(*state, *pose, *reference), peer)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--port", type=int, default=47120)
+    parser.add_argument("--leak", type=float, default=2e-12, help="across the piston, m3/s/Pa")
+    arguments = parser.parse_args()
+    computer = Computer(arguments.port, arguments.leak)
+    print(f"listens on udp://127.0.0.1:{computer.address[1]}; Ctrl-C stops it", flush=True)
+    with contextlib.suppress(KeyboardInterrupt):
+        computer.serve()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,170 @@
+"""A candidate against the model without it: named, likely or refused, with the numbers that decide."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from hexsim.inference.held_out import HeldOut, mean_over_error
+from hexsim.inference.likelihood import Fit
+
+Array = np.ndarray
+CHANCE = 0.02  # that the best of the candidates compared gains so much by chance
+TIE = math.log(20.0)  # log odds below which two candidates are tied
+FALL = 1.0  # block errors by which the held-out error must fall
+GROWTH = 2.0  # block errors by which no channel's may grow
+FORM = 0.9  # of a free curve's gain that an effect of the right form has at least: corners cost a curve some
+END = 1e-3  # of a number's scale: at an end of its interval
+SURE = 1.0  # spreads over bands and stretches that one amplitude must have: else it is as much another one as itself
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Judgment:
+    """title: of the candidate. nats: gain of the log predictive density on held-out motion, by group in `gains`. errors: channel ->
+    (rms before, rms after, t of the fall over blocks), held out. tied: others, with the odds against them."""
+
+    candidate: Any
+    title: str
+    count: int
+    compared: int
+    fitted: Fit
+    after: HeldOut
+    gains: Array
+    errors: dict[str, tuple[float, float, float]]
+    verdict: str
+    why: str
+    tied: list[str] = field(default_factory=list)
+
+    @property
+    def nats(self) -> float:
+        return float(self.gains.sum())
+
+    @property
+    def chance(self) -> float:
+        """That this gain comes by chance: candidates that were compared, by odds."""
+        return min(self.compared * math.exp(-max(self.nats, 0.0)), 1.0)
+
+    @property
+    def named(self) -> bool:
+        return self.verdict == "named"
+
+
+def judge(
+    candidate: Any, title: str, amplitude: Sequence[str], fitted: Fit, before: HeldOut, after: HeldOut, tried: int
+) -> Judgment:
+    """tried: candidates that were compared. amplitude: numbers that are 0 where the effect is not there (none: it has no size)."""
+    gains = after.density - before.density
+    errors: dict[str, tuple[float, float, float]] = {}
+    for c, name in enumerate(after.problem.channels):
+        if len(after.losses(c)):
+            errors[name] = (before.rms(c), after.rms(c), mean_over_error(before.losses(c) - after.losses(c)))
+    unsure = stand_in(fitted, amplitude) or replaced(fitted, before.fits)
+    verdict, why = said(gains, errors, unsure, needed(tried))
+    numbers = len(fitted.theta) - len(before.fits[0].theta)
+    return Judgment(
+        candidate=candidate, title=title, count=numbers, compared=tried, fitted=fitted, after=after, gains=gains,
+        errors=errors, verdict=verdict, why=why,
+    )  # fmt: skip
+
+
+def needed(compared: int) -> float:
+    """Gain [nats] that the best of so many candidates has by chance with odds CHANCE, one number more each."""
+    return math.log(max(compared, 1) / CHANCE)
+
+
+def said(gains: Array, errors: dict[str, tuple[float, float, float]], unsure: str, needed: float) -> tuple[str, str]:
+    """(verdict, why)."""
+    nats = float(gains.sum())
+    best = max(errors, key=lambda name: errors[name][2])
+    fall = 1.0 - errors[best][1] / errors[best][0] if errors[best][0] > 0 else 0.0
+    worse = [name for name, (_, _, t) in errors.items() if t < -GROWTH]
+    if nats <= 0.0:
+        return "refused", f"held-out motion is {-nats:.1f} nats less likely with it"
+    if worse:
+        return (
+            "likely",
+            f"the held-out error of {worse[0]} grows beyond its block error: {errors[worse[0]][0]:.3g} -> {errors[worse[0]][1]:.3g}",
+        )
+    if nats < needed:
+        return "likely", f"gain of {nats:.1f} nats, {needed:.1f} are needed"
+    if nats - float(gains.max()) <= 0.0:
+        return "likely", "the gain comes from one part of the motion only"
+    if errors[best][2] < FALL:
+        return "likely", f"the held-out error falls by {100 * fall:.1f} %, which is within its block error"
+    if unsure:
+        return "likely", unsure
+    return "named", f"held-out error falls by {100 * fall:.0f} %"
+
+
+def stand_in(fitted: Fit, amplitude: Sequence[str]) -> str:
+    """Why an effect is another one from band to band or run to run: no amplitude of it is SURE errors from 0, with its spread in them."""
+    unsure = ""
+    for name in amplitude:
+        i = fitted.names.index(name)
+        if abs(fitted.theta[i]) > SURE * fitted.spread[i]:
+            return ""
+        apart = f"{fitted.spread[i]:.2g} ({fitted.theta[i]:.3g} on the whole)"
+        unsure = f"{name} differs between bands or runs by {apart}: a stand-in for something else"
+    return unsure
+
+
+def replaced(fitted: Fit, before: Sequence[Fit]) -> str:
+    """Which declared number goes to an end of its interval with the effect, and did not without: two names of one term."""
+    ended = at_end(fitted) & set(before[0].names)
+    taken = sorted(ended - set().union(*(at_end(one) for one in before)))
+    return f"it takes the place of {taken[0]}, which goes to an end of its interval" if taken else ""
+
+
+def at_end(fitted: Fit) -> set[str]:
+    """Numbers at an end of their interval: nearer than END of a typical change."""
+    return {
+        number.name for number, x in zip(fitted.problem.numbers, fitted.theta, strict=True)
+        if min(x - number.low, number.high - x) < END * number.scale
+    }  # fmt: skip
+
+
+def with_ties(one: Judgment, judged: Sequence[Judgment]) -> Judgment:
+    """Others that would be named as well, at odds below TIE."""
+    tied = [
+        f"{other.title}, odds 1 to {math.exp(min(max(one.nats - other.nats, 0.0), TIE)):.1f}" for other in judged
+        if other is not one and other.named and one.named and abs(one.nats - other.nats) < TIE
+    ]  # fmt: skip
+    return replace(one, tied=tied)
+
+
+def held_against(one: Judgment, rivals: Sequence[Judgment]) -> Judgment:
+    """A name whose form is another one: a free curve over some signal takes clearly more than it does."""
+    best = max(rivals, key=lambda rival: rival.nats, default=None)
+    if best is None or not one.named:
+        return one
+    more = best.nats - one.nats
+    if more < needed(one.compared) or one.nats > FORM * best.nats:
+        return one
+    why = f"{best.title} as a free curve is {more:.0f} nats more likely: it stands in for another form"
+    return replace(one, verdict="likely", why=why)
+
+
+def whose_form_is_open(steps: Sequence[Judgment], rivals: Sequence[Judgment]) -> list[Judgment]:
+    """Steps that are no names after all: beside everything that was named a free curve still takes much of what they took."""
+    best = max(rivals, key=lambda rival: rival.nats, default=None)
+    if best is None or best.nats < needed(best.compared) or max(t for _, _, t in best.errors.values()) < FALL:
+        return []
+    why = f"beside it {best.title} as a free curve gains another {best.nats:.0f} nats: its form is another one"
+    return [replace(one, verdict="likely", why=why) for one in steps if one.nats < FORM * (one.nats + best.nats)]
+
+
+def changing(fitted: Fit) -> list[str]:
+    """Numbers of the model that are not the same in all bands and stretches, a sentence each: a sign that something else is missing."""
+    found = []
+    for name, value, spread, variance in zip(
+        fitted.names, fitted.theta, fitted.spread, np.diag(fitted.covariance), strict=True
+    ):
+        if spread > max(3.0 * math.sqrt(max(variance, 0.0)), 0.1 * abs(value)):
+            found.append(
+                f"{name} is not the same in all bands and stretches of motion: {value:.4g}, differing by {spread:.2g}"
+            )
+    return found

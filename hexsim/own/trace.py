@@ -1,0 +1,128 @@
+"""What a simulated machine of one's own lacks: the general effects and those of its file, judged by the one inference."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hexsim.inference.likelihood import Fit
+from hexsim.inference.search import Found, search
+from hexsim.inference.verdict import Judgment, changing
+from hexsim.own.declaration import Declaration
+from hexsim.own.effects import Candidate, joined, offered
+from hexsim.own.folder import OwnFolder
+from hexsim.own.model import model_of
+from hexsim.own.problem import OwnProblem, problem_of
+from hexsim.own.run import simulated
+from hexsim.own.sizes import sizes_of
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OwnTrace:
+    """From the declared machine to what it lacks. errors: step -> run -> rms of each output, on runs of [runs] validate. remarks:
+    declared numbers that are not the same in all motion."""
+
+    folder: OwnFolder
+    found: Found
+    errors: dict[str, dict[str, dict[str, float]]]
+    verdict: str
+    remarks: list[str]
+    declaration: Declaration
+
+    @property
+    def steps(self) -> list[Judgment]:
+        return self.found.steps
+
+    @property
+    def final(self) -> Fit:
+        return self.found.final
+
+
+def trace_own(folder: OwnFolder, tell: Callable[[str, float], None] = lambda step, share: None) -> OwnTrace:
+    """Name what the folder's machine lacks. Raises HexsimError where it cannot be simulated."""
+    machine = Simulated(folder)
+    found = search(machine, tell)
+    errors = {
+        title: {log.name: simulated(made, log, folder.where)[1] for log in folder.validate}
+        for title, made in found.fits
+    }
+    return OwnTrace(
+        folder=folder, found=found, errors=errors, verdict=said(found), remarks=changing(found.final),
+        declaration=machine.declared([step.candidate for step in found.steps]),
+    )  # fmt: skip
+
+
+def said(found: Found) -> str:
+    """The verdict in a sentence."""
+    names = " + ".join(
+        step.title + (f" (tied with {', '.join(step.tied)})" if step.tied else "") for step in found.steps
+    )
+    likely = [one.title for one in found.refused if one.verdict == "likely"]
+    open_ = f"; likely, not proven: {', '.join(likely[:2])}" if likely else ""
+    if names:
+        return f"named: {names}{open_}"
+    return f"unexplained{open_}" if likely else "nothing of the library makes held-out motion more likely"
+
+
+class Simulated:
+    """The machine of a folder, as the search asks for it."""
+
+    def __init__(self, folder: OwnFolder) -> None:
+        self.folder = folder
+        self.columns = set.intersection(*(set(log.columns) for log in (*folder.fit, *folder.validate)))
+
+    def declared(self, chosen: Sequence[Candidate]) -> Declaration:
+        declaration = self.folder.declaration
+        for candidate in chosen:
+            declaration = joined(declaration, candidate)
+        return declaration
+
+    def of(self, declaration: Declaration) -> OwnProblem:
+        return problem_of(model_of(declaration, self.folder.where, self.columns), self.folder.fit, self.folder.where)
+
+    def problem(self, chosen: Sequence[Candidate]) -> OwnProblem:
+        return self.of(self.declared(chosen))
+
+    def candidates(self, chosen: Sequence[Candidate], now: Fit) -> tuple[OwnProblem, list[tuple[Candidate, list[str]]]]:
+        """All that the library and the file offer, in one model."""
+        everything, found = self.declared(chosen), []
+        assert isinstance(now.problem, OwnProblem)
+        sizes = sizes_of(everything, now.problem, now.theta)
+        offers = offered(everything, now.problem.simulator.model.inputs, sizes)
+        for k, candidate in enumerate(offers):
+            one = distinct(candidate, k)
+            everything = joined(everything, one, neutral=True)
+            found.append((candidate, [one.switch] if one.switch else list(one.amplitude)))
+        return self.of(everything), found
+
+
+def distinct(candidate: Candidate, k: int) -> Candidate:
+    """The same with names that no other candidate has."""
+    names = [*candidate.numbers, *([candidate.switch] if candidate.switch else []), *([candidate.memory[0]] if candidate.memory else []),
+             *([candidate.curve[0]] if candidate.curve else [])]  # fmt: skip
+    new = {name: f"{name}_c{k}" for name in names}
+    swap = lambda text: swapped(text, new)  # noqa: E731
+    memory = None
+    if candidate.memory:
+        table = candidate.memory[1]
+        extra = {key: swap(str(value)) for key, value in (table.__pydantic_extra__ or {}).items()}
+        memory = (
+            new[candidate.memory[0]],
+            type(table).model_validate({"kind": table.kind, "of": swap(table.of), **extra}),
+        )
+    return replace(
+        candidate, formulas={key: swap(text) for key, text in candidate.formulas.items()},
+        numbers={new[name]: table for name, table in candidate.numbers.items()},
+        amplitude=tuple(new[name] for name in candidate.amplitude), memory=memory,
+        switch=new[candidate.switch] if candidate.switch else None,
+        curve=(new[candidate.curve[0]], swap(candidate.curve[1])) if candidate.curve else None,
+    )  # fmt: skip
+
+
+def swapped(text: str, new: dict[str, str]) -> str:
+    return re.sub(r"[A-Za-z_][A-Za-z0-9_]*", lambda found: new.get(found.group(), found.group()), text)

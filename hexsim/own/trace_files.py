@@ -1,0 +1,87 @@
+"""Files of a free-run trace: report.json, report.html, and the declared file with what was named and every number as fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from hexsim.files.json_files import write_json
+from hexsim.inference.verdict import Judgment
+from hexsim.own.declaration import Declaration
+from hexsim.own.folder import OwnFolder, load_simulated
+from hexsim.own.model import START, model_of
+from hexsim.own.run import CAPTION, report_of, residual, simulated
+from hexsim.own.trace import OwnTrace, trace_own
+from hexsim.recording.figure_style import png
+from hexsim.recording.report import data_url, render
+
+Progress = Callable[[str, float], None]
+
+
+def trace_simulated(
+    folder: Path, fit: Sequence[str] = (), validate: Sequence[str] = (), out: Path | None = None,
+    progress: Progress = lambda step, share: None,
+) -> tuple[OwnTrace, dict[str, Any]]:  # fmt: skip
+    """The trace of a folder that is simulated, and its report. Files go to `out` if given."""
+    loaded = load_simulated(folder, fit, validate)
+    found = trace_own(loaded, progress)
+    with_effects = OwnFolder(
+        name=loaded.name, where=loaded.where, declaration=found.declaration, model=model_of(found.declaration, loaded.where),
+        fit=loaded.fit, validate=loaded.validate,
+    )  # fmt: skip
+    made = {log.name: simulated(found.final, log, loaded.where) for log in (*loaded.fit, *loaded.validate)}
+    report = report_of(with_effects, found.final, {name: rms for name, (_, rms) in made.items()})
+    report |= {
+        "verdict": found.verdict, "named": [step.title for step in found.steps], "held_out_runs": found.errors,
+        "remarks": found.remarks, "candidates": [entry(one) for one in (*found.steps, *found.found.refused)],
+    }  # fmt: skip
+    if out is not None:
+        progress("writing the report", 0.95)
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(out / "report.json", report)
+        pictures = [
+            (data_url(png(residual(name, output, found.declaration.outputs[output].unit, table))), CAPTION)
+            for name, (table, rms) in made.items() for output in rms
+        ]  # fmt: skip
+        text = render(
+            "own_run.html.j2", title=f"Trace of {loaded.name}", report=report, pictures=pictures, steps=report["candidates"],
+            verdict=found.verdict,
+        )  # fmt: skip
+        (out / "report.html").write_text(text, encoding="utf-8")
+        (out / "model.toml").write_text(tomli_w.dumps(as_file(found, folder)), encoding="utf-8")
+        if (folder / "mapping.toml").is_file():
+            (out / "mapping.toml").write_bytes((folder / "mapping.toml").read_bytes())
+    progress("done", 1.0)
+    return found, report
+
+
+def entry(one: Judgment) -> dict[str, Any]:
+    """Numbers of an effect carry their errors; held-out errors of every output, before and with it."""
+    named = {name: one.fitted for name in one.candidate.numbers if name in one.fitted.names}
+    return {
+        "effect": one.title, "verdict": one.verdict, "why": one.why, "nats": one.nats, "by_chance": one.chance,
+        "nats_of_parts": one.gains.tolist(), "tied": one.tied,
+        "held_out": {name: {"before": before, "after": after, "t": t} for name, (before, after, t) in one.errors.items()},
+        "numbers": {name: {"value": fitted.value(name), "standard_error": fitted.error(name)} for name, fitted in named.items()},
+    }  # fmt: skip
+
+
+def as_file(found: OwnTrace, folder: Path) -> dict[str, Any]:
+    """The declaration with named effects in it, and the fitted numbers as starts."""
+    asked: Declaration = found.declaration
+    known = dict(zip(found.final.names, found.final.theta, strict=True))
+    parameters = {
+        name: table.model_copy(update={"start": float(known[name])}) if name in known else table
+        for name, table in asked.parameters.items()
+    }
+    states = {
+        name: state.model_copy(update={"guess": float(known[START + name])}) if START + name in known else state
+        for name, state in asked.states.items()
+    }
+    runs = asked.runs.model_copy(update={"folder": str((folder / asked.runs.folder).resolve())})
+    return asked.model_copy(update={"parameters": parameters, "states": states, "runs": runs}).model_dump(
+        by_alias=True, exclude_none=True, exclude_defaults=True
+    )

@@ -1,0 +1,162 @@
+"""What an operator files: the rows of every test with their sources, raw traces, and a manifest with hashes.
+
+    pack.json, pack.html      rows by test; OMCT's points
+    traces/*.csv              the records that the rows come from
+    manifest.json             SHA-256 and size of every file of the folder, machine file and versions
+
+A simulation qualifies no device: the pack shows what a device's own would hold, and what the rule has no number for.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import html
+import json
+import platform
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import polars as pl
+import tomli_w
+
+from compensation import Compensator
+from hexsim import __version__
+from hexsim.cueing.washout import Washout
+from hexsim.declaration import Machine
+from hexsim.errors import HexsimError
+from hexsim.files.atomic import write_text
+from hexsim.machine.files import machine_tables
+from hexsim.qualification import part60
+from hexsim.qualification.battery import Findings
+from hexsim.qualification.omct import SOURCE, Point, machine_response, omct
+from hexsim.qualification.rig import MachineRig
+from hexsim.qualification.rows import NO_LIMIT, Row
+
+OWN = "[S] 14 CFR Part 60, app. A, table A2A, {}: as specified by the applicant; the limit shown is the applicant's own"
+OWNED = {"describing function": "3.a", "leg balance": "3.b", "turn-around": "3.c"}
+Progress = Callable[[float], None]
+
+
+def pack_rows(found: Findings) -> list[Row]:
+    """The battery's rows as they are filed: what the rule leaves to the applicant says so, what has no number too."""
+    rows = []
+    for row in found.rows:
+        if row.test == "repeatability":
+            continue  # tested under the rule's own conditions in the pack
+        if row.test in OWNED:
+            row = Row(**{**asdict(row), "source": OWN.format(OWNED[row.test])})
+        elif row.source == NO_LIMIT:
+            row = Row(**{**asdict(row), "source": part60.NO_NUMBER})
+        rows.append(row)
+    return rows
+
+
+def write_pack(
+    machine: Machine, found: Findings, out: str | Path, *, compensator: str | Compensator = "none",
+    flight: Washout | None = None, ground: Washout | None = None, pilot_m: tuple[float, float, float] = part60.PILOT_m,
+    progress: Progress = lambda fraction: None,
+) -> dict[str, Any]:  # fmt: skip
+    """Run the tests beyond the battery's and write the pack into the folder `out`; returns what pack.json holds.
+
+    found: of the battery on the same machine. flight, ground: washouts of the two modes; ground None: as in flight, and one
+    mode is tested. pilot_m: the pilot's reference point from the vehicle's centre of gravity, forward, left, up.
+    """
+    if not machine.mechanics.has_platform:
+        raise HexsimError(f"machine {machine.name} has no platform: a pack is filed for one that carries people")
+    rig, flight = MachineRig(machine, compensator), flight or Washout()
+    modes = {"flight": flight} if ground is None or ground == flight else {"flight": flight, "ground": ground}
+    rows, traces = pack_rows(found), []
+    for n, (mode, washout) in enumerate(modes.items()):
+        start = 0.4 * n / len(modes)
+        more, records = part60.repeatability(
+            rig, washout, mode, pilot_m=pilot_m, progress=lambda f, start=start: progress(start + 0.4 * f / len(modes))
+        )
+        rows, traces = rows + more, traces + records
+    for made in (part60.onset(machine, compensator), part60.noise(rig)):
+        rows, traces = rows + made[0], traces + made[1]
+        progress(0.5)
+    rows += part60.envelope(machine)
+    response = machine_response(found.curves["describing_function"])
+    points = omct(flight, machine.controller.rate_Hz, response, progress=lambda f: progress(0.5 + 0.5 * f))
+    result = {
+        "machine": machine.name, "compensator": compensator if isinstance(compensator, str) else compensator.name,
+        "modes": list(modes), "one_mode": len(modes) == 1, "pilot_m": list(pilot_m),
+        "rows": [asdict(row) | {"passed": row.passed} for row in rows],
+        "omct": {"source": SOURCE, "points": [asdict(point) for point in points]},
+    }  # fmt: skip
+    _write(Path(out), result, rows, points, traces, machine)
+    return result
+
+
+def _write(
+    folder: Path, result: dict[str, Any], rows: Sequence[Row], points: Sequence[Point],
+    traces: Sequence[part60.Trace], machine: Machine,
+) -> None:  # fmt: skip
+    (folder / "traces").mkdir(parents=True, exist_ok=True)
+    for trace in traces:
+        frame = pl.DataFrame({name: np.asarray(values, dtype=float) for name, values in trace.columns.items()})
+        write_text(folder / "traces" / f"{trace.name}.csv", frame.write_csv(float_precision=9))
+    write_text(folder / "machine.toml", tomli_w.dumps(machine_tables(machine)))
+    write_text(folder / "pack.json", json.dumps(result, indent=1, allow_nan=False))
+    write_text(folder / "pack.html", page(result, rows, points))
+    write_manifest(folder)
+
+
+def write_manifest(folder: Path) -> None:
+    """manifest.json: every other file of the folder with its size and SHA-256, and what made them."""
+    files = {
+        path.relative_to(folder).as_posix(): {
+            "bytes": path.stat().st_size, "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        }
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != "manifest.json"
+    }  # fmt: skip
+    versions = {"hexsim": __version__, "mujoco": mujoco.__version__, "python": platform.python_version()}
+    write_text(folder / "manifest.json", json.dumps({"versions": versions, "files": files}, indent=1))
+
+
+def changed_files(folder: Path) -> list[str]:
+    """Names of files that are not what the manifest says, missing ones and those that it does not name among them."""
+    named = json.loads((folder / "manifest.json").read_text())["files"]
+    there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} - {"manifest.json"}
+    return sorted(
+        name
+        for name in there | set(named)
+        if name not in named or name not in there
+        or hashlib.sha256((folder / name).read_bytes()).hexdigest() != named[name]["sha256"]
+    )  # fmt: skip
+
+
+def page(result: dict[str, Any], rows: Sequence[Row], points: Sequence[Point]) -> str:
+    """pack.html: rows in a table that scrolls by itself, OMCT below."""
+
+    def cell(value: Any) -> str:
+        text = "–" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+        return f"<td>{html.escape(text)}</td>"
+
+    verdict = {True: "within", False: "<b>outside</b>", None: "reported"}
+    body = "".join(
+        f"<tr>{''.join(map(cell, (r.test, r.axis, r.figure, r.value, r.limit, r.unit)))}"
+        f"<td>{verdict[r.passed]}</td>{cell(r.source)}</tr>"
+        for r in rows
+    )
+    cues = "".join(
+        f"<tr>{''.join(map(cell, (p.test, p.frequency_rad_s, p.modulus, p.phase_deg)))}</tr>" for p in points
+    )
+    modes = "one mode: ground and flight have the same washout" if result["one_mode"] else "ground and flight"
+    title = html.escape(f"Qualification pack of {result['machine']}, compensator {result['compensator']}")
+    return f"""<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>{title}</title><style>
+:root {{ color-scheme: light dark }} body {{ font: 15px/1.5 sans-serif; margin: 1rem auto; max-width: 75rem; padding: 0 1rem }}
+.scroll {{ overflow-x: auto }} table {{ border-collapse: collapse }} td, th {{ text-align: left; padding: .2rem .7rem .2rem 0 }}
+td {{ border-top: 1px solid #8884 }}</style>
+<h1>{title}</h1>
+<p>A simulation; it qualifies no device. Motion modes tested: {modes}. Pilot's reference point {result["pilot_m"]} m forward,
+left and up of the vehicle's centre of gravity. Records in traces/, hashes in manifest.json.</p>
+<h2>Tests</h2><div class="scroll"><table><tr><th>test<th>axis<th>figure<th>value<th>limit<th>unit<th><th>source</tr>{body}</table></div>
+<h2>Objective motion cueing test</h2><p>{html.escape(SOURCE)}</p>
+<div class="scroll"><table><tr><th>test<th>rad/s<th>modulus<th>phase [deg]</tr>{cues}</table></div></html>"""

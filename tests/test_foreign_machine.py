@@ -1,0 +1,139 @@
+"""examples/foreign_machine.py: a machine that is written from the protocol's page alone, spoken to by hexsim's own packets."""
+
+import ast
+import importlib.util
+import random
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexsim.motion_computer.errors import Error
+from hexsim.motion_computer.host_packet import HostCommand, unpack_reply
+from hexsim.motion_computer.states import State
+from hexsim.motion_computer.telemetry import Telemetry, unpack_telemetry
+
+PATH = Path(__file__).parents[1] / "examples" / "foreign_machine.py"
+PERIOD_s = 0.02
+
+
+def loaded():
+    spec = importlib.util.spec_from_file_location("foreign_machine", PATH)
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+class Host:
+    """Sends a packet every PERIOD_s of host time, and keeps replies and rows."""
+
+    def __init__(self, machine) -> None:
+        self.machine, self.sequence, self.time_s = machine, 0, 5.0
+        self.sent, self.rows, self.replies = [], [], []
+        machine.socket = self
+
+    def sendto(self, data: bytes, peer) -> None:
+        self.sent.append(data)
+
+    def send(self, heave_m: float = 0.0, command: str = "none", after_s: float = PERIOD_s):
+        self.time_s += after_s
+        asked = (0.0, 0.0, heave_m, 0.0, 0.0, 0.0)
+        packet = HostCommand(sequence=self.sequence, time_s=self.time_s, setpoints=asked, command=command).pack()
+        self.machine.answer(packet, ("127.0.0.1", 1))
+        self.sequence += 1
+        *rows, reply = self.sent
+        self.sent = []
+        self.rows += [unpack_telemetry(row) for row in rows]
+        self.replies.append(unpack_reply(reply))
+        return self.replies[-1]
+
+    def until(self, state: State, command: str = "none"):
+        reply = self.send(command=command)
+        for _ in range(1000):
+            if reply.state == state and reply.arrived:
+                return reply
+            reply = self.send()
+        raise AssertionError(f"{state.name} not reached")
+
+
+@pytest.fixture
+def host():
+    computer = loaded().Computer(0, 2e-12)
+    computer.socket.close()
+    return Host(computer)
+
+
+def test_it_imports_nothing_of_hexsim():
+    """Its modules are Python's own."""
+    tree = ast.parse(PATH.read_text())
+    names = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
+    names += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    assert not [name for name in names if name.split(".")[0] in ("hexsim", "compensation", "mujoco", "numpy")]
+
+
+def test_it_starts_follows_and_settles(host):
+    """hexsim's decoders take every packet; the piston follows a sine as a first-order loop would, telemetry has no gap, and it
+    comes to rest."""
+    assert host.until(State.NEUTRAL, "start").pose[2] == pytest.approx(0.0, abs=1.5e-3)
+    host.send(command="run_normal")
+    begin = len(host.rows)
+    t = PERIOD_s * np.arange(300)
+    for value in 0.03 * np.sin(2 * np.pi * 0.5 * t):
+        assert host.send(value).state == State.NORMAL
+    rows = host.rows[begin + 500 :]
+    assert all(isinstance(row, Telemetry) for row in rows)
+    assert [b.sequence - a.sequence for a, b in zip(rows, rows[1:], strict=False)] == [1] * (len(rows) - 1)
+    y = np.array([row.rows[0, 1] for row in rows]) - 0.1
+    time = np.array([row.time_s for row in rows])
+    wave = np.vstack([np.sin(np.pi * time), np.cos(np.pi * time), np.ones(len(time))]).T
+    a, b, _ = np.linalg.lstsq(wave, y, rcond=None)[0]
+    gain = 1.0 / np.hypot(1.0, np.pi / (50.0 * 0.15))  # Kp times the valve's velocity gain at half the supply
+    assert np.hypot(a, b) == pytest.approx(0.03 * gain, rel=0.08)
+    host.until(State.OFF, "settle")
+    assert host.replies[-1].pose[2] < -0.09
+
+
+def test_what_it_watches(host):
+    """Setpoints beyond its reach are held and said; a host that was silent is a fault, which shuts the valve until the reset."""
+    host.until(State.NEUTRAL, "start")
+    host.send(command="run_normal")
+    assert host.send(0.5).errors & Error.WORKSPACE
+    for _ in range(100):
+        host.send(0.5)
+    assert max(row.rows[0, 0] for row in host.rows) <= 0.1 + 0.085 + 1e-9
+    reply = host.send(0.0, after_s=0.5)
+    assert reply.state == State.FAULT and reply.errors & Error.HOST_TIMEOUT
+    assert host.rows[-1].rows[0, 4] == 0.0
+    assert host.send(command="start").refused
+    host.until(State.OFF, "reset")
+
+
+def test_other_bytes_are_ignored(host):
+    """Random bytes, cut packets and numbers that are none get no answer and move nothing."""
+    draw = random.Random(3)
+    good = HostCommand(sequence=0, time_s=1.0, setpoints=(0.0,) * 6).pack()
+    bad = HostCommand(sequence=0, time_s=1.0, setpoints=(0.0, 0.0, 0.5, 0.0, 0.0, 0.0)).pack()
+    nan = bad[:40] + b"\xff" * 8 + bad[48:]
+    for data in (b"", good[:40], nan, *(draw.randbytes(draw.randrange(200)) for _ in range(50))):
+        host.machine.answer(data, ("127.0.0.1", 1))
+    assert host.sent == [] and host.machine.machine.time_s == 0.0
+
+
+def test_over_a_socket():
+    """The same through UDP: a command is answered with telemetry and a reply."""
+    import socket
+
+    computer = loaded().Computer(0, 0.0)
+    thread = threading.Thread(target=computer.serve, args=(2,), daemon=True)
+    thread.start()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
+        own.settimeout(5.0)
+        for k in range(2):
+            own.sendto(HostCommand(sequence=k, time_s=1.0 + 0.02 * k, setpoints=(0.0,) * 6).pack(), computer.address)
+        got = [own.recv(9000) for _ in range(13)]
+    thread.join(5.0)
+    computer.socket.close()
+    assert sum(isinstance(unpack_telemetry(data), Telemetry) for data in got) == 11
+    assert unpack_reply(got[-1]).state == State.OFF

@@ -1,0 +1,149 @@
+"""`hexsim qualify --pack`: the conditions of the rule, OMCT against the washout's own transfer functions, the manifest."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from hexsim.cueing.washout import SMOOTHING_S, Washout
+from hexsim.machine import load_machine
+from hexsim.qualification import Findings, MachineRig, part60
+from hexsim.qualification.omct import TESTS, FREQUENCIES_rad_s, machine_response, omct
+from hexsim.qualification.pack import changed_files, pack_rows, page, write_manifest
+from hexsim.qualification.rows import APPLICANT, COMMON_TURN, NO_LIMIT, Row
+
+G = 9.81
+W = (0.631, 3.981)  # of OMCT's frequencies, below and above the washout's corners
+
+
+@pytest.fixture(scope="module")
+def points():
+    """OMCT at two frequencies, slow enough in tilt for no rate limit, of a machine that does what it is asked."""
+    washout = Washout(tilt_rate_rad_s=10.0)
+    return washout, {
+        (point.test, point.frequency_rad_s): point.modulus * np.exp(1j * np.radians(point.phase_deg))
+        for point in omct(washout, 500.0, lambda axis, w: 1.0 + 0.0j, W)
+    }
+
+
+def quick(washout, k, s):
+    """Displacement by acceleration: the translation's high pass."""
+    w = washout.high_pass_rad_s[k]
+    return s / ((s**2 + 2.0 * w * s + w**2) * (s + washout.back_rad_s))
+
+
+def lean(washout, s):
+    w = washout.low_pass_rad_s
+    return w**2 / (s**2 + 2.0 * w * s + w**2) / (SMOOTHING_S * s + 1.0) ** 2
+
+
+@pytest.mark.parametrize("w", W)
+def test_omct_is_the_washouts_transfer_function(points, w):
+    """Heave, surge with its leaning, pitch by surge, yaw, and surge force that pitch leaves: modulus and phase of the written
+    equations within 2 % and 2 deg (the filters are sampled at 500 Hz)."""
+    washout, found = points
+    s, scale = 1j * w, washout.scale
+    turn = s * s / ((s + washout.turn_rad_s) * (s + washout.back_rad_s))  # rate from rate
+    expected = {
+        "10 heave from heave": scale * s**2 * quick(washout, 2, s),
+        "6 surge from surge": scale * (s**2 * quick(washout, 0, s) + lean(washout, s)),
+        "7 pitch from surge": -scale * s * lean(washout, s) / G,
+        "9 roll from sway": scale * s * lean(washout, s) / G,
+        "5 yaw from yaw": scale * turn,
+        "2 surge force from pitch": -G * scale * turn / s,
+    }
+    for title, value in expected.items():
+        assert abs(found[title, w] / value - 1.0) < 0.03, title
+
+
+def test_omct_has_the_published_frequencies_and_ten_tests():
+    """Twelve frequencies, five a decade (a factor of 10^0.2 each), from 0.1 rad/s; ten tests."""
+    ratios = np.diff(np.log10(FREQUENCIES_rad_s))
+    assert FREQUENCIES_rad_s[0] == 0.1 and ratios == pytest.approx([0.2] * 11, abs=2e-3) and len(TESTS) == 10
+
+
+def test_the_machines_response_comes_in_by_its_describing_function():
+    """Of a lag of 50 ms: gain and phase at a tested frequency, between two within 3 %; at a tenth of the lowest to half a
+    per cent."""
+    frequency = [0.5, 1.0, 2.0, 5.0]
+    lag = [1.0 / (1.0 + 0.05j * 2.0 * math.pi * f) for f in frequency]
+    curve = {
+        "frequency_Hz": frequency, "gain_dB": [20.0 * math.log10(abs(one)) for one in lag],
+        "phase_deg": [math.degrees(np.angle(one)) for one in lag],
+    }  # fmt: skip
+    found = machine_response({"z": curve})
+    for f, tolerance in ((1.0, 1e-6), (1.4, 0.03), (0.05, 0.005)):
+        assert abs(found("z", 2.0 * math.pi * f) - 1.0 / (1.0 + 0.1j * math.pi * f)) < tolerance
+
+
+@pytest.mark.parametrize("axis", part60.AXES)
+def test_the_signal_has_the_rules_amplitudes_before_the_pilots_place(axis):
+    """At the centre of gravity at least 0.3 g, or 10 deg/s with 5 deg/s2; at the pilot a turn adds dw/dt x r + w x (w x r)."""
+    time, force, turn, change = part60.signal_of(axis, 500.0, (1.5, 0.5, 1.0))
+    k = part60.AXES.index(axis)
+    if k < 3:
+        assert np.abs(force[:, k]).max() >= 0.3 * G and not turn.any()
+        return
+    rates, changes = np.abs(turn[:, k - 3]).max(), np.abs(change[:, k - 3]).max()
+    assert math.degrees(rates) >= 10.0 and math.degrees(changes) >= 5.0
+    numerical = np.gradient(turn[:, k - 3], time)
+    assert np.abs(numerical - change[:, k - 3])[1:-1].max() < 1e-3 * changes
+    arm, w, a = np.array([1.5, 0.5, 1.0]), turn[2000], change[2000]
+    assert force[2000] == pytest.approx(np.cross(a, arm) + w * (w @ arm) - arm * (w @ w), abs=1e-12)
+
+
+@pytest.fixture(scope="module")
+def machine():
+    return load_machine("micro_motion_system")
+
+
+def test_repeatability_of_a_simulated_machine(machine):
+    """Heave under the rule's conditions: two runs differ by their sensors' noise, below 0.05 g and not by nothing; the trace
+    holds both."""
+    rows, traces = part60.repeatability(MachineRig(machine), Washout(), "flight", axes=("z",))
+    assert 0.0 < rows[0].value < 0.05 and rows[0].passed and "3.d" in rows[0].source
+    columns = traces[0].columns
+    assert np.abs(columns["first_z_m_s2"] - columns["second_z_m_s2"]).max() > 0.0
+    assert np.abs(columns["first_z_m_s2"]).max() > 0.3  # it moves: 0.3 of 0.3 g through the washout at 1 Hz
+
+
+def test_onset_after_a_packet(machine):
+    """Heave and roll set in after their packet and within a quarter of a second (plain control, with overlap); the asked
+    acceleration itself reaches the share at asin(0.1)/2 pi of a second, and the platform not before."""
+    rows, traces = part60.onset(machine, axes=("z", "roll"))
+    least = 1e3 * math.asin(part60.ONSET_SHARE) / (2.0 * math.pi)
+    assert [row.limit for row in rows] == [150.0, 100.0] * 2
+    assert all(row.value is not None and least < row.value < 250.0 for row in rows)
+    assert set(traces[1].columns) == {"time_s", "asked_rad_s2", "platform_rad_s2"}
+
+
+def test_rows_say_whose_their_limits_are():
+    """The applicant's own, no published number, and the repeatability of the battery left out."""
+    rows = [
+        Row(test="turn-around", axis="heave z", figure="a", value=1.0, unit="m/s²", limit=2.0, source=COMMON_TURN),
+        Row(test="describing function", axis="x", figure="a", value=1.0, unit="Hz", source=APPLICANT),
+        Row(test="linearity", axis="z", figure="a", value=1.0, unit="%", source=NO_LIMIT),
+        Row(test="repeatability", axis="z", figure="a", value=1.0, unit="m/s²", limit=0.5),
+    ]
+    filed = pack_rows(Findings(rows=rows))
+    assert [row.test for row in filed] == ["turn-around", "describing function", "linearity"]
+    assert "3.c" in filed[0].source and "applicant's own" in filed[0].source and filed[0].limit == 2.0
+    assert filed[2].source == "no published number"
+    result = {"machine": "<b>", "compensator": "none", "one_mode": True, "pilot_m": [1, 2, 3]}
+    assert "&lt;b&gt;" in page(result, filed, []) and "<b>," not in page(result, filed, [])
+
+
+def test_the_manifest_finds_what_was_changed(tmp_path):
+    """A byte changed, a file gone and one that came are named; nothing where nothing was touched."""
+    for name in ("pack.json", "traces/a.csv", "traces/b.csv"):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(name)
+    write_manifest(tmp_path)
+    assert changed_files(tmp_path) == []
+    assert json.loads((tmp_path / "manifest.json").read_text())["files"]["traces/a.csv"]["bytes"] == 12
+    (tmp_path / "pack.json").write_text("pack.jsom")
+    (tmp_path / "traces/a.csv").unlink()
+    (tmp_path / "c").write_text("")
+    assert changed_files(tmp_path) == ["c", "pack.json", "traces/a.csv"]
