@@ -20,10 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 NO_LOAD = np.zeros(0)  # `Sample.load_preview_m_s2` of a leg that carries nothing of what other legs move
-MEASURED_LOAD_TICKS = 5  # by which `Sample.load_of_others_m_s2` lies behind: the middle of the parabola it comes from
-_SPAN = 2 * MEASURED_LOAD_TICKS + 1
-# noise of that parabola's second derivative, of a reading with noise 1 a tick: sqrt(720/(n (n^2 - 1) (n^2 - 4)))
-MEASURED_LOAD_NOISE = math.sqrt(720.0 / (_SPAN * (_SPAN**2 - 1) * (_SPAN**2 - 4)))
+MEASURED_TICKS = 5  # by which `Sample.speeds_m_s` lie behind: the middle of the parabola they come from
 Parameters = dict[str, Any]  # numbers, lists of numbers, strings: what JSON and TOML can hold
 
 
@@ -50,8 +47,10 @@ class Sample:
     pressure_top_Pa: float = 0.0  # measured, of a rod side on a four-way valve
     # (n,) or none: load that the setpoints of all legs give this one, over the mass that it has when all move alike
     load_preview_m_s2: np.ndarray = field(default_factory=lambda: NO_LOAD)
-    # what the other legs gave it, from all legs' measured positions, `MEASURED_LOAD_TICKS` ago; over the same mass
-    load_of_others_m_s2: float = 0.0
+    # of a platform's legs `MEASURED_TICKS` ago: P1 A1 - P2 A2 (n,), speeds (n,), and this one's load by the pose alone, over that mass
+    forces_N: np.ndarray = field(default_factory=lambda: NO_LOAD)
+    speeds_m_s: np.ndarray = field(default_factory=lambda: NO_LOAD)
+    load_of_pose_m_s2: float = 0.0
 
     def __post_init__(self) -> None:
         floats = (
@@ -101,7 +100,10 @@ class Context:
     own_load: float = (
         1.0  # share of its mass that a leg of a platform feels of its own acceleration, the others at rest
     )
-    load_of_others: float = 0.0  # root of the summed squares of the shares that it feels of each other leg's
+    own_mobility: float = 1.0  # the same while the others' forces are held
+    # (n,) of a platform: acceleration that each leg's force gives this one, over that by its own
+    mobility: tuple[float, ...] = field(default=(), compare=False)
+    leg: int = field(default=0, compare=False)  # of the platform, from 0
     load_over_weight: float = (
         1.0  # that mass times gravity over the force that holds it, by the declared geometry and body
     )

@@ -32,9 +32,13 @@ class EstimatedState:
 
 
 @compiled
-def tick_first(states, table, preview, loads, of_others, setpoint, position, valve, bottom, top, supply, forward):
+def tick_first(
+    states, table, preview, loads, pose, forces, speeds, setpoint, position, valve, bottom, top, supply, forward
+):  # fmt: skip
     """`tick_of` of states (1,)."""
-    return tick_of(states[0], table, preview, loads, of_others, setpoint, position, valve, bottom, top, supply, forward)
+    return tick_of(
+        states[0], table, preview, loads, pose, forces, speeds, setpoint, position, valve, bottom, top, supply, forward
+    )
 
 
 @compiled
@@ -66,14 +70,18 @@ class Estimated(Compensator):
         state = EstimatedState(context)
         settings = state.numbers.settings
         for name in settings.dtype.names:
-            settings[name] = getattr(self if hasattr(self, name) else context, name)
+            if name != "legs":
+                settings[name] = getattr(self if hasattr(self, name) else context, name)
+        settings["legs"] = len(context.mobility)
+        state.numbers.mobility[: len(context.mobility)] = context.mobility
         start_first(state.states)
         return state
 
     def step(self, state: EstimatedState, sample: Sample) -> tuple[float, EstimatedState]:
         volts = tick_first(
             state.states, prediction_table(), np.asarray(sample.preview_m, float),
-            np.asarray(sample.load_preview_m_s2, float), sample.load_of_others_m_s2, sample.setpoint_m,
+            np.asarray(sample.load_preview_m_s2, float), sample.load_of_pose_m_s2,
+            np.asarray(sample.forces_N, float), np.asarray(sample.speeds_m_s, float), sample.setpoint_m,
             sample.position_m, sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_top_Pa,
             sample.pressure_supply_Pa, sample.feed_forward_V,
         )  # fmt: skip

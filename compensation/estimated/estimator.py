@@ -7,11 +7,11 @@ at the last it goes on for as long as the machine moves, with the last `WINDOWS`
 
 from __future__ import annotations
 
-from math import sqrt
+from math import exp, sqrt
 
 import numpy as np
 
-from ..compensator import MEASURED_LOAD_NOISE, MEASURED_LOAD_TICKS
+from ..compensator import MEASURED_TICKS
 from ..compiled import compiled
 from .fit import (
     LEAD,
@@ -28,7 +28,23 @@ from .fit import (
     tick_window,
 )  # fmt: skip
 from .layout import HISTORY, WAITING, WINDOWS
-from .leg import LN_SPOOL, N_NUMBERS, PLAY, S_FOUR_WAY, ZETA
+from .leg import (
+    COULOMB_DN,
+    COULOMB_UP,
+    HOLD,
+    LN_REG,
+    LN_SPOOL,
+    LN_STRIBECK,
+    MASS,
+    N_NUMBERS,
+    PLAY,
+    S_FOUR_WAY,
+    STATIC_DN,
+    STATIC_UP,
+    VISCOUS_DN,
+    VISCOUS_UP,
+    ZETA,
+)  # fmt: skip
 from .prior import add_prior, fill_prior
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
@@ -51,15 +67,14 @@ BACK = 60  # ticks by which a window may begin earlier to begin in motion
 LATE = WINDOW + BACK + HALF_SPAN + LEAD
 NOISE_STEP = 0.01  # of the running median of fourth differences, a tick
 FORGET_TICKS = 2000.0
-MISSED_m_s2 = 0.1  # of another leg's bump, by a parabola over 20 ms: a tenth to a fifth of bumps of 0.5 to 1 m/s2
+FRICTION_ERROR = 0.2  # of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10
 # a parabola through nine readings: its value and slope [1/tick] at the first
 START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasing=True))[:2]
 
 
 @compiled
-def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, extra, volts_before):
-    """One tick into the history. extra: load by the other legs,
-    MEASURED_LOAD_TICKS ago. volts_before: what was sent at the tick before."""
+def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, volts_before):
+    """One tick into the history. volts_before: what was sent at the tick before."""
     k = past.ticks & (HISTORY - 1)
     if past.ticks == 0:
         past.supply_mean_Pa = supply_Pa
@@ -68,12 +83,20 @@ def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, extra, volts_before):
     past.supply_mean_Pa += 0.1 * (supply_Pa - past.supply_mean_Pa)
     past.position_m[k], past.bottom_Pa[k], past.top_Pa[k] = position_m, bottom_Pa, top_Pa
     past.supply_Pa[k] = past.supply_mean_Pa
-    past.extra_m_s2[(past.ticks - MEASURED_LOAD_TICKS) & (HISTORY - 1)] = extra
     past.volts[(past.ticks - 1) & (HISTORY - 1)] = volts_before
     past.ticks += 1
     if past.ticks > 8:
         past.noise_m = _median_step(past.noise_m, past.position_m, k)
         past.noise_Pa = _median_step(past.noise_Pa, past.bottom_Pa, k)
+
+
+@compiled
+def watch_legs(past, pose_m_s2, forces_N, speeds_m_s):
+    """The platform's legs MEASURED_TICKS before this tick into the history."""
+    k = (past.ticks - 1 - MEASURED_TICKS) & (HISTORY - 1)
+    past.pose_m_s2[k] = pose_m_s2
+    for i in range(len(forces_N)):
+        past.forces_N[k, i], past.speeds_m_s[k, i] = forces_N[i], speeds_m_s[i]
 
 
 @compiled
@@ -135,7 +158,10 @@ def collect(s):
             past.bottom_Pa[k],
             past.top_Pa[k],
         )
-        window.supply_Pa[j], window.extra_m_s2[j] = past.supply_Pa[k], past.extra_m_s2[k]
+        window.supply_Pa[j], window.pose_m_s2[j] = past.supply_Pa[k], past.pose_m_s2[k]
+        if s.platform:
+            window.forces_N[j] = past.forces_N[k]
+            window.speeds_m_s[j] = past.speeds_m_s[k]
         mean += past.bottom_Pa[k] * settings.area_bottom_m2 - past.top_Pa[k] * settings.area_top_m2
     for j in range(LEAD + WINDOW):
         window.volts[j] = past.volts[(at - LEAD + j) & m]
@@ -171,6 +197,53 @@ def _take_waiting(s):
 
 
 @compiled
+def friction(n, v):
+    """Steady friction [N] of numbers n (N_NUMBERS,) at speed v [m/s]."""
+    up = v >= 0.0
+    reg = exp(n[LN_REG])
+    dry = n[COULOMB_UP if up else COULOMB_DN] + n[STATIC_UP if up else STATIC_DN] * exp(-abs(v) / exp(n[LN_STRIBECK]))
+    return dry * v / sqrt(v * v + reg * reg) + n[VISCOUS_UP if up else VISCOUS_DN] * v
+
+
+@compiled
+def _load_windows(s, numbers):
+    """What the other legs give this one in each window [N], by their measured forces less their friction, and how uncertain that is.
+
+    y'' = N/m (f - F0 - F - K y), N the mobility: of the others' motion only their friction is not measured. A leg of which nothing is
+    known yet is taken to be like this one, its F0 the mean of its forces.
+    """
+    fit, settings = s.fit, s.settings
+    doubt = 0.0
+    for i in range(settings.legs):
+        if i != settings.leg:
+            if not s.heard[i]:
+                s.others[i] = numbers
+            n = s.others[i]
+            dry = 0.5 * (n[COULOMB_UP] + n[COULOMB_DN] + n[STATIC_UP] + n[STATIC_DN])
+            doubt += (s.mobility[i] * dry) ** 2
+    fit.scale[N_NUMBERS + N_STATE :] = FRICTION_ERROR * sqrt(doubt)
+    for w in range(fit.count):
+        window = s.windows[w]
+        for k in range(WINDOW):
+            window.load_N[k] = numbers[MASS] * window.pose_m_s2[k]
+    for i in range(settings.legs):
+        if i == settings.leg:
+            continue
+        n = s.others[i]
+        hold = n[HOLD]
+        if not s.heard[i]:
+            hold = 0.0
+            for w in range(fit.count):
+                for k in range(WINDOW):
+                    hold += s.windows[w].forces_N[k, i] / (WINDOW * fit.count)
+        for w in range(fit.count):
+            window = s.windows[w]
+            for k in range(WINDOW):
+                net = window.forces_N[k, i] - hold - friction(n, window.speeds_m_s[k, i])
+                window.load_N[k] -= s.mobility[i] * net
+
+
+@compiled
 def _start_pass(s, numbers, fresh):
     """A pass at numbers; fresh: windows start from what they have, and nothing is known to compare with."""
     fit = s.fit
@@ -185,8 +258,8 @@ def _start_pass(s, numbers, fresh):
     fit.starts = N_STATE
     if s.platform:
         fit.starts = N_START
-        noise = MEASURED_LOAD_NOISE * s.past.noise_m / s.settings.tick_s**2
-        fit.scale[N_NUMBERS + N_STATE :] = s.settings.load_of_others * sqrt(noise * noise + MISSED_m_s2 * MISSED_m_s2)
+        if fresh:
+            _load_windows(s, numbers)
     fit.at_window = fit.at_tick = 0
     fit.running = 1
 
@@ -200,7 +273,7 @@ def _work_tick(s):
     if k == 0:
         behind_backlash(window.volts, trial.numbers[PLAY], fit.arriving, fit.by_half)
         begin_window(
-            fit.x, fit.S, trial.numbers, s.sheet, trial.start[n], fit.arriving, fit.by_half, fit.d_now, fit.d_before
+            fit.x, fit.S, trial.numbers, s.fit_sheet, trial.start[n], fit.arriving, fit.by_half, fit.d_now, fit.d_before
         )
         fit.A[:, :] = 0.0
         fit.B[:, :] = 0.0
@@ -209,15 +282,15 @@ def _work_tick(s):
         fit.b[:] = 0.0
         trial.chi[n, 0] = trial.chi[n, 1] = 0.0
     read_tick(
-        fit.x, fit.S, trial.numbers, s.sheet, fit.scale, fit.starts, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
+        fit.x, fit.S, trial.numbers, s.fit_sheet, fit.scale, fit.starts, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
         s.past.noise_m * heat, s.past.noise_Pa * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
     )  # fmt: skip
     fit.at_tick += 1
     if fit.at_tick < WINDOW:
         tick_window(
-            fit.x, fit.S, k, fit.d_now, fit.d_before, trial.numbers, s.sheet, trial.start[n], fit.starts,
+            fit.x, fit.S, k, fit.d_now, fit.d_before, trial.numbers, s.fit_sheet, trial.start[n], fit.starts,
             fit.arriving, fit.by_half, window.supply_Pa[k],
-            window.extra_m_s2[k], fit.w,
+            window.load_N[k], fit.w,
         )  # fmt: skip
         return
     trial.cost += trial.chi[n, 0] + trial.chi[n, 1]

@@ -39,7 +39,7 @@ WINDOW, LEAD = 100, 150  # ticks of a window; volts before it, so that the side 
 N_STATE = 4  # of a start: y, v, P1, P2
 STATE_SCALE = (2e-5, 0.03, 3e4, 3e4)  # [m, m/s, Pa, Pa] prior of a start state about what is measured
 KNOT = 5  # ticks in which the error of the other legs' load is one number: half of the span from which it is measured
-N_START = N_STATE + WINDOW // KNOT  # a window's own: its start state, and on a platform those errors [m/s2]
+N_START = N_STATE + WINDOW // KNOT  # a window's own: its start state, and on a platform those errors [N]
 N_COLUMNS = N_NUMBERS + N_START
 MOST_RESIDUAL = 1e3  # standard deviations
 SLOPE_TICKS = 12  # of the volts, by which the side of the backlash is told at first
@@ -83,7 +83,7 @@ def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
 
 @compiled
 def tick_window(x, S, k, d_now, d_before, th, sheet, start, starts, arriving, by_half, supply, extra, w):
-    """One tick of a window: k of 0 to WINDOW - 1. start (N_START,): of which `starts` count."""
+    """One tick of a window, extra [N] by the other legs: k of 0 to WINDOW - 1. start (N_START,): of which `starts` count."""
     whole = int(th[DELAY] / sheet[S_TICK])
     split = th[DELAY] / sheet[S_TICK] - whole
     at = LEAD + k - whole

@@ -37,7 +37,7 @@ def low_pass(memory, x, sheet):
 @compiled
 def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, none, w, path):
     """Residuals r (4 AHEAD,) of volts U (AHEAD,) from the state x. before, older: the volts sent last. y, v (AHEAD + 1,): demanded at
-    the window's ticks. extra (AHEAD,): of other legs. path (AHEAD + 1, N_STATES) takes the states."""
+    the window's ticks. extra (AHEAD,): by the other legs [N]. path (AHEAD + 1, N_STATES) takes the states."""
     s[:] = x
     path[0, :] = x
     g0, g1 = filtered[0], filtered[1]
@@ -80,7 +80,24 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
         for j in range(i + 1):
             J[i, j] = -S[V, j]
         tangent(
-            s, S, i + 1, i + 1, False, th, sheet, U[i], last, split, d_now, d_before, 0.0, supply, extra[i], -1, blunt, w
+            s,
+            S,
+            i + 1,
+            i + 1,
+            False,
+            th,
+            sheet,
+            U[i],
+            last,
+            split,
+            d_now,
+            d_before,
+            0.0,
+            supply,
+            extra[i],
+            -1,
+            blunt,
+            w,
         )
         for j in range(i + 1):
             J[i, j] = (J[i, j] + S[V, j]) / tick_s

@@ -12,6 +12,7 @@ from .leg import N_NUMBERS, N_SHEET, N_STATES
 Record = Any
 HISTORY = 512  # ticks that are kept, a power of two: a window, its lead, and where it may begin earlier
 WINDOWS, WAITING = 20, 3  # windows that the fit sees; that wait for the end of a pass
+LEGS = 8  # of a platform, at most
 MOST_DELAY = 6  # whole ticks of a valve's delay
 QUEUE = AHEAD + MOST_DELAY + 2  # demanded motion from now on
 
@@ -21,14 +22,16 @@ SETTINGS = record(
     tank_pressure_Pa=f, bulk_modulus_Pa=f, pipeline_volume_m3=f, pipeline_volume_top_m3=f, four_way=f, position_error_m=f,
     pressure_noise_Pa=f, pressure_resolution_Pa=f, spool_frequency_Hz=f, stribeck_velocity_m_s=f, edge_V=f,
     velocity_gain_m_s_V=f, velocity_gain_V_s_per_m=f, velocity_pole=f, velocity_share=f, pressure_gain_V_per_Pa=f, pressure_pole=f,
-    pressure_share=f, controller_feeds_forward=f, learn=f, own_load=f, load_of_others=f, load_over_weight=f,
+    pressure_share=f, controller_feeds_forward=f, learn=f, own_load=f, own_mobility=f, load_over_weight=f, leg=i, legs=i,
 )  # fmt: skip
 PAST = record(
-    position_m=(f, (HISTORY,)), bottom_Pa=(f, (HISTORY,)), top_Pa=(f, (HISTORY,)), supply_Pa=(f, (HISTORY,)), extra_m_s2=(f, (HISTORY,)),
+    position_m=(f, (HISTORY,)), bottom_Pa=(f, (HISTORY,)), top_Pa=(f, (HISTORY,)), supply_Pa=(f, (HISTORY,)), pose_m_s2=(f, (HISTORY,)),
+    forces_N=(f, (HISTORY, LEGS)), speeds_m_s=(f, (HISTORY, LEGS)),
     volts=(f, (HISTORY,)), ticks=i, begin=i, odd=i, fastest_m_s=f, supply_mean_Pa=f, noise_m=f, noise_Pa=f, force_N=f, force_ticks=f,
 )  # fmt: skip
 WINDOW_DATA = record(
-    position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)), extra_m_s2=(f, (WINDOW,)),
+    position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)), pose_m_s2=(f, (WINDOW,)),
+    forces_N=(f, (WINDOW, LEGS)), speeds_m_s=(f, (WINDOW, LEGS)), load_N=(f, (WINDOW,)),
     volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)),
 )  # fmt: skip
 TRIAL = record(  # a pass over the windows at some numbers
@@ -67,7 +70,8 @@ EXPECTED = record(
     sigma=f, bump=f, left=f, sigma2=f, bump2=f, left2=f, halves=i, plain_V=f, acceleration=f,
 )  # fmt: skip
 STATE = record(
-    settings=SETTINGS, sheet=(f, (N_SHEET,)), past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
+    settings=SETTINGS, sheet=(f, (N_SHEET,)), fit_sheet=(f, (N_SHEET,)), mobility=(f, (LEGS,)), others=(f, (LEGS, N_NUMBERS)),
+    heard=(i, (LEGS,)), past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
     numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP,
     share=f, linear=f, platform=i, objected=i, wants=i,
 )  # fmt: skip

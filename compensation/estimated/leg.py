@@ -6,8 +6,8 @@ behind one bristle (LuGre without damping), regularised in velocity:
 
     z' = v - sqrt(v^2 + reg^2) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs)
 
-    m (r v' + e) = P1 A1 - P2 A2 - F - F0      m: while all legs of a platform move alike; r: share by this leg's own motion, declared;
-                                               e: by the others' [m/s2]. On a bench r = 1, e = 0.
+    r m v' = P1 A1 - P2 A2 - F - F0 - E        m: while all legs of a platform move alike; r, E: share of it that the leg moves by
+                                               itself and what the others give [N], their motion or their forces held; r = 1, E = 0 alone
     C1 P1' = Q1 - A1 v,   C2 P2' = Q2 + A2 v      a rod side at supply pressure has P2 = Ps
 
 Integrated by a semi-implicit Euler scheme of `SUBSTEPS` steps a tick: the same in estimation and inversion.
@@ -147,7 +147,24 @@ def warm_spool(x, S, th, sheet, arriving, by_half, first, last, d_now, d_before)
 
 @compiled
 def tangent(
-    x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, d_before, gain_y, supply, extra, knot, blunt_V, w
+    x,
+    S,
+    n,
+    moving,
+    numbers,
+    th,
+    sheet,
+    now_V,
+    before_V,
+    split,
+    d_now,
+    d_before,
+    gain_y,
+    supply,
+    extra,
+    knot,
+    blunt_V,
+    w,
 ):
     """`tick`, and S (N_STATES, n) with it, the state's derivatives by whatever its columns are.
 
@@ -264,7 +281,7 @@ def tangent(
         g = g if g > 0.1 else 0.1
         vr = sqrt(v * v + reg * reg)
         den = 1.0 + h * vr * sigma / g
-        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - th[MASS] * extra - sigma * x[Z] / den
+        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - extra - sigma * x[Z] / den
         below = 1.0 + h * (th[viscous] + sigma * h / den) / m
         v1 = (v + h * drive / m) / below
         z = x[Z]
@@ -309,12 +326,12 @@ def tangent(
             d = -hb
             Sv[HOLD] += d
             Sz[HOLD] += h * d / den
-            # by mass: v1 below = v + h drive/m, m = r MASS; d below = -(below - 1)/MASS; d(drive/m) = -(drive + MASS e)/(m MASS)
-            d = (v1 * (below - 1.0) - h * (drive + th[MASS] * extra) / m) / (th[MASS] * below)
+            # by mass: v1 below = v + h drive/m, m = r MASS; d below = -(below - 1)/MASS; d(drive/m) = -drive/(m MASS)
+            d = (v1 * (below - 1.0) - h * drive / m) / (th[MASS] * below)
             Sv[MASS] += d
             Sz[MASS] += h * d / den
         if knot >= 0:
-            d = -hb * th[MASS]
+            d = -hb
             Sv[knot] += d
             Sz[knot] += h * d / den
         x[V], x[Z] = v1, z1

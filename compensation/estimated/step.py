@@ -15,7 +15,7 @@ from ..adaptive.layout import MAX_LOOK, PREVIEW_TICKS
 from ..adaptive.loop_feedback import fed_back_V
 from ..adaptive.prediction import predict, start_prediction, watch_setpoint
 from ..compiled import compiled
-from .estimator import collect, watch, work
+from .estimator import collect, watch, watch_legs, work
 from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
 from .layout import QUEUE
@@ -70,7 +70,8 @@ SAY_TICKS, QUIET_TICKS = (
 @compiled
 def start(s):
     """Nothing known. s: a record of zeros with its settings."""
-    fill_sheet(s.sheet, s.settings)
+    fill_sheet(s.sheet, s.settings, s.settings.own_load)
+    fill_sheet(s.fit_sheet, s.settings, s.settings.own_mobility)
     s.past.noise_m = s.settings.position_error_m
     s.past.noise_Pa = max(sqrt(s.settings.pressure_noise_Pa**2 + s.settings.pressure_resolution_Pa**2 / 12.0), 1.0)
     s.past.noise_m = max(s.past.noise_m, 1e-8)
@@ -202,7 +203,7 @@ def _invert(s):
     for j in range(AHEAD + 1):
         inv.y[j], inv.v[j] = ref.position_m[whole + j], ref.velocity_m_s[whole + j]
     for j in range(AHEAD):
-        inv.extra[j] = ref.extra_m_s2[whole + j]
+        inv.extra[j] = s.numbers[MASS] * ref.extra_m_s2[whole + j]
     limit, supply = s.settings.voltage_max_V, s.past.supply_mean_Pa
     if not inv.running or abs(inv.x[Y] - inv.y[0]) > 5e-3:
         volts = _steady(inv.x, s, inv.y[0], inv.v[0], s.numbers)
@@ -242,7 +243,7 @@ def _expect(s, volts, last, left):
     whole = int(numbers[DELAY] / tick_s)
     split = numbers[DELAY] / tick_s - whole
     v, a = ref.velocity_m_s[whole], (ref.velocity_m_s[whole + 1] - ref.velocity_m_s[whole]) / tick_s
-    extra = ref.extra_m_s2[whole]
+    extra = numbers[MASS] * ref.extra_m_s2[whole]
     if not e.started:
         _steady(e.plain, s, ref.position_m[whole], v, numbers)
         _steady(e.x, s, ref.position_m[whole], v, numbers)
@@ -323,16 +324,31 @@ def _through_backlash(inv, volts, half):
 
 @compiled
 def tick_of(
-    s, table, preview, loads, of_others, setpoint_m, position_m, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V
+    s,
+    table,
+    preview,
+    loads,
+    pose_m_s2,
+    forces_N,
+    speeds_m_s,
+    setpoint_m,
+    position_m,
+    valve_V,
+    bottom_Pa,
+    top_Pa,
+    supply_Pa,
+    forward_V,
 ):
     """Volts to add. preview (n,), loads (n,) or none; everything else of the sample."""
     settings, ref, inv = s.settings, s.reference, s.inverse
     if s.sheet[S_FOUR_WAY] == 0.0:
         top_Pa = supply_Pa
-    s.platform = 1 if len(loads) > 2 else 0
+    s.platform = 1 if s.settings.legs > 1 else 0
     ahead, predicted = _setpoint_ahead(s, table, preview, QUEUE - 1)
     _advance(s, ahead, loads, predicted)
-    watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, of_others, valve_V)
+    watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, valve_V)
+    if s.platform:
+        watch_legs(s.past, pose_m_s2, forces_N, speeds_m_s)
     if settings.learn != 0.0:
         collect(s)
         work(s)
@@ -377,5 +393,7 @@ def tick_of(
 @compiled
 def hear_leg(s, other):
     """Legs of a platform engage together: one that does not want to keeps the others out."""
+    s.heard[other.settings.leg] = other.known.valid
+    s.others[other.settings.leg] = other.known.numbers
     if other.wants == 0:
         s.objected = QUIET_TICKS

@@ -15,17 +15,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from compensation.compensator import MEASURED_LOAD_TICKS
+from compensation.compensator import MEASURED_TICKS
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.machine.geometry import held_body
 from hexsim.mechanics.rigid_body import joint_wrenches, mass_matrix
 
 Array = NDArray[np.float64]
 NEUTRAL = np.zeros(6)
-SPAN = 2 * MEASURED_LOAD_TICKS + 1
-CURVATURE = (
-    2.0 * np.linalg.pinv(np.vander(np.arange(SPAN) - MEASURED_LOAD_TICKS, 3, increasing=True))[2]
-)  # of a parabola, a tick^2
+SPAN = 2 * MEASURED_TICKS + 1
+SLOPE = np.linalg.pinv(np.vander(np.arange(SPAN) - MEASURED_TICKS, 3, increasing=True))[1]  # of a parabola, a tick
 DISPLACED_m = 1e-4  # of a leg, for the derivative of the holding forces
 
 
@@ -90,9 +88,9 @@ class ExpectedLoad:
         )
 
     @cached_property
-    def others(self) -> Array:
-        """Shares (n, n) that each leg feels of each other's acceleration."""
-        return self.inertia - np.diag(np.diag(self.inertia))
+    def mobility(self) -> Array:
+        """Acceleration (n, n) of each leg for a force on each, times mass_kg [1]."""
+        return np.linalg.inv(self.inertia)
 
     def accelerations(self, setpoints: Array, tick_s: float) -> Array:
         """Load (m, n) [m/s2] at each tick of setpoints (m, n) [m]; at both ends that of the tick beside."""
@@ -102,7 +100,6 @@ class ExpectedLoad:
             load[0], load[-1] = load[1], load[-2]
         return load + (setpoints - self.neutral) @ self.stiffness.T
 
-    def of_others(self, positions: Array, tick_s: float) -> Array:
-        """Load (n,) [m/s2] that each leg was given by the others, of measured positions (SPAN, n) [m], at their middle."""
-        accelerations = CURVATURE @ positions / tick_s**2
-        return self.others @ accelerations + self.stiffness @ (positions[MEASURED_LOAD_TICKS] - self.neutral)
+    def of_pose(self, positions: Array) -> Array:
+        """Load (n,) [m/s2] of each leg at positions (n,) [m] for held forces of the others."""
+        return self.mobility @ (self.stiffness @ (positions - self.neutral)) / np.diag(self.mobility)
