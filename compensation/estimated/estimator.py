@@ -32,6 +32,7 @@ from .leg import (
     COULOMB_DN,
     COULOMB_UP,
     HOLD,
+    LN_BRISTLE,
     LN_REG,
     LN_SPOOL,
     LN_STRIBECK,
@@ -44,6 +45,8 @@ from .leg import (
     VISCOUS_DN,
     VISCOUS_UP,
     ZETA,
+    V,
+    Z,
 )  # fmt: skip
 from .prior import add_prior, fill_prior
 
@@ -162,9 +165,11 @@ def collect(s):
         if s.platform:
             window.forces_N[j] = past.forces_N[k]
             window.speeds_m_s[j] = past.speeds_m_s[k]
+            window.fitted[j] = 0
         mean += past.bottom_Pa[k] * settings.area_bottom_m2 - past.top_Pa[k] * settings.area_top_m2
     for j in range(LEAD + WINDOW):
         window.volts[j] = past.volts[(at - LEAD + j) & m]
+    window.first = at
     window.measured[:] = 0.0
     for j in range(9):
         window.measured[0] += START_Y_ROW[j] * window.position_m[j]
@@ -218,29 +223,29 @@ def _load_windows(s, numbers):
         if i != settings.leg:
             if not s.heard[i]:
                 s.others[i] = numbers
+                s.mean_N[i] = 0.0
+                for w in range(fit.count):
+                    for k in range(WINDOW):
+                        s.mean_N[i] += s.windows[w].forces_N[k, i] / (WINDOW * fit.count)
             n = s.others[i]
             dry = 0.5 * (n[COULOMB_UP] + n[COULOMB_DN] + n[STATIC_UP] + n[STATIC_DN])
             doubt += (s.mobility[i] * dry) ** 2
     fit.scale[N_NUMBERS + N_STATE :] = FRICTION_ERROR * sqrt(doubt)
     for w in range(fit.count):
         window = s.windows[w]
+        before = 0.0
         for k in range(WINDOW):
-            window.load_N[k] = numbers[MASS] * window.pose_m_s2[k]
-    for i in range(settings.legs):
-        if i == settings.leg:
-            continue
-        n = s.others[i]
-        hold = n[HOLD]
-        if not s.heard[i]:
-            hold = 0.0
-            for w in range(fit.count):
-                for k in range(WINDOW):
-                    hold += s.windows[w].forces_N[k, i] / (WINDOW * fit.count)
-        for w in range(fit.count):
-            window = s.windows[w]
-            for k in range(WINDOW):
-                net = window.forces_N[k, i] - hold - friction(n, window.speeds_m_s[k, i])
-                window.load_N[k] -= s.mobility[i] * net
+            load = numbers[MASS] * window.pose_m_s2[k]
+            for i in range(settings.legs):
+                if i != settings.leg:
+                    if window.fitted[k, i] == 0:
+                        window.others_N[k, i] = friction(s.others[i], window.speeds_m_s[k, i])
+                    hold = s.others[i, HOLD] if s.heard[i] else s.mean_N[i]
+                    load -= s.mobility[i] * (window.forces_N[k, i] - hold - window.others_N[k, i])
+            window.load_N[k] = load
+            if k > 0:
+                window.load_N[k - 1] = 0.5 * (before + load)  # it acts between two ticks
+            before = load
 
 
 @compiled
@@ -281,6 +286,10 @@ def _work_tick(s):
         fit.a[:] = 0.0
         fit.b[:] = 0.0
         trial.chi[n, 0] = trial.chi[n, 1] = 0.0
+    trial.friction_N[n, k] = (
+        exp(trial.numbers[LN_BRISTLE]) * fit.x[Z]
+        + fit.x[V] * trial.numbers[VISCOUS_UP if fit.x[V] >= 0.0 else VISCOUS_DN]
+    )
     read_tick(
         fit.x, fit.S, trial.numbers, s.fit_sheet, fit.scale, fit.starts, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
         s.past.noise_m * heat, s.past.noise_Pa * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
@@ -431,6 +440,7 @@ def _end_pass(s):
         for n in range(fit.count):
             s.windows[n].start[:] = trial.start[n]
             s.windows[n].chi[:] = trial.chi[n]
+            s.windows[n].friction_N[:] = trial.friction_N[n]
         if fit.stage == len(HEATS) - 1 and not fresh and not fit.trying:
             _keep_known(s)
     else:
@@ -474,3 +484,20 @@ def work(s):
         _work_tick(s)
         if fit.at_window >= fit.count:
             _end_pass(s)
+
+
+@compiled
+def hear_windows(s, other):
+    """What another leg has fitted of its friction, into the windows that both have seen."""
+    i = other.settings.leg
+    s.heard[i] = other.known.valid
+    s.others[i] = other.known.numbers
+    if not other.known.valid:
+        return
+    for w in range(s.fit.count):
+        for u in range(other.fit.count):
+            window, its = s.windows[w], other.windows[u]
+            shift = window.first - its.first
+            for k in range(max(0, -shift), min(WINDOW, WINDOW - shift)):
+                window.others_N[k, i] = its.friction_N[k + shift]
+                window.fitted[k, i] = 1

@@ -15,7 +15,7 @@ from ..adaptive.layout import MAX_LOOK, PREVIEW_TICKS
 from ..adaptive.loop_feedback import fed_back_V
 from ..adaptive.prediction import predict, start_prediction, watch_setpoint
 from ..compiled import compiled
-from .estimator import collect, watch, watch_legs, work
+from .estimator import collect, hear_windows, watch, watch_legs, work
 from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
 from .layout import QUEUE
@@ -393,7 +393,6 @@ def tick_of(
 @compiled
 def hear_leg(s, other):
     """Legs of a platform engage together: one that does not want to keeps the others out."""
-    s.heard[other.settings.leg] = other.known.valid
-    s.others[other.settings.leg] = other.known.numbers
+    hear_windows(s, other)
     if other.wants == 0:
         s.objected = QUIET_TICKS
