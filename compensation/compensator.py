@@ -97,16 +97,12 @@ class Context:
     velocity_filter_Hz: float = 60.0
     pressure_gain_V_per_Pa: float = 0.0
     pressure_high_pass_Hz: float = 1.0
-    own_load: float = (
-        1.0  # share of its mass that a leg of a platform feels of its own acceleration, the others at rest
-    )
-    own_mobility: float = 1.0  # the same while the others' forces are held
-    # (n,) of a platform: acceleration that each leg's force gives this one, over that by its own
-    mobility: tuple[float, ...] = field(default=(), compare=False)
-    leg: int = field(default=0, compare=False)  # of the platform, from 0
-    load_over_weight: float = (
-        1.0  # that mass times gravity over the force that holds it, by the declared geometry and body
-    )
+    # of a platform, by its geometry and body; legs that differ in these are alike
+    own_load: float = field(default=1.0, compare=False)  # share of its mass that a leg moves by itself, the others' motion held
+    own_mobility: float = field(default=1.0, compare=False)  # the same, their forces held
+    mobility: tuple[float, ...] = field(default=(), compare=False)  # (n,) acceleration by each leg's force, over that by its own
+    leg: int = field(default=0, compare=False)  # from 0
+    load_over_weight: float = field(default=1.0, compare=False)  # that mass times gravity over the force that holds it
     controller_feeds_forward: bool = False  # the plain controller follows the setpoint without the lag of its gain
     period_s: float | None = None
 

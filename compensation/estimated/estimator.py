@@ -48,7 +48,7 @@ from .leg import (
     V,
     Z,
 )  # fmt: skip
-from .prior import add_prior, fill_prior
+from .prior import LEGS_ALIKE, add_prior, fill_prior
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
 MOST_STEPS = 8  # passes of a stage
@@ -265,6 +265,7 @@ def _start_pass(s, numbers, fresh):
         fit.starts = N_START
         if fresh:
             _load_windows(s, numbers)
+            _take_told(s)
     fit.at_window = fit.at_tick = 0
     fit.running = 1
 
@@ -382,6 +383,50 @@ def _keep_known(s):
     known.sd[:] = fit.sd
     _misfit(fit, s.sheet[S_FOUR_WAY] != 0.0, known.chi2)
     known.valid = 1
+    if s.platform:
+        _keep_alone(fit, known)
+
+
+@compiled
+def _keep_alone(fit, known):
+    """What is known without the other legs: nobody is told what it has told."""
+    for a in range(N_NUMBERS):
+        for b in range(a + 1):
+            fit.L[a, b] = fit.best.H[a, b]
+        fit.L[a, a] -= fit.told_weight[a]
+    if not cholesky(fit.L, N_NUMBERS):
+        return
+    for a in range(N_NUMBERS):
+        fit.a[a] = fit.told_weight[a] * ((known.numbers[a] - fit.mean[a]) / fit.sd[a] - fit.told[a])
+    forward(fit.L, N_NUMBERS, fit.a)
+    backward(fit.L, N_NUMBERS, fit.a)
+    spread = max(1.0, known.chi2[0], known.chi2[1])
+    for k in range(N_NUMBERS):
+        known.alone[k] = (known.numbers[k] - fit.mean[k]) / fit.sd[k] + fit.a[k]
+    for k in range(N_NUMBERS):
+        fit.a[:] = 0.0
+        fit.a[k] = 1.0
+        forward(fit.L, N_NUMBERS, fit.a)
+        known.alone_variance[k] = 0.0
+        for j in range(k, N_NUMBERS):
+            known.alone_variance[k] += spread * fit.a[j] * fit.a[j]
+
+
+@compiled
+def _take_told(s):
+    """What the other legs know of the numbers, which are alike within LEGS_ALIKE: their mean is uncertain, and so is this leg beside it."""
+    fit, between = s.fit, LEGS_ALIKE * LEGS_ALIKE
+    for k in range(N_NUMBERS):
+        fit.told[k] = fit.told_weight[k] = 0.0
+        total = mean = 0.0
+        for i in range(s.settings.legs):
+            if s.heard[i] and i != s.settings.leg and k != HOLD:
+                weight = 1.0 / (between + s.alone_variance[i, k])
+                total += weight
+                mean += weight * s.alone[i, k]
+        if total > 0.0:
+            fit.told[k] = mean / total
+            fit.told_weight[k] = 1.0 / (between + 1.0 / total)
 
 
 @compiled
@@ -492,6 +537,7 @@ def hear_windows(s, other):
     i = other.settings.leg
     s.heard[i] = other.known.valid
     s.others[i] = other.known.numbers
+    s.alone[i], s.alone_variance[i] = other.known.alone, other.known.alone_variance
     if not other.known.valid:
         return
     for w in range(s.fit.count):

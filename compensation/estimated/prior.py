@@ -66,6 +66,7 @@ USUAL_SPOOL_HZ = 65.0
 # friction up and down are alike within this share of their own standard deviation, gains too; mass and held force by gravity
 PAIRS = ((COULOMB_UP, COULOMB_DN), (STATIC_UP, STATIC_DN), (VISCOUS_UP, VISCOUS_DN), (GAIN_UP, GAIN_DN))
 PAIR_SD = (0.3, 0.3, 0.3, 0.25)
+LEGS_ALIKE = 0.3  # of a number's standard deviation between machines: that between the legs of one machine
 DRIFT = 0.1  # of a number between two runs: oil's temperature, wear
 HOLD_SHARE, MASS_SHARE, MASS_PAIR = (
     0.05,
@@ -155,13 +156,17 @@ def fill_prior(fit, settings, hold_N):
 
 @compiled
 def add_prior(fit, numbers, H, g):
-    """The prior's information into H (lower) and g, in prior units; returns its cost."""
+    """The prior's information, and what other legs told, into H (lower) and g, in prior units; returns its cost."""
     cost = 0.0
     for k in range(N_NUMBERS):
         d = (numbers[k] - fit.mean[k]) / fit.sd[k]
         cost += d * d
         H[k, k] += 1.0
         g[k] -= d
+        e = d - fit.told[k]
+        cost += fit.told_weight[k] * e * e
+        H[k, k] += fit.told_weight[k]
+        g[k] -= fit.told_weight[k] * e
     for p in range(5):
         if p < 4:
             a, b = PAIRS[p]
