@@ -98,9 +98,12 @@ class Context:
     pressure_gain_V_per_Pa: float = 0.0
     pressure_high_pass_Hz: float = 1.0
     # of a platform, by its geometry and body; legs that differ in these are alike
-    own_load: float = field(default=1.0, compare=False)  # share of its mass that a leg moves by itself, the others' motion held
-    own_mobility: float = field(default=1.0, compare=False)  # the same, their forces held
-    mobility: tuple[float, ...] = field(default=(), compare=False)  # (n,) acceleration by each leg's force, over that by its own
+    own_mobility: float = field(
+        default=1.0, compare=False
+    )  # share of its mass that a leg moves by itself, the others' forces held
+    mobility: tuple[float, ...] = field(
+        default=(), compare=False
+    )  # (n,) acceleration by each leg's force, over that by its own
     leg: int = field(default=0, compare=False)  # from 0
     load_over_weight: float = field(default=1.0, compare=False)  # that mass times gravity over the force that holds it
     controller_feeds_forward: bool = False  # the plain controller follows the setpoint without the lag of its gain

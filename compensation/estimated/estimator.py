@@ -279,7 +279,7 @@ def _work_tick(s):
     if k == 0:
         behind_backlash(window.volts, trial.numbers[PLAY], fit.arriving, fit.by_half)
         begin_window(
-            fit.x, fit.S, trial.numbers, s.fit_sheet, trial.start[n], fit.arriving, fit.by_half, fit.d_now, fit.d_before
+            fit.x, fit.S, trial.numbers, s.sheet, trial.start[n], fit.arriving, fit.by_half, fit.d_now, fit.d_before
         )
         fit.A[:, :] = 0.0
         fit.B[:, :] = 0.0
@@ -292,13 +292,13 @@ def _work_tick(s):
         + fit.x[V] * trial.numbers[VISCOUS_UP if fit.x[V] >= 0.0 else VISCOUS_DN]
     )
     read_tick(
-        fit.x, fit.S, trial.numbers, s.fit_sheet, fit.scale, fit.starts, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
+        fit.x, fit.S, trial.numbers, s.sheet, fit.scale, fit.starts, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
         s.past.noise_m * heat, s.past.noise_Pa * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
     )  # fmt: skip
     fit.at_tick += 1
     if fit.at_tick < WINDOW:
         tick_window(
-            fit.x, fit.S, k, fit.d_now, fit.d_before, trial.numbers, s.fit_sheet, trial.start[n], fit.starts,
+            fit.x, fit.S, k, fit.d_now, fit.d_before, trial.numbers, s.sheet, trial.start[n], fit.starts,
             fit.arriving, fit.by_half, window.supply_Pa[k],
             window.load_N[k], fit.w,
         )  # fmt: skip
@@ -414,7 +414,7 @@ def _keep_alone(fit, known):
 
 @compiled
 def _take_told(s):
-    """What the other legs know of the numbers, which are alike within LEGS_ALIKE: their mean is uncertain, and so is this leg beside it."""
+    """What the other legs know of the numbers: legs differ by LEGS_ALIKE about a mean that is uncertain itself."""
     fit, between = s.fit, LEGS_ALIKE * LEGS_ALIKE
     for k in range(N_NUMBERS):
         fit.told[k] = fit.told_weight[k] = 0.0

@@ -100,7 +100,7 @@ def tick_window(x, S, k, d_now, d_before, th, sheet, start, starts, arriving, by
 
 @compiled
 def add_row(row, r, scale, starts, A, B, C, a, b):
-    """A residual r and its derivatives (N_NUMBERS + starts,) of the model into the normal equations; scale (N_COLUMNS,) to prior units."""
+    """A residual r and the model's derivatives (N_NUMBERS + starts,) into the normal equations; scale (N_COLUMNS,) to prior units."""
     for i in range(N_NUMBERS + starts):
         row[i] *= scale[i]
     for i in range(N_NUMBERS):

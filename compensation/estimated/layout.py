@@ -22,7 +22,7 @@ SETTINGS = record(
     tank_pressure_Pa=f, bulk_modulus_Pa=f, pipeline_volume_m3=f, pipeline_volume_top_m3=f, four_way=f, position_error_m=f,
     pressure_noise_Pa=f, pressure_resolution_Pa=f, spool_frequency_Hz=f, stribeck_velocity_m_s=f, edge_V=f,
     velocity_gain_m_s_V=f, velocity_gain_V_s_per_m=f, velocity_pole=f, velocity_share=f, pressure_gain_V_per_Pa=f, pressure_pole=f,
-    pressure_share=f, controller_feeds_forward=f, learn=f, own_load=f, own_mobility=f, load_over_weight=f, leg=i, legs=i,
+    pressure_share=f, controller_feeds_forward=f, learn=f, own_mobility=f, load_over_weight=f, leg=i, legs=i,
 )  # fmt: skip
 PAST = record(
     position_m=(f, (HISTORY,)), bottom_Pa=(f, (HISTORY,)), top_Pa=(f, (HISTORY,)), supply_Pa=(f, (HISTORY,)), pose_m_s2=(f, (HISTORY,)),
@@ -73,7 +73,7 @@ EXPECTED = record(
     sigma=f, bump=f, left=f, sigma2=f, bump2=f, left2=f, halves=i, plain_V=f, acceleration=f,
 )  # fmt: skip
 STATE = record(
-    settings=SETTINGS, sheet=(f, (N_SHEET,)), fit_sheet=(f, (N_SHEET,)), mobility=(f, (LEGS,)), others=(f, (LEGS, N_NUMBERS)),
+    settings=SETTINGS, sheet=(f, (N_SHEET,)), mobility=(f, (LEGS,)), others=(f, (LEGS, N_NUMBERS)),
     heard=(i, (LEGS,)), alone=(f, (LEGS, N_NUMBERS)), alone_variance=(f, (LEGS, N_NUMBERS)), mean_N=(f, (LEGS,)), past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
     numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP,
     share=f, linear=f, platform=i, objected=i, wants=i,

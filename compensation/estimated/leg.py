@@ -7,7 +7,7 @@ behind one bristle (LuGre without damping), regularised in velocity:
     z' = v - sqrt(v^2 + reg^2) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs)
 
     r m v' = P1 A1 - P2 A2 - F - F0 - E        m: while all legs of a platform move alike; r, E: share of it that the leg moves by
-                                               itself and what the others give [N], their motion or their forces held; r = 1, E = 0 alone
+                                               itself and what the others' forces give [N]; r = 1, E = 0 alone
     C1 P1' = Q1 - A1 v,   C2 P2' = Q2 + A2 v      a rod side at supply pressure has P2 = Ps
 
 Integrated by a semi-implicit Euler scheme of `SUBSTEPS` steps a tick: the same in estimation and inversion.

@@ -76,8 +76,8 @@ HOLD_SHARE, MASS_SHARE, MASS_PAIR = (
 
 
 @compiled
-def fill_sheet(sheet, settings, own):
-    """The declared leg for the model; own: share of its mass that it moves by itself."""
+def fill_sheet(sheet, settings):
+    """The declared leg for the model."""
     sheet[S_A1], sheet[S_A2] = settings.area_bottom_m2, settings.area_top_m2
     sheet[S_FLOW] = settings.velocity_gain_m_s_V * settings.area_bottom_m2 / (0.5 * settings.supply_pressure_Pa) ** 0.5
     sheet[S_E], sheet[S_V1], sheet[S_V2] = (
@@ -87,7 +87,7 @@ def fill_sheet(sheet, settings, own):
     )
     sheet[S_STROKE], sheet[S_TANK] = settings.stroke_m, settings.tank_pressure_Pa
     sheet[S_FOUR_WAY], sheet[S_TICK] = settings.four_way, settings.tick_s
-    sheet[S_SMOOTH], sheet[S_OWN] = 4.0, own
+    sheet[S_SMOOTH], sheet[S_OWN] = 4.0, settings.own_mobility
     k = tan(pi * min(FELT_HZ * settings.tick_s, 0.45))  # Butterworth's low pass by the bilinear rule
     norm = 1.0 / (1.0 + 2.0**0.5 * k + k * k)
     sheet[S_PASS], sheet[S_POLE1], sheet[S_POLE2] = (

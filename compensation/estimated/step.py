@@ -70,8 +70,7 @@ SAY_TICKS, QUIET_TICKS = (
 @compiled
 def start(s):
     """Nothing known. s: a record of zeros with its settings."""
-    fill_sheet(s.sheet, s.settings, s.settings.own_load)
-    fill_sheet(s.fit_sheet, s.settings, s.settings.own_mobility)
+    fill_sheet(s.sheet, s.settings)
     s.past.noise_m = s.settings.position_error_m
     s.past.noise_Pa = max(sqrt(s.settings.pressure_noise_Pa**2 + s.settings.pressure_resolution_Pa**2 / 12.0), 1.0)
     s.past.noise_m = max(s.past.noise_m, 1e-8)
@@ -169,7 +168,7 @@ def _advance(s, setpoint, loads, predicted):
     if not ref.loads:
         ref.load_lag_m_s2, ref.loads = asked, 1
     ref.load_lag_m_s2 += follows * (asked - ref.load_lag_m_s2)
-    ref.extra_m_s2[last] = ref.load_lag_m_s2 - s.settings.own_load * (speed - v) / tick_s
+    ref.extra_m_s2[last] = ref.load_lag_m_s2 - s.settings.own_mobility * (speed - v) / tick_s
 
 
 @compiled

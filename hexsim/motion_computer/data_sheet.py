@@ -57,7 +57,6 @@ def compensator_context(
         velocity_filter_Hz=own.controller.velocity_filter_Hz,
         pressure_gain_V_per_Pa=own.controller.pressure_feedback_V_per_Pa,
         pressure_high_pass_Hz=own.controller.pressure_high_pass_Hz,
-        own_load=1.0 if load is None else float(load.inertia[leg - 1, leg - 1]),
         own_mobility=1.0 if load is None else float(1.0 / load.mobility[leg - 1, leg - 1]),
         mobility=() if load is None else tuple(map(float, load.mobility[leg - 1] / load.mobility[leg - 1, leg - 1])),
         leg=leg - 1,
