@@ -57,8 +57,8 @@ def start_first(states):
 class Estimated(Compensator):
     """Estimates every number of the leg with its variance, and feeds the inverse of the same model forward.
 
-    Adds its volts as soon as the bump that its doubt would make is smaller than plain control's. For one leg on a bench as yet: on a
-    platform it stays out.
+    Adds its volts as soon as the bump that its doubt would make is smaller than plain control's. Legs of a platform tell each other what
+    they know, and engage together.
     """
 
     name: str = "estimated"

@@ -42,7 +42,8 @@ TRIAL = record(  # a pass over the windows at some numbers
 )  # fmt: skip
 FIT = record(
     mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)), scale=(f, (N_COLUMNS,)),
-    mass_over_hold=f, told=(f, (N_NUMBERS,)), told_weight=(f, (N_NUMBERS,)), starts=i, best=TRIAL, trial=TRIAL, has_best=i, count=i, waiting=i, seen=i, stage=i, step=i, damping=f,
+    mass_over_hold=f, told=(f, (N_NUMBERS,)), told_weight=(f, (N_NUMBERS,)), starts=i,
+    best=TRIAL, trial=TRIAL, has_best=i, count=i, waiting=i, seen=i, stage=i, step=i, damping=f,
     at_window=i, at_tick=i, running=i, restored=i, settled=i, passes=i,
     x=(f, (N_STATES,)), S=(f, (N_STATES, N_COLUMNS)), d_now=(f, (N_COLUMNS,)), d_before=(f, (N_COLUMNS,)), row=(f, (N_COLUMNS,)),
     arriving=(f, (LEAD + WINDOW,)), by_half=(f, (LEAD + WINDOW,)), A=(f, (N_NUMBERS, N_NUMBERS)), B=(f, (N_START, N_NUMBERS)),
@@ -74,7 +75,8 @@ EXPECTED = record(
 )  # fmt: skip
 STATE = record(
     settings=SETTINGS, sheet=(f, (N_SHEET,)), mobility=(f, (LEGS,)), others=(f, (LEGS, N_NUMBERS)),
-    heard=(i, (LEGS,)), alone=(f, (LEGS, N_NUMBERS)), alone_variance=(f, (LEGS, N_NUMBERS)), mean_N=(f, (LEGS,)), past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
+    heard=(i, (LEGS,)), alone=(f, (LEGS, N_NUMBERS)), alone_variance=(f, (LEGS, N_NUMBERS)), mean_N=(f, (LEGS,)),
+    past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
     numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP,
     share=f, linear=f, platform=i, objected=i, wants=i,
 )  # fmt: skip

@@ -90,7 +90,7 @@ class ExpectedLoad:
     @cached_property
     def mobility(self) -> Array:
         """Acceleration (n, n) of each leg for a force on each, times mass_kg [1]."""
-        return np.linalg.inv(self.inertia)
+        return np.linalg.inv(self.inertia).astype(np.float64)
 
     def accelerations(self, setpoints: Array, tick_s: float) -> Array:
         """Load (m, n) [m/s2] at each tick of setpoints (m, n) [m]; at both ends that of the tick beside."""
