@@ -59,6 +59,7 @@ FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
 RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
 LINEAR_S = 2.0  # in which the demanded motion then loses its dead band
 LEAST_SHARE = 0.5  # of bump^2 in bump^2 + doubt^2 from which it engages
+MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors are out of the linear range, and say no more
 SMOOTHEST = 64.0  # of the volts' second difference: the valve then crosses its dead band in a window's length
 KEEP_HALVES = 0.75  # of the squares of a half stroke before
 SAY_TICKS, QUIET_TICKS = (
@@ -295,7 +296,7 @@ def _expect(s, volts, last, left):
             k = KEEP_HALVES if e.halves > 0 else 0.0
             e.bump2 = k * e.bump2 + (1.0 - k) * e.bump * e.bump
             e.left2 = k * e.left2 + (1.0 - k) * e.left * e.left
-            e.sigma2 = k * e.sigma2 + (1.0 - k) * e.sigma
+            e.sigma2 = k * e.sigma2 + (1.0 - k) * min(e.sigma, MOST_DOUBT * e.bump * e.bump)
             e.halves += 1
             _balance(s.sheet, e.sigma, e.left * e.left)
         e.bump = e.sigma = e.left = 0.0
