@@ -20,6 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 NO_LOAD = np.zeros(0)  # `Sample.load_preview_m_s2` of a leg that carries nothing of what other legs move
+MEASURED_TICKS = 5  # by which `Sample.speeds_m_s` lie behind: the middle of the parabola they come from
 Parameters = dict[str, Any]  # numbers, lists of numbers, strings: what JSON and TOML can hold
 
 
@@ -46,6 +47,10 @@ class Sample:
     pressure_top_Pa: float = 0.0  # measured, of a rod side on a four-way valve
     # (n,) or none: load that the setpoints of all legs give this one, over the mass that it has when all move alike
     load_preview_m_s2: np.ndarray = field(default_factory=lambda: NO_LOAD)
+    # of a platform's legs `MEASURED_TICKS` ago: P1 A1 - P2 A2 (n,), speeds (n,), and this one's load by the pose alone, over that mass
+    forces_N: np.ndarray = field(default_factory=lambda: NO_LOAD)
+    speeds_m_s: np.ndarray = field(default_factory=lambda: NO_LOAD)
+    load_of_pose_m_s2: float = 0.0
 
     def __post_init__(self) -> None:
         floats = (
@@ -92,6 +97,15 @@ class Context:
     velocity_filter_Hz: float = 60.0
     pressure_gain_V_per_Pa: float = 0.0
     pressure_high_pass_Hz: float = 1.0
+    # of a platform, by its geometry and body; legs that differ in these are alike
+    own_mobility: float = field(
+        default=1.0, compare=False
+    )  # share of its mass that a leg moves by itself, the others' forces held
+    mobility: tuple[float, ...] = field(
+        default=(), compare=False
+    )  # (n,) acceleration by each leg's force, over that by its own
+    leg: int = field(default=0, compare=False)  # from 0
+    load_over_weight: float = field(default=1.0, compare=False)  # that mass times gravity over the force that holds it
     controller_feeds_forward: bool = False  # the plain controller follows the setpoint without the lag of its gain
     period_s: float | None = None
 

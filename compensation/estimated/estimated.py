@@ -13,7 +13,7 @@ from .estimator import FEWEST, HEATS
 from .layout import STATE, Record
 from .leg import N_NUMBERS, NAMES
 from .prior import fill_prior, restore_prior
-from .step import start, tick_of
+from .step import SAY_TICKS, hear_leg, start, tick_of
 
 LAST_STAGE = len(HEATS) - 1
 
@@ -24,7 +24,6 @@ class EstimatedState:
 
     context: Context
     states: np.ndarray = field(default_factory=lambda: np.zeros(1, STATE))
-    platform: bool = False  # whether the leg carries one, of whose other legs it would have to know
 
     @property
     def numbers(self) -> Record:
@@ -33,9 +32,19 @@ class EstimatedState:
 
 
 @compiled
-def tick_first(states, table, preview, setpoint, position, valve, bottom, top, supply, forward):
+def tick_first(
+    states, table, preview, loads, pose, forces, speeds, setpoint, position, valve, bottom, top, supply, forward
+):  # fmt: skip
     """`tick_of` of states (1,)."""
-    return tick_of(states[0], table, preview, setpoint, position, valve, bottom, top, supply, forward)
+    return tick_of(
+        states[0], table, preview, loads, pose, forces, speeds, setpoint, position, valve, bottom, top, supply, forward
+    )
+
+
+@compiled
+def hear_first(states, others):
+    """`hear_leg` of states (1,)."""
+    hear_leg(states[0], others[0])
 
 
 @compiled
@@ -48,8 +57,8 @@ def start_first(states):
 class Estimated(Compensator):
     """Estimates every number of the leg with its variance, and feeds the inverse of the same model forward.
 
-    Adds its volts as soon as the bump that its doubt would make is smaller than plain control's. For one leg on a bench as yet: on a
-    platform it stays out.
+    Adds its volts as soon as the bump that its doubt would make is smaller than plain control's. Legs of a platform tell each other what
+    they know, and engage together.
     """
 
     name: str = "estimated"
@@ -61,20 +70,28 @@ class Estimated(Compensator):
         state = EstimatedState(context)
         settings = state.numbers.settings
         for name in settings.dtype.names:
-            settings[name] = getattr(self if hasattr(self, name) else context, name)
+            if name != "legs":
+                settings[name] = getattr(self if hasattr(self, name) else context, name)
+        settings["legs"] = len(context.mobility)
+        state.numbers.mobility[: len(context.mobility)] = context.mobility
         start_first(state.states)
         return state
 
     def step(self, state: EstimatedState, sample: Sample) -> tuple[float, EstimatedState]:
-        if len(sample.load_preview_m_s2):
-            state.platform = True
-            return 0.0, state
         volts = tick_first(
-            state.states, prediction_table(), np.asarray(sample.preview_m, float), sample.setpoint_m,
-            sample.position_m, sample.valve_V, sample.pressure_bottom_Pa,
-            sample.pressure_top_Pa, sample.pressure_supply_Pa, sample.feed_forward_V,
+            state.states, prediction_table(), np.asarray(sample.preview_m, float),
+            np.asarray(sample.load_preview_m_s2, float), sample.load_of_pose_m_s2,
+            np.asarray(sample.forces_N, float), np.asarray(sample.speeds_m_s, float), sample.setpoint_m,
+            sample.position_m, sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_top_Pa,
+            sample.pressure_supply_Pa, sample.feed_forward_V,
         )  # fmt: skip
         return volts, state
+
+    def tells(self, state: EstimatedState) -> bool:
+        return bool(state.numbers.platform) and state.numbers.past.ticks % SAY_TICKS == 0
+
+    def hear(self, state: EstimatedState, other: EstimatedState) -> None:
+        hear_first(state.states, other.states)
 
     def finite(self, state: EstimatedState) -> bool:
         s = state.numbers
@@ -129,12 +146,12 @@ class Estimated(Compensator):
         s, e = state.numbers, state.numbers.expected
         if s.share > 0.0:
             return ""
-        if state.platform:
-            return "it is made for one leg on a bench as yet, and this leg carries a platform: use `adaptive`"
         if not s.known.valid:
             return f"{s.fit.count} windows of motion seen, {FEWEST} begin the fit: the leg's numbers are not known yet"
         if e.halves < 1:
             return "the leg's numbers are known; the next reversal says what they are good for"
+        if s.wants:
+            return "this leg is ready; another leg of the platform is not yet"
         return (
             f"the doubt about the leg's numbers would leave {e.sigma2**0.5:.2f} m/s2 where plain control makes "
             f"{e.bump2**0.5:.2f} m/s2 (misfit chi2 {max(s.known.chi2):.1f}, 1 is a leg as the model knows it)"

@@ -7,13 +7,16 @@ at the last it goes on for as long as the machine moves, with the last `WINDOWS`
 
 from __future__ import annotations
 
+from math import exp, sqrt
+
 import numpy as np
 
+from ..compensator import MEASURED_TICKS
 from ..compiled import compiled
 from .fit import (
     LEAD,
     N_START,
-    START_SCALE,
+    N_STATE,
     WINDOW,
     backward,
     begin_window,
@@ -25,8 +28,27 @@ from .fit import (
     tick_window,
 )  # fmt: skip
 from .layout import HISTORY, WAITING, WINDOWS
-from .leg import LN_SPOOL, N_NUMBERS, PLAY, S_FOUR_WAY, ZETA
-from .prior import add_prior, fill_prior
+from .leg import (
+    COULOMB_DN,
+    COULOMB_UP,
+    HOLD,
+    LN_BRISTLE,
+    LN_REG,
+    LN_SPOOL,
+    LN_STRIBECK,
+    MASS,
+    N_NUMBERS,
+    PLAY,
+    S_FOUR_WAY,
+    STATIC_DN,
+    STATIC_UP,
+    VISCOUS_DN,
+    VISCOUS_UP,
+    ZETA,
+    V,
+    Z,
+)  # fmt: skip
+from .prior import LEGS_ALIKE, add_prior, fill_prior
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
 MOST_STEPS = 8  # passes of a stage
@@ -48,6 +70,7 @@ BACK = 60  # ticks by which a window may begin earlier to begin in motion
 LATE = WINDOW + BACK + HALF_SPAN + LEAD
 NOISE_STEP = 0.01  # of the running median of fourth differences, a tick
 FORGET_TICKS = 2000.0
+FRICTION_ERROR = 0.2  # of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10
 # a parabola through nine readings: its value and slope [1/tick] at the first
 START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasing=True))[:2]
 
@@ -68,6 +91,15 @@ def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, volts_before):
     if past.ticks > 8:
         past.noise_m = _median_step(past.noise_m, past.position_m, k)
         past.noise_Pa = _median_step(past.noise_Pa, past.bottom_Pa, k)
+
+
+@compiled
+def watch_legs(past, pose_m_s2, forces_N, speeds_m_s):
+    """The platform's legs MEASURED_TICKS before this tick into the history."""
+    k = (past.ticks - 1 - MEASURED_TICKS) & (HISTORY - 1)
+    past.pose_m_s2[k] = pose_m_s2
+    for i in range(len(forces_N)):
+        past.forces_N[k, i], past.speeds_m_s[k, i] = forces_N[i], speeds_m_s[i]
 
 
 @compiled
@@ -129,10 +161,15 @@ def collect(s):
             past.bottom_Pa[k],
             past.top_Pa[k],
         )
-        window.supply_Pa[j] = past.supply_Pa[k]
+        window.supply_Pa[j], window.pose_m_s2[j] = past.supply_Pa[k], past.pose_m_s2[k]
+        if s.platform:
+            window.forces_N[j] = past.forces_N[k]
+            window.speeds_m_s[j] = past.speeds_m_s[k]
+            window.fitted[j] = 0
         mean += past.bottom_Pa[k] * settings.area_bottom_m2 - past.top_Pa[k] * settings.area_top_m2
     for j in range(LEAD + WINDOW):
         window.volts[j] = past.volts[(at - LEAD + j) & m]
+    window.first = at
     window.measured[:] = 0.0
     for j in range(9):
         window.measured[0] += START_Y_ROW[j] * window.position_m[j]
@@ -165,6 +202,53 @@ def _take_waiting(s):
 
 
 @compiled
+def friction(n, v):
+    """Steady friction [N] of numbers n (N_NUMBERS,) at speed v [m/s]."""
+    up = v >= 0.0
+    reg = exp(n[LN_REG])
+    dry = n[COULOMB_UP if up else COULOMB_DN] + n[STATIC_UP if up else STATIC_DN] * exp(-abs(v) / exp(n[LN_STRIBECK]))
+    return dry * v / sqrt(v * v + reg * reg) + n[VISCOUS_UP if up else VISCOUS_DN] * v
+
+
+@compiled
+def _load_windows(s, numbers):
+    """What the other legs give this one in each window [N], by their measured forces less their friction, and how uncertain that is.
+
+    y'' = N/m (f - F0 - F - K y), N the mobility: of the others' motion only their friction is not measured. A leg of which nothing is
+    known yet is taken to be like this one, its F0 the mean of its forces.
+    """
+    fit, settings = s.fit, s.settings
+    doubt = 0.0
+    for i in range(settings.legs):
+        if i != settings.leg:
+            if not s.heard[i]:
+                s.others[i] = numbers
+                s.mean_N[i] = 0.0
+                for w in range(fit.count):
+                    for k in range(WINDOW):
+                        s.mean_N[i] += s.windows[w].forces_N[k, i] / (WINDOW * fit.count)
+            n = s.others[i]
+            dry = 0.5 * (n[COULOMB_UP] + n[COULOMB_DN] + n[STATIC_UP] + n[STATIC_DN])
+            doubt += (s.mobility[i] * dry) ** 2
+    fit.scale[N_NUMBERS + N_STATE :] = FRICTION_ERROR * sqrt(doubt)
+    for w in range(fit.count):
+        window = s.windows[w]
+        before = 0.0
+        for k in range(WINDOW):
+            load = numbers[MASS] * window.pose_m_s2[k]
+            for i in range(settings.legs):
+                if i != settings.leg:
+                    if window.fitted[k, i] == 0:
+                        window.others_N[k, i] = friction(s.others[i], window.speeds_m_s[k, i])
+                    hold = s.others[i, HOLD] if s.heard[i] else s.mean_N[i]
+                    load -= s.mobility[i] * (window.forces_N[k, i] - hold - window.others_N[k, i])
+            window.load_N[k] = load
+            if k > 0:
+                window.load_N[k - 1] = 0.5 * (before + load)  # it acts between two ticks
+            before = load
+
+
+@compiled
 def _start_pass(s, numbers, fresh):
     """A pass at numbers; fresh: windows start from what they have, and nothing is known to compare with."""
     fit = s.fit
@@ -176,6 +260,12 @@ def _start_pass(s, numbers, fresh):
     fit.trial.H[:, :] = 0.0
     fit.trial.g[:] = 0.0
     fit.trial.cost = 0.0
+    fit.starts = N_STATE
+    if s.platform:
+        fit.starts = N_START
+        if fresh:
+            _load_windows(s, numbers)
+            _take_told(s)
     fit.at_window = fit.at_tick = 0
     fit.running = 1
 
@@ -197,23 +287,29 @@ def _work_tick(s):
         fit.a[:] = 0.0
         fit.b[:] = 0.0
         trial.chi[n, 0] = trial.chi[n, 1] = 0.0
+    trial.friction_N[n, k] = (
+        exp(trial.numbers[LN_BRISTLE]) * fit.x[Z]
+        + fit.x[V] * trial.numbers[VISCOUS_UP if fit.x[V] >= 0.0 else VISCOUS_DN]
+    )
     read_tick(
-        fit.x, fit.S, trial.numbers, s.sheet, fit.scale, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
+        fit.x, fit.S, trial.numbers, s.sheet, fit.scale, fit.starts, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
         s.past.noise_m * heat, s.past.noise_Pa * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
     )  # fmt: skip
     fit.at_tick += 1
     if fit.at_tick < WINDOW:
         tick_window(
-            fit.x, fit.S, k, fit.d_now, fit.d_before, trial.numbers, s.sheet, fit.arriving, fit.by_half, window.supply_Pa[k], fit.w,
+            fit.x, fit.S, k, fit.d_now, fit.d_before, trial.numbers, s.sheet, trial.start[n], fit.starts,
+            fit.arriving, fit.by_half, window.supply_Pa[k],
+            window.load_N[k], fit.w,
         )  # fmt: skip
         return
     trial.cost += trial.chi[n, 0] + trial.chi[n, 1]
-    for j in range(N_START):
-        d = (window.measured[j] - trial.start[n, j]) / START_SCALE[j]
+    for j in range(fit.starts):
+        d = (window.measured[j] - trial.start[n, j]) / fit.scale[N_NUMBERS + j]
         fit.C[j, j] += 1.0
         fit.b[j] += d
         trial.cost += d * d
-    eliminate(fit.A, fit.B, fit.C, fit.a, fit.b, trial.H, trial.g, trial.KB[n], trial.kb[n])
+    eliminate(fit.starts, fit.A, fit.B, fit.C, fit.a, fit.b, trial.H, trial.g, trial.KB[n], trial.kb[n])
     fit.at_tick = 0
     fit.at_window += 1
 
@@ -255,11 +351,11 @@ def _propose(s):
         fit.a[k] = (value - best.numbers[k]) / fit.sd[k]
         fit.proposed[k] = value
     for n in range(fit.count):
-        for j in range(N_START):
+        for j in range(fit.starts):
             step = best.kb[n, j]
             for k in range(N_NUMBERS):
                 step -= best.KB[n, j, k] * fit.a[k]
-            fit.trial.start[n, j] = best.start[n, j] + step * START_SCALE[j] / (1.0 + fit.damping)
+            fit.trial.start[n, j] = best.start[n, j] + step * fit.scale[N_NUMBERS + j] / (1.0 + fit.damping)
     return True
 
 
@@ -287,6 +383,50 @@ def _keep_known(s):
     known.sd[:] = fit.sd
     _misfit(fit, s.sheet[S_FOUR_WAY] != 0.0, known.chi2)
     known.valid = 1
+    if s.platform:
+        _keep_alone(fit, known)
+
+
+@compiled
+def _keep_alone(fit, known):
+    """What is known without the other legs: nobody is told what it has told."""
+    for a in range(N_NUMBERS):
+        for b in range(a + 1):
+            fit.L[a, b] = fit.best.H[a, b]
+        fit.L[a, a] -= fit.told_weight[a]
+    if not cholesky(fit.L, N_NUMBERS):
+        return
+    for a in range(N_NUMBERS):
+        fit.a[a] = fit.told_weight[a] * ((known.numbers[a] - fit.mean[a]) / fit.sd[a] - fit.told[a])
+    forward(fit.L, N_NUMBERS, fit.a)
+    backward(fit.L, N_NUMBERS, fit.a)
+    spread = max(1.0, known.chi2[0], known.chi2[1])
+    for k in range(N_NUMBERS):
+        known.alone[k] = (known.numbers[k] - fit.mean[k]) / fit.sd[k] + fit.a[k]
+    for k in range(N_NUMBERS):
+        fit.a[:] = 0.0
+        fit.a[k] = 1.0
+        forward(fit.L, N_NUMBERS, fit.a)
+        known.alone_variance[k] = 0.0
+        for j in range(k, N_NUMBERS):
+            known.alone_variance[k] += spread * fit.a[j] * fit.a[j]
+
+
+@compiled
+def _take_told(s):
+    """What the other legs know of the numbers: legs differ by LEGS_ALIKE about a mean that is uncertain itself."""
+    fit, between = s.fit, LEGS_ALIKE * LEGS_ALIKE
+    for k in range(N_NUMBERS):
+        fit.told[k] = fit.told_weight[k] = 0.0
+        total = mean = 0.0
+        for i in range(s.settings.legs):
+            if s.heard[i] and i != s.settings.leg and k != HOLD:
+                weight = 1.0 / (between + s.alone_variance[i, k])
+                total += weight
+                mean += weight * s.alone[i, k]
+        if total > 0.0:
+            fit.told[k] = mean / total
+            fit.told_weight[k] = 1.0 / (between + 1.0 / total)
 
 
 @compiled
@@ -345,6 +485,7 @@ def _end_pass(s):
         for n in range(fit.count):
             s.windows[n].start[:] = trial.start[n]
             s.windows[n].chi[:] = trial.chi[n]
+            s.windows[n].friction_N[:] = trial.friction_N[n]
         if fit.stage == len(HEATS) - 1 and not fresh and not fit.trying:
             _keep_known(s)
     else:
@@ -388,3 +529,21 @@ def work(s):
         _work_tick(s)
         if fit.at_window >= fit.count:
             _end_pass(s)
+
+
+@compiled
+def hear_windows(s, other):
+    """What another leg has fitted of its friction, into the windows that both have seen."""
+    i = other.settings.leg
+    s.heard[i] = other.known.valid
+    s.others[i] = other.known.numbers
+    s.alone[i], s.alone_variance[i] = other.known.alone, other.known.alone_variance
+    if not other.known.valid:
+        return
+    for w in range(s.fit.count):
+        for u in range(other.fit.count):
+            window, its = s.windows[w], other.windows[u]
+            shift = window.first - its.first
+            for k in range(max(0, -shift), min(WINDOW, WINDOW - shift)):
+                window.others_N[k, i] = its.friction_N[k + shift]
+                window.fitted[k, i] = 1

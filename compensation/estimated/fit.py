@@ -36,9 +36,11 @@ from .leg import (
 )  # fmt: skip
 
 WINDOW, LEAD = 100, 150  # ticks of a window; volts before it, so that the side of a backlash is known
-N_START = 4  # y, v, P1, P2
+N_STATE = 4  # of a start: y, v, P1, P2
+STATE_SCALE = (2e-5, 0.03, 3e4, 3e4)  # [m, m/s, Pa, Pa] prior of a start state about what is measured
+KNOT = 5  # ticks in which the error of the other legs' load is one number: half of the span from which it is measured
+N_START = N_STATE + WINDOW // KNOT  # a window's own: its start state, and on a platform those errors [N]
 N_COLUMNS = N_NUMBERS + N_START
-START_SCALE = (2e-5, 0.03, 3e4, 3e4)  # [m, m/s, Pa, Pa] prior of a start state about what is measured
 MOST_RESIDUAL = 1e3  # standard deviations
 SLOPE_TICKS = 12  # of the volts, by which the side of the backlash is told at first
 WARM = 24  # ticks that amplifier and spool move before a window begins: four lags of a spool of 25 Hz
@@ -80,21 +82,26 @@ def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
 
 
 @compiled
-def tick_window(x, S, k, d_now, d_before, th, sheet, arriving, by_half, supply, w):
-    """One tick of a window: k of 0 to WINDOW - 1."""
+def tick_window(x, S, k, d_now, d_before, th, sheet, start, starts, arriving, by_half, supply, extra, w):
+    """One tick of a window, extra [N] by the other legs: k of 0 to WINDOW - 1. start (N_START,): of which `starts` count."""
     whole = int(th[DELAY] / sheet[S_TICK])
     split = th[DELAY] / sheet[S_TICK] - whole
     at = LEAD + k - whole
     d_now[PLAY], d_before[PLAY] = by_half[at], by_half[at - 1]
+    knot, columns = -1, N_NUMBERS + N_STATE
+    if starts > N_STATE:
+        extra += start[N_STATE + k // KNOT]
+        knot = columns + k // KNOT
+        columns = knot + 1
     tangent(
-        x, S, N_COLUMNS, N_SPOOL, True, th, sheet, arriving[at], arriving[at - 1], split, d_now, d_before, 0.0, supply, 0.0, w
+        x, S, columns, N_SPOOL, True, th, sheet, arriving[at], arriving[at - 1], split, d_now, d_before, 0.0, supply, extra, knot, 0.0, w
     )  # fmt: skip
 
 
 @compiled
-def add_row(row, r, scale, A, B, C, a, b):
-    """A residual r and its derivatives (N_COLUMNS,) of the model into the normal equations; scale (N_COLUMNS,) to prior units."""
-    for i in range(N_COLUMNS):
+def add_row(row, r, scale, starts, A, B, C, a, b):
+    """A residual r and the model's derivatives (N_NUMBERS + starts,) into the normal equations; scale (N_COLUMNS,) to prior units."""
+    for i in range(N_NUMBERS + starts):
         row[i] *= scale[i]
     for i in range(N_NUMBERS):
         s = row[i]
@@ -102,37 +109,37 @@ def add_row(row, r, scale, A, B, C, a, b):
             for j in range(i + 1):
                 A[i, j] += s * row[j]
             a[i] += s * r
-    for i in range(N_START):
+    for i in range(starts):
         s = row[N_NUMBERS + i]
         for j in range(N_NUMBERS):
             B[i, j] += s * row[j]
-        for j in range(N_START):
+        for j in range(i + 1):
             C[i, j] += s * row[N_NUMBERS + j]
         b[i] += s * r
 
 
 @compiled
-def read_tick(x, S, th, sheet, scale, y, p1, p2, sy, sp, row, A, B, C, a, b, chi):
+def read_tick(x, S, th, sheet, scale, starts, y, p1, p2, sy, sp, row, A, B, C, a, b, chi):
     """Residuals of the transducers at a tick into the normal equations; chi (2,): squared residuals of position and pressures."""
     lag = th[POSITION_LAG]
     r = (y - (x[Y] - lag * x[V])) / sy
     r = min(max(r, -MOST_RESIDUAL), MOST_RESIDUAL)
-    for j in range(N_COLUMNS):
+    for j in range(N_NUMBERS + starts):
         row[j] = (S[Y, j] - lag * S[V, j]) / sy
     row[POSITION_LAG] -= x[V] / sy
     chi[0] += r * r
-    add_row(row, r, scale, A, B, C, a, b)
+    add_row(row, r, scale, starts, A, B, C, a, b)
     r = min(max((p1 - x[M1]) / sp, -MOST_RESIDUAL), MOST_RESIDUAL)
-    for j in range(N_COLUMNS):
+    for j in range(N_NUMBERS + starts):
         row[j] = S[M1, j] / sp
     chi[1] += r * r
-    add_row(row, r, scale, A, B, C, a, b)
+    add_row(row, r, scale, starts, A, B, C, a, b)
     if sheet[S_FOUR_WAY] != 0.0:
         r = min(max((p2 - x[M2]) / sp, -MOST_RESIDUAL), MOST_RESIDUAL)
-        for j in range(N_COLUMNS):
+        for j in range(N_NUMBERS + starts):
             row[j] = S[M2, j] / sp
         chi[1] += r * r
-        add_row(row, r, scale, A, B, C, a, b)
+        add_row(row, r, scale, starts, A, B, C, a, b)
 
 
 @compiled
@@ -173,15 +180,15 @@ def backward(L, n, b):
 
 
 @compiled
-def eliminate(A, B, C, a, b, H, g, KB, kb):
+def eliminate(starts, A, B, C, a, b, H, g, KB, kb):
     """Adds a window with its start state eliminated to H (lower), g. KB (N_START, N_NUMBERS), kb (N_START,) give the start's step
     kb - KB d for a step d of the numbers. C is factored in place (its prior is in it)."""
-    cholesky(C, N_START)
-    for i in range(N_START):
+    cholesky(C, starts)
+    for i in range(starts):
         kb[i] = b[i]
-    forward(C, N_START, kb)
+    forward(C, starts, kb)
     for j in range(N_NUMBERS):  # KB = L^-1 B
-        for i in range(N_START):
+        for i in range(starts):
             s = B[i, j]
             for k in range(i):
                 s -= C[i, k] * KB[k, j]
@@ -189,17 +196,17 @@ def eliminate(A, B, C, a, b, H, g, KB, kb):
     for i in range(N_NUMBERS):
         for j in range(i + 1):
             s = A[i, j]
-            for k in range(N_START):
+            for k in range(starts):
                 s -= KB[k, i] * KB[k, j]
             H[i, j] += s
         s = a[i]
-        for k in range(N_START):
+        for k in range(starts):
             s -= KB[k, i] * kb[k]
         g[i] += s
-    backward(C, N_START, kb)
+    backward(C, starts, kb)
     for j in range(N_NUMBERS):  # KB = C^-1 B
-        for i in range(N_START - 1, -1, -1):
+        for i in range(starts - 1, -1, -1):
             s = KB[i, j]
-            for k in range(i + 1, N_START):
+            for k in range(i + 1, starts):
                 s -= C[k, i] * KB[k, j]
             KB[i, j] = s / C[i, i]

@@ -35,9 +35,9 @@ def low_pass(memory, x, sheet):
 
 
 @compiled
-def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, r, s, none, w, path):
+def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, none, w, path):
     """Residuals r (4 AHEAD,) of volts U (AHEAD,) from the state x. before, older: the volts sent last. y, v (AHEAD + 1,): demanded at
-    the window's ticks. path (AHEAD + 1, N_STATES) takes the states."""
+    the window's ticks. extra (AHEAD,): by the other legs [N]. path (AHEAD + 1, N_STATES) takes the states."""
     s[:] = x
     path[0, :] = x
     g0, g1 = filtered[0], filtered[1]
@@ -46,7 +46,7 @@ def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, r
         last = U[i - 1] if i > 0 else before
         last2 = U[i - 2] if i > 1 else (before if i == 1 else older)
         speed = s[V]
-        tick(s, none, th, sheet, U[i], last, split, supply, w)
+        tick(s, none, th, sheet, U[i], last, split, supply, extra[i], w)
         path[i + 1, :] = s
         e = ((s[V] - speed) - (v[i + 1] - v[i])) / tick_s
         o = sheet[S_PASS] * e + g0
@@ -62,7 +62,7 @@ def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, r
 
 
 @compiled
-def window_slope(path, U, before, th, sheet, split, supply, blunt, J, S, d_now, d_before, s, w):
+def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, d_now, d_before, s, w):
     """J (4 AHEAD, AHEAD): derivatives of the residuals by the volts, along the states `path`."""
     S[:, :] = 0.0
     J[:, :] = 0.0
@@ -79,7 +79,26 @@ def window_slope(path, U, before, th, sheet, split, supply, blunt, J, S, d_now, 
         last = U[i - 1] if i > 0 else before
         for j in range(i + 1):
             J[i, j] = -S[V, j]
-        tangent(s, S, i + 1, i + 1, False, th, sheet, U[i], last, split, d_now, d_before, 0.0, supply, blunt, w)
+        tangent(
+            s,
+            S,
+            i + 1,
+            i + 1,
+            False,
+            th,
+            sheet,
+            U[i],
+            last,
+            split,
+            d_now,
+            d_before,
+            0.0,
+            supply,
+            extra[i],
+            -1,
+            blunt,
+            w,
+        )
         for j in range(i + 1):
             J[i, j] = (J[i, j] + S[V, j]) / tick_s
             J[AHEAD + i, j] = S[V, j] / WEIGHTS[1]
@@ -100,17 +119,17 @@ def window_slope(path, U, before, th, sheet, split, supply, blunt, J, S, d_now, 
 
 
 @compiled
-def improve(x, U, before, older, y, v, filtered, th, sheet, supply, limit_V, ws):
+def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws):
     """Up to TRIES steps of U (AHEAD,), in place. Returns the cost."""
     split = th[DELAY] / sheet[S_TICK] - int(th[DELAY] / sheet[S_TICK])
     r, r2, J, S, path, path2, H, L, step, U2, s, w, d_now, d_before = (
         ws.r, ws.r2, ws.J, ws.S, ws.path, ws.path2, ws.H, ws.L, ws.step, ws.U2, ws.s, ws.w, ws.d_now, ws.d_before,
     )  # fmt: skip
-    cost = window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, r, s, S, w, path)
+    cost = window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, S, w, path)
     half = 0.5 * (th[DEAD_UP] + th[DEAD_DN])
     soft = max(BLUNT * half, LEAST_BLUNT_V)
     for _ in range(TRIES):
-        window_slope(path, U, before, th, sheet, split, supply, soft, J, S, d_now, d_before, s, w)
+        window_slope(path, U, before, th, sheet, split, supply, extra, soft, J, S, d_now, d_before, s, w)
         for a in range(AHEAD):
             for b in range(a + 1):
                 total = 0.0
@@ -139,7 +158,7 @@ def improve(x, U, before, older, y, v, filtered, th, sheet, supply, limit_V, ws)
             backward(L, AHEAD, step)
             for a in range(AHEAD):
                 U2[a] = min(max(U[a] - step[a], -limit_V), limit_V)
-            c2 = window_cost(x, U2, before, older, y, v, filtered, th, sheet, split, supply, r2, s, S, w, path2)
+            c2 = window_cost(x, U2, before, older, y, v, filtered, th, sheet, split, supply, extra, r2, s, S, w, path2)
             if c2 < cost:
                 better = True
                 break
@@ -159,11 +178,11 @@ def improve(x, U, before, older, y, v, filtered, th, sheet, supply, limit_V, ws)
 
 
 @compiled
-def keep_first(x, U, before, y, v, filtered, th, sheet, supply, none, w):
+def keep_first(x, U, before, y, v, filtered, th, sheet, supply, extra, none, w):
     """The window moves on by a tick: the state under the first volts, the low pass' state, and the volts shifted."""
     split = th[DELAY] / sheet[S_TICK] - int(th[DELAY] / sheet[S_TICK])
     speed = x[V]
-    tick(x, none, th, sheet, U[0], before, split, supply, w)
+    tick(x, none, th, sheet, U[0], before, split, supply, extra[0], w)
     e = ((x[V] - speed) - (v[1] - v[0])) / sheet[S_TICK]
     o = low_pass(filtered, e, sheet)
     for i in range(AHEAD - 1):

@@ -12,6 +12,7 @@ from .leg import N_NUMBERS, N_SHEET, N_STATES
 Record = Any
 HISTORY = 512  # ticks that are kept, a power of two: a window, its lead, and where it may begin earlier
 WINDOWS, WAITING = 20, 3  # windows that the fit sees; that wait for the end of a pass
+LEGS = 8  # of a platform, at most
 MOST_DELAY = 6  # whole ticks of a valve's delay
 QUEUE = AHEAD + MOST_DELAY + 2  # demanded motion from now on
 
@@ -21,22 +22,27 @@ SETTINGS = record(
     tank_pressure_Pa=f, bulk_modulus_Pa=f, pipeline_volume_m3=f, pipeline_volume_top_m3=f, four_way=f, position_error_m=f,
     pressure_noise_Pa=f, pressure_resolution_Pa=f, spool_frequency_Hz=f, stribeck_velocity_m_s=f, edge_V=f,
     velocity_gain_m_s_V=f, velocity_gain_V_s_per_m=f, velocity_pole=f, velocity_share=f, pressure_gain_V_per_Pa=f, pressure_pole=f,
-    pressure_share=f, controller_feeds_forward=f, learn=f,
+    pressure_share=f, controller_feeds_forward=f, learn=f, own_mobility=f, load_over_weight=f, leg=i, legs=i,
 )  # fmt: skip
 PAST = record(
-    position_m=(f, (HISTORY,)), bottom_Pa=(f, (HISTORY,)), top_Pa=(f, (HISTORY,)), supply_Pa=(f, (HISTORY,)),
+    position_m=(f, (HISTORY,)), bottom_Pa=(f, (HISTORY,)), top_Pa=(f, (HISTORY,)), supply_Pa=(f, (HISTORY,)), pose_m_s2=(f, (HISTORY,)),
+    forces_N=(f, (HISTORY, LEGS)), speeds_m_s=(f, (HISTORY, LEGS)),
     volts=(f, (HISTORY,)), ticks=i, begin=i, odd=i, fastest_m_s=f, supply_mean_Pa=f, noise_m=f, noise_Pa=f, force_N=f, force_ticks=f,
 )  # fmt: skip
 WINDOW_DATA = record(
-    position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)),
+    position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)), pose_m_s2=(f, (WINDOW,)),
+    forces_N=(f, (WINDOW, LEGS)), speeds_m_s=(f, (WINDOW, LEGS)), load_N=(f, (WINDOW,)), others_N=(f, (WINDOW, LEGS)),
+    fitted=(i, (WINDOW, LEGS)), friction_N=(f, (WINDOW,)), first=i,
     volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)),
 )  # fmt: skip
 TRIAL = record(  # a pass over the windows at some numbers
     numbers=(f, (N_NUMBERS,)), start=(f, (WINDOWS, N_START)), H=(f, (N_NUMBERS, N_NUMBERS)), g=(f, (N_NUMBERS,)),
     KB=(f, (WINDOWS, N_START, N_NUMBERS)), kb=(f, (WINDOWS, N_START)), chi=(f, (WINDOWS, 2)), cost=f,
+    friction_N=(f, (WINDOWS, WINDOW)),
 )  # fmt: skip
 FIT = record(
     mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)), scale=(f, (N_COLUMNS,)),
+    mass_over_hold=f, told=(f, (N_NUMBERS,)), told_weight=(f, (N_NUMBERS,)), starts=i,
     best=TRIAL, trial=TRIAL, has_best=i, count=i, waiting=i, seen=i, stage=i, step=i, damping=f,
     at_window=i, at_tick=i, running=i, restored=i, settled=i, passes=i,
     x=(f, (N_STATES,)), S=(f, (N_STATES, N_COLUMNS)), d_now=(f, (N_COLUMNS,)), d_before=(f, (N_COLUMNS,)), row=(f, (N_COLUMNS,)),
@@ -47,26 +53,30 @@ FIT = record(
 )  # fmt: skip
 KNOWN = record(  # of the last pass that became better
     numbers=(f, (N_NUMBERS,)), factor=(f, (N_NUMBERS, N_NUMBERS)), sd=(f, (N_NUMBERS,)), chi2=(f, (2,)), valid=i,
+    alone=(f, (N_NUMBERS,)), alone_variance=(f, (N_NUMBERS,)),  # without what other legs told, in units of sd
 )  # fmt: skip
 INVERSE = record(
     r=(f, (4 * AHEAD,)), r2=(f, (4 * AHEAD,)), J=(f, (4 * AHEAD, AHEAD)), S=(f, (N_STATES, AHEAD)), path=(f, (AHEAD + 1, N_STATES)),
     path2=(f, (AHEAD + 1, N_STATES)), H=(f, (AHEAD, AHEAD)), L=(f, (AHEAD, AHEAD)), step=(f, (AHEAD,)), U2=(f, (AHEAD,)),
     s=(f, (N_STATES,)),
     w=(f, (16,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)),
-    filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), played=f, side=f,
+    filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), played=f, side=f,
     x_before=(f, (N_STATES,)),
     started_now=i,
 )  # fmt: skip
 REFERENCE = record(  # the nearest tick first
-    position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_ahead_m=(f, (QUEUE,)), count=i, setpoint_m=f,
+    position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_ahead_m=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)),
+    count=i, setpoint_m=f, load_lag_m_s2=f, loads=i,
 )  # fmt: skip
 EXPECTED = record(
-    S=(f, (N_STATES, N_COLUMNS)), speed=(f, (N_COLUMNS,)), filtered=(f, (N_COLUMNS, 2)), row=(f, (N_COLUMNS,)), d_now=(f, (N_COLUMNS,)),
-    d_before=(f, (N_COLUMNS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), w=(f, (16,)), started=i,
+    S=(f, (N_STATES, N_NUMBERS)), speed=(f, (N_NUMBERS,)), filtered=(f, (N_NUMBERS, 2)), row=(f, (N_NUMBERS,)), d_now=(f, (N_NUMBERS,)),
+    d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), w=(f, (16,)), started=i,
     sigma=f, bump=f, left=f, sigma2=f, bump2=f, left2=f, halves=i, plain_V=f, acceleration=f,
 )  # fmt: skip
 STATE = record(
-    settings=SETTINGS, sheet=(f, (N_SHEET,)), past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
+    settings=SETTINGS, sheet=(f, (N_SHEET,)), mobility=(f, (LEGS,)), others=(f, (LEGS, N_NUMBERS)),
+    heard=(i, (LEGS,)), alone=(f, (LEGS, N_NUMBERS)), alone_variance=(f, (LEGS, N_NUMBERS)), mean_N=(f, (LEGS,)),
+    past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
     numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP,
-    share=f, linear=f,
+    share=f, linear=f, platform=i, objected=i, wants=i,
 )  # fmt: skip

@@ -6,7 +6,8 @@ behind one bristle (LuGre without damping), regularised in velocity:
 
     z' = v - sqrt(v^2 + reg^2) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs)
 
-    m v' = P1 A1 - P2 A2 - F - F0
+    r m v' = P1 A1 - P2 A2 - F - F0 - E        m: while all legs of a platform move alike; r, E: share of it that the leg moves by
+                                               itself and what the others' forces give [N]; r = 1, E = 0 alone
     C1 P1' = Q1 - A1 v,   C2 P2' = Q2 + A2 v      a rod side at supply pressure has P2 = Ps
 
 Integrated by a semi-implicit Euler scheme of `SUBSTEPS` steps a tick: the same in estimation and inversion.
@@ -35,10 +36,10 @@ N_NUMBERS, N_SPOOL = 31, 5
     LN_BRISTLE, PRESSURE_LAG, POSITION_LAG,
 ) = range(N_NUMBERS)  # fmt: skip
 # places in a sheet (N_SHEET,): what is declared
-(S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2, S_SMOOTH) = range(
-    14
-)
-N_SHEET = 14
+(
+    S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2, S_SMOOTH, S_OWN,
+) = range(15)  # fmt: skip
+N_SHEET = 15
 LEAST_LAG_S = 1e-5
 ATMOSPHERE_Pa = 1.0e5
 LEAST_PRESSURE_Pa = 1.0e4
@@ -145,12 +146,31 @@ def warm_spool(x, S, th, sheet, arriving, by_half, first, last, d_now, d_before)
 
 
 @compiled
-def tangent(x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, d_before, gain_y, supply, blunt_V, w):
+def tangent(
+    x,
+    S,
+    n,
+    moving,
+    numbers,
+    th,
+    sheet,
+    now_V,
+    before_V,
+    split,
+    d_now,
+    d_before,
+    gain_y,
+    supply,
+    extra,
+    knot,
+    blunt_V,
+    w,
+):
     """`tick`, and S (N_STATES, n) with it, the state's derivatives by whatever its columns are.
 
     moving: how many columns, the first, move the spool; those behind are zero there. numbers: whether the first N_NUMBERS columns
     are the leg's numbers, which act directly too. d_now, d_before (n,): of now_V and before_V. gain_y: volts that a position loop
-    takes off per metre of y. Everything else as in `tick`.
+    takes off per metre of y. knot: column of the derivative by `extra` at this tick, or -1. Everything else as in `tick`.
     """
     h = sheet[S_TICK] / SUBSTEPS
     a1, a2, four = sheet[S_A1], sheet[S_A2], sheet[S_FOUR_WAY] != 0.0
@@ -168,7 +188,7 @@ def tangent(x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, 
     cs, reg, sigma = exp(th[LN_STRIBECK]), exp(th[LN_REG]), exp(th[LN_BRISTLE])
     flow = sheet[S_FLOW]
     gu, gd = flow * th[GAIN_UP], flow * th[GAIN_DN]
-    tank, m = sheet[S_TANK], th[MASS]
+    tank, m = sheet[S_TANK], th[MASS] * sheet[S_OWN]
     edge = split * SUBSTEPS
     o, q, c = w[0:5], w[5:10], w[10:14]
     Sy, Sv, S1, S2, Sx, Sz, T1, T2 = S[Y], S[V], S[P1], S[P2], S[X], S[Z], S[M1], S[M2]
@@ -261,7 +281,7 @@ def tangent(x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, 
         g = g if g > 0.1 else 0.1
         vr = sqrt(v * v + reg * reg)
         den = 1.0 + h * vr * sigma / g
-        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - sigma * x[Z] / den
+        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - extra - sigma * x[Z] / den
         below = 1.0 + h * (th[viscous] + sigma * h / den) / m
         v1 = (v + h * drive / m) / below
         z = x[Z]
@@ -306,10 +326,14 @@ def tangent(x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, 
             d = -hb
             Sv[HOLD] += d
             Sz[HOLD] += h * d / den
-            # by mass: v1 below = v + h drive/m; d below = -(below - 1)/m; d(drive/m) = -drive/m^2
-            d = (v1 * (below - 1.0) / m - h * drive / (m * m)) / below
+            # by mass: v1 below = v + h drive/m, m = r MASS; d below = -(below - 1)/MASS; d(drive/m) = -drive/(m MASS)
+            d = (v1 * (below - 1.0) - h * drive / m) / (th[MASS] * below)
             Sv[MASS] += d
             Sz[MASS] += h * d / den
+        if knot >= 0:
+            d = -hb
+            Sv[knot] += d
+            Sz[knot] += h * d / den
         x[V], x[Z] = v1, z1
         x[Y] += h * v1
         for j in range(n):
@@ -392,7 +416,7 @@ def tangent(x, S, n, moving, numbers, th, sheet, now_V, before_V, split, d_now, 
 
 
 @compiled
-def tick(x, none, th, sheet, now_V, before_V, split, supply, w):
+def tick(x, none, th, sheet, now_V, before_V, split, supply, extra, w):
     """`tangent` without derivatives: x is advanced by a tick. none: any array (N_STATES, n), which is left as it is."""
     row = none[Y]
-    tangent(x, none, 0, 0, False, th, sheet, now_V, before_V, split, row, row, 0.0, supply, 0.0, w)
+    tangent(x, none, 0, 0, False, th, sheet, now_V, before_V, split, row, row, 0.0, supply, extra, -1, 0.0, w)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import log, pi, tan
 
 from ..compiled import compiled
-from .fit import N_START, START_SCALE
+from .fit import N_STATE, STATE_SCALE
 from .inverse import FELT_HZ
 from .leg import (
     AIR,
@@ -42,6 +42,7 @@ from .leg import (
     S_E,
     S_FLOW,
     S_FOUR_WAY,
+    S_OWN,
     S_PASS,
     S_POLE1,
     S_POLE2,
@@ -65,6 +66,7 @@ USUAL_SPOOL_HZ = 65.0
 # friction up and down are alike within this share of their own standard deviation, gains too; mass and held force by gravity
 PAIRS = ((COULOMB_UP, COULOMB_DN), (STATIC_UP, STATIC_DN), (VISCOUS_UP, VISCOUS_DN), (GAIN_UP, GAIN_DN))
 PAIR_SD = (0.3, 0.3, 0.3, 0.25)
+LEGS_ALIKE = 0.3  # of a number's standard deviation between machines: that between the legs of one machine
 DRIFT = 0.1  # of a number between two runs: oil's temperature, wear
 HOLD_SHARE, MASS_SHARE, MASS_PAIR = (
     0.05,
@@ -85,7 +87,7 @@ def fill_sheet(sheet, settings):
     )
     sheet[S_STROKE], sheet[S_TANK] = settings.stroke_m, settings.tank_pressure_Pa
     sheet[S_FOUR_WAY], sheet[S_TICK] = settings.four_way, settings.tick_s
-    sheet[S_SMOOTH] = 4.0
+    sheet[S_SMOOTH], sheet[S_OWN] = 4.0, settings.own_mobility
     k = tan(pi * min(FELT_HZ * settings.tick_s, 0.45))  # Butterworth's low pass by the bilinear rule
     norm = 1.0 / (1.0 + 2.0**0.5 * k + k * k)
     sheet[S_PASS], sheet[S_POLE1], sheet[S_POLE2] = (
@@ -107,7 +109,8 @@ def fill_prior(fit, settings, hold_N):
     force = settings.area_bottom_m2 * settings.supply_pressure_Pa
     volts = settings.edge_V / 0.5
     viscous = 0.035 * force / settings.velocity_gain_m_s_V  # at the speed that a volt gives
-    mass = max(abs(hold_N), 0.01 * force) / GRAVITY_m_s2
+    mass = settings.load_over_weight * max(abs(hold_N), 0.01 * force) / GRAVITY_m_s2
+    fit.mass_over_hold = settings.load_over_weight / GRAVITY_m_s2
     none = 1e300
     one(fit, GAIN_UP, 1.0, 0.2, 0.3, 3.0)
     one(fit, GAIN_DN, 1.0, 0.2, 0.3, 3.0)
@@ -147,19 +150,23 @@ def fill_prior(fit, settings, hold_N):
     one(fit, POSITION_LAG, 2e-4, 7e-4, 0.0, 0.01)
     for k in range(N_NUMBERS):
         fit.scale[k] = fit.sd[k]
-    for k in range(N_START):
-        fit.scale[N_NUMBERS + k] = START_SCALE[k]
+    for k in range(N_STATE):
+        fit.scale[N_NUMBERS + k] = STATE_SCALE[k]
 
 
 @compiled
 def add_prior(fit, numbers, H, g):
-    """The prior's information into H (lower) and g, in prior units; returns its cost."""
+    """The prior's information, and what other legs told, into H (lower) and g, in prior units; returns its cost."""
     cost = 0.0
     for k in range(N_NUMBERS):
         d = (numbers[k] - fit.mean[k]) / fit.sd[k]
         cost += d * d
         H[k, k] += 1.0
         g[k] -= d
+        e = d - fit.told[k]
+        cost += fit.told_weight[k] * e * e
+        H[k, k] += fit.told_weight[k]
+        g[k] -= fit.told_weight[k] * e
     for p in range(5):
         if p < 4:
             a, b = PAIRS[p]
@@ -167,7 +174,7 @@ def add_prior(fit, numbers, H, g):
         else:
             a, b = MASS, HOLD
             sign = 1.0 if fit.mean[HOLD] >= 0.0 else -1.0
-            wide, by_a, by_b = MASS_PAIR * fit.mean[MASS], 1.0, -sign / GRAVITY_m_s2
+            wide, by_a, by_b = MASS_PAIR * fit.mean[MASS], 1.0, -sign * fit.mass_over_hold
         e = (by_a * numbers[a] + by_b * numbers[b]) / wide
         ja, jb = by_a * fit.sd[a] / wide, by_b * fit.sd[b] / wide
         cost += e * e

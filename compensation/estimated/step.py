@@ -15,8 +15,8 @@ from ..adaptive.layout import MAX_LOOK, PREVIEW_TICKS
 from ..adaptive.loop_feedback import fed_back_V
 from ..adaptive.prediction import predict, start_prediction, watch_setpoint
 from ..compiled import compiled
-from .estimator import collect, watch, work
-from .fit import N_COLUMNS, forward
+from .estimator import collect, hear_windows, watch, watch_legs, work
+from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
 from .layout import QUEUE
 from .leg import (
@@ -59,8 +59,13 @@ FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
 RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
 LINEAR_S = 2.0  # in which the demanded motion then loses its dead band
 LEAST_SHARE = 0.5  # of bump^2 in bump^2 + doubt^2 from which it engages
+MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors are out of the linear range, and say no more
 SMOOTHEST = 64.0  # of the volts' second difference: the valve then crosses its dead band in a window's length
 KEEP_HALVES = 0.75  # of the squares of a half stroke before
+SAY_TICKS, QUIET_TICKS = (
+    8,
+    20,
+)  # legs of a platform say so often whether they want to engage; none may object for so long
 
 
 @compiled
@@ -71,6 +76,7 @@ def start(s):
     s.past.noise_Pa = max(sqrt(s.settings.pressure_noise_Pa**2 + s.settings.pressure_resolution_Pa**2 / 12.0), 1.0)
     s.past.noise_m = max(s.past.noise_m, 1e-8)
     start_prediction(s.prediction)
+    s.objected = QUIET_TICKS
 
 
 @compiled
@@ -80,23 +86,35 @@ def _setpoint_ahead(s, table, preview, look):
     bend = preview[0] - 2.0 * preview[middle] + preview[2 * middle]
     if watch_setpoint(s.prediction, n if n > PREVIEW_TICKS else 1, bend, preview[0]):
         _, here, after = predict(s.prediction, table, MAX_LOOK, preview[0])
-        return here + (look - MAX_LOOK) * (after - here)
+        return here + (look - MAX_LOOK) * (after - here), True
+    return _ahead(preview, look), False
+
+
+@compiled
+def _ahead(preview, look):
+    n = len(preview)
     if look < n:
         return preview[look]
     return preview[n - 1] + (look - n + 1) * (preview[n - 1] - preview[n - 2])
 
 
 @compiled
-def _plain_speed(s, volts):
-    """Speed that the position loop's volts give: through the valve without dead band, for the part `linear` of the way to it."""
-    n, sheet, settings = s.numbers, s.sheet, s.settings
+def _gains(s):
+    """Speed of a volt up and down, beyond the dead band."""
+    n, sheet = s.numbers, s.sheet
     if n[MASS] == 0.0:
-        return settings.velocity_gain_m_s_V * volts
+        return s.settings.velocity_gain_m_s_V, s.settings.velocity_gain_m_s_V
     a1, supply = sheet[S_A1], s.past.supply_mean_Pa
     four = sheet[S_FOUR_WAY] != 0.0
-    ratio = sheet[S_A2] / a1
-    up, down = _roots(n, sheet, supply, four, ratio)
-    gain_up, gain_dn = sheet[S_FLOW] * n[GAIN_UP] * up / a1, sheet[S_FLOW] * n[GAIN_DN] * down / a1
+    up, down = _roots(n, sheet, supply, four, sheet[S_A2] / a1)
+    return sheet[S_FLOW] * n[GAIN_UP] * up / a1, sheet[S_FLOW] * n[GAIN_DN] * down / a1
+
+
+@compiled
+def _plain_speed(s, volts):
+    """Speed that the position loop's volts give: through the valve without dead band, for the part `linear` of the way to it."""
+    n = s.numbers
+    gain_up, gain_dn = _gains(s)
     left = 1.0 - s.linear
     volts -= left * 0.5 * (n[DEAD_UP] - n[DEAD_DN])
     half = 0.5 * (n[DEAD_UP] + n[DEAD_DN]) + n[PLAY]
@@ -121,7 +139,7 @@ def _roots(n, sheet, supply, four, ratio):
 
 
 @compiled
-def _advance(s, setpoint):
+def _advance(s, setpoint, loads, predicted):
     """The demanded motion's queue by one tick."""
     ref, tick_s, kp = s.reference, s.settings.tick_s, s.settings.position_gain_V_per_m
     if ref.count == 0:
@@ -130,17 +148,28 @@ def _advance(s, setpoint):
         ref.count, ref.setpoint_m = QUEUE, setpoint
     for j in range(QUEUE - 1):
         ref.position_m[j], ref.velocity_m_s[j] = ref.position_m[j + 1], ref.velocity_m_s[j + 1]
-        ref.setpoint_ahead_m[j] = ref.setpoint_ahead_m[j + 1]
+        ref.extra_m_s2[j], ref.setpoint_ahead_m[j] = ref.extra_m_s2[j + 1], ref.setpoint_ahead_m[j + 1]
     last = QUEUE - 1
     y, v = ref.position_m[last - 1], ref.velocity_m_s[last - 1]
     if s.settings.controller_feeds_forward != 0.0:
-        new, speed = setpoint, (setpoint - ref.setpoint_m) / tick_s
+        new, speed, follows = setpoint, (setpoint - ref.setpoint_m) / tick_s, 1.0
     else:
+        up, down = _gains(s)
+        follows = min(0.5 * kp * (up + down) * tick_s, 1.0)
         middle = y + 0.5 * tick_s * v
         new = y + tick_s * _plain_speed(s, kp * (0.5 * (setpoint + ref.setpoint_m) - middle))
         speed = _plain_speed(s, kp * (setpoint - new))
     ref.setpoint_m = ref.setpoint_ahead_m[last] = setpoint
     ref.position_m[last], ref.velocity_m_s[last] = new, speed
+    ref.extra_m_s2[last] = 0.0
+    if len(loads) < 3 or predicted:
+        ref.loads = 0
+        return
+    asked = _ahead(loads, last)
+    if not ref.loads:
+        ref.load_lag_m_s2, ref.loads = asked, 1
+    ref.load_lag_m_s2 += follows * (asked - ref.load_lag_m_s2)
+    ref.extra_m_s2[last] = ref.load_lag_m_s2 - s.settings.own_mobility * (speed - v) / tick_s
 
 
 @compiled
@@ -173,6 +202,8 @@ def _invert(s):
     whole = int(s.numbers[DELAY] / s.settings.tick_s)
     for j in range(AHEAD + 1):
         inv.y[j], inv.v[j] = ref.position_m[whole + j], ref.velocity_m_s[whole + j]
+    for j in range(AHEAD):
+        inv.extra[j] = s.numbers[MASS] * ref.extra_m_s2[whole + j]
     limit, supply = s.settings.voltage_max_V, s.past.supply_mean_Pa
     if not inv.running or abs(inv.x[Y] - inv.y[0]) > 5e-3:
         volts = _steady(inv.x, s, inv.y[0], inv.v[0], s.numbers)
@@ -191,11 +222,14 @@ def _invert(s):
         s.numbers,
         s.sheet,
         supply,
+        inv.extra,
         limit,
         inv,
     )
     volts = inv.U[0]
-    left = keep_first(inv.x, inv.U, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, supply, inv.S, inv.w)
+    left = keep_first(
+        inv.x, inv.U, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, supply, inv.extra, inv.S, inv.w
+    )
     inv.older, inv.before = inv.before, volts
     return volts, left
 
@@ -209,6 +243,7 @@ def _expect(s, volts, last, left):
     whole = int(numbers[DELAY] / tick_s)
     split = numbers[DELAY] / tick_s - whole
     v, a = ref.velocity_m_s[whole], (ref.velocity_m_s[whole + 1] - ref.velocity_m_s[whole]) / tick_s
+    extra = numbers[MASS] * ref.extra_m_s2[whole]
     if not e.started:
         _steady(e.plain, s, ref.position_m[whole], v, numbers)
         _steady(e.x, s, ref.position_m[whole], v, numbers)
@@ -216,7 +251,7 @@ def _expect(s, volts, last, left):
     # plain control, by the model
     control = kp * (ref.setpoint_ahead_m[whole] - e.plain[Y])
     speed = e.plain[V]
-    tick(e.plain, e.S, numbers, s.sheet, control, e.plain_V, split, supply, e.w)
+    tick(e.plain, e.S, numbers, s.sheet, control, e.plain_V, split, supply, extra, e.w)
     e.plain_V = control
     b = low_pass(e.plain_filtered, (e.plain[V] - speed) / tick_s - a, s.sheet)
     e.bump = max(e.bump, abs(b))
@@ -227,8 +262,8 @@ def _expect(s, volts, last, left):
     tangent(
         e.x,
         e.S,
-        N_COLUMNS,
-        N_COLUMNS,
+        N_NUMBERS,
+        N_NUMBERS,
         True,
         numbers,
         s.sheet,
@@ -239,6 +274,8 @@ def _expect(s, volts, last, left):
         e.d_before,
         kp,
         supply,
+        extra,
+        -1,
         0.0,
         e.w,
     )
@@ -259,7 +296,7 @@ def _expect(s, volts, last, left):
             k = KEEP_HALVES if e.halves > 0 else 0.0
             e.bump2 = k * e.bump2 + (1.0 - k) * e.bump * e.bump
             e.left2 = k * e.left2 + (1.0 - k) * e.left * e.left
-            e.sigma2 = k * e.sigma2 + (1.0 - k) * e.sigma
+            e.sigma2 = k * e.sigma2 + (1.0 - k) * min(e.sigma, MOST_DOUBT * e.bump * e.bump)
             e.halves += 1
             _balance(s.sheet, e.sigma, e.left * e.left)
         e.bump = e.sigma = e.left = 0.0
@@ -286,13 +323,32 @@ def _through_backlash(inv, volts, half):
 
 
 @compiled
-def tick_of(s, table, preview, setpoint_m, position_m, valve_V, bottom_Pa, top_Pa, supply_Pa, forward_V):
-    """Volts to add. preview (n,); everything else of the sample."""
+def tick_of(
+    s,
+    table,
+    preview,
+    loads,
+    pose_m_s2,
+    forces_N,
+    speeds_m_s,
+    setpoint_m,
+    position_m,
+    valve_V,
+    bottom_Pa,
+    top_Pa,
+    supply_Pa,
+    forward_V,
+):
+    """Volts to add. preview (n,), loads (n,) or none; everything else of the sample."""
     settings, ref, inv = s.settings, s.reference, s.inverse
     if s.sheet[S_FOUR_WAY] == 0.0:
         top_Pa = supply_Pa
-    _advance(s, _setpoint_ahead(s, table, preview, QUEUE - 1))
+    s.platform = 1 if s.settings.legs > 1 else 0
+    ahead, predicted = _setpoint_ahead(s, table, preview, QUEUE - 1)
+    _advance(s, ahead, loads, predicted)
     watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, valve_V)
+    if s.platform:
+        watch_legs(s.past, pose_m_s2, forces_N, speeds_m_s)
     if settings.learn != 0.0:
         collect(s)
         work(s)
@@ -314,6 +370,10 @@ def tick_of(s, table, preview, setpoint_m, position_m, valve_V, bottom_Pa, top_P
     if e.halves > 0:
         share = e.bump2 / (e.bump2 + e.sigma2 + e.left2)
         wanted = 1.0 if share > LEAST_SHARE else 0.0
+    if s.platform:
+        s.wants = 1 if wanted > 0.0 else 0
+        s.objected = max(s.objected - 1, 0) if wanted > 0.0 else QUIET_TICKS
+        wanted = 1.0 if s.objected == 0 else 0.0
     step = settings.tick_s / RAMP_S
     s.share += min(max((wanted if s.linear == 0.0 or wanted > 0.0 else 1.0) - s.share, -step), step)
     step = settings.tick_s / LINEAR_S
@@ -328,3 +388,11 @@ def tick_of(s, table, preview, setpoint_m, position_m, valve_V, bottom_Pa, top_P
     own = settings.position_gain_V_per_m * (setpoint_m - ref.position_m[0] + lag) + forward_V
     own -= fed_back_V(s.loop, settings, ref.position_m[0], pressure)
     return s.share * (total - own)
+
+
+@compiled
+def hear_leg(s, other):
+    """Legs of a platform engage together: one that does not want to keeps the others out."""
+    hear_windows(s, other)
+    if other.wants == 0:
+        s.objected = QUIET_TICKS

@@ -11,6 +11,7 @@ from compensation import Context
 from compensation.volts_bound import edge_V
 from hexsim.declaration import Machine
 from hexsim.hydraulics.parameters import P, declared_rows
+from hexsim.motion_computer.leg_load import ExpectedLoad
 
 READING = (
     4.0  # standard deviations of a reading: what the loop itself makes volts of on a valve without overlap and friction
@@ -18,8 +19,13 @@ READING = (
 LEAST_m = 1e-7  # [m] of an ideal transducer
 
 
-def compensator_context(machine: Machine, period_s: float | None, leg: int = 1) -> Context:
-    """Of a leg, from 1. Overlap, friction and discharge coefficient enter the bound of what may be added, and nothing else."""
+def compensator_context(
+    machine: Machine, period_s: float | None, leg: int = 1, load: ExpectedLoad | None = None
+) -> Context:
+    """Of a leg, from 1; load: of a platform.
+
+    Overlap, friction and discharge coefficient enter the bound of what may be added, and nothing else.
+    """
     own = machine.legs[leg - 1]
     cylinder, sensors = own.cylinder, own.sensors
     omega_1_s, damping, _ = own.valve.spool
@@ -51,6 +57,10 @@ def compensator_context(machine: Machine, period_s: float | None, leg: int = 1) 
         velocity_filter_Hz=own.controller.velocity_filter_Hz,
         pressure_gain_V_per_Pa=own.controller.pressure_feedback_V_per_Pa,
         pressure_high_pass_Hz=own.controller.pressure_high_pass_Hz,
+        own_mobility=1.0 if load is None else float(1.0 / load.mobility[leg - 1, leg - 1]),
+        mobility=() if load is None else tuple(map(float, load.mobility[leg - 1] / load.mobility[leg - 1, leg - 1])),
+        leg=leg - 1,
+        load_over_weight=1.0 if load is None else load.over_weight,
         controller_feeds_forward=machine.controller.velocity_feed_forward_V_s_per_m > 0.0,
         period_s=period_s,
     )

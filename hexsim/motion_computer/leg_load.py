@@ -10,10 +10,12 @@ M (n, n): force on a leg for the acceleration of each. Over the mass that a leg 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from compensation.compensator import MEASURED_TICKS
 from hexsim.hydraulics.resolved import Resolved
 from hexsim.machine.geometry import held_body
 from hexsim.mechanics.mechanics import Mechanics
@@ -21,6 +23,8 @@ from hexsim.mechanics.rigid_body import RigidBody, joint_wrenches, mass_matrix
 
 Array = NDArray[np.float64]
 NEUTRAL = np.zeros(6)
+SPAN = 2 * MEASURED_TICKS + 1
+SLOPE = np.linalg.pinv(np.vander(np.arange(SPAN) - MEASURED_TICKS, 3, increasing=True))[1]  # of a parabola, a tick
 DISPLACED_m = 1e-4  # of a leg, for the derivative of the holding forces
 
 
@@ -68,13 +72,14 @@ class ExpectedLoad:
     """What each leg of a platform carries of the motion asked of all of them, from the declared body and geometry.
 
     inertia (n, n) [1], stiffness (n, n) [1/s2]: M and K over the mean mass of a leg while all move alike, mass_kg;
-    neutral (n,) [m].
+    neutral (n,) [m]. over_weight: that mass' weight over the mean force of a leg at rest.
     """
 
     inertia: Array
     stiffness: Array
     neutral: Array
     mass_kg: float
+    over_weight: float
 
     @classmethod
     def of(cls, resolved: Resolved) -> ExpectedLoad | None:
@@ -85,7 +90,16 @@ class ExpectedLoad:
         neutral, inertia = mechanics.neutral_positions, np.linalg.inv(leg_compliance(resolved))
         stiffness = holding_stiffness(resolved)
         mass = inertia.sum() / mechanics.n_legs
-        return cls(inertia=inertia / mass, stiffness=stiffness / mass, neutral=neutral, mass_kg=mass)
+        weight = mass * float(np.linalg.norm(resolved.gravity_m_s2))
+        held = float(np.abs(holding_forces(resolved, NEUTRAL)).mean())
+        return cls(
+            inertia=inertia / mass, stiffness=stiffness / mass, neutral=neutral, mass_kg=mass, over_weight=weight / held
+        )
+
+    @cached_property
+    def mobility(self) -> Array:
+        """Acceleration (n, n) of each leg for a force on each, times mass_kg [1]."""
+        return np.linalg.inv(self.inertia).astype(np.float64)
 
     def accelerations(self, setpoints: Array, tick_s: float) -> Array:
         """Load (m, n) [m/s2] at each tick of setpoints (m, n) [m]; at both ends that of the tick beside."""
@@ -94,3 +108,7 @@ class ExpectedLoad:
             load[1:-1] = np.diff(setpoints, 2, axis=0) @ (self.inertia.T / tick_s**2)
             load[0], load[-1] = load[1], load[-2]
         return load + (setpoints - self.neutral) @ self.stiffness.T
+
+    def of_pose(self, positions: Array) -> Array:
+        """Load (n,) [m/s2] of each leg at positions (n,) [m] for held forces of the others."""
+        return self.mobility @ (self.stiffness @ (positions - self.neutral)) / np.diag(self.mobility)

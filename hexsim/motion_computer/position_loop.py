@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensation import NO_LOAD, Compensator, Sample, preview_count
+from compensation.compensator import MEASURED_TICKS
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolve import resolve
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C
 from hexsim.motion_computer.data_sheet import compensator_context
 from hexsim.motion_computer.declared_control import control_of
-from hexsim.motion_computer.leg_load import ExpectedLoad
+from hexsim.motion_computer.leg_load import SLOPE, SPAN, ExpectedLoad
 
 Array = NDArray[np.float64]
 
@@ -48,8 +49,10 @@ class PositionLoop:
         self.on_message = on_message
         self.machine, self._tick_s = machine, 1.0 / machine.controller.rate_Hz
         self.load: ExpectedLoad | None = None  # of a platform's legs, for compensators
-        self._contexts = [compensator_context(machine, period_s, leg) for leg in range(1, n + 1)]
+        self._period_s = period_s
+        self._seen = np.zeros((0, 2, n))  # positions and forces of the last SPAN ticks
         self.compensate(compensators)
+        self._areas = np.array([[context.area_bottom_m2, context.area_top_m2] for context in self._contexts]).T
         self.valve = np.zeros(n)  # volts that leave the motion computer
         self.setpoint = np.zeros(n)
         self.feed_forward = np.zeros(n)
@@ -62,6 +65,8 @@ class PositionLoop:
         self.compensators = list(compensators)
         if self.compensators and self.load is None:
             self.load = ExpectedLoad.of(resolve(self.machine))
+        legs = range(1, self.machine.n_legs + 1)
+        self._contexts = [compensator_context(self.machine, self._period_s, leg, self.load) for leg in legs]
         made = list(zip(self.compensators, self._contexts, strict=False))
         self.states: list[Any] = [c.start(context) for c, context in made]
         self.previews = [preview_count(*both, state) for both, state in zip(made, self.states, strict=True)]
@@ -113,6 +118,7 @@ class PositionLoop:
             own = np.empty(len(positions))
             controller.of_the_setpoint(control, memory, self.feed_forward, own)
             loads = None if self.load is None else self.load.accelerations(path, self._tick_s)
+            pose, forces, speeds = self._watch_legs(positions, pressures, supply_Pa, top_pressures)
             for i, compensator in enumerate(self.compensators):
                 sample = Sample(
                     time_s=time_s,
@@ -126,6 +132,9 @@ class PositionLoop:
                     feed_forward_V=float(own[i]),
                     pressure_top_Pa=0.0 if top_pressures is None else float(top_pressures[i]),
                     load_preview_m_s2=NO_LOAD if loads is None else loads[: self.previews[i], i],
+                    forces_N=forces,
+                    speeds_m_s=speeds,
+                    load_of_pose_m_s2=float(pose[i]),
                 )
                 added, self.states[i] = compensator.step(self.states[i], sample)
                 added *= self.compensation_share
@@ -144,6 +153,22 @@ class PositionLoop:
         self.valve = np.empty_like(self._commanded)
         controller.computed(control, memory, self._commanded, self.valve)
         return self.valve
+
+    def _watch_legs(
+        self, positions: Array, pressures: Array, supply_Pa: float, top_pressures: Array | None
+    ) -> tuple[Array, Array, Array]:
+        """Of a platform MEASURED_TICKS ago, (n_legs,) each: load by the pose alone [m/s2], forces [N], speeds [m/s]. A reading that is
+        missing stands for the one before."""
+        if self.load is None:
+            return np.zeros(len(positions)), NO_LOAD, NO_LOAD
+        forces = pressures * self._areas[0] - (supply_Pa if top_pressures is None else top_pressures) * self._areas[1]
+        now = np.array((positions, forces))
+        if not len(self._seen):
+            self._seen = np.tile(now, (SPAN, 1, 1))
+        now = np.where(np.isfinite(now), now, self._seen[-1])
+        self._seen = np.concatenate((self._seen[1:], now[None]))
+        then = self._seen[MEASURED_TICKS]
+        return self.load.of_pose(then[0]), then[1], SLOPE @ self._seen[:, 0] / self._tick_s
 
     def _share(self) -> None:
         """What one leg has just learned, to those that are declared alike and have the same compensator."""

@@ -13,6 +13,11 @@ import compensation
 from benchmarks.robustness_grid import draw_leg, figures, motion_of, run_leg, run_plain
 from compensation import Context
 from compensation.estimated import leg as model
+from hexsim.machine import load_machine
+from hexsim.machine.files import changed
+from hexsim.scenarios import load_scenario
+from hexsim.simulation import Run, simulate
+from hexsim.smoothness import band_limit
 
 TRUE = dict(
     ln_spool=math.log(60.0), zeta=0.7, amp_lag_s=7e-4, delay_s=3.1e-3, play_V=0.01, gain_up=1.0, gain_dn=0.95, dead_up_V=0.06,
@@ -41,6 +46,7 @@ def _ticks(
         four_way,
         2e-3,
     )
+    sheet[model.S_OWN] = 1.9  # as on a platform, with 30 N by other legs
     x = np.zeros(model.N_STATES)
     x[[model.Y, model.V, model.X, model.AMP]] = 0.1, 0.02, 0.2, 0.2
     x[[model.P1, model.P2]] = (3.5e6, (3.5e6 * AREA_BOTTOM - 490.0) / AREA_TOP) if four_way else (3.45e6, 7e6)
@@ -53,11 +59,11 @@ def _ticks(
     for k in range(60):
         now, before = volts[k + 4 - whole], volts[k + 3 - whole]
         if S is None:
-            model.tick(x, np.zeros((model.N_STATES, 1)), numbers, sheet, now, before, split, 7e6, space)
+            model.tick(x, np.zeros((model.N_STATES, 1)), numbers, sheet, now, before, split, 7e6, 30.0, space)
         else:
             none = np.zeros(S.shape[1])
             model.tangent(
-                x, S, S.shape[1], model.N_SPOOL, True, numbers, sheet, now, before, split, none, none, 0.0, 7e6, 0.0, space
+                x, S, S.shape[1], model.N_SPOOL, True, numbers, sheet, now, before, split, none, none, 0.0, 7e6, 30.0, -1, 0.0, space
             )  # fmt: skip
     return x
 
@@ -168,6 +174,30 @@ def test_a_leg_that_is_not_found_is_left_alone() -> None:
     result = figures(done, run_plain(drawn, motion), run_plain(drawn, motion, noise=1))
     assert result.beyond == 0 and result.share < 1.02
     assert result.share < 0.5 or "misfit chi2" in done.reason
+
+
+def test_legs_of_a_platform_engage_together_and_leave_a_quarter() -> None:
+    """The 600 kg hexapod with its spool at 90 Hz and damping 0.5, declared, in heave: all six legs engage at one time, and the reversals
+    of the 11th and 12th second are at most a quarter of plain control's."""
+    machine = changed(
+        load_machine("micro_motion_system"), {"valve.spool_frequency_Hz": 90.0, "valve.spool_damping": 0.5}
+    )
+    made, plain = (
+        simulate(machine, load_scenario("heave", duration_s=12.0), compensator=name, fast=True)
+        for name in ("estimated", "none")
+    )
+    legs = made.summary["compensation"]
+    assert [leg["reason"] for leg in legs] == [""] * 6
+    assert np.ptp([leg["engaged_at_s"] for leg in legs]) < 0.1
+    assert _rough(made) < 0.25 * _rough(plain)
+
+
+def _rough(run: Run) -> float:
+    """Largest departure [m/s2] of the heave acceleration from its mean over 0.1 s, between 10 and 11.9 s."""
+    t, a = run.log["time_s"].to_numpy(), run.log["true_acceleration_z_m_s2"].to_numpy()
+    wide = max(round(0.1 / (t[1] - t[0])), 1)
+    a = band_limit(t, a)
+    return float(np.abs(a - np.convolve(a, np.ones(wide) / wide, "same"))[(t > 10.0) & (t < 11.9)].max())
 
 
 def test_nothing_is_added_to_a_leg_that_stands() -> None:

@@ -70,6 +70,23 @@ def test_legs_that_move_alike_carry_their_own_acceleration(expected: ExpectedLoa
         assert load == pytest.approx(wanted, abs=1e-9)
 
 
+def test_forces_of_the_legs_give_each_its_acceleration(expected: ExpectedLoad) -> None:
+    """The rigid body's inverse dynamics in six motions at once about neutral, and at rest beside it: through the mobility and the
+    load of the pose, the legs' forces give each leg's acceleration within 1 % of the largest."""
+    random = np.random.default_rng(3)
+    none, turned = np.zeros((1, 6)), 1e-3 * random.standard_normal((1, 6))
+    rest = leg_forces(none, none, none)
+    asked = random.standard_normal((8, 6))
+    forces = leg_forces(np.zeros((8, 6)), np.zeros((8, 6)), asked) - rest
+    legs = asked @ RESOLVED.machine.mechanics.jacobian(none)[0].T
+    own = np.diag(expected.mobility)
+    assert forces @ expected.mobility.T / expected.mass_kg == pytest.approx(legs, abs=0.01 * np.abs(legs).max())
+    held = leg_forces(turned, none, none) - rest
+    pistons = RESOLVED.machine.mechanics.piston_positions(turned)[0]
+    load = expected.of_pose(pistons) * own * expected.mass_kg
+    assert held[0] @ expected.mobility.T == pytest.approx(load, abs=0.05 * np.abs(load).max())
+
+
 def test_weight_topples_a_platform_that_leans(expected: ExpectedLoad) -> None:
     """A leg that is longer than the others carries less: K is negative on its diagonal, and symmetric."""
     assert np.diag(expected.stiffness).max() < 0.0
