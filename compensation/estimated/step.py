@@ -59,7 +59,9 @@ FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
 RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
 LINEAR_S = 2.0  # in which the demanded motion then loses its dead band
 LEAST_SHARE = 0.5  # of bump^2 in bump^2 + doubt^2 from which it engages
-MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors are out of the linear range, and say no more
+MOST_DOUBT = (
+    2.0  # of bump^2 in one half stroke: beyond it the numbers' errors are out of the linear range, and say no more
+)
 SMOOTHEST = 64.0  # of the volts' second difference: the valve then crosses its dead band in a window's length
 KEEP_HALVES = 0.75  # of the squares of a half stroke before
 SAY_TICKS, QUIET_TICKS = (
