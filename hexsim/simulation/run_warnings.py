@@ -1,12 +1,16 @@
-"""Warnings of a run: where oil turned to vapour, and a constant time step that the machine is too stiff for."""
+"""Warnings of a run: where oil turned to vapour, position loops that swing by themselves, and a constant time step that the machine is
+too stiff for."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
+from hexsim.declaration import Machine
+from hexsim.declaration.sensors import Sensors
 from hexsim.hydraulics.leg import chamber_capacity
 from hexsim.hydraulics.steps import STIFF
 from hexsim.plant import Plant
@@ -14,6 +18,12 @@ from hexsim.plant.readout import voids
 
 Array = NDArray[np.float64]
 TENDON_ERROR = "reversal peaks within 0.2 % and waveform within 0.5 % of full legs"
+WINDOW_s = 0.5  # in which a swing is sought
+QUICK_s = 0.1  # within which a loop that swings by itself turns; setpoints of platforms turn slower
+SWINGS = 1.0 / 3.0  # of the volts' rms, quicker than that: much more than the edges' steps at a reversal (0.02 to 0.07)
+LEAST = 0.02  # of the whole run's volts: at rest a compensator may answer the noise of pressures by less
+OFTEN = 3.0  # as often as the setpoint: a valve with overlap and friction turns as often
+READING = 10.0  # standard deviations of what the position sensor's noise and counts make of volts
 STABLE_REAL, STABLE_RING = 2.78, 2.83  # h lambda and h omega up to which RK4 is stable
 
 
@@ -81,3 +91,48 @@ def cavitation_warnings(plant: Plant, tick_s: float, positions: Array, act: Arra
         )  # fmt: skip
         found.append(seen.sentence(place))
     return found
+
+
+def swing_warnings(machine: Machine, volts: Array, setpoints: Array) -> list[str]:
+    """A sentence on the leg whose position loop swings most by itself. volts, setpoints (m, n_legs): of every control tick, to
+    the valves, and of the pistons.
+
+    Sought in windows of WINDOW_s: the volts' part quicker than QUICK_s is SWINGS of their rms and turns OFTEN times as often as
+    the setpoint's speed. A loop that swings (a limit cycle) keeps an error of the time step, which one that settles forgets; an
+    oscillation that takes longer than QUICK_s is not seen.
+    """
+    tick_s = 1.0 / machine.controller.rate_Hz
+    n, wide = round(WINDOW_s / tick_s), max(round(QUICK_s / tick_s), 1)
+    if len(volts) < n + wide:
+        return []
+    noise = np.array([leg.controller.gain_V_per_m * _reading_m(leg.sensors) for leg in machine.legs])
+    quick, speed = volts - scipy.ndimage.uniform_filter1d(volts, wide, axis=0), np.diff(setpoints, axis=0)
+    least, found = np.maximum(READING * noise, LEAST * volts.std(axis=0)), []
+    for first in range(wide, len(volts) - n - wide + 1, n // 2):
+        part = slice(first, first + n)
+        swing, whole = quick[part].std(axis=0), volts[part].std(axis=0)
+        for k in np.flatnonzero((swing > SWINGS * whole) & (swing > least)):
+            turns = _side_changes(quick[part, k], 0.5 * swing[k])
+            asked = _side_changes(speed[part, k], 0.5 * float(speed[part, k].std()))
+            if turns >= max(OFTEN * asked, n * tick_s / QUICK_s):
+                found.append((float(swing[k]), int(k) + 1, first * tick_s, turns / (2.0 * n * tick_s)))
+    if not found:
+        return []
+    swing, leg, at, hertz = max(found)
+    return [
+        f"position loop of leg {leg}: swings by itself at {hertz:.0f} Hz, {swing:.2g} V rms from {at:.1f} s on, while its setpoint "
+        "does not; figures of such a run depend on the time step beyond what step_error says: lower controller.gain_V_per_m "
+        "(hexsim tune-loop)"
+    ]
+
+
+def _reading_m(sensors: Sensors) -> float:
+    """Standard deviation of a reading of the position [m]."""
+    return float(np.hypot(sensors.position_noise_m, sensors.position_resolution_m / np.sqrt(12.0)))
+
+
+def _side_changes(x: Array, width: float) -> int:
+    """How often a signal passes from above its mean by `width` to below by it, and back."""
+    x = x - x.mean()
+    sides = np.sign(x[np.abs(x) > width])
+    return int(np.count_nonzero(np.diff(sides)))

@@ -36,7 +36,7 @@ from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
 from hexsim.simulation.hosted import Host, hosted_setpoints
 from hexsim.simulation.plain_loop import PlainLoop, Transducer, run_plain
 from hexsim.simulation.run_log import Recorded, run_log, run_summary
-from hexsim.simulation.run_warnings import cavitation_warnings, start_warnings
+from hexsim.simulation.run_warnings import cavitation_warnings, start_warnings, swing_warnings
 from hexsim.simulation.start_parameters import SUFFIX, started
 
 Array = NDArray[np.float64]
@@ -155,6 +155,8 @@ def simulate(
     realtime = float(recorded.time[-1] / wall) if len(recorded.time) > 1 else 0.0
     warnings += ([reason] if reason else []) + cavitation_warnings(plant, run.tick_s, recorded.positions, recorded.act)
     warnings += step_warnings(step_error)
+    each = slice(None, None, run.control_every)
+    warnings += swing_warnings(machine, recorded.volts[each], recorded.setpoints[each])
     summary = run_summary(plant, scenario, name, log, recorded, realtime, warnings)
     summary["step_error"] = step_error
     summary |= {"compensation": loop.engagement()} if compensators else {}
