@@ -147,6 +147,8 @@ def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
         figures += f"\n| Bouc-Wen, sine sweep | | {sweep:.3g} | **{sweep:.3g}** {unit} | | |"
     lines = [f"| {name} | {known} | {report['verdict']} |"]
     for one in report["candidates"]:
+        if one["effect"] not in report["verdict"]:
+            continue  # what the verdict does not speak of is in the report
         numbers = ", ".join(
             f"{key} {of['value']:.4g} +- {of['standard_error']:.2g}" for key, of in one["numbers"].items()
         )

@@ -344,7 +344,7 @@ def test_a_plot_that_fails_does_not_cost_the_run(tmp_path, monkeypatch):
     def broken(signals):
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr("hexsim.recording.run_files.run_figures", broken)
+    monkeypatch.setattr("hexsim.recording.figures.run_figures", broken)
     result = hexsim_command("run", "heave", *BENCH, "--duration", "0.5", "--out", "run", cwd=tmp_path)
     assert isinstance(result.exception, RuntimeError)
     assert {path.name for path in (tmp_path / "run").iterdir()} == {"log.parquet", "summary.json", "config.toml"}
