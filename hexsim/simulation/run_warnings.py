@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from hexsim.declaration import Machine
@@ -106,7 +105,7 @@ def swing_warnings(machine: Machine, volts: Array, setpoints: Array) -> list[str
     if len(volts) < n + wide:
         return []
     noise = np.array([leg.controller.gain_V_per_m * _reading_m(leg.sensors) for leg in machine.legs])
-    quick, speed = volts - scipy.ndimage.uniform_filter1d(volts, wide, axis=0), np.diff(setpoints, axis=0)
+    quick, speed = volts - _moving_mean(volts, wide), np.diff(setpoints, axis=0)
     least, found = np.maximum(READING * noise, LEAST * volts.std(axis=0)), []
     for first in range(wide, len(volts) - n - wide + 1, n // 2):
         part = slice(first, first + n)
@@ -129,6 +128,11 @@ def swing_warnings(machine: Machine, volts: Array, setpoints: Array) -> list[str
 def _reading_m(sensors: Sensors) -> float:
     """Standard deviation of a reading of the position [m]."""
     return float(np.hypot(sensors.position_noise_m, sensors.position_resolution_m / np.sqrt(12.0)))
+
+
+def _moving_mean(x: Array, wide: int) -> Array:
+    """Mean over `wide` rows about each of x (m, n); towards the ends as if x were zero beyond."""
+    return np.stack([np.convolve(one, np.full(wide, 1.0 / wide), "same") for one in x.T], axis=1)
 
 
 def _side_changes(x: Array, width: float) -> int:
