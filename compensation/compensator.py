@@ -47,7 +47,8 @@ class Sample:
     pressure_top_Pa: float = 0.0  # measured, of a rod side on a four-way valve
     # (n,) or none: load that the setpoints of all legs give this one, over the mass that it has when all move alike
     load_preview_m_s2: np.ndarray = field(default_factory=lambda: NO_LOAD)
-    # of a platform's legs `MEASURED_TICKS` ago: P1 A1 - P2 A2 (n,), speeds (n,), and this one's load by the pose alone, over that mass
+    # of a platform's legs `MEASURED_TICKS` ago, for a compensator that `feels_legs`: P1 A1 - P2 A2 (n,), speeds (n,), and this one's
+    # load by the pose alone, over that mass
     forces_N: np.ndarray = field(default_factory=lambda: NO_LOAD)
     speeds_m_s: np.ndarray = field(default_factory=lambda: NO_LOAD)
     load_of_pose_m_s2: float = 0.0
@@ -98,12 +99,9 @@ class Context:
     pressure_gain_V_per_Pa: float = 0.0
     pressure_high_pass_Hz: float = 1.0
     # of a platform, by its geometry and body; legs that differ in these are alike
-    own_mobility: float = field(
-        default=1.0, compare=False
-    )  # share of its mass that a leg moves by itself, the others' forces held
-    mobility: tuple[float, ...] = field(
-        default=(), compare=False
-    )  # (n,) acceleration by each leg's force, over that by its own
+    # share of its mass that a leg moves by itself, the others' forces held; (n,) acceleration by each leg's force, over that by its own
+    own_mobility: float = field(default=1.0, compare=False)
+    mobility: tuple[float, ...] = field(default=(), compare=False)
     leg: int = field(default=0, compare=False)  # from 0
     load_over_weight: float = field(default=1.0, compare=False)  # that mass times gravity over the force that holds it
     controller_feeds_forward: bool = False  # the plain controller follows the setpoint without the lag of its gain
@@ -142,6 +140,11 @@ class Context:
     def rod_ratio(self) -> float:
         """A2 / A1 of two chambers on a four-way valve, 0 of one on a three-way valve."""
         return self.area_top_m2 / self.area_bottom_m2 if self.four_way else 0.0
+
+    @cached_property
+    def legs(self) -> int:
+        """How many legs carry the platform; 0 of a bench."""
+        return len(self.mobility)
 
     @cached_property
     def position_error_m(self) -> float:
@@ -203,6 +206,7 @@ class Compensator(abc.ABC):
     preview_s: float = 0.0
     variants: ClassVar[dict[str, dict[str, Any]]] = {}  # further names, each with its configuration
     place: ClassVar[int] = 100  # in lists, the lowest first
+    feels_legs: ClassVar[bool] = False  # whether a sample of a platform must say what all legs do
 
     @abc.abstractmethod
     def start(self, context: Context) -> Any:
@@ -280,6 +284,11 @@ class Wrapped(Compensator):
     def preview_s(self) -> float:  # type: ignore[override]
         """The algorithm's own preview [s]."""
         return self.inner.preview_s
+
+    @property
+    def feels_legs(self) -> bool:  # type: ignore[override]
+        """Whether the algorithm needs to."""
+        return self.inner.feels_legs
 
     @property
     def description(self) -> str:

@@ -63,6 +63,7 @@ class Estimated(Compensator):
 
     name: str = "estimated"
     place = 5
+    feels_legs = True
     preview_s: float = 0.028
     learn: bool = True
 
@@ -70,10 +71,8 @@ class Estimated(Compensator):
         state = EstimatedState(context)
         settings = state.numbers.settings
         for name in settings.dtype.names:
-            if name != "legs":
-                settings[name] = getattr(self if hasattr(self, name) else context, name)
-        settings["legs"] = len(context.mobility)
-        state.numbers.mobility[: len(context.mobility)] = context.mobility
+            settings[name] = getattr(self if hasattr(self, name) else context, name)
+        state.numbers.mobility[: context.legs] = context.mobility
         start_first(state.states)
         return state
 

@@ -59,15 +59,11 @@ FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
 RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
 LINEAR_S = 2.0  # in which the demanded motion then loses its dead band
 LEAST_SHARE = 0.5  # of bump^2 in bump^2 + doubt^2 from which it engages
-MOST_DOUBT = (
-    2.0  # of bump^2 in one half stroke: beyond it the numbers' errors are out of the linear range, and say no more
-)
+MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
 SMOOTHEST = 64.0  # of the volts' second difference: the valve then crosses its dead band in a window's length
 KEEP_HALVES = 0.75  # of the squares of a half stroke before
-SAY_TICKS, QUIET_TICKS = (
-    8,
-    20,
-)  # legs of a platform say so often whether they want to engage; none may object for so long
+SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether it wants to engage
+QUIET_TICKS = 20  # for which no leg may object
 
 
 @compiled
@@ -79,6 +75,7 @@ def start(s):
     s.past.noise_m = max(s.past.noise_m, 1e-8)
     start_prediction(s.prediction)
     s.objected = QUIET_TICKS
+    s.platform = 1 if s.settings.legs > 1 else 0
 
 
 @compiled
@@ -345,7 +342,6 @@ def tick_of(
     settings, ref, inv = s.settings, s.reference, s.inverse
     if s.sheet[S_FOUR_WAY] == 0.0:
         top_Pa = supply_Pa
-    s.platform = 1 if s.settings.legs > 1 else 0
     ahead, predicted = _setpoint_ahead(s, table, preview, QUEUE - 1)
     _advance(s, ahead, loads, predicted)
     watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, valve_V)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 from pydantic import Field
@@ -58,4 +59,15 @@ class Sensors(Section):
         strict=False,
         description="hexapod: roll, pitch, yaw of the accelerometers in that frame [deg]",
     )
+
+    @property
+    def position_error_m(self) -> float:
+        """Standard deviation of a reading: noise, and a count's width over sqrt(12)."""
+        return math.hypot(self.position_noise_m, self.position_resolution_m / math.sqrt(12.0))
+
+    @property
+    def pressure_error_Pa(self) -> float:
+        """The same of a pressure."""
+        return math.hypot(self.pressure_noise_Pa, self.pressure_resolution_Pa / math.sqrt(12.0))
+
     angular_acceleration_noise_rad_s2: float = between(0.0, 1e4, "noise, angular [rad/s2]", default=0.0)

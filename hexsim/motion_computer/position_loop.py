@@ -50,9 +50,7 @@ class PositionLoop:
         self.machine, self._tick_s = machine, 1.0 / machine.controller.rate_Hz
         self.load: ExpectedLoad | None = None  # of a platform's legs, for compensators
         self._period_s = period_s
-        self._seen = np.zeros((0, 2, n))  # positions and forces of the last SPAN ticks
         self.compensate(compensators)
-        self._areas = np.array([[context.area_bottom_m2, context.area_top_m2] for context in self._contexts]).T
         self.valve = np.zeros(n)  # volts that leave the motion computer
         self.setpoint = np.zeros(n)
         self.feed_forward = np.zeros(n)
@@ -67,6 +65,9 @@ class PositionLoop:
             self.load = ExpectedLoad.of(resolve(self.machine))
         legs = range(1, self.machine.n_legs + 1)
         self._contexts = [compensator_context(self.machine, self._period_s, leg, self.load) for leg in legs]
+        self._feels_legs = self.load is not None and any(one.feels_legs for one in self.compensators)
+        self._seen = np.zeros((0, 2, len(legs)))  # positions and forces of the last SPAN ticks
+        self._areas = np.array([[context.area_bottom_m2, context.area_top_m2] for context in self._contexts]).T
         made = list(zip(self.compensators, self._contexts, strict=False))
         self.states: list[Any] = [c.start(context) for c, context in made]
         self.previews = [preview_count(*both, state) for both, state in zip(made, self.states, strict=True)]
@@ -158,8 +159,8 @@ class PositionLoop:
         self, positions: Array, pressures: Array, supply_Pa: float, top_pressures: Array | None
     ) -> tuple[Array, Array, Array]:
         """Of a platform MEASURED_TICKS ago, (n_legs,) each: load by the pose alone [m/s2], forces [N], speeds [m/s]. A reading that is
-        missing stands for the one before."""
-        if self.load is None:
+        missing stands for the one before. None where no compensator feels them."""
+        if self.load is None or not self._feels_legs:
             return np.zeros(len(positions)), NO_LOAD, NO_LOAD
         forces = pressures * self._areas[0] - (supply_Pa if top_pressures is None else top_pressures) * self._areas[1]
         now = np.array((positions, forces))

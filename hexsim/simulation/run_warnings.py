@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexsim.declaration import Machine
-from hexsim.declaration.sensors import Sensors
 from hexsim.hydraulics.leg import chamber_capacity
 from hexsim.hydraulics.steps import STIFF
 from hexsim.plant import Plant
@@ -104,7 +103,7 @@ def swing_warnings(machine: Machine, volts: Array, setpoints: Array) -> list[str
     n, wide = round(WINDOW_s / tick_s), max(round(QUICK_s / tick_s), 1)
     if len(volts) < n + wide:
         return []
-    noise = np.array([leg.controller.gain_V_per_m * _reading_m(leg.sensors) for leg in machine.legs])
+    noise = np.array([leg.controller.gain_V_per_m * leg.sensors.position_error_m for leg in machine.legs])
     quick, speed = volts - _moving_mean(volts, wide), np.diff(setpoints, axis=0)
     least, found = np.maximum(READING * noise, LEAST * volts.std(axis=0)), []
     for first in range(wide, len(volts) - n - wide + 1, n // 2):
@@ -123,11 +122,6 @@ def swing_warnings(machine: Machine, volts: Array, setpoints: Array) -> list[str
         "does not; figures of such a run depend on the time step beyond what step_error says: lower controller.gain_V_per_m "
         "(hexsim tune-loop)"
     ]
-
-
-def _reading_m(sensors: Sensors) -> float:
-    """Standard deviation of a reading of the position [m]."""
-    return float(np.hypot(sensors.position_noise_m, sensors.position_resolution_m / np.sqrt(12.0)))
 
 
 def _moving_mean(x: Array, wide: int) -> Array:

@@ -13,7 +13,6 @@ Every mode of the load counts alike. Measured with a multisine in each degree of
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -181,10 +180,7 @@ class Search:
     def shaken_m_s2(self, loop: Loop) -> float:
         """Rms acceleration of a loop's piston by the noise and the resolution of its transducers."""
         own = self.machine.legs[loop.leg - 1].sensors
-        return loop.shaken_m_s2(
-            math.hypot(own.position_noise_m, own.position_resolution_m / math.sqrt(12.0)),
-            math.hypot(own.pressure_noise_Pa, own.pressure_resolution_Pa / math.sqrt(12.0)),
-        )
+        return loop.shaken_m_s2(own.position_error_m, own.pressure_error_Pa)
 
     def cost(self, x: Array) -> float:
         """Mean |T - 1|^2 with the valve's gain off either way, and the penalties."""

@@ -73,8 +73,7 @@ def acceleration_agreement(log: Log, machine: Machine, order: tuple[int, ...] | 
     updates = tick_samples(log, 0, machine.controller.rate_Hz)
     if updates is None:
         updates = sharpest(log.columns[names[0]], round(log.rate / machine.controller.rate_Hz))
-    sensors = machine.sensors
-    sigma = np.hypot(sensors.position_noise_m, sensors.position_resolution_m / np.sqrt(12)) + 1e-7
+    sigma = machine.sensors.position_error_m + 1e-7
     impulse = np.zeros(4 * look.half + 1)
     impulse[2 * look.half] = sigma
     noise = float(np.linalg.norm(look.second_rate(impulse)))
