@@ -12,13 +12,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba import config, njit
+from numba import config, njit, types
+from numba.core.imputils import lower_cast
 
 from .compiled_cache import check_cache, temporary_cache
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """`function` as a native one. It gets records and arrays of the state layout and allocates nothing."""
+    """`function` as a native one. It gets records and arrays of the state layout and allocates nothing.
+
+    Compiled callers share one native function for all constants and lengths that they give it, where numba makes one for each.
+    """
     options = {"cache": True, "error_model": "numpy", "fastmath": False, "nogil": True}
     try:
         dispatcher = njit(**options)(function)
@@ -26,7 +30,24 @@ def compiled(function: Callable[..., Any]) -> Any:
         config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
         dispatcher = njit(**options)(function)
     check_cache(dispatcher, _sources_digest())
+    specialised = dispatcher.get_call_template
+    dispatcher.get_call_template = lambda args, kws: specialised(
+        tuple(map(_general, args)), {name: _general(kind) for name, kind in kws.items()}
+    )
     return dispatcher
+
+
+@lower_cast(types.NestedArray, types.Array)
+def _as_array(context: Any, builder: Any, kind: Any, wanted: Any, value: Any) -> Any:
+    """An array inside a record is held as any other array is; numba lacks the cast."""
+    return value
+
+
+def _general(kind: Any) -> Any:
+    """The type that a literal is one of; of an array inside a record the same array of any length."""
+    if isinstance(kind, types.NestedArray):
+        return types.Array(kind.dtype, kind.ndim, "C")
+    return types.unliteral(kind)
 
 
 @cache

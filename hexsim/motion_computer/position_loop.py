@@ -118,13 +118,14 @@ class PositionLoop:
         if self.compensators and pressures is not None:
             own = np.empty(len(positions))
             controller.of_the_setpoint(control, memory, self.feed_forward, own)
-            loads = None if self.load is None else self.load.accelerations(path, self._tick_s)
+            ahead = np.ascontiguousarray(path.T)  # in rows: one memory layout, compiled once, for one leg and for six
+            loads = None if self.load is None else np.ascontiguousarray(self.load.accelerations(path, self._tick_s).T)
             pose, forces, speeds = self._watch_legs(positions, pressures, supply_Pa, top_pressures)
             for i, compensator in enumerate(self.compensators):
                 sample = Sample(
                     time_s=time_s,
                     setpoint_m=float(followed[i]),
-                    preview_m=path[: self.previews[i], i],
+                    preview_m=ahead[i, : self.previews[i]],
                     position_m=float(positions[i]),
                     control_V=float(asked[i]),
                     valve_V=float(self._commanded[i]),
@@ -132,7 +133,7 @@ class PositionLoop:
                     pressure_supply_Pa=supply_Pa,
                     feed_forward_V=float(own[i]),
                     pressure_top_Pa=0.0 if top_pressures is None else float(top_pressures[i]),
-                    load_preview_m_s2=NO_LOAD if loads is None else loads[: self.previews[i], i],
+                    load_preview_m_s2=NO_LOAD if loads is None else loads[i, : self.previews[i]],
                     forces_N=forces,
                     speeds_m_s=speeds,
                     load_of_pose_m_s2=float(pose[i]),
