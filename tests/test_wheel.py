@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from hexsim.machine import available_machines
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -27,32 +29,50 @@ def test_descriptions_are_accepted_by_a_registry(distributions):
     subprocess.run([sys.executable, "-m", "twine", "check", "--strict", *files], check=True, capture_output=True)
 
 
-def test_wheel_carries_the_models_and_runs_elsewhere(distributions, tmp_path):
-    """Built as a wheel and installed into a new environment, `hexsim run heave` works in an empty folder.
+@pytest.fixture(scope="module")
+def installed(distributions, tmp_path_factory):
+    """Folder of the programs of a new environment with the wheel.
 
     The dependencies come from this environment by a path file, which does not carry the editable install along.
     """
+    place = tmp_path_factory.mktemp("installed")
     wheel = next(distributions.glob("hexsim-*.whl"))
-    venv.create(tmp_path / "venv", with_pip=True)
-    bin_folder = tmp_path / "venv" / "bin"
+    venv.create(place / "venv", with_pip=True)
+    bin_folder = place / "venv" / "bin"
     subprocess.run(
         [bin_folder / "python", "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", wheel],
         check=True,
         capture_output=True,
     )
-    site = next((tmp_path / "venv" / "lib").glob("python*/site-packages"))
+    site = next((place / "venv" / "lib").glob("python*/site-packages"))
     (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    where = subprocess.run(
-        [bin_folder / "python", "-c", "import hexsim, compensation; print(hexsim.__file__)"],
-        cwd=empty, check=True, capture_output=True, text=True,
-    ).stdout  # fmt: skip
-    assert str(tmp_path) in where
+    return bin_folder
+
+
+def test_wheel_carries_the_models(installed, tmp_path):
+    """Installed as a wheel, hexsim finds every machine of models in an empty folder, and MuJoCo loads each."""
+    code = (
+        "import hexsim, compensation, mujoco\n"
+        "from hexsim.machine import available_machines, load_machine, models_folder\n"
+        "for name in available_machines():\n"
+        "    load_machine(name)\n"
+        "    mujoco.MjModel.from_xml_path(str(models_folder() / name / 'scene.xml'))\n"
+        "print(hexsim.__file__, *available_machines())"
+    )
+    where, *machines = subprocess.run(
+        [installed / "python", "-c", code], cwd=tmp_path, check=True, capture_output=True, text=True
+    ).stdout.split()
+    assert str(installed.parent) in where
+    assert machines == available_machines()
+
+
+@pytest.mark.slow
+def test_wheel_runs_elsewhere(installed, tmp_path):
+    """`hexsim run heave` works in an empty folder; it compiles all equations anew."""
     run = subprocess.run(
-        [bin_folder / "hexsim", "run", "heave", "--fast", "--duration", "1", "--out", "here"],
-        cwd=empty, capture_output=True, text=True,
+        [installed / "hexsim", "run", "heave", "--fast", "--duration", "1", "--out", "here"],
+        cwd=tmp_path, capture_output=True, text=True,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
-    assert (empty / "here" / "summary.json").is_file()
-    assert not (empty / "MUJOCO_LOG.TXT").exists()
+    assert (tmp_path / "here" / "summary.json").is_file()
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from leg_plant import Leg, run
 
 import compensation
@@ -54,6 +55,7 @@ class Recorded(compensation.Compensator):
         return self.inner.step(state, sample)
 
 
+@pytest.mark.slow
 def test_compiled_step_gives_the_volts_of_its_source(tmp_path: Path) -> None:
     """A leg with a leak and 2 ms of delay for 9 s, identified, engaged and past its first compensated
     reversals: its samples, through the same functions without the compiler, give the same volts to 1e-9 V."""

@@ -154,7 +154,12 @@ VARIED = {
 }
 
 
-@pytest.mark.parametrize("what", VARIED)
+ONE_IN_CI = "slow spool"  # a minute each with an empty cache of compiled functions
+
+
+@pytest.mark.parametrize(
+    "what", [ONE_IN_CI, *(pytest.param(what, marks=pytest.mark.slow) for what in VARIED if what != ONE_IN_CI)]
+)
 def test_a_quarter_is_left_whatever_the_leg_is(what) -> None:
     """A plant apart with one number far from what any data sheet here says, nothing of it declared: at most a quarter is left and no
     more reversals are worse than plain control than plain control's own."""

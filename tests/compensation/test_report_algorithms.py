@@ -17,6 +17,7 @@ from compensation.report_functions import function_1, function_2
 
 REPORT_LEG = dict(quadratic=True, spool_Hz=0.0, sharpness_m_s=0.0)  # chapter 3 and 5: Eq. 3.11, no spool, arctan
 REPORT = dict(rate_Hz=1e4, noise=False)  # its simulation ran at 10 kHz with clean signals
+LONG = REPORT | dict(rate_Hz=2e3)  # what takes many periods to see
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +84,7 @@ def test_iterative_with_function_2_shrinks_and_stays(uncompensated) -> None:
         Iterative(function=2, form="report", gain=2.0, velocity_bandwidth_Hz=None),
         Leg(**REPORT_LEG),
         duration_s=22.0,
-        **REPORT,
+        **LONG,
     )
     peaks = made.peaks(band_Hz=None)
     assert peaks[-1] < uncompensated / 5
@@ -98,7 +99,7 @@ def test_iterative_with_function_1_shrinks_then_grows() -> None:
         Iterative(function=1, form="report", gain=2.0, velocity_bandwidth_Hz=None),
         Leg(**REPORT_LEG),
         duration_s=60.0,
-        **REPORT,
+        **LONG,
     )
     peaks = made.peaks(first_s=6.0, band_Hz=None)
     lowest = int(peaks.argmin())
@@ -115,7 +116,7 @@ def test_the_half_width_of_5_3_makes_it_worse(uncompensated) -> None:
             Iterative(form="report", offset=offset, gain=0.5, velocity_bandwidth_Hz=None),
             Leg(**REPORT_LEG),
             duration_s=16.0,
-            **REPORT,
+            **LONG,
         )
         for offset in ("half width", "mean")
     )
@@ -151,14 +152,14 @@ def test_buffered_follows_an_oil_step_both_ways() -> None:
         if time_s >= 12.0:
             leg.density_kg_m3, leg.friction = 850.0, 0.67
 
-    made = run(Buffered(), Leg(**REPORT_LEG), duration_s=26.0, change=warmer, **REPORT)
+    made = run(Buffered(), Leg(**REPORT_LEG), duration_s=26.0, change=warmer, **LONG)
     assert made.peak(24.0, 26.0) < 0.25 * 0.43
 
 
 def test_two_curves_beat_one_on_a_valve_with_hysteresis() -> None:
     """Report chapter 6: on a valve with backlash, a curve for each sign of acceleration finds offsets of opposite
     sign."""
-    made = run(Buffered(two_sided=True), Leg(**REPORT_LEG, backlash_V=0.05), duration_s=14.0, **REPORT)
+    made = run(Buffered(two_sided=True), Leg(**REPORT_LEG, backlash_V=0.05), duration_s=14.0, **LONG)
     falling, rising = (curve.target[2] for curve in made.state.curves)
     assert rising > 0.01 > -0.01 > falling
 

@@ -171,6 +171,7 @@ FUNCTIONS = {
 }
 
 
+@pytest.mark.slow
 def test_the_windows_library_has_the_functions_and_needs_windows_alone(exported, tmp_path):
     """hexsim_adaptive.dll: 64 bit, exports the header's functions, imports from kernel32 and the C runtime only."""
     pefile = pytest.importorskip("pefile")
@@ -192,6 +193,7 @@ def test_the_windows_library_has_the_functions_and_needs_windows_alone(exported,
         assert "dead band found: 0.045" in text
 
 
+@pytest.mark.slow
 def test_the_arm_library_is_for_arm(exported, tmp_path):
     """libhexsim_adaptive.so for aarch64: an ELF file of that machine, with the header's functions in its table of names."""
     export_compensator("adaptive", "aarch64-linux", tmp_path, CONTEXT)

@@ -156,7 +156,16 @@ def fmus(tmp_path_factory):
     return get
 
 
-@pytest.mark.parametrize("name", MACHINES)
+BY_CI = (
+    "bench",
+    "power_unit",
+    "full_chosen",
+)  # full legs and tendons, constant steps and chosen ones, with a pump and without
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in BY_CI else pytest.param(name, marks=pytest.mark.slow) for name in MACHINES]
+)
 def test_outputs_are_those_of_the_plant(fmus, name):
     """Volts in: every output is that of `Plant` at the same constant step within 1e-12 of its size; with chosen steps within
     2 %, which jolts of a millisecond in the acceleration take, for the plant's steps go by their error."""
@@ -199,7 +208,10 @@ def own_legs(hexapod):
     return machine_from_dict(tables)
 
 
-@pytest.mark.parametrize("changes", [{}, {"friction.coulomb_extend_N": 40.0, "load.platform_mass_kg": 550.0}])
+@pytest.mark.parametrize(
+    "changes",
+    [pytest.param({}, marks=pytest.mark.slow), {"friction.coulomb_extend_N": 40.0, "load.platform_mass_kg": 550.0}],
+)
 def test_own_joints_and_legs_that_differ_are_those_of_the_plant(own_legs, changes, tmp_path):
     """Volts in: every output is that of `Plant` within 1e-12; a parameter of the machine leaves alone the leg that has its
     own, as in machine.toml."""
@@ -211,7 +223,7 @@ def test_own_joints_and_legs_that_differ_are_those_of_the_plant(own_legs, change
     assert worst_difference(fmu.outputs, found, wanted) < SAME
 
 
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", BY_CI)
 def test_fmpy_validates_it_without_a_message(fmus, name):
     """FMPy checks the archive against the schema and the standard's rules, and has nothing to say."""
     path, _ = fmus(name)
@@ -248,10 +260,12 @@ CHANGES = {
     ("name", "changes"),
     [
         ("tendon", CHANGES),
-        ("full", {"load.platform_mass_kg": 1100.0}),
-        ("effects", {"supply.pressure_Pa": 8.0e6}),
+        pytest.param("full", {"load.platform_mass_kg": 1100.0}, marks=pytest.mark.slow),
+        pytest.param("effects", {"supply.pressure_Pa": 8.0e6}, marks=pytest.mark.slow),
         ("full_chosen", CHANGES),
-        ("effects_chosen", {"supply.pressure_Pa": 8.0e6, "friction.sharpness_m_s": 1e-4}),
+        pytest.param(
+            "effects_chosen", {"supply.pressure_Pa": 8.0e6, "friction.sharpness_m_s": 1e-4}, marks=pytest.mark.slow
+        ),
     ],
 )
 def test_parameters_of_the_machine_file_are_parameters_of_the_fmu(fmus, name, changes):
@@ -269,7 +283,7 @@ def test_parameters_of_the_machine_file_are_parameters_of_the_fmu(fmus, name, ch
     assert worst_difference(fmu.outputs, declared, wanted) > 1e-3
 
 
-@pytest.mark.parametrize("name", ["bench", "full"])
+@pytest.mark.parametrize("name", ["bench", pytest.param("full", marks=pytest.mark.slow)])
 def test_each_parameter_is_the_key_of_the_machine_file(fmus, name):
     """Every parameter by itself, 1 % larger (or 1 % of its upper bound): the numbers that it changes are those of the
     machine file with that key, and no other number of the machine would change.
@@ -326,7 +340,9 @@ def test_reset_repeats_to_the_bit(fmus):
     assert np.array_equal(fmu.run(slave, volts), first)
 
 
-@pytest.mark.parametrize("name", ["effects", "full"])
+@pytest.mark.parametrize(
+    "name", ["tendon", *(pytest.param(name, marks=pytest.mark.slow) for name in ("effects", "full"))]
+)
 def test_a_kept_state_goes_on_to_the_bit(fmus, name):
     """A state kept in mid-motion, set again in the same instance, or written out and read by another one."""
     _, fmu = fmus(name)
@@ -414,7 +430,7 @@ def test_it_does_not_go_beyond_its_stop_time(fmus):
     free.doStep(0.1, 0.1)
 
 
-@pytest.mark.parametrize("name", MACHINES)
+@pytest.mark.parametrize("name", BY_CI)
 def test_it_is_small_and_native(fmus, name):
     """Below 5 MB; binaries for Linux and the description, nothing that Python would run."""
     path, fmu = fmus(name)

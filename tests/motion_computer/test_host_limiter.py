@@ -90,7 +90,7 @@ def test_a_step_is_rounded_and_keeps_its_size(name):
 
 
 @pytest.mark.parametrize("name", MACHINES)
-@pytest.mark.parametrize("largest", [1.0, 0.3])
+@pytest.mark.parametrize("largest", [pytest.param(1.0, marks=pytest.mark.slow), 0.3])
 def test_every_designed_motion_is_within_the_limits(name, largest):
     """Of every kind, first points and random ones, scaled by the largest share: no packet needs to be limited."""
     machine = MACHINES[name]

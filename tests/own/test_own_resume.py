@@ -1,6 +1,7 @@
 """A trace of a machine of one's own that ends early leaves what is known, and goes on where it stopped with the same result."""
 
 import json
+import shutil
 
 import numpy as np
 import polars as pl
@@ -141,26 +142,39 @@ def test_a_trace_that_failed_and_was_interrupted_ends_as_one_that_was_not(machin
     assert not (out / FILE).exists()
 
 
+@pytest.fixture(scope="module")
+def failed(tmp_path_factory):
+    """A folder with a tank in `machine` and in `out` the state of its trace, which failed after two fits."""
+    place, real, made = tmp_path_factory.mktemp("failed"), notebook.held_out, []
+
+    def counted(fitted):
+        if len(made) == 2:
+            raise RuntimeError("a bug")
+        made.append(fitted)
+        return real(fitted)
+
+    (place / "machine").mkdir()
+    written(place / "machine", TANK, "model.toml", tank_run)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(notebook, "held_out", counted)
+        hexsim(place / "machine", "--out", place / "out")
+    return place
+
+
 @pytest.fixture
-def begun(tmp_path, fits):
-    """A folder with the state of a tank's trace that failed after two fits."""
-    place = tmp_path / "machine"
-    place.mkdir()
-    written(place, TANK, "model.toml", tank_run)
-    fits.stop = (2, RuntimeError("a bug"))
-    hexsim(place, "--out", tmp_path / "out")
-    fits.stop = None
-    return tmp_path / "out"
+def begun(failed, tmp_path):
+    """A copy of the failed trace's folder."""
+    return shutil.copytree(failed / "out", tmp_path / "out")
 
 
-def test_another_file_or_log_is_refused(begun, tmp_path):
+def test_another_file_or_log_is_refused(begun, failed):
     """A declared number, or a sample of a log, has changed since: one sentence that names it, and nothing is lost."""
     before = (begun / FILE).read_bytes()
     for name, change in (
         ("model.toml", lambda text: text.replace("0.1", "0.2")),
         ("two.csv", lambda text: f"{text[:-2]}\n"),
     ):
-        path = tmp_path / "machine" / name
+        path = failed / "machine" / name
         text = path.read_text()
         path.write_text(change(text))
         refused = hexsim("--resume", begun)

@@ -87,7 +87,7 @@ CROSS = {
 }
 
 
-@pytest.fixture(scope="module", params=sorted(CROSS))
+@pytest.fixture(scope="module", params=["heave", pytest.param("roll", marks=pytest.mark.slow)])
 def three_ways(request):
     """One motion with full legs (100 us), the tendon model (100 us) and `--fast`: the tendon model with the chosen step."""
     scenario = dataclasses.replace(load_scenario(request.param, duration_s=6.0), figures_from_s=4.0)
