@@ -15,12 +15,11 @@ import compensation
 from compensation import Context
 from hexsim.cli import app
 from hexsim.errors import HexsimError
-from hexsim.identification import bump, identify, rounds
+from hexsim.identification import bump, identify, plan, rounds
 from hexsim.identification.bump import taken_apart, worst
 from hexsim.identification.host import LOCKED_SHARE, Host, LATE_LIVE_s, LATE_s, check_clock
 from hexsim.identification.link import Link
 from hexsim.identification.picture import errors_by_kind
-from hexsim.identification.plan import MOTION_s
 from hexsim.identification.record import Round, Story
 from hexsim.identification.rounds import check_careful
 from hexsim.identification.story import write_story
@@ -238,10 +237,15 @@ def test_an_interrupted_machine_is_lowered_though_the_display_raises(served, tmp
     assert served.computer.state == State.OFF
 
 
+SHORT_s = 6.0  # of a round
+
+
 @pytest.fixture
 def told_traces(monkeypatch):
-    """Traces and designs that are told: a tie after the first round, which the designed motion resolves; no motion tells more."""
+    """Motions of SHORT_s. Traces and designs that are told: a tie after the first round, which the designed motion resolves; no motion tells more."""
     known = []
+    for module in (plan, rounds):
+        monkeypatch.setattr(module, "MOTION_s", SHORT_s)
 
     def trace(folder, fit, held_out, out, tell):
         known.append([pl.read_parquet(path)["position_m"].to_numpy() for path in fit])
@@ -310,12 +314,12 @@ def test_machine_time_counts_though_the_host_was_killed(served, tmp_path, told_t
     monkeypatch.setattr(rounds, "_settle", lambda *arguments: None)
     with pytest.raises(Killed):
         identify("bench", served.address, 5.0, with_held_out(tmp_path))
-    assert json.loads((tmp_path / "story.json").read_text())["machine_s"] > MOTION_s
+    assert json.loads((tmp_path / "story.json").read_text())["machine_s"] > SHORT_s
 
 
 def test_the_time_is_used(served, tmp_path, told_traces):
-    """One minute holds round 1 and no second: it says so, with the tie in the story."""
-    story = identify("bench", served.address, 0.8, with_held_out(tmp_path))
+    """24 s hold round 1 and no second: it says so, with the tie in the story."""
+    story = identify("bench", served.address, 0.4, with_held_out(tmp_path))
     assert story.ended.startswith("the time is used")
     assert story.rounds[-1].sentences == ("a or b",)
 

@@ -34,6 +34,7 @@ def ended_with_a_lag(folder: Path, effects: dict[str, float]) -> tuple[Trace, Fi
     return trace, refine(start_fit_at(fit, trace.fit_problem), trace.fit_problem, fresh=True)
 
 
+@pytest.mark.slow
 def test_a_limit_of_the_spools_speed_is_not_told_as_another_spool(tmp_path: Path) -> None:
     """Where the search has ended with a spool of another lag, the limit stands in its place, within 5 %; the other way
     round, a machine with a lag keeps it."""

@@ -56,6 +56,7 @@ def test_columns_of_declared_parameters_are_held_once():
     assert peak < 1.8 * size  # a busy computer may take a few results late
 
 
+@pytest.mark.slow
 def test_a_refit_that_begins_with_the_opening_ends_as_one_that_does_not(monkeypatch):
     """The opening seconds only begin: chi2 ends alike, to the share at which a refit stops, with fewer whole simulations."""
     whole_runs, plain = [], SimulatedProblem.residual

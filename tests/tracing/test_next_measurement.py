@@ -186,6 +186,7 @@ def test_small_realities_are_not_asked_for(bench, leaking):
     assert [(number.effect, number.place) for number in asked.numbers] == [("leakage_supply_to_chamber", k + 1)]
 
 
+@pytest.mark.slow
 def test_a_tie_is_answered_by_a_scenario_file(bench, leaking):
     """For two hypotheses the file says which it separates and how far, and `hexsim run` can read it."""
     machine, _, problem = bench
@@ -254,6 +255,7 @@ def test_a_tie_of_a_partly_explained_machine_is_asked_about(late):
     assert np.abs(late.rest[1].sizes / late.rest[0].sizes - 1.0).max() < 0.1
 
 
+@pytest.mark.slow
 def test_what_a_motion_promises_of_a_rest_is_what_its_trace_finds(late):
     """Blocks that jump would separate the delay from the spool, the same within the limits and slow strokes do not; the refits
     of the trace itself say the same, and that the delay's error shrinks with the jumps. In slow strokes it hangs on the small
