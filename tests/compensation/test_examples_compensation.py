@@ -29,6 +29,7 @@ def test_own_compensator_is_short_and_loads(examples_on_path) -> None:
     assert record.added_V.min() == pytest.approx(-0.045)
 
 
+@pytest.mark.slow
 def test_report_chapter5_draws_its_figures(examples_on_path, tmp_path) -> None:
     """A short run draws the peaks and the functions."""
     module = importlib.import_module("report_chapter5")

@@ -98,6 +98,7 @@ class Slave:
         return dict(zip(outputs, before, strict=True)), dict(zip(outputs, after, strict=True))
 
 
+@pytest.mark.slow
 def test_the_compensator_inside_is_the_one_of_a_run(tmp_path):
     """11 s of the bench with `compensator.adaptive` = 1, written by the command line: volts, positions and pressures are
     those of a run with `adaptive` that is told no future, within 1e-11; without the parameter those of plain control."""

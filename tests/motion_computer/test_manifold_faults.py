@@ -31,7 +31,7 @@ def result(fault: dict, machine=WITH, fast=True, duration_s=7.0, time_s=TIME_s):
     return outcome(simulate(machine, scenario, fast=fast), time_s)
 
 
-@pytest.mark.parametrize("fault", HARD, ids=str)
+@pytest.mark.parametrize("fault", [HARD[0], pytest.param(HARD[1], marks=pytest.mark.slow)], ids=str)
 def test_the_hardest_faults_end_softly_with_a_manifold(fault):
     """A valve stuck open and a dead cabinet, without a manifold a blow of 2 g and more: below 0.8 g, all legs down, at rest."""
     without, found = result(fault, MACHINE, duration_s=4.5), result(fault)

@@ -241,6 +241,7 @@ def late(tmp_path_factory):
     return trace
 
 
+@pytest.mark.slow
 def test_a_tie_of_a_partly_explained_machine_is_asked_about(late):
     """The balances tie the delay with a slow spool: its hypothesis stands in the delay's place, refitted, and is no better by
     the tie's own rule."""

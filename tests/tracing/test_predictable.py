@@ -84,6 +84,7 @@ def test_a_small_delay_of_a_channel_itself_is_not_told(delay_s, low, high):
     assert part(left, 1) == pytest.approx(0.1, rel=0.05)
 
 
+@pytest.mark.slow
 def test_nothing_missing_is_not_said_of_a_transducer_that_reads_another_pressure_too():
     """A measured bench stays quiet; 0.3 % of the chamber's pressure in the supply's reading, a quarter of its noise, is told."""
     trace = begin(DATA / "bench_none", ["fit", "sweep"], ["validate"])

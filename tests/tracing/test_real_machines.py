@@ -102,6 +102,7 @@ def test_two_runs_are_too_few():
 # ---- measured ----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @buoy_logs
 def test_power_take_off_gets_no_confident_name():
     """Four real runs: channels 0.08 to 0.46 s late are found; areas come back within 20 %; the force balance gets the ram's
@@ -126,7 +127,7 @@ def test_power_take_off_gets_no_confident_name():
 
 
 @buoy_logs
-@pytest.mark.parametrize("right", [True, False])
+@pytest.mark.parametrize("right", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_power_take_off_has_a_relief_valve_and_oil_that_compresses(tmp_path, right):
     """What leaks and what compresses has one sign: then both are named in every fold, and each run held out has 40 % less at least.
     Declared the other way round the compressibility is no name, and the report says to check its sign."""

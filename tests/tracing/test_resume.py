@@ -48,6 +48,7 @@ def read(place):
     return json.loads((place / "report.json").read_text())
 
 
+@pytest.mark.slow
 def test_a_trace_that_fails_and_is_interrupted_ends_as_one_that_is_not(folder, tmp_path, monkeypatch):
     """Once a step fails, once it is interrupted: each time report.json and report.html say that it is incomplete, and by what;
     resumed, no step is done twice, and the report is the same to the last digit but for the seconds."""
