@@ -242,7 +242,8 @@ SHORT_s = 6.0  # of a round
 
 @pytest.fixture
 def told_traces(monkeypatch):
-    """Motions of SHORT_s. Traces and designs that are told: a tie after the first round, which the designed motion resolves; no motion tells more."""
+    """Motions of SHORT_s. Traces and designs that are told: a tie after the first round, which the designed motion resolves; then no
+    motion tells more."""
     known = []
     for module in (plan, rounds):
         monkeypatch.setattr(module, "MOTION_s", SHORT_s)
