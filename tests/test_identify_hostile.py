@@ -76,8 +76,15 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("at_s", [1.0, 1.75, 2.3])
-@pytest.mark.parametrize(("name", "leg"), [("bench", 0), ("micro_motion_system", 3)])
+@pytest.mark.parametrize(
+    ("name", "leg", "at_s"),
+    [
+        ("bench", 0, 1.0),
+        ("micro_motion_system", 3, 1.75),
+        *(pytest.param("bench", 0, at_s, marks=pytest.mark.slow) for at_s in (1.75, 2.3)),
+        *(pytest.param("micro_motion_system", 3, at_s, marks=pytest.mark.slow) for at_s in (1.0, 2.3)),
+    ],
+)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_of_a_machine_without_monitors_is_noticed(fault, name, leg, at_s):
     """Within 0.5 s of when the fault can be seen, in words that name leg and reading, whether it moves up, down
@@ -156,7 +163,9 @@ def test_memory_stays_flat_under_a_flood(spread):
         link.close()
 
 
-@pytest.mark.parametrize(("number", "down_s"), [(signal.SIGINT, 0.0), (signal.SIGTERM, 1.5)])
+@pytest.mark.parametrize(
+    ("number", "down_s"), [(signal.SIGINT, 0.0), pytest.param(signal.SIGTERM, 1.5, marks=pytest.mark.slow)]
+)
 def test_the_first_interrupt_lowers_the_machine_and_keeps_what_was_measured(number, down_s, tmp_path):
     """While a motion is driven in real time: the machine is asked to settle at once, the command ends 3 s after the machine is
     down, it says so, the broken motion is on disk, and no setpoint left beyond the limits."""

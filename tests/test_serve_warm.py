@@ -36,6 +36,7 @@ print(sorted(name for name, _ in known() - before))
 """
 
 
+@pytest.mark.slow
 def test_nothing_is_compiled_after_the_port_is_bound() -> None:
     """Through all states with the adaptive compensator and telemetry: no compiled function gets a signature that it
     had not when the port was bound, neither compiled nor loaded. A cold cache delays the first answer and no later one."""

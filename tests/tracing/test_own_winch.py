@@ -156,6 +156,7 @@ def test_a_delay_that_a_candidate_does_as_well_stays_where_correlation_put_it(tm
         assert not any("by its reference alone" in text for text in machine.sentences[point.log.name])
 
 
+@pytest.mark.slow
 def test_a_held_out_run_whose_late_channel_stands_still_is_scored_without_a_delay(tmp_path):
     """The others are aligned; the run says that there is nothing to align, and has its place in the budget."""
     for seed in range(5):

@@ -159,6 +159,7 @@ def test_a_machine_without_platform_is_refused():
         Flight(load_machine("bench"), Vehicle(decode=xplane), port=0)
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_flight_and_its_sliders_act():
     """In a browser: packets and state in words, digits of what is flown; a slider at its end takes the axis out. Nothing is
     asked of another computer."""
