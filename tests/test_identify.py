@@ -15,7 +15,7 @@ import compensation
 from compensation import Context
 from hexsim.cli import app
 from hexsim.errors import HexsimError
-from hexsim.identification import bump, identify, plan, rounds
+from hexsim.identification import bump, host, identify, plan, rounds
 from hexsim.identification.bump import taken_apart, worst
 from hexsim.identification.host import LOCKED_SHARE, Host, LATE_LIVE_s, LATE_s, check_clock
 from hexsim.identification.link import Link
@@ -220,8 +220,9 @@ def with_held_out(folder):
     return folder
 
 
-def test_an_interrupted_machine_is_lowered_though_the_display_raises(served, tmp_path):
+def test_an_interrupted_machine_is_lowered_though_the_display_raises(served, tmp_path, monkeypatch):
     """Ctrl-C while it moves, passed on by every later call of the display: the machine ends off, and the story says so."""
+    monkeypatch.setattr(host, "SETTLE_s", 120.0)  # of a computer that does other work, too
     calls = []
 
     def show(doing: str, share: float) -> None:
