@@ -222,7 +222,7 @@ def with_held_out(folder):
 
 def test_an_interrupted_machine_is_lowered_though_the_display_raises(served, tmp_path, monkeypatch):
     """Ctrl-C while it moves, passed on by every later call of the display: the machine ends off, and the story says so."""
-    monkeypatch.setattr(host, "SETTLE_s", 120.0)  # of a computer that does other work, too
+    monkeypatch.setattr(host.Host.settle, "__defaults__", (120.0,))  # s, of a computer that does other work, too
     calls = []
 
     def show(doing: str, share: float) -> None:
