@@ -5,10 +5,11 @@ outside the process goes through `create_built_in`.
 """
 
 from .compensator import NO_LOAD, Compensator, Context, Parameters, Sample, preview_count
+from .knowledge import Estimate, Knowledge
 from .learned_parameters import check_parameters
 from .registry import available, built_in, check, create, create_built_in
 
 __all__ = [
-    "NO_LOAD", "Compensator", "Context", "Parameters", "Sample", "available", "built_in", "check", "check_parameters",
-    "create", "create_built_in", "preview_count",
+    "NO_LOAD", "Compensator", "Context", "Estimate", "Knowledge", "Parameters", "Sample", "available", "built_in", "check",
+    "check_parameters", "create", "create_built_in", "preview_count",
 ]  # fmt: skip

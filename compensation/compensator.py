@@ -19,6 +19,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from .knowledge import Knowledge
+
 NO_LOAD = np.zeros(0)  # `Sample.load_preview_m_s2` of a leg that carries nothing of what other legs move
 MEASURED_TICKS = 5  # by which `Sample.speeds_m_s` lie behind: the middle of the parabola they come from
 Parameters = dict[str, Any]  # numbers, lists of numbers, strings: what JSON and TOML can hold
@@ -249,6 +251,10 @@ class Compensator(abc.ABC):
         does not say is taken to be engaged from its first tick on."""
         return ""
 
+    def knows(self, state: Any) -> Knowledge | None:
+        """What is known of the leg, with errors; None of an algorithm that has no model of it, or not yet."""
+        return None
+
     def refused(self, context: Context, parameters: Parameters) -> str:
         """Empty, or why finite parameters of the right shape cannot be this machine's: a number out of its physical range, or two
         that contradict each other. `learned_parameters.check_parameters` asks before `restore`."""
@@ -324,6 +330,9 @@ class Wrapped(Compensator):
 
     def not_engaged(self, state: Any) -> str:
         return self.inner.not_engaged(state)
+
+    def knows(self, state: Any) -> Knowledge | None:
+        return self.inner.knows(state)
 
     def refused(self, context: Context, parameters: Parameters) -> str:
         return self.inner.refused(context, parameters)

@@ -23,6 +23,7 @@ import numpy as np
 from . import compensator, volts_bound
 from .compensator import Context, Parameters, Sample, Wrapped
 from .compiled import compiled
+from .knowledge import Knowledge
 from .learned_parameters import check_parameters
 from .spool_model import set_spool_model
 from .volts_bound import EDGE_MARGIN, GAIN_MARGIN, SPEED_MEMORY_S, USUAL_SPOOL_HZ
@@ -297,6 +298,9 @@ class Guarded(Wrapped):
 
     def not_engaged(self, state: GuardState) -> str:
         return SENTENCES[state.reason] or self.inner.not_engaged(state.inner)
+
+    def knows(self, state: GuardState) -> Knowledge | None:
+        return self.inner.knows(state.inner)
 
     def refused(self, context: Context, parameters: Parameters) -> str:
         return self.inner.refused(context, parameters)

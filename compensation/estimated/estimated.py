@@ -9,7 +9,9 @@ import numpy as np
 from ..adaptive.prediction import prediction_table
 from ..compensator import Compensator, Context, Parameters, Sample
 from ..compiled import compiled
+from ..knowledge import Knowledge
 from .estimator import FEWEST, HEATS
+from .known import knowledge_of
 from .layout import STATE, Record
 from .leg import N_NUMBERS, NAMES
 from .prior import fill_prior, restore_prior
@@ -140,6 +142,9 @@ class Estimated(Compensator):
         restore_prior(s.fit, s.settings, known.numbers, known.sd * np.sqrt(np.diag(covariance)))
         s.fit.stage = LAST_STAGE
         return state
+
+    def knows(self, state: EstimatedState) -> Knowledge | None:
+        return knowledge_of(state.numbers)
 
     def not_engaged(self, state: EstimatedState) -> str:
         s, e = state.numbers, state.numbers.expected

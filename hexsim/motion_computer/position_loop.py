@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compensation import NO_LOAD, Compensator, Sample, preview_count
+from compensation import NO_LOAD, Compensator, Knowledge, Sample, preview_count
 from compensation.compensator import MEASURED_TICKS
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolve import resolve
@@ -155,6 +155,11 @@ class PositionLoop:
         self.valve = np.empty_like(self._commanded)
         controller.computed(control, memory, self._commanded, self.valve)
         return self.valve
+
+    @property
+    def known(self) -> tuple[Knowledge | None, ...]:
+        """What each leg's compensator knows of it."""
+        return tuple(one.knows(state) for one, state in zip(self.compensators, self.states, strict=True))
 
     def _watch_legs(
         self, positions: Array, pressures: Array, supply_Pa: float, top_pressures: Array | None

@@ -13,6 +13,7 @@ import compensation
 from hexsim.simulation.recent_motion import MotionFigures
 from hexsim.smoothness import BANDWIDTH_Hz
 from hexsim.web.knobs import knobs
+from hexsim.web.knowledge import knowledge_table
 from hexsim.web.machine_page import PANEL_PX, SLIDERS_PX, MachinePage
 from hexsim.web.session import Asked, Session, Shown
 
@@ -81,6 +82,8 @@ class Page(MachinePage):
                 padding=(14, 24, 0, 0),  # room for the highest number
             )
             self.notes = self.server.gui.add_html("")
+        with panel.add_tab("What is known"):
+            self.known = self.server.gui.add_html("")
         self._frame: tuple[float, float, str] | None = None
         panel.dock_left()
         panel.set_width(PANEL_PX)
@@ -123,6 +126,7 @@ class Page(MachinePage):
         figures, before = shown.figures, shown.before
         self.digits.content = digits(figures, before)
         self.notes.content = notes(shown, self.session.command(shown.asked, self.machine_name, self.scenario_name))
+        self.known.content = knowledge_table(shown.known)
         latest = figures or before
         if latest is not None:
             with self.server.atomic():

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
+from compensation import Knowledge
 from hexsim.compiled import seconds_compiled
 from hexsim.errors import HexsimError
 from hexsim.machine import Machine
@@ -48,6 +49,7 @@ class Shown:
     time_s: float = 0.0
     speed: float = 1.0  # simulated over real time
     error: str = ""
+    known: tuple[Knowledge | None, ...] = ()  # by each leg's compensator
     warnings: tuple[str, ...] = ()  # of cavitation since the machine was built, the last ones
 
 
@@ -213,6 +215,6 @@ class Session:
                 self._shown = replace(
                     self._shown, asked=self._present, figures=figures or self._shown.figures, time_s=live.time_s, speed=self._speed,
                     error=self._error or (CUT if live.out_of_reach else ""),
-                    warnings=tuple(live.cavitation.told)[-WARNINGS:],
+                    warnings=tuple(live.cavitation.told)[-WARNINGS:], known=live.loop.known,
                 )  # fmt: skip
             return self._shown

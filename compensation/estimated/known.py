@@ -1,0 +1,82 @@
+"""What the fit knows, in an engineer's quantities: each is a function of the leg's parameters, its error by its gradient."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from ..knowledge import Estimate, Knowledge
+from .layout import Record
+from .leg import (
+    AMP_LAG,
+    COULOMB_DN,
+    COULOMB_UP,
+    DEAD_DN,
+    DEAD_UP,
+    DELAY,
+    GAIN_DN,
+    GAIN_UP,
+    LN_SPOOL,
+    MASS,
+    N_NUMBERS,
+    PLAY,
+    S_TICK,
+    STATIC_DN,
+    STATIC_UP,
+    SUBSTEPS,
+    ZETA,
+)
+from .step import LEAST_SHARE
+
+STEP = 1e-4  # of a standard error: a central difference
+# The model's semi-implicit steps make pressures lead by one step and positions by two, which the fitted lag makes up for: it is longer
+# by something between, evenly likely. [steps]
+LEAD, LEAD_ERROR = 1.5, 1.0 / math.sqrt(12.0)
+LAG = "valve lag"
+
+QUANTITIES: tuple[tuple[str, str, Callable[[np.ndarray], float]], ...] = (
+    ("edge, extending", "mV", lambda n: 1e3 * n[DEAD_UP]),
+    ("edge, retracting", "mV", lambda n: 1e3 * n[DEAD_DN]),
+    (LAG, "ms", lambda n: 1e3 * (n[ZETA] / math.pi * math.exp(-n[LN_SPOOL]) + n[AMP_LAG] + n[DELAY])),
+    ("hysteresis, half width", "mV", lambda n: 1e3 * n[PLAY]),
+    ("gain, extending", "%", lambda n: 100.0 * n[GAIN_UP]),
+    ("gain, retracting", "%", lambda n: 100.0 * n[GAIN_DN]),
+    ("breakaway friction, extending", "N", lambda n: n[COULOMB_UP] + n[STATIC_UP]),
+    ("breakaway friction, retracting", "N", lambda n: n[COULOMB_DN] + n[STATIC_DN]),
+    ("moved mass", "kg", lambda n: n[MASS]),
+)
+
+
+def knowledge_of(s: Record) -> Knowledge | None:
+    """None before the first fit."""
+    known, e = s.known, s.expected
+    if not known.valid:
+        return None
+    factor = np.linalg.inv(np.array(known.factor))
+    spread = max(1.0, *map(float, known.chi2))
+    covariance = spread * (factor.T @ factor) * np.outer(known.sd, known.sd)
+    numbers, found = np.array(known.numbers), []
+    for name, unit, of in QUANTITIES:
+        slope = gradient(of, numbers, np.sqrt(np.diag(covariance)))
+        step = 1e3 * s.sheet[S_TICK] / SUBSTEPS if name == LAG else 0.0
+        error = math.hypot(math.sqrt(max(slope @ covariance @ slope, 0.0)), LEAD_ERROR * step)
+        before = float(np.linalg.norm(slope * s.fit.sd))
+        found.append(
+            Estimate(name=name, unit=unit, value=float(of(numbers)) - LEAD * float(step), error=error, before=before)
+        )
+    seen = e.halves > 0
+    return Knowledge(
+        estimates=tuple(found),
+        expected_m_s2=math.sqrt(e.sigma2 + e.left2) if seen else math.nan,
+        plain_m_s2=math.sqrt(e.bump2) if seen else math.nan,
+        engages_m_s2=math.sqrt(e.bump2 * (1.0 / LEAST_SHARE - 1.0)) if seen else math.nan,
+        share=float(s.share),
+    )
+
+
+def gradient(of: Callable[[np.ndarray], float], numbers: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """(N_NUMBERS,) by the parameters."""
+    steps = STEP * np.diag(np.maximum(errors, 1e-30))
+    return np.array([(of(numbers + steps[k]) - of(numbers - steps[k])) / (2.0 * steps[k, k]) for k in range(N_NUMBERS)])
