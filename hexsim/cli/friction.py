@@ -52,7 +52,7 @@ def friction(
         with run_folder(out) as folder:
             write_json(folder.path / "friction.json", result.to_json())
             (folder.path / "friction.png").write_bytes(png(friction_figure(result)))
-            save_machine(result.fitted_machine(), folder.path / "machine.toml")
+            save_machine(result.fitted_machine(), folder.path / "machine.toml", machine or beside(log))
             folder.finish()
     if json:
         print_json(result.to_json())

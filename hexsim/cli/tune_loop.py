@@ -36,7 +36,7 @@ def tune_loop(
         from hexsim.studies.tune_report import figures_json, write_tuning
 
         tuning = tune(declared, fraction_of(bar, f"tuning {declared.name}"))
-        write_tuning(tuning, folder.path)
+        write_tuning(tuning, folder.path, machine)
         place = folder.finish()
     if json:
         print_json(figures_json(tuning))

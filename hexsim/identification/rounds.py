@@ -80,7 +80,7 @@ def identify(
             _keep_broken_off(host, machine, out)
     write_json(out / "story.json", story.to_json())
     if story.fitted is not None:
-        save_machine(story.fitted, out / "fitted.toml")
+        save_machine(story.fitted, out / "fitted.toml", machine_file)
     return story
 
 

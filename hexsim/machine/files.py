@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +117,27 @@ def in_one_line(machine: Machine) -> str:
     )
 
 
-def save_machine(machine: Machine, path: Path) -> None:
-    """Write `machine.toml` whole or not at all; `path` is the file."""
+def save_machine(machine: Machine, path: Path, like: str | Path | None = None) -> None:
+    """Write `machine.toml` whole or not at all; `path` is the file.
 
-    write_text(path, tomli_w.dumps(machine_tables(machine)))
+    like: the machine that it was made from, as `load_machine` takes it; its comments and order stay, and what differs is changed. Where
+    that file declares the same in another way (a run's config.toml, a data sheet's numbers), all numbers are written.
+    """
+    write_text(path, (None if like is None else _text_like(machine, find_machine_file(like))) or _text_of(machine))
+
+
+def _text_of(machine: Machine) -> str:
+    return tomli_w.dumps(machine_tables(machine))
+
+
+def _text_like(machine: Machine, path: Path) -> str | None:
+    """The text of the file at `path` with this machine's numbers; None where it would not read as this machine."""
+    from hexsim.machine.edited import edited  # tomlkit, for who writes a machine
+
+    try:
+        declared = machine_tables(load_machine(path))
+        text = edited(path.read_text(encoding="utf-8-sig"), declared, machine_tables(machine))
+        same = machine_from_dict(tomllib.loads(text), str(path)) == machine
+    except (HexsimError, ValueError, OSError):
+        return None
+    return text if same else None

@@ -123,8 +123,8 @@ def figures_json(tuning: Tuning) -> dict[str, Any]:
     }
 
 
-def write_tuning(tuning: Tuning, folder: Path) -> None:
-    """machine.toml with the new controller, tuning.json and bode.png into a folder."""
-    save_machine(tuning.machines[1], folder / "machine.toml")
+def write_tuning(tuning: Tuning, folder: Path, declared: str | Path | None = None) -> None:
+    """machine.toml with the new controller, tuning.json and bode.png into a folder. declared: whose comments it keeps."""
+    save_machine(tuning.machines[1], folder / "machine.toml", declared)
     write_json(folder / "tuning.json", figures_json(tuning))
     (folder / "bode.png").write_bytes(png(bode_figure(tuning)))

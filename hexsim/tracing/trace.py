@@ -99,7 +99,7 @@ def gone_through(state: Trace, machine: str, out: Path | str | None, tell: Progr
         state = replace(state, report=report_of(state))
         if out is not None:
             tell("writing the report", 1.0 - WRITING)
-            write_report(state, Path(out))
+            write_report(state, Path(out), machine)
     except BaseException as error:
         if out is not None:
             with suppress(Exception):  # the first error is the one to tell

@@ -3,10 +3,11 @@
 import tomllib
 
 import pytest
+import tomli_w
 
 from hexsim.errors import HexsimError
 from hexsim.machine import available_machines, load_machine, machine_from_dict, models_folder, save_machine
-from hexsim.machine.files import FILE_NAME, changed, machine_tables
+from hexsim.machine.files import FILE_NAME, changed, find_machine_file, machine_tables
 
 
 @pytest.mark.parametrize("name", ["bench", "micro_motion_system"])
@@ -125,3 +126,74 @@ def test_changed_checks_again(bench):
 def test_tables_make_the_machine_again(hexapod):
     """machine_tables and machine_from_dict are each other's inverse."""
     assert machine_from_dict(machine_tables(hexapod)) == hexapod
+
+
+def test_a_fitted_file_keeps_what_its_author_wrote(tmp_path):
+    """Comments, order and spaces stay; a number that changed stands in its line, a new effect in a table of its own; and the file reads
+    back as the machine that was saved."""
+    written = "# The rig in hall 3.\n" + find_machine_file("bench").read_text().replace(
+        "\n[valve]", "\n[valve]   # from a data sheet"
+    )
+    (tmp_path / "declared.toml").write_text(written)
+    declared = load_machine(tmp_path / "declared.toml")
+    fitted = changed(declared, {"valve.overlap_m": 8.25e-6, "effects.null_offset": {"offset_V": 0.1}})
+    save_machine(fitted, tmp_path / FILE_NAME, tmp_path / "declared.toml")
+    text = (tmp_path / FILE_NAME).read_text()
+    assert load_machine(tmp_path) == fitted
+    before, after = written.splitlines(), text.splitlines()
+    apart = [(one, other) for one, other in zip(before, after, strict=False) if one != other]
+    assert len(apart) == 1 and apart[0][1].startswith("overlap_m = 8.25e-06") and "# " in written
+    assert tomllib.loads(text)["effects"] == {"null_offset": {"offset_V": 0.1}}
+    save_machine(declared, tmp_path / "same.toml", tmp_path / "declared.toml")
+    assert (tmp_path / "same.toml").read_text() == written
+
+
+LEGS = """
+[[leg]]
+number = 3  # rebuilt
+[leg.valve]
+overlap_m = 2e-5  # changed in May
+
+[[leg]]
+number = 6
+[leg.valve]
+overlap_m = 1e-5
+
+[effects.null_offset]
+offset_V = 0.1
+"""
+
+
+def test_single_legs_and_effects_are_changed_in_their_place(tmp_path):
+    """Tables of single legs keep their comments; a new effect is there, and one that is gone is gone."""
+    (tmp_path / "declared.toml").write_text(find_machine_file("micro_motion_system").read_text() + LEGS)
+    tables = machine_tables(load_machine(tmp_path / "declared.toml"))
+    tables["effects"] = {"leakage_supply_to_chamber": {"conductance_m3_s_Pa": 1e-12}}
+    tables["leg"][0]["valve"]["overlap_m"] = 2.5e-5
+    fitted = machine_from_dict(tables)
+    save_machine(fitted, tmp_path / FILE_NAME, tmp_path / "declared.toml")
+    text = (tmp_path / FILE_NAME).read_text()
+    assert load_machine(tmp_path) == fitted
+    assert "number = 3  # rebuilt" in text and "overlap_m = 2.5e-05  # changed in May" in text
+    assert "null_offset" not in text
+
+
+@pytest.mark.parametrize("name", [*available_machines(), "micro_motion_system/power_unit", "micro_motion_system/tuned"])
+def test_every_machine_of_hexsim_can_be_fitted_and_keeps_its_comments(name, tmp_path):
+    """Another overlap or mass: the file reads as the fitted machine, and every comment of the declared one is in it."""
+    declared = load_machine(name)
+    mass = "load.platform_mass_kg" if declared.is_hexapod else "load.moving_mass_kg"
+    value = declared.load.platform_mass_kg if declared.is_hexapod else declared.load.moving_mass_kg
+    fitted = changed(declared, {mass: value + 1.25})
+    save_machine(fitted, tmp_path / FILE_NAME, name)
+    assert load_machine(tmp_path) == fitted
+    text = (tmp_path / FILE_NAME).read_text()
+    comments = [line[line.index("#") :] for line in find_machine_file(name).read_text().splitlines() if "#" in line]
+    assert comments and all(comment in text for comment in comments)
+
+
+def test_what_is_declared_in_another_way_is_written_whole(tmp_path, bench):
+    """From a run's config.toml, whose machine stands in a table: all numbers, and it reads back."""
+    (tmp_path / "config.toml").write_text(tomli_w.dumps({"machine": machine_tables(bench)}))
+    save_machine(bench, tmp_path / FILE_NAME, tmp_path / "config.toml")
+    assert load_machine(tmp_path) == bench

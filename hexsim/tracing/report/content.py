@@ -240,11 +240,11 @@ def parameter_entries(result: Trace) -> dict[str, Any]:
     return entries
 
 
-def write_report(result: Trace, folder: Path) -> None:
-    """Write everything into the folder."""
+def write_report(result: Trace, folder: Path, declared: str | Path | None = None) -> None:
+    """Write everything into the folder. declared: the file whose comments machine.toml keeps, as `save_machine` takes it."""
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "report.json", result.report)
-    save_machine(result.fitted, folder / "machine.toml")
+    save_machine(result.fitted, folder / "machine.toml", declared)
     for name, text in result.scenarios.items():
         (folder / name).write_text(text, encoding="utf-8")
 
