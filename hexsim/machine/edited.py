@@ -26,8 +26,8 @@ def _update(document: MutableMapping[str, Any], before: dict[str, Any], after: d
             if here is None:
                 document[key] = tomlkit.table()
             _update(document[key], old if isinstance(old, dict) else {}, value)
-        elif _tables(value) and _tables(old) and _tables(here) and len(value) == len(old) == len(here):
-            for place, one, other in zip(here, old, value, strict=True):
+        elif all(map(_tables, (value, old, here))) and len(value) == len(old or []) == len(here or []):
+            for place, one, other in zip(here or [], old or [], value, strict=True):
                 _update(place, one, other)
         else:
             document[key] = value
