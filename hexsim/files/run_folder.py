@@ -20,7 +20,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from hexsim.errors import HexsimError
-from hexsim.files.report_links import link_reports
+from hexsim.files.runs_index import link_to_index, write_index
 
 UNFINISHED = ".unfinished-"
 LOCK = ".lock"  # in an unfinished folder: its run lives
@@ -107,6 +107,7 @@ class RunFolder:
             if self.out.exists() and not self.into_existing:
                 raise HexsimError(f"cannot write {self.out}: it is a file; give a folder")
             parent.mkdir(parents=True, exist_ok=True)
+            self._listed = self.out.absolute() in _RESERVED  # a default name: its folder is hexsim's own
             self._place = _RESERVED.pop(self.out.absolute(), None) or _locked(self.out)
         except Timeout:
             raise HexsimError(f"another run is writing {self.out}: wait for it, or give another --out") from None
@@ -122,12 +123,15 @@ class RunFolder:
             raise _unwritable(self.out, error) from None
 
     def finish(self, complete: bool = True) -> Path:
-        """Move what was written to its place, and link its report with those beside it; the folder's final path."""
+        """Move what was written to its place; the folder's final path. Under a default name the page of all runs lists it."""
+        if self._listed:
+            link_to_index(self.path / "report.html")
         try:
             place = self._moved(complete)
         finally:
             _release(self._place)
-        link_reports(place)
+        if self._listed:
+            write_index(place.parent)
         return place
 
     def _moved(self, complete: bool) -> Path:

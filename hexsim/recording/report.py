@@ -13,7 +13,7 @@ import jinja2
 import tomli_w
 
 from hexsim import __version__
-from hexsim.files.report_links import BEGIN, END
+from hexsim.files.runs_index import PLACE
 from hexsim.motion_computer.margins import stability_sentence, worst_figures
 from hexsim.recording.config import config_tables
 from hexsim.recording.felt import FELT_HEADS, felt_cells, felt_of
@@ -77,7 +77,7 @@ def render(template: str, loader: jinja2.BaseLoader | None = None, **values: Any
 
 
 def with_contents(page: str) -> str:
-    """The page with a table of its headings, and a place for links to the reports beside it."""
+    """The page with a table of its headings, and a place for a link to the page of all runs."""
     titles: list[str] = []
 
     def anchored(found: re.Match[str]) -> str:
@@ -86,7 +86,7 @@ def with_contents(page: str) -> str:
 
     page = re.sub(r"<h2>(.*?)</h2>", anchored, page, flags=re.DOTALL)
     links = " · ".join(f'<a href="#part-{k}">{title}</a>' for k, title in enumerate(titles, 1))
-    return page.replace("<!-- contents -->", f'<nav class="contents">{links}{BEGIN}{END}</nav>', 1)
+    return page.replace("<!-- contents -->", f'<nav class="contents">{links} {PLACE}</nav>', 1)
 
 
 def run_report(run: Run, pictures: Mapping[str, bytes]) -> str:

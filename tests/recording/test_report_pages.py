@@ -4,10 +4,8 @@ import re
 
 from made_up_run import made_up_run
 
-from hexsim.files.report_links import BEGIN, END, link_reports
-from hexsim.files.run_folder import run_folder
 from hexsim.qualification.plots import CAPTIONS as QUALIFY
-from hexsim.recording.report import CAPTIONS, question, render, run_report, with_contents
+from hexsim.recording.report import CAPTIONS, question, render, run_report
 from hexsim.studies.valve_report import CAPTIONS as VALVE
 from hexsim.tracing.report.page import CAPTIONS as TRACE
 
@@ -34,22 +32,3 @@ def test_names_in_a_page_make_no_heading():
     """A title that looks like a heading stays text."""
     page = render("valve.html.j2", title="<h2>odd</h2>", how="", rows=[], pictures=[], config="<h2>x</h2>")
     assert ">odd<" not in page and ">x<" not in page
-
-
-def test_reports_of_one_folder_lead_to_each_other(tmp_path):
-    """The second report links the first, the first the second; folders on their way and foreign pages stay as they are."""
-    for name in ("a run", "compare"):
-        with run_folder(tmp_path / name) as folder:
-            text = with_contents(f"<title>{name} &amp; more · hexsim</title><!-- contents --><h2>One</h2>")
-            (folder.path / "report.html").write_text(text, encoding="utf-8")
-            folder.finish()
-    (tmp_path / "foreign").mkdir()
-    (tmp_path / "foreign" / "report.html").write_text("<title>mine</title>", encoding="utf-8")
-    link_reports(tmp_path / "compare")
-    first, second = ((tmp_path / n / "report.html").read_text(encoding="utf-8") for n in ("a run", "compare"))
-    assert (
-        f'{BEGIN}<nav class="beside">Beside this report: <a href="../compare/report.html">compare &amp; more</a>'
-        in first
-    )
-    assert '<a href="../a%20run/report.html">a run &amp; more</a></nav>' + END in second
-    assert (tmp_path / "foreign" / "report.html").read_text(encoding="utf-8") == "<title>mine</title>"

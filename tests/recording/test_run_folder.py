@@ -9,8 +9,8 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.files.atomic import write_text
-from hexsim.files.report_links import BEGIN, END, link_reports
 from hexsim.files.run_folder import RunFolder, default_folder, run_folder
+from hexsim.files.runs_index import PLACE, page_of, write_index
 
 
 def fill(folder, names=("log.csv", "summary.json")):
@@ -102,7 +102,7 @@ def test_default_names_of_runs_that_have_not_begun_do_not_collide(tmp_path):
         with run_folder(name) as folder:
             fill(folder)
             folder.finish()
-    assert sorted(tmp_path.iterdir()) == sorted(names)
+    assert sorted(tmp_path.iterdir()) == sorted([*names, tmp_path / "index.html"])
 
 
 def test_a_run_killed_while_it_fills_a_folder_leaves_no_figures_of_another(tmp_path):
@@ -142,17 +142,60 @@ folder.finish()
             assert found.keys() >= {"config.toml", "log.parquet", "report.html"}, (step, found)
 
 
-def test_a_neighbour_s_title_is_text(tmp_path):
-    """A report that somebody else has written stands beside: its title is shown as text, its script never runs."""
-    page = "<html><title>{}</title><body>" + BEGIN + END
-    for name, title in (("mine", "a &amp; b"), ("received", "<script>alert(1)</script>"), ("x'y", "&lt;img src=x&gt;")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "report.html").write_text(page.format(title))
-    link_reports(tmp_path / "mine")
-    body = (tmp_path / "mine" / "report.html").read_text().split("<body>")[1]
-    assert "<script" not in body and "<img" not in body
-    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in body and "&lt;img src=x&gt;</a>" in body
-    assert ">a &amp; b</a>" in (tmp_path / "received" / "report.html").read_text()
+def report(place, title, sentence=""):
+    place.mkdir()
+    (place / "report.html").write_text(f'<html><title>{title} · hexsim</title><p class="lead">{sentence}</p>{PLACE}')
+
+
+def test_the_page_of_all_runs_has_the_newest_first(tmp_path, monkeypatch):
+    """Runs under default names: each leads to the page, which has their titles and first sentences; a finished report is not written
+    again, and a run with a place of its own is no part of it."""
+    monkeypatch.chdir(tmp_path)
+    places = []
+    for title in ("one &amp; first", "two"):
+        with run_folder(default_folder("heave")) as folder:
+            (folder.path / "report.html").write_text(
+                f'<title>{title}</title><p class="lead">0.03 <b>m/s2</b></p>{PLACE}'
+            )
+            places.append(folder.finish())
+        os.utime(places[-1] / "report.html", (1e9 + len(places),) * 2)
+    before = [(place / "report.html").stat().st_mtime_ns for place in places]
+    with run_folder(tmp_path / "own" / "here") as folder:
+        (folder.path / "report.html").write_text(PLACE)
+        own = folder.finish()
+    with run_folder(default_folder("roll")) as folder:
+        (folder.path / "report.html").write_text("<title>three</title>")
+        folder.finish()
+    page = (tmp_path / "runs" / "index.html").read_text()
+    assert page.index(">three<") < page.index(">two<") < page.index(">one &amp; first<")
+    assert page.count("<td>0.03 m/s2</td>") == 2
+    assert [(place / "report.html").stat().st_mtime_ns for place in places] == before
+    assert '<a href="../index.html">all runs</a>' in (places[0] / "report.html").read_text()
+    assert (own / "report.html").read_text() == PLACE and not (tmp_path / "own" / "index.html").exists()
+
+
+def test_a_report_of_somebody_else_is_shown_as_text(tmp_path):
+    """Title, sentence and the folder's name: no script of theirs runs on the page."""
+    report(tmp_path / "received", "<script>alert(1)</script>", "<img src=x>&lt;img src=y&gt;")
+    report(tmp_path / "x'y\"<b>", "&lt;img src=x&gt;")
+    (tmp_path / "no_page").mkdir()
+    (tmp_path / "bytes").mkdir()
+    (tmp_path / "bytes" / "report.html").write_bytes(b"\xff\xfe")
+    body = page_of(tmp_path).split("<body>")[1]
+    assert "<script" not in body and "<img" not in body and "<b>" not in body
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in body and ">bytes</a>" in body and "no_page" not in body
+
+
+def test_an_index_of_somebodys_own_stays(tmp_path):
+    """An index.html without the mark is not replaced; one with it is."""
+    (tmp_path / "index.html").write_text("mine")
+    write_index(tmp_path)
+    assert (tmp_path / "index.html").read_text() == "mine"
+    (tmp_path / "index.html").unlink()
+    write_index(tmp_path)
+    report(tmp_path / "run", "later")
+    write_index(tmp_path)
+    assert ">later</a>" in (tmp_path / "index.html").read_text()
 
 
 def test_half_written_files_of_killed_runs_go_with_the_next_writing(tmp_path):
