@@ -224,7 +224,7 @@ def screened(machine: Machine, chosen: Sequence[Any], now: Fit) -> list[tuple[fl
     place = [names.index(name) for name in now.names]
     best: dict[str, tuple[float, Any]] = {}
     for candidate, amplitude in found:
-        if any(candidate.title == one.title for one in chosen):
+        if any(candidate.title == one.title or same_memory(candidate, one) for one in chosen):
             continue
         own = [names.index(name) for name in amplitude]
         nats = promised(
@@ -234,6 +234,11 @@ def screened(machine: Machine, chosen: Sequence[Any], now: Fit) -> list[tuple[fl
         if nats > best.get(candidate.title, (least, None))[0]:
             best[candidate.title] = (nats, candidate)
     return sorted(best.values(), key=lambda pair: -pair[0])
+
+
+def same_memory(candidate: Any, one: Any) -> bool:
+    """Two memories at one place cannot be told from one memory of another form: only one of them is named."""
+    return candidate.has_memory and one.has_memory and candidate.place == one.place
 
 
 def promised(x: Array, y: Array, count: int, bounds: Sequence[tuple[float, float]]) -> float:

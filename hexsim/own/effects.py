@@ -7,7 +7,6 @@ sizes of signals; `joined` gives the declaration with it, as a person would have
 from __future__ import annotations
 
 import ast
-import itertools
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -239,15 +238,21 @@ def curve_of(
     spans: place, middle and half range of each.
     """
     hats = [
-        [f"max(0, 1 - abs({place} - ({middle - half + k * width:.9g})) / {width:.9g})" for k in range(count)]
+        [f"max(0, 1 - abs({place} - ({middle - half + k * width:.7g})) / {width:.7g})" for k in range(count)]
         for place, middle, half in spans for width in [2.0 * half / (count - 1)]
     ]  # fmt: skip
-    shapes = [" * ".join(one) for one in itertools.product(*hats)]
-    names = [f"{name}_{k + 1}" for k in range(len(shapes) - 1)]
-    corners = [*names, f"-({' + '.join(names)})"]
-    return " + ".join(f"({one}) * {shape}" for one, shape in zip(corners, shapes, strict=True)), {
-        one: table_of(number, sizes, neutral=True, where=name) for one in names
-    }
+    names = [f"{name}_{k + 1}" for k in range(count ** len(spans) - 1)]
+    numbers = {one: table_of(number, sizes, neutral=True, where=name) for one in names}
+    return surface([*names, f"-({' + '.join(names)})"], hats), numbers
+
+
+def surface(corners: Sequence[str], hats: Sequence[Sequence[str]]) -> str:
+    """Sum of corners times the products of their hats, one list of hats a place."""
+    first, *others = hats
+    n = len(corners) // len(first)
+    parts = [corners[k * n : (k + 1) * n] for k in range(len(first))]
+    inner = [surface(part, others) if others else part[0] for part in parts]
+    return " + ".join(f"({one}) * {hat}" for one, hat in zip(inner, first, strict=True))
 
 
 def table_of(number: EffectNumber, sizes: Sizes, *, neutral: bool, where: str) -> ParameterTable:
