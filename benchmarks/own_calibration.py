@@ -178,21 +178,26 @@ def tank(rng: np.random.Generator, what: str, place: Path) -> None:
         pl.DataFrame({"time_s": np.arange(n) * dt, "pump_V": u, "level_m": seen}).write_csv(place / f"run{run}.csv")
 
 
-def machine(seed: int, place: Path) -> tuple[str, str, str]:
+def drawn(rng: np.random.Generator) -> tuple[str, str, str]:
     """(kind, class of what is missing, its name)."""
-    rng = np.random.default_rng(seed)
-    make, effects = (drive, OF_DRIVE) if rng.random() < 0.6 else (tank, OF_TANK)
+    kind, effects = ("drive", OF_DRIVE) if rng.random() < 0.6 else ("tank", OF_TANK)
     sort = str(rng.choice(["none", "library", "outside"]))
-    what = "nothing" if sort == "none" else str(rng.choice(effects[sort]))
-    make(rng, what, place)
-    return make.__name__, sort, what
+    return kind, sort, "nothing" if sort == "none" else str(rng.choice(effects[sort]))
+
+
+def machine(seed: int, place: Path) -> tuple[str, str, str]:
+    """What `drawn` says of the machine whose files are made."""
+    rng = np.random.default_rng(seed)
+    kind, sort, what = drawn(rng)
+    {"drive": drive, "tank": tank}[kind](rng, what, place)
+    return kind, sort, what
 
 
 def verdict_of(what: str, steps: list[dict]) -> str:
     """wrong where one name is neither what is missing nor tied with it."""
     right = SAME.get(what, (what,))
     of = [
-        "right" if step["title"].startswith(right) and not step["tied"] else
+        "right" if all(title.startswith(right) for title in (step["title"], *step["tied"])) else
         "tied" if any(title.startswith(right) for title in (step["title"], *step["tied"])) else "wrong"
         for step in steps
     ]  # fmt: skip
@@ -217,10 +222,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--first", type=int, default=20000)
     parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--only", nargs="+", default=["none", "library", "outside"], help="classes of what is missing")
     parser.add_argument("--out", type=Path, default=JOURNAL)
     asked = parser.parse_args()
     counts: dict[str, dict[str, int]] = {}
     for seed in range(asked.first, asked.first + asked.count):
+        if drawn(np.random.default_rng(seed))[1] not in asked.only:
+            continue
         row = judged(seed)
         with gzip.open(asked.out, "at", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")

@@ -184,7 +184,7 @@ def wrong_names() -> str:
             counts = [found.count(kind) for kind in kinds]
             low, high = wilson(counts[2], len(found))
             lines.append(
-                f"| {seeds} | {words} | {len(found)} | {' | '.join(map(str, counts))} | {100 * low:.0f} to {100 * high:.0f} % |"
+                f"| {seeds} | {words} | {len(found)} | {' | '.join(map(str, counts))} | {100 * max(low, 0.0):.0f} to {100 * high:.0f} % |"
             )
     return "\n".join(lines)
 
