@@ -9,6 +9,7 @@ as well. Fits and names see the estimation records alone; the test records are s
 from __future__ import annotations
 
 import argparse
+import gzip
 import json
 import time
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from own_calibration import JOURNAL, verdict_of
 from scipy.io import loadmat
 
 from hexsim.files.atomic import write_text
@@ -162,25 +164,28 @@ def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
 
 
 def wrong_names() -> str:
-    """A table of the kept rows of own_calibration.py, with 95 % intervals (Wilson 1927)."""
-    text = (ROOT / "docs" / "results" / "own_calibration.jsonl").read_text(encoding="utf-8")
-    rows = [json.loads(line) for line in text.splitlines()]
+    """A table of the kept rows of own_calibration.py by thousands of seeds, with 95 % intervals (Wilson 1927)."""
+    with gzip.open(JOURNAL, "rt", encoding="utf-8") as file:
+        rows = [json.loads(line) for line in file]
     kinds = ("right", "tied", "wrong", "nothing named")
     lines = [
-        "| missing | machines | right | tied with the right one or others | wrong | no name | wrong, 95 % |",
-        "|---|---|---|---|---|---|---|",
+        "| seeds | missing | machines | right | tied with the right one | wrong | no name | wrong, 95 % |",
+        "|---|---|---|---|---|---|---|---|",
     ]
-    for sort, words in (
-        ("none", "nothing"),
-        ("library", "an effect of the library"),
-        ("outside", "an effect outside it"),
-    ):
-        found = [row["verdict"] for row in rows if row["sort"] == sort]
-        n, count = len(found), {kind: found.count(kind) for kind in kinds}
-        low, high = wilson(count["wrong"], n)
-        lines.append(
-            f"| {words} | {n} | {' | '.join(str(count[kind]) for kind in kinds)} | {100 * low:.0f} to {100 * high:.0f} % |"
-        )
+    for thousand in sorted({row["seed"] // 1000 for row in rows}):
+        own = [row for row in rows if row["seed"] // 1000 == thousand]
+        seeds = f"{own[0]['seed']} to {own[-1]['seed']}"
+        for sort, words in (
+            ("none", "nothing"),
+            ("library", "an effect of the library"),
+            ("outside", "an effect outside it"),
+        ):
+            found = [verdict_of(row["missing"], row["steps"]) for row in own if row["sort"] == sort]
+            counts = [found.count(kind) for kind in kinds]
+            low, high = wilson(counts[2], len(found))
+            lines.append(
+                f"| {seeds} | {words} | {len(found)} | {' | '.join(map(str, counts))} | {100 * max(low, 0.0):.0f} to {100 * high:.0f} % |"
+            )
     return "\n".join(lines)
 
 

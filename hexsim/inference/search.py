@@ -14,20 +14,20 @@ from hexsim.inference.contract import Problem
 from hexsim.inference.held_out import HeldOut
 from hexsim.inference.likelihood import Coefficients, Fit, fit, prior_of, whitened
 from hexsim.inference.notebook import Notebook
-from hexsim.inference.verdict import Judgment, held_against, judge, needed, whose_form_is_open, with_ties
+from hexsim.inference.verdict import Judgment, Remainder, judge, needed, with_open_form, with_ties
 
 Array = np.ndarray
 MOST_EFFECTS = 6  # named, one after the other
 EVALUATIONS = 20  # of a candidate's fit with one spectrum: it begins near its end, or has none
+OWN = 1e-3  # of a column's size beside the others: below it there is nothing of its own
 LEAST = 1.0  # nats that a linear look must promise
-RIVALS = 2  # free curves that are fitted
 TRIED = 4  # candidates of a round that are fitted in full, and all near the best one, at most MOST_TRIED
 MOST_TRIED = 9
 
 
 class Candidate(Protocol):
     """An effect at one place. amplitude: numbers that are 0 where it is not there. begin: where a search with it begins. memory: a
-    linear look foretells less of it than it is. rival: a free curve over some signal, against which effects are held: no name."""
+    linear look foretells less of it than it is, so all of them are fitted. place: where in the model it acts."""
 
     @property
     def title(self) -> str: ...
@@ -38,7 +38,7 @@ class Candidate(Protocol):
     @property
     def has_memory(self) -> bool: ...
     @property
-    def rival(self) -> bool: ...
+    def place(self) -> str: ...
 
 
 class Machine(Protocol):
@@ -50,6 +50,10 @@ class Machine(Protocol):
 
     def candidates(self, chosen: Sequence[Any], now: Fit) -> tuple[Problem, list[tuple[Any, list[str]]]]:
         """The model with every further effect in it at amplitude 0, and each with the names of its amplitudes there."""
+        ...
+
+    def free_forms(self, chosen: Sequence[Any], now: Fit) -> Sequence[Any]:
+        """The most general laws over the signals that each place of the model can depend on: what is left there shows in them."""
         ...
 
 
@@ -79,7 +83,7 @@ def search(
     now, held = base, base_held = notes.attempt(machine, (), fit)
     steps: list[Judgment] = []
     refused: list[Judgment] = []
-    doubted: list[Judgment] = []
+    compared = 0
     fits = [("declared", base)]
 
     def known(judged: list[Judgment]) -> Found:
@@ -91,22 +95,28 @@ def search(
     for k in range(most):
         share = 0.1 + 0.8 * k / most
         tell(f"looking for what is missing, {k + 1}", share)
-        judged, rivals = one_round(
-            machine, [step.candidate for step in steps], now, held, lambda what, share=share: tell(what, share), notes
+        judged, compared = one_round(
+            machine,
+            [step.candidate for step in steps],
+            now,
+            held,
+            lambda what, share=share: tell(what, share),
+            notes,
+            compared,
         )
         best = next((one for one in judged if one.named), None)
         if best is None:
             refused = judged
-            doubted = whose_form_is_open(steps, rivals)
             break
         steps.append(best)
         now, held = best.fitted, best.after
         fits.append((f"with {best.title}", now))
         keep(known([one for one in judged if one is not best]))
     steps, now, held = pruned(machine, steps, now, held, notes)
-    titles = [one.title for one in doubted]
-    if any(step.title in titles for step in steps):
-        steps = [step for step in steps if step.title not in titles]
+    left = remainders(machine, [step.candidate for step in steps], now) if steps else []
+    doubted = with_open_form(steps, left)
+    if doubted:
+        steps = [step for step in steps if step.title not in [one.title for one in doubted]]
         now, held = notes.attempt(
             machine, [step.candidate for step in steps], lambda problem: fitted_with(problem, base, {})
         )
@@ -115,43 +125,76 @@ def search(
 
 
 def one_round(
-    machine: Machine, chosen: Sequence[Any], now: Fit, held: HeldOut, tell: Callable[[str], None], notes: Notebook
-) -> tuple[list[Judgment], list[Judgment]]:
-    """Candidates that were fitted in full, the best first, and free curves."""
-    every = screened(machine, chosen, now)
-    ranked, rivals = ([pair for pair in every if pair[1].rival is rival] for rival in (False, True))
+    machine: Machine, chosen: Sequence[Any], now: Fit, held: HeldOut, tell: Callable[[str], None], notes: Notebook,
+    compared: int,
+) -> tuple[list[Judgment], int]:  # fmt: skip
+    """Candidates that were fitted in full, the best first, and how many all rounds have compared. compared: the earlier ones."""
+    ranked = screened(machine, chosen, now)
+    compared += len(ranked)
     tell(f"{len(ranked)} candidates")
-    memories = [one for _, one in ranked if one.has_memory][:1]
-    near = ranked[0][0] - needed(len(ranked)) if ranked else 0.0
+    near = ranked[0][0] - needed(compared) if ranked else 0.0
     tried = [
-        one for k, (nats, one) in enumerate(ranked[:MOST_TRIED])
-        if nats > LEAST and (k < TRIED or nats > near)
+        one for k, (nats, one) in enumerate(ranked)
+        if one.has_memory or (k < MOST_TRIED and nats > LEAST and (k < TRIED or nats > near))
     ]  # fmt: skip
-    tried += [one for one in memories if one not in tried]
-
-    def judged_of(candidates: Sequence[Any]) -> list[Judgment]:
-        found = []
-        for candidate in candidates:
-            tell(f"trying {candidate.title}")
-            try:
-                begin = candidate.begin
-                fitted, after = notes.attempt(
-                    machine, [*chosen, candidate], lambda problem, begin=begin: fitted_with(problem, now, begin)
-                )
-            except HexsimError:
-                continue
-            found.append(judge(candidate, candidate.title, candidate.amplitude, fitted, held, after, len(ranked)))
-        return found
-
-    judged = judged_of(tried)
-    against: list[Judgment] = []
-    if chosen or any(one.named for one in judged):
-        against = judged_of([one for _, one in rivals[:RIVALS]])
-        judged = [held_against(one, against) for one in judged]
+    judged = []
+    for candidate in tried:
+        tell(f"trying {candidate.title}")
+        try:
+            fitted, after = notes.attempt(
+                machine, [*chosen, candidate], lambda problem, begin=candidate.begin: fitted_with(problem, now, begin)
+            )
+        except HexsimError:
+            continue
+        judged.append(judge(candidate, candidate.title, candidate.amplitude, fitted, held, after, compared))
     judged.sort(key=lambda one: (not one.named, -one.nats))
     most = max((one.nats for one in judged if one.named), default=0.0)
     judged.sort(key=lambda one: (not one.named, one.count if most - one.nats < needed(one.compared) else math.inf))
-    return [with_ties(one, judged) for one in judged], against
+    return [with_ties(one, judged) for one in judged], compared
+
+
+def remainders(machine: Machine, chosen: Sequence[Any], now: Fit) -> list[Remainder]:
+    """What a free form would take at each place beside everything that is chosen, to first order.
+
+    Its shapes are tried from smooth to rough (Neyman 1937): a law that resembles the named one differs smoothly from it.
+    """
+    found = []
+    for form in machine.free_forms(chosen, now):
+        try:
+            problem = machine.problem([*chosen, form])
+        except HexsimError:
+            continue  # together too large to be written
+        x, y, names = looked_at(problem, now)
+        at = np.array([now.value(name) if name in now.names else 0.0 for name in names])
+        own = [names.index(name) for name in form.amplitude]
+        columns = [names.index(name) for name in now.names]
+        nats = taken(x[:, columns], x[:, own] @ form.shapes, y)
+        beside = {one.title: still(x, y, [names.index(name) for name in one.amplitude], at) for one in chosen}
+        found.append(Remainder(title=form.title, place=form.place, nats=nats, beside=beside))
+    return found
+
+
+def looked_at(problem: Problem, now: Fit) -> tuple[Array, Array, list[str]]:
+    """Slopes and residual of unit variance at the numbers there are, priors below them; names of the columns."""
+    known = dict(zip(now.names, (float(value) for value in now.theta), strict=True))
+    theta = np.array([known.get(number.name, number.start) for number in problem.numbers])
+    rest, slopes = whitened(Coefficients(problem, range(len(problem.stretches))), theta, now.spectra)
+    mean, precision = prior_of(problem.numbers)
+    x, y = np.vstack([slopes, np.diag(precision)]), np.concatenate([rest, (theta - mean) * precision])
+    return x, y, [number.name for number in problem.numbers]
+
+
+def taken(base: Array, own: Array, y: Array) -> dict[int, float]:
+    """Nats that the first 1, 2, 4 ... columns of `own` take of y beside `base`; columns that have nothing of their own are left out."""
+    beside = own - base @ np.linalg.lstsq(base, own, rcond=1e-10)[0]
+    size, whole = np.linalg.norm(own, axis=0), np.zeros((len(y), 0))
+    for j in range(own.shape[1]):
+        column = beside[:, j] - whole @ (whole.T @ beside[:, j])
+        left = float(np.linalg.norm(column))
+        if left > OWN * size[j]:
+            whole = np.column_stack([whole, column / left])
+    nats = 0.5 * np.cumsum((whole.T @ y) ** 2)
+    return {m: float(nats[m - 1]) for k in range(len(nats)) if (m := min(2**k, len(nats)))}
 
 
 def fitted_with(problem: Problem, now: Fit, begin: dict[str, float]) -> Fit:
@@ -161,30 +204,41 @@ def fitted_with(problem: Problem, now: Fit, begin: dict[str, float]) -> Fit:
                evaluations=EVALUATIONS)  # fmt: skip
 
 
+def still(x: Array, y: Array, own: Sequence[int], at: Array) -> float:
+    """Nats of the numbers `own` where all numbers are fitted anew, to first order about `at` (Wald 1943); 0 for one without a size."""
+    if not own:
+        return 0.0
+    size = np.linalg.norm(x, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    covariance = np.linalg.pinv((x / size).T @ (x / size), hermitian=True, rcond=1e-10)
+    value = (at * size - covariance @ ((x / size).T @ y))[list(own)]
+    return 0.5 * float(value @ np.linalg.pinv(covariance[np.ix_(own, own)], hermitian=True) @ value)
+
+
 def screened(machine: Machine, chosen: Sequence[Any], now: Fit) -> list[tuple[float, Any]]:
     """(nats to first order, candidate), the best first; of several tries of an effect the best one."""
     problem, found = machine.candidates(chosen, now)
     if not found:
         return []
-    known = dict(zip(now.names, (float(value) for value in now.theta), strict=True))
-    theta = np.array([known.get(number.name, number.start) for number in problem.numbers])
-    names = [number.name for number in problem.numbers]
-    data = Coefficients(problem, range(len(problem.stretches)))
-    rest, slopes = whitened(data, theta, now.spectra)
-    mean, precision = prior_of(problem.numbers)
+    x, y, names = looked_at(problem, now)
     place = [names.index(name) for name in now.names]
     best: dict[str, tuple[float, Any]] = {}
     for candidate, amplitude in found:
-        if any(candidate.title == one.title for one in chosen):
+        if any(candidate.title == one.title or same_memory(candidate, one) for one in chosen):
             continue
         own = [names.index(name) for name in amplitude]
-        columns = [*place, *own]
-        x = np.vstack([slopes[:, columns], np.diag(precision[columns])])
-        y = np.concatenate([rest, ((theta - mean) * precision)[columns]])
-        nats = promised(x, y, len(place), [(problem.numbers[k].low, problem.numbers[k].high) for k in own])
-        if nats > best.get(candidate.title, (0.0, None))[0]:
+        nats = promised(
+            x[:, [*place, *own]], y, len(place), [(problem.numbers[k].low, problem.numbers[k].high) for k in own]
+        )
+        least = -1.0 if candidate.has_memory else 0.0
+        if nats > best.get(candidate.title, (least, None))[0]:
             best[candidate.title] = (nats, candidate)
     return sorted(best.values(), key=lambda pair: -pair[0])
+
+
+def same_memory(candidate: Any, one: Any) -> bool:
+    """Two memories at one place cannot be told from one memory of another form: only one of them is named."""
+    return candidate.has_memory and one.has_memory and candidate.place == one.place
 
 
 def promised(x: Array, y: Array, count: int, bounds: Sequence[tuple[float, float]]) -> float:

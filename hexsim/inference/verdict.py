@@ -14,11 +14,10 @@ from hexsim.inference.likelihood import Fit
 
 Array = np.ndarray
 CHANCE = 0.02  # that the best of the candidates compared gains so much by chance
-TIE = math.log(20.0)  # log odds below which two candidates are tied
 FALL = 1.0  # block errors by which the held-out error must fall
 GROWTH = 2.0  # block errors by which no channel's may grow
-FORM = 0.9  # of a free curve's gain that an effect of the right form has at least: corners cost a curve some
 END = 1e-3  # of a number's scale: at an end of its interval
+AT = 2.0  # errors within which a number cannot be told from a value
 SURE = 1.0  # spreads over bands and stretches that one amplitude must have: else it is as much another one as itself
 
 
@@ -128,33 +127,58 @@ def at_end(fitted: Fit) -> set[str]:
 
 
 def with_ties(one: Judgment, judged: Sequence[Judgment]) -> Judgment:
-    """Others that would be named as well, at odds below TIE."""
+    """Others that are not less likely with odds of 1 to 1 / CHANCE, even where something else speaks against their names."""
     tied = [
-        f"{other.title}, odds 1 to {math.exp(min(max(one.nats - other.nats, 0.0), TIE)):.1f}" for other in judged
-        if other is not one and other.named and one.named and abs(one.nats - other.nats) < TIE
+        f"{other.title}, odds 1 to {math.exp(max(one.nats - other.nats, 0.0)):.1f}" for other in judged
+        if other is not one and one.named and one.nats - other.nats < needed(1) and not comes_to(other, one)
     ]  # fmt: skip
     return replace(one, tied=tied)
 
 
-def held_against(one: Judgment, rivals: Sequence[Judgment]) -> Judgment:
-    """A name whose form is another one: a free curve over some signal takes clearly more than it does."""
-    best = max(rivals, key=lambda rival: rival.nats, default=None)
-    if best is None or not one.named:
-        return one
-    more = best.nats - one.nats
-    if more < needed(one.compared) or one.nats > FORM * best.nats:
-        return one
-    why = f"{best.title} as a free curve is {more:.0f} nats more likely: it stands in for another form"
-    return replace(one, verdict="likely", why=why)
+def comes_to(other: Judgment, one: Judgment) -> bool:
+    """Does the other one have more numbers, one of which cannot be told from an end of its interval? It is the simpler one there."""
+    numbers = zip(other.fitted.problem.numbers, other.fitted.theta, other.fitted.errors, strict=True)
+    return other.count > one.count and any(
+        number.name not in one.fitted.names and min(x - number.low, number.high - x) < AT * error
+        for number, x, error in numbers
+    )
 
 
-def whose_form_is_open(steps: Sequence[Judgment], rivals: Sequence[Judgment]) -> list[Judgment]:
-    """Steps that are no names after all: beside everything that was named a free curve still takes much of what they took."""
-    best = max(rivals, key=lambda rival: rival.nats, default=None)
-    if best is None or best.nats < needed(best.compared) or max(t for _, _, t in best.errors.values()) < FALL:
-        return []
-    why = f"beside it {best.title} as a free curve gains another {best.nats:.0f} nats: its form is another one"
-    return [replace(one, verdict="likely", why=why) for one in steps if one.nats < FORM * (one.nats + best.nats)]
+@dataclass(frozen=True, kw_only=True)
+class Remainder:
+    """What a free form takes at a place beside everything named, to first order. nats: by how many of its shapes are used. beside: what
+    every named effect then still takes."""
+
+    title: str
+    place: str
+    nats: dict[int, float]
+    beside: dict[str, float]
+
+    @property
+    def gain(self) -> float:
+        """Of the best choice of shapes, as motion held out would show it: every fitted number gains half a nat where it was fitted and
+        loses as much elsewhere (Akaike 1974)."""
+        return max((nats - count for count, nats in self.nats.items()), default=0.0)
+
+
+def with_open_form(steps: Sequence[Judgment], left: Sequence[Remainder]) -> list[Judgment]:
+    """Steps that are no names after all: a free form, a candidate as any other, would be named beside all of them: at the step's own
+    place, or elsewhere where it leaves nothing to the step."""
+    looks = sum(len(one.nats) for one in left)
+    doubted = []
+    for step in steps:
+        enough = needed(step.compared + looks)
+        clear = sorted((one for one in left if one.gain > enough), key=lambda one: -one.gain)
+        there = [one for one in clear if one.place == step.candidate.place]
+        instead = [one for one in clear if one.beside[step.title] < enough]
+        if there:
+            why = f"beside it {there[0].title} gains another {there[0].gain:.0f} nats: its form is open"
+        elif instead:
+            why = f"beside {instead[0].title} it takes {instead[0].beside[step.title]:.1f} nats: a stand-in"
+        else:
+            continue
+        doubted.append(replace(step, verdict="likely", why=why))
+    return doubted
 
 
 def changing(fitted: Fit) -> list[str]:

@@ -175,7 +175,8 @@ class EffectRow(Section):
     becomes: str | None = None
     storage: str | None = None
     switch: bool = False
-    over: str | None = None
+    over: list[str] = Field(default_factory=list, max_length=2)
+    corners: int = Field(default=5, ge=3, le=20)
     rival: bool = False
     memory: MemoryTable | None = None
     parameters: dict[str, EffectNumber] = Field(default_factory=dict, max_length=MOST)

@@ -9,21 +9,21 @@ from __future__ import annotations
 import ast
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from typing import TypeVar
 
+import numpy as np
 import sympy
 
 from hexsim.errors import HexsimError
 from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTables, ParameterTable, StateTable
 from hexsim.own.formulas import expression, names_of, tree_of
 
+Array = np.ndarray
 Tables = TypeVar("Tables", bound=ModelTables)
-CURVE = 5  # corners of a curve over a place; its mean over them is 0: that is a constant, an effect of its own
-RIVAL = 8  # corners of a free curve that an effect is held against
 BEGIN = 0.1  # of an amplitude's scale: where a search begins
 FORMULAS = ("adds", "elsewhere", "forwards", "backwards", "becomes", "storage")
 
@@ -45,7 +45,8 @@ class Sizes:
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """An effect at one place of a model. formulas: as FORMULAS. numbers: names -> what is searched. shape: tells tries apart."""
+    """An effect at one place of a model. formulas: as FORMULAS. numbers: names -> what is searched. corners: of its curve, on
+    each side. shape: tells tries apart."""
 
     name: str
     on: str
@@ -58,11 +59,17 @@ class Candidate:
     switch: str | None = None
     curve: tuple[str, str] | None = None
     rival: bool = False
+    corners: tuple[int, ...] = ()
     shape: str = ""
 
     @property
     def title(self) -> str:
         return f"{self.name} in {self.on}" + (f" to {self.other}" if self.other else "")
+
+    @property
+    def place(self) -> str:
+        """Where in the model it acts."""
+        return f"{self.what} {self.on}"
 
     @property
     def begin(self) -> dict[str, float]:
@@ -71,8 +78,16 @@ class Candidate:
         return {name: BEGIN * (table.scale or 1.0) * (table.sign or 1) for name, table in tables.items()}
 
     @property
+    def shapes(self) -> Array:
+        """Of a free form (numbers, shapes): polynomials over its corners, orthogonal and without mean, the smooth ones first."""
+        sides = [np.linalg.qr(np.vander(np.linspace(-1, 1, n), increasing=True))[0] for n in self.corners]
+        whole = sides[0] if len(sides) == 1 else np.kron(sides[0], sides[1])
+        degree = np.sum(np.indices(self.corners), axis=0).ravel()
+        return whole[:-1, np.argsort(degree, kind="stable")[1:]]
+
+    @property
     def has_memory(self) -> bool:
-        return self.memory is not None and self.switch is None
+        return self.memory is not None
 
 
 @cache
@@ -108,7 +123,7 @@ def places(row: EffectRow, tables: ModelTables, inputs: Iterable[str]) -> list[t
         name for name, state in tables.states.items()
         if name == row.on or (row.on is None and state.quantity in row.of and state.quantity is not None and of_state(row, tables, name))
     ]  # fmt: skip
-    if needs(row, "{place}") or (needs(row, "{curve}") and row.over in (None, "{place}")):
+    if needs(row, "{place}") or (needs(row, "{curve}") and (not row.over or "{place}" in row.over)):
         fits = [name for name in fits if place_of(name, tables)]
     if not needs(row, "{other}") and row.elsewhere is None:
         return [(name, None) for name in fits]
@@ -157,15 +172,17 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
     braces = {"{x}": on, "{other}": other or "", "{place}": place_of(on, tables) or ""}
     if state is not None:
         braces |= {"{sum}": f"({state.sum})", "{storage}": f"({state.storage})"}
+    output = tables.outputs.get(on) if row.what == "output" else None
+    braces["{y}"] = f"({output.formula})" if output else on
     rename = {key: key + tag for key in row.parameters}
     numbers, amplitude, curve = {}, [], ""
     for k, (key, number) in enumerate(row.parameters.items()):
-        if key == "curve" or row.over is not None:
-            over = row.over or "{place}"
-            place = braces.get(over, on)
-            own = over == "{x}"
-            middle, half = (sizes.C, sizes.H) if own else (sizes.M, sizes.P)
-            curve, more = curve_of(rename[key], place, number, sizes, middle, half, RIVAL if row.rival else CURVE)
+        if key == "curve" or row.over:
+            over = row.over or ["{place}"]
+            spans = [
+                (braces.get(one, on), *((sizes.C, sizes.H) if one == "{x}" else (sizes.M, sizes.P))) for one in over
+            ]
+            curve, more = curve_of(rename[key], spans, number, sizes, row.corners)
             numbers |= more
             amplitude += list(more)
         else:
@@ -176,12 +193,8 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
         memory = f"memory_{re.sub(r'[^a-z]+', '_', row.name.lower()).strip('_')}{tag}"
         braces["{memory}"] = memory
     switch = f"switch_{re.sub(r'[^a-z]+', '_', row.name.lower()).strip('_')}{tag}" if row.switch else None
-    output = tables.outputs.get(on) if row.what == "output" else None
-    braces |= {
-        "{curve}": f"{'free_' if row.rival else ''}curve{tag}",
-        "{switch}": switch or "",
-        "{y}": f"({output.formula})" if output else on,
-    }
+    named = f"{next(iter(row.parameters), '')}_curve{tag}"
+    braces |= {"{curve}": named, "{switch}": switch or ""}
 
     def fill(text: str) -> str:
         for key, value in rename.items():
@@ -198,7 +211,8 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
         made = (memory, MemoryTable.model_validate({"kind": row.memory.kind, "of": fill(row.memory.of), **extra}))
     base = Candidate(
         name=row.name, on=on, what=row.what, other=other, formulas=formulas, numbers=numbers, amplitude=tuple(amplitude),
-        memory=made, switch=switch, curve=(f"{'free_' if row.rival else ''}curve{tag}", curve) if curve else None, rival=row.rival,
+        memory=made, switch=switch, curve=(named, curve) if curve else None, rival=row.rival,
+        corners=(row.corners,) * max(len(row.over), 1),
     )  # fmt: skip
     return [base, *tried(row, base, rename, sizes)]
 
@@ -217,16 +231,28 @@ def tried(row: EffectRow, base: Candidate, rename: Mapping[str, str], sizes: Siz
 
 
 def curve_of(
-    name: str, place: str, number: EffectNumber, sizes: Sizes, middle: float, half: float, count: int
+    name: str, spans: Sequence[tuple[str, float, float]], number: EffectNumber, sizes: Sizes, count: int
 ) -> tuple[str, dict[str, ParameterTable]]:
-    """A piecewise linear curve over a place, with numbers at its corners; the last corner makes the mean 0."""
-    low, width = middle - half, 2.0 * half / (count - 1)
-    names = [f"{name}_{k + 1}" for k in range(count - 1)]
-    corners = [*names, f"-({' + '.join(names)})"]
+    """Piecewise linear over one place or (bilinear) two, with numbers at its corners; the last one makes the mean 0.
+
+    spans: place, middle and half range of each.
+    """
     hats = [
-        f"({one}) * max(0, 1 - abs({place} - ({low + k * width:.9g})) / {width:.9g})" for k, one in enumerate(corners)
-    ]
-    return " + ".join(hats), {one: table_of(number, sizes, neutral=True, where=name) for one in names}
+        [f"max(0, 1 - abs({place} - ({middle - half + k * width:.7g})) / {width:.7g})" for k in range(count)]
+        for place, middle, half in spans for width in [2.0 * half / (count - 1)]
+    ]  # fmt: skip
+    names = [f"{name}_{k + 1}" for k in range(count ** len(spans) - 1)]
+    numbers = {one: table_of(number, sizes, neutral=True, where=name) for one in names}
+    return surface([*names, f"-({' + '.join(names)})"], hats), numbers
+
+
+def surface(corners: Sequence[str], hats: Sequence[Sequence[str]]) -> str:
+    """Sum of corners times the products of their hats, one list of hats a place."""
+    first, *others = hats
+    n = len(corners) // len(first)
+    parts = [corners[k * n : (k + 1) * n] for k in range(len(first))]
+    inner = [surface(part, others) if others else part[0] for part in parts]
+    return " + ".join(f"({one}) * {hat}" for one, hat in zip(inner, first, strict=True))
 
 
 def table_of(number: EffectNumber, sizes: Sizes, *, neutral: bool, where: str) -> ParameterTable:
@@ -311,6 +337,8 @@ def at_input(tables: Tables, candidate: Candidate) -> Tables:
     }
     constants = {name: swap(text) if isinstance(text, str) and not name.startswith(f"{candidate.on}__") else text
                  for name, text in tables.constants.items()}  # fmt: skip
+    if candidate.curve:
+        constants[candidate.curve[0]] = replaced(candidate.curve[1], candidate.on, old)
     constants[acts] = replaced(candidate.formulas["becomes"], candidate.on, old)
     memory = {}
     for name, table in tables.memory.items():

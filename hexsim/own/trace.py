@@ -97,13 +97,21 @@ class Simulated:
     def problem(self, chosen: Sequence[Candidate]) -> OwnProblem:
         return self.of(self.declared(chosen))
 
+    def offers(self, chosen: Sequence[Candidate], now: Fit, rival: bool) -> list[Candidate]:
+        declared = self.declared(chosen)
+        assert isinstance(now.problem, OwnProblem)
+        sizes = sizes_of(declared, now.problem, now.theta)
+        every = offered(declared, now.problem.simulator.model.inputs, sizes)
+        return [candidate for candidate in every if candidate.rival is rival]
+
+    def free_forms(self, chosen: Sequence[Candidate], now: Fit) -> list[Candidate]:
+        """The most general laws over the signals of each place."""
+        return self.offers(chosen, now, True)
+
     def candidates(self, chosen: Sequence[Candidate], now: Fit) -> tuple[OwnProblem, list[tuple[Candidate, list[str]]]]:
         """All that the library and the file offer, in one model."""
         everything, found = self.declared(chosen), []
-        assert isinstance(now.problem, OwnProblem)
-        sizes = sizes_of(everything, now.problem, now.theta)
-        offers = offered(everything, now.problem.simulator.model.inputs, sizes)
-        for k, candidate in enumerate(offers):
+        for k, candidate in enumerate(self.offers(chosen, now, False)):
             one = distinct(candidate, k)
             everything = joined(everything, one, neutral=True)
             found.append((candidate, [one.switch] if one.switch else list(one.amplitude)))

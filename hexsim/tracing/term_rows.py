@@ -138,8 +138,8 @@ class TermCandidate:
         return False
 
     @property
-    def rival(self) -> bool:
-        return False
+    def place(self) -> str:
+        return ""
 
     @property
     def numbers(self) -> Sequence[str]:
@@ -188,6 +188,11 @@ class BalanceMachine:
         del now
         problem = self.of([*self.balance.terms, *self.placed(chosen), *own])
         return problem, [(one, [term.name]) for one, term in zip(offered, own, strict=True)]
+
+    def free_forms(self, chosen: Sequence[TermCandidate], now: Fit) -> Sequence[TermCandidate]:
+        """None: a balance is a sum of terms that its file names."""
+        del chosen, now
+        return ()
 
 
 def distinct(term: Term, k: int) -> Term:

@@ -104,8 +104,9 @@ class One:
     """A candidate: a column."""
 
     title: str
-    rival: bool = False
+    place: str = "a"
     has_memory: bool = False
+    shapes = np.eye(1)
 
     @property
     def amplitude(self):
@@ -117,13 +118,13 @@ class One:
 
 
 class Columns:
-    """a is declared; b and c are offered, and cubic as a free form of a."""
+    """a is declared; b and c are offered, and cubic as a free form at their place."""
 
-    def __init__(self, rng, b=0.0, cubic=0.0):
+    def __init__(self, rng, b=0.0, cubic=0.0, form_at="a"):
         self.x = [columns(rng) for _ in range(RUNS)]
         self.x = [np.column_stack([one, one[:, 1] ** 3]) for one in self.x]
         self.y = [one @ [1.0, b, 0.0, cubic] + 0.3 * coloured(rng) for one in self.x]
-        self.offered = [One("b"), One("c"), One("cubic", rival=True)]
+        self.offered, self.free = [One("b"), One("c")], [One("cubic", place=form_at)]
 
     def problem(self, chosen):
         names = ["a", *(one.title for one in chosen)]
@@ -132,6 +133,9 @@ class Columns:
 
     def candidates(self, chosen, now):
         return self.problem(self.offered), [(one, [one.title]) for one in self.offered]
+
+    def free_forms(self, chosen, now):
+        return self.free
 
 
 def test_what_is_missing_is_named_and_nothing_where_nothing_lacks():
@@ -142,11 +146,15 @@ def test_what_is_missing_is_named_and_nothing_where_nothing_lacks():
     assert sum(bool(search(Columns(np.random.default_rng(seed))).steps) for seed in range(20)) <= 1
 
 
-def test_a_form_that_a_free_curve_beats_is_no_name():
-    """Where the cube of b's signal is missing b gains, and is not named: the free form takes far more."""
-    found = search(Columns(np.random.default_rng(5), cubic=0.2))
-    assert found.steps == []
-    assert any("another form" in one.why for one in found.refused if one.title == "b")
+def test_a_name_beside_which_something_is_left_is_no_name():
+    """Where the cube of b's signal is missing b gains and is not named, for a free form finds more at its place, or takes its own gain
+    from another one. Where b itself is missing beside a cube at another place, b stands: with the form it still earns its place."""
+    for place, why in (("a", "its form is open"), ("elsewhere", "stand-in")):
+        found = search(Columns(np.random.default_rng(5), cubic=0.2, form_at=place))
+        assert found.steps == []
+        assert any(why in one.why for one in found.refused if one.title == "b")
+    both = search(Columns(np.random.default_rng(5), b=1.0, cubic=0.2, form_at="elsewhere"))
+    assert [step.title for step in both.steps] == ["b"]
 
 
 def test_one_group_cannot_be_held_out():

@@ -1,0 +1,70 @@
+"""Names of machines of one's own: a form is proven against free forms, a memory against all memories."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from hexsim.own.folder import load_simulated
+from hexsim.own.trace import trace_own
+
+DRIVE = """
+[runs]
+fit = ["one", "two", "three"]
+[signals]
+command = { quantity = "voltage", hold = true }
+[parameters]
+damping = { start = 1.2, sign = 1 }
+stiffness = { start = 18.0, sign = 1 }
+[states.x]
+rate = "v"
+[states.v]
+quantity = "force"
+sum = "20 * command - damping * v - stiffness * x"
+[outputs.x]
+formula = "x"
+[simulation]
+scheme = "heun"
+steps = 2
+"""
+DT, N = 0.04, 250
+
+
+def run(seed: int, place_damping: float, play: float) -> pl.DataFrame:
+    """Written apart: mass 1, damping 1.5 + place_damping x^2, spring 20, play of the drive; 20 semi-implicit steps a sample."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(N) * DT
+    command = sum(np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in rng.uniform(0.1, 1.2, 5)) / 2
+    x, v, held = 0.0, 0.0, command[0]
+    seen = np.zeros(N)
+    for k in range(N):
+        seen[k] = x
+        held = min(max(held, command[k] - 0.5 * play), command[k] + 0.5 * play)
+        for _ in range(20):
+            v += DT / 20 * (20 * held - (1.5 + place_damping * x * x) * v - 20 * x)
+            x += DT / 20 * v
+    return pl.DataFrame({"time_s": t, "command": command, "x": seen + 0.003 * rng.standard_normal(N)})
+
+
+def traced(place, **missing: float):
+    (place / "model.toml").write_text(DRIVE)
+    for seed, name in enumerate(("one", "two", "three")):
+        run(seed, **{"place_damping": 0.0, "play": 0.0} | missing).write_csv(place / f"{name}.csv")
+    return trace_own(load_simulated(place))
+
+
+@pytest.mark.timeout(300)
+def test_damping_over_place_is_no_friction(tmp_path):
+    """Where damping grows with the place, which no effect of the library says, an effect gains and nothing is named: a free form beside
+    it finds the rest."""
+    trace = traced(tmp_path, place_damping=4.0)
+    assert trace.steps == []
+    assert any("its form is open" in one.why for one in trace.found.refused)
+
+
+def test_play_is_backlash_and_no_lag(tmp_path):
+    """Play of a drive is named as such, alone and with its width: every memory is fitted, whatever a linear look foretells."""
+    trace = traced(tmp_path, play=0.15)
+    assert [step.candidate.name for step in trace.steps] == ["backlash of a drive"]
+    assert trace.steps[0].tied == []
+    width = next(name for name in trace.final.names if name.startswith("play"))
+    assert trace.final.value(width) == pytest.approx(0.15, abs=4 * trace.final.error(width))
