@@ -52,6 +52,7 @@ from .prior import LEGS_ALIKE, add_prior, fill_prior
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
 MOST_STEPS = 8  # passes of a stage
+LEAST_GAIN = 0.1  # of the cost, by a step: a third of a standard deviation of one number
 FEWEST = 5  # windows with which it begins, two with a reversal among them
 ROUNDS = 6  # of a step, in which numbers meet their bounds
 KNOWN_LEG = 2.0  # misfit from which the leg is not one that the model knows: as much beside the noise as noise
@@ -63,6 +64,7 @@ TRIES = (
     (0.0, 0.0, 1.5),
     (1.0, 1.0, -1.0),
 )  # spool, damping, backlash, in standard deviations
+MEMORY_S = 60.0  # in which what older windows said fades: XXX
 WORK = 14  # window ticks a tick
 HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
@@ -189,16 +191,64 @@ def _take_waiting(s):
     """Windows that waited for the end of a pass come in; the oldest go."""
     fit = s.fit
     for n in range(fit.waiting):
-        if fit.count < WINDOWS:
-            place = fit.count
-            fit.count += 1
-        else:
-            place = fit.seen % WINDOWS
+        s.windows[fit.seen % WINDOWS] = s.windows[WINDOWS + n]
         fit.seen += 1
-        s.windows[place] = s.windows[WINDOWS + n]
+        fit.count = min(fit.count + 1, WINDOWS)
     taken = fit.waiting > 0
-    fit.waiting = 0
+    fit.waiting = fit.to_fold = 0
     return taken
+
+
+@compiled
+def _begin_fold(s):
+    """A pass over one of the windows that are about to go, at the settled numbers, for what it says of them. Returns whether there is
+    one: not while the fit is in search, nor of a leg that is not the model's."""
+    fit = s.fit
+    if not fit.settled or not fit.has_best or max(fit.chi2[0], fit.chi2[1]) > KNOWN_LEG:
+        return False
+    while fit.to_fold < fit.waiting:
+        place = fit.seen + fit.to_fold
+        fit.to_fold += 1
+        if place >= WINDOWS:
+            _start_pass(s, fit.best.numbers, False)
+            fit.trial.start[place % WINDOWS] = fit.best.start[place % WINDOWS]
+            fit.at_window, fit.folding = place % WINDOWS, 1
+            return True
+    return False
+
+
+@compiled
+def _end_fold(s):
+    """What a window says of the numbers is kept as a quadratic about the settled ones, its noise as large as its misfit; what was kept
+    before fades."""
+    fit, trial = s.fit, s.fit.trial
+    fit.running = fit.folding = 0
+    n = fit.at_window - 1
+    rows = 2.0 * WINDOW if s.sheet[S_FOUR_WAY] != 0.0 else 1.0 * WINDOW
+    weight = 1.0 / max(1.0, trial.chi[n, 0] / WINDOW, trial.chi[n, 1] / rows)
+    fade = exp(-(s.windows[n].first - fit.folded_until) * s.settings.tick_s / MEMORY_S) if fit.folded else 0.0
+    fit.folded_until = s.windows[n].first
+    fit.folded += 1
+    for a in range(N_NUMBERS):
+        fit.a[a] = (trial.numbers[a] - fit.mean[a]) / fit.sd[a]
+    fit.folded_cost *= fade
+    for a in range(N_NUMBERS):
+        pull = 0.0
+        for b in range(N_NUMBERS):
+            H = trial.H[a, b] if b <= a else trial.H[b, a]
+            pull += H * fit.a[b]
+            fit.folded_H[a, b] = fade * fit.folded_H[a, b] + weight * H
+        fit.folded_g[a] = fade * fit.folded_g[a] + weight * (trial.g[a] + pull)
+        fit.folded_cost += weight * (2.0 * trial.g[a] + pull) * fit.a[a]
+
+
+@compiled
+def _forget_folded(fit):
+    """What older windows said is no longer true."""
+    fit.folded_H[:, :] = 0.0
+    fit.folded_g[:] = 0.0
+    fit.folded_cost = 0.0
+    fit.folded = 0
 
 
 @compiled
@@ -350,6 +400,12 @@ def _propose(s):
         value = min(max(best.numbers[k] + fit.a[k] * fit.sd[k], fit.low[k]), fit.high[k])
         fit.a[k] = (value - best.numbers[k]) / fit.sd[k]
         fit.proposed[k] = value
+    fit.gain = 0.0
+    for a in range(N_NUMBERS):
+        pull = best.H[a, a] * fit.a[a]
+        for b in range(a):
+            pull += 2.0 * best.H[a, b] * fit.a[b]
+        fit.gain += (2.0 * best.g[a] - pull) * fit.a[a]
     for n in range(fit.count):
         for j in range(fit.starts):
             step = best.kb[n, j]
@@ -444,6 +500,8 @@ def _settle(s):
     fit = s.fit
     four_way = s.sheet[S_FOUR_WAY] != 0.0
     _misfit(fit, four_way, fit.chi2)
+    if max(fit.chi2[0], fit.chi2[1]) > KNOWN_LEG:
+        _forget_folded(fit)
     if fit.trying:
         fit.trying = 0
         if fit.chi2[0] + fit.chi2[1] < BETTER * (fit.chi2_before[0] + fit.chi2_before[1]):
@@ -492,11 +550,18 @@ def _end_pass(s):
         fit.damping = max(8.0 * fit.damping, 1e-3)
         done = done or fit.damping > 1e3
     if done:
-        fit.step, fit.damping = 0, 1e-2
-        if fit.stage < len(HEATS) - 1:
-            fit.stage += 1
-        else:
-            _settle(s)
+        _end_stage(s)
+
+
+@compiled
+def _end_stage(s):
+    """The next stage, or what the last one has found."""
+    fit = s.fit
+    fit.step, fit.damping = 0, 1e-2
+    if fit.stage < len(HEATS) - 1:
+        fit.stage += 1
+    else:
+        _settle(s)
 
 
 @compiled
@@ -506,12 +571,15 @@ def work(s):
     for _ in range(WORK):
         if not fit.running:
             begins = fit.settled or fit.step == 0
-            came = begins and _take_waiting(s)
+            folds = begins and _begin_fold(s)
+            came = begins and not folds and _take_waiting(s)
             if fit.count < FEWEST:
                 return
             if came:
                 fit.settled = 0
-            if fit.passes == 0:
+            if folds:
+                pass
+            elif fit.passes == 0:
                 if not fit.restored:
                     fill_prior(fit, s.settings, s.past.force_N)
                 fit.damping = 1e-2
@@ -525,9 +593,15 @@ def work(s):
                 if not _propose(s):
                     fit.damping = max(8.0 * fit.damping, 1e-3)
                     return
+                if fit.step > 1 and fit.gain < LEAST_GAIN:
+                    _end_stage(s)
+                    continue
                 _start_pass(s, fit.proposed, False)
         _work_tick(s)
-        if fit.at_window >= fit.count:
+        if fit.folding:
+            if fit.at_tick == 0:
+                _end_fold(s)
+        elif fit.at_window >= fit.count:
             _end_pass(s)
 
 

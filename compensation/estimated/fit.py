@@ -68,9 +68,9 @@ def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
     warm_spool(x, S, th, sheet, arriving, by_half, LEAD - WARM, LEAD, d_now, d_before)
     x[Y], x[V], x[P1], x[P2] = start[0], start[1], start[2], start[3]
     x[M1], x[M2] = start[2], start[3]
-    for i in range(4):
-        S[(Y, V, P1, P2)[i], N_NUMBERS + i] = 1.0
-    S[M1, N_NUMBERS + 2] = S[M2, N_NUMBERS + 3] = 1.0
+    S[Y, N_NUMBERS] = S[V, N_NUMBERS + 1] = S[P1, N_NUMBERS + 2] = S[M1, N_NUMBERS + 2] = 1.0
+    if sheet[S_FOUR_WAY] != 0.0:  # otherwise the supply's, whatever the start says
+        S[P2, N_NUMBERS + 3] = S[M2, N_NUMBERS + 3] = 1.0
     v = x[V]
     up = v >= 0.0
     coulomb, static = (COULOMB_UP, STATIC_UP) if up else (COULOMB_DN, STATIC_DN)
