@@ -70,7 +70,7 @@ HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
 BACK = 60  # ticks by which a window may begin earlier to begin in motion
 LATE = WINDOW + BACK + HALF_SPAN + LEAD
-NOISE_STEP = 0.01  # of the running median of fourth differences, a tick
+NOISE_STEP = 0.002  # of the running median of fourth differences, a tick: known to 3 %, twice as large after 0.7 s
 FORGET_TICKS = 2000.0
 FRICTION_ERROR = 0.2  # of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10
 # a parabola through nine readings: its value and slope [1/tick] at the first
@@ -304,6 +304,7 @@ def _start_pass(s, numbers, fresh):
     fit = s.fit
     if fresh:
         fit.has_best = 0
+        fit.noise[0], fit.noise[1] = s.past.noise_m, s.past.noise_Pa  # as it was for all passes that are compared
         for w in range(fit.count):
             fit.trial.start[w] = s.windows[w].start
     fit.trial.numbers[:] = numbers
@@ -343,7 +344,7 @@ def _work_tick(s):
     )
     read_tick(
         fit.x, fit.S, trial.numbers, s.sheet, fit.scale, fit.starts, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
-        s.past.noise_m * heat, s.past.noise_Pa * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
+        fit.noise[0] * heat, fit.noise[1] * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
     )  # fmt: skip
     fit.at_tick += 1
     if fit.at_tick < WINDOW:
