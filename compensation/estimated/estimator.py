@@ -7,7 +7,7 @@ at the last it goes on for as long as the machine moves, with the last `WINDOWS`
 
 from __future__ import annotations
 
-from math import exp, sqrt
+from math import exp, sqrt, tanh
 
 import numpy as np
 
@@ -255,9 +255,8 @@ def _forget_folded(fit):
 def friction(n, v):
     """Steady friction [N] of numbers n (N_NUMBERS,) at speed v [m/s]."""
     up = v >= 0.0
-    reg = exp(n[LN_REG])
     dry = n[COULOMB_UP if up else COULOMB_DN] + n[STATIC_UP if up else STATIC_DN] * exp(-abs(v) / exp(n[LN_STRIBECK]))
-    return dry * v / sqrt(v * v + reg * reg) + n[VISCOUS_UP if up else VISCOUS_DN] * v
+    return dry * tanh(v / exp(n[LN_REG])) + n[VISCOUS_UP if up else VISCOUS_DN] * v
 
 
 @compiled

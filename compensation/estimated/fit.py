@@ -6,7 +6,7 @@ cost and the normal equations; a step of Levenberg and Marquardt is one pass, wh
 
 from __future__ import annotations
 
-from math import exp, sqrt
+from math import exp, sqrt, tanh
 
 from ..compiled import compiled
 from .leg import (
@@ -75,7 +75,7 @@ def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
     up = v >= 0.0
     coulomb, static = (COULOMB_UP, STATIC_UP) if up else (COULOMB_DN, STATIC_DN)
     cs, reg, sigma = exp(th[LN_STRIBECK]), exp(th[LN_REG]), exp(th[LN_BRISTLE])
-    fade, turn = exp(-abs(v) / cs), v / sqrt(v * v + reg * reg)
+    fade, turn = exp(-abs(v) / cs), tanh(v / reg)
     x[Z] = (th[coulomb] + th[static] * fade) * turn / sigma
     S[Z, coulomb], S[Z, static], S[Z, LN_BRISTLE] = turn / sigma, fade * turn / sigma, -x[Z]
     S[Z, LN_STRIBECK] = th[static] * fade * abs(v) / cs * turn / sigma
