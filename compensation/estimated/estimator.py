@@ -2,7 +2,8 @@
 
 Windows begin in motion, for near standstill a start state has local minima; each one that holds a reversal is taken, and every
 second of the others. The fit begins with the noise thirty times as large as it is, so that the prior leads, and sharpens in stages;
-at the last it goes on for as long as the machine moves, with the last `WINDOWS` windows: what is older is forgotten.
+at the last it goes on for as long as the machine moves, with the last `WINDOWS` windows. What an older one says of the numbers is kept
+as a quadratic beside the prior (`_end_fold`), in the linearisation at the numbers of that time; it fades within `MEMORY_S`.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ TRIES = (
     (0.0, 0.0, 1.5),
     (1.0, 1.0, -1.0),
 )  # spool, damping, backlash, in standard deviations
-MEMORY_S = 60.0  # in which what older windows said fades: XXX
+MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
 WORK = 14  # window ticks a tick
 HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
@@ -72,7 +73,8 @@ BACK = 60  # ticks by which a window may begin earlier to begin in motion
 LATE = WINDOW + BACK + HALF_SPAN + LEAD
 NOISE_STEP = 0.002  # of the running median of fourth differences, a tick: known to 3 %, twice as large after 0.7 s
 FORGET_TICKS = 2000.0
-FRICTION_ERROR = 0.2  # of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10
+# of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10, from its own fit to one
+FRICTION_ERROR, FITTED_ERROR = 0.2, 0.1
 # a parabola through nine readings: its value and slope [1/tick] at the first
 START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasing=True))[:2]
 
@@ -267,22 +269,23 @@ def _load_windows(s, numbers):
     known yet is taken to be like this one, its F0 the mean of its forces.
     """
     fit, settings = s.fit, s.settings
-    doubt = 0.0
     for i in range(settings.legs):
-        if i != settings.leg:
-            if not s.heard[i]:
-                s.others[i] = numbers
-                s.mean_N[i] = 0.0
-                for w in range(fit.count):
-                    for k in range(WINDOW):
-                        s.mean_N[i] += s.windows[w].forces_N[k, i] / (WINDOW * fit.count)
-            n = s.others[i]
-            dry = 0.5 * (n[COULOMB_UP] + n[COULOMB_DN] + n[STATIC_UP] + n[STATIC_DN])
-            doubt += (s.mobility[i] * dry) ** 2
-    fit.scale[N_NUMBERS + N_STATE :] = FRICTION_ERROR * sqrt(doubt)
+        if i != settings.leg and not s.heard[i]:
+            s.others[i] = numbers
+            s.mean_N[i] = 0.0
+            for w in range(fit.count):
+                for k in range(WINDOW):
+                    s.mean_N[i] += s.windows[w].forces_N[k, i] / (WINDOW * fit.count)
     for w in range(fit.count):
         window = s.windows[w]
-        before = 0.0
+        before = doubt = 0.0
+        for i in range(settings.legs):
+            if i != settings.leg:
+                n = s.others[i]
+                dry = 0.5 * (n[COULOMB_UP] + n[COULOMB_DN] + n[STATIC_UP] + n[STATIC_DN])
+                share = FITTED_ERROR if window.fitted[0, i] + window.fitted[WINDOW - 1, i] == 2 else FRICTION_ERROR
+                doubt += (share * s.mobility[i] * dry) ** 2
+        window.doubt_N = sqrt(doubt)
         for k in range(WINDOW):
             load = numbers[MASS] * window.pose_m_s2[k]
             for i in range(settings.legs):
@@ -327,6 +330,7 @@ def _work_tick(s):
     n, k = fit.at_window, fit.at_tick
     window, heat = s.windows[n], HEATS[fit.stage]
     if k == 0:
+        fit.scale[N_NUMBERS + N_STATE :] = window.doubt_N
         behind_backlash(window.volts, trial.numbers[PLAY], fit.arriving, fit.by_half)
         begin_window(
             fit.x, fit.S, trial.numbers, s.sheet, trial.start[n], fit.arriving, fit.by_half, fit.d_now, fit.d_before
@@ -407,6 +411,7 @@ def _propose(s):
             pull += 2.0 * best.H[a, b] * fit.a[b]
         fit.gain += (2.0 * best.g[a] - pull) * fit.a[a]
     for n in range(fit.count):
+        fit.scale[N_NUMBERS + N_STATE :] = s.windows[n].doubt_N
         for j in range(fit.starts):
             step = best.kb[n, j]
             for k in range(N_NUMBERS):

@@ -33,7 +33,7 @@ WINDOW_DATA = record(
     position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)), pose_m_s2=(f, (WINDOW,)),
     forces_N=(f, (WINDOW, LEGS)), speeds_m_s=(f, (WINDOW, LEGS)), load_N=(f, (WINDOW,)), others_N=(f, (WINDOW, LEGS)),
     fitted=(i, (WINDOW, LEGS)), friction_N=(f, (WINDOW,)), first=i,
-    volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)),
+    volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)), doubt_N=f,
 )  # fmt: skip
 TRIAL = record(  # a pass over the windows at some numbers
     numbers=(f, (N_NUMBERS,)), start=(f, (WINDOWS, N_START)), H=(f, (N_NUMBERS, N_NUMBERS)), g=(f, (N_NUMBERS,)),
