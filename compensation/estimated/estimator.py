@@ -66,7 +66,7 @@ TRIES = (
     (1.0, 1.0, -1.0),
 )  # spool, damping, backlash, in standard deviations
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
-WORK = 14  # window ticks a tick
+WORK, CALM_WORK = 14, 4  # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not
 HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
 BACK = 60  # ticks by which a window may begin earlier to begin in motion
@@ -572,8 +572,9 @@ def _end_stage(s):
 @compiled
 def work(s):
     """The fit's share of a tick."""
-    fit = s.fit
-    for _ in range(WORK):
+    fit, expected = s.fit, s.expected
+    calm = s.linear == 1.0 and expected.sigma2 < expected.left2 and fit.stage == len(HEATS) - 1
+    for _ in range(CALM_WORK if calm else WORK):
         if not fit.running:
             begins = fit.settled or fit.step == 0
             folds = begins and _begin_fold(s)
