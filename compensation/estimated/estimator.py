@@ -2,12 +2,13 @@
 
 Windows begin in motion, for near standstill a start state has local minima; each one that holds a reversal is taken, and every
 second of the others. The fit begins with the noise thirty times as large as it is, so that the prior leads, and sharpens in stages;
-at the last it goes on for as long as the machine moves, with the last `WINDOWS` windows: what is older is forgotten.
+at the last it goes on for as long as the machine moves, with the last `WINDOWS` windows. What an older one says of the numbers is kept
+as a quadratic beside the prior (`_end_fold`), in the linearisation at the numbers of that time; it fades within `MEMORY_S`.
 """
 
 from __future__ import annotations
 
-from math import exp, sqrt
+from math import exp, sqrt, tanh
 
 import numpy as np
 
@@ -52,6 +53,7 @@ from .prior import LEGS_ALIKE, add_prior, fill_prior
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
 MOST_STEPS = 8  # passes of a stage
+LEAST_GAIN = 0.1  # of the cost, by a step: a third of a standard deviation of one number
 FEWEST = 5  # windows with which it begins, two with a reversal among them
 ROUNDS = 6  # of a step, in which numbers meet their bounds
 KNOWN_LEG = 2.0  # misfit from which the leg is not one that the model knows: as much beside the noise as noise
@@ -63,14 +65,16 @@ TRIES = (
     (0.0, 0.0, 1.5),
     (1.0, 1.0, -1.0),
 )  # spool, damping, backlash, in standard deviations
-WORK = 14  # window ticks a tick
+MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
+WORK, CALM_WORK = 14, 4  # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not
 HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
 BACK = 60  # ticks by which a window may begin earlier to begin in motion
 LATE = WINDOW + BACK + HALF_SPAN + LEAD
-NOISE_STEP = 0.01  # of the running median of fourth differences, a tick
+NOISE_STEP = 0.002  # of the running median of fourth differences, a tick: known to 3 %, twice as large after 0.7 s
 FORGET_TICKS = 2000.0
-FRICTION_ERROR = 0.2  # of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10
+# of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10, from its own fit to one
+FRICTION_ERROR, FITTED_ERROR = 0.2, 0.1
 # a parabola through nine readings: its value and slope [1/tick] at the first
 START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasing=True))[:2]
 
@@ -189,25 +193,72 @@ def _take_waiting(s):
     """Windows that waited for the end of a pass come in; the oldest go."""
     fit = s.fit
     for n in range(fit.waiting):
-        if fit.count < WINDOWS:
-            place = fit.count
-            fit.count += 1
-        else:
-            place = fit.seen % WINDOWS
+        s.windows[fit.seen % WINDOWS] = s.windows[WINDOWS + n]
         fit.seen += 1
-        s.windows[place] = s.windows[WINDOWS + n]
+        fit.count = min(fit.count + 1, WINDOWS)
     taken = fit.waiting > 0
-    fit.waiting = 0
+    fit.waiting = fit.to_fold = 0
     return taken
+
+
+@compiled
+def _begin_fold(s):
+    """A pass over one of the windows that are about to go, at the settled numbers, for what it says of them. Returns whether there is
+    one: not while the fit is in search, nor of a leg that is not the model's."""
+    fit = s.fit
+    if not fit.settled or not fit.has_best or max(fit.chi2[0], fit.chi2[1]) > KNOWN_LEG:
+        return False
+    while fit.to_fold < fit.waiting:
+        place = fit.seen + fit.to_fold
+        fit.to_fold += 1
+        if place >= WINDOWS:
+            _start_pass(s, fit.best.numbers, False)
+            fit.trial.start[place % WINDOWS] = fit.best.start[place % WINDOWS]
+            fit.at_window, fit.folding = place % WINDOWS, 1
+            return True
+    return False
+
+
+@compiled
+def _end_fold(s):
+    """What a window says of the numbers is kept as a quadratic about the settled ones, its noise as large as its misfit; what was kept
+    before fades."""
+    fit, trial = s.fit, s.fit.trial
+    fit.running = fit.folding = 0
+    n = fit.at_window - 1
+    rows = 2.0 * WINDOW if s.sheet[S_FOUR_WAY] != 0.0 else 1.0 * WINDOW
+    weight = 1.0 / max(1.0, trial.chi[n, 0] / WINDOW, trial.chi[n, 1] / rows)
+    fade = exp(-(s.windows[n].first - fit.folded_until) * s.settings.tick_s / MEMORY_S) if fit.folded else 0.0
+    fit.folded_until = s.windows[n].first
+    fit.folded += 1
+    for a in range(N_NUMBERS):
+        fit.a[a] = (trial.numbers[a] - fit.mean[a]) / fit.sd[a]
+    fit.folded_cost *= fade
+    for a in range(N_NUMBERS):
+        pull = 0.0
+        for b in range(N_NUMBERS):
+            H = trial.H[a, b] if b <= a else trial.H[b, a]
+            pull += H * fit.a[b]
+            fit.folded_H[a, b] = fade * fit.folded_H[a, b] + weight * H
+        fit.folded_g[a] = fade * fit.folded_g[a] + weight * (trial.g[a] + pull)
+        fit.folded_cost += weight * (2.0 * trial.g[a] + pull) * fit.a[a]
+
+
+@compiled
+def _forget_folded(fit):
+    """What older windows said is no longer true."""
+    fit.folded_H[:, :] = 0.0
+    fit.folded_g[:] = 0.0
+    fit.folded_cost = 0.0
+    fit.folded = 0
 
 
 @compiled
 def friction(n, v):
     """Steady friction [N] of numbers n (N_NUMBERS,) at speed v [m/s]."""
     up = v >= 0.0
-    reg = exp(n[LN_REG])
     dry = n[COULOMB_UP if up else COULOMB_DN] + n[STATIC_UP if up else STATIC_DN] * exp(-abs(v) / exp(n[LN_STRIBECK]))
-    return dry * v / sqrt(v * v + reg * reg) + n[VISCOUS_UP if up else VISCOUS_DN] * v
+    return dry * tanh(v / exp(n[LN_REG])) + n[VISCOUS_UP if up else VISCOUS_DN] * v
 
 
 @compiled
@@ -218,22 +269,23 @@ def _load_windows(s, numbers):
     known yet is taken to be like this one, its F0 the mean of its forces.
     """
     fit, settings = s.fit, s.settings
-    doubt = 0.0
     for i in range(settings.legs):
-        if i != settings.leg:
-            if not s.heard[i]:
-                s.others[i] = numbers
-                s.mean_N[i] = 0.0
-                for w in range(fit.count):
-                    for k in range(WINDOW):
-                        s.mean_N[i] += s.windows[w].forces_N[k, i] / (WINDOW * fit.count)
-            n = s.others[i]
-            dry = 0.5 * (n[COULOMB_UP] + n[COULOMB_DN] + n[STATIC_UP] + n[STATIC_DN])
-            doubt += (s.mobility[i] * dry) ** 2
-    fit.scale[N_NUMBERS + N_STATE :] = FRICTION_ERROR * sqrt(doubt)
+        if i != settings.leg and not s.heard[i]:
+            s.others[i] = numbers
+            s.mean_N[i] = 0.0
+            for w in range(fit.count):
+                for k in range(WINDOW):
+                    s.mean_N[i] += s.windows[w].forces_N[k, i] / (WINDOW * fit.count)
     for w in range(fit.count):
         window = s.windows[w]
-        before = 0.0
+        before = doubt = 0.0
+        for i in range(settings.legs):
+            if i != settings.leg:
+                n = s.others[i]
+                dry = 0.5 * (n[COULOMB_UP] + n[COULOMB_DN] + n[STATIC_UP] + n[STATIC_DN])
+                share = FITTED_ERROR if window.fitted[0, i] + window.fitted[WINDOW - 1, i] == 2 else FRICTION_ERROR
+                doubt += (share * s.mobility[i] * dry) ** 2
+        window.doubt_N = sqrt(doubt)
         for k in range(WINDOW):
             load = numbers[MASS] * window.pose_m_s2[k]
             for i in range(settings.legs):
@@ -254,6 +306,7 @@ def _start_pass(s, numbers, fresh):
     fit = s.fit
     if fresh:
         fit.has_best = 0
+        fit.noise[0], fit.noise[1] = s.past.noise_m, s.past.noise_Pa  # as it was for all passes that are compared
         for w in range(fit.count):
             fit.trial.start[w] = s.windows[w].start
     fit.trial.numbers[:] = numbers
@@ -277,6 +330,7 @@ def _work_tick(s):
     n, k = fit.at_window, fit.at_tick
     window, heat = s.windows[n], HEATS[fit.stage]
     if k == 0:
+        fit.scale[N_NUMBERS + N_STATE :] = window.doubt_N
         behind_backlash(window.volts, trial.numbers[PLAY], fit.arriving, fit.by_half)
         begin_window(
             fit.x, fit.S, trial.numbers, s.sheet, trial.start[n], fit.arriving, fit.by_half, fit.d_now, fit.d_before
@@ -293,7 +347,7 @@ def _work_tick(s):
     )
     read_tick(
         fit.x, fit.S, trial.numbers, s.sheet, fit.scale, fit.starts, window.position_m[k], window.bottom_Pa[k], window.top_Pa[k],
-        s.past.noise_m * heat, s.past.noise_Pa * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
+        fit.noise[0] * heat, fit.noise[1] * heat, fit.row, fit.A, fit.B, fit.C, fit.a, fit.b, trial.chi[n],
     )  # fmt: skip
     fit.at_tick += 1
     if fit.at_tick < WINDOW:
@@ -350,7 +404,14 @@ def _propose(s):
         value = min(max(best.numbers[k] + fit.a[k] * fit.sd[k], fit.low[k]), fit.high[k])
         fit.a[k] = (value - best.numbers[k]) / fit.sd[k]
         fit.proposed[k] = value
+    fit.gain = 0.0
+    for a in range(N_NUMBERS):
+        pull = best.H[a, a] * fit.a[a]
+        for b in range(a):
+            pull += 2.0 * best.H[a, b] * fit.a[b]
+        fit.gain += (2.0 * best.g[a] - pull) * fit.a[a]
     for n in range(fit.count):
+        fit.scale[N_NUMBERS + N_STATE :] = s.windows[n].doubt_N
         for j in range(fit.starts):
             step = best.kb[n, j]
             for k in range(N_NUMBERS):
@@ -444,6 +505,8 @@ def _settle(s):
     fit = s.fit
     four_way = s.sheet[S_FOUR_WAY] != 0.0
     _misfit(fit, four_way, fit.chi2)
+    if max(fit.chi2[0], fit.chi2[1]) > KNOWN_LEG:
+        _forget_folded(fit)
     if fit.trying:
         fit.trying = 0
         if fit.chi2[0] + fit.chi2[1] < BETTER * (fit.chi2_before[0] + fit.chi2_before[1]):
@@ -492,26 +555,37 @@ def _end_pass(s):
         fit.damping = max(8.0 * fit.damping, 1e-3)
         done = done or fit.damping > 1e3
     if done:
-        fit.step, fit.damping = 0, 1e-2
-        if fit.stage < len(HEATS) - 1:
-            fit.stage += 1
-        else:
-            _settle(s)
+        _end_stage(s)
+
+
+@compiled
+def _end_stage(s):
+    """The next stage, or what the last one has found."""
+    fit = s.fit
+    fit.step, fit.damping = 0, 1e-2
+    if fit.stage < len(HEATS) - 1:
+        fit.stage += 1
+    else:
+        _settle(s)
 
 
 @compiled
 def work(s):
     """The fit's share of a tick."""
-    fit = s.fit
-    for _ in range(WORK):
+    fit, expected = s.fit, s.expected
+    calm = s.linear == 1.0 and expected.sigma2 < expected.left2 and fit.stage == len(HEATS) - 1
+    for _ in range(CALM_WORK if calm else WORK):
         if not fit.running:
             begins = fit.settled or fit.step == 0
-            came = begins and _take_waiting(s)
+            folds = begins and _begin_fold(s)
+            came = begins and not folds and _take_waiting(s)
             if fit.count < FEWEST:
                 return
             if came:
                 fit.settled = 0
-            if fit.passes == 0:
+            if folds:
+                pass
+            elif fit.passes == 0:
                 if not fit.restored:
                     fill_prior(fit, s.settings, s.past.force_N)
                 fit.damping = 1e-2
@@ -525,9 +599,15 @@ def work(s):
                 if not _propose(s):
                     fit.damping = max(8.0 * fit.damping, 1e-3)
                     return
+                if fit.step > 1 and fit.gain < LEAST_GAIN:
+                    _end_stage(s)
+                    continue
                 _start_pass(s, fit.proposed, False)
         _work_tick(s)
-        if fit.at_window >= fit.count:
+        if fit.folding:
+            if fit.at_tick == 0:
+                _end_fold(s)
+        elif fit.at_window >= fit.count:
             _end_pass(s)
 
 

@@ -6,7 +6,7 @@ cost and the normal equations; a step of Levenberg and Marquardt is one pass, wh
 
 from __future__ import annotations
 
-from math import exp, sqrt
+from math import exp, sqrt, tanh
 
 from ..compiled import compiled
 from .leg import (
@@ -68,14 +68,14 @@ def begin_window(x, S, th, sheet, start, arriving, by_half, d_now, d_before):
     warm_spool(x, S, th, sheet, arriving, by_half, LEAD - WARM, LEAD, d_now, d_before)
     x[Y], x[V], x[P1], x[P2] = start[0], start[1], start[2], start[3]
     x[M1], x[M2] = start[2], start[3]
-    for i in range(4):
-        S[(Y, V, P1, P2)[i], N_NUMBERS + i] = 1.0
-    S[M1, N_NUMBERS + 2] = S[M2, N_NUMBERS + 3] = 1.0
+    S[Y, N_NUMBERS] = S[V, N_NUMBERS + 1] = S[P1, N_NUMBERS + 2] = S[M1, N_NUMBERS + 2] = 1.0
+    if sheet[S_FOUR_WAY] != 0.0:  # otherwise the supply's, whatever the start says
+        S[P2, N_NUMBERS + 3] = S[M2, N_NUMBERS + 3] = 1.0
     v = x[V]
     up = v >= 0.0
     coulomb, static = (COULOMB_UP, STATIC_UP) if up else (COULOMB_DN, STATIC_DN)
     cs, reg, sigma = exp(th[LN_STRIBECK]), exp(th[LN_REG]), exp(th[LN_BRISTLE])
-    fade, turn = exp(-abs(v) / cs), v / sqrt(v * v + reg * reg)
+    fade, turn = exp(-abs(v) / cs), tanh(v / reg)
     x[Z] = (th[coulomb] + th[static] * fade) * turn / sigma
     S[Z, coulomb], S[Z, static], S[Z, LN_BRISTLE] = turn / sigma, fade * turn / sigma, -x[Z]
     S[Z, LN_STRIBECK] = th[static] * fade * abs(v) / cs * turn / sigma

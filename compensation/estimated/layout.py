@@ -11,7 +11,7 @@ from .leg import N_NUMBERS, N_SHEET, N_STATES
 
 Record = Any
 HISTORY = 512  # ticks that are kept, a power of two: a window, its lead, and where it may begin earlier
-WINDOWS, WAITING = 20, 3  # windows that the fit sees; that wait for the end of a pass
+WINDOWS, WAITING = 10, 3  # windows that the fit sees; that wait for the end of a pass
 LEGS = 8  # of a platform, at most
 MOST_DELAY = 6  # whole ticks of a valve's delay
 QUEUE = AHEAD + MOST_DELAY + 2  # demanded motion from now on
@@ -33,7 +33,7 @@ WINDOW_DATA = record(
     position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)), pose_m_s2=(f, (WINDOW,)),
     forces_N=(f, (WINDOW, LEGS)), speeds_m_s=(f, (WINDOW, LEGS)), load_N=(f, (WINDOW,)), others_N=(f, (WINDOW, LEGS)),
     fitted=(i, (WINDOW, LEGS)), friction_N=(f, (WINDOW,)), first=i,
-    volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)),
+    volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)), doubt_N=f,
 )  # fmt: skip
 TRIAL = record(  # a pass over the windows at some numbers
     numbers=(f, (N_NUMBERS,)), start=(f, (WINDOWS, N_START)), H=(f, (N_NUMBERS, N_NUMBERS)), g=(f, (N_NUMBERS,)),
@@ -44,12 +44,13 @@ FIT = record(
     mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)), scale=(f, (N_COLUMNS,)),
     mass_over_hold=f, told=(f, (N_NUMBERS,)), told_weight=(f, (N_NUMBERS,)), starts=i,
     best=TRIAL, trial=TRIAL, has_best=i, count=i, waiting=i, seen=i, stage=i, step=i, damping=f,
-    at_window=i, at_tick=i, running=i, restored=i, settled=i, passes=i,
+    at_window=i, at_tick=i, running=i, restored=i, settled=i, passes=i, gain=f, noise=(f, (2,)),
     x=(f, (N_STATES,)), S=(f, (N_STATES, N_COLUMNS)), d_now=(f, (N_COLUMNS,)), d_before=(f, (N_COLUMNS,)), row=(f, (N_COLUMNS,)),
     arriving=(f, (LEAD + WINDOW,)), by_half=(f, (LEAD + WINDOW,)), A=(f, (N_NUMBERS, N_NUMBERS)), B=(f, (N_START, N_NUMBERS)),
     C=(f, (N_START, N_START)), a=(f, (N_NUMBERS,)), b=(f, (N_START,)), w=(f, (16,)), L=(f, (N_NUMBERS, N_NUMBERS)),
     proposed=(f, (N_NUMBERS,)), before=(f, (N_NUMBERS,)), chi2=(f, (2,)), chi2_before=(f, (2,)), trying=i, tries=i, tries_seen=i,
     held=(f, (N_NUMBERS,)), step_to=(f, (N_NUMBERS,)),
+    folded_H=(f, (N_NUMBERS, N_NUMBERS)), folded_g=(f, (N_NUMBERS,)), folded_cost=f, folded=i, folded_until=i, folding=i, to_fold=i,
 )  # fmt: skip
 KNOWN = record(  # of the last pass that became better
     numbers=(f, (N_NUMBERS,)), factor=(f, (N_NUMBERS, N_NUMBERS)), sd=(f, (N_NUMBERS,)), chi2=(f, (2,)), valid=i,

@@ -2,9 +2,9 @@
 
 Volts pass backlash, a delay (`arriving`), an amplifier's lag and the spool (second order). Edges are rounded (softplus), their
 opening may be bent; orifices turn from laminar to turbulent; leaks are laminar; oil is softened by air. Friction is Stribeck's
-behind one bristle (LuGre without damping), regularised in velocity:
+behind one bristle (LuGre without damping), regularised in velocity (steady: F = g tanh(v/reg) + viscous v):
 
-    z' = v - sqrt(v^2 + reg^2) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs)
+    z' = v - v coth(v/reg) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs)
 
     r m v' = P1 A1 - P2 A2 - F - F0 - E        m: while all legs of a platform move alike; r, E: share of it that the leg moves by
                                                itself and what the others' forces give [N]; r = 1, E = 0 alone
@@ -93,6 +93,19 @@ def capacity(volume, P, E, air, out):
     out[0], out[1] = volume * each, each
     out[2] = -2.0 * volume * air * gas / p if LEAST_PRESSURE_Pa < P else 0.0
     out[3] = volume * gas
+
+
+@compiled
+def sliding(v, reg):
+    """v coth(v/reg), and its derivatives by v and ln reg."""
+    q, sign = abs(v) / reg, 1.0 if v >= 0.0 else -1.0
+    if q > 20.0:
+        return abs(v), sign, 0.0
+    if q < 1e-4:
+        return reg, 2.0 / 3.0 * q * sign, reg
+    e = exp(-2.0 * q)
+    coth, inverse = (1.0 + e) / (1.0 - e), 4.0 * e / ((1.0 - e) * (1.0 - e))  # of sinh^2
+    return reg * q * coth, sign * (coth - q * inverse), reg * q * q * inverse
 
 
 @compiled
@@ -279,7 +292,7 @@ def tangent(
         g = th[coulomb] + th[static] * fade
         free = 1.0 if g > 0.1 else 0.0
         g = g if g > 0.1 else 0.1
-        vr = sqrt(v * v + reg * reg)
+        vr, vr_v, vr_reg = sliding(v, reg)
         den = 1.0 + h * vr * sigma / g
         drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - extra - sigma * x[Z] / den
         below = 1.0 + h * (th[viscous] + sigma * h / den) / m
@@ -289,7 +302,7 @@ def tangent(
         hb = h / (m * below)
         v_den = hb * (sigma * z + v1 * sigma * h) / (den * den)
         g_v = -th[static] * fade / cs * (1.0 if up else -1.0) * free
-        den_v = h * sigma / g * (v / vr) - (den - 1.0) / g * g_v
+        den_v = h * sigma / g * vr_v - (den - 1.0) / g * g_v
         den_g = -(den - 1.0) / g * free
         v_v = 1.0 / below + v_den * den_v
         v_z = -hb * sigma / den
@@ -312,7 +325,7 @@ def tangent(
             d = v_den * den_g * lncs
             Sv[LN_STRIBECK] += d
             Sz[LN_STRIBECK] += h * d / den + z_den * den_g * lncs
-            dreg = h * sigma / g * reg * reg / vr
+            dreg = h * sigma / g * vr_reg
             d = v_den * dreg
             Sv[LN_REG] += d
             Sz[LN_REG] += h * d / den + z_den * dreg

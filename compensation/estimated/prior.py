@@ -156,8 +156,9 @@ def fill_prior(fit, settings, hold_N):
 
 @compiled
 def add_prior(fit, numbers, H, g):
-    """The prior's information, and what other legs told, into H (lower) and g, in prior units; returns its cost."""
-    cost = 0.0
+    """The prior's information, what older windows said, and what other legs told, into H (lower) and g, in prior units; returns its
+    cost."""
+    cost = fit.folded_cost
     for k in range(N_NUMBERS):
         d = (numbers[k] - fit.mean[k]) / fit.sd[k]
         cost += d * d
@@ -184,6 +185,14 @@ def add_prior(fit, numbers, H, g):
         H[b, b] += jb * jb
         low, high = (a, b) if a < b else (b, a)
         H[high, low] += ja * jb
+    for a in range(N_NUMBERS):
+        pull = 0.0
+        for b in range(N_NUMBERS):
+            pull += fit.folded_H[a, b] * (numbers[b] - fit.mean[b]) / fit.sd[b]
+            if b <= a:
+                H[a, b] += fit.folded_H[a, b]
+        g[a] += fit.folded_g[a] - pull
+        cost += (pull - 2.0 * fit.folded_g[a]) * (numbers[a] - fit.mean[a]) / fit.sd[a]
     return cost
 
 

@@ -12,7 +12,9 @@ from leg_plant import AREA_BOTTOM, AREA_TOP, Leg, run, sine
 import compensation
 from benchmarks.robustness_grid import draw_leg, figures, motion_of, run_leg, run_plain
 from compensation import Context
+from compensation.estimated import Estimated, fit
 from compensation.estimated import leg as model
+from compensation.estimated.prior import add_prior, fill_prior
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.scenarios import load_scenario
@@ -29,24 +31,20 @@ TRUE = dict(
 OUTSIDE = ("play_V", "position_lag_s")  # before and behind the leg: of the volts that reach it, and of what is read
 
 
+def _sheet(four_way: bool) -> np.ndarray:
+    """What is declared of the leg, on a platform."""
+    sheet = np.zeros(model.N_SHEET)
+    flow = 0.15 * AREA_BOTTOM / math.sqrt(3.5e6)
+    sheet[:10] = AREA_BOTTOM, AREA_TOP, flow, 1.5e9, 5e-7, 5e-7, 0.2, 0.0, four_way, 2e-3
+    sheet[model.S_OWN] = 1.9
+    return sheet
+
+
 def _ticks(
     numbers: np.ndarray, four_way: bool, S: np.ndarray | None = None, start: np.ndarray | None = None
 ) -> np.ndarray:
     """State after 60 ticks of volts that reverse twice, with the derivatives S beside it if given."""
-    sheet = np.zeros(model.N_SHEET)
-    sheet[:10] = (
-        AREA_BOTTOM,
-        AREA_TOP,
-        0.15 * AREA_BOTTOM / math.sqrt(3.5e6),
-        1.5e9,
-        5e-7,
-        5e-7,
-        0.2,
-        0.0,
-        four_way,
-        2e-3,
-    )
-    sheet[model.S_OWN] = 1.9  # as on a platform, with 30 N by other legs
+    sheet = _sheet(four_way)  # with 30 N by other legs
     x = np.zeros(model.N_STATES)
     x[[model.Y, model.V, model.X, model.AMP]] = 0.1, 0.02, 0.2, 0.2
     x[[model.P1, model.P2]] = (3.5e6, (3.5e6 * AREA_BOTTOM - 490.0) / AREA_TOP) if four_way else (3.45e6, 7e6)
@@ -91,6 +89,54 @@ def test_derivatives_are_those_of_the_equations(four_way) -> None:
         assert np.allclose(S[:, model.N_NUMBERS + column], slope, rtol=5e-3, atol=1e-6 * np.abs(slope).max())
 
 
+@pytest.mark.parametrize("four_way", [False, True])
+def test_a_window_knows_what_its_start_does(four_way) -> None:
+    """A window's derivatives by its own start are the central differences of its ticks; the top pressure of a three-way leg, which is the
+    supply's, does nothing, so that no force is made of it."""
+    sheet, numbers = _sheet(four_way), np.array([TRUE[name] for name in model.NAMES])
+    volts, half = 0.3 * np.cos(np.arange(fit.LEAD + fit.WINDOW) / 9.0), np.zeros(fit.LEAD + fit.WINDOW)
+    start = np.zeros(fit.N_START)
+    start[:4] = 0.1, 0.02, *((3.5e6, (3.5e6 * AREA_BOTTOM - 490.0) / AREA_TOP) if four_way else (3.45e6, 7e6))
+
+    def end(moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, S, none = np.zeros(model.N_STATES), np.zeros((model.N_STATES, fit.N_COLUMNS)), np.zeros((2, fit.N_COLUMNS))
+        fit.begin_window(x, S, numbers, sheet, moved, volts, half, *none)
+        for k in range(30):
+            fit.tick_window(x, S, k, *none, numbers, sheet, moved, fit.N_STATE, volts, half, 7e6, 30.0, np.zeros(16))
+        return x, S
+
+    S = end(start)[1]
+    seen = [model.Y, model.V, model.P1, *([model.P2] if four_way else [])]
+    for k, d in enumerate((1e-8, 1e-6, 1.0, 1.0)):
+        step = np.where(np.arange(fit.N_START) == k, d, 0.0)
+        slope = ((end(start + step)[0] - end(start - step)[0]) / (2 * d))[seen]
+        assert np.allclose(S[seen, model.N_NUMBERS + k], slope, rtol=5e-3, atol=1e-6 * np.abs(slope).max())
+    assert four_way or not S[:, model.N_NUMBERS + 3].any()
+
+
+def test_what_older_windows_said_is_a_quadratic_beside_the_prior() -> None:
+    """With the information of folded windows the prior's gradient and curvature are still those of its cost."""
+    state = Estimated().start(Context()).numbers
+    fold = state.fit
+    fill_prior(fold, state.settings, 490.0)
+    random = np.random.default_rng(1)
+    root = random.normal(size=(model.N_NUMBERS, model.N_NUMBERS))
+    fold.folded_H[:] = root @ root.T
+    fold.folded_g[:] = random.normal(size=model.N_NUMBERS)
+    at = fold["mean"] + 0.3 * fold["sd"] * random.normal(size=model.N_NUMBERS)
+
+    def cost(numbers: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        H, g = np.zeros((model.N_NUMBERS, model.N_NUMBERS)), np.zeros(model.N_NUMBERS)
+        return add_prior(fold, numbers, H, g), H, g
+
+    _, H, g = cost(at)
+    for k in range(model.N_NUMBERS):
+        step = np.where(np.arange(model.N_NUMBERS) == k, 1e-3 * fold["sd"], 0.0)
+        more, less = cost(at + step), cost(at - step)
+        assert (more[0] - less[0]) / 2e-3 == pytest.approx(-2.0 * g[k], rel=1e-6, abs=1e-6)
+        assert (less[2] - more[2])[k] / 2e-3 == pytest.approx(H[k, k], rel=1e-6)
+
+
 @pytest.fixture(scope="module")
 def compensated():
     """20 s of a leg with backlash and rounded edges that the model did not integrate, and what it does without."""
@@ -121,6 +167,40 @@ def test_bumps_fall_to_a_quarter(compensated) -> None:
     bump = plain.peak(4.0, 10.0)
     assert done.peaks()[5:].max() < 0.25 * bump
     assert done.peaks().max() < 1.05 * bump
+
+
+def test_what_is_known_grows_with_time(compensated) -> None:
+    """Twice the time makes the standard deviations of gain, dead band, spool and viscous friction smaller by about its root:
+    windows that are gone still count. They fade within half a minute, so that it is somewhat less."""
+    made, leg, done, _ = compensated
+    early = run(made, leg, duration_s=10.0).state
+    ratio = _spread(made, done.state) / _spread(made, early)
+    well = [
+        model.NAMES.index(name)
+        for name in ("gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_spool", "viscous_up", "viscous_dn")
+    ]
+    assert 0.5 < np.median(ratio[well]) < 0.85, ratio[well]
+
+
+def _spread(made, state) -> np.ndarray:
+    """Standard deviations of the numbers."""
+    known = made.parameters(state)
+    factor = np.zeros((model.N_NUMBERS, model.N_NUMBERS))
+    factor[np.tril_indices(model.N_NUMBERS)] = known["factor"]
+    return np.sqrt(np.diag(np.linalg.inv(factor @ factor.T))) * [known["scale"][name] for name in model.NAMES]
+
+
+def test_a_leg_that_changes_is_found_again() -> None:
+    """An overlap that grows by half at 12 s, and 20 kg more: what older windows said is dropped, and eight seconds later dead
+    band and held force are those of the new leg."""
+    made, leg = compensation.create("estimated"), Leg(mass_kg=60.0, overlap_m=6e-6)
+
+    def change(time_s: float, it: Leg) -> None:
+        it.overlap_m, it.mass_kg = (9e-6, 80.0) if time_s > 12.0 else (6e-6, 60.0)
+
+    found = made.parameters(run(made, leg, duration_s=20.0, change=change).state)["numbers"]
+    assert found["dead_up_V"] == pytest.approx(9e-6 / 1.1e-4, abs=2e-3)
+    assert found["hold"] == pytest.approx(80.0 * 9.8, rel=0.03)
 
 
 def test_start_parameters_act_from_the_first_reversals(compensated) -> None:
