@@ -31,7 +31,7 @@ def compiled(function: Callable[..., Any]) -> Any:
         dispatcher = njit(**options)(function)
     check_cache(dispatcher, _sources_digest())
     specialised = dispatcher.get_call_template
-    dispatcher.get_call_template = lambda args, kws: specialised(
+    dispatcher.get_call_template = lambda args, kws: specialised(  # type: ignore[method-assign]
         tuple(map(_general, args)), {name: _general(kind) for name, kind in kws.items()}
     )
     return dispatcher

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import logging
 import sys
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
@@ -103,6 +104,12 @@ def quiet() -> Iterator[None]:
     logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
+    except Exception as error:
+        chained: BaseException | None = error
+        while chained is not None:  # their frames hold the half-opened file, whose destructor must run here
+            traceback.clear_frames(chained.__traceback__)
+            chained = chained.__context__
+        raise
     finally:
         gc.collect()
         sys.unraisablehook = hook
