@@ -30,10 +30,17 @@ def compiled(function: Callable[..., Any]) -> Any:
         config.CACHE_DIR = temporary_cache()  # type: ignore[attr-defined]
         dispatcher = njit(**options)(function)
     check_cache(dispatcher, _sources_digest())
+    return _shared(dispatcher)
+
+
+def _shared(dispatcher: Any) -> Any:
+    """The dispatcher, which compiled callers ask for general types from now on."""
     specialised = dispatcher.get_call_template
-    dispatcher.get_call_template = lambda args, kws: specialised(  # type: ignore[method-assign]
-        tuple(map(_general, args)), {name: _general(kind) for name, kind in kws.items()}
-    )
+
+    def get_call_template(args: Any, kws: Any) -> Any:
+        return specialised(tuple(map(_general, args)), {name: _general(kind) for name, kind in kws.items()})
+
+    dispatcher.get_call_template = get_call_template
     return dispatcher
 
 
