@@ -59,7 +59,8 @@ class Machine(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
-    """base: the declared model. steps: named, in order. refused: of the last round. final: with all that is named."""
+    """base: the declared model. steps: named, in order. refused: of the last round. in_model: the effects of `final`, in order: named
+    ones, and those whose form is open, which stand in for what is not known and are no names."""
 
     base: Fit
     base_held: HeldOut
@@ -67,6 +68,7 @@ class Found:
     refused: list[Judgment]
     final: Fit
     final_held: HeldOut
+    in_model: list[Any] = field(default_factory=list)
     fits: list[tuple[str, Fit]] = field(default_factory=list)
 
 
@@ -83,12 +85,15 @@ def search(
     now, held = base, base_held = notes.attempt(machine, (), fit)
     steps: list[Judgment] = []
     refused: list[Judgment] = []
+    doubted: dict[str, Judgment] = {}
     compared = 0
     fits = [("declared", base)]
 
     def known(judged: list[Judgment]) -> Found:
         return Found(
-            base=base, base_held=base_held, steps=list(steps), refused=judged, final=now, final_held=held, fits=list(fits)
+            base=base, base_held=base_held, steps=[step for step in steps if step.title not in doubted],
+            refused=[*doubted.values(), *judged], final=now, final_held=held, in_model=[step.candidate for step in steps],
+            fits=list(fits),
         )  # fmt: skip
 
     keep(known([]))
@@ -114,13 +119,7 @@ def search(
         keep(known([one for one in judged if one is not best]))
     steps, now, held = pruned(machine, steps, now, held, notes)
     left = remainders(machine, [step.candidate for step in steps], now) if steps else []
-    doubted = with_open_form(steps, left)
-    if doubted:
-        steps = [step for step in steps if step.title not in [one.title for one in doubted]]
-        now, held = notes.attempt(
-            machine, [step.candidate for step in steps], lambda problem: fitted_with(problem, base, {})
-        )
-        refused = [*doubted, *refused]
+    doubted = {one.title: one for one in with_open_form(steps, left)}
     return known(refused)
 
 

@@ -62,7 +62,7 @@ def traced(folder: OwnFolder, machine: Simulated, found: Found) -> OwnTrace:
     }
     return OwnTrace(
         folder=folder, found=found, errors=errors, verdict=said(found), remarks=changing(found.final),
-        declaration=machine.declared([step.candidate for step in found.steps]),
+        declaration=machine.declared(found.in_model),
     )  # fmt: skip
 
 
@@ -71,7 +71,11 @@ def said(found: Found) -> str:
     names = " + ".join(
         step.title + (f" (tied with {', '.join(step.tied)})" if step.tied else "") for step in found.steps
     )
-    likely = [one.title for one in found.refused if one.verdict == "likely"]
+    stand_ins = {one.title for one in found.in_model} - {step.title for step in found.steps}
+    likely = [
+        one.title + (" (in the model, its form is open)" if one.title in stand_ins else "")
+        for one in found.refused if one.verdict == "likely"
+    ]  # fmt: skip
     open_ = f"; likely, not proven: {', '.join(likely[:2])}" if likely else ""
     if names:
         return f"named: {names}{open_}"

@@ -95,7 +95,7 @@ def entry(one: Judgment) -> dict[str, Any]:
 
 
 def as_file(found: OwnTrace, folder: Path) -> dict[str, Any]:
-    """The declaration with named effects in it, and the fitted numbers as starts."""
+    """The declaration with the effects of the final model in it, and the fitted numbers as starts."""
     asked: Declaration = found.declaration
     known = dict(zip(found.final.names, found.final.theta, strict=True))
     parameters = {

@@ -55,10 +55,15 @@ def traced(place, **missing: float):
 @pytest.mark.timeout(300)
 def test_damping_over_place_is_no_friction(tmp_path):
     """Where damping grows with the place, which no effect of the library says, an effect gains and nothing is named: a free form beside
-    it finds the rest."""
+    it finds the rest. What gains stays in the model all the same, for with it held-out motion is predicted better, and the verdict says
+    what it is."""
     trace = traced(tmp_path, place_damping=4.0)
     assert trace.steps == []
-    assert any("its form is open" in one.why for one in trace.found.refused)
+    stand_ins = [one.title for one in trace.found.refused if "its form is open" in one.why]
+    assert stand_ins and {one.title for one in trace.found.in_model} == set(stand_ins)
+    assert f"likely, not proven: {stand_ins[0]} (in the model, its form is open)" in trace.verdict
+    assert sum(trace.found.final_held.density) > sum(trace.found.base_held.density)
+    assert set(trace.found.in_model[0].numbers) <= set(trace.declaration.parameters)
 
 
 def test_play_is_backlash_and_no_lag(tmp_path):
