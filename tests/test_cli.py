@@ -66,7 +66,8 @@ def test_run_leaves_a_folder_and_prints_its_table(tmp_path):
     """`hexsim run heave` on the hexapod: files as documented, every axis in the table, the driven one first."""
     result = hexsim_command("run", "heave", "--fast", "--duration", "3", cwd=tmp_path)
     assert result.exit_code == 0, result.stderr
-    (folder,) = (tmp_path / "runs").iterdir()
+    (folder,) = (tmp_path / "runs").glob("*/")
+    assert (tmp_path / "runs" / "index.html").is_file()
     names = {path.name for path in folder.iterdir()}
     assert names == {"log.parquet", "run.rrd", "summary.json", "config.toml", "report.html", "figures"}
     assert folder.name.endswith("-heave")

@@ -303,6 +303,7 @@ def test_an_unexplained_machine_is_measured_again_while_that_tells_something(inf
     assert not rounds.worth_a_run(design, unexplained=False)
 
 
+@pytest.mark.slow
 def test_machine_time_counts_though_the_host_was_killed(served, tmp_path, told_traces, monkeypatch):
     """Killed in the first trace, when nothing ends in order: the time of the motion is in the folder."""
 
@@ -348,6 +349,7 @@ def test_a_fault_ends_it_with_what_was_kept(served, tmp_path):
         identify("micro_motion_system", served.address, 5.0, tmp_path)
 
 
+@pytest.mark.slow
 def test_another_host_takes_over_in_lockstep(served):
     """The first host is gone while the machine follows it: machine time stands still, and yet a second one gets in after a
     second of silence, lowers the machine, and starts it again."""

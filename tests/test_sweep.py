@@ -266,6 +266,7 @@ def command(table: Path, *more: str) -> list[str]:
     return [sys.executable, "-m", "hexsim", *arguments, *more]
 
 
+@pytest.mark.slow
 def test_a_killed_sweep_goes_on_where_it_was(tmp_path):
     """SIGKILL in the middle, the same command again: every case is there once, and finished ones were not run again."""
     table = tmp_path / "t.parquet"

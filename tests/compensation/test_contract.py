@@ -74,7 +74,9 @@ SCALARS = {
 }
 
 
-@pytest.mark.parametrize("scalar", SCALARS)
+@pytest.mark.parametrize(
+    "scalar", ["float32", *(pytest.param(one, marks=pytest.mark.slow) for one in SCALARS if one != "float32")]
+)
 @pytest.mark.parametrize("name", NAMES)
 def test_numpy_scalars_give_the_volts_of_floats(name, scalar) -> None:
     """5 s of motion with every number of the sample a numpy scalar, the preview with its type: the same volts, to the

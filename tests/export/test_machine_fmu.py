@@ -38,7 +38,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", ["bench", *(pytest.param(name, marks=pytest.mark.slow) for name in CASES if name != "bench")]
+)
 def test_it_is_a_run_without_noise(name, tmp_path):
     """Heave and roll together on a hexapod: legs' setpoints, volts, positions and pressures are those of `simulate`
     with the same time step within 1e-12 of their size."""

@@ -77,7 +77,7 @@ def written(place, text, name, run):
     return place
 
 
-@pytest.fixture(params=["states", "balances"])
+@pytest.fixture(params=[pytest.param("states", marks=pytest.mark.slow), "balances"])
 def machine(request, tmp_path):
     place = tmp_path / "machine"
     place.mkdir()

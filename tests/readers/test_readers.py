@@ -425,6 +425,6 @@ def test_damaged_binary_files_are_refused_or_read_without_a_traceback(table, tmp
         except HexsimError as error:
             assert "\n" not in str(error)
             refused += 1
-        gc.collect()  # what is left of a refused file raises nothing later
+    gc.collect()  # what is left of refused files raises nothing later
     assert refused > count / 3
     assert "Traceback" not in capfd.readouterr().err

@@ -131,6 +131,7 @@ def test_felt_follows_what_is_asked_and_the_gain_scales_both(ahead):
     ahead.flight.ask({"heave": AxisShape()})
 
 
+@pytest.mark.slow
 def test_after_a_pause_it_goes_on(ahead):
     """Three seconds without packets: the page says that it waits, nothing is asked any more, and no fault comes. With packets
     again the motion comes back."""
