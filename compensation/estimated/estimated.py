@@ -11,7 +11,7 @@ from ..compensator import Compensator, Context, Parameters, Sample
 from ..compiled import compiled
 from ..knowledge import Knowledge
 from .estimator import FEWEST, HEATS
-from .known import knowledge_of
+from .known import covariance_of, knowledge_of
 from .layout import STATE, Record
 from .leg import N_NUMBERS, NAMES
 from .prior import fill_prior, restore_prior
@@ -138,8 +138,7 @@ class Estimated(Compensator):
         known.chi2[:] = parameters["chi2"]
         known.valid = 1
         s.past.noise_m, s.past.noise_Pa = map(float, parameters["noise"])
-        covariance = np.linalg.inv(known.factor @ known.factor.T)
-        restore_prior(s.fit, s.settings, known.numbers, known.sd * np.sqrt(np.diag(covariance)))
+        restore_prior(s.fit, s.settings, known.numbers, np.sqrt(np.diag(covariance_of(known))))
         s.fit.stage = LAST_STAGE
         return state
 

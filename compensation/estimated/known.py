@@ -54,9 +54,7 @@ def knowledge_of(s: Record) -> Knowledge | None:
     known, e = s.known, s.expected
     if not known.valid:
         return None
-    factor = np.linalg.inv(np.array(known.factor))
-    spread = max(1.0, *map(float, known.chi2))
-    covariance = spread * (factor.T @ factor) * np.outer(known.sd, known.sd)
+    covariance = max(1.0, *map(float, known.chi2)) * covariance_of(known)
     numbers, found = np.array(known.numbers), []
     for name, unit, of in QUANTITIES:
         slope = gradient(of, numbers, np.sqrt(np.diag(covariance)))
@@ -74,6 +72,11 @@ def knowledge_of(s: Record) -> Knowledge | None:
         engages_m_s2=math.sqrt(e.bump2 * (1.0 / LEAST_SHARE - 1.0)) if seen else math.nan,
         share=float(s.share),
     )
+
+
+def covariance_of(known: Record) -> np.ndarray:
+    """(N_NUMBERS, N_NUMBERS) of the parameters, where the leg is one that the model knows."""
+    return np.linalg.inv(known.factor @ known.factor.T) * np.outer(known.sd, known.sd)
 
 
 def gradient(of: Callable[[np.ndarray], float], numbers: np.ndarray, errors: np.ndarray) -> np.ndarray:

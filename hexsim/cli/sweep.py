@@ -117,7 +117,7 @@ def parse_seeds(text: str) -> Sequence[int]:
             found = range(first, last)
         else:
             found = [int(part) for part in text.split(",")]
-        if found and min(found[0], found[-1], *(found if isinstance(found, list) else ())) < 0:
+        if min(found[:1] if isinstance(found, range) else found, default=0) < 0:  # a range begins with its least
             raise ValueError
     except ValueError:
         raise HexsimError(

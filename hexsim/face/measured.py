@@ -59,8 +59,8 @@ class TraceResult:
     report: all that report.json holds.
     """
 
-    def __init__(self, result: state.Trace) -> None:
-        self._result = result
+    def __init__(self, result: state.Trace, declared: Path) -> None:
+        self._result, self._declared = result, declared
         self.verdict: str = result.verdict
         self.report: dict[str, Any] = result.report
         self.machine: Machine = faced(result.machine)
@@ -103,7 +103,7 @@ class TraceResult:
         from hexsim.tracing.report.content import write_report
 
         with run_folder(Path(path) if path is not None else default_folder(f"trace-{self.machine.name}")) as folder:
-            write_report(self._result, folder.path)
+            write_report(self._result, folder.path, self._declared)
             return folder.finish()
 
     def __repr__(self) -> str:
@@ -157,7 +157,7 @@ def trace(
         place, names_in(fit, "fit"), names_in(validate, "validate"), None, progress, load_kg, with_load,
         mapping=None if mapping is None else Path(path_of(mapping, "mapping", "mapping.toml")),
     )  # fmt: skip
-    return TraceResult(done)
+    return TraceResult(done, place)
 
 
 class Identification:

@@ -16,7 +16,7 @@ INDEX = "index.html"
 MARK = "<!-- hexsim: the runs of this folder, written anew with each -->"  # another index.html is somebody's own
 PLACE = "<!-- all runs -->"  # in a report
 MOST = 1000  # rows
-READ = 200_000  # characters of a report in which its title and its first sentence stand
+READ = 20_000  # characters of a report in which its title and its first sentence stand
 TITLE = re.compile(r"<title>(.*?)( · hexsim)?</title>", re.DOTALL)
 SENTENCE = re.compile(r'<p class="(?:lead|big)">(.*?)</p>', re.DOTALL)
 TAG = re.compile(r"<[^>]*>")

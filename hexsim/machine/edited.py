@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import MutableMapping
-from typing import Any
+from typing import Any, TypeGuard
 
 import tomlkit
 
@@ -26,13 +26,13 @@ def _update(document: MutableMapping[str, Any], before: dict[str, Any], after: d
             if here is None:
                 document[key] = tomlkit.table()
             _update(document[key], old if isinstance(old, dict) else {}, value)
-        elif all(map(_tables, (value, old, here))) and len(value) == len(old or []) == len(here or []):
-            for place, one, other in zip(here or [], old or [], value, strict=True):
+        elif _tables(value) and _tables(old) and _tables(here) and len(value) == len(old) == len(here):
+            for place, one, other in zip(here, old, value, strict=True):
                 _update(place, one, other)
         else:
             document[key] = value
 
 
-def _tables(value: Any) -> bool:
+def _tables(value: Any) -> TypeGuard[list[Any]]:
     """Is it a list of tables?"""
     return isinstance(value, list) and all(isinstance(one, MutableMapping) for one in value)
