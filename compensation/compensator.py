@@ -49,11 +49,12 @@ class Sample:
     pressure_top_Pa: float = 0.0  # measured, of a rod side on a four-way valve
     # (n,) or none: load that the setpoints of all legs give this one, over the mass that it has when all move alike
     load_preview_m_s2: np.ndarray = field(default_factory=lambda: NO_LOAD)
-    # of a platform's legs `MEASURED_TICKS` ago, for a compensator that `feels_legs`: P1 A1 - P2 A2 (n,), speeds (n,), and this one's
-    # load by the pose alone, over that mass
+    # of a platform's legs `MEASURED_TICKS` ago, for a compensator that `feels_legs`: P1 A1 - P2 A2 (n,), speeds (n,), this one's
+    # load by pose and speeds, over that mass, and its acceleration for a force on each leg over that for a force on its own (n,)
     forces_N: np.ndarray = field(default_factory=lambda: NO_LOAD)
     speeds_m_s: np.ndarray = field(default_factory=lambda: NO_LOAD)
     load_of_pose_m_s2: float = 0.0
+    mobility: np.ndarray = field(default_factory=lambda: NO_LOAD)
 
     def __post_init__(self) -> None:
         floats = (

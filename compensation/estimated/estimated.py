@@ -35,11 +35,11 @@ class EstimatedState:
 
 @compiled
 def tick_first(
-    states, table, preview, loads, pose, forces, speeds, setpoint, position, valve, bottom, top, supply, forward
+    states, table, preview, loads, pose, mobility, forces, speeds, setpoint, position, valve, bottom, top, supply, forward
 ):  # fmt: skip
     """`tick_of` of states (1,)."""
     return tick_of(
-        states[0], table, preview, loads, pose, forces, speeds, setpoint, position, valve, bottom, top, supply, forward
+        states[0], table, preview, loads, pose, mobility, forces, speeds, setpoint, position, valve, bottom, top, supply, forward
     )
 
 
@@ -81,7 +81,7 @@ class Estimated(Compensator):
     def step(self, state: EstimatedState, sample: Sample) -> tuple[float, EstimatedState]:
         volts = tick_first(
             state.states, prediction_table(), np.asarray(sample.preview_m, float),
-            np.asarray(sample.load_preview_m_s2, float), sample.load_of_pose_m_s2,
+            np.asarray(sample.load_preview_m_s2, float), sample.load_of_pose_m_s2, np.asarray(sample.mobility, float),
             np.asarray(sample.forces_N, float), np.asarray(sample.speeds_m_s, float), sample.setpoint_m,
             sample.position_m, sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_top_Pa,
             sample.pressure_supply_Pa, sample.feed_forward_V,

@@ -98,12 +98,12 @@ def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, volts_before):
 
 
 @compiled
-def watch_legs(past, pose_m_s2, forces_N, speeds_m_s):
+def watch_legs(past, pose_m_s2, mobility, forces_N, speeds_m_s):
     """The platform's legs MEASURED_TICKS before this tick into the history."""
     k = (past.ticks - 1 - MEASURED_TICKS) & (HISTORY - 1)
     past.pose_m_s2[k] = pose_m_s2
     for i in range(len(forces_N)):
-        past.forces_N[k, i], past.speeds_m_s[k, i] = forces_N[i], speeds_m_s[i]
+        past.forces_N[k, i], past.speeds_m_s[k, i], past.mobility[k, i] = forces_N[i], speeds_m_s[i], mobility[i]
 
 
 @compiled
@@ -169,6 +169,7 @@ def collect(s):
         if s.platform:
             window.forces_N[j] = past.forces_N[k]
             window.speeds_m_s[j] = past.speeds_m_s[k]
+            window.mobility[j] = past.mobility[k]
             window.fitted[j] = 0
         mean += past.bottom_Pa[k] * settings.area_bottom_m2 - past.top_Pa[k] * settings.area_top_m2
     for j in range(LEAD + WINDOW):
@@ -293,7 +294,7 @@ def _load_windows(s, numbers):
                     if window.fitted[k, i] == 0:
                         window.others_N[k, i] = friction(s.others[i], window.speeds_m_s[k, i])
                     hold = s.others[i, HOLD] if s.heard[i] else s.mean_N[i]
-                    load -= s.mobility[i] * (window.forces_N[k, i] - hold - window.others_N[k, i])
+                    load -= window.mobility[k, i] * (window.forces_N[k, i] - hold - window.others_N[k, i])
             window.load_N[k] = load
             if k > 0:
                 window.load_N[k - 1] = 0.5 * (before + load)  # it acts between two ticks

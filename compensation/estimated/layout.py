@@ -26,12 +26,12 @@ SETTINGS = record(
 )  # fmt: skip
 PAST = record(
     position_m=(f, (HISTORY,)), bottom_Pa=(f, (HISTORY,)), top_Pa=(f, (HISTORY,)), supply_Pa=(f, (HISTORY,)), pose_m_s2=(f, (HISTORY,)),
-    forces_N=(f, (HISTORY, LEGS)), speeds_m_s=(f, (HISTORY, LEGS)),
+    forces_N=(f, (HISTORY, LEGS)), speeds_m_s=(f, (HISTORY, LEGS)), mobility=(f, (HISTORY, LEGS)),
     volts=(f, (HISTORY,)), ticks=i, begin=i, odd=i, fastest_m_s=f, supply_mean_Pa=f, noise_m=f, noise_Pa=f, force_N=f, force_ticks=f,
 )  # fmt: skip
 WINDOW_DATA = record(
     position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)), pose_m_s2=(f, (WINDOW,)),
-    forces_N=(f, (WINDOW, LEGS)), speeds_m_s=(f, (WINDOW, LEGS)), load_N=(f, (WINDOW,)), others_N=(f, (WINDOW, LEGS)),
+    forces_N=(f, (WINDOW, LEGS)), speeds_m_s=(f, (WINDOW, LEGS)), mobility=(f, (WINDOW, LEGS)), load_N=(f, (WINDOW,)), others_N=(f, (WINDOW, LEGS)),
     fitted=(i, (WINDOW, LEGS)), friction_N=(f, (WINDOW,)), first=i,
     volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)), doubt_N=f,
 )  # fmt: skip

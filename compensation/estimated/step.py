@@ -328,6 +328,7 @@ def tick_of(
     preview,
     loads,
     pose_m_s2,
+    mobility,
     forces_N,
     speeds_m_s,
     setpoint_m,
@@ -346,7 +347,7 @@ def tick_of(
     _advance(s, ahead, loads, predicted)
     watch(s.past, position_m, bottom_Pa, top_Pa, supply_Pa, valve_V)
     if s.platform:
-        watch_legs(s.past, pose_m_s2, forces_N, speeds_m_s)
+        watch_legs(s.past, pose_m_s2, mobility, forces_N, speeds_m_s)
     if settings.learn != 0.0:
         collect(s)
         work(s)

@@ -5,6 +5,9 @@ A leg of a platform moves the load of the others. About neutral, y being the pis
     F = F_0 + M y'' + K y,     M = (J m^-1 J')^-1,     K = d(holding forces)/dy
 
 M (n, n): force on a leg for the acceleration of each. Over the mass that a leg has in heave, F is an acceleration.
+
+Away from neutral, for what forces do to the legs (`PoseLoad`): N(y) = M^-1 to first order in y, holding forces to second, and the
+acceleration that the joints' geometry and the turning body give legs that no force moves, quadratic in their speeds.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ NEUTRAL = np.zeros(6)
 SPAN = 2 * MEASURED_TICKS + 1
 SLOPE = np.linalg.pinv(np.vander(np.arange(SPAN) - MEASURED_TICKS, 3, increasing=True))[1]  # of a parabola, a tick
 DISPLACED_m = 1e-4  # of a leg, for the derivative of the holding forces
+POSE_SHARE = 0.125  # of the stroke: of a leg, for how they and the mobility change over the workspace
 
 
 def leg_compliance(resolved: Resolved, pose: Array = NEUTRAL) -> Array:
@@ -65,6 +69,64 @@ def platform_wrench(
     omega, gravity = np.ascontiguousarray((twist[3:] @ rotation)[None, :]), (gravity_m_s2 @ rotation)[None, :]
     motion = mechanics.to_platform_frame(pose, twist_rate)
     return mechanics.from_platform_frame(pose, joint_wrenches(body, motion[None, :], omega, gravity)[0])
+
+
+def leg_drift(resolved: Resolved, pose: Array, speeds: Array) -> Array:
+    """Accelerations (n_legs,) [m/s2] of legs that move at `speeds` (n_legs,) [m/s] and that no force accelerates."""
+    mechanics, body = resolved.machine.mechanics, held_body(resolved)
+    twist = np.linalg.solve(mechanics.jacobian(pose), speeds)
+    wrench = mechanics.to_platform_frame(pose, platform_wrench(body, np.zeros(3), mechanics, pose, twist, np.zeros(6)))
+    free = mechanics.from_platform_frame(pose, -np.linalg.solve(mass_matrix(body), wrench))
+    return mechanics.leg_accelerations(pose, twist, free)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseLoad:
+    """What the legs' forces do in any pose: y'' = N(y) (f - F_0 - h(y)) / m + b(y'), y from neutral, from the declared body and
+    geometry.
+
+    mobility (n, n) [1], by_place (n, n, n) [1/m]: N and its derivatives by each leg. holding (n, n) [1/s2], bend (n, n, n)
+    [1/(m s2)]: h/m and half its second derivatives. drift (n, n, n) [1/m]: b by pairs of speeds. neutral (n,) [m].
+    """
+
+    mobility: Array
+    by_place: Array
+    holding: Array
+    bend: Array
+    drift: Array
+    neutral: Array
+
+    @classmethod
+    def of(cls, resolved: Resolved, load: ExpectedLoad) -> PoseLoad:
+        mechanics, n = resolved.machine.mechanics, len(load.neutral)
+        reach = POSE_SHARE * float(np.min(mechanics.stroke_m))
+        steps = reach * np.eye(n)
+        there, back = (
+            [mechanics.forward(load.neutral + sign * step) for step in steps] for sign in (1.0, -1.0)
+        )  # poses with one leg out and in
+        pairs = list(zip(there, back, strict=True))
+        mobility = [leg_compliance(resolved, a) - leg_compliance(resolved, b) for a, b in pairs]
+        stiffness = [holding_stiffness(resolved, a) - holding_stiffness(resolved, b) for a, b in pairs]
+        moving = [[leg_drift(resolved, NEUTRAL, one + other) for other in np.eye(n)] for one in np.eye(n)]
+        alone = np.array([leg_drift(resolved, NEUTRAL, one) for one in np.eye(n)])
+        drift = 0.5 * (np.array(moving) - alone[:, None] - alone[None])
+        return cls(
+            mobility=load.mobility,
+            by_place=np.stack(mobility, axis=-1) * (load.mass_kg / (2.0 * reach)),
+            holding=load.stiffness,
+            bend=0.5 * np.stack(stiffness, axis=-1) / (2.0 * reach * load.mass_kg),
+            drift=np.moveaxis(drift, -1, 0),
+            neutral=load.neutral,
+        )
+
+    def at(self, positions: Array, speeds: Array) -> tuple[Array, Array]:
+        """At positions (n,) [m], speeds (n,) [m/s]: mobility over each leg's own (n, n), and the load (n,) [m/s2] of each for held
+        forces of the others: that of place and speeds."""
+        away = positions - self.neutral
+        mobility = self.mobility + self.by_place @ away
+        held = self.holding @ away + (self.bend @ away) @ away
+        own = np.diag(mobility)
+        return mobility / own[:, None], (mobility @ held - (self.drift @ speeds) @ speeds) / own
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +171,3 @@ class ExpectedLoad:
             load[0], load[-1] = load[1], load[-2]
         return load + (setpoints - self.neutral) @ self.stiffness.T
 
-    def of_pose(self, positions: Array) -> Array:
-        """Load (n,) [m/s2] of each leg at positions (n,) [m] for held forces of the others."""
-        return self.mobility @ (self.stiffness @ (positions - self.neutral)) / np.diag(self.mobility)

@@ -24,7 +24,7 @@ from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C
 from hexsim.motion_computer.data_sheet import compensator_context
 from hexsim.motion_computer.declared_control import control_of
-from hexsim.motion_computer.leg_load import SLOPE, SPAN, ExpectedLoad
+from hexsim.motion_computer.leg_load import SLOPE, SPAN, ExpectedLoad, PoseLoad
 
 Array = NDArray[np.float64]
 
@@ -49,6 +49,7 @@ class PositionLoop:
         self.on_message = on_message
         self.machine, self._tick_s = machine, 1.0 / machine.controller.rate_Hz
         self.load: ExpectedLoad | None = None  # of a platform's legs, for compensators
+        self.pose_load: PoseLoad | None = None  # where a compensator feels all legs
         self._period_s = period_s
         self.compensate(compensators)
         self.valve = np.zeros(n)  # volts that leave the motion computer
@@ -65,7 +66,8 @@ class PositionLoop:
             self.load = ExpectedLoad.of(resolve(self.machine))
         legs = range(1, self.machine.n_legs + 1)
         self._contexts = [compensator_context(self.machine, self._period_s, leg, self.load) for leg in legs]
-        self._feels_legs = self.load is not None and any(one.feels_legs for one in self.compensators)
+        if self.load is not None and self.pose_load is None and any(one.feels_legs for one in self.compensators):
+            self.pose_load = PoseLoad.of(resolve(self.machine), self.load)
         self._seen = np.zeros((0, 2, len(legs)))  # positions and forces of the last SPAN ticks
         self._areas = np.array([[context.area_bottom_m2, context.area_top_m2] for context in self._contexts]).T
         made = list(zip(self.compensators, self._contexts, strict=False))
@@ -120,7 +122,7 @@ class PositionLoop:
             controller.of_the_setpoint(control, memory, self.feed_forward, own)
             ahead = np.ascontiguousarray(path.T)  # in rows: one memory layout, compiled once, for one leg and for six
             loads = None if self.load is None else np.ascontiguousarray(self.load.accelerations(path, self._tick_s).T)
-            pose, forces, speeds = self._watch_legs(positions, pressures, supply_Pa, top_pressures)
+            mobility, pose, forces, speeds = self._watch_legs(positions, pressures, supply_Pa, top_pressures)
             for i, compensator in enumerate(self.compensators):
                 sample = Sample(
                     time_s=time_s,
@@ -137,6 +139,7 @@ class PositionLoop:
                     forces_N=forces,
                     speeds_m_s=speeds,
                     load_of_pose_m_s2=float(pose[i]),
+                    mobility=mobility[i],
                 )
                 added, self.states[i] = compensator.step(self.states[i], sample)
                 added *= self.compensation_share
@@ -163,11 +166,11 @@ class PositionLoop:
 
     def _watch_legs(
         self, positions: Array, pressures: Array, supply_Pa: float, top_pressures: Array | None
-    ) -> tuple[Array, Array, Array]:
-        """Of a platform MEASURED_TICKS ago, (n_legs,) each: load by the pose alone [m/s2], forces [N], speeds [m/s]. A reading that is
-        missing stands for the one before. None where no compensator feels them."""
-        if self.load is None or not self._feels_legs:
-            return np.zeros(len(positions)), NO_LOAD, NO_LOAD
+    ) -> tuple[Array, Array, Array, Array]:
+        """Of a platform MEASURED_TICKS ago: mobility over each leg's own (n_legs, n_legs), and (n_legs,) each: load by pose and speeds
+        [m/s2], forces [N], speeds [m/s]. A reading that is missing stands for the one before. None where no compensator feels them."""
+        if self.pose_load is None:
+            return np.zeros((len(positions), 0)), np.zeros(len(positions)), NO_LOAD, NO_LOAD
         forces = pressures * self._areas[0] - (supply_Pa if top_pressures is None else top_pressures) * self._areas[1]
         now = np.array((positions, forces))
         if not len(self._seen):
@@ -175,7 +178,8 @@ class PositionLoop:
         now = np.where(np.isfinite(now), now, self._seen[-1])
         self._seen = np.concatenate((self._seen[1:], now[None]))
         then = self._seen[MEASURED_TICKS]
-        return self.load.of_pose(then[0]), then[1], SLOPE @ self._seen[:, 0] / self._tick_s
+        speeds = SLOPE @ self._seen[:, 0] / self._tick_s
+        return *self.pose_load.at(then[0], speeds), then[1], speeds
 
     def _share(self) -> None:
         """What one leg has just learned, to those that are declared alike and have the same compensator."""
