@@ -8,7 +8,7 @@ as a quadratic beside the prior (`_end_fold`), in the linearisation at the numbe
 
 from __future__ import annotations
 
-from math import exp, sqrt, tanh
+from math import exp, log, sqrt, tanh
 
 import numpy as np
 
@@ -476,19 +476,51 @@ def _keep_alone(fit, known):
 
 @compiled
 def _take_told(s):
-    """What the other legs know of the numbers: legs differ by LEGS_ALIKE about a mean that is uncertain itself."""
-    fit, between = s.fit, LEGS_ALIKE * LEGS_ALIKE
+    """What the other legs know of the numbers: legs differ about a mean that is uncertain itself, by a spread that is uncertain too."""
     for k in range(N_NUMBERS):
-        fit.told[k] = fit.told_weight[k] = 0.0
-        total = mean = 0.0
-        for i in range(s.settings.legs):
-            if s.heard[i] and i != s.settings.leg and k != HOLD:
+        if k != HOLD:
+            _tell_number(s, k)
+
+
+@compiled
+def _tell_number(s, k):
+    """Mean and variance of number k of this leg by the others', over the spreads that all legs' numbers leave likely."""
+    fit, legs, own = s.fit, s.settings.legs, s.settings.leg
+    odds, means, variances = fit.w[0:4], fit.w[4:8], fit.w[8:12]
+    fit.told[k] = fit.told_weight[k] = 0.0
+    most = -1e300
+    for t in range(len(LEGS_ALIKE)):
+        between = LEGS_ALIKE[t] * LEGS_ALIKE[t]
+        total = mean = square = log_total = 0.0
+        for i in range(legs):
+            if s.heard[i] and i != own:
                 weight = 1.0 / (between + s.alone_variance[i, k])
                 total += weight
                 mean += weight * s.alone[i, k]
-        if total > 0.0:
-            fit.told[k] = mean / total
-            fit.told_weight[k] = 1.0 / (between + 1.0 / total)
+                square += weight * s.alone[i, k] * s.alone[i, k]
+                log_total += log(weight)
+        if total == 0.0:
+            return
+        means[t], variances[t] = mean / total, between + 1.0 / total
+        if s.known.valid:
+            weight, value = 1.0 / (between + s.known.alone_variance[k]), s.known.alone[k]
+            total += weight
+            mean += weight * value
+            square += weight * value * value
+            log_total += log(weight)
+        odds[t] = 0.5 * (log_total - log(total) - square + mean * mean / total)
+        most = max(most, odds[t])
+    total = 0.0
+    for t in range(len(LEGS_ALIKE)):
+        odds[t] = exp(odds[t] - most)
+        total += odds[t]
+        fit.told[k] += odds[t] * means[t]
+    fit.told[k] /= total
+    variance = 0.0
+    for t in range(len(LEGS_ALIKE)):
+        away = means[t] - fit.told[k]
+        variance += odds[t] / total * (variances[t] + away * away)
+    fit.told_weight[k] = 1.0 / variance
 
 
 @compiled

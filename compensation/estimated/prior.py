@@ -66,7 +66,8 @@ USUAL_SPOOL_HZ = 65.0
 # friction up and down are alike within this share of their own standard deviation, gains too; mass and held force by gravity
 PAIRS = ((COULOMB_UP, COULOMB_DN), (STATIC_UP, STATIC_DN), (VISCOUS_UP, VISCOUS_DN), (GAIN_UP, GAIN_DN))
 PAIR_SD = (0.3, 0.3, 0.3, 0.25)
-LEGS_ALIKE = 0.3  # of a number's standard deviation between machines: that between the legs of one machine
+# standard deviations between the legs of one machine, over that between machines: equally likely before they are measured
+LEGS_ALIKE = (0.01, 0.03, 0.1, 0.3)
 DRIFT = 0.1  # of a number between two runs: oil's temperature, wear
 HOLD_SHARE, MASS_SHARE, MASS_PAIR = (
     0.05,
