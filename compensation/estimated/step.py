@@ -18,7 +18,7 @@ from ..compiled import compiled
 from .estimator import collect, hear_windows, watch, watch_legs, work
 from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
-from .layout import QUEUE
+from .layout import MOST_DELAY, QUEUE
 from .leg import (
     AMP,
     COULOMB_DN,
@@ -62,6 +62,7 @@ LEAST_SHARE = 0.5  # of bump^2 in bump^2 + doubt^2 from which it engages
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
 SMOOTHEST = 64.0  # of the volts' second difference: the valve then crosses its dead band in a window's length
 KEEP_HALVES = 0.75  # of the squares of a half stroke before
+OBSERVE, SLOW_S = 0.15, 0.03
 SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether it wants to engage
 QUIET_TICKS = 20  # for which no leg may object
 
@@ -195,10 +196,22 @@ def _steady(x, s, y, v, numbers):
 
 
 @compiled
-def _invert(s):
+def _observe(s, bottom_Pa):
+    """The pressure's quick deviation from the model's, into the state from which the volts are made: the inverse then damps it."""
+    inv = s.inverse
+    whole = int(s.numbers[DELAY] / s.settings.tick_s)
+    off = bottom_Pa - inv.expected_Pa[whole]
+    inv.slow_Pa += s.settings.tick_s / SLOW_S * (off - inv.slow_Pa)
+    inv.x[P1] += OBSERVE * (off - inv.slow_Pa)
+
+
+@compiled
+def _invert(s, bottom_Pa):
     """Volts of this tick, before the backlash's inverse; the state and volts of the window move on."""
     inv, ref = s.inverse, s.reference
     whole = int(s.numbers[DELAY] / s.settings.tick_s)
+    if inv.running:
+        _observe(s, bottom_Pa)
     for j in range(AHEAD + 1):
         inv.y[j], inv.v[j] = ref.position_m[whole + j], ref.velocity_m_s[whole + j]
     for j in range(AHEAD):
@@ -210,6 +223,8 @@ def _invert(s):
         inv.before = inv.older = volts
         inv.filtered[:] = 0.0
         inv.running = inv.started_now = 1
+        inv.expected_Pa[:] = inv.x[M1]
+        inv.slow_Pa = bottom_Pa - inv.x[M1]
     improve(
         inv.x,
         inv.U,
@@ -229,6 +244,9 @@ def _invert(s):
     left = keep_first(
         inv.x, inv.U, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, supply, inv.extra, inv.S, inv.w
     )
+    for j in range(MOST_DELAY, 0, -1):
+        inv.expected_Pa[j] = inv.expected_Pa[j - 1]
+    inv.expected_Pa[0] = inv.x[M1]
     inv.older, inv.before = inv.before, volts
     return volts, left
 
@@ -359,7 +377,7 @@ def tick_of(
         s.numbers[k] += settings.tick_s / FOLLOW_S * (s.known.numbers[k] - s.numbers[k])
     inv.x_before[:] = inv.x
     last = inv.before
-    volts, left = _invert(s)
+    volts, left = _invert(s, bottom_Pa)
     if inv.started_now:
         inv.x_before[:] = inv.x
         last, inv.started_now = volts, 0
