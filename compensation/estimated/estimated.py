@@ -39,7 +39,21 @@ def tick_first(
 ):  # fmt: skip
     """`tick_of` of states (1,)."""
     return tick_of(
-        states[0], table, preview, loads, pose, mobility, forces, speeds, setpoint, position, valve, bottom, top, supply, forward
+        states[0],
+        table,
+        preview,
+        loads,
+        pose,
+        mobility,
+        forces,
+        speeds,
+        setpoint,
+        position,
+        valve,
+        bottom,
+        top,
+        supply,
+        forward,
     )
 
 

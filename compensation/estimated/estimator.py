@@ -74,7 +74,7 @@ LATE = WINDOW + BACK + HALF_SPAN + LEAD
 NOISE_STEP = 0.002  # of the running median of fourth differences, a tick: known to 3 %, twice as large after 0.7 s
 FORGET_TICKS = 2000.0
 # of another leg's dry friction, within a knot: when it changes sides is known to some ms of 10, from its own fit to one
-FRICTION_ERROR, FITTED_ERROR = 0.1, 0.03
+FRICTION_ERROR, FITTED_ERROR = 0.2, 0.1
 # a parabola through nine readings: its value and slope [1/tick] at the first
 START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasing=True))[:2]
 

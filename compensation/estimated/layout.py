@@ -31,7 +31,8 @@ PAST = record(
 )  # fmt: skip
 WINDOW_DATA = record(
     position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)), pose_m_s2=(f, (WINDOW,)),
-    forces_N=(f, (WINDOW, LEGS)), speeds_m_s=(f, (WINDOW, LEGS)), mobility=(f, (WINDOW, LEGS)), load_N=(f, (WINDOW,)), others_N=(f, (WINDOW, LEGS)),
+    forces_N=(f, (WINDOW, LEGS)), speeds_m_s=(f, (WINDOW, LEGS)), mobility=(f, (WINDOW, LEGS)),
+    load_N=(f, (WINDOW,)), others_N=(f, (WINDOW, LEGS)),
     fitted=(i, (WINDOW, LEGS)), friction_N=(f, (WINDOW,)), first=i,
     volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)), doubt_N=f,
 )  # fmt: skip
@@ -63,7 +64,7 @@ INVERSE = record(
     w=(f, (16,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)),
     filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), played=f, side=f,
     x_before=(f, (N_STATES,)),
-    started_now=i, expected_Pa=(f, (MOST_DELAY + 1,)), slow_Pa=f,
+    started_now=i, expected_Pa=(f, (2, MOST_DELAY + 1)), slow_Pa=(f, (2,)), spread_Pa2=(f, (2,)),
 )  # fmt: skip
 REFERENCE = record(  # the nearest tick first
     position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_ahead_m=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)),
