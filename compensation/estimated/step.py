@@ -18,7 +18,7 @@ from ..compiled import compiled
 from .estimator import collect, hear_windows, watch, watch_legs, work
 from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
-from .layout import MOST_DELAY, QUEUE
+from .layout import QUEUE
 from .leg import (
     AMP,
     COULOMB_DN,
@@ -62,8 +62,6 @@ LEAST_SHARE = 0.5  # of bump^2 in bump^2 + doubt^2 from which it engages
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
 SMOOTHEST = 64.0  # of the volts' second difference: the valve then crosses its dead band in a window's length
 KEEP_HALVES = 0.75  # of the squares of a half stroke before
-SLOW_S = 0.03  # in which a pressure that stays apart from the model's is taken as its error: below the oil's oscillation, 15 Hz and up
-SPREAD_S = 4.0  # over which the variance of what is quicker is known: some strokes
 SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether it wants to engage
 QUIET_TICKS = 20  # for which no leg may object
 
@@ -197,30 +195,10 @@ def _steady(x, s, y, v, numbers):
 
 
 @compiled
-def _observe(s, measured_Pa, c):
-    """A chamber's quick deviation from the model's pressure, into the state from which the volts are made: the inverse then damps it.
-
-    c: 0 bottom, 1 top. A Kalman filter's gain for a deviation that is made anew within the inverse's window: its variance is that of
-    the innovation less the noise's R, q of it comes a tick, and p = sqrt(2 q R) of it is unknown.
-    """
-    inv, R = s.inverse, s.past.noise_Pa * s.past.noise_Pa
-    off = measured_Pa - inv.expected_Pa[c, int(s.numbers[DELAY] / s.settings.tick_s)]
-    inv.slow_Pa[c] += s.settings.tick_s / SLOW_S * (off - inv.slow_Pa[c])
-    quick = off - inv.slow_Pa[c]
-    inv.spread_Pa2[c] += s.settings.tick_s / SPREAD_S * (quick * quick - inv.spread_Pa2[c])
-    p = sqrt(2.0 * R * max(inv.spread_Pa2[c] - R, 0.0) / AHEAD)
-    inv.x[P1 + c] += p / (p + R) * quick
-
-
-@compiled
-def _invert(s, bottom_Pa, top_Pa):
+def _invert(s):
     """Volts of this tick, before the backlash's inverse; the state and volts of the window move on."""
     inv, ref = s.inverse, s.reference
     whole = int(s.numbers[DELAY] / s.settings.tick_s)
-    if inv.running:
-        _observe(s, bottom_Pa, 0)
-        if s.sheet[S_FOUR_WAY] != 0.0:
-            _observe(s, top_Pa, 1)
     for j in range(AHEAD + 1):
         inv.y[j], inv.v[j] = ref.position_m[whole + j], ref.velocity_m_s[whole + j]
     for j in range(AHEAD):
@@ -232,8 +210,6 @@ def _invert(s, bottom_Pa, top_Pa):
         inv.before = inv.older = volts
         inv.filtered[:] = 0.0
         inv.running = inv.started_now = 1
-        inv.expected_Pa[0, :], inv.expected_Pa[1, :] = inv.x[M1], inv.x[M2]
-        inv.slow_Pa[0], inv.slow_Pa[1] = bottom_Pa - inv.x[M1], top_Pa - inv.x[M2]
     improve(
         inv.x,
         inv.U,
@@ -253,10 +229,6 @@ def _invert(s, bottom_Pa, top_Pa):
     left = keep_first(
         inv.x, inv.U, inv.before, inv.y, inv.v, inv.filtered, s.numbers, s.sheet, supply, inv.extra, inv.S, inv.w
     )
-    for c in range(2):
-        for j in range(MOST_DELAY, 0, -1):
-            inv.expected_Pa[c, j] = inv.expected_Pa[c, j - 1]
-        inv.expected_Pa[c, 0] = inv.x[M1 + c]
     inv.older, inv.before = inv.before, volts
     return volts, left
 
@@ -387,7 +359,7 @@ def tick_of(
         s.numbers[k] += settings.tick_s / FOLLOW_S * (s.known.numbers[k] - s.numbers[k])
     inv.x_before[:] = inv.x
     last = inv.before
-    volts, left = _invert(s, bottom_Pa, top_Pa)
+    volts, left = _invert(s)
     if inv.started_now:
         inv.x_before[:] = inv.x
         last, inv.started_now = volts, 0

@@ -170,4 +170,3 @@ class ExpectedLoad:
             load[1:-1] = np.diff(setpoints, 2, axis=0) @ (self.inertia.T / tick_s**2)
             load[0], load[-1] = load[1], load[-2]
         return load + (setpoints - self.neutral) @ self.stiffness.T
-

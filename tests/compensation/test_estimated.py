@@ -12,7 +12,7 @@ from leg_plant import AREA_BOTTOM, AREA_TOP, Leg, run, sine
 import compensation
 from benchmarks.robustness_grid import draw_leg, figures, motion_of, run_leg, run_plain
 from compensation import Context
-from compensation.estimated import Estimated, fit
+from compensation.estimated import Estimated, estimator, fit
 from compensation.estimated import leg as model
 from compensation.estimated.prior import add_prior, fill_prior
 from hexsim.machine import load_machine
@@ -135,6 +135,30 @@ def test_what_older_windows_said_is_a_quadratic_beside_the_prior() -> None:
         more, less = cost(at + step), cost(at - step)
         assert (more[0] - less[0]) / 2e-3 == pytest.approx(-2.0 * g[k], rel=1e-6, abs=1e-6)
         assert (less[2] - more[2])[k] / 2e-3 == pytest.approx(H[k, k], rel=1e-6)
+
+
+def _told(values: list[float], error: float) -> tuple[float, float]:
+    """Mean and standard deviation of a number of leg 6 by what the five others know of it."""
+    state = Estimated().start(Context(mobility=(0.1,) * 5 + (1.0,), leg=5)).numbers
+    k = model.NAMES.index("coulomb_up")
+    state.heard[:5] = 1
+    state.alone[:5, k], state.alone_variance[:5, k] = values, error * error
+    estimator._tell_number(state, k)
+    return float(state.fit.told[k]), float(state.fit.told_weight[k]) ** -0.5
+
+
+def test_legs_tell_each_other_more_the_more_they_are_alike() -> None:
+    """Five legs that agree within their errors of 0.03 tell the sixth their mean to within 0.1; five that differ by 0.3 to no better than
+    0.2, and one of them that knows ten times less moves the mean by less than a tenth of its departure."""
+    alike, apart = _told([0.52, 0.48, 0.5, 0.49, 0.51], 0.03), _told([0.2, 0.8, 0.5, 0.1, 0.9], 0.03)
+    assert alike[0] == pytest.approx(0.5, abs=0.01) and alike[1] < 0.1
+    assert apart[0] == pytest.approx(0.5, abs=0.05) and apart[1] > 0.2
+    state = Estimated().start(Context(mobility=(0.1,) * 5 + (1.0,), leg=5)).numbers
+    k = model.NAMES.index("coulomb_up")
+    state.heard[:5] = 1
+    state.alone[:5, k], state.alone_variance[:5, k] = (0.5, 0.5, 0.5, 0.5, 1.5), (9e-4,) * 4 + (9e-2,)
+    estimator._tell_number(state, k)
+    assert state.fit.told[k] - 0.5 < 0.1
 
 
 @pytest.fixture(scope="module")
