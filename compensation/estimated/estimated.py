@@ -10,6 +10,7 @@ from ..adaptive.prediction import prediction_table
 from ..compensator import Compensator, Context, Parameters, Sample
 from ..compiled import compiled
 from ..knowledge import Knowledge
+from .damping import design_damping
 from .estimator import FEWEST, HEATS
 from .known import covariance_of, knowledge_of
 from .layout import STATE, Record
@@ -69,6 +70,12 @@ def start_first(states):
     start(states[0])
 
 
+@compiled
+def design_first(states):
+    """`design_damping` of states (1,)."""
+    design_damping(states[0])
+
+
 @dataclass(frozen=True, kw_only=True)
 class Estimated(Compensator):
     """Estimates every number of the leg with its variance, and feeds the inverse of the same model forward.
@@ -100,6 +107,8 @@ class Estimated(Compensator):
             sample.position_m, sample.valve_V, sample.pressure_bottom_Pa, sample.pressure_top_Pa,
             sample.pressure_supply_Pa, sample.feed_forward_V,
         )  # fmt: skip
+        if state.numbers.damping.wanted:
+            design_first(state.states)
         return volts, state
 
     def tells(self, state: EstimatedState) -> bool:

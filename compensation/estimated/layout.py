@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..adaptive.layout import LOOP, PREDICTION, record
+from ..adaptive.layout import DESIGN, LOOP, MAX_DAMPING_TAPS, PREDICTION, record
 from .fit import LEAD, N_COLUMNS, N_START, WINDOW
 from .inverse import AHEAD
 from .leg import N_NUMBERS, N_SHEET, N_STATES
@@ -75,10 +75,15 @@ EXPECTED = record(
     d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), w=(f, (16,)), started=i,
     sigma=f, bump=f, left=f, sigma2=f, bump2=f, left2=f, halves=i, plain_V=f, acceleration=f,
 )  # fmt: skip
+DAMPING = record(
+    tick_s=f, damping_count=i, damping_low_Hz=f, damping_high_Hz=f, spool_damping=f,  # of the design
+    taps=(f, (MAX_DAMPING_TAPS,)), deviation_Pa=(f, (MAX_DAMPING_TAPS,)), expected_Pa=(f, (MOST_DELAY + 1,)), gain=f, lag_s=f, wanted=i,
+    work=DESIGN,
+)  # fmt: skip
 STATE = record(
     settings=SETTINGS, sheet=(f, (N_SHEET,)), mobility=(f, (LEGS,)), others=(f, (LEGS, N_NUMBERS)),
     heard=(i, (LEGS,)), alone=(f, (LEGS, N_NUMBERS)), alone_variance=(f, (LEGS, N_NUMBERS)), mean_N=(f, (LEGS,)),
     past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
-    numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP,
+    numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP, damping=DAMPING,
     share=f, linear=f, platform=i, objected=i, wants=i,
 )  # fmt: skip

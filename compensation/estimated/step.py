@@ -15,10 +15,11 @@ from ..adaptive.layout import MAX_LOOK, PREVIEW_TICKS
 from ..adaptive.loop_feedback import fed_back_V
 from ..adaptive.prediction import predict, start_prediction, watch_setpoint
 from ..compiled import compiled
+from .damping import damping_V, oil_stiffness, start_damping, watch_damping
 from .estimator import collect, hear_windows, watch, watch_legs, work
 from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
-from .layout import QUEUE
+from .layout import MOST_DELAY, QUEUE
 from .leg import (
     AMP,
     COULOMB_DN,
@@ -74,6 +75,7 @@ def start(s):
     s.past.noise_Pa = max(sqrt(s.settings.pressure_noise_Pa**2 + s.settings.pressure_resolution_Pa**2 / 12.0), 1.0)
     s.past.noise_m = max(s.past.noise_m, 1e-8)
     start_prediction(s.prediction)
+    start_damping(s.damping, s.settings.tick_s)
     s.objected = QUIET_TICKS
     s.platform = 1 if s.settings.legs > 1 else 0
 
@@ -234,6 +236,30 @@ def _invert(s):
 
 
 @compiled
+def _load_Pa(s, bottom_Pa, top_Pa):
+    """Of a rod side on the supply its pressure is no part of the load's oscillation."""
+    return bottom_Pa - (s.sheet[S_A2] / s.sheet[S_A1] * top_Pa if s.sheet[S_FOUR_WAY] != 0.0 else 0.0)
+
+
+@compiled
+def _damp(s, bottom_Pa, top_Pa):
+    """Volts against the load pressure's oscillation about the model's, which is of this tick."""
+    d, x, sheet, settings = s.damping, s.inverse.x, s.sheet, s.settings
+    whole = int(s.numbers[DELAY] / settings.tick_s)
+    watch_damping(d, s.numbers, _load_Pa(s, bottom_Pa, top_Pa) - d.expected_Pa[whole])
+    for j in range(MOST_DELAY, 0, -1):
+        d.expected_Pa[j] = d.expected_Pa[j - 1]
+    d.expected_Pa[0] = _load_Pa(s, x[M1], x[M2])
+    if s.share == 0.0:
+        return 0.0
+    up, down = _gains(s)
+    own = settings.pressure_gain_V_per_Pa
+    if sheet[S_FOUR_WAY] != 0.0:
+        own *= 1.0 + (sheet[S_A2] / sheet[S_A1]) ** 3
+    return damping_V(d, oil_stiffness(s.numbers, sheet, x), sheet[S_A1], 0.5 * (up + down), own)
+
+
+@compiled
 def _expect(s, volts, last, left):
     """Bumps that plain control makes by the model, that the inverse leaves, and that the doubt about the numbers makes: the largest of
     each half stroke."""
@@ -377,7 +403,7 @@ def tick_of(
     s.share += min(max((wanted if s.linear == 0.0 or wanted > 0.0 else 1.0) - s.share, -step), step)
     step = settings.tick_s / LINEAR_S
     s.linear += min(max((wanted if s.share == 1.0 else 0.0) - s.linear, -step), step)
-    total = _through_backlash(inv, volts, s.numbers[PLAY])
+    total = _through_backlash(inv, volts, s.numbers[PLAY]) - _damp(s, bottom_Pa, top_Pa)
     lag = s.numbers[POSITION_LAG] * ref.velocity_m_s[0]
     pressure = (
         inv.x[P1]
