@@ -118,6 +118,13 @@ def test_onset_after_a_packet(machine):
     assert set(traces[1].columns) == {"time_s", "asked_rad_s2", "platform_rad_s2"}
 
 
+def test_an_axis_that_never_sets_in_is_outside(machine, monkeypatch):
+    """Of a share that no platform reaches the rows have a limit and are not passed."""
+    monkeypatch.setattr(part60, "ONSET_SHARE", 5.0)
+    rows, _ = part60.onset(machine, axes=("z",))
+    assert [row.passed for row in rows] == [False, False] and "not within" in rows[0].figure
+
+
 def test_rows_say_whose_their_limits_are():
     """The applicant's own, no published number, and the repeatability of the battery left out."""
     rows = [
@@ -136,6 +143,8 @@ def test_rows_say_whose_their_limits_are():
     assert "1 of 2 figures with a limit are within it. Outside: 4.a, heave z, limit 100 ms.<" in page(
         result, [*filed, late], []
     )
+    assert "<td>106 ms</td><td>100 ms</td><td><b>outside</b></td>" in page(result, [late], [])
+    assert "<td>1 %</td><td></td><td>reported</td>" in page(result, filed, [])
     assert "&lt;b&gt;" in page(result, filed, []) and "<b>," not in page(result, filed, [])
 
 

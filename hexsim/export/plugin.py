@@ -50,7 +50,7 @@ def attributes() -> dict[str, tuple[int, int]]:
 
 
 def export_plugin(machine: Machine, out: Path, timestep: float | None = None) -> list[Path]:
-    """Write the plugin's libraries for Linux and Windows and MACHINE.xml into the folder `out`; the files.
+    """Write the plugin's libraries for Linux, Windows and macOS and MACHINE.xml into the folder `out`; the files.
 
     timestep [s] of the MJCF, RK4; None: MODEL_STEP_S. Raises HexsimError for a machine whose supply or valves have states outside
     the leg, where the compiler is not installed, the system is no Linux, or `out` cannot be written.
@@ -73,7 +73,7 @@ def export_plugin(machine: Machine, out: Path, timestep: float | None = None) ->
 
 
 def systems() -> list[System]:
-    return [SYSTEMS[name] for name in ("linux64", "win64")]
+    return [SYSTEMS[name] for name in ("linux64", "win64", "macos")]
 
 
 def refuse_what_is_outside(plant: Plant) -> None:

@@ -134,13 +134,19 @@ def changed_files(folder: Path) -> list[str]:
 def page(result: dict[str, Any], rows: Sequence[Row], points: Sequence[Point]) -> str:
     """pack.html: what is outside, rows in a table that becomes a list on a narrow screen, OMCT below."""
 
-    def cell(value: Any) -> str:
-        text = "–" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
-        return f"<td>{html.escape(text)}</td>"
+    def cell(value: Any, unit: str = "") -> str:
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
+        return f"<td>{html.escape(text)}{'' if unit in ('', '1') else f' {html.escape(unit)}'}</td>"
+
+    def bound(row: Row) -> str:
+        return cell("") if row.limit is None else cell(row.limit, row.unit)
+
+    def found_value(row: Row) -> str:
+        return cell("not reached") if row.value is None else cell(row.value, row.unit)
 
     verdict = {True: "within", False: "<b>outside</b>", None: "reported"}
     body = "".join(
-        f"<tr>{''.join(map(cell, (r.test, r.axis, r.figure, r.value, r.limit, r.unit)))}"
+        f"<tr>{''.join(map(cell, (r.test, r.axis, r.figure)))}{found_value(r)}{bound(r)}"
         f"<td>{verdict[r.passed]}</td>{cell(r.source)}</tr>"
         for r in rows
     )
@@ -159,20 +165,20 @@ def page(result: dict[str, Any], rows: Sequence[Row], points: Sequence[Point]) -
 <title>{title}</title><style>
 :root {{ color-scheme: light dark }} body {{ font: 15px/1.5 sans-serif; margin: 1rem auto; max-width: 75rem; padding: 0 1rem }}
 .scroll {{ overflow-x: auto }} table {{ border-collapse: collapse }} td, th {{ text-align: left; padding: .2rem .7rem .2rem 0 }}
-td {{ border-top: 1px solid #8884; vertical-align: top }} td:nth-child(2), .tests td:nth-child(4) {{ white-space: nowrap }}
+td {{ border-top: 1px solid #8884; vertical-align: top }} td:nth-child(2), .tests td:nth-child(4), .tests td:nth-child(5) {{ white-space: nowrap }}
 h1 {{ font-size: 1.6rem; overflow-wrap: anywhere }}
 @media (max-width: 50rem) {{
   .tests tr {{ display: block; border-top: 1px solid #8884; padding: .4rem 0 }} .tests tr:first-child {{ display: none }}
   .tests, .tests tbody {{ display: block }}
   .tests td {{ display: inline; border: 0; padding: 0 .3rem 0 0 }} .tests td:nth-child(1), .tests td:nth-child(2) {{ font-weight: 600 }}
-  .tests td:nth-child(3) {{ display: block }} .tests td:nth-child(5)::before {{ content: "limit " }}
-  .tests td:nth-child(8) {{ display: block; font-size: 13px; opacity: .8 }}
+  .tests td:nth-child(3) {{ display: block }} .tests td:nth-child(5):not(:empty)::before {{ content: "limit " }}
+  .tests td:nth-child(7) {{ display: block; font-size: 13px; opacity: .8 }}
 }}</style>
 <h1>{title}</h1>
 <p><b>{found}</b></p>
 <p>A simulation; it qualifies no device. Motion modes tested: {modes}. Pilot's reference point {result["pilot_m"]} m forward,
 left and up of the vehicle's centre of gravity. Records in traces/, hashes in manifest.json.</p>
-<h2>Tests</h2><div class="scroll"><table class="tests"><tr><th>test<th>axis<th>figure<th>value<th>limit<th>unit<th>verdict<th>source</tr>
+<h2>Tests</h2><div class="scroll"><table class="tests"><tr><th>test<th>axis<th>figure<th>value<th>limit<th>verdict<th>source</tr>
 {body}</table></div>
 <h2>Objective motion cueing test</h2><p>{html.escape(SOURCE)}</p>
 <div class="scroll"><table><tr><th>test<th>rad/s<th>modulus<th>phase [deg]</tr>{cues}</table></div></html>"""

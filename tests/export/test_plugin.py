@@ -1,6 +1,7 @@
 """The plugin of the hydraulic leg, in MuJoCo without hexsim, against `Plant`."""
 
 import json
+import struct
 import subprocess
 import sys
 
@@ -44,7 +45,8 @@ def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("plugin")
     done = CliRunner().invoke(app, ["export", "plugin", "bench", "--out", str(out), "--json"])
     assert done.exit_code == 0, done.output
-    assert sorted(json.loads(done.stdout)["files"]) == ["bench.xml", "hexsim_leg.dll", "libhexsim_leg.so"]
+    names = ["bench.xml", "hexsim_leg.dll", "libhexsim_leg.dylib", "libhexsim_leg.so"]
+    assert sorted(json.loads(done.stdout)["files"]) == names
     return out
 
 
@@ -142,3 +144,26 @@ def test_the_windows_library_needs_windows_alone(folder):
         names
     )
     assert NAME.encode() in (folder / "libhexsim_leg.so").read_bytes()
+
+
+def test_the_macos_library_needs_its_system_alone(folder):
+    """A signed library for arm64 that names no folder; it imports from libSystem alone, and nothing of MuJoCo or Python by name:
+    MuJoCo's functions are found in the process that loads it."""
+    data = (folder / "libhexsim_leg.dylib").read_bytes()
+    magic, processor, _, kind, count = struct.unpack_from("<5I", data)
+    assert (magic, processor, kind) == (0xFEEDFACF, 0x0100000C, 6)  # 64 bit, arm64, a dynamic library
+    commands, place = {}, 32
+    for _ in range(count):
+        command, size = struct.unpack_from("<2I", data, place)
+        commands.setdefault(command, []).append(data[place : place + size])
+        place += size
+    own, loaded = ([one[24:].rstrip(b"\0") for one in commands[command]] for command in (0x0D, 0x0C))
+    assert own == [b"@rpath/libhexsim_leg.dylib"] and loaded == [b"/usr/lib/libSystem.B.dylib"]
+    assert 0x1D in commands  # a signature, without which arm64 loads nothing
+    symbols, n, texts, _ = struct.unpack_from("<4I", commands[0x02][0], 8)
+    wanted = set()
+    for k in range(n):
+        text, flags, *_ = struct.unpack_from("<IBBHQ", data, symbols + 16 * k)
+        if flags & 0x0E == 0 and flags & 1:
+            wanted.add(data[texts + text : data.index(b"\0", texts + text)].decode())
+    assert "_dlsym" in wanted and not [name for name in wanted if name.startswith(("_mj", "_Py", "_NRT", "_numba"))]
