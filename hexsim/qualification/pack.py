@@ -165,7 +165,8 @@ def page(result: dict[str, Any], rows: Sequence[Row], points: Sequence[Point]) -
 <title>{title}</title><style>
 :root {{ color-scheme: light dark }} body {{ font: 15px/1.5 sans-serif; margin: 1rem auto; max-width: 75rem; padding: 0 1rem }}
 .scroll {{ overflow-x: auto }} table {{ border-collapse: collapse }} td, th {{ text-align: left; padding: .2rem .7rem .2rem 0 }}
-td {{ border-top: 1px solid #8884; vertical-align: top }} td:nth-child(2), .tests td:nth-child(4), .tests td:nth-child(5) {{ white-space: nowrap }}
+td {{ border-top: 1px solid #8884; vertical-align: top }} td:nth-child(2) {{ white-space: nowrap }}
+.tests td:nth-child(4), .tests td:nth-child(5) {{ white-space: nowrap }}
 h1 {{ font-size: 1.6rem; overflow-wrap: anywhere }}
 @media (max-width: 50rem) {{
   .tests tr {{ display: block; border-top: 1px solid #8884; padding: .4rem 0 }} .tests tr:first-child {{ display: none }}

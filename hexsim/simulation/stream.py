@@ -120,20 +120,21 @@ class FoxgloveStream:
 
     def row(self, time_s: float, values: Row) -> None:
         if self.channel is None:
-            self._open(values)
+            self.channel = self._open(values)
         self.channel.log(values, log_time=round(1e9 * time_s))
 
-    def _open(self, values: Row) -> None:
-        """Make the topic of these columns, then let people in."""
+    def _open(self, values: Row) -> Any:
+        """Make the topic of these columns, then let people in; the topic."""
         kinds = {name: {"type": "string" if isinstance(value, str) else "number"} for name, value in values.items()}
         schema = {"type": "object", "title": "hexsim", "properties": kinds}
-        self.channel = self.foxglove.Channel("/hexsim", schema=schema, message_encoding="json", context=self.context)
+        channel = self.foxglove.Channel("/hexsim", schema=schema, message_encoding="json", context=self.context)
         self.held.close()
         host, port = self.address
         try:
             self.server = self.foxglove.start_server(name="hexsim", host=host, port=port, context=self.context)
         except (OSError, RuntimeError) as error:
             raise self._refused(self.address, error) from None
+        return channel
 
 
 class RerunStream:
