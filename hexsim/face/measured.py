@@ -42,6 +42,10 @@ def load_log(path: AnyPath, mapping: AnyPath | None = None, machine: AnyMachine 
 
     mapping: file for foreign names and units; None: mapping.toml beside the log, if there is one.
     machine: what it cannot have is missing. Raises HexsimError that names file, column and row.
+
+    >>> log = hx.load_log("tests/data/bench_leakage/fit.csv.gz")
+    >>> log.height, log.columns[:3]
+    (20000, ['time_s', 'setpoint_m', 'position_m'])
     """
     from hexsim.readers import read_log
 

@@ -86,7 +86,7 @@ def test_examples_of_the_docstrings_hold(example, monkeypatch):
 def test_every_function_of_the_face_has_an_example():
     """Functions that load, run, compare, sweep, trace, identify, qualify and linearize show a call."""
     shown = {test.name.rpartition(".")[2] for test in EXAMPLES}
-    functions = {name for name in hx.__all__ if name[0].islower() and name != "load_log"}
+    functions = {name for name in hx.__all__ if name[0].islower()}
     assert functions <= shown and "Machine" in shown
 
 
