@@ -4,14 +4,17 @@ import json
 import math
 
 import numpy as np
+import polars as pl
 import pytest
 
 from hexsim.cueing.washout import SMOOTHING_S, Washout
 from hexsim.machine import load_machine
 from hexsim.qualification import Findings, MachineRig, part60
 from hexsim.qualification.omct import TESTS, FREQUENCIES_rad_s, machine_response, omct
-from hexsim.qualification.pack import changed_files, pack_rows, page, write_manifest
+from hexsim.qualification.pack import changed_files, pack_rows, page, recorder, write_manifest
 from hexsim.qualification.rows import APPLICANT, COMMON_TURN, NO_LIMIT, Row
+from hexsim.scenarios import Scenario
+from hexsim.setpoints.signals import Sine
 
 G = 9.81
 W = (0.631, 3.981)  # of OMCT's frequencies, below and above the washout's corners
@@ -147,6 +150,30 @@ def test_rows_say_whose_their_limits_are():
     assert "<td>106 ms</td><td>100 ms</td><td><b>outside</b></td>" in page(result, [late], [])
     assert "<td>1 %</td><td></td><td>reported</td>" in page(result, filed, [])
     assert "&lt;b&gt;" in page(result, filed, []) and "<b>," not in page(result, filed, [])
+
+
+@pytest.mark.parametrize(("name", "axis", "more"), [("half-hertz roll", "roll", True), ("x at 0.1 Hz", "x", False)])
+def test_every_motion_is_recorded(tmp_path, name, axis, more):
+    """A rig gives each motion that it plays on, and its file holds it to 1e-9: the driven axis, all accelerations, of a
+    half-hertz motion the legs; written again it is the same to the byte."""
+    kept = []
+    rig = MachineRig(
+        load_machine("micro_motion_system"), record=lambda scenario, motion: kept.append((scenario, motion))
+    )
+    sine = Sine(amplitude=0.01, frequency_Hz=0.5)
+    motion = rig.play(Scenario(name=name, mode="dof", signals={axis: sine}, duration_s=0.3, fade_s=0.1, fade="smooth"))
+    [(scenario, same)] = kept
+    assert same is motion
+    recorder(tmp_path)(scenario, motion)
+    [path] = (tmp_path / "traces").iterdir()
+    table = pl.read_csv(path)
+    unit = "rad" if axis == "roll" else "m"
+    assert table[f"platform_{axis}_{unit}"].to_numpy() == pytest.approx(motion.response[axis], abs=1e-9)
+    assert table["acceleration_roll_rad_s2"].to_numpy() == pytest.approx(motion.acceleration["roll"], abs=1e-9)
+    assert ("position_6_m" in table.columns) is more and table.height == len(motion.time_s)
+    before = path.read_bytes()
+    recorder(tmp_path)(scenario, motion)
+    assert path.read_bytes() == before and path.name == f"{name.replace(' ', '_')}.csv.gz"
 
 
 def test_the_manifest_finds_what_was_changed(tmp_path):

@@ -1,7 +1,7 @@
 """What an operator files: the rows of every test with their sources, raw traces, and a manifest with hashes.
 
     pack.json, pack.html      rows by test; OMCT's points
-    traces/*.csv              the records that the rows come from
+    traces/*.csv.gz           the record of every motion that a row comes from, 1 kHz
     manifest.json             SHA-256 and size of every file of the folder, machine file and versions
 
 A simulation qualifies no device: the pack shows what a device's own would hold, and what the rule has no number for.
@@ -9,10 +9,12 @@ A simulation qualifies no device: the pack shows what a device's own would hold,
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import html
 import json
 import platform
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -28,13 +30,14 @@ from hexsim import __version__
 from hexsim.cueing.washout import Washout
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.files.atomic import write_text
+from hexsim.files.atomic import write_text, written_whole
 from hexsim.machine.files import machine_tables
 from hexsim.qualification import part60
 from hexsim.qualification.battery import Findings
 from hexsim.qualification.omct import SOURCE, Point, machine_response, omct
-from hexsim.qualification.rig import MachineRig
-from hexsim.qualification.rows import NO_LIMIT, Row
+from hexsim.qualification.rig import MachineRig, Motion, Record
+from hexsim.qualification.rows import NO_LIMIT, ROTATIONS, Row
+from hexsim.scenarios import Scenario
 
 OWN = "[S] 14 CFR Part 60, app. A, table A2A, {}: as specified by the applicant; the limit shown is the applicant's own"
 OWNED = {"describing function": "3.a", "leg balance": "3.b", "turn-around": "3.c"}
@@ -53,6 +56,37 @@ def pack_rows(found: Findings) -> list[Row]:
             row = Row(**{**asdict(row), "source": part60.NO_NUMBER})
         rows.append(row)
     return rows
+
+
+def recorder(folder: Path) -> Record:
+    """Writes each motion of the battery into folder/traces as it is played, named as its scenario: what was asked of the driven
+    axis and where it was, the acceleration of all axes; of a half-hertz motion the legs too."""
+
+    def record(scenario: Scenario, motion: Motion) -> None:
+        [axis] = scenario.signals
+        m = "rad" if axis in ROTATIONS else "m"
+        columns = {
+            "time_s": motion.time_s,
+            f"commanded_{axis}_{m}": motion.commanded[axis],
+            f"platform_{axis}_{m}": motion.response[axis],
+        }
+        for name, values in motion.acceleration.items():
+            columns[f"acceleration_{name}_{'rad' if name in ROTATIONS else 'm'}_s2"] = values
+        if "half-hertz" in scenario.name:
+            for leg, (asked, found) in enumerate(zip(motion.leg_setpoints.T, motion.leg_positions.T, strict=True), 1):
+                columns |= {f"setpoint_{leg}_m": asked, f"position_{leg}_m": found}
+        _write_trace(folder, part60.Trace(name=re.sub(r"[^\w.-]+", "_", scenario.name), columns=columns))
+
+    return record
+
+
+def _write_trace(folder: Path, trace: part60.Trace) -> None:
+    """The same bytes for the same numbers: gzip's own time is left out."""
+    frame = pl.DataFrame({name: np.asarray(values, dtype=float) for name, values in trace.columns.items()})
+    path = folder / "traces" / f"{trace.name}.csv.gz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with written_whole(path) as begun:
+        begun.write_bytes(gzip.compress(frame.write_csv(float_precision=9).encode(), mtime=0))
 
 
 def write_pack(
@@ -96,10 +130,8 @@ def _write(
     folder: Path, result: dict[str, Any], rows: Sequence[Row], points: Sequence[Point],
     traces: Sequence[part60.Trace], machine: Machine,
 ) -> None:  # fmt: skip
-    (folder / "traces").mkdir(parents=True, exist_ok=True)
     for trace in traces:
-        frame = pl.DataFrame({name: np.asarray(values, dtype=float) for name, values in trace.columns.items()})
-        write_text(folder / "traces" / f"{trace.name}.csv", frame.write_csv(float_precision=9))
+        _write_trace(folder, trace)
     write_text(folder / "machine.toml", tomli_w.dumps(machine_tables(machine)))
     write_text(folder / "pack.json", json.dumps(result, indent=1, allow_nan=False))
     write_text(folder / "pack.html", page(result, rows, points))
