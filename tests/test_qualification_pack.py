@@ -8,6 +8,7 @@ import polars as pl
 import pytest
 
 from hexsim.cueing.washout import SMOOTHING_S, Washout
+from hexsim.files.run_folder import run_folder
 from hexsim.machine import load_machine
 from hexsim.qualification import Findings, MachineRig, part60
 from hexsim.qualification.omct import TESTS, FREQUENCIES_rad_s, machine_response, omct
@@ -96,6 +97,16 @@ def test_the_signal_has_the_rules_amplitudes_before_the_pilots_place(axis):
     assert force[2000] == pytest.approx(np.cross(a, arm) + w * (w @ arm) - arm * (w @ w), abs=1e-12)
 
 
+def test_the_record_goes_on_behind_what_is_judged():
+    """Surge through the washout: what is asked in the last 50 ms that are judged and the 100 ms after them, which compensators
+    look ahead, has no acceleration beyond the largest before; the end of the record would be a stop of many times that."""
+    machine = load_machine("micro_motion_system")
+    scenario = part60.washed_out(Washout(), "x", machine, (1.5, 0.5, 1.0))
+    time = np.arange(0.0, part60.LENGTH_S + 0.1, 1e-3)
+    asked = np.abs(scenario.signals["x"].acceleration(time))
+    assert asked[time > part60.LENGTH_S - 0.05].max() <= 1.01 * asked[time < part60.LENGTH_S - 0.05].max()
+
+
 @pytest.fixture(scope="module")
 def machine():
     return load_machine("micro_motion_system")
@@ -177,12 +188,15 @@ def test_every_motion_is_recorded(tmp_path, name, axis, more):
 
 
 def test_the_manifest_finds_what_was_changed(tmp_path):
-    """A byte changed, a file gone and one that came are named; nothing where nothing was touched."""
-    for name in ("pack.json", "traces/a.csv", "traces/b.csv"):
-        path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(name)
-    write_manifest(tmp_path)
+    """A byte changed, a file gone and one that came are named; nothing where nothing was touched since the folder of a run, which
+    is locked in the making, was finished."""
+    with run_folder(tmp_path / "made") as folder:
+        for name in ("pack.json", "traces/a.csv", "traces/b.csv"):
+            path = folder.path / name
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(name)
+        write_manifest(folder.path)
+        tmp_path = folder.finish()
     assert changed_files(tmp_path) == []
     assert json.loads((tmp_path / "manifest.json").read_text())["files"]["traces/a.csv"]["bytes"] == 12
     (tmp_path / "pack.json").write_text("pack.jsom")

@@ -139,13 +139,14 @@ def _write(
 
 
 def write_manifest(folder: Path) -> None:
-    """manifest.json: every other file of the folder with its size and SHA-256, and what made them."""
+    """manifest.json: every other file of the folder with its size and SHA-256, and what made them; hidden ones are not the
+    pack's (a folder in the making has a lock)."""
     files = {
         path.relative_to(folder).as_posix(): {
             "bytes": path.stat().st_size, "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         }
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != "manifest.json"
+        if path.is_file() and path.name != "manifest.json" and not path.name.startswith(".")
     }  # fmt: skip
     versions = {"hexsim": __version__, "mujoco": mujoco.__version__, "python": platform.python_version()}
     write_text(folder / "manifest.json", json.dumps({"versions": versions, "files": files}, indent=1))
@@ -154,7 +155,8 @@ def write_manifest(folder: Path) -> None:
 def changed_files(folder: Path) -> list[str]:
     """Names of files that are not what the manifest says, missing ones and those that it does not name among them."""
     named = json.loads((folder / "manifest.json").read_text())["files"]
-    there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} - {"manifest.json"}
+    there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    there = {name for name in there if name != "manifest.json" and not name.startswith(".")}
     return sorted(
         name
         for name in there | set(named)

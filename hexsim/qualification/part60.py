@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,6 +51,7 @@ NOISE_g2_Hz = 1e-6
 LEAST_FORCE, LEAST_RATE, LEAST_TURN = 0.3 * g0, math.radians(10.0), math.radians(5.0)  # 3.d: m/s2, rad/s, rad/s2
 MARGIN = 1.05  # over these, so that a rounded figure is not below them
 FREQUENCY_Hz, LENGTH_S, FADE_S = 1.0, 8.0, 2.0  # of the repeatability's sines
+TAIL_S = 0.5  # they go on behind what is judged: who looks ahead must not see the end of the record as a stop
 PILOT_m = (1.5, 0.5, 1.0)  # from the vehicle's centre of gravity: forward, left, up; the applicant's, here an example
 BAND_Hz = 50.0
 ONSET_PERIOD_S, ONSET_SHARE = 1.0, 0.1  # of the sine that sets in; an onset is this share of its asked peak
@@ -92,11 +93,11 @@ class SampledSetpoint(Signal):
 # 3.d
 def signal_of(axis: str, rate_Hz: float, pilot_m: tuple[float, float, float]) -> tuple[Array, Array, Array, Array]:
     """Time (n,), acceleration (n, 3) at the pilot's place, rates (n, 3), and angular acceleration: a sine of `axis` at the
-    vehicle's centre of gravity, faded in, with the rule's smallest amplitudes or a little more.
+    vehicle's centre of gravity, faded in, with the rule's smallest amplitudes or a little more; TAIL_S longer than LENGTH_S.
 
     At the pilot: a + dw/dt x r + w x (w x r).
     """
-    time = np.arange(round(LENGTH_S * rate_Hz)) / rate_Hz
+    time = np.arange(round((LENGTH_S + TAIL_S) * rate_Hz)) / rate_Hz
     r = np.clip(time / FADE_S, 0.0, 1.0)
     fade, slope = r**3 * (10 - 15 * r + 6 * r**2), 30 * r**2 * (1 - r) ** 2 / FADE_S
     w = 2.0 * math.pi * FREQUENCY_Hz
@@ -119,11 +120,17 @@ def washed_out(washout: Washout, axis: str, machine: Machine, pilot_m: tuple[flo
     time, force, turn, _ = signal_of(axis, rate, pilot_m)
     cueing = Cueing(washout, rate)
     poses = np.array([cueing.step(a, w) for a, w in zip(force, turn, strict=True)])
+    ends: Any = ("clamped", "not-a-knot")  # from rest; in the midst of a motion. scipy's stubs know one name alone
     signals: dict[str, Signal] = {
-        name: SampledSetpoint(spline=CubicSpline(time, poses[:, k], bc_type="clamped")) for k, name in enumerate(AXES)
+        name: SampledSetpoint(spline=CubicSpline(time, poses[:, k], bc_type=ends)) for k, name in enumerate(AXES)
     }
     return Scenario(
-        name=f"repeatability {axis}", mode="dof", signals=signals, duration_s=LENGTH_S, fade_s=0.5, fade="smooth"
+        name=f"repeatability {axis}",
+        mode="dof",
+        signals=signals,
+        duration_s=LENGTH_S + TAIL_S,
+        fade_s=0.5,
+        fade="smooth",
     )
 
 
@@ -132,13 +139,13 @@ def repeatability(
     pilot_m: tuple[float, float, float] = PILOT_m, progress: Callable[[float], None] = lambda fraction: None,
 ) -> tuple[list[Row], list[Trace]]:  # fmt: skip
     """Two runs of the same signal, other sensor noise: the largest difference of the platform's linear acceleration in any
-    axis, from the fade's end on."""
+    axis, from the fade's end on until LENGTH_S."""
     rows, traces = [], []
     for n, axis in enumerate(axes):
         progress(n / len(axes))
         scenario = washed_out(washout, axis, rig.machine, pilot_m)
         first, second = (rig.play(scenario, seed) for seed in (0, 1))
-        late = first.time_s >= FADE_S
+        late = (first.time_s >= FADE_S) & (first.time_s < LENGTH_S)
         differences = {
             name: band_limit(first.time_s, first.acceleration[name] - second.acceleration[name], BAND_Hz)[late]
             for name in AXES[:3]
