@@ -103,8 +103,9 @@ def test_the_record_goes_on_behind_what_is_judged():
     machine = load_machine("micro_motion_system")
     scenario = part60.washed_out(Washout(), "x", machine, (1.5, 0.5, 1.0))
     time = np.arange(0.0, part60.LENGTH_S + 0.1, 1e-3)
-    asked = np.abs(scenario.signals["x"].acceleration(time))
-    assert asked[time > part60.LENGTH_S - 0.05].max() <= 1.01 * asked[time < part60.LENGTH_S - 0.05].max()
+    asked = np.abs(np.diff(scenario.signals["x"].value(time), 2)) / 1e-6
+    ahead = time[1:-1] > part60.LENGTH_S - 0.05
+    assert asked[ahead].max() <= 1.01 * asked[~ahead].max()
 
 
 @pytest.fixture(scope="module")
