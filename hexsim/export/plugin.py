@@ -121,14 +121,18 @@ def machine_xml(plant: Plant) -> str:
 def hold_home(plant: Plant) -> None:
     """Give the keyframe `home` the volts and pressures at which nothing flows.
 
-    A valve with both chambers on it leaks at null: at 0 V it passes oil, and the leg creeps.
+    A valve with both chambers on it leaks at null: at 0 V it passes oil, and the leg creeps. Keyframe `shut` has the valves
+    shut, as a run begins.
     """
-    legs = np.flatnonzero(plant.rows[:, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE)
+    legs, data = np.flatnonzero(plant.rows[:, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE), plant.data
+    if not len(legs):
+        return
+    shut = plant.spec.add_key(name="shut")
+    shut.qpos, shut.act, shut.ctrl = data.qpos, data.act, data.ctrl
     for i in legs:
         hold_leg(plant, int(i))
-    if len(legs):
-        key = plant.spec.key("home")
-        key.act, key.ctrl = plant.data.act, plant.data.ctrl
+    home = plant.spec.key("home")
+    home.act, home.ctrl = data.act, data.ctrl
 
 
 def hold_leg(plant: Plant, i: int) -> None:

@@ -21,13 +21,14 @@ ALONE = """
 import sys
 import mujoco, numpy as np
 
-library, given, out = sys.argv[1:]
+library, given, out, begin = sys.argv[1:]
 mujoco.mj_loadPluginLibrary(library)
 model = mujoco.MjModel.from_xml_path(given + ".xml")
 data = mujoco.MjData(model)
 mujoco.mj_resetDataKeyframe(model, data, 0)
 mujoco.mj_forward(model, data)
 at_home = max(abs(data.qacc[:6]).max(), abs(data.act_dot).max())
+mujoco.mj_resetDataKeyframe(model, data, model.key(begin).id)
 slides = [model.joint(f"slide_{i + 1}").qposadr[0] for i in range(model.nu)]
 volts = np.load(given + ".npy")
 places = np.zeros((len(volts), model.nu))
@@ -51,11 +52,21 @@ def folder(tmp_path_factory):
     return out
 
 
-def driven(folder, xml, volts, tmp_path):
-    """Pistons from neutral (n, n_legs) [m] before each millisecond, and the largest rate at home, in a process of its own."""
+def driven(folder, xml, volts, tmp_path, begin="home"):
+    """Pistons from neutral (n, n_legs) [m] before each millisecond from the keyframe `begin` on, and the largest rate at home, in
+    a process of its own."""
     (tmp_path / "given.xml").write_text(xml)
     np.save(tmp_path / "given.npy", volts)
-    command = [sys.executable, "-I", "-c", ALONE, folder / "libhexsim_leg.so", tmp_path / "given", tmp_path / "out.npy"]
+    command = [
+        sys.executable,
+        "-I",
+        "-c",
+        ALONE,
+        folder / "libhexsim_leg.so",
+        tmp_path / "given",
+        tmp_path / "out.npy",
+        begin,
+    ]
     ended = subprocess.run(list(map(str, command)), cwd=tmp_path, capture_output=True, text=True)
     if ended.returncode:
         return ended.stderr
@@ -73,9 +84,13 @@ def by_plant(machine, volts):
     return np.array(places)
 
 
-@pytest.mark.parametrize("name", ("bench", pytest.param("micro_motion_system", marks=pytest.mark.slow)))
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("micro_motion_system", "servo_bench")]
+
+
+@pytest.mark.parametrize("name", ("bench", *SLOW))
 def test_heave_in_stock_mujoco_is_that_of_plant(folder, tmp_path, name):
-    """10 s of heave, the same volts and constant step: pistons within 1e-9 m of the run's, from a home in equilibrium.
+    """10 s of heave, the same volts and constant step: pistons within 1e-9 m of the run's, from where it begins: home, in
+    equilibrium, or with servo valves shut.
 
     MuJoCo's XML carries all digits, so what is left is rounding.
     """
@@ -86,7 +101,7 @@ def test_heave_in_stock_mujoco_is_that_of_plant(folder, tmp_path, name):
         run.log.select([f"true_position{leg}_m" for leg in legs]).to_numpy() - run.machine.mechanics.neutral_positions
     )
     xml = machine_xml(Plant(run.machine, timestep=STEP_s))
-    places, at_home = driven(folder, xml, volts, tmp_path)
+    places, at_home = driven(folder, xml, volts, tmp_path, "shut" if name.startswith("servo") else "home")
     assert np.ptp(told) > 0.05 and np.abs(places - told).max() < 1e-9
     assert at_home < 1e-3
 
@@ -100,7 +115,7 @@ def test_a_servo_valves_home_has_the_volts_that_hold_it(folder, tmp_path):
     volts = np.full((500, 1), float(key.get("ctrl", "0")))
     places, at_home = driven(folder, xml, volts, tmp_path)
     assert at_home < 1e-3 and np.abs(places).max() < 1e-9
-    places, _ = driven(folder, xml, 0.0 * volts, tmp_path)
+    places, _ = driven(folder, xml, 0.0 * volts, tmp_path, "shut")
     assert np.abs(places).max() > 1e-4
 
 
