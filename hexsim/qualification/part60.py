@@ -189,10 +189,8 @@ def onset(
             k = AXES.index(axis)
             size = ONSET_rad_s2 if axis in ROTATIONS else ONSET_m_s2
             time, asked, felt = host.pulse(k, size, place + k)
-            found, figure = (
-                _first(time, felt, ONSET_SHARE * size),
-                f"platform at {ONSET_SHARE:g} of the asked peak, after the packet",
-            )
+            found = _first(time, felt, ONSET_SHARE * size)
+            figure = f"platform at {ONSET_SHARE:g} of the asked peak, after the packet"
             if found is None:  # later than all limits, so outside
                 found, figure = len(time) * server.tick_s, f"{figure}: not within this time"
             rows += [
