@@ -14,7 +14,6 @@ import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from hexsim.identification.story import write_story
 from hexsim.machine import load_machine
 from hexsim.machine.files import models_folder
 from hexsim.recording.figure_style import png
@@ -150,7 +149,7 @@ def story() -> Pictures:
     from close_the_loop import close_the_loop
 
     with tempfile.TemporaryDirectory() as folder:
-        write_story(close_the_loop("micro_motion_system", 5.0, Path(folder)))
+        close_the_loop("micro_motion_system", 5.0, Path(folder)).to_folder()
         return {"story": (Path(folder) / "story.png").read_bytes()}
 
 

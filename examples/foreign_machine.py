@@ -32,7 +32,7 @@ PIECE, PART, LONGEST = struct.Struct("<4sHHHHII"), 1200, 8192  # of a compensato
 
 TICK_s, STEPS = 0.002, 20  # of the motion computer; of the machine within it
 STROKE_m, NEUTRAL_m, REACH_m = 0.2, 0.1, 0.085  # a setpoint may leave neutral by so much
-FASTEST_m_s, MOVE_m_s, LOWER_m_s = 0.3, 0.05, 0.04
+FASTEST_m_s, MOVE_m_s, LOWER_m_s, REST_m_s = 0.3, 0.05, 0.04, 1e-3
 FOLLOW_m, SILENT_s = 0.05, 0.25  # leg error, and silence of the host, that are faults
 GAIN_V_m, VOLTS = 50.0, 10.0
 SUPPLY_Pa, DENSITY, BULK_Pa, DISCHARGE = 7.0e6, 860.0, 1.5e9, 0.611
@@ -218,7 +218,7 @@ class Machine:
         felt = (piston.v - before) / TICK_s + self.noise.gauss(0.0, 0.02)
         if self.state == STARTING and abs(position - NEUTRAL_m) < 1e-3:
             self.state = NEUTRAL
-        if self.state == SETTLING and abs(self.reference - goal) < 1e-9:
+        if self.state == SETTLING and abs(self.reference - goal) < 1e-9 and abs(piston.v) < REST_m_s:
             self.state = OFF
         nothing = math.nan
         row = (self.reference, position, pressure, nothing, volts, SUPPLY_Pa, felt, *[nothing] * 5)

@@ -17,7 +17,7 @@ import time
 
 import numpy as np
 
-from hexsim.machine import load_machine
+import hexsim as hx
 from hexsim.motion_computer.host_limiter import HostLimiter
 from hexsim.motion_computer.host_packet import REPLY, HostCommand, Reply, unpack_reply
 from hexsim.motion_computer.states import State
@@ -70,7 +70,7 @@ def motion(seconds: float, period_s: float) -> np.ndarray:
     fade = np.minimum(np.minimum(elapsed, seconds - elapsed) / 2.0, 1.0)
     rows = np.zeros((len(elapsed), 6))
     rows[:, 2] = fade**3 * (10 - 15 * fade + 6 * fade**2) * 0.03 * np.sin(np.pi * elapsed)
-    return HostLimiter(load_machine(MACHINE), period_s=period_s).limit(rows)
+    return HostLimiter(hx.load_machine(MACHINE), period_s=period_s).limit(rows)
 
 
 def drive(host: Host, seconds: float) -> float:
@@ -102,7 +102,7 @@ def main() -> None:
             drive(host, arguments.seconds)
         return
     stop = threading.Event()
-    with Server(load_machine(MACHINE), port=0, start="off") as server:
+    with Server(hx.load_machine(MACHINE), port=0, start="off") as server:
         thread = threading.Thread(target=server.run, kwargs={"stop": stop})
         thread.start()
         try:

@@ -23,14 +23,12 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+import hexsim as hx
 from hexsim.cueing.protocols import NAMES
 from hexsim.cueing.washout import Washout, g, poses, specific_force
-from hexsim.machine import load_machine
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, new_figure, png, styled
-from hexsim.scenarios import load_scenario
-from hexsim.simulation import simulate
 from hexsim.simulation.hosted import Host
 from hexsim.smoothness import band_limit, response_delay_s
 from hexsim.studies.tune_start import FILE, teach
@@ -152,7 +150,7 @@ def main() -> None:
     parser.add_argument("--host", default=None, help="a host that knows no future plays it: 60,jitter=0.2,loss=0.02")
     parser.add_argument("--tune", action="store_true", help="start with what the compensator learns on the twin")
     arguments = parser.parse_args()
-    machine = load_machine(arguments.machine)
+    machine = hx.load_machine(arguments.machine)
     kinematics = machine_kinematics(machine)
     time, vehicle, rates = vehicle_motion(arguments.vehicle)
     pose = poses(WASHOUT, vehicle, rates)
@@ -166,7 +164,7 @@ def main() -> None:
         teach(machine, arguments.out, compensator)
         compensator = str(arguments.out / FILE)
     host = Host.parse(arguments.host) if arguments.host else None
-    run = simulate(machine, load_scenario(setpoints), fast=arguments.fast, compensator=compensator, host=host)
+    run = hx.run(setpoints, machine, compensator, fast=arguments.fast, host=host)
     log = run.log.head(run.log.height - 100)  # the setpoints end there
     moments = log["time_s"].to_numpy()
     felt = compare(log, kinematics, np.column_stack([np.interp(moments, time, a) for a in vehicle.T]))

@@ -16,13 +16,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from hexsim.machine import load_machine
-from hexsim.machine.files import changed
+import hexsim as hx
 from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, png, small_multiples, styled
 from hexsim.recording.signals import Signals
-from hexsim.scenarios import load_scenario
-from hexsim.simulation import Run, simulate
 
 FROM_S = 6.0  # figures count from here; the setpoint fades in for 2 s
 VALVES = {"overlap": {}, "quadratic": {"valve.flow_area": "quadratic"}, "zero lap": {"valve.overlap_m": 0.0}}
@@ -31,15 +28,15 @@ INDEPENDENT = {"overlap": 0.731, "quadratic": 0.438, "zero lap": 0.052}
 EIGENFREQUENCY_Hz = np.sqrt(2 * 1.5e9 * np.pi / 4 * 0.04**2 / (40.0 * 0.2)) / (2 * np.pi)  # sqrt(2 E A1/(M Ls)): 109 Hz
 
 
-def run_all(duration_s: float) -> dict[str, Run]:
+def run_all(duration_s: float) -> dict[str, hx.Run]:
     """The three valves on the same bench under the same motion."""
-    bench, scenario = load_machine("bench"), load_scenario("report", duration_s=duration_s)
+    bench, scenario = hx.load_machine("bench"), hx.load_scenario("report", duration_s=duration_s)
     scenario = dataclasses.replace(scenario, figures_from_s=FROM_S)
-    return {name: simulate(changed(bench, changes), scenario) for name, changes in VALVES.items()}
+    return {name: hx.run(scenario, bench.with_(changes)) for name, changes in VALVES.items()}
 
 
 @styled
-def simulation_results(run: Run, title: str) -> Figure:
+def simulation_results(run: hx.Run, title: str) -> Figure:
     """Fig. 3.4 and 3.8: position, tracking error, flow and bottom pressure."""
     figure, (position, error, flow, pressure) = small_multiples(4, title, columns=2)
     log = run.log
@@ -58,7 +55,7 @@ def simulation_results(run: Run, title: str) -> Figure:
 
 
 @styled
-def acceleration_profile(run: Run, title: str) -> Figure:
+def acceleration_profile(run: hx.Run, title: str) -> Figure:
     """Fig. 3.5, 3.6 and 3.9, 3.10: acceleration, one reversal close up, its spectrum, and the flow curve."""
     figure, (profile, transient, spectrum, curve) = small_multiples(4, title, columns=2)
     signals = Signals.of_run(run)
@@ -86,17 +83,17 @@ def acceleration_profile(run: Run, title: str) -> Figure:
     return figure
 
 
-def dead_band_mV(run: Run) -> tuple[float, float]:
+def dead_band_mV(run: hx.Run) -> tuple[float, float]:
     """Largest voltages of either sign at which the valve passes nothing (under 0.01 l/min)."""
     late = run.log.filter((run.log["time_s"] >= FROM_S) & (run.log["flow_m3_s"].abs() < 0.01 / 6e4))
     return 1e3 * float(late["valve_V"].min() or 0.0), 1e3 * float(late["valve_V"].max() or 0.0)
 
 
-def rows(runs: dict[str, Run]) -> list[tuple[str, str, float, float | None, str]]:
+def rows(runs: dict[str, hx.Run]) -> list[tuple[str, str, float, float | None, str]]:
     """(valve, quantity, value, independent value if there is one, unit)."""
     table: list[tuple[str, str, float, float | None, str]] = []
     for name, run in runs.items():
-        figures = run.summary["axes"]["leg"]
+        figures = run.figures["leg"]
         pressure = run.log.filter(run.log["time_s"] >= FROM_S)["true_pressure_bottom_Pa"] * 1e-5
         table.append((name, "peak deviation, no band limit", figures["peak_raw_m_s2"], INDEPENDENT[name], "m/s2"))
         table.append((name, "peak deviation, 50 Hz", figures["peak_band_m_s2"], None, "m/s2"))

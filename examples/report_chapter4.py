@@ -17,13 +17,10 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from hexsim.declaration import Machine
-from hexsim.machine import load_machine
-from hexsim.machine.files import changed
+import hexsim as hx
 from hexsim.machine.geometry import machine_kinematics
 from hexsim.recording.figure_style import legend, new_figure, png, small_multiples, styled
-from hexsim.scenarios import load_scenario, scenario_from_dict
-from hexsim.simulation import simulate
+from hexsim.scenarios import scenario_from_dict
 from hexsim.smoothness import band_limit, harmonic_deviation, peaks_at_reversals, reversals_of_velocity
 
 FREQUENCY_Hz = 0.5
@@ -39,27 +36,25 @@ Table = list[tuple[str, str, float, float, str]]  # (difference, quantity, simul
 
 def leg_inclination() -> float:
     """Angle of a leg to the vertical at neutral [rad]."""
-    machine = load_machine("micro_motion_system")
+    machine = hx.load_machine("micro_motion_system")
     kinematics = machine_kinematics(machine)
     return float(np.arccos(kinematics.neutral_height_m / float(kinematics.leg_lengths(np.zeros(6))[0])))
 
 
 def bench_run(changes: dict, duration_s: float) -> pl.DataFrame:
     """Log of the bench with changes, the report's sine."""
-    bench = load_machine("bench")
-    machine = changed(bench, changes) if changes else bench
-    return simulate(machine, load_scenario("heave", duration_s=duration_s)).log
+    return hx.run("heave", hx.load_machine("bench").with_(changes), set={"scenario.duration_s": duration_s}).log
 
 
-def hexapod_run(machine: Machine, duration_s: float, leg: bool = False) -> pl.DataFrame:
+def hexapod_run(machine: hx.Machine, duration_s: float, leg: bool = False) -> pl.DataFrame:
     """Log of the whole machine: heave, or the report's own experiment with one leg driven and the others held."""
-    scenario = load_scenario("heave", duration_s=duration_s)
+    scenario = hx.load_scenario("heave", duration_s=duration_s)
     if leg:
         sine = {"kind": "sine", "amplitude": AMPLITUDE_m, "frequency_Hz": FREQUENCY_Hz}
         scenario = scenario_from_dict(
             {"name": "one leg", "mode": "actuator", "duration_s": duration_s, "axes": {"leg_1": sine}}
         )
-    return simulate(machine, scenario, model="tendon").log
+    return hx.run(scenario, machine, fast=True).log
 
 
 def late(log: pl.DataFrame) -> pl.DataFrame:
@@ -87,9 +82,9 @@ def bar(log: pl.DataFrame, column: str) -> np.ndarray:
 def supply(simulation: pl.DataFrame, duration_s: float, out: Path) -> Table:
     """Constant supply against the power unit: one leg as in the report, and all six."""
     one = bench_run(POWER_UNIT, duration_s)
-    machine = load_machine("micro_motion_system")
+    machine = hx.load_machine("micro_motion_system")
     six_constant = hexapod_run(machine, duration_s)
-    six = hexapod_run(load_machine("micro_motion_system/power_unit"), duration_s)
+    six = hexapod_run(hx.load_machine("micro_motion_system/power_unit"), duration_s)
     figure, plots = small_multiples(4, "Supply: constant against power unit (Fig. 2.8, 4.2)", 2, share_columns=True)
     table: Table = []
     columns = (("one leg", simulation, one, ""), ("six legs, heave", six_constant, six, "_1"))
@@ -116,7 +111,7 @@ def inclination(simulation: pl.DataFrame, duration_s: float, out: Path) -> Table
     """Vertical leg against one inclined as in the machine, and against the machine with one leg driven."""
     angle = leg_inclination()
     inclined = bench_run({"effects.incline": {"angle_rad": angle}}, duration_s)
-    driven = hexapod_run(load_machine("micro_motion_system"), duration_s, leg=True)
+    driven = hexapod_run(hx.load_machine("micro_motion_system"), duration_s, leg=True)
     driven = driven.with_columns(
         pl.Series("true_acceleration_m_s2", np.gradient(driven["velocity_1_m_s"].to_numpy(), 1e-3))
     )

@@ -16,18 +16,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+import hexsim as hx
 from hexsim.declaration.oil_grades import kinematic_viscosity
 from hexsim.hydraulics import ports
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.resolve import resolve
-from hexsim.machine import load_machine
-from hexsim.machine.files import changed
 from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, png, small_multiples, styled
-from hexsim.scenarios import load_scenario
-from hexsim.scenarios.settings import apply_settings
-from hexsim.simulation import simulate
-from hexsim.simulation.simulation import Run
 from hexsim.smoothness import BANDWIDTH_Hz, reversal_bumps
 
 SLOT = 15.0  # Re_cr of a sharp slot, `hydraulics.valve`
@@ -37,7 +32,7 @@ REPORT_STEP_K = 15.0  # of the report's chapter 5.5
 REPORT_degC = 35.0
 
 
-def bumps(run: Run) -> tuple[np.ndarray, np.ndarray]:
+def bumps(run: hx.Run) -> tuple[np.ndarray, np.ndarray]:
     """Oil temperature [degC] and peak-to-peak bump [m/s2] in the 50 Hz band of each reversal after the fade-in."""
     log = {name: run.log[name].to_numpy() for name in run.log.columns}
     found = reversal_bumps(
@@ -50,11 +45,10 @@ def bumps(run: Run) -> tuple[np.ndarray, np.ndarray]:
 
 def ride() -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """The scenario `warm_up` with either kind of edges, without and with compensation: name -> temperature, bump."""
-    scenario, bench, found = load_scenario("warm_up"), load_machine("bench"), {}
+    found = {}
     for edges, reynolds in EDGES.items():
-        asked, machine = apply_settings(scenario, bench, {"valve.laminar_reynolds": reynolds})
         for name in COMPENSATORS:
-            found[f"{edges}, {name}"] = bumps(simulate(machine, asked, compensator=name))
+            found[f"{edges}, {name}"] = bumps(hx.run("warm_up", "bench", name, {"valve.laminar_reynolds": reynolds}))
     return found
 
 
@@ -66,8 +60,8 @@ def steps() -> dict[str, dict[str, float]]:
         for edges, reynolds in EDGES.items():
             keys = {"valve.laminar_reynolds": reynolds, "power_unit.oil_temperature_degC": degC}
             for name in COMPENSATORS:
-                run = simulate(changed(load_machine("bench"), keys), "heave", compensator=name)
-                row[f"{edges}, {name}"] = run.summary["axes"]["leg"]["peak_band_m_s2"]
+                run = hx.run("heave", "bench", name, keys)
+                row[f"{edges}, {name}"] = run.figures["leg"]["peak_band_m_s2"]
     return rows
 
 
@@ -105,9 +99,8 @@ def edge_figure() -> Figure:
     legend(law, 1)
     opening = np.linspace(0.0, 30e-6, 200)
     for degC, color in zip((15.0, 35.0, 60.0), palette.RUNS, strict=False):
-        row = resolve(
-            changed(load_machine("bench"), {"valve.laminar_reynolds": SLOT, "oil.temperature_degC": degC})
-        ).rows[0]
+        bench = hx.load_machine("bench").with_({"valve.laminar_reynolds": SLOT, "oil.temperature_degC": degC})
+        row = resolve(bench).rows[0]
         through = [ports.supply_edge_flow(row, row[P.OVERLAP_SUPPLY] + o, 35e5, 70e5) for o in opening]
         viscosity = 1e6 * kinematic_viscosity(degC)
         flow.plot(1e6 * opening, 6e4 * np.array(through), color=color, label=f"{degC:g} °C, {viscosity:.0f} mm²/s")

@@ -71,6 +71,20 @@ def host():
     return Host(computer)
 
 
+def test_the_pages_row_of_telemetry_is_one(host):
+    """The example on the protocol's page is read as it says, and its volts are those of the loop; so are those of the example
+    machine's own rows."""
+    page = (PATH.parents[1] / "docs" / "motion_computer.md").read_text(encoding="utf-8")
+    [block] = [part for part in page.split("```") if part.strip().startswith(b"HXT1".hex())]
+    example = unpack_telemetry(bytes.fromhex(block))
+    assert isinstance(example, Telemetry) and (example.sequence, example.time_s, example.rate_Hz) == (41, 12.5, 500.0)
+    assert example.rows[0, [0, 1, 2, 4, 5, 6]] == pytest.approx([0.125, 0.1225, 3.375e6, 0.125, 7e6, 0.25])
+    assert np.isnan(example.rows[0, [3, 7, 8, 9, 10, 11]]).all()
+    host.until(State.NEUTRAL, "start")
+    for row in (example.rows[0], host.rows[-1].rows[0]):
+        assert row[4] == pytest.approx(50.0 * (row[0] - row[1]))
+
+
 def test_it_imports_nothing_of_hexsim():
     """Its modules are Python's own; beside them, within the class that runs one, the algorithm that a host asks for."""
     tree = ast.parse(PATH.read_text())

@@ -4,14 +4,18 @@ import json
 import math
 
 import numpy as np
+import polars as pl
 import pytest
 
 from hexsim.cueing.washout import SMOOTHING_S, Washout
+from hexsim.files.run_folder import run_folder
 from hexsim.machine import load_machine
 from hexsim.qualification import Findings, MachineRig, part60
 from hexsim.qualification.omct import TESTS, FREQUENCIES_rad_s, machine_response, omct
-from hexsim.qualification.pack import changed_files, pack_rows, page, write_manifest
+from hexsim.qualification.pack import changed_files, pack_rows, page, recorder, write_manifest
 from hexsim.qualification.rows import APPLICANT, COMMON_TURN, NO_LIMIT, Row
+from hexsim.scenarios import Scenario
+from hexsim.setpoints.signals import Sine
 
 G = 9.81
 W = (0.631, 3.981)  # of OMCT's frequencies, below and above the washout's corners
@@ -93,6 +97,17 @@ def test_the_signal_has_the_rules_amplitudes_before_the_pilots_place(axis):
     assert force[2000] == pytest.approx(np.cross(a, arm) + w * (w @ arm) - arm * (w @ w), abs=1e-12)
 
 
+def test_the_record_goes_on_behind_what_is_judged():
+    """Surge through the washout: what is asked in the last 50 ms that are judged and the 100 ms after them, which compensators
+    look ahead, has no acceleration beyond the largest before; the end of the record would be a stop of many times that."""
+    machine = load_machine("micro_motion_system")
+    scenario = part60.washed_out(Washout(), "x", machine, (1.5, 0.5, 1.0))
+    time = np.arange(0.0, part60.LENGTH_S + 0.1, 1e-3)
+    asked = np.abs(np.diff(scenario.signals["x"].value(time), 2)) / 1e-6
+    ahead = time[1:-1] > part60.LENGTH_S - 0.05
+    assert asked[ahead].max() <= 1.01 * asked[~ahead].max()
+
+
 @pytest.fixture(scope="module")
 def machine():
     return load_machine("micro_motion_system")
@@ -102,7 +117,8 @@ def test_repeatability_of_a_simulated_machine(machine):
     """Heave under the rule's conditions: two runs differ by their sensors' noise, below 0.05 g and not by nothing; the trace
     holds both."""
     rows, traces = part60.repeatability(MachineRig(machine), Washout(), "flight", axes=("z",))
-    assert 0.0 < rows[0].value < 0.05 and rows[0].passed and "3.d" in rows[0].source
+    value = rows[0].value
+    assert value is not None and 0.0 < value < 0.05 and rows[0].passed and "3.d" in rows[0].source
     columns = traces[0].columns
     assert np.abs(columns["first_z_m_s2"] - columns["second_z_m_s2"]).max() > 0.0
     assert np.abs(columns["first_z_m_s2"]).max() > 0.3  # it moves: 0.3 of 0.3 g through the washout at 1 Hz
@@ -116,6 +132,13 @@ def test_onset_after_a_packet(machine):
     assert [row.limit for row in rows] == [150.0, 100.0] * 2
     assert all(row.value is not None and least < row.value < 250.0 for row in rows)
     assert set(traces[1].columns) == {"time_s", "asked_rad_s2", "platform_rad_s2"}
+
+
+def test_an_axis_that_never_sets_in_is_outside(machine, monkeypatch):
+    """Of a share that no platform reaches the rows have a limit and are not passed."""
+    monkeypatch.setattr(part60, "ONSET_SHARE", 5.0)
+    rows, _ = part60.onset(machine, axes=("z",))
+    assert [row.passed for row in rows] == [False, False] and "not within" in rows[0].figure
 
 
 def test_rows_say_whose_their_limits_are():
@@ -136,16 +159,45 @@ def test_rows_say_whose_their_limits_are():
     assert "1 of 2 figures with a limit are within it. Outside: 4.a, heave z, limit 100 ms.<" in page(
         result, [*filed, late], []
     )
+    assert "<td>106 ms</td><td>100 ms</td><td><b>outside</b></td>" in page(result, [late], [])
+    assert "<td>1 %</td><td></td><td>reported</td>" in page(result, filed, [])
     assert "&lt;b&gt;" in page(result, filed, []) and "<b>," not in page(result, filed, [])
 
 
+@pytest.mark.parametrize(("name", "axis", "more"), [("half-hertz roll", "roll", True), ("x at 0.1 Hz", "x", False)])
+def test_every_motion_is_recorded(tmp_path, name, axis, more):
+    """A rig gives each motion that it plays on, and its file holds it to 1e-9: the driven axis, all accelerations, of a
+    half-hertz motion the legs; written again it is the same to the byte."""
+    kept = []
+    rig = MachineRig(
+        load_machine("micro_motion_system"), record=lambda scenario, motion: kept.append((scenario, motion))
+    )
+    sine = Sine(amplitude=0.01, frequency_Hz=0.5)
+    motion = rig.play(Scenario(name=name, mode="dof", signals={axis: sine}, duration_s=0.3, fade_s=0.1, fade="smooth"))
+    [(scenario, same)] = kept
+    assert same is motion
+    recorder(tmp_path)(scenario, motion)
+    [path] = (tmp_path / "traces").iterdir()
+    table = pl.read_csv(path)
+    unit = "rad" if axis == "roll" else "m"
+    assert table[f"platform_{axis}_{unit}"].to_numpy() == pytest.approx(motion.response[axis], abs=1e-9)
+    assert table["acceleration_roll_rad_s2"].to_numpy() == pytest.approx(motion.acceleration["roll"], abs=1e-9)
+    assert ("position_6_m" in table.columns) is more and table.height == len(motion.time_s)
+    before = path.read_bytes()
+    recorder(tmp_path)(scenario, motion)
+    assert path.read_bytes() == before and path.name == f"{name.replace(' ', '_')}.csv.gz"
+
+
 def test_the_manifest_finds_what_was_changed(tmp_path):
-    """A byte changed, a file gone and one that came are named; nothing where nothing was touched."""
-    for name in ("pack.json", "traces/a.csv", "traces/b.csv"):
-        path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(name)
-    write_manifest(tmp_path)
+    """A byte changed, a file gone and one that came are named; nothing where nothing was touched since the folder of a run, which
+    is locked in the making, was finished."""
+    with run_folder(tmp_path / "made") as folder:
+        for name in ("pack.json", "traces/a.csv", "traces/b.csv"):
+            path = folder.path / name
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(name)
+        write_manifest(folder.path)
+        tmp_path = folder.finish()
     assert changed_files(tmp_path) == []
     assert json.loads((tmp_path / "manifest.json").read_text())["files"]["traces/a.csv"]["bytes"] == 12
     (tmp_path / "pack.json").write_text("pack.jsom")

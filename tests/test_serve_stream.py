@@ -77,13 +77,18 @@ def test_a_log_is_played_as_it_was_logged():
 
 
 def test_foxglove_sees_the_rows():
-    """A client of the websocket is offered the topic /hexsim, and after it has subscribed it gets each row with its time."""
+    """The port is taken at once and lets nobody in before the first row, so that the topic is there for whoever comes; a client
+    of the websocket is offered /hexsim, and after it has subscribed it gets each row with its time."""
     pytest.importorskip("foxglove")
     from websockets.sync.client import connect
 
     stream = FoxgloveStream(("127.0.0.1", 0))
     try:
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(stream.address)
         stream.row(0.5, {"position_m": 0.1, "state": "normal"})
+        with pytest.raises(HexsimError, match=r"cannot listen on 127\.0\.0\.1:\d+ for Foxglove"):
+            FoxgloveStream(stream.address)
         with connect(f"ws://127.0.0.1:{stream.address[1]}", subprotocols=[Subprotocol("foxglove.sdk.v1")]) as client:
             offered = {}
             while offered.get("op") != "advertise":
@@ -160,6 +165,6 @@ def test_addresses(capsys):
     for text in wrong:
         with pytest.raises(HexsimError, match="--stream"):
             open_stream(text)
-    for command in (["serve", "bench"], ["run", "heave"], ["live", "heave"]):
+    for command in (["serve", "-m", "bench"], ["run", "heave"], ["live", "heave"]):
         done = CliRunner().invoke(app, [*command, "--stream", "127.0.0.1:x"])
-        assert done.exit_code == 2
+        assert done.exit_code == 2 and "--stream" in done.output

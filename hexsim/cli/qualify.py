@@ -63,8 +63,8 @@ def qualify(
         from hexsim.qualification import judged, write_qualification
 
         report = fraction_of(bar, f"qualifying {with_machine.name}")
-        share = 0.5 if pack else 1.0
-        result, found = judged(with_machine, quick, lambda fraction: report(share * fraction), compensator)
+        share, kept = (0.5, _recorded(folder.path)) if pack else (1.0, {})
+        result, found = judged(with_machine, quick, lambda fraction: report(share * fraction), compensator, **kept)
         write_qualification(result, found, with_machine, folder.path)
         if pack:
             filed = _pack(with_machine, found, folder.path, compensator, washout, ground, pilot, report)
@@ -76,6 +76,13 @@ def qualify(
     else:
         print_qualification(result, place)
     end_strictly(result, strict)
+
+
+def _recorded(folder: Path) -> dict[str, Any]:
+    """The battery's motions go into the pack."""
+    from hexsim.qualification.pack import recorder
+
+    return {"record": recorder(folder)}
 
 
 def _pack(

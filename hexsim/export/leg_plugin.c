@@ -9,10 +9,15 @@
 
 #include "leg_plugin.h"
 
-#ifdef _WIN32 /* from the MuJoCo that loads this library, whatever its import library is called */
+#if defined(_WIN32) || defined(__APPLE__) /* from the MuJoCo that loads this library, whatever it is called */
+#ifdef _WIN32
 #define WIN32_LEAN_AND_MEAN
 #define NOGDI
 #include <windows.h>
+#else
+#include <dlfcn.h>
+#include <mach-o/dyld.h>
+#endif
 #define CALLED(X) X(mj_version) X(mju_warning) X(mj_getPluginConfig) X(mjp_defaultPlugin) X(mjp_registerPlugin)
 #define X(name) static __typeof__(&name) found_##name;
 CALLED(X)
@@ -155,6 +160,26 @@ BOOL WINAPI DllMain(HINSTANCE own, DWORD reason, LPVOID reserved) {
 #undef X
   register_leg();
   return TRUE;
+}
+#elif defined(__APPLE__)
+/* The loaded image that has MuJoCo's functions: a dylib, a framework, or a program that is linked with them. */
+static void *mujoco_image(void) {
+  for (uint32_t i = 0; i < _dyld_image_count(); i++) {
+    void *image = dlopen(_dyld_get_image_name(i), RTLD_LAZY | RTLD_NOLOAD);
+    if (image && dlsym(image, "mjp_registerPlugin")) return image;
+    if (image) dlclose(image);
+  }
+  return 0;
+}
+
+__attribute__((constructor)) static void at_load(void) {
+  void *mujoco = mujoco_image();
+  if (!mujoco) return;
+#define X(name) \
+  if (!(found_##name = dlsym(mujoco, #name))) return;
+  CALLED(X)
+#undef X
+  register_leg();
 }
 #else
 __attribute__((constructor)) static void at_load(void) { register_leg(); }

@@ -28,7 +28,7 @@ from hexsim.export.native import HEADERS
 from hexsim.export.toolchain import SYSTEMS, System, compile_and_link, object_of
 from hexsim.files.atomic import written_whole
 from hexsim.files.run_folder import file_name
-from hexsim.hydraulics.parameters import FLOW_TABLE, LEARNED_TABLE, N_PARAMETERS, P
+from hexsim.hydraulics.parameters import FLOW_TABLE, LEARNED_TABLE, N_PARAMETERS, ROD_SIDE_VALVE, P
 from hexsim.plant import Plant, callbacks
 from hexsim.plant.plant import MODEL_STEP_S
 from hexsim.plant.states import LEG, A
@@ -37,6 +37,9 @@ NAME = "hexsim.leg"
 TABLES = {"learned_curve": (LEARNED_TABLE, FLOW_TABLE), "flow_curve": (FLOW_TABLE, N_PARAMETERS)}  # attribute -> places
 OF_THE_COMPUTER = ("HYSTERESIS", "VALVE_DELAY")  # numbers that act from tick to tick, outside MuJoCo
 EXACT = 17  # digits that give a double back
+# of the differences that Newton's method takes: small beside a valve's null region (0.1 V, 10 um) and the supply
+VOLT_STEP, SPOOL_STEP_m, STEP_MPa = 1e-4, 1e-8, 1e-4
+NEWTON = 12  # steps; each squares the error
 
 
 def attributes() -> dict[str, tuple[int, int]]:
@@ -50,7 +53,7 @@ def attributes() -> dict[str, tuple[int, int]]:
 
 
 def export_plugin(machine: Machine, out: Path, timestep: float | None = None) -> list[Path]:
-    """Write the plugin's libraries for Linux and Windows and MACHINE.xml into the folder `out`; the files.
+    """Write the plugin's libraries for Linux, Windows and macOS and MACHINE.xml into the folder `out`; the files.
 
     timestep [s] of the MJCF, RK4; None: MODEL_STEP_S. Raises HexsimError for a machine whose supply or valves have states outside
     the leg, where the compiler is not installed, the system is no Linux, or `out` cannot be written.
@@ -73,7 +76,7 @@ def export_plugin(machine: Machine, out: Path, timestep: float | None = None) ->
 
 
 def systems() -> list[System]:
-    return [SYSTEMS[name] for name in ("linux64", "win64")]
+    return [SYSTEMS[name] for name in ("linux64", "win64", "macos")]
 
 
 def refuse_what_is_outside(plant: Plant) -> None:
@@ -94,6 +97,7 @@ def refuse_what_is_outside(plant: Plant) -> None:
 def machine_xml(plant: Plant) -> str:
     """The MJCF of the machine with the plugin's actuators and keyframe `home` in static equilibrium."""
     plant.add_home_keyframe()
+    hold_home(plant)
     with exact_numbers():
         root = ET.fromstring(plant.spec.to_xml())
     if (size := root.find("size")) is not None:
@@ -112,6 +116,46 @@ def machine_xml(plant: Plant) -> str:
         general.attrib |= {"plugin": NAME, "instance": f"leg_{i + 1}"}
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def hold_home(plant: Plant) -> None:
+    """Give the keyframe `home` the volts and pressures at which nothing flows.
+
+    A valve with both chambers on it leaks at null: at 0 V it passes oil, and the leg creeps. Keyframe `shut` has the valves
+    shut, as a run begins.
+    """
+    legs, data = np.flatnonzero(plant.rows[:, P.ROD_SIDE_CHAMBER] == ROD_SIDE_VALVE), plant.data
+    if not len(legs):
+        return
+    shut = plant.spec.add_key(name="shut")
+    shut.qpos, shut.act, shut.ctrl = data.qpos, data.act, data.ctrl
+    for i in legs:
+        hold_leg(plant, int(i))
+    home = plant.spec.key("home")
+    home.act, home.ctrl = data.act, data.ctrl
+
+
+def hold_leg(plant: Plant, i: int) -> None:
+    """Unknown are volts, spool (where it lags) and both pressures; known are the force that holds the load and rates of zero:
+    Newton's method from the equilibrium of forces. Legs at rest in one pose do not depend on each other."""
+    data, places = plant.data, plant.layout[i]
+    spool = [int(places[A.SPOOL])] if places[A.SPOOL] >= 0 else []
+    chambers = [int(places[A.ROD_SIDE]), int(places[A.PRESSURE])]
+    states, rates = spool + chambers, [place + 1 for place in spool] + chambers  # the spool's velocity stands behind it
+    steps = np.array([VOLT_STEP, *[SPOOL_STEP_m] * len(spool), *[STEP_MPa] * 2])
+    force = float(data.actuator_force[i])
+
+    def residual(z: np.ndarray) -> np.ndarray:
+        data.ctrl[i], data.act[states] = z[0], z[1:]
+        mujoco.mj_forward(plant.model, data)
+        return np.array([data.actuator_force[i] - force, *data.act_dot[rates]])
+
+    z = np.array([data.ctrl[i], *data.act[states]])
+    for _ in range(NEWTON):
+        off = residual(z)
+        slopes = np.column_stack([residual(z + step) - off for step in np.diag(steps)])
+        z = z - steps * np.linalg.lstsq(slopes, off, rcond=None)[0]
+    residual(z)
 
 
 def numbers_of(row: np.ndarray) -> dict[str, str]:

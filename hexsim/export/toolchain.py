@@ -49,6 +49,9 @@ SYSTEMS = {
             name="win64", triple="x86_64-w64-windows-gnu", suffix=".dll", zig="x86_64-windows-gnu", prefix="",
             folders={2: "win64", 3: "x86_64-windows"},
         ),
+        System(  # macOS 11, the first on these processors
+            name="macos", triple="arm64-apple-macosx11.0.0", suffix=".dylib", zig="aarch64-macos.11.0", cpu="apple-m1",
+        ),
         System(
             name="arm64", triple="aarch64-unknown-linux-gnu", suffix=".so", zig="aarch64-linux-gnu.2.17", cpu="generic",
             flags=SHARED,
@@ -131,13 +134,18 @@ def compile_and_link(sources: Iterable[Path], system: System, out: Path, flags: 
         raise HexsimError("the export compiles C: install the compiler with `pip install hexsim[fmu]`")
     command = [
         sys.executable, "-m", "ziglang", "cc", "-target", system.zig, "-O2", "-shared", "-s",
-        *map(str, sources), *flags, *system.flags, "-o", str(out),
+        *map(str, sources), *flags, *system.flags, *_own_name(out), "-o", str(out),
     ]  # fmt: skip
     cache = {"ZIG_LOCAL_CACHE_DIR": str(out.parent / "cache")}
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ | cache, check=False)
     if done.returncode:
         told = "; ".join(line for line in done.stderr.splitlines() if "error" in line) or done.stderr
         raise HexsimError(f"the C compiler refused {out.name}: {shortened(told, 500)}")
+
+
+def _own_name(out: Path) -> tuple[str, ...]:
+    """A library of macOS says what it is called; by default with the folder in which it was made."""
+    return (f"-Wl,-install_name,@rpath/{out.name}",) if out.suffix == ".dylib" else ()
 
 
 def shared_library(code: bytes, system: System, name: str) -> bytes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +13,16 @@ from numpy.typing import NDArray
 from hexsim.declaration import Machine as DeclaredMachine
 from hexsim.errors import HexsimError, one_of
 from hexsim.face.given import is_number, load_machine, shown
-from hexsim.face.show import html_table
+from hexsim.face.show import Picture, chosen, html_table, picture_of
+from hexsim.files.json_files import write_json
+from hexsim.files.run_folder import default_folder, run_folder
 from hexsim.mechanics.mechanics import DOF_NAMES
 from hexsim.motion_computer.linear_plant import LinearPlant, linear_plant
 from hexsim.recording.quantity import split_key
 from hexsim.recording.summary_table import number
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -59,6 +64,50 @@ class LinearModel(LinearPlant):
         """(frequency [Hz], damping ratio) of each oscillating pair of poles, the slowest first."""
         pairs = self.poles[self.poles.imag > 0]
         return sorted((float(abs(pole)) / (2 * np.pi), float(-pole.real / abs(pole))) for pole in pairs)
+
+    def response(self, frequency_Hz: Sequence[float] | Array) -> NDArray[np.complex128]:
+        """Outputs for a sine on each input (n, outputs, inputs), complex, at frequencies (n,) [Hz]: C (jw - A)^-1 B + D."""
+        w = 2.0 * np.pi * np.asarray(frequency_Hz, dtype=np.float64)
+        inside = 1j * w[:, None, None] * np.eye(len(self.A)) - self.A
+        return (self.C @ np.linalg.solve(inside, np.broadcast_to(self.B, (len(w), *self.B.shape))) + self.D).astype(
+            np.complex128
+        )
+
+    def plot(self, output: str | None = None) -> Picture:
+        """Gain and phase of an output for volts on all valves together, 0.1 Hz to 1 kHz; None: acceleration in heave or of the
+        leg. Raises HexsimError for an unknown output."""
+        default = next(name for name in ("acceleration_z_m_s2", "acceleration_m_s2") if name in self.outputs)
+        there = {name: lambda name=name: self._bode(name) for name in self.outputs}
+        return picture_of(chosen(output or default, there), output or default)
+
+    def _bode(self, output: str) -> Figure:
+        from hexsim.recording.figure_style import TIGHT, plain_frequencies, plain_powers, small_multiples, styled
+
+        @styled
+        def drawn() -> Figure:
+            frequency = np.logspace(-1.0, 3.0, 2000)
+            along = self.response(frequency)[:, self.outputs.index(output)].sum(axis=1)
+            figure, (gain, phase) = small_multiples(
+                2, f"{self.machine}: {output} for volts on all valves", 1, 2.4, True, TIGHT
+            )
+            gain.loglog(frequency, np.abs(along))
+            gain.set_ylabel(f"gain [{split_key(output)[1]} a volt]")
+            phase.semilogx(frequency, np.degrees(np.unwrap(np.angle(along))))
+            phase.set(ylabel="phase [deg]", xlabel="frequency [Hz]")
+            plain_frequencies(phase)
+            plain_powers(gain)
+            return figure
+
+        return drawn()
+
+    def to_folder(self, path: str | Path | None = None) -> Path:
+        """Write linear.json (matrices, names, units) and response.png; the folder. path: None: `runs/<time>-linear-<machine>`."""
+        with run_folder(default_folder(f"linear-{self.machine}") if path is None else Path(path)) as folder:
+            names = {what: list(getattr(self, what)) for what in ("states", "inputs", "outputs")}
+            matrices = {what: getattr(self, what).tolist() for what in "ABCD"}
+            write_json(folder.path / "linear.json", {"machine": self.machine, **names, "units": self.units, **matrices})
+            self.plot().save(folder.path / "response.png")
+            return folder.finish()
 
     def __repr__(self) -> str:
         return f"<LinearModel of {self.machine}: {len(self.A)} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs>"

@@ -42,6 +42,10 @@ def load_log(path: AnyPath, mapping: AnyPath | None = None, machine: AnyMachine 
 
     mapping: file for foreign names and units; None: mapping.toml beside the log, if there is one.
     machine: what it cannot have is missing. Raises HexsimError that names file, column and row.
+
+    >>> log = hx.load_log("tests/data/bench_leakage/fit.csv.gz")
+    >>> log.height, log.columns[:3]
+    (20000, ['time_s', 'setpoint_m', 'position_m'])
     """
     from hexsim.readers import read_log
 
@@ -98,7 +102,7 @@ class TraceResult:
     def to_folder(self, path: AnyPath | None = None) -> Path:
         """Write report.html, report.json, machine.toml as fitted and separating scenarios; the folder.
 
-        path: None: runs/<time>-trace-<machine>. Raises HexsimError where it cannot be written.
+        path: None: `runs/<time>-trace-<machine>`. Raises HexsimError where it cannot be written.
         """
         from hexsim.tracing.report.content import write_report
 
@@ -261,7 +265,7 @@ class Qualification:
         return Picture(chosen(what, {name: lambda data=data: data for name, data in drawn.items()}))
 
     def to_folder(self, path: AnyPath | None = None) -> Path:
-        """Write report.html and qualify.json, as `hexsim qualify` does; the folder. path: None: runs/<time>-qualify-<machine>."""
+        """Write report.html and qualify.json, as `hexsim qualify` does; the folder. path: None: `runs/<time>-qualify-<machine>`."""
         from hexsim.qualification import write_qualification
 
         with run_folder(Path(path) if path is not None else default_folder(f"qualify-{self.machine.name}")) as folder:

@@ -82,7 +82,7 @@ class Run:
     ) -> Path:  # fmt: skip
         """Write what `hexsim run` writes: log, summary.json, config.toml, figures, report.html, Rerun recording; the folder.
 
-        path: None: runs/<time>-<scenario>. Raises HexsimError where it cannot be written.
+        path: None: `runs/<time>-<scenario>`. Raises HexsimError where it cannot be written.
         """
         with _folder(path, self.scenario.name) as folder:
             write_run(self._run, folder.path, log_format=log_format, recording=recording, report=report)

@@ -25,7 +25,7 @@ from hexsim.machine.files import machine_tables
 from hexsim.qualification.battery import QUICK, Battery, Findings, Plan
 from hexsim.qualification.measured import Imu, measure
 from hexsim.qualification.page import page
-from hexsim.qualification.rig import MachineRig, Motion, Rig
+from hexsim.qualification.rig import MachineRig, Motion, Record, Rig
 from hexsim.qualification.rows import Row
 from hexsim.scenarios.settings import loaded
 
@@ -68,11 +68,12 @@ def judged(
     quick: bool = False,
     progress: Callable[[float], None] | None = None,
     compensator: str | Compensator = "none",
+    record: Record = lambda scenario, motion: None,
 ) -> tuple[dict[str, Any], Findings]:
-    """Run all motion tests: what qualify.json holds, and the rows and curves behind it."""
+    """Run all motion tests: what qualify.json holds, and the rows and curves behind it. record: is given each motion."""
     machine, _ = loaded(machine, "heave")
     report = progress or (lambda fraction: None)
-    rig = MachineRig(machine, compensator)
+    rig = MachineRig(machine, compensator, record)
     found = Battery(rig, QUICK if quick else Plan(), lambda fraction, what: report(0.95 * fraction)).run()
     name = compensator if isinstance(compensator, str) else compensator.name
     result = {

@@ -1,7 +1,7 @@
 """What an operator files: the rows of every test with their sources, raw traces, and a manifest with hashes.
 
     pack.json, pack.html      rows by test; OMCT's points
-    traces/*.csv              the records that the rows come from
+    traces/*.csv.gz           the record of every motion that a row comes from, 1 kHz
     manifest.json             SHA-256 and size of every file of the folder, machine file and versions
 
 A simulation qualifies no device: the pack shows what a device's own would hold, and what the rule has no number for.
@@ -9,10 +9,12 @@ A simulation qualifies no device: the pack shows what a device's own would hold,
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import html
 import json
 import platform
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -28,13 +30,14 @@ from hexsim import __version__
 from hexsim.cueing.washout import Washout
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
-from hexsim.files.atomic import write_text
+from hexsim.files.atomic import write_text, written_whole
 from hexsim.machine.files import machine_tables
 from hexsim.qualification import part60
 from hexsim.qualification.battery import Findings
 from hexsim.qualification.omct import SOURCE, Point, machine_response, omct
-from hexsim.qualification.rig import MachineRig
-from hexsim.qualification.rows import NO_LIMIT, Row
+from hexsim.qualification.rig import MachineRig, Motion, Record
+from hexsim.qualification.rows import NO_LIMIT, ROTATIONS, Row
+from hexsim.scenarios import Scenario
 
 OWN = "[S] 14 CFR Part 60, app. A, table A2A, {}: as specified by the applicant; the limit shown is the applicant's own"
 OWNED = {"describing function": "3.a", "leg balance": "3.b", "turn-around": "3.c"}
@@ -53,6 +56,37 @@ def pack_rows(found: Findings) -> list[Row]:
             row = Row(**{**asdict(row), "source": part60.NO_NUMBER})
         rows.append(row)
     return rows
+
+
+def recorder(folder: Path) -> Record:
+    """Writes each motion of the battery into folder/traces as it is played, named as its scenario: what was asked of the driven
+    axis and where it was, the acceleration of all axes; of a half-hertz motion the legs too."""
+
+    def record(scenario: Scenario, motion: Motion) -> None:
+        [axis] = scenario.signals
+        m = "rad" if axis in ROTATIONS else "m"
+        columns = {
+            "time_s": motion.time_s,
+            f"commanded_{axis}_{m}": motion.commanded[axis],
+            f"platform_{axis}_{m}": motion.response[axis],
+        }
+        for name, values in motion.acceleration.items():
+            columns[f"acceleration_{name}_{'rad' if name in ROTATIONS else 'm'}_s2"] = values
+        if "half-hertz" in scenario.name:
+            for leg, (asked, found) in enumerate(zip(motion.leg_setpoints.T, motion.leg_positions.T, strict=True), 1):
+                columns |= {f"setpoint_{leg}_m": asked, f"position_{leg}_m": found}
+        _write_trace(folder, part60.Trace(name=re.sub(r"[^\w.-]+", "_", scenario.name), columns=columns))
+
+    return record
+
+
+def _write_trace(folder: Path, trace: part60.Trace) -> None:
+    """The same bytes for the same numbers: gzip's own time is left out."""
+    frame = pl.DataFrame({name: np.asarray(values, dtype=float) for name, values in trace.columns.items()})
+    path = folder / "traces" / f"{trace.name}.csv.gz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with written_whole(path) as begun:
+        begun.write_bytes(gzip.compress(frame.write_csv(float_precision=9).encode(), mtime=0))
 
 
 def write_pack(
@@ -96,10 +130,8 @@ def _write(
     folder: Path, result: dict[str, Any], rows: Sequence[Row], points: Sequence[Point],
     traces: Sequence[part60.Trace], machine: Machine,
 ) -> None:  # fmt: skip
-    (folder / "traces").mkdir(parents=True, exist_ok=True)
     for trace in traces:
-        frame = pl.DataFrame({name: np.asarray(values, dtype=float) for name, values in trace.columns.items()})
-        write_text(folder / "traces" / f"{trace.name}.csv", frame.write_csv(float_precision=9))
+        _write_trace(folder, trace)
     write_text(folder / "machine.toml", tomli_w.dumps(machine_tables(machine)))
     write_text(folder / "pack.json", json.dumps(result, indent=1, allow_nan=False))
     write_text(folder / "pack.html", page(result, rows, points))
@@ -107,13 +139,14 @@ def _write(
 
 
 def write_manifest(folder: Path) -> None:
-    """manifest.json: every other file of the folder with its size and SHA-256, and what made them."""
+    """manifest.json: every other file of the folder with its size and SHA-256, and what made them; hidden ones are not the
+    pack's (a folder in the making has a lock)."""
     files = {
         path.relative_to(folder).as_posix(): {
             "bytes": path.stat().st_size, "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         }
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != "manifest.json"
+        if path.is_file() and path.name != "manifest.json" and not path.name.startswith(".")
     }  # fmt: skip
     versions = {"hexsim": __version__, "mujoco": mujoco.__version__, "python": platform.python_version()}
     write_text(folder / "manifest.json", json.dumps({"versions": versions, "files": files}, indent=1))
@@ -122,7 +155,8 @@ def write_manifest(folder: Path) -> None:
 def changed_files(folder: Path) -> list[str]:
     """Names of files that are not what the manifest says, missing ones and those that it does not name among them."""
     named = json.loads((folder / "manifest.json").read_text())["files"]
-    there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} - {"manifest.json"}
+    there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    there = {name for name in there if name != "manifest.json" and not name.startswith(".")}
     return sorted(
         name
         for name in there | set(named)
@@ -134,13 +168,19 @@ def changed_files(folder: Path) -> list[str]:
 def page(result: dict[str, Any], rows: Sequence[Row], points: Sequence[Point]) -> str:
     """pack.html: what is outside, rows in a table that becomes a list on a narrow screen, OMCT below."""
 
-    def cell(value: Any) -> str:
-        text = "–" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
-        return f"<td>{html.escape(text)}</td>"
+    def cell(value: Any, unit: str = "") -> str:
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
+        return f"<td>{html.escape(text)}{'' if unit in ('', '1') else f' {html.escape(unit)}'}</td>"
+
+    def bound(row: Row) -> str:
+        return cell("") if row.limit is None else cell(row.limit, row.unit)
+
+    def found_value(row: Row) -> str:
+        return cell("not reached") if row.value is None else cell(row.value, row.unit)
 
     verdict = {True: "within", False: "<b>outside</b>", None: "reported"}
     body = "".join(
-        f"<tr>{''.join(map(cell, (r.test, r.axis, r.figure, r.value, r.limit, r.unit)))}"
+        f"<tr>{''.join(map(cell, (r.test, r.axis, r.figure)))}{found_value(r)}{bound(r)}"
         f"<td>{verdict[r.passed]}</td>{cell(r.source)}</tr>"
         for r in rows
     )
@@ -159,20 +199,21 @@ def page(result: dict[str, Any], rows: Sequence[Row], points: Sequence[Point]) -
 <title>{title}</title><style>
 :root {{ color-scheme: light dark }} body {{ font: 15px/1.5 sans-serif; margin: 1rem auto; max-width: 75rem; padding: 0 1rem }}
 .scroll {{ overflow-x: auto }} table {{ border-collapse: collapse }} td, th {{ text-align: left; padding: .2rem .7rem .2rem 0 }}
-td {{ border-top: 1px solid #8884; vertical-align: top }} td:nth-child(2), .tests td:nth-child(4) {{ white-space: nowrap }}
+td {{ border-top: 1px solid #8884; vertical-align: top }} td:nth-child(2) {{ white-space: nowrap }}
+.tests td:nth-child(4), .tests td:nth-child(5) {{ white-space: nowrap }}
 h1 {{ font-size: 1.6rem; overflow-wrap: anywhere }}
 @media (max-width: 50rem) {{
   .tests tr {{ display: block; border-top: 1px solid #8884; padding: .4rem 0 }} .tests tr:first-child {{ display: none }}
   .tests, .tests tbody {{ display: block }}
   .tests td {{ display: inline; border: 0; padding: 0 .3rem 0 0 }} .tests td:nth-child(1), .tests td:nth-child(2) {{ font-weight: 600 }}
-  .tests td:nth-child(3) {{ display: block }} .tests td:nth-child(5)::before {{ content: "limit " }}
-  .tests td:nth-child(8) {{ display: block; font-size: 13px; opacity: .8 }}
+  .tests td:nth-child(3) {{ display: block }} .tests td:nth-child(5):not(:empty)::before {{ content: "limit " }}
+  .tests td:nth-child(7) {{ display: block; font-size: 13px; opacity: .8 }}
 }}</style>
 <h1>{title}</h1>
 <p><b>{found}</b></p>
 <p>A simulation; it qualifies no device. Motion modes tested: {modes}. Pilot's reference point {result["pilot_m"]} m forward,
 left and up of the vehicle's centre of gravity. Records in traces/, hashes in manifest.json.</p>
-<h2>Tests</h2><div class="scroll"><table class="tests"><tr><th>test<th>axis<th>figure<th>value<th>limit<th>unit<th>verdict<th>source</tr>
+<h2>Tests</h2><div class="scroll"><table class="tests"><tr><th>test<th>axis<th>figure<th>value<th>limit<th>verdict<th>source</tr>
 {body}</table></div>
 <h2>Objective motion cueing test</h2><p>{html.escape(SOURCE)}</p>
 <div class="scroll"><table><tr><th>test<th>rad/s<th>modulus<th>phase [deg]</tr>{cues}</table></div></html>"""

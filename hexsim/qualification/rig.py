@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -42,14 +43,21 @@ class Rig(Protocol):
     def play(self, scenario: Scenario, seed: int = 0) -> Motion: ...
 
 
+Record = Callable[[Scenario, Motion], None]
+
+
 class MachineRig:
     """A machine, simulated with the tendon model (equal to full legs).
 
-    What is measured is the true motion, without sensor noise; the position loop sees noise drawn from `seed`.
+    What is measured is the true motion, without sensor noise; the position loop sees noise drawn from `seed`. record: is
+    given each motion with its scenario.
     """
 
-    def __init__(self, machine: Machine, compensator: str | Compensator = "none") -> None:
-        self.machine, self.compensator = machine, compensator
+    def __init__(
+        self, machine: Machine, compensator: str | Compensator = "none",
+        record: Record = lambda scenario, motion: None,
+    ) -> None:  # fmt: skip
+        self.machine, self.compensator, self.record = machine, compensator, record
         self.name = machine.name
         self.mechanics = machine.mechanics
         self.model = "tendon" if self.mechanics.has_platform else "full"
@@ -76,7 +84,9 @@ class MachineRig:
             response = {axis: log[pose_column("platform", axis)].to_numpy() for axis in self.axes}
         else:
             response = {"z": self.mechanics.forward(positions)[:, 2]}
-        return Motion(
+        motion = Motion(
             time_s=time, commanded=command, response=response, commanded_acceleration=references,
             acceleration=acceleration, leg_setpoints=setpoints, leg_positions=positions,
         )  # fmt: skip
+        self.record(scenario, motion)
+        return motion

@@ -95,7 +95,10 @@ TIGHT = Margins(across=0.55, between=0.32)  # one time axis a column, labelled a
 def _figure(width: float, height: float, title: str, is_constrained: bool) -> Figure:
     figure = Figure(figsize=(width, height), layout="constrained" if is_constrained else None)
     FigureCanvasAgg(figure)
-    figure.suptitle(title, x=0.01, y=1.0 - 0.08 / height, ha="left", va="top", fontsize=12, fontweight="bold")
+    place = (
+        {} if is_constrained else {"y": 1.0 - 0.08 / height}
+    )  # the layout keeps room for a title that it places itself
+    figure.suptitle(title, x=0.01, ha="left", va="top", fontsize=12, fontweight="bold", **place)
     return figure
 
 

@@ -68,8 +68,8 @@ def apply_settings(
             set_dotted(tables, key, value, source)
         scenario = scenario_from_dict(tables, source, allow_native=allow_native or scenario.allow_native)
     changes = {key: value for key, value in settings.items() if not key.startswith(SCENARIO)}
-    for key in changes:
-        if "." not in key:
+    for key, value in changes.items():
+        if "." not in key and not isinstance(value, Mapping):  # a whole table has no dot
             raise HexsimError(f"{source}: {key} names no table: give table.key, for example valve.overlap_m")
     if changes:
         machine = changed(machine, changes, source)

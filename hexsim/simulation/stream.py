@@ -15,6 +15,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import socket
 import time as clock
 from collections.abc import Callable
@@ -83,7 +84,11 @@ class JsonStream:
 
 
 class FoxgloveStream:
-    """A websocket server; whoever reaches its port may look on, and can do nothing else. Times count from the machine's start."""
+    """A websocket server; whoever reaches its port may look on, and can do nothing else. Times count from the machine's start.
+
+    The port is held from the beginning and answers from the first row on: foxglove-sdk refuses who subscribes to a topic in the
+    moment in which it is made ("Unknown channel ID"), so nobody may be there then.
+    """
 
     def __init__(self, address: tuple[str, int]) -> None:
         try:
@@ -92,26 +97,44 @@ class FoxgloveStream:
             raise HexsimError(f"--stream {FOXGLOVE} needs its library: pip install 'hexsim[foxglove]'") from None
         self.foxglove, self.context = foxglove, foxglove.Context()
         self.channel: Any = None
+        self.server: Any = None
+        self.held = socket.socket(socket.AF_INET6 if ":" in address[0] else socket.AF_INET)
+        if os.name == "posix":  # elsewhere it would take the port from another program
+            self.held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            self.server = foxglove.start_server(name="hexsim", host=address[0], port=address[1], context=self.context)
-        except (OSError, RuntimeError) as error:
-            raise HexsimError(
-                f"cannot listen on {address[0]}:{address[1]} for Foxglove: {error}; give a free port"
-            ) from None
-        self.address = (address[0], self.server.port)
+            self.held.bind(address)
+        except OSError as error:
+            self.held.close()
+            raise self._refused(address, error) from None
+        self.address = (address[0], int(self.held.getsockname()[1]))
+
+    @staticmethod
+    def _refused(address: tuple[str, int], error: Exception) -> HexsimError:
+        return HexsimError(f"cannot listen on {address[0]}:{address[1]} for Foxglove: {error}; give a free port")
 
     def close(self) -> None:
         """Let the lookers on go."""
-        self.server.stop()
+        self.held.close()
+        if self.server is not None:
+            self.server.stop()
 
     def row(self, time_s: float, values: Row) -> None:
         if self.channel is None:
-            kinds = {name: {"type": "string" if isinstance(value, str) else "number"} for name, value in values.items()}
-            schema = {"type": "object", "title": "hexsim", "properties": kinds}
-            self.channel = self.foxglove.Channel(
-                "/hexsim", schema=schema, message_encoding="json", context=self.context
-            )
+            self.channel = self._open(values)
         self.channel.log(values, log_time=round(1e9 * time_s))
+
+    def _open(self, values: Row) -> Any:
+        """Make the topic of these columns, then let people in; the topic."""
+        kinds = {name: {"type": "string" if isinstance(value, str) else "number"} for name, value in values.items()}
+        schema = {"type": "object", "title": "hexsim", "properties": kinds}
+        channel = self.foxglove.Channel("/hexsim", schema=schema, message_encoding="json", context=self.context)
+        self.held.close()
+        host, port = self.address
+        try:
+            self.server = self.foxglove.start_server(name="hexsim", host=host, port=port, context=self.context)
+        except (OSError, RuntimeError) as error:
+            raise self._refused(self.address, error) from None
+        return channel
 
 
 class RerunStream:

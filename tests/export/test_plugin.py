@@ -1,8 +1,10 @@
 """The plugin of the hydraulic leg, in MuJoCo without hexsim, against `Plant`."""
 
 import json
+import struct
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
@@ -19,13 +21,14 @@ ALONE = """
 import sys
 import mujoco, numpy as np
 
-library, given, out = sys.argv[1:]
+library, given, out, begin = sys.argv[1:]
 mujoco.mj_loadPluginLibrary(library)
 model = mujoco.MjModel.from_xml_path(given + ".xml")
 data = mujoco.MjData(model)
 mujoco.mj_resetDataKeyframe(model, data, 0)
 mujoco.mj_forward(model, data)
 at_home = max(abs(data.qacc[:6]).max(), abs(data.act_dot).max())
+mujoco.mj_resetDataKeyframe(model, data, model.key(begin).id)
 slides = [model.joint(f"slide_{i + 1}").qposadr[0] for i in range(model.nu)]
 volts = np.load(given + ".npy")
 places = np.zeros((len(volts), model.nu))
@@ -44,15 +47,26 @@ def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("plugin")
     done = CliRunner().invoke(app, ["export", "plugin", "bench", "--out", str(out), "--json"])
     assert done.exit_code == 0, done.output
-    assert sorted(json.loads(done.stdout)["files"]) == ["bench.xml", "hexsim_leg.dll", "libhexsim_leg.so"]
+    names = ["bench.xml", "hexsim_leg.dll", "libhexsim_leg.dylib", "libhexsim_leg.so"]
+    assert sorted(json.loads(done.stdout)["files"]) == names
     return out
 
 
-def driven(folder, xml, volts, tmp_path):
-    """Pistons from neutral (n, n_legs) [m] before each millisecond, and the largest rate at home, in a process of its own."""
+def driven(folder, xml, volts, tmp_path, begin="home"):
+    """Pistons from neutral (n, n_legs) [m] before each millisecond from the keyframe `begin` on, and the largest rate at home, in
+    a process of its own."""
     (tmp_path / "given.xml").write_text(xml)
     np.save(tmp_path / "given.npy", volts)
-    command = [sys.executable, "-I", "-c", ALONE, folder / "libhexsim_leg.so", tmp_path / "given", tmp_path / "out.npy"]
+    command = [
+        sys.executable,
+        "-I",
+        "-c",
+        ALONE,
+        folder / "libhexsim_leg.so",
+        tmp_path / "given",
+        tmp_path / "out.npy",
+        begin,
+    ]
     ended = subprocess.run(list(map(str, command)), cwd=tmp_path, capture_output=True, text=True)
     if ended.returncode:
         return ended.stderr
@@ -70,9 +84,13 @@ def by_plant(machine, volts):
     return np.array(places)
 
 
-@pytest.mark.parametrize("name", ("bench", pytest.param("micro_motion_system", marks=pytest.mark.slow)))
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("micro_motion_system", "servo_bench")]
+
+
+@pytest.mark.parametrize("name", ("bench", *SLOW))
 def test_heave_in_stock_mujoco_is_that_of_plant(folder, tmp_path, name):
-    """10 s of heave, the same volts and constant step: pistons within 1e-9 m of the run's, from a home in equilibrium.
+    """10 s of heave, the same volts and constant step: pistons within 1e-9 m of the run's, from where it begins: home, in
+    equilibrium, or with servo valves shut.
 
     MuJoCo's XML carries all digits, so what is left is rounding.
     """
@@ -83,9 +101,22 @@ def test_heave_in_stock_mujoco_is_that_of_plant(folder, tmp_path, name):
         run.log.select([f"true_position{leg}_m" for leg in legs]).to_numpy() - run.machine.mechanics.neutral_positions
     )
     xml = machine_xml(Plant(run.machine, timestep=STEP_s))
-    places, at_home = driven(folder, xml, volts, tmp_path)
+    places, at_home = driven(folder, xml, volts, tmp_path, "shut" if name.startswith("servo") else "home")
     assert np.ptp(told) > 0.05 and np.abs(places - told).max() < 1e-9
     assert at_home < 1e-3
+
+
+def test_a_servo_valves_home_has_the_volts_that_hold_it(folder, tmp_path):
+    """servo_bench, whose valve leaks at null: with the keyframe's volts no rate at home, and the piston stays within 1e-9 m for
+    half a second; with none, as `Plant` begins, it creeps by 0.1 mm."""
+    xml = machine_xml(Plant(hx.load_machine("servo_bench"), timestep=STEP_s))
+    key = ET.fromstring(xml).find("keyframe/key")
+    assert key is not None
+    volts = np.full((500, 1), float(key.get("ctrl", "0")))
+    places, at_home = driven(folder, xml, volts, tmp_path)
+    assert at_home < 1e-3 and np.abs(places).max() < 1e-9
+    places, _ = driven(folder, xml, 0.0 * volts, tmp_path, "shut")
+    assert np.abs(places).max() > 1e-4
 
 
 def test_an_attribute_is_a_number_of_the_leg(folder, tmp_path):
@@ -142,3 +173,26 @@ def test_the_windows_library_needs_windows_alone(folder):
         names
     )
     assert NAME.encode() in (folder / "libhexsim_leg.so").read_bytes()
+
+
+def test_the_macos_library_needs_its_system_alone(folder):
+    """A signed library for arm64 that names no folder; it imports from libSystem alone, and nothing of MuJoCo or Python by name:
+    MuJoCo's functions are found in the process that loads it."""
+    data = (folder / "libhexsim_leg.dylib").read_bytes()
+    magic, processor, _, kind, count = struct.unpack_from("<5I", data)
+    assert (magic, processor, kind) == (0xFEEDFACF, 0x0100000C, 6)  # 64 bit, arm64, a dynamic library
+    commands, place = {}, 32
+    for _ in range(count):
+        command, size = struct.unpack_from("<2I", data, place)
+        commands.setdefault(command, []).append(data[place : place + size])
+        place += size
+    own, loaded = ([one[24:].rstrip(b"\0") for one in commands[command]] for command in (0x0D, 0x0C))
+    assert own == [b"@rpath/libhexsim_leg.dylib"] and loaded == [b"/usr/lib/libSystem.B.dylib"]
+    assert 0x1D in commands  # a signature, without which arm64 loads nothing
+    symbols, n, texts, _ = struct.unpack_from("<4I", commands[0x02][0], 8)
+    wanted = set()
+    for k in range(n):
+        text, flags, *_ = struct.unpack_from("<IBBHQ", data, symbols + 16 * k)
+        if flags & 0x0E == 0 and flags & 1:
+            wanted.add(data[texts + text : data.index(b"\0", texts + text)].decode())
+    assert "_dlsym" in wanted and not [name for name in wanted if name.startswith(("_mj", "_Py", "_NRT", "_numba"))]

@@ -86,7 +86,7 @@ def test_examples_of_the_docstrings_hold(example, monkeypatch):
 def test_every_function_of_the_face_has_an_example():
     """Functions that load, run, compare, sweep, trace, identify, qualify and linearize show a call."""
     shown = {test.name.rpartition(".")[2] for test in EXAMPLES}
-    functions = {name for name in hx.__all__ if name[0].islower() and name != "load_log"}
+    functions = {name for name in hx.__all__ if name[0].islower()}
     assert functions <= shown and "Machine" in shown
 
 
@@ -97,6 +97,8 @@ def test_names_and_objects_are_taken_alike():
     by_object = hx.run(scenario, machine, create("exact"))
     assert by_object.log.equals(by_name.log) and by_object.compensator == "exact"
     assert hx.run(scenario, machine, set={"valve.overlap_m": np.float64(0.0)}).machine.valve.overlap_m == 0.0
+    table = {"effects": {"null_offset": {"offset_V": 0.01}}}
+    assert hx.run(scenario, machine, set=table).machine == machine.with_(table) != machine
 
 
 def test_a_changed_machine_is_another_one(tmp_path):

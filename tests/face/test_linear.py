@@ -1,5 +1,7 @@
 """The linear model of `hx.linearize`, against MuJoCo's own derivatives and the linear loop."""
 
+import json
+
 import mujoco
 import numpy as np
 import pytest
@@ -49,6 +51,21 @@ class Derivatives:
             found.append(self.rates())
             self.plant.data.act[:], self.plant.data.qvel[:] = act, speed
         return [(up - down) / (2 * step) for up, down in zip(*found, strict=True)]
+
+
+def test_a_linear_model_is_drawn_and_kept(tmp_path):
+    """The response is the transfer function: pistons of the bench integrate the volts at low frequency, as the pole at zero has
+    it, and the acceleration is w^2 of them. The folder has matrices and names; an unknown output is named."""
+    model = hx.linearize("bench")
+    place, acceleration = (model.outputs.index(name) for name in ("position_m", "acceleration_m_s2"))
+    low, high = model.response([0.01, 20.0])[:, :, 0]
+    assert abs(model.response([0.02])[0, place, 0] / low[place]) == pytest.approx(0.5, rel=1e-3)
+    assert high[acceleration] == pytest.approx(-((2 * np.pi * 20.0) ** 2) * high[place], rel=1e-6)
+    kept = json.loads((model.to_folder(tmp_path / "linear") / "linear.json").read_text())
+    assert np.array_equal(kept["A"], model.A) and kept["outputs"] == list(model.outputs)
+    assert (tmp_path / "linear" / "response.png").read_bytes() == model.plot("acceleration_m_s2").png
+    with pytest.raises(hx.HexsimError, match="no picture 'acceleration': did you mean acceleration_m_s2"):
+        model.plot("acceleration")
 
 
 @pytest.mark.parametrize("extends", (True, False))

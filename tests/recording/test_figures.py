@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from made_up_run import BUMP_M_S2, bump, log_of, made_up_log, made_up_machine, made_up_run
 from markupsafe import escape
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread as read_png
 
-from hexsim.recording.figure_style import STYLE, png
+from hexsim.recording.figure_style import STYLE, TITLED, png, small_multiples, styled
 from hexsim.recording.figures import acceleration, comparison, flow_curve, motion, run_figures
 from hexsim.recording.report import run_report
 from hexsim.recording.rerun_recording import write_recording
@@ -23,6 +24,17 @@ NAMES = ["motion", "acceleration", "parasitic", "flow_curve", "pressures", "spec
 def line(plot, label):
     """Data of the curve with this label."""
     return next(curve.get_xydata() for curve in plot.get_lines() if curve.get_label() == label)
+
+
+@pytest.mark.parametrize("margins", [None, TITLED], ids=["laid out", "given"])
+def test_a_figures_title_stands_above_its_plots(margins):
+    """Whether the layout finds the room or it is given: drawn once, the title and the plots with their own titles do not overlap."""
+    figure, plots = styled(small_multiples)(2, "A title as long as half of the figure, at the left", 2, margins=margins)
+    plots[0].set_title("a plot's own title, which is long")
+    png(figure)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    title = figure._suptitle.get_window_extent(renderer)  # matplotlib has no public name for it
+    assert max(plot.get_tightbbox(renderer).y1 for plot in plots) <= title.y0 + 1.0 < figure.bbox.y1
 
 
 @pytest.mark.parametrize(("hexapod", "names"), [(True, NAMES), (False, [n for n in NAMES if n != "parasitic"])])
