@@ -25,6 +25,7 @@ from .leg import (
     S_FOUR_WAY,
     S_OWN,
     S_STROKE,
+    S_TICK,
     S_V1,
     S_V2,
     SOFT,
@@ -37,6 +38,7 @@ from .leg import (
 
 RATE_1_S = 80.0  # of an oscillation let out a second: it is gone within a period of the slowest, 40 Hz
 TAPS, LOW_Hz, HIGH_Hz = 7, 15.0, 65.0  # ticks of pressure; band of the oil's resonances below what is judged
+PEAK = 3.0  # standard deviations that noise reaches within a stroke
 LIMIT_V = 0.2  # of its volts
 RECOVERY_S, DECAY = 5.0, 0.98  # of its gain; the decay a tick beyond half of the limit
 SAME_LAG_S = 2e-4  # of the valve: 4 deg at 60 Hz
@@ -87,9 +89,20 @@ def oil_stiffness(n, sheet, x):
 
 
 @compiled
-def damping_V(d, stiffness_N_m, area_m2, gain_m_s_V, own_V_Pa):
+def damping_rate_1_s(n, sheet, noise_Pa, bump2):
+    """Rate at which an oscillation is let out: as high as the noise of the pressure allows.
+
+    White noise of variance R a tick T, let out at a rate g, keeps a mode at the pressure variance g T R/2; PEAK standard deviations of
+    that acceleration are at most the bump that is expected anyway, its square bump2.
+    """
+    push_m_s2 = PEAK * sheet[S_A1] * noise_Pa / (n[MASS] * sheet[S_OWN])
+    return min(RATE_1_S, 2.0 * bump2 / (sheet[S_TICK] * push_m_s2 * push_m_s2))
+
+
+@compiled
+def damping_V(d, rate_1_s, stiffness_N_m, area_m2, gain_m_s_V, own_V_Pa):
     """Volts that let the oil out. own_V_Pa: what the controller's own pressure feedback lets out already."""
-    share = RATE_1_S * area_m2 / (stiffness_N_m * gain_m_s_V)
+    share = rate_1_s * area_m2 / (stiffness_N_m * gain_m_s_V)
     u = d.gain * max(share - own_V_Pa, 0.0) * dot(d.taps, d.deviation_Pa, TAPS)
     if abs(u) < 0.5 * LIMIT_V:
         d.gain += (1.0 - d.gain) * d.tick_s / RECOVERY_S

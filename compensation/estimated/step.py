@@ -15,7 +15,7 @@ from ..adaptive.layout import MAX_LOOK, PREVIEW_TICKS
 from ..adaptive.loop_feedback import fed_back_V
 from ..adaptive.prediction import predict, start_prediction, watch_setpoint
 from ..compiled import compiled
-from .damping import damping_V, oil_stiffness, start_damping, watch_damping
+from .damping import damping_rate_1_s, damping_V, oil_stiffness, start_damping, watch_damping
 from .estimator import collect, hear_windows, watch, watch_legs, work
 from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
@@ -256,7 +256,8 @@ def _damp(s, bottom_Pa, top_Pa):
     own = settings.pressure_gain_V_per_Pa
     if sheet[S_FOUR_WAY] != 0.0:
         own *= 1.0 + (sheet[S_A2] / sheet[S_A1]) ** 3
-    return damping_V(d, oil_stiffness(s.numbers, sheet, x), sheet[S_A1], 0.5 * (up + down), own)
+    rate = damping_rate_1_s(s.numbers, sheet, s.past.noise_Pa, s.expected.sigma2 + s.expected.left2)
+    return damping_V(d, rate, oil_stiffness(s.numbers, sheet, x), sheet[S_A1], 0.5 * (up + down), own)
 
 
 @compiled
