@@ -24,6 +24,7 @@ from hexsim.hydraulics.valve import delay_in_ticks
 from hexsim.plant import start, stepping
 from hexsim.plant.callbacks import MPa, install_hydraulics, installed, pressures_of
 from hexsim.plant.mjcf import ModelKind, build_spec
+from hexsim.plant.newton_euler import is_one_body
 from hexsim.plant.states import A, lay_out_states
 from hexsim.plant.structs import check_layout
 
@@ -91,6 +92,7 @@ class Plant:
         self.n_legs = machine.n_legs
         self.pressure_places = self.layout[: self.n_legs, A.PRESSURE].astype(int)
         self.is_tendon = self.model_kind == "tendon"
+        self.is_one_body = self.is_tendon and is_one_body(self.model)  # else MuJoCo steps the tendons
         if not self.is_tendon:
             joints = [self.model.joint(f"slide_{i + 1}") for i in range(self.n_legs)]
             self.slides = np.array([joint.qposadr[0] for joint in joints])

@@ -38,6 +38,7 @@ from hexsim.hydraulics.steps import (
 )
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant.callbacks import leg_state, offset, pointer_to, supply_pressure, supply_state
+from hexsim.plant.newton_euler import EVALUATE, LENGTHS, RUNGE_KUTTA, native_platform
 from hexsim.plant.states import ROW
 from hexsim.plant.structs import time_view, timestep_view
 
@@ -90,6 +91,7 @@ class StepContext(NamedTuple):
     forward_from: int
     check: int
     runge_kutta: int
+    platform: int  # in place of the four before, where one body moves (`newton_euler`); 0: not
     is_tendon: bool
     is_recorded: bool
     is_chosen: bool  # whether `rule` and error choose the steps
@@ -158,7 +160,7 @@ def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> St
         model=model._address, data=data._address,
         step=_address("mj_step"), forward=_address("mj_forward"),
         position=_address("mj_fwdPosition"), forward_from=_address("mj_forwardSkip"),
-        check=_address("mj_checkAcc"), runge_kutta=_address("mj_RungeKutta"),
+        check=_address("mj_checkAcc"), runge_kutta=_address("mj_RungeKutta"), platform=native_platform().address if plant.is_one_body else 0,
         is_tendon=plant.is_tendon, is_recorded=is_recorded, is_chosen=steps == 0, refined=1, rule=plant.step_rule(), tick_s=tick_s,
         parts=parts, steps=np.array([steps]), constant_s=plant.timestep or LONGEST_S, timestep=timestep_view(model), time=time_view(data),
         next_step=np.full(1, LONGEST_S), error=np.zeros(1), level=np.full(1, LEAST_LEVEL), slow=np.zeros(model.nv),
@@ -195,7 +197,10 @@ def sense(context, record):
     """Write down the piston positions of the present state. Of tendons MuJoCo makes all that depends on positions alone."""
     row = context.count[0] if context.is_recorded else 0
     if context.is_tendon:
-        _call(context.position, context.model, context.data, ())
+        if context.platform:
+            _call(context.platform, context.model, context.data, (LENGTHS,))
+        else:
+            _call(context.position, context.model, context.data, ())
         for i in range(context.offsets.shape[0]):
             record.positions[row, i] = context.lengths[i] - context.offsets[i]
     else:
@@ -338,7 +343,9 @@ def asked_steps(context):
 @compiled
 def _evaluate(context, is_located):
     """Derivatives of the present state, as `mj_step` begins with."""
-    if is_located:
+    if context.platform:
+        _call(context.platform, context.model, context.data, (EVALUATE,))
+    elif is_located:
         _call(context.forward_from, context.model, context.data, (FROM_POSITION, ALL_SENSORS))
     else:
         _call(context.forward, context.model, context.data, ())
@@ -357,7 +364,10 @@ def march(context, record, row, span, middle):
             _evaluate(context, False)
         context.timestep[0] = h
         keep_state(context)
-        _call(context.runge_kutta, context.model, context.data, (RK4_STAGES,))
+        if context.platform:
+            _call(context.platform, context.model, context.data, (RUNGE_KUTTA,))
+        else:
+            _call(context.runge_kutta, context.model, context.data, (RK4_STAGES,))
         error = last_error(context, h)
         if context.is_chosen:
             share = SAFE * (tolerance / (error + 1e-300)) ** (1.0 / 3.0)
