@@ -14,7 +14,7 @@ from __future__ import annotations
 import abc
 import math
 from dataclasses import dataclass, field, fields, is_dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -351,9 +351,15 @@ def all_finite(value: Any) -> bool:
         return _has_finite_sum(value) or all(all_finite(each) for each in value)
     if isinstance(value, dict):
         return all(all_finite(each) for each in value.values())
-    if is_dataclass(value) and not isinstance(value, type | Context):
-        return all(all_finite(getattr(value, each.name)) for each in fields(value))
-    return True
+    return all(all_finite(getattr(value, name)) for name in _fields_of(type(value)))
+
+
+@cache
+def _fields_of(kind: type) -> tuple[str, ...]:
+    """Names of a dataclass' fields, of a `Context` and of anything else none: asked for at each tick."""
+    if not is_dataclass(kind) or issubclass(kind, Context | type):
+        return ()
+    return tuple(each.name for each in fields(kind))
 
 
 def _has_finite_sum(values: list[Any] | tuple[Any, ...]) -> bool:
