@@ -60,7 +60,7 @@ FROM_POSITION, ALL_SENSORS = 1, 0  # mjSTAGE_POS: what depends on positions alon
 
 
 @intrinsic
-def _call(typingctx, address, model, data, numbers):
+def call_native(typingctx, address, model, data, numbers):
     """Call void f(mjModel*, mjData*, int ...) at an address; numbers: a tuple, maybe empty."""
     signature = types.void(types.uintp, types.uintp, types.uintp, numbers)
 
@@ -198,9 +198,9 @@ def sense(context, record):
     row = context.count[0] if context.is_recorded else 0
     if context.is_tendon:
         if context.platform:
-            _call(context.platform, context.model, context.data, (LENGTHS,))
+            call_native(context.platform, context.model, context.data, (LENGTHS,))
         else:
-            _call(context.position, context.model, context.data, ())
+            call_native(context.position, context.model, context.data, ())
         for i in range(context.offsets.shape[0]):
             record.positions[row, i] = context.lengths[i] - context.offsets[i]
     else:
@@ -344,12 +344,12 @@ def asked_steps(context):
 def _evaluate(context, is_located):
     """Derivatives of the present state, as `mj_step` begins with."""
     if context.platform:
-        _call(context.platform, context.model, context.data, (EVALUATE,))
+        call_native(context.platform, context.model, context.data, (EVALUATE,))
     elif is_located:
-        _call(context.forward_from, context.model, context.data, (FROM_POSITION, ALL_SENSORS))
+        call_native(context.forward_from, context.model, context.data, (FROM_POSITION, ALL_SENSORS))
     else:
-        _call(context.forward, context.model, context.data, ())
-    _call(context.check, context.model, context.data, ())
+        call_native(context.forward, context.model, context.data, ())
+    call_native(context.check, context.model, context.data, ())
 
 
 @compiled
@@ -365,9 +365,9 @@ def march(context, record, row, span, middle):
         context.timestep[0] = h
         keep_state(context)
         if context.platform:
-            _call(context.platform, context.model, context.data, (RUNGE_KUTTA,))
+            call_native(context.platform, context.model, context.data, (RUNGE_KUTTA,))
         else:
-            _call(context.runge_kutta, context.model, context.data, (RK4_STAGES,))
+            call_native(context.runge_kutta, context.model, context.data, (RK4_STAGES,))
         error = last_error(context, h)
         if context.is_chosen:
             share = SAFE * (tolerance / (error + 1e-300)) ** (1.0 / 3.0)
