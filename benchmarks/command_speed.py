@@ -37,6 +37,29 @@ begun = time.process_time()
 simulate(machine, load_scenario("heave", duration_s={SIMULATED_S}), fast=True)
 print({SIMULATED_S} / (time.process_time() - begun))
 """
+SWEEP = f"""
+import time
+from hexsim.studies.sweep import cases, run_case
+one = cases("heave", "micro_motion_system", settings={{"duration_s": [1.0]}})[0]
+assert run_case(one)["complete"]
+many = cases("heave", "micro_motion_system", settings={{"duration_s": [20.0]}}, seeds=range(2))
+begun = time.process_time()
+assert all(run_case(case)["complete"] for case in many)
+print({SIMULATED_S} / (time.process_time() - begun))
+"""
+GYM = """
+import time
+import numpy as np
+from hexsim.gym import HexsimVectorEnv
+many = HexsimVectorEnv(64, machine="micro_motion_system", threads=1)
+many.reset(seed=0)
+still = np.zeros((64, 6))
+many.step(still)
+begun = time.process_time()
+for _ in range(100):
+    many.step(still)
+print(100 * 64 * many.task.tick_s / (time.process_time() - begun))
+"""
 IMPORTS = """
 import hexsim
 from hexsim.machine import load_machine
@@ -52,7 +75,9 @@ ROWS: dict[str, tuple[str, ...]] = {  # each ends with the folder of its files, 
     "`hexsim compare heave` (all compensators; figures, report, recording)": (*CLI, "compare", "heave", "--out"),
     "in Python: imports of a run": ("-c", IMPORTS),
     "in Python: imports and 20 s on a bench": ("-c", BENCH),
-    "`--fast`, sweeps: simulated s of a hexapod in a processor second": ("-c", RATE),
+    "`--fast` with its log: simulated s of a hexapod in a processor second": ("-c", RATE),
+    "`hexsim sweep`, a worker: the same": ("-c", SWEEP),
+    "gym, 64 hexapods, a thread: the same": ("-c", GYM),
 }  # fmt: skip
 COMPILES = ROWS["`hexsim run heave --no-recording --no-report`"]
 
@@ -64,6 +89,7 @@ class Side:
         self.name, self.values = name, {row: [] for row in (FIRST, *ROWS)}
         self.environment = {
             **os.environ, "PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(cache), "OMP_NUM_THREADS": "1",
+            "PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": f"{cache}_pyc",  # byte code is there, as after pip
         }  # fmt: skip
         self.is_new = not cache.exists()
 
@@ -81,7 +107,7 @@ class Side:
             process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
             raise SystemExit(f"{self.name}: {' '.join(command)} ended with {process.returncode}")
-        return float(printed) if command[-1] == RATE else usage.ru_utime + usage.ru_stime
+        return float(printed) if command[-1] in PRINT_RATES else usage.ru_utime + usage.ru_stime
 
     def note(self, row: str, value: float) -> None:
         """One more value of a row."""
@@ -121,7 +147,8 @@ def table_of(before: Side, now: Side) -> list[dict[str, object]]:
     return rows
 
 
-RATES = {row for row, command in ROWS.items() if command[-1] == RATE}
+PRINT_RATES = (RATE, SWEEP, GYM)
+RATES = {row for row, command in ROWS.items() if command[-1] in PRINT_RATES}
 
 
 def page(text: str, rows: list[dict[str, object]]) -> str:

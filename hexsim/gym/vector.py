@@ -78,7 +78,7 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
         self.past = np.zeros((int(self.delay.max()) + 2, self.num_envs, first.n_legs))
         self.spool_volts, self.apart = np.zeros((2, self.num_envs, first.n_legs))
         if first.is_one_body:
-            self.batch = PlatformBatch(self.models, self.threads)
+            self.batch: Any = PlatformBatch(self.models, self.threads)
         else:
             self.batch = Batch(first.model, self.num_envs, self.threads)
             self.batch.set_models(self.models)

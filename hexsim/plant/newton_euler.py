@@ -283,7 +283,8 @@ def evaluate(m, h, t):
 
 @compiled
 def step(m, h):
-    """RK4 from an evaluated state, as mj_RungeKutta does it: derivatives of the last stage stay."""
+    """RK4 from an evaluated state, as mj_RungeKutta does it: it leaves the mean acceleration of the step, and of the states
+    their rates in its last stage. `stepping.last_error` was set to that."""
     first, twists, accelerations, first_act, rates = room(), room(), room(), room(), room()
     place, q, t = triple(m.qpos, 0), four(m.qpos, 3), m.time[0]
     for k in range(N_TWIST):
@@ -307,6 +308,7 @@ def step(m, h):
     write_pose(m.qpos, place, q, triple(twists, 0), triple(twists, 3), sixth)
     for k in range(N_TWIST):
         m.qvel[k] = first[k] + sixth * accelerations[k]
+        m.qacc[k] = accelerations[k] / 6.0
     for k in range(m.n_states):
         m.act[k] = first_act[k] + sixth * rates[k]
     m.time[0] = t + h
