@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import abc
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache, cached_property
 from typing import Any, ClassVar
@@ -348,10 +349,23 @@ def all_finite(value: Any) -> bool:
     if isinstance(value, np.ndarray):
         return value.dtype.kind not in "fc" or bool(np.isfinite(value).all())
     if isinstance(value, list | tuple):
-        return _has_finite_sum(value) or all(all_finite(each) for each in value)
-    if isinstance(value, dict):
-        return all(all_finite(each) for each in value.values())
-    return all(all_finite(getattr(value, name)) for name in _fields_of(type(value)))
+        if _has_finite_sum(value):
+            return True
+        parts: Iterable[Any] = value
+    elif isinstance(value, dict):
+        parts = value.values()
+    else:
+        parts = [getattr(value, name) for name in _fields_of(type(value))]
+    for part in parts:  # called at each tick: plain loops, and most parts are plain numbers
+        if type(part) is float:
+            if not math.isfinite(part):
+                return False
+        elif type(part) not in SOUND and not all_finite(part):
+            return False
+    return True
+
+
+SOUND = (int, bool, str, type(None))
 
 
 @cache
