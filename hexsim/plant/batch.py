@@ -1,3 +1,5 @@
+# pyright: reportAttributeAccessIssue=false, reportCallIssue=false
+# (as `newton_euler`)
 """Many machines of one layout side by side, on threads: each platform by `newton_euler`, without Python in between.
 
 A batch holds states; a thread has one mjData, into which it puts a machine's state, steps it, and takes it out again.
@@ -52,7 +54,7 @@ class PlatformBatch:
         self.models = list(models)  # keeps them
         self._addresses = np.array([model._address for model in models], dtype=np.uintp)
         first, n = self.models[0], len(self.models)
-        self._data = [mujoco.MjData(first) for _ in range(min(threads or os.cpu_count() or 1, n))]  # pyright: ignore
+        self._data = [mujoco.MjData(first) for _ in range(min(threads or os.cpu_count() or 1, n))]
         self._room = [(d.qpos, d.qvel, d.act, d.ctrl, time_view(d)) for d in self._data]
         self._states = tuple(np.zeros((n, len(values))) for values in self._room[0])
         self._pool = ThreadPoolExecutor(len(self._data), thread_name_prefix="machines")
@@ -68,7 +70,9 @@ class PlatformBatch:
         native = native_platform().address
         made = [
             (native, self._addresses, data._address, room, self._states, nstep, first, last)
-            for data, room, first, last in zip(self._data, self._room, ends[:-1].tolist(), ends[1:].tolist(), strict=True)
+            for data, room, first, last in zip(
+                self._data, self._room, ends[:-1].tolist(), ends[1:].tolist(), strict=True
+            )
         ]
         if len(made) == 1:
             step_machines(*made[0])

@@ -1,5 +1,5 @@
-# pyright: reportCallIssue=false, reportArgumentType=false, reportIndexIssue=false
-# (numba's intrinsics are called without their typing context)
+# pyright: reportAttributeAccessIssue=false, reportCallIssue=false, reportArgumentType=false, reportPrivateImportUsage=false
+# (MuJoCo's bindings carry no types, and numba's intrinsics are called without their typing context)
 """The platform of the tendon model by Newton and Euler, compiled: in place of MuJoCo's evaluation and of its RK4.
 
 One rigid body on six forces needs none of MuJoCo's machinery (trees, constraints, sparse factors): with all masses that
@@ -135,7 +135,9 @@ def doubles_in(typingctx, words, place):
 
     def codegen(context, builder, signature, args):
         first = context.make_array(signature.args[0])(context, builder, value=args[0]).data
-        return builder.bitcast(builder.gep(first, [args[1]], source_etype=ir.IntType(64)), ir.PointerType(ir.DoubleType()))
+        return builder.bitcast(
+            builder.gep(first, [args[1]], source_etype=ir.IntType(64)), ir.PointerType(ir.DoubleType())
+        )
 
     return signature, codegen
 
@@ -264,7 +266,11 @@ def evaluate(m, h, t):
         own, moments = m.masses[b], triple(m.inertias, 3 * b)
         xx, yy, zz, xy, xz, yz = turned_inertia(four(m.turns, 4 * b), moments[0], moments[1], moments[2])
         mass, s0, s1, s2 = mass + own, s0 + own * x, s1 + own * y, s2 + own * z
-        ixx, iyy, izz = ixx + xx + own * (y * y + z * z), iyy + yy + own * (x * x + z * z), izz + zz + own * (x * x + y * y)
+        ixx, iyy, izz = (
+            ixx + xx + own * (y * y + z * z),
+            iyy + yy + own * (x * x + z * z),
+            izz + zz + own * (x * x + y * y),
+        )
         ixy, ixz, iyz = ixy + xy - own * x * y, ixz + xz - own * x * z, iyz + yz - own * y * z
         more, lever = pushed(m, b, rotation, gravity, (x, y, z))
         f0, f1, f2 = f0 + more[0], f1 + more[1], f2 + more[2]
@@ -325,19 +331,50 @@ def write_pose(qpos, place, q, velocity, omega, h):
 
 
 MODEL = (
-    "nbody", "na", "nactuator", "jnt_bodyid", "body_rootid", "body_mass", "body_inertia", "body_ipos", "body_iquat",
-    "body_pos", "body_gravcomp", "site_pos", "tendon_adr", "wrap_objid", "actuator_user", "actuator_gainprm",
+    "nbody",
+    "na",
+    "nactuator",
+    "jnt_bodyid",
+    "body_rootid",
+    "body_mass",
+    "body_inertia",
+    "body_ipos",
+    "body_iquat",
+    "body_pos",
+    "body_gravcomp",
+    "site_pos",
+    "tendon_adr",
+    "wrap_objid",
+    "actuator_user",
+    "actuator_gainprm",
 )
 DATA = (
-    "qpos", "qvel", "act", "ctrl", "xfrc_applied", "qacc", "act_dot", "userdata", "actuator_length", "actuator_velocity",
-    "actuator_force", "ten_length", "ten_velocity", "xpos", "xquat", "xmat", "xipos",
+    "qpos",
+    "qvel",
+    "act",
+    "ctrl",
+    "xfrc_applied",
+    "qacc",
+    "act_dot",
+    "userdata",
+    "actuator_length",
+    "actuator_velocity",
+    "actuator_force",
+    "ten_length",
+    "ten_velocity",
+    "xpos",
+    "xquat",
+    "xmat",
+    "xipos",
 )
 
 
 @cache
 def native_platform() -> Any:
     """void f(mjModel*, mjData*, int what): lengths of the legs, an evaluation, or a step of RK4 from an evaluated state."""
-    of_model, of_data = (tuple(slot(struct, name) for name in names) for struct, names in (("mjModel", MODEL), ("mjData", DATA)))
+    of_model, of_data = (
+        tuple(slot(struct, name) for name in names) for struct, names in (("mjModel", MODEL), ("mjData", DATA))
+    )
     time, options = slot("mjData", "time"), slot("mjModel", "opt")
     timestep, gravity = (options + slot("mjOption", name) for name in ("timestep", "gravity"))
 
