@@ -39,10 +39,11 @@ print({SIMULATED_S} / (time.process_time() - begun))
 """
 SWEEP = f"""
 import time
+from hexsim.scenarios import load_scenario
 from hexsim.studies.sweep import cases, run_case
-one = cases("heave", "micro_motion_system", settings={{"duration_s": [1.0]}})[0]
+one = cases(load_scenario("heave", duration_s=1.0), "micro_motion_system")[0]
 assert run_case(one)["complete"]
-many = cases("heave", "micro_motion_system", settings={{"duration_s": [20.0]}}, seeds=range(2))
+many = cases(load_scenario("heave", duration_s={SIMULATED_S / 2}), "micro_motion_system", seeds=range(2))
 begun = time.process_time()
 assert all(run_case(case)["complete"] for case in many)
 print({SIMULATED_S} / (time.process_time() - begun))
