@@ -3,7 +3,7 @@
 Writes "commands" in docs/results/speed.json and the table of docs/results/speed.md. Each row is a process of its own (user and
 system time), the trees in turn, the median of all rounds, with warm caches; --first also measures a first run of each tree, which
 compiles. Other work on the machine raises both sides: read the ratios. With --keep FOLDER the older tree and both caches
-stay there for the next time. --rows TEXT measures the rows that contain it; other rows stay as they were.
+stay there for the next time. --rows TEXT ... measures the rows that contain one of them; other rows stay as they were.
 """
 
 from __future__ import annotations
@@ -39,11 +39,13 @@ print({SIMULATED_S} / (time.process_time() - begun))
 """
 SWEEP = f"""
 import time
+from hexsim.machine import load_machine
 from hexsim.scenarios import load_scenario
 from hexsim.studies.sweep import cases, run_case
-one = cases(load_scenario("heave", duration_s=1.0), "micro_motion_system")[0]
+machine = load_machine("micro_motion_system")
+one = cases(load_scenario("heave", duration_s=1.0), machine)[0]
 assert run_case(one)["complete"]
-many = cases(load_scenario("heave", duration_s={SIMULATED_S / 2}), "micro_motion_system", seeds=range(2))
+many = cases(load_scenario("heave", duration_s={SIMULATED_S / 2}), machine, seeds=range(2))
 begun = time.process_time()
 assert all(run_case(case)["complete"] for case in many)
 print({SIMULATED_S} / (time.process_time() - begun))
@@ -166,9 +168,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--keep", type=Path, help="folder of the older tree and both caches, made where there is none")
     parser.add_argument("--first", action="store_true", help="also a first run, which compiles")
-    parser.add_argument("--rows", default="", help="part of the names of the rows to measure")
+    parser.add_argument("--rows", default=[""], nargs="+", help="parts of the names of the rows to measure")
     arguments = parser.parse_args()
-    chosen = [row for row in ROWS if arguments.rows in row]
+    chosen = [row for row in ROWS if any(part in row for part in arguments.rows)]
     with tempfile.TemporaryDirectory() as thrown_away:
         place = (arguments.keep or Path(thrown_away)).resolve()
         place.mkdir(parents=True, exist_ok=True)
