@@ -3,7 +3,7 @@
 Writes "commands" in docs/results/speed.json and the table of docs/results/speed.md. Each row is a process of its own (user and
 system time), the trees in turn, the median of all rounds, with warm caches; --first also measures a first run of each tree, which
 compiles. Other work on the machine raises both sides: read the ratios. With --keep FOLDER the older tree and both caches
-stay there for the next time. --rows TEXT measures the rows that contain it; other rows stay as they were.
+stay there for the next time. --rows TEXT ... measures the rows that contain one of them; other rows stay as they were.
 """
 
 from __future__ import annotations
@@ -37,6 +37,32 @@ begun = time.process_time()
 simulate(machine, load_scenario("heave", duration_s={SIMULATED_S}), fast=True)
 print({SIMULATED_S} / (time.process_time() - begun))
 """
+SWEEP = f"""
+import time
+from hexsim.machine import load_machine
+from hexsim.scenarios import load_scenario
+from hexsim.studies.sweep import cases, run_case
+machine = load_machine("micro_motion_system")
+one = cases(load_scenario("heave", duration_s=1.0), machine)[0]
+assert run_case(one)["complete"]
+many = cases(load_scenario("heave", duration_s={SIMULATED_S / 2}), machine, seeds=range(2))
+begun = time.process_time()
+assert all(run_case(case)["complete"] for case in many)
+print({SIMULATED_S} / (time.process_time() - begun))
+"""
+GYM = """
+import time
+import numpy as np
+from hexsim.gym import HexsimVectorEnv
+many = HexsimVectorEnv(64, machine="micro_motion_system", threads=1)
+many.reset(seed=0)
+still = np.zeros((64, 6))
+many.step(still)
+begun = time.process_time()
+for _ in range(100):
+    many.step(still)
+print(100 * 64 * many.task.tick_s / (time.process_time() - begun))
+"""
 IMPORTS = """
 import hexsim
 from hexsim.machine import load_machine
@@ -52,7 +78,9 @@ ROWS: dict[str, tuple[str, ...]] = {  # each ends with the folder of its files, 
     "`hexsim compare heave` (all compensators; figures, report, recording)": (*CLI, "compare", "heave", "--out"),
     "in Python: imports of a run": ("-c", IMPORTS),
     "in Python: imports and 20 s on a bench": ("-c", BENCH),
-    "`--fast`, sweeps: simulated s of a hexapod in a processor second": ("-c", RATE),
+    "`--fast` with its log: simulated s of a hexapod in a processor second": ("-c", RATE),
+    "`hexsim sweep`, a worker: the same": ("-c", SWEEP),
+    "gym, 64 hexapods, a thread: the same": ("-c", GYM),
 }  # fmt: skip
 COMPILES = ROWS["`hexsim run heave --no-recording --no-report`"]
 
@@ -64,6 +92,7 @@ class Side:
         self.name, self.values = name, {row: [] for row in (FIRST, *ROWS)}
         self.environment = {
             **os.environ, "PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(cache), "OMP_NUM_THREADS": "1",
+            "PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": f"{cache}_pyc",  # byte code is there, as after pip
         }  # fmt: skip
         self.is_new = not cache.exists()
 
@@ -81,7 +110,7 @@ class Side:
             process.returncode = os.waitstatus_to_exitcode(status)
         if process.returncode:
             raise SystemExit(f"{self.name}: {' '.join(command)} ended with {process.returncode}")
-        return float(printed) if command[-1] == RATE else usage.ru_utime + usage.ru_stime
+        return float(printed) if command[-1] in PRINT_RATES else usage.ru_utime + usage.ru_stime
 
     def note(self, row: str, value: float) -> None:
         """One more value of a row."""
@@ -121,7 +150,8 @@ def table_of(before: Side, now: Side) -> list[dict[str, object]]:
     return rows
 
 
-RATES = {row for row, command in ROWS.items() if command[-1] == RATE}
+PRINT_RATES = (RATE, SWEEP, GYM)
+RATES = {row for row, command in ROWS.items() if command[-1] in PRINT_RATES}
 
 
 def page(text: str, rows: list[dict[str, object]]) -> str:
@@ -138,9 +168,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--keep", type=Path, help="folder of the older tree and both caches, made where there is none")
     parser.add_argument("--first", action="store_true", help="also a first run, which compiles")
-    parser.add_argument("--rows", default="", help="part of the names of the rows to measure")
+    parser.add_argument("--rows", default=[""], nargs="+", help="parts of the names of the rows to measure")
     arguments = parser.parse_args()
-    chosen = [row for row in ROWS if arguments.rows in row]
+    chosen = [row for row in ROWS if any(part in row for part in arguments.rows)]
     with tempfile.TemporaryDirectory() as thrown_away:
         place = (arguments.keep or Path(thrown_away)).resolve()
         place.mkdir(parents=True, exist_ok=True)

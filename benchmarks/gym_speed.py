@@ -1,11 +1,14 @@
-"""256 benches side by side: simulated over elapsed time with one thread and with two. `python benchmarks/gym_speed.py`
+"""256 machines side by side: simulated over elapsed time with one thread and with two.
 
-Where other programs take the processors, the share of a step that runs in MuJoCo's threads tells more: printed too.
+    python benchmarks/gym_speed.py [bench or micro_motion_system]
+
+Where other programs take the processors, the share of a step that runs in threads tells more: printed too.
 """
 
 from __future__ import annotations
 
 import statistics
+import sys
 import time
 
 import numpy as np
@@ -17,8 +20,9 @@ MACHINES, STEPS, ROUNDS = 256, 40, 5
 
 def main() -> None:
     """Rounds in turn, the median of each."""
-    many = {threads: HexsimVectorEnv(MACHINES, machine="bench", threads=threads) for threads in (1, 2)}
-    actions = np.zeros((MACHINES, 1))
+    machine = sys.argv[1] if len(sys.argv) > 1 else "bench"
+    many = {threads: HexsimVectorEnv(MACHINES, machine=machine, threads=threads) for threads in (1, 2)}
+    actions = np.zeros((MACHINES, many[1].task.machine.n_legs))
     for env in many.values():
         env.reset(seed=0)
         env.step(actions)
@@ -32,9 +36,9 @@ def main() -> None:
             ratios[threads].append(simulated / (time.perf_counter() - begun))
     one, two = (statistics.median(ratios[threads]) for threads in (1, 2))
     print(
-        f"{MACHINES} benches, {many[1].substeps} time steps a tick: {one:.1f} s a second with one thread, {two:.1f} with two"
+        f"{MACHINES} of {machine}, {many[1].substeps} time steps a tick: {one:.1f} s a second with one thread, {two:.1f} with two"
     )
-    print(f"times one thread: {two / one:.2f}; share in MuJoCo's threads {share_in_threads(many[1], actions):.3f}")
+    print(f"times one thread: {two / one:.2f}; share in threads {share_in_threads(many[1], actions):.3f}")
 
 
 def share_in_threads(env: HexsimVectorEnv, actions: np.ndarray) -> float:

@@ -12,11 +12,11 @@ import resource
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from mujoco import rollout
 from rich.console import Console
 from rich.table import Table
 
@@ -25,6 +25,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
+from hexsim.plant.batch import PlatformBatch
 from hexsim.scenarios import load_scenario
 from hexsim.simulation import TickLoop
 
@@ -103,22 +104,15 @@ def loop_ratios(repeats: int) -> dict[str, float]:
 
 
 def batch_ratio(repeats: int, machines: int = 64, steps: int = 400) -> float:
-    """One thread over two threads for a batch of machines with native hydraulics."""
+    """One thread over two threads for a batch of hexapods."""
     plant = Plant(load_machine("micro_motion_system"), model="tendon", timestep=1e-4)
-    state_size = mujoco.mj_stateSize(plant.model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-    state = np.empty(state_size)
-    mujoco.mj_getState(plant.model, plant.data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-    start = np.tile(state, (machines, 1))
-    volts = np.random.default_rng(0).uniform(-1, 1, (machines, steps, plant.model.nu))
-
-    with rollout.Rollout(nthread=0) as one, rollout.Rollout(nthread=2) as two:
-        data = [mujoco.MjData(plant.model) for _ in range(2)]
-        single, double = least(
-            repeats,
-            lambda: one.rollout(plant.model, data[0], start, volts),
-            lambda: two.rollout(plant.model, data, start, volts),
-            clock=time.perf_counter,
-        )
+    batches = [PlatformBatch([plant.model] * machines, threads) for threads in (1, 2)]
+    for batch in batches:
+        for name in ("qpos", "qvel", "act", "ctrl"):
+            batch.bind(name)[:] = getattr(plant.data, name)
+        batch.bind("ctrl")[:] = np.random.default_rng(0).uniform(-1, 1, (machines, plant.model.nu))
+    one, two = (partial(batch.step, steps) for batch in batches)
+    single, double = least(repeats, one, two, clock=time.perf_counter)
     return single / double
 
 

@@ -57,7 +57,7 @@ def measured(real: bool, count: int) -> None:
         made = drawn_cases(count)
         made_s = time.perf_counter() - begin
         if real:
-            with executor_of(None, 2) as (executor, workers):
+            with executor_of(None, 2) as (executor, workers, _):
                 sweep(made, executor, out, workers=workers)
         else:
             sweep(made, Instant(run_case(made[0]) | {"error": None}), out)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .compensator import Compensator, Context, Parameters, Sample, clip
+from .compensator import Compensator, Context, Parameters, Sample, all_finite, clip
 from .iterative import ZERO_VELOCITY_M_S
 from .learned_parameters import beyond_volts
 from .report_functions import FUNCTIONS, MOST_RANGES, RANGE, check_function
@@ -177,6 +177,13 @@ class Buffered(Compensator):
                 continue
             a = float(np.sum(weight[inside] * shape * (u[inside] - w))) / power
             curve.target = [clip(a, 0.0, self.a_max_V), q, r]
+
+    def finite(self, state: BufferedState) -> bool:
+        """Of the buffers the newest: what came in before was looked at then."""
+        buffers = [values[-1:] for values in (state.valve_V, state.other, state.side, *state.zero_V)]
+        return all_finite(
+            [state.estimate, state.curves, state.filters, state.extremes, state.line, state.blend, *buffers]
+        )
 
     def parameters(self, state: BufferedState) -> Parameters:
         return {"function": self.function, "curves": [list(c.target) for c in state.curves]}

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import abc
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, is_dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -349,12 +350,31 @@ def all_finite(value: Any) -> bool:
     if isinstance(value, np.ndarray):
         return value.dtype.kind not in "fc" or bool(np.isfinite(value).all())
     if isinstance(value, list | tuple):
-        return _has_finite_sum(value) or all(all_finite(each) for each in value)
-    if isinstance(value, dict):
-        return all(all_finite(each) for each in value.values())
-    if is_dataclass(value) and not isinstance(value, type | Context):
-        return all(all_finite(getattr(value, each.name)) for each in fields(value))
+        if _has_finite_sum(value):
+            return True
+        parts: Iterable[Any] = value
+    elif isinstance(value, dict):
+        parts = value.values()
+    else:
+        parts = [getattr(value, name) for name in _fields_of(type(value))]
+    for part in parts:  # called at each tick: plain loops, and most parts are plain numbers
+        if type(part) is float:
+            if not math.isfinite(part):
+                return False
+        elif type(part) not in SOUND and not all_finite(part):
+            return False
     return True
+
+
+SOUND = (int, bool, str, type(None))
+
+
+@cache
+def _fields_of(kind: type) -> tuple[str, ...]:
+    """Names of a dataclass' fields, of a `Context` and of anything else none: asked for at each tick."""
+    if not is_dataclass(kind) or issubclass(kind, Context | type):
+        return ()
+    return tuple(each.name for each in fields(kind))
 
 
 def _has_finite_sum(values: list[Any] | tuple[Any, ...]) -> bool:

@@ -267,15 +267,14 @@ class Guarded(Wrapped):
             added, state.inner = self.inner.step(state.inner, sample)
             finite = self.inner.finite(state.inner)
             added = accept_first(state.guards, float(added), sample.feed_forward_V, finite)
-            state.reason = int(state.guards[0].reason)
+            state.reason = int(state.guards["reason"][0])
             return added, state
-        guard = state.guards[0]
-        state.reason = int(guard.reason)
+        state.reason = int(state.guards["reason"][0])
         if todo == BEGINS_ANEW:
             state.inner = self.inner.start(state.context)
         elif todo == RESTARTS:
             state.inner = self.inner.resume(state.context, self.inner.parameters(state.inner))
-        return float(guard.output_V), state
+        return float(state.guards["output_V"][0]), state
 
     def parameters(self, state: GuardState) -> Parameters:
         return self.inner.parameters(state.inner)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from .compensator import Compensator, Context, Parameters, Sample, clip
+from .compensator import Compensator, Context, Parameters, Sample, all_finite, clip
 from .learned_parameters import beyond_volts
 from .report_functions import FUNCTIONS, MOST_RANGES, RANGE, check_function
 from .velocity_estimate import VelocityEstimate
@@ -164,6 +164,15 @@ class Iterative(Compensator):
         shape = np.array([FUNCTIONS[self.function](x, 1.0, b, b * state.r_V) for x in w])
         table = np.array(state.table_V[low:high])[visited]
         state.a_V = clip(float(shape @ table) / max(float(shape @ shape), 1e-9), 0.0, self.a_max_V)
+
+    def finite(self, state: IterativeState) -> bool:
+        """Of the table the element that changed last: the others were looked at when they did."""
+        return all_finite(
+            [
+                state.estimate, state.active, state.extremes, state.table_V[state.element], state.a_V, state.q_V, state.r_V,
+                state.control_V,
+            ]
+        )  # fmt: skip
 
     def parameters(self, state: IterativeState) -> Parameters:
         return {

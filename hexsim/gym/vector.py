@@ -1,9 +1,9 @@
 # pyright: reportAttributeAccessIssue=false
 # (MuJoCo's bindings carry no types)
-"""Many machines at once on MuJoCo's thread pool: each has its own numbers in `actuator_user`, masses and states.
+"""Many machines at once on threads: each has its own numbers in `actuator_user`, masses and states.
 
-The compiled hydraulics run as MuJoCo's callbacks in all threads, without Python. Steps are constant here, so the shortest
-one that any machine asks for near standstill counts.
+Hexapods of the tendon model run in `plant.batch`, others on MuJoCo's thread pool, whose callbacks the compiled hydraulics
+are; either way without Python. Steps are constant here, so the shortest one that any machine asks for near standstill counts.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from hexsim.gym.task import LARGEST, N_SEEN, SHARPEST_STEPS_A_SECOND, Episodes, 
 from hexsim.hydraulics.parameters import P
 from hexsim.hydraulics.valve import delay_in_ticks
 from hexsim.plant import Plant
+from hexsim.plant.batch import PlatformBatch
 from hexsim.plant.callbacks import pressures_of
 from hexsim.plant.mjcf import ModelKind
 
@@ -28,7 +29,7 @@ from hexsim.plant.mjcf import ModelKind
 class HexsimVectorEnv(gymnasium.vector.VectorEnv):
     """`HexsimEnv` n times. Machines are drawn once, at the first reset; motions at each reset.
 
-    threads: of MuJoCo's pool, 0 = all processors. timestep [s]: constant; None: that of the sharpest machine. An episode
+    threads: 0 = all processors. timestep [s]: constant; None: that of the sharpest machine. An episode
     that ends is begun anew in the same step (autoreset mode SAME_STEP).
     """
 
@@ -76,8 +77,11 @@ class HexsimVectorEnv(gymnasium.vector.VectorEnv):
         self.part = np.stack([rest for _, rest in delays]) / self.task.tick_s  # of a tick
         self.past = np.zeros((int(self.delay.max()) + 2, self.num_envs, first.n_legs))
         self.spool_volts, self.apart = np.zeros((2, self.num_envs, first.n_legs))
-        self.batch = Batch(first.model, self.num_envs, self.threads)
-        self.batch.set_models(self.models)
+        if first.is_one_body:
+            self.batch: Any = PlatformBatch(self.models, self.threads)
+        else:
+            self.batch = Batch(first.model, self.num_envs, self.threads)
+            self.batch.set_models(self.models)
         self.state = {name: self.batch.bind(name) for name in ("qpos", "qvel", "act", "ctrl", "time")}
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None):

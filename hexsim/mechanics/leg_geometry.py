@@ -74,6 +74,14 @@ def lengths_of_rows(poses, base, platform, height):
 
 
 @compiled
+def rotations_of_rows(poses):
+    rotations = np.empty((poses.shape[0], 3, 3))
+    for k in range(poses.shape[0]):
+        write_rotation(poses[k], rotations[k])
+    return rotations
+
+
+@compiled
 def all_of_rows(poses, base, platform, height):
     n = poses.shape[0]
     lengths, jacobian = np.empty((n, base.shape[0])), np.empty((n, base.shape[0], 6))

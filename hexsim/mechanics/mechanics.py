@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hexsim.errors import HexsimError
 from hexsim.mechanics.checks import as_rows, check_reach
-from hexsim.mechanics.leg_geometry import all_of_rows, lengths_of_rows
+from hexsim.mechanics.leg_geometry import all_of_rows, lengths_of_rows, rotations_of_rows
 
 DOF_NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 ROUNDING_m = 1e-12
@@ -162,7 +162,8 @@ class Mechanics(ABC):
 
     def rotation(self, pose: ArrayLike) -> Array:
         """R (..., 3, 3): a vector in the platform frame times R is the vector in the world frame."""
-        return self._all(pose)[2]
+        rows, lead = as_rows(pose, "pose", 6)
+        return rotations_of_rows(rows).reshape(*lead, 3, 3)
 
     def jacobian(self, pose: ArrayLike) -> Array:
         """J (..., n, 6) of l' = J (v, omega): v of the platform origin, omega, both in the world frame. [1, m]"""

@@ -123,22 +123,26 @@ class PositionLoop:
             ahead = np.ascontiguousarray(path.T)  # in rows: one memory layout, compiled once, for one leg and for six
             loads = None if self.load is None else np.ascontiguousarray(self.load.accelerations(path, self._tick_s).T)
             mobility, pose, forces, speeds = self._watch_legs(positions, pressures, supply_Pa, top_pressures)
-            for i, compensator in enumerate(self.compensators):
+            tops = np.zeros(len(positions)) if top_pressures is None else top_pressures
+            of_legs = np.array((followed, positions, asked, self._commanded, pressures, own, tops, pose)).T.tolist()
+            for i, (compensator, (setpoint, position, volts, valve, bottom, forward, top, carried)) in enumerate(
+                zip(self.compensators, of_legs, strict=True)
+            ):
                 sample = Sample(
                     time_s=time_s,
-                    setpoint_m=float(followed[i]),
+                    setpoint_m=setpoint,
                     preview_m=ahead[i, : self.previews[i]],
-                    position_m=float(positions[i]),
-                    control_V=float(asked[i]),
-                    valve_V=float(self._commanded[i]),
-                    pressure_bottom_Pa=float(pressures[i]),
+                    position_m=position,
+                    control_V=volts,
+                    valve_V=valve,
+                    pressure_bottom_Pa=bottom,
                     pressure_supply_Pa=supply_Pa,
-                    feed_forward_V=float(own[i]),
-                    pressure_top_Pa=0.0 if top_pressures is None else float(top_pressures[i]),
+                    feed_forward_V=forward,
+                    pressure_top_Pa=top,
                     load_preview_m_s2=NO_LOAD if loads is None else loads[i, : self.previews[i]],
                     forces_N=forces,
                     speeds_m_s=speeds,
-                    load_of_pose_m_s2=float(pose[i]),
+                    load_of_pose_m_s2=carried,
                     mobility=mobility[i],
                 )
                 added, self.states[i] = compensator.step(self.states[i], sample)

@@ -43,7 +43,7 @@ _WORDS = 4096  # enough words of either struct to reach the fields that are read
 
 
 @intrinsic
-def _doubles(typingctx, address):
+def doubles(typingctx, address):
     """An address as a pointer to doubles."""
     signature = types.CPointer(types.float64)(types.uintp)
 
@@ -167,10 +167,10 @@ def native_callbacks() -> tuple:
         fields, words = carray(model, (_WORDS,), types.uintp), carray(data, (_WORDS,), types.uintp)
         if fields[width_slot] != ROW:
             return 0.0
-        p = offset(_doubles(fields[user_slot]), i * ROW)
+        p = offset(doubles(fields[user_slot]), i * ROW)
         places = offset(p, N_PARAMETERS)
-        act, act_dot, ctrl = _doubles(words[act_slot]), _doubles(words[rate_slot]), _doubles(words[ctrl_slot])
-        from_legs = _doubles(words[userdata_slot])
+        act, act_dot, ctrl = doubles(words[act_slot]), doubles(words[rate_slot]), doubles(words[ctrl_slot])
+        from_legs = doubles(words[userdata_slot])
         h = carray(model, (_WORDS,), types.float64)[step_slot]
         if places[A.OWNER] == of_supply:
             demand, heat = 0.0, 0.0
@@ -181,8 +181,8 @@ def native_callbacks() -> tuple:
         if places[A.OWNER] != of_leg:
             return 0.0
         t = carray(data, (_WORDS,), types.float64)[time_slot]
-        y = _doubles(words[length_slot])[i] - p[P.LENGTH_OFFSET]
-        v = _doubles(words[velocity_slot])[i]
+        y = doubles(words[length_slot])[i] - p[P.LENGTH_OFFSET]
+        v = doubles(words[velocity_slot])[i]
         from_legs[2 * i], from_legs[2 * i + 1] = leg_rates(p, places, act, act_dot, y, v, ctrl[i], t, h)
         return act_dot[int(places[A.PRESSURE])]
 
@@ -191,14 +191,14 @@ def native_callbacks() -> tuple:
         fields, words = carray(model, (_WORDS,), types.uintp), carray(data, (_WORDS,), types.uintp)
         if fields[width_slot] != ROW:
             return 0.0
-        p = offset(_doubles(fields[user_slot]), i * ROW)
+        p = offset(doubles(fields[user_slot]), i * ROW)
         places = offset(p, N_PARAMETERS)
         if places[A.OWNER] != of_leg:
             return 0.0
         t = carray(data, (_WORDS,), types.float64)[time_slot]
-        y = _doubles(words[length_slot])[i] - p[P.LENGTH_OFFSET]
-        v = _doubles(words[velocity_slot])[i]
-        return leg_bias(p, places, _doubles(words[act_slot]), y, v, _doubles(words[ctrl_slot])[i], t)
+        y = doubles(words[length_slot])[i] - p[P.LENGTH_OFFSET]
+        v = doubles(words[velocity_slot])[i]
+        return leg_bias(p, places, doubles(words[act_slot]), y, v, doubles(words[ctrl_slot])[i], t)
 
     return act_dyn, act_bias
 

@@ -38,6 +38,7 @@ from hexsim.hydraulics.steps import (
 )
 from hexsim.hydraulics.supply import POWER_UNIT, S
 from hexsim.plant.callbacks import leg_state, offset, pointer_to, supply_pressure, supply_state
+from hexsim.plant.newton_euler import EVALUATE, LENGTHS, RUNGE_KUTTA, native_platform
 from hexsim.plant.states import ROW
 from hexsim.plant.structs import time_view, timestep_view
 
@@ -59,7 +60,7 @@ FROM_POSITION, ALL_SENSORS = 1, 0  # mjSTAGE_POS: what depends on positions alon
 
 
 @intrinsic
-def _call(typingctx, address, model, data, numbers):
+def call_native(typingctx, address, model, data, numbers):
     """Call void f(mjModel*, mjData*, int ...) at an address; numbers: a tuple, maybe empty."""
     signature = types.void(types.uintp, types.uintp, types.uintp, numbers)
 
@@ -90,6 +91,7 @@ class StepContext(NamedTuple):
     forward_from: int
     check: int
     runge_kutta: int
+    platform: int  # in place of the four before, where one body moves (`newton_euler`); 0: not
     is_tendon: bool
     is_recorded: bool
     is_chosen: bool  # whether `rule` and error choose the steps
@@ -159,6 +161,7 @@ def step_context(plant: Any, tick_s: float, steps: int, is_recorded: bool) -> St
         step=_address("mj_step"), forward=_address("mj_forward"),
         position=_address("mj_fwdPosition"), forward_from=_address("mj_forwardSkip"),
         check=_address("mj_checkAcc"), runge_kutta=_address("mj_RungeKutta"),
+        platform=native_platform().address if plant.is_one_body else 0,
         is_tendon=plant.is_tendon, is_recorded=is_recorded, is_chosen=steps == 0, refined=1, rule=plant.step_rule(), tick_s=tick_s,
         parts=parts, steps=np.array([steps]), constant_s=plant.timestep or LONGEST_S, timestep=timestep_view(model), time=time_view(data),
         next_step=np.full(1, LONGEST_S), error=np.zeros(1), level=np.full(1, LEAST_LEVEL), slow=np.zeros(model.nv),
@@ -195,7 +198,10 @@ def sense(context, record):
     """Write down the piston positions of the present state. Of tendons MuJoCo makes all that depends on positions alone."""
     row = context.count[0] if context.is_recorded else 0
     if context.is_tendon:
-        _call(context.position, context.model, context.data, ())
+        if context.platform:
+            call_native(context.platform, context.model, context.data, (LENGTHS,))
+        else:
+            call_native(context.position, context.model, context.data, ())
         for i in range(context.offsets.shape[0]):
             record.positions[row, i] = context.lengths[i] - context.offsets[i]
     else:
@@ -338,11 +344,13 @@ def asked_steps(context):
 @compiled
 def _evaluate(context, is_located):
     """Derivatives of the present state, as `mj_step` begins with."""
-    if is_located:
-        _call(context.forward_from, context.model, context.data, (FROM_POSITION, ALL_SENSORS))
+    if context.platform:
+        call_native(context.platform, context.model, context.data, (EVALUATE,))
+    elif is_located:
+        call_native(context.forward_from, context.model, context.data, (FROM_POSITION, ALL_SENSORS))
     else:
-        _call(context.forward, context.model, context.data, ())
-    _call(context.check, context.model, context.data, ())
+        call_native(context.forward, context.model, context.data, ())
+    call_native(context.check, context.model, context.data, ())
 
 
 @compiled
@@ -357,7 +365,10 @@ def march(context, record, row, span, middle):
             _evaluate(context, False)
         context.timestep[0] = h
         keep_state(context)
-        _call(context.runge_kutta, context.model, context.data, (RK4_STAGES,))
+        if context.platform:
+            call_native(context.platform, context.model, context.data, (RUNGE_KUTTA,))
+        else:
+            call_native(context.runge_kutta, context.model, context.data, (RK4_STAGES,))
         error = last_error(context, h)
         if context.is_chosen:
             share = SAFE * (tolerance / (error + 1e-300)) ** (1.0 / 3.0)

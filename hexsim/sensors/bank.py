@@ -29,12 +29,18 @@ NOISE_RATE_Hz = (
 
 
 @compiled
+def reading(true, noise, gain, offset, resolution):
+    """One measurement of one channel."""
+    value = gain * true + offset + noise
+    return np.rint(value / resolution) * resolution if resolution > 0.0 else value
+
+
+@compiled
 def measure(true, noise, gain, offset, resolution):
     """One measurement of each channel (n,)."""
     out = np.empty(true.shape[0])
     for i in range(true.shape[0]):
-        value = gain[i] * true[i] + offset[i] + noise[i]
-        out[i] = np.rint(value / resolution[i]) * resolution[i] if resolution[i] > 0.0 else value
+        out[i] = reading(true[i], noise[i], gain[i], offset[i], resolution[i])
     return out
 
 
@@ -43,7 +49,8 @@ def measure_rows(true, noise, gain, offset, resolution):
     """Measurements of all rows (m, n)."""
     out = np.empty_like(true)
     for k in range(true.shape[0]):
-        out[k] = measure(true[k], noise[k], gain, offset, resolution)
+        for i in range(true.shape[1]):
+            out[k, i] = reading(true[k, i], noise[k, i], gain[i], offset[i], resolution[i])
     return out
 
 

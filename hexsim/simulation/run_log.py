@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hexsim.mechanics.points import point_acceleration, point_velocity
 from hexsim.plant import Plant
-from hexsim.plant.readout import imu_motion, leg_signals, platform_signals, power_unit_signals
+from hexsim.plant.readout import imu_motion, leg_motion, leg_signals, platform_signals, power_unit_signals
 from hexsim.scenarios import Scenario
 from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.sensors.bank import SensorBank
@@ -166,13 +166,22 @@ def _commanded(plant: Plant, scenario: Scenario, recorded: RecordedMotion) -> tu
     return pose, twist, kinematics.to_platform_frame(pose, kinematics.twist_rate(pose, rate, acceleration))
 
 
+def figures_log(plant: Plant, recorded: Recorded) -> pl.DataFrame:
+    """What of a log the figures need that `motion_log` has not: setpoints and true positions of the legs."""
+    legs = {"setpoint": recorded.setpoints, "true_position": leg_motion(plant, recorded.qpos, recorded.qvel)[0]}
+    rows = slice(None, None, recorded.every)
+    named = _columns(legs, plant.n_legs)
+    return pl.DataFrame({"time_s": recorded.time[rows]} | {name: values[rows].copy() for _, name, values in named})
+
+
 def run_summary(
     plant: Plant, scenario: Scenario, compensator: str, log: pl.DataFrame, recorded: Recorded, realtime: float,
     warnings: list[str],
 ) -> dict[str, Any]:  # fmt: skip
     """The figures of a run, as in summary.json. Judged on the true acceleration at every tick, not on the noisy sensor,
     whatever the rate of the log."""
-    motion = log if recorded.every == 1 else motion_log(plant, scenario, recorded)
+    whole = recorded.every == 1 and motion_column("true_acceleration", plant.kinematics.axes[0]) in log.columns
+    motion = log if whole else motion_log(plant, scenario, recorded)
     setpoints, positions = (table()[stem].columns(plant.n_legs) for stem in ("setpoint", "true_position"))
     errors = [log[setpoint] - log[position] for setpoint, position in zip(setpoints, positions, strict=True)]
     start = figures_start(scenario, recorded.time)

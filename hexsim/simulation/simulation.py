@@ -35,7 +35,7 @@ from hexsim.simulation.fault_run import FaultRun, FaultySensors
 from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
 from hexsim.simulation.hosted import Host, hosted_setpoints
 from hexsim.simulation.plain_loop import PlainLoop, Transducer, run_plain
-from hexsim.simulation.run_log import Recorded, run_log, run_summary
+from hexsim.simulation.run_log import Recorded, figures_log, run_log, run_summary
 from hexsim.simulation.run_warnings import cavitation_warnings, start_warnings, swing_warnings
 from hexsim.simulation.start_parameters import SUFFIX, started
 
@@ -113,13 +113,15 @@ def simulate(
     progress: Callable[[float], None] | None = None,
     interventions: Sequence[Any] = (),
     host: Host | None = None,
+    figures_only: bool = False,
 ) -> Run:
     """Run `scenario` on `machine`, each an object, a name or a file.
 
     fast: tendon model, else full legs. timestep [s]: constant; None: chosen (`hydraulics.steps`). seed: of all sensor
     noise. progress(fraction).
     interventions: objects with `before_step(time_s, plant, volts)`, which may change the plant or the volts (faults).
-    host: its packets drive the machine, and no future is known (`hosted`).
+    host: its packets drive the machine, and no future is known (`hosted`). figures_only: `Run.log` holds setpoints and
+    true positions alone.
     Raises HexsimError before the run for what cannot be done; an interrupted or diverged run comes back with
     complete = False and its log so far.
     """
@@ -151,7 +153,7 @@ def simulate(
             raise KeyboardInterrupt
         raise HexsimError(reason)
     step_error = run.check.error(run.done)
-    log = run_log(plant, scenario, recorded, run.sensors)
+    log = figures_log(plant, recorded) if figures_only else run_log(plant, scenario, recorded, run.sensors)
     realtime = float(recorded.time[-1] / wall) if len(recorded.time) > 1 else 0.0
     warnings += ([reason] if reason else []) + cavitation_warnings(plant, run.tick_s, recorded.positions, recorded.act)
     warnings += step_warnings(step_error)

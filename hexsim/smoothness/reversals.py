@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -86,8 +85,9 @@ def reversals_of_velocity(time_s: ArrayLike, velocity: ArrayLike) -> tuple[Rever
     time, v = np.asarray(time_s, dtype=float), np.asarray(velocity, dtype=float)
     moving = np.flatnonzero(np.abs(v) > 1e-12 * np.max(np.abs(v), initial=0.0))
     found = []
-    for before, after in pairwise(moving):
-        if v[before] * v[after] > 0.0 or time[after] - time[before] > LONGEST_STANDSTILL_S + time[1] - time[0]:
+    turning = np.flatnonzero(v[moving[:-1]] * v[moving[1:]] <= 0.0)
+    for before, after in zip(moving[turning], moving[turning + 1], strict=True):
+        if time[after] - time[before] > LONGEST_STANDSTILL_S + time[1] - time[0]:
             continue
         share = v[before] / (v[before] - v[after])
         at = time[before] + share * (time[after] - time[before])
