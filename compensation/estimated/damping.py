@@ -52,10 +52,11 @@ def start_damping(d, tick_s):
 
 
 @compiled
-def watch_damping(d, numbers, off_Pa):
-    """A tick's deviation of the load pressure from the model's [Pa]; says in d.wanted whether the filter is for another valve."""
+def watch_damping(d, numbers, off_Pa, turn):
+    """A tick's deviation of the load pressure from the model's [Pa]; d.wanted: the filter is for another valve, and it is this leg's
+    turn, for one design takes most of a tick."""
     push(d.deviation_Pa, off_Pa)
-    if abs(_lag_s(numbers) - d.lag_s) > SAME_LAG_S:
+    if turn and abs(_lag_s(numbers) - d.lag_s) > SAME_LAG_S:
         d.wanted = 1
 
 

@@ -246,7 +246,8 @@ def _damp(s, bottom_Pa, top_Pa):
     """Volts against the load pressure's oscillation about the model's, which is of this tick."""
     d, x, sheet, settings = s.damping, s.inverse.x, s.sheet, s.settings
     whole = int(s.numbers[DELAY] / settings.tick_s)
-    watch_damping(d, s.numbers, _load_Pa(s, bottom_Pa, top_Pa) - d.expected_Pa[whole])
+    turn = (s.past.ticks - settings.leg) % max(settings.legs, 1) == 0
+    watch_damping(d, s.numbers, _load_Pa(s, bottom_Pa, top_Pa) - d.expected_Pa[whole], turn)
     for j in range(MOST_DELAY, 0, -1):
         d.expected_Pa[j] = d.expected_Pa[j - 1]
     d.expected_Pa[0] = _load_Pa(s, x[M1], x[M2])

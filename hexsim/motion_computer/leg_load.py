@@ -74,7 +74,7 @@ def platform_wrench(
 def leg_drift(resolved: Resolved, pose: Array, speeds: Array) -> Array:
     """Accelerations (n_legs,) [m/s2] of legs that move at `speeds` (n_legs,) [m/s] and that no force accelerates."""
     mechanics, body = resolved.machine.mechanics, held_body(resolved)
-    twist = np.linalg.solve(mechanics.jacobian(pose), speeds)
+    twist = np.linalg.solve(mechanics.jacobian(pose), speeds).astype(np.float64)
     wrench = mechanics.to_platform_frame(pose, platform_wrench(body, np.zeros(3), mechanics, pose, twist, np.zeros(6)))
     free = mechanics.from_platform_frame(pose, -np.linalg.solve(mass_matrix(body), wrench))
     return mechanics.leg_accelerations(pose, twist, free)

@@ -176,7 +176,7 @@ def _ringing(design_Hz: float, plant_Hz: float, delay_s: float) -> float:
     mass, h, v, p, spool, rate = k / (2.0 * math.pi * plant_Hz) ** 2, 1e-4, 1e-3, 0.0, 0.0, 0.0
     sent, energy = [0.0] * (2 + round(delay_s / 2e-3)), []
     for _ in range(100):
-        damping.watch_damping(state.damping, n, p)
+        damping.watch_damping(state.damping, n, p, True)
         sent.append(-damping.damping_V(state.damping, damping.RATE_1_S, k, area, gain, 0.0))
         for _ in range(20):
             rate += h * (
