@@ -39,6 +39,7 @@ from .leg import (
 RATE_1_S = 80.0  # of an oscillation let out a second: it is gone within a period of the slowest, 40 Hz
 TAPS, LOW_Hz, HIGH_Hz = 7, 15.0, 65.0  # ticks of pressure; band of the oil's resonances below what is judged
 PEAK = 3.0  # standard deviations that noise reaches within a stroke
+NOISE_SHARE = 0.5  # of the expected bump that it may make: both together are then an eighth more
 LIMIT_V = 0.2  # of its volts
 RECOVERY_S, DECAY = 5.0, 0.98  # of its gain; the decay a tick beyond half of the limit
 SAME_LAG_S = 2e-4  # of the valve: 4 deg at 60 Hz
@@ -94,9 +95,9 @@ def damping_rate_1_s(n, sheet, noise_Pa, bump2):
     """Rate at which an oscillation is let out: as high as the noise of the pressure allows.
 
     White noise of variance R a tick T, let out at a rate g, keeps a mode at the pressure variance g T R/2; PEAK standard deviations of
-    that acceleration are at most the bump that is expected anyway, its square bump2.
+    that acceleration are at most NOISE_SHARE of the bump that is expected anyway, its square bump2.
     """
-    push_m_s2 = PEAK * sheet[S_A1] * noise_Pa / (n[MASS] * sheet[S_OWN])
+    push_m_s2 = PEAK / NOISE_SHARE * sheet[S_A1] * noise_Pa / (n[MASS] * sheet[S_OWN])
     return min(RATE_1_S, 2.0 * bump2 / (sheet[S_TICK] * push_m_s2 * push_m_s2))
 
 
