@@ -9,8 +9,8 @@ from hexsim.signals.table import table
 
 HEAD = """# Columns of a log
 
-Which columns does a log have, and what do they mean? Simulated logs, measured logs and [mappings](bring_your_own_machine.md#3-mappingtoml)
-have the same names.
+Which columns does a log have, and what do they mean? Simulated logs, measured logs and
+[mappings](bring_your_own_machine.md#3-mappingtoml) have the same names.
 
 - `time_s` comes first. Names end with the SI unit; pressures are gauge.
 - A hexapod has `position_1_m` to `position_6_m`. Axes are `x`, `y`, `z`, for poses also `roll`, `pitch`, `yaw`; a bench has one along its
