@@ -55,16 +55,12 @@ def line(name: str, found: Outcome, stroke_m: float, cushion_m: float) -> str:
     detected = "not detected" if found.detected_s is None else f"{1e3 * found.detected_s:.0f} ms"
     down = [y < cushion_m for y in found.final_m]
     standing = [str(i + 1) for i, is_down in enumerate(down) if not is_down]
-    where = (
-        "all legs down"
-        if all(down)
-        else ("held where it was" if not any(down) else f"down but for leg {', '.join(standing)}")
-    )
+    where = "all" if all(down) else ("none" if not any(down) else f"all but leg {', '.join(standing)}")
+    error = found.description.partition(":")[0]
     rest = "moving" if found.rest_s is None else f"{found.rest_s:.1f} s"
     depth = max(cushion_m - found.lowest_m, found.highest_m - (stroke_m - cushion_m), 0.0)
     return (
-        f"| {name} | {detected} | {found.description} | {where} | {rest} | {found.peak_acceleration_m_s2:.3g} | "
-        f"{1e3 * depth:.1f} |"
+        f"| {name} | {detected} | {error} | {where} | {rest} | {found.peak_acceleration_m_s2:.3g} | {1e3 * depth:.1f} |"
     )
 
 
@@ -94,7 +90,7 @@ def main() -> None:
         rows.append(line(name, found, cylinder.stroke_m, cylinder.cushion_length_m))
         print(rows[-1], flush=True)
     head = (
-        "| fault | detected after | message of the motion computer | platform | at rest after | peak [m/s²] | "
+        "| fault | detected after | error | legs down | at rest after | peak [m/s²] | "
         f"into the cushion of {1e3 * cylinder.cushion_length_m:g} mm [mm] |\n|---|---|---|---|---|---|---|\n"
     )
     RESULTS.mkdir(parents=True, exist_ok=True)

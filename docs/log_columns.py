@@ -9,19 +9,17 @@ from hexsim.signals.table import table
 
 HEAD = """# Columns of a log
 
-Which columns does a log have, and what do they mean? The same names stand in logs of `hexsim run`, in measured logs for `hexsim trace`,
-and on the left side of a [mapping](bring_your_own_machine.md#3-mappingtoml). One row is one sample.
+Which columns does a log have, and what do they mean? Simulated logs, measured logs and
+[mappings](bring_your_own_machine.md#3-mappingtoml) have the same names.
 
-- `time_s` comes first. SI units stand at the end of the name; pressures are gauge.
-- A bench has one leg: `position_m`. A hexapod has six: `position_1_m` to `position_6_m`. Axes are `x`, `y`, `z`, for poses also `roll`,
-  `pitch`, `yaw`; a bench has one along its leg.
+- `time_s` comes first. Names end with the SI unit; pressures are gauge.
+- A hexapod has `position_1_m` to `position_6_m`. Axes are `x`, `y`, `z`, for poses also `roll`, `pitch`, `yaw`; a bench has one along its
+  leg.
 - Positions count from full retraction. Accelerations are without gravity, in the platform's frame.
-- A measured log may lack any column but the positions. Columns of the truth, which only a simulation has, are without noise, delay and
-  filter.
+- Positions are required in a measured log. Columns of the truth are without noise, delay and filter.
 
 """
 SCOPES = {"leg": "leg", "machine": "machine", "translation": "axis", "rotation": "axis", "pose": "pose"}
-
 
 def rows(signals: list[Signal]) -> str:
     """A table of columns."""
@@ -32,13 +30,11 @@ def rows(signals: list[Signal]) -> str:
         lines.append(f"| {own} | `{signal.columns(6)[0]}` | {signal.label}{held} | {SCOPES[signal.scope]} |")
     return "\n".join(lines)
 
-
 def page() -> str:
     """The page's text."""
     signals = list(table().values())
     measured, truth = ([one for one in signals if one.measured == seen] for seen in (True, False))
     return f"{HEAD}## Measured\n{rows(measured)}\n\n## Truth of a simulation\n{rows(truth)}\n"
-
 
 if __name__ == "__main__":
     Path(__file__).with_suffix(".md").write_text(page(), encoding="utf-8")
