@@ -43,7 +43,8 @@ CASES = {
 )
 def test_it_is_a_run_without_noise(name, tmp_path):
     """Heave and roll together on a hexapod: legs' setpoints, volts, positions and pressures are those of `simulate`
-    with the same time step within 1e-12 of their size."""
+    with the same time step within 1e-12 of their size on a bench, within 1e-7 on a hexapod, whose tendons the FMU steps by MuJoCo and
+    the run by Newton and Euler."""
     source, changes = CASES[name]
     machine = changed(load_machine(source), SILENT | changes | {"sensors.position_resolution_m": 0.0})
     path, n = tmp_path / "machine.fmu", machine.n_legs
@@ -65,7 +66,7 @@ def test_it_is_a_run_without_noise(name, tmp_path):
     for found, ours, theirs in compared:
         wanted = rows[theirs].to_numpy()
         assert np.ptp(wanted) > 0
-        assert np.abs(found[ours] - wanted).max() < 1e-12 * np.abs(wanted).max(), ours
+        assert np.abs(found[ours] - wanted).max() < (1e-7 if n > 1 else 1e-12) * np.abs(wanted).max(), ours
 
 
 class Slave:
