@@ -23,11 +23,16 @@ def damping(state, oil_m_s_Pa, roots):
     oscillation = dot(state.damping_taps, state.deviation_Pa, int(settings.damping_count))
     own = settings.pressure_gain_V_per_Pa * (1.0 + settings.rod_ratio**3)
     u = state.damping_gain * max(oil_m_s_Pa / gain - own, 0.0) * oscillation
-    if -0.5 * limit_V < u < 0.5 * limit_V:
-        state.damping_gain += (1.0 - state.damping_gain) * settings.tick_s / DAMPING_RECOVERY_S
-    else:
-        state.damping_gain *= DAMPING_DECAY
+    state.damping_gain = next_damping_gain(state.damping_gain, u, limit_V, settings.tick_s)
     return clip(u, -limit_V, limit_V)
+
+
+@compiled
+def next_damping_gain(gain, volts, limit_V, tick_s):
+    """The damping's gain after a tick with its volts: it recovers, and falls as they come near their bound."""
+    if -0.5 * limit_V < volts < 0.5 * limit_V:
+        return gain + (1.0 - gain) * tick_s / DAMPING_RECOVERY_S
+    return gain * DAMPING_DECAY
 
 
 @compiled

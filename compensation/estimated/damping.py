@@ -6,16 +6,16 @@ up for the valve's lag (adaptive/damping_design.py), which is that of the identi
 
 from __future__ import annotations
 
-from math import exp, pi, sqrt
+from math import pi, sqrt
 
 from ..adaptive.arithmetic import clip, dot, push
 from ..adaptive.damping_design import damping_filter
+from ..adaptive.feedback import next_damping_gain
 from ..compiled import compiled
 from .leg import (
     AIR,
     AMP_LAG,
     DELAY,
-    LN_SPOOL,
     MASS,
     P1,
     P2,
@@ -32,8 +32,9 @@ from .leg import (
     VISCOUS_DN,
     VISCOUS_UP,
     ZETA,
-    ATMOSPHERE_Pa,
     Y,
+    capacity,
+    valve_lag_s,
 )  # fmt: skip
 
 RATE_1_S = 80.0  # of an oscillation let out a second: it is gone within a period of the slowest, 40 Hz
@@ -41,7 +42,6 @@ TAPS, LOW_Hz, HIGH_Hz = 7, 15.0, 65.0  # ticks of pressure; band of the oil's re
 PEAK = 3.0  # standard deviations that noise reaches within a stroke
 NOISE_SHARE = 0.5  # of the expected bump that it may make: both together are then an eighth more
 LIMIT_V = 0.2  # of its volts
-RECOVERY_S, DECAY = 5.0, 0.98  # of its gain; the decay a tick beyond half of the limit
 SAME_LAG_S = 2e-4  # of the valve: 4 deg at 60 Hz
 
 
@@ -57,36 +57,30 @@ def watch_damping(d, numbers, off_Pa, turn):
     """A tick's deviation of the load pressure from the model's [Pa]; d.wanted: the filter is for another valve, and it is this leg's
     turn, for one design takes most of a tick."""
     push(d.deviation_Pa, off_Pa)
-    if turn and abs(_lag_s(numbers) - d.lag_s) > SAME_LAG_S:
+    if turn and abs(valve_lag_s(numbers) - d.lag_s) > SAME_LAG_S:
         d.wanted = 1
-
-
-@compiled
-def _lag_s(n):
-    return n[ZETA] / pi * exp(-n[LN_SPOOL]) + n[AMP_LAG] + n[DELAY]
 
 
 @compiled
 def design_damping(s):
     """The filter for the valve and the load that are identified. Takes longer than a tick."""
     d, n = s.damping, s.numbers
-    d.lag_s, d.spool_damping, d.wanted = _lag_s(n), n[ZETA], 0
+    d.lag_s, d.spool_damping, d.wanted = valve_lag_s(n), n[ZETA], 0
     mass = n[MASS] * s.sheet[S_OWN]
-    resonance_Hz = sqrt(oil_stiffness(n, s.sheet, s.inverse.x) / mass) / (2.0 * pi)
+    resonance_Hz = sqrt(oil_stiffness(n, s.sheet, s.inverse.x, s.inverse.w) / mass) / (2.0 * pi)
     viscous = 0.5 * (n[VISCOUS_UP] + n[VISCOUS_DN]) / mass
     damping_filter(d.work, d.taps, d.lag_s, n[DELAY] + n[AMP_LAG], (resonance_Hz, viscous / RATE_1_S), d)
 
 
 @compiled
-def oil_stiffness(n, sheet, x):
-    """Of the oil in a leg with numbers n in the state x [N/m]."""
-    softer = (1.0 + n[SOFT]) / sheet[S_E]
-    a1, a2 = sheet[S_A1], sheet[S_A2]
-    gas = n[AIR] * ATMOSPHERE_Pa
-    k = a1 * a1 / ((x[Y] * a1 + sheet[S_V1]) * (softer + gas / max(x[P1], ATMOSPHERE_Pa) ** 2))
+def oil_stiffness(n, sheet, x, w):
+    """Of the oil in a leg with numbers n in the state x [N/m]. w (4,): space."""
+    E, a1, a2 = sheet[S_E] / (1.0 + n[SOFT]), sheet[S_A1], sheet[S_A2]
+    capacity(x[Y] * a1 + sheet[S_V1], x[P1], E, n[AIR], w)
+    k = a1 * a1 / w[0]
     if sheet[S_FOUR_WAY] != 0.0:
-        volume = (sheet[S_STROKE] - x[Y]) * a2 + sheet[S_V2]
-        k += a2 * a2 / (volume * (softer + gas / max(x[P2], ATMOSPHERE_Pa) ** 2))
+        capacity((sheet[S_STROKE] - x[Y]) * a2 + sheet[S_V2], x[P2], E, n[AIR], w)
+        k += a2 * a2 / w[0]
     return k
 
 
@@ -106,8 +100,5 @@ def damping_V(d, rate_1_s, stiffness_N_m, area_m2, gain_m_s_V, own_V_Pa):
     """Volts that let the oil out. own_V_Pa: what the controller's own pressure feedback lets out already."""
     share = rate_1_s * area_m2 / (stiffness_N_m * gain_m_s_V)
     u = d.gain * max(share - own_V_Pa, 0.0) * dot(d.taps, d.deviation_Pa, TAPS)
-    if abs(u) < 0.5 * LIMIT_V:
-        d.gain += (1.0 - d.gain) * d.tick_s / RECOVERY_S
-    else:
-        d.gain *= DECAY
+    d.gain = next_damping_gain(d.gain, u, LIMIT_V, d.tick_s)
     return clip(u, -LIMIT_V, LIMIT_V)

@@ -10,15 +10,12 @@ import numpy as np
 from ..knowledge import Estimate, Knowledge
 from .layout import Record
 from .leg import (
-    AMP_LAG,
     COULOMB_DN,
     COULOMB_UP,
     DEAD_DN,
     DEAD_UP,
-    DELAY,
     GAIN_DN,
     GAIN_UP,
-    LN_SPOOL,
     MASS,
     N_NUMBERS,
     PLAY,
@@ -26,7 +23,7 @@ from .leg import (
     STATIC_DN,
     STATIC_UP,
     SUBSTEPS,
-    ZETA,
+    valve_lag_s,
 )
 from .step import LEAST_SHARE
 
@@ -39,7 +36,7 @@ LAG = "valve lag"
 QUANTITIES: tuple[tuple[str, str, Callable[[np.ndarray], float]], ...] = (
     ("edge, extending", "mV", lambda n: 1e3 * n[DEAD_UP]),
     ("edge, retracting", "mV", lambda n: 1e3 * n[DEAD_DN]),
-    (LAG, "ms", lambda n: 1e3 * (n[ZETA] / math.pi * math.exp(-n[LN_SPOOL]) + n[AMP_LAG] + n[DELAY])),
+    (LAG, "ms", lambda n: 1e3 * valve_lag_s(n)),
     ("hysteresis, half width", "mV", lambda n: 1e3 * n[PLAY]),
     ("gain, extending", "%", lambda n: 100.0 * n[GAIN_UP]),
     ("gain, retracting", "%", lambda n: 100.0 * n[GAIN_DN]),

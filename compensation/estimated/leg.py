@@ -47,6 +47,12 @@ LEAST_COLUMN_m = 1e-3
 
 
 @compiled
+def valve_lag_s(n):
+    """Lag of amplifier, spool and delay at low frequencies, of numbers n (N_NUMBERS,) [s]."""
+    return n[ZETA] / 3.141592653589793 * exp(-n[LN_SPOOL]) + n[AMP_LAG] + n[DELAY]
+
+
+@compiled
 def opening(travel, s, b, b2, out):
     """Opening of an edge [V] for travel past it, rounded by s, bent by b, b2. out (5,): it, and by travel, ln s, b, b2."""
     q = travel / s

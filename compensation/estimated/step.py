@@ -258,7 +258,7 @@ def _damp(s, bottom_Pa, top_Pa):
     if sheet[S_FOUR_WAY] != 0.0:
         own *= 1.0 + (sheet[S_A2] / sheet[S_A1]) ** 3
     rate = damping_rate_1_s(s.numbers, sheet, s.past.noise_Pa, s.expected.sigma2 + s.expected.left2)
-    return damping_V(d, rate, oil_stiffness(s.numbers, sheet, x), sheet[S_A1], 0.5 * (up + down), own)
+    return damping_V(d, rate, oil_stiffness(s.numbers, sheet, x, s.inverse.w), sheet[S_A1], 0.5 * (up + down), own)
 
 
 @compiled

@@ -85,16 +85,14 @@ class PoseLoad:
     """What the legs' forces do in any pose: y'' = N(y) (f - F_0 - h(y)) / m + b(y'), y from neutral, from the declared body and
     geometry.
 
-    mobility (n, n) [1], by_place (n, n, n) [1/m]: N and its derivatives by each leg. holding (n, n) [1/s2], bend (n, n, n)
-    [1/(m s2)]: h/m and half its second derivatives. drift (n, n, n) [1/m]: b by pairs of speeds. neutral (n,) [m].
+    load: at neutral. by_place (n, n, n) [1/m]: derivatives of N by each leg. bend (n, n, n) [1/(m s2)]: half the second ones of h/m.
+    drift (n, n, n) [1/m]: b by pairs of speeds.
     """
 
-    mobility: Array
+    load: ExpectedLoad
     by_place: Array
-    holding: Array
     bend: Array
     drift: Array
-    neutral: Array
 
     @classmethod
     def of(cls, resolved: Resolved, load: ExpectedLoad) -> PoseLoad:
@@ -111,20 +109,18 @@ class PoseLoad:
         alone = np.array([leg_drift(resolved, NEUTRAL, one) for one in np.eye(n)])
         drift = 0.5 * (np.array(moving) - alone[:, None] - alone[None])
         return cls(
-            mobility=load.mobility,
+            load=load,
             by_place=np.stack(mobility, axis=-1) * (load.mass_kg / (2.0 * reach)),
-            holding=load.stiffness,
             bend=0.5 * np.stack(stiffness, axis=-1) / (2.0 * reach * load.mass_kg),
             drift=np.moveaxis(drift, -1, 0),
-            neutral=load.neutral,
         )
 
     def at(self, positions: Array, speeds: Array) -> tuple[Array, Array]:
         """At positions (n,) [m], speeds (n,) [m/s]: mobility over each leg's own (n, n), and the load (n,) [m/s2] of each for held
         forces of the others: that of place and speeds."""
-        away = positions - self.neutral
-        mobility = self.mobility + self.by_place @ away
-        held = self.holding @ away + (self.bend @ away) @ away
+        away = positions - self.load.neutral
+        mobility = self.load.mobility + self.by_place @ away
+        held = self.load.stiffness @ away + (self.bend @ away) @ away
         own = np.diag(mobility)
         return mobility / own[:, None], (mobility @ held - (self.drift @ speeds) @ speeds) / own
 

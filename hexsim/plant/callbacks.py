@@ -39,7 +39,7 @@ from hexsim.plant.structs import slot
 
 MPa = 1.0e6  # [Pa]
 POWER_UNIT_SCALE = np.array([1.0, 1.0, 1.0, MPa, 1.0, MPa])  # SI over what stands in act, places U
-_WORDS = 4096  # enough words of either struct to reach the fields that are read
+WORDS = 4096  # enough words of either struct to reach the fields that are read
 
 
 @intrinsic
@@ -164,14 +164,14 @@ def native_callbacks() -> tuple:
 
     @compiled_callback(signature)
     def act_dyn(model, data, i):
-        fields, words = carray(model, (_WORDS,), types.uintp), carray(data, (_WORDS,), types.uintp)
+        fields, words = carray(model, (WORDS,), types.uintp), carray(data, (WORDS,), types.uintp)
         if fields[width_slot] != ROW:
             return 0.0
         p = offset(doubles(fields[user_slot]), i * ROW)
         places = offset(p, N_PARAMETERS)
         act, act_dot, ctrl = doubles(words[act_slot]), doubles(words[rate_slot]), doubles(words[ctrl_slot])
         from_legs = doubles(words[userdata_slot])
-        h = carray(model, (_WORDS,), types.float64)[step_slot]
+        h = carray(model, (WORDS,), types.float64)[step_slot]
         if places[A.OWNER] == of_supply:
             demand, heat = 0.0, 0.0
             for k in range(i):
@@ -180,7 +180,7 @@ def native_callbacks() -> tuple:
             return supply_rates(p, places, act, act_dot, ctrl[i], demand, heat, h)
         if places[A.OWNER] != of_leg:
             return 0.0
-        t = carray(data, (_WORDS,), types.float64)[time_slot]
+        t = carray(data, (WORDS,), types.float64)[time_slot]
         y = doubles(words[length_slot])[i] - p[P.LENGTH_OFFSET]
         v = doubles(words[velocity_slot])[i]
         from_legs[2 * i], from_legs[2 * i + 1] = leg_rates(p, places, act, act_dot, y, v, ctrl[i], t, h)
@@ -188,14 +188,14 @@ def native_callbacks() -> tuple:
 
     @compiled_callback(signature)
     def act_bias(model, data, i):
-        fields, words = carray(model, (_WORDS,), types.uintp), carray(data, (_WORDS,), types.uintp)
+        fields, words = carray(model, (WORDS,), types.uintp), carray(data, (WORDS,), types.uintp)
         if fields[width_slot] != ROW:
             return 0.0
         p = offset(doubles(fields[user_slot]), i * ROW)
         places = offset(p, N_PARAMETERS)
         if places[A.OWNER] != of_leg:
             return 0.0
-        t = carray(data, (_WORDS,), types.float64)[time_slot]
+        t = carray(data, (WORDS,), types.float64)[time_slot]
         y = doubles(words[length_slot])[i] - p[P.LENGTH_OFFSET]
         v = doubles(words[velocity_slot])[i]
         return leg_bias(p, places, doubles(words[act_slot]), y, v, doubles(words[ctrl_slot])[i], t)

@@ -30,7 +30,7 @@ from hexsim.compiled import compiled, compiled_callback
 from hexsim.hydraulics.parameters import N_PARAMETERS, P
 from hexsim.mechanics.leg_geometry import leg_line
 from hexsim.mechanics.rigid_body import centre_acceleration, cross, dot, rotated, rotated_back, rotation_of, triple
-from hexsim.plant.callbacks import doubles, leg_bias, leg_rates, offset, supply_rates
+from hexsim.plant.callbacks import WORDS, doubles, leg_bias, leg_rates, offset, supply_rates
 from hexsim.plant.states import LEG, ROW, A
 from hexsim.plant.structs import slot
 
@@ -38,7 +38,6 @@ LENGTHS, EVALUATE, RUNGE_KUTTA = range(3)  # what `native_platform` is asked for
 MOST_STATES = 48  # of six legs with all six states each, and of a power unit: 42
 N_LEGS, N_TWIST = 6, 6
 N_GAIN = int(mujoco.mjNGAIN)
-_WORDS = 4096
 
 
 @intrinsic
@@ -380,7 +379,7 @@ def native_platform() -> Any:
 
     @compiled_callback(types.void(types.voidptr, types.voidptr, types.int32))
     def platform(model, data, what):
-        fields, words = carray(model, (_WORDS,), types.uintp), carray(data, (_WORDS,), types.uintp)
+        fields, words = carray(model, (WORDS,), types.uintp), carray(data, (WORDS,), types.uintp)
         i, k = of_model, of_data
         m = Memory(
             np.intp(fields[i[0]]), np.intp(fields[i[1]]), np.intp(fields[i[2]]), np.intp(integers(fields[i[3]])[0]),
