@@ -394,9 +394,15 @@ def march(context, record, row, span, middle):
 
 
 @compiled
+def part_end(context, part):
+    """Where in the tick a part ends [s]: one expression for all that compare with it, since its rounding is what they compare."""
+    return context.tick_s if part + 1 == context.parts else (part + 1) * (context.tick_s / context.parts)
+
+
+@compiled
 def next_change(context, at, part):
     """Where in the tick [s] the steps end that begin at `at`: where delayed volts reach a spool, or the part ends."""
-    end = context.tick_s if part + 1 == context.parts else (part + 1) * (context.tick_s / context.parts)
+    end = part_end(context, part)
     for i in range(context.part_s.shape[0]):
         if at < context.part_s[i] < end:
             end = context.part_s[i]
@@ -437,7 +443,7 @@ def advance(context, record, is_located):
             context.steps[0] = max(math.ceil(span / context.constant_s - 1e-6), 1)
         done += march(context, record, row, span, 0.5 * context.tick_s - at)
         at = end
-        if at * context.parts >= context.tick_s * (part + 1):
+        if at >= part_end(context, part):
             part += 1
         for i in range(n_legs):
             if 0.0 < context.part_s[i] <= at:

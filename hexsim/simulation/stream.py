@@ -17,6 +17,7 @@ import json
 import math
 import os
 import socket
+import threading
 import time as clock
 from collections.abc import Callable
 from pathlib import Path
@@ -116,7 +117,7 @@ class FoxgloveStream:
         """Let the lookers on go."""
         self.held.close()
         if self.server is not None:
-            self.server.stop()
+            within(FLUSH_s, self.server.stop)
 
     def row(self, time_s: float, values: Row) -> None:
         if self.channel is None:
@@ -160,7 +161,7 @@ class RerunStream:
         self._send()
         with contextlib.suppress(RuntimeError):
             self.recording.flush(timeout_sec=FLUSH_s)
-        self.recording.disconnect()
+        within(FLUSH_s, self.recording.disconnect)
 
     def row(self, time_s: float, values: Row) -> None:
         if self.times and not self.times[0] <= time_s < self.times[0] + BATCH_s:
@@ -178,6 +179,13 @@ class RerunStream:
             if len(numbers) == len(self.times):
                 self.recording.send_columns(name, indexes=[index], columns=self.rerun.Scalars.columns(scalars=numbers))
         self.times, self.columns = [], {}
+
+
+def within(seconds: float, close: Callable[[], object]) -> None:
+    """Call `close` of a viewer's library and wait for it no longer than this: nobody's machine waits for a viewer."""
+    closing = threading.Thread(target=close, daemon=True)
+    closing.start()
+    closing.join(seconds)
 
 
 def tick_row(plant: Any, loop: Any, volts: Array, readings: Readings, state: str = "") -> Row:

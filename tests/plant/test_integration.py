@@ -35,6 +35,16 @@ def test_default_integrator_converges_with_fourth_order():
     assert all(3.7 < order < 4.3 for order in orders), orders
 
 
+@pytest.mark.parametrize("rate_Hz", [20.0, 120.0, 180.0, 247.0])
+def test_a_tick_ends_at_any_rate(rate_Hz):
+    """A motion computer whose ticks are parts that no binary number divides: a second of it is a second (it never ended before)."""
+    plant = Plant(changed(load_machine("bench"), {"controller.rate_Hz": rate_Hz}))
+    plant.prepare(rate_Hz)
+    for _ in range(round(rate_Hz)):
+        plant.tick(np.array([0.1]))
+    assert plant.data.time == pytest.approx(1.0, abs=1e-9)
+
+
 @pytest.fixture(scope="module")
 def short_heave():
     scenario = dataclasses.replace(load_scenario("heave", duration_s=4.0), figures_from_s=2.0)
