@@ -30,8 +30,8 @@ TAIL = """## The methods
 {methods}
 
 The sparse regression was debugged on the first 30 cases; its counts there are not of unseen machines. hexsim was not changed for these
-cases, but its authors wrote the two plants and the list. It needs 17 to 180 s a leg and five to six minutes a hexapod on one core, hence the
-subset.
+cases, but its authors wrote the two plants and the list. It needs 17 to 180 s a leg and five to six minutes a hexapod on one
+core, hence the subset.
 """
 
 
