@@ -41,19 +41,23 @@ class Candidate(Protocol):
     def place(self) -> str: ...
 
 
-class Machine(Protocol):
-    """What a search asks of a machine."""
+class Forms(Protocol):
+    """A machine with its free forms."""
 
     def problem(self, chosen: Sequence[Any]) -> Problem:
         """The declared model with these effects in it."""
         ...
 
-    def candidates(self, chosen: Sequence[Any], now: Fit) -> tuple[Problem, list[tuple[Any, list[str]]]]:
-        """The model with every further effect in it at amplitude 0, and each with the names of its amplitudes there."""
-        ...
-
     def free_forms(self, chosen: Sequence[Any], now: Fit) -> Sequence[Any]:
         """The most general laws over the signals that each place of the model can depend on: what is left there shows in them."""
+        ...
+
+
+class Machine(Forms, Protocol):
+    """What a search asks of a machine."""
+
+    def candidates(self, chosen: Sequence[Any], now: Fit) -> tuple[Problem, list[tuple[Any, list[str]]]]:
+        """The model with every further effect in it at amplitude 0, and each with the names of its amplitudes there."""
         ...
 
 
@@ -152,13 +156,13 @@ def one_round(
     return [with_ties(one, judged) for one in judged], compared
 
 
-def remainders(machine: Machine, chosen: Sequence[Any], now: Fit) -> list[Remainder]:
-    """What a free form would take at each place beside everything that is chosen, to first order.
+def remainders(machine: Forms, chosen: Sequence[Any], now: Fit, forms: Sequence[Any] | None = None) -> list[Remainder]:
+    """What a free form (default: each of the machine's) would take at its place beside everything that is chosen, to first order.
 
     Its shapes are tried from smooth to rough (Neyman 1937): a law that resembles the named one differs smoothly from it.
     """
     found = []
-    for form in machine.free_forms(chosen, now):
+    for form in machine.free_forms(chosen, now) if forms is None else forms:
         try:
             problem = machine.problem([*chosen, form])
         except HexsimError:

@@ -4,8 +4,10 @@ import numpy as np
 import polars as pl
 import pytest
 
+from hexsim.inference.search import search
 from hexsim.own.folder import load_simulated
-from hexsim.own.trace import trace_own
+from hexsim.own.trace import Simulated
+from hexsim.own.trace_files import trace_simulated
 
 DRIVE = """
 [runs]
@@ -46,17 +48,18 @@ def run(seed: int, place_damping: float, play: float) -> pl.DataFrame:
 
 
 def traced(place, **missing: float):
+    """The trace of three runs, its files in place/out."""
     (place / "model.toml").write_text(DRIVE)
     for seed, name in enumerate(("one", "two", "three")):
         run(seed, **{"place_damping": 0.0, "play": 0.0} | missing).write_csv(place / f"{name}.csv")
-    return trace_own(load_simulated(place))
+    return trace_simulated(place, out=place / "out")[0]
 
 
 @pytest.mark.timeout(300)
 def test_damping_over_place_is_no_friction(tmp_path):
     """Where damping grows with the place, which no effect of the library says, an effect gains and nothing is named: a free form beside
     it finds the rest. What gains stays in the model all the same, for with it held-out motion is predicted better, and the verdict says
-    what it is."""
+    what it is. The formula x^2 v is stated with its coefficient; its file, put to the machine's, is an effect that is named."""
     trace = traced(tmp_path, place_damping=4.0)
     assert trace.steps == []
     stand_ins = [one.title for one in trace.found.refused if "its form is open" in one.why]
@@ -64,6 +67,13 @@ def test_damping_over_place_is_no_friction(tmp_path):
     assert f"likely, not proven: {stand_ins[0]} (in the model, its form is open)" in trace.verdict
     assert sum(trace.found.final_held.density) > sum(trace.found.base_held.density)
     assert set(trace.found.in_model[0].numbers) <= set(trace.declaration.parameters)
+    assert "formula beyond the library: x**2 * v in v" in trace.verdict
+    fitted = trace.formula.best.fitted
+    assert fitted.value("form_amount_v") == pytest.approx(4.0, abs=4 * fitted.error("form_amount_v"))
+    with (tmp_path / "model.toml").open("a") as file:
+        file.write((tmp_path / "out" / "effect.toml").read_text())
+    with_it = search(Simulated(load_simulated(tmp_path)), most=1)
+    assert [step.title for step in with_it.steps] == ["x**2 * v in v"]
 
 
 def test_play_is_backlash_and_no_lag(tmp_path):
