@@ -25,6 +25,7 @@ from hexsim.inference.verdict import AT, Judgment, comes_to, judge, needed, with
 
 Array = np.ndarray
 LOOKS = 5  # linear looks at most
+MOST_SAMPLES = 20_000  # of a look: it ranks hundreds of formulas, of which the best are fitted to everything
 FULL = 2  # of them over every start of a formula's numbers: from the declared machine, and about the first formula that was fitted
 
 
@@ -203,7 +204,8 @@ def looked(machine: Machine, ground: Ground, every: Sequence[Any]) -> list[Look]
     now, about = ground.now, ground.about
     found: dict[str, Look] = {}
     for problem, offered in machine.looks([*ground.chosen, *ground.others], every):
-        x, y, names = looked_at(problem, about)
+        at = part_of(problem)
+        x, y, names = looked_at(problem, about, at)
         base = x[:, [names.index(name) for name in now.names]]
         for name in (name for one in ground.others for name in one.amplitude):
             y = y - x[:, names.index(name)] * about.value(name)
@@ -215,11 +217,17 @@ def looked(machine: Machine, ground: Ground, every: Sequence[Any]) -> list[Look]
             low = [table.sign for table in (form.candidate.numbers[name] for name in form.candidate.amplitude)]
             if any(side * value < 0 for side, value in zip(low, size, strict=True)):
                 continue
-            score = nats - form.length
+            score = nats * len(problem.stretches) / len(at) - form.length
             if score > found.get(form.title, Look(form=form, score=0.0, begin={})).score:
                 begin = dict(zip(form.candidate.amplitude, map(float, size), strict=True))
                 found[form.title] = Look(form=form, score=score, begin=begin)
     return sorted(found.values(), key=lambda look: -look.score)
+
+
+def part_of(problem: Problem) -> list[int]:
+    """Stretches that a look takes: all, or every second, third ... of many samples."""
+    samples = sum(len(one.weight) for one in problem.stretches)
+    return list(range(0, len(problem.stretches), math.ceil(samples / MOST_SAMPLES)))
 
 
 def gained(own: Array, beside: Array, y: Array) -> tuple[float, Array]:

@@ -177,11 +177,14 @@ def remainders(machine: Forms, chosen: Sequence[Any], now: Fit, forms: Sequence[
     return found
 
 
-def looked_at(problem: Problem, now: Fit) -> tuple[Array, Array, list[str]]:
-    """Slopes and residual of unit variance at the numbers there are, priors below them; names of the columns."""
+def looked_at(problem: Problem, now: Fit, at: Sequence[int] | None = None) -> tuple[Array, Array, list[str]]:
+    """Slopes and residual of unit variance at the numbers there are, priors below them; names of the columns. at: stretches, default
+    all."""
     known = dict(zip(now.names, (float(value) for value in now.theta), strict=True))
     theta = np.array([known.get(number.name, number.start) for number in problem.numbers])
-    rest, slopes = whitened(Coefficients(problem, range(len(problem.stretches))), theta, now.spectra)
+    rest, slopes = whitened(
+        Coefficients(problem, range(len(problem.stretches)) if at is None else at), theta, now.spectra
+    )
     mean, precision = prior_of(problem.numbers)
     x, y = np.vstack([slopes, np.diag(precision)]), np.concatenate([rest, (theta - mean) * precision])
     return x, y, [number.name for number in problem.numbers]

@@ -80,7 +80,9 @@ def averaged(log: Log, over_s: float | None) -> Log:
         return log
     n = log.n // count
     if n < 2:
-        raise HexsimError(f"log {log.name} has {log.n} samples, fewer than two means over {over_s:g} s: lower average_s")
+        raise HexsimError(
+            f"log {log.name} has {log.n} samples, fewer than two means over {over_s:g} s: lower average_s"
+        )
     mean = lambda values: values[: n * count].reshape(n, count).mean(axis=1)  # noqa: E731
     return replace(
         log, time=mean(log.time), rate=log.rate / count, columns={name: mean(values) for name, values in log.columns.items()},

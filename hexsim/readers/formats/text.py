@@ -60,7 +60,9 @@ class TextReader(Reader):
                 packed = file.read(2) == b"\x1f\x8b"
                 file.seek(0)
                 begin = next(inflated(file)) if packed else file.read(LOOK)
-            table = find_table(decoded(path, begin[:LOOK], layout).decode("utf-8", "replace").splitlines(), layout, path)
+            table = find_table(
+                decoded(path, begin[:LOOK], layout).decode("utf-8", "replace").splitlines(), layout, path
+            )
         except (HexsimError, OSError, EOFError, StopIteration, zlib.error):
             return False
         return len(table.header) > 1 or layout.columns is not None
