@@ -249,10 +249,11 @@ def least(data: Coefficients, theta: Array, spectra: Sequence[Spectrum], evaluat
         slopes = np.clip(np.nan_to_num(real(data.slopes(whole(x)), scales)), -(FAR**2), FAR**2)
         return np.concatenate([slopes, np.diag(precision)])[:, free]
 
-    found = least_squares(
-        residuals, begin[free], jac=jacobian, bounds=(low[free], high[free]), x_scale=scale[free],  # pyright: ignore[reportArgumentType]
-        max_nfev=evaluations, xtol=1e-10, ftol=1e-8, gtol=1e-12,
-    )  # fmt: skip
+    with np.errstate(divide="ignore", invalid="ignore"):  # scipy divides by the slope of a number that does nothing
+        found = least_squares(
+            residuals, begin[free], jac=jacobian, bounds=(low[free], high[free]), x_scale=scale[free],  # pyright: ignore[reportArgumentType]
+            max_nfev=evaluations, xtol=1e-10, ftol=1e-8, gtol=1e-12,
+        )  # fmt: skip
     return whole(found.x)
 
 

@@ -41,19 +41,23 @@ class Candidate(Protocol):
     def place(self) -> str: ...
 
 
-class Machine(Protocol):
-    """What a search asks of a machine."""
+class Forms(Protocol):
+    """A machine with its free forms."""
 
     def problem(self, chosen: Sequence[Any]) -> Problem:
         """The declared model with these effects in it."""
         ...
 
-    def candidates(self, chosen: Sequence[Any], now: Fit) -> tuple[Problem, list[tuple[Any, list[str]]]]:
-        """The model with every further effect in it at amplitude 0, and each with the names of its amplitudes there."""
-        ...
-
     def free_forms(self, chosen: Sequence[Any], now: Fit) -> Sequence[Any]:
         """The most general laws over the signals that each place of the model can depend on: what is left there shows in them."""
+        ...
+
+
+class Machine(Forms, Protocol):
+    """What a search asks of a machine."""
+
+    def candidates(self, chosen: Sequence[Any], now: Fit) -> tuple[Problem, list[tuple[Any, list[str]]]]:
+        """The model with every further effect in it at amplitude 0, and each with the names of its amplitudes there."""
         ...
 
 
@@ -152,13 +156,13 @@ def one_round(
     return [with_ties(one, judged) for one in judged], compared
 
 
-def remainders(machine: Machine, chosen: Sequence[Any], now: Fit) -> list[Remainder]:
-    """What a free form would take at each place beside everything that is chosen, to first order.
+def remainders(machine: Forms, chosen: Sequence[Any], now: Fit, forms: Sequence[Any] | None = None) -> list[Remainder]:
+    """What a free form (default: each of the machine's) would take at its place beside everything that is chosen, to first order.
 
     Its shapes are tried from smooth to rough (Neyman 1937): a law that resembles the named one differs smoothly from it.
     """
     found = []
-    for form in machine.free_forms(chosen, now):
+    for form in machine.free_forms(chosen, now) if forms is None else forms:
         try:
             problem = machine.problem([*chosen, form])
         except HexsimError:
@@ -173,11 +177,14 @@ def remainders(machine: Machine, chosen: Sequence[Any], now: Fit) -> list[Remain
     return found
 
 
-def looked_at(problem: Problem, now: Fit) -> tuple[Array, Array, list[str]]:
-    """Slopes and residual of unit variance at the numbers there are, priors below them; names of the columns."""
+def looked_at(problem: Problem, now: Fit, at: Sequence[int] | None = None) -> tuple[Array, Array, list[str]]:
+    """Slopes and residual of unit variance at the numbers there are, priors below them; names of the columns. at: stretches, default
+    all."""
     known = dict(zip(now.names, (float(value) for value in now.theta), strict=True))
     theta = np.array([known.get(number.name, number.start) for number in problem.numbers])
-    rest, slopes = whitened(Coefficients(problem, range(len(problem.stretches))), theta, now.spectra)
+    rest, slopes = whitened(
+        Coefficients(problem, range(len(problem.stretches)) if at is None else at), theta, now.spectra
+    )
     mean, precision = prior_of(problem.numbers)
     x, y = np.vstack([slopes, np.diag(precision)]), np.concatenate([rest, (theta - mean) * precision])
     return x, y, [number.name for number in problem.numbers]

@@ -201,6 +201,9 @@ class SimulationTable(Section):
         description="error: least rms of the simulation, for long free runs of a model that is not quite right",
     )
     from_s: float = Field(default=0.0, ge=0.0, le=1e5, description="the fit and the score begin here")
+    average_s: float | None = Field(
+        default=None, gt=0.0, le=1e5, description="samples are means over so long: noise of inputs in a slow test"
+    )
 
 
 class ModelTables(Section):

@@ -46,7 +46,7 @@ class Sizes:
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
     """An effect at one place of a model. formulas: as FORMULAS. numbers: names -> what is searched. corners: of its curve, on
-    each side. shape: tells tries apart."""
+    each side. shape: tells tries apart. unchanged: how what it becomes begins, + and what it adds."""
 
     name: str
     on: str
@@ -61,6 +61,7 @@ class Candidate:
     rival: bool = False
     corners: tuple[int, ...] = ()
     shape: str = ""
+    unchanged: str = ""
 
     @property
     def title(self) -> str:
@@ -79,7 +80,10 @@ class Candidate:
 
     @property
     def shapes(self) -> Array:
-        """Of a free form (numbers, shapes): polynomials over its corners, orthogonal and without mean, the smooth ones first."""
+        """Of a free form (numbers, shapes): polynomials over its corners, orthogonal and without mean, the smooth ones first; each number
+        alone where it has no corners."""
+        if self.curve is None:
+            return np.eye(len(self.amplitude))
         sides = [np.linalg.qr(np.vander(np.linspace(-1, 1, n), increasing=True))[0] for n in self.corners]
         whole = sides[0] if len(sides) == 1 else np.kron(sides[0], sides[1])
         degree = np.sum(np.indices(self.corners), axis=0).ravel()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -64,11 +64,29 @@ def load_simulated(folder: Path, fit: Sequence[str] = (), validate: Sequence[str
     data = folder / asked.runs.folder
     named = model_of(asked, where)
     wanted = dict.fromkeys((*named.inputs, *named.outputs, *(column for _, column in named.firsts)))
-    logs, held_out = logs_of(data, folder, fit or asked.runs.fit, validate or asked.runs.validate_on, list(wanted))
+    read = logs_of(data, folder, fit or asked.runs.fit, validate or asked.runs.validate_on, list(wanted))
+    logs, held_out = ([averaged(log, asked.simulation.average_s) for log in part] for part in read)
     columns = set.intersection(*(set(log.columns) for log in (*logs, *held_out)))
     return OwnFolder(
         name=asked.name or folder.resolve().name, where=where, declaration=asked, model=model_of(asked, where, columns),
         fit=tuple(logs), validate=tuple(held_out),
+    )  # fmt: skip
+
+
+def averaged(log: Log, over_s: float | None) -> Log:
+    """Means over so long as samples; the rest of a run that is no whole mean is left out. Raises HexsimError where none is left."""
+    count = 1 if over_s is None else max(round(over_s * log.rate), 1)
+    if count == 1:
+        return log
+    n = log.n // count
+    if n < 2:
+        raise HexsimError(
+            f"log {log.name} has {log.n} samples, fewer than two means over {over_s:g} s: lower average_s"
+        )
+    mean = lambda values: values[: n * count].reshape(n, count).mean(axis=1)  # noqa: E731
+    return replace(
+        log, time=mean(log.time), rate=log.rate / count, columns={name: mean(values) for name, values in log.columns.items()},
+        repaired={name: mean(values) > 0.0 for name, values in log.repaired.items()}, weights={},
     )  # fmt: skip
 
 

@@ -71,6 +71,10 @@ class root(sympy.Function):
 
     nargs = 1
 
+    @classmethod
+    def eval(cls, x):
+        return sympy.sign(x) * sympy.sqrt(abs(x)) if x.is_Number else None
+
     def fdiff(self, argindex=1):
         return root_slope(self.args[0])
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hexsim.inference.formula import Formula, formula_of
 from hexsim.inference.likelihood import Fit
 from hexsim.inference.notebook import Notebook
 from hexsim.inference.search import Found, search
@@ -15,6 +15,8 @@ from hexsim.inference.verdict import Judgment, changing
 from hexsim.own.declaration import Declaration
 from hexsim.own.effects import Candidate, joined, offered
 from hexsim.own.folder import OwnFolder
+from hexsim.own.forms import Form, forms, memories, with_values
+from hexsim.own.formulas import LONGEST
 from hexsim.own.model import model_of
 from hexsim.own.problem import OwnProblem, problem_of
 from hexsim.own.run import simulated
@@ -25,8 +27,8 @@ Array = np.ndarray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OwnTrace:
-    """From the declared machine to what it lacks. errors: step -> run -> rms of each output, on runs of [runs] validate. remarks:
-    declared numbers that are not the same in all motion."""
+    """From the declared machine to what it lacks. formula: for what names leave. errors: step -> run -> rms of each output, on runs of
+    [runs] validate. remarks: declared numbers that are not the same in all motion."""
 
     folder: OwnFolder
     found: Found
@@ -34,6 +36,7 @@ class OwnTrace:
     verdict: str
     remarks: list[str]
     declaration: Declaration
+    formula: Formula | None = None
 
     @property
     def steps(self) -> list[Judgment]:
@@ -50,23 +53,29 @@ def trace_own(
 ) -> OwnTrace:  # fmt: skip
     """Name what the folder's machine lacks. Raises HexsimError where it cannot be simulated. notes, keep: as in `search`."""
     machine = Simulated(folder)
+    notes = notes or Notebook()
     found = search(machine, tell, notes=notes, keep=lambda known: keep(traced(folder, machine, known)))
-    return traced(folder, machine, found)
+    formula = formula_of(machine, found, notes, lambda what: tell(what, 0.9))
+    if formula is not None and formula.instead:
+        why = f"{formula.best.title} alone predicts better than every name"
+        doubted = [replace(step, verdict="likely", why=why) for step in found.steps]
+        found = replace(found, steps=[], refused=[*doubted, *found.refused])
+    return traced(folder, machine, found, formula)
 
 
-def traced(folder: OwnFolder, machine: Simulated, found: Found) -> OwnTrace:
+def traced(folder: OwnFolder, machine: Simulated, found: Found, formula: Formula | None = None) -> OwnTrace:
     """What is known, with the errors of free runs."""
     errors = {
         title: {log.name: simulated(made, log, folder.where)[1] for log in folder.validate}
         for title, made in found.fits
     }
     return OwnTrace(
-        folder=folder, found=found, errors=errors, verdict=said(found), remarks=changing(found.final),
-        declaration=machine.declared(found.in_model),
+        folder=folder, found=found, errors=errors, verdict=said(found, formula), remarks=changing(found.final),
+        declaration=machine.declared(found.in_model), formula=formula,
     )  # fmt: skip
 
 
-def said(found: Found) -> str:
+def said(found: Found, formula: Formula | None) -> str:
     """The verdict in a sentence."""
     names = " + ".join(
         step.title + (f" (tied with {', '.join(step.tied)})" if step.tied else "") for step in found.steps
@@ -76,10 +85,14 @@ def said(found: Found) -> str:
         one.title + (" (in the model, its form is open)" if one.title in stand_ins else "")
         for one in found.refused if one.verdict == "likely"
     ]  # fmt: skip
-    open_ = f"; likely, not proven: {', '.join(likely[:2])}" if likely else ""
     if names:
-        return f"named: {names}{open_}"
-    return f"unexplained{open_}" if likely else "nothing of the library makes held-out motion more likely"
+        begin = f"named: {names}"
+    else:
+        begin = "unexplained" if likely or formula else "nothing of the library makes held-out motion more likely"
+    parts = [begin]
+    if formula is not None:
+        parts.append(f"no form: {formula.why}" if formula.why else f"formula beyond the library: {formula.best.title}")
+    return "; ".join([*parts, *([f"likely, not proven: {', '.join(likely[:2])}"] if likely else [])])
 
 
 class Simulated:
@@ -121,13 +134,71 @@ class Simulated:
             found.append((candidate, [one.switch] if one.switch else list(one.amplitude)))
         return self.of(everything), found
 
+    def forms(self, chosen: Sequence[Candidate], now: Fit) -> list[Form]:
+        """Every formula over the machine's signals."""
+        assert isinstance(now.problem, OwnProblem)
+        declared = self.declared(chosen)
+        return forms(declared, now.problem.simulator.model.inputs, sizes_of(declared, now.problem, now.theta))
+
+    def looks(
+        self, chosen: Sequence[Candidate], every: Sequence[Form]
+    ) -> Iterator[tuple[OwnProblem, list[tuple[Form, list[str]]]]]:
+        """Formulas of one place in one model as far as its formulas have room, with numbers inside their functions fixed."""
+        own = [(form, distinct(fixed(form.candidate), k)) for k, form in enumerate(every)]
+        for place in dict.fromkeys(form.candidate.place for form in every):
+            for part in fitting([pair for pair in own if pair[0].candidate.place == place]):
+                problem = self.of(joined(self.declared(chosen), merged([one for _, one in part]), neutral=True))
+                yield problem, [(form, list(one.amplitude)) for form, one in part]
+
+    def memories(self, chosen: Sequence[Candidate], form: Form, now: Fit) -> list[Candidate]:
+        assert isinstance(now.problem, OwnProblem)
+        declared = self.declared(chosen)
+        fitted = dict(zip(now.names, map(float, now.theta), strict=True))
+        return memories(
+            declared, form, fitted, sizes_of(self.declared([*chosen, form.candidate]), now.problem, now.theta)
+        )
+
+
+def fixed(candidate: Candidate) -> Candidate:
+    """With values for the numbers that are no amplitudes."""
+    values = {
+        name: f"({table.start!r})" for name, table in candidate.numbers.items() if name not in candidate.amplitude
+    }
+    return replace(
+        candidate, formulas={key: with_values(text, values) for key, text in candidate.formulas.items()},
+        numbers={name: candidate.numbers[name] for name in candidate.amplitude},
+    )  # fmt: skip
+
+
+def fitting(own: Sequence[tuple[Form, Candidate]]) -> Iterator[list[tuple[Form, Candidate]]]:
+    """Parts whose formulas together are no longer than a formula may be."""
+    part, room = [], LONGEST
+    for form, one in own:
+        length = sum(map(len, one.formulas.values())) + len(" + ")
+        if part and length > room:
+            yield part
+            part, room = [], LONGEST
+        part, room = [*part, (form, one)], room - length
+    if part:
+        yield part
+
+
+def merged(own: Sequence[Candidate]) -> Candidate:
+    """Candidates of one place as one; what they add are terms of a sum."""
+    formulas: dict[str, str] = {}
+    for one in own:
+        for key, text in one.formulas.items():
+            formulas[key] = f"{formulas[key]} + {text.removeprefix(one.unchanged)}" if key in formulas else text
+    numbers = {name: table for one in own for name, table in one.numbers.items()}
+    return replace(own[0], formulas=formulas, numbers=numbers, amplitude=tuple(numbers))
+
 
 def distinct(candidate: Candidate, k: int) -> Candidate:
     """The same with names that no other candidate has."""
     names = [*candidate.numbers, *([candidate.switch] if candidate.switch else []), *([candidate.memory[0]] if candidate.memory else []),
              *([candidate.curve[0]] if candidate.curve else [])]  # fmt: skip
     new = {name: f"{name}_c{k}" for name in names}
-    swap = lambda text: swapped(text, new)  # noqa: E731
+    swap = lambda text: with_values(text, new)  # noqa: E731
     memory = None
     if candidate.memory:
         table = candidate.memory[1]
@@ -143,7 +214,3 @@ def distinct(candidate: Candidate, k: int) -> Candidate:
         switch=new[candidate.switch] if candidate.switch else None,
         curve=(new[candidate.curve[0]], swap(candidate.curve[1])) if candidate.curve else None,
     )  # fmt: skip
-
-
-def swapped(text: str, new: dict[str, str]) -> str:
-    return re.sub(r"[A-Za-z_][A-Za-z0-9_]*", lambda found: new.get(found.group(), found.group()), text)

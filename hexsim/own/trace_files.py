@@ -1,4 +1,4 @@
-"""Files of a free-run trace: report.json, report.html, and the declared file with what was named and every number as fitted."""
+"""Files of a free-run trace: report.json, report.html, effect.toml, the declared file with what was named and every number as fitted."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from typing import Any
 import tomli_w
 
 from hexsim.files.json_files import write_json
+from hexsim.inference.formula import Formula
 from hexsim.inference.verdict import Judgment
 from hexsim.own.declaration import Declaration
 from hexsim.own.folder import OwnFolder, load_simulated
+from hexsim.own.forms import as_effect
 from hexsim.own.model import START, model_of
 from hexsim.own.run import CAPTION, report_of, residual, simulated
 from hexsim.own.state_file import StateFile
@@ -19,6 +21,7 @@ from hexsim.own.trace import OwnTrace, trace_own
 from hexsim.recording.figure_style import png
 from hexsim.recording.report import data_url, render
 
+EFFECT = "effect.toml"
 Progress = Callable[[str, float], None]
 
 
@@ -27,7 +30,8 @@ def trace_simulated(
     progress: Progress = lambda step, share: None, state: StateFile | None = None,
     keep: Callable[[dict[str, Any]], None] = lambda report: None,
 ) -> tuple[OwnTrace, dict[str, Any]]:  # fmt: skip
-    """The trace of a folder that is simulated, and its report. Files go to `out` if given.
+    """The trace of a folder that is simulated, and its report. Files go to `out` if given; a formula goes into effect.toml, whose
+    lines join the folder's model.toml.
 
     state: what was fitted until now, and where it is kept. keep: called with the report of what is known, after each round.
     """
@@ -45,6 +49,10 @@ def trace_simulated(
         ]  # fmt: skip
         write_report(report, out, pictures)
         (out / "model.toml").write_text(tomli_w.dumps(as_file(found, folder)), encoding="utf-8")
+        if found.formula is not None and found.formula.proven:
+            fitted = found.formula.best.fitted
+            effect = as_effect(found.formula.form, dict(zip(fitted.names, fitted.theta, strict=True)))
+            (out / EFFECT).write_text(tomli_w.dumps(effect), encoding="utf-8")
         if (folder / "mapping.toml").is_file():
             (out / "mapping.toml").write_bytes((folder / "mapping.toml").read_bytes())
     progress("done", 1.0)
@@ -61,7 +69,8 @@ def content(loaded: OwnFolder, found: OwnTrace) -> tuple[dict[str, Any], dict[st
     report = report_of(with_effects, found.final, {name: rms for name, (_, rms) in made.items()})
     return report | {
         "verdict": found.verdict, "named": [step.title for step in found.steps], "held_out_runs": found.errors,
-        "remarks": found.remarks, "candidates": [entry(one) for one in (*found.steps, *found.found.refused)],
+        "remarks": found.remarks,
+        "candidates": [entry(one) for one in (*found.steps, *found.found.refused)] + formula_entry(found.formula),
     }, made  # fmt: skip
 
 
@@ -92,6 +101,13 @@ def entry(one: Judgment) -> dict[str, Any]:
         "held_out": {name: {"before": before, "after": after, "t": t} for name, (before, after, t) in one.errors.items()},
         "numbers": {name: {"value": fitted.value(name), "standard_error": fitted.error(name)} for name, fitted in named.items()},
     }  # fmt: skip
+
+
+def formula_entry(formula: Formula | None) -> list[dict[str, Any]]:
+    if formula is None:
+        return []
+    said = {"verdict": "formula" if formula.proven else "no form", "why": formula.why or formula.best.why}
+    return [entry(formula.best) | said | {"tied": formula.rivals}]
 
 
 def as_file(found: OwnTrace, folder: Path) -> dict[str, Any]:

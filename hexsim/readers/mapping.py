@@ -8,6 +8,7 @@ columns = ["t", "pos", "p1"]      # names, when the file has no header row of it
 header_row = 12                   # the line, from 1, with the names (default: found by itself)
 skip_rows = 3                     # lines before the table that are passed over
 rate_Hz = 1000.0                  # when there is no column of time
+si_letters = true                 # 25.1m is 0.0251: letters n, u, m, k behind numbers
 [columns.position_m]              # name of the signal, SI unit at its end
 from = "pos"                      # column of the file (default: the same name)
 unit = "mm"                       # or factor = 1e-3 and offset = 0.0 (SI = factor * value + offset)
@@ -54,6 +55,7 @@ class FileLayout(Section):
     rate_Hz: float | None = Field(
         default=None, gt=0.0, le=1e5, description="samples a second, where there is no column of time [Hz]"
     )
+    si_letters: bool = Field(default=False, description="n, u, m, k behind a number are 1e-9, 1e-6, 1e-3, 1e3")
 
 
 class Channel(Section):

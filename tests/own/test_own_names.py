@@ -4,8 +4,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from hexsim.own.folder import load_simulated
-from hexsim.own.trace import trace_own
+from hexsim.inference.search import search
+from hexsim.own.effects import Sizes
+from hexsim.own.folder import declared, load_simulated
+from hexsim.own.forms import forms
+from hexsim.own.trace import Simulated, said
+from hexsim.own.trace_files import trace_simulated
 
 DRIVE = """
 [runs]
@@ -45,11 +49,12 @@ def run(seed: int, place_damping: float, play: float) -> pl.DataFrame:
     return pl.DataFrame({"time_s": t, "command": command, "x": seen + 0.003 * rng.standard_normal(N)})
 
 
-def traced(place, **missing: float):
+def machine(place, **missing: float) -> Simulated:
+    """Three runs of the plant, with the file that lacks this."""
     (place / "model.toml").write_text(DRIVE)
     for seed, name in enumerate(("one", "two", "three")):
         run(seed, **{"place_damping": 0.0, "play": 0.0} | missing).write_csv(place / f"{name}.csv")
-    return trace_own(load_simulated(place))
+    return Simulated(load_simulated(place))
 
 
 @pytest.mark.timeout(300)
@@ -57,19 +62,53 @@ def test_damping_over_place_is_no_friction(tmp_path):
     """Where damping grows with the place, which no effect of the library says, an effect gains and nothing is named: a free form beside
     it finds the rest. What gains stays in the model all the same, for with it held-out motion is predicted better, and the verdict says
     what it is."""
-    trace = traced(tmp_path, place_damping=4.0)
-    assert trace.steps == []
-    stand_ins = [one.title for one in trace.found.refused if "its form is open" in one.why]
-    assert stand_ins and {one.title for one in trace.found.in_model} == set(stand_ins)
-    assert f"likely, not proven: {stand_ins[0]} (in the model, its form is open)" in trace.verdict
-    assert sum(trace.found.final_held.density) > sum(trace.found.base_held.density)
-    assert set(trace.found.in_model[0].numbers) <= set(trace.declaration.parameters)
+    drive = machine(tmp_path, place_damping=4.0)
+    found = search(drive)
+    assert found.steps == []
+    stand_ins = [one.title for one in found.refused if "its form is open" in one.why]
+    assert stand_ins and {one.title for one in found.in_model} == set(stand_ins)
+    assert f"likely, not proven: {stand_ins[0]} (in the model, its form is open)" in said(found, None)
+    assert sum(found.final_held.density) > sum(found.base_held.density)
+    assert set(found.in_model[0].numbers) <= set(drive.declared(found.in_model).parameters)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_damping_over_place_gets_its_formula(tmp_path):
+    """The formula x^2 v is stated with its coefficient; its file, put to the machine's, is an effect that is named."""
+    machine(tmp_path, place_damping=4.0)
+    trace, report = trace_simulated(tmp_path, out=tmp_path / "out")
+    assert "formula beyond the library: x**2 * v in v" in trace.verdict
+    [own] = [one for one in report["candidates"] if one["verdict"] == "formula"]
+    number = own["numbers"]["form_amount_v"]
+    assert number["value"] == pytest.approx(4.0, abs=4 * number["standard_error"])
+    with (tmp_path / "model.toml").open("a") as file:
+        file.write((tmp_path / "out" / "effect.toml").read_text())
+    with_it = search(Simulated(load_simulated(tmp_path)), most=1)
+    assert [step.title for step in with_it.steps] == ["x**2 * v in v"]
+
+
+def test_formulas_have_the_unit_of_their_sum(tmp_path):
+    """A coefficient has the unit that makes its term a force; a product of two signals is longer than one signal, so that it must
+    predict better."""
+    units = '[states.x]\nunit = "m"\n', '[states.v]\nunit = "m/s"\n'
+    text = DRIVE.replace("[states.x]\n", units[0]).replace("[states.v]\n", units[1])
+    (tmp_path / "model.toml").write_text(text)
+    every = {form.title: form for form in forms(declared(tmp_path), ["command"], lambda what, name: Sizes())}
+    unit = lambda title: every[title].row.parameters["form_amount"].unit  # noqa: E731
+    assert unit("x**2 * v in v") == "N/(m2 m/s)"
+    assert unit("v * abs(v) in v") == "N/((m/s)2)"
+    assert unit("x * command in v") == "N/(m V)"
+    assert unit("tanh(v / w) in v") == "N"
+    assert every["x**2 * v in v"].length > every["x**2 in v"].length
+    assert "command**2 in v" not in every and "command * abs(command) in command" in every
+
+
+@pytest.mark.timeout(300)
 def test_play_is_backlash_and_no_lag(tmp_path):
     """Play of a drive is named as such, alone and with its width: every memory is fitted, whatever a linear look foretells."""
-    trace = traced(tmp_path, play=0.15)
-    assert [step.candidate.name for step in trace.steps] == ["backlash of a drive"]
-    assert trace.steps[0].tied == []
-    width = next(name for name in trace.final.names if name.startswith("play"))
-    assert trace.final.value(width) == pytest.approx(0.15, abs=4 * trace.final.error(width))
+    found = search(machine(tmp_path, play=0.15))
+    assert [step.candidate.name for step in found.steps] == ["backlash of a drive"]
+    assert found.steps[0].tied == []
+    width = next(name for name in found.final.names if name.startswith("play"))
+    assert found.final.value(width) == pytest.approx(0.15, abs=4 * found.final.error(width))

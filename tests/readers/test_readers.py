@@ -11,6 +11,7 @@ import pytest
 
 from hexsim.errors import HexsimError
 from hexsim.machine import load_machine
+from hexsim.own.folder import load_simulated
 from hexsim.readers import read_log, read_stretches
 from hexsim.tracing.checks.checks import check_log
 
@@ -266,6 +267,25 @@ def test_own_machine_with_whitespace_and_comment_header(tmp_path):
     assert (log.kind, log.rate, list(log.columns)) == ("own", 50.0, ["motor_speed_rad_s"])
     np.testing.assert_allclose(log.columns["motor_speed_rad_s"], np.sin(np.arange(200) / 9) * np.pi / 30, atol=1e-7)
     assert any("not used" in loss and "junk" in loss for loss in log.losses)
+
+
+def test_letters_behind_numbers_and_means_of_a_slow_test(tmp_path):
+    """25.1m is 0.0251 and 3k is 3000, as an instrument writes them; with average_s a sample is a mean, and faster noise is gone."""
+    rng, t = np.random.default_rng(0), np.arange(4000) * 0.01
+    current, flow = np.sin(0.3 * t) + 0.2 * rng.standard_normal(len(t)), 2000.0 * np.sin(0.3 * t)
+    rows = [f"{1e3 * a:.3f}m\t{b / 1e3:.6f}k" for a, b in zip(current, flow, strict=True)]
+    (tmp_path / "one.txt").write_text("\n".join(["i\tq", *rows]) + "\n")
+    (tmp_path / "mapping.toml").write_text(
+        'kind = "own"\n[file]\nseparator = "tab"\nsi_letters = true\nrate_Hz = 100.0\n[columns.i]\n[columns.q]\n'
+    )
+    (tmp_path / "model.toml").write_text(
+        '[parameters]\ngain = { start = 1.0 }\n[outputs.q]\nformula = "gain * i"\n[simulation]\naverage_s = 0.5\n'
+    )
+    own = load_simulated(tmp_path)
+    assert own.fit[0].n == 80 and own.fit[0].rate == pytest.approx(2.0)
+    np.testing.assert_allclose(own.fit[0].columns["q"], flow.reshape(80, 50).mean(axis=1), rtol=1e-5, atol=1e-2)
+    noise = own.fit[0].columns["i"] - own.fit[0].columns["q"] / 2000.0
+    assert np.std(noise) == pytest.approx(0.2 / np.sqrt(50), rel=0.3)
 
 
 @pytest.mark.slow

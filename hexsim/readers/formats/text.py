@@ -21,6 +21,8 @@ CHUNK = 1 << 22  # bytes that are read and inflated at once
 LOOK = 1 << 16  # bytes that say whether there is a table
 HEAD = 1 << 20  # bytes that say where the table is
 LARGEST = 150_000_000  # bytes of text that are read: a million rows of a bench, half a million of a hexapod
+SI_LETTER = re.compile(rb"(\d\.?)([numk])(?=[\s;,]|$)")
+SI_EXPONENT = {b"n": b"e-9", b"u": b"e-6", b"m": b"e-3", b"k": b"e3"}
 BLOCK = 50_000  # rows that are parsed at once where they are parsed cell by cell
 
 
@@ -32,7 +34,7 @@ class TextReader(Reader):
 
     def read(self, path: Path, layout: FileLayout) -> RawLog:
         raw = RawLog(signals=[])
-        text = decoded(path, file_bytes(path, raw))
+        text = decoded(path, file_bytes(path, raw), layout)
         table = find_table(text[:HEAD].decode("utf-8", "replace").splitlines(), layout, path)
         twice = [name for name, count in Counter(table.header).items() if count > 1]
         if twice:
@@ -58,7 +60,9 @@ class TextReader(Reader):
                 packed = file.read(2) == b"\x1f\x8b"
                 file.seek(0)
                 begin = next(inflated(file)) if packed else file.read(LOOK)
-            table = find_table(decoded(path, begin[:LOOK]).decode("utf-8", "replace").splitlines(), layout, path)
+            table = find_table(
+                decoded(path, begin[:LOOK], layout).decode("utf-8", "replace").splitlines(), layout, path
+            )
         except (HexsimError, OSError, EOFError, StopIteration, zlib.error):
             return False
         return len(table.header) > 1 or layout.columns is not None
@@ -134,8 +138,8 @@ def whole_rows(pieces: list[bytes]) -> bytes:
     return b"".join(pieces).rpartition(b"\n")[0] + b"\n"
 
 
-def decoded(path: Path, raw: bytes) -> bytes:
-    """UTF-8 with \\n line ends; refuses what is no text."""
+def decoded(path: Path, raw: bytes, layout: FileLayout) -> bytes:
+    """UTF-8 with \\n line ends, letters behind numbers as exponents; refuses what is no text."""
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raw = raw.decode("utf-16", "replace").encode()
     raw = raw.removeprefix(b"\xef\xbb\xbf")
@@ -148,6 +152,8 @@ def decoded(path: Path, raw: bytes) -> bytes:
         raw.decode("utf-8")
     except UnicodeDecodeError:
         raw = raw.decode("latin-1").encode()
+    if layout.si_letters:
+        raw = SI_LETTER.sub(lambda found: found[1] + SI_EXPONENT[found[2]], raw)
     return raw
 
 
