@@ -22,6 +22,8 @@ WEIGHTS = (
 TRIES = 3  # steps a tick: the window moves on, and the next tick goes on
 BLUNT = 0.4  # of the half dead band, for the derivatives
 LEAST_BLUNT_V = 2e-3
+ROUGHEST = 2.0 / 3.0  # of the half dead band, as WEIGHTS[3]: a wide one is crossed in as many ticks as a narrow one
+CROSSING = 6  # passes of `_smooth`: a crossing then takes half the window, and its effect is still in it
 DAMPING = (1e-6, 1e-2, 1.0)
 
 
@@ -35,13 +37,19 @@ def low_pass(memory, x, sheet):
 
 
 @compiled
+def roughness(th, sheet):
+    """What a second difference of the volts weighs [1/V]."""
+    return sheet[S_SMOOTH] / max(WEIGHTS[3], ROUGHEST * 0.5 * (th[DEAD_UP] + th[DEAD_DN]))
+
+
+@compiled
 def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, none, w, path):
     """Residuals r (4 AHEAD,) of volts U (AHEAD,) from the state x. before, older: the volts sent last. y, v (AHEAD + 1,): demanded at
     the window's ticks. extra (AHEAD,): by the other legs [N]. path (AHEAD + 1, N_STATES) takes the states."""
     s[:] = x
     path[0, :] = x
     g0, g1 = filtered[0], filtered[1]
-    cost, tick_s = 0.0, sheet[S_TICK]
+    cost, tick_s, rough = 0.0, sheet[S_TICK], roughness(th, sheet)
     for i in range(AHEAD):
         last = U[i - 1] if i > 0 else before
         last2 = U[i - 2] if i > 1 else (before if i == 1 else older)
@@ -55,7 +63,7 @@ def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, e
         r[i] = o / WEIGHTS[0]
         r[AHEAD + i] = (s[V] - v[i + 1]) / WEIGHTS[1]
         r[2 * AHEAD + i] = (s[Y] - y[i + 1]) / WEIGHTS[2]
-        r[3 * AHEAD + i] = (U[i] - 2.0 * last + last2) * sheet[S_SMOOTH] / WEIGHTS[3]
+        r[3 * AHEAD + i] = (U[i] - 2.0 * last + last2) * rough
         for k in range(4):
             cost += r[k * AHEAD + i] * r[k * AHEAD + i]
     return cost
@@ -66,7 +74,7 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
     """J (4 AHEAD, AHEAD): derivatives of the residuals by the volts, along the states `path`."""
     S[:, :] = 0.0
     J[:, :] = 0.0
-    tick_s = sheet[S_TICK]
+    tick_s, rough = sheet[S_TICK], roughness(th, sheet)
     for j in range(AHEAD):
         d_now[j] = d_before[j] = 0.0
     for i in range(AHEAD):
@@ -103,11 +111,11 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
             J[i, j] = (J[i, j] + S[V, j]) / tick_s
             J[AHEAD + i, j] = S[V, j] / WEIGHTS[1]
             J[2 * AHEAD + i, j] = S[Y, j] / WEIGHTS[2]
-        J[3 * AHEAD + i, i] = sheet[S_SMOOTH] / WEIGHTS[3]
+        J[3 * AHEAD + i, i] = rough
         if i > 0:
-            J[3 * AHEAD + i, i - 1] = -2.0 * sheet[S_SMOOTH] / WEIGHTS[3]
+            J[3 * AHEAD + i, i - 1] = -2.0 * rough
         if i > 1:
-            J[3 * AHEAD + i, i - 2] = sheet[S_SMOOTH] / WEIGHTS[3]
+            J[3 * AHEAD + i, i - 2] = rough
     for j in range(AHEAD):  # the low pass, column by column
         g0 = g1 = 0.0
         for i in range(j, AHEAD):
@@ -119,13 +127,35 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
 
 
 @compiled
+def _smooth(U, before, passes):
+    """Volts U (AHEAD,) averaged with their neighbours so often: a step's second difference falls to half a passes-th."""
+    for _ in range(passes):
+        last = before
+        for i in range(AHEAD):
+            now = U[i]
+            U[i] = 0.25 * (last + 2.0 * now + U[min(i + 1, AHEAD - 1)])
+            last = now
+
+
+@compiled
 def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws):
-    """Up to TRIES steps of U (AHEAD,), in place. Returns the cost."""
+    """Up to TRIES steps of U (AHEAD,), in place. Returns the cost. Where U leaves more than the residuals' own sizes, the smoothed steady
+    volts ws.steady (AHEAD,) may lie nearer: a dead band between makes a minimum on either side."""
     split = th[DELAY] / sheet[S_TICK] - int(th[DELAY] / sheet[S_TICK])
     r, r2, J, S, path, path2, H, L, step, U2, s, w, d_now, d_before = (
         ws.r, ws.r2, ws.J, ws.S, ws.path, ws.path2, ws.H, ws.L, ws.step, ws.U2, ws.s, ws.w, ws.d_now, ws.d_before,
     )  # fmt: skip
     cost = window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, S, w, path)
+    if cost > 4.0 * AHEAD:
+        _smooth(ws.steady, before, min(int(sheet[S_SMOOTH]), CROSSING))
+        c2 = window_cost(
+            x, ws.steady, before, older, y, v, filtered, th, sheet, split, supply, extra, r2, s, S, w, path2
+        )
+        if c2 < cost:
+            cost = c2
+            U[:] = ws.steady
+            r[:] = r2
+            path[:, :] = path2
     half = 0.5 * (th[DEAD_UP] + th[DEAD_DN])
     soft = max(BLUNT * half, LEAST_BLUNT_V)
     for _ in range(TRIES):

@@ -60,7 +60,7 @@ KNOWN = record(  # of the last pass that became better
 INVERSE = record(
     r=(f, (4 * AHEAD,)), r2=(f, (4 * AHEAD,)), J=(f, (4 * AHEAD, AHEAD)), S=(f, (N_STATES, AHEAD)), path=(f, (AHEAD + 1, N_STATES)),
     path2=(f, (AHEAD + 1, N_STATES)), H=(f, (AHEAD, AHEAD)), L=(f, (AHEAD, AHEAD)), step=(f, (AHEAD,)), U2=(f, (AHEAD,)),
-    s=(f, (N_STATES,)),
+    s=(f, (N_STATES,)), steady=(f, (AHEAD,)),
     w=(f, (16,)), d_now=(f, (AHEAD,)), d_before=(f, (AHEAD,)), U=(f, (AHEAD,)), before=f, older=f, x=(f, (N_STATES,)),
     filtered=(f, (2,)), running=i, y=(f, (AHEAD + 1,)), v=(f, (AHEAD + 1,)), extra=(f, (AHEAD,)), played=f, side=f,
     x_before=(f, (N_STATES,)),

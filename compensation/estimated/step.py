@@ -16,7 +16,7 @@ from ..adaptive.loop_feedback import fed_back_V
 from ..adaptive.prediction import predict, start_prediction, watch_setpoint
 from ..compiled import compiled
 from .damping import damping_rate_1_s, damping_V, oil_stiffness, start_damping, watch_damping
-from .estimator import collect, hear_windows, watch, watch_legs, work
+from .estimator import KNOWN_LEG, collect, hear_windows, watch, watch_legs, work
 from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
 from .layout import MOST_DELAY, QUEUE
@@ -53,6 +53,7 @@ from .leg import (
     Z,
     tangent,
     tick,
+    valve_lag_s,
 )  # fmt: skip
 from .prior import fill_sheet
 
@@ -61,7 +62,7 @@ RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain c
 LINEAR_S = 2.0  # in which the demanded motion then loses its dead band
 LEAST_SHARE = 0.5  # of bump^2 in bump^2 + doubt^2 from which it engages
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
-SMOOTHEST = 64.0  # of the volts' second difference: the valve then crosses its dead band in a window's length
+SMOOTHEST = 16.0  # of the volts' second difference: of a smoother crossing the window would see the cost and not the use
 KEEP_HALVES = 0.75  # of the squares of a half stroke before
 SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether it wants to engage
 QUIET_TICKS = 20  # for which no leg may object
@@ -206,6 +207,11 @@ def _invert(s):
     for j in range(AHEAD):
         inv.extra[j] = s.numbers[MASS] * ref.extra_m_s2[whole + j]
     limit, supply = s.settings.voltage_max_V, s.past.supply_mean_Pa
+    up, down = _gains(s)
+    early = int((valve_lag_s(s.numbers) - s.numbers[DELAY]) / s.settings.tick_s + 0.5)
+    for j in range(AHEAD):
+        v = inv.v[min(j + early, AHEAD)]
+        inv.steady[j] = v / up + s.numbers[DEAD_UP] if v > 0.0 else v / down - s.numbers[DEAD_DN]
     if not inv.running or abs(inv.x[Y] - inv.y[0]) > 5e-3:
         volts = _steady(inv.x, s, inv.y[0], inv.v[0], s.numbers)
         inv.U[:] = volts
@@ -396,7 +402,8 @@ def tick_of(
     wanted = 0.0
     if e.halves > 0:
         share = e.bump2 / (e.bump2 + e.sigma2 + e.left2)
-        wanted = 1.0 if share > LEAST_SHARE else 0.0
+        knows = s.share > 0.0 or max(s.known.chi2[0], s.known.chi2[1]) < KNOWN_LEG
+        wanted = 1.0 if share > LEAST_SHARE and knows else 0.0
     if s.platform:
         s.wants = 1 if wanted > 0.0 else 0
         s.objected = max(s.objected - 1, 0) if wanted > 0.0 else QUIET_TICKS

@@ -225,6 +225,16 @@ def test_bumps_fall_to_a_quarter(compensated) -> None:
     assert done.peaks().max() < 1.05 * bump
 
 
+def test_a_wide_dead_band_is_crossed() -> None:
+    """50 um of overlap (0.45 V of dead band on either side), undeclared: no period is worse than plain control, and half of its bump is
+    gone at the end. Volts that found no way out of the dead band left sixteen times the bump."""
+    leg = Leg(mass_kg=100.0, overlap_m=5e-5)
+    done = run(compensation.create("estimated"), leg, duration_s=20.0, seed=31)
+    bump = run(compensation.create("none"), leg, duration_s=10.0, seed=31).peak(4.0, 10.0)
+    assert done.peaks().max() < 1.05 * bump
+    assert done.peaks()[-2:].max() < 0.5 * bump
+
+
 def test_what_is_known_grows_with_time(compensated) -> None:
     """Twice the time makes the standard deviations of gain, dead band, spool and viscous friction smaller by about its root:
     windows that are gone still count. They fade within half a minute, so that it is somewhat less."""
