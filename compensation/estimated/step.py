@@ -3,7 +3,7 @@
 demanded motion    what the position loop makes of the setpoint through the identified valve, with its dead band at first, without it
                    two seconds after the volts have come in
 volts              those that make the identified leg follow it (inverse.py), less the controller's own on it
-engagement         where b^2 > e^2 + f^2: b the bump that plain control makes by the model, f the one that the inverse leaves in it, e
+engagement         where b^2 > e^2 + f^2 and the misfit is below KNOWN_LEG: b the bump that plain control makes by the model, f the one that the inverse leaves in it, e
                    the one that the doubt about the numbers makes: S P S' of the acceleration, P the numbers' covariance
 """
 
@@ -62,7 +62,9 @@ RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain c
 LINEAR_S = 2.0  # in which the demanded motion then loses its dead band
 LEAST_SHARE = 0.5  # of bump^2 in bump^2 + doubt^2 from which it engages
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
-SMOOTHEST = 16.0  # of the volts' second difference: of a smoother crossing the window would see the cost and not the use
+SMOOTHEST = (
+    16.0  # of the volts' second difference: of a smoother crossing the window would see the cost and not the use
+)
 KEEP_HALVES = 0.75  # of the squares of a half stroke before
 SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether it wants to engage
 QUIET_TICKS = 20  # for which no leg may object
