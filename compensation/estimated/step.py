@@ -3,9 +3,9 @@
 demanded motion    what the position loop makes of the setpoint through the identified valve, with its dead band at first, without it
                    two seconds after the volts have come in
 volts              those that make the identified leg follow it (inverse.py), less the controller's own on it
-engagement         where b^2 > e^2 + f^2 and the misfit is below KNOWN_LEG: b the bump that plain control makes by the model, f the one that
-                   the inverse leaves in it, e the one that the doubt about the numbers makes: S P S' of the acceleration, P the
-                   numbers' covariance
+engagement         where b^2 > e^2 + f^2 and the misfit is below KNOWN_LEG: b the bump that plain control makes by the model, f the
+                   one that the inverse leaves in it, e the one that the doubt about the numbers makes: S P S' of the
+                   acceleration, P the numbers' covariance
 """
 
 from __future__ import annotations
