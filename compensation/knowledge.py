@@ -19,7 +19,8 @@ class Estimate:
 @dataclass(frozen=True, kw_only=True)
 class Knowledge:
     """Of one leg. expected_m_s2: bump with the compensator's volts, its doubt included; plain_m_s2: with plain control; both from the
-    model, nan before the first reversal. engages_m_s2: expectation below which it engages. share: of its volts that is added, 0 to 1.
+    model, nan before the first reversal. engages_m_s2: expectation below which it engages, 0 for a leg that its model does not
+    describe. share: of its volts that is added, 0 to 1.
     """
 
     estimates: tuple[Estimate, ...]

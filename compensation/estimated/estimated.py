@@ -11,7 +11,7 @@ from ..compensator import Compensator, Context, Parameters, Sample
 from ..compiled import compiled
 from ..knowledge import Knowledge
 from .damping import design_damping
-from .estimator import FEWEST, HEATS
+from .estimator import FEWEST, HEATS, KNOWN_LEG
 from .known import covariance_of, knowledge_of
 from .layout import STATE, Record
 from .leg import N_NUMBERS, NAMES
@@ -179,6 +179,8 @@ class Estimated(Compensator):
             return "the leg's numbers are known; the next reversal says what they are good for"
         if s.wants:
             return "this leg is ready; another leg of the platform is not yet"
+        if max(s.known.chi2) > KNOWN_LEG:
+            return f"the leg is not one that the model knows: misfit chi2 {max(s.known.chi2):.1f}; it engages below {KNOWN_LEG:g}"
         return (
             f"the doubt about the leg's numbers would leave {e.sigma2**0.5:.2f} m/s2 where plain control makes "
             f"{e.bump2**0.5:.2f} m/s2 (misfit chi2 {max(s.known.chi2):.1f}, 1 is a leg as the model knows it)"

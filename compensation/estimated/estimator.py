@@ -80,6 +80,12 @@ START_Y_ROW, START_V_ROW = np.linalg.pinv(np.vander(np.arange(9.0), 3, increasin
 
 
 @compiled
+def is_known_leg(chi2):
+    """Whether misfits chi2 (2,) are those of a leg that the model knows."""
+    return max(chi2[0], chi2[1]) <= KNOWN_LEG
+
+
+@compiled
 def watch(past, position_m, bottom_Pa, top_Pa, supply_Pa, volts_before):
     """One tick into the history. volts_before: what was sent at the tick before."""
     k = past.ticks & (HISTORY - 1)
@@ -207,7 +213,7 @@ def _begin_fold(s):
     """A pass over one of the windows that are about to go, at the settled numbers, for what it says of them. Returns whether there is
     one: not while the fit is in search, nor of a leg that is not the model's."""
     fit = s.fit
-    if not fit.settled or not fit.has_best or max(fit.chi2[0], fit.chi2[1]) > KNOWN_LEG:
+    if not fit.settled or not fit.has_best or not is_known_leg(fit.chi2):
         return False
     while fit.to_fold < fit.waiting:
         place = fit.seen + fit.to_fold
@@ -538,7 +544,7 @@ def _settle(s):
     fit = s.fit
     four_way = s.sheet[S_FOUR_WAY] != 0.0
     _misfit(fit, four_way, fit.chi2)
-    if max(fit.chi2[0], fit.chi2[1]) > KNOWN_LEG:
+    if not is_known_leg(fit.chi2):
         _forget_folded(fit)
     if fit.trying:
         fit.trying = 0
@@ -549,7 +555,7 @@ def _settle(s):
             fit.chi2[:] = fit.chi2_before
     if fit.seen > fit.tries_seen + WINDOWS:
         fit.tries, fit.tries_seen = 0, fit.seen
-    if fit.count == WINDOWS and max(fit.chi2[0], fit.chi2[1]) > KNOWN_LEG and fit.tries < len(TRIES):
+    if fit.count == WINDOWS and not is_known_leg(fit.chi2) and fit.tries < len(TRIES):
         fit.before[:] = fit.best.numbers
         fit.chi2_before[:] = fit.chi2
         fit.proposed[:] = fit.mean

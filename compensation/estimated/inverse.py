@@ -138,6 +138,14 @@ def _smooth(U, before, passes):
 
 
 @compiled
+def _take(U, r, path, other, its_r, its_path):
+    """Other volts, with their residuals and states."""
+    U[:] = other
+    r[:] = its_r
+    path[:, :] = its_path
+
+
+@compiled
 def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit_V, ws):
     """Up to TRIES steps of U (AHEAD,), in place. Returns the cost. Where U leaves more than the residuals' own sizes, the smoothed steady
     volts ws.steady (AHEAD,) may lie nearer: a dead band between makes a minimum on either side."""
@@ -153,9 +161,7 @@ def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit
         )
         if c2 < cost:
             cost = c2
-            U[:] = ws.steady
-            r[:] = r2
-            path[:, :] = path2
+            _take(U, r, path, ws.steady, r2, path2)
     half = 0.5 * (th[DEAD_UP] + th[DEAD_DN])
     soft = max(BLUNT * half, LEAST_BLUNT_V)
     for _ in range(TRIES):
@@ -195,9 +201,7 @@ def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit
         if better:
             done = cost - c2 < 1e-3 * cost
             cost = c2
-            U[:] = U2
-            r[:] = r2
-            path[:, :] = path2
+            _take(U, r, path, U2, r2, path2)
             if done:
                 break
         elif soft > LEAST_BLUNT_V:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..knowledge import Estimate, Knowledge
+from .estimator import KNOWN_LEG
 from .layout import Record
 from .leg import (
     COULOMB_DN,
@@ -61,12 +62,12 @@ def knowledge_of(s: Record) -> Knowledge | None:
         found.append(
             Estimate(name=name, unit=unit, value=float(of(numbers)) - LEAD * float(step), error=error, before=before)
         )
-    seen = e.halves > 0
+    seen, kept_out = e.halves > 0, s.share == 0.0 and max(known.chi2) > KNOWN_LEG
     return Knowledge(
         estimates=tuple(found),
         expected_m_s2=math.sqrt(e.sigma2 + e.left2) if seen else math.nan,
         plain_m_s2=math.sqrt(e.bump2) if seen else math.nan,
-        engages_m_s2=math.sqrt(e.bump2 * (1.0 / LEAST_SHARE - 1.0)) if seen else math.nan,
+        engages_m_s2=(0.0 if kept_out else math.sqrt(e.bump2 * (1.0 / LEAST_SHARE - 1.0))) if seen else math.nan,
         share=float(s.share),
     )
 

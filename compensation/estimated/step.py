@@ -3,7 +3,7 @@
 demanded motion    what the position loop makes of the setpoint through the identified valve, with its dead band at first, without it
                    two seconds after the volts have come in
 volts              those that make the identified leg follow it (inverse.py), less the controller's own on it
-engagement         where b^2 > e^2 + f^2 and the misfit is below KNOWN_LEG: b the bump that plain control makes by the model, f the
+engagement         where b^2 > e^2 + f^2 and the misfit is no more than KNOWN_LEG: b the bump that plain control makes by the model, f the
                    one that the inverse leaves in it, e the one that the doubt about the numbers makes: S P S' of the
                    acceleration, P the numbers' covariance
 """
@@ -17,7 +17,7 @@ from ..adaptive.loop_feedback import fed_back_V
 from ..adaptive.prediction import predict, start_prediction, watch_setpoint
 from ..compiled import compiled
 from .damping import damping_rate_1_s, damping_V, oil_stiffness, start_damping, watch_damping
-from .estimator import KNOWN_LEG, collect, hear_windows, watch, watch_legs, work
+from .estimator import collect, hear_windows, is_known_leg, watch, watch_legs, work
 from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
 from .layout import MOST_DELAY, QUEUE
@@ -63,9 +63,7 @@ RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain c
 LINEAR_S = 2.0  # in which the demanded motion then loses its dead band
 LEAST_SHARE = 0.5  # of bump^2 in bump^2 + doubt^2 from which it engages
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
-SMOOTHEST = (
-    16.0  # of the volts' second difference: of a smoother crossing the window would see the cost and not the use
-)
+SMOOTHEST = 16.0  # of the volts' second difference: of a smoother crossing the window sees the cost, not the use
 KEEP_HALVES = 0.75  # of the squares of a half stroke before
 SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether it wants to engage
 QUIET_TICKS = 20  # for which no leg may object
@@ -405,7 +403,7 @@ def tick_of(
     wanted = 0.0
     if e.halves > 0:
         share = e.bump2 / (e.bump2 + e.sigma2 + e.left2)
-        knows = s.share > 0.0 or max(s.known.chi2[0], s.known.chi2[1]) < KNOWN_LEG
+        knows = s.share > 0.0 or is_known_leg(s.known.chi2)
         wanted = 1.0 if share > LEAST_SHARE and knows else 0.0
     if s.platform:
         s.wants = 1 if wanted > 0.0 else 0
