@@ -131,8 +131,8 @@ def page_needed() -> Iterator[None]:
 
 def show_page(page: MachinePage, seconds: float | None) -> None:
     """Say the address and run, until Ctrl-C or for `seconds`."""
-    typer.echo(f"{page.address}   open it in a browser on this computer; Ctrl-C ends it", err=True)
-    with stop_when_signalled() as stop:
+    with stop_when_signalled() as stop:  # before the address: whoever reads it may signal
+        typer.echo(f"{page.address}   open it in a browser on this computer; Ctrl-C ends it", err=True)
         page.run(seconds, stop, warn)
 
 

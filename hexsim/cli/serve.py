@@ -78,18 +78,19 @@ def serve(
         washout=washout_of(washout),
     )  # fmt: skip
     looker = options.stream_of(stream)
-    with compiling_said(tell), terminated_like_interrupted():
-        server = Server(
-            with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep,
-            telemetry=telemetry, lockstep=lockstep, host_input=host_input, stream=looker,
-            record_s=min(duration or LONGEST_LOG_S, LONGEST_LOG_S) if out else 0.0,
-        )  # fmt: skip
-    address = f"{server.address[0]}:{server.address[1]}"
-    tell(f"{with_machine.name} listens on udp://{address}, state {start}; Ctrl-C stops it")
-    with server, stop_when_signalled() as stop:
-        teller = Teller()
-        status = server.run(duration, stop=stop, report=teller)
-        teller.warn(status)
+    with terminated_like_interrupted():
+        with compiling_said(tell):
+            server = Server(
+                with_machine, host, port, compensator=compensator, scenario=what, start=start, timestep=timestep,
+                telemetry=telemetry, lockstep=lockstep, host_input=host_input, stream=looker,
+                record_s=min(duration or LONGEST_LOG_S, LONGEST_LOG_S) if out else 0.0,
+            )  # fmt: skip
+        address = f"{server.address[0]}:{server.address[1]}"
+        with server, stop_when_signalled() as stop:  # before it says that it listens: whoever reads that may signal
+            tell(f"{with_machine.name} listens on udp://{address}, state {start}; Ctrl-C stops it")
+            teller = Teller()
+            status = server.run(duration, stop=stop, report=teller)
+            teller.warn(status)
     if out and server.record:
         tell(f"stopped; writing {out} (Ctrl-C leaves it)")
         write(server.record.run(), out)
