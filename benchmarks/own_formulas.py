@@ -132,10 +132,11 @@ def page(rows: list[dict]) -> str:
     seeds = [row["seed"] for row in rows]
     lines = [
         "# Formulas for what the library does not explain", "",
-        f"`python benchmarks/own_formulas.py`, seeds {min(seeds)} to {max(seeds)}, not looked at before (the "
-        "first two twice: a crash was mended): each machine lacks one effect",
-        "that is not in the library ([how](../own_machines.md#a-formula-of-its-own)). Right: this formula is stated. None: \"no form\",",
-        "or nothing is said. Named: machines of which an effect of the library is named instead.", "",
+        f"`python benchmarks/own_formulas.py`, seeds {min(seeds)} to {max(seeds)}, scored once (the first two twice, after a crash): "
+        "each model is missing an",
+        "effect outside the library ([how](../own_machines.md#a-formula-of-its-own)). Right: this formula is stated. None: no formula "
+        "is stated.",
+        "Named: an effect of the library is named instead.", "",
         "| missing | its formula | machines | right | wrong | none | named |", "|---|---|---|---|---|---|---|",
     ]  # fmt: skip
     for what, truth in TRUTH.items():

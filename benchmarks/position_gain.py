@@ -20,8 +20,8 @@ from hexsim.smoothness import band_limit
 GAINS_V_per_m = (25, 50, 75, 100, 150, 200, 300, 400)
 RESULT = Path(__file__).parents[1] / "docs" / "results" / "position_gain.md"
 REASON = """The default of 50 V/m is the report's gain (its loop: 7.5 rad/s). A higher gain tracks better and makes the reversal bump
-larger, because the loop crosses the dead band faster and harder; a lower one saves a quarter of the bump and doubles the lag.
-Nothing rings in mid-stroke up to 400 V/m: the open valve damps the oil. At rest the dead band holds the valve shut."""
+larger, because the loop crosses the dead band faster; half the gain saves a quarter of the bump and doubles the lag. Nothing
+rings in mid-stroke up to 400 V/m: the open valve damps the oil."""
 
 
 def row(gain: float) -> list[str]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import gzip
 import json
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -147,18 +148,15 @@ def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
     if name.startswith("Bouc-Wen"):
         sweep = factor * scored(final, loaded, "sweep", slice(None))
         figures += f"\n| Bouc-Wen, sine sweep | | {sweep:.3g} | **{sweep:.3g}** {unit} | | |"
-    lines = [f"| {name} | {known} | {report['verdict']} |"]
+    lines = [f"| {name} | {known} | {re.split('[;:]', report['verdict'])[0]} |"]  # the names follow, a row each
     for one in report["candidates"]:
         if one["effect"] not in report["verdict"]:
             continue  # what the verdict does not speak of is in the report
-        numbers = ", ".join(
-            f"{key} {of['value']:.4g} +- {of['standard_error']:.2g}" for key, of in one["numbers"].items()
-        )
         errors = "; ".join(
             f"{of['before'] * factor:.3g} -> {of['after'] * factor:.3g} {unit}" for of in one["held_out"].values()
         )
         lines.append(
-            f"| | {one['verdict']} | {one['effect']}: held-out parts {errors}, {one['nats']:.0f} nats; {one['why']} ({numbers}) |"
+            f"| | {one['verdict']} | {one['effect']}: held-out parts {errors}, {one['nats']:.0f} nats; {one['why']} |"
         )
     return [figures], lines
 

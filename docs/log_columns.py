@@ -13,8 +13,8 @@ Which columns does a log have, and what do they mean? Simulated logs, measured l
 [mappings](bring_your_own_machine.md#3-mappingtoml) have the same names.
 
 - `time_s` comes first. Names end with the SI unit; pressures are gauge.
-- A hexapod has `position_1_m` to `position_6_m`. Axes are `x`, `y`, `z`, for poses also `roll`, `pitch`, `yaw`; a bench has one along its
-  leg.
+- Names are a bench's, whose axis is its leg. A hexapod has `position_1_m` to `position_6_m`, `acceleration_x_m_s2` (`y`, `z`) and poses
+  as `platform_x_m` (`y`, `z`, `roll`, `pitch`, `yaw`). Names marked * are a hexapod's alone.
 - Positions count from full retraction. Accelerations are without gravity, in the platform's frame.
 - Positions are required in a measured log. Columns of the truth are without noise, delay and filter.
 
@@ -23,11 +23,11 @@ SCOPES = {"leg": "leg", "machine": "machine", "translation": "axis", "rotation":
 
 def rows(signals: list[Signal]) -> str:
     """A table of columns."""
-    lines = ["| bench | hexapod | what | one for each |", "|---|---|---|---|"]
+    lines = ["| column | what | one for each |", "|---|---|---|"]
     for signal in signals:
-        own = "".join(f"`{name}`" for name in signal.columns(1)[:1]) or "–"
+        own = "".join(f"`{name}`" for name in signal.columns(1)[:1]) or f"`{signal.columns(6)[0]}`*"
         held = ", held between ticks" if signal.held and signal.stem in ("setpoint", "valve") else ""
-        lines.append(f"| {own} | `{signal.columns(6)[0]}` | {signal.label}{held} | {SCOPES[signal.scope]} |")
+        lines.append(f"| {own} | {signal.label}{held} | {SCOPES[signal.scope]} |")
     return "\n".join(lines)
 
 def page() -> str:
