@@ -2,7 +2,7 @@
 
 Run it on the machine, beside plain control and the project's own:
 
-    PYTHONPATH=examples hexsim compare heave --compensators none,own_compensator:SetpointDirection,adaptive
+    PYTHONPATH=examples hexsim run heave --compensator none,own_compensator:SetpointDirection,adaptive
     PYTHONPATH=examples hexsim run heave --compensator own_compensator:SetpointDirection
 
 An installed package makes it known by name with an entry point in its pyproject.toml:

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 import hexsim
 from hexsim.cli import app
-from hexsim.cli.errors import SentenceGroup
+from hexsim.cli.errors import MOVED, SentenceGroup
 from hexsim.files.log_files import read_log
 from hexsim.machine.files import models_folder
 
@@ -139,9 +139,47 @@ def test_compare_prints_a_row_a_compensator(tmp_path):
 def test_lists_say_what_there_is(tmp_path, what):
     """Each list names what it has, as a table and as JSON."""
     known = {"machines": "bench", "scenarios": "heave", "compensators": "buffered", "effects": "entrained_air"}[what]
-    assert known in hexsim_command(what, cwd=tmp_path).stdout
-    rows = json.loads(hexsim_command(what, "--json", cwd=tmp_path).stdout)
+    assert known in hexsim_command("list", what, cwd=tmp_path).stdout
+    rows = json.loads(hexsim_command("list", what, "--json", cwd=tmp_path).stdout)
     assert known in [row["name"] for row in rows]
+
+
+@pytest.mark.parametrize("old", MOVED)
+def test_an_old_command_is_refused_with_the_new_one(tmp_path, old):
+    """Exit code 2 and one sentence with a command that there is."""
+    refused = hexsim_command(old, "bench", cwd=tmp_path)
+    (line,) = refused.stderr.splitlines()
+    assert refused.exit_code == 2 and not refused.stdout and line == f"hexsim: hexsim {old} is now hexsim {MOVED[old]}"
+    assert hexsim_command(*MOVED[old].split(), "--help", cwd=tmp_path).exit_code == 0
+
+
+def test_run_takes_many(tmp_path):
+    """Compensators with commas: what `compare` writes; values with commas: the table of `sweep`; options of one run are refused."""
+    short = (*BENCH, "--duration", "0.5")
+    several = hexsim_command(
+        "run", "heave", *short, "-c", "none,exact", "--no-recording", "--out", "several", cwd=tmp_path
+    )
+    assert several.exit_code == 0, several.stderr
+    table = json.loads((tmp_path / "several" / "compare.json").read_text())
+    assert list(table["compensators"]) == ["none", "exact"]
+    grid = hexsim_command(
+        "run",
+        "heave",
+        *short,
+        "-c",
+        "none,exact",
+        "--set",
+        "valve.overlap_m=0,5e-6",
+        "--seed",
+        "3",
+        "--json",
+        cwd=tmp_path,
+    )
+    rows = pl.read_parquet(tmp_path / json.loads(grid.stdout)["table"])
+    assert rows.height == 4 and set(rows["valve.overlap_m"]) == {0.0, 5e-6} and set(rows["seed"]) == {3}
+    for many in (("-c", "none,exact"), ("--set", "valve.overlap_m=0,5e-6")):
+        refused = hexsim_command("run", "heave", *short, *many, "--mcap", cwd=tmp_path)
+        assert refused.exit_code == 2 and "--mcap: of one run" in refused.stderr
 
 
 def test_help_is_quick_and_loads_no_simulator():

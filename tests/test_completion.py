@@ -45,7 +45,8 @@ def test_the_names_are_those_of_the_library():
             [f"none,exact,iterative{end}" for end in ("", "_report_1", "_report_2")],
         ),
         ("hexsim trace --explain leakage_s", ["leakage_supply_to_chamber"]),
-        ("hexsim valve ben", ["bench"]),
+        ("hexsim test valve ben", ["bench"]),
+        ("hexsim run heave -c none,ex", ["none,exact"]),
         ("hexsim dem", ["demo"]),
     ],
 )

@@ -150,13 +150,13 @@ def test_the_axis_that_moves_is_found(hexapod, played):
 
 
 def test_the_command_measures_a_run(bench, tmp_path):
-    """`hexsim measure LOG`: a table and a report; numbers that are none are a sentence."""
+    """`hexsim test log LOG`: a table and a report; numbers that are none are a sentence."""
     run = simulate(
         bench,
         Scenario(name="s", mode="actuator", signals={"leg_1": Sine(amplitude=0.05, frequency_Hz=0.5)}, duration_s=10.0),
     )
     run.log.write_parquet(tmp_path / "s.parquet")
-    call = ["measure", str(tmp_path / "s.parquet"), "--machine", "bench", "--out", str(tmp_path / "out")]
+    call = ["test", "log", str(tmp_path / "s.parquet"), "--machine", "bench", "--out", str(tmp_path / "out")]
     done = CliRunner().invoke(app, [*call, "--json"])
     assert done.exit_code == 0, done.output
     assert {row["test"] for row in json.loads(done.stdout)["rows"]} == {
@@ -209,7 +209,7 @@ def test_a_machine_that_follows_perfectly_does_not_fail(hexapod, tmp_path, name)
 def test_strict_ends_with_one_where_a_limit_is_exceeded(hexapod, tmp_path):
     """`measure --strict` on the shipped machine without compensation: 1 and the tests that are exceeded; without it 0."""
     simulate(hexapod, load_scenario("heave", duration_s=8.0), fast=True).log.write_parquet(tmp_path / "log.parquet")
-    arguments = ["measure", str(tmp_path / "log.parquet"), "-m", "micro_motion_system", "--out"]
+    arguments = ["test", "log", str(tmp_path / "log.parquet"), "-m", "micro_motion_system", "--out"]
     ended = CliRunner().invoke(app, [*arguments, str(tmp_path / "a"), "--strict"])
     passed = json.loads((tmp_path / "a" / "measure.json").read_text())["passed"]
     assert passed is False and ended.exit_code == 1 and "limits exceeded: half-hertz noise heave z" in ended.stderr

@@ -95,7 +95,7 @@ def test_every_key_says_what_it_is(machine):
 
 def test_a_mapping_is_checked_and_each_key_says_what_it_is():
     """A mapping with every key is valid, one with a key that there is not is none; each key has a description."""
-    schema = json.loads(CliRunner().invoke(app, ["schema", "mapping"]).stdout)
+    schema = json.loads(CliRunner().invoke(app, ["export", "schema", "mapping"]).stdout)
     mapping = Draft202012Validator(schema)
     whole = {
         "from": "a",
@@ -115,11 +115,11 @@ def test_a_mapping_is_checked_and_each_key_says_what_it_is():
 
 @pytest.mark.parametrize("what", ["machine", "scenario", "mapping"])
 def test_the_command_prints_or_writes_it(tmp_path, what):
-    """`hexsim schema machine` on stdout, `--out` into a file: the same."""
-    printed = CliRunner().invoke(app, ["schema", what])
+    """`hexsim export schema machine` on stdout, `--out` into a file: the same."""
+    printed = CliRunner().invoke(app, ["export", "schema", what])
     assert (
         printed.exit_code == 0
-        and CliRunner().invoke(app, ["schema", what, "-o", str(tmp_path / "s.json")]).exit_code == 0
+        and CliRunner().invoke(app, ["export", "schema", what, "-o", str(tmp_path / "s.json")]).exit_code == 0
     )
     assert json.loads(printed.stdout) == json.loads((tmp_path / "s.json").read_text())
     Draft202012Validator.check_schema(json.loads(printed.stdout))

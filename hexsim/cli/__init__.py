@@ -16,13 +16,11 @@ from hexsim.cli import (
     map_log,
     qualify,
     run,
-    schema,
     serve,
     sweep,
     trace,
     tune,
     tune_loop,
-    valve,
     view,
 )
 from hexsim.cli.errors import SentenceGroup
@@ -37,23 +35,21 @@ app = typer.Typer(
 )
 for command in (
     run,
-    demo,
     compare,
-    view,
+    sweep,
     live,
+    serve,
+    view,
+    demo,
     map_log,
     trace,
+    identify,
     friction,
-    qualify,
-    valve,
     tune,
     tune_loop,
-    identify,
-    sweep,
-    serve,
+    qualify,
     export,
     lists,
-    schema,
 ):
     command.register(app)
 

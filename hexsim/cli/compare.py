@@ -1,4 +1,4 @@
-"""`hexsim compare`: compensators side by side."""
+"""`hexsim run` with several compensators, and `hexsim compare`: side by side."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def register(app: typer.Typer) -> None:
-    app.command("compare")(options.flattened(compare))
+    app.command("compare", hidden=True)(options.flattened(compare))
 
 
 def compare(

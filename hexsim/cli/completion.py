@@ -13,7 +13,7 @@ PACKAGE = Path(__file__).parents[1]
 
 
 def machines(incomplete: str) -> list[str]:
-    """Machines that travel with hexsim, as `hexsim machines` lists them."""
+    """Machines that travel with hexsim, as `hexsim list machines` has them."""
     folders = (PACKAGE / "models", PACKAGE.parent / "models")
     there = next((folder for folder in folders if folder.is_dir()), None)
     return begun(incomplete, [path.parent.name for path in there.glob("*/machine.toml")] if there else [])

@@ -17,6 +17,10 @@ EXIT_CODE = 2
 UsageError: Any = typer.BadParameter.__bases__[0]  # click's, which newer versions of Typer hold inside
 TAG = re.compile(r"(\\*)(\[[a-z#/@][^[]*?\])")  # what Rich takes for markup
 LONGEST_SENTENCE = 2000  # characters
+MOVED = {
+    "machines": "list machines", "scenarios": "list scenarios", "compensators": "list compensators", "effects": "list effects",
+    "measure": "test log", "valve": "test valve", "schema": "export schema",
+}  # fmt: skip
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # the disk, the user's share of it, the largest file allowed
 
 
@@ -29,6 +33,12 @@ class SentenceGroup(TyperGroup):
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
         _escape_help(self)
+
+    def resolve_command(self, ctx: typer.Context, args: list[str]) -> Any:
+        """The command. An old name is refused with the new one."""
+        if args and args[0] in MOVED:
+            raise HexsimError(f"hexsim {args[0]} is now hexsim {MOVED[args[0]]}")
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: typer.Context) -> Any:
         for stream in (sys.stdout, sys.stderr):  # a locale without a sign shows it as its code

@@ -9,15 +9,16 @@ import typer
 
 from hexsim.cli import options
 from hexsim.cli.console import output, print_json
+from hexsim.cli.schema import schema
 
 
 def register(app: typer.Typer) -> None:
     group = typer.Typer(
-        help="The machine for other tools: Simulink, Amesim, dSPACE and the like.", no_args_is_help=True
+        help="For other tools: FMU (Simulink, Amesim, dSPACE), MuJoCo plugin, compensator in C, JSON schema.",
+        no_args_is_help=True,
     )
-    group.command("fmu")(fmu)
-    group.command("compensator")(compensator)
-    group.command("plugin")(plugin)
+    for command in (fmu, plugin, compensator, schema):
+        group.command()(command)
     app.add_typer(group, name="export")
 
 
@@ -30,7 +31,7 @@ def fmu(
             help="plant: valve volts in, motion and pressures out; machine: setpoints in, controllers inside."
         ),
     ] = "plant",
-    tendon: Annotated[bool, typer.Option("--tendon", help="The tendon model: faster, peaks to 0.1 %.")] = False,
+    tendon: Annotated[bool, typer.Option("--tendon", help="The tendon model: faster, peaks to 0.7 %.")] = False,
     fmi: Annotated[int, typer.Option(min=2, max=3, help="Version of FMI.")] = 2,
     linux_only: Annotated[bool, typer.Option("--linux-only", help="Leave Windows out.")] = False,
     mujoco_dll: Annotated[

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 ScenarioName = Annotated[
     str,
     typer.Argument(
-        help="Name (see `hexsim scenarios`), TOML file, or a file of setpoints.", autocompletion=completion.scenarios
+        help="Name (see `hexsim list scenarios`), TOML file, or a file of setpoints.",
+        autocompletion=completion.scenarios,
     ),
 ]
 AnyScenario = Annotated[
@@ -46,8 +47,15 @@ GivenMachine = Annotated[
 CompensatorName = Annotated[
     str,
     typer.Option(
-        "--compensator", "-c", help="Name (see `hexsim compensators`) or package.module:Class.",
+        "--compensator", "-c", help="Name (see `hexsim list compensators`) or package.module:Class.",
         autocompletion=completion.compensators,
+    ),
+]  # fmt: skip
+CompensatorNames = Annotated[
+    str,
+    typer.Option(
+        "--compensator", "--compensators", "-c", help="Name (see `hexsim list compensators`) or package.module:Class. Several with "
+        "commas, or all: side by side.", autocompletion=completion.several(completion.compensators),
     ),
 ]  # fmt: skip
 Amplitude = Annotated[float | None, typer.Option(help="Amplitude of the driven axes (m, or degrees for rotations).")]
@@ -84,6 +92,12 @@ AllowNative = Annotated[
 Set = Annotated[
     list[str] | None,
     typer.Option("--set", help="Change a value: valve.overlap_m=20e-6, or scenario.fade_s=1. Repeat for more."),
+]
+Sets = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", help="Change a value: valve.overlap_m=20e-6. Repeat for more. Several with commas: a run for each."
+    ),
 ]
 
 

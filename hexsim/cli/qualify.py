@@ -1,4 +1,4 @@
-"""`hexsim qualify`: the motion tests of the field on a machine."""
+"""`hexsim test`: the motion tests of the field on a machine (also `hexsim qualify`) or a log; a valve on its test stand."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import typer
 
 from hexsim.cli import options
 from hexsim.cli.console import fraction_of, output, print_json, progress, terminated_like_interrupted
+from hexsim.cli.valve import valve
 from hexsim.errors import HexsimError
 
 if TYPE_CHECKING:
@@ -21,8 +22,13 @@ Strict = Annotated[bool, typer.Option("--strict", help="Exit code 1 where a limi
 
 
 def register(app: typer.Typer) -> None:
-    app.command("qualify")(qualify)
-    app.command("measure")(measure)
+    app.command("qualify", hidden=True)(qualify)
+    group = typer.Typer(
+        help="Tests of a machine's motion, of a measured log, of a declared valve.", no_args_is_help=True
+    )
+    for name, command in (("motion", qualify), ("log", measure), ("valve", valve)):
+        group.command(name)(command)
+    app.add_typer(group, name="test")
 
 
 def qualify(
@@ -116,7 +122,7 @@ def measure(
     json: options.Json = False,
     strict: Strict = False,
 ) -> None:
-    """The figures of `qualify` from a log: noise, turn-around, leg balance, perception, describing function."""
+    """The figures of `test motion` from a log: noise, turn-around, leg balance, perception, describing function."""
     import math
 
     from hexsim.files.run_folder import default_folder, run_folder

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hexsim.cli import options
+from hexsim.cli import many, options
+from hexsim.cli.compare import compare
 from hexsim.cli.console import (
     fraction_of,
     output,
@@ -20,6 +21,7 @@ from hexsim.cli.console import (
     terminated_like_interrupted,
 )
 from hexsim.cli.errors import FULL
+from hexsim.cli.sweep import sweep
 from hexsim.errors import HexsimError
 from hexsim.files.formats import LogFormat
 
@@ -39,12 +41,12 @@ def run(
     scenario: options.AnyScenario = None,
     motion: options.Motion = options.AS_DECLARED,
     seed: options.Seed = 0,
-    compensator: options.CompensatorName = "none",
+    compensator: options.CompensatorNames = "none",
     fast: options.Fast = False,
     timestep: options.TimeStep = None,
     out: options.Out = None,
     json: options.Json = False,
-    settings: options.Set = None,
+    settings: options.Sets = None,
     host: options.Packets = None,
     recording: options.Recording = True,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write figures and report.html.")] = True,
@@ -59,7 +61,10 @@ def run(
     stream: options.StreamTo = None,
     allow_native: options.AllowNative = False,
 ) -> None:
-    """Run a scenario headless: table of acceleration peaks, log, figures, report and Rerun recording."""
+    """Run a scenario headless: table of acceleration peaks, log, figures, report and Rerun recording.
+
+    Several compensators or values with commas, as -c none,adaptive or --set valve.overlap_m=0,5e-6: a run for each.
+    """
     from hexsim.files.run_folder import default_folder, run_folder
     from hexsim.recording.config import summary_of
 
@@ -68,6 +73,31 @@ def run(
         raise typer.Exit(2)
     if is_folder(scenario):
         return run_own(Path(scenario), out, json)
+    of_one = {"--mcap": mcap, "--payload": payload, "--connect": connect, "--stream": stream, "--no-report": not report}
+    if many.is_grid(settings):
+        many.refuse({**of_one, "--host": host, "--compensator all": compensator == many.ALL}, "many values")
+        return sweep(
+            scenario, out or many.default_table(scenario), settings, str(seed), compensator, motion, not fast, timestep,
+            json=json, allow_native=allow_native,
+        )  # fmt: skip
+    if many.are_several(compensator):
+        many.refuse(of_one, "several compensators")
+        names = None if compensator == many.ALL else compensator
+        return compare(
+            scenario,
+            names,
+            motion,
+            seed,
+            fast,
+            timestep,
+            out,
+            json,
+            settings,
+            host,
+            recording,
+            log_format,
+            allow_native,
+        )
     with_machine, what = options.prepare(scenario, motion, settings, allow_native=allow_native)
     if mcap:
         from hexsim.recording.mcap import check_library
@@ -177,9 +207,9 @@ def print_what_there_is() -> None:
     """The three lists that a run is chosen from."""
     from hexsim.cli import lists
 
-    for name, show in (("scenario", lists.scenarios), ("machine", lists.machines), ("compensator", lists.compensators)):
+    for name in ("scenario", "machine", "compensator"):
         typer.echo(f"{name}s: hexsim run {'SCENARIO' if name == 'scenario' else f'SCENARIO --{name} NAME'}\n")
-        show()
+        lists.show(lists.LISTS[f"{name}s"]())
         typer.echo()
 
 

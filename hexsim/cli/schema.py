@@ -1,4 +1,4 @@
-"""`hexsim schema`: what a machine, scenario or mapping file may say, for editors that complete and check as you type."""
+"""`hexsim export schema`: what a machine, scenario or mapping file may say, for editors that complete and check as you type."""
 
 from __future__ import annotations
 
@@ -6,10 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-
-
-def register(app: typer.Typer) -> None:
-    app.command("schema")(schema)
 
 
 def schema(

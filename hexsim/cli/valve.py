@@ -1,15 +1,9 @@
-"""`hexsim valve`: the declared valve as a test stand would draw it."""
+"""`hexsim test valve`: the declared valve as a test stand would draw it."""
 
 from __future__ import annotations
 
-import typer
-
 from hexsim.cli import options
 from hexsim.cli.console import output, print_json
-
-
-def register(app: typer.Typer) -> None:
-    app.command("valve")(valve)
 
 
 def valve(

@@ -66,7 +66,7 @@ class Machine(Section):
     extra_sensors: dict[str, dict[str, float]] = Field(
         default={}, description="sensors beside the standard ones, a table each: hexsim/signals/sensor.py"
     )
-    effects: dict[str, EffectTable | list[EffectTable]] = Field(default={}, description="see `hexsim effects`")
+    effects: dict[str, EffectTable | list[EffectTable]] = Field(default={}, description="see `hexsim list effects`")
 
     @property
     def name(self) -> str:

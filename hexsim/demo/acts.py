@@ -101,7 +101,7 @@ def compensated(plain: Run, folder: Path) -> Act:
         f"and the same reversals then peak at {peaks['adaptive']:.2f} in place of {peaks['none']:.2f} m/s².",
         look="The right column, from the left: the first reversals are as before, then the compensator engages.",
         picture=png(figure),
-        command=f"hexsim compare {MOTION} --compensators none,adaptive --fast --out 2_compensated",
+        command=f"hexsim run {MOTION} --compensator none,adaptive --fast --out 2_compensated",
         links=(("report", "2_compensated/report.html"),),
     )
 

@@ -103,10 +103,10 @@ def test_an_announced_file_that_does_not_load_is_named(tmp_path, monkeypatch) ->
 
 
 def test_the_list_describes_the_algorithms_and_not_the_guard() -> None:
-    """`hexsim compensators`: every algorithm has a description of its own, and none is the guard's."""
+    """`hexsim list compensators`: every algorithm has a description of its own, and none is the guard's."""
     from hexsim.cli import app
 
-    done = CliRunner().invoke(app, ["compensators", "--json"])
+    done = CliRunner().invoke(app, ["list", "compensators", "--json"])
     rows = {row["name"]: row["what it is"] for row in json.loads(done.stdout)}
     assert list(rows)[:2] == ["none", "exact"]
     assert len(set(rows.values())) == len(rows)

@@ -1,4 +1,4 @@
-"""A servo valve declared from its measured curves, and `hexsim valve` against what was measured; skipped without the data."""
+"""A servo valve declared from its measured curves, and `hexsim test valve` against what was measured; skipped without the data."""
 
 import os
 import sys
@@ -105,7 +105,7 @@ def test_gain_null_loop_and_saturation_are_those_measured(stand, sweep):
     +-96 % within the export's count of 0.1 gal/min.
 
     The loop is bounded there only: about null it is measured 3.6 % wide, blocked ports read 3.6 % and the leakage at five
-    sweep periods 1.2 %, because the meters lag at sweep rates that are not stated. `hexsim valve` has no meter.
+    sweep periods 1.2 %, because the meters lag at sweep rates that are not stated. `hexsim test valve` has no meter.
     """
     signal, flow, rises, _ = (part[sweep[3] % 2 == 1] for part in sweep)
     at = np.array([-30.0, -20.0, -10.0, 10.0, 20.0, 30.0])

@@ -124,10 +124,10 @@ def test_sheets_that_contradict_themselves_are_refused(changes, says):
 
 @pytest.mark.parametrize("name", ["bench", "servo_bench"])
 def test_command_draws_three_and_four_way_valves(name, tmp_path):
-    """`hexsim valve` writes its page, figures and figures as JSON."""
+    """`hexsim test valve` writes its page, figures and figures as JSON."""
     from typer.testing import CliRunner
 
-    result = CliRunner().invoke(app, ["valve", name, "--out", str(tmp_path / "out")])
+    result = CliRunner().invoke(app, ["test", "valve", name, "--out", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output
     found = json.loads((tmp_path / "out" / "valve.json").read_text())
     assert found["figures"]["rated_flow_l_min"] > 10.0
