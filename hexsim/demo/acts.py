@@ -15,7 +15,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed, save_machine
 from hexsim.recording.figure_style import png
 from hexsim.recording.figures import comparison, run_figures
-from hexsim.recording.report import data_url, render
+from hexsim.recording.page import Report, Section, join, lead, link, picture, remark, text_block
 from hexsim.recording.run_files import write_run
 from hexsim.recording.signals import Signals
 from hexsim.scenarios import load_scenario
@@ -59,10 +59,23 @@ def demo(folder: Path, show: Show = lambda doing, fraction: None) -> list[Act]:
     acts.append(traced(folder, lambda doing, done: show(doing, SHARES[2] + done * (SHARES[3] - SHARES[2]))))
     show("the machine live", SHARES[3])
     acts.append(live(folder))
-    shown = [(act, data_url(act.picture)) for act in acts]
-    write_text(folder / "index.html", render("demo.html.j2", title="hexsim in four acts", acts=shown))
+    about = "Hydraulic motion systems: what people feel at a reversal, where it comes from, and how it goes away."
+    sections = [section(number, act) for number, act in enumerate(acts, start=1)]
+    write_text(folder / "index.html", Report("hexsim in four acts", sections, about=about).html())
     show("done", 1.0)
     return acts
+
+
+def section(number: int, act: Act) -> Section:
+    """An act on the page."""
+    links = remark(join((link(*one) for one in act.links), " · "))
+    parts = [
+        lead(act.sentence),
+        picture(act.picture, f"What is to be seen? {act.look}"),
+        text_block(act.command),
+        links,
+    ]
+    return Section(f"{number}. {act.title}", parts)
 
 
 def peak_of(run: Run) -> float:

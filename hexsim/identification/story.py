@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from hexsim.files.atomic import write_text, written_whole
 from hexsim.hydraulics.effects import effect_named
 from hexsim.identification import bump
@@ -13,12 +15,26 @@ from hexsim.identification.record import Story
 from hexsim.machine.files import in_one_line
 from hexsim.readers import read_log
 from hexsim.recording.figure_style import png
-from hexsim.recording.report import data_url, render
+from hexsim.recording.page import (
+    Column,
+    Report,
+    Section,
+    bold,
+    code,
+    facts,
+    join,
+    link,
+    picture,
+    remark,
+    small,
+    table,
+    verdict,
+)
 from hexsim.recording.rerun_recording import write_recording
 from hexsim.recording.signals import Signals
 from hexsim.tracing.report.readings import names_of, numbers_of, one_term, term_sentence, total_sentence
 from hexsim.tracing.report.recording import write_trace_recordings
-from hexsim.tracing.report.tables import checks_of
+from hexsim.tracing.report.tables import checks_of, known_and_checks
 
 BUDGET = (
     "What does each step leave? "
@@ -38,22 +54,66 @@ ROUNDS = (
 
 def write_story(story: Story) -> Path:
     """Write report.html and, once there was a round, story.png into the story's folder; the page's path."""
-    place, shown, grown = story.folder / "report.html", "", ""
+    story_png = rounds_png = None
     if story.rounds and story.rounds[-1].budget:
-        picture = png(story_figure(headline(story), story.rounds[-1].budget, story.bump))
+        story_png = png(story_figure(headline(story), story.rounds[-1].budget, story.bump))
         with written_whole(story.folder / "story.png") as file:
-            file.write_bytes(picture)
-        shown = data_url(picture)
+            file.write_bytes(story_png)
     if len(story.rounds) > 1:
-        grown = data_url(png(rounds_figure(story.rounds)))
-    page = render(
-        "identify.html.j2", title=f"Identification of {story.machine.name}", story=story, sentence=sentence(story),
-        effects=effects(story), declared=in_one_line(story.machine), figure=shown, caption=BUDGET + BUMP * bool(story.bump),
-        grown=grown, grown_caption=ROUNDS, bump=bump_sentence(story),
-        ended=why_ended(story), left=left_open(story),
+        rounds_png = png(rounds_figure(story.rounds))
+    found, n = effects(story), len(story.rounds)
+    goal = "a smooth one" if story.bump else "the identified one"
+    heads = [
+        "round",
+        Column("motion", "wide"),
+        Column("verdict after it", "text"),
+        Column("left open", "wide"),
+        Column("trace", "text"),
+    ]
+    rounds = [
+        (one.number, one.purpose, one.verdict, left, link("report", f"round_{one.number}/report.html"))
+        for one, left in zip(story.rounds, left_open(story), strict=True)
+    ]
+    page = Report(
+        f"Identification of {story.machine.name}",
+        [
+            Section(f"From the declared machine to {goal}", [picture(story_png, BUDGET + BUMP * bool(story.bump))] if story_png else []),
+            Section("What was missing", [_effect_table(found), *known_and_checks(found)]),
+            Section("Error from round to round", [picture(rounds_png, ROUNDS)] if rounds_png else []),
+            Section("What was measured, and why", [
+                table(heads, rounds), remark("Besides, two motions that no fit has seen: every error on this page is of them.")
+            ]),
+            Section("What it leaves", [facts(FILES)]),
+        ],
+        about=f"{n} round{'' if n == 1 else 's'}, {story.machine_s / 60:.1f} minutes of machine time. "
+        f"Declared: {in_one_line(story.machine)}.",
+        top=[verdict("", [sentence(story), bump_sentence(story)], [f"It ended because: {why_ended(story)}."],
+                     good=bool(n) and story.rounds[-1].verdict in ("explained", "nothing missing"))],
     )  # fmt: skip
-    write_text(place, page)
+    place = story.folder / "report.html"
+    write_text(place, page.html())
     return place
+
+
+FILES = (
+    ("fitted.toml", join(["the machine with what was found: a valid ", code("--machine")])),
+    ("compensator.json", "start parameters of the compensator, leg by leg, learned on the identified twin"),
+    (
+        "held_out.rrd, bump.rrd",
+        "recordings for hexsim view: measured beside declared and fitted; the bump before and after",
+    ),
+    ("logs/", "every log that was measured; the same folder given again goes on from them"),
+)
+
+
+def _effect_table(found: list[dict[str, Any]]) -> Markup:
+    heads = ["effect", Column("where", "text"), Column("numbers", "text"), Column("what it is", "wide")]
+    rows = []
+    for row in found:
+        title = [bold(row["title"]), *([small(f"or {row['tied']}")] if row["tied"] else [])]
+        numbers = [f"{name} {value}" for name, value in row["numbers"]] + [small(f"or {read}") for read in row["other"]]
+        rows.append((join(title, "<br>"), row["where"], join(numbers, "<br>"), row["description"]))
+    return table(heads, rows)
 
 
 def write_recordings(story: Story) -> list[Path]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,8 @@ from hexsim.own.folder import OwnFolder
 from hexsim.own.problem import OwnProblem, fit_own, problem_of
 from hexsim.own.simulate import record_of
 from hexsim.recording.figure_style import legend, new_figure, png, styled
-from hexsim.recording.report import data_url, render
+from hexsim.recording.page import Column, Report, Section, picture, table
+from hexsim.recording.quantity import quantity
 from hexsim.signals.log import Log
 
 MOST_POINTS = 4000
@@ -96,14 +97,33 @@ def page(
 ) -> str:
     """report.html: each run's outputs, measured and simulated, and what is left."""
     pictures = [
-        (data_url(png(residual(name, output, folder.declaration.outputs[output].unit, table))), CAPTION)
-        for name, (table, rms) in made.items() for output in rms
+        png(residual(name, output, folder.declaration.outputs[output].unit, free))
+        for name, (free, rms) in made.items() for output in rms
     ]  # fmt: skip
-    return render(
-        "own_run.html.j2", title=f"Free run of {folder.name}", report=report, pictures=pictures, steps=[], verdict=""
-    )
+    return Report(f"Free run of {folder.name}", sections(report, pictures), about=ABOUT).html()
 
 
+def sections(report: Mapping[str, Any], pictures: Sequence[bytes]) -> list[Section]:
+    """Runs with their figures, and numbers: what every page of a simulated machine has."""
+    runs = [
+        (run, "never seen by the fit" if of["held_out"] else "fitted", output, quantity(rms, of["unit"][output]))
+        for run, of in report["runs"].items()
+        for output, rms in of["rms"].items()
+    ]
+    numbers = [
+        (name, quantity(n["value"], n["unit"], 5), quantity(n["standard_error"], n["unit"], 2),
+         quantity(n["declared"], n["unit"], 5) if n["declared"] is not None else "", "at its bound" if n["at_bound"] else "")
+        for name, n in report["numbers"].items()
+    ]  # fmt: skip
+    of_runs = table(["run", Column("", "text"), Column("output", "text"), "rms of the residual"], runs)
+    heads = ["number", "value", "± one standard error", "declared", Column("", "text")]
+    return [
+        Section("Runs", [of_runs, *(picture(png_bytes, CAPTION) for png_bytes in pictures)]),
+        Section("Numbers", [table(heads, numbers)]),
+    ]
+
+
+ABOUT = "Simulated from recorded inputs and the first samples of each run."
 CAPTION = (
     "How far is a free run from what was measured? "
     "Above measured and simulated from the inputs and the first samples alone, below simulated less measured."

@@ -15,11 +15,11 @@ from hexsim.own.declaration import Declaration
 from hexsim.own.folder import OwnFolder, load_simulated
 from hexsim.own.forms import as_effect
 from hexsim.own.model import START, model_of
-from hexsim.own.run import CAPTION, report_of, residual, simulated
+from hexsim.own.run import ABOUT, report_of, residual, sections, simulated
 from hexsim.own.state_file import StateFile
 from hexsim.own.trace import OwnTrace, trace_own
 from hexsim.recording.figure_style import png
-from hexsim.recording.report import data_url, render
+from hexsim.recording.page import Column, Report, Row, Section, remark, table, verdict
 
 EFFECT = "effect.toml"
 Progress = Callable[[str, float], None]
@@ -44,8 +44,8 @@ def trace_simulated(
     if out is not None:
         progress("writing the report", 0.95)
         pictures = [
-            (data_url(png(residual(name, output, found.declaration.outputs[output].unit, table))), CAPTION)
-            for name, (table, rms) in made.items() for output in rms
+            png(residual(name, output, found.declaration.outputs[output].unit, free))
+            for name, (free, rms) in made.items() for output in rms
         ]  # fmt: skip
         write_report(report, out, pictures)
         (out / "model.toml").write_text(tomli_w.dumps(as_file(found, folder)), encoding="utf-8")
@@ -74,22 +74,40 @@ def content(loaded: OwnFolder, found: OwnTrace) -> tuple[dict[str, Any], dict[st
     }, made  # fmt: skip
 
 
-def write_report(report: dict[str, Any], out: Path, pictures: Sequence[tuple[str, str]] = ()) -> None:
+def write_report(report: dict[str, Any], out: Path, pictures: Sequence[bytes] = ()) -> None:
     """report.json and report.html."""
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "report.json", report)
-    text = render(
-        "own_run.html.j2", title=f"Trace of {report['machine']}", report=report, pictures=pictures, steps=report["candidates"],
-        verdict=report["verdict"],
-    )  # fmt: skip
-    (out / "report.html").write_text(text, encoding="utf-8")
+    title, said = f"Trace of {report['machine']}", report["verdict"]
+    answer = verdict(said.split(":")[0], [said], good=bool(report["candidates"]))
+    page = Report(title, [candidates(report), *sections(report, pictures)], about=ABOUT, top=[answer])
+    (out / "report.html").write_text(page.html(), encoding="utf-8")
+
+
+def candidates(report: dict[str, Any]) -> Section:
+    """The effects that were fitted, an output a row."""
+    heads = ["effect", Column("judgment", "text"), "gain [nats]", Column("output", "text"), "held out before", "with it",
+             Column("why", "wide")]  # fmt: skip
+    rows = [
+        Row((one["effect"], one["verdict"], f"{one['nats']:.1f}", output, f"{e['before']:.3g}", f"{e['after']:.3g}",
+             one["why"] + (f"; tied with {', '.join(one['tied'])}" if one["tied"] else "")),
+            "best" if one["verdict"] == "named" else "")
+        for one in report["candidates"] for output, e in one["held_out"].items()
+    ]  # fmt: skip
+    explained = (
+        "Held out: rms of the simulated residual on parts of the motion that the numbers have not seen. Gain: of their log "
+        "predictive density."
+    )
+    return Section(
+        "Candidates that were fitted", [table(heads, rows), *map(remark, report.get("remarks", ())), remark(explained)]
+    )
 
 
 def write_incomplete(known: dict[str, Any], out: Path, why: str) -> None:
     """The report of a trace that did not come to its end."""
     so_far = f"; so far named: {' + '.join(known['named'])}" if known["named"] else ""
-    verdict = f"incomplete: the trace did not come to its end: {why}{so_far}"
-    write_report(known | {"verdict": verdict, "incomplete": {"why": why}}, out)
+    ended = f"incomplete: the trace did not come to its end: {why}{so_far}"
+    write_report(known | {"verdict": ended, "incomplete": {"why": why}}, out)
 
 
 def entry(one: Judgment) -> dict[str, Any]:

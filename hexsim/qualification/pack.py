@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import gzip
 import hashlib
-import html
 import json
 import platform
 import re
@@ -37,6 +36,7 @@ from hexsim.qualification.battery import Findings
 from hexsim.qualification.omct import SOURCE, Point, machine_response, omct
 from hexsim.qualification.rig import MachineRig, Motion, Record
 from hexsim.qualification.rows import NO_LIMIT, ROTATIONS, Row
+from hexsim.recording.page import Column, Report, Section, bold, lead, remark, table
 from hexsim.scenarios import Scenario
 
 OWN = "[S] 14 CFR Part 60, app. A, table A2A, {}: as specified by the applicant; the limit shown is the applicant's own"
@@ -166,54 +166,42 @@ def changed_files(folder: Path) -> list[str]:
 
 
 def page(result: dict[str, Any], rows: Sequence[Row], points: Sequence[Point]) -> str:
-    """pack.html: what is outside, rows in a table that becomes a list on a narrow screen, OMCT below."""
+    """pack.html: what is outside, rows, OMCT below."""
 
-    def cell(value: Any, unit: str = "") -> str:
-        text = f"{value:.4g}" if isinstance(value, float) else str(value)
-        return f"<td>{html.escape(text)}{'' if unit in ('', '1') else f' {html.escape(unit)}'}</td>"
+    def shown(value: float | None, unit: str, missing: str) -> str:
+        return missing if value is None else f"{value:.4g}{'' if unit in ('', '1') else f' {unit}'}"
 
-    def bound(row: Row) -> str:
-        return cell("") if row.limit is None else cell(row.limit, row.unit)
-
-    def found_value(row: Row) -> str:
-        return cell("not reached") if row.value is None else cell(row.value, row.unit)
-
-    verdict = {True: "within", False: "<b>outside</b>", None: "reported"}
-    body = "".join(
-        f"<tr>{''.join(map(cell, (r.test, r.axis, r.figure)))}{found_value(r)}{bound(r)}"
-        f"<td>{verdict[r.passed]}</td>{cell(r.source)}</tr>"
+    verdict = {True: "within", False: bold("outside"), None: "reported"}
+    tests = [
+        (
+            r.test,
+            r.axis,
+            r.figure,
+            shown(r.value, r.unit, "not reached"),
+            shown(r.limit, r.unit, ""),
+            verdict[r.passed],
+            r.source,
+        )
         for r in rows
-    )
-    cues = "".join(
-        f"<tr>{''.join(map(cell, (p.test, p.frequency_rad_s, p.modulus, p.phase_deg)))}</tr>" for p in points
-    )
+    ]
+    text = [Column(head, "wide") for head in ("axis", "figure", "value", "limit", "verdict", "source")]
+    cues = [(p.test, f"{p.frequency_rad_s:.4g}", f"{p.modulus:.4g}", f"{p.phase_deg:.4g}") for p in points]
     judged, outside = [r for r in rows if r.passed is not None], [r for r in rows if r.passed is False]
     found = f"{len(judged) - len(outside)} of {len(judged)} figures with a limit are within it."
     if outside:
-        found += (
-            f" Outside: {html.escape('; '.join(f'{r.test}, {r.axis}, limit {r.limit:g} {r.unit}' for r in outside))}."
-        )
+        found += f" Outside: {'; '.join(f'{r.test}, {r.axis}, limit {r.limit:g} {r.unit}' for r in outside)}."
     modes = "one mode: ground and flight have the same washout" if result["one_mode"] else "ground and flight"
-    title = html.escape(f"Qualification pack of {result['machine']}, compensator {result['compensator']}")
-    return f"""<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<title>{title}</title><style>
-:root {{ color-scheme: light dark }} body {{ font: 15px/1.5 sans-serif; margin: 1rem auto; max-width: 75rem; padding: 0 1rem }}
-.scroll {{ overflow-x: auto }} table {{ border-collapse: collapse }} td, th {{ text-align: left; padding: .2rem .7rem .2rem 0 }}
-td {{ border-top: 1px solid #8884; vertical-align: top }} td:nth-child(2) {{ white-space: nowrap }}
-.tests td:nth-child(4), .tests td:nth-child(5) {{ white-space: nowrap }}
-h1 {{ font-size: 1.6rem; overflow-wrap: anywhere }}
-@media (max-width: 50rem) {{
-  .tests tr {{ display: block; border-top: 1px solid #8884; padding: .4rem 0 }} .tests tr:first-child {{ display: none }}
-  .tests, .tests tbody {{ display: block }}
-  .tests td {{ display: inline; border: 0; padding: 0 .3rem 0 0 }} .tests td:nth-child(1), .tests td:nth-child(2) {{ font-weight: 600 }}
-  .tests td:nth-child(3) {{ display: block }} .tests td:nth-child(5):not(:empty)::before {{ content: "limit " }}
-  .tests td:nth-child(7) {{ display: block; font-size: 13px; opacity: .8 }}
-}}</style>
-<h1>{title}</h1>
-<p><b>{found}</b></p>
-<p>A simulation; it qualifies no device. Motion modes tested: {modes}. Pilot's reference point {result["pilot_m"]} m forward,
-left and up of the vehicle's centre of gravity. Records in traces/, hashes in manifest.json.</p>
-<h2>Tests</h2><div class="scroll"><table class="tests"><tr><th>test<th>axis<th>figure<th>value<th>limit<th>verdict<th>source</tr>
-{body}</table></div>
-<h2>Objective motion cueing test</h2><p>{html.escape(SOURCE)}</p>
-<div class="scroll"><table><tr><th>test<th>rad/s<th>modulus<th>phase [deg]</tr>{cues}</table></div></html>"""
+    about = (
+        f"A simulation; it qualifies no device. Motion modes tested: {modes}. Pilot's reference point {result['pilot_m']} m "
+        "forward, left and up of the vehicle's centre of gravity. Records in traces/, hashes in manifest.json."
+    )
+    cueing = table(["test", "frequency [rad/s]", "modulus", "phase [deg]"], cues, cues)
+    return Report(
+        f"Qualification pack of {result['machine']}, compensator {result['compensator']}",
+        [
+            Section("Tests", [table(["test", *text], tests, tests)]),
+            Section("Objective motion cueing test", [remark(SOURCE), cueing]),
+        ],
+        about=about,
+        top=[lead(found)],
+    ).html()

@@ -3,34 +3,56 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
-import jinja2
+from markupsafe import Markup
 
 from hexsim.qualification.battery import Findings
 from hexsim.qualification.plots import CAPTIONS, pictures
 from hexsim.qualification.rows import Row
-from hexsim.recording.report import data_url, render
-from hexsim.recording.summary_table import number
+from hexsim.recording.page import (
+    Cell,
+    Column,
+    Report,
+    Section,
+    bold,
+    cards,
+    folded,
+    join,
+    lead,
+    picture,
+    remark,
+    small,
+    table,
+    text_block,
+)
+from hexsim.recording.summary_table import NOTHING, number
 
 
 def page(title: str, how: str, found: Findings, config: str, notes: Sequence[str] = ()) -> str:
     """report.html. config: the machine's file; notes: what restricts the figures, a sentence each."""
     judged = [row for row in found.rows if row.passed is not None]
-    return render(
-        "qualification.html.j2",
-        jinja2.PackageLoader("hexsim.qualification", "templates"),
-        title=title,
-        how=how,
-        sentence=_sentence(judged) if judged else "No figure of this motion has a limit.",
-        notes=notes,
-        passed=sum(row.passed is True for row in judged),
-        judged=judged,
-        cards=_cards(found.rows),
-        tables=_tables(found.rows),
-        pictures=[(name, data_url(data), CAPTIONS[name]) for name, data in pictures(found.curves).items()],
-        config=config,
-    )
+    verdict = [("yes", "text pass") if row.passed else ("no", "text fail") for row in judged]
+    against = [
+        (row.test, row.axis, row.figure, bold(number(row.value)), number(row.limit), row.unit, Cell(*said),
+         small(row.source.replace("+-", "±")))
+        for row, said in zip(judged, verdict, strict=True)
+    ]  # fmt: skip
+    heads = ["test", Column("axis", "text"), Column("figure", "wide"), "value", "limit", Column("unit", "text"), Column("within", "text"),
+             Column("source of the limit", "wide")]  # fmt: skip
+    kept = (f"{sum(row.passed is True for row in judged)} of {len(judged)}", "", "limits kept")
+    source = remark("[S] read in a source. [K] commonly used in the field, not confirmed from a source.")
+    return Report(
+        title,
+        [
+            Section("Against a limit", [table(heads, against, against), source]),
+            *_tables(found.rows),
+            Section("Figures", [picture(png, CAPTIONS[name]) for name, png in pictures(found.curves).items()]),
+            Section("The machine", [folded("Declaration", [text_block(config)])]),
+        ],
+        about=how,
+        top=[lead(_sentence(judged) if judged else "No figure of this motion has a limit."), *map(remark, notes),
+             cards([kept, *_cards(found.rows)])],
+    ).html()  # fmt: skip
 
 
 def _sentence(judged: list[Row]) -> str:
@@ -39,7 +61,7 @@ def _sentence(judged: list[Row]) -> str:
     if not outside:
         return f"All {len(judged)} limits are kept."
     names = "; ".join(f"{r.test} in {r.axis} ({(r.value or 0.0) / (r.limit or 1.0):.1f} times)" for r in outside)
-    return f"{len(judged) - len(outside)} of {len(judged)} limits are kept. Beyond its limit: {names}."
+    return f"{len(outside)} of {len(judged)} limits exceeded: {names}."
 
 
 def _cards(rows: list[Row]) -> list[tuple[str, str, str]]:
@@ -72,20 +94,25 @@ to speed zero. Dynamic threshold: time to 63 % of a step of acceleration. Report
 }
 
 
-def _tables(rows: list[Row]) -> list[dict[str, Any]]:
+def _tables(rows: list[Row]) -> list[Section]:
     """Reported figures with one row an axis: half-hertz noise, describing function, and what is done in heave alone."""
     groups = {"half-hertz noise": ("half-hertz noise",), "describing function": ("describing function",),
               "linearity": ("linearity", "hysteresis", "dynamic threshold")}  # fmt: skip
-    tables = []
+    found = []
     for key, tests in groups.items():
         some = [row for row in rows if row.test in tests]
         columns = list(dict.fromkeys(_column(row) for row in some))
-        cells = {(row.axis, _column(row)): (row.value, "" if row.unit == "1" else row.unit) for row in some}
+        cells = {(row.axis, _column(row)): _with_unit(row) for row in some}
         axes = list(dict.fromkeys(row.axis for row in some))
-        body = [(axis, [cells.get((axis, column), (None, "")) for column in columns]) for axis in axes]
-        title = ", ".join(tests).capitalize()
-        tables.append({"title": title, "columns": columns, "rows": body, "description": DESCRIPTIONS[key]})
-    return tables
+        body = [(axis, *(cells.get((axis, column), NOTHING) for column in columns)) for axis in axes]
+        heads = ["axis", *(column.replace(" -", " −") for column in columns)]
+        found.append(Section(", ".join(tests).capitalize(), [table(heads, body), remark(DESCRIPTIONS[key])]))
+    return found
+
+
+def _with_unit(row: Row) -> Markup:
+    """The value, its unit in small letters."""
+    return join([number(row.value), small(row.unit)] if row.unit != "1" else [number(row.value)], " ")
 
 
 def _column(row: Row) -> str:

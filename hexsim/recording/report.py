@@ -1,23 +1,38 @@
-"""Self-contained HTML reports: one file with its figures inside, opens without a network and prints."""
+"""The pages of a run and of runs side by side."""
 
 from __future__ import annotations
 
-import base64
-import re
-from collections.abc import Mapping
-from datetime import datetime
-from functools import cache
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import jinja2
 import tomli_w
+from markupsafe import Markup
 
-from hexsim import __version__
-from hexsim.files.runs_index import PLACE
-from hexsim.motion_computer.margins import stability_sentence, worst_figures
+from hexsim.motion_computer.margins import LoopFigures, stability_sentence, worst_figures
 from hexsim.recording.config import config_tables
 from hexsim.recording.felt import FELT_HEADS, felt_cells, felt_of
-from hexsim.recording.quantity import plain, quantity, share, spelled
+from hexsim.recording.page import (
+    EMPTY,
+    Column,
+    Report,
+    Row,
+    Section,
+    bar,
+    bold,
+    cards,
+    folded,
+    join,
+    lead,
+    messages,
+    note,
+    picture,
+    remark,
+    small,
+    table,
+    text_block,
+)
+from hexsim.recording.page import facts as facts_panel
+from hexsim.recording.quantity import share
 from hexsim.recording.signals import AXIS_NAMES, Signals, axis_unit, axis_unit_text
 from hexsim.recording.summary_table import axis_header, axis_label, axis_rows, comparison_rows, facts, number
 
@@ -46,67 +61,66 @@ CAPTIONS = {
 }
 
 
-@cache
-def environment() -> jinja2.Environment:
-    """Templates of this package; everything that is put in is escaped."""
-    loader = jinja2.PackageLoader("hexsim.recording", "templates")
-    made = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    made.filters |= {"number": number, "plain": plain, "quantity": quantity, "share": share, "spelled": spelled}
-    made.filters["question"] = question
-    return made
-
-
-def question(caption: str) -> tuple[str, str]:
-    """The question that a figure answers, which its caption begins with, and the rest of the caption."""
-    asked, mark, rest = caption.partition("? ")
-    return (f"{asked}?", rest) if mark else ("", caption)
-
-
-def data_url(picture: bytes) -> str:
-    """A PNG as text inside the page."""
-    return "data:image/png;base64," + base64.b64encode(picture).decode("ascii")
-
-
-def render(template: str, loader: jinja2.BaseLoader | None = None, **values: Any) -> str:
-    """A page with what every page shows. loader: of templates beside those of this package."""
-    common = {"version": __version__, "written": f"{datetime.now():%Y-%m-%d %H:%M}"}
-    made = environment()
-    if loader is not None:
-        made = made.overlay(loader=jinja2.ChoiceLoader([loader, made.loader or loader]))
-    return with_contents(made.get_template(template).render(**common, **values))
-
-
-def with_contents(page: str) -> str:
-    """The page with a table of its headings, and a place for a link to the page of all runs."""
-    titles: list[str] = []
-
-    def anchored(found: re.Match[str]) -> str:
-        titles.append(found[1])
-        return f'<h2 id="part-{len(titles)}">{found[1]}</h2>'
-
-    page = re.sub(r"<h2>(.*?)</h2>", anchored, page, flags=re.DOTALL)
-    links = " · ".join(f'<a href="#part-{k}">{title}</a>' for k, title in enumerate(titles, 1))
-    return page.replace("<!-- contents -->", f'<nav class="contents">{links} {PLACE}</nav>', 1)
-
-
 def run_report(run: Run, pictures: Mapping[str, bytes]) -> str:
     """The page of one run; pictures: name -> PNG."""
 
-    driven = Signals.of_run(run).driven_axes
-    return render(
-        "run.html.j2",
-        title=f"{run.scenario.name} on {run.machine.name}",
-        summary=run.summary,
-        run=run,
-        sentence=run_sentence(run.summary, driven),
-        cards=cards(run.summary, driven),
-        loop=worst_figures(run.machine),
-        loop_sentence=stability_sentence,
-        header=axis_header(run.summary),
-        rows=axis_rows(run.summary, driven),
-        facts=facts(run.summary, run),
-        pictures=[(name, data_url(data), CAPTIONS.get(name, "")) for name, data in pictures.items()],
-        config=tomli_w.dumps(config_tables(run)),
+    driven, summary = Signals.of_run(run).driven_axes, run.summary
+    loop = worst_figures(run.machine)
+    stability = stability_sentence(loop)
+    rows = [Row(cells, "driven" if is_driven else "") for is_driven, cells in axis_rows(summary, driven)]
+    about = join([f"{run.scenario.description or run.scenario.name} · compensator ", bold(summary["compensator"])])
+    heads = {"time [s]": "", "leg": "", "message": "text"}
+    said = [(f"{time_s:.3f}", leg, text) for time_s, leg, text in run.messages]
+    return Report(
+        f"{run.scenario.name} on {run.machine.name}",
+        [
+            Section("Figures of each axis", [table(axis_header(summary), rows), remark(_figures_words(run)) if rows else EMPTY]),
+            Section("Figures", [picture(data, CAPTIONS.get(name, "")) for name, data in pictures.items()]),
+            Section("Declared loop", [facts_panel(_loop_facts(loop)), remark(_loop_words(loop))]),
+            Section("How it was run", [facts_panel(facts(summary, run), [
+                messages(said, heads, unfolded=len(said) < 8),
+                folded("Configuration, everything resolved", [text_block(tomli_w.dumps(config_tables(run)))]),
+            ])]),
+        ],
+        about=about,
+        top=[
+            lead(run_sentence(summary, driven)),
+            note(join([bold("Partial run."), run.reason], " ")) if not run.complete else EMPTY,
+            *(note(text) for text in summary["warnings"] if text != run.reason),
+            note(f"{stability}." if stability else ""),
+            cards(figures_first(summary, driven)),
+        ],
+    ).html()  # fmt: skip
+
+
+def _figures_words(run: Run) -> str:
+    """What the table of axes means."""
+    start = number(run.summary.get("figures_from_s", run.scenario.figures_start_s))
+    command = "" if run.scenario.frequency_Hz else " (here: from the command)"
+    return (
+        f"Fundamental: amplitude at the frequency of the motion. Peak and noise are of the deviation from it{command}, from "
+        f"{start} s on. Bump p-p: largest peak to peak about a reversal. Driven axes in bold; the others should be at rest."
+    )
+
+
+def _loop_facts(loop: LoopFigures) -> list[tuple[str, str]]:
+    phase = f"{number(loop.phase_margin_deg)} deg" if loop.is_stable else "none: unstable"
+    closed = (
+        f"−3 dB at {number(loop.bandwidth_Hz)} Hz, −90° at {number(loop.quarter_Hz)} Hz, peak {round(loop.peak_dB, 1) + 0.0:.1f} dB, "
+        f"delay {number(1000 * loop.delay_s)} ms at 1 Hz"
+    )
+    return [
+        ("phase margin", f"{phase}, crossover at {number(loop.crossover_Hz)} Hz"),
+        ("gain margin", f"{number(loop.gain_margin_dB)} dB"),
+        ("closed loop", closed),
+    ]
+
+
+def _loop_words(loop: LoopFigures) -> str:
+    way = "extending" if loop.extends else "retracting"
+    return (
+        "Linear about neutral, broken at the valve's command, valve open by 1 % beyond its lap; the worst of all legs, modes of the "
+        f"load and directions (phase margin: leg {loop.leg}, {way}, moving {number(loop.mass_kg)} kg). Compensators are not in it."
     )
 
 
@@ -134,13 +148,13 @@ def comparison_sentence(tables: list[dict[str, Any]]) -> str:
     """Which compensator is smoothest, and by how much; the axes of each where there are several."""
     best: dict[str, list[str]] = {}
     description = ""
-    for table in tables:
-        rows = [row for row in table["rows"] if row["peak_band"] is not None and not row["note"]]
+    for own in tables:
+        rows = [row for row in own["rows"] if row["peak_band"] is not None and not row["note"]]
         if len(rows) < 2:
             return ""
-        first, smoothest = table["rows"][0], min(rows, key=lambda row: row["peak_band"])
-        best.setdefault(smoothest["name"], []).append(table["axis"])
-        description = f"its largest deviation is {number(smoothest['peak_band'])} {table['unit']}"
+        first, smoothest = own["rows"][0], min(rows, key=lambda row: row["peak_band"])
+        best.setdefault(smoothest["name"], []).append(own["axis"])
+        description = f"its largest deviation is {number(smoothest['peak_band'])} {own['unit']}"
         if smoothest is not first and smoothest["ratio"]:
             description += f", {share(smoothest['ratio'])} of the {number(first['peak_band'])} with {first['name']}"
     if len(tables) == 1:
@@ -148,7 +162,7 @@ def comparison_sentence(tables: list[dict[str, Any]]) -> str:
     return "Smoothest: " + "; ".join(f"{name} in {', '.join(axes)}" for name, axes in best.items()) + "."
 
 
-def cards(summary: Mapping[str, Any], driven: tuple[str, ...]) -> list[tuple[str, str, str]]:
+def figures_first(summary: Mapping[str, Any], driven: tuple[str, ...]) -> list[tuple[str, str, str]]:
     """The figures to see first, of the first driven axis: (value, unit, what it is)."""
     axis = next((name for name in driven if name in summary["axes"]), None)
     if axis is None:
@@ -164,49 +178,82 @@ def cards(summary: Mapping[str, Any], driven: tuple[str, ...]) -> list[tuple[str
     ]
 
 
-def _axis_pictures(pictures: Mapping[str, bytes], prefix: str) -> list[tuple[str, str]]:
-    """(axis, data URL) of the pictures whose names begin so."""
-    return [
-        (axis_label(name.removeprefix(prefix)), data_url(data))
-        for name, data in pictures.items()
-        if name.startswith(prefix)
-    ]
-
-
 def comparison_report(runs: Mapping[str, Run], pictures: Mapping[str, bytes]) -> str:
     """The page of runs side by side; pictures: name -> PNG."""
 
     first = next(iter(runs.values()))
+    scenario, band = first.scenario, f"{first.summary['bandwidth_Hz']:g}"
     driven = [axis for axis in Signals.of_run(first).driven_axes if axis in first.summary["axes"]]
-    tables = []
-    for axis in driven:
-        rows = comparison_rows(runs, axis)
-        peaks = [row["peak_band"] for row in rows if row["peak_band"] is not None and not row["note"]]
-        tables.append(
-            {
-                "axis": AXIS_NAMES[axis],
-                "unit": axis_unit_text(axis),
-                "rows": rows,
-                "best": min(peaks, default=None),
-                "largest": max(peaks, default=None),
-            }
-        )
-    return render(
-        "comparison.html.j2",
-        title=f"{first.scenario.name} on {first.machine.name}: compensators side by side",
-        scenario=first.scenario,
-        sentence=comparison_sentence(tables),
-        tables=tables,
-        band=f"{first.summary['bandwidth_Hz']:g}",
-        facts=[fact for fact in facts(first.summary, first) if fact[0] in ("duration", "model", "seed")],
-        warnings=sorted({text for run in runs.values() for text in run.warnings if text != run.reason}),
-        messages=[(name, *message) for name, run in runs.items() for message in run.messages],
-        pictures=_axis_pictures(pictures, "comparison_"),
-        bumps=_axis_pictures(pictures, "bumps_"),
-        people={
-            axis: [(name, felt_cells(axes[axis])) for name, axes in felt_of(runs).items() if axis in axes]
-            for axis in driven
-        },
-        felt_heads=FELT_HEADS,
-        config=tomli_w.dumps(config_tables(first)),
+    rows = {axis: comparison_rows(runs, axis) for axis in driven}
+    start = number(scenario.figures_start_s)
+    meaning = (
+        f"Peak: largest deviation from the {'fundamental' if scenario.frequency_Hz else 'command'} from {start} s on, in the {band} Hz "
+        "band and raw; the lowest is shaded. Bump p-p: largest peak to peak about a reversal. Tracking: largest rms of a leg "
+        "behind its setpoint."
     )
+    people = [
+        (axis_label(axis), bold(name), *felt_cells(axes[axis]))
+        for axis in driven
+        for name, axes in felt_of(runs).items()
+        if axis in axes
+    ]
+    bumps = [picture(png, BUMPS.format(axis_label(name.removeprefix("bumps_")).capitalize()))
+             for name, png in pictures.items() if name.startswith("bumps_")]  # fmt: skip
+    beside = [picture(png, BESIDE.format(axis_label(name.removeprefix("comparison_")), start))
+              for name, png in pictures.items() if name.startswith("comparison_")]  # fmt: skip
+    said = [(name, f"{time_s:.3f}", leg, text) for name, run in runs.items() for time_s, leg, text in run.messages]
+    tables = [{"axis": AXIS_NAMES[axis], "unit": axis_unit_text(axis), "rows": rows[axis]} for axis in driven]
+    warnings = sorted({text for run in runs.values() for text in run.warnings if text != run.reason})
+    how = [fact for fact in facts(first.summary, first) if fact[0] in ("duration", "model", "seed")]
+    sections = [
+        Section(
+            f"{own['axis'].capitalize()} [{own['unit']}]",
+            [_comparison_table(own["rows"], band), remark(meaning if own is tables[-1] else "")],
+        )
+        for own in tables
+    ]
+    heads = ["axis", Column("compensator", "text"), *FELT_HEADS]
+    return Report(
+        f"{scenario.name} on {first.machine.name}: compensators side by side",
+        [
+            *sections,
+            Section("What a person feels", [table(heads, people), remark(FELT), *bumps]),
+            Section("Accelerations and deviations", beside),
+            Section("How it was run", [facts_panel(how, [
+                messages(said, {"compensator": "", "time [s]": "", "leg": "", "message": "text"}),
+                folded("Configuration of the first run, everything resolved", [text_block(tomli_w.dumps(config_tables(first)))]),
+            ])]),
+        ],
+        about=f"{scenario.description or scenario.name} · same machine, same motion, same sensor noise",
+        top=[lead(comparison_sentence(tables)), *map(note, warnings)],
+    ).html()  # fmt: skip
+
+
+def _comparison_table(rows: Sequence[Mapping[str, Any]], band: str) -> Markup:
+    """One axis, a row a compensator, the lowest peak shaded."""
+    peaks = [row["peak_band"] for row in rows if row["peak_band"] is not None and not row["note"]]
+    best, largest = min(peaks, default=None), max(peaks, default=None)
+    made = []
+    for row in rows:
+        counts = row["peak_band"] is not None and not row["note"]
+        name = join([bold(row["name"]), small(row["note"])], " ") if row["note"] else bold(row["name"])
+        cells = (
+            name, bold(number(row["peak_band"])), bar(row["peak_band"] / largest if counts and largest else None), share(row["ratio"]),
+            *(number(row[key]) for key in ("peak_raw", "bump_pp", "noise_rms", "fundamental", "tracking_mm")),
+        )  # fmt: skip
+        made.append(Row(cells, "best" if counts and row["peak_band"] == best else ""))
+    heads = ["compensator", f"peak {band} Hz", Column("", "text"), f"relative to {rows[0]['name']}", "peak raw", "bump p-p", "noise rms",
+             "fundamental", "tracking [mm]"]  # fmt: skip
+    return table(heads, made, made)
+
+
+BUMPS = "What does learning take away? {}: the bump of every reversal, from the first on."
+BESIDE = (
+    "How smooth is {} with each compensator? One row a compensator, all to one scale. Left and middle: the last periods; right: the "
+    "whole run, where learning shows. Grey: the reference. Peak: as in the table, from {} s on."
+)
+FELT = (
+    "Delay: of the acceleration behind the command, which the following leave out. Felt: share of time, and of reversals, with a "
+    "deviation above the threshold of perception (acceleration, Benson 1986; rotations by their rate, Benson 1989). Weighted rms: "
+    "ISO 2631-1, of the whole acceleration and of the deviation."
+)

@@ -12,7 +12,7 @@ from hexsim.declaration import Machine
 from hexsim.files.json_files import write_json
 from hexsim.recording import palette
 from hexsim.recording.figure_style import legend, plain_frequencies, png, small_multiples, styled
-from hexsim.recording.report import data_url, render
+from hexsim.recording.page import Column, Report, Section, bold, lead, picture, table, text_block
 from hexsim.studies.valve_test import FREQUENCIES_Hz, ValveTest
 
 L_MIN, BAR, PERCENT = 6e4, 1e-5, 100.0
@@ -103,8 +103,8 @@ def dynamic_figure(test: ValveTest) -> Figure:
 def write_valve_report(test: ValveTest, machine: Machine, folder: Path) -> None:
     """report.html, valve.json and the figures into a folder."""
     pictures = {"static": png(static_figure(test)), "dynamic": png(dynamic_figure(test))}
-    for name, picture in pictures.items():
-        (folder / f"{name}.png").write_bytes(picture)
+    for name, png_bytes in pictures.items():
+        (folder / f"{name}.png").write_bytes(png_bytes)
     curves = {
         "signal": test.signal, "flow_m3_s": test.flow_m3_s, "load_pressure_Pa": test.load_pressure_Pa,
         "leakage_m3_s": test.leakage_m3_s, "reversal": test.reversal, "reversed_flow_m3_s": test.reversed_flow_m3_s,
@@ -113,13 +113,16 @@ def write_valve_report(test: ValveTest, machine: Machine, folder: Path) -> None:
         folder / "valve.json",
         {"machine": machine.name, "figures": test.figures, "curves": {k: v.tolist() for k, v in curves.items()}},
     )
-    page = render(
-        "valve.html.j2", title=f"Valve of {machine.name}", rows=test.table(),
-        how=f"{machine.valve.kind.replace('_', '-')} valve as declared, tested after ISO 10770",
-        pictures=[
-            (name, data_url(picture), CAPTIONS[name])
-            for name, picture in pictures.items()
+    page = Report(
+        f"Valve of {machine.name}",
+        [
+            Section("Figures of a data sheet", [
+                table(["figure", "value", Column("unit", "text")], [(name, bold(value), unit) for name, value, unit in test.table()])
+            ]),
+            Section("Curves", [picture(png_bytes, CAPTIONS[name]) for name, png_bytes in pictures.items()]),
+            Section("As declared", [text_block(tomli_w.dumps({"valve": machine.valve.model_dump(exclude_none=True)}))]),
         ],
-        config=tomli_w.dumps({"valve": machine.valve.model_dump(exclude_none=True)}),
-    )  # fmt: skip
+        about=f"{machine.valve.kind.replace('_', '-')} valve as declared, tested after ISO 10770",
+        top=[lead("Hold this against the valve's data sheet: what differs is a slip in the declaration, or what the model leaves out.")],
+    ).html()  # fmt: skip
     (folder / "report.html").write_text(page, encoding="utf-8")

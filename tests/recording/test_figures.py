@@ -127,7 +127,7 @@ def test_the_report_shows_the_summary_and_escapes_names():
     run.summary = {**run.summary, "compensator": "<b>bold</b>"}
     page = run_report(run, {})
     for _, cells in axis_rows(run.summary, ("z",)):
-        assert all(f"<td>{cell}</td>" in page for cell in cells)
+        assert all(f">{cell}</td>" in page for cell in cells)
     assert "&lt;b&gt;bold&lt;/b&gt;" in page and "<b>bold</b>" not in page
     assert "fell back &amp; &lt;i&gt;said so" in page
     assert "Partial run." in page and "interrupted at 3.0 s" in page

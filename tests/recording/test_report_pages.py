@@ -5,7 +5,8 @@ import re
 from made_up_run import made_up_run
 
 from hexsim.qualification.plots import CAPTIONS as QUALIFY
-from hexsim.recording.report import CAPTIONS, question, render, run_report
+from hexsim.recording.page import MOST_ROWS, Column, Report, Section, question, table, text_block
+from hexsim.recording.report import CAPTIONS, run_report
 from hexsim.studies.valve_report import CAPTIONS as VALVE
 from hexsim.tracing.report.page import CAPTIONS as TRACE
 
@@ -30,5 +31,20 @@ def test_every_figure_has_a_question():
 
 def test_names_in_a_page_make_no_heading():
     """A title that looks like a heading stays text."""
-    page = render("valve.html.j2", title="<h2>odd</h2>", how="", rows=[], pictures=[], config="<h2>x</h2>")
-    assert ">odd<" not in page and ">x<" not in page
+    odd = Section(
+        "<h2>odd</h2>",
+        [table(["<i>a</i>", Column("<i>b</i>", "wide")], [("<h2>x</h2>", "<h2>x</h2>")]), text_block("<h2>x</h2>")],
+    )
+    page = Report("<h2>odd</h2>", [odd], about="<h2>x</h2>").html()
+    assert ">odd<" not in page and ">x<" not in page and "<i>" not in page
+
+
+def test_long_tables_fold_and_empty_sections_are_left_out():
+    """A table of many rows shows the first ones and holds all behind a click; a section without parts has no heading."""
+    rows = [(f"row {k}", k) for k in range(MOST_ROWS + 5)]
+    long, short = table(["name", "value"], rows), table(["name", "value"], rows[:MOST_ROWS])
+    before, folded = long.split("<details>")
+    assert before.count("<td>row ") == MOST_ROWS and folded.count("<td>row ") == len(rows)
+    assert f"all {len(rows)} rows" in folded and "<details>" not in short
+    page = Report("title", [Section("empty", [table(["name"], [])]), Section("full", [short])]).html()
+    assert ">empty<" not in page and page.count("<h2") == 1

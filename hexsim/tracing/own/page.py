@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from hexsim.recording.figure_style import legend, new_figure, png, styled
-from hexsim.recording.report import data_url, render
+from hexsim.recording.page import EMPTY, Column, Report, Row, Section, folded, note, picture, remark, table, verdict
+from hexsim.recording.quantity import plain, quantity
 from hexsim.tracing.own.analysis import OwnTrace
 from hexsim.tracing.own.folder import OwnMachine
 
@@ -22,16 +23,44 @@ SHADES = {"declared": "0.75", "refit": "0.5", "with_terms": "#1f5fa8"}
 
 def own_page(machine: OwnMachine, traces: Sequence[OwnTrace], report: Mapping[str, Any]) -> str:
     """The whole page."""
-    return render(
-        "own.html.j2",
-        title=f"Trace of {machine.name}",
-        report=report,
-        runs=", ".join(point.log.name for point in machine.fit),
-        pictures=[
-            [(data_url(png(draw(trace))), caption) for draw, caption in ((budget, BUDGET), (rest_in_time, TIME), (rest_over, OVER))]
-            for trace in traces
-        ],
-    )  # fmt: skip
+    findings = [(run if k == 0 else "", one) for run, said in report["findings"].items() for k, one in enumerate(said)]
+    balances = [balance_section(trace, balance) for trace, balance in zip(traces, report["balances"], strict=True)]
+    logs = Section("Logs", [table(["run", Column("what was read, repaired and moved", "wide")], findings)])
+    runs = ", ".join(point.log.name for point in machine.fit)
+    about = f"Balances of this machine's own, each number chosen without the run that it is scored on · runs: {runs}"
+    return Report(f"Trace of {machine.name}", [*balances, logs], about=about).html()
+
+
+def balance_section(trace: OwnTrace, b: Mapping[str, Any]) -> Section:
+    """Verdict, budget and coefficients of one balance with its figures."""
+    said, unit = b["verdict"], b["unit"]
+    good = said.startswith(("explained", "nothing")) and "in part" not in said
+    tag = said.split(":")[0].split(";")[0][:60]
+    more = [*b["remarks"], *(f"run {run}: {text}" for run, text in b["pulses"].items()), f"Next: {b['next']}"]
+    most = max(row["refit"] for row in b["budget"])
+    budgets = [
+        (row["run"], "one of the folds" if row["held_out"] == "fold" else "never seen",
+         *(quantity(row[key], unit, beside=most) for key, _ in STEPS),
+         (" + ".join(row["chosen"]) or "none") if "chosen" in row else "")
+        for row in b["budget"]
+    ]  # fmt: skip
+    heads = ["run", Column("", "text"), *(label for _, label in STEPS), Column("chosen without it", "wide")]
+    coefficients = [
+        Row((name, quantity(c["value"], c["unit"], 5), quantity(c["standard_error"], c["unit"], 2), quantity(c["declared"], c["unit"], 5),
+             plain(b["places"][name]["place"], 5) if name in b["places"] else ""), "best" if name in b["named"] else "")
+        for name, c in b["coefficients"].items()
+    ]  # fmt: skip
+    seen = [(name, quantity(d["theta_min"], d["unit"])) for name, d in b["detectable"].items()]
+    return Section(f"{b['name'].capitalize()} balance", [
+        verdict(tag, [said.replace(" -> ", " → ")], more, good=good),
+        picture(png(budget(trace)), BUDGET),
+        table(heads, budgets), remark("rms of the residual."),
+        table(["number", "value", "± over runs", "declared", "place"], coefficients),
+        picture(png(rest_in_time(trace)), TIME), picture(png(rest_over(trace)), OVER),
+        *map(note, b["extremes"]),
+        folded("What these runs would have shown", [table(["candidate", "smallest size seen"], seen)]) if seen else EMPTY,
+        *(note(f"Candidate left out: {text}.") for text in b["refused"]),
+    ])  # fmt: skip
 
 
 BUDGET = (

@@ -7,9 +7,11 @@ from typing import Any
 
 from hexsim.files.atomic import write_text
 from hexsim.files.json_files import write_json
-from hexsim.recording.report import render
+from hexsim.recording.page import Column, Report, Section, code, join, table, verdict
+from hexsim.recording.quantity import plain
+from hexsim.recording.summary_table import number
 from hexsim.tracing.report.content import balance_entry, finite, parameter_entries, report_of
-from hexsim.tracing.report.tables import parameter_rows
+from hexsim.tracing.report.tables import parameter_table, step_table
 from hexsim.tracing.state import Trace
 from hexsim.tracing.steps import STEPS
 
@@ -47,11 +49,28 @@ def write_incomplete(state: Trace, folder: Path, why: str) -> None:
     report = incomplete_report(state, why)
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / "report.json", report)
-    page = render(
-        "trace_incomplete.html.j2",
-        title=f"Trace of {state.machine.name}, incomplete",
-        report=report,
-        parameters=parameter_rows(report),
-        runs=tuple(", ".join(log.name for log in q.logs) for q in (state.fit_problem, state.validate_problem)),
-    )
-    write_text(folder / "report.html", page)
+    fit, held_out = (", ".join(log.name for log in q.logs) for q in (state.fit_problem, state.validate_problem))
+    left = ", ".join(report["incomplete"]["steps_left"]) or "the report"
+    said = f"Nothing on this page is judged. The last step that ended is “{report['incomplete']['last_step']}”; missing: {left}. "
+    hypothesis = [
+        (e["name"].replace("_", " "), e["where"], join((f"{key} = {number(x, 4)}" for key, x in e["parameters"].items()), "<br>"))
+        for e in report["hypothesis"]
+    ]  # fmt: skip
+    balances = [
+        (b["name"], b["where"], plain(b["violation"]), "violated" if b["violated"] else "holds")
+        for b in report["balances"]
+    ]
+    text = [Column(head, "text") for head in ("where", "numbers", "")]
+    page = Report(
+        f"Trace of {state.machine.name}, incomplete",
+        [
+            Section("Hypothesis so far, not judged", [table(["effect", *text[:2]], hypothesis)]),
+            Section("What was done", [step_table(report)]),
+            Section("Balances", [table(["balance", text[0], "times noise", text[2]], balances)]),
+            Section("Declared parameters so far", [parameter_table(report, judged=False)]),
+        ],
+        about=f"Measured logs against the declared machine · fitted on {fit} · held out: {held_out}",
+        top=[verdict("incomplete", [f"This trace did not come to its end: {why}"],
+                     [join([said, code("hexsim trace --resume"), " with this folder goes on there."])], good=False)],
+    )  # fmt: skip
+    write_text(folder / "report.html", page.html())

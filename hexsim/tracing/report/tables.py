@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from hexsim.recording.quantity import quantity, split_key, with_error
+from markupsafe import Markup
+
+from hexsim.recording.page import Column, code, join, note, table
+from hexsim.recording.quantity import plain, quantity, split_key, with_error
 from hexsim.signals.channels import kind_of
 from hexsim.tracing import rules
 from hexsim.tracing.balances import caption_of
@@ -56,6 +59,39 @@ def checks_of(effect: Mapping[str, Any]) -> list[tuple[str, str]]:
     """(name, what to check first on the machine) of an effect, and of its term's other names."""
     rows = (effect, *effect.get("one_term_with", []))
     return [(own["name"], own["check_first"]) for own in rows if own.get("check_first")]
+
+
+def known_and_checks(effects: Iterable[Mapping[str, Any]]) -> list[Markup]:
+    """What is known of effects, and what to check first on the machine."""
+    rows = list(effects)
+    known = [f"What is known is the {row['term']}." for row in rows if row["term"]]
+    known += [f"What is known is the sum: {row['total']}." for row in rows if row["total"]]
+    checks = [
+        join([f"Check first on the machine, for {name.replace('_', ' ')}: {check}. ", code(f"hexsim trace --explain {name}"),
+              " tells more."])
+        for row in rows for name, check in row["checks"]
+    ]  # fmt: skip
+    return [note(text) for text in (*known, *checks)]
+
+
+def parameter_table(report: Mapping[str, Any], *, judged: bool) -> Markup:
+    """Declared and fitted parameters; judged: with their shifts."""
+    rows = parameter_rows(report)
+    heads: list[str | Column] = ["parameter", "declared", "fitted"]
+    if not judged:
+        return table(heads, [(p["name"], p["from"], p["to"]) for p in rows])
+    heads += ["shift", "in prior standard deviations", Column("", "text")]
+    return table(heads, [
+        (p["name"], p["from"], p["to"], f"{plain(p['percent'], 2)} %", plain(p["shift_sigma"], 2),
+         "at its limit" if p["at_bound"] else "")
+        for p in rows
+    ])  # fmt: skip
+
+
+def step_table(report: Mapping[str, Any]) -> Markup:
+    """What each step decided."""
+    rows = [(s["name"], s["sentence"], f"{s['seconds']:.1f}") for s in report["steps"]]
+    return table(["step", Column("decided", "wide"), "s"], rows)
 
 
 def unexplained_rows(report: Mapping[str, Any]) -> list[dict[str, Any]]:
