@@ -15,6 +15,7 @@ import json
 import math
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -152,29 +153,42 @@ def drive(rng: np.random.Generator, what: str, place: Path) -> None:
 
 
 def tank(rng: np.random.Generator, what: str, place: Path) -> None:
-    outlet, inlet, dt, n = rng.uniform(0.02, 0.06), rng.uniform(0.01, 0.03), 1.0, 1000
+    outlet, inlet = rng.uniform(0.02, 0.06), rng.uniform(0.01, 0.03)
     share, exponent = rng.uniform(0.08, 0.3), rng.uniform(0.62, 0.8)
+    middle = outlet / inlet  # volts that hold the level at 1 m
+
+    def net(level: float, u: float, t: float) -> float:
+        acting = {
+            "dead band of a drive": max(u - share * middle, 0.0),
+            "rippled gain": u + share * middle * math.sin(8 * u / middle),
+        }.get(what, u)  # fmt: skip
+        out = outlet * math.sqrt(max(level, 0.0))
+        extra = {
+            "overflow": 5 * share * outlet * max(level - 1.25, 0.0) * 4, "laminar leak": share * outlet * level,
+            "inflow": -share * outlet, "swinging inflow": share * outlet * math.sin(t / 25),
+            "outlet exponent": outlet * max(level, 0.0) ** exponent - out,
+        }.get(what, 0.0)  # fmt: skip
+        return inlet * acting - out - extra
+
+    filled(rng, place, outlet, inlet, net)
+
+
+def filled(
+    rng: np.random.Generator, place: Path, outlet: float, inlet: float, net: Callable[[float, float, float], float]
+) -> None:
+    """Model file and runs of a tank. net: inflow less outflow [m/s] over level [m], volts and time [s], beside the disturbance."""
+    dt, n = 1.0, 1000
     noise, process = rng.uniform(0.003, 0.02), rng.uniform(0.0, 0.02) * outlet
     off = lambda value: value * rng.uniform(0.8, 1.2)  # noqa: E731
     (place / "model.toml").write_text(TANK.format(inlet=off(inlet), outlet=off(outlet)))
-    middle = outlet / inlet  # volts that hold the level at 1 m
     for run in range(RUNS):
-        u, d = np.maximum(middle * (1 + 0.35 * motion(rng, n, dt)), 0.0), process * slow_noise(rng, n, 0.05)
+        u = np.maximum(outlet / inlet * (1 + 0.35 * motion(rng, n, dt)), 0.0)
+        d = process * slow_noise(rng, n, 0.05)
         level, seen, h = rng.uniform(0.6, 1.2), np.zeros(n), dt / FINE
         for i in range(n):
             seen[i] = level
             for _ in range(FINE):
-                acting = {
-                    "dead band of a drive": max(u[i] - share * middle, 0.0),
-                    "rippled gain": u[i] + share * middle * math.sin(8 * u[i] / middle),
-                }.get(what, u[i])  # fmt: skip
-                out = outlet * math.sqrt(max(level, 0.0))
-                extra = {
-                    "overflow": 5 * share * outlet * max(level - 1.25, 0.0) * 4, "laminar leak": share * outlet * level,
-                    "inflow": -share * outlet, "swinging inflow": share * outlet * math.sin(i * dt / 25),
-                    "outlet exponent": outlet * max(level, 0.0) ** exponent - out,
-                }.get(what, 0.0)  # fmt: skip
-                level = max(level + h * (inlet * acting - out - extra + d[i]), 0.0)
+                level = max(level + h * (net(level, u[i], i * dt) + d[i]), 0.0)
         seen += noise * rng.standard_normal(n)
         pl.DataFrame({"time_s": np.arange(n) * dt, "pump_V": u, "level_m": seen}).write_csv(place / f"run{run}.csv")
 

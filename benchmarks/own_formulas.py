@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from own_calibration import DRIVE, FINE, RUNS, TANK, motion, slow_noise
+from own_calibration import DRIVE, FINE, RUNS, filled, motion, slow_noise
 
 from hexsim.own.folder import load_simulated
 from hexsim.own.trace import trace_own
@@ -89,25 +89,18 @@ def drive(rng: np.random.Generator, what: str, place: Path) -> None:
 
 
 def tank(rng: np.random.Generator, what: str, place: Path) -> None:
-    outlet, inlet, dt, n = rng.uniform(0.02, 0.06), rng.uniform(0.01, 0.03), 1.0, 1000
-    share, noise, process = rng.uniform(0.1, 0.3), rng.uniform(0.003, 0.02), rng.uniform(0.0, 0.02) * outlet
-    off = lambda value: value * rng.uniform(0.8, 1.2)  # noqa: E731
-    (place / "model.toml").write_text(TANK.format(inlet=off(inlet), outlet=off(outlet)))
+    outlet, inlet, share = rng.uniform(0.02, 0.06), rng.uniform(0.01, 0.03), rng.uniform(0.1, 0.3)
     middle = outlet / inlet  # volts that hold the level at 1 m
-    for run in range(RUNS):
-        u, d = np.maximum(middle * (1 + 0.35 * motion(rng, n, dt)), 0.0), process * slow_noise(rng, n, 0.05)
-        level, seen, h = rng.uniform(0.6, 1.2), np.zeros(n), dt / FINE
-        for i in range(n):
-            seen[i] = level
-            for _ in range(FINE):
-                acting = u[i] - (share * u[i] ** 2 / middle if what == "pump with a quadratic curve" else 0.0)
-                extra = {
-                    "pump that feels the level": share * inlet * u[i] * level,
-                    "inflow that swings in time": share * outlet * math.sin(i * dt / 25),
-                }.get(what, 0.0)
-                level = max(level + h * (inlet * acting - outlet * math.sqrt(max(level, 0.0)) - extra + d[i]), 0.0)
-        seen += noise * rng.standard_normal(n)
-        pl.DataFrame({"time_s": np.arange(n) * dt, "pump_V": u, "level_m": seen}).write_csv(place / f"run{run}.csv")
+
+    def net(level: float, u: float, t: float) -> float:
+        acting = u - (share * u**2 / middle if what == "pump with a quadratic curve" else 0.0)
+        extra = {
+            "pump that feels the level": share * inlet * u * level,
+            "inflow that swings in time": share * outlet * math.sin(t / 25),
+        }.get(what, 0.0)
+        return inlet * acting - outlet * math.sqrt(max(level, 0.0)) - extra
+
+    filled(rng, place, outlet, inlet, net)
 
 
 def judged(seed: int, what: str) -> dict:
