@@ -259,6 +259,24 @@ def evaluated(address, what, x, u, p, out):
     return called(address, what, x, u, p, out)
 
 
+MATRIX = types.Array(types.float64, 2, "C")
+
+
+@numba.njit(types.void(VECTOR, types.int64, types.int64, types.int64, MATRIX, MATRIX), cache=True)
+def carried(out, below, first, width, s, rows):
+    """rows (k, np) = derivatives by p in `out` from `below` on + those by states, k times `width` of them from `first` on, times s (width, np).
+
+    Numbers are the inner loop, which runs several at a time.
+    """
+    for a in range(rows.shape[0]):
+        for b in range(rows.shape[1]):
+            rows[a, b] = out[below + a * rows.shape[1] + b]
+        for q in range(width):
+            by = out[first + a * width + q]
+            for b in range(rows.shape[1]):
+                rows[a, b] += by * s[q, b]
+
+
 INTEGRATOR = types.Tuple((types.Array(types.float64, 2, "C"), types.Array(types.float64, 3, "C"), types.Array(types.float64, 2, "C")))(
     types.int64, VECTOR, types.Array(types.float64, 2, "C"), types.Array(types.float64, 2, "C"),
     types.Array(types.boolean, 1, "C"), VECTOR, types.float64, types.float64, types.int64, types.int64, types.int64,
@@ -278,10 +296,10 @@ def integrated(f, x0, s0, inputs, held, p, t0, dt, steps, stages, n_outputs, wit
     y, jac, states = np.full((n, n_outputs), np.nan), np.zeros((n, n_outputs, np_)), np.full((n, nx), np.nan)
     out = np.zeros(nx + nx * nx + nx * np_)
     out_after = np.zeros(nx + 2 * nx * nx + nx * np_)
-    both, s_before = np.zeros(2 * nx), s0.copy()
+    both, s_both = np.zeros(2 * nx), np.zeros((2 * nx, np_))
     out_y = np.zeros(n_outputs + n_outputs * nx + n_outputs * np_)
     x, s, u = x0.copy(), s0.copy(), np.zeros(nu + 2)
-    xs, ss, ax, a_s, row = x0.copy(), s0.copy(), np.zeros(nx), np.zeros((nx, np_)), np.zeros(nx)
+    xs, ss, ax, a_s, rows = x0.copy(), s0.copy(), np.zeros(nx), np.zeros((nx, np_)), np.zeros((nx, np_))
     u[nu + 1] = h
     for i in range(n):
         for k in range(nu):
@@ -292,12 +310,8 @@ def integrated(f, x0, s0, inputs, held, p, t0, dt, steps, stages, n_outputs, wit
             states[i, a] = x[a]
         for a in range(n_outputs):
             y[i, a] = out_y[a]
-            if sensitive:
-                for b in range(np_):
-                    total = out_y[n_outputs + n_outputs * nx + a * np_ + b]
-                    for q in range(nx):
-                        total += out_y[n_outputs + a * nx + q] * s[q, b]
-                    jac[i, a, b] = total
+        if sensitive:
+            carried(out_y, n_outputs + n_outputs * nx, n_outputs, nx, s, jac[i])
         if i + 1 == n:
             break
         for j in range(steps):
@@ -305,7 +319,7 @@ def integrated(f, x0, s0, inputs, held, p, t0, dt, steps, stages, n_outputs, wit
             a_s[:] = 0.0
             both[nx:] = x
             if with_after and sensitive:
-                s_before[:] = s
+                s_both[nx:] = s
             xs[:] = x
             ss[:] = s
             for stage in range(stages):
@@ -325,15 +339,11 @@ def integrated(f, x0, s0, inputs, held, p, t0, dt, steps, stages, n_outputs, wit
                 for a in range(nx):
                     ax[a] += w * out[a]
                 if sensitive:
-                    for b in range(np_):
-                        for a in range(nx):
-                            total = out[nx + nx * nx + a * np_ + b]
-                            for q in range(nx):
-                                total += out[nx + a * nx + q] * ss[q, b]
-                            row[a] = total
-                            a_s[a, b] += w * total
-                        for a in range(nx):
-                            ss[a, b] = s[a, b] + ahead * h * row[a]
+                    carried(out, nx + nx * nx, nx, nx, ss, rows)
+                    for a in range(nx):
+                        for b in range(np_):
+                            a_s[a, b] += w * rows[a, b]
+                            ss[a, b] = s[a, b] + ahead * h * rows[a, b]
                 for a in range(nx):
                     xs[a] = x[a] + ahead * h * out[a]
             for a in range(nx):
@@ -349,16 +359,8 @@ def integrated(f, x0, s0, inputs, held, p, t0, dt, steps, stages, n_outputs, wit
                 both[:nx] = x
                 called(f, 1, both, u, p, out_after)
                 if sensitive:
-                    for b in range(np_):
-                        for a in range(nx):
-                            total = out_after[nx + 2 * nx * nx + a * np_ + b]
-                            for q in range(nx):
-                                total += out_after[nx + 2 * a * nx + q] * s[q, b]
-                                total += out_after[nx + (2 * a + 1) * nx + q] * s_before[q, b]
-                            row[a] = total
-                        for a in range(nx):
-                            ss[a, b] = row[a]
-                    s[:] = ss
+                    s_both[:nx] = s
+                    carried(out_after, nx + 2 * nx * nx, nx, 2 * nx, s_both, s)
                 for a in range(nx):
                     x[a] = out_after[a]
         for a in range(nx):

@@ -143,10 +143,14 @@ class Simulated:
     def looks(
         self, chosen: Sequence[Candidate], every: Sequence[Form]
     ) -> Iterator[tuple[OwnProblem, list[tuple[Form, list[str]]]]]:
-        """Formulas of one place in one model as far as its formulas have room, with numbers inside their functions fixed."""
-        own = [(form, distinct(fixed(form.candidate), k)) for k, form in enumerate(every)]
-        for place in dict.fromkeys(form.candidate.place for form in every):
-            for part in fitting([pair for pair in own if pair[0].candidate.place == place]):
+        """Formulas of one place in one model as far as its formulas have room, with numbers inside their functions fixed; those that hold
+        at rest apart, for a time step with friction is a longer one."""
+        own: dict[tuple[str, bool], list[tuple[Form, Candidate]]] = {}
+        for k, form in enumerate(every):
+            one = distinct(fixed(form.candidate), k)
+            own.setdefault((one.place, "forwards" in one.formulas), []).append((form, one))
+        for pairs in own.values():
+            for part in fitting(pairs):
                 problem = self.of(joined(self.declared(chosen), merged([one for _, one in part]), neutral=True))
                 yield problem, [(form, list(one.amplitude)) for form, one in part]
 
