@@ -62,7 +62,7 @@ class Machine(Forms, Protocol):
         """Models with some of them at amplitude 0, and each with the names of its amplitudes there."""
         ...
 
-    def memories(self, chosen: Sequence[Any], form: Any, now: Fit) -> Sequence[Any]:
+    def memories(self, chosen: Sequence[Any], effect: Any, now: Fit) -> Sequence[Any]:
         """Free forms that remember, at the place of a formula."""
         ...
 
@@ -117,9 +117,13 @@ def formula_of(
     if chosen:
         least = nats_of(found.final_held, found.base_held) - sum(math.log(step.compared) for step in found.steps)
         ground = ground_of(found, [], found.base, found.base_held)
-        instead = sought(machine, ground, notes, tell, least + needed(1))
+        # One formula as likely as several names leaves none of them proven.
+        odds = needed(1) if len(chosen) == 1 else -needed(1)
+        instead = sought(machine, ground, notes, tell, least + odds)
         if instead is not None:
-            return replace(settled(machine, ground, instead, []), instead=True)
+            near = max(score_of(one) for _, one in instead.judged) < least + needed(1)
+            names = (" + ".join(one.title for one in chosen), math.inf)
+            return replace(settled(machine, ground, instead, [names] if near else []), instead=True)
     now, held = proven(machine, found, chosen, notes)
     ground = ground_of(found, chosen, now, held)
     judged = sought(machine, ground, notes, tell, needed(1))
@@ -255,7 +259,7 @@ def settled(machine: Machine, ground: Ground, made: Sought, library: list[tuple[
         why = f"{best.title} is the likeliest of {len(made.judged)} that were fitted, and others come near"
     else:
         with_it = [*ground.chosen, best.candidate]
-        memories = machine.memories(ground.chosen, form, best.fitted)
+        memories = machine.memories(with_it, best.candidate, best.fitted)
         left = remainders(machine, with_it, best.fitted) + remainders(machine, with_it, best.fitted, memories)
         doubted = with_open_form([best], left)
         why = f"{best.title} is the likeliest: {doubted[0].why}" if doubted else ""

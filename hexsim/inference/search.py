@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -123,7 +123,7 @@ def search(
         keep(known([one for one in judged if one is not best]))
     steps, now, held = pruned(machine, steps, now, held, notes)
     left = remainders(machine, [step.candidate for step in steps], now) if steps else []
-    doubted = {one.title: one for one in with_open_form(steps, left)}
+    doubted = {one.title: one for one in (*without_rival(machine, steps, held, notes), *with_open_form(steps, left))}
     return known(refused)
 
 
@@ -260,6 +260,30 @@ def promised(x: Array, y: Array, count: int, bounds: Sequence[tuple[float, float
     if len(bounds) == 1 and ((low >= 0 and with_it[-1] < 0) or (high <= 0 and with_it[-1] > 0)):
         return 0.0
     return 0.5 * float(with_it @ right - without @ right[:count])
+
+
+def without_rival(machine: Machine, steps: Sequence[Judgment], held: HeldOut, notes: Notebook) -> list[Judgment]:
+    """Steps that are no names after all: with what is tied with an earlier one in its place, motion held out is as likely without them.
+    A name holds whichever of the tied ones is true."""
+    doubted = []
+    for k, step in enumerate(steps):
+        for rival, instead in ((rival, one) for one in steps[:k] for rival in one.rivals):
+            others = [rival, *(one.candidate for one in steps if one is not step and one is not instead)]
+            if len({one.title for one in (*others, step.candidate)}) < len(steps):
+                continue
+            try:
+                _, after = notes.attempt(
+                    machine,
+                    others,
+                    lambda problem, now=instead.fitted, begin=rival.begin: fitted_with(problem, now, begin),
+                )
+            except HexsimError:
+                continue
+            if float(np.sum(held.density - after.density)) < needed(1):
+                why = f"with {rival.title} in the place of {instead.title} motion is as likely without it"
+                doubted.append(replace(step, verdict="likely", why=why))
+                break
+    return doubted
 
 
 def pruned(

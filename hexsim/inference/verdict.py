@@ -24,7 +24,8 @@ SURE = 1.0  # spreads over bands and stretches that one amplitude must have: els
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judgment:
     """title: of the candidate. nats: gain of the log predictive density on held-out motion, by group in `gains`. errors: channel ->
-    (rms before, rms after, t of the fall over blocks), held out. tied: others, with the odds against them."""
+    (rms before, rms after, t of the fall over blocks), held out. tied: others, with the odds against them; rivals: the same as
+    candidates."""
 
     candidate: Any
     title: str
@@ -37,6 +38,7 @@ class Judgment:
     verdict: str
     why: str
     tied: list[str] = field(default_factory=list)
+    rivals: list[Any] = field(default_factory=list)
 
     @property
     def nats(self) -> float:
@@ -128,11 +130,12 @@ def at_end(fitted: Fit) -> set[str]:
 
 def with_ties(one: Judgment, judged: Sequence[Judgment]) -> Judgment:
     """Others that are not less likely with odds of 1 to 1 / CHANCE, even where something else speaks against their names."""
-    tied = [
-        f"{other.title}, odds 1 to {math.exp(max(one.nats - other.nats, 0.0)):.1f}" for other in judged
+    near = [
+        other for other in judged
         if other is not one and one.named and one.nats - other.nats < needed(1) and not comes_to(other, one)
     ]  # fmt: skip
-    return replace(one, tied=tied)
+    tied = [f"{other.title}, odds 1 to {math.exp(max(one.nats - other.nats, 0.0)):.1f}" for other in near]
+    return replace(one, tied=tied, rivals=[other.candidate for other in near])
 
 
 def comes_to(other: Judgment, one: Judgment) -> bool:

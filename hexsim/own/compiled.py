@@ -264,7 +264,7 @@ MATRIX = types.Array(types.float64, 2, "C")
 
 @numba.njit(types.void(VECTOR, types.int64, types.int64, types.int64, MATRIX, MATRIX), cache=True)
 def carried(out, below, first, width, s, rows):
-    """rows (k, np) = derivatives by p in `out` from `below` on + those by states, k times `width` of them from `first` on, times s (width, np).
+    """rows (k, np) = derivatives by p in `out` from `below` on + those by states (k, width) from `first` on, times s (width, np).
 
     Numbers are the inner loop, which runs several at a time.
     """

@@ -57,7 +57,7 @@ def trace_own(
     found = search(machine, tell, notes=notes, keep=lambda known: keep(traced(folder, machine, known)))
     formula = formula_of(machine, found, notes, lambda what: tell(what, 0.9))
     if formula is not None and formula.instead:
-        why = f"{formula.best.title} alone predicts better than every name"
+        why = f"{formula.best.title} alone is as likely as every name together, or likelier"
         doubted = [replace(step, verdict="likely", why=why) for step in found.steps]
         found = replace(found, steps=[], refused=[*doubted, *found.refused])
     return traced(folder, machine, found, formula)
@@ -154,13 +154,11 @@ class Simulated:
                 problem = self.of(joined(self.declared(chosen), merged([one for _, one in part]), neutral=True))
                 yield problem, [(form, list(one.amplitude)) for form, one in part]
 
-    def memories(self, chosen: Sequence[Candidate], form: Form, now: Fit) -> list[Candidate]:
+    def memories(self, chosen: Sequence[Candidate], effect: Candidate, now: Fit) -> list[Candidate]:
         assert isinstance(now.problem, OwnProblem)
         declared = self.declared(chosen)
         fitted = dict(zip(now.names, map(float, now.theta), strict=True))
-        return memories(
-            declared, form, fitted, sizes_of(self.declared([*chosen, form.candidate]), now.problem, now.theta)
-        )
+        return memories(declared, effect, fitted, sizes_of(declared, now.problem, now.theta))
 
 
 def fixed(candidate: Candidate) -> Candidate:
