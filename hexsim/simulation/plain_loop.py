@@ -21,7 +21,9 @@ from hexsim.plant.stepping import copy, sense, tick
 from hexsim.sensors.bank import measure
 
 Array = NDArray[np.float64]
-CONTROL: Any = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int64)  # of a tick's number; not 0: the run ends before that tick
+CONTROL: Any = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.c_int64
+)  # of a tick's number; not 0: the run ends before that tick
 
 
 class Transducer(NamedTuple):
