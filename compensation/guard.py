@@ -15,6 +15,7 @@ control; the algorithm is not stepped |
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +26,7 @@ from .compensator import Context, Parameters, Sample, Wrapped
 from .compiled import compiled
 from .knowledge import Knowledge
 from .learned_parameters import check_parameters
+from .legs import Legs, OneByOne, Together
 from .spool_model import set_spool_model
 from .volts_bound import EDGE_MARGIN, GAIN_MARGIN, SPEED_MEMORY_S, USUAL_SPOOL_HZ
 
@@ -234,6 +236,44 @@ def accept_first(guards, added_V, forward_V, finite):
     return accept(guards[0], added_V, forward_V, finite)
 
 
+@compiled
+def check_legs(
+    guards, setpoint_m, preview_m, counts, position_m, control_V, valve_V, bottom_Pa, top_Pa, supply_Pa, todo
+):
+    """`check` of guards (n,) into todo (n,). Returns whether all act."""
+    all_act = True
+    for i in range(len(guards)):
+        preview = preview_m[i, : counts[i]]
+        todo[i] = check(
+            guards[i],
+            setpoint_m[i],
+            preview,
+            position_m[i],
+            control_V[i],
+            valve_V[i],
+            bottom_Pa[i],
+            top_Pa[i],
+            supply_Pa,
+        )
+        all_act = all_act and todo[i] == ACTS
+    return all_act
+
+
+@compiled
+def accept_legs(guards, todo, added_V, forward_V, finite, reasons):
+    """`accept` of those guards (n,) whose algorithm acts, in added_V (n,); the others' own volts. Returns whether a reason (n,)
+    has changed."""
+    changed = False
+    for i in range(len(guards)):
+        if todo[i] == ACTS:
+            added_V[i] = accept(guards[i], added_V[i], forward_V[i], finite[i])
+        else:
+            added_V[i] = guards[i].output_V
+        changed = changed or reasons[i] != guards[i].reason
+        reasons[i] = guards[i].reason
+    return changed
+
+
 @dataclass(slots=True)
 class GuardState:
     context: Context
@@ -276,6 +316,10 @@ class Guarded(Wrapped):
             state.inner = self.inner.resume(state.context, self.inner.parameters(state.inner))
         return float(state.guards["output_V"][0]), state
 
+    def together(self, states: Sequence[GuardState]) -> GuardedLegs:
+        """What steps these legs in one call."""
+        return GuardedLegs(self, states)
+
     def parameters(self, state: GuardState) -> Parameters:
         return self.inner.parameters(state.inner)
 
@@ -309,3 +353,51 @@ class Guarded(Wrapped):
 
     def status(self, state: GuardState) -> str:
         return SENTENCES[state.reason] or self.inner.status(state.inner)
+
+
+class GuardedLegs:
+    """Legs of one machine behind guards, stepped together; their states stay those of `Guarded.step`."""
+
+    def __init__(self, guarded: Guarded, states: Sequence[GuardState]) -> None:
+        self.algorithm, self.states = guarded.inner, states
+        self.guards = np.concatenate([state.guards for state in states])
+        for i, state in enumerate(states):
+            state.guards = self.guards[i : i + 1]
+        together = getattr(guarded.inner, "together", None)
+        inner = [state.inner for state in states]
+        self.inner: Together = OneByOne(guarded.inner, inner) if together is None else together(inner)
+        n = len(states)
+        self._todo, self._reasons = np.zeros(n, np.int64), np.array([state.reason for state in states], np.int64)
+        self._finite, self._acts, self._all = np.ones(n, bool), np.ones(n, bool), False
+        self.may_speak = True  # whether a leg's status may be another one than at the tick before
+
+    def step(self, legs: Legs) -> np.ndarray:
+        """Volts that are added (n_legs,)."""
+        added, had_all = np.zeros(len(self.states)), self._all
+        self._all = check_legs(
+            self.guards, legs.setpoint_m, legs.preview_m, legs.counts, legs.position_m, legs.control_V, legs.valve_V,
+            legs.pressure_bottom_Pa, legs.pressure_top_Pa, legs.pressure_supply_Pa, self._todo,
+        )  # fmt: skip
+        np.equal(self._todo, ACTS, out=self._acts)
+        self.inner.step(legs, self._acts, added, self._finite)
+        changed = accept_legs(self.guards, self._todo, added, legs.feed_forward_V, self._finite, self._reasons)
+        if changed or not (self._all and had_all):
+            self._follow(self._todo.tolist(), self._reasons.tolist())
+        self.may_speak = changed or self.inner.may_speak
+        return added
+
+    def _follow(self, todo: list[int], reasons: list[int]) -> None:
+        """The states' own notes, and new starts after a fault."""
+        for i, state in enumerate(self.states):
+            state.reason, state.acted = reasons[i], todo[i] == ACTS
+            if todo[i] == BEGINS_ANEW:
+                state.inner = self.algorithm.start(state.context)
+            elif todo[i] == RESTARTS:
+                state.inner = self.algorithm.resume(state.context, self.algorithm.parameters(state.inner))
+            else:
+                continue
+            self.inner.renew(i, state.inner)
+
+    def share(self, alike: np.ndarray) -> None:
+        """What legs have just learned, to those that are alike (n_legs, n_legs)."""
+        self.inner.share(self._acts, alike)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -49,6 +50,7 @@ class Repetitive(Adaptive):
 
     name: str = "repetitive"
     place = 5
+    has_extra: ClassVar[bool] = True
     learning: float = 0.5
     learning_low: float = 0.1
     band_Hz: float = 20.0
@@ -98,11 +100,8 @@ class Repetitive(Adaptive):
         table = list(state.table_V) if isinstance(state, RepetitiveState) else []
         return {**super().parameters(state), "table_V": table}
 
-    def finite(self, state: AdaptiveState) -> bool:
-        corrected = (
-            not isinstance(state, RepetitiveState) or state.ticks == 0 or math.isfinite(state.table_V[state.phase])
-        )
-        return corrected and super().finite(state)
+    def has_sound_extra(self, state: AdaptiveState) -> bool:
+        return not isinstance(state, RepetitiveState) or state.ticks == 0 or math.isfinite(state.table_V[state.phase])
 
     def restore(self, context: Context, parameters: Parameters) -> RepetitiveState:
         state = super().restore(context, parameters)

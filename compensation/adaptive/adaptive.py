@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
 from ..compensator import Compensator, Context, Parameters, Sample
 from .layout import LEARNED, STATE, Record, empty
 from .learned import as_dict, fill
+from .legs import AdaptiveLegs
 from .not_engaged import reason
 from .prediction import prediction_table
 from .ranges import refusal
@@ -60,6 +63,7 @@ class Adaptive(Compensator):
 
     name: str = "adaptive"
     place = 4
+    has_extra: ClassVar[bool] = False
     preview_s: float = 0.028
     reference_drop_Pa: float = 3.5e6
     lead_smoothing: float = 1e-4
@@ -101,6 +105,10 @@ class Adaptive(Compensator):
             design(state.numbers)
         return volts, state
 
+    def together(self, states: Sequence[AdaptiveState]) -> AdaptiveLegs:
+        """What steps these legs in one call."""
+        return AdaptiveLegs(self, states)
+
     def preview_of(self, state: AdaptiveState) -> float:
         return min(self.preview_s, looks_ahead_s(state.numbers))
 
@@ -111,8 +119,12 @@ class Adaptive(Compensator):
         hear_first(state.states, other.states)
 
     def extra(self, state: AdaptiveState, sample: Sample) -> float:
-        """Volts that a derived algorithm adds."""
+        """Volts that a derived algorithm adds, which then has `has_extra`."""
         return 0.0
+
+    def has_sound_extra(self, state: AdaptiveState) -> bool:
+        """Whether what makes them is finite."""
+        return True
 
     def status(self, state: AdaptiveState) -> str:
         """A sentence while plain control acts because of what reversals or the valve have done."""
@@ -132,7 +144,7 @@ class Adaptive(Compensator):
         return refusal(learned, self.start(context).numbers.settings)
 
     def finite(self, state: AdaptiveState) -> bool:
-        return finite_from(state.flat, 0)
+        return self.has_sound_extra(state) and finite_from(state.flat, 0)
 
     def not_engaged(self, state: AdaptiveState) -> str:
         return reason(state.numbers)

@@ -270,6 +270,26 @@ def computed(control, memory, volts, out):
 
 
 @compiled
+def ask(control, memory, setpoints, position, pressure, path, followed, forward, own, out):
+    """What all legs ask for before a compensator (n_legs,) [V] into `out`. setpoints (k, n_legs) of this tick and the next; `path`
+    (k, n_legs) takes them before the filter, `followed` this tick's behind it, `forward` u_f, `own` what is of the setpoint alone."""
+    leg_path(control, memory, setpoints, path)
+    smoothed(control, memory, path[0], followed)
+    feed_forward(control, memory, followed, forward)
+    feedback(control, memory, followed, position, pressure, out)
+    for i in range(out.shape[0]):
+        out[i] += forward[i]
+    of_the_setpoint(control, memory, forward, own)
+
+
+@compiled
+def send(control, memory, asked, commanded, out):
+    """Saturation and computing delay: `asked` (n_legs,) into `commanded` and into `out`."""
+    saturated(control, memory, asked, commanded)
+    computed(control, memory, commanded, out)
+
+
+@compiled
 def tick(control, memory, setpoint, position, pressure, out):
     """One tick of all legs without a compensator: valve volts (n_legs,) [V] into `out`. pressure: p (n_legs,) [Pa]."""
     path, forward = np.empty((1, out.shape[0])), np.empty(out.shape[0])

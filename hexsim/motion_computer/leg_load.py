@@ -163,6 +163,7 @@ class ExpectedLoad:
         """Load (m, n) [m/s2] at each tick of setpoints (m, n) [m]; at both ends that of the tick beside."""
         load = np.zeros_like(setpoints)
         if len(setpoints) > 2:
-            load[1:-1] = np.diff(setpoints, 2, axis=0) @ (self.inertia.T / tick_s**2)
+            steps = setpoints[1:] - setpoints[:-1]
+            load[1:-1] = (steps[1:] - steps[:-1]) @ (self.inertia.T / tick_s**2)
             load[0], load[-1] = load[1], load[-2]
         return load + (setpoints - self.neutral) @ self.stiffness.T

@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from compensation import NO_LOAD, Compensator, Knowledge, Sample, preview_count
+from compensation import NO_LOAD, Compensator, Knowledge, preview_count
 from compensation.compensator import MEASURED_TICKS
+from compensation.guard import Guarded, GuardedLegs
+from compensation.legs import Legs
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolve import resolve
 from hexsim.motion_computer import controller
@@ -76,11 +78,15 @@ class PositionLoop:
         self.preview = max(self.previews, default=1)
         self.compensation = np.zeros(len(self._contexts))
         self._status = [""] * len(self.compensators)
-        self._ticks, self._added = (
-            0,
-            np.zeros(len(self.compensators), np.int64),
-        )  # ticks so far; of each leg with volts added
+        self._ticks, self._added = 0, np.zeros(len(legs), np.int64)  # ticks so far; of each leg with volts added
+        self._counts = np.array([min(count, self.preview) for count in self.previews], np.int64)
+        self._alike = np.array([[own == other for other in self._contexts] for own in self._contexts])
+        one = self.compensators[0] if self.compensators else None
+        self._together: GuardedLegs | None = None
+        if isinstance(one, Guarded) and len(self.compensators) > 1 and all(other is one for other in self.compensators):
+            self._together = one.together(self.states)
         self._first_s: list[float | None] = [None] * len(self.compensators)
+        self._silent = True  # whether there is a leg that has added nothing yet
 
     @property
     def feels_load(self) -> bool:
@@ -111,57 +117,61 @@ class PositionLoop:
             controller.begin(control, memory, setpoints[0], positions, load)
             self._running = True
         asked, path = np.empty(len(positions)), np.empty_like(setpoints)
-        controller.leg_path(control, memory, setpoints, path)
-        followed = np.empty_like(asked)  # behind the setpoint filter: what the controller works with
-        controller.smoothed(control, memory, path[0], followed)
-        controller.feed_forward(control, memory, followed, self.feed_forward)
-        controller.feedback(control, memory, followed, positions, load, asked)
-        asked += self.feed_forward
+        followed, own = (
+            np.empty_like(asked),
+            np.empty_like(asked),
+        )  # behind the setpoint filter: what the controller works with
+        controller.ask(control, memory, setpoints, positions, load, path, followed, self.feed_forward, own, asked)
         if self.compensators and pressures is not None:
-            own = np.empty(len(positions))
-            controller.of_the_setpoint(control, memory, self.feed_forward, own)
             ahead = np.ascontiguousarray(path.T)  # in rows: one memory layout, compiled once, for one leg and for six
-            loads = None if self.load is None else np.ascontiguousarray(self.load.accelerations(path, self._tick_s).T)
+            loads = np.zeros((len(positions), 0))
+            if self.load is not None:
+                loads = np.ascontiguousarray(self.load.accelerations(path, self._tick_s).T)
             mobility, pose, forces, speeds = self._watch_legs(positions, pressures, supply_Pa, top_pressures)
             tops = np.zeros(len(positions)) if top_pressures is None else top_pressures
-            of_legs = np.array((followed, positions, asked, self._commanded, pressures, own, tops, pose)).T.tolist()
-            for i, (compensator, (setpoint, position, volts, valve, bottom, forward, top, carried)) in enumerate(
-                zip(self.compensators, of_legs, strict=True)
-            ):
-                sample = Sample(
-                    time_s=time_s,
-                    setpoint_m=setpoint,
-                    preview_m=ahead[i, : self.previews[i]],
-                    position_m=position,
-                    control_V=volts,
-                    valve_V=valve,
-                    pressure_bottom_Pa=bottom,
-                    pressure_supply_Pa=supply_Pa,
-                    feed_forward_V=forward,
-                    pressure_top_Pa=top,
-                    load_preview_m_s2=NO_LOAD if loads is None else loads[i, : self.previews[i]],
-                    forces_N=forces,
-                    speeds_m_s=speeds,
-                    load_of_pose_m_s2=carried,
-                    mobility=mobility[i],
-                )
-                added, self.states[i] = compensator.step(self.states[i], sample)
-                added *= self.compensation_share
-                self.compensation[i] = added
-                if added != 0.0:
-                    self._added[i] += 1
-                    self._first_s[i] = time_s if self._first_s[i] is None else self._first_s[i]
-                asked[i] += added
-                status = compensator.status(self.states[i])
-                if status != self._status[i]:
-                    self._status[i] = status
-                    self.on_message(time_s, i + 1, f"{compensator.name}: {status or 'normal again'}")
-            self._ticks += 1
-            self._share()
-        controller.saturated(control, memory, asked, self._commanded)  # without position signal: 0, the valve shut
-        self.valve = np.empty_like(self._commanded)
-        controller.computed(control, memory, self._commanded, self.valve)
+            legs = Legs(
+                time_s, followed, ahead, self._counts, positions, asked, self._commanded, pressures, supply_Pa, own, tops, loads,
+                forces, speeds, pose, mobility,
+            )  # fmt: skip
+            self._compensate(legs, asked)
+        # without position signal: 0, the valve shut
+        self.valve, self._commanded = np.empty_like(asked), np.empty_like(asked)
+        controller.send(control, memory, asked, self._commanded, self.valve)
         return self.valve
+
+    def _compensate(self, legs: Legs, asked: Array) -> None:
+        """Add the compensators' volts to what the legs ask for."""
+        may_speak = True
+        if self._together is None:
+            added = np.zeros(len(asked))
+            for i, (compensator, sample) in enumerate(zip(self.compensators, legs.samples(), strict=True)):
+                added[i], self.states[i] = compensator.step(self.states[i], sample)
+        else:
+            added, may_speak = self._together.step(legs), self._together.may_speak
+        added *= self.compensation_share
+        self.compensation[:] = added
+        asked += added
+        self._ticks += 1
+        self._added += added != 0.0
+        if self._silent and added.any():
+            for i in np.flatnonzero(added):
+                if self._first_s[i] is None:
+                    self._first_s[i] = legs.time_s
+            self._silent = None in self._first_s
+        if may_speak:
+            self._note_status(legs.time_s)
+        if self._together is None:
+            self._share()
+        else:
+            self._together.share(self._alike)
+
+    def _note_status(self, time_s: float) -> None:
+        """Say what has changed of the compensators' status."""
+        for i, compensator in enumerate(self.compensators):
+            status = compensator.status(self.states[i])
+            if status != self._status[i]:
+                self._status[i] = status
+                self.on_message(time_s, i + 1, f"{compensator.name}: {status or 'normal again'}")
 
     @property
     def known(self) -> tuple[Knowledge | None, ...]:

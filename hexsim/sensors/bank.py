@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -93,7 +94,7 @@ class Transducers:
         self._memory: list[Array] = []  # of lag and filter
         self._next = 0  # tick that the filter has not seen yet
 
-    @property
+    @cached_property
     def is_direct(self) -> bool:
         """Whether they read the present value, without delay, lag, filter or ripple."""
         return not (self.delay.any() or self.smooths or self.ripple[0].any())
@@ -105,6 +106,8 @@ class Transducers:
 
     def at(self, tick: int, history: Array) -> Array:
         """What they read (n,) at a tick, from the true values so far (tick + 1, n). Ticks in rising order."""
+        if self.is_direct:
+            return measure(history[tick], self.noise[tick], self.gain, self.offset, self.resolution)
         first = self._next if self.smooths else tick
         true = history[first : tick + 1]
         if self.delay.any():

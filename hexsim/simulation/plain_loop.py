@@ -1,10 +1,15 @@
-"""Plain control without Python in between: the fast path of a run without compensators or faults."""
+"""Ticks of a run without faults in compiled code: plain control without Python at all, a compensated one with Python at control
+ticks alone."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import ctypes
+from typing import Any, NamedTuple
 
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from hexsim.compiled import by_address, compiled
@@ -12,10 +17,13 @@ from hexsim.hydraulics import chamber
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C, Control
 from hexsim.plant.callbacks import MPa
-from hexsim.plant.stepping import sense, tick
+from hexsim.plant.stepping import copy, sense, tick
 from hexsim.sensors.bank import measure
 
 Array = NDArray[np.float64]
+CONTROL: Any = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.c_int64
+)  # of a tick's number; not 0: the run ends before that tick
 
 
 class Transducer(NamedTuple):
@@ -28,7 +36,7 @@ class Transducer(NamedTuple):
 
 
 class PlainLoop(NamedTuple):
-    """Controllers without compensators: what they need to run without Python."""
+    """What controllers without compensators need to run without Python, and what others need beside."""
 
     setpoints: Array  # (control ticks, n_legs)
     every: int  # ticks between control ticks
@@ -39,6 +47,13 @@ class PlainLoop(NamedTuple):
     top: Transducer
     bottom_places: NDArray[np.int64]  # of the pressures in the plant's states
     top_places: NDArray[np.int64]  # empty without pressure feedback from the rod sides
+    asks: int  # address of a CONTROL that leaves the volts of a control tick in `volts`; 0: the controllers alone
+    volts: Array  # (n_legs,) at the valves
+    added: Array  # (n_legs,) of them by compensators
+    pressures: Array  # (ticks, n_legs) true ones, written down before CONTROL is asked; (0, n_legs): nobody asks
+    rod_sides: Array  # the same of rod sides on a valve
+    rod_side_places: NDArray[np.int64]
+    compensation: Array  # (ticks, n_legs) of `added`
 
 
 @compiled
@@ -59,22 +74,60 @@ def load_pressures(context, loop, k):
     return load
 
 
+@intrinsic  # type: ignore[misc]
+def call_control(typingctx: Any, address: Any, tick: Any) -> Any:  # type: ignore[misc]
+    """Call a CONTROL at an address."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.IntType(32), [ir.IntType(64)])
+        return builder.call(builder.inttoptr(args[0], ir.PointerType(kind)), [args[1]])
+
+    return types.int32(types.uintp, types.int64), codegen
+
+
 @compiled
-def run_plain(context, record, loop, first, last):
-    """Ticks first..last - 1 under the declared controllers, without Python in between."""
+def true_pressures(context, places, out):
+    """Pressures of chambers into out (n_legs,) [Pa]."""
+    for i in range(out.shape[0]):
+        out[i] = chamber.pressure(context.act[places[i]] * MPa)
+
+
+@compiled
+def ask(context, loop, k):
+    """Let the CONTROL of a compensated run see tick k. Returns whether the run goes on."""
+    true_pressures(context, loop.bottom_places, loop.pressures[k])
+    if loop.rod_sides.shape[0] > 0:
+        true_pressures(context, loop.rod_side_places, loop.rod_sides[k])
+    if k % loop.every == 0 and call_control(loop.asks, k) != 0:
+        return False
+    copy(loop.compensation[k], loop.added)
+    return True
+
+
+@compiled
+def plain_control(context, record, loop, k, load):
+    """Volts of control tick k by the controllers alone, into `loop.volts`. load (n_legs,) takes what pressure feedback reads."""
+    sensor = loop.position
+    measured = measure(record.positions[k], sensor.noise[k], sensor.gain, sensor.offset, sensor.resolution)
+    if loop.control.rows[0, C.PRESSURE_GAIN] > 0.0:
+        load[:] = load_pressures(context, loop, k)
+    setpoint = loop.setpoints[k // loop.every]
+    if k == 0:
+        controller.begin(loop.control, loop.memory, setpoint, measured, load)
+    controller.tick(loop.control, loop.memory, setpoint, measured, load, loop.volts)
+
+
+@compiled
+def run_ticks(context, record, loop, first, last):
+    """Ticks first..last - 1. Returns how many ticks are done, of the whole run."""
     context, record, loop = by_address(context), by_address(record), by_address(loop)
-    sensor, n = loop.position, loop.memory.shape[0]
-    volts, load = np.empty(n), np.zeros(n)
-    volts[:] = record.volts[max(first - 1, 0)]
-    feels_load = loop.control.rows[0, C.PRESSURE_GAIN] > 0.0
+    load = np.zeros(loop.memory.shape[0])
     for k in range(first, last):
         sense(context, record)
-        if k % loop.every == 0:
-            measured = measure(record.positions[k], sensor.noise[k], sensor.gain, sensor.offset, sensor.resolution)
-            if feels_load:
-                load = load_pressures(context, loop, k)
-            setpoint = loop.setpoints[k // loop.every]
-            if k == 0:
-                controller.begin(loop.control, loop.memory, setpoint, measured, load)
-            controller.tick(loop.control, loop.memory, setpoint, measured, load, volts)
-        tick(context, record, volts, context.is_tendon)
+        if loop.asks == 0:
+            if k % loop.every == 0:
+                plain_control(context, record, loop, k, load)
+        elif not ask(context, loop, k):
+            return k
+        tick(context, record, loop.volts, context.is_tendon)
+    return last

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -34,7 +35,7 @@ from hexsim.sensors.bank import SensorBank
 from hexsim.simulation.fault_run import FaultRun, FaultySensors
 from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
 from hexsim.simulation.hosted import Host, hosted_setpoints
-from hexsim.simulation.plain_loop import PlainLoop, Transducer, run_plain
+from hexsim.simulation.plain_loop import CONTROL, PlainLoop, Transducer, run_ticks
 from hexsim.simulation.run_log import Recorded, figures_log, run_log, run_summary
 from hexsim.simulation.run_warnings import cavitation_warnings, start_warnings, swing_warnings
 from hexsim.simulation.start_parameters import SUFFIX, started
@@ -213,21 +214,22 @@ class TickLoop:
         self.compensation = np.zeros((self.ticks, machine.n_legs))
         self.faults: FaultRun | None = None
         self.check = StepCheck(plant)
-        self.done = 0
+        self.volts = np.zeros(machine.n_legs)
+        self.done, self._raised = 0, None
 
     @without_timers()
     def go(self, progress: Callable[[float], None], interventions: Sequence[Any]) -> str:
         """Run to the end; returns "" or why it ended early."""
-        direct = all(self.sensors[stem].is_direct for stem in self._sensed())
-        plain = self._plain_loop() if direct and not (self.loop.compensators or interventions) else None
+        loop = None if interventions or isinstance(self.loop, MotionComputer) else self._compiled_loop()
         chunk = max(1, round(CHECK_EVERY_S / self.tick_s))
         try:
             for first in range(0, self.ticks, chunk):
                 last = min(first + chunk, self.ticks)
                 self.check.begin(first)
-                if plain is not None:
-                    run_plain(self.plant.context, self.record, plain, first, last)
-                    self.done = last
+                if loop is not None:
+                    self.done = run_ticks(self.plant.context, self.record, loop, first, last)
+                    if self._raised is not None:
+                        raise self._raised
                 else:
                     self._ticks(first, last, interventions)
                 self.plant.check()
@@ -264,18 +266,33 @@ class TickLoop:
             return ["position"]
         return ["position", "pressure_bottom", *(["pressure_top"] if len(self.rod_sides) else [])]
 
-    def _plain_loop(self) -> PlainLoop:
+    def _compiled_loop(self) -> PlainLoop:
         def transducer(stem: str) -> Transducer:
             found = self.sensors[stem]
             return Transducer(found.noise, found.gain, found.offset, found.resolution)
 
-        sensed, plant = self._sensed(), self.plant
+        sensed, plant, none = self._sensed(), self.plant, np.zeros(0, np.int64)
+        asks = bool(self.loop.compensators) or not all(self.sensors[stem].is_direct for stem in sensed)
+        self._asked = CONTROL(self._ask)  # kept as long as its address is used
         return PlainLoop(
             setpoints=self.setpoints, every=self.control_every, control=self.loop.control, memory=self.loop.memory,
             position=transducer("position"), bottom=transducer("pressure_bottom"), top=transducer(sensed[-1]),
             bottom_places=plant.pressure_places,
-            top_places=plant.rod_side_places if "pressure_top" in sensed else np.zeros(0, np.int64),
+            top_places=plant.rod_side_places if "pressure_top" in sensed else none,
+            asks=ctypes.cast(self._asked, ctypes.c_void_p).value if asks else 0, volts=self.volts, added=self.loop.compensation,
+            pressures=self.pressures, rod_sides=self.rod_sides, rod_side_places=plant.rod_side_places,
+            compensation=self.compensation,
         )  # fmt: skip
+
+    def _ask(self, tick: int) -> int:
+        """One control tick, for compiled code; not 0 where the run must end, with `_raised` as the reason."""
+        try:
+            self._control(tick)
+            self.volts[:] = self.loop.valve
+        except BaseException as problem:  # KeyboardInterrupt too: nothing may pass through compiled code
+            self._raised = problem
+            return 1
+        return 0
 
     def _ticks(self, first: int, last: int, interventions: Sequence[Any]) -> None:
         """Ticks with the motion computer and the interventions in Python."""

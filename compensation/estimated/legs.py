@@ -1,0 +1,78 @@
+"""The algorithm on all legs of a machine in one compiled call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..adaptive.prediction import prediction_table
+from ..compiled import compiled
+from ..legs import Legs
+from .damping import design_damping
+from .layout import STATE
+from .step import SAY_TICKS, hear_leg, tick_of
+
+
+@compiled
+def tick_legs(
+    states, acts, table, preview, counts, loads, pose, mobility, forces, speeds, setpoint, position, valve, bottom, top, supply,
+    forward, added_V, finite,
+):  # fmt: skip
+    """`tick_of` of those states (n,) that act (n,), with the damping's design, into added_V and finite (n,). preview, loads
+    (n, most) in rows, of which counts (n,) are the leg's; pose (n,), mobility (n, n) or (n, 0)."""
+    for i in range(len(states)):
+        if acts[i]:
+            added_V[i] = tick_of(
+                states[i], table, preview[i, : counts[i]], loads[i, : counts[i]], pose[i], mobility[i], forces, speeds,
+                setpoint[i], position[i], valve[i], bottom[i], top[i], supply, forward[i],
+            )  # fmt: skip
+            if states[i].damping.wanted:
+                design_damping(states[i])
+            total, inverse = 0.0, states[i].inverse
+            for k in range(len(inverse.U)):
+                total += inverse.U[k] - inverse.U[k]  # not 0 of one that is not finite
+            for k in range(len(inverse.x)):
+                total += inverse.x[k] - inverse.x[k]
+            finite[i] = total == 0.0
+
+
+@compiled
+def share_legs(states, acted, alike):
+    """Each leg of a platform that has just acted says what it knows to those that are alike (n, n), every SAY_TICKS ticks."""
+    for i in range(len(states)):
+        if acted[i] and states[i].platform and states[i].past.ticks % SAY_TICKS == 0:
+            for j in range(len(states)):
+                if j != i and alike[i, j]:
+                    hear_leg(states[j], states[i])
+
+
+class EstimatedLegs:
+    """The states of all legs in one array; each `EstimatedState` has its part of it."""
+
+    may_speak = False
+
+    def __init__(self, states: Sequence[Any]) -> None:
+        self.joined, self.states = np.zeros(len(states), STATE), list(states)
+        for i, state in enumerate(states):
+            self.renew(i, state)
+        self._ticks = self.joined["past"]["ticks"]
+
+    def renew(self, leg: int, state: Any) -> None:
+        """A leg goes on with another state."""
+        self.states[leg], self.joined[leg] = state, state.states[0]
+        state.states = self.joined[leg : leg + 1]
+
+    def step(self, legs: Legs, acts: np.ndarray, added: np.ndarray, finite: np.ndarray) -> None:
+        """As `Estimated.step` and `Estimated.finite`."""
+        tick_legs(
+            self.joined, acts, prediction_table(), legs.preview_m, legs.counts, legs.load_preview_m_s2, legs.load_of_pose_m_s2,
+            legs.mobility, legs.forces_N, legs.speeds_m_s, legs.setpoint_m, legs.position_m, legs.valve_V,
+            legs.pressure_bottom_Pa, legs.pressure_top_Pa, legs.pressure_supply_Pa, legs.feed_forward_V, added, finite,
+        )  # fmt: skip
+
+    def share(self, acted: np.ndarray, alike: np.ndarray) -> None:
+        """What legs know, to those that are alike (n_legs, n_legs)."""
+        if not (self._ticks % SAY_TICKS).all():
+            share_legs(self.joined, acted, alike)
