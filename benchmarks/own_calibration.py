@@ -4,7 +4,8 @@
 
 Drives and tanks, written apart from hexsim's equations: numbers, motion, noise, process disturbance and the missing effect are drawn from
 the seed. A third lacks nothing, a third an effect of the library, a third an effect that the library does not have. Seeds below 20000
-were used while the inference was written; 20000 to 20039, 21000 to 21058 and 22001 to 22014 were looked at; from 22015 on they are sealed.
+were used while the inference was written; 20000 to 20039, 21000 to 21058
+and 22001 to 22014 were looked at; from 22015 on they are sealed.
 """
 
 from __future__ import annotations

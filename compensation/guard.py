@@ -26,7 +26,7 @@ from .compensator import Context, Parameters, Sample, Wrapped
 from .compiled import compiled
 from .knowledge import Knowledge
 from .learned_parameters import check_parameters
-from .legs import Legs, OneByOne, Together
+from .legs import Legs, OneByOne, Together, stepper
 from .spool_model import set_spool_model
 from .volts_bound import EDGE_MARGIN, GAIN_MARGIN, SPEED_MEMORY_S, USUAL_SPOOL_HZ
 
@@ -363,9 +363,7 @@ class GuardedLegs:
         self.guards = np.concatenate([state.guards for state in states])
         for i, state in enumerate(states):
             state.guards = self.guards[i : i + 1]
-        together = getattr(guarded.inner, "together", None)
-        inner = [state.inner for state in states]
-        self.inner: Together = OneByOne(guarded.inner, inner) if together is None else together(inner)
+        self.inner: Together = stepper(guarded.inner, [state.inner for state in states])
         n = len(states)
         self._todo, self._reasons = np.zeros(n, np.int64), np.array([state.reason for state in states], np.int64)
         self._finite, self._acts, self._all = np.ones(n, bool), np.ones(n, bool), False
@@ -380,6 +378,9 @@ class GuardedLegs:
         )  # fmt: skip
         np.equal(self._todo, ACTS, out=self._acts)
         self.inner.step(legs, self._acts, added, self._finite)
+        if isinstance(self.inner, OneByOne):
+            for state, inner in zip(self.states, self.inner.states, strict=True):
+                state.inner = inner  # a step may give a new one
         changed = accept_legs(self.guards, self._todo, added, legs.feed_forward_V, self._finite, self._reasons)
         if changed or not (self._all and had_all):
             self._follow(self._todo.tolist(), self._reasons.tolist())

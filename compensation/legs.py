@@ -96,6 +96,18 @@ class OneByOne:
             tell(self.algorithm, self.states, acted, alike)
 
 
+OF_A_LEG = ("step", "finite", "tells", "hear")  # what `together` stands for
+
+
+def stepper(algorithm: Compensator, states: Sequence[Any]) -> Together:
+    """What steps the legs: the algorithm's own `together`, but for a class that was derived from it and steps a leg otherwise."""
+    kinds = type(algorithm).__mro__
+    first = next((k for k, kind in enumerate(kinds) if "together" in vars(kind)), None)
+    if first is None or any(name in vars(kind) for kind in kinds[:first] for name in OF_A_LEG):
+        return OneByOne(algorithm, states)
+    return algorithm.together(states)  # type: ignore[attr-defined]
+
+
 def tell(algorithm: Compensator, states: Sequence[Any], acted: np.ndarray, alike: np.ndarray) -> None:
     """Those that have something to tell, to all others that are alike."""
     for i, state in enumerate(states):

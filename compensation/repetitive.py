@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 
@@ -50,7 +49,6 @@ class Repetitive(Adaptive):
 
     name: str = "repetitive"
     place = 5
-    has_extra: ClassVar[bool] = True
     learning: float = 0.5
     learning_low: float = 0.1
     band_Hz: float = 20.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 
@@ -63,7 +62,6 @@ class Adaptive(Compensator):
 
     name: str = "adaptive"
     place = 4
-    has_extra: ClassVar[bool] = False
     preview_s: float = 0.028
     reference_drop_Pa: float = 3.5e6
     lead_smoothing: float = 1e-4
@@ -107,7 +105,7 @@ class Adaptive(Compensator):
 
     def together(self, states: Sequence[AdaptiveState]) -> AdaptiveLegs:
         """What steps these legs in one call."""
-        return AdaptiveLegs(self, states)
+        return AdaptiveLegs(self, states, type(self).extra is not Adaptive.extra)
 
     def preview_of(self, state: AdaptiveState) -> float:
         return min(self.preview_s, looks_ahead_s(state.numbers))
@@ -119,7 +117,7 @@ class Adaptive(Compensator):
         hear_first(state.states, other.states)
 
     def extra(self, state: AdaptiveState, sample: Sample) -> float:
-        """Volts that a derived algorithm adds, which then has `has_extra`."""
+        """Volts that a derived algorithm adds."""
         return 0.0
 
     def has_sound_extra(self, state: AdaptiveState) -> bool:

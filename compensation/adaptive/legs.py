@@ -37,10 +37,11 @@ def tick_legs(
 
 
 class AdaptiveLegs:
-    """The states of all legs in one array; each `AdaptiveState` has its part of it. algorithm: `Adaptive`, or derived from it."""
+    """The states of all legs in one array; each `AdaptiveState` has its part of it. algorithm: `Adaptive`, or derived from it;
+    has_extra: which then adds volts of its own."""
 
-    def __init__(self, algorithm: Any, states: Sequence[Any]) -> None:
-        self.algorithm, self.states = algorithm, list(states)
+    def __init__(self, algorithm: Any, states: Sequence[Any], has_extra: bool) -> None:
+        self.algorithm, self.states, self._has_extra = algorithm, list(states), has_extra
         self.joined = np.zeros(len(states), STATE)
         self.numbers = self.joined.view(np.float64).reshape(len(states), -1)
         self.may_speak = True
@@ -60,7 +61,7 @@ class AdaptiveLegs:
         """As `Adaptive.step` and `Adaptive.finite`."""
         made, states = self.algorithm, self.states
         extra = 0.0 - legs.feed_forward_V  # not -0.0, as `Adaptive.step`
-        if made.has_extra:
+        if self._has_extra:
             for i, sample in enumerate(legs.samples()):
                 if acts[i]:
                     extra[i] = made.extra(states[i], sample) - sample.feed_forward_V
@@ -79,7 +80,7 @@ class AdaptiveLegs:
             for i, state in enumerate(states):
                 if acts[i] and state.told & DESIGN_WANTED:
                     design(state.numbers)
-        if made.has_extra:
+        if self._has_extra:
             for i, state in enumerate(states):
                 finite[i] = finite[i] and made.has_sound_extra(state)
 

@@ -98,7 +98,7 @@ def ask(context, loop, k):
     true_pressures(context, loop.bottom_places, loop.pressures[k])
     if loop.rod_sides.shape[0] > 0:
         true_pressures(context, loop.rod_side_places, loop.rod_sides[k])
-    if k % loop.every == 0 and call_control(loop.asks, k) != 0:
+    if k % loop.every == 0 and call_control(loop.asks, k) != 0:  # pyright: ignore[reportCallIssue]
         return False
     copy(loop.compensation[k], loop.added)
     return True

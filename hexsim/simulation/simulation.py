@@ -279,7 +279,7 @@ class TickLoop:
             position=transducer("position"), bottom=transducer("pressure_bottom"), top=transducer(sensed[-1]),
             bottom_places=plant.pressure_places,
             top_places=plant.rod_side_places if "pressure_top" in sensed else none,
-            asks=ctypes.cast(self._asked, ctypes.c_void_p).value if asks else 0, volts=self.volts, added=self.loop.compensation,
+            asks=(ctypes.cast(self._asked, ctypes.c_void_p).value or 0) if asks else 0, volts=self.volts, added=self.loop.compensation,
             pressures=self.pressures, rod_sides=self.rod_sides, rod_side_places=plant.rod_side_places,
             compensation=self.compensation,
         )  # fmt: skip
