@@ -13,7 +13,7 @@ plain control and worse than it with either noise, when the compensator engaged,
 `--stop`: a sequential test of the wanted share of runs that are left at most `--limit` (Wald): it ends when the share is shown to be
 at least WANTED, or at most WANTED - APART, each with an error of 5 % (runs taken as independent; motions of one draw are not quite).
 
-    from benchmarks.robustness_grid import draw_leg, motion_of, run_leg, run_ticks, figures, perfect
+    from benchmarks.robustness_grid import draw_leg, motion_of, run_leg, run_plain, figures, perfect
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ sys.path.insert(0, str(ROOT))
 import compensation  # noqa: E402
 from benchmarks.grid.figures import Figures, bumps, figures, late  # noqa: E402
 from benchmarks.grid.legs import DECLARED, FAMILIES, Leg, draw_leg  # noqa: E402
-from benchmarks.grid.loop import Run, run_leg, run_ticks  # noqa: E402
+from benchmarks.grid.loop import Run, run_leg, run_plain  # noqa: E402
 from benchmarks.grid.motions import MOTIONS, Motion, motion_of  # noqa: E402
 from benchmarks.grid.oracle import perfect  # noqa: E402
 from benchmarks.grid.priors import SINGLE, table  # noqa: E402
 from benchmarks.journal import append, lines_of  # noqa: E402
 
 __all__ = [
-    "Figures", "Leg", "Motion", "Run", "bumps", "draw_leg", "figures", "late", "motion_of", "perfect", "run_leg", "run_ticks",
+    "Figures", "Leg", "Motion", "Run", "bumps", "draw_leg", "figures", "late", "motion_of", "perfect", "run_leg", "run_plain",
 ]  # fmt: skip
 VALVES = {"three-way": (False,), "four-way": (True,), "both": (False, True)}
 WANTED, APART, ERROR = (
@@ -79,7 +79,7 @@ def judged(case: Row) -> Row:
         }  # fmt: skip
     leg = draw_leg(case["seed"], case["family"], four_way=case["four_way"], declared=case["declared"])
     motion = motion_of(case["motion"], case["seed"])
-    plain, again = run_ticks(leg, motion), run_ticks(leg, motion, noise=1)
+    plain, again = run_plain(leg, motion), run_plain(leg, motion, noise=1)
     run = run_leg(compensation.create(case["compensator"]), leg, motion)
     found = figures(run, plain, again)
     possible = late(bumps(perfect(leg, motion)), motion) if case["oracle"] else None

@@ -104,7 +104,7 @@ def run_leg(compensator: Compensator, leg: Leg, motion: Motion, *, noise: int = 
     return run_of(bench, motion, log, wanted[:ticks], state, statuses, compensator.not_engaged(state))
 
 
-def run_ticks(leg: Leg, motion: Motion, *, noise: int = 0) -> Run:
+def run_plain(leg: Leg, motion: Motion, *, noise: int = 0) -> Run:
     """`run_leg` with proportional control alone, compiled as a whole."""
     ticks = round(motion.duration_s * RATE_HZ)
     bench, wanted, log = Bench(leg, motion, ticks, noise), motion.sampled(ticks), np.zeros((len(COLUMNS), ticks))

@@ -10,7 +10,7 @@ import pytest
 from leg_plant import AREA_BOTTOM, AREA_TOP, Leg, run, sine
 
 import compensation
-from benchmarks.robustness_grid import draw_leg, figures, motion_of, run_leg, run_ticks
+from benchmarks.robustness_grid import draw_leg, figures, motion_of, run_leg, run_plain
 from compensation import Context
 from compensation.estimated import Estimated, damping, estimator, fit
 from compensation.estimated import leg as model
@@ -322,7 +322,7 @@ def test_a_quarter_is_left_whatever_the_leg_is(what) -> None:
     more reversals are worse than plain control than plain control's own."""
     drawn = draw_leg(0, family="single", declared="nothing", changes=VARIED[what])
     motion = motion_of("sine", 0)
-    plain, again = run_ticks(drawn, motion), run_ticks(drawn, motion, noise=1)
+    plain, again = run_plain(drawn, motion), run_plain(drawn, motion, noise=1)
     result = figures(run_leg(compensation.create("estimated"), drawn, motion), plain, again)
     assert result.share < 0.25 and result.beyond <= 1, result
 
@@ -333,7 +333,7 @@ def test_a_leg_that_is_not_found_is_left_alone() -> None:
     drawn = draw_leg(0, family="single", declared="nothing", changes={"spool_Hz": 180.0, "damping": 0.45})
     motion = motion_of("sine", 0)
     done = run_leg(compensation.create("estimated"), drawn, motion)
-    result = figures(done, run_ticks(drawn, motion), run_ticks(drawn, motion, noise=1))
+    result = figures(done, run_plain(drawn, motion), run_plain(drawn, motion, noise=1))
     assert result.beyond == 0 and result.share < 1.02
     assert result.share < 0.5 or "misfit chi2" in done.reason
 

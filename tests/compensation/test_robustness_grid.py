@@ -192,7 +192,7 @@ def test_volts_arrive_late_by_any_time(plant: Any) -> None:
 def test_readings_are_late_by_any_time(grid: Any, short: Any) -> None:
     """A position that is read 3.3 ms late is the true one of 3.3 ms ago; one behind a lag of 0.8 ms follows that much later."""
     for name, late_s in (("position_delay_s", 3.3e-3), ("position_lag_s", 8e-4)):
-        log = grid.run_ticks(grid.draw_leg(0, "single", changes=QUIET | {name: late_s}), short).log
+        log = grid.run_plain(grid.draw_leg(0, "single", changes=QUIET | {name: late_s}), short).log
         t = log["time_s"]
         then = np.interp(t[500:] - late_s, t, log["true_position_m"])
         assert log["position_m"][500:] == pytest.approx(then, abs=2e-6)
@@ -202,7 +202,7 @@ def test_readings_are_late_by_any_time(grid: Any, short: Any) -> None:
 def test_same_seed_same_run_and_compiled_as_in_python(grid: Any, short: Any) -> None:
     """A draw with jitter, bristles and droop: twice the same bits, compiled alone or around a compensator; another noise is another."""
     leg = grid.draw_leg(3, "wide", changes={"jitter_s": 2e-4, "bristle_N_m": 2e6, "line_Pa_s_m3": 5e8})
-    first, again, other = (grid.run_ticks(leg, short, noise=noise) for noise in (0, 0, 1))
+    first, again, other = (grid.run_plain(leg, short, noise=noise) for noise in (0, 0, 1))
     around = grid.run_leg(compensation.create("none"), leg, short)
     assert np.array_equal(first.acceleration_m_s2, again.acceleration_m_s2)
     assert np.array_equal(first.acceleration_m_s2, around.acceleration_m_s2)
@@ -212,7 +212,7 @@ def test_same_seed_same_run_and_compiled_as_in_python(grid: Any, short: Any) -> 
 
 def test_volts_are_sent_in_counts_and_in_range(grid: Any, short: Any) -> None:
     """12 bit of 20 V: every value that is sent is a whole number of 4.88 mV within 10 V, and nothing else moves the valve."""
-    log = grid.run_ticks(grid.draw_leg(0, "single", changes={"volts_bits": 12.0}), short).log
+    log = grid.run_plain(grid.draw_leg(0, "single", changes={"volts_bits": 12.0}), short).log
     counts = log["valve_V"] / (20.0 / 4096)
     assert np.array_equal(counts, np.round(counts)) and len(np.unique(counts)) > 50
     assert np.abs(log["valve_V"] - log["control_V"]).max() <= 0.5 * 20.0 / 4096 + 1e-12
@@ -252,7 +252,7 @@ def test_perfect_inverse_leaves_next_to_nothing_without_noise(grid: Any, four_wa
     leg = grid.draw_leg(1005, four_way=four_way, changes=changes)
     motion = dataclasses.replace(grid.motion_of("sine", 0), duration_s=9.0)
     plain, left = (
-        grid.late(grid.bumps(run), motion) for run in (grid.run_ticks(leg, motion), grid.perfect(leg, motion))
+        grid.late(grid.bumps(run), motion) for run in (grid.run_plain(leg, motion), grid.perfect(leg, motion))
     )
     assert plain > 0.2 and left < plain / 30.0
 
