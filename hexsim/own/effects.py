@@ -162,6 +162,30 @@ def place_of(name: str, tables: ModelTables) -> str | None:
     )
 
 
+UNITS = {"force": "N", "torque": "N m", "pressure": "Pa", "flow": "m3/s", "level": "m", "voltage": "V", "current": "A",
+         "position": "m", "velocity": "m/s", "angle": "rad", "speed": "rad/s"}  # fmt: skip
+
+
+def known_unit(tables: ModelTables, name: str) -> str:
+    """Unit of a state, a signal or an output; empty where none is declared."""
+    quantity = tables.signals[name].quantity if name in tables.signals else None
+    state, output = tables.states.get(name), tables.outputs.get(name)
+    return (state.unit if state else "") or (output.unit if output else "") or UNITS.get(quantity or "", "")
+
+
+def with_units(unit: str, tables: ModelTables, on: str, what: str) -> str:
+    """A unit of S, X, P, Y in those of the place; empty where one of them is not declared."""
+    state = tables.states.get(on) if what == "sum" else None
+    sizes = {
+        "S": UNITS.get(state.quantity or "", "") if state else "", "X": known_unit(tables, on),
+        "P": known_unit(tables, place_of(on, tables) or on), "Y": known_unit(tables, on),
+    }  # fmt: skip
+    found = re.findall(r"[SXPY]", unit)
+    if not all(sizes[one] for one in found):
+        return ""
+    return re.sub(r"[SXPY]", lambda one: f"({sizes[one[0]]})" if "/" in sizes[one[0]] else sizes[one[0]], unit)
+
+
 def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, sizes: Sizes) -> list[Candidate]:
     """The effect there, once for each try of its numbers."""
     state = tables.states.get(on) if row.what == "sum" else None
@@ -210,6 +234,10 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
 
     formulas = {key: fill(getattr(row, key)) for key in FORMULAS if getattr(row, key) is not None}
     made = None
+    numbers = {
+        name: number.model_copy(update={"unit": with_units(number.unit, tables, on, row.what)})
+        for name, number in numbers.items()
+    }
     if memory is not None and row.memory is not None:
         extra = {key: fill(str(value)) for key, value in (row.memory.__pydantic_extra__ or {}).items()}
         made = (memory, MemoryTable.model_validate({"kind": row.memory.kind, "of": fill(row.memory.of), **extra}))

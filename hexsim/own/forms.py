@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTables
-from hexsim.own.effects import Candidate, Sizes, candidates
+from hexsim.own.effects import UNITS, Candidate, Sizes, candidates, known_unit
 
 STANDARD = (0.5, 1.0, 1.5, 2.0, 3.0)  # exponents of laws: roots, areas, weirs and contacts, kinetic pressure, cubes
 HALF_WAVES = 25  # over the range of a signal, of the finest sine that is tried
@@ -24,8 +24,6 @@ WIDTHS = (0.05, 0.2, 0.6)  # of half the range: starts of tanh's width
 EXPONENTS = (0.7, 1.3, 1.7, 2.5)  # starts of a fitted exponent
 FIRST_LATE = 2.0  # samples: shortest time constant by which a memory is looked for; the longest is a tenth of a run
 LATER = 3.0  # from one time constant to the next: a lag between two differs from one of them by 0.27 at most
-UNITS = {"force": "N", "torque": "N m", "pressure": "Pa", "flow": "m3/s", "level": "m", "voltage": "V", "current": "A",
-         "position": "m", "velocity": "m/s", "angle": "rad", "speed": "rad/s"}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,12 +247,8 @@ def as_effect(form: Form, fitted: Mapping[str, float]) -> dict[str, Any]:
 
 
 def signal_of(tables: ModelTables, name: str, sizes: Sizes, what: str) -> Signal:
-    quantity = tables.signals[name].quantity if name in tables.signals else None
-    unit = (tables.states[name].unit if name in tables.states else "") or (
-        tables.outputs[name].unit if name in tables.outputs else ""
-    )
     half, middle = (sizes.H, sizes.C) if what == "sum" else (sizes.P, sizes.M)
-    return Signal(name=name, unit=unit or UNITS.get(quantity or "", f"[{name}]"), size=sizes.X if what == "sum" else sizes.Y,
+    return Signal(name=name, unit=known_unit(tables, name) or f"[{name}]", size=sizes.X if what == "sum" else sizes.Y,
                   middle=middle, half=half or 1.0)  # fmt: skip
 
 

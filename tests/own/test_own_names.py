@@ -1,11 +1,14 @@
 """Names of machines of one's own: a form is proven against free forms, a memory against all memories."""
 
+import tomllib
+
 import numpy as np
 import polars as pl
 import pytest
 
 from hexsim.inference.search import search
-from hexsim.own.effects import Sizes
+from hexsim.own.declaration import ModelTables
+from hexsim.own.effects import Sizes, candidates, library
 from hexsim.own.folder import declared, load_simulated
 from hexsim.own.forms import forms
 from hexsim.own.trace import Simulated, said
@@ -112,3 +115,16 @@ def test_play_is_backlash_and_no_lag(tmp_path):
     assert found.steps[0].tied == []
     width = next(name for name in found.final.names if name.startswith("play"))
     assert found.final.value(width) == pytest.approx(0.15, abs=4 * found.final.error(width))
+
+
+def test_numbers_of_the_library_have_the_places_units():
+    """An overflow of a tank: its edge in m, what spills in m3/s per m. Without a declared unit: none."""
+    for quantity, units in (('quantity = "flow"', ["(m3/s)/m", "m"]), ("", ["", "m"])):
+        tables = ModelTables.model_validate(
+            tomllib.loads(
+                f'signals.u = {{}}\n[states.h]\n{quantity}\nsum = "u - h"\n[outputs.h]\nformula = "h"\nunit = "m"'
+            )
+        )
+        row = next(row for row in library() if row.name == "overflow")
+        made = candidates(row, "h", None, tables, Sizes())[0]
+        assert [number.unit for number in made.numbers.values()] == units
