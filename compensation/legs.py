@@ -93,7 +93,7 @@ class OneByOne:
 
     def share(self, acted: np.ndarray, alike: np.ndarray) -> None:
         if self._tells:
-            tell(self.algorithm, self.states, acted, alike)
+            tell([self.algorithm] * len(self.states), self.states, acted, alike)
 
 
 OF_A_LEG = ("step", "finite", "tells", "hear")  # what `together` stands for
@@ -108,10 +108,10 @@ def stepper(algorithm: Compensator, states: Sequence[Any]) -> Together:
     return algorithm.together(states)  # type: ignore[attr-defined]
 
 
-def tell(algorithm: Compensator, states: Sequence[Any], acted: np.ndarray, alike: np.ndarray) -> None:
-    """Those that have something to tell, to all others that are alike."""
+def tell(algorithms: Sequence[Compensator], states: Sequence[Any], acted: np.ndarray, alike: np.ndarray) -> None:
+    """Those that have something to tell, to all others that are alike. One algorithm a leg."""
     for i, state in enumerate(states):
-        if acted[i] and algorithm.tells(state):
+        if acted[i] and algorithms[i].tells(state):
             for j, other in enumerate(states):
                 if j != i and alike[i, j]:
-                    algorithm.hear(other, state)
+                    algorithms[j].hear(other, state)

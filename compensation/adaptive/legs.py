@@ -87,4 +87,4 @@ class AdaptiveLegs:
     def share(self, acted: np.ndarray, alike: np.ndarray) -> None:
         """What legs have just learned, to those that are alike (n_legs, n_legs)."""
         if self._any & TELLS:
-            tell(self.algorithm, self.states, acted, alike)
+            tell([self.algorithm] * len(self.states), self.states, acted, alike)

@@ -84,20 +84,9 @@ def run(
         many.refuse(of_one, "several compensators")
         names = None if compensator == many.ALL else compensator
         return compare(
-            scenario,
-            names,
-            motion,
-            seed,
-            fast,
-            timestep,
-            out,
-            json,
-            settings,
-            host,
-            recording,
-            log_format,
-            allow_native,
-        )
+            scenario, names, motion, seed, fast, timestep, out, json, settings, host=host, recording=recording, log_format=log_format,
+            allow_native=allow_native,
+        )  # fmt: skip
     with_machine, what = options.prepare(scenario, motion, settings, allow_native=allow_native)
     if mcap:
         from hexsim.recording.mcap import check_library

@@ -62,7 +62,7 @@ class Machine(Forms, Protocol):
         """Models with some of them at amplitude 0, and each with the names of its amplitudes there."""
         ...
 
-    def memories(self, chosen: Sequence[Any], effect: Any, now: Fit) -> Sequence[Any]:
+    def memories(self, chosen: Sequence[Any], form: Any, now: Fit) -> Sequence[Any]:
         """Free forms that remember, at the place of a formula."""
         ...
 
@@ -259,7 +259,7 @@ def settled(machine: Machine, ground: Ground, made: Sought, library: list[tuple[
         why = f"{best.title} is the likeliest of {len(made.judged)} that were fitted, and others come near"
     else:
         with_it = [*ground.chosen, best.candidate]
-        memories = machine.memories(with_it, best.candidate, best.fitted)
+        memories = machine.memories(ground.chosen, form, best.fitted)
         left = remainders(machine, with_it, best.fitted) + remainders(machine, with_it, best.fitted, memories)
         doubted = with_open_form([best], left)
         why = f"{best.title} is the likeliest: {doubted[0].why}" if doubted else ""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from compensation import NO_LOAD, Compensator, Knowledge, preview_count
 from compensation.compensator import MEASURED_TICKS
 from compensation.guard import Guarded, GuardedLegs
-from compensation.legs import Legs
+from compensation.legs import Legs, tell
 from hexsim.declaration import Machine
 from hexsim.hydraulics.resolve import resolve
 from hexsim.motion_computer import controller
@@ -80,7 +80,8 @@ class PositionLoop:
         self._status = [""] * len(self.compensators)
         self._ticks, self._added = 0, np.zeros(len(legs), np.int64)  # ticks so far; of each leg with volts added
         self._counts = np.array([min(count, self.preview) for count in self.previews], np.int64)
-        self._alike = np.array([[own == other for other in self._contexts] for own in self._contexts])
+        declared = [(one.name, context) for one, context in made]
+        self._alike = np.array([[own == other for other in declared] for own in declared])
         one = self.compensators[0] if self.compensators else None
         self._together: GuardedLegs | None = None
         if isinstance(one, Guarded) and len(self.compensators) > 1 and all(other is one for other in self.compensators):
@@ -117,10 +118,8 @@ class PositionLoop:
             controller.begin(control, memory, setpoints[0], positions, load)
             self._running = True
         asked, path = np.empty(len(positions)), np.empty_like(setpoints)
-        followed, own = (
-            np.empty_like(asked),
-            np.empty_like(asked),
-        )  # behind the setpoint filter: what the controller works with
+        # behind the setpoint filter, what the controller works with; what of its volts is of the setpoint alone
+        followed, own = np.empty_like(asked), np.empty_like(asked)
         controller.ask(control, memory, setpoints, positions, load, path, followed, self.feed_forward, own, asked)
         if self.compensators and pressures is not None:
             ahead = np.ascontiguousarray(path.T)  # in rows: one memory layout, compiled once, for one leg and for six
@@ -161,7 +160,7 @@ class PositionLoop:
         if may_speak:
             self._note_status(legs.time_s)
         if self._together is None:
-            self._share()
+            tell(self.compensators, self.states, np.ones(len(asked), bool), self._alike)
         else:
             self._together.share(self._alike)
 
@@ -194,14 +193,6 @@ class PositionLoop:
         then = self._seen[MEASURED_TICKS]
         speeds = SLOPE @ self._seen[:, 0] / self._tick_s
         return *self.pose_load.at(then[0], speeds), then[1], speeds
-
-    def _share(self) -> None:
-        """What one leg has just learned, to those that are declared alike and have the same compensator."""
-        for i, teller in enumerate(self.compensators):
-            if teller.tells(self.states[i]):
-                for j, hearer in enumerate(self.compensators):
-                    if j != i and hearer.name == teller.name and self._contexts[j] == self._contexts[i]:
-                        hearer.hear(self.states[j], self.states[i])
 
     def engagement(self) -> list[dict[str, Any]]:
         """Of each leg that has a compensator: whether it is engaged, since when first [s], for which share of the ticks it has added

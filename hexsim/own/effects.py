@@ -173,17 +173,19 @@ def known_unit(tables: ModelTables, name: str) -> str:
     return (state.unit if state else "") or (output.unit if output else "") or UNITS.get(quantity or "", "")
 
 
+SIZE = re.compile(r"(?<![\w\[])[SXPY](?![A-Za-z_\]])")  # a size in a unit, and no letter of Pa or of a [signal]
+
+
 def with_units(unit: str, tables: ModelTables, on: str, what: str) -> str:
     """A unit of S, X, P, Y in those of the place; empty where one of them is not declared."""
-    state = tables.states.get(on) if what == "sum" else None
+    state, own = tables.states.get(on) if what == "sum" else None, known_unit(tables, on)
     sizes = {
-        "S": UNITS.get(state.quantity or "", "") if state else "", "X": known_unit(tables, on),
-        "P": known_unit(tables, place_of(on, tables) or on), "Y": known_unit(tables, on),
+        "S": UNITS.get(state.quantity or "", "") if state else "", "X": own, "Y": own,
+        "P": known_unit(tables, place_of(on, tables) or on),
     }  # fmt: skip
-    found = re.findall(r"[SXPY]", unit)
-    if not all(sizes[one] for one in found):
+    if not all(sizes[one] for one in SIZE.findall(unit)):
         return ""
-    return re.sub(r"[SXPY]", lambda one: f"({sizes[one[0]]})" if "/" in sizes[one[0]] else sizes[one[0]], unit)
+    return SIZE.sub(lambda one: f"({sizes[one[0]]})" if "/" in sizes[one[0]] else sizes[one[0]], unit)
 
 
 def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, sizes: Sizes) -> list[Candidate]:

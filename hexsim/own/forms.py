@@ -253,11 +253,11 @@ def signal_of(tables: ModelTables, name: str, sizes: Sizes, what: str) -> Signal
 
 
 def memories(
-    tables: ModelTables, effect: Candidate, fitted: Mapping[str, float], sizes: Callable[[str, str], Sizes]
+    tables: ModelTables, form: Form, fitted: Mapping[str, float], sizes: Callable[[str, str], Sizes]
 ) -> list[Candidate]:
-    """What follows the effect or a signal of its sum late, or damps by what was: a force that remembers is in none of its signals."""
-    on, text = effect.on, effect.formulas.get("adds")
-    if effect.what != "sum":
+    """What follows the formula or a signal of its sum late, or damps by what was: a force that remembers is in none of its signals."""
+    on, text = form.candidate.on, form.candidate.formulas.get("adds")
+    if form.candidate.what != "sum":
         return []
     own, found = sizes("sum", on), []
     asked = [(name, name, "{memory}", 1.0 / sizes("sum", name).X) for name in tables.states]
@@ -265,9 +265,9 @@ def memories(
         (f"{name}**2", f"{name}**2", "{x} * {memory}", 1.0 / own.X / sizes("sum", name).X ** 2)
         for name in tables.states
     ]
-    if text is not None and not effect.has_memory and effect.curve is None:
-        values = {name: f"({float(fitted[name])!r})" for name in effect.numbers}
-        asked.append((effect.name, with_values(text, values), "{memory}", 1.0 / own.S))
+    if text is not None:
+        values = {name: f"({float(fitted[name])!r})" for name in form.candidate.numbers}
+        asked.append((form.candidate.name, with_values(text, values), "{memory}", 1.0 / own.S))
     count = max(int(math.log(0.1 * own.D / (FIRST_LATE * own.T)) / math.log(LATER)), 0) + 1
     for name, of, adds, scale in asked:
         for k in range(count):

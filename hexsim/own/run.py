@@ -14,6 +14,7 @@ from hexsim.files.json_files import write_json
 from hexsim.files.log_files import write_log
 from hexsim.inference.likelihood import Fit
 from hexsim.inference.verdict import at_end
+from hexsim.own.declaration import ModelTables
 from hexsim.own.folder import OwnFolder
 from hexsim.own.problem import OwnProblem, fit_own, problem_of
 from hexsim.own.simulate import record_of
@@ -96,11 +97,15 @@ def page(
     folder: OwnFolder, report: Mapping[str, Any], made: Mapping[str, tuple[pl.DataFrame, dict[str, float]]]
 ) -> str:
     """report.html: each run's outputs, measured and simulated, and what is left."""
-    pictures = [
-        png(residual(name, output, folder.declaration.outputs[output].unit, free))
-        for name, (free, rms) in made.items() for output in rms
-    ]  # fmt: skip
-    return Report(f"Free run of {folder.name}", sections(report, pictures), about=ABOUT).html()
+    return Report(
+        f"Free run of {folder.name}", sections(report, pictures(folder.declaration, made)), about=ABOUT
+    ).html()
+
+
+def pictures(declaration: ModelTables, made: Mapping[str, Any]) -> list[bytes]:
+    """PNG of each run's outputs, measured and simulated."""
+    units = {name: output.unit for name, output in declaration.outputs.items()}
+    return [png(residual(name, output, units[output], free)) for name, (free, rms) in made.items() for output in rms]
 
 
 def sections(report: Mapping[str, Any], pictures: Sequence[bytes]) -> list[Section]:

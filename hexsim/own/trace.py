@@ -154,11 +154,13 @@ class Simulated:
                 problem = self.of(joined(self.declared(chosen), merged([one for _, one in part]), neutral=True))
                 yield problem, [(form, list(one.amplitude)) for form, one in part]
 
-    def memories(self, chosen: Sequence[Candidate], effect: Candidate, now: Fit) -> list[Candidate]:
+    def memories(self, chosen: Sequence[Candidate], form: Form, now: Fit) -> list[Candidate]:
         assert isinstance(now.problem, OwnProblem)
         declared = self.declared(chosen)
         fitted = dict(zip(now.names, map(float, now.theta), strict=True))
-        return memories(declared, effect, fitted, sizes_of(declared, now.problem, now.theta))
+        return memories(
+            declared, form, fitted, sizes_of(self.declared([*chosen, form.candidate]), now.problem, now.theta)
+        )
 
 
 def fixed(candidate: Candidate) -> Candidate:

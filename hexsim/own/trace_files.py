@@ -15,10 +15,9 @@ from hexsim.own.declaration import Declaration
 from hexsim.own.folder import OwnFolder, load_simulated
 from hexsim.own.forms import as_effect
 from hexsim.own.model import START, model_of
-from hexsim.own.run import ABOUT, report_of, residual, sections, simulated
+from hexsim.own.run import ABOUT, pictures, report_of, sections, simulated
 from hexsim.own.state_file import StateFile
 from hexsim.own.trace import OwnTrace, trace_own
-from hexsim.recording.figure_style import png
 from hexsim.recording.page import Column, Report, Row, Section, remark, table, verdict
 
 EFFECT = "effect.toml"
@@ -43,11 +42,7 @@ def trace_simulated(
     report, made = content(loaded, found)
     if out is not None:
         progress("writing the report", 0.95)
-        pictures = [
-            png(residual(name, output, found.declaration.outputs[output].unit, free))
-            for name, (free, rms) in made.items() for output in rms
-        ]  # fmt: skip
-        write_report(report, out, pictures)
+        write_report(report, out, pictures(found.declaration, made))
         (out / "model.toml").write_text(tomli_w.dumps(as_file(found, folder)), encoding="utf-8")
         if found.formula is not None and found.formula.proven:
             fitted = found.formula.best.fitted
@@ -74,13 +69,13 @@ def content(loaded: OwnFolder, found: OwnTrace) -> tuple[dict[str, Any], dict[st
     }, made  # fmt: skip
 
 
-def write_report(report: dict[str, Any], out: Path, pictures: Sequence[bytes] = ()) -> None:
+def write_report(report: dict[str, Any], out: Path, shown: Sequence[bytes] = ()) -> None:
     """report.json and report.html."""
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "report.json", report)
     title, said = f"Trace of {report['machine']}", report["verdict"]
     answer = verdict(said.split(":")[0], [said], good=bool(report["candidates"]))
-    page = Report(title, [candidates(report), *sections(report, pictures)], about=ABOUT, top=[answer])
+    page = Report(title, [candidates(report), *sections(report, shown)], about=ABOUT, top=[answer])
     (out / "report.html").write_text(page.html(), encoding="utf-8")
 
 

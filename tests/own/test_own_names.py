@@ -8,7 +8,7 @@ import pytest
 
 from hexsim.inference.search import search
 from hexsim.own.declaration import ModelTables
-from hexsim.own.effects import Sizes, candidates, library
+from hexsim.own.effects import Sizes, candidates, library, with_units
 from hexsim.own.folder import declared, load_simulated
 from hexsim.own.forms import forms
 from hexsim.own.trace import Simulated, said
@@ -128,3 +128,10 @@ def test_numbers_of_the_library_have_the_places_units():
         row = next(row for row in library() if row.name == "overflow")
         made = candidates(row, "h", None, tables, Sizes())[0]
         assert [number.unit for number in made.numbers.values()] == units
+
+
+def test_units_that_are_declared_stay():
+    """Neither the P of Pa nor a signal's name in brackets is taken for a size; a size with an exponent is one."""
+    tables = ModelTables.model_validate(tomllib.loads('[states.v]\nquantity = "force"\nunit = "m/s"\nsum = "-v"'))
+    for unit, expected in (("N/Pa", "N/Pa"), ("1/[P]", "1/[P]"), ("S/X2", "N/(m/s)2"), ("rad/s", "rad/s")):
+        assert with_units(unit, tables, "v", "sum") == expected
