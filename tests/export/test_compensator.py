@@ -18,7 +18,6 @@ from typer.testing import CliRunner
 
 import compensation
 from compensation import Context, Sample
-from compensation.adaptive.layout import LEARNED
 from compensation.legs import tell
 from compensation.native import native as described
 from hexsim.cli import app
@@ -337,18 +336,25 @@ def test_a_short_preview_counts_as_none(exported):
     assert found == volts(native, none)
 
 
-def test_learned_numbers_go_into_the_header():
+@pytest.mark.parametrize(
+    ("name", "keys", "place"),
+    [
+        ("adaptive", ("friction", "half_step_Pa"), "FRICTION_HALF_STEP_PA"),
+        ("estimated", ("numbers", "mass"), "NUMBERS_MASS"),
+    ],
+)
+def test_learned_numbers_go_into_the_header(name, keys, place):
     """The array has the parameters in the order of their places."""
-    made = compensation.create("adaptive")
+    made = compensation.create(name)
     parameters = made.parameters(made.start(CONTEXT))
-    parameters["friction"]["half_step_Pa"] = 54321.5
-    text = header("adaptive", CONTEXT, parameters)
-    array = re.search(r"hexsim_adaptive_learned\[\d+\] = \{([^}]*)\}", text)
+    parameters[keys[0]][keys[1]] = 54321.5
+    text = header(name, CONTEXT, parameters)
+    array = re.search(rf"hexsim_{name}_learned\[\d+\] = \{{([^}}]*)\}}", text)
     names = re.search(r"Places in `parameters`. \*/\nenum \{([^}]*)\}", text)
     assert array and names
     numbers, places = ([part.strip() for part in found[1].split(",")] for found in (array, names))
-    assert len(numbers) == len(places) == LEARNED.itemsize // 8
-    assert float(numbers[places.index("HEXSIM_ADAPTIVE_LEARNED_FRICTION_HALF_STEP_PA")]) == 54321.5
+    assert len(numbers) == len(places) == described(name).learned.itemsize // 8
+    assert float(numbers[places.index(f"HEXSIM_{name.upper()}_LEARNED_{place}")]) == 54321.5
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path):

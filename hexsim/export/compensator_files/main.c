@@ -70,7 +70,13 @@ int main(int count, char **arguments) {
 @if adaptive@
   Times design = {0, 0, 0};
 @end@
-  int told = @prefix@_init(state, S);
+  double settings[@PREFIX@_SETTINGS];
+  memcpy(settings, S, sizeof settings);
+@if estimated@
+  settings[@PREFIX@_LEGS] = 0.0; /* it carries its own mass alone */
+  settings[@PREFIX@_OWN_MOBILITY] = settings[@PREFIX@_LOAD_OVER_WEIGHT] = 1.0;
+@end@
+  int told = @prefix@_init(state, settings);
   if (told) {
     printf("setting %d is refused\n", told - 1);
     return 1;
