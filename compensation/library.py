@@ -46,6 +46,9 @@ class Library(Compensator):
     path: str
     configuration: Compensator | None = None  # of the algorithm; None: as it is by itself
 
+    def __post_init__(self) -> None:
+        assert self.loaded  # or ValueError
+
     @property
     def name(self) -> str:  # type: ignore[override]
         """File name."""

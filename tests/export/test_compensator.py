@@ -379,5 +379,5 @@ def test_what_cannot_be_exported_is_refused(tmp_path):
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 2 and "holds no parameters of `adaptive` for leg 1" in " ".join(result.output.split())
     (tmp_path / "none.so").write_text("nothing")
-    with pytest.raises(ValueError, match="is no exported compensator of this system"):
-        compensation.create(str(tmp_path / "none.so")).start(CONTEXT)
+    result = CliRunner().invoke(app, ["run", "heave", "-c", str(tmp_path / "none.so"), "--out", str(tmp_path / "run")])
+    assert result.exit_code == 2 and "is no exported compensator of this system" in " ".join(result.output.split())
