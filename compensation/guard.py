@@ -47,6 +47,7 @@ RETURN_S = 1.0
 BEYOND_S, HOLD_OFF_RATIO, MOST_OWN_FAULTS = 0.05, 4, 6
 
 SOUND, LOST, POSITION_FROZEN, PRESSURE_FROZEN, VALVE_AT_END, NOT_FINITE, BEYOND = 0, 8, 16, 32, 64, 256, 512
+TELLS = 128  # beside them, of an algorithm: something for the other legs
 SENTENCES = {
     SOUND: "",
     LOST: "a signal is lost (not a number): plain control until it is sound again",
@@ -334,7 +335,7 @@ class Guarded(Wrapped):
         return self.inner.preview_of(state.inner)
 
     def tells(self, state: GuardState) -> bool:
-        return state.acted and self.inner.tells(state.inner)
+        return state.acted and state.reason == SOUND and self.inner.tells(state.inner)
 
     def hear(self, state: GuardState, other: GuardState) -> None:
         self.inner.hear(state.inner, other.inner)
@@ -401,4 +402,4 @@ class GuardedLegs:
 
     def share(self, alike: np.ndarray) -> None:
         """What legs have just learned, to those that are alike (n_legs, n_legs)."""
-        self.inner.share(self._acts, alike)
+        self.inner.share(self._acts & (self._reasons == SOUND), alike)

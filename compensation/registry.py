@@ -92,7 +92,7 @@ def create(name: str, **configuration: Any) -> Compensator:
     class that is no compensator (naming what it lacks).
     """
     if name.endswith(SUFFIXES):
-        from .library import Library  # it brings the adaptive algorithm, which other names do not need
+        from .library import Library  # it brings numba, which other names may not need
 
         return _configured(Library, name, {"path": name, **configuration})
     if ":" in name:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..compensator import Compensator, Context, Parameters, Sample
+from ..guard import TELLS
 from .layout import LEARNED, STATE, Record, empty
 from .learned import as_dict, fill
 from .legs import AdaptiveLegs
@@ -15,7 +16,7 @@ from .not_engaged import reason
 from .prediction import prediction_table
 from .ranges import refusal
 from .start import finite_from, keep, looks_ahead_s, restore, start
-from .step import DESIGN_WANTED, REJECTED, TELLS, WORSE, hear_first, tick
+from .step import DESIGN_WANTED, REJECTED, WORSE, hear_first, tick
 from .taps import design
 
 

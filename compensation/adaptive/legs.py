@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from ..compiled import compiled
+from ..guard import TELLS
 from ..legs import Legs, tell
 from .layout import STATE
 from .prediction import prediction_table
 from .start import finite_from
-from .step import DESIGN_WANTED, TELLS, expect, tick_of
+from .step import DESIGN_WANTED, expect, tick_of
 from .taps import design
 
 

@@ -19,6 +19,7 @@ docs/compensation_derivation.md derives it.
 from __future__ import annotations
 
 from ..compiled import compiled
+from ..guard import TELLS
 from .arithmetic import clip, dot, push
 from .chamber_pressures import edge_roots, measure_pressures, roots_ahead
 from .chambers import compliance_m_Pa, equivalent_Pa
@@ -44,7 +45,7 @@ from .valve import valve_rejected
 SUPPLY_SHARE = 0.1  # low-pass of the supply pressure, a tick
 DEVIATION_SHARE = 0.06  # low-pass of the pressure's deviation from the demand, a tick
 PRESSURE_MEAN_S = 0.2  # time constant of the pressures that the gain of plain control is computed with
-DESIGN_WANTED, WORSE, REJECTED, TELLS = 1, 2, 4, 128  # what a tick tells its caller; 8 to 64 are the guard's
+DESIGN_WANTED, WORSE, REJECTED = 1, 2, 4  # what a tick tells its caller, beside what guard.py has
 LAGS_ALIKE_S = 1.5e-3  # difference in lag up to which legs are alike
 
 

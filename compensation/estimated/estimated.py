@@ -7,20 +7,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..adaptive.layout import empty
 from ..adaptive.prediction import prediction_table
 from ..compensator import Compensator, Context, Parameters, Sample
 from ..compiled import compiled
 from ..knowledge import Knowledge
 from .damping import design_damping
-from .estimator import FEWEST, HEATS, KNOWN_LEG
-from .known import covariance_of, knowledge_of
+from .estimator import FEWEST, KNOWN_LEG
+from .known import knowledge_of
 from .layout import STATE, Record
-from .leg import N_NUMBERS, NAMES
+from .learned import LEARNED, PRIOR, as_dict, fill, keep, missing, refusal, restore
 from .legs import EstimatedLegs
-from .prior import fill_prior, restore_prior
 from .step import SAY_TICKS, hear_leg, start, tick_of
-
-LAST_STAGE = len(HEATS) - 1
 
 
 @dataclass(slots=True)
@@ -130,46 +128,24 @@ class Estimated(Compensator):
 
     def parameters(self, state: EstimatedState) -> Parameters:
         """Numbers, the scale of the fit's units, the lower factor of its information row by row, misfit, noises."""
-        s = state.numbers
-        factor = s.known.factor[np.tril_indices(N_NUMBERS)]
-        return {
-            "numbers": dict(zip(NAMES, map(float, s.known.numbers), strict=True)),
-            "scale": dict(zip(NAMES, map(float, s.known.sd), strict=True)),
-            "factor": [float(x) for x in factor],
-            "chi2": [float(x) for x in s.known.chi2],
-            "noise": [float(s.past.noise_m), float(s.past.noise_Pa)],
-        }
+        learned = empty(LEARNED)
+        keep(state.numbers, learned)
+        return as_dict(learned)
 
     def refused(self, context: Context, parameters: Parameters) -> str:
-        problem = missing(parameters)
-        if problem or not any(parameters["scale"].values()):
-            return problem
-        s = self.start(context).numbers
-        fill_prior(s.fit, s.settings, float(parameters["numbers"]["hold"]))
-        for k, name in enumerate(NAMES):
-            value = float(parameters["numbers"][name])
-            if not s.fit.low[k] <= value <= s.fit.high[k]:
-                return f"numbers.{name} is {value:g}; it must lie between {s.fit.low[k]:g} and {s.fit.high[k]:g}"
-            if not float(parameters["scale"][name]) > 0.0:
-                return f"scale.{name} is {parameters['scale'][name]}; it must be above zero"
-        if not all(parameters["factor"][k] > 0.0 for k in DIAGONAL) or not all(x > 0.0 for x in parameters["noise"]):
-            return "the factor's diagonal and both noises must be above zero"
-        return ""
+        learned = empty(LEARNED)
+        try:
+            fill(learned, parameters)
+        except ValueError as problem:
+            return str(problem)
+        return refusal(learned, self.start(context).numbers.settings, empty(PRIOR))
 
     def restore(self, context: Context, parameters: Parameters) -> EstimatedState:
         """Starts with the numbers and their covariance: what is uncertain moves, what is known stays."""
-        state = self.start(context)
-        if missing(parameters) or not any(parameters["scale"].values()):
-            return state
-        s, known = state.numbers, state.numbers.known
-        known.numbers[:] = [float(parameters["numbers"][name]) for name in NAMES]
-        known.sd[:] = [float(parameters["scale"][name]) for name in NAMES]
-        known.factor[np.tril_indices(N_NUMBERS)] = parameters["factor"]
-        known.chi2[:] = parameters["chi2"]
-        known.valid = 1
-        s.past.noise_m, s.past.noise_Pa = map(float, parameters["noise"])
-        restore_prior(s.fit, s.settings, known.numbers, np.sqrt(np.diag(covariance_of(known))))
-        s.fit.stage = LAST_STAGE
+        state, learned = self.start(context), empty(LEARNED)
+        if not missing(parameters):
+            fill(learned, parameters)
+            restore(state.numbers, learned)
         return state
 
     def knows(self, state: EstimatedState) -> Knowledge | None:
@@ -191,18 +167,3 @@ class Estimated(Compensator):
             f"the doubt about the leg's numbers would leave {e.sigma2**0.5:.2f} m/s2 where plain control makes "
             f"{e.bump2**0.5:.2f} m/s2 (misfit chi2 {max(s.known.chi2):.1f}, 1 is a leg as the model knows it)"
         )
-
-
-DIAGONAL = [k * (k + 3) // 2 for k in range(N_NUMBERS)]
-
-
-def missing(parameters: Parameters) -> str:
-    """Empty, or what start parameters lack."""
-    for table in ("numbers", "scale"):
-        for name in NAMES:
-            if name not in parameters.get(table, {}):
-                return f"{table}.{name} is missing"
-    for name, count in (("factor", N_NUMBERS * (N_NUMBERS + 1) // 2), ("chi2", 2), ("noise", 2)):
-        if len(parameters.get(name, [])) != count:
-            return f"{name} must be a list of {count} numbers"
-    return ""

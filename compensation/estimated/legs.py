@@ -16,6 +16,23 @@ from .step import SAY_TICKS, hear_leg, tick_of
 
 
 @compiled
+def is_finite(s):
+    """Whether the volts ahead and the model's state are."""
+    total, inverse = 0.0, s.inverse
+    for k in range(len(inverse.U)):
+        total += inverse.U[k] - inverse.U[k]  # not 0 of one that is not finite
+    for k in range(len(inverse.x)):
+        total += inverse.x[k] - inverse.x[k]
+    return total == 0.0
+
+
+@compiled
+def tells(s):
+    """Whether a leg of a platform says what it knows: every SAY_TICKS ticks."""
+    return s.platform != 0 and s.past.ticks % SAY_TICKS == 0
+
+
+@compiled
 def tick_legs(
     states, acts, table, preview, counts, loads, pose, mobility, forces, speeds, setpoint, position, valve, bottom, top, supply,
     forward, added_V, finite,
@@ -30,19 +47,14 @@ def tick_legs(
             )  # fmt: skip
             if states[i].damping.wanted:
                 design_damping(states[i])
-            total, inverse = 0.0, states[i].inverse
-            for k in range(len(inverse.U)):
-                total += inverse.U[k] - inverse.U[k]  # not 0 of one that is not finite
-            for k in range(len(inverse.x)):
-                total += inverse.x[k] - inverse.x[k]
-            finite[i] = total == 0.0
+            finite[i] = is_finite(states[i])
 
 
 @compiled
 def share_legs(states, acted, alike):
-    """Each leg of a platform that has just acted says what it knows to those that are alike (n, n), every SAY_TICKS ticks."""
+    """Each leg that has just acted and `tells` says what it knows to those that are alike (n, n)."""
     for i in range(len(states)):
-        if acted[i] and states[i].platform and states[i].past.ticks % SAY_TICKS == 0:
+        if acted[i] and tells(states[i]):
             for j in range(len(states)):
                 if j != i and alike[i, j]:
                     hear_leg(states[j], states[i])

@@ -94,7 +94,7 @@ def plugin(
 
 
 def compensator(
-    name: Annotated[str, typer.Argument(help="Name of the compensator: adaptive.")],
+    name: Annotated[str, typer.Argument(help="Name of the compensator: adaptive or estimated.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")],
     target: Annotated[
         Literal["x86_64-linux", "x86_64-windows", "aarch64-linux"], typer.Option(help="Where it will run.")
@@ -110,12 +110,17 @@ def compensator(
 ) -> None:
     """Object file, library, C header, example and documentation for an integrator: no Python, no allocation."""
     from hexsim.export.compensator import export_compensator, learned_of
+    from hexsim.hydraulics.resolve import resolve
     from hexsim.machine import load_machine
     from hexsim.motion_computer.data_sheet import compensator_context
+    from hexsim.motion_computer.leg_load import ExpectedLoad
 
     declared = load_machine(machine)
-    context = compensator_context(declared, None, min(leg, declared.n_legs))
-    written = export_compensator(name, target, out, context, None if learned is None else learned_of(learned, leg))
+    load = ExpectedLoad.of(resolve(declared))
+    context = compensator_context(declared, None, min(leg, declared.n_legs), load)
+    written = export_compensator(
+        name, target, out, context, None if learned is None else learned_of(name, learned, leg)
+    )
     if json:
         print_json(
             {"compensator": name, "target": target, "files": {path.name: path.stat().st_size for path in written}}

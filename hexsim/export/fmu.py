@@ -21,11 +21,11 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from compensation.adaptive.guarded import SIZE
+from compensation.native import native as native_compensator
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.export import mujoco_library, native
-from hexsim.export.compensator import N_SETTINGS, compensator_object, settings_of
+from hexsim.export.compensator import compensator_object, settings_of
 from hexsim.export.model_description import model_description
 from hexsim.export.toolchain import SYSTEMS
 from hexsim.export.variables import OUTPUT_KINDS, Variables, mass_body, mass_key, mass_offset, variables_of
@@ -39,6 +39,7 @@ from hexsim.plant import Plant
 from hexsim.plant.mjcf import ModelKind
 from hexsim.plant.states import ROW, A
 
+COMPENSATOR = "adaptive"  # that plant.c calls
 DELAYED_COMMANDS = 1024  # that an instance remembers where a valve is late
 COMMUNICATION_STEP_S = 0.002  # proposed to the tool
 TAKES = {
@@ -73,7 +74,7 @@ def export_fmu(
         if what == "machine":
             for system, (objects, _) in zip(systems, compiled, strict=True):
                 objects.append(folder / f"compensator.{system.name}.o")
-                objects[-1].write_bytes(compensator_object(system, exported=False))
+                objects[-1].write_bytes(compensator_object(COMPENSATOR, system, exported=False))
         header = machine_header(plant, variables, what, sorted({name for _, missing in compiled for name in missing}))
         made = [path.read_bytes() for objects, _ in compiled for path in objects]
         digest = hashlib.sha256(b"".join([header.encode(), (folder / "model.mjb").read_bytes(), *made])).hexdigest()
@@ -114,16 +115,14 @@ def machine_header(plant: Plant, variables: Variables, what: str, missing: list[
     delay, supply, rule = plant.rows[:, P.VALVE_DELAY], plant.resolved.supply, plant.step_rule()
     along = np.take(plant.kinematics.jacobian(np.zeros(6)), plant.kinematics.dof_places, axis=1)
     changes = [(k, c) for k, p in enumerate(variables.parameters) for c in p.changes if c.actuator < len(plant.layout)]
+    settings = [settings_of(COMPENSATOR, compensator_context(plant.machine, None, i + 1)) for i in range(plant.n_legs)]
     numbers = _places(plant, variables) | {
         "IS_MACHINE": int(what == "machine"), "TICK": 1.0 / plant.machine.controller.rate_Hz, "N_MEMORY": N_MEMORY,
         "N_INPUTS": len(variables.inputs), "RING": DELAYED_COMMANDS if delay.any() else 2,
         "LONGEST_DELAY": float(delay.max()), "N_CHANGES": len(changes),
-        "COMPENSATOR_SIZE": SIZE if what == "machine" else 1, "N_SETTINGS": N_SETTINGS,
+        "COMPENSATOR_SIZE": native_compensator(COMPENSATOR).size if what == "machine" else 1, "N_SETTINGS": len(settings[0]),
         "COMPENSATOR_PARAMETER": len(variables.parameters) - 1,
     }  # fmt: skip
-    settings = [
-        list(settings_of(compensator_context(plant.machine, None, i + 1)).values()) for i in range(plant.n_legs)
-    ]
     kinds = ", ".join(OUTPUT_KINDS.values())
     lines = [
         *(f"#define {name} ({value!r})" for name, value in numbers.items()),

@@ -13,18 +13,20 @@ extern "C" {
 #define @PREFIX@_PARAMETERS @PARAMETERS@       /* numbers that are learned */
 #define @PREFIX@_PREVIEW @PREVIEW@          /* setpoints that the preview should hold: this tick's and the next; 1 if unknown */
 
-/* What a step tells, or-ed. Plain control acts alone with any but DESIGN_WANTED and TELLS. */
+/* What a step tells, or-ed. Plain control acts alone with a fault. */
 enum {
-  @PREFIX@_DESIGN_WANTED = 1,   /* call @prefix@_design before the next steps */
+@if adaptive@
+  @PREFIX@_DESIGN_WANTED = 1,   /* no fault: call @prefix@_design before the next steps */
   @PREFIX@_WORSE = 2,           /* reversals became worse than plain control's */
   @PREFIX@_REJECTED = 4,        /* the valve no longer follows what was learned; it is learned anew */
+@end@
   @PREFIX@_SIGNAL_LOST = 8,     /* a signal is not a number */
   @PREFIX@_POSITION_FROZEN = 16,
   @PREFIX@_PRESSURE_FROZEN = 32,
   @PREFIX@_VALVE_AT_END = 64,   /* of its range for 5 ticks */
   @PREFIX@_NOT_FINITE = 256,    /* the state is not finite; it starts anew with nothing learned */
   @PREFIX@_BEYOND = 512,        /* more volts than the declared valve can explain; the same */
-  @PREFIX@_TELLS = 128          /* something for the other legs of the machine: @prefix@_hear of each */
+  @PREFIX@_TELLS = 128          /* no fault: something for the other legs of the machine: @prefix@_hear of each */
 };
 
 /* Places in `settings`. */
@@ -66,15 +68,25 @@ int @prefix@_step(double *state, double setpoint_m, const double *preview_m, int
    how. Without it a leg expects the load of its own acceleration. It holds for one step. */
 void @prefix@_expect(double *state, const double *loads_m_s2, int count);
 
-/* After a tick in which the step of `other` gave @PREFIX@_TELLS, when all legs have stepped: what a reversal told of the
-   delay, and how far that leg is with engaging. For legs with equal settings. */
+@if estimated@
+/* The same of what all legs did 5 ticks ago (count of them, at most 8): forces P1 A1 - P2 A2 [N], speeds by a parabola through 11
+   readings [m/s], the acceleration that a force on each gives this leg over that for a force on its own, and the load of this one by
+   pose and speeds [m/s2]. README.md says how. */
+void @prefix@_feel(double *state, double pose_m_s2, const double *mobility, const double *forces_N, const double *speeds_m_s,
+                   int count);
+
+@end@
+/* After a tick in which the step of `other` gave @PREFIX@_TELLS, when all legs have stepped: what that leg has learned, and how far
+   it is with engaging. For legs with equal settings but for those of their place. */
 void @prefix@_hear(double *state, const double *other);
 
+@if adaptive@
 /* The design of the taps that a step asked for: takes longer than a step. At once, or in the idle time of the next ticks,
    never while a step of the same state runs. Until then the former taps act. */
 void @prefix@_design(double *state);
 
-/* What was learned: to be kept, and to start with next time. set_parameters starts the state anew, and designs. It gives 0, or 1 + the
+@end@
+/* What was learned: to be kept, and to start with next time. set_parameters starts the state anew. It gives 0, or 1 + the
    place of the first number that is not finite, out of its range, or contradicts another one; then the state is as it was. */
 void @prefix@_get_parameters(double *state, double *parameters);
 int @prefix@_set_parameters(double *state, const double *parameters);
