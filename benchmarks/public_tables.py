@@ -9,7 +9,6 @@ as well. Fits and names see the estimation records alone; the test records are s
 from __future__ import annotations
 
 import argparse
-import gzip
 import json
 import re
 import time
@@ -19,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from own_calibration import JOURNAL, SEALED, verdict_of
+from own_calibration import JOURNAL, SEALED, rows_of, verdict_of
 from scipy.io import loadmat
 
 from hexsim.files.atomic import write_text
@@ -163,8 +162,7 @@ def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
 
 def wrong_names() -> str:
     """A table of the sealed rows of own_calibration.py by thousands of seeds, with 95 % intervals (Wilson 1927)."""
-    with gzip.open(JOURNAL, "rt", encoding="utf-8") as file:
-        rows = [row for row in map(json.loads, file) if row["seed"] >= SEALED]
+    rows = [row for row in rows_of(JOURNAL) if row["seed"] >= SEALED]
     kinds = ("right", "tied", "wrong", "nothing named")
     lines = [
         "| seeds | missing | machines | right | tied with the right one | wrong | no name | wrong, 95 % |",
