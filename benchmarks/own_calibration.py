@@ -18,6 +18,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -239,7 +240,9 @@ def rows_of(path: Path) -> list[dict]:
         return [json.loads(line) for line in file]
 
 
+@cache
 def commit() -> str:
+    """At the first call: of the code that runs."""
     return subprocess.run(
         ["git", "rev-parse", "--short=8", "HEAD"], capture_output=True, text=True, check=True
     ).stdout.strip()
@@ -292,6 +295,7 @@ def main() -> None:
             state(own + [row for row in rows_of(FORMULAS) if row["seed"] >= SEALED_FORMULAS]), encoding="utf-8"
         )
         return
+    print(f"commit {commit()}")
     counts: dict[str, dict[str, int]] = {}
     for seed in range(asked.first, asked.first + asked.count):
         if drawn(np.random.default_rng(seed))[1] not in asked.only:

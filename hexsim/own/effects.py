@@ -241,7 +241,8 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
         for name, number in numbers.items()
     }
     if memory is not None and row.memory is not None:
-        made = (memory, row.memory.changed(fill))
+        begins = row.memory.start if tables.simulation.anew_s is None else None  # a number of the run, not of its parts
+        made = (memory, row.memory.changed(fill).model_copy(update={"start": begins}))
     base = Candidate(
         name=row.name, on=on, what=row.what, other=other, formulas=formulas, numbers=numbers, amplitude=tuple(amplitude),
         memory=made, switch=switch, curve=(named, curve) if curve else None, rival=row.rival,
