@@ -6,6 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from hexsim.inference.likelihood import fit
 from hexsim.inference.search import search
 from hexsim.own import stated
 from hexsim.own.declaration import ModelTables
@@ -141,6 +142,16 @@ def test_springs_that_slip_are_no_named_hysteresis(tmp_path):
     found = search(machine(tmp_path, slip=4.0), most=1)
     assert found.steps == []
     assert any("play" in one.why and one.why.endswith("a stand-in") for one in found.refused)
+
+
+def test_a_formula_that_a_chosen_effect_is_is_not_offered(tmp_path):
+    """Beside quadratic friction v abs(v) is no formula of its own; before, and beside another effect, it is one."""
+    drive = machine(tmp_path)
+    now = fit(drive.problem(()))
+    known = {one.name: one for one in drive.offers((), now, False)}
+    offered = lambda *names: {form.title for form in drive.forms([known[name] for name in names], now)}  # noqa: E731
+    assert offered() - offered("quadratic friction") == {"v * abs(v) in v"}
+    assert "v * abs(v) in v" in offered("Coulomb friction")
 
 
 def test_the_stated_chance_is_a_count(monkeypatch):
