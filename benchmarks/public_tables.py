@@ -29,6 +29,7 @@ from hexsim.own.folder import OwnFolder, load_simulated
 from hexsim.own.model import model_of
 from hexsim.own.problem import fit_own, problem_of
 from hexsim.own.run import simulated
+from hexsim.own.stated import counts, stated
 from hexsim.own.trace import OwnTrace
 from hexsim.own.trace_files import trace_simulated
 
@@ -213,6 +214,7 @@ def main() -> None:
     figures, names = ([line for row in rows for line in row[key]] for key in ("figures", "names"))
     template = (ROOT / "benchmarks" / "public_tables.md.in").read_text(encoding="utf-8")
     template = template.replace("@WRONG@", wrong_names())
+    template = template.replace("@STATED@", "\n".join(f"- {stated(kind)}" for kind in counts()))
     page = template.replace("@FIGURES@", "\n".join(figures)).replace("@NAMES@", "\n".join(names))
     write_text(asked.out, page)
 
