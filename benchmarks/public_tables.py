@@ -178,11 +178,12 @@ def wrong_names() -> str:
             ("outside", "an effect outside it"),
         ):
             found = [verdict_of(row["missing"], row["steps"]) for row in own if row["sort"] == sort]
-            counts = [found.count(kind) for kind in kinds]
-            low, high = wilson(counts[2], len(found))
-            lines.append(
-                f"| {seeds} | {words} | {len(found)} | {' | '.join(map(str, counts))} | {100 * max(low, 0.0):.0f} to {100 * high:.0f} % |"
-            )
+            if not found:
+                continue
+            counted = [found.count(kind) for kind in kinds]
+            low, high = wilson(counted[2], len(found))
+            share = f"{100 * max(low, 0.0):.0f} to {100 * high:.0f} %"
+            lines.append(f"| {seeds} | {words} | {len(found)} | {' | '.join(map(str, counted))} | {share} |")
     return "\n".join(lines)
 
 

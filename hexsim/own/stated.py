@@ -11,7 +11,7 @@ from scipy.special import betaincinv
 from hexsim.inference.verdict import Judgment
 
 SURE = 0.95  # of the upper bound
-WORDS = {"name": "names alone", "tie": "ties without the true effect", "formula": "formulas"}
+WORDS = {"name": "names alone", "tie": "ties", "formula": "formulas"}
 
 
 @cache
