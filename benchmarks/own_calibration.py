@@ -1,11 +1,11 @@
 """Made-up machines of one's own whose missing effect is known: names right, tied and wrong -> benchmarks/results/own_calibration.jsonl.gz
 
-    python benchmarks/own_calibration.py --first 22015 --count 50
+    python benchmarks/own_calibration.py --first 22057 --count 50
 
 Drives and tanks, written apart from hexsim's equations: numbers, motion, noise, process disturbance and the missing effect are drawn from
 the seed. A third lacks nothing, a third an effect of the library, a third an effect that the library does not have. Seeds below 20000
 were used while the inference was written; 20000 to 20039, 21000 to 21058
-and 22001 to 22014 were looked at; from 22015 on they are sealed.
+and 22001 to 22014 were looked at, 22015 to 22055 scored once; from 22057 on they are sealed.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ import argparse
 import gzip
 import json
 import math
+import subprocess
 import tempfile
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -85,8 +87,16 @@ SAME = {
     "inflow": ("inflow", "offset of a drive"),
     "outlet exponent": ("flow over another power",),  # outside the library until seed 20039
 }
+FORMULA = {
+    "periodic force": ["sin(k * x) in v"], "damping over place": ["x**2 * v in v"], "root friction": ["root(v) in v"],
+    "rippled gain": ["sin(k * command_V) in command_V", "sin(k * pump_V) in pump_V"],
+    "outlet exponent": ["abs(level_m)**n in level_m"],
+}  # fmt: skip
 JOURNAL = Path(__file__).parent / "results" / "own_calibration.jsonl.gz"
-SEALED = 21_000  # seeds from here on: not looked at while the inference was written
+FORMULAS = JOURNAL.with_name("own_formulas.jsonl.gz")
+STATED = Path(__file__).parents[1] / "hexsim" / "own" / "calibration.toml"
+SEALED = 22_015  # seeds from here on: not looked at while the inference was written
+SEALED_FORMULAS = 41_016
 
 
 def motion(rng: np.random.Generator, n: int, dt: float) -> np.ndarray:
@@ -209,15 +219,50 @@ def machine(seed: int, place: Path) -> tuple[str, str, str]:
     return kind, sort, what
 
 
-def verdict_of(what: str, steps: list[dict]) -> str:
-    """wrong where one name is neither what is missing nor tied with it."""
+def verdicts_of(what: str, steps: list[dict]) -> list[str]:
+    """Of each name: wrong if it is neither what is missing nor tied with it."""
     right = SAME.get(what, (what,))
-    of = [
+    return [
         "right" if all(title.startswith(right) for title in (step["title"], *step["tied"])) else
         "tied" if any(title.startswith(right) for title in (step["title"], *step["tied"])) else "wrong"
         for step in steps
     ]  # fmt: skip
+
+
+def verdict_of(what: str, steps: list[dict]) -> str:
+    """Of a machine: wrong where one name is."""
+    of = verdicts_of(what, steps)
     return next((one for one in ("wrong", "tied", "right") if one in of), "nothing named")
+
+
+def rows_of(path: Path) -> list[dict]:
+    with gzip.open(path, "rt", encoding="utf-8") as file:
+        return [json.loads(line) for line in file]
+
+
+@cache
+def commit() -> str:
+    """At the first call: of the code that runs."""
+    return subprocess.run(
+        ["git", "rev-parse", "--short=8", "HEAD"], capture_output=True, text=True, check=True
+    ).stdout.strip()
+
+
+def state(rows: list[dict]) -> str:
+    """calibration.toml: verdicts of each kind on sealed machines of both journals, and how many of them are wrong."""
+    wrong: dict[str, list[bool]] = {"name": [], "tie": [], "formula": []}
+    for row in rows:
+        for step, verdict in zip(row["steps"], verdicts_of(row["missing"], row["steps"]), strict=True):
+            wrong["tie" if step["tied"] else "name"].append(verdict == "wrong")
+        if row["stated"] is not None:
+            wrong["formula"].append(row["stated"] not in FORMULA.get(row["missing"], [row.get("truth")]))
+    seeds, commits = sorted(row["seed"] for row in rows), sorted({row["commit"] for row in rows})
+    lines = [
+        "# Verdicts on made-up machines that nobody had seen. Written by `python benchmarks/own_calibration.py --state`.",
+        'command = "benchmarks/own_calibration.py, own_formulas.py"', f"seeds = {seeds}", f"commits = {json.dumps(commits)}",
+        *(f"{kind} = {{ wrong = {sum(of)}, of = {len(of)} }}" for kind, of in wrong.items()),
+    ]  # fmt: skip
+    return "\n".join(lines) + "\n"
 
 
 def judged(seed: int) -> dict:
@@ -228,7 +273,9 @@ def judged(seed: int) -> dict:
         kind, sort, what = machine(seed, place)
         trace = trace_own(load_simulated(place))
     steps = [{"title": step.title, "nats": step.nats, "chance": step.chance, "tied": step.tied} for step in trace.steps]
+    formula = trace.formula
     return {
+        "commit": commit(), "stated": formula.best.title if formula is not None and formula.proven else None,
         "seed": seed, "kind": kind, "sort": sort, "missing": what, "verdict": verdict_of(what, steps), "steps": steps,
         "refused": [(one.title, one.nats, one.why) for one in trace.found.refused], "seconds": time.process_time() - began,
     }  # fmt: skip
@@ -240,7 +287,15 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--only", nargs="+", default=["none", "library", "outside"], help="classes of what is missing")
     parser.add_argument("--out", type=Path, default=JOURNAL)
+    parser.add_argument("--state", action="store_true", help="write the stated chance from both journals, and end")
     asked = parser.parse_args()
+    if asked.state:
+        own = [row for row in rows_of(JOURNAL) if row["seed"] >= SEALED]
+        STATED.write_text(
+            state(own + [row for row in rows_of(FORMULAS) if row["seed"] >= SEALED_FORMULAS]), encoding="utf-8"
+        )
+        return
+    print(f"commit {commit()}")
     counts: dict[str, dict[str, int]] = {}
     for seed in range(asked.first, asked.first + asked.count):
         if drawn(np.random.default_rng(seed))[1] not in asked.only:

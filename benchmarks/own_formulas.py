@@ -22,12 +22,11 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from own_calibration import DRIVE, FINE, RUNS, filled, motion, slow_noise
+from own_calibration import DRIVE, FINE, FORMULAS, RUNS, commit, filled, motion, rows_of, slow_noise
 
 from hexsim.own.folder import load_simulated
 from hexsim.own.trace import trace_own
 
-JOURNAL = Path(__file__).parent / "results" / "own_formulas.jsonl.gz"
 PAGE = Path(__file__).parents[1] / "docs" / "results" / "own_formulas.md"
 SLIPS = np.array([0.1, 0.25, 0.5, 0.9])  # of the reach: where the springs in parallel begin to slip
 # What is missing -> its formula at its place; none where it remembers or hangs on time.
@@ -112,8 +111,10 @@ def judged(seed: int, what: str) -> dict:
         trace = trace_own(load_simulated(place))
     formula, truth = trace.formula, TRUTH[what]
     stated = formula.best.title if formula is not None and formula.proven else None
+    steps = [{"title": step.title, "tied": step.tied} for step in trace.steps]
     return {
-        "seed": seed, "missing": what, "truth": truth, "stated": stated, "why": formula.why if formula else "",
+        "commit": commit(), "steps": steps, "seed": seed, "missing": what, "truth": truth, "stated": stated,
+        "why": formula.why if formula else "",
         "verdict": "none" if stated is None else "right" if stated == truth else "wrong",
         "named": [step.title for step in trace.steps], "seconds": time.process_time() - began,
         "fitted": [(one.title, one.nats, one.compared) for one in formula.fitted] if formula else [],
@@ -151,17 +152,12 @@ def page(rows: list[dict]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def rows_of(path: Path) -> list[dict]:
-    with gzip.open(path, "rt", encoding="utf-8") as file:
-        return [json.loads(line) for line in file]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--first", type=int, default=40000)
     parser.add_argument("--runs", type=int, default=1, help="machines of each effect")
     parser.add_argument("--only", nargs="+", default=list(TRUTH), help="missing effects")
-    parser.add_argument("--out", type=Path, default=JOURNAL)
+    parser.add_argument("--out", type=Path, default=FORMULAS)
     parser.add_argument("--page", action="store_true", help="write the page of the journal, and end")
     asked = parser.parse_args()
     if asked.page:

@@ -9,7 +9,6 @@ as well. Fits and names see the estimation records alone; the test records are s
 from __future__ import annotations
 
 import argparse
-import gzip
 import json
 import re
 import time
@@ -19,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from own_calibration import JOURNAL, SEALED, verdict_of
+from own_calibration import JOURNAL, SEALED, rows_of, verdict_of
 from scipy.io import loadmat
 
 from hexsim.files.atomic import write_text
@@ -30,6 +29,7 @@ from hexsim.own.folder import OwnFolder, load_simulated
 from hexsim.own.model import model_of
 from hexsim.own.problem import fit_own, problem_of
 from hexsim.own.run import simulated
+from hexsim.own.stated import counts, stated
 from hexsim.own.trace import OwnTrace
 from hexsim.own.trace_files import trace_simulated
 
@@ -163,8 +163,7 @@ def row(name: str, data: Path, work: Path) -> tuple[list[str], list[str]]:
 
 def wrong_names() -> str:
     """A table of the sealed rows of own_calibration.py by thousands of seeds, with 95 % intervals (Wilson 1927)."""
-    with gzip.open(JOURNAL, "rt", encoding="utf-8") as file:
-        rows = [row for row in map(json.loads, file) if row["seed"] >= SEALED]
+    rows = [row for row in rows_of(JOURNAL) if row["seed"] >= SEALED]
     kinds = ("right", "tied", "wrong", "nothing named")
     lines = [
         "| seeds | missing | machines | right | tied with the right one | wrong | no name | wrong, 95 % |",
@@ -179,11 +178,12 @@ def wrong_names() -> str:
             ("outside", "an effect outside it"),
         ):
             found = [verdict_of(row["missing"], row["steps"]) for row in own if row["sort"] == sort]
-            counts = [found.count(kind) for kind in kinds]
-            low, high = wilson(counts[2], len(found))
-            lines.append(
-                f"| {seeds} | {words} | {len(found)} | {' | '.join(map(str, counts))} | {100 * max(low, 0.0):.0f} to {100 * high:.0f} % |"
-            )
+            if not found:
+                continue
+            counted = [found.count(kind) for kind in kinds]
+            low, high = wilson(counted[2], len(found))
+            share = f"{100 * max(low, 0.0):.0f} to {100 * high:.0f} %"
+            lines.append(f"| {seeds} | {words} | {len(found)} | {' | '.join(map(str, counted))} | {share} |")
     return "\n".join(lines)
 
 
@@ -215,6 +215,7 @@ def main() -> None:
     figures, names = ([line for row in rows for line in row[key]] for key in ("figures", "names"))
     template = (ROOT / "benchmarks" / "public_tables.md.in").read_text(encoding="utf-8")
     template = template.replace("@WRONG@", wrong_names())
+    template = template.replace("@STATED@", "\n".join(f"- {stated(kind)}" for kind in counts()))
     page = template.replace("@FIGURES@", "\n".join(figures)).replace("@NAMES@", "\n".join(names))
     write_text(asked.out, page)
 

@@ -62,10 +62,6 @@ class Machine(Forms, Protocol):
         """Models with some of them at amplitude 0, and each with the names of its amplitudes there."""
         ...
 
-    def memories(self, chosen: Sequence[Any], form: Any, now: Fit) -> Sequence[Any]:
-        """Free forms that remember, at the place of a formula."""
-        ...
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Formula:
@@ -259,9 +255,7 @@ def settled(machine: Machine, ground: Ground, made: Sought, library: list[tuple[
         why = f"{best.title} is the likeliest of {len(made.judged)} that were fitted, and others come near"
     else:
         with_it = [*ground.chosen, best.candidate]
-        memories = machine.memories(ground.chosen, form, best.fitted)
-        left = remainders(machine, with_it, best.fitted) + remainders(machine, with_it, best.fitted, memories)
-        doubted = with_open_form([best], left)
+        doubted = with_open_form([best], remainders(machine, with_it, best.fitted))
         why = f"{best.title} is the likeliest: {doubted[0].why}" if doubted else ""
     return Formula(best=best, form=form, rivals=rivals, why=why, fitted=[one for _, one in made.judged])
 

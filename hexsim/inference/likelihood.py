@@ -246,8 +246,7 @@ def least(data: Coefficients, theta: Array, spectra: Sequence[Spectrum], evaluat
         return np.concatenate([np.clip(real(finite(data.residuals(new)), scales), -FAR, FAR), (new - mean) * precision])
 
     def jacobian(x: Array) -> Array:
-        slopes = np.clip(np.nan_to_num(real(data.slopes(whole(x)), scales)), -(FAR**2), FAR**2)
-        return np.concatenate([slopes, np.diag(precision)])[:, free]
+        return np.concatenate([bounded(real(data.slopes(whole(x)), scales)), np.diag(precision)])[:, free]
 
     with np.errstate(divide="ignore", invalid="ignore"):  # scipy divides by the slope of a number that does nothing
         found = least_squares(
@@ -260,7 +259,12 @@ def least(data: Coefficients, theta: Array, spectra: Sequence[Spectrum], evaluat
 def whitened(data: Coefficients, theta: Array, spectra: Sequence[Spectrum]) -> tuple[Array, Array]:
     """Residual (2 m,) and slopes (2 m, k) with unit variance."""
     scales = data.scales(spectra)
-    return real(finite(data.residuals(theta)), scales), np.nan_to_num(real(data.slopes(theta), scales))
+    return real(finite(data.residuals(theta)), scales), bounded(real(data.slopes(theta), scales))
+
+
+def bounded(slopes: Array) -> Array:
+    """Those of a motion that runs away, too."""
+    return np.clip(np.nan_to_num(slopes), -(FAR**2), FAR**2)
 
 
 def curvature(data: Coefficients, theta: Array, spectra: Sequence[Spectrum], with_spread: bool) -> tuple[Array, Array]:

@@ -48,8 +48,9 @@ class Forms(Protocol):
         """The declared model with these effects in it."""
         ...
 
-    def free_forms(self, chosen: Sequence[Any], now: Fit) -> Sequence[Any]:
-        """The most general laws over the signals that each place of the model can depend on: what is left there shows in them."""
+    def free_forms(self, chosen: Sequence[Any], now: Fit) -> Sequence[Sequence[Any]]:
+        """The most general laws over the signals that each place of the model can depend on, and memories where something is chosen:
+        what is left there shows in them. Each as its parts."""
         ...
 
 
@@ -156,24 +157,26 @@ def one_round(
     return [with_ties(one, judged) for one in judged], compared
 
 
-def remainders(machine: Forms, chosen: Sequence[Any], now: Fit, forms: Sequence[Any] | None = None) -> list[Remainder]:
-    """What a free form (default: each of the machine's) would take at its place beside everything that is chosen, to first order.
+def remainders(machine: Forms, chosen: Sequence[Any], now: Fit) -> list[Remainder]:
+    """What each free form would take at its place beside everything that is chosen, to first order.
 
-    Its shapes are tried from smooth to rough (Neyman 1937): a law that resembles the named one differs smoothly from it.
+    Its shapes are tried from smooth to rough (Neyman 1937): a law that resembles the named one differs smoothly from it. Memories have
+    no place: they open no form, for a time step that is a little too long looks like one, but reject what takes nothing beside them.
     """
     found = []
-    for form in machine.free_forms(chosen, now) if forms is None else forms:
+    for form in machine.free_forms(chosen, now):
         try:
-            problem = machine.problem([*chosen, form])
+            problem = machine.problem([*chosen, *form])
         except HexsimError:
             continue  # together too large to be written
         x, y, names = looked_at(problem, now)
         at = np.array([now.value(name) if name in now.names else 0.0 for name in names])
-        own = [names.index(name) for name in form.amplitude]
+        own = np.column_stack([x[:, [names.index(name) for name in one.amplitude]] @ one.shapes for one in form])
         columns = [names.index(name) for name in now.names]
-        nats = taken(x[:, columns], x[:, own] @ form.shapes, y)
+        nats = taken(x[:, columns], own, y)
         beside = {one.title: still(x, y, [names.index(name) for name in one.amplitude], at) for one in chosen}
-        found.append(Remainder(title=form.title, place=form.place, nats=nats, beside=beside))
+        place = "" if form[0].has_memory else form[0].place
+        found.append(Remainder(title=form[0].title, place=place, nats=nats, beside=beside))
     return found
 
 

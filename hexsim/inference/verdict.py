@@ -65,11 +65,16 @@ def judge(
             errors[name] = (before.rms(c), after.rms(c), mean_over_error(before.losses(c) - after.losses(c)))
     unsure = stand_in(fitted, amplitude) or replaced(fitted, before.fits)
     verdict, why = said(gains, errors, unsure, needed(tried))
-    numbers = len(fitted.theta) - len(before.fits[0].theta)
+    numbers = len(of_machine(fitted)) - len(of_machine(before.fits[0]))
     return Judgment(
         candidate=candidate, title=title, count=numbers, compared=tried, fitted=fitted, after=after, gains=gains,
         errors=errors, verdict=verdict, why=why,
     )  # fmt: skip
+
+
+def of_machine(fitted: Fit) -> list[str]:
+    """Numbers that are not of a run or of how it begins."""
+    return [number.name for number in fitted.problem.numbers if not number.local]
 
 
 def needed(compared: int) -> float:

@@ -78,6 +78,7 @@ candidates = [
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 from pydantic import ConfigDict, Field
@@ -137,6 +138,12 @@ class MemoryTable(Section):
 
     kind: str
     of: str
+    start: str | None = None
+
+    def changed(self, swap: Callable[[str], str]) -> MemoryTable:
+        """With other texts for its formulas."""
+        extra = {key: swap(str(value)) for key, value in (self.__pydantic_extra__ or {}).items()}
+        return self.model_copy(update={"of": swap(self.of), **extra})
 
 
 class OutputTable(Section):

@@ -241,8 +241,8 @@ def candidates(row: EffectRow, on: str, other: str | None, tables: ModelTables, 
         for name, number in numbers.items()
     }
     if memory is not None and row.memory is not None:
-        extra = {key: fill(str(value)) for key, value in (row.memory.__pydantic_extra__ or {}).items()}
-        made = (memory, MemoryTable.model_validate({"kind": row.memory.kind, "of": fill(row.memory.of), **extra}))
+        begins = row.memory.start if tables.simulation.anew_s is None else None  # a number of the run, not of its parts
+        made = (memory, row.memory.changed(fill).model_copy(update={"start": begins}))
     base = Candidate(
         name=row.name, on=on, what=row.what, other=other, formulas=formulas, numbers=numbers, amplitude=tuple(amplitude),
         memory=made, switch=switch, curve=(named, curve) if curve else None, rival=row.rival,

@@ -85,7 +85,8 @@ def memory_states(tables: ModelTables, where: str) -> tuple[dict[str, tuple[Stat
         state = name if stateless or element.gives is None else f"{name}__state"
         fill = lambda text, keys=keys, state=state: None if text is None else filled(text, keys | {"state": state})  # noqa: E731
         if not stateless:
-            states[state] = StateTable(rate=fill(element.rate), start=fill(element.start) or "0"), fill(element.after)
+            start = table.start or fill(element.start) or "0"
+            states[state] = StateTable(rate=fill(element.rate), start=start), fill(element.after)
         if element.gives is not None:
             given[name] = fill(element.gives) or ""
     return states, given

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from hexsim.own.declaration import EffectNumber, EffectRow, MemoryTable, ModelTables
-from hexsim.own.effects import UNITS, Candidate, Sizes, candidates, known_unit
+from hexsim.own.effects import UNITS, Candidate, Sizes, candidates, known_unit, place_of
 
 STANDARD = (0.5, 1.0, 1.5, 2.0, 3.0)  # exponents of laws: roots, areas, weirs and contacts, kinetic pressure, cubes
 HALF_WAVES = 25  # over the range of a signal, of the finest sine that is tried
@@ -23,6 +23,7 @@ KNEES = (-0.6, -0.3, 0.0, 0.3, 0.6)  # of half the range: starts of a knee
 WIDTHS = (0.05, 0.2, 0.6)  # of half the range: starts of tanh's width
 EXPONENTS = (0.7, 1.3, 1.7, 2.5)  # starts of a fitted exponent
 FIRST_LATE = 2.0  # samples: shortest time constant by which a memory is looked for; the longest is a tenth of a run
+PLAYS = (0.1, 0.25, 0.5, 1.0, 1.5)  # widths, of half the range of a place; 2 would never be filled
 LATER = 3.0  # from one time constant to the next: a lag between two differs from one of them by 0.27 at most
 
 
@@ -253,31 +254,42 @@ def signal_of(tables: ModelTables, name: str, sizes: Sizes, what: str) -> Signal
 
 
 def memories(
-    tables: ModelTables, form: Form, fitted: Mapping[str, float], sizes: Callable[[str, str], Sizes]
-) -> list[Candidate]:
-    """What follows the formula or a signal of its sum late, or damps by what was: a force that remembers is in none of its signals."""
-    on, text = form.candidate.on, form.candidate.formulas.get("adds")
-    if form.candidate.what != "sum":
+    tables: ModelTables, effect: Candidate, fitted: Mapping[str, float], sizes: Callable[[str, str], Sizes]
+) -> list[list[Candidate]]:
+    """What follows the effect or a signal of its sum late, damps by what was, or plays over the place: each with every time constant or
+    width. A force that remembers is in none of its signals."""
+    on, text, at = effect.on, effect.formulas.get("adds"), place_of(effect.on, tables)
+    if effect.what != "sum":
         return []
-    own, found = sizes("sum", on), []
+    own = sizes("sum", on)
     asked = [(name, name, "{memory}", 1.0 / sizes("sum", name).X) for name in tables.states]
     asked += [
         (f"{name}**2", f"{name}**2", "{x} * {memory}", 1.0 / own.X / sizes("sum", name).X ** 2)
         for name in tables.states
     ]
-    if text is not None:
-        values = {name: f"({float(fitted[name])!r})" for name in form.candidate.numbers}
-        asked.append((form.candidate.name, with_values(text, values), "{memory}", 1.0 / own.S))
+    if text is not None and effect.memory is None and effect.curve is None:
+        values = {name: f"({float(fitted[name])!r})" for name in effect.numbers}
+        asked.append((effect.name, with_values(text, values), "{memory}", 1.0 / own.S))
     count = max(int(math.log(0.1 * own.D / (FIRST_LATE * own.T)) / math.log(LATER)), 0) + 1
-    for name, of, adds, scale in asked:
-        for k in range(count):
-            row = EffectRow(
-                name=f"some memory of {name}"[:80], on=on, adds=f"form_late * {adds}",
-                memory=MemoryTable.model_validate({"kind": "lag", "of": of, "time_s": FIRST_LATE * own.T * LATER**k}),
-                parameters={"form_late": EffectNumber(scale=0.05 * own.S * scale)},
-            )  # fmt: skip
-            found += [replace(one, shape=f"late {k + 1}") for one in candidates(row, on, None, tables, own)]
-    return found
+    late = [{"kind": "lag", "time_s": FIRST_LATE * own.T * LATER**k} for k in range(count)]
+    kinds = [(name, adds, scale, [{"of": of, **one} for one in late]) for name, of, adds, scale in asked]
+    if at is not None:
+        plays = [{"kind": "backlash", "of": at, "width": width * own.P} for width in PLAYS]
+        kinds.append((f"{at} with play", "{memory}", 1.0 / own.P, plays))
+    return [
+        [some_memory(tables, on, name, adds, scale, one, own, k) for k, one in enumerate(tries)]
+        for name, adds, scale, tries in kinds
+    ]
+
+
+def some_memory(
+    tables: ModelTables, on: str, name: str, adds: str, scale: float, memory: dict, own: Sizes, k: int
+) -> Candidate:
+    row = EffectRow(
+        name=f"some memory of {name}"[:80], on=on, adds=f"form_late * {adds}", memory=MemoryTable.model_validate(memory),
+        parameters={"form_late": EffectNumber(scale=0.05 * own.S * scale)},
+    )  # fmt: skip
+    return replace(candidates(row, on, None, tables, own)[0], shape=f"{k + 1}")
 
 
 def with_values(text: str, values: Mapping[str, str]) -> str:

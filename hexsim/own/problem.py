@@ -10,7 +10,7 @@ import numpy as np
 from hexsim.errors import HexsimError
 from hexsim.inference.contract import Number, Stretch
 from hexsim.inference.likelihood import Fit, fit
-from hexsim.own.model import Model
+from hexsim.own.model import START, Model
 from hexsim.own.simulate import FreeRun, Record, Simulator, records_of
 from hexsim.signals.log import Log
 
@@ -49,7 +49,9 @@ class OwnProblem:
             ],
             dtype=int,
         ).reshape(len(records), len(model.numbers))
-        self.pieces = pieces_of(self.records, any(number.of_run for number in model.numbers))
+        begins = {START + name for name in model.tables.memory}  # effects come and go, parts of the motion stay
+        of_run = any(number.of_run and number.name not in begins for number in model.numbers)
+        self.pieces = pieces_of(self.records, of_run)
         self.stretches = [
             Stretch(name=self.records[piece.record].name, group=piece.group, dt=self.records[piece.record].dt,
                     weight=self.records[piece.record].weight[piece.samples])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,6 +22,7 @@ from hexsim.own.model import model_of
 from hexsim.own.problem import OwnProblem, problem_of
 from hexsim.own.run import simulated
 from hexsim.own.sizes import sizes_of
+from hexsim.own.stated import kind_of, stated
 
 Array = np.ndarray
 
@@ -92,7 +94,9 @@ def said(found: Found, formula: Formula | None) -> str:
     parts = [begin]
     if formula is not None:
         parts.append(f"no form: {formula.why}" if formula.why else f"formula beyond the library: {formula.best.title}")
-    return "; ".join([*parts, *([f"likely, not proven: {', '.join(likely[:2])}"] if likely else [])])
+    kinds = [kind_of(step) for step in found.steps] + (["formula"] if formula is not None and formula.proven else [])
+    chances = map(stated, dict.fromkeys(kinds))
+    return "; ".join([*parts, *([f"likely, not proven: {', '.join(likely[:2])}"] if likely else []), *chances])
 
 
 class Simulated:
@@ -121,9 +125,15 @@ class Simulated:
         every = offered(declared, now.problem.simulator.model.inputs, sizes)
         return [candidate for candidate in every if candidate.rival is rival]
 
-    def free_forms(self, chosen: Sequence[Candidate], now: Fit) -> list[Candidate]:
-        """The most general laws over the signals of each place."""
-        return self.offers(chosen, now, True)
+    def free_forms(self, chosen: Sequence[Candidate], now: Fit) -> list[list[Candidate]]:
+        """The most general laws over the signals of each place, and memories at the places of what is chosen."""
+        assert isinstance(now.problem, OwnProblem)
+        declared, fitted = self.declared(chosen), dict(zip(now.names, map(float, now.theta), strict=True))
+        sizes = sizes_of(declared, now.problem, now.theta)
+        return [[form] for form in self.offers(chosen, now, True)] + [
+            [distinct(one, k) for k, one in enumerate(tries)]
+            for effect in chosen for tries in memories(declared, effect, fitted, sizes)
+        ]  # fmt: skip
 
     def candidates(self, chosen: Sequence[Candidate], now: Fit) -> tuple[OwnProblem, list[tuple[Candidate, list[str]]]]:
         """All that the library and the file offer, in one model."""
@@ -135,10 +145,12 @@ class Simulated:
         return self.of(everything), found
 
     def forms(self, chosen: Sequence[Candidate], now: Fit) -> list[Form]:
-        """Every formula over the machine's signals."""
+        """Every formula over the machine's signals but those that a chosen effect is."""
         assert isinstance(now.problem, OwnProblem)
         declared = self.declared(chosen)
-        return forms(declared, now.problem.simulator.model.inputs, sizes_of(declared, now.problem, now.theta))
+        every = forms(declared, now.problem.simulator.model.inputs, sizes_of(declared, now.problem, now.theta))
+        known = {written(one) for one in chosen}
+        return [form for form in every if written(form.candidate) not in known]
 
     def looks(
         self, chosen: Sequence[Candidate], every: Sequence[Form]
@@ -154,13 +166,12 @@ class Simulated:
                 problem = self.of(joined(self.declared(chosen), merged([one for _, one in part]), neutral=True))
                 yield problem, [(form, list(one.amplitude)) for form, one in part]
 
-    def memories(self, chosen: Sequence[Candidate], form: Form, now: Fit) -> list[Candidate]:
-        assert isinstance(now.problem, OwnProblem)
-        declared = self.declared(chosen)
-        fitted = dict(zip(now.names, map(float, now.theta), strict=True))
-        return memories(
-            declared, form, fitted, sizes_of(self.declared([*chosen, form.candidate]), now.problem, now.theta)
-        )
+
+def written(candidate: Candidate) -> tuple[str, ...]:
+    """Place and formulas, whatever their numbers are called and on which side they count."""
+    numbers = dict.fromkeys(candidate.numbers, "#")
+    texts = (re.sub(r"[\s()+-]", "", with_values(text, numbers)) for text in candidate.formulas.values())
+    return (candidate.place, *texts)
 
 
 def fixed(candidate: Candidate) -> Candidate:
@@ -203,14 +214,7 @@ def distinct(candidate: Candidate, k: int) -> Candidate:
              *([candidate.curve[0]] if candidate.curve else [])]  # fmt: skip
     new = {name: f"{name}_c{k}" for name in names}
     swap = lambda text: with_values(text, new)  # noqa: E731
-    memory = None
-    if candidate.memory:
-        table = candidate.memory[1]
-        extra = {key: swap(str(value)) for key, value in (table.__pydantic_extra__ or {}).items()}
-        memory = (
-            new[candidate.memory[0]],
-            type(table).model_validate({"kind": table.kind, "of": swap(table.of), **extra}),
-        )
+    memory = (new[candidate.memory[0]], candidate.memory[1].changed(swap)) if candidate.memory else None
     return replace(
         candidate, formulas={key: swap(text) for key, text in candidate.formulas.items()},
         numbers={new[name]: table for name, table in candidate.numbers.items()},

@@ -189,7 +189,7 @@ class BalanceMachine:
         problem = self.of([*self.balance.terms, *self.placed(chosen), *own])
         return problem, [(one, [term.name]) for one, term in zip(offered, own, strict=True)]
 
-    def free_forms(self, chosen: Sequence[TermCandidate], now: Fit) -> Sequence[TermCandidate]:
+    def free_forms(self, chosen: Sequence[TermCandidate], now: Fit) -> Sequence[Sequence[TermCandidate]]:
         """None: a balance is a sum of terms that its file names."""
         del chosen, now
         return ()

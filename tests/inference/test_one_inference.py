@@ -135,7 +135,7 @@ class Columns:
         return self.problem(self.offered), [(one, [one.title]) for one in self.offered]
 
     def free_forms(self, chosen, now):
-        return self.free
+        return [[form] for form in self.free]
 
 
 def test_what_is_missing_is_named_and_nothing_where_nothing_lacks():

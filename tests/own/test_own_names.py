@@ -6,7 +6,9 @@ import numpy as np
 import polars as pl
 import pytest
 
+from hexsim.inference.likelihood import fit
 from hexsim.inference.search import search
+from hexsim.own import stated
 from hexsim.own.declaration import ModelTables
 from hexsim.own.effects import Sizes, candidates, library, with_units
 from hexsim.own.folder import declared, load_simulated
@@ -36,27 +38,34 @@ steps = 2
 DT, N = 0.04, 250
 
 
-def run(seed: int, place_damping: float, play: float) -> pl.DataFrame:
-    """Written apart: mass 1, damping 1.5 + place_damping x^2, spring 20, play of the drive; 20 semi-implicit steps a sample."""
+def run(seed: int, place_damping: float, play: float, lag: float, slip: float) -> pl.DataFrame:
+    """Written apart: mass 1, damping 1.5 + place_damping x^2, spring 20, play of the drive and its lag, which begins at 0, springs of
+    stiffness `slip` that slip one after another; 20 semi-implicit steps a sample."""
     rng = np.random.default_rng(seed)
     t = np.arange(N) * DT
     command = sum(np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in rng.uniform(0.1, 1.2, 5)) / 2
-    x, v, held = 0.0, 0.0, command[0]
+    x, v, held, late = 0.0, 0.0, command[0], 0.0
+    ends, slid = np.array([0.05, 0.15, 0.4]), np.zeros(3)
     seen = np.zeros(N)
     for k in range(N):
         seen[k] = x
         held = min(max(held, command[k] - 0.5 * play), command[k] + 0.5 * play)
         for _ in range(20):
-            v += DT / 20 * (20 * held - (1.5 + place_damping * x * x) * v - 20 * x)
+            late += (held - late) * (1.0 if lag == 0 else 1 - np.exp(-DT / 20 / lag))
+            slid = np.clip(slid, x - ends, x + ends)
+            force = 20 * late - slip * float(np.sum(x - slid))
+            v += DT / 20 * (force - (1.5 + place_damping * x * x) * v - 20 * x)
             x += DT / 20 * v
     return pl.DataFrame({"time_s": t, "command": command, "x": seen + 0.003 * rng.standard_normal(N)})
 
 
-def machine(place, **missing: float) -> Simulated:
+def machine(place, steps: int = 2, **missing: float) -> Simulated:
     """Three runs of the plant, with the file that lacks this."""
-    (place / "model.toml").write_text(DRIVE)
+    (place / "model.toml").write_text(DRIVE.replace("steps = 2", f"steps = {steps}"))
     for seed, name in enumerate(("one", "two", "three")):
-        run(seed, **{"place_damping": 0.0, "play": 0.0} | missing).write_csv(place / f"{name}.csv")
+        run(seed, **dict.fromkeys(("place_damping", "play", "lag", "slip"), 0.0) | missing).write_csv(
+            place / f"{name}.csv"
+        )
     return Simulated(load_simulated(place))
 
 
@@ -115,6 +124,42 @@ def test_play_is_backlash_and_no_lag(tmp_path):
     assert found.steps[0].tied == []
     width = next(name for name in found.final.names if name.startswith("play"))
     assert found.final.value(width) == pytest.approx(0.15, abs=4 * found.final.error(width))
+
+
+@pytest.mark.timeout(300)
+def test_a_lag_before_a_linear_machine_is_tied_with_one_behind_it(tmp_path):
+    """A lag of the drive and one of the sensor give one motion but for how they begin, which nobody knows: each is tied with the other at
+    odds near 1, whichever of the beginnings the plant has."""
+    found = search(machine(tmp_path, steps=8, lag=0.1), most=1)
+    [step] = found.steps
+    assert {step.candidate.name, step.rivals[0].name} == {"lag of a drive", "lag of a sensor"}
+    assert float(step.tied[0].rsplit(" ", 1)[1]) < 10.0
+
+
+@pytest.mark.timeout(300)
+def test_springs_that_slip_are_no_named_hysteresis(tmp_path):
+    """Three springs that slip one after another gain as a hysteresis of the library, which takes nothing beside play over the place."""
+    found = search(machine(tmp_path, slip=4.0), most=1)
+    assert found.steps == []
+    assert any("play" in one.why and one.why.endswith("a stand-in") for one in found.refused)
+
+
+def test_a_formula_that_a_chosen_effect_is_is_not_offered(tmp_path):
+    """Beside quadratic friction v abs(v) is no formula of its own; before, and beside another effect, it is one."""
+    drive = machine(tmp_path)
+    now = fit(drive.problem(()))
+    known = {one.name: one for one in drive.offers((), now, False)}
+    offered = lambda *names: {form.title for form in drive.forms([known[name] for name in names], now)}  # noqa: E731
+    assert offered() - offered("quadratic friction") == {"v * abs(v) in v"}
+    assert "v * abs(v) in v" in offered("Coulomb friction")
+
+
+def test_the_stated_chance_is_a_count(monkeypatch):
+    """None wrong of 59 is at most 5 % (0.95^59 = 0.0485); all wrong is 1; the verdict of a name says the counts of its kind."""
+    assert stated.at_most(0, 59) == pytest.approx(1 - 0.05 ** (1 / 59))
+    assert stated.at_most(3, 3) == 1.0
+    monkeypatch.setattr(stated, "counts", lambda: {"name": (0, 59)})
+    assert stated.stated("name") == "wrong on made-up machines: 0 of 59 names alone, at most 5 % at 95 %"
 
 
 def test_numbers_of_the_library_have_the_places_units():
