@@ -158,11 +158,9 @@ def test_the_harmonic_is_that_of_the_last_periods():
     assert np.abs(found.raw[early]).min() > 0.1
 
 
-@pytest.mark.parametrize(
-    "name", ["[/red]", r"$\red$", "<script>alert(1)</script>", "a | b & c", "{{ 7 * 7 }}", "%s \\n `x`"]
-)
-def test_names_with_the_signs_of_any_markup_stay_text(tmp_path, name):
+def test_names_with_the_signs_of_any_markup_stay_text(tmp_path):
     """Figures are drawn, the page shows the name escaped, and the recording is written, whatever a name holds."""
+    name = r"[/red] $\red$ <script>alert(1)</script> a | b & c {{ 7 * 7 }} %s \n `x`"
     run = made_up_run(False, duration_s=3.0, messages=[(1.0, 1, name)])
     run.summary = {**run.summary, "scenario": name, "machine": name, "compensator": name, "warnings": [name]}
     signals = Signals.of_run(run, name)
