@@ -141,15 +141,16 @@ def main(
     for module, (wanted, names) in MODULES.items():
         if only not in module:
             continue
-        text = (ROOT / f"{module.replace('.', '/')}.py").read_text()
+        path = ROOT / f"{module.replace('.', '/')}.py"
+        text = path.read_text()
         n = len(places(ast.parse(text)))
-        if killed(module, compile(text, module, "exec"), [str(tests / name) for name in names.split()]):
+        if killed(module, compile(text, str(path), "exec"), [str(tests / name) for name in names.split()]):
             raise SystemExit(f"{names}: the tests fail without a change")
         for k in sorted(random.Random(f"{seed} {module}").sample(range(n), min(wanted, n))):
             tree = ast.parse(text)
             said = change(places(tree)[k])
             begun = time.monotonic()
-            code = compile(ast.fix_missing_locations(tree), str(ROOT / f"{module.replace('.', '/')}.py"), "exec")
+            code = compile(ast.fix_missing_locations(tree), str(path), "exec")
             is_dead = killed(module, code, [str(tests / name) for name in names.split()])
             count, died = count + 1, died + is_dead
             with out.open("a") as file:
