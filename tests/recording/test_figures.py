@@ -91,6 +91,14 @@ def test_what_the_log_lacks_is_not_drawn():
     assert list(run_figures(signals)) == ["motion", "pressures"]
 
 
+def test_the_flow_curve_leaves_out_how_the_motion_begins():
+    """A point for each sample behind the fade, and none before."""
+    signals = Signals.of_run(made_up_run(False))
+    points = [curve for curve in flow_curve(signals).axes[0].get_lines() if curve.get_marker() == "."]
+    behind = np.count_nonzero(signals.time_s >= signals.fade_s)
+    assert sum(len(curve.get_xdata()) for curve in points) == behind < len(signals.time_s)
+
+
 def test_comparison_has_one_row_a_run_to_one_scale():
     """Half the bump reads as half the height on the same axis, and each row names its run and its peak."""
     machine = made_up_machine(False)
