@@ -117,7 +117,8 @@ def killed(module: str, code: Any, tests: list[str]) -> bool:
         return os.waitpid(child, 0)[1] != 0
     with tempfile.TemporaryDirectory() as cache:
         silent = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(silent, 1), os.dup2(silent, 2)
+        os.dup2(silent, 1)
+        os.dup2(silent, 2)
         os.nice(5)
         import resource
 
