@@ -40,7 +40,7 @@ MODULES: dict[str, tuple[int, str]] = {  # module: places, tests
     "hexsim.mechanics.rigid_body": (3, "test_rigid_body.py"),
     "hexsim.smoothness.reversals": (3, "test_smoothness.py"),
     "hexsim.smoothness.perception": (3, "test_perception.py test_smoothness.py"),
-    "hexsim.setpoints.signals": (3, "motion_computer/test_signals.py"),
+    "hexsim.setpoints.formulas": (3, "motion_computer/test_signals.py"),
     "hexsim.cueing.washout": (2, "test_vehicle_cueing.py"),
     "hexsim.recording.figures": (4, "recording/test_figures.py"),
     "hexsim.recording.figure_style": (2, "recording/test_figures.py"),
