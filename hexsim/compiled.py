@@ -58,6 +58,7 @@ def compiled_callback(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     return made
 
 
+@cache
 def with_code(callback: Any) -> Any:
     """A callback compiled anew, with its LLVM code, which one from the cache has not."""
     signature = (callback._sig.args, callback._sig.return_type)

@@ -17,10 +17,10 @@ import typer
 from typer.testing import CliRunner
 
 import hexsim
-from hexsim.cli import app
-from hexsim.cli.errors import MOVED, SentenceGroup
+from hexsim.cli import SentenceGroup, app
+from hexsim.cli.errors import MOVED
 from hexsim.files.log_files import read_log
-from hexsim.machine.files import models_folder
+from hexsim.machine import models_folder
 
 ROOT = Path(hexsim.__file__).parents[1]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"}

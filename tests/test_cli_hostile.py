@@ -21,6 +21,7 @@ from hexsim.scenarios.resources import check_resources
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(hexsim.__file__).parents[1]), "COLUMNS": "120"}
 SHORT = ["-m", "bench", "--fast", "--duration", "1"]
+PLAIN = ["--no-report", "--no-recording"]
 
 
 def command(*arguments: str, cwd: Path, before: str = "", environment=None, **options):
@@ -67,7 +68,7 @@ def test_a_comparison_on_a_full_disk_keeps_its_figures(tmp_path):
 def test_output_that_cannot_be_printed_is_a_sentence(tmp_path):
     """stdout on a full device: code 2 and one line, and the run is in its place."""
     with open("/dev/full", "w") as full:
-        ended = command("run", "heave", *SHORT, "--out", "run", cwd=tmp_path, capture_output=False, stdout=full,
+        ended = command("run", "heave", *SHORT, *PLAIN, "--out", "run", cwd=tmp_path, capture_output=False, stdout=full,
                         stderr=subprocess.PIPE)  # fmt: skip
     assert ended.returncode == 2 and re.fullmatch(r"hexsim: cannot write.*No space left.*\n", ended.stderr), (
         ended.stderr

@@ -12,7 +12,7 @@ import compensation
 from hexsim.cli import app, completion
 from hexsim.hydraulics.effects import library
 from hexsim.machine import available_machines
-from hexsim.scenarios.scenario import available_scenarios
+from hexsim.scenarios import available_scenarios
 
 ROOT = Path(__file__).parents[1]
 

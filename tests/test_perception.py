@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexsim.smoothness.perception import felt_figures, mtvv, vibration_dose, weighted_rms, weighting
+from hexsim.smoothness.perception import felt_figures, mtvv, vibration_dose, weighted, weighted_rms, weighting
 
 TIME = np.arange(0.0, 20.0, 1e-3)
 W = 2 * np.pi * 0.5
@@ -22,6 +22,13 @@ def test_weightings_are_those_of_the_standard(kind: str, frequency_Hz: float, fa
 def test_a_sine_is_weighted_by_its_factor() -> None:
     """2 m/s2 at 8 Hz in heave: 2/sqrt(2) times 1.036."""
     assert weighted_rms(TIME, 2.0 * np.sin(2 * np.pi * 8.0 * TIME), "k") == pytest.approx(2**0.5 * 1.036, rel=5e-3)
+
+
+@pytest.mark.parametrize("kind", ["k", "d", "e"])
+def test_nothing_is_felt_before_it_happens(kind: str) -> None:
+    """The filters are causal: before a shock of 0.1 s the weighted acceleration is below 1 % of its largest."""
+    found = np.abs(weighted(TIME, (np.abs(TIME - 10.0) < 0.05) * 1.0, kind))
+    assert found[TIME < 9.9].max() < 0.01 * found.max()
 
 
 def test_shocks_count_by_their_running_second_and_by_the_fourth_power() -> None:

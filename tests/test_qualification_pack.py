@@ -11,10 +11,10 @@ import pytest
 from hexsim.cueing.washout import SMOOTHING_S, Washout
 from hexsim.files.run_folder import run_folder
 from hexsim.machine import load_machine
-from hexsim.qualification import Findings, MachineRig, part60
+from hexsim.qualification import Findings, MachineRig, Row, part60
 from hexsim.qualification.omct import TESTS, FREQUENCIES_rad_s, machine_response, omct
 from hexsim.qualification.pack import changed_files, pack_rows, page, recorder, write_manifest
-from hexsim.qualification.rows import APPLICANT, COMMON_TURN, NO_LIMIT, Row
+from hexsim.qualification.rows import APPLICANT, COMMON_TURN, NO_LIMIT
 from hexsim.scenarios import Scenario
 from hexsim.setpoints.signals import Sine
 

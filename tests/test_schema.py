@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from hexsim.cli import app
 from hexsim.cli.schema import machine_schema, scenario_schema
 from hexsim.hydraulics.effects import library
-from hexsim.machine.files import models_folder
+from hexsim.machine import models_folder
 from hexsim.scenarios.scenario import FOLDER
 
 DATA = Path(__file__).parent / "data"

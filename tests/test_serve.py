@@ -437,8 +437,10 @@ def test_telemetry_without_a_host_is_not_kept() -> None:
         assert len(server.telemetry._rows) < 4
 
 
-@pytest.mark.parametrize("signal_name", ["SIGINT", "SIGTERM"])
-@pytest.mark.parametrize("more", [[], ["--lockstep"], ["--from", "outsim"]])
+@pytest.mark.parametrize(
+    ("signal_name", "more"),
+    [("SIGINT", []), ("SIGTERM", []), ("SIGINT", ["--lockstep"]), ("SIGTERM", ["--from", "outsim"])],
+)
 def test_the_first_signal_ends_serve(signal_name: str, more: list[str]) -> None:
     """Silent and flooded, in real time and in lockstep: the command ends by itself after one signal, with its status and
     code 0, and no traceback."""

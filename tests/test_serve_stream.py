@@ -14,6 +14,7 @@ from websockets.typing import Subprotocol
 from hexsim.cli import app
 from hexsim.errors import HexsimError
 from hexsim.signals.table import table
+from hexsim.simulation import stream as stream_module
 from hexsim.simulation.live import LiveMachine
 from hexsim.simulation.serve import Server
 from hexsim.simulation.stream import LAYOUT, PORT, FoxgloveStream, JsonStream, RerunStream, open_stream, play_log
@@ -122,8 +123,8 @@ def test_rerun_gets_every_number(tmp_path, monkeypatch):
     than ten calls a second."""
     import rerun as rr
 
+    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda self, url: None)
     stream, sent = RerunStream("rerun+http://127.0.0.1:9/proxy"), []
-    stream.recording = rr.RecordingStream("hexsim")
     stream.recording.save(tmp_path / "rows.rrd")
     column, columns = rr.TimeColumn, rr.Scalars.columns
     monkeypatch.setattr(
@@ -139,8 +140,9 @@ def test_rerun_gets_every_number(tmp_path, monkeypatch):
     assert (tmp_path / "rows.rrd").stat().st_size > 1000
 
 
-def test_without_a_viewer_nothing_is_raised():
-    """Rerun's address with nobody at it: rows and the end pass."""
+def test_without_a_viewer_nothing_is_raised(monkeypatch):
+    """Rerun's address with nobody at it: rows and the end pass. A wait of 0.2 s for it is enough."""
+    monkeypatch.setattr(stream_module, "FLUSH_s", 0.2)
     stream = open_stream("rerun+http://127.0.0.1:9/proxy")
     stream.row(0.0, {"position_m": 0.1, "pressure_top_Pa": None})
     stream.close()

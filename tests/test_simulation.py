@@ -14,7 +14,7 @@ from hexsim.machine.files import changed
 from hexsim.scenarios import available_scenarios, load_scenario, replay_scenario, scenario_from_dict
 from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.simulation import simulate
-from hexsim.smoothness.band import band_limit
+from hexsim.smoothness import band_limit
 
 BENCH_COLUMNS = [
     "time_s",

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -393,7 +394,7 @@ def test_a_worker_that_dies_is_a_row_and_no_end(own, tmp_path):
     """sys.exit, os._exit and SIGKILL in a compensator, two processes: each such case is a failed row that says how, all
     others have their figures; again costs no run; --retry-failed runs the failed ones alone."""
     names = ["own_mod:Exits", "own_mod:Dies", "own_mod:Killed", "none"]
-    wanted, table = short(compensators=names, seeds=[0, 1]), tmp_path / "t.parquet"
+    wanted, table = short(compensators=names, seeds=[0]), tmp_path / "t.parquet"
 
     def run(**options):
         workers = Workers(2)
@@ -402,19 +403,17 @@ def test_a_worker_that_dies_is_a_row_and_no_end(own, tmp_path):
         finally:
             workers.shutdown(cancel_futures=True)
 
-    assert run() == 8
-    for _ in range(2):
+    assert run() == 4
+    for again in (0, 3):
+        assert run(retry_failed=again > 0) == again
         rows = pl.read_parquet(table)
-        assert rows["compensator"].to_list() == [name for name in names for _ in range(2)]
-        assert rows["complete"].to_list() == [False] * 6 + [True] * 2
-        for errors, says in zip(
-            (rows["error"][0:2], rows["error"][2:4], rows["error"][4:6]),
-            ("SystemExit", "WorkerDied: .*exit code 0", "WorkerDied: .*SIGKILL"), strict=True,
-        ):  # fmt: skip
-            assert errors.str.contains(says).all(), errors
-        assert rows["leg_peak_band_m_s2"].null_count() == 6
-        assert run() == 0
-        assert run(retry_failed=True) == 6
+        assert rows["compensator"].to_list() == names
+        assert rows["complete"].to_list() == [False] * 3 + [True]
+        for error, says in zip(
+            rows["error"], ("SystemExit", "WorkerDied: .*exit code 0", "WorkerDied: .*SIGKILL"), strict=False
+        ):
+            assert re.search(says, error), error
+        assert rows["leg_peak_band_m_s2"].null_count() == 3
 
 
 def test_rows_of_other_inputs_are_not_served(own, tmp_path, monkeypatch):

@@ -39,10 +39,9 @@ from hexsim.qualification.rows import (
     turn_around_row,
 )
 from hexsim.signals.log import Log
-from hexsim.smoothness import band_limit, describing_function
+from hexsim.smoothness import BANDWIDTH_Hz, band_limit, describing_function
 
 Array = NDArray[np.float64]
-BANDWIDTH_Hz = 50.0
 SAMPLES_A_PERIOD = 2.56  # of the highest frequency in a log: what anti-aliasing filters leave
 DRIVEN_m, DRIVEN_rad = 1e-3, 1e-3  # an axis with a smaller command is not driven,
 DRIVEN_SHARE = 0.05  # nor one with so little of the largest (rad as m)

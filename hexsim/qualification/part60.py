@@ -35,7 +35,7 @@ from hexsim.qualification.rows import NAMES, ROTATIONS, Row, g0
 from hexsim.scenarios import Scenario
 from hexsim.setpoints.signal import Signal
 from hexsim.simulation.serve import Server
-from hexsim.smoothness import band_limit
+from hexsim.smoothness import BANDWIDTH_Hz, band_limit
 
 Array = NDArray[np.float64]
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -47,13 +47,11 @@ ONSET_SHORT = (
 )
 NO_NUMBER = "no published number"
 NOISE = "no published number; [K] commonly beside 1e-6 g²/Hz"
-NOISE_g2_Hz = 1e-6
 LEAST_FORCE, LEAST_RATE, LEAST_TURN = 0.3 * g0, math.radians(10.0), math.radians(5.0)  # 3.d: m/s2, rad/s, rad/s2
 MARGIN = 1.05  # over these, so that a rounded figure is not below them
 FREQUENCY_Hz, LENGTH_S, FADE_S = 1.0, 8.0, 2.0  # of the repeatability's sines
 TAIL_S = 0.5  # they go on behind what is judged: who looks ahead must not see the end of the record as a stop
 PILOT_m = (1.5, 0.5, 1.0)  # from the vehicle's centre of gravity: forward, left, up; the applicant's, here an example
-BAND_Hz = 50.0
 ONSET_PERIOD_S, ONSET_SHARE = 1.0, 0.1  # of the sine that sets in; an onset is this share of its asked peak
 ONSET_m_s2, ONSET_rad_s2 = 0.3, 0.3  # 48 mm and 2.7 deg: far from the limits of a platform that carries people
 NOISE_S = 20.0
@@ -147,7 +145,7 @@ def repeatability(
         first, second = (rig.play(scenario, seed) for seed in (0, 1))
         late = (first.time_s >= FADE_S) & (first.time_s < LENGTH_S)
         differences = {
-            name: band_limit(first.time_s, first.acceleration[name] - second.acceleration[name], BAND_Hz)[late]
+            name: band_limit(first.time_s, first.acceleration[name] - second.acceleration[name], BANDWIDTH_Hz)[late]
             for name in AXES[:3]
         }
         largest = max(float(np.abs(values).max()) for values in differences.values())
@@ -290,7 +288,7 @@ def noise(rig: MachineRig) -> tuple[list[Row], list[Trace]]:
             late = motion.time_s >= 2.0
             rate = 1.0 / (motion.time_s[1] - motion.time_s[0])
             frequency, power = welch(motion.acceleration[axis][late] / g0, rate, nperseg=round(4.0 * rate))
-            band = (frequency >= 0.5) & (frequency <= BAND_Hz)
+            band = (frequency >= 0.5) & (frequency <= BANDWIDTH_Hz)
             columns |= {"frequency_Hz": frequency[band], f"{axis}_g2_Hz": power[band]}
             rows.append(
                 Row(test="platform noise", axis=NAMES[axis], figure="largest power density, 0.5 to 50 Hz", unit="g²/Hz",

@@ -11,7 +11,10 @@ from pathlib import Path
 from hexsim.errors import HexsimError
 from hexsim.readers.reader import MAX_CELLS
 
-PIECE = 1 << 20  # bytes that are inflated at once where only their number counts
+PIECE = 1 << 20  # bytes that are inflated at once
+LARGEST_PART = 1 << 26  # bytes of a chunk or a message, unpacked: rosbag writes chunks of 0.75 MB, MCAP of 1 to 16 MB
+LARGEST_LOG = 1 << 30  # bytes of a whole log, unpacked
+MOST_COLUMNS = 200  # of a matrix
 UNPACKED = 8 * MAX_CELLS  # bytes
 ELEMENTS = 200_000  # arrays of a MAT-file, those in structs and cells too
 MATRIX, COMPRESSED = 14, 15  # kinds of elements of a MAT-file of version 5

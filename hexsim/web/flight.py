@@ -28,13 +28,12 @@ from hexsim.simulation.serve import PORT, HostInput, Server
 from hexsim.simulation.serve_status import SILENT_S, Status
 from hexsim.simulation.stream import Stream
 from hexsim.simulation.vehicle_link import Vehicle, VehicleLink
+from hexsim.web.session import FRAME_S, STOP_S
 
 Array = NDArray[np.float64]
 GRAVITY = np.array([0.0, 0.0, g])
-FRAME_S = 1.0 / 30.0
 SHOWN_S = 10.0  # of flown and felt
 ROW_S = 0.02  # between its rows, each a mean
-STOP_S = 1.0  # for a tick to end
 LAST_MESSAGES = 3
 
 

@@ -20,11 +20,11 @@ from hexsim.simulation.recent_motion import MotionFigures, RecentMotion, motion_
 from hexsim.simulation.stream import Stream
 from hexsim.web.knobs import Wave, machine_with, settings_of, wave_of, waves
 
-FRAME_S = 1.0 / 30.0
+FRAME_S = 1.0 / 30.0  # of a page
 LONGEST_CATCH_UP_S = 0.1  # a computer that is slower than real time shows slow motion instead of standing still
 CUT = "The motion asks for more than the strokes: it is cut at their ends."
 WARNINGS = 3  # that the page has room for
-STOP_S = 1.0  # for a frame to end
+STOP_S = 1.0  # for a frame or a tick to end
 SETTLE_S = 0.5  # after a change, before the figures count
 
 

@@ -8,10 +8,10 @@ import pytest
 from leg_plant import Leg, Record, run
 
 import compensation
+from compensation import Context
 from compensation.adaptive import Adaptive
 from compensation.adaptive.delay import BETWEEN_LAGS_S, FIRST_OF_THREE, SPOOL_LAGS_S, WEIGHTS_OF_THREE, found_delay_s
 from compensation.adaptive.layout import LATES, SPOOLS
-from compensation.compensator import Context
 
 SPOOL_LAG_S = 1.4 / (2.0 * math.pi * 60.0)  # 2 damping / w of the 60 Hz spool of the plant
 

@@ -245,6 +245,7 @@ def test_sequential_test_decides_both_ways(grid: Any) -> None:
     assert abs(grid.evidence(15, 5)) < grid.bound()
 
 
+@pytest.mark.slow  # the inverse alone compiles for 12 s
 @pytest.mark.parametrize("four_way", [False, True])
 def test_perfect_inverse_leaves_next_to_nothing_without_noise(grid: Any, four_way: bool) -> None:
     """A drawn leg, 20 mV of hysteresis and a valve delay of 1.3 ms, no noise, fine volts: at most a thirtieth of plain control's."""

@@ -11,7 +11,7 @@ from compensation import Compensator, Context, Parameters, Sample
 from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer.position_loop import PositionLoop
-from hexsim.scenarios.scenario import scenario_from_dict
+from hexsim.scenarios import scenario_from_dict
 from hexsim.simulation import simulate
 from hexsim.smoothness import response_delay_s
 

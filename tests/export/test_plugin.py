@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 
 import hexsim as hx
 from hexsim.cli import app
-from hexsim.export.plugin import NAME, export_plugin, machine_xml
+from hexsim.export import export_plugin
+from hexsim.export.plugin import NAME, machine_xml
 from hexsim.plant import Plant
 
 pytest.importorskip("ziglang", reason="the export compiles C with the wheel `ziglang`: pip install hexsim[fmu]")

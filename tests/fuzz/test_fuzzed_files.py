@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from mutations import as_toml, at_bounds, mutated, torn
 
 from hexsim.cli.schema import machine_schema
-from hexsim.machine.files import models_folder
+from hexsim.machine import models_folder
 from hexsim.scenarios.scenario import FOLDER
 
 BENCH = tomllib.loads((models_folder() / "bench" / "machine.toml").read_text())

@@ -11,8 +11,8 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 from hexsim.errors import HexsimError  # noqa: E402
 from hexsim.gym import HexsimEnv, HexsimVectorEnv, Task  # noqa: E402
 from hexsim.gym.task import DEVIATION_m_s2, Episodes, uncertain_key  # noqa: E402
-from hexsim.machine import load_machine  # noqa: E402
-from hexsim.machine.files import available_machines, changed  # noqa: E402
+from hexsim.machine import available_machines, load_machine  # noqa: E402
+from hexsim.machine.files import changed  # noqa: E402
 from hexsim.scenarios import Scenario  # noqa: E402
 from hexsim.setpoints.signals import Sine  # noqa: E402
 

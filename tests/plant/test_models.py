@@ -49,11 +49,11 @@ def test_every_element_of_the_scene_is_named(name, scene):
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(("model", "timestep"), [("full", 1e-4), ("full", None), ("tendon", 1e-4), ("tendon", None)])
 def test_random_volts_bring_no_warning(name, model, timestep):
-    """Every model steps 2 s under random valve volts, end stops included, without a MuJoCo warning."""
+    """Every model steps 1.2 s under random valve volts, end stops included, without a MuJoCo warning."""
     plant = Plant(load_machine(name), model=model, timestep=timestep)
     random = np.random.default_rng(7)
     lowest, highest = 1.0, 0.0
-    for _ in range(100):
+    for _ in range(60):
         volts = random.uniform(-10, 10, plant.n_legs)
         for _ in range(10):
             plant.tick(volts)
@@ -67,12 +67,12 @@ def test_random_volts_bring_no_warning(name, model, timestep):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_raw_scene_steps_without_warning(name):
-    """The scene file alone, without hexsim's oil, loads from `home` and steps 10 s under random volts without a warning."""
+    """The scene file alone, without hexsim's oil, loads from `home` and steps 4 s under random volts without a warning."""
     model = mujoco.MjModel.from_xml_path(str(models_folder() / name / "scene.xml"))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     random = np.random.default_rng(3)
-    for _ in range(20):
+    for _ in range(8):
         data.ctrl[:] = random.uniform(-10, 10, model.nu)
         mujoco.mj_step(model, data, 1000)
     assert not data.warning.number.any()
@@ -89,7 +89,7 @@ for path in sys.argv[1:]:
     slides = [model.joint(f"slide_{i + 1}").qposadr[0] for i in range(model.nu)]
     steps = round(1 / model.opt.timestep)
     drift = 0.0
-    for tenth in range(100):
+    for tenth in range(30):
         mujoco.mj_step(model, data, steps // 10)
         drift = max(drift, abs(data.qpos[slides]).max())
     data.ctrl[:] = 0.1 if path.endswith("scene.xml") else 0.02
@@ -102,7 +102,7 @@ print(json.dumps(done))
 
 
 def test_machines_stand_and_move_in_mujoco_alone(tmp_path):
-    """In a process without hexsim, from MuJoCo's own start: no piston leaves its place by 0.001 mm in 10 s. Then 0.1 V move
+    """In a process without hexsim, from MuJoCo's own start: no piston leaves its place by 0.0003 mm in 3 s. Then 0.1 V move
     each at the speed that the declared valve gives at rest, and a servo goes 20 mm, both within 0.1 mm.
 
     The ball ends give by 0.1 um under the load; the chord of the valve's gain is within 3 % of either direction's.
@@ -113,7 +113,7 @@ def test_machines_stand_and_move_in_mujoco_alone(tmp_path):
     )
     for path, (drift, *places) in json.loads(ended.stdout).items():
         machine = load_machine(Path(path).parent.name)
-        assert drift < 1e-6 and len(places) == machine.n_legs
+        assert drift < 3e-7 and len(places) == machine.n_legs
         target = 0.02
         if path.endswith("scene.xml"):
             rows, valve = declared_rows(machine), machine.valve

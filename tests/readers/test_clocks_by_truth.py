@@ -9,8 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hexsim.readers import files, read_stretches
-from hexsim.readers.mapping import Mapping
+from hexsim.readers import Mapping, files, read_stretches
 from hexsim.readers.reader import RawLog, RawSignal, Reader
 
 LENGTH_s = 6.0

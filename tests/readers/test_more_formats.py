@@ -23,9 +23,8 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from hexsim.errors import HexsimError
-from hexsim.readers import read_log
-from hexsim.readers.files import log_files, raw_log
-from hexsim.readers.mapping import Mapping
+from hexsim.readers import Mapping, log_files, read_log
+from hexsim.readers.files import raw_log
 
 CLEAN = Path(__file__).resolve().parents[1] / "data" / "bench_none" / "fit.csv.gz"
 FORMATS = ("tdms", "h5", "npz", "jsonl", "xlsx", "uff")

@@ -43,8 +43,7 @@ def run(*arguments):
     return CliRunner().invoke(app, ["map", *map(str, arguments)])
 
 
-@pytest.mark.parametrize("style", STYLES)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("style", "seed"), [(style, seed) for seed, style in enumerate(STYLES)])
 def test_a_foreign_bench_log_is_understood(tmp_path, style, seed):
     """Four ways to name and scale, columns shuffled, two more columns beside them: the file that is written reads back every
     signal within 1e-6 of its size, and a picture stands beside it."""

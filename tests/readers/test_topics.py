@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from hexsim.errors import HexsimError
-from hexsim.readers import read_log
+from hexsim.readers import Mapping, read_log
 from hexsim.readers.files import raw_log
-from hexsim.readers.mapping import Mapping
 
 pytest.importorskip("mcap", reason="pip install hexsim[ros]")
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="pip install hexsim[ros]")

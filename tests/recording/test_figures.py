@@ -91,6 +91,14 @@ def test_what_the_log_lacks_is_not_drawn():
     assert list(run_figures(signals)) == ["motion", "pressures"]
 
 
+def test_the_flow_curve_leaves_out_how_the_motion_begins():
+    """A point for each sample behind the fade, and none before."""
+    signals = Signals.of_run(made_up_run(False))
+    points = [curve for curve in flow_curve(signals).axes[0].get_lines() if curve.get_marker() == "."]
+    behind = np.count_nonzero(signals.time_s >= signals.fade_s)
+    assert sum(len(curve.get_xdata()) for curve in points) == behind < len(signals.time_s)
+
+
 def test_comparison_has_one_row_a_run_to_one_scale():
     """Half the bump reads as half the height on the same axis, and each row names its run and its peak."""
     machine = made_up_machine(False)
@@ -158,11 +166,9 @@ def test_the_harmonic_is_that_of_the_last_periods():
     assert np.abs(found.raw[early]).min() > 0.1
 
 
-@pytest.mark.parametrize(
-    "name", ["[/red]", r"$\red$", "<script>alert(1)</script>", "a | b & c", "{{ 7 * 7 }}", "%s \\n `x`"]
-)
-def test_names_with_the_signs_of_any_markup_stay_text(tmp_path, name):
+def test_names_with_the_signs_of_any_markup_stay_text(tmp_path):
     """Figures are drawn, the page shows the name escaped, and the recording is written, whatever a name holds."""
+    name = r"[/red] $\red$ <script>alert(1)</script> a | b & c {{ 7 * 7 }} %s \n `x`"
     run = made_up_run(False, duration_s=3.0, messages=[(1.0, 1, name)])
     run.summary = {**run.summary, "scenario": name, "machine": name, "compensator": name, "warnings": [name]}
     signals = Signals.of_run(run, name)

@@ -18,7 +18,7 @@ from hexsim.machine import load_machine
 from hexsim.machine.files import changed
 from hexsim.motion_computer.host_limiter import setpoints_of
 from hexsim.readers import read_log
-from hexsim.scenarios.scenario import scenario_from_dict
+from hexsim.scenarios import scenario_from_dict
 from hexsim.signals.channels import noise_of
 from hexsim.tracing.balances import balance_named
 from hexsim.tracing.checks.same_machine import check_same_machine

@@ -11,8 +11,8 @@ from hexsim.errors import HexsimError
 from hexsim.readers.clock_columns import time_columns
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
+from hexsim.readers.sizes import MOST_COLUMNS
 
-MOST_COLUMNS = 200  # of a matrix
 UNITS = ("units", "unit", "Unit", "Units", "UNITS")  # attributes that state one
 
 

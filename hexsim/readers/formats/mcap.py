@@ -11,10 +11,9 @@ from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import RawLog, Reader
 from hexsim.readers.ros_messages import BadDefinition, Messages
+from hexsim.readers.sizes import LARGEST_LOG, LARGEST_PART
 from hexsim.readers.topics import Topics
 
-LARGEST_CHUNK = 1 << 26  # bytes, unpacked: writers make chunks of 1 to 16 MB
-LARGEST = 1 << 30  # bytes of all chunks, unpacked
 LARGEST_JSON = 1 << 20  # bytes of a message: an image, not a measurement
 
 
@@ -64,14 +63,14 @@ def records(stream: Any, path: Path, topics: Topics) -> Iterator[Any]:
 
     size = 0
     try:
-        for record in StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_CHUNK).records:
+        for record in StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_PART).records:
             if not isinstance(record, Chunk):
                 yield record
                 continue
             size += record.uncompressed_size
-            if record.uncompressed_size > LARGEST_CHUNK or size > LARGEST:
+            if record.uncompressed_size > LARGEST_PART or size > LARGEST_LOG:
                 raise HexsimError(
-                    f"{path} unpacks to more than {LARGEST_CHUNK >> 20} MB in one chunk or {LARGEST >> 20} MB in all: "
+                    f"{path} unpacks to more than {LARGEST_PART >> 20} MB in one chunk or {LARGEST_LOG >> 20} MB in all: "
                     "cut it (mcap filter)"
                 )
             record.data, record.compression = unpacked(record), ""
@@ -81,7 +80,7 @@ def records(stream: Any, path: Path, topics: Topics) -> Iterator[Any]:
             raise
         topics.cut = f"{path.name} ends within a record: what stands before was read"
     except RecordLengthLimitExceeded as error:
-        raise HexsimError(f"{path} has a record of more than {LARGEST_CHUNK >> 20} MB: {error}") from None
+        raise HexsimError(f"{path} has a record of more than {LARGEST_PART >> 20} MB: {error}") from None
 
 
 def unpacked(chunk: Any) -> bytes:

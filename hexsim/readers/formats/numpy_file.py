@@ -14,8 +14,7 @@ from hexsim.errors import HexsimError
 from hexsim.readers.clock_columns import seconds_of, time_columns
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import MAX_CELLS, RawLog, RawSignal, Reader
-
-MOST_COLUMNS = 200  # of a matrix
+from hexsim.readers.sizes import MOST_COLUMNS
 
 
 class NumpyReader(Reader):

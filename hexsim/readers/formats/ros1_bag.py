@@ -11,9 +11,8 @@ from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import RawLog, Reader
 from hexsim.readers.ros_messages import BadDefinition, Messages
+from hexsim.readers.sizes import LARGEST_PART
 from hexsim.readers.topics import Topics
-
-LARGEST_CHUNK = 1 << 26  # bytes, unpacked: rosbag writes chunks of 0.75 MB
 
 
 class Ros1BagReader(Reader):
@@ -59,20 +58,20 @@ class Ros1BagReader(Reader):
 
 
 def bounded(unpack: Callable[[bytes], bytes]) -> Callable[[bytes], bytes]:
-    """The same decompressor, that unpacks no more than LARGEST_CHUNK."""
+    """The same decompressor, that unpacks no more than LARGEST_PART."""
     kind = getattr(unpack, "__module__", "") or ""
 
     def limited(data: bytes) -> bytes:
         if "bz2" in kind:
-            out = bz2.BZ2Decompressor().decompress(data, LARGEST_CHUNK)
+            out = bz2.BZ2Decompressor().decompress(data, LARGEST_PART)
         elif "lz4" in kind:
             from lz4.frame import LZ4FrameDecompressor
 
-            out = LZ4FrameDecompressor().decompress(data, LARGEST_CHUNK)
+            out = LZ4FrameDecompressor().decompress(data, LARGEST_PART)
         else:
             return unpack(data)
-        if len(out) >= LARGEST_CHUNK:
-            raise HexsimError(f"a chunk of the bag unpacks to more than {LARGEST_CHUNK >> 20} MB: save it again")
+        if len(out) >= LARGEST_PART:
+            raise HexsimError(f"a chunk of the bag unpacks to more than {LARGEST_PART >> 20} MB: save it again")
         return out
 
     return limited

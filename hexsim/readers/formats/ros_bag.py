@@ -13,11 +13,10 @@ from hexsim.errors import HexsimError
 from hexsim.readers.mapping import FileLayout
 from hexsim.readers.reader import RawLog, Reader
 from hexsim.readers.ros_messages import BadDefinition, Messages
+from hexsim.readers.sizes import LARGEST_LOG, LARGEST_PART
 from hexsim.readers.topics import Topics
 
 ZSTD = b"\x28\xb5\x2f\xfd"  # how a compressed message begins
-LARGEST_MESSAGE = 1 << 26  # bytes
-LARGEST = 1 << 30  # bytes of all compressed messages, unpacked
 CELLS = {
     "messages": {"topic_id": int, "timestamp": int, "data": bytes},
     "topics": {"id": int, "name": str, "type": str},
@@ -45,7 +44,7 @@ class RosBagReader(Reader):
         """Messages of a file."""
         messages = Messages()
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as bag:
-            bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_MESSAGE)
+            bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_PART)
             tables = {name for (name,) in bag.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             for needed in CELLS:
                 if needed not in tables:
@@ -64,8 +63,10 @@ class RosBagReader(Reader):
                 if data[:4] == ZSTD:
                     data = self.unpacked(data)
                     size += len(data)
-                    if size > LARGEST:
-                        raise HexsimError(f"{path} unpacks to more than {LARGEST >> 20} MB: cut it (ros2 bag convert)")
+                    if size > LARGEST_LOG:
+                        raise HexsimError(
+                            f"{path} unpacks to more than {LARGEST_LOG >> 20} MB: cut it (ros2 bag convert)"
+                        )
                 topics.add(name, stamp_ns, messages.decoder(kind)(data))
                 if topics.is_full:
                     break
@@ -85,7 +86,7 @@ class RosBagReader(Reader):
         import zstandard
 
         with zstandard.ZstdDecompressor().stream_reader(data) as file:
-            return file.read(LARGEST_MESSAGE)
+            return file.read(LARGEST_PART)
 
 
 def rows(bag: sqlite3.Connection, path: Path, table: str, columns: str) -> Iterator[tuple[Any, ...]]:
