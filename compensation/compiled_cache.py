@@ -19,7 +19,7 @@ from typing import Any
 
 import llvmlite.binding as llvm
 from numba.core import caching, codegen
-from numba.core.runtime import _nrt_python
+from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
 
 DIGEST_BYTES = 32
 
@@ -51,6 +51,8 @@ class CheckedFiles(caching.IndexDataCacheFile):
 
 class ReadyLibrary(codegen.JITCodeLibrary):
     """Machine code with the names that it defines; its LLVM code is read when a caller is compiled."""
+
+    _bitcode: bytes
 
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> ReadyLibrary:

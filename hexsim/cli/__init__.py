@@ -78,5 +78,5 @@ def _common(
 def main() -> None:
     """Entry point of the `hexsim` command."""
     gc.set_threshold(OBJECTS_A_COLLECTION)
-    os.environ.setdefault("MUJOCO_GL", "off")  # nothing is drawn by MuJoCo but in its viewer, which needs no context of this kind
+    os.environ.setdefault("MUJOCO_GL", "off")  # the viewer has a window of its own
     app()

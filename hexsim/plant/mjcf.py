@@ -40,7 +40,7 @@ GRAVCOMP_SWITCH = 1e-15  # MuJoCo 4.0 looks at gravcomp only when some body has 
 
 
 def build_spec(
-    resolved: Resolved, kinematics: Mechanics, kind: ModelKind, timestep: float, layout: np.ndarray, is_shown: bool = True
+    resolved: Resolved, kinematics: Mechanics, kind: ModelKind, timestep: float, layout: np.ndarray, is_shown: bool
 ) -> tuple[mujoco.MjSpec, np.ndarray]:
     """The editable model of a bench or a hexapod, and its actuators' rows for `actuator_user`.
 
