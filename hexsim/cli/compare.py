@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexsim.cli import completion, options
-from hexsim.cli.console import output, print_json, progress, step_of, terminated_like_interrupted, text_table
+from hexsim.cli.console import (
+    output,
+    print_json,
+    progress,
+    step_of,
+    terminated_like_interrupted,
+    text_table,
+    without_pandas,
+)
 from hexsim.cli.errors import FULL
 from hexsim.errors import HexsimError
 from hexsim.files.formats import LogFormat
@@ -62,7 +70,8 @@ def compare(
                 progress=lambda name, fraction: bar.update(tasks[name], completed=fraction),
             )  # fmt: skip
             try:
-                write_comparison(runs, folder.path, log_format=log_format, recording=recording, step=step_of(bar))
+                with without_pandas():
+                    write_comparison(runs, folder.path, log_format=log_format, recording=recording, step=step_of(bar))
             except (HexsimError, OSError) as error:
                 if isinstance(error, OSError) and error.errno not in FULL:
                     raise

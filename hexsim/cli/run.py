@@ -19,6 +19,7 @@ from hexsim.cli.console import (
     step_of,
     stop_when_signalled,
     terminated_like_interrupted,
+    without_pandas,
 )
 from hexsim.cli.errors import FULL
 from hexsim.cli.sweep import sweep
@@ -161,7 +162,8 @@ def keep(run: Run, folder: RunFolder, step, *, log_format: LogFormat, **files: b
     from hexsim.recording.run_files import write_run
 
     try:
-        write_run(run, folder.path, log_format=log_format, step=step, **files)
+        with without_pandas():
+            write_run(run, folder.path, log_format=log_format, step=step, **files)
     except (HexsimError, OSError) as error:  # the disk is full, or has gone
         if isinstance(error, OSError) and error.errno not in FULL:
             raise
