@@ -179,11 +179,14 @@ class Buffered(Compensator):
             curve.target = [clip(a, 0.0, self.a_max_V), q, r]
 
     def finite(self, state: BufferedState) -> bool:
-        """Of the buffers the newest: what came in before was looked at then."""
-        buffers = [values[-1:] for values in (state.valve_V, state.other, state.side, *state.zero_V)]
-        return all_finite(
-            [state.estimate, state.curves, state.filters, state.extremes, state.line, state.blend, *buffers]
-        )
+        """Of the buffers the newest: what came in before was looked at then. One flat list: its sum tells at once."""
+        numbers = [state.blend, *state.estimate.numbers(), *state.filters, *state.extremes, *(state.line or ())]
+        for curve in state.curves:
+            numbers += curve.target
+            numbers += curve.active
+        for buffer in (state.valve_V, state.other, *state.zero_V):
+            numbers += buffer[-1:]
+        return all_finite(numbers)
 
     def parameters(self, state: BufferedState) -> Parameters:
         return {"function": self.function, "curves": [list(c.target) for c in state.curves]}

@@ -166,13 +166,10 @@ class Iterative(Compensator):
         state.a_V = clip(float(shape @ table) / max(float(shape @ shape), 1e-9), 0.0, self.a_max_V)
 
     def finite(self, state: IterativeState) -> bool:
-        """Of the table the element that changed last: the others were looked at when they did."""
-        return all_finite(
-            [
-                state.estimate, state.active, state.extremes, state.table_V[state.element], state.a_V, state.q_V, state.r_V,
-                state.control_V,
-            ]
-        )  # fmt: skip
+        """Of the table the element that changed last: the others were looked at when they did. One flat list: its sum tells at once."""
+        last = state.table_V[state.element]
+        own = (last, state.a_V, state.q_V, state.r_V, state.control_V)
+        return all_finite([*own, *state.estimate.numbers(), *state.active, *state.extremes])
 
     def parameters(self, state: IterativeState) -> Parameters:
         return {

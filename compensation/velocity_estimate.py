@@ -20,6 +20,10 @@ class VelocityEstimate:
     control_V: float = 0.0
     passes: list[float] = field(default_factory=lambda: [0.0] * 6)
 
+    def numbers(self) -> tuple[float, ...]:
+        """All that changes."""
+        return self.position_m, self.control_V, *self.passes
+
     def update(self, position_m: float, valve_V: float, control_V: float) -> tuple[float, float, float] | None:
         """Velocity [m/s], valve and control volts that belong together, or None at the first tick and at a lost
         sample.

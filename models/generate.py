@@ -14,7 +14,7 @@ HERE = Path(__file__).parent
 
 def files_of(name: str) -> dict[str, str]:
     """File -> text: the machine in MuJoCo without hexsim, driven by volts and by positions, and the latter in its room."""
-    plant, scene = Plant(load_machine(HERE / name), model="full"), (HERE / name / "scene.xml").read_text()
+    plant, scene = Plant(load_machine(HERE / name), furnish=lambda spec: None), (HERE / name / "scene.xml").read_text()
     servo_scene = scene.replace("model.xml", "model_servo.xml")
     return {
         "model.xml": standing_xml(plant),

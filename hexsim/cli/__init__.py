@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import os
+
 import typer
 
 from hexsim import __version__
@@ -24,6 +27,9 @@ from hexsim.cli import (
     view,
 )
 from hexsim.cli.errors import SentenceGroup
+
+# libraries make a million objects that stay: at Python's threshold of 700 looking through them takes a tenth of a run
+OBJECTS_A_COLLECTION = 100_000
 
 app = typer.Typer(
     name="hexsim",
@@ -71,4 +77,6 @@ def _common(
 
 def main() -> None:
     """Entry point of the `hexsim` command."""
+    gc.set_threshold(OBJECTS_A_COLLECTION)
+    os.environ.setdefault("MUJOCO_GL", "off")  # the viewer has a window of its own
     app()

@@ -61,7 +61,7 @@ def export_plugin(machine: Machine, out: Path, timestep: float | None = None) ->
     step = MODEL_STEP_S if timestep is None else timestep
     if not 1e-6 <= step <= 1e-3:
         raise HexsimError(f"a time step of {step:g} s: 1e-6 to 1e-3 is possible")
-    plant = Plant(machine, model="full", timestep=step)
+    plant = Plant(machine, model="full", timestep=step, furnish=lambda spec: None)
     refuse_what_is_outside(plant)
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -40,12 +40,13 @@ GRAVCOMP_SWITCH = 1e-15  # MuJoCo 4.0 looks at gravcomp only when some body has 
 
 
 def build_spec(
-    resolved: Resolved, kinematics: Mechanics, kind: ModelKind, timestep: float, layout: np.ndarray
+    resolved: Resolved, kinematics: Mechanics, kind: ModelKind, timestep: float, layout: np.ndarray, is_shown: bool
 ) -> tuple[mujoco.MjSpec, np.ndarray]:
     """The editable model of a bench or a hexapod, and its actuators' rows for `actuator_user`.
 
     layout: where the states stand (`plant.states`), which also says the integrator. The rows are kept out of the
-    model's XML: they are the hydraulics' numbers, which stand in the machine file.
+    model's XML: they are the hydraulics' numbers, which stand in the machine file. is_shown: with geoms, whose frames
+    cost 7 % of a step; the tendon model has none.
     """
     spec = mujoco.MjSpec()
     spec.modelname = resolved.machine.name
@@ -63,6 +64,8 @@ def build_spec(
     else:
         _add_bench(spec, resolved)
     tendon = kind == "tendon"  # a slide is 0 at the neutral pose
+    for geom in [] if is_shown and not tendon else list(spec.geoms):
+        spec.delete(geom)
     offset = kinematics.retracted_length_m if tendon else -kinematics.neutral_positions
     _add_actuators(spec, resolved, layout, "tendon_" if tendon else "slide_", np.asarray(offset))
     return spec, actuator_rows(resolved, layout)
@@ -88,8 +91,7 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: Mechanics,
     neutral_length = float(kinematics.leg_lengths(np.zeros(6))[0])
     bodies = leg_bodies(resolved, neutral_length)
     full = kind == "full"
-    if full:  # the tendon model is for counting, not for looking: its geoms would cost 7 % of a step
-        looks.add_base(spec, spec.worldbody, kinematics)
+    looks.add_base(spec, spec.worldbody, kinematics)
     platform = spec.worldbody.add_body(name="platform", pos=[0, 0, kinematics.neutral_height_m])
     platform.add_freejoint(name="platform_free")
     mass = (load.platform_mass_kg or 0.0) - (
@@ -97,13 +99,11 @@ def _add_hexapod(spec: mujoco.MjSpec, resolved: Resolved, kinematics: Mechanics,
     )
     platform.mass, platform.ipos, platform.inertia = mass, load.centre_of_mass_m, load.platform_inertia_kg_m2
     platform.explicitinertial = True
-    if full:
-        looks.add_platform(spec, platform, kinematics)
+    looks.add_platform(spec, platform, kinematics)
     for number, part in enumerate(resolved.machine.payload, start=1):
         body = platform.add_body(name=f"payload_{number}", pos=part.position_m)
         body.mass, body.ipos, body.inertia, body.explicitinertial = part.mass_kg, [0, 0, 0], part.inertia_kg_m2, True
-        if full:
-            looks.add_part(spec, body, part.mass_kg)
+        looks.add_part(spec, body, part.mass_kg)
     platform.add_site(name="accelerometer", pos=[0, 0, 0])
     for mode_number, mode in enumerate(resolved.payload_modes, start=1):
         _add_payload_mode(platform, mode, mode_number, resolved.gravity_m_s2)

@@ -60,15 +60,15 @@ class Plant:
 
     machine: declared machine with its effects. model: "full" (legs as bodies) or "tendon" (hexapod only; a bench is the
     same either way). timestep [s]: constant; None: chosen from the machine and its state (`hydraulics.steps`).
-    furnish: adds to the scene what does not touch the machine, before the model is compiled. later: effects that
-    `switch_on` will add, as (effect, legs, values): their states are there from the start and stand still until then.
+    furnish: adds to the scene what does not touch the machine, before the model is compiled; None: nothing is to be seen.
+    later: effects that `switch_on` will add, as (effect, legs, values): their states are there from the start and stand still until then.
     load_moves: `move_centre_of_mass` will be called.
     Plants in several threads do not touch each other.
     """
 
     def __init__(
         self, machine: Machine, *, model: ModelKind = "full", timestep: float | None = None,
-        furnish: Callable[[mujoco.MjSpec], None] = lambda spec: None, later: Sequence[Setting] = (),
+        furnish: Callable[[mujoco.MjSpec], None] | None = None, later: Sequence[Setting] = (),
         load_moves: bool = False,
     ) -> None:  # fmt: skip
         install_hydraulics()
@@ -110,9 +110,13 @@ class Plant:
         if self._load_moves and not any(load.centre_of_mass_m):
             load = load.model_copy(update={"centre_of_mass_m": OFF_CENTRE_m})
         now = dataclasses.replace(self.resolved, load=load, payload_modes=[*modes, *light])
-        spec, rows = build_spec(now, self.kinematics, self.model_kind, self.timestep or MODEL_STEP_S, self.layout)
-        self._furnish(spec)
+        step_s, furnish = self.timestep or MODEL_STEP_S, self._furnish
+        spec, rows = build_spec(now, self.kinematics, self.model_kind, step_s, self.layout, furnish is not None)
+        if furnish:
+            furnish(spec)
         model = spec.compile()
+        # no search for islands, 4 % of a step: the platform ties all bodies together
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
         model.actuator_user[: len(rows)] = rows
         return spec, model
 

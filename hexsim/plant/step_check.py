@@ -11,6 +11,7 @@ of that, is not in it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,6 +51,7 @@ class StepCheck:
 
     def __init__(self, plant: Any) -> None:
         self.plant, self.marks, self.spans = plant, [], 0
+        self.repeat: Callable[[Any, Any, Array], object] = _repeat  # or what a run has compiled already
         self.open: Mark | None = None
 
     def begin(self, tick: int) -> None:
@@ -114,10 +116,15 @@ class StepCheck:
         ticks, volts = mark.last - mark.first, self.plant.record.reached
         record = stepping.new_record(self.plant, ticks + 1)  # row 0 is that of no tick
         context = mark.context._replace(is_recorded=True, refined=2, count=np.ones(1, np.int64))
-        for k in range(ticks):
-            context.spool_volts[:] = volts[mark.first + k]
-            stepping.for_python(context, record, context.spool_volts, False, False, True)
+        self.repeat(context, record, volts[mark.first : mark.last])
         return record.middle[1 : ticks + 1]
+
+
+def _repeat(context: Any, record: Any, volts: Array) -> None:
+    """Ticks with volts (ticks, n_legs) at the spools."""
+    for of_tick in volts:
+        context.spool_volts[:] = of_tick
+        stepping.for_python(context, record, context.spool_volts, False, False, True)
 
 
 def _changing(context: Any) -> list[Array]:

@@ -454,13 +454,6 @@ def advance(context, record, is_located):
 
 
 @compiled
-def tick(context, record, volts, is_located):
-    """One tick under the volts (n_legs,) that the motion computer commands."""
-    apply_valve_delay_and_hysteresis(context, record, volts)
-    advance(context, record, is_located)
-
-
-@compiled
 def for_python(context, record, volts, senses, takes, advances):
     """`sense`, `apply_valve_delay_and_hysteresis` and `advance` for callers in Python, each if it is asked for: one function,
     since each has all that is below it compiled into it."""

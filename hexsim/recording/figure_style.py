@@ -188,9 +188,12 @@ def direction_colors() -> tuple[str, str]:
 
 
 def png(figure: Figure, dpi: int = DPI) -> bytes:
-    """The figure as the bytes of a PNG file, drawn once: `savefig` lays out, then draws twice."""
+    """The figure as the bytes of a PNG file, drawn once: `savefig` lays out, then draws twice.
+
+    Level 1 of compression: 20 % more bytes in a third of the time.
+    """
     buffer = BytesIO()
     figure.set_dpi(dpi)
     with matplotlib.rc_context(STYLE):
-        FigureCanvasAgg(figure).print_png(buffer)
+        FigureCanvasAgg(figure).print_png(buffer, pil_kwargs={"compress_level": 1})
     return buffer.getvalue()

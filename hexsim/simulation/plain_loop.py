@@ -17,7 +17,7 @@ from hexsim.hydraulics import chamber
 from hexsim.motion_computer import controller
 from hexsim.motion_computer.controller import C, Control
 from hexsim.plant.callbacks import MPa
-from hexsim.plant.stepping import copy, sense, tick
+from hexsim.plant.stepping import advance, apply_valve_delay_and_hysteresis, copy, sense
 from hexsim.sensors.bank import measure
 
 Array = NDArray[np.float64]
@@ -54,6 +54,7 @@ class PlainLoop(NamedTuple):
     rod_sides: Array  # the same of rod sides on a valve
     rod_side_places: NDArray[np.int64]
     compensation: Array  # (ticks, n_legs) of `added`
+    given: Array  # (ticks, n_legs) volts at the spools of ticks done again; (0, n_legs): control
 
 
 @compiled
@@ -122,12 +123,19 @@ def run_ticks(context, record, loop, first, last):
     """Ticks first..last - 1. Returns how many ticks are done, of the whole run."""
     context, record, loop = by_address(context), by_address(record), by_address(loop)
     load = np.zeros(loop.memory.shape[0])
+    again = loop.given.shape[0] > 0
     for k in range(first, last):
-        sense(context, record)
-        if loop.asks == 0:
-            if k % loop.every == 0:
-                plain_control(context, record, loop, k, load)
-        elif not ask(context, loop, k):
-            return k
-        tick(context, record, loop.volts, context.is_tendon)
+        if again:
+            copy(context.spool_volts, loop.given[k])
+        else:
+            sense(context, record)
+            if loop.asks == 0:
+                if k % loop.every == 0:
+                    plain_control(context, record, loop, k, load)
+            elif not ask(context, loop, k):
+                return k
+            apply_valve_delay_and_hysteresis(context, record, loop.volts)
+        advance(
+            context, record, context.is_tendon and not again
+        )  # once: all that is below it is compiled into this function
     return last

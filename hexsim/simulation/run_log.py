@@ -119,7 +119,7 @@ def _point_columns(plant: Plant, motion: dict[str, Array], omega: Array) -> list
 def _columns(signals: dict[str, Array], n_legs: int) -> list[tuple[int, str, Array]]:
     """(place, name, values (m,)) of each column of signals (m, n_places)."""
     return [
-        (place, name, np.ascontiguousarray(values[:, place]))
+        (place, name, values[:, place])
         for stem, values in signals.items()
         for place, name in enumerate(table()[stem].columns(n_legs))
     ]
@@ -132,7 +132,7 @@ def motion_log(plant: Plant, scenario: Scenario, recorded: RecordedMotion) -> pl
     if plant.machine.points:
         instant = platform_signals(plant, recorded.qpos, recorded.qvel, recorded.mean_acceleration)
         named += _point_columns(plant, motion, instant.omega(plant.kinematics))
-    return pl.DataFrame({"time_s": recorded.time} | {name: values for _, name, values in named})
+    return pl.DataFrame({"time_s": recorded.time} | {name: values.copy() for _, name, values in named})
 
 
 def _motion(plant: Plant, scenario: Scenario, recorded: RecordedMotion) -> tuple[Array, dict[str, Array]]:

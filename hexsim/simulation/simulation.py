@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
@@ -20,7 +20,6 @@ from hexsim.compiled import seconds_compiled
 from hexsim.declaration import Machine
 from hexsim.errors import HexsimError
 from hexsim.mechanics.mechanics import Mechanics
-from hexsim.motion_computer.computer import MotionComputer
 from hexsim.motion_computer.position_loop import PositionLoop
 from hexsim.plant import Plant
 from hexsim.plant.callbacks import without_timers
@@ -32,13 +31,15 @@ from hexsim.scenarios.bench_motion import bench_motion
 from hexsim.scenarios.resources import check_resources, tick_rate_Hz
 from hexsim.scenarios.settings import loaded, machine_in
 from hexsim.sensors.bank import SensorBank
-from hexsim.simulation.fault_run import FaultRun, FaultySensors
-from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
 from hexsim.simulation.hosted import Host, hosted_setpoints
 from hexsim.simulation.plain_loop import CONTROL, PlainLoop, Transducer, run_ticks
 from hexsim.simulation.run_log import Recorded, figures_log, run_log, run_summary
 from hexsim.simulation.run_warnings import cavitation_warnings, start_warnings, swing_warnings
 from hexsim.simulation.start_parameters import SUFFIX, started
+
+if TYPE_CHECKING:
+    from hexsim.motion_computer.computer import MotionComputer
+    from hexsim.simulation.fault_run import FaultRun
 
 Array = NDArray[np.float64]
 DIVERGENCE_LIMIT = 1e9  # MPa, m/s2 or m: no state of a machine
@@ -132,17 +133,22 @@ def simulate(
     name, compensators = make_compensators(compensator, machine)
     kind = model or ("tendon" if fast else "full")
     messages: list[tuple[float, int, str]] = []
-    faults = read_faults(scenario.faults, machine, f"scenario {scenario.name}")
-    later = later_effects(faults, machine)
-    shifts = any(isinstance(fault, PayloadShift) for fault in faults)
+    control, later, shifts = PositionLoop, [], False
+    if scenario.faults:
+        from hexsim.motion_computer.computer import MotionComputer as control
+        from hexsim.simulation.faults import PayloadShift, later_effects, read_faults
+
+        faults = read_faults(scenario.faults, machine, f"scenario {scenario.name}")
+        later, shifts = later_effects(faults, machine), any(isinstance(fault, PayloadShift) for fault in faults)
     plant = Plant(machine, model=kind, timestep=timestep, later=later, load_moves=shifts)  # type: ignore[arg-type]
     warnings = start_warnings(plant, fast)
-    control = MotionComputer if faults else PositionLoop
     loop = control(machine, compensators, scenario.period_s, lambda *message: messages.append(message))
     run = TickLoop(plant, loop, scenario, seed, host)
-    if isinstance(loop, MotionComputer):
+    if scenario.faults:
+        from hexsim.simulation.fault_run import FaultRun, FaultySensors
+
         run.sensors = FaultySensors(plant.resolved, run.ticks, run.tick_s, seed, faults)
-        run.faults = FaultRun(faults, plant, loop, run.sensors)
+        run.faults = FaultRun(faults, plant, loop, run.sensors)  # type: ignore[arg-type]
         interventions = [*interventions, run.faults]
         run.faults.begin()
     started = clock.perf_counter() - seconds_compiled()
@@ -220,7 +226,11 @@ class TickLoop:
     @without_timers()
     def go(self, progress: Callable[[float], None], interventions: Sequence[Any]) -> str:
         """Run to the end; returns "" or why it ended early."""
-        loop = None if interventions or isinstance(self.loop, MotionComputer) else self._compiled_loop()
+        loop = None if interventions or not isinstance(self.loop, PositionLoop) else self._compiled_loop()
+        if loop is not None:
+            self.check.repeat = lambda context, record, volts: run_ticks(
+                context, record, loop._replace(given=volts), 0, len(volts)
+            )
         chunk = max(1, round(CHECK_EVERY_S / self.tick_s))
         try:
             for first in range(0, self.ticks, chunk):
@@ -281,7 +291,7 @@ class TickLoop:
             top_places=plant.rod_side_places if "pressure_top" in sensed else none,
             asks=(ctypes.cast(self._asked, ctypes.c_void_p).value or 0) if asks else 0, volts=self.volts, added=self.loop.compensation,
             pressures=self.pressures, rod_sides=self.rod_sides, rod_side_places=plant.rod_side_places,
-            compensation=self.compensation,
+            compensation=self.compensation, given=np.zeros((0, len(self.volts))),
         )  # fmt: skip
 
     def _ask(self, tick: int) -> int:
