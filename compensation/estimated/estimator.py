@@ -8,7 +8,7 @@ as a quadratic beside the prior (`_end_fold`), in the linearisation at the numbe
 
 from __future__ import annotations
 
-from math import exp, log, sqrt, tanh
+from math import exp, log, pi, sqrt, tanh
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from .layout import HISTORY, WAITING, WINDOWS
 from .leg import (
     COULOMB_DN,
     COULOMB_UP,
+    DELAY,
     HOLD,
     LN_BRISTLE,
     LN_REG,
@@ -49,7 +50,7 @@ from .leg import (
     V,
     Z,
 )  # fmt: skip
-from .prior import LEGS_ALIKE, add_prior, fill_prior
+from .prior import LEGS_ALIKE, add_prior, fill_prior, folded_cost
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
 MOST_STEPS = 8  # passes of a stage
@@ -57,16 +58,19 @@ LEAST_GAIN = 0.1  # of the cost, by a step: a third of a standard deviation of o
 FEWEST = 5  # windows with which it begins, two with a reversal among them
 ROUNDS = 6  # of a step, in which numbers meet their bounds
 KNOWN_LEG = 2.0  # misfit from which the leg is not one that the model knows: as much beside the noise as noise
-BETTER = 0.8  # of the misfit: from which another minimum is preferred
-TRY_STAGE = 1
-TRIES = (
-    (1.5, -1.0, 0.0),
-    (-0.7, 1.0, 0.0),
-    (0.0, 0.0, 1.5),
-    (1.0, 1.0, -1.0),
-)  # spool, damping, backlash, in standard deviations
+BETTER = 0.8  # of the misfit beyond noise: from which another minimum is preferred
+NOISE_MISFIT = 1.5  # beyond it the leg may sit in another minimum: half of KNOWN_LEG
+KNOWN_TRY = 2  # of a leg that the model knows: of the same windows, for misfits differ by little
+TRY_STAGES = (1, 2)  # from which a try begins: with all numbers as before, or with the spool's changed
+# Other minima, in turn. Of a leg that the model does not know, about what was believed before: spool, damping, backlash, in standard
+# deviations. Of one that it knows: plain control shows the valve's lag well, and badly what makes it: factor of the spool's frequency
+# and damping, share of its lag that is delay instead.
+ELSEWHERE = ((1.5, -1.0, 0.0), (-0.7, 1.0, 0.0), (0.0, 0.0, 1.5), (1.0, 1.0, -1.0))
+SAME_LAG = ((0.6, 0.0), (1.0, 0.5), (1.6, 0.0))
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
 WORK, CALM_WORK = 14, 4  # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not
+# chi2 of as many numbers, four standard deviations: older windows that cost more now contradict the new ones
+MOST_FOLDED_COST = N_NUMBERS + 4.0 * (2.0 * N_NUMBERS) ** 0.5
 HALF_SPAN = 8  # ticks on either side of a speed
 FAST_m_s, FAST_SHARE = 0.02, 0.4  # speed in which windows begin; share of the fastest of late, of a slow motion
 BACK = 60  # ticks by which a window may begin earlier to begin in motion
@@ -538,35 +542,70 @@ def _begin_again(s, numbers):
 
 
 @compiled
+def _begin_try(s):
+    """The fit begins near another minimum: of a leg that the model knows from its numbers, else from what was believed before. What older
+    windows said is set aside: it was said in the linearisation at this minimum."""
+    fit, known = s.fit, is_known_leg(s.fit.chi2)
+    fit.before[:] = fit.best.numbers
+    fit.chi2_before[:] = fit.chi2
+    fit.aside_H[:, :] = fit.folded_H
+    fit.aside_g[:] = fit.folded_g
+    fit.aside_cost, fit.aside = fit.folded_cost, fit.folded
+    _forget_folded(fit)
+    if known:
+        times, late = SAME_LAG[fit.tries]
+        fit.proposed[:] = fit.best.numbers
+        lag = fit.proposed[ZETA] / pi * exp(-fit.proposed[LN_SPOOL])
+        fit.proposed[LN_SPOOL] += log(times / (1.0 - late))
+        fit.proposed[ZETA] *= times
+        fit.proposed[DELAY] += late * lag
+    else:
+        fit.proposed[:] = fit.mean
+        fit.proposed[LN_SPOOL] += ELSEWHERE[fit.tries][0] * fit.sd[LN_SPOOL]
+        fit.proposed[ZETA] += ELSEWHERE[fit.tries][1] * fit.sd[ZETA]
+        fit.proposed[PLAY] += ELSEWHERE[fit.tries][2] * fit.sd[PLAY]
+    for k in (LN_SPOOL, ZETA, DELAY, PLAY):
+        fit.proposed[k] = min(max(fit.proposed[k], fit.low[k]), fit.high[k])
+    _begin_again(s, fit.proposed)
+    fit.trying, fit.stage = (KNOWN_TRY, TRY_STAGES[1]) if known else (1, TRY_STAGES[0])
+    fit.tries += 1
+
+
+@compiled
+def _end_try(s):
+    """The lower misfit stays."""
+    fit = s.fit
+    fit.trying = 0
+    if fit.chi2[0] + fit.chi2[1] < 2.0 + BETTER * (fit.chi2_before[0] + fit.chi2_before[1] - 2.0):
+        _keep_known(s)
+        return
+    _begin_again(s, fit.before)
+    fit.chi2[:] = fit.chi2_before
+    fit.folded_H[:, :] = fit.aside_H
+    fit.folded_g[:] = fit.aside_g
+    fit.folded_cost, fit.folded = fit.aside_cost, fit.aside
+
+
+@compiled
 def _settle(s):
     """The last stage is over. Where the leg is not yet one that the model knows, the fit may sit in a local minimum: it is tried again
-    from another spool and backlash, and the lower misfit stays."""
+    from another spool, delay and backlash, and the lower misfit stays."""
     fit = s.fit
     four_way = s.sheet[S_FOUR_WAY] != 0.0
     _misfit(fit, four_way, fit.chi2)
-    if not is_known_leg(fit.chi2):
+    if not is_known_leg(fit.chi2) or folded_cost(fit, fit.best.numbers) > MOST_FOLDED_COST:
         _forget_folded(fit)
+    fit.settled = 1
     if fit.trying:
-        fit.trying = 0
-        if fit.chi2[0] + fit.chi2[1] < BETTER * (fit.chi2_before[0] + fit.chi2_before[1]):
-            _keep_known(s)
-        else:
-            _begin_again(s, fit.before)
-            fit.chi2[:] = fit.chi2_before
-    if fit.seen > fit.tries_seen + WINDOWS:
+        _end_try(s)
+        if is_known_leg(fit.chi2):  # the windows that came meanwhile, before another try
+            return
+    if fit.seen > fit.tries_seen + WINDOWS and not is_known_leg(fit.chi2):
         fit.tries, fit.tries_seen = 0, fit.seen
-    if fit.count == WINDOWS and not is_known_leg(fit.chi2) and fit.tries < len(TRIES):
-        fit.before[:] = fit.best.numbers
-        fit.chi2_before[:] = fit.chi2
-        fit.proposed[:] = fit.mean
-        fit.proposed[LN_SPOOL] += TRIES[fit.tries][0] * fit.sd[LN_SPOOL]
-        fit.proposed[ZETA] += TRIES[fit.tries][1] * fit.sd[ZETA]
-        fit.proposed[PLAY] = max(fit.proposed[PLAY] + TRIES[fit.tries][2] * fit.sd[PLAY], 0.0)
-        _begin_again(s, fit.proposed)
-        fit.tries += 1
-        fit.trying, fit.stage = 1, TRY_STAGE
-    else:
-        fit.settled = 1
+    most = len(SAME_LAG) if is_known_leg(fit.chi2) else len(ELSEWHERE)
+    if fit.count == WINDOWS and max(fit.chi2[0], fit.chi2[1]) > NOISE_MISFIT and fit.tries < most:
+        fit.settled = 0
+        _begin_try(s)
 
 
 @compiled
@@ -617,7 +656,7 @@ def work(s):
         if not fit.running:
             begins = fit.settled or fit.step == 0
             folds = begins and _begin_fold(s)
-            came = begins and not folds and _take_waiting(s)
+            came = begins and not folds and fit.trying != KNOWN_TRY and _take_waiting(s)
             if fit.count < FEWEST:
                 return
             if came:

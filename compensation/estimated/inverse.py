@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from ..compiled import compiled
 from .fit import backward, cholesky, forward
-from .leg import DEAD_DN, DEAD_UP, DELAY, S_PASS, S_POLE1, S_POLE2, S_SMOOTH, S_TICK, V, Y, tangent, tick
+from .leg import DEAD_DN, DEAD_UP, DELAY, S_PASS, S_POLE1, S_POLE2, S_TICK, V, Y, tangent, tick
 
 AHEAD = 14  # ticks: 28 ms, longer than a spool of 25 Hz takes to cross
 FELT_HZ = 60.0  # corner of the low pass, of second order: above the band in which a bump is judged
@@ -23,7 +23,6 @@ TRIES = 3  # steps a tick: the window moves on, and the next tick goes on
 BLUNT = 0.4  # of the half dead band, for the derivatives
 LEAST_BLUNT_V = 2e-3
 ROUGHEST = 2.0 / 3.0  # of the half dead band, as WEIGHTS[3]: a wide one is crossed in as many ticks as a narrow one
-CROSSING = 6  # passes of `_smooth`: a crossing then takes half the window, and its effect is still in it
 DAMPING = (1e-6, 1e-2, 1.0)
 
 
@@ -37,9 +36,9 @@ def low_pass(memory, x, sheet):
 
 
 @compiled
-def roughness(th, sheet):
+def roughness(th):
     """What a second difference of the volts weighs [1/V]."""
-    return sheet[S_SMOOTH] / max(WEIGHTS[3], ROUGHEST * 0.5 * (th[DEAD_UP] + th[DEAD_DN]))
+    return 1.0 / max(WEIGHTS[3], ROUGHEST * 0.5 * (th[DEAD_UP] + th[DEAD_DN]))
 
 
 @compiled
@@ -49,7 +48,7 @@ def window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, e
     s[:] = x
     path[0, :] = x
     g0, g1 = filtered[0], filtered[1]
-    cost, tick_s, rough = 0.0, sheet[S_TICK], roughness(th, sheet)
+    cost, tick_s, rough = 0.0, sheet[S_TICK], roughness(th)
     for i in range(AHEAD):
         last = U[i - 1] if i > 0 else before
         last2 = U[i - 2] if i > 1 else (before if i == 1 else older)
@@ -74,7 +73,7 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
     """J (4 AHEAD, AHEAD): derivatives of the residuals by the volts, along the states `path`."""
     S[:, :] = 0.0
     J[:, :] = 0.0
-    tick_s, rough = sheet[S_TICK], roughness(th, sheet)
+    tick_s, rough = sheet[S_TICK], roughness(th)
     for j in range(AHEAD):
         d_now[j] = d_before[j] = 0.0
     for i in range(AHEAD):
@@ -127,14 +126,13 @@ def window_slope(path, U, before, th, sheet, split, supply, extra, blunt, J, S, 
 
 
 @compiled
-def _smooth(U, before, passes):
-    """Volts U (AHEAD,) averaged with their neighbours so often: a step's second difference falls to half a passes-th."""
-    for _ in range(passes):
-        last = before
-        for i in range(AHEAD):
-            now = U[i]
-            U[i] = 0.25 * (last + 2.0 * now + U[min(i + 1, AHEAD - 1)])
-            last = now
+def _smooth(U, before):
+    """Volts U (AHEAD,) averaged with their neighbours: a step's second difference falls to a half."""
+    last = before
+    for i in range(AHEAD):
+        now = U[i]
+        U[i] = 0.25 * (last + 2.0 * now + U[min(i + 1, AHEAD - 1)])
+        last = now
 
 
 @compiled
@@ -155,7 +153,7 @@ def improve(x, U, before, older, y, v, filtered, th, sheet, supply, extra, limit
     )  # fmt: skip
     cost = window_cost(x, U, before, older, y, v, filtered, th, sheet, split, supply, extra, r, s, S, w, path)
     if cost > 4.0 * AHEAD:
-        _smooth(ws.steady, before, min(int(sheet[S_SMOOTH]), CROSSING))
+        _smooth(ws.steady, before)
         c2 = window_cost(
             x, ws.steady, before, older, y, v, filtered, th, sheet, split, supply, extra, r2, s, S, w, path2
         )

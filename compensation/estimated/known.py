@@ -29,9 +29,8 @@ from .leg import (
 from .step import LEAST_SHARE
 
 STEP = 1e-4  # of a standard error: a central difference
-# The model's semi-implicit steps make pressures lead by one step and positions by two, which the fitted lag makes up for: it is longer
-# by something between, evenly likely. [steps]
-LEAD, LEAD_ERROR = 1.5, 1.0 / math.sqrt(12.0)
+# The model's steps are of second order where the valve meets the oil; what is left of them is evenly likely within one. [steps]
+STEP_ERROR = 1.0 / math.sqrt(12.0)
 LAG = "valve lag"
 
 QUANTITIES: tuple[tuple[str, str, Callable[[np.ndarray], float]], ...] = (
@@ -57,11 +56,9 @@ def knowledge_of(s: Record) -> Knowledge | None:
     for name, unit, of in QUANTITIES:
         slope = gradient(of, numbers, np.sqrt(np.diag(covariance)))
         step = 1e3 * s.sheet[S_TICK] / SUBSTEPS if name == LAG else 0.0
-        error = math.hypot(math.sqrt(max(slope @ covariance @ slope, 0.0)), LEAD_ERROR * step)
+        error = math.hypot(math.sqrt(max(slope @ covariance @ slope, 0.0)), STEP_ERROR * step)
         before = float(np.linalg.norm(slope * s.fit.sd))
-        found.append(
-            Estimate(name=name, unit=unit, value=float(of(numbers)) - LEAD * float(step), error=error, before=before)
-        )
+        found.append(Estimate(name=name, unit=unit, value=float(of(numbers)), error=error, before=before))
     seen, kept_out = e.halves > 0, s.share == 0.0 and max(known.chi2) > KNOWN_LEG
     return Knowledge(
         estimates=tuple(found),

@@ -14,6 +14,7 @@ HISTORY = 512  # ticks that are kept, a power of two: a window, its lead, and wh
 WINDOWS, WAITING = 10, 3  # windows that the fit sees; that wait for the end of a pass
 LEGS = 8  # of a platform, at most
 MOST_DELAY = 6  # whole ticks of a valve's delay
+HALVES = 4  # half strokes by which what to expect is judged: of a sine two each way
 QUEUE = AHEAD + MOST_DELAY + 2  # demanded motion from now on
 
 f, i = "f8", "i8"
@@ -51,7 +52,8 @@ FIT = record(
     C=(f, (N_START, N_START)), a=(f, (N_NUMBERS,)), b=(f, (N_START,)), w=(f, (16,)), L=(f, (N_NUMBERS, N_NUMBERS)),
     proposed=(f, (N_NUMBERS,)), before=(f, (N_NUMBERS,)), chi2=(f, (2,)), chi2_before=(f, (2,)), trying=i, tries=i, tries_seen=i,
     held=(f, (N_NUMBERS,)), step_to=(f, (N_NUMBERS,)),
-    folded_H=(f, (N_NUMBERS, N_NUMBERS)), folded_g=(f, (N_NUMBERS,)), folded_cost=f, folded=i, folded_until=i, folding=i, to_fold=i,
+    folded_H=(f, (N_NUMBERS, N_NUMBERS)), folded_g=(f, (N_NUMBERS,)), folded_cost=f, folded=i,
+    aside_H=(f, (N_NUMBERS, N_NUMBERS)), aside_g=(f, (N_NUMBERS,)), aside_cost=f, aside=i, folded_until=i, folding=i, to_fold=i,
 )  # fmt: skip
 KNOWN = record(  # of the last pass that became better
     numbers=(f, (N_NUMBERS,)), factor=(f, (N_NUMBERS, N_NUMBERS)), sd=(f, (N_NUMBERS,)), chi2=(f, (2,)), valid=i,
@@ -68,12 +70,14 @@ INVERSE = record(
 )  # fmt: skip
 REFERENCE = record(  # the nearest tick first
     position_m=(f, (QUEUE,)), velocity_m_s=(f, (QUEUE,)), setpoint_ahead_m=(f, (QUEUE,)), extra_m_s2=(f, (QUEUE,)),
-    count=i, setpoint_m=f, load_lag_m_s2=f, loads=i,
+    count=i, setpoint_m=f, load_lag_m_s2=f, loads=i, stale=i,
 )  # fmt: skip
 EXPECTED = record(
     S=(f, (N_STATES, N_NUMBERS)), speed=(f, (N_NUMBERS,)), filtered=(f, (N_NUMBERS, 2)), row=(f, (N_NUMBERS,)), d_now=(f, (N_NUMBERS,)),
-    d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), w=(f, (16,)), started=i,
-    sigma=f, bump=f, left=f, sigma2=f, bump2=f, left2=f, halves=i, plain_V=f, acceleration=f,
+    d_before=(f, (N_NUMBERS,)), x=(f, (N_STATES,)), plain=(f, (N_STATES,)), plain_filtered=(f, (2,)), w=(f, (16,)),
+    scaled=(f, (N_NUMBERS,)), started=i, unsteady=i, acceleration=f, velocity=f, turned=i, plain_V=f,
+    bump=f, left=f, sigma=f, worst=(f, (N_NUMBERS,)), halves=i,  # of this half stroke; how many before
+    bumps2=(f, (HALVES,)), lefts2=(f, (HALVES,)), doubts2=(f, (HALVES,)), rows=(f, (HALVES, N_NUMBERS)), bump2=f, left2=f, sigma2=f,
 )  # fmt: skip
 DAMPING = record(
     tick_s=f, damping_count=i, damping_low_Hz=f, damping_high_Hz=f, spool_damping=f,  # of the design

@@ -6,11 +6,13 @@ behind one bristle (LuGre without damping), regularised in velocity (steady: F =
 
     z' = v - v coth(v/reg) sigma z / g(v),   F = sigma z + viscous v,   g = Fc + Fs exp(-|v|/cs)
 
-    r m v' = P1 A1 - P2 A2 - F - F0 - E        m: while all legs of a platform move alike; r, E: share of it that the leg moves by
-                                               itself and what the others' forces give [N]; r = 1, E = 0 alone
+    r m v' = P1 A1 - P2 A2 - F - F0 - K (y - stroke/2) - E        K: a spring, cables; m: while all legs of a platform move
+                                               alike; r, E: share of it that the leg moves by itself and what the others' forces
+                                               give [N]; r = 1, E = 0 alone
     C1 P1' = Q1 - A1 v,   C2 P2' = Q2 + A2 v      a rod side at supply pressure has P2 = Ps
 
-Integrated by a semi-implicit Euler scheme of `SUBSTEPS` steps a tick: the same in estimation and inversion.
+Integrated by a semi-implicit Euler scheme of `SUBSTEPS` steps a tick: the same in estimation and inversion. The flow is that of the
+spool at the middle of a step, so that valve and oil are of second order in it.
 State (N_STATES,): y, v, P1, P2, spool [V], its rate, amplifier [V], bristle [m], P1 and P2 as measured. SI units, volts.
 """
 
@@ -27,19 +29,19 @@ NAMES = (
     "ln_spool", "zeta", "amp_lag_s", "delay_s", "play_V",  # what acts on the spool, first: the others do not move it
     "gain_up", "gain_dn", "dead_up_V", "dead_dn_V", "ln_round_V", "bend", "bend2", "turbulent_Pa", "laminar", "leak", "leak_tank",
     "soft", "air", "mass", "hold", "coulomb_up", "coulomb_dn", "static_up", "static_dn", "viscous_up", "viscous_dn", "ln_stribeck",
-    "ln_reg", "ln_bristle", "pressure_lag_s", "position_lag_s",
+    "ln_reg", "ln_bristle", "pressure_lag_s", "position_lag_s", "spring",
 )  # fmt: skip
-N_NUMBERS, N_SPOOL = 31, 5
+N_NUMBERS, N_SPOOL = 32, 5
 (
     LN_SPOOL, ZETA, AMP_LAG, DELAY, PLAY, GAIN_UP, GAIN_DN, DEAD_UP, DEAD_DN, LN_ROUND, BEND, BEND2, TURBULENT, LAMINAR, LEAK,
     LEAK_TANK, SOFT, AIR, MASS, HOLD, COULOMB_UP, COULOMB_DN, STATIC_UP, STATIC_DN, VISCOUS_UP, VISCOUS_DN, LN_STRIBECK, LN_REG,
-    LN_BRISTLE, PRESSURE_LAG, POSITION_LAG,
+    LN_BRISTLE, PRESSURE_LAG, POSITION_LAG, SPRING,
 ) = range(N_NUMBERS)  # fmt: skip
 # places in a sheet (N_SHEET,): what is declared
 (
-    S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2, S_SMOOTH, S_OWN,
-) = range(15)  # fmt: skip
-N_SHEET = 15
+    S_A1, S_A2, S_FLOW, S_E, S_V1, S_V2, S_STROKE, S_TANK, S_FOUR_WAY, S_TICK, S_PASS, S_POLE1, S_POLE2, S_OWN,
+) = range(14)  # fmt: skip
+N_SHEET = 14
 LEAST_LAG_S = 1e-5
 ATMOSPHERE_Pa = 1.0e5
 LEAST_PRESSURE_Pa = 1.0e4
@@ -119,17 +121,10 @@ def spool_step(x, S, moving, numbers, u, share, by_delay, d_now, d_before, gain_
     """One step h of amplifier and spool, and of their derivatives. u: volts, the share of them from before; by_delay: du by DELAY."""
     damped = 1.0 / (1.0 + 2.0 * zeta * om * h)
     Sy, Sx, Sd, Sa = S[Y], S[X], S[XD], S[AMP]
-    away = u - x[AMP]
-    x[AMP] += ka * away
-    for j in range(moving):
-        Sa[j] += ka * (d_now[j] + share * (d_before[j] - d_now[j]) - gain_y * Sy[j] - Sa[j])
     err = x[AMP] - x[X]
     rate = (x[XD] + h * om * om * err) * damped
     x[XD] = rate
     x[X] += h * rate
-    if numbers:
-        Sa[AMP_LAG] += dka * away
-        Sa[DELAY] += ka * by_delay
     f1 = damped * h * om * om
     for j in range(moving):
         Sd[j] = damped * Sd[j] + f1 * (Sa[j] - Sx[j])
@@ -138,6 +133,13 @@ def spool_step(x, S, moving, numbers, u, share, by_delay, d_now, d_before, gain_
         Sd[ZETA] -= rate * damped * 2.0 * om * h
     for j in range(moving):
         Sx[j] += h * Sd[j]
+    away = u - x[AMP]
+    x[AMP] += ka * away
+    for j in range(moving):
+        Sa[j] += ka * (d_now[j] + share * (d_before[j] - d_now[j]) - gain_y * Sy[j] - Sa[j])
+    if numbers:
+        Sa[AMP_LAG] += dka * away
+        Sa[DELAY] += ka * by_delay
 
 
 @compiled
@@ -210,7 +212,7 @@ def tangent(
     tank, m = sheet[S_TANK], th[MASS] * sheet[S_OWN]
     edge = split * SUBSTEPS
     o, q, c = w[0:5], w[5:10], w[10:14]
-    Sy, Sv, S1, S2, Sx, Sz, T1, T2 = S[Y], S[V], S[P1], S[P2], S[X], S[Z], S[M1], S[M2]
+    Sy, Sv, S1, S2, Sx, Sd, Sz, T1, T2 = S[Y], S[V], S[P1], S[P2], S[X], S[XD], S[Z], S[M1], S[M2]
     if not four:
         x[P2] = x[M2] = supply
     for i in range(SUBSTEPS):
@@ -236,6 +238,7 @@ def tangent(
             th[ZETA],
         )
         # flows: q1, q2 and their derivatives; direct ones by numbers wait until the pressures move
+        middle = x[X] - 0.5 * h * x[XD]  # of the spool within the step
         across = x[P2] - x[P1]
         q1 = th[LEAK] * across - th[LEAK_TANK] * (x[P1] - tank)
         q2 = -th[LEAK] * across
@@ -245,7 +248,7 @@ def tangent(
         q1_2, q2_1 = th[LEAK], th[LEAK]
         u1 = u1d = u1s = u1b = u1c = u1t = u1l = 0.0
         u2 = u2d = u2s = u2b = u2c = u2t = u2l = 0.0
-        opening(x[X] - th[DEAD_UP], s, th[BEND], th[BEND2], o)
+        opening(middle - th[DEAD_UP], s, th[BEND], th[BEND2], o)
         if o[0] > 0.0:
             orifice(o[0], supply - x[P1], th[TURBULENT], th[LAMINAR], q)
             q1 += gu * q[0]
@@ -263,7 +266,7 @@ def tangent(
                 q2_2 -= gu * q[2]
                 u2t, u2l = -gu * q[3], -gu * q[4]
         d1 = d1d = d2 = d2d = 0.0
-        opening(-x[X] - th[DEAD_DN], s, th[BEND], th[BEND2], o)
+        opening(-middle - th[DEAD_DN], s, th[BEND], th[BEND2], o)
         if o[0] > 0.0:
             orifice(o[0], x[P1] - tank, th[TURBULENT], th[LAMINAR], q)
             q1 -= gd * q[0]
@@ -300,7 +303,8 @@ def tangent(
         g = g if g > 0.1 else 0.1
         vr, vr_v, vr_reg = sliding(v, reg)
         den = 1.0 + h * vr * sigma / g
-        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - extra - sigma * x[Z] / den
+        place = x[Y] - 0.5 * sheet[S_STROKE]
+        drive = x[P1] * a1 - x[P2] * a2 - th[HOLD] - th[SPRING] * place - extra - sigma * x[Z] / den
         below = 1.0 + h * (th[viscous] + sigma * h / den) / m
         v1 = (v + h * drive / m) / below
         z = x[Z]
@@ -316,7 +320,7 @@ def tangent(
         z_den = -z1 / den
         for j in range(n):
             old = Sv[j]
-            new = v_v * old + hb * (a1 * S1[j] - a2 * S2[j]) + v_z * Sz[j]
+            new = v_v * old + hb * (a1 * S1[j] - a2 * S2[j] - th[SPRING] * Sy[j]) + v_z * Sz[j]
             Sz[j] = (Sz[j] + h * new) / den + z_den * den_v * old
             Sv[j] = new
         if numbers:
@@ -345,6 +349,9 @@ def tangent(
             d = -hb
             Sv[HOLD] += d
             Sz[HOLD] += h * d / den
+            d *= place
+            Sv[SPRING] += d
+            Sz[SPRING] += h * d / den
             # by mass: v1 below = v + h drive/m, m = r MASS; d below = -(below - 1)/MASS; d(drive/m) = -drive/(m MASS)
             d = (v1 * (below - 1.0) - h * drive / m) / (th[MASS] * below)
             Sv[MASS] += d
@@ -378,8 +385,9 @@ def tangent(
                 S1[j] = p_p * one + k * q1_2 * two - k * a1 * Sv[j] + p_y * Sy[j]
                 S2[j] = r_p * two + k2 * q2_1 * one + k2 * a2 * Sv[j] + r_y * Sy[j]
             for j in range(moving):
-                S1[j] += k * q1x * Sx[j]
-                S2[j] += k2 * q2x * Sx[j]
+                between = Sx[j] - 0.5 * h * Sd[j]
+                S1[j] += k * q1x * between
+                S2[j] += k2 * q2x * between
             if numbers:
                 S2[GAIN_UP] += k2 * u2
                 S2[GAIN_DN] += k2 * d2
@@ -401,7 +409,7 @@ def tangent(
             for j in range(n):
                 S1[j] = p_p * S1[j] - k * a1 * Sv[j] + p_y * Sy[j]
             for j in range(moving):
-                S1[j] += k * q1x * Sx[j]
+                S1[j] += k * q1x * (Sx[j] - 0.5 * h * Sd[j])
         if numbers:
             S1[GAIN_UP] += k * u1
             S1[GAIN_DN] += k * d1

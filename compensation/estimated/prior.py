@@ -46,13 +46,13 @@ from .leg import (
     S_PASS,
     S_POLE1,
     S_POLE2,
-    S_SMOOTH,
     S_STROKE,
     S_TANK,
     S_TICK,
     S_V1,
     S_V2,
     SOFT,
+    SPRING,
     STATIC_DN,
     STATIC_UP,
     TURBULENT,
@@ -88,7 +88,7 @@ def fill_sheet(sheet, settings):
     )
     sheet[S_STROKE], sheet[S_TANK] = settings.stroke_m, settings.tank_pressure_Pa
     sheet[S_FOUR_WAY], sheet[S_TICK] = settings.four_way, settings.tick_s
-    sheet[S_SMOOTH], sheet[S_OWN] = 4.0, settings.own_mobility
+    sheet[S_OWN] = settings.own_mobility
     k = tan(pi * min(FELT_HZ * settings.tick_s, 0.45))  # Butterworth's low pass by the bilinear rule
     norm = 1.0 / (1.0 + 2.0**0.5 * k + k * k)
     sheet[S_PASS], sheet[S_POLE1], sheet[S_POLE2] = (
@@ -126,10 +126,10 @@ def fill_prior(fit, settings, hold_N):
         one(fit, LN_SPOOL, log(USUAL_SPOOL_HZ), 0.6, log(10.0), log(500.0))
     one(fit, ZETA, 0.75, 0.3, 0.15, 2.5)
     one(fit, AMP_LAG, 5e-4, 8e-4, 0.0, 6e-3)
-    one(fit, DELAY, 1e-3, 1.5e-3, 0.0, 5.9 * settings.tick_s)
+    one(fit, DELAY, 1e-3, 3e-3, 0.0, 5.9 * settings.tick_s)
     one(fit, PLAY, 0.01 * volts, 0.015 * volts, 0.0, 0.2 * volts)
     one(fit, TURBULENT, 6e4, 2e5, 10.0, 3e6)
-    one(fit, LAMINAR, 0.0, 2e3 * volts**2, 0.0, 1e6 * volts**2)
+    one(fit, LAMINAR, 20.0 * volts**2, 2e3 * volts**2, 20.0 * volts**2, 1e6 * volts**2)
     leak = 1e-12 * settings.area_bottom_m2 / 1.257e-3 * settings.velocity_gain_m_s_V / 0.15
     one(fit, LEAK, 0.0, leak, -20.0 * leak, 20.0 * leak)
     one(fit, LEAK_TANK, 0.0, leak, -20.0 * leak, 20.0 * leak)
@@ -137,6 +137,7 @@ def fill_prior(fit, settings, hold_N):
     one(fit, AIR, 0.002, 0.005, 0.0, 0.1)
     one(fit, MASS, mass, MASS_SHARE * mass, 0.3 * mass, 4.0 * mass)
     one(fit, HOLD, hold_N, HOLD_SHARE * max(abs(hold_N), 0.02 * force), -none, none)
+    one(fit, SPRING, 0.0, 0.1 * force / settings.stroke_m, -none, none)
     for k in (COULOMB_UP, COULOMB_DN):
         one(fit, k, 0.01 * force, 0.008 * force, 1e-4 * force, none)
     for k in (STATIC_UP, STATIC_DN):
@@ -159,7 +160,7 @@ def fill_prior(fit, settings, hold_N):
 def add_prior(fit, numbers, H, g):
     """The prior's information, what older windows said, and what other legs told, into H (lower) and g, in prior units; returns its
     cost."""
-    cost = fit.folded_cost
+    cost = 0.0
     for k in range(N_NUMBERS):
         d = (numbers[k] - fit.mean[k]) / fit.sd[k]
         cost += d * d
@@ -193,6 +194,17 @@ def add_prior(fit, numbers, H, g):
             if b <= a:
                 H[a, b] += fit.folded_H[a, b]
         g[a] += fit.folded_g[a] - pull
+    return cost + folded_cost(fit, numbers)
+
+
+@compiled
+def folded_cost(fit, numbers):
+    """What older windows cost at numbers, over what they cost where they were folded."""
+    cost = fit.folded_cost
+    for a in range(N_NUMBERS):
+        pull = 0.0
+        for b in range(N_NUMBERS):
+            pull += fit.folded_H[a, b] * (numbers[b] - fit.mean[b]) / fit.sd[b]
         cost += (pull - 2.0 * fit.folded_g[a]) * (numbers[a] - fit.mean[a]) / fit.sd[a]
     return cost
 

@@ -3,24 +3,26 @@
 demanded motion    what the position loop makes of the setpoint through the identified valve, with its dead band at first, without it
                    two seconds after the volts have come in
 volts              those that make the identified leg follow it (inverse.py), less the controller's own on it
-engagement         where b^2 > e^2 + f^2 and the misfit is no more than KNOWN_LEG: b the bump that plain control makes by the model, f the
-                   one that the inverse leaves in it, e the one that the doubt about the numbers makes: S P S' of the
-                   acceleration, P the numbers' covariance
+engagement         where b^2/(b^2 + e^2 + f^2) > LEAST_SHARE and the misfit is no more than KNOWN_LEG: b the bump that plain control
+                   makes by the model, f the one that the inverse leaves in it, e the one that the doubt about the numbers makes: S P S'
+                   of the acceleration, P the numbers' covariance; of the last half strokes, by what is known now
+probe              what plain control hides of the valve shows in a small motion above the felt band, while the doubt alone keeps the
+                   volts out
 """
 
 from __future__ import annotations
 
-from math import sqrt
+from math import pi, sin, sqrt
 
 from ..adaptive.layout import MAX_LOOK, PREVIEW_TICKS
 from ..adaptive.loop_feedback import fed_back_V
 from ..adaptive.prediction import predict, start_prediction, watch_setpoint
 from ..compiled import compiled
 from .damping import damping_rate_1_s, damping_V, oil_stiffness, start_damping, watch_damping
-from .estimator import collect, hear_windows, is_known_leg, watch, watch_legs, work
+from .estimator import FAST_SHARE, FAST_m_s, collect, hear_windows, is_known_leg, watch, watch_legs, work
 from .fit import forward
 from .inverse import AHEAD, improve, keep_first, low_pass
-from .layout import MOST_DELAY, QUEUE
+from .layout import HALVES, MOST_DELAY, QUEUE
 from .leg import (
     AMP,
     COULOMB_DN,
@@ -44,8 +46,9 @@ from .leg import (
     S_A2,
     S_FLOW,
     S_FOUR_WAY,
-    S_SMOOTH,
+    S_STROKE,
     S_TANK,
+    SPRING,
     VISCOUS_DN,
     VISCOUS_UP,
     V,
@@ -61,11 +64,14 @@ from .prior import fill_sheet
 FOLLOW_S = 0.3  # in which the numbers that act follow those that are found
 RAMP_S = 0.15  # in which the volts come in; the demanded motion is then plain control's own but for its reversals
 LINEAR_S = 2.0  # in which the demanded motion then loses its dead band
-LEAST_SHARE = 0.5  # of bump^2 in bump^2 + doubt^2 from which it engages
+# of bump^2 in bump^2 + doubt^2 + left^2, from which it engages: two standard deviations, 5 % of being worse
+LEAST_SHARE = 0.8
+STAY_SHARE = 0.5  # and below which it leaves: as much is expected as plain control makes
 MOST_DOUBT = 2.0  # of bump^2 in one half stroke: beyond it the numbers' errors leave the linear range, and say no more
-SMOOTHEST = 16.0  # of the volts' second difference: of a smoother crossing the window sees the cost, not the use
-KEEP_HALVES = 0.75  # of the squares of a half stroke before
 SAY_TICKS = 8  # from one time to the next that a leg of a platform says whether it wants to engage
+PROBE_HZ = (70.0, 120.0)  # above the band in which a bump is judged: spools of 25 Hz and of 250 Hz differ there
+# of the bump, as acceleration of each tone: ISO 2631-1 weighs 70 Hz by 0.16, so that a twentieth of the bump is felt
+PROBE = 0.3
 QUIET_TICKS = 20  # for which no leg may object
 
 
@@ -190,9 +196,11 @@ def _steady(x, s, y, v, numbers):
         x[P2] = 0.5 * supply
     else:
         x[P2] = supply
-    x[P1] = (x[P2] * a2 + numbers[HOLD] + friction) / a1
+    spring = numbers[SPRING] * (y - 0.5 * s.sheet[S_STROKE])
+    x[P1] = (x[P2] * a2 + numbers[HOLD] + spring + friction) / a1
     x[M1], x[M2] = x[P1], x[P2]
-    volts = v / (s.settings.velocity_gain_m_s_V * numbers[GAIN_UP]) + (numbers[DEAD_UP] if up else -numbers[DEAD_DN])
+    gain_up, gain_dn = _gains(s)
+    volts = v / gain_up + numbers[DEAD_UP] if up else v / gain_dn - numbers[DEAD_DN]
     x[AMP] = x[X] = volts
     x[Z] = friction / 2.718281828459045 ** numbers[LN_BRISTLE]
     return volts
@@ -269,6 +277,13 @@ def _damp(s, bottom_Pa, top_Pa):
 
 
 @compiled
+def _in_motion(s):
+    """Whether the demanded motion is as fast as where windows begin: a steady state is near the leg's own."""
+    speed = abs(s.reference.velocity_m_s[int(s.numbers[DELAY] / s.settings.tick_s)])
+    return speed > min(FAST_m_s, FAST_SHARE * s.past.fastest_m_s)
+
+
+@compiled
 def _expect(s, volts, last, left):
     """Bumps that plain control makes by the model, that the inverse leaves, and that the doubt about the numbers makes: the largest of
     each half stroke."""
@@ -279,9 +294,8 @@ def _expect(s, volts, last, left):
     v, a = ref.velocity_m_s[whole], (ref.velocity_m_s[whole + 1] - ref.velocity_m_s[whole]) / tick_s
     extra = numbers[MASS] * ref.extra_m_s2[whole]
     if not e.started:
-        _steady(e.plain, s, ref.position_m[whole], v, numbers)
-        _steady(e.x, s, ref.position_m[whole], v, numbers)
-        e.started, e.halves = 1, -1  # the first reversal begins with a state that is not known
+        e.plain_V = _steady(e.plain, s, ref.position_m[whole], v, numbers)
+        e.started, e.unsteady = 1, QUEUE
     # plain control, by the model
     control = kp * (ref.setpoint_ahead_m[whole] - e.plain[Y])
     speed = e.plain[V]
@@ -315,34 +329,53 @@ def _expect(s, volts, last, left):
     )
     for j in range(N_NUMBERS):
         f = (e.S[V, j] - e.speed[j]) / tick_s
-        e.row[j] = low_pass(e.filtered[j], f, s.sheet) * s.known.sd[j]
-    forward(s.known.factor, N_NUMBERS, e.row)
-    total = 0.0
-    for j in range(N_NUMBERS):
-        total += e.row[j] * e.row[j]
-    e.sigma = max(e.sigma, total * max(1.0, s.known.chi2[0], s.known.chi2[1]))
-    peak = a * e.acceleration < 0.0
-    e.acceleration = a
-    if peak:  # the middle of a stroke: a reversal lies behind
-        if e.halves < 0:
-            e.halves = 0
-        elif e.bump > 0.0:
-            k = KEEP_HALVES if e.halves > 0 else 0.0
-            e.bump2 = k * e.bump2 + (1.0 - k) * e.bump * e.bump
-            e.left2 = k * e.left2 + (1.0 - k) * e.left * e.left
-            e.sigma2 = k * e.sigma2 + (1.0 - k) * min(e.sigma, MOST_DOUBT * e.bump * e.bump)
-            e.halves += 1
-            _balance(s.sheet, e.sigma, e.left * e.left)
+        e.row[j] = low_pass(e.filtered[j], f, s.sheet)
+    doubt2 = _variance(s, e.row)
+    if doubt2 > e.sigma:
+        e.sigma = doubt2
+        e.worst[:] = e.row
+    if e.unsteady > 0:  # the start state's own swing is no bump
+        e.unsteady -= 1
         e.bump = e.sigma = e.left = 0.0
+    peak = a * e.acceleration < 0.0
+    if v * e.velocity < 0.0:
+        e.turned = 1
+    e.acceleration, e.velocity = a, v
+    if peak and e.turned:  # the middle of a stroke: a reversal lies behind
+        if e.bump > 0.0:
+            k = e.halves % HALVES
+            e.bumps2[k], e.lefts2[k], e.rows[k] = e.bump * e.bump, e.left * e.left, e.worst
+            e.halves += 1
+            e.bump2 = e.left2 = 0.0
+            for k in range(HALVES):
+                _doubt(s, k)
+                e.bump2 += e.bumps2[k] / min(e.halves, HALVES)
+                e.left2 += e.lefts2[k] / min(e.halves, HALVES)
+        e.bump = e.sigma = e.left = 0.0
+        e.turned = 0
 
 
 @compiled
-def _balance(sheet, doubt, left):
-    """Smoother volts where the doubt about the spool costs more than they do, sharper ones where less: squares of both bumps."""
-    if doubt > 2.0 * left:
-        sheet[S_SMOOTH] = min(2.0 * sheet[S_SMOOTH], SMOOTHEST)
-    elif left > 2.0 * doubt:
-        sheet[S_SMOOTH] = max(0.5 * sheet[S_SMOOTH], 1.0)
+def _variance(s, row):
+    """Of a quantity with derivatives row (N_NUMBERS,) by the numbers, by what is known of them now."""
+    known, scaled = s.known, s.expected.scaled
+    for j in range(N_NUMBERS):
+        scaled[j] = row[j] * known.sd[j]
+    forward(known.factor, N_NUMBERS, scaled)
+    total = 0.0
+    for j in range(N_NUMBERS):
+        total += scaled[j] * scaled[j]
+    return total * max(1.0, known.chi2[0], known.chi2[1])
+
+
+@compiled
+def _doubt(s, k):
+    """The doubt in one of the last half strokes by what is known now: what was not known then does not matter."""
+    e = s.expected
+    e.doubts2[k] = min(_variance(s, e.rows[k]), MOST_DOUBT * e.bumps2[k])
+    e.sigma2 = 0.0
+    for j in range(HALVES):
+        e.sigma2 += e.doubts2[j] / max(min(e.halves, HALVES), 1)
 
 
 @compiled
@@ -354,6 +387,21 @@ def _through_backlash(inv, volts, half):
         inv.side = -1.0
     inv.played = volts
     return volts + inv.side * half
+
+
+@compiled
+def _probe(s):
+    """Volts [V] of a small motion that shows the valve, for a leg whose doubt alone keeps the compensation out."""
+    e, tick_s = s.expected, s.settings.tick_s
+    up, down = _gains(s)
+    v, gain = s.reference.velocity_m_s[0], 0.5 * (up + down)
+    if abs(v) < gain * 0.5 * (s.numbers[DEAD_UP] + s.numbers[DEAD_DN]):
+        return 0.0
+    total = 0.0
+    for f in PROBE_HZ:
+        w = 2.0 * pi * f
+        total += sin(w * s.past.ticks * tick_s) / w
+    return PROBE * max(sqrt(e.bump2), e.bump) / gain * total
 
 
 @compiled
@@ -390,8 +438,15 @@ def tick_of(
         return 0.0
     if s.numbers[MASS] == 0.0:
         s.numbers[:] = s.known.numbers
+        ref.stale = QUEUE
     for k in range(N_NUMBERS):
         s.numbers[k] += settings.tick_s / FOLLOW_S * (s.known.numbers[k] - s.numbers[k])
+    if ref.stale > 0:  # a demanded motion by numbers that are not the leg's
+        ref.stale -= 1
+        return 0.0
+    e = s.expected
+    if not e.started and not _in_motion(s):
+        return 0.0
     inv.x_before[:] = inv.x
     last = inv.before
     volts, left = _invert(s)
@@ -399,15 +454,17 @@ def tick_of(
         inv.x_before[:] = inv.x
         last, inv.started_now = volts, 0
     _expect(s, volts, last, left)
-    e = s.expected
-    wanted = 0.0
-    if e.halves > 0:
+    _doubt(s, s.past.ticks % HALVES)
+    knows = s.share > 0.0 or is_known_leg(s.known.chi2)
+    wants = False
+    if e.halves > 0 and knows:
         share = e.bump2 / (e.bump2 + e.sigma2 + e.left2)
-        knows = s.share > 0.0 or is_known_leg(s.known.chi2)
-        wanted = 1.0 if share > LEAST_SHARE and knows else 0.0
+        wants = share > (STAY_SHARE if s.share > 0.0 else LEAST_SHARE)
+    probe = _probe(s) if s.share == 0.0 and e.halves > 0 and knows and not wants else 0.0
+    wanted = 1.0 if wants else 0.0
     if s.platform:
-        s.wants = 1 if wanted > 0.0 else 0
-        s.objected = max(s.objected - 1, 0) if wanted > 0.0 else QUIET_TICKS
+        s.wants = 1 if wants else 0
+        s.objected = max(s.objected - 1, 0) if wants else QUIET_TICKS
         wanted = 1.0 if s.objected == 0 else 0.0
     step = settings.tick_s / RAMP_S
     s.share += min(max((wanted if s.linear == 0.0 or wanted > 0.0 else 1.0) - s.share, -step), step)
@@ -422,7 +479,7 @@ def tick_of(
     )
     own = settings.position_gain_V_per_m * (setpoint_m - ref.position_m[0] + lag) + forward_V
     own -= fed_back_V(s.loop, settings, ref.position_m[0], pressure)
-    return s.share * (total - own)
+    return s.share * (total - own) + probe
 
 
 @compiled

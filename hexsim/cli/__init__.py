@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import os
 
 import typer
 
@@ -78,5 +77,4 @@ def _common(
 def main() -> None:
     """Entry point of the `hexsim` command."""
     gc.set_threshold(OBJECTS_A_COLLECTION)
-    os.environ.setdefault("MUJOCO_GL", "off")  # the viewer has a window of its own
     app()
