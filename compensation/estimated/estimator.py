@@ -53,7 +53,7 @@ from .leg import (
 from .prior import LEGS_ALIKE, add_prior, fill_prior, folded_cost
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
-MOST_STEPS = 8  # passes of a stage
+MOST_STEPS, CALM_STEPS = 8, 3  # passes of a stage; near the minimum two steps are enough
 LEAST_GAIN = 0.1  # of the cost, by a step: a third of a standard deviation of one number
 FEWEST = 5  # windows with which it begins, two with a reversal among them
 ROUNDS = 6  # of a step, in which numbers meet their bounds
@@ -61,7 +61,7 @@ KNOWN_LEG = 2.0  # misfit from which the leg is not one that the model knows: as
 BETTER = 0.8  # of the misfit beyond noise: from which another minimum is preferred
 NOISE_MISFIT = 1.5  # beyond it the leg may sit in another minimum: half of KNOWN_LEG
 KNOWN_TRY = 2  # of a leg that the model knows: of the same windows, for misfits differ by little
-TRY_STAGES = (1, 2)  # from which a try begins: with all numbers as before, or with the spool's changed
+TRY_STAGES = (0, 2)  # from which a try begins: with all numbers as before, or with the spool's changed
 # Other minima, in turn. Of a leg that the model does not know, about what was believed before: spool, damping, backlash, in standard
 # deviations. Of one that it knows: plain control shows the valve's lag well, and badly what makes it: factor of the spool's frequency
 # and damping, share of its lag that is delay instead.
@@ -598,11 +598,16 @@ def _settle(s):
     fit.settled = 1
     if fit.trying:
         _end_try(s)
-        if is_known_leg(fit.chi2):  # the windows that came meanwhile, before another try
-            return
-    if fit.seen > fit.tries_seen + WINDOWS and not is_known_leg(fit.chi2):
+        return  # to the windows that came meanwhile, before another try
+    known = is_known_leg(fit.chi2)
+    if known:
+        fit.was_known = 1
+    elif fit.was_known:  # the leg has changed: what it was before is another leg's
+        fit.was_known = fit.count = fit.seen = fit.tries = fit.tries_seen = 0
+        return
+    elif fit.seen > fit.tries_seen + WINDOWS:
         fit.tries, fit.tries_seen = 0, fit.seen
-    most = len(SAME_LAG) if is_known_leg(fit.chi2) else len(ELSEWHERE)
+    most = len(SAME_LAG) if known else len(ELSEWHERE)
     if fit.count == WINDOWS and max(fit.chi2[0], fit.chi2[1]) > NOISE_MISFIT and fit.tries < most:
         fit.settled = 0
         _begin_try(s)
@@ -616,7 +621,7 @@ def _end_pass(s):
     fit.running = 0
     trial.cost += add_prior(fit, trial.numbers, trial.H, trial.g)
     fit.step += 1
-    done, fresh = fit.step >= MOST_STEPS, not fit.has_best
+    done, fresh = fit.step >= (CALM_STEPS if is_calm(s) else MOST_STEPS), not fit.has_best
     if not fit.has_best or trial.cost < fit.best.cost:
         if fit.has_best:
             done = done or fit.best.cost - trial.cost < 3e-4 * trial.cost
@@ -648,11 +653,19 @@ def _end_stage(s):
 
 
 @compiled
+def is_calm(s):
+    """Whether the inverse leaves more than the doubt does, and the windows are still those of the leg that is known."""
+    fit, expected = s.fit, s.expected
+    rows = fit.count * WINDOW * (3 if s.sheet[S_FOUR_WAY] != 0.0 else 2)
+    found = fit.stage == len(HEATS) - 1 and fit.best.cost < NOISE_MISFIT * rows
+    return found and s.linear == 1.0 and expected.sigma2 < expected.left2
+
+
+@compiled
 def work(s):
     """The fit's share of a tick."""
-    fit, expected = s.fit, s.expected
-    calm = s.linear == 1.0 and expected.sigma2 < expected.left2 and fit.stage == len(HEATS) - 1
-    for _ in range(CALM_WORK if calm else WORK):
+    fit = s.fit
+    for _ in range(CALM_WORK if is_calm(s) else WORK):
         if not fit.running:
             begins = fit.settled or fit.step == 0
             folds = begins and _begin_fold(s)

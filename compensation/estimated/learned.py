@@ -21,9 +21,9 @@ LEARNED = record(
     factor=(f, (N_FACTOR,)), chi2=(f, (2,)), noise=(f, (2,)),  # lower factor of the information, row by row; misfits; m, Pa
 )  # fmt: skip
 SCALE, FACTOR, NOISE = (LEARNED.fields[name][1] // 8 for name in ("scale", "factor", "noise"))  # type: ignore[index]
-PRIOR = record(  # what `fill_prior` fills of a fit
-    mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)), scale=(f, (N_COLUMNS,)),
-    mass_over_hold=f,
+PRIOR = record(  # what `fill_prior` fills of a fit, in another order: a layout that another begins with is the same to numba
+    mass_over_hold=f, mean=(f, (N_NUMBERS,)), sd=(f, (N_NUMBERS,)), low=(f, (N_NUMBERS,)), high=(f, (N_NUMBERS,)),
+    scale=(f, (N_COLUMNS,)),
 )  # fmt: skip
 
 
