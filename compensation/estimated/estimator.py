@@ -53,11 +53,12 @@ from .leg import (
 from .prior import LEGS_ALIKE, add_prior, fill_prior, folded_cost
 
 HEATS = (30.0, 10.0, 3.0, 1.0)  # of the noise, by stages
-MOST_STEPS, CALM_STEPS = 8, 3  # passes of a stage; near the minimum two steps are enough
+MOST_STEPS = 8  # passes of a stage
 LEAST_GAIN = 0.1  # of the cost, by a step: a third of a standard deviation of one number
 FEWEST = 5  # windows with which it begins, two with a reversal among them
 ROUNDS = 6  # of a step, in which numbers meet their bounds
 KNOWN_LEG = 2.0  # misfit from which the leg is not one that the model knows: as much beside the noise as noise
+CHANGED_LEG = 10.0  # misfit from which a known leg has changed: three times the noise throughout
 BETTER = 0.8  # of the misfit beyond noise: from which another minimum is preferred
 NOISE_MISFIT = 1.5  # beyond it the leg may sit in another minimum: half of KNOWN_LEG
 KNOWN_TRY = 2  # of a leg that the model knows: of the same windows, for misfits differ by little
@@ -68,7 +69,7 @@ TRY_STAGES = (0, 2)  # from which a try begins: with all numbers as before, or w
 ELSEWHERE = ((1.5, -1.0, 0.0), (-0.7, 1.0, 0.0), (0.0, 0.0, 1.5), (1.0, 1.0, -1.0))
 SAME_LAG = ((0.6, 0.0), (1.0, 0.5), (1.6, 0.0))
 MEMORY_S = 30.0  # in which what older windows said fades: seals and oil warm up within some 20 s at the fastest
-WORK, CALM_WORK = 14, 4  # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not
+WORK, CALM_WORK = 14, 8  # window ticks a tick: while the doubt costs more than the inverse leaves, and when it does not
 # chi2 of as many numbers, four standard deviations: older windows that cost more now contradict the new ones
 MOST_FOLDED_COST = N_NUMBERS + 4.0 * (2.0 * N_NUMBERS) ** 0.5
 HALF_SPAN = 8  # ticks on either side of a speed
@@ -602,7 +603,7 @@ def _settle(s):
     known = is_known_leg(fit.chi2)
     if known:
         fit.was_known = 1
-    elif fit.was_known:  # the leg has changed: what it was before is another leg's
+    elif fit.was_known and max(fit.chi2[0], fit.chi2[1]) > CHANGED_LEG:  # what it was before is another leg's
         fit.was_known = fit.count = fit.seen = fit.tries = fit.tries_seen = 0
         return
     elif fit.seen > fit.tries_seen + WINDOWS:
@@ -621,7 +622,7 @@ def _end_pass(s):
     fit.running = 0
     trial.cost += add_prior(fit, trial.numbers, trial.H, trial.g)
     fit.step += 1
-    done, fresh = fit.step >= (CALM_STEPS if is_calm(s) else MOST_STEPS), not fit.has_best
+    done, fresh = fit.step >= MOST_STEPS, not fit.has_best
     if not fit.has_best or trial.cost < fit.best.cost:
         if fit.has_best:
             done = done or fit.best.cost - trial.cost < 3e-4 * trial.cost
