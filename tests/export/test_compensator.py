@@ -144,9 +144,9 @@ def signals(seconds: float, legs: list[Leg]) -> Iterator[list[Sample]]:
             )
             for leg, context, (position, pressure) in zip(legs, TWO_LEGS, read, strict=True)
         ]  # fmt: skip
-        if 5.6 <= t < 5.7:
+        if 8.6 <= t < 8.7:
             row[0] = replace(row[0], pressure_bottom_Pa=math.nan)
-        if k == 3150:
+        if k == 4650:
             row[0] = replace(row[0], preview_m=np.full(15, math.nan))
         yield row
 
@@ -165,11 +165,11 @@ def drive(made, states: list, rows: Sequence[list[Sample]] | Iterator[list[Sampl
 
 
 def test_legs_of_a_platform_are_pythons_to_the_bit(exports):
-    """7 s in which two legs are identified, tell each other and engage together, one loses a pressure and later its state, and they
+    """10 s in which two legs are identified, tell each other and engage together, one loses a pressure and later its state, and they
     start again, with what was learned and with nothing: volts, sentences, numbers and errors equal; and once more from what was
     learned."""
     python, legs, rows = compensation.create("estimated"), [Leg(1), Leg(2)], []
-    kept = (rows.append(row) or row for row in signals(7.0, legs))
+    kept = (rows.append(row) or row for row in signals(10.0, legs))
     ours = drive(python, [python.start(context) for context in TWO_LEGS], kept, legs)
     made = library(exports, "estimated")
     assert drive(made, [made.start(context) for context in TWO_LEGS], rows) == ours
