@@ -23,6 +23,7 @@ import numpy as np
 from .knowledge import Knowledge
 
 NO_LOAD = np.zeros(0)  # `Sample.load_preview_m_s2` of a leg that carries nothing of what other legs move
+MOST_LEGS = 8  # of a platform
 MEASURED_TICKS = 5  # by which `Sample.speeds_m_s` lie behind: the middle of the parabola they come from
 Parameters = dict[str, Any]  # numbers, lists of numbers, strings: what JSON and TOML can hold
 

@@ -19,16 +19,15 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from .compensator import Compensator, Context, Parameters
+from .compensator import MOST_LEGS, Compensator, Context, Parameters
 from .guard import ACTS, BEGINS_ANEW, GUARD, RESTARTS, accept, check, start_guard
 
 EXPORTED = ("adaptive", "estimated")  # algorithms that are compiled throughout
 LOADS = 32  # of a preview, more than any algorithm looks ahead
-LEGS = 8  # of a platform, at most
 # What is given before a tick, for that tick alone: `Sample.load_preview_m_s2`, and what all legs of a platform do.
 INPUTS = np.dtype((np.record, [
-    ("loads", "i8"), ("legs", "i8"), ("loads_m_s2", "f8", (LOADS,)), ("pose_m_s2", "f8"), ("mobility", "f8", (LEGS,)),
-    ("forces_N", "f8", (LEGS,)), ("speeds_m_s", "f8", (LEGS,)),
+    ("loads", "i8"), ("legs", "i8"), ("loads_m_s2", "f8", (LOADS,)), ("pose_m_s2", "f8"), ("mobility", "f8", (MOST_LEGS,)),
+    ("forces_N", "f8", (MOST_LEGS,)), ("speeds_m_s", "f8", (MOST_LEGS,)),
 ]))  # fmt: skip
 
 

@@ -27,6 +27,7 @@ from .fit import (
     forward,
     read_tick,
     tick_window,
+    variances,
 )  # fmt: skip
 from .layout import HISTORY, WAITING, WINDOWS
 from .leg import (
@@ -476,13 +477,7 @@ def _keep_alone(fit, known):
     spread = max(1.0, known.chi2[0], known.chi2[1])
     for k in range(N_NUMBERS):
         known.alone[k] = (known.numbers[k] - fit.mean[k]) / fit.sd[k] + fit.a[k]
-    for k in range(N_NUMBERS):
-        fit.a[:] = 0.0
-        fit.a[k] = 1.0
-        forward(fit.L, N_NUMBERS, fit.a)
-        known.alone_variance[k] = 0.0
-        for j in range(k, N_NUMBERS):
-            known.alone_variance[k] += spread * fit.a[j] * fit.a[j]
+    variances(fit.L, spread, known.alone_variance, fit.a)
 
 
 @compiled

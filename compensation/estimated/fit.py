@@ -180,6 +180,18 @@ def backward(L, n, b):
 
 
 @compiled
+def variances(L, times, out, spare):
+    """The diagonal of times (L L')^-1 into out (N_NUMBERS,): squares of L^-1 e_k. spare (N_NUMBERS,)."""
+    for k in range(N_NUMBERS):
+        spare[:] = 0.0
+        spare[k] = 1.0
+        forward(L, N_NUMBERS, spare)
+        out[k] = 0.0
+        for j in range(k, N_NUMBERS):
+            out[k] += times * spare[j] * spare[j]
+
+
+@compiled
 def eliminate(starts, A, B, C, a, b, H, g, KB, kb):
     """Adds a window with its start state eliminated to H (lower), g. KB (N_START, N_NUMBERS), kb (N_START,) give the start's step
     kb - KB d for a step d of the numbers. C is factored in place (its prior is in it)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..adaptive.layout import DESIGN, LOOP, MAX_DAMPING_TAPS, PREDICTION, record
+from ..compensator import MOST_LEGS
 from .fit import LEAD, N_COLUMNS, N_START, WINDOW
 from .inverse import AHEAD
 from .leg import N_NUMBERS, N_SHEET, N_STATES
@@ -12,7 +13,6 @@ from .leg import N_NUMBERS, N_SHEET, N_STATES
 Record = Any
 HISTORY = 512  # ticks that are kept, a power of two: a window, its lead, and where it may begin earlier
 WINDOWS, WAITING = 10, 3  # windows that the fit sees; that wait for the end of a pass
-LEGS = 8  # of a platform, at most
 MOST_DELAY = 6  # whole ticks of a valve's delay
 HALVES = 4  # half strokes by which what to expect is judged: of a sine two each way
 QUEUE = AHEAD + MOST_DELAY + 2  # demanded motion from now on
@@ -27,14 +27,14 @@ SETTINGS = record(
 )  # fmt: skip
 PAST = record(
     position_m=(f, (HISTORY,)), bottom_Pa=(f, (HISTORY,)), top_Pa=(f, (HISTORY,)), supply_Pa=(f, (HISTORY,)), pose_m_s2=(f, (HISTORY,)),
-    forces_N=(f, (HISTORY, LEGS)), speeds_m_s=(f, (HISTORY, LEGS)), mobility=(f, (HISTORY, LEGS)),
+    forces_N=(f, (HISTORY, MOST_LEGS)), speeds_m_s=(f, (HISTORY, MOST_LEGS)), mobility=(f, (HISTORY, MOST_LEGS)),
     volts=(f, (HISTORY,)), ticks=i, begin=i, odd=i, fastest_m_s=f, supply_mean_Pa=f, noise_m=f, noise_Pa=f, force_N=f, force_ticks=f,
 )  # fmt: skip
 WINDOW_DATA = record(
     position_m=(f, (WINDOW,)), bottom_Pa=(f, (WINDOW,)), top_Pa=(f, (WINDOW,)), supply_Pa=(f, (WINDOW,)), pose_m_s2=(f, (WINDOW,)),
-    forces_N=(f, (WINDOW, LEGS)), speeds_m_s=(f, (WINDOW, LEGS)), mobility=(f, (WINDOW, LEGS)),
-    load_N=(f, (WINDOW,)), others_N=(f, (WINDOW, LEGS)),
-    fitted=(i, (WINDOW, LEGS)), friction_N=(f, (WINDOW,)), first=i,
+    forces_N=(f, (WINDOW, MOST_LEGS)), speeds_m_s=(f, (WINDOW, MOST_LEGS)), mobility=(f, (WINDOW, MOST_LEGS)),
+    load_N=(f, (WINDOW,)), others_N=(f, (WINDOW, MOST_LEGS)),
+    fitted=(i, (WINDOW, MOST_LEGS)), friction_N=(f, (WINDOW,)), first=i,
     volts=(f, (LEAD + WINDOW,)), measured=(f, (N_START,)), start=(f, (N_START,)), reversal=f, chi=(f, (2,)), doubt_N=f,
 )  # fmt: skip
 TRIAL = record(  # a pass over the windows at some numbers
@@ -85,8 +85,8 @@ DAMPING = record(
     work=DESIGN,
 )  # fmt: skip
 STATE = record(
-    settings=SETTINGS, sheet=(f, (N_SHEET,)), mobility=(f, (LEGS,)), others=(f, (LEGS, N_NUMBERS)),
-    heard=(i, (LEGS,)), alone=(f, (LEGS, N_NUMBERS)), alone_variance=(f, (LEGS, N_NUMBERS)), mean_N=(f, (LEGS,)),
+    settings=SETTINGS, sheet=(f, (N_SHEET,)), mobility=(f, (MOST_LEGS,)), others=(f, (MOST_LEGS, N_NUMBERS)),
+    heard=(i, (MOST_LEGS,)), alone=(f, (MOST_LEGS, N_NUMBERS)), alone_variance=(f, (MOST_LEGS, N_NUMBERS)), mean_N=(f, (MOST_LEGS,)),
     past=PAST, windows=(WINDOW_DATA, (WINDOWS + WAITING,)), fit=FIT, known=KNOWN,
     numbers=(f, (N_NUMBERS,)), inverse=INVERSE, reference=REFERENCE, expected=EXPECTED, prediction=PREDICTION, loop=LOOP, damping=DAMPING,
     share=f, linear=f, platform=i, objected=i, wants=i,

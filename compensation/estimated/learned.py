@@ -8,7 +8,7 @@ from ..adaptive.layout import record
 from ..compensator import Parameters
 from ..compiled import compiled
 from .estimator import HEATS
-from .fit import N_COLUMNS, forward
+from .fit import N_COLUMNS, variances
 from .layout import Record
 from .leg import HOLD, N_NUMBERS, NAMES
 from .prior import fill_prior, restore_prior
@@ -56,13 +56,8 @@ def restore(s, learned):
     known.chi2[0], known.chi2[1] = learned.chi2[0], learned.chi2[1]
     known.valid = 1
     s.past.noise_m, s.past.noise_Pa = learned.noise[0], learned.noise[1]
-    for k in range(N_NUMBERS):  # variance k of (L L')^-1: the square of L^-1 e_k
-        for j in range(N_NUMBERS):
-            fit.a[j] = 1.0 if j == k else 0.0
-        forward(known.factor, N_NUMBERS, fit.a)
-        fit.held[k] = 0.0
-        for j in range(k, N_NUMBERS):
-            fit.held[k] += fit.a[j] * fit.a[j]
+    variances(known.factor, 1.0, fit.held, fit.a)
+    for k in range(N_NUMBERS):
         fit.held[k] = known.sd[k] * fit.held[k] ** 0.5
     restore_prior(fit, s.settings, known.numbers, fit.held)
     for k in range(N_NUMBERS):

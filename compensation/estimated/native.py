@@ -8,14 +8,13 @@ import numpy as np
 
 from ..adaptive.layout import record
 from ..adaptive.prediction import prediction_table
-from ..compensator import Context
+from ..compensator import MOST_LEGS, Context
 from ..compiled import compiled
 from ..guard import TELLS
-from ..native import LEGS as MOST_LEGS
 from ..native import Native
 from .damping import design_damping
 from .estimated import Estimated, EstimatedState
-from .layout import LEGS, SETTINGS, STATE
+from .layout import SETTINGS, STATE
 from .learned import LEARNED, PRIOR, as_dict, fill, keep, refused_number, restore
 from .leg import NAMES
 from .legs import is_finite, tells
@@ -23,10 +22,10 @@ from .step import hear_leg, start, tick_of
 
 NUMBERS = SETTINGS.names or ()
 GIVEN = record(
-    **dict.fromkeys(NUMBERS, "f8"), spool_damping="f8", position_noise_m="f8", position_resolution_m="f8", mobility=("f8", (LEGS,))
+    **dict.fromkeys(NUMBERS, "f8"), spool_damping="f8", position_noise_m="f8", position_resolution_m="f8", mobility=("f8", (MOST_LEGS,))
 )  # fmt: skip
 LEG, ALL_LEGS, MOBILITY = NUMBERS.index("leg"), NUMBERS.index("legs"), GIVEN.fields["mobility"][1] // 8  # type: ignore[index]
-assert (len(NUMBERS) - 2, len(NUMBERS) - 1) == (LEG, ALL_LEGS) and LEGS == MOST_LEGS
+assert (len(NUMBERS) - 2, len(NUMBERS) - 1) == (LEG, ALL_LEGS)
 
 
 @compiled
@@ -35,7 +34,7 @@ def start_given(s, own, given):
     for i in range(LEG):
         own[i] = given[i]
     s.settings.leg, s.settings.legs = int(given[LEG]), int(given[ALL_LEGS])
-    for i in range(LEGS):
+    for i in range(MOST_LEGS):
         s.mobility[i] = given[MOBILITY + i]
     start(s)
 
@@ -85,6 +84,6 @@ NATIVE = Native(
         "bulk_modulus_Pa", "stribeck_velocity_m_s", "edge_V", "velocity_gain_m_s_V", "own_mobility", "load_over_weight",
         "spool_damping",
     ),
-    ranges={"leg": (0.0, LEGS - 1.0), "legs": (0.0, LEGS)}, start=start_given, tick=tick_given, finite=finite, hear=hear_leg, keep=keep,
-    forget=forget, restore=restore, refused=refused, as_dict=as_dict, fill=fill, names={"numbers": NAMES, "scale": NAMES},
+    ranges={"leg": (0.0, MOST_LEGS - 1.0), "legs": (0.0, MOST_LEGS)}, start=start_given, tick=tick_given, finite=finite, hear=hear_leg,
+    keep=keep, forget=forget, restore=restore, refused=refused, as_dict=as_dict, fill=fill, names={"numbers": NAMES, "scale": NAMES},
 )  # fmt: skip

@@ -21,7 +21,8 @@ import numpy as np
 from numba import carray, cfunc, types
 
 from compensation import Context, check_parameters, preview_count
-from compensation.native import EXPORTED, LEGS, LOADS, guarded, native
+from compensation.compensator import MOST_LEGS
+from compensation.native import EXPORTED, LOADS, guarded, native
 from hexsim.errors import HexsimError
 from hexsim.export.toolchain import SYSTEMS, System, has_linker, object_of, shared_library
 from hexsim.files.atomic import written_whole
@@ -67,7 +68,7 @@ def native_functions(name: str) -> dict[str, Any]:
     def feel(state, pose, mobility, forces, speeds, count):
         inputs, given = carray(state, (1,), layout)[0].inputs, carray(mobility, (count,), double)
         forces_N, speeds_m_s = carray(forces, (count,), double), carray(speeds, (count,), double)
-        inputs.legs, inputs.pose_m_s2 = min(max(count, 0), LEGS), pose
+        inputs.legs, inputs.pose_m_s2 = min(max(count, 0), MOST_LEGS), pose
         for i in range(inputs.legs):
             inputs.mobility[i], inputs.forces_N[i], inputs.speeds_m_s[i] = given[i], forces_N[i], speeds_m_s[i]
 
