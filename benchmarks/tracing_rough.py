@@ -169,16 +169,16 @@ LIMITS = {"share": (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95), "size": (0.25, 0.
 
 
 def named_at(line: dict, share: float | None = None, size: float = 1.0) -> set[str]:
-    """What of the kept evidence would be named at another least share (half of it held out), or another least size.
+    """What of the kept evidence would be named at another least share, or another least size.
 
     A share replaces the rule of the own balance too. After a name that was not given no further round was looked at.
     """
     from hexsim.tracing import rules
     from hexsim.tracing.fitting.rest_evidence import Evidence, sure
 
-    usual = rules.PARTLY_SHARE, rules.PARTLY_SHARE_UNSEEN, rules.PARTLY_RESTORED
+    usual = rules.PARTLY_SHARE, rules.PARTLY_RESTORED
     if share is not None:
-        rules.PARTLY_SHARE, rules.PARTLY_SHARE_UNSEEN, rules.PARTLY_RESTORED = share, 0.5 * share, np.inf
+        rules.PARTLY_SHARE, rules.PARTLY_RESTORED = share, np.inf
     found = set()
     for tried in line["judged"]:
         passed = [
@@ -188,7 +188,7 @@ def named_at(line: dict, share: float | None = None, size: float = 1.0) -> set[s
         ]
         if passed and passed[-1]["remarkable"] > size:  # of a tie the plainest is judged last
             found.add(passed[-1]["candidate"].split(" in ")[0])
-    rules.PARTLY_SHARE, rules.PARTLY_SHARE_UNSEEN, rules.PARTLY_RESTORED = usual
+    rules.PARTLY_SHARE, rules.PARTLY_RESTORED = usual
     return found
 
 

@@ -26,7 +26,7 @@ from hexsim.tracing import rules
 from hexsim.tracing.balances.null import used
 from hexsim.tracing.design.believed import enters_a_cushion, hangs_on
 from hexsim.tracing.design.information import SHARP, Hypothesis, Promise, shrunk, with_load
-from hexsim.tracing.fitting import rest_errors, rest_level
+from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.covariance import inverse
 from hexsim.tracing.fitting.fit import Fit, bounds_of, coordinates_of, effect_columns, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate
@@ -101,7 +101,7 @@ def open_rest(
     kept = [k for k, own in enumerate(columns) if all(np.isfinite(c).all() and np.any(c) for c in own)]
     known = tuple(rest_level.weighted_system(one.fit, one.columns, problem)[0] for one in found)
     fit, labels = (
-        replace(best.fit, covariance=rest_errors.sandwich(best, problem)),
+        replace(best.fit, covariance=rest_level.sandwich(best, problem)),
         labels_of(found, named),
     )
     return OpenRest(
@@ -279,7 +279,7 @@ def rehearsed(asked: OpenRest, log: Log) -> Promise:
         (asked.labels[0], label): apart(best, other, asked, whole)
         for label, other in zip(asked.labels[1:], others, strict=True)
     }
-    fit = replace(best.fit, covariance=rest_errors.sandwich(best, whole))
+    fit = replace(best.fit, covariance=rest_level.sandwich(best, whole))
     numbers = replace(asked.first, fit=fit).numbers
     return Promise(
         separations=separations, errors=tuple(n.standard_error for n in numbers), information=0.0, needed=SEPARATED,

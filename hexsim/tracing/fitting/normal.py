@@ -39,11 +39,13 @@ def normal_equations(columns: Sequence[Columns], misfit: Sequence[Array]) -> tup
     return A, b
 
 
-def scores_of(columns: Sequence[Columns], misfit: Sequence[Array], problem: FitProblem) -> Array:
-    """g = X'r of every block of SCATTER_S, (n_blocks, k)."""
+def scores_of(
+    columns: Sequence[Columns], misfit: Sequence[Array], problem: FitProblem, block_s: float = SCATTER_S
+) -> Array:
+    """g = X'r of every block, (n_blocks, k)."""
     scores = []
     for parts, r, log in zip(columns, misfit, problem.logs, strict=True):
-        count = max(int((log.time[-1] - log.time[0]) / SCATTER_S), 2)
+        count = max(int((log.time[-1] - log.time[0]) / block_s), 2)
         for places in np.array_split(np.arange(r.shape[1]), count):
             samples = slice(places[0], places[-1] + 1)
             scores.append(rows_of(parts, samples) @ r[:, samples].ravel())

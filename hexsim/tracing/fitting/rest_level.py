@@ -27,6 +27,7 @@ from hexsim.tracing.fitting.fit import (
     fit_at,
     parameter_columns,
 )
+from hexsim.tracing.fitting.normal import normal_equations, scores_of
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
 from hexsim.tracing.fitting.rest_priors import is_held, middle_of, off_prior, prior_precision
 from hexsim.tracing.problems.problem import FitProblem
@@ -200,20 +201,32 @@ def _step(fit: Fit, cost: float, columns: list[Array], problem: FitProblem) -> t
     return None, 0.0
 
 
-def weighted_system(fit: Fit, columns: list[Array], problem: FitProblem) -> tuple[Array, Array]:
-    """Normal equations of J's tangent: rows over their mean square, N samples in all, priors included."""
-    k, held = columns[0].shape[0], prior_precision(fit)
-    m = len(held)  # a column more is of an effect that is only asked for
+def row_weights(fit: Fit, problem: FitProblem) -> Array:
+    """Of every row in J's tangent: one over its mean square, N samples in all (n_rows,)."""
     counted = independent(problem) * row_counts(problem)
-    weights = counted / (np.maximum(row_sizes(fit.misfit), 1.0) ** 2 * sum(r.shape[1] for r in fit.misfit))
-    A, b = np.zeros((k, k)), np.zeros(k)
-    for X, r in zip(columns, fit.misfit, strict=True):
-        scaled = X * weights[None, :, None]
-        A += scaled.reshape(k, -1) @ X.reshape(k, -1).T
-        b += scaled.reshape(k, -1) @ r.ravel()
+    return counted / (np.maximum(row_sizes(fit.misfit), 1.0) ** 2 * sum(r.shape[1] for r in fit.misfit))
+
+
+def weighted_system(fit: Fit, columns: list[Array], problem: FitProblem) -> tuple[Array, Array]:
+    """Normal equations of J's tangent, priors included."""
+    held, roots = prior_precision(fit), np.sqrt(row_weights(fit, problem))
+    m = len(held)  # a column more is of an effect that is only asked for
+    weighted = [roots[:, None] * r for r in fit.misfit]
+    A, b = normal_equations([[roots[None, :, None] * X] for X in columns], weighted)
     A[range(m), range(m)] += held
     b[:m] -= held * off_prior(fit)
     return A, b
+
+
+def sandwich(found: RestFit, problem: FitProblem) -> Array:
+    """Covariance A^-1 (S + P) A^-1 of all coordinates, S from blocks longer than the rest's correlation, P of the priors: a
+    nuisance effect is known to its ordinary size."""
+    fit, roots = found.fit, np.sqrt(row_weights(found.fit, problem))
+    weighted = [roots[:, None] * r for r in fit.misfit]
+    columns = [[roots[None, :, None] * X] for X in found.columns]
+    scores = scores_of(columns, weighted, problem, rules.PARTLY_BLOCK_S)
+    inverse = np.linalg.pinv(weighted_system(fit, found.columns, problem)[0], rcond=1e-12, hermitian=True)
+    return inverse @ (scores.T @ scores + np.diag(prior_precision(fit))) @ inverse
 
 
 def bounded(A: Array, b: Array, low: Array, high: Array) -> Array:

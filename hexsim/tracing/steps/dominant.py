@@ -5,9 +5,9 @@ An effect is named if all of this holds (docs/tracing.md):
 
     share        it takes much of the mean square of the rest, or brings its own balance to the noise
     own          most of what it takes lies in its own balance
-    unseen       it does so on the held-out runs, whole and in all but few of the resamples of their blocks
-    invariant    each run alone gives the same number, within its errors or a fifth
-    rivals       no curve over one signal does clearly better; effects that do as well within the blocks are a tie
+    unseen       it does so on the held-out runs
+    harmless     a sensor's effect makes no other row worse
+    rivals       effects that do as well within the blocks are a tie
     remarkable   it is larger than what any machine has of it
 """
 
@@ -19,13 +19,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hexsim.tracing import rules
-from hexsim.tracing.fitting import rest_errors, rest_level
+from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.fit import Fit, coordinates_of, refine, start_fit, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds
 from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure, values_in_leg
 from hexsim.tracing.fitting.rest_hidden import Hidden, hidden_of
 from hexsim.tracing.fitting.rest_level import RestFit
-from hexsim.tracing.fitting.rest_odds import odds_against
 from hexsim.tracing.fitting.rest_priors import acts_late, effects_of
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.fitting.selection import inert, residual_at_noise_level
@@ -148,7 +147,7 @@ def grown_by_one(
         tried.append(evidence_of(base, rival, rivals, problem, unseen))
         if sure(tried[-1]):
             tie = [own for own in rivals if label_of(own) in (*tried[-1].tied, label_of(rival))]
-            likeliest = min(tie, key=lambda own: likelihood(own, problem, unseen)) if len(tie) > 1 else rival
+            likeliest = min(tie, key=lambda own: likelihood(own, unseen)) if len(tie) > 1 else rival
             if likeliest is not rival:
                 own = evidence_of(base, likeliest, rivals, problem, unseen)
                 rival, tried = (likeliest, [*tried, own]) if sure(own) else (rival, tried)
@@ -168,14 +167,15 @@ def label_of(rival: RestFit) -> str:
     return rival.fit.candidates[-1].label
 
 
-def likelihood(rival: RestFit, problem: BalanceProblem, unseen: BalanceProblem) -> tuple[bool, bool, float]:
-    """Of a tie the first: what any machine has so much of, a physical cause, then what the logs and the sizes say.
+def likelihood(rival: RestFit, unseen: BalanceProblem) -> tuple[bool, bool, float]:
+    """Of a tie the first: what any machine has so much of, a physical cause, then what leaves least of all runs.
 
     What a nuisance effect of ordinary size does as well is fitted and not named.
     """
     candidate = rival.fit.candidates[-1]
     small = candidate.effect.name in rules.ORDINARY and abs(rest_level.size_of(rival.fit)) < least_remarkable(candidate)
-    return not small, candidate.effect.generic, odds_against(rival, problem, unseen)
+    left = rival.cost + rest_level.cost_of_rows(start_fit_at(rival.fit, unseen), unseen)
+    return not small, candidate.effect.generic, left
 
 
 def contenders(rivals: Sequence[RestFit], base: RestFit, problem: BalanceProblem) -> list[RestFit]:
@@ -269,7 +269,7 @@ def name_the_sure(trace: Trace, tell: Tell) -> Trace:
     trace = replace(trace, hidden=found.hidden, rest=rest, rest_problem=found.problem)
     if not found.named:
         return replace(trace, decided="no effect is sure beside what is left")
-    fit = replace(found.best.fit, covariance=rest_errors.sandwich(found.best, found.problem))
+    fit = replace(found.best.fit, covariance=rest_level.sandwich(found.best, found.problem))
     final = replace(start_fit_at(fit, trace.fit_problem), covariance=fit.covariance)
     final, named, said = named_by_simulation(final, found.named, trace, tell)
     trace = replace(trace, refused=(*trace.refused, *said))
