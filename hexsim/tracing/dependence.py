@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -111,17 +112,16 @@ def ridge_of(A: Array, b: Array) -> tuple[Array, Array]:
     return inverse @ b, inverse
 
 
-def r2_of(X: Array, r: Array, blocks: Array) -> float:
-    """Cross-validated R^2: blocks go to folds in turn."""
+def r2_of(X: Array, r: Array, blocks: Array) -> Any:
+    """Cross-validated R^2 of r (n,), or of every column of r (n, m): (m,). Blocks go to folds in turn."""
     rest = 0.0
     folds = [(X[own], r[own]) for own in (blocks % FOLDS == fold for fold in range(FOLDS)) if own.any()]
     parts = [(x.T @ x, x.T @ y) for x, y in folds]
     A, b = sum(one for one, _ in parts), sum(one for _, one in parts)
     for (x, y), (own_A, own_b) in zip(folds, parts, strict=True):
         theta, _ = ridge_of(A - own_A, b - own_b)
-        rest += float(np.sum((y - x @ theta) ** 2))
-    total = float(np.sum((r - r.mean()) ** 2))
-    return 1.0 - rest / max(total, 1e-300)
+        rest = rest + np.sum((y - x @ theta) ** 2, axis=0)
+    return 1.0 - rest / np.maximum(np.sum((r - r.mean(axis=0)) ** 2, axis=0), 1e-300)
 
 
 def block_numbers(lengths: Sequence[int], per_block: int) -> Array:

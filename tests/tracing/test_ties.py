@@ -183,7 +183,7 @@ def test_a_column_at_one_shape_promises_the_least(bench):
 
     def line(name, gain):
         return Screened(
-            candidate=named(name), size=0.1, gain_chi2=gain, gain_cv=0.0, gain_se=0.0, blocks=1, sd=0.01,
+            candidate=named(name), size=0.1, gain_chi2=gain, share=0.0, sd=0.01,
             explained_by_others=0.0, reach=1e9, column=(),
         )  # fmt: skip
 

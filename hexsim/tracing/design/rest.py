@@ -28,9 +28,9 @@ from hexsim.tracing.design.believed import enters_a_cushion, hangs_on
 from hexsim.tracing.design.information import SHARP, Hypothesis, Promise, shrunk, with_load
 from hexsim.tracing.fitting import rest_level
 from hexsim.tracing.fitting.covariance import inverse
-from hexsim.tracing.fitting.fit import Fit, bounds_of, coordinates_of, effect_columns, start_fit_at
+from hexsim.tracing.fitting.fit import Fit, all_columns, bounds_of, coordinates_of, effect_columns, start_fit_at
 from hexsim.tracing.fitting.parameters import Candidate
-from hexsim.tracing.fitting.rest_evidence import least, own_rows, shares_of
+from hexsim.tracing.fitting.rest_evidence import more_of, own_rows
 from hexsim.tracing.fitting.rest_level import RestFit
 from hexsim.tracing.fitting.screening import columns_of
 from hexsim.tracing.problems.balance import BalanceProblem
@@ -147,7 +147,7 @@ def promise(asked: OpenRest, log: Log) -> Promise:
         return no_promise(asked)
     weights = rest_level.independent(seen) * rest_level.row_counts(seen) / asked.rest**2
     there = [start_fit_at(fit, seen) for fit in fits]
-    columns = [rest_level.all_columns(there[0], seen)[0]]
+    columns = [all_columns(there[0], seen)[0]]
     columns += [columns_of_rival(fit, there[0], columns[0], seen) for fit in there[1:]]
     weights = weights / columns[0].shape[2]
     new = weighted(columns[0], columns[0], weights)
@@ -292,8 +292,7 @@ def apart(best: RestFit, other: RestFit, asked: OpenRest, problem: BalanceProble
     rows = own_rows(asked.own, problem)
     found = [0.0]
     for these in (rows, list(range(len(best.sizes)))):
-        before, after = ([m[these] for m in one.fit.misfit] for one in (other, best))
-        share, resampled = shares_of(before, after, problem.thin_s)
-        if least(resampled) > 0.0:
+        share, surely = more_of(other, best, these, problem.thin_s)
+        if surely > 0.0:
             found.append(-float(np.log(max(1.0 - share, 1e-9))))
     return max(found)

@@ -122,11 +122,6 @@ def shares_of(before: Sequence[Array], after: Sequence[Array], thin_s: float) ->
     return share(np.arange(a.shape[1])), np.array([share(own) for own in draws])
 
 
-def least(resampled: Array) -> float:
-    """The share that all but few resamples reach."""
-    return float(np.quantile(resampled, rules.PARTLY_DOUBT))
-
-
 def tie_limit(other: RestFit, after: Sequence[Array], unseen: BalanceProblem) -> float:
     """Share by which another must be worse to be no tie; wider where it leaves less of the held-out runs than `after`."""
     share, _ = shares_of(after, start_fit_at(other.fit, unseen).misfit, unseen.thin_s)
@@ -135,9 +130,15 @@ def tie_limit(other: RestFit, after: Sequence[Array], unseen: BalanceProblem) ->
 
 def worse(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float, limit: float = rules.PARTLY_TIE) -> bool:
     """Does the other surely leave more in these rows, by more than the rest can hide?"""
+    share, surely = more_of(other, rival, rows, thin_s)
+    return share > limit and surely > 0.0
+
+
+def more_of(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float) -> tuple[float, float]:
+    """Share of the mean square of these rows that a hypothesis takes and another leaves, and what all but few resamples say."""
     before, after = ([m[rows] for m in found.fit.misfit] for found in (other, rival))
     share, resampled = shares_of(before, after, thin_s)
-    return share > limit and least(resampled) > 0.0
+    return share, float(np.quantile(resampled, rules.PARTLY_DOUBT))
 
 
 def harm_of(falls: Array, problem: BalanceProblem, own: list[int] | slice = slice(None)) -> float:

@@ -20,12 +20,12 @@ from hexsim.tracing import rules
 from hexsim.tracing.fitting import lag_coordinates
 from hexsim.tracing.fitting.fit import (
     Fit,
+    all_columns,
     answered,
     bounds_of,
     coordinates_of,
     effect_columns,
     fit_at,
-    parameter_columns,
 )
 from hexsim.tracing.fitting.normal import normal_equations, scores_of
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
@@ -124,13 +124,6 @@ def begun(fit: Fit, small: Sequence[Candidate], size: float, problem: FitProblem
     numbers = [candidate.effect.parameters[0] for candidate in small]
     values = tuple(c.start() | {number.name: to_value(number, size)} for c, number in zip(small, numbers, strict=True))
     return answered(replace(fit, candidates=(*fit.candidates, *small), values=(*fit.values, *values)), problem)
-
-
-def all_columns(fit: Fit, problem: FitProblem) -> list[Array]:
-    """Columns of every coordinate where the fit stands."""
-    declared = parameter_columns(fit, problem).columns
-    assert declared is not None
-    return [np.concatenate(pair) for pair in zip(declared, effect_columns(fit, problem), strict=True)]
 
 
 def refined(fit: Fit, problem: FitProblem, columns: list[Array] | None = None, steps: int = STEPS) -> RestFit:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hexsim.tracing import rules
-from hexsim.tracing.fitting.fit import Fit, answered, parameter_columns, refine, start_fit_at
+from hexsim.tracing.fitting.fit import Fit, answered, parameter_columns, refine, start_fit_at, without_effect
 from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
 from hexsim.tracing.fitting.screening import Screened, screen
 from hexsim.tracing.problems.problem import FitProblem, in_parallel
@@ -52,7 +52,7 @@ def shortlist(lines: list[Screened], scale: float, alarm: float) -> list[Screene
     best: dict[str, Screened] = {}
     for line in lines:
         key = line.candidate.label
-        if key not in best or line.score > best[key].score:
+        if key not in best or line.gain_chi2 > best[key].gain_chi2:
             best[key] = line
     ranked = sorted(best.values(), key=lambda line: -line.gain_chi2)
     if not ranked or ranked[0].gain_chi2 <= alarm * scale:
@@ -181,9 +181,7 @@ def pruned(fit: Fit, problem: FitProblem) -> Fit:
         def worth(less: Fit, promise: float, most: float = most) -> bool:
             return np.sqrt(less.chi2) - np.sqrt(rules.PROMISE_MARGIN * promise) < np.sqrt(most)
 
-        candidates, values = fit.candidates[:k] + fit.candidates[k + 1 :], fit.values[:k] + fit.values[k + 1 :]
-        less = start_fit_at(replace(fit, candidates=candidates, values=values), problem)
-        less = refine(less, problem, fresh=True, worth=worth)
+        less = refine(start_fit_at(without_effect(fit, k), problem), problem, fresh=True, worth=worth)
         if less.chi2 < most:
             fit = less
     return fit
