@@ -20,15 +20,19 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
+from hexsim.tracing import rules
+
 Array = np.ndarray
-KNOTS = 14
-FOLDS = 10
-BLOCK_S = 0.5  # [s]
+KNOTS = 14  # of a curve at most: half at quantiles, half evenly spaced
+FOLDS = 10  # of the blocks, each predicted from the other nine tenths
 CURVES = ("plain", "direction", "product")
 FORMS = (*CURVES, "memory", "late", "play")  # the plainest first
 MEMORIES_S = (0.1, 0.4, 1.6)  # [s] time constants of the low-pass
-# [s] Time constants from which that of a signal's low-pass is looked for, a factor of 2.5 either way.
-LAGS_S = (0.2, 0.8, 3.2)
+LAGS_S = (
+    0.2,
+    0.8,
+    3.2,
+)  # [s] from which the time constant of a signal's low-pass is sought, a factor of 2.5 either way
 SIMPLER = 0.03  # a plainer form is kept when it is at most this much worse in R^2
 UNCLEAR = 0.2  # below this R^2 the residual's size is asked
 LARGEST = 0.98  # quantile of |r| above which its size counts no more
@@ -245,7 +249,7 @@ def dependence_of(
     columns: (signal, "late" or "play") -> a run (n, k), how the residual would change if that channel were so.
     """
     r = np.concatenate(residuals)
-    blocks = block_numbers([len(x) for x in residuals], int(BLOCK_S * rate))
+    blocks = block_numbers([len(x) for x in residuals], int(rules.BLOCK_S * rate))
     moving = {name: np.concatenate([s[name] for s in signals]) for name in signals[0]}
     moving = {name: x for name, x in moving.items() if np.ptp(x) > 0}
     table: dict[str, float] = {}

@@ -2,18 +2,18 @@
 
 ALARM_CHI2 = 40.0  # least fall of chi2 by one effect, in units of the reduced chi2
 # and at least this share of the samples: less is the difference between two implementations of one model
-ALARM_SHARE = 2.0e-3
+ALARM_SHARE = 2.0e-3  # of the samples
 LEAST_GAIN = 0.03  # least share of the excess chi2 that an effect must take away
 LEAST_GAIN_SIMULATED = 0.3  # the same in the last search, by simulation: what helps less explains nothing there
 NOISE_REDUCED = 1.05  # chi2 a sample at which nothing is left to explain
 NEAR_NOISE = 4.0  # chi2 a sample below which a hypothesis is judged with its own input uncertainty
 PROMISE_MARGIN = 4.0  # times what its columns promise a fit may still come down: twice the change of what is left
-MOST_EFFECTS = 3
+MOST_EFFECTS = 3  # of a hypothesis: each takes a round of refits, and a fourth was never needed
 REFITTED_CANDIDATES = 8  # candidates of a screening that are refitted on the opening seconds
 SHAPES_REFITTED = 4  # besides, of effects with a shape, of which one column tells little
 REFIT_GAIN_SHARE = 0.1  # only candidates with this share of the best linear gain are refitted
 TRIAGE_S = 6.0  # [s] these opening seconds
-TRIAGE_STEPS = 6
+TRIAGE_STEPS = 6  # of Gauss-Newton: a rival that is far then stays far
 FINALISTS = 4  # candidates of the first refit that are refitted further
 QUICK_RATIO = 3.0  # a candidate whose first refit leaves more than so many times the best one's is out
 FINALIST_RATIO = 2.0  # a finalist's triage chi2 is at most so many times the best one's
@@ -22,8 +22,11 @@ START_SIZE = 3.0  # largest typical size at which a refit starts
 TIE_CHI2 = 25.0  # rivals whose chi2 is within this are a tie, in units of the reduced chi2
 TIE_NEAR = 0.1  # candidates that leave less than this share of what the named effect does, by their columns
 TIES_TRIED = 4  # of them are refitted at most
+BLOCK_S = (
+    0.5  # [s] blocks of scores and of cross-validation: longer than oil rings, short enough for some tens of blocks
+)
 VIOLATED = 1.25  # a balance is violated above so many times its largest null
-NULL_SEEDS = 30
+NULL_SEEDS = 30  # null runs: chance exceeds the largest of them once in 31
 NOISE_WINDOWS = ((1, 1.08), (25, 1.6), (400, 3.0))  # (samples averaged, largest rms over the noise of their mean);
 #   beyond 1 because the controller's own reading noise moves the machine and no simulation knows it
 LOGGED_VOLTS_MARGIN = 1.25  # on the noise that logged volts bring in: one realisation, and rounding is not random
@@ -44,7 +47,7 @@ PARTLY_SHARE_UNSEEN = 0.05  # and on held-out runs, whose motion may ask for lit
 PARTLY_RESTORED = 0.7  # or of what its own balance has above the noise, also held out
 PARTLY_ABOVE_NOISE = 0.1  # mean square above the noise, in units of it, from which that can be told
 PARTLY_BLOCK_S = 2.0  # [s] blocks that are resampled: longer than the rest's correlation
-PARTLY_DRAWS = 200
+PARTLY_DRAWS = 200  # resamples: five of them lie beyond PARTLY_DOUBT
 PARTLY_DOUBT = 0.025  # share of the resamples that may say that a rival is no worse
 PARTLY_SPREAD = 0.2  # a refit by simulation may move an effect's number by this share, or three standard errors
 PARTLY_HARM = 0.07  # a sensor's effect may make no row's mean square larger by this share

@@ -35,18 +35,16 @@ from hexsim.tracing.design.information import (
     says_nothing,
     shrunk,
 )
-from hexsim.tracing.design.motions import KINDS, MotionFamily
+from hexsim.tracing.design.motions import KINDS, MotionFamily, setpoint_log
 from hexsim.tracing.design.next_measurement import surviving, what_is_open
 from hexsim.tracing.design.rest import as_measured, labels_of
 from hexsim.tracing.design.words import expected_words, purpose_of
-from hexsim.tracing.fitting.fit import refine, start_fit
+from hexsim.tracing.fitting.fit import refine, start_fit, with_effects
 from hexsim.tracing.fitting.parameters import named, priors
 from hexsim.tracing.fitting.rest_evidence import worse
 from hexsim.tracing.fitting.rest_level import is_held
-from hexsim.tracing.fitting.selection import with_candidate
 from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.steps import dominant, shapes, violations
-from hexsim.tracing.steps.experiments import setpoint_log
 from hexsim.tracing.steps.logs import begin
 
 DATA = Path(__file__).parents[1] / "data"
@@ -65,7 +63,7 @@ def leaking(bench):
     """The declared bench with its leak, refitted to 5 s."""
     machine, _, problem = bench
     leak = named("leakage_supply_to_chamber")
-    start = with_candidate(start_fit(machine, priors(machine), problem), leak, 0.5, problem)
+    start = with_effects(start_fit(machine, priors(machine), problem), [leak], 0.5, problem)
     return refine(start, problem, steps=6)
 
 
@@ -142,7 +140,7 @@ def test_friction_is_never_known_better_than_it_is_declared(bench, leaking):
     machine, log, problem = bench
     problem, effect = problem.with_input_uncertainty(machine), named("coulomb_friction_change")
     both = dataclasses.replace(
-        with_candidate(leaking, effect, 0.2, problem), values=({"conductance_m3_s_Pa": LEAK}, {"force_N": 1.0})
+        with_effects(leaking, [effect], 0.2, problem), values=({"conductance_m3_s_Pa": LEAK}, {"force_N": 1.0})
     )
     one = hypothesis("both", both, problem)
     one = dataclasses.replace(one, fit=dataclasses.replace(both, covariance=np.linalg.inv(one.known)))
@@ -179,7 +177,7 @@ def test_a_number_that_says_nothing_is_not_asked_for(effect, name, value, nothin
 def test_small_realities_are_not_asked_for(bench, leaking):
     """Of a machine with a leak and a small delay beside it the leak alone is to be sharpened, at its own coordinate."""
     _, _, problem = bench
-    beside = dataclasses.replace(with_candidate(leaking, named("position_delay"), 0.1, problem), covariance=None)
+    beside = dataclasses.replace(with_effects(leaking, [named("position_delay")], 0.1, problem), covariance=None)
     beside = dataclasses.replace(beside, candidates=beside.candidates[::-1], values=beside.values[::-1])
     k = len(beside.priors)
     asked = Hypothesis(label="", fit=beside, known=np.eye(k + 2), named=frozenset({"leakage_supply_to_chamber"}))
@@ -191,7 +189,7 @@ def test_a_tie_is_answered_by_a_scenario_file(bench, leaking):
     """For two hypotheses the file says which it separates and how far, and `hexsim run` can read it."""
     machine, _, problem = bench
     base = refine(start_fit(machine, leaking.priors, problem), problem, steps=3)
-    rival = refine(with_candidate(base, named("dead_volume"), 0.3, problem), problem, steps=3)
+    rival = refine(with_effects(base, [named("dead_volume")], 0.3, problem), problem, steps=3)
     trace = SimpleNamespace(
         machine=machine, fit_problem=problem, final=leaking, ties=[{"dead_volume": rival}], verdict="explained",
         effects=[], unexplained=[], search=SimpleNamespace(stages=[]), rest=(),
@@ -386,7 +384,7 @@ def test_what_a_load_separates_is_designed_with_it(bench):
     seen = SimulatedProblem(logs=(tilted,), noise=problem.noise)
     bare, force = start_fit(able, (), seen), 0.3**2 / 2 * machine.load.moving_mass_kg * 9.8
     fits = [
-        refine(dataclasses.replace(with_candidate(bare, named(name), 0.5, seen), values=(values,)), seen, steps=4)
+        refine(dataclasses.replace(with_effects(bare, [named(name)], 0.5, seen), values=(values,)), seen, steps=4)
         for name, values in (("incline", {"angle_rad": 0.3}), ("constant_force", {"force_N": force}))
     ]
     trace = SimpleNamespace(

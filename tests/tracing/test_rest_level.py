@@ -21,7 +21,7 @@ from hexsim.tracing.balances.force import Force
 from hexsim.tracing.balances.null import with_noise
 from hexsim.tracing.balances.platform import Platform
 from hexsim.tracing.fitting import rest_evidence, rest_level, rest_priors
-from hexsim.tracing.fitting.fit import Fit, answered, start_fit
+from hexsim.tracing.fitting.fit import Fit, answered, start_fit, with_effects
 from hexsim.tracing.fitting.parameters import (
     candidates,
     coordinate_bounds,
@@ -420,7 +420,7 @@ def test_a_legs_own_null_offset_takes_nothing_from_the_leak_in_it():
     small = [c for c in ordinary_effects(candidates(machine)) if c.effect.name == "null_offset"]
     leak = named("leakage_chamber_to_tank", "leg 3")
     bare = start_fit(machine, (), problem)
-    begun = rest_level.begun(rest_level.begun(bare, small, 0.0, problem), [leak], 1.0, problem)
+    begun = with_effects(with_effects(bare, small, 0.0, problem), [leak], 1.0, problem)
     shared = rest_level.refined(begun, problem)
     own = dominant.beside_its_own(shared, ["leg 3"], small, problem)
 

@@ -31,7 +31,7 @@ from hexsim.tracing.fitting.parameters import (
 from hexsim.tracing.problems.problem import N_CORES, FitProblem, alive, chi2_of, in_job
 
 Array = np.ndarray
-MAX_STEPS = 14
+MAX_STEPS = 14  # of Gauss-Newton
 KEPT_SHARE = 0.8  # columns are made anew when what a step gives is off its promise by more than the rest of 1
 MAX_AGE = 4  # or when they are so many steps old
 PARAMETER_STEP = 0.01  # finite difference of a declared parameter, in half widths
@@ -165,6 +165,13 @@ def all_columns(fit: Fit, problem: FitProblem, share: float = 1.0) -> list[Array
     if not fit.candidates:
         return declared
     return [np.concatenate(pair) for pair in zip(declared, effect_columns(fit, problem, share), strict=True)]
+
+
+def with_effects(fit: Fit, candidates: Sequence[Candidate], size: float, problem: FitProblem) -> Fit:
+    """The fit with more effects, each begun at this coordinate, nothing refitted."""
+    numbers = [candidate.effect.parameters[0] for candidate in candidates]
+    values = (c.start() | {n.name: to_value(n, size)} for c, n in zip(candidates, numbers, strict=True))
+    return answered(replace(fit, candidates=(*fit.candidates, *candidates), values=(*fit.values, *values)), problem)
 
 
 def without_effect(fit: Fit, k: int) -> Fit:

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hexsim.tracing import rules
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
 Columns = Sequence[Array]  # of one log, in parts (k_i, n_channels, n): of declared parameters, of effects
 AT_ONCE = 65_536  # samples of a log whose columns are laid side by side at once
-SCATTER_S = 0.5  # [s] longer than oil rings, short enough for some tens of blocks
 
 
 def rows_of(parts: Columns, samples: slice) -> Array:
@@ -40,7 +40,7 @@ def normal_equations(columns: Sequence[Columns], misfit: Sequence[Array]) -> tup
 
 
 def scores_of(
-    columns: Sequence[Columns], misfit: Sequence[Array], problem: FitProblem, block_s: float = SCATTER_S
+    columns: Sequence[Columns], misfit: Sequence[Array], problem: FitProblem, block_s: float = rules.BLOCK_S
 ) -> Array:
     """g = X'r of every block, (n_blocks, k)."""
     scores = []

@@ -26,15 +26,16 @@ from hexsim.tracing.fitting.fit import (
     coordinates_of,
     effect_columns,
     fit_at,
+    with_effects,
 )
 from hexsim.tracing.fitting.normal import normal_equations, scores_of
-from hexsim.tracing.fitting.parameters import Candidate, to_coordinate, to_value
+from hexsim.tracing.fitting.parameters import Candidate, to_coordinate
 from hexsim.tracing.fitting.rest_priors import is_held, middle_of, off_prior, prior_precision
 from hexsim.tracing.problems.problem import FitProblem
 
 Array = np.ndarray
-STEPS = 8
-DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
+STEPS = 8  # of Gauss-Newton
+DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)  # of a step, tried in turn until J falls
 SPOOL_START = 0.2  # coordinate at which what vanishes at infinity starts: nothing can be differentiated at 0
 STARTS = (1.0, 0.4, 2.0)  # sizes at which an effect may begin, besides that of its column
 KEPT_PROMISE = 0.7  # share of what a column promises from which it is taken at its word
@@ -113,17 +114,12 @@ def start_rest_fit(bare: Fit, small: Sequence[Candidate], problem: FitProblem) -
     """
     at_once = [candidate for candidate in small if not np.isinf(candidate.effect.parameters[0].neutral)]
     lagging = [candidate for candidate in small if np.isinf(candidate.effect.parameters[0].neutral)]
-    without = refined(begun(replace(bare, columns=None), at_once, 0.0, problem), problem)
+    without = refined(with_effects(replace(bare, columns=None), at_once, 0.0, problem), problem)
     if not lagging:
         return without
-    return min(without, refined(begun(without.fit, lagging, SPOOL_START, problem), problem), key=lambda own: own.cost)
-
-
-def begun(fit: Fit, small: Sequence[Candidate], size: float, problem: FitProblem) -> Fit:
-    """The fit with these nuisance effects besides, each begun at this size."""
-    numbers = [candidate.effect.parameters[0] for candidate in small]
-    values = tuple(c.start() | {number.name: to_value(number, size)} for c, number in zip(small, numbers, strict=True))
-    return answered(replace(fit, candidates=(*fit.candidates, *small), values=(*fit.values, *values)), problem)
+    return min(
+        without, refined(with_effects(without.fit, lagging, SPOOL_START, problem), problem), key=lambda own: own.cost
+    )
 
 
 def refined(fit: Fit, problem: FitProblem, columns: list[Array] | None = None, steps: int = STEPS) -> RestFit:
@@ -274,9 +270,7 @@ def with_effect(
 
 def begun_with(bare: Fit, candidate: Candidate, start: Array, problem: FitProblem) -> Fit:
     """A fit with one more effect. start: coordinates of all, the effect's first number last."""
-    number, there = candidate.effect.parameters[0], fit_at(bare, start[:-1])
-    values = candidate.start() | {number.name: to_value(number, float(start[-1]))}
-    return answered(replace(there, candidates=(*bare.candidates, candidate), values=(*there.values, values)), problem)
+    return with_effects(fit_at(bare, start[:-1]), [candidate], float(start[-1]), problem)
 
 
 def asked_for(fit: Fit, system: tuple[Array, Array], own: tuple[float, float]) -> tuple[Array, float]:

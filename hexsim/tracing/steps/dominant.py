@@ -20,7 +20,15 @@ import numpy as np
 
 from hexsim.tracing import rules
 from hexsim.tracing.fitting import rest_level
-from hexsim.tracing.fitting.fit import Fit, coordinates_of, refine, start_fit, start_fit_at, without_effect
+from hexsim.tracing.fitting.fit import (
+    Fit,
+    coordinates_of,
+    refine,
+    start_fit,
+    start_fit_at,
+    with_effects,
+    without_effect,
+)
 from hexsim.tracing.fitting.parameters import Candidate, coordinate_bounds
 from hexsim.tracing.fitting.rest_evidence import Evidence, evidence_of, least_remarkable, sure
 from hexsim.tracing.fitting.rest_hidden import Hidden, hidden_of
@@ -219,7 +227,7 @@ def beside_its_own(found: RestFit, legs: Sequence[str], small: Sequence[Candidat
     there = {c.label for c in found.fit.candidates}
     adding = [c for c in small if c.effect.places == "leg" and np.isfinite(c.effect.parameters[0].neutral)]
     own = [alone for leg in legs for c in adding if (alone := replace(c, where=leg)).label not in there]
-    return rest_level.refined(rest_level.begun(found.fit, own, 0.0, problem), problem) if own else found
+    return rest_level.refined(with_effects(found.fit, own, 0.0, problem), problem) if own else found
 
 
 def beside_small(trace: Trace) -> tuple[RestFit, BalanceProblem, BalanceProblem]:
