@@ -288,11 +288,7 @@ def rehearsed(asked: OpenRest, log: Log) -> Promise:
 
 
 def apart(best: RestFit, other: RestFit, asked: OpenRest, problem: BalanceProblem) -> float:
-    """-log of the share of the rest that the other leaves more by the tie rule; 0 where resampled blocks doubt it."""
+    """-log of the share of the rest that the other leaves more by the tie rule."""
     rows = own_rows(asked.own, problem)
-    found = [0.0]
-    for these in (rows, list(range(len(best.sizes)))):
-        share, surely = more_of(other, best, these, problem.thin_s)
-        if surely > 0.0:
-            found.append(-float(np.log(max(1.0 - share, 1e-9))))
-    return max(found)
+    more = max(more_of(other, best, these) for these in (rows, list(range(len(best.sizes)))))
+    return max(-float(np.log(max(1.0 - more, 1e-9))), 0.0)

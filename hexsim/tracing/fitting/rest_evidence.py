@@ -69,7 +69,7 @@ def evidence_of(
     base: RestFit, rival: RestFit, rivals: Sequence[RestFit], problem: BalanceProblem, unseen: BalanceProblem
 ) -> Evidence:
     """The evidence for the last effect of `rival` over the base. rivals: what else was tried in its place."""
-    candidate, thin, size = rival.fit.candidates[-1], problem.thin_s, rest_level.size_of(rival.fit)
+    candidate, size = rival.fit.candidates[-1], rest_level.size_of(rival.fit)
     before, after = start_fit_at(base.fit, unseen).misfit, start_fit_at(rival.fit, unseen).misfit
     own, everywhere = own_rows(candidate, problem), list(range(len(base.sizes)))
     falls = np.log(np.maximum(base.sizes, 1.0)) - np.log(np.maximum(rival.sizes, 1.0))
@@ -79,12 +79,12 @@ def evidence_of(
     tied = [
         other
         for other, limit in zip(others, limits, strict=True)
-        if not any(worse(other, rival, rows, thin, limit) for rows in (own, everywhere))
+        if not any(worse(other, rival, rows, limit) for rows in (own, everywhere))
     ]
     return Evidence(
         candidate=candidate,
-        share=shares_of(base.fit.misfit, rival.fit.misfit, thin)[0],
-        unseen=shares_of(before, after, thin)[0],
+        share=share_of(base.fit.misfit, rival.fit.misfit),
+        unseen=share_of(before, after),
         own=float(np.sum(falls[own])) / max(float(np.sum(falls)), 1e-12),
         restored=most_restored(
             [
@@ -100,45 +100,27 @@ def evidence_of(
     )
 
 
-def block_squares(misfit: Sequence[Array], thin_s: float) -> Array:
-    """Mean square of every row in blocks longer than the rest's correlation, (n_rows, n_blocks)."""
-    length = max(round(rules.PARTLY_BLOCK_S / thin_s), 2)
-    blocks = []
-    for m in misfit:
-        count = max(m.shape[1] // length, 1)
-        blocks += [np.mean(part**2, axis=1) for part in np.array_split(m, count, axis=1)]
-    return np.stack(blocks, axis=1)
-
-
-def shares_of(before: Sequence[Array], after: Sequence[Array], thin_s: float) -> tuple[float, Array]:
-    """Share of the rest's mean square that a change takes, all rows together, and that of resampled blocks."""
-    a, b = block_squares(before, thin_s), block_squares(after, thin_s)
-    draws = np.random.default_rng(0).integers(0, a.shape[1], (rules.PARTLY_DRAWS, a.shape[1]))
-
-    def share(places: Array) -> float:
-        ms = [np.maximum(x[:, places].mean(axis=1), 1.0) for x in (a, b)]
-        return 1.0 - float(np.exp(np.sum(np.log(ms[1])) - np.sum(np.log(ms[0]))))
-
-    return share(np.arange(a.shape[1])), np.array([share(own) for own in draws])
+def share_of(before: Sequence[Array], after: Sequence[Array]) -> float:
+    """Share of the rest's mean square that a change takes, all rows together."""
+    first, then = (np.log(np.maximum(row_sizes(misfit), 1.0)) for misfit in (before, after))
+    return 1.0 - float(np.exp(2.0 * np.sum(then - first)))
 
 
 def tie_limit(other: RestFit, after: Sequence[Array], unseen: BalanceProblem) -> float:
     """Share by which another must be worse to be no tie; wider where it leaves less of the held-out runs than `after`."""
-    share, _ = shares_of(after, start_fit_at(other.fit, unseen).misfit, unseen.thin_s)
+    share = share_of(after, start_fit_at(other.fit, unseen).misfit)
     return rules.PARTLY_TIE_UNSEEN if share > 0.0 else rules.PARTLY_TIE
 
 
-def worse(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float, limit: float = rules.PARTLY_TIE) -> bool:
-    """Does the other surely leave more in these rows, by more than the rest can hide?"""
-    share, surely = more_of(other, rival, rows, thin_s)
-    return share > limit and surely > 0.0
+def worse(other: RestFit, rival: RestFit, rows: Sequence[int], limit: float = rules.PARTLY_TIE) -> bool:
+    """Does the other leave more in these rows, by more than the rest can hide?"""
+    return more_of(other, rival, rows) > limit
 
 
-def more_of(other: RestFit, rival: RestFit, rows: Sequence[int], thin_s: float) -> tuple[float, float]:
-    """Share of the mean square of these rows that a hypothesis takes and another leaves, and what all but few resamples say."""
+def more_of(other: RestFit, rival: RestFit, rows: Sequence[int]) -> float:
+    """Share of the mean square of these rows that a hypothesis takes and another leaves."""
     before, after = ([m[rows] for m in found.fit.misfit] for found in (other, rival))
-    share, resampled = shares_of(before, after, thin_s)
-    return share, float(np.quantile(resampled, rules.PARTLY_DOUBT))
+    return share_of(before, after)
 
 
 def harm_of(falls: Array, problem: BalanceProblem, own: list[int] | slice = slice(None)) -> float:

@@ -26,7 +26,7 @@ from hexsim.tracing.problems.simulated import SimulatedProblem
 from hexsim.tracing.state import Step, Tell, Trace
 
 Array = np.ndarray
-DURATION_S, MOTIONS = 20.0, 6  # of a motion; one of each kind and a fast sweep
+DURATION_S, MOTIONS = 20.0, 8  # of a motion; two of each kind nearly, and a power of 2 as the family asks
 HEAVIER = 1.5  # load of the heavier variant
 
 
